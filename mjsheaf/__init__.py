@@ -1,0 +1,35 @@
+"""mjsheaf: cellular sheaves for heterogeneous multi-agent target tracking, on MuJoCo bodies.
+
+Names are imported when first used, so that the sheaf algebra can be used without loading MuJoCo.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from mjsheaf._version import __version__
+
+if TYPE_CHECKING:
+    from mjsheaf.simulation import simulate
+    from mjsheaf.backends.physics import World
+    from mjsheaf.scenario import Scenario, load_scenario
+    from mjsheaf.sheaf import Sheaf
+
+_HOME = {
+    "Sheaf": "mjsheaf.sheaf",
+    "Scenario": "mjsheaf.scenario",
+    "load_scenario": "mjsheaf.scenario",
+    "simulate": "mjsheaf.simulation",
+    "World": "mjsheaf.backends.physics",
+}
+
+__all__ = ["Scenario", "Sheaf", "World", "__version__", "load_scenario", "simulate"]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOME:
+        return getattr(import_module(_HOME[name]), name)
+    raise AttributeError(f"module 'mjsheaf' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

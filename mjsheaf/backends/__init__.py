@@ -1,0 +1,1 @@
+"""How the same team, law and flow become trajectories: ideal kinematics, or MuJoCo bodies."""

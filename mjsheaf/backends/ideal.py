@@ -1,0 +1,239 @@
+"""The ideal backend: q' = f(q, t) + g(q, t) u + omega(t), integrated to a stated tolerance.
+
+With a control period the velocity commands -k1 eta are sampled and held (zero-order hold); between samples vehicles do
+not act on one another, and each is integrated by itself, flow and disturbance included. The allocation
+u = g^+ (-k1 eta) follows g(q, t) within a period, as an actuator does. With period 0 the law itself is inside the
+integrator, and the team is integrated as one.
+
+The method is Dormand and Prince's pair of order 5(4) (J. Comput. Appl. Math. 6, 1980) with local extrapolation, the
+step control and starting step of Hairer, Norsett and Wanner (Solving Ordinary Differential Equations I, II.4). Errors
+are measured as the root mean square over the padded state (3 components a vehicle) relative to atol + rtol |x|: the
+way in which the paper's published run was integrated, so that it comes out alike to rounding.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjsheaf.backends.system import System, medium_velocity, velocity_commands
+from mjsheaf.backends.trajectory import Trajectory, blow_up_message
+from mjsheaf.compiled import kernel
+from mjsheaf.dynamics.effectiveness import allocate
+
+Array = NDArray[np.float64]
+
+_A = np.array(
+    [
+        [0, 0, 0, 0, 0, 0],
+        [1 / 5, 0, 0, 0, 0, 0],
+        [3 / 40, 9 / 40, 0, 0, 0, 0],
+        [44 / 45, -56 / 15, 32 / 9, 0, 0, 0],
+        [19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729, 0, 0],
+        [9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656, 0],
+        [35 / 384, 0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84],
+    ]
+)
+_C = np.array([0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1, 1])
+_ERROR = np.array([71 / 57600, 0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])
+
+_HUGE = 1e9  # m; a position beyond this is a blow-up
+_SMALLEST_STEP = 1e-13  # of a period
+_CHUNK = 500  # periods between progress reports
+
+
+class _Scratch(NamedTuple):
+    """Work arrays of one run: residual, command, a stage's state (V, 3); slopes (7, V, 3); input (s,)."""
+
+    residual: Array
+    command: Array
+    state: Array
+    slope: Array
+    input: Array
+
+
+@kernel
+def _slope(control, medium, effectiveness, continuous, t, x, first, last, work, out):
+    """Write x' of the vehicles from first to last into out (V, 3)."""
+    if continuous:
+        velocity_commands(control, t, x, work.residual, work.command)
+    for v in range(first, last):
+        for i in range(3):
+            out[v, i] = work.command[v, i]
+        if v < medium.agents and effectiveness.given[v]:
+            allocate(effectiveness, v, x[v], t, out[v], work.input)
+        wx, wy, wz = medium_velocity(medium, v, t, x[v, 0], x[v, 1], x[v, 2])
+        out[v, 0] += wx
+        out[v, 1] += wy
+        out[v, 2] += wz
+
+
+@kernel
+def _norm(values, x, y, first, last, tolerance):
+    """Root mean square of values relative to atol + rtol max(|x|, |y|), over the vehicles from first to last."""
+    total = 0.0
+    for v in range(first, last):
+        for i in range(3):
+            scale = tolerance[1] + tolerance[0] * max(abs(x[v, i]), abs(y[v, i]))
+            total += (values[v, i] / scale) ** 2
+    return np.sqrt(total / (3 * (last - first)))
+
+
+@kernel
+def _first_step(control, medium, effectiveness, continuous, t, period, x, first, last, tolerance, work):
+    """A step for which the method's leading error term is likely to pass; work.slope[0] holds x' at t."""
+    size = _norm(x, x, x, first, last, tolerance)
+    speed = _norm(work.slope[0], x, x, first, last, tolerance)
+    trial = min(1e-6 if size < 1e-5 or speed < 1e-5 else 0.01 * size / speed, period)
+    for v in range(first, last):
+        for i in range(3):
+            work.state[v, i] = x[v, i] + trial * work.slope[0, v, i]
+    _slope(control, medium, effectiveness, continuous, t + trial, work.state, first, last, work, work.slope[1])
+    for v in range(first, last):
+        for i in range(3):
+            work.slope[1, v, i] -= work.slope[0, v, i]
+    bend = _norm(work.slope[1], x, x, first, last, tolerance) / trial
+    if speed <= 1e-15 and bend <= 1e-15:
+        step = max(1e-6, trial * 1e-3)
+    else:
+        step = (0.01 / max(speed, bend)) ** 0.2
+    return min(100.0 * trial, step, period)
+
+
+@kernel
+def _advance(control, medium, effectiveness, continuous, t, period, x, first, last, tolerance, work):
+    """Integrate the vehicles from first to last over one period, in place; False where the solution blows up."""
+    _slope(control, medium, effectiveness, continuous, t, x, first, last, work, work.slope[0])
+    step = _first_step(control, medium, effectiveness, continuous, t, period, x, first, last, tolerance, work)
+    done, rejected = 0.0, False
+    while done < period:
+        h = min(step, period - done)
+        for stage in range(1, 7):
+            for v in range(first, last):
+                for i in range(3):
+                    total = 0.0
+                    for k in range(stage):
+                        total += _A[stage, k] * work.slope[k, v, i]
+                    work.state[v, i] = x[v, i] + h * total
+            _slope(
+                control,
+                medium,
+                effectiveness,
+                continuous,
+                t + done + _C[stage] * h,
+                work.state,
+                first,
+                last,
+                work,
+                work.slope[stage],
+            )
+        for v in range(first, last):
+            for i in range(3):
+                total = 0.0
+                for k in range(7):
+                    total += _ERROR[k] * work.slope[k, v, i]
+                work.slope[1, v, i] = h * total  # no later stage reads this slope
+        error = _norm(work.slope[1], x, work.state, first, last, tolerance)
+        if not np.isfinite(error):
+            return False
+        if error < 1.0:
+            factor = 10.0 if error == 0.0 else min(10.0, 0.9 * error**-0.2)
+            step = h * (min(1.0, factor) if rejected else factor)
+            done = period if h >= period - done else done + h
+            rejected = False
+            for v in range(first, last):
+                for i in range(3):
+                    x[v, i] = work.state[v, i]
+                    work.slope[0, v, i] = work.slope[6, v, i]
+                    if abs(x[v, i]) > _HUGE:
+                        return False
+        else:
+            step = h * max(0.2, 0.9 * error**-0.2)
+            rejected = True
+            if step < _SMALLEST_STEP * period:
+                return False
+    return True
+
+
+@kernel
+def _run(control, medium, effectiveness, continuous, times, begin, end, period, x, tolerance, work, positions):
+    """Advance from sample `begin` to `end`, recording; return the last sample reached and the vehicle that blew up."""
+    V = x.shape[0]
+    for k in range(begin, end):
+        if continuous:
+            if not _advance(control, medium, effectiveness, True, times[k], period, x, 0, V, tolerance, work):
+                return k, V
+        else:
+            velocity_commands(control, times[k], x, work.residual, work.command)
+            for v in range(V):
+                if not _advance(control, medium, effectiveness, False, times[k], period, x, v, v + 1, tolerance, work):
+                    return k, v
+        positions[k + 1] = x
+    return end, -1
+
+
+def run_ideal(system: System, progress: Callable[[int, int], None] | None = None) -> Trajectory:
+    """Integrate a system on ideal kinematics.
+
+    Args:
+        system: the system.
+        progress: called with (samples done, samples in all).
+
+    Returns:
+        The trajectory; its status is 'unstable' and it ends early where the solution blows up.
+    """
+    grid, times = system.grid, system.grid.samples
+    x = np.array(system.initial)
+    V, width = len(x), system.effectiveness.pinv.shape[1]
+    work = _Scratch(np.zeros((V, 3)), np.zeros((V, 3)), np.zeros((V, 3)), np.zeros((7, V, 3)), np.zeros(width))
+    positions = np.empty((grid.steps + 1, V, 3))
+    positions[0] = x
+    done = 0
+    while done < grid.steps:
+        done, broken = _run(
+            system.control,
+            system.medium,
+            system.effectiveness,
+            grid.continuous,
+            times,
+            done,
+            min(done + _CHUNK, grid.steps),
+            grid.period,
+            x,
+            system.tolerance,
+            work,
+            positions,
+        )
+        if progress:
+            progress(done, grid.steps)
+        if broken >= 0:
+            if broken == V:  # the team was integrated as one: the largest state names the vehicle
+                broken = int(np.argmax(np.abs(np.nan_to_num(x, nan=np.inf)).max(axis=1)))
+            message = blow_up_message(system, broken, float(times[done]), 0.0 if grid.continuous else grid.period)
+            return Trajectory(times[: done + 1], positions[: done + 1], "unstable", message)
+    return Trajectory(times, positions, "finished", "")
+
+
+def inputs(system: System, time: Array, commands: Array, positions: Array) -> Array:
+    """u_i = g_i^+(q_i, t) (-k1 eta_i) of every agent at every sample, shape (T, N, s); NaN where an agent has fewer."""
+    effectiveness = system.effectiveness
+    N = len(system.team.agents)
+    u = np.full((len(time), N, effectiveness.pinv.shape[1]), np.nan)
+    for i, member in enumerate(system.team.agents):
+        h = effectiveness.heading[i]
+        psi = h[0] + positions[:, i] @ h[1:4] + h[4] * time
+        body = commands[:, i].copy()
+        if effectiveness.given[i]:
+            c, s = np.cos(psi), np.sin(psi)
+            body[:, 0], body[:, 1] = (
+                c * commands[:, i, 0] + s * commands[:, i, 1],
+                c * commands[:, i, 1] - s * commands[:, i, 0],
+            )
+        used = (
+            np.flatnonzero(np.any(effectiveness.W[i], axis=0))
+            if effectiveness.given[i]
+            else np.arange(member.dimension)
+        )
+        u[:, i, used] = body @ effectiveness.pinv[i, used].T
+    return u

@@ -1,0 +1,11 @@
+"""The physics backend: the same team, law and flow on MuJoCo bodies.
+
+vehicle: what one vehicle is, from its MJCF file and description. arena: all of them in one model. forces: drag, flow,
+buoyancy and thrust at one instant. world: the loop.
+"""
+
+from mjsheaf.backends.physics.arena import Arena, compose
+from mjsheaf.backends.physics.vehicle import Vehicle, list_vehicles, load_vehicle
+from mjsheaf.backends.physics.world import World, run_physics
+
+__all__ = ["Arena", "Vehicle", "World", "compose", "list_vehicles", "load_vehicle", "run_physics"]

@@ -1,0 +1,157 @@
+"""The arena: every vehicle's MJCF composed into one model by PyMJCF, each on a free joint.
+
+Thrusters become actuators on their vehicle's free joint. MuJoCo's site transmission builds a dense Jacobian for each
+actuator, which makes a step quadratic in the number of vehicles; on the free joint the gear is the thruster's wrench
+itself, force in world axes and moment in body axes, and the forces are the same. As the force part turns with the
+body, it is written before every step (see forces).
+"""
+
+import os
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from mjsheaf.backends.physics.vehicle import Vehicle
+from mjsheaf.errors import InputError
+from mjsheaf.resources import resource_directory
+
+Array = NDArray[np.float64]
+
+SURFACES = ("water", "ground", "none")
+
+
+@dataclass(frozen=True)
+class Arena:
+    """A compiled model and where each vehicle is in it.
+
+    Attributes:
+        model: MuJoCo's model.
+        vehicles: what each vehicle is, length V.
+        qpos: address of each vehicle's free joint in qpos, shape (V,).
+        dof: the same in qvel.
+        body: the body on the free joint, shape (V,).
+        thruster: first actuator of each vehicle, then the number of actuators, shape (V + 1,).
+    """
+
+    model: mujoco.MjModel
+    vehicles: list[Vehicle]
+    qpos: NDArray[np.int64]
+    dof: NDArray[np.int64]
+    body: NDArray[np.int64]
+    thruster: NDArray[np.int64]
+
+
+def compose(
+    vehicles: Sequence[Vehicle],
+    ids: Sequence[str],
+    *,
+    timestep: float = 0.001,
+    contacts: bool = False,
+    surface: str = "none",
+    surface_height: float = 0.0,
+    colours: Array | None = None,
+) -> Arena:
+    """Put vehicles into one arena.
+
+    Args:
+        vehicles: what each is.
+        ids: their names, unique.
+        timestep: physics step in s.
+        contacts: whether vehicles collide with one another.
+        surface: one of SURFACES.
+        surface_height: z of the surface, m.
+        colours: RGB of each vehicle's livery, shape (V, 3), or None.
+    """
+    mjcf = _pymjcf()
+    root = mjcf.from_path(str(resource_directory("models") / "arena.xml"))
+    root.option.timestep = timestep
+    if not contacts:
+        root.option.flag.contact = "disable"
+    if surface != "none":
+        root.worldbody.add(
+            "geom", name=surface, type="plane", size=[0, 0, 1], pos=[0, 0, surface_height], material=surface,
+            contype=0, conaffinity=0,
+        )  # fmt: skip
+    for v, (vehicle, name) in enumerate(zip(vehicles, ids, strict=True)):
+        _attach(mjcf, root, vehicle, name, None if colours is None else colours[v])
+    try:
+        model = mujoco.MjModel.from_xml_string(root.to_xml_string(), root.get_assets())
+    except ValueError as error:
+        raise InputError(f"the vehicles do not compile into one model: {' '.join(str(error).split())}") from None
+    joint = np.array([model.joint(f"{name}/").id for name in ids])
+    arena = Arena(
+        model=model,
+        vehicles=list(vehicles),
+        qpos=model.jnt_qposadr[joint].astype(np.int64),
+        dof=model.jnt_dofadr[joint].astype(np.int64),
+        body=model.jnt_bodyid[joint].astype(np.int64),
+        thruster=np.concatenate([[0], np.cumsum([len(v.thrusters) for v in vehicles])]).astype(np.int64),
+    )
+    for v, vehicle in enumerate(vehicles):
+        # Damping of a free joint is integrated implicitly, so that stiff drag costs no small steps; it is along world
+        # axes, so the largest drag goes here and the difference to R D R^T is applied as a force (see forces).
+        at = arena.dof[v]
+        model.dof_damping[at : at + 3] = vehicle.drag.max()
+        model.dof_damping[at + 3 : at + 6] = vehicle.description.drag.angular
+    return arena
+
+
+def _attach(mjcf: Any, root: Any, vehicle: Vehicle, name: str, colour: Array | None) -> None:
+    body = mjcf.from_path(str(vehicle.path))
+    body.model = name
+    livery = body.find("material", "livery")
+    if colour is not None and livery is not None:
+        livery.rgba = [*colour, 1.0]
+    thrusters = list(body.actuator.all_children())
+    for thruster in thrusters:
+        thruster.remove()
+    frame = root.worldbody.attach(body)
+    joint = frame.add("freejoint")  # PyMJCF names it "NAME/"
+    for k, (thruster, given) in enumerate(zip(thrusters, vehicle.thrusters, strict=True)):
+        attributes = {
+            key: value
+            for key, value in thruster.get_attributes().items()
+            if key not in ("name", "site", "refsite", "gear", "dclass")
+        }
+        gain = _gain(thruster)
+        root.actuator.add(
+            thruster.tag,
+            name=f"{name}.{given}",
+            joint=joint,
+            gear=vehicle.W[:, k] / gain,
+            **attributes,
+        )
+
+
+def _gain(thruster: Any) -> float:
+    """Newton for each unit of command and of gear; W holds gain times gear."""
+    gainprm = getattr(thruster, "gainprm", None)
+    return 1.0 if gainprm is None else float(np.atleast_1d(gainprm)[0])
+
+
+@contextmanager
+def _without_rendering() -> Iterator[None]:
+    """Keep dm_control from choosing a way to render when it is imported: composition needs none."""
+    given = os.environ.get("MUJOCO_GL")
+    os.environ["MUJOCO_GL"] = "off"
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        if given is None:
+            del os.environ["MUJOCO_GL"]
+        else:
+            os.environ["MUJOCO_GL"] = given
+
+
+def _pymjcf() -> Any:
+    with _without_rendering():
+        from dm_control import mjcf
+    return mjcf

@@ -1,0 +1,306 @@
+"""The loop: the law at its period, forces before each step, MuJoCo's step, and a look at what came out.
+
+The whole loop is compiled; mj_step is called through its C symbol, which frees it from the interpreter.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import llvmlite.binding
+import mujoco
+import numpy as np
+from numba import types
+from numpy.typing import NDArray
+
+from mjsheaf.backends.physics.arena import Arena, compose
+from mjsheaf.backends.physics.forces import BodyArrays, apply_forces, pack_bodies
+from mjsheaf.backends.physics.vehicle import load_vehicle
+from mjsheaf.backends.system import System, velocity_commands
+from mjsheaf.backends.trajectory import Trajectory, blow_up_message
+from mjsheaf.compiled import kernel
+from mjsheaf.errors import InputError, UnstableError
+
+Array = NDArray[np.float64]
+
+# The very library that the Python bindings use; numba binds the name when it links compiled code.
+for _library in Path(mujoco.__file__).parent.glob("libmujoco*"):
+    llvmlite.binding.load_library_permanently(str(_library))
+_mj_step = types.ExternalFunction("mj_step", types.void(types.voidptr, types.voidptr))
+
+_HUGE = 1e10  # beyond this MuJoCo calls a state bad (mjMAXVAL)
+_CHUNK = 4000  # physics steps in one compiled call, after which Ctrl-C is heard
+
+
+class _State(NamedTuple):
+    """Views of MuJoCo's arrays, and scratch: x, residual, command (V, 3); R (3, 3); wrench (6,)."""
+
+    qpos: Array
+    qvel: Array
+    qacc: Array
+    ctrl: Array
+    gear: Array
+    applied: Array
+    x: Array
+    residual: Array
+    command: Array
+    R: Array
+    wrench: Array
+
+
+@kernel
+def _sample_law(control, medium, bodies, t, state):
+    """Measure positions and set the commanded velocities."""
+    for v in range(state.x.shape[0]):
+        a = bodies.qpos[v]
+        state.x[v, 0], state.x[v, 1] = state.qpos[a], state.qpos[a + 1]
+        state.x[v, 2] = 0.0 if medium.planar[v] else state.qpos[a + 2]
+    velocity_commands(control, t, state.x, state.residual, state.command)
+
+
+@kernel
+def _close_loop(control, medium, bodies, t, sample, state):
+    """All that happens before a physics step: the law if it is due, then forces and thrust."""
+    if sample:
+        _sample_law(control, medium, bodies, t, state)
+    apply_forces(
+        bodies,
+        medium,
+        t,
+        state.command,
+        state.qpos,
+        state.qvel,
+        state.ctrl,
+        state.gear,
+        state.applied,
+        state.R,
+        state.wrench,
+    )
+
+
+@kernel
+def _first_bad(state):
+    """The first degree of freedom whose position, velocity or acceleration is not finite or is huge, or -1."""
+    for i in range(state.qvel.shape[0]):
+        if not (abs(state.qvel[i]) < _HUGE and abs(state.qacc[i]) < _HUGE):
+            return i
+    for i in range(state.qpos.shape[0]):
+        if not abs(state.qpos[i]) < _HUGE:
+            return min(i * state.qvel.shape[0] // state.qpos.shape[0], state.qvel.shape[0] - 1)
+    return -1
+
+
+@kernel
+def _advance(control, medium, bodies, start, timestep, step, count, steps_per_sample, state, model, data):
+    """Take `count` steps from step number `step`; return how many were taken and the bad degree of freedom, or -1."""
+    for k in range(step, step + count):
+        _close_loop(control, medium, bodies, start + k * timestep, k % steps_per_sample == 0, state)
+        _mj_step(model, data)
+        bad = _first_bad(state)
+        if bad >= 0:
+            return k + 1 - step, bad
+    return count, -1
+
+
+class World:
+    """A scenario on MuJoCo bodies, with the loop closed.
+
+    Attributes:
+        system: the closed-loop system.
+        arena: where each vehicle is in the model.
+        model, data: MuJoCo's own. The state may be read and set between steps; each step overwrites `data.ctrl`,
+            `data.qfrc_applied` of the vehicles and `model.actuator_gear`. Forces of your own go to
+            `data.xfrc_applied`.
+    """
+
+    def __init__(self, scenario: Any) -> None:
+        """Compose the arena and put every vehicle at its initial position and heading.
+
+        Args:
+            scenario: a Scenario, or the System that one describes.
+
+        Raises:
+            InputError: a vehicle is unknown, or does not fit the dimension of its agent or target.
+        """
+        self.system: System = scenario if isinstance(scenario, System) else scenario.system()
+        self.arena = arena_of(self.system)
+        self.model: mujoco.MjModel = self.arena.model
+        self.data: mujoco.MjData = mujoco.MjData(self.model)
+        plan, grid = self.system.bodies, self.system.grid
+        self._steps_per_sample = round(grid.period / plan.timestep)
+        self._steps_per_law = 1 if grid.continuous else self._steps_per_sample
+        # The timestep that divides a period exactly: sample times then agree with the ideal backend's.
+        self._timestep = grid.period / self._steps_per_sample
+        self.model.opt.timestep = self._timestep
+        self._bodies: BodyArrays = pack_bodies(self.arena, plan.heading, plan.surface_height)
+        V = len(self.arena.vehicles)
+        self._state = _State(
+            self.data.qpos,
+            self.data.qvel,
+            self.data.qacc,
+            self.data.ctrl,
+            self.model.actuator_gear,
+            self.data.qfrc_applied,
+            *(np.zeros((V, 3)) for _ in range(3)),
+            np.zeros((3, 3)),
+            np.zeros(6),
+        )
+        self.reset()
+
+    @property
+    def time(self) -> float:
+        """Simulated time in s."""
+        return self.system.grid.start + self._step * self._timestep
+
+    @property
+    def steps_per_sample(self) -> int:
+        """Physics steps between samples."""
+        return self._steps_per_sample
+
+    def reset(self) -> None:
+        """Go back to the initial condition."""
+        mujoco.mj_resetData(self.model, self.data)
+        plan, initial = self.system.bodies, self.system.initial
+        self._step = 0
+        self.data.time = self.system.grid.start
+        for v, vehicle in enumerate(self.arena.vehicles):
+            at = self.arena.qpos[v]
+            self.data.qpos[at : at + 3] = initial[v]
+            if vehicle.dimension == 2:
+                self.data.qpos[at + 2] = plan.surface_height
+            self.data.qpos[at + 3 : at + 7] = [np.cos(plan.heading[v] / 2), 0, 0, np.sin(plan.heading[v] / 2)]
+        self.close_loop(sample=True)
+        mujoco.mj_forward(self.model, self.data)
+
+    def close_loop(self, sample: bool | None = None) -> None:
+        """Write commands and forces for the present state, without stepping.
+
+        This is what happens before every physics step. Call it yourself to step with `mujoco.mj_step`; `step` calls
+        it for you.
+
+        Args:
+            sample: whether the law is evaluated; None evaluates it when its period is due.
+        """
+        if sample is None:
+            sample = self._step % self._steps_per_law == 0
+        _close_loop(self.system.control, self.system.medium, self._bodies, self.time, sample, self._state)
+
+    def step(self, n: int = 1) -> None:
+        """Take n physics steps with the loop closed.
+
+        Raises:
+            UnstableError: the state became bad; the message names vehicle, time and likely cause. `data` holds the
+                bad state.
+        """
+        while n > 0:
+            count = min(n, _CHUNK)
+            taken, bad = _advance(
+                self.system.control,
+                self.system.medium,
+                self._bodies,
+                self.system.grid.start,
+                self._timestep,
+                self._step,
+                count,
+                self._steps_per_law,
+                self._state,
+                self.model._address,
+                self.data._address,
+            )
+            self._step += taken
+            n -= taken
+            if bad >= 0:
+                raise UnstableError(self._blow_up(bad))
+
+    def _blow_up(self, dof: int) -> str:
+        vehicle = int(np.searchsorted(self.arena.dof, dof, side="right")) - 1
+        at = self.arena.dof[vehicle]
+        speed = float(np.linalg.norm(self.data.qvel[at : at + 3]))
+        detail = f" (body '{self.arena.vehicles[vehicle].name}', speed {speed:.3g} m/s)"
+        period = self._timestep * self._steps_per_law
+        return blow_up_message(self.system, vehicle, self.time, period, detail)
+
+    def positions(self) -> Array:
+        """Controlled positions, padded: agents then targets, z = 0 for planar ones; shape (V, 3), m."""
+        x = self.data.qpos[self.arena.qpos[:, None] + np.arange(3)]
+        x[self.system.medium.planar, 2] = 0.0
+        return x
+
+    def heights(self) -> Array:
+        """z of every body, floating ones included, shape (V,), m."""
+        return self.data.qpos[self.arena.qpos + 2].copy()
+
+    def quaternions(self) -> Array:
+        """Attitudes (w, x, y, z), body to world, shape (V, 4)."""
+        return self.data.qpos[self.arena.qpos[:, None] + np.arange(3, 7)]
+
+    def saturation(self) -> Array:
+        """Share of each vehicle's thrusters whose command lies at or beyond a limit, shape (V,)."""
+        low, high = self.model.actuator_ctrlrange.T
+        limited = self.model.actuator_ctrllimited.astype(bool)
+        at_limit = limited & ((self.data.ctrl <= low) | (self.data.ctrl >= high))
+        first = self.arena.thruster
+        return np.add.reduceat(at_limit.astype(float), first[:-1]) / np.diff(first)
+
+
+def arena_of(system: System, colours: Array | None = None) -> Arena:
+    """Compose the arena of a system; colours (V, 3) paint the vehicles."""
+    plan = system.bodies
+    loaded = {name: load_vehicle(name).with_time_constant(plan.time_constant) for name in dict.fromkeys(plan.vehicle)}
+    vehicles = [loaded[name] for name in plan.vehicle]
+    for member, vehicle in zip(system.team.members, vehicles, strict=True):
+        if vehicle.dimension != member.dimension:
+            raise InputError(
+                f"{member.id} has dimension {member.dimension}, but vehicle {vehicle.name!r} moves in {vehicle.dimension}"
+            )
+    return compose(
+        vehicles,
+        [m.id for m in system.team.members],
+        timestep=plan.timestep,
+        contacts=plan.contacts,
+        surface=plan.surface,
+        surface_height=plan.surface_height,
+        colours=colours,
+    )
+
+
+def run_physics(system: System, progress: Callable[[int, int], None] | None = None) -> Trajectory:
+    """Simulate a system on bodies.
+
+    Args:
+        system: the system.
+        progress: called with (samples done, samples in all).
+
+    Returns:
+        The trajectory; its status is 'unstable' and it ends early where the simulation blows up.
+    """
+    world = World(system)
+    times = system.grid.samples
+    T, V = len(times), len(world.arena.vehicles)
+    positions, quaternions, heights = np.empty((T, V, 3)), np.empty((T, V, 4)), np.empty((T, V))
+    thrust, saturation = np.empty((T, world.model.nu)), np.empty((T, V))
+    status, message, done = "finished", "", T
+    for k in range(T):
+        world.close_loop(sample=True)
+        positions[k], quaternions[k], heights[k] = world.positions(), world.quaternions(), world.heights()
+        thrust[k], saturation[k] = world.data.ctrl, world.saturation()
+        if progress and k % 100 == 0:
+            progress(k, T - 1)
+        if k + 1 < T:
+            try:
+                world.step(world.steps_per_sample)
+            except UnstableError as error:
+                status, message, done = "unstable", str(error), k + 1
+                break
+    if progress:
+        progress(done - 1, T - 1)
+    return Trajectory(
+        times[:done],
+        positions[:done],
+        status,
+        message,
+        quaternions[:done],
+        heights[:done],
+        thrust[:done],
+        saturation[:done],
+    )

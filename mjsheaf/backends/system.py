@@ -1,0 +1,172 @@
+"""The closed-loop system that both backends turn into trajectories: team, law, flow, motions and disturbances."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjsheaf.compiled import kernel
+from mjsheaf.control import LawArrays, disagreement
+from mjsheaf.control.law import limit_speed
+from mjsheaf.dynamics.disturbance import disturbance_velocity
+from mjsheaf.dynamics.effectiveness import EffectivenessArrays
+from mjsheaf.dynamics.flow import FlowField, flow_velocity
+from mjsheaf.dynamics.motion import MotionArrays, add_reference
+from mjsheaf.team import Team
+
+Array = NDArray[np.float64]
+
+
+class ControlArrays(NamedTuple):
+    """What onboard computers know, for compiled code: the law and the targets' references."""
+
+    law: LawArrays
+    motion: MotionArrays
+
+
+class MediumArrays(NamedTuple):
+    """What surrounds the vehicles, for compiled code; V vehicles, the first `agents` of them agents.
+
+    planar (V,): whether a vehicle lives in the plane; agent_flow, target_flow: kernel tables; harmonics (V, K, 5): of
+    the disturbances.
+    """
+
+    agents: int
+    planar: NDArray[np.bool_]
+    agent_flow: Array
+    target_flow: Array
+    harmonics: Array
+
+
+@kernel
+def velocity_commands(control, t, x, residual, command):
+    """Sample every onboard computer at time t.
+
+    Writes the residuals and the commanded velocities -gain * residual + reference, limited, for positions x; all of
+    shape (V, 3), m and m/s.
+    """
+    law = control.law
+    disagreement(law, x, residual)
+    for v in range(x.shape[0]):
+        for i in range(3):
+            command[v, i] = -law.gain[v] * residual[v, i]
+        add_reference(control.motion, v, t, x[v], command[v])
+        limit_speed(law.limit[v], command[v])
+
+
+@kernel
+def medium_velocity(medium, v, t, x, y, z):
+    """Velocity of the medium about vehicle v at a point, as three numbers: its flow and its disturbance."""
+    if v < medium.agents:
+        wx, wy, wz = flow_velocity(medium.agent_flow, x, y, z)
+    else:
+        wx, wy, wz = flow_velocity(medium.target_flow, x, y, z)
+    if medium.planar[v]:
+        wz = 0.0
+    dx, dy, dz = disturbance_velocity(medium.harmonics, v, t)
+    return wx + dx, wy + dy, wz + dz
+
+
+@dataclass(frozen=True)
+class TimeGrid:
+    """Sample times.
+
+    Attributes:
+        start: time of the initial condition, s.
+        period: time between samples, s.
+        steps: number of periods.
+        continuous: whether the law is evaluated between samples too (control period 0) instead of being held.
+    """
+
+    start: float
+    period: float
+    steps: int
+    continuous: bool
+
+    @property
+    def samples(self) -> Array:
+        """Sample times, shape (steps + 1,), s."""
+        return self.start + self.period * np.arange(self.steps + 1)
+
+
+@dataclass(frozen=True)
+class BodyPlan:
+    """What the physics backend needs beside the system; the ideal backend ignores it.
+
+    Attributes:
+        vehicle: name of each vehicle's description in models/, or path of a description file, length V.
+        time_constant: m / D in s that overrides every description's drag, or None.
+        heading: initial heading of each vehicle in rad, shape (V,).
+        timestep: physics step in s.
+        contacts: whether vehicles collide.
+        surface: 'water', 'ground' or 'none'; drawn, and where floating vehicles float.
+        surface_height: its height in m.
+    """
+
+    vehicle: list[str]
+    time_constant: float | None
+    heading: Array
+    timestep: float
+    contacts: bool
+    surface: str
+    surface_height: float
+
+
+@dataclass(frozen=True)
+class System:
+    """A team under the law, ready to be integrated.
+
+    Attributes:
+        name: of the scenario.
+        team: agents, targets and the sheaf.
+        initial: initial positions, padded, shape (V, 3), m; planar vehicles have z = 0.
+        grid: sample times.
+        gain: k1, 1/s.
+        law, motion, effectiveness: packed parts.
+        harmonics: of the disturbances, shape (V, K, 5).
+        agent_flow, target_flow: velocity of the medium.
+        tolerance: relative and absolute error of the ideal backend's integrator for each step.
+        bodies: how the physics backend embodies it.
+    """
+
+    name: str
+    team: Team
+    initial: Array
+    grid: TimeGrid
+    gain: float
+    law: LawArrays
+    motion: MotionArrays
+    harmonics: Array
+    effectiveness: EffectivenessArrays
+    agent_flow: FlowField
+    target_flow: FlowField
+    tolerance: tuple[float, float]
+    bodies: BodyPlan
+
+    @cached_property
+    def control(self) -> ControlArrays:
+        """The law and the references for compiled code."""
+        return ControlArrays(self.law, self.motion)
+
+    @cached_property
+    def medium(self) -> MediumArrays:
+        """The medium for compiled code."""
+        return MediumArrays(
+            len(self.team.agents),
+            np.array([m.dimension == 2 for m in self.team.members]),
+            self.agent_flow.table,
+            self.target_flow.table,
+            self.harmonics,
+        )
+
+    @cached_property
+    def largest_eigenvalue(self) -> float:
+        """lambda_max(H), which bounds the gain under a held law: k1 h lambda_max < 2."""
+        H = self.team.dirichlet.H
+        if H.shape[0] <= 600:
+            return float(np.linalg.eigvalsh(H.toarray())[-1])
+        from scipy.sparse.linalg import eigsh
+
+        return float(eigsh(H, k=1, which="LA", v0=np.ones(H.shape[0]), return_eigenvectors=False)[0])

@@ -1,0 +1,66 @@
+"""What a backend returns, and what it says when a simulation blows up."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjsheaf.backends.system import System
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Samples of a run.
+
+    Attributes:
+        time: sample times, shape (T,), s.
+        positions: controlled positions, agents then targets, shape (T, V, 3), m.
+        status: 'finished' or 'unstable'.
+        message: what went wrong, where and when; empty where nothing did.
+        quaternions: attitudes of bodies, shape (T, V, 4), or None on ideal kinematics.
+        heights: z of every body, shape (T, V), m, or None.
+        thrust: thruster commands, shape (T, A), or None.
+        saturation: share of each vehicle's thrusters at a limit, shape (T, V), or None.
+    """
+
+    time: Array
+    positions: Array
+    status: str
+    message: str
+    quaternions: Array | None = None
+    heights: Array | None = None
+    thrust: Array | None = None
+    saturation: Array | None = None
+
+
+def blow_up_message(system: System, vehicle: int, time: float, law_period: float, detail: str = "") -> str:
+    """Name the vehicle, the time and the likely cause of a blow-up.
+
+    Args:
+        system: the system.
+        vehicle: number of the vehicle that blew up.
+        time: s.
+        law_period: time between evaluations of a held law, s; 0 where it is continuous.
+        detail: what was seen of it.
+    """
+    name = system.team.members[vehicle].id
+    return f"unstable: {name}{detail} at t = {time:.6g} s; {likely_cause(system, law_period)}"
+
+
+def likely_cause(system: System, law_period: float) -> str:
+    """The first stability margin that the system violates, with what would mend it."""
+    margin = system.gain * law_period * system.largest_eigenvalue
+    if margin >= 2.0:
+        legal = 2.0 / (law_period * system.largest_eigenvalue)
+        return (
+            f"likely cause: the held law diverges, as k1 h lambda_max = {margin:.3g} is not below 2; "
+            f"take controller.gain below {legal:.4g} or a shorter controller.control_period"
+        )
+    target_gain = float(np.max(system.law.gain[len(system.team.agents) :], initial=0.0))
+    if target_gain > 0.0:
+        spectrum = np.linalg.eigvalsh(system.team.target_sheaf.laplacian().toarray())
+        if target_gain * law_period * spectrum[-1] >= 2.0:
+            return "likely cause: the targets' own held consensus diverges; lower target_formation.gain"
+    return "likely cause: flow or motion beyond what the integration step resolves; shorten the time step"

@@ -1,0 +1,105 @@
+"""Control effectiveness g_i(q, t) of an ideal agent: full row rank, with more inputs than states if wanted.
+
+g(q, t) = R(psi(q, t)) W: a thruster layout W fixed in a frame whose heading psi = psi_0 + psi_q . q + psi_t t depends on
+position and time. R turns about z. As R is a rotation, g^+ = W^+ R^T, and g has full row rank where W has.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mjsheaf.compiled import kernel
+from mjsheaf.errors import InputError
+
+Array = NDArray[np.float64]
+
+
+class EffectivenessArrays(NamedTuple):
+    """Layouts of all agents, padded: W (N, 3, s), pinv (N, s, 3), heading (N, 5): psi_0, psi_q (3), psi_t.
+
+    `given` (N,) marks the agents that have one; the others have g = I.
+    """
+
+    given: NDArray[np.bool_]
+    W: Array
+    pinv: Array
+    heading: Array
+
+
+@dataclass(frozen=True)
+class ControlEffectiveness:
+    """g(q, t) = R(psi) W of one agent.
+
+    Attributes:
+        layout: W, shape (n, s), full row rank.
+        heading: psi_0 in rad.
+        heading_gradient: psi_q in rad/m, shape (n,), or None for zero.
+        heading_rate: psi_t in rad/s.
+    """
+
+    layout: Sequence[Sequence[float]]
+    heading: float = 0.0
+    heading_gradient: Sequence[float] | None = None
+    heading_rate: float = 0.0
+
+    def matrix(self, q: ArrayLike, t: float) -> Array:
+        """g(q, t), shape (n, s)."""
+        W = np.asarray(self.layout, dtype=np.float64)
+        psi = self.heading + self.heading_rate * t
+        if self.heading_gradient is not None:
+            psi += float(np.dot(self.heading_gradient, np.asarray(q)))
+        R = np.eye(3)
+        R[:2, :2] = [[np.cos(psi), -np.sin(psi)], [np.sin(psi), np.cos(psi)]]
+        return R[: len(W), : len(W)] @ W
+
+
+@kernel
+def allocate(effectiveness, i, q, t, velocity, u):
+    """Write u = g^+(q, t) velocity of agent i into u (s,), then g(q, t) u back into velocity (3,)."""
+    h = effectiveness.heading[i]
+    psi = h[0] + h[1] * q[0] + h[2] * q[1] + h[3] * q[2] + h[4] * t
+    c, s = np.cos(psi), np.sin(psi)
+    bx, by, bz = c * velocity[0] + s * velocity[1], c * velocity[1] - s * velocity[0], velocity[2]
+    P, W = effectiveness.pinv[i], effectiveness.W[i]
+    bx2, by2, bz2 = 0.0, 0.0, 0.0
+    for k in range(P.shape[0]):
+        u[k] = P[k, 0] * bx + P[k, 1] * by + P[k, 2] * bz
+        bx2 += W[0, k] * u[k]
+        by2 += W[1, k] * u[k]
+        bz2 += W[2, k] * u[k]
+    velocity[0], velocity[1], velocity[2] = c * bx2 - s * by2, s * bx2 + c * by2, bz2
+
+
+def pack(models: list[ControlEffectiveness | None], dimensions: list[int]) -> EffectivenessArrays:
+    """Pack the agents' models (None: g = I) into arrays.
+
+    Raises:
+        InputError: a layout has the wrong number of rows or is not of full row rank (Assumption 2).
+    """
+    N = len(models)
+    width = max([len(g.layout[0]) for g in models if g is not None], default=0)
+    width = max(width, 3)
+    arrays = EffectivenessArrays(
+        np.zeros(N, dtype=np.bool_), np.zeros((N, 3, width)), np.zeros((N, width, 3)), np.zeros((N, 5))
+    )
+    for i, (g, n) in enumerate(zip(models, dimensions, strict=True)):
+        if g is None:
+            arrays.W[i, :n, :n] = arrays.pinv[i, :n, :n] = np.eye(n)
+            continue
+        if len({len(row) for row in g.layout}) != 1 or len(g.layout) != n:
+            raise InputError(f"control effectiveness must have {n} rows of equal length")
+        W = np.asarray(g.layout, dtype=np.float64)
+        if np.linalg.matrix_rank(W) < n:
+            raise InputError(f"control effectiveness is not of full row rank {n} (Assumption 2)")
+        s = W.shape[1]
+        arrays.given[i] = True
+        arrays.W[i, :n, :s], arrays.pinv[i, :s, :n] = W, np.linalg.pinv(W)
+        arrays.heading[i, 0], arrays.heading[i, 4] = g.heading, g.heading_rate
+        if g.heading_gradient is not None:
+            if len(g.heading_gradient) != n:
+                raise InputError(f"heading gradient has {len(g.heading_gradient)} entries; legal is {n}")
+            arrays.heading[i, 1 : 1 + n] = g.heading_gradient
+    return arrays

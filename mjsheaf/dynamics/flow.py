@@ -1,0 +1,178 @@
+"""Flow fields: the velocity w(x) of the medium, as a sum of kernels, with its Jacobian.
+
+With r = x - centre and s = |r|^2 + core^2, in m and m/s:
+
+| kernel  | velocity                                                     | strength              |
+|---------|--------------------------------------------------------------|-----------------------|
+| drift   | a constant                                                   | m/s                   |
+| source  | alpha r / s in the plane, alpha r / s^1.5 in space           | m^2/s, m^3/s          |
+| vortex  | gamma (axis x r) / s; in the plane the axis is z             | m^2/s                 |
+| channel | beta exp(-|n|^2 / 2 width^2) exp(-l^2 / 2 length^2) d,       | m/s                   |
+|         | l = r . d along the unit direction d, n = r - l d across     |                       |
+
+Source: the paper's Section VI, and the kernels of its published run.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mjsheaf.compiled import kernel
+from mjsheaf.errors import InputError
+
+Array = NDArray[np.float64]
+
+
+# A field is a table with one row for each kernel: its kind, 1 if it lies in space (0: its z is ignored), centre (3),
+# axis or direction (3), strength, and two parameters. One array is what compiled code passes on most cheaply.
+_SOURCE, _VORTEX, _CHANNEL = 0.0, 1.0, 2.0
+_COLUMNS = 11
+
+
+@kernel
+def flow_velocity(table, x, y, z):
+    """Velocity of the medium at a point, as three numbers; the first row of the table is the drift."""
+    wx, wy, wz = table[0, 2], table[0, 3], table[0, 4]
+    for k in range(1, table.shape[0]):
+        c = table[k]
+        rx, ry, rz = x - c[2], y - c[3], (z - c[4]) * c[1]
+        if c[0] == _SOURCE:
+            s = rx * rx + ry * ry + rz * rz + c[9]
+            a = c[8] / (s * np.sqrt(s)) if c[1] else c[8] / s
+            wx += a * rx
+            wy += a * ry
+            wz += a * rz
+        elif c[0] == _VORTEX:
+            a = c[8] / (rx * rx + ry * ry + rz * rz + c[9])
+            wx += a * (c[6] * rz - c[7] * ry)
+            wy += a * (c[7] * rx - c[5] * rz)
+            wz += a * (c[5] * ry - c[6] * rx)
+        else:
+            along = rx * c[5] + ry * c[6] + rz * c[7]
+            nx, ny, nz = rx - along * c[5], ry - along * c[6], rz - along * c[7]
+            a = c[8] * np.exp(-(nx * nx + ny * ny + nz * nz) * c[9] - along * along * c[10])
+            wx += a * c[5]
+            wy += a * c[6]
+            wz += a * c[7]
+    return wx, wy, wz
+
+
+@kernel
+def _velocities(table, points, out):
+    for i in range(points.shape[0]):
+        out[i, 0], out[i, 1], out[i, 2] = flow_velocity(table, points[i, 0], points[i, 1], points[i, 2])
+
+
+@dataclass(frozen=True)
+class FlowField:
+    """A steady flow field in the plane or in space.
+
+    Attributes:
+        dimension: 2 or 3.
+        core: core radius in m; positive where there are sources or vortices.
+        drift: uniform velocity, shape (dimension,), m/s.
+        sources: rows (centre, alpha), shape (k, dimension + 1).
+        vortices: rows (x, y, gamma) in the plane, (x, y, z, axis, gamma) in space; the axis is not normalised.
+        channels: rows (centre, direction, beta, width, length); the direction is normalised.
+    """
+
+    dimension: int
+    core: float = 0.0
+    drift: Sequence[float] | None = None
+    sources: Sequence[Sequence[float]] = ()
+    vortices: Sequence[Sequence[float]] = ()
+    channels: Sequence[Sequence[float]] = ()
+
+    def __post_init__(self) -> None:
+        if self.dimension not in (2, 3):
+            raise InputError(f"a flow field has dimension 2 or 3, not {self.dimension}")
+        if (len(self.sources) or len(self.vortices)) and not self.core > 0.0:
+            raise InputError("sources and vortices are singular at their centre: 'core' must be positive")
+        _ = self.table  # checks the rows
+
+    @cached_property
+    def table(self) -> Array:
+        """The field as a table for the compiled loops, one row for each kernel after the drift's."""
+        n, core2 = self.dimension, float(self.core) ** 2
+        drift = _rows([self.drift if self.drift is not None else np.zeros(n)], n, "drift")
+        sources = _rows(self.sources, n + 1, "source")
+        vortices = _rows(self.vortices, 3 if n == 2 else 7, "vortex")
+        channels = _rows(self.channels, 2 * n + 3, "channel")
+        length = np.linalg.norm(channels[:, n : 2 * n], axis=1)
+        if np.any(length == 0.0) or np.any(channels[:, 2 * n + 1 :] <= 0.0):
+            raise InputError("a channel needs a non-zero direction and a positive width and length")
+        table = np.zeros((1 + len(sources) + len(vortices) + len(channels), _COLUMNS))
+        table[:, 1] = n == 3
+        table[0, 2 : 2 + n] = drift[0]
+        row = 1
+        for kind, given in ((_SOURCE, sources), (_VORTEX, vortices), (_CHANNEL, channels)):
+            block = table[row : row + len(given)]
+            block[:, 0], block[:, 2 : 2 + n] = kind, given[:, :n]
+            if kind == _SOURCE:
+                block[:, 8], block[:, 9] = given[:, n], core2
+            elif kind == _VORTEX:
+                block[:, 5:8] = [0.0, 0.0, 1.0] if n == 2 else given[:, 3:6]
+                block[:, 8], block[:, 9] = given[:, -1], core2
+            else:
+                block[:, 5 : 5 + n] = given[:, n : 2 * n] / length[:, None]
+                block[:, 8], block[:, 9:] = given[:, 2 * n], 0.5 / given[:, 2 * n + 1 :] ** 2
+            row += len(given)
+        return table
+
+    def velocity(self, points: ArrayLike) -> Array:
+        """Velocity of the medium.
+
+        Args:
+            points: positions, shape (..., d), m. A planar field ignores z; a field in space takes z = 0 at planar
+                points.
+
+        Returns:
+            Velocities of the same shape, m/s; the components that points do not have are left out.
+        """
+        x, shape = _spatial(points)
+        w = np.empty_like(x)
+        _velocities(self.table, x, w)
+        return w.reshape(*shape[:-1], 3)[..., : shape[-1]]
+
+    def jacobian(self, points: ArrayLike) -> Array:
+        """Jacobian dw/dx at points of shape (..., d), shape (..., d, d), 1/s."""
+        x, shape = _spatial(points)
+        mask = np.array([1.0, 1.0, float(self.dimension == 3)])
+        p = 1.5 if self.dimension == 3 else 1.0
+        J = np.zeros((len(x), 3, 3))
+        for kind, _, *numbers in self.table[1:]:
+            centre, axis, strength, first, second = numbers[:3], np.array(numbers[3:6]), *numbers[6:]
+            r = (x - centre) * mask
+            if kind == _CHANNEL:
+                along = r @ axis
+                across = r - along[:, None] * axis
+                a = strength * np.exp(-np.einsum("ki,ki->k", across, across) * first - along**2 * second)
+                slope = -2.0 * a[:, None] * (first * across + second * along[:, None] * axis)
+                J += axis[:, None] * slope[:, None, :]
+                continue
+            s = (np.einsum("ki,ki->k", r, r) + first)[:, None, None]
+            if kind == _SOURCE:
+                J += strength * (np.diag(mask) / s**p - 2.0 * p * r[:, :, None] * r[:, None, :] / s ** (p + 1.0))
+            else:
+                turn = np.cross(np.eye(3), axis)  # turn @ r = axis x r
+                J += strength * (turn * mask / s - 2.0 * (r @ turn.T)[:, :, None] * r[:, None, :] / s**2)
+        return J.reshape(*shape[:-1], 3, 3)[..., : shape[-1], : shape[-1]]
+
+
+def _rows(rows: Sequence[ArrayLike], width: int, name: str) -> Array:
+    for k, row in enumerate(rows):
+        if np.shape(row) != (width,):
+            raise InputError(f"{name} {k} has {np.size(row)} numbers; legal are {width}")
+    return np.array(rows, dtype=np.float64).reshape(-1, width)
+
+
+def _spatial(points: ArrayLike) -> tuple[Array, tuple[int, ...]]:
+    x = np.asarray(points, dtype=np.float64)
+    if x.ndim == 0 or x.shape[-1] not in (2, 3):
+        raise InputError(f"points have shape {x.shape}; legal is (..., 2) or (..., 3)")
+    flat = np.zeros((x.size // x.shape[-1], 3))
+    flat[:, : x.shape[-1]] = x.reshape(-1, x.shape[-1])
+    return flat, x.shape

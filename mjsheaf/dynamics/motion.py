@@ -1,0 +1,182 @@
+"""Non-cooperative target motions: the reference velocity v(t) that a target commands itself.
+
+A target moves by p' = w(p) + v(t) + pull (r(t) - p) - gain (L_T p - c_T)_k + omega(t), with r' = v. With pull = 0 this
+is the paper's: the flow carries the target away from its reference. The consensus term is the law's and is not here.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import PPoly, make_interp_spline
+
+from mjsheaf.compiled import kernel
+from mjsheaf.errors import InputError
+
+Array = NDArray[np.float64]
+
+_ORDER = 6  # coefficients of the quintic pieces of a waypoint path
+
+
+class MotionArrays(NamedTuple):
+    """References of all vehicles.
+
+    pull (V,) 1/s; origin (V, 3) m; amplitude (V, 3) m, rate (V, 3) rad/s and phase (V, 3) rad of the Lissajous part;
+    path (V, 2): first knot and number of pieces; period (V,) s of a closed path, else 0; knots (P,) s;
+    coefficients (P, 6, 3), highest power first.
+    """
+
+    pull: Array
+    origin: Array
+    amplitude: Array
+    rate: Array
+    phase: Array
+    path: NDArray[np.int64]
+    period: Array
+    knots: Array
+    coefficients: Array
+
+
+@kernel
+def add_reference(motion, v, t, x, command):
+    """Add v(t) + pull (r(t) - x) of vehicle v to command (3,)."""
+    pull = motion.pull[v]
+    for i in range(3):
+        rate = motion.rate[v, i]
+        angle = rate * t + motion.phase[v, i]
+        velocity = motion.amplitude[v, i] * rate * np.cos(angle)
+        position = motion.origin[v, i] + motion.amplitude[v, i] * np.sin(angle)
+        command[i] += velocity + (pull * (position - x[i]) if motion.path[v, 1] == 0 else 0.0)
+    first, pieces = motion.path[v]
+    if pieces > 0:
+        s = t
+        if motion.period[v] > 0.0:
+            s = motion.knots[first] + (t - motion.knots[first]) % motion.period[v]
+        last = motion.knots[first + pieces]
+        s = min(max(s, motion.knots[first]), last)
+        k = first
+        while k < first + pieces - 1 and s >= motion.knots[k + 1]:
+            k += 1
+        h = s - motion.knots[k]
+        for i in range(3):
+            position, velocity = 0.0, 0.0
+            for j in range(_ORDER):  # Horner's scheme for the value and its derivative
+                velocity = velocity * h + position
+                position = position * h + motion.coefficients[k, j, i]
+            command[i] += velocity + pull * (position - x[i])
+
+
+@dataclass(frozen=True)
+class Lissajous:
+    """v_i(t) = A_i a_i cos(a_i t + phase_i), in m, rad/s and rad; the paper's target motion.
+
+    Attributes:
+        amplitude, rate, phase: shape (n,) each.
+        pull: how strongly the target returns to its path r(t) when flow moves it off, 1/s; 0 in the paper.
+    """
+
+    amplitude: Sequence[float]
+    rate: Sequence[float]
+    phase: Sequence[float]
+    pull: float = 0.0
+
+
+@dataclass(frozen=True)
+class Waypoints:
+    """A smooth path through points at a mean speed.
+
+    The path is the quintic spline through the points at times in proportion to the distances between them: position,
+    velocity and acceleration are continuous. An open path starts and ends at rest, and holds its last point.
+
+    Attributes:
+        points: shape (k, n), m; the target's own initial position comes first and is not repeated here.
+        speed: mean speed along the straight legs, m/s.
+        closed: whether to return to the start and go round again.
+        pull: how strongly the target returns to its path, 1/s.
+    """
+
+    points: Sequence[Sequence[float]]
+    speed: float
+    closed: bool = False
+    pull: float = 1.0
+
+
+Motion = Lissajous | Waypoints
+
+
+def pack(motions: list[Motion | None], positions: Array, start: float, dimensions: list[int]) -> MotionArrays:
+    """Pack the reference of each vehicle (None: none) into arrays.
+
+    Args:
+        motions: one for each vehicle.
+        positions: initial positions, shape (V, 3), m.
+        start: initial time, s.
+        dimensions: dimension of each vehicle.
+
+    Raises:
+        InputError: a motion has the wrong dimension, or a path visits the same point twice in a row.
+    """
+    V = len(motions)
+    knots, coefficients, first = [], [], 0
+    arrays = MotionArrays(
+        np.zeros(V),
+        np.array(positions, dtype=np.float64),
+        np.zeros((V, 3)),
+        np.zeros((V, 3)),
+        np.zeros((V, 3)),
+        np.zeros((V, 2), dtype=np.int64),
+        np.zeros(V),
+        np.zeros(0),
+        np.zeros((0, _ORDER, 3)),
+    )
+    for v, (motion, n) in enumerate(zip(motions, dimensions, strict=True)):
+        if motion is None:
+            continue
+        arrays.pull[v] = motion.pull
+        if isinstance(motion, Lissajous):
+            for name in ("amplitude", "rate", "phase"):
+                value = getattr(motion, name)
+                if len(value) != n:
+                    raise InputError(f"lissajous {name} has {len(value)} entries; the target has dimension {n}")
+                getattr(arrays, name)[v, :n] = value
+            arrays.origin[v] -= arrays.amplitude[v] * np.sin(arrays.rate[v] * start + arrays.phase[v])
+        else:
+            spline = _spline(motion, positions[v, :n], start)
+            pieces = len(spline.x) - 1
+            arrays.path[v] = first, pieces
+            arrays.period[v] = spline.x[-1] - spline.x[0] if motion.closed else 0.0
+            knots.append(spline.x)
+            padded = np.zeros((pieces + 1, _ORDER, 3))  # a row for the last knot keeps both arrays aligned
+            padded[:-1, :, :n] = spline.c.transpose(1, 0, 2)
+            coefficients.append(padded)
+            first += pieces + 1
+    if knots:
+        arrays = arrays._replace(knots=np.concatenate(knots), coefficients=np.concatenate(coefficients))
+    return arrays
+
+
+def _spline(motion: Waypoints, initial: ArrayLike, start: float) -> PPoly:
+    initial = np.asarray(initial)
+    points = [initial]
+    for k, point in enumerate(motion.points):
+        if len(point) != len(initial):
+            raise InputError(f"waypoint {k} has {len(point)} entries; the target has dimension {len(initial)}")
+        points.append(np.asarray(point, dtype=np.float64))
+    if motion.closed:
+        points.append(initial)
+    path = np.array(points)
+    legs = np.linalg.norm(np.diff(path, axis=0), axis=1)
+    if np.any(legs == 0.0):
+        k = int(np.flatnonzero(legs == 0.0)[0])
+        raise InputError(f"waypoint {k} is where the target already is; leave it out")
+    times = start + np.concatenate([[0.0], np.cumsum(legs)]) / motion.speed
+    if motion.closed:
+        spline = make_interp_spline(times, path, k=5, bc_type="periodic")
+    else:
+        rest = [(1, np.zeros(len(initial))), (2, np.zeros(len(initial)))]
+        spline = make_interp_spline(times, path, k=5, bc_type=(rest, rest))
+    pieces = PPoly.from_spline(spline)
+    inside = np.flatnonzero(np.diff(pieces.x) > 0.0)  # the end knots are repeated
+    return PPoly(pieces.c[:, inside], np.append(pieces.x[inside], pieces.x[inside[-1] + 1]))

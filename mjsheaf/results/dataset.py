@@ -1,0 +1,136 @@
+"""A run as an xarray Dataset with CF attributes: what result.nc holds."""
+
+import json
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from mjsheaf._version import __version__
+from mjsheaf.backends.ideal import inputs
+from mjsheaf.backends.system import System
+from mjsheaf.backends.trajectory import Trajectory
+from mjsheaf.control.law import limited_commands
+from mjsheaf.results.errors import evaluate_errors
+
+Array = NDArray[np.float64]
+
+
+def make_dataset(system: System, trajectory: Trajectory, backend: str, seed: int) -> xr.Dataset:
+    """Gather a trajectory, its errors and its commands.
+
+    Args:
+        system: what was simulated.
+        trajectory: what came out.
+        backend: 'ideal' or 'physics'.
+        seed: seed of the scenario.
+
+    Returns:
+        Variables over the dimensions time, agent, target and axis; see README for the list. Attributes name the
+        scenario, backend, status and groups.
+    """
+    team = system.team
+    N = len(team.agents)
+    errors = evaluate_errors(team, trajectory.positions)
+    padded = team.unpack(team.pack(trajectory.positions), np.nan)
+    velocity = limited_commands(-system.gain * errors.disagreement, system.law.limit[:N])
+    groups = [f.name for f in team.formations]
+
+    ds = xr.Dataset(
+        coords={
+            "time": ("time", trajectory.time, {"long_name": "time", "units": "s"}),
+            "agent": ("agent", np.array(team.agent_ids, dtype=object), {"long_name": "agent"}),
+            "target": ("target", np.array(team.target_ids, dtype=object), {"long_name": "target"}),
+            "axis": ("axis", np.array(["x", "y", "z"], dtype=object), {"long_name": "axis of the world frame"}),
+        }
+    )
+
+    def add(name: str, dims: tuple[str, ...], values: Array, units: str, long_name: str) -> None:
+        ds[name] = (dims, values, {"units": units, "long_name": long_name})
+
+    body = ("time", "agent", "axis")
+    add("agent_position", body, padded[:, :N], "m", "controlled position of each agent")
+    add("target_position", ("time", "target", "axis"), padded[:, N:], "m", "position of each target")
+    add("harmonic_extension", body, errors.harmonic_extension, "m", "q*, the harmonic extension of the targets")
+    add(
+        "disagreement",
+        ("time", "agent"),
+        np.linalg.norm(np.nan_to_num(errors.disagreement), axis=2),
+        "m",
+        "|eta_i|, norm of the disagreement",
+    )
+    add("tracking_error", ("time", "agent"), errors.tracking, "m", "|q*_i - q_i|")
+    add("velocity_command", body, velocity, "m s-1", "-k1 eta_i, limited: commanded velocity relative to the medium")
+    add("formation_error", ("time",), errors.formation_rms(), "m", "RMS residual over the edges inside formations")
+    add("centering_error", ("time",), errors.largest_centering(), "m", "largest distance of a group from its target")
+    if groups:
+        ds = ds.assign_coords(group=("group", np.array(groups, dtype=object), {"long_name": "formation group"}))
+        by_group = ("time", "group")
+        add("group_formation_error", by_group, np.column_stack([errors.formation_rms(g) for g in groups]), "m",
+            "RMS residual over the edges of a group")  # fmt: skip
+        add("group_centering_error", by_group, np.column_stack([errors.centering[g] for g in groups]), "m",
+            "distance of a group's centroid from its target's projection")  # fmt: skip
+
+    if trajectory.thrust is None:
+        u = inputs(system, trajectory.time, np.nan_to_num(velocity), trajectory.positions)
+        add("command", ("time", "agent", "channel"), u, "1", "u_i = g_i^+ (-k1 eta_i), control input of each agent")
+    else:
+        _add_body_data(ds, system, trajectory)
+    ds.attrs = {
+        "Conventions": "CF-1.11",
+        "title": f"mjsheaf run of scenario {system.name}",
+        "source": f"mjsheaf {__version__}",
+        "scenario": system.name,
+        "backend": backend,
+        "status": trajectory.status,
+        "message": trajectory.message,
+        "seed": seed,
+        "gain": system.gain,
+        "control_period": 0.0 if system.grid.continuous else system.grid.period,
+        "groups": json.dumps(
+            {f.name: {"members": list(f.members), "about": f.about or ""} for f in team.formations}, sort_keys=True
+        ),
+    }
+    return ds
+
+
+def _add_body_data(ds: xr.Dataset, system: System, trajectory: Trajectory) -> None:
+    """Attitude, height, thruster commands and saturation of bodies."""
+    from mjsheaf.backends.physics import load_vehicle
+
+    assert trajectory.quaternions is not None and trajectory.heights is not None
+    assert trajectory.thrust is not None and trajectory.saturation is not None
+    N = len(system.team.agents)
+    thrusters = [load_vehicle(name).thrusters for name in system.bodies.vehicle]
+    first = np.concatenate([[0], np.cumsum([len(t) for t in thrusters])])
+    T, width = len(trajectory.time), max(len(t) for t in thrusters)
+    u = np.full((T, len(thrusters), width), np.nan)
+    for v, names in enumerate(thrusters):
+        u[:, v, : len(names)] = trajectory.thrust[:, first[v] : first[v + 1]]
+    ds["command"] = (
+        ("time", "agent", "channel"),
+        u[:, :N],
+        {"units": "N", "long_name": "u_i = W_i^+ [force; moment] + trim, thruster commands of each agent"},
+    )
+    ds["target_command"] = (
+        ("time", "target", "channel"),
+        u[:, N:],
+        {"units": "N", "long_name": "thruster commands of each target"},
+    )
+    ds.coords["quaternion"] = ("quaternion", np.array(["w", "x", "y", "z"], dtype=object))
+    for kind, part in (("agent", slice(None, N)), ("target", slice(N, None))):
+        ds[f"{kind}_orientation"] = (
+            ("time", kind, "quaternion"),
+            trajectory.quaternions[:, part],
+            {"units": "1", "long_name": f"attitude of each {kind}, body to world"},
+        )
+        ds[f"{kind}_height"] = (
+            ("time", kind),
+            trajectory.heights[:, part],
+            {"units": "m", "long_name": f"z of each {kind}'s body"},
+        )
+        ds[f"{kind}_saturation"] = (
+            ("time", kind),
+            trajectory.saturation[:, part],
+            {"units": "1", "long_name": f"share of each {kind}'s thrusters at a limit"},
+        )

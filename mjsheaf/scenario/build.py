@@ -1,0 +1,283 @@
+"""From a scenario to the closed-loop system that it describes."""
+
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjsheaf.backends.system import BodyPlan, System, TimeGrid
+from mjsheaf.control import pack_law
+from mjsheaf.dynamics import ControlEffectiveness, Disturbance, FlowField, Lissajous, Waypoints
+from mjsheaf.dynamics import disturbance as disturbances
+from mjsheaf.dynamics import effectiveness as effectivenesses
+from mjsheaf.dynamics import motion as motions
+from mjsheaf.errors import InputError
+from mjsheaf.scenario import schema as s
+from mjsheaf.team import Edge, Formation, Member, Team, formation, restriction_maps
+
+Array = NDArray[np.float64]
+T = TypeVar("T")
+
+_DEFAULT_VEHICLE = {2: "hull", 3: "aerial"}
+_MOST_SAMPLES = 50_000_000
+
+
+def build_system(scenario: s.Scenario) -> System:
+    """Build the system of a scenario.
+
+    Raises:
+        InputError: fields do not fit together; the message begins with the field.
+    """
+    team = build_team(scenario)
+    grid = _at("time", lambda: _time_grid(scenario))
+    dimensions = [m.dimension for m in team.members]
+    N = len(team.agents)
+    rng = np.random.default_rng(scenario.seed)
+    initial, heading = _initial_conditions(scenario, dimensions, rng)
+    kinds = _per_vehicle(
+        scenario, _disturbance(scenario.disturbance.agents), _disturbance(scenario.disturbance.targets)
+    )
+    agents, targets = scenario.agents, scenario.targets
+    limit = scenario.controller.velocity_limit
+    limits = np.array([a.velocity_limit or limit or np.inf for a in agents] + [np.inf] * len(targets))
+    target_gain = scenario.target_formation.gain if scenario.target_formation else 0.0
+    return System(
+        name=scenario.name,
+        team=team,
+        initial=initial,
+        grid=grid,
+        gain=scenario.controller.gain,
+        law=pack_law(team, scenario.controller.gain, target_gain, limits),
+        motion=_at("targets", lambda: _motions(scenario, initial, dimensions)),
+        harmonics=_at("disturbance", lambda: disturbances.draw(kinds, dimensions, rng)),
+        effectiveness=_at("agents", lambda: _effectiveness(scenario, dimensions[:N])),
+        agent_flow=_at("flow.agents", lambda: _flow(scenario.flow.agents)),
+        target_flow=_at("flow.targets", lambda: _flow(scenario.flow.targets)),
+        tolerance=(scenario.ideal.rtol, scenario.ideal.atol),
+        bodies=BodyPlan(
+            vehicle=[
+                v.vehicle or default or _DEFAULT_VEHICLE[n]
+                for v, default, n in zip(
+                    [*agents, *targets],
+                    _per_vehicle(scenario, scenario.vehicles.agents, scenario.vehicles.targets),
+                    dimensions,
+                    strict=True,
+                )
+            ],
+            time_constant=scenario.vehicles.tau,
+            heading=heading,
+            timestep=scenario.physics.timestep,
+            contacts=scenario.physics.contacts,
+            surface=scenario.scene.surface,
+            surface_height=scenario.scene.height,
+        ),
+    )
+
+
+def build_team(scenario: s.Scenario) -> Team:
+    """Build the team of a scenario: its sheaf and its formations."""
+    agents = [Member(a.id, len(a.position)) for a in scenario.agents]
+    targets = [Member(t.id, len(t.position)) for t in scenario.targets]
+    dimension = {m.id: m.dimension for m in agents + targets}
+    attitude = {a.id: _attitude(a) for a in scenario.agents}
+    edges = {
+        field: [
+            _at(f"{field}.{k}", lambda e=e: _edge(e, dimension, attitude))
+            for k, e in enumerate(getattr(scenario, field))
+        ]
+        for field in ("communication", "sensing", "target_edges")
+    }
+    groups = [
+        _at(
+            f"formations.{k}",
+            lambda g=g: _formation(g, dimension, [m.id for m in agents], [m.id for m in targets]),
+        )
+        for k, g in enumerate(scenario.formations)
+    ]
+    names = [g.name for g in groups]
+    if len(set(names)) != len(names):
+        raise InputError(f"formations: each needs its own name, but they are {names}")
+    own = scenario.target_formation.group if scenario.target_formation else None
+    if own is not None and own.about is not None:
+        raise InputError("target_formation.group.about: targets hold their formation about no other; leave it out")
+    target_formation = (
+        _at("target_formation", lambda: _formation(own, dimension, [m.id for m in targets], [])) if own else None
+    )
+    return _at(
+        "team",
+        lambda: Team(
+            agents,
+            targets,
+            edges["communication"],
+            edges["sensing"],
+            edges["target_edges"],
+            groups,
+            target_formation,
+        ),
+    )
+
+
+def uses_seed(scenario: s.Scenario) -> dict[str, bool]:
+    """For each backend, whether another seed would change anything."""
+    drawn = [d for d in (scenario.disturbance.agents, scenario.disturbance.targets) if d is not None and d.bound > 0.0]
+    ideal = bool(drawn) or scenario.spread.position > 0.0
+    return {"ideal": ideal, "physics": ideal or scenario.spread.heading > 0.0}
+
+
+def _at(field: str, make: Callable[[], T]) -> T:
+    try:
+        return make()
+    except InputError as error:
+        raise InputError(f"{field}: {error}") from None
+
+
+def _per_vehicle(scenario: s.Scenario, for_agent: T, for_target: T) -> list[T]:
+    return [for_agent] * len(scenario.agents) + [for_target] * len(scenario.targets)
+
+
+def _time_grid(scenario: s.Scenario) -> TimeGrid:
+    control = scenario.controller.control_period
+    period = control or scenario.controller.record_period
+    timestep = scenario.physics.timestep
+    ratio = period / timestep
+    if abs(ratio - round(ratio)) > 1e-6 or round(ratio) < 1:
+        name = "control_period" if control else "record_period"
+        raise InputError(f"controller.{name} ({period}) must be a whole multiple of physics.timestep ({timestep})")
+    # A span that is a whole number of periods up to rounding keeps its last sample.
+    steps = int(np.floor((scenario.time.end - scenario.time.start) / period + 1e-6))
+    if not 1 <= steps <= _MOST_SAMPLES:
+        raise InputError(f"time.end gives {steps} control periods; legal are 1 to {_MOST_SAMPLES}")
+    return TimeGrid(scenario.time.start, period, steps, continuous=control == 0.0)
+
+
+def _initial_conditions(scenario: s.Scenario, dimensions: list[int], rng: np.random.Generator) -> tuple[Array, Array]:
+    """Initial positions (V, 3) in m and headings (V,) in rad, spread over the seed's draw."""
+    vehicles: Sequence[s.Agent | s.Target] = [*scenario.agents, *scenario.targets]
+    position = np.zeros((len(vehicles), 3))
+    for v, vehicle in enumerate(vehicles):
+        position[v, : dimensions[v]] = vehicle.position
+    # Both are drawn whatever their width, so that switching one on leaves the other as it was.
+    shift, turn = rng.uniform(-1.0, 1.0, position.shape), rng.uniform(-1.0, 1.0, len(vehicles))
+    for v in range(len(scenario.agents)):
+        position[v, : dimensions[v]] += scenario.spread.position * shift[v, : dimensions[v]]
+    heading = np.deg2rad([vehicle.heading or 0.0 for vehicle in vehicles])
+    return position, heading + np.deg2rad(scenario.spread.heading) * turn
+
+
+def _attitude(agent: s.Agent) -> tuple[float, float, float]:
+    if agent.frame is None:
+        return 0.0, 0.0, float(np.deg2rad(agent.heading or 0.0))
+    return tuple(float(np.deg2rad(x)) for x in (agent.frame.roll, agent.frame.pitch, agent.frame.yaw))  # type: ignore[return-value]
+
+
+def _edge(edge: s.EdgeModel, dimension: dict[str, int], attitude: dict[str, tuple[float, float, float]]) -> Edge:
+    tail, head = edge.between
+    for end in edge.between:
+        if end not in dimension:
+            raise InputError(f"unknown id {end!r}; legal are {', '.join(dimension)}")
+    if tail == head:
+        raise InputError(f"({tail}, {head}) is a loop; the ends of an edge must differ")
+    if isinstance(edge.map, s.ExplicitMaps):
+        F_tail, F_head = _matrix(edge.map.tail, "map.tail"), _matrix(edge.map.head, "map.head")
+        for name, F, n in (("tail", F_tail, dimension[tail]), ("head", F_head, dimension[head])):
+            if F.shape[1] != n:
+                raise InputError(f"map.{name} has shape {F.shape}; legal is (m, {n})")
+        if len(F_tail) != len(F_head):
+            raise InputError(f"map.tail has {len(F_tail)} rows and map.head {len(F_head)}; they must be equal")
+    else:
+        F_tail, F_head = restriction_maps(
+            edge.map, dimension[tail], dimension[head], attitude.get(tail, (0.0, 0.0, 0.0))
+        )
+    m = len(F_tail)
+    weight: Any = 1.0 if edge.weight is None else edge.weight
+    K = weight * np.eye(m) if isinstance(weight, float | int) else _matrix(weight, "weight")
+    if K.shape != (m, m):
+        raise InputError(f"weight has shape {K.shape}; legal is ({m}, {m}) or a positive number")
+    offset = None if edge.offset is None else np.array(edge.offset, dtype=np.float64)
+    if offset is not None and offset.shape != (m,):
+        raise InputError(f"offset has {offset.size} entries; the edge stalk has dimension {m}")
+    return Edge(tail, head, F_tail, F_head, K, offset)
+
+
+def _matrix(rows: Sequence[Sequence[float]], name: str) -> Array:
+    if len({len(row) for row in rows}) != 1:
+        raise InputError(f"{name}: rows have different lengths")
+    return np.array(rows, dtype=np.float64)
+
+
+def _formation(group: Any, dimension: dict[str, int], members: list[str], targets: list[str]) -> Formation:
+    for k, member in enumerate(group.members):
+        if member not in members:
+            raise InputError(f"members: unknown id {member!r}; legal are {', '.join(members)}")
+        if member in group.members[:k]:
+            raise InputError(f"members: {member!r} is named twice")
+    if group.about is not None and group.about not in targets:
+        raise InputError(f"about: {group.about!r} is not a target; legal are {', '.join(targets)}")
+    sizes = [dimension[m] for m in group.members]
+    if isinstance(group, s.ExplicitGroup):
+        places = formation.explicit(group.displacements, sizes)
+    else:
+        count = len(sizes)
+        if isinstance(group, s.PolygonGroup):
+            corners = formation.polygon(
+                count, side=group.side, radius=group.radius, angle=group.angle, clockwise=group.clockwise
+            )
+        elif isinstance(group, s.LineGroup):
+            corners = formation.line(count, spacing=group.spacing, angle=group.angle)
+        else:
+            corners = formation.tetrahedron(group.side)
+        places = formation.displacements(corners, sizes, group.height)
+    return Formation(group.name, tuple(group.members), places, group.about)
+
+
+def _flow(model: s.FlowModel | None) -> FlowField:
+    if model is None:
+        return FlowField(2)
+    if model.dimension == 3 and any(v.axis is None for v in model.vortices):
+        raise InputError("vortices: in space each needs an axis")
+    if model.dimension == 2 and any(v.axis is not None for v in model.vortices):
+        raise InputError("vortices: in the plane the axis is z; leave it out")
+    return FlowField(
+        model.dimension,
+        model.core,
+        model.drift,
+        [[*k.centre, k.alpha] for k in model.sources],
+        [[*k.centre, *(k.axis or []), k.gamma] for k in model.vortices],
+        [[*k.centre, *k.direction, k.beta, k.width, k.length] for k in model.channels],
+    )
+
+
+def _disturbance(model: s.DisturbanceModel | None) -> Disturbance | None:
+    if model is None:
+        return None
+    low, high = model.frequencies
+    return Disturbance(model.bound, (low, high), model.components)
+
+
+def _motions(scenario: s.Scenario, initial: Array, dimensions: list[int]) -> motions.MotionArrays:
+    chosen: list[motions.Motion | None] = [None] * len(scenario.agents)
+    for target in scenario.targets:
+        model = target.motion or scenario.target_motion
+        if isinstance(model, s.LissajousMotion):
+            chosen.append(Lissajous(model.amplitude, model.rate, model.phase, model.pull))
+        elif isinstance(model, s.WaypointMotion):
+            chosen.append(Waypoints(model.points, model.speed, model.closed, model.pull))
+        elif model is not None and model.pull > 0.0:
+            still = [0.0] * len(target.position)
+            chosen.append(Lissajous(still, still, still, model.pull))
+        else:
+            chosen.append(None)
+    return motions.pack(chosen, initial, scenario.time.start, dimensions)
+
+
+def _effectiveness(scenario: s.Scenario, dimensions: list[int]) -> effectivenesses.EffectivenessArrays:
+    models: list[ControlEffectiveness | None] = []
+    for agent in scenario.agents:
+        g = agent.effectiveness
+        if g is None:
+            models.append(None)
+            continue
+        gradient = None if g.heading_gradient is None else [float(x) for x in np.deg2rad(g.heading_gradient)]
+        models.append(ControlEffectiveness(g.layout, np.deg2rad(g.heading), gradient, np.deg2rad(g.heading_rate)))
+    return effectivenesses.pack(models, dimensions)

@@ -1,0 +1,99 @@
+"""Loading scenarios: by name or path, with overrides, checked as a whole."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from mjsheaf.errors import InputError, ScenarioError
+from mjsheaf.reading import describe_validation_error, parse_yaml, read_yaml
+from mjsheaf.resources import resource_directory
+from mjsheaf.scenario.schema import Scenario
+
+_SUFFIXES = (".yaml", ".yml")
+
+
+def list_scenarios() -> dict[str, Path]:
+    """The scenarios that come with mjsheaf: name to file."""
+    return {path.stem: path for path in sorted(resource_directory("scenarios").glob("*.yaml"))}
+
+
+def load_scenario(source: str | Path, overrides: Mapping[str, Any] | None = None) -> Scenario:
+    """Read a scenario.
+
+    Args:
+        source: a name in scenarios/, or the path of a YAML file.
+        overrides: field path to value, as `--set`; for example {"controller.gain": 30, "agents.A1.heading": 90}.
+
+    Raises:
+        ScenarioError: the file cannot be read, is not valid, or an override does not fit. The message names file and
+            field and says what would be legal.
+    """
+    path = _find(source)
+    raw = read_yaml(path)
+    raw.setdefault("name", path.stem)
+    return scenario_from_mapping(raw, overrides, str(source))
+
+
+def scenario_from_mapping(
+    raw: Mapping[str, Any], overrides: Mapping[str, Any] | None = None, source: str = "scenario"
+) -> Scenario:
+    """Validate a scenario given as a mapping; see `load_scenario`."""
+    node: Any = dict(raw)
+    try:
+        for path, value in (overrides or {}).items():
+            node = _with(node, path.split("."), value, path)
+        scenario = Scenario.model_validate(node)
+        scenario.system()  # fields that are legal one by one must also fit together
+    except ValidationError as error:
+        raise ScenarioError(f"{source}: {describe_validation_error(error, Scenario)}") from None
+    except InputError as error:
+        raise ScenarioError(f"{source}: {error}") from None
+    return scenario
+
+
+def parse_override(text: str) -> tuple[str, Any]:
+    """Split PATH=VALUE and read VALUE as YAML.
+
+    Raises:
+        ScenarioError: there is no '=', or VALUE is not YAML.
+    """
+    path, equals, value = text.partition("=")
+    if not equals or not path:
+        raise ScenarioError(f"--set {text!r}: legal is PATH=VALUE, for example controller.gain=30")
+    return path, parse_yaml(value, f"--set {path}")
+
+
+def _find(source: str | Path) -> Path:
+    path = Path(source)
+    known = list_scenarios()
+    if str(source) in known:
+        return known[str(source)]
+    if path.is_dir():
+        raise ScenarioError(f"{source}: is a directory; legal is a scenario's name or a YAML file")
+    if path.suffix in _SUFFIXES or path.exists():
+        return path
+    raise ScenarioError(f"{source}: no such scenario; legal are {', '.join(known)}, or the path of a YAML file")
+
+
+def _with(node: Any, keys: list[str], value: Any, path: str) -> Any:
+    """A copy of nested mappings and lists with one value replaced."""
+    key, rest = keys[0], keys[1:]
+    if isinstance(node, list):
+        names = [item.get("id", item.get("name")) if isinstance(item, dict) else None for item in node]
+        if key in names:
+            index = names.index(key)
+        elif key.isdigit() and int(key) < len(node):
+            index = int(key)
+        else:
+            legal = ", ".join(str(name) for name in names if name) or f"0 to {len(node) - 1}"
+            raise ScenarioError(f"--set {path}: no item {key!r}; legal are {legal}")
+        copy = list(node)
+        copy[index] = _with(node[index], rest, value, path) if rest else value
+        return copy
+    if node is None:
+        node = {}
+    if not isinstance(node, dict):
+        raise ScenarioError(f"--set {path}: {key!r} lies inside {node!r}, which has no fields")
+    return {**node, key: _with(node.get(key), rest, value, path) if rest else value}

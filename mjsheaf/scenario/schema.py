@@ -1,0 +1,354 @@
+"""The schema of a scenario file. Lengths in m, time in s, angles in degrees unless a field says otherwise.
+
+These classes only say what is legal field by field; how fields fit together is checked where the system is built.
+"""
+
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from mjsheaf.reading import Section
+
+if TYPE_CHECKING:
+    from mjsheaf.backends.system import System
+
+Id = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", description="letters, digits, _ and -")]
+Positive = Annotated[float, Field(gt=0)]
+NonNegative = Annotated[float, Field(ge=0)]
+Point = Annotated[list[float], Field(min_length=2, max_length=3)]
+Matrix = Annotated[list[Annotated[list[float], Field(min_length=1)]], Field(min_length=1)]
+
+
+class Time(Section):
+    """The span of the run."""
+
+    start: NonNegative = 0.0
+    end: NonNegative = Field(30.0, description="the last sample is the last whole period up to here")
+
+    @model_validator(mode="after")
+    def _ordered(self) -> "Time":
+        if self.end <= self.start:
+            raise ValueError(f"end ({self.end}) must be after start ({self.start})")
+        return self
+
+
+class Controller(Section):
+    """The law u_i = -k1 g_i^+ eta_i."""
+
+    gain: Positive = Field(1.0, description="k1, 1/s")
+    control_period: NonNegative = Field(0.01, description="zero-order hold, s; 0 evaluates the law continuously")
+    record_period: Positive = Field(0.01, description="time between samples where control_period is 0, s")
+    velocity_limit: Positive | None = Field(None, description="largest commanded speed of every agent, m/s")
+
+
+class Effectiveness(Section):
+    """g(q, t) = R(psi) layout with psi = heading + gradient . q + rate t; ideal backend."""
+
+    layout: Matrix = Field(description="W, one row for each state, one column for each input; full row rank")
+    heading: float = 0.0
+    heading_gradient: Point | None = Field(None, description="degrees per m")
+    heading_rate: float = Field(0.0, description="degrees per s")
+
+
+class Attitude(Section):
+    """Attitude of an agent's local frame."""
+
+    roll: float = 0.0
+    pitch: float = 0.0
+    yaw: float = 0.0
+
+
+class LissajousMotion(Section):
+    """v_i(t) = amplitude_i rate_i cos(rate_i t + phase_i)."""
+
+    kind: Literal["lissajous"]
+    amplitude: Point = Field(description="m")
+    rate: Point = Field(description="rad/s")
+    phase: Point = Field(description="rad")
+    pull: NonNegative = Field(0.0, description="return to the path when flow moves the target off it, 1/s")
+
+
+class WaypointMotion(Section):
+    """A smooth path through points, starting at the target's initial position."""
+
+    kind: Literal["waypoints"]
+    points: Annotated[list[Point], Field(min_length=1)]
+    speed: Positive = Field(description="mean speed along the straight legs, m/s")
+    closed: bool = False
+    pull: NonNegative = Field(1.0, description="return to the path when flow moves the target off it, 1/s")
+
+
+class StaticMotion(Section):
+    """No motion of its own; flow and disturbance still move it, unless it is pulled back."""
+
+    kind: Literal["static"]
+    pull: NonNegative = Field(0.0, description="return to the initial position, 1/s")
+
+
+Motion = Annotated[LissajousMotion | WaypointMotion | StaticMotion, Field(discriminator="kind")]
+
+
+class Agent(Section):
+    """A controlled vehicle; its dimension is the length of its position."""
+
+    id: Id
+    position: Point
+    heading: float | None = Field(None, description="initial heading of its body; 0 unless given")
+    vehicle: str | None = Field(None, description="name in models/ or a description file; vehicles.agents unless given")
+    frame: Attitude | None = Field(None, description="local frame of its local_frame edges; yaw = heading unless given")
+    velocity_limit: Positive | None = Field(None, description="m/s; controller.velocity_limit unless given")
+    effectiveness: Effectiveness | None = None
+
+
+class Target(Section):
+    """An uncontrolled vehicle; its dimension is the length of its position."""
+
+    id: Id
+    position: Point
+    heading: float | None = None
+    vehicle: str | None = Field(None, description="vehicles.targets unless given")
+    motion: Motion | None = Field(None, description="target_motion unless given")
+
+
+class ExplicitMaps(Section):
+    """Restriction maps as matrices."""
+
+    tail: Matrix
+    head: Matrix
+
+
+def _edge_from_pair(value: Any) -> Any:
+    """Let a bare pair stand for an edge with all defaults."""
+    return {"between": value} if isinstance(value, list) else value
+
+
+class EdgeModel(Section):
+    """An edge; a bare pair [tail, head] is short for {between: [tail, head]}."""
+
+    between: Annotated[list[Id], Field(min_length=2, max_length=2)]
+    map: Literal["shared", "identity", "local_frame"] | ExplicitMaps = "shared"
+    weight: Positive | Matrix | None = Field(None, description="inner product of the edge stalk; a number times I")
+    offset: list[float] | None = Field(None, description="desired F_tail x_tail - F_head x_head; from formations")
+
+
+Edge = Annotated[EdgeModel, BeforeValidator(_edge_from_pair)]
+
+
+class _Group(Section):
+    name: Id
+    members: Annotated[list[Id], Field(min_length=1)]
+    about: Id | None = Field(None, description="the target that the group's centre should follow; free if absent")
+    height: float = Field(0.0, description="added to z of spatial members, m")
+
+
+class PolygonGroup(_Group):
+    """A regular polygon."""
+
+    shape: Literal["polygon", "square"]
+    side: Positive | None = None
+    radius: Positive | None = None
+    angle: float = Field(90.0, description="bearing of the first member from the x axis")
+    clockwise: bool = False
+
+    @model_validator(mode="after")
+    def _check(self) -> "PolygonGroup":
+        if (self.side is None) == (self.radius is None):
+            raise ValueError("give either side or radius")
+        legal = len(self.members) == 4 if self.shape == "square" else len(self.members) >= 2
+        if not legal:
+            raise ValueError(f"a {self.shape} does not have {len(self.members)} members")
+        return self
+
+
+class LineGroup(_Group):
+    """Equally spaced points on a horizontal line."""
+
+    shape: Literal["line"]
+    spacing: Positive
+    angle: float = 0.0
+
+
+class TetrahedronGroup(_Group):
+    """A regular tetrahedron, apex last."""
+
+    shape: Literal["tetrahedron"]
+    side: Positive
+
+
+class ExplicitGroup(_Group):
+    """Displacements as given, one for each member."""
+
+    shape: Literal["explicit"]
+    displacements: Annotated[list[Point], Field(min_length=1)]
+
+
+Group = Annotated[PolygonGroup | LineGroup | TetrahedronGroup | ExplicitGroup, Field(discriminator="shape")]
+
+
+class TargetFormation(Section):
+    """The targets' own consensus: v = -gain (L_T p - c_T)."""
+
+    gain: Positive = Field(description="1/s")
+    group: Group | None = Field(None, description="where targets belong; consensus on one point if absent")
+
+
+class SourceModel(Section):
+    """alpha r / (|r|^2 + core^2)^p, p = 1 in the plane and 1.5 in space."""
+
+    centre: Point
+    alpha: float
+
+
+class VortexModel(Section):
+    """gamma (axis x r) / (|r|^2 + core^2)."""
+
+    centre: Point
+    gamma: float
+    axis: Annotated[list[float], Field(min_length=3, max_length=3)] | None = Field(None, description="in space only")
+
+
+class ChannelModel(Section):
+    """beta exp(-|n|^2 / 2 width^2) exp(-l^2 / 2 length^2) along a direction."""
+
+    centre: Point
+    direction: Point
+    beta: float = Field(description="m/s")
+    width: Positive
+    length: Positive
+
+
+class FlowModel(Section):
+    """A flow field in the plane (dimension 2) or in space (3)."""
+
+    dimension: Literal[2, 3]
+    core: NonNegative = 0.0
+    drift: Point | None = None
+    sources: list[SourceModel] = []
+    vortices: list[VortexModel] = []
+    channels: list[ChannelModel] = []
+
+
+class Flow(Section):
+    """The medium, as agents and as targets meet it."""
+
+    agents: FlowModel | None = None
+    targets: FlowModel | None = None
+
+
+class DisturbanceModel(Section):
+    """A bounded, smooth, seeded disturbance velocity."""
+
+    bound: NonNegative = Field(description="m/s")
+    frequencies: Annotated[list[Positive], Field(min_length=2, max_length=2)] = Field([0.05, 0.5], description="Hz")
+    components: Annotated[int, Field(ge=1, le=64)] = 6
+
+
+class Disturbances(Section):
+    """Disturbances of agents and targets."""
+
+    agents: DisturbanceModel | None = None
+    targets: DisturbanceModel | None = None
+
+
+class Spread(Section):
+    """Random initial conditions, drawn from the seed."""
+
+    position: NonNegative = Field(0.0, description="half width of a uniform box about each agent's position, m")
+    heading: Annotated[float, Field(ge=0, le=180)] = Field(0.0, description="half width about every heading")
+
+
+class Vehicles(Section):
+    """The bodies of the physics backend."""
+
+    agents: str | None = Field(None, description="hull for planar and aerial for spatial agents unless given")
+    targets: str | None = None
+    tau: Positive | None = Field(None, description="m / D of every body, s; each description's own unless given")
+
+
+class Physics(Section):
+    """How the physics backend steps."""
+
+    timestep: Positive = Field(0.001, description="s; the control period must be a multiple of it")
+    contacts: bool = Field(False, description="whether vehicles collide")
+
+
+class Ideal(Section):
+    """How the ideal backend integrates."""
+
+    rtol: Annotated[float, Field(ge=1e-13, le=1e-2)] = 1e-9
+    atol: Annotated[float, Field(gt=0, le=1)] = 1e-12
+
+
+class Scene(Section):
+    """What the video shows beside the vehicles."""
+
+    surface: Literal["water", "ground", "none"] = "water"
+    height: float = 0.0
+    vehicle_scale: Positive = Field(1.0, description="vehicles are drawn this many times larger")
+
+
+class Video(Section):
+    """How a run is filmed."""
+
+    width: Annotated[int, Field(ge=64, le=7680, multiple_of=2)] = 1280
+    height: Annotated[int, Field(ge=64, le=7680, multiple_of=2)] = 720
+    fps: Annotated[int, Field(ge=1, le=240)] = 30
+    speed: Positive = Field(1.0, description="simulated seconds per second of video")
+    azimuth: float = -60.0
+    elevation: Annotated[float, Field(ge=-90, le=90)] = Field(-35.0, description="negative looks down")
+    distance: Positive | None = Field(None, description="of the camera, m; follows the team unless given")
+    trail: NonNegative = Field(6.0, description="length of the trails, s")
+
+
+class Bounds(Section):
+    """Largest final errors that are expected; a missing one is not checked."""
+
+    mean_disagreement: NonNegative | None = None
+    tracking_error: NonNegative | None = None
+    formation_error: NonNegative | None = None
+    centering_error: NonNegative | None = None
+
+
+class Expect(Section):
+    """What a regression run must show, for each backend."""
+
+    ideal: Bounds | None = None
+    physics: Bounds | None = None
+    refused: str | None = Field(None, description="`run` must refuse, and its reason must contain this")
+
+
+class Scenario(Section):
+    """A team, a sheaf, a formation, a flow, a law, and what is expected of them."""
+
+    name: Id
+    summary: str = Field("", description="one line for the gallery")
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    time: Time = Time()
+    controller: Controller = Controller()
+    agents: Annotated[list[Agent], Field(min_length=1)]
+    targets: Annotated[list[Target], Field(min_length=1)]
+    communication: list[Edge] = Field([], description="agent to agent")
+    sensing: list[Edge] = Field([], description="agent to target")
+    target_edges: list[Edge] = Field([], description="target to target")
+    formations: list[Group] = []
+    target_motion: Motion | None = None
+    target_formation: TargetFormation | None = None
+    flow: Flow = Flow()
+    disturbance: Disturbances = Disturbances()
+    spread: Spread = Spread()
+    vehicles: Vehicles = Vehicles()
+    physics: Physics = Physics()
+    ideal: Ideal = Ideal()
+    scene: Scene = Scene()
+    video: Video = Video()
+    expect: Expect = Expect()
+
+    def system(self) -> "System":
+        """The closed-loop system that this scenario describes, ready for a backend.
+
+        Raises:
+            ScenarioError: fields that are legal one by one do not fit together.
+        """
+        from mjsheaf.scenario.build import build_system
+
+        return build_system(self)

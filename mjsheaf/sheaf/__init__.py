@@ -1,0 +1,10 @@
+"""Cellular sheaves on graphs: stalks, restriction maps, cohomology and harmonic extension.
+
+This layer is linear algebra alone: it knows nothing of agents, time or bodies.
+"""
+
+from mjsheaf.sheaf.dirichlet import DirichletProblem, HarmonicExtension
+from mjsheaf.sheaf.kernel import RANK_TOLERANCE
+from mjsheaf.sheaf.sheaf import Sheaf
+
+__all__ = ["RANK_TOLERANCE", "DirichletProblem", "HarmonicExtension", "Sheaf"]

@@ -1,0 +1,128 @@
+"""Harmonic extension: the Dirichlet problem of a sheaf, factored once and solved for many boundary values."""
+
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import linalg
+from scipy.sparse import linalg as splinalg
+
+from mjsheaf.errors import SheafError
+from mjsheaf.sheaf.kernel import DENSE_COLUMNS, RANK_TOLERANCE, kernel_basis
+from mjsheaf.sheaf.sheaf import Sheaf
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class HarmonicExtension:
+    """A harmonic extension, and what is free in it.
+
+    Attributes:
+        x: value of every vertex, boundary included.
+        unique: whether H^0(G, U; F) = 0.
+        null_basis: orthonormal basis of H^0(G, U; F), shape (n_W, dimension); any combination may be added to the
+            interior values. Zero columns where the extension is unique.
+        energy: Dirichlet energy 1/2 |delta x - b|_K^2.
+    """
+
+    x: dict[Hashable, Array]
+    unique: bool
+    null_basis: Array
+    energy: float
+
+
+class DirichletProblem:
+    """Minimise 1/2 |delta x - b|_K^2 over the interior, the boundary held.
+
+    The stationary point solves H x_W = B x_U + c, in the paper's symbols (eq. harmonic_equation) with an offset.
+
+    Attributes:
+        sheaf: the sheaf.
+        boundary: the vertices U, in the order of boundary vectors.
+        interior: the vertices W, in vertex order.
+        H: L[W, W], sparse, shape (n_W, n_W).
+        B: -L[W, U], sparse, shape (n_W, n_U).
+        c: (delta^T K b) on W, shape (n_W,).
+    """
+
+    def __init__(self, sheaf: Sheaf, boundary: Sequence[Hashable]) -> None:
+        """Assemble the blocks H, B and c; the whole Laplacian is not formed.
+
+        Raises:
+            SheafError: a boundary vertex is unknown or named twice.
+        """
+        if len(set(boundary)) != len(boundary):
+            raise SheafError("a boundary vertex is named twice")
+        self.sheaf = sheaf
+        self.boundary = list(boundary)
+        self.interior = sheaf.interior(self.boundary)
+        D = sheaf.whitened_coboundary()
+        self._D_W = D[:, sheaf.columns(self.interior)]
+        D_U = D[:, sheaf.columns(self.boundary)]
+        self.H = (self._D_W.T @ self._D_W).tocsr()
+        self.B = -(self._D_W.T @ D_U).tocsr()
+        self.c = self._D_W.T @ sheaf.whitened_offset()
+
+    @cached_property
+    def null_basis(self) -> Array:
+        """Orthonormal basis of H^0(G, U; F), shape (n_W, dimension)."""
+        return kernel_basis(self._D_W, RANK_TOLERANCE)
+
+    @property
+    def unique(self) -> bool:
+        """Whether the extension is unique: H^0(G, U; F) = 0, the paper's Assumption on relative cohomology."""
+        return self.null_basis.shape[1] == 0
+
+    @cached_property
+    def _solve(self) -> Callable[[Array], Array]:
+        """Solver of H x = r for r of shape (n_W, k) in the range of H; minimum norm where H is singular."""
+        n = self.H.shape[0]
+        N = self.null_basis
+        if n <= DENSE_COLUMNS:
+            # H + s N N^T is positive definite and agrees with H off its kernel.
+            scale = float(np.max(np.abs(self.H.diagonal()), initial=0.0)) or 1.0
+            factor = linalg.cho_factor(self.H.toarray() + scale * (N @ N.T))
+            return lambda r: _off(N, linalg.cho_solve(factor, _off(N, r)))
+        if self.unique:
+            return splinalg.splu(self.H.tocsc()).solve
+        return lambda r: _off(N, np.column_stack([self._conjugate_gradients(x) for x in _off(N, r).T]))
+
+    def _conjugate_gradients(self, r: Array) -> Array:
+        x, info = splinalg.cg(self.H, r, rtol=1e-13, maxiter=20 * self.H.shape[0])
+        if info:
+            raise SheafError("the harmonic extension did not converge: the sheaf is too badly conditioned")
+        return x
+
+    def extend(self, boundary: Array) -> Array:
+        """Interior values for one or many boundary vectors.
+
+        Args:
+            boundary: stacked boundary values, shape (..., n_U), in the order of `self.boundary`.
+
+        Returns:
+            Interior values, shape (..., n_W), in vertex order; of minimum norm where not unique.
+        """
+        y = np.asarray(boundary, dtype=np.float64)
+        flat = y.reshape(-1, self.B.shape[1])
+        if self.H.shape[0] == 0:
+            return np.zeros((*y.shape[:-1], 0))
+        return self._solve(self.B @ flat.T + self.c[:, None]).T.reshape(*y.shape[:-1], -1)
+
+    def harmonic_extension(self, boundary: Mapping[Hashable, ArrayLike]) -> HarmonicExtension:
+        """The harmonic extension of one set of boundary values, with its null basis."""
+        values = {v: self.sheaf.stalk_value(v, boundary[v]) for v in self.boundary}
+        interior = self.extend(np.concatenate([np.zeros(0), *values.values()]))
+        whole = np.zeros(self.sheaf.shape[1])
+        whole[self.sheaf.columns(self.boundary)] = np.concatenate([np.zeros(0), *values.values()])
+        whole[self.sheaf.columns(self.interior)] = interior
+        return HarmonicExtension(
+            self.sheaf.unpack(whole), self.unique, self.null_basis, self.sheaf.dirichlet_energy(whole)
+        )
+
+
+def _off(null_basis: Array, x: Array) -> Array:
+    """Remove the null directions from the columns of x."""
+    return x - null_basis @ (null_basis.T @ x) if null_basis.shape[1] else x

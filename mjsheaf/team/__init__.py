@@ -1,0 +1,20 @@
+"""Agents, targets, who senses and talks to whom, what they compare, and the formation they should hold.
+
+This layer turns a team into a sheaf. It knows nothing of dynamics.
+"""
+
+from mjsheaf.team.formation import Formation
+from mjsheaf.team.measurement import range_bearing, relative_state
+from mjsheaf.team.restriction import restriction_maps, rotation_to_local
+from mjsheaf.team.team import Edge, Member, Team
+
+__all__ = [
+    "Edge",
+    "Formation",
+    "Member",
+    "Team",
+    "range_bearing",
+    "relative_state",
+    "restriction_maps",
+    "rotation_to_local",
+]

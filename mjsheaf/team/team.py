@@ -1,0 +1,194 @@
+"""The team: agents, targets and edges as one sheaf."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjsheaf.errors import InputError
+from mjsheaf.sheaf import DirichletProblem, Sheaf
+from mjsheaf.team.formation import Formation
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Member:
+    """An agent or a target: its id and the dimension of its state space, 2 (planar) or 3 (spatial)."""
+
+    id: str
+    dimension: int
+
+
+@dataclass(frozen=True)
+class Edge:
+    """An edge of the team's graph with its restriction maps.
+
+    Attributes:
+        tail, head: ids; on a sensing edge the tail is the agent.
+        F_tail, F_head: restriction maps, shapes (m, n_tail) and (m, n_head).
+        weight: inner product K of the edge stalk, shape (m, m).
+        offset: desired value b of F_tail x_tail - F_head x_head, shape (m,), in m; None takes it from formations.
+    """
+
+    tail: str
+    head: str
+    F_tail: Array
+    F_head: Array
+    weight: Array
+    offset: Array | None = None
+
+
+class Team:
+    """Agents and targets on a sheaf, with the formation as edge offsets.
+
+    Attributes:
+        agents, targets: members in order; ensemble vectors q and p are stacked in these orders.
+        communication, sensing, target_edges: edges with their offsets filled in.
+        formations: groups of agents.
+        sheaf: the sheaf F over the whole graph G.
+    """
+
+    def __init__(
+        self,
+        agents: Sequence[Member],
+        targets: Sequence[Member],
+        communication: Iterable[Edge],
+        sensing: Iterable[Edge],
+        target_edges: Iterable[Edge] = (),
+        formations: Sequence[Formation] = (),
+        target_formation: Formation | None = None,
+    ) -> None:
+        """Assemble the team.
+
+        Raises:
+            InputError: duplicate or unknown ids, an edge between the wrong kinds of member, an agent in two
+                formations, or a map or offset of the wrong shape (SheafError).
+        """
+        self.agents, self.targets = tuple(agents), tuple(targets)
+        self.formations = tuple(formations)
+        self.target_formation = target_formation
+        self._check_ids()
+        self._displacement = self._gather_displacements(self.formations)
+        target_displacement = self._gather_displacements([target_formation] if target_formation else [])
+        agent_ids, target_ids = set(self.agent_ids), set(self.target_ids)
+        self.communication = self._edges(communication, agent_ids, agent_ids, self._displacement, "communication")
+        self.sensing = self._edges(sensing, agent_ids, target_ids, self._displacement, "sensing")
+        self.target_edges = self._edges(target_edges, target_ids, target_ids, target_displacement, "target")
+        self.sheaf = _sheaf_of(self.agents + self.targets, self.communication + self.sensing + self.target_edges)
+
+    # -- members -----------------------------------------------------------------------------------------------
+
+    @property
+    def members(self) -> tuple[Member, ...]:
+        """All vehicles: agents, then targets."""
+        return self.agents + self.targets
+
+    @property
+    def agent_ids(self) -> list[str]:
+        """Ids of the agents, in order."""
+        return [a.id for a in self.agents]
+
+    @property
+    def target_ids(self) -> list[str]:
+        """Ids of the targets, in order."""
+        return [t.id for t in self.targets]
+
+    @cached_property
+    def slots(self) -> NDArray[np.int64]:
+        """Places of the stacked vector (q, p) in a padded array of shape (V, 3), flattened; shape (n,)."""
+        return np.concatenate([3 * v + np.arange(m.dimension) for v, m in enumerate(self.members)])
+
+    def pack(self, positions: Array) -> Array:
+        """Stack padded positions (..., V, 3) into (..., n); the z of planar vehicles is left out."""
+        flat = np.asarray(positions).reshape(*np.shape(positions)[:-2], -1)
+        return flat[..., self.slots]
+
+    def unpack(self, x: Array, fill: float = 0.0) -> Array:
+        """Spread stacked states (..., n) over padded positions (..., V, 3); `fill` where there is no state.
+
+        A vector of the agents alone gives (..., N, 3).
+        """
+        count = len(self.members) if x.shape[-1] == len(self.slots) else len(self.agents)
+        padded = np.full((*x.shape[:-1], 3 * count), fill)
+        padded[..., self.slots[: x.shape[-1]]] = x
+        return padded.reshape(*x.shape[:-1], count, 3)
+
+    def displacement(self, agent: str) -> Array:
+        """o_i of an agent in m; zero where it is in no formation."""
+        return self._displacement[agent]
+
+    # -- the tracking problem ----------------------------------------------------------------------------------
+
+    @cached_property
+    def dirichlet(self) -> DirichletProblem:
+        """The harmonic extension of the targets to the agents: H q* = B p + c."""
+        return DirichletProblem(self.sheaf, self.target_ids)
+
+    @cached_property
+    def target_sheaf(self) -> Sheaf:
+        """The sheaf of the targets alone, whose Laplacian drives their own formation."""
+        return _sheaf_of(self.targets, self.target_edges)
+
+    def incident_edges(self, agent: str) -> list[Edge]:
+        """The edges at an agent, in the order of the sheaf: all that it can measure."""
+        return [e for e in self.communication + self.sensing if agent in (e.tail, e.head)]
+
+    def formation_edges(self, formation: Formation) -> list[Edge]:
+        """The communication edges with both ends in a formation."""
+        inside = set(formation.members)
+        return [e for e in self.communication if e.tail in inside and e.head in inside]
+
+    # -- checks ------------------------------------------------------------------------------------------------
+
+    def _check_ids(self) -> None:
+        if not self.agents:
+            raise InputError("a team needs at least one agent")
+        if not self.targets:
+            raise InputError("a team needs at least one target")
+        seen: set[str] = set()
+        for member in self.members:
+            if member.id in seen:
+                raise InputError(f"id {member.id!r} is used twice; each agent and target needs its own")
+            seen.add(member.id)
+
+    def _gather_displacements(self, formations: Sequence[Formation]) -> dict[str, Array]:
+        displacement = {m.id: np.zeros(m.dimension) for m in self.members}
+        placed: dict[str, str] = {}
+        for formation in formations:
+            for member, o in zip(formation.members, formation.displacements, strict=True):
+                if member not in displacement:
+                    raise InputError(f"formation {formation.name!r}: unknown member {member!r}")
+                if member in placed:
+                    raise InputError(f"formation {formation.name!r}: {member!r} is already in {placed[member]!r}")
+                placed[member] = formation.name
+                displacement[member] = o
+        return displacement
+
+    def _edges(
+        self,
+        edges: Iterable[Edge],
+        tails: set[str],
+        heads: set[str],
+        displacement: dict[str, Array],
+        kind: str,
+    ) -> tuple[Edge, ...]:
+        result = []
+        for e in edges:
+            for end, legal in ((e.tail, tails), (e.head, heads)):
+                if end not in legal:
+                    raise InputError(f"{kind} edge ({e.tail}, {e.head}): {end!r} must be one of {sorted(legal)}")
+            b = e.offset
+            if b is None:
+                b = e.F_tail @ displacement[e.tail] - e.F_head @ displacement[e.head]
+            result.append(Edge(e.tail, e.head, e.F_tail, e.F_head, e.weight, b))
+        return tuple(result)
+
+
+def _sheaf_of(members: Sequence[Member], edges: Iterable[Edge]) -> Sheaf:
+    sheaf = Sheaf({m.id: m.dimension for m in members})
+    for e in edges:
+        sheaf.add_edge(e.tail, e.head, e.F_tail, e.F_head, offset=e.offset, weight=e.weight)
+    return sheaf

@@ -1,0 +1,182 @@
+"""A camera path that keeps the whole team in the picture and moves slowly. Pure numpy.
+
+The camera looks in one direction throughout, and only its place changes. In the camera's own axes (x to the
+right, y up, z forward) and for an eye at e, a point is left of the picture's right-hand side when
+
+    x - e_x <= right (z - e_z),    that is    e_x - right e_z >= x - right z,
+
+and the other three sides are alike: each asks that something linear in the eye exceed something known. The
+known parts are four *bounds* per sample, the largest over all points. Smoothing the bounds from above (a
+moving maximum, then a moving average over the same window) smooths the eye, and no point leaves the picture.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import convolve1d, maximum_filter1d
+
+from mjsheaf.video.film import FloatArray
+
+# How much of the picture's half-width or half-height the team may fill: at the left, right, bottom and top.
+# There is more room at the top, as the title stands there.
+FILL = (0.88, 0.88, 0.86, 0.74)
+SMOOTHING = 2.5  # half the window over which the camera's motion is smoothed, in s of video
+CHUNK = 4096  # samples looked at together, so that memory does not grow with the length of the run
+
+
+@dataclass(frozen=True)
+class View:
+    """Where the camera is for one frame, in MuJoCo's terms.
+
+    Attributes:
+        lookat: the point that it looks at. Shape (3,), in m.
+        distance: from the eye to that point, in m.
+        azimuth: direction of view about z, from x, in degrees.
+        elevation: angle above the horizon, in degrees; negative looks down.
+        fovy: vertical angle of view, in degrees.
+    """
+
+    lookat: FloatArray
+    distance: float
+    azimuth: float
+    elevation: float
+    fovy: float
+
+    def metres_per_pixel(self, height: int) -> float:
+        """Return the size of a pixel at the point looked at, in m, for a frame so many pixels high."""
+        return 2 * self.distance * float(np.tan(np.radians(self.fovy) / 2)) / height
+
+    def project(self, points: FloatArray, width: int, height: int) -> tuple[FloatArray, FloatArray]:
+        """Find the pixels at which points appear.
+
+        Args:
+            points: Shape (n, 3), in m.
+            width: of the frame, in pixels.
+            height: of the frame, in pixels.
+
+        Returns:
+            Columns and rows from the top left corner, shape (n, 2), in pixels; and depths along the view,
+            shape (n,), in m. A point with a negative depth is behind the camera and its pixels mean nothing.
+        """
+        x, y, ahead = axes(self.azimuth, self.elevation) @ (points - self.lookat).T
+        depth = ahead + self.distance
+        focal = 0.5 * height / np.tan(np.radians(self.fovy) / 2)
+        safe = np.where(np.abs(depth) < 1e-9, 1e-9, depth)
+        return np.stack([width / 2 + focal * x / safe, height / 2 - focal * y / safe], axis=1), depth
+
+
+def axes(azimuth: float, elevation: float) -> FloatArray:
+    """Return the camera's axes in the world: rows right, up, forward. Angles in degrees. Shape (3, 3)."""
+    a, e = np.radians(azimuth), np.radians(elevation)
+    return np.array(
+        [
+            [np.sin(a), -np.cos(a), 0.0],
+            [-np.sin(e) * np.cos(a), -np.sin(e) * np.sin(a), np.cos(e)],
+            [np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)],
+        ]
+    )
+
+
+@dataclass(frozen=True)
+class CameraPath:
+    """The camera over a film of F frames.
+
+    Attributes:
+        lookat: Shape (F, 3), in m.
+        distance: Shape (F,), in m.
+        azimuth: direction of view about z, in degrees.
+        elevation: angle above the horizon, in degrees.
+        fovy: vertical angle of view, in degrees.
+    """
+
+    lookat: FloatArray
+    distance: FloatArray
+    azimuth: float
+    elevation: float
+    fovy: float
+
+    def view(self, frame: int) -> View:
+        """Return the camera at one frame."""
+        return View(self.lookat[frame], float(self.distance[frame]), self.azimuth, self.elevation, self.fovy)
+
+
+def camera_path(
+    time: FloatArray,
+    points: Sequence[FloatArray],
+    frames: FloatArray,
+    *,
+    azimuth: float,
+    elevation: float,
+    fovy: float,
+    aspect: float,
+    radius: float,
+    window: int,
+    distance: float | None = None,
+) -> CameraPath:
+    """Follow the team.
+
+    Args:
+        time: of the samples, increasing. Shape (T,), in s.
+        points: what must stay in the picture; each of shape (T, n, 3), in m, and finite.
+        frames: times of the frames. Shape (F,), in s.
+        azimuth: direction of view about z, in degrees.
+        elevation: angle above the horizon, in degrees.
+        fovy: vertical angle of view, in degrees.
+        aspect: width of the picture over its height.
+        radius: of the ball about each point that must be in the picture, in m; positive.
+        window: frames on either side over which motion is smoothed.
+        distance: from the eye to the middle of the team, in m, if it is not to be found from the points.
+    """
+    rotation = axes(azimuth, elevation)
+    # Slopes of the sides and bounds on the eye: left, right, bottom, top.
+    slopes = np.tan(np.radians(fovy) / 2) * np.array([aspect, aspect, 1.0, 1.0]) * FILL
+    bounds, depth = _bounds(points, rotation, slopes, radius)
+    left, right, bottom, top = (_smooth_above(np.interp(frames, time, bound), window) for bound in bounds.T)
+    middle = _smooth(np.interp(frames, time, depth), window)
+
+    # e_z: as far back as the tighter of the two pairs of sides asks; the other pair has room, shared equally.
+    forward = -np.maximum((left + right) / (slopes[0] + slopes[1]), (bottom + top) / (slopes[2] + slopes[3]))
+    if distance is not None:
+        forward = middle - distance
+    eye = np.stack(
+        [
+            (right - left + (slopes[1] - slopes[0]) * forward) / 2,
+            (top - bottom + (slopes[3] - slopes[2]) * forward) / 2,
+            forward,
+        ],
+        axis=1,
+    )
+    # The point looked at decides nothing in the picture, but its distance is the scale of all that is drawn.
+    range_ = np.maximum(middle - forward, radius)
+    lookat = (eye + np.stack([np.zeros_like(range_), np.zeros_like(range_), range_], axis=1)) @ rotation
+    return CameraPath(lookat, range_, azimuth, elevation, fovy)
+
+
+def _bounds(
+    points: Sequence[FloatArray], rotation: FloatArray, slopes: FloatArray, radius: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return what the sides ask of the eye, shape (T, 4), and the depth of the team's middle, shape (T,)."""
+    samples = len(points[0])
+    bounds = np.empty((samples, 4))
+    depth = np.empty(samples)
+    signs = np.array([-1.0, 1.0, -1.0, 1.0])
+    for start in range(0, samples, CHUNK):
+        chunk = slice(start, start + CHUNK)
+        x, y, z = np.moveaxis(np.concatenate([p[chunk] for p in points], axis=1) @ rotation.T, -1, 0)
+        for side, across in enumerate((x, x, y, y)):
+            bounds[chunk, side] = (signs[side] * across - slopes[side] * z).max(axis=1)
+        depth[chunk] = (z.min(axis=1) + z.max(axis=1)) / 2
+    # A ball touches a side's plane when its centre is a radius away from it, measured at right angles.
+    return bounds + radius * np.sqrt(1 + slopes**2), depth
+
+
+def _smooth_above(values: FloatArray, window: int) -> FloatArray:
+    """Return a smooth curve that is nowhere below the values. Shape (F,)."""
+    return _smooth(maximum_filter1d(values, 2 * window + 1, mode="nearest"), window)
+
+
+def _smooth(values: FloatArray, window: int) -> FloatArray:
+    """Average over `window` values on either side, weighted by a Hann window. Shape (F,)."""
+    weights = np.hanning(2 * window + 3)[1:-1]
+    return convolve1d(values, weights / weights.sum(), mode="nearest")

@@ -1,0 +1,87 @@
+"""Frames in, an MP4 out: H.264, yuv420p, which plays everywhere."""
+
+import os
+from collections.abc import Iterable
+from contextlib import closing
+from pathlib import Path
+
+import imageio_ffmpeg
+
+from mjsheaf.errors import MjsheafError
+from mjsheaf.video.renderer import Frame
+
+QUALITY = 20  # x264's constant rate factor: 18 looks lossless, 23 is its default
+PRESET = "veryfast"  # the picture is the costly part, and x264 would compete with it for the same cores
+
+
+def write_mp4(path: Path, frames: Iterable[Frame], width: int, height: int, fps: float) -> int:
+    """Encode frames as they come. The file appears under its name only when it is complete.
+
+    Args:
+        path: the file to write; one that exists is replaced.
+        frames: each of shape (height, width, 3), RGB; at least one.
+        width: even, in pixels.
+        height: even, in pixels.
+        fps: frames in a second.
+
+    Returns:
+        How many frames were written.
+
+    Raises:
+        MjsheafError: ffmpeg is missing or fails, or the file cannot be written.
+    """
+    # Beside the target, as a rename is atomic only within one file system.
+    part = path.with_name(f".{path.stem}.{os.getpid()}.mp4")
+    try:
+        part.touch()  # for a clear reason where the folder is missing or closed to us
+        count = _encode(part, frames, width, height, fps)
+        if abs(_duration(part) - count / fps) > 1 / fps + 0.01:  # ffmpeg gives hundredths of a second
+            raise MjsheafError(f"ffmpeg did not finish {path} ({count} frames); is the disk full?")
+        part.replace(path)
+    except OSError as error:
+        raise MjsheafError(f"cannot write {path}: {error.strerror or error}") from error
+    finally:
+        part.unlink(missing_ok=True)
+    return count
+
+
+def _encode(part: Path, frames: Iterable[Frame], width: int, height: int, fps: float) -> int:
+    """Feed the frames to ffmpeg; returns how many there were."""
+    writer = imageio_ffmpeg.write_frames(
+        part,
+        (width, height),
+        pix_fmt_in="rgb24",
+        pix_fmt_out="yuv420p",
+        fps=fps,
+        codec="libx264",
+        quality=None,
+        macro_block_size=1,  # of the size as asked: it is even, which is all that yuv420p needs
+        ffmpeg_log_level="quiet",
+        output_params=["-crf", str(QUALITY), "-preset", PRESET, "-movflags", "+faststart"],
+    )
+    count = 0
+    with closing(writer):
+        try:
+            writer.send(None)  # starts ffmpeg
+        except (OSError, RuntimeError) as error:
+            raise MjsheafError(f"cannot start ffmpeg: {_first_line(error)}") from error
+        for frame in frames:
+            try:
+                writer.send(frame)
+            except OSError as error:
+                raise MjsheafError(f"ffmpeg stopped after {count} frames: {_first_line(error)}") from error
+            count += 1
+    return count
+
+
+def _duration(part: Path) -> float:
+    """Read a video's length in s, -1 if it is none: ffmpeg's exit status is not to be had."""
+    try:
+        with closing(imageio_ffmpeg.read_frames(part)) as reader:
+            return float(next(reader)["duration"])
+    except (OSError, RuntimeError, StopIteration):
+        return -1.0
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).strip().split("\n")[0] or type(error).__name__
