@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 from mjsheaf._version import __version__
 
 if TYPE_CHECKING:
-    from mjsheaf.simulation import simulate
     from mjsheaf.backends.physics import World
     from mjsheaf.scenario import Scenario, load_scenario
     from mjsheaf.sheaf import Sheaf
+    from mjsheaf.simulation import simulate
 
 _HOME = {
     "Sheaf": "mjsheaf.sheaf",

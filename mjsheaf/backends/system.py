@@ -88,7 +88,7 @@ class TimeGrid:
     @property
     def samples(self) -> Array:
         """Sample times, shape (steps + 1,), s."""
-        return self.start + self.period * np.arange(self.steps + 1)
+        return np.asarray(self.start + self.period * np.arange(self.steps + 1), dtype=np.float64)
 
 
 @dataclass(frozen=True)

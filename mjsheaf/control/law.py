@@ -35,7 +35,7 @@ class LocalLaw:
         self.gain = gain
         self._dimension = team.sheaf.dimension(agent)
         self._pullback = [-e.F_tail.T @ e.weight if e.tail == agent else e.F_head.T @ e.weight for e in incident]
-        self._offset = [e.offset for e in incident]
+        self._offset = [e.b for e in incident]
 
     def disagreement(self, measurements: list[Array]) -> Array:
         """eta_i from the measurements y_e of the agent's edges (range times bearing), shape (n_i,), m."""

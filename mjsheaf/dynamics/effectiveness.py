@@ -1,7 +1,7 @@
 """Control effectiveness g_i(q, t) of an ideal agent: full row rank, with more inputs than states if wanted.
 
-g(q, t) = R(psi(q, t)) W: a thruster layout W fixed in a frame whose heading psi = psi_0 + psi_q . q + psi_t t depends on
-position and time. R turns about z. As R is a rotation, g^+ = W^+ R^T, and g has full row rank where W has.
+g(q, t) = R(psi(q, t)) W: a thruster layout W fixed in a frame whose heading psi = psi_0 + psi_q . q + psi_t t depends
+on position and time. R turns about z. As R is a rotation, g^+ = W^+ R^T, and g has full row rank where W has.
 """
 
 from collections.abc import Sequence

@@ -144,7 +144,8 @@ class FlowField:
         p = 1.5 if self.dimension == 3 else 1.0
         J = np.zeros((len(x), 3, 3))
         for kind, _, *numbers in self.table[1:]:
-            centre, axis, strength, first, second = numbers[:3], np.array(numbers[3:6]), *numbers[6:]
+            centre, axis = np.array(numbers[:3]), np.array(numbers[3:6])
+            strength, first, second = numbers[6:]
             r = (x - centre) * mask
             if kind == _CHANNEL:
                 along = r @ axis

@@ -6,6 +6,7 @@ is the paper's: the flow carries the target away from its reference. The consens
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import factorial
 from typing import NamedTuple
 
 import numpy as np
@@ -177,6 +178,6 @@ def _spline(motion: Waypoints, initial: ArrayLike, start: float) -> PPoly:
     else:
         rest = [(1, np.zeros(len(initial))), (2, np.zeros(len(initial)))]
         spline = make_interp_spline(times, path, k=5, bc_type=(rest, rest))
-    pieces = PPoly.from_spline(spline)
-    inside = np.flatnonzero(np.diff(pieces.x) > 0.0)  # the end knots are repeated
-    return PPoly(pieces.c[:, inside], np.append(pieces.x[inside], pieces.x[inside[-1] + 1]))
+    knots = spline.t[spline.k : -spline.k]  # without the copies at both ends
+    taylor = [spline(knots[:-1], order) / factorial(order) for order in range(spline.k, -1, -1)]
+    return PPoly(np.array(taylor), knots)

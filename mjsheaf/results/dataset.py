@@ -98,8 +98,10 @@ def _add_body_data(ds: xr.Dataset, system: System, trajectory: Trajectory) -> No
     """Attitude, height, thruster commands and saturation of bodies."""
     from mjsheaf.backends.physics import load_vehicle
 
-    assert trajectory.quaternions is not None and trajectory.heights is not None
-    assert trajectory.thrust is not None and trajectory.saturation is not None
+    assert trajectory.quaternions is not None  # all four come together, from bodies
+    assert trajectory.heights is not None
+    assert trajectory.thrust is not None
+    assert trajectory.saturation is not None
     N = len(system.team.agents)
     thrusters = [load_vehicle(name).thrusters for name in system.bodies.vehicle]
     first = np.concatenate([[0], np.cumsum([len(t) for t in thrusters])])

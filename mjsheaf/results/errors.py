@@ -66,7 +66,7 @@ def _residuals(team: Team, formation: Formation, positions: Array) -> Array:
     for e in team.formation_edges(formation):
         tail = positions[:, number[e.tail], : e.F_tail.shape[1]] @ e.F_tail.T
         head = positions[:, number[e.head], : e.F_head.shape[1]] @ e.F_head.T
-        columns.append(np.linalg.norm(tail - head - e.offset, axis=1))
+        columns.append(np.linalg.norm(tail - head - e.b, axis=1))
     return np.column_stack(columns) if columns else np.zeros((len(positions), 0))
 
 

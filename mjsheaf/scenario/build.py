@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 T = TypeVar("T")
 
 _DEFAULT_VEHICLE = {2: "hull", 3: "aerial"}
+_EDGES = ("communication", "sensing", "target_edges")
 _MOST_SAMPLES = 50_000_000
 
 
@@ -39,6 +40,7 @@ def build_system(scenario: s.Scenario) -> System:
         scenario, _disturbance(scenario.disturbance.agents), _disturbance(scenario.disturbance.targets)
     )
     agents, targets = scenario.agents, scenario.targets
+    vehicles: list[s.Agent | s.Target] = [*agents, *targets]
     limit = scenario.controller.velocity_limit
     limits = np.array([a.velocity_limit or limit or np.inf for a in agents] + [np.inf] * len(targets))
     target_gain = scenario.target_formation.gain if scenario.target_formation else 0.0
@@ -59,7 +61,7 @@ def build_system(scenario: s.Scenario) -> System:
             vehicle=[
                 v.vehicle or default or _DEFAULT_VEHICLE[n]
                 for v, default, n in zip(
-                    [*agents, *targets],
+                    vehicles,
                     _per_vehicle(scenario, scenario.vehicles.agents, scenario.vehicles.targets),
                     dimensions,
                     strict=True,
@@ -79,31 +81,22 @@ def build_team(scenario: s.Scenario) -> Team:
     """Build the team of a scenario: its sheaf and its formations."""
     agents = [Member(a.id, len(a.position)) for a in scenario.agents]
     targets = [Member(t.id, len(t.position)) for t in scenario.targets]
-    dimension = {m.id: m.dimension for m in agents + targets}
+    dimension: dict[str, int] = {}
+    for member in agents + targets:  # before edges are looked up by id
+        if member.id in dimension:
+            raise InputError(f"agents, targets: id {member.id!r} is used twice; each needs its own")
+        dimension[member.id] = member.dimension
     attitude = {a.id: _attitude(a) for a in scenario.agents}
-    edges = {
-        field: [
-            _at(f"{field}.{k}", lambda e=e: _edge(e, dimension, attitude))
-            for k, e in enumerate(getattr(scenario, field))
-        ]
-        for field in ("communication", "sensing", "target_edges")
-    }
-    groups = [
-        _at(
-            f"formations.{k}",
-            lambda g=g: _formation(g, dimension, [m.id for m in agents], [m.id for m in targets]),
-        )
-        for k, g in enumerate(scenario.formations)
-    ]
+    edges = {field: _each(field, getattr(scenario, field), lambda e: _edge(e, dimension, attitude)) for field in _EDGES}
+    agent_ids, target_ids = [m.id for m in agents], [m.id for m in targets]
+    groups = _each("formations", scenario.formations, lambda g: _formation(g, dimension, agent_ids, target_ids))
     names = [g.name for g in groups]
     if len(set(names)) != len(names):
         raise InputError(f"formations: each needs its own name, but they are {names}")
     own = scenario.target_formation.group if scenario.target_formation else None
     if own is not None and own.about is not None:
         raise InputError("target_formation.group.about: targets hold their formation about no other; leave it out")
-    target_formation = (
-        _at("target_formation", lambda: _formation(own, dimension, [m.id for m in targets], [])) if own else None
-    )
+    target_formation = _at("target_formation", lambda: _formation(own, dimension, target_ids, [])) if own else None
     return _at(
         "team",
         lambda: Team(
@@ -130,6 +123,16 @@ def _at(field: str, make: Callable[[], T]) -> T:
         return make()
     except InputError as error:
         raise InputError(f"{field}: {error}") from None
+
+
+def _each(field: str, models: Sequence[Any], make: Callable[[Any], T]) -> list[T]:
+    made = []
+    for k, model in enumerate(models):
+        try:
+            made.append(make(model))
+        except InputError as error:
+            raise InputError(f"{field}.{k}: {error}") from None
+    return made
 
 
 def _per_vehicle(scenario: s.Scenario, for_agent: T, for_target: T) -> list[T]:

@@ -223,9 +223,9 @@ class FlowModel(Section):
     dimension: Literal[2, 3]
     core: NonNegative = 0.0
     drift: Point | None = None
-    sources: list[SourceModel] = []
-    vortices: list[VortexModel] = []
-    channels: list[ChannelModel] = []
+    sources: list[SourceModel] = Field(default_factory=list)
+    vortices: list[VortexModel] = Field(default_factory=list)
+    channels: list[ChannelModel] = Field(default_factory=list)
 
 
 class Flow(Section):
@@ -284,7 +284,9 @@ class Scene(Section):
 
     surface: Literal["water", "ground", "none"] = "water"
     height: float = 0.0
-    vehicle_scale: Positive = Field(1.0, description="vehicles are drawn this many times larger")
+    vehicle_scale: Annotated[float, Field(ge=1e-3, le=1e4)] = Field(
+        1.0, description="vehicles are drawn this many times larger"
+    )
 
 
 class Video(Section):
@@ -293,11 +295,13 @@ class Video(Section):
     width: Annotated[int, Field(ge=64, le=7680, multiple_of=2)] = 1280
     height: Annotated[int, Field(ge=64, le=7680, multiple_of=2)] = 720
     fps: Annotated[int, Field(ge=1, le=240)] = 30
-    speed: Positive = Field(1.0, description="simulated seconds per second of video")
-    azimuth: float = -60.0
+    speed: Annotated[float, Field(ge=1e-3, le=1e3)] = Field(1.0, description="simulated seconds per second of video")
+    azimuth: Annotated[float, Field(ge=-360, le=360)] = -60.0
     elevation: Annotated[float, Field(ge=-90, le=90)] = Field(-35.0, description="negative looks down")
-    distance: Positive | None = Field(None, description="of the camera, m; follows the team unless given")
-    trail: NonNegative = Field(6.0, description="length of the trails, s")
+    distance: Annotated[float, Field(ge=1e-3, le=1e6)] | None = Field(
+        None, description="of the camera, m; follows the team unless given"
+    )
+    trail: Annotated[float, Field(ge=0, le=1e6)] = Field(6.0, description="length of the trails, s")
 
 
 class Bounds(Section):
@@ -327,10 +331,10 @@ class Scenario(Section):
     controller: Controller = Controller()
     agents: Annotated[list[Agent], Field(min_length=1)]
     targets: Annotated[list[Target], Field(min_length=1)]
-    communication: list[Edge] = Field([], description="agent to agent")
-    sensing: list[Edge] = Field([], description="agent to target")
-    target_edges: list[Edge] = Field([], description="target to target")
-    formations: list[Group] = []
+    communication: list[Edge] = Field(default_factory=list, description="agent to agent")
+    sensing: list[Edge] = Field(default_factory=list, description="agent to target")
+    target_edges: list[Edge] = Field(default_factory=list, description="target to target")
+    formations: list[Group] = Field(default_factory=list)
     target_motion: Motion | None = None
     target_formation: TargetFormation | None = None
     flow: Flow = Flow()

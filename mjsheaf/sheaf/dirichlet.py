@@ -60,11 +60,11 @@ class DirichletProblem:
         self.boundary = list(boundary)
         self.interior = sheaf.interior(self.boundary)
         D = sheaf.whitened_coboundary()
-        self._D_W = D[:, sheaf.columns(self.interior)]
-        D_U = D[:, sheaf.columns(self.boundary)]
+        self._D_W, self._D_U = D[:, sheaf.columns(self.interior)], D[:, sheaf.columns(self.boundary)]
+        self._b = sheaf.whitened_offset()
         self.H = (self._D_W.T @ self._D_W).tocsr()
-        self.B = -(self._D_W.T @ D_U).tocsr()
-        self.c = self._D_W.T @ sheaf.whitened_offset()
+        self.B = -(self._D_W.T @ self._D_U).tocsr()
+        self.c = self._D_W.T @ self._b
 
     @cached_property
     def null_basis(self) -> Array:
@@ -78,17 +78,23 @@ class DirichletProblem:
 
     @cached_property
     def _solve(self) -> Callable[[Array], Array]:
-        """Solver of H x = r for r of shape (n_W, k) in the range of H; minimum norm where H is singular."""
-        n = self.H.shape[0]
-        N = self.null_basis
+        """Minimiser x (n_W, k) of |D_W x - w| for w of shape (m, k), D_W the whitened coboundary on W.
+
+        It solves H x = D_W^T w, and is of minimum norm where H is singular.
+        """
+        n, N = self.H.shape[0], self.null_basis
         if n <= DENSE_COLUMNS:
-            # H + s N N^T is positive definite and agrees with H off its kernel.
-            scale = float(np.max(np.abs(self.H.diagonal()), initial=0.0)) or 1.0
-            factor = linalg.cho_factor(self.H.toarray() + scale * (N @ N.T))
-            return lambda r: _off(N, linalg.cho_solve(factor, _off(N, r)))
+            # On D_W rather than on H, whose condition number is the square: what counts as injective can be solved.
+            # The rows N^T make the columns independent, and agree with minimum norm.
+            D_W = self._D_W.toarray()
+            scale = float(np.max(np.abs(D_W), initial=0.0)) or 1.0
+            Q, R = linalg.qr(np.vstack([D_W, scale * N.T]), mode="economic")
+            Q_w = Q[: len(D_W)].T
+            return lambda w: _off(N, linalg.solve_triangular(R, Q_w @ w))
         if self.unique:
-            return splinalg.splu(self.H.tocsc()).solve
-        return lambda r: _off(N, np.column_stack([self._conjugate_gradients(x) for x in _off(N, r).T]))
+            solve = splinalg.splu(self.H.tocsc()).solve
+            return lambda w: solve(self._D_W.T @ w)
+        return lambda w: _off(N, np.column_stack([self._conjugate_gradients(r) for r in _off(N, self._D_W.T @ w).T]))
 
     def _conjugate_gradients(self, r: Array) -> Array:
         x, info = splinalg.cg(self.H, r, rtol=1e-13, maxiter=20 * self.H.shape[0])
@@ -109,7 +115,7 @@ class DirichletProblem:
         flat = y.reshape(-1, self.B.shape[1])
         if self.H.shape[0] == 0:
             return np.zeros((*y.shape[:-1], 0))
-        return self._solve(self.B @ flat.T + self.c[:, None]).T.reshape(*y.shape[:-1], -1)
+        return self._solve(self._b[:, None] - self._D_U @ flat.T).T.reshape(*y.shape[:-1], -1)
 
     def harmonic_extension(self, boundary: Mapping[Hashable, ArrayLike]) -> HarmonicExtension:
         """The harmonic extension of one set of boundary values, with its null basis."""

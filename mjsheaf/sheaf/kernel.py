@@ -61,6 +61,9 @@ def _largest_singular_value(matrix: sparse.csr_array) -> float:
 def _dense_kernel(matrix: Array, scale: float, rtol: float) -> Array:
     if matrix.shape[0] == 0:
         return np.eye(matrix.shape[1])
+    if len(matrix) > matrix.shape[1]:
+        # The same singular values and right vectors in a square, however many edges there are.
+        matrix = np.asarray(np.linalg.qr(matrix, mode="r"))
     _, singular, rows = np.linalg.svd(matrix, full_matrices=True)
     rank = int(np.sum(singular > rtol * scale))
     return rows[rank:].T

@@ -40,6 +40,11 @@ class Edge:
     weight: Array
     offset: Array | None = None
 
+    @property
+    def b(self) -> Array:
+        """The desired value as a number: zero where nothing set it."""
+        return np.zeros(len(self.F_tail)) if self.offset is None else self.offset
+
 
 class Team:
     """Agents and targets on a sheaf, with the formation as edge offsets.

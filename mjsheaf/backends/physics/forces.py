@@ -4,7 +4,7 @@ For a vehicle with attitude R, velocity v, drag D (body axes) in a medium that m
 
     medium    R D R^T (w - v) + hydrostatics          applied forces, qfrc_applied; -d_max v implicitly, by the joint
     thrust    u = W^+ [D R^T v_c; attitude moment] + trim     commands, data.ctrl
-    gear      R d_k of each thruster k                        its direction in world axes, model.actuator_gear
+    gear      R d_k of each thruster k                 its direction in world axes, model.actuator_gear
 
 so that m v' = R D R^T (v_c + w - v), and q' = w + g u once m / D is small (DESIGN of the first-order model). Nothing here
 knows the law; `v_c` comes from it.

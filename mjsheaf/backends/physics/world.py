@@ -141,7 +141,9 @@ class World:
             self.data.ctrl,
             self.model.actuator_gear,
             self.data.qfrc_applied,
-            *(np.zeros((V, 3)) for _ in range(3)),
+            np.zeros((V, 3)),
+            np.zeros((V, 3)),
+            np.zeros((V, 3)),
             np.zeros((3, 3)),
             np.zeros(6),
         )
@@ -251,7 +253,7 @@ def arena_of(system: System, colours: Array | None = None) -> Arena:
     for member, vehicle in zip(system.team.members, vehicles, strict=True):
         if vehicle.dimension != member.dimension:
             raise InputError(
-                f"{member.id} has dimension {member.dimension}, but vehicle {vehicle.name!r} moves in {vehicle.dimension}"
+                f"{member.id} has dimension {member.dimension}, but vehicle {vehicle.name!r} has {vehicle.dimension}"
             )
     return compose(
         vehicles,

@@ -1,0 +1,32 @@
+# Two commands: `make demo` and `make test`. Both set up .venv first; a second call is quick.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+
+.PHONY: demo test lint clean
+
+$(STAMP): pyproject.toml constraints.txt
+	$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "mjsheaf needs Python 3.11 or later; set PYTHON=")'
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+	touch $(STAMP)
+
+demo: $(STAMP)
+	$(BIN)/mjsheaf run paper --expect --out runs/paper-physics
+	@echo
+	@echo "video   runs/paper-physics/video.mp4"
+	@echo "plots   runs/paper-physics/errors.png trajectories.png configurations.png"
+	@echo "data    runs/paper-physics/result.nc summary.json"
+
+lint: $(STAMP)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+# Two workers: the tests are written for two cores. Each module stays on one worker, so that its fixtures are made once.
+test: lint
+	$(BIN)/pytest -n 2 --dist loadscope
+
+clean:
+	rm -rf $(VENV) runs dist build

@@ -1,0 +1,167 @@
+"""The `mjsheaf` command: what it can do, and one line for everything that goes wrong.
+
+Only typer is imported here; each command imports what it needs, so that help comes at once.
+"""
+
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from mjsheaf._version import __version__
+from mjsheaf.errors import InputError, MjsheafError
+
+app = typer.Typer(
+    name="mjsheaf",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    help="Teams of unlike vehicles track targets by a decentralized sheaf law, on ideal kinematics and MuJoCo bodies.",
+    epilog="Begin with [bold]mjsheaf list[/bold], then [bold]mjsheaf run midpoint[/bold]. "
+    "Exit codes: 0 done; 1 it does not hold; 2 bad input; 3 the simulation blew up.",
+)
+
+ScenarioArgument = Annotated[
+    str, typer.Argument(metavar="SCENARIO", help="A name from `mjsheaf list`, or the path of a YAML file.")
+]
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="PATH=VALUE",
+        help="Override a field of the scenario; may be repeated. Items of lists go by id, name or number: "
+        "controller.gain=30, agents.A1.heading=90, sensing.0.weight=2.",
+    ),
+]
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"mjsheaf {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _common(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+) -> None:
+    pass
+
+
+@app.command(
+    epilog="Example: [bold]mjsheaf run paper --backend ideal --set controller.gain=30 --no-video[/bold]",
+)
+def run(
+    scenario: ScenarioArgument,
+    backend: Annotated[
+        str, typer.Option(metavar="physics|ideal", help="MuJoCo bodies, or the paper's first-order kinematics.")
+    ] = "physics",
+    overrides: SetOption = None,
+    seed: Annotated[int | None, typer.Option(help="Seed of disturbances and of spread initial conditions.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Directory of the results.", show_default="runs/NAME-BACKEND")
+    ] = None,
+    video: Annotated[bool, typer.Option("--video/--no-video", help="Whether to draw video.mp4.")] = True,
+    expect: Annotated[
+        bool, typer.Option("--expect", help="Exit with 1 if the run misses the scenario's `expect:` block.")
+    ] = False,
+) -> None:
+    """Simulate a scenario and leave data, plots and a video.
+
+    Writes result.nc, summary.json, scenario.yaml, errors.png, trajectories.png, configurations.png and video.mp4 into
+    the directory, all at once when done. Refuses, with exit code 1, a team in which some agent is free to drift.
+    """
+    from mjsheaf.cli.run import run_command
+
+    run_command(scenario, backend, overrides or [], seed, out, video, expect)
+
+
+@app.command(epilog="Example: [bold]mjsheaf video runs/paper-physics --speed 2 --azimuth 90 --elevation -60[/bold]")
+def video(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Directory of a finished run.")],
+    out: Annotated[Path | None, typer.Option(help="The MP4 to write.", show_default="DIR/video.mp4")] = None,
+    width: Annotated[int | None, typer.Option(help="Frame width in pixels, even.")] = None,
+    height: Annotated[int | None, typer.Option(help="Frame height in pixels, even.")] = None,
+    fps: Annotated[int | None, typer.Option(help="Frames per second.")] = None,
+    speed: Annotated[float | None, typer.Option(help="Simulated seconds per second of video.")] = None,
+    azimuth: Annotated[float | None, typer.Option(help="Bearing of the camera, degrees.")] = None,
+    elevation: Annotated[float | None, typer.Option(help="Elevation of the camera, degrees; -90 from above.")] = None,
+    distance: Annotated[float | None, typer.Option(help="Distance of the camera, m; default follows the team.")] = None,
+    trail: Annotated[float | None, typer.Option(help="Length of the trails, s.")] = None,
+    scale: Annotated[float | None, typer.Option(help="Draw vehicles this many times larger.")] = None,
+) -> None:
+    """Draw the video of a finished run again, without running it.
+
+    What is not given is taken from the run's scenario.
+    """
+    from mjsheaf.cli.video import video_command
+
+    changes = {
+        "width": width,
+        "height": height,
+        "fps": fps,
+        "speed": speed,
+        "azimuth": azimuth,
+        "elevation": elevation,
+        "distance": distance,
+        "trail": trail,
+        "vehicle_scale": scale,
+    }
+    video_command(directory, out, changes)
+
+
+@app.command("list")
+def list_(
+    vehicles: Annotated[bool, typer.Option("--vehicles", help="List vehicles instead of scenarios.")] = False,
+) -> None:
+    """List the scenarios, or the vehicles, that come with mjsheaf."""
+    from mjsheaf.cli.listing import list_scenarios_command, list_vehicles_command
+
+    if vehicles:
+        list_vehicles_command()
+    else:
+        list_scenarios_command()
+
+
+@app.command()
+def schema() -> None:
+    """Print the JSON Schema of a scenario file."""
+    from mjsheaf.cli.listing import schema_command
+
+    schema_command()
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the command line and exit."""
+    sys.exit(_exit_code(arguments))
+
+
+def _exit_code(arguments: list[str] | None) -> int:
+    try:
+        code: Any = app(arguments, standalone_mode=False)
+        return code if isinstance(code, int) else 0
+    except MjsheafError as error:
+        return _complain(str(error), error.exit_code)
+    except typer.Abort:
+        return 130
+    except KeyboardInterrupt:
+        return _complain("interrupted; nothing was written", 130)
+    except BrokenPipeError:
+        sys.stderr.close()  # the reader went away: there is no one to tell
+        return 0
+    except OSError as error:
+        return _complain(f"{error.filename or 'input or output'}: {error.strerror or error}", InputError.exit_code)
+    except Exception as error:
+        # Usage errors are a class of the command-line library; older and newer releases keep it in different places.
+        if not hasattr(error, "format_message"):
+            raise
+        return _complain(f"{error.format_message()} (see mjsheaf --help)", InputError.exit_code)
+
+
+def _complain(message: str, code: int) -> int:
+    print(f"mjsheaf: {' '.join(message.split())}", file=sys.stderr)
+    return code

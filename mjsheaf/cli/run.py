@@ -1,0 +1,77 @@
+"""`mjsheaf run`."""
+
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from mjsheaf.cli.progress import progress_bars
+from mjsheaf.errors import InputError, MjsheafError, UnstableError
+from mjsheaf.filming import video_options
+from mjsheaf.results.summary import MEASURES
+from mjsheaf.running import Outcome, default_directory, execute
+from mjsheaf.scenario import load_scenario
+from mjsheaf.scenario.build import uses_seed
+from mjsheaf.scenario.load import parse_override
+from mjsheaf.simulation import BACKENDS
+
+
+class ExpectationMissedError(MjsheafError):
+    """A run misses its scenario's `expect:` block."""
+
+    exit_code = 1
+
+
+def run_command(
+    source: str, backend: str, overrides: list[str], seed: int | None, out: Path | None, video: bool, expect: bool
+) -> None:
+    """Run a scenario, tell what came out, and raise what the exit code says."""
+    if backend not in BACKENDS:
+        raise InputError(f"--backend {backend}: legal are {', '.join(BACKENDS)}")
+    changes = dict(parse_override(text) for text in overrides)
+    if seed is not None:
+        changes["seed"] = seed
+    scenario = load_scenario(source, changes)
+    if expect and getattr(scenario.expect, backend) is None and scenario.expect.refused is None:
+        raise InputError(f"{source}: expect.{backend}: missing; --expect needs bounds for this backend")
+    notes = Console(stderr=True, soft_wrap=True)
+    if seed is not None and not uses_seed(scenario)[backend]:
+        notes.print(
+            f"note: the seed changes nothing: {scenario.name} has no spread and no disturbance on backend {backend}"
+        )
+    options = video_options(scenario) if video else None
+    with progress_bars() as progress:
+        outcome = execute(
+            scenario, backend, out or default_directory(scenario, backend), video=options, progress=progress
+        )
+    for note in outcome.notes:
+        notes.print(f"note: {note}", markup=False, highlight=False)
+    _print_summary(outcome)
+    if outcome.summary["status"] == "unstable":
+        raise UnstableError(f"{outcome.summary['message']}; what was recorded is in {outcome.directory}")
+    if expect and outcome.summary["expect"]["met"] is False:
+        missed = [c for c in outcome.summary["expect"]["checks"] if not c["met"]]
+        told = ", ".join(f"{c['measure']} is {c['found']:.4g}, expected at most {c['bound']:g}" for c in missed)
+        raise ExpectationMissedError(f"{source}: {told}")
+
+
+def _print_summary(outcome: Outcome) -> None:
+    summary, final = outcome.summary, outcome.summary["final"]
+    console = Console()
+    title = f"{summary['scenario']} on {summary['backend']}, errors at t = {final['time']:.6g} s"
+    table = Table(title=title, title_justify="left", header_style="")
+    table.add_column("")
+    for measure in MEASURES:
+        table.add_column(f"{measure.replace('_', ' ')} (m)", justify="right")
+    for name, values in {"team": final, **final["groups"]}.items():
+        table.add_row(name, *("-" if values[m] is None else f"{values[m]:.4g}" for m in MEASURES))
+    console.print(table)
+    met = summary["expect"]["met"]
+    verdict = {True: "as expected", False: "NOT as expected", None: "no expectation"}[met]
+    console.print(
+        f"{summary['status']}, {verdict}; {summary['steps']} steps in {summary['wall_time_s']:.2f} s "
+        f"({summary['realtime_factor']:.3g} x real time)",
+        highlight=False,
+    )
+    for path in sorted(outcome.directory.iterdir()):
+        console.print(f"  {path}", highlight=False, soft_wrap=True)

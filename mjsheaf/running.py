@@ -1,0 +1,135 @@
+"""One run from scenario to directory: simulate, write data and plots, draw the video, publish."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from mjsheaf.errors import InputError, MjsheafError
+from mjsheaf.scenario import Scenario
+from mjsheaf.simulation import BACKENDS, require_unique, simulate
+from mjsheaf.video import VideoOptions, available_backend
+
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a run left.
+
+    Attributes:
+        directory: where.
+        summary: as summary.json.
+        notes: what the user should know beside that.
+    """
+
+    directory: Path
+    summary: dict[str, Any]
+    notes: list[str]
+
+
+def default_directory(scenario: Scenario, backend: str) -> Path:
+    """Where a run goes unless told otherwise."""
+    return Path("runs") / f"{scenario.name}-{backend}"
+
+
+def execute(
+    scenario: Scenario,
+    backend: str,
+    directory: Path,
+    *,
+    video: VideoOptions | None,
+    progress: Progress | None = None,
+) -> Outcome:
+    """Run a scenario and publish its directory; a run that blows up is published too, with status 'unstable'.
+
+    Args:
+        scenario: the scenario.
+        backend: 'physics' or 'ideal'.
+        directory: where the results go.
+        video: how to film it, or None for no video.
+        progress: called with (what is being done, done, in all).
+
+    Raises:
+        InputError: unknown backend, or the directory may not be replaced or cannot be written; nothing is written.
+        NotUniqueError: the harmonic extension is not unique; nothing is written.
+    """
+    from mjsheaf.plots import plot_configurations, plot_errors, plot_trajectories
+    from mjsheaf.results import check_expectation, save_dataset, staging, summarize
+    from mjsheaf.results.store import save_summary
+
+    if backend not in BACKENDS:
+        raise InputError(f"unknown backend {backend!r}; legal are {', '.join(BACKENDS)}")
+    system = scenario.system()
+    require_unique(system.team)
+
+    def report(what: str) -> Callable[[int, int], None]:
+        return lambda done, total: progress(what, done, total) if progress else None
+
+    notes: list[str] = []
+    with staging(directory) as fresh:
+        begun = time.perf_counter()
+        dataset = simulate(scenario, backend, progress=report("simulating"))
+        wall = time.perf_counter() - begun
+        save_dataset(dataset, fresh / "result.nc")
+        (fresh / "scenario.yaml").write_text(dump_scenario(scenario))
+        plots = (
+            (plot_errors, "errors.png"),
+            (plot_trajectories, "trajectories.png"),
+            (plot_configurations, "configurations.png"),
+        )
+        for k, (plot, name) in enumerate(plots):
+            report("plotting")(k, len(plots))
+            plot(system.team, dataset, fresh / name)
+        report("plotting")(len(plots), len(plots))
+        final = summarize(system.team, dataset)
+        status = dataset.attrs["status"]
+        simulated = float(dataset["time"][-1] - dataset["time"][0])
+        periods = dataset.sizes["time"] - 1
+        per_period = round(system.grid.period / system.bodies.timestep) if backend == "physics" else 1
+        summary: dict[str, Any] = {
+            "scenario": scenario.name,
+            "backend": backend,
+            "status": status,
+            "message": dataset.attrs["message"],
+            "seed": scenario.seed,
+            "steps": periods * per_period,
+            "wall_time_s": wall,
+            "realtime_factor": simulated / wall,
+            "expect": check_expectation(scenario.expect, backend, status, final),
+            "final": final,
+            "video": None,
+        }
+        if video is not None:
+            frames, note = _film(scenario, dataset, fresh / "video.mp4", video, report("drawing video"))
+            summary["video"] = {"frames": frames, "width": video.width, "height": video.height, "fps": video.fps}
+            if note:
+                summary["video"] = None
+                notes.append(note)
+        save_summary(summary, fresh / "summary.json")
+    return Outcome(directory, summary, notes)
+
+
+def _film(
+    scenario: Scenario, dataset: Any, path: Path, options: VideoOptions, progress: Callable[[int, int], None]
+) -> tuple[int, str]:
+    """Draw the video, or say why there is none: a machine that cannot draw still gets its data."""
+    backend, reason = available_backend()
+    if backend is None:
+        return 0, f"no video: {reason}"
+    from mjsheaf.filming import film_run
+
+    try:
+        return film_run(scenario, dataset, path, options, progress), ""
+    except MjsheafError as error:
+        return 0, f"no video: {error}"
+
+
+def dump_scenario(scenario: Scenario) -> str:
+    """The resolved scenario as YAML: every field that has a value; running it again gives the same bits."""
+    return yaml.safe_dump(
+        scenario.model_dump(mode="json", exclude_none=True), sort_keys=False, default_flow_style=None, width=120
+    )

@@ -1,0 +1,252 @@
+"""Bad input: exit code 2, one line that names file and field and says what is legal, and nothing written.
+
+Oracle: the contract on errors (exit codes, one line on stderr, no traceback).
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import yaml
+
+from mjsheaf import load_scenario
+from mjsheaf.cli.main import main
+from mjsheaf.errors import ScenarioError
+
+GOOD = {
+    "agents": [{"id": "A1", "position": [0, 0]}, {"id": "A2", "position": [1.0, 0]}],
+    "targets": [{"id": "T1", "position": [5, 5, 5]}],
+    "communication": [["A1", "A2"]],
+    "sensing": [["A1", "T1"]],
+    "formations": [{"name": "pair", "shape": "line", "members": ["A1", "A2"], "spacing": 2}],
+    "time": {"end": 0.1},
+}
+
+# What is changed, at which path, and what the message must contain.
+CASES = {
+    "unknown key": ("gain", 3, ["gain", "unknown field", "controller"]),
+    "unknown key inside": ("controller", {"gian": 3}, ["controller.gian", "unknown field", "gain"]),
+    "text for a number": ("controller", {"gain": "ten"}, ["controller.gain", "'ten'"]),
+    "bool for a number": ("controller", {"gain": True}, ["controller.gain", "True"]),
+    "list for a mapping": ("controller", [1], ["controller"]),
+    "NaN": ("controller", {"gain": float("nan")}, ["controller.gain", "finite"]),
+    "infinity": ("time", {"end": float("inf")}, ["time.end", "finite"]),
+    "negative gain": ("controller", {"gain": -1}, ["controller.gain", "greater than 0"]),
+    "negative time": ("time", {"start": -1, "end": 3}, ["time.start", "greater than or equal to 0"]),
+    "end before start": ("time", {"start": 3, "end": 1}, ["time", "after start"]),
+    "period no multiple": ("controller", {"control_period": 0.0015}, ["controller.control_period", "multiple"]),
+    "too short": ("time", {"end": 0.001}, ["time.end", "control periods"]),
+    "no agents": ("agents", [], ["agents"]),
+    "duplicate id": ("agents", [{"id": a, "position": [0, 0]} for a in ("A1", "A2", "A1")], ["'A1'", "twice"]),
+    "id of agent and target": ("targets", [{"id": "A1", "position": [0, 0]}], ["'A1'", "twice"]),
+    "strange id": ("targets", [{"id": "a/b", "position": [0, 0]}], ["targets.0.id", "pattern"]),
+    "four dimensions": ("targets", [{"id": "T1", "position": [0, 0, 0, 0]}], ["targets.0.position", "3"]),
+    "edge to unknown id": ("sensing", [["A1", "T9"]], ["sensing.0", "'T9'", "A1, A2, T1"]),
+    "edge of the wrong kind": ("sensing", [["A1", "A2"]], ["sensing edge", "'A2'"]),
+    "loop": ("communication", [["A1", "A1"]], ["communication.0", "loop"]),
+    "map of the wrong shape": (
+        "sensing",
+        [{"between": ["A1", "T1"], "map": {"tail": [[1, 0, 0]], "head": [[1, 0, 0]]}}],
+        ["sensing.0", "map.tail", "(1, 3)", "(m, 2)"],
+    ),
+    "maps of unequal rows": (
+        "sensing",
+        [{"between": ["A1", "T1"], "map": {"tail": [[1, 0], [0, 1]], "head": [[1, 0, 0]]}}],
+        ["sensing.0", "rows"],
+    ),
+    "ragged map": (
+        "sensing",
+        [{"between": ["A1", "T1"], "map": {"tail": [[1, 0], [1]], "head": [[1, 0, 0], [0, 1, 0]]}}],
+        ["sensing.0", "map.tail", "lengths"],
+    ),
+    "identity between unequal": ("sensing", [{"between": ["A1", "T1"], "map": "identity"}], ["sensing.0", "shared"]),
+    "unknown map": ("sensing", [{"between": ["A1", "T1"], "map": "magic"}], ["sensing.0", "shared"]),
+    "weight not SPD": (
+        "sensing",
+        [{"between": ["A1", "T1"], "weight": [[1, 2], [2, 1]]}],
+        ["not symmetric positive definite", "A1", "T1"],
+    ),
+    "offset of the wrong length": ("sensing", [{"between": ["A1", "T1"], "offset": [1]}], ["sensing.0", "offset"]),
+    "member twice in one formation": (
+        "formations",
+        [{"name": "pair", "shape": "line", "members": ["A1", "A1"], "spacing": 2}],
+        ["formations.0", "'A1'", "twice"],
+    ),
+    "member in two formations": (
+        "formations",
+        [
+            {"name": "one", "shape": "line", "members": ["A1", "A2"], "spacing": 2},
+            {"name": "two", "shape": "line", "members": ["A2"], "spacing": 2},
+        ],
+        ["'two'", "'A2'", "'one'"],
+    ),
+    "unknown member": (
+        "formations",
+        [{"name": "pair", "shape": "line", "members": ["A1", "A7"], "spacing": 2}],
+        ["formations.0", "'A7'", "A1, A2"],
+    ),
+    "unknown shape": (
+        "formations",
+        [{"name": "pair", "shape": "blob", "members": ["A1", "A2"]}],
+        ["formations.0", "'blob'", "polygon"],
+    ),
+    "square of two": (
+        "formations",
+        [{"name": "pair", "shape": "square", "members": ["A1", "A2"], "side": 2}],
+        ["formations.0", "square", "2 members"],
+    ),
+    "both side and radius": (
+        "formations",
+        [{"name": "pair", "shape": "polygon", "members": ["A1", "A2"], "side": 2, "radius": 3}],
+        ["formations.0", "either side or radius"],
+    ),
+    "about an unknown target": (
+        "formations",
+        [{"name": "pair", "shape": "line", "members": ["A1", "A2"], "spacing": 2, "about": "A1"}],
+        ["formations.0", "about", "T1"],
+    ),
+    "singular kernel without core": (
+        "flow",
+        {"agents": {"dimension": 2, "sources": [{"centre": [0, 0], "alpha": 1}]}},
+        ["flow.agents", "core"],
+    ),
+    "kernel of the wrong dimension": (
+        "flow",
+        {"agents": {"dimension": 2, "core": 1, "sources": [{"centre": [0, 0, 0], "alpha": 1}]}},
+        ["flow.agents", "source 0"],
+    ),
+    "motion of the wrong dimension": (
+        "target_motion",
+        {"kind": "lissajous", "amplitude": [1, 1], "rate": [1, 1], "phase": [0, 0]},
+        ["targets", "amplitude", "dimension 3"],
+    ),
+    "rank-deficient effectiveness": (
+        "agents",
+        [
+            {"id": "A1", "position": [0, 0], "effectiveness": {"layout": [[1, 0], [2, 0]]}},
+            {"id": "A2", "position": [1, 0]},
+        ],
+        ["agents", "full row rank"],
+    ),
+    "odd video width": ("video", {"width": 641}, ["video.width", "multiple of 2"]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_each_mistake_is_one_clear_line(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    field, value, expected = CASES[name]
+    path = tmp_path / "mistake.yaml"
+    path.write_text(yaml.safe_dump({**GOOD, field: value}))
+    _refused(["run", str(path), "--backend", "ideal", "--no-video"], [str(path), *expected], tmp_path, capsys)
+
+
+BROKEN = {
+    "broken YAML": (b"agents: [1, 2\ntargets: 3\n", ["line"]),
+    "empty": (b"", ["empty"]),
+    "only a comment": (b"# nothing\n", ["empty"]),
+    "a list": (b"- 1\n- 2\n", ["list", "mapping"]),
+    "binary": (bytes(range(256)), ["UTF-8"]),
+    "control characters": (b"a: \x01\n", ["allowed"]),
+    "a tag": (b"agents: !!python/object/apply:os.system ['true']\n", ["line 1", "tag"]),
+    "an anchor": (b"a: &x [1]\nb: *x\n", ["line 1", "anchor"]),
+    "a key twice": (b"seed: 1\nseed: 2\n", ["'seed'", "twice"]),
+    "a key that is no text": (b"1: 2\n", ["1", "not text"]),
+    "an impossible date": (b"summary: 2026-13-45\n", ["month"]),
+    "endless nesting": (b"a: " + b"[" * 20000, ["deep"]),
+}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_files_that_are_no_scenario(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    data, expected = BROKEN[name]
+    path = tmp_path / "broken.yaml"
+    path.write_bytes(data)
+    _refused(["run", str(path)], [str(path), *expected], tmp_path, capsys)
+
+
+USAGE: dict[str, tuple[list[str], list[str]]] = {
+    "missing file": (["run", "{tmp}/none.yaml"], ["none.yaml", "No such file"]),
+    "a directory": (["run", "{tmp}"], ["directory"]),
+    "unknown name": (["run", "papper"], ["papper", "paper"]),
+    "unknown backend": (["run", "midpoint", "--backend", "real"], ["real", "physics"]),
+    "override without value": (["run", "midpoint", "--set", "controller.gain"], ["PATH=VALUE"]),
+    "override of an unknown field": (["run", "midpoint", "--set", "controller.gaim=3"], ["controller.gaim"]),
+    "override of an unknown item": (["run", "midpoint", "--set", "agents.A9.heading=3"], ["A9", "A1"]),
+    "override inside a number": (["run", "midpoint", "--set", "seed.x=3"], ["seed", "integer"]),
+    "override that is not YAML": (["run", "midpoint", "--set", "seed=[1"], ["--set seed"]),
+    "seed that is no number": (["run", "midpoint", "--seed", "x"], ["--seed", "integer"]),
+    "negative seed": (["run", "midpoint", "--seed", "-1"], ["seed"]),
+    "unknown option": (["run", "midpoint", "--fast"], ["--fast"]),
+    "unknown command": (["fly"], ["fly"]),
+    "missing argument": (["run"], ["SCENARIO"]),
+    "expectation of none": (["run", "air_tracks_surface", "--expect", "--backend", "nowhere"], ["nowhere"]),
+    "video of nothing": (["video", "{tmp}"], ["result.nc"]),
+    "unknown vehicle": (["run", "midpoint", "--set", "vehicles.agents=rocket"], ["rocket", "hull"]),
+    "vehicle of the wrong dimension": (["run", "midpoint", "--set", "vehicles.agents=aerial"], ["A1", "aerial"]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", USAGE)
+def test_usage(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    arguments, expected = USAGE[name]
+    monkeypatch.chdir(tmp_path)
+    _refused([a.replace("{tmp}", str(tmp_path)) for a in arguments], expected, tmp_path, capsys)
+
+
+@pytest.mark.parametrize("place", ["file", "below a file", "foreign directory", "foreign file in a run", "link"])
+def test_output_is_never_put_over_what_is_not_ours(
+    place: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    if place == "file":
+        out.write_text("mine")
+    elif place == "below a file":
+        (tmp_path / "file").write_text("mine")
+        out = tmp_path / "file" / "out"
+    elif place == "foreign directory":
+        out.mkdir()
+        (out / "summary.json").write_text("{}")
+    elif place == "foreign file in a run":
+        out.mkdir()
+        (out / "summary.json").write_text('{"mjsheaf_version": "0"}')
+        (out / "notes.txt").write_text("mine")
+    else:
+        (tmp_path / "elsewhere").mkdir()
+        out.symlink_to(tmp_path / "elsewhere")
+    _refused(
+        ["run", "midpoint", "--backend", "ideal", "--no-video", "--set", "time.end=0.1", "--out", str(out)],
+        [str(out)],
+        tmp_path,
+        capsys,
+    )
+
+
+def test_read_only_parent(tmp_path: Path, mjsheaf: Callable, monkeypatch: pytest.MonkeyPatch) -> None:
+    # /proc refuses new directories to everyone, the superuser included.
+    done = mjsheaf("run", "midpoint", "--backend", "ideal", "--no-video", "--out", "/proc/mjsheaf/out", cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert "/proc/mjsheaf/out: cannot be written" in done.stderr
+
+
+def test_python_interface_raises_the_same_errors() -> None:
+    with pytest.raises(ScenarioError, match=r"paper: controller\.gain: .*greater than 0"):
+        load_scenario("paper", {"controller.gain": 0})
+
+
+def _refused(arguments: list[str], expected: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = _tree(tmp_path)
+    with pytest.raises(SystemExit) as stopped:
+        main(arguments)
+    streams = capsys.readouterr()
+    assert stopped.value.code == 2, streams.err
+    assert streams.err.count("\n") == 1, streams.err
+    assert "Traceback" not in streams.err
+    assert streams.out == ""
+    for word in expected:
+        assert word in streams.err
+    assert _tree(tmp_path) == before
+
+
+def _tree(directory: Path) -> dict[str, bytes]:
+    return {str(p): p.read_bytes() for p in directory.rglob("*") if p.is_file()}

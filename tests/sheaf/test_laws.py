@@ -1,0 +1,174 @@
+"""Laws of the coboundary and the Laplacian on random sheaves.
+
+Oracles: the definitions, as dense matrices written block by block in `strategies`, and ranks by exact elimination in
+fractions.
+"""
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from .strategies import LAWS, EdgeSpec, SheafSpec, exact_rank, orthogonal, sheaves, split, vectors
+
+
+@LAWS
+@given(sheaves(), st.data())
+def test_coboundary_is_its_definition(spec: SheafSpec, data: st.DataObject) -> None:
+    x = data.draw(vectors(spec.n))
+    value = split(spec, list(spec.stalks), x)
+    by_edge = [e.F_tail @ value[e.tail] - e.F_head @ value[e.head] for e in spec.edges]
+    sheaf = spec.build()
+    assert sheaf.shape == (spec.m, spec.n)
+    assert sheaf.coboundary().shape == sheaf.shape
+    np.testing.assert_array_equal(sheaf.coboundary() @ x, np.concatenate([np.zeros(0), *by_edge]))
+
+
+@LAWS
+@given(sheaves(), st.data())
+def test_the_adjoint_of_the_coboundary_pulls_edges_back_to_their_ends(spec: SheafSpec, data: st.DataObject) -> None:
+    """<delta x, y>_K = <x, delta^T K y>, where vertex i gets F_i^T K y_e from edges that leave it, less from others."""
+    x, y = data.draw(vectors(spec.n)), data.draw(vectors(spec.m))
+    pulled, row = {v: np.zeros(n) for v, n in spec.stalks.items()}, 0
+    for e in spec.edges:
+        force = e.K @ y[row : row + len(e.b)]
+        pulled[e.tail] += e.F_tail.T @ force
+        pulled[e.head] -= e.F_head.T @ force
+        row += len(e.b)
+    pulled_back = np.concatenate(list(pulled.values()))
+    delta = spec.build().coboundary()
+    assert (delta @ x) @ spec.K @ y == x @ pulled_back
+    np.testing.assert_array_equal(delta.T @ (spec.K @ y), pulled_back)
+
+
+@LAWS
+@given(sheaves())
+def test_laplacian_is_symmetric_and_delta_transposed_k_delta(spec: SheafSpec) -> None:
+    L = spec.build().laplacian().toarray()
+    np.testing.assert_allclose(L, spec.delta.T @ spec.K @ spec.delta, rtol=0, atol=1e-11)
+    np.testing.assert_array_equal(L, L.T)
+    assert np.linalg.eigvalsh(L).min(initial=0.0) >= -1e-12 * max(1.0, np.abs(L).max(initial=0.0))
+
+
+@LAWS
+@given(sheaves(), st.data())
+def test_dirichlet_energy_is_the_quadratic_form_of_the_residual(spec: SheafSpec, data: st.DataObject) -> None:
+    x = data.draw(vectors(spec.n))
+    sheaf = spec.build()
+    np.testing.assert_allclose(sheaf.dirichlet_energy(x), spec.energy(x), rtol=1e-12)
+    np.testing.assert_array_equal(sheaf.offset(), spec.b)
+    step = data.draw(vectors(spec.n))
+    slope = sheaf.laplacian() @ x - spec.delta.T @ spec.K @ spec.b
+    curvature = 0.5 * step @ (sheaf.laplacian() @ step)
+    np.testing.assert_allclose(
+        sheaf.dirichlet_energy(x + step), spec.energy(x) + slope @ step + curvature, rtol=1e-9, atol=1e-9
+    )
+
+
+@LAWS
+@given(sheaves())
+def test_betti_numbers_are_exact(spec: SheafSpec) -> None:
+    """h0 = n - rank and h1 = m - rank, so that h0 - h1 = n - m, the Euler characteristic."""
+    rank = exact_rank(spec.delta)
+    h0, h1 = spec.build().betti()
+    assert (h0, h1) == (spec.n - rank, spec.m - rank)
+    assert h0 - h1 == spec.n - spec.m
+
+
+@LAWS
+@given(sheaves())
+def test_global_sections_are_the_kernel_of_the_laplacian(spec: SheafSpec) -> None:
+    sheaf = spec.build()
+    sections = sheaf.global_sections()
+    assert sections.shape == (spec.n, spec.n - exact_rank(spec.delta))
+    np.testing.assert_allclose(sections.T @ sections, np.eye(sections.shape[1]), atol=1e-12)
+    np.testing.assert_allclose(sheaf.laplacian() @ sections, 0.0, atol=1e-10)
+    values = np.linalg.eigvalsh(sheaf.laplacian().toarray())
+    assert np.sum(values > 1e-9 * values.max(initial=0.0)) == spec.n - sections.shape[1]
+
+
+@LAWS
+@given(sheaves(), st.data())
+def test_relative_sections_are_the_sections_that_vanish_on_the_boundary(spec: SheafSpec, data: st.DataObject) -> None:
+    names = data.draw(st.permutations(list(spec.stalks)))
+    boundary = names[: data.draw(st.integers(0, len(names)))]
+    interior = spec.columns(spec.rest(boundary))
+    basis = spec.build().relative_sections(boundary)
+    assert basis.shape == (len(interior), len(interior) - exact_rank(spec.delta[:, interior]))
+    np.testing.assert_allclose(basis.T @ basis, np.eye(basis.shape[1]), atol=1e-12)
+    whole = np.zeros((spec.n, basis.shape[1]))
+    whole[interior] = basis
+    np.testing.assert_allclose(spec.delta @ whole, 0.0, atol=1e-12)
+
+
+@LAWS
+@given(sheaves(), st.integers(0, 2**31))
+def test_the_choice_of_edge_frames_does_not_matter(spec: SheafSpec, seed: int) -> None:
+    """An orthogonal change of the coordinates of edge stalks: the paper's Remark on range and bearing, (ii)."""
+    turned = SheafSpec(spec.stalks, tuple(e.in_frame(orthogonal(len(e.b), seed + k)) for k, e in enumerate(spec.edges)))
+    one, other = spec.build(), turned.build()
+    np.testing.assert_allclose(other.laplacian().toarray(), one.laplacian().toarray(), atol=1e-11)
+    assert other.betti() == one.betti()
+    x = np.random.default_rng(seed).standard_normal(spec.n)
+    np.testing.assert_allclose(other.dirichlet_energy(x), one.dirichlet_energy(x), rtol=1e-11)
+
+
+@LAWS
+@given(sheaves(), st.data())
+def test_vertex_order_only_permutes(spec: SheafSpec, data: st.DataObject) -> None:
+    names = data.draw(st.permutations(list(spec.stalks)))
+    moved = SheafSpec({v: spec.stalks[v] for v in names}, spec.edges)
+    at = spec.columns(names)
+    one, other = spec.build(), moved.build()
+    np.testing.assert_array_equal(other.coboundary().toarray(), one.coboundary().toarray()[:, at])
+    np.testing.assert_allclose(other.laplacian().toarray(), one.laplacian().toarray()[np.ix_(at, at)], atol=1e-12)
+    assert other.betti() == one.betti()
+
+
+@LAWS
+@given(sheaves(), st.data())
+def test_edge_order_only_permutes_rows(spec: SheafSpec, data: st.DataObject) -> None:
+    edges = data.draw(st.permutations(list(spec.edges)))
+    other = SheafSpec(spec.stalks, tuple(edges)).build()
+    np.testing.assert_allclose(other.laplacian().toarray(), spec.build().laplacian().toarray(), atol=1e-12)
+    np.testing.assert_array_equal(other.coboundary().toarray(), SheafSpec(spec.stalks, tuple(edges)).delta)
+
+
+@LAWS
+@given(sheaves(), st.data())
+def test_reversing_an_edge_flips_its_offset_and_nothing_else(spec: SheafSpec, data: st.DataObject) -> None:
+    flip = data.draw(st.lists(st.booleans(), min_size=len(spec.edges), max_size=len(spec.edges)))
+    edges = tuple(e.reversed() if turn else e for e, turn in zip(spec.edges, flip, strict=True))
+    sign = np.concatenate([np.zeros(0), *(np.full(len(e.b), 1 - 2 * t) for e, t in zip(edges, flip, strict=True))])
+    one, other = spec.build(), SheafSpec(spec.stalks, edges).build()
+    np.testing.assert_array_equal(other.coboundary().toarray(), sign[:, None] * one.coboundary().toarray())
+    np.testing.assert_array_equal(other.offset(), sign * one.offset())
+    np.testing.assert_allclose(other.laplacian().toarray(), one.laplacian().toarray(), atol=1e-12)
+    x = data.draw(vectors(spec.n))
+    np.testing.assert_allclose(other.dirichlet_energy(x), one.dirichlet_energy(x), rtol=1e-12)
+
+
+@LAWS
+@given(sheaves(), sheaves())
+def test_cohomology_of_a_disjoint_union_adds(one: SheafSpec, other: SheafSpec) -> None:
+    def tag(spec: SheafSpec, side: int) -> SheafSpec:
+        edges = [EdgeSpec((side, e.tail), (side, e.head), e.F_tail, e.F_head, e.b, e.K) for e in spec.edges]
+        return SheafSpec({(side, v): n for v, n in spec.stalks.items()}, tuple(edges))
+
+    left, right = tag(one, 0), tag(other, 1)
+    union = SheafSpec({**left.stalks, **right.stalks}, left.edges + right.edges).build()
+    sums = np.add(one.build().betti(), other.build().betti())
+    assert union.betti() == tuple(sums)
+
+
+@LAWS
+@given(sheaves(), st.integers(0, 2**31))
+def test_nearest_global_section_is_the_orthogonal_projection(spec: SheafSpec, seed: int) -> None:
+    sheaf = spec.build()
+    x = np.random.default_rng(seed).standard_normal(spec.n)
+    section = sheaf.nearest_global_section(x)
+    np.testing.assert_allclose(spec.delta @ section, 0.0, atol=1e-11)
+    np.testing.assert_allclose(sheaf.nearest_global_section(section), section, atol=1e-12)
+    np.testing.assert_allclose(sheaf.global_sections().T @ (x - section), 0.0, atol=1e-12)
+    by_vertex = sheaf.nearest_global_section(split(spec, list(spec.stalks), x))
+    assert list(by_vertex) == list(spec.stalks)
+    np.testing.assert_array_equal(np.concatenate(list(by_vertex.values())), section)

@@ -1,0 +1,176 @@
+"""The camera keeps everything in the picture, moves slowly, and agrees with MuJoCo's."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mjsheaf.video.camera import FILL, CameraPath, View, camera_path
+from mjsheaf.video.film import FloatArray
+from mjsheaf.video.sanity import Reach
+
+from .small_film import make_film, make_model
+
+FPS, WIDTH, HEIGHT, FOVY = 30, 1280, 720, 45.0
+
+
+def follow(
+    time: FloatArray,
+    *points: FloatArray,
+    azimuth: float = -60.0,
+    elevation: float = -35.0,
+    width: int = WIDTH,
+    distance: float | None = None,
+) -> tuple[FloatArray, CameraPath]:
+    frames = np.arange(time[0], time[-1] + 1e-9, 1 / FPS)
+    path = camera_path(
+        time,
+        points,
+        frames,
+        azimuth=azimuth,
+        elevation=elevation,
+        fovy=FOVY,
+        aspect=width / HEIGHT,
+        radius=1.0,
+        window=75,
+        distance=distance,
+    )
+    return frames, path
+
+
+def assert_all_seen(time: FloatArray, points: FloatArray, frames: FloatArray, path: CameraPath, width: int) -> None:
+    for number, now in enumerate(frames):
+        at_now = np.stack([[np.interp(now, time, axis) for axis in point] for point in np.moveaxis(points, 0, -1)])
+        pixels, depth = path.view(number).project(at_now, width, HEIGHT)
+        assert (depth > 0).all()
+        across = (pixels / [width, HEIGHT] - 0.5) * [2, -2]  # -1 at the left and bottom, 1 at the right and top
+        left, right, bottom, top = FILL
+        inside = (across > [-left, -bottom]) & (across < [right, top])
+        assert inside.all(), f"out of the part to be filled at {now:.2f} s"
+
+
+def formation(time: FloatArray) -> FloatArray:
+    """Thirteen boats that jump into a turning, travelling formation of 80 m, and four targets 35 m below."""
+    angle = 0.5 * time[:, None] + np.linspace(0, 2 * np.pi, 13, endpoint=False)
+    boats = np.stack([80 * np.cos(angle), 80 * np.sin(angle), 0 * angle], axis=-1)
+    scattered = np.random.default_rng(0).uniform(-150, 150, (13, 3)) * [1, 1, 0]
+    boats += np.exp(-10 * time)[:, None, None] * (scattered - boats[0])
+    targets = np.array([[0, 0, -35], [20, 0, -25], [-20, 10, -45], [0, -20, -35.0]])
+    together = np.concatenate([boats, np.broadcast_to(targets, (len(time), 4, 3))], axis=1)
+    return together + np.stack([20 * np.sin(time), 20 * np.cos(2 * time), 0 * time], axis=-1)[:, None]
+
+
+def test_formation_stays_in_the_picture() -> None:
+    time = np.arange(0, 12, 0.05)
+    points = formation(time)
+    frames, path = follow(time, points[:, :9], points[:, 9:])
+    assert_all_seen(time, points, frames, path, WIDTH)
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    seed=st.integers(0, 10**6),
+    azimuth=st.floats(-180, 180),
+    elevation=st.floats(-90, 90),
+    scale=st.floats(1e-2, 1e4),
+    width=st.sampled_from([480, 720, 1280, 1920]),
+)
+def test_any_walk_stays_in_the_picture(seed: int, azimuth: float, elevation: float, scale: float, width: int) -> None:
+    time = np.linspace(0, 3, 31)
+    points = scale * np.random.default_rng(seed).normal(size=(31, 5, 3)).cumsum(axis=0)
+    frames, path = follow(time, points, azimuth=azimuth, elevation=elevation, width=width)
+    assert_all_seen(time, points, frames, path, width)
+
+
+def test_the_picture_is_well_filled() -> None:
+    time = np.arange(0, 12, 0.05)
+    points = formation(time)
+    frames, path = follow(time, points)
+    heights, widths = [], []
+    for number, now in enumerate(frames):
+        pixels, _ = path.view(number).project(points[np.argmin(abs(time - now))], WIDTH, HEIGHT)
+        span = np.ptp(pixels, axis=0)
+        widths.append(span[0] / WIDTH)
+        heights.append(span[1] / HEIGHT)
+    assert max(np.median(widths), np.median(heights)) > 0.5
+
+
+def test_camera_moves_slowly_even_while_agents_jump() -> None:
+    time = np.arange(0, 12, 0.05)
+    _, path = follow(time, formation(time))
+    moved = np.linalg.norm(np.diff(path.lookat, axis=0), axis=1) / path.distance[1:]
+    zoomed = np.abs(np.diff(np.log(path.distance)))
+    assert moved.max() * FPS < 0.3  # of the distance, in a second
+    assert zoomed.max() * FPS < 0.3
+
+
+def test_a_vehicle_alone_and_at_rest_is_seen_from_outside() -> None:
+    points = np.full((2, 1, 3), 5.0)
+    _, path = follow(np.array([0.0, 1.0]), points)
+    assert path.distance.min() > 1.0  # its radius
+    assert np.ptp(path.distance) < 1e-9
+
+
+def test_a_distance_asked_for_is_kept() -> None:
+    time = np.arange(0, 3, 0.05)
+    _, path = follow(time, formation(time), distance=123.0)
+    np.testing.assert_allclose(path.distance, 123.0)
+
+
+def test_projection_agrees_with_mujoco() -> None:
+    model = make_model()
+    view = View(np.array([3.0, -2.0, 5.0]), 40.0, -60.0, -35.0, float(model.vis.global_.fovy))
+    camera = mujoco.MjvCamera()
+    camera.lookat, camera.distance = view.lookat, view.distance
+    camera.azimuth, camera.elevation = view.azimuth, view.elevation
+    scene, data = mujoco.MjvScene(model, 100), mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    every = mujoco.mjtCatBit.mjCAT_ALL.value
+    mujoco.mjv_updateScene(model, data, mujoco.MjvOption(), None, camera, every, scene)
+
+    eye = scene.camera[0]  # the left eye of two; both stand at the same place unless stereo is on
+    forward, up = np.array(eye.forward), np.array(eye.up)
+    points = np.random.default_rng(0).uniform(-10, 10, (20, 3))
+    relative = points - (np.array(eye.pos) + np.array(scene.camera[1].pos)) / 2
+    ahead = relative @ forward
+    scale = eye.frustum_near / eye.frustum_top * HEIGHT / 2 / ahead
+    pixels, depth = view.project(points, WIDTH, HEIGHT)
+    np.testing.assert_allclose(depth, ahead, rtol=1e-5)
+    np.testing.assert_allclose(pixels[:, 0], WIDTH / 2 + relative @ np.cross(forward, up) * scale, atol=0.01)
+    np.testing.assert_allclose(pixels[:, 1], HEIGHT / 2 - relative @ up * scale, atol=0.01)
+
+
+class TestRunsThatBlewUp:
+    @pytest.mark.parametrize("value", [np.nan, np.inf, 1e30])
+    def test_camera_stays_with_the_rest(self, value: float) -> None:
+        film = make_film(make_model(), samples=81)
+        positions = film.positions.copy()
+        positions[40:, 1] += np.exp(np.linspace(0, 20, 41))[:, None]
+        positions[70:, 1] = value
+        wild = replace(film, positions=positions)
+        _, sane = follow(film.time, film.positions)
+        _, path = follow(film.time, Reach.of(wild).followed(positions))
+        assert np.isfinite(path.lookat).all()
+        assert path.distance.max() < 4 * sane.distance.max()
+
+    def test_everything_can_be_drawn(self) -> None:
+        film = make_film(make_model())
+        positions, quaternions = film.positions.copy(), film.quaternions.copy()
+        positions[:3, 0] = np.nan
+        positions[20:, 1] = 1e30
+        positions[30:, 2] = np.nan
+        quaternions[30:] = np.nan
+        wild = replace(film, positions=positions, quaternions=quaternions)
+        tame = Reach.of(wild).drawable(wild)
+        assert np.abs(tame.positions).max() < 1e5
+        np.testing.assert_array_equal(tame.positions[35, 2], positions[29, 2])
+        assert np.isfinite(tame.quaternions).all()
+
+    def test_a_sane_film_stays_as_it_is(self) -> None:
+        film = make_film(make_model())
+        reach = Reach.of(film)
+        assert reach.followed(film.positions) is film.positions
+        assert reach.drawable(film).positions is film.positions

@@ -1,0 +1,121 @@
+"""From a film to a file, through the OpenGL that works here."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import imageio_ffmpeg
+import mujoco
+import numpy as np
+import pytest
+
+from mjsheaf.errors import InputError, MjsheafError
+from mjsheaf.video import VideoOptions, available_backend, draw_video, gl
+from mjsheaf.video.draw import Painter
+from mjsheaf.video.sampling import moment
+
+from .small_film import make_film, make_model
+
+SMALL = VideoOptions(width=160, height=120, fps=10)
+
+
+@pytest.fixture
+def model() -> mujoco.MjModel:
+    return make_model()
+
+
+@pytest.fixture
+def backend() -> str:
+    name, reason = available_backend()
+    if name is None:
+        pytest.skip(reason)
+    return name
+
+
+def decoded(path: Path) -> tuple[dict, list[np.ndarray]]:
+    reader: Iterator = imageio_ffmpeg.read_frames(path)
+    meta = next(reader)
+    width, height = meta["size"]
+    return meta, [np.frombuffer(frame, np.uint8).reshape(height, width, 3).astype(int) for frame in reader]
+
+
+@pytest.mark.usefixtures("backend")
+class TestVideo:
+    def test_end_to_end(self, model: mujoco.MjModel, tmp_path: Path) -> None:
+        film, path, done = make_film(model), tmp_path / "small.mp4", []
+        count = draw_video(film, model, path, SMALL, lambda *step: done.append(step))
+        assert count == 21
+        assert done == [(number + 1, 21) for number in range(21)]
+        meta, frames = decoded(path)
+        assert meta["codec"] == "h264"
+        assert meta["pix_fmt"].startswith("yuv420p")
+        assert meta["size"] == (160, 120)
+        assert meta["fps"] == 10
+        assert len(frames) == 21
+        assert all(frame.std() > 10 for frame in frames)
+        assert np.abs(frames[0] - frames[10]).max() > 50
+        assert list(tmp_path.iterdir()) == [path]
+
+    def test_one_sample_is_one_frame(self, model: mujoco.MjModel, tmp_path: Path) -> None:
+        assert draw_video(make_film(model, 0.0, 1), model, tmp_path / "a.mp4", SMALL) == 1
+        assert len(decoded(tmp_path / "a.mp4")[1]) == 1
+
+    def test_same_film_same_pixels(self, model: mujoco.MjModel) -> None:
+        film = make_film(model)
+        with Painter(film, model, SMALL) as first, Painter(film, model, SMALL) as second:
+            for number in (3, 7, 3):  # two at once, and out of order: no frame depends on another
+                np.testing.assert_array_equal(first.paint(number), second.paint(number))
+
+    def test_vehicle_is_where_the_camera_says(self, model: mujoco.MjModel) -> None:
+        """A red box alone in the scene shows up around the pixel to which it is projected."""
+        options = VideoOptions(width=320, height=240, trail=0)
+        film = make_film(model, edges=[], surface="none")
+        model.geom_rgba[:] = [0.0, 0.0, 0.0, 0.0]
+        model.geom("box2").rgba = [1.0, 0.0, 0.0, 1.0]
+        model.geom("box2").size = [0.8, 0.8, 0.8]
+        with Painter(film, model, options) as painter:
+            painter._overlay.write = lambda *_: None  # type: ignore[method-assign]
+            painter._decorator.add = lambda *_: None  # type: ignore[method-assign]
+            for number in (0, 20):
+                frame = painter.paint(number).astype(int)
+                red = np.argwhere((frame[..., 0] > 30) & (frame[..., 0] > 2 * frame[..., 1]))
+                position = moment(film, painter.times[number]).positions[2:3]
+                expected, _ = painter.camera.view(number).project(position, 320, 240)
+                np.testing.assert_allclose(red.mean(axis=0)[::-1], expected[0], atol=2.5)
+
+    def test_the_model_is_not_changed(self, model: mujoco.MjModel) -> None:
+        before = (model.geom_size.copy(), model.vis.map.zfar, model.vis.global_.offwidth)
+        with Painter(make_film(model), model, VideoOptions(width=160, height=120, vehicle_scale=3)) as painter:
+            painter.paint(0)
+        np.testing.assert_array_equal(model.geom_size, before[0])
+        assert (model.vis.map.zfar, model.vis.global_.offwidth) == before[1:]
+
+    def test_a_run_that_blew_up_can_be_drawn(self, model: mujoco.MjModel, tmp_path: Path) -> None:
+        film = make_film(model)
+        film.positions[30:] *= np.geomspace(1, 1e40, 11)[:, None, None]
+        film.positions[38:] = np.nan
+        film.quaternions[38:] = np.nan
+        film.error[38:] = np.inf
+        assert draw_video(film, model, tmp_path / "a.mp4", SMALL) == 21
+
+    def test_closing_twice_and_drawing_after(self, model: mujoco.MjModel) -> None:
+        painter = Painter(make_film(model), model, SMALL)
+        painter.close()
+        painter.close()
+        with pytest.raises(MjsheafError, match="closed"):
+            painter.paint(0)
+
+
+def test_no_backend(model: mujoco.MjModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MUJOCO_GL", "nonsense")
+    with pytest.raises(MjsheafError, match="MUJOCO_GL=nonsense"):
+        draw_video(make_film(model), model, tmp_path / "a.mp4", SMALL)
+    assert gl._first_that_works.cache_info().currsize
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("field", ["body_id", "qpos_address"])
+def test_film_of_another_model(model: mujoco.MjModel, tmp_path: Path, field: str) -> None:
+    film = make_film(model)
+    wrong = make_film(model, **{field: getattr(film, field) + 1})
+    with pytest.raises(InputError, match="of A1 must have a free joint"):
+        draw_video(wrong, model, tmp_path / "a.mp4", SMALL)

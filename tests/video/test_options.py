@@ -1,0 +1,67 @@
+"""What a user may get wrong is refused with a line that names it and says what would be legal."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mjsheaf.errors import InputError
+from mjsheaf.video import VideoOptions
+
+from .small_film import make_film, make_model
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [
+        ("width", 0),
+        ("width", 1281),
+        ("width", 100.5),
+        ("width", 62),
+        ("height", 7682),
+        ("height", -720),
+        ("fps", 0.5),
+        ("fps", 241),
+        ("speed", 0),
+        ("speed", -1),
+        ("speed", float("nan")),
+        ("speed", float("inf")),
+        ("azimuth", float("nan")),
+        ("elevation", 91),
+        ("distance", 0),
+        ("trail", -1),
+        ("vehicle_scale", 0),
+    ],
+)
+def test_illegal_option(option: str, value: Any) -> None:
+    with pytest.raises(InputError, match=f"video {option} is .* must be"):
+        VideoOptions(**{option: value})
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{}, {"width": 64, "height": 64}, {"width": 7680, "height": 4320}, {"elevation": -90}, {"trail": 0}],
+)
+def test_legal_options(options: dict[str, Any]) -> None:
+    VideoOptions(**options)
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("time", np.zeros(0)),
+        ("time", np.zeros(41)),
+        ("positions", np.zeros((41, 4, 3))),
+        ("quaternions", np.zeros((41, 5, 3))),
+        ("harmonic_extension", np.zeros((41, 5, 3))),
+        ("group", np.zeros(3, int)),
+        ("group", np.full(5, 3)),
+        ("colours", np.zeros((2, 3))),
+        ("error", np.zeros(40)),
+        ("edges", [(0, 5, "sensing")]),
+        ("edges", [(0, 1, "talking")]),
+    ],
+)
+def test_film_that_does_not_fit_together(field: str, value: Any) -> None:
+    with pytest.raises(InputError, match=f"film.{field}|it must be"):
+        make_film(make_model(), **{field: value})
