@@ -12,7 +12,7 @@ _COLOURS = (
     *("#E69F00", "#0072B2", "#009E73", "#CC79A7", "#56B4E9", "#D55E00"),
     *("#882255", "#44AA99", "#999933", "#332288", "#AA4499", "#117733"),
 )
-_UNGROUPED, _TARGET = "#6B7280", "#D62728"
+_UNGROUPED, _TARGET = "#F0E442", "#D62728"
 
 
 def _rgb(code: str) -> list[float]:
@@ -30,4 +30,5 @@ def group_of_vehicles(team: Team) -> tuple[NDArray[np.int64], list[str]]:
     names = [f.name for f in team.formations]
     index = {member: k for k, f in enumerate(team.formations) for member in f.members}
     agents = [index.get(a.id, len(names)) for a in team.agents]
-    return np.array(agents + [len(names) + 1] * len(team.targets)), [*names, "ungrouped", "targets"]
+    others = "agents without a group" if names else "agents"
+    return np.array(agents + [len(names) + 1] * len(team.targets)), [*names, others, "targets"]

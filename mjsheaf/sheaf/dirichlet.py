@@ -110,12 +110,19 @@ class DirichletProblem:
 
         Returns:
             Interior values, shape (..., n_W), in vertex order; of minimum norm where not unique.
+
+        Raises:
+            SheafError: the boundary vectors have the wrong length.
         """
         y = np.asarray(boundary, dtype=np.float64)
-        flat = y.reshape(-1, self.B.shape[1])
-        if self.H.shape[0] == 0:
-            return np.zeros((*y.shape[:-1], 0))
-        return self._solve(self._b[:, None] - self._D_U @ flat.T).T.reshape(*y.shape[:-1], -1)
+        n_W, n_U = self.B.shape
+        if y.shape[-1:] != (n_U,):
+            raise SheafError(f"boundary values have shape {y.shape}; legal is (..., {n_U})")
+        result = np.zeros((*y.shape[:-1], n_W))
+        if result.size:
+            flat = y.reshape(result.size // n_W, n_U)
+            result[:] = self._solve(self._b[:, None] - self._D_U @ flat.T).T.reshape(result.shape)
+        return result
 
     def harmonic_extension(self, boundary: Mapping[Hashable, ArrayLike]) -> HarmonicExtension:
         """The harmonic extension of one set of boundary values, with its null basis."""

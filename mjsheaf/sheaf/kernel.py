@@ -53,7 +53,8 @@ def _largest_singular_value(matrix: sparse.csr_array) -> float:
     if matrix.nnz == 0:
         return 0.0
     if min(matrix.shape) <= DENSE_COLUMNS:
-        return float(np.linalg.norm(matrix.toarray(), 2))
+        gram = matrix.T @ matrix if matrix.shape[1] <= matrix.shape[0] else matrix @ matrix.T
+        return float(np.sqrt(np.linalg.eigvalsh(gram.toarray())[-1]))  # of the largest value, squaring loses nothing
     start = np.ones(min(matrix.shape))  # a fixed start vector keeps the answer the same in every run
     return float(splinalg.svds(matrix, k=1, v0=start, return_singular_vectors=False)[0])
 
@@ -90,7 +91,7 @@ def _lanczos_kernel(matrix: sparse.csr_array, scale: float, rtol: float) -> Arra
         # singular values, taken on A itself, are exact to machine precision.
         vectors, _ = np.linalg.qr(vectors - found @ (found.T @ vectors))
         _, singular, rows = np.linalg.svd(matrix @ vectors, full_matrices=True)
-        null = singular <= rtol * scale
+        null = np.append(singular, np.zeros(len(rows) - len(singular))) <= rtol * scale  # fewer rows than vectors
         if not null.any():
             return found
         found, _ = np.linalg.qr(np.hstack([found, vectors @ rows[null].T]))

@@ -37,14 +37,15 @@ def free_directions(team: Team) -> list[str]:
 
 def _describe(team: Team, vector: Array) -> str:
     motion = team.unpack(vector)
-    movers = [(a.id, motion[i]) for i, a in enumerate(team.agents) if np.any(motion[i])]
-    names = [name for name, _ in movers]
+    movers = [(a.id, motion[i], a.dimension) for i, a in enumerate(team.agents) if np.any(motion[i])]
+    names = [name for name, _, _ in movers]
     listed = ", ".join(names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "")
-    if len({tuple(np.round(direction, 6)) for _, direction in movers}) > 1:
-        each = ", ".join(f"{name} along {_direction(d)}" for name, d in movers[:8])
+    if len({tuple(np.round(direction, 6)) for _, direction, _ in movers}) > 1:
+        each = ", ".join(f"{name} along {_direction(d[:n])}" for name, d, n in movers[:8])
         return f"{each}{', ...' if len(movers) > 8 else ''}, moving together"
     together = " together" if len(names) > 1 else ""
-    return f"{listed} {'are' if len(names) > 1 else 'is'} free along {_direction(movers[0][1])}{together}"
+    direction = movers[0][1][: max(n for _, _, n in movers)]
+    return f"{listed} {'are' if len(names) > 1 else 'is'} free along {_direction(direction)}{together}"
 
 
 def _direction(d: Array) -> str:

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from mjsheaf.errors import InputError
+from mjsheaf.errors import InputError, SheafError
 from mjsheaf.sheaf import DirichletProblem, Sheaf
 from mjsheaf.team.formation import Formation
 
@@ -163,11 +163,18 @@ class Team:
         displacement = {m.id: np.zeros(m.dimension) for m in self.members}
         placed: dict[str, str] = {}
         for formation in formations:
+            if len(formation.members) != len(formation.displacements):
+                raise InputError(f"formation {formation.name!r}: each member needs one displacement")
             for member, o in zip(formation.members, formation.displacements, strict=True):
                 if member not in displacement:
                     raise InputError(f"formation {formation.name!r}: unknown member {member!r}")
                 if member in placed:
                     raise InputError(f"formation {formation.name!r}: {member!r} is already in {placed[member]!r}")
+                if np.shape(o) != displacement[member].shape:
+                    raise InputError(
+                        f"formation {formation.name!r}: displacement of {member!r} has shape {np.shape(o)}; "
+                        f"legal is {displacement[member].shape}"
+                    )
                 placed[member] = formation.name
                 displacement[member] = o
         return displacement
@@ -185,6 +192,12 @@ class Team:
             for end, legal in ((e.tail, tails), (e.head, heads)):
                 if end not in legal:
                     raise InputError(f"{kind} edge ({e.tail}, {e.head}): {end!r} must be one of {sorted(legal)}")
+            legal_shapes = [(len(e.F_tail), *displacement[end].shape) for end in (e.tail, e.head)]
+            if [np.shape(e.F_tail), np.shape(e.F_head)] != legal_shapes:
+                raise SheafError(
+                    f"{kind} edge ({e.tail}, {e.head}): the maps have shapes {np.shape(e.F_tail)} and "
+                    f"{np.shape(e.F_head)}; legal are {legal_shapes[0]} and {legal_shapes[1]}"
+                )
             b = e.offset
             if b is None:
                 b = e.F_tail @ displacement[e.tail] - e.F_head @ displacement[e.head]

@@ -17,15 +17,18 @@ Rgba = npt.NDArray[np.float32]  # shape (..., 4), as MuJoCo's geoms have it
 COMMUNICATION: Rgba = np.array([0.93, 0.96, 1.0, 0.4], np.float32)
 SENSING: Rgba = np.array([1.0, 0.86, 0.25, 0.9], np.float32)
 
-TRAIL_PIECES = (4, 48)  # fewest and most line pieces in one trail
-TRAIL_BUDGET = 1500  # pieces in all trails together, but for the fewest of each
-DASH_BUDGET = 800  # dashes on all sensing edges together, but for the fewest of each
-DASHES = (2, 40)  # fewest and most on one edge
+# Numbers of lines are limited, as each costs ten microseconds. The first of a pair is the least for one vehicle or
+# edge, whatever the budget for all of them together.
+TRAIL_PIECES = (4, 48)  # pieces in a trail that is not long
+PIECES_PER_SECOND = 8  # in a long one
+TRAIL_BUDGET = 2000
+DASHES = (2, 40)  # on one sensing edge
+DASH_BUDGET = 800
 
 # Sizes in pixels of a 1000x720 frame, at the team's middle.
 DASH = 10.0  # length of a dash and of the gap after it
-MARKER = 10.5  # radius of the ball at q*, in a team small enough for balls not to cover each other
-SMALL_TEAM = 50  # agents
+MARKER = 10.5  # radius of the ball at q*
+SMALL_TEAM = 50  # agents; in a larger team the balls are smaller, not to cover each other
 FOOT = 2.5  # radius of the ball at the foot of a stem
 STEM = 17.0  # shortest stem worth drawing
 
@@ -44,9 +47,10 @@ class Decorator:
         self._film = film
         self._colours = film.colours[film.group].astype(np.float32)  # (V, 3)
         self._unit = options.unit
-        self._height = int(options.height)
-        self._trail = options.trail
-        self._pieces = int(np.clip(TRAIL_BUDGET // film.vehicles, *TRAIL_PIECES)) if options.trail > 0 else 0
+        self._height = options.height
+        self._trail = min(options.trail, float(film.time[-1] - film.time[0]))
+        wanted = max(TRAIL_PIECES[1], int(PIECES_PER_SECOND * self._trail))
+        self._pieces = max(TRAIL_PIECES[0], min(wanted, TRAIL_BUDGET // film.vehicles)) if self._trail > 0 else 0
         self._communication = _pairs(film, "communication")
         self._sensing = _pairs(film, "sensing")
         self._dashes = int(np.clip(DASH_BUDGET // max(len(self._sensing), 1), *DASHES))

@@ -27,10 +27,10 @@ def set_smoothness(model: mujoco.MjModel, camera: CameraPath, vehicle_radius: fl
         vehicle_radius: of the largest vehicle, in m.
         options: give the height of the frame.
     """
-    pixels = vehicle_radius / camera.view(int(camera.distance.argmin())).metres_per_pixel(int(options.height))
-    # The largest round part is taken to be half as large as its vehicle. n sides miss a circle of radius r by
+    pixels = vehicle_radius / camera.view(int(camera.distance.argmin())).metres_per_pixel(options.height)
+    # The largest round part is taken to be a third of its vehicle. n sides miss a circle of radius r by
     # r (1 - cos(pi / n)).
-    part = max(pixels / 2, 2 * FLATNESS)
+    part = max(pixels / 3, 2 * FLATNESS)
     slices = max(int(np.ceil(np.pi / np.arccos(1 - FLATNESS / part))), FEWEST_SLICES)
     model.vis.quality.numslices = min(model.vis.quality.numslices, slices)
     model.vis.quality.numstacks = min(model.vis.quality.numstacks, slices * 2 // 3)

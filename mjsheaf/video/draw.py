@@ -47,7 +47,7 @@ def draw_video(
     """
     options = options or VideoOptions()
     with Painter(film, model, options) as painter:
-        return write_mp4(Path(path), painter.frames(progress), int(options.width), int(options.height), options.fps)
+        return write_mp4(Path(path), painter.frames(progress), options.width, options.height, options.fps)
 
 
 class Painter:
@@ -81,9 +81,7 @@ class Painter:
         self._data = mujoco.MjData(self._model)
         self._decorator = Decorator(self._film, options)
         self._overlay = Overlay(self._film, options)
-        self._renderer = Renderer(
-            self._model, int(options.width), int(options.height), backend, self._decorator.most_geoms
-        )
+        self._renderer = Renderer(self._model, options.width, options.height, backend, self._decorator.most_geoms)
 
     def _follow_team(self, film: Film, reach: Reach, options: VideoOptions) -> CameraPath:
         return camera_path(

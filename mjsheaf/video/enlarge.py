@@ -24,6 +24,7 @@ def enlarge_vehicles(model: mujoco.MjModel, body_id: IntArray, scale: float) -> 
     geoms = _geoms(model, body_id)
     model.geom_pos[geoms] *= scale
     model.geom_size[geoms] *= scale
+    model.geom_rbound[geoms] *= scale
     sites = np.isin(model.site_bodyid, bodies)
     model.site_pos[sites] *= scale
     model.site_size[sites] *= scale
@@ -36,10 +37,13 @@ def enlarge_vehicles(model: mujoco.MjModel, body_id: IntArray, scale: float) -> 
 
 def vehicle_radius(model: mujoco.MjModel, body_id: IntArray) -> float:
     """Return a radius about a root body's origin that holds the largest vehicle, in m; at least 0.1 m."""
+    # How far a body's origin can be from its root's, whichever way its joints turn; parents come before children.
+    reach = np.zeros(model.nbody)
+    for body in np.flatnonzero(np.isin(model.body_rootid, body_id) & ~np.isin(np.arange(model.nbody), body_id)):
+        reach[body] = reach[model.body_parentid[body]] + np.linalg.norm(model.body_pos[body])
     geoms = _geoms(model, body_id)
     offsets: FloatArray = np.linalg.norm(model.geom_pos[geoms], axis=1)
-    reach = offsets + np.linalg.norm(model.geom_size[geoms], axis=1)
-    return float(reach.max(initial=0.1))
+    return float((reach[model.geom_bodyid[geoms]] + offsets + model.geom_rbound[geoms]).max(initial=0.1))
 
 
 def _geoms(model: mujoco.MjModel, body_id: IntArray) -> IntArray:

@@ -143,18 +143,23 @@ class VideoOptions:
         """
         for name in ("width", "height"):
             value = getattr(self, name)
-            if value != int(value) or value % 2 or not 64 <= value <= 7680:
+            if not isinstance(value, int) or value % 2 or not 64 <= value <= 7680:
                 raise InputError(f"video {name} is {value}; it must be an even number from 64 to 7680")
         for name, low, high in (
             ("fps", 1.0, 240.0),
             ("speed", 1e-3, 1e3),
             ("azimuth", -360.0, 360.0),
             ("elevation", -90.0, 90.0),
-            ("distance", 1e-3, 1e6),
             ("trail", 0.0, 1e6),
             ("vehicle_scale", 1e-3, 1e4),
         ):
-            value = getattr(self, name)
-            # Written so that NaN, which compares false with everything, is refused too.
-            if value is not None and not low <= value <= high:
-                raise InputError(f"video {name} is {value}; it must be between {low:g} and {high:g}")
+            _check_range(name, getattr(self, name), low, high)
+        if self.distance is not None:
+            _check_range("distance", self.distance, 1e-3, 1e6)
+
+
+def _check_range(name: str, value: float, low: float, high: float) -> None:
+    """Raise InputError if an option is out of its range."""
+    # Written so that NaN, which compares false with everything, is refused too.
+    if not low <= value <= high:
+        raise InputError(f"video {name} is {value}; it must be between {low:g} and {high:g}")

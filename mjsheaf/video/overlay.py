@@ -27,7 +27,7 @@ class Overlay:
     def __init__(self, film: Film, options: VideoOptions) -> None:
         self._film = film
         self._unit = options.unit
-        self._width, self._height = int(options.width), int(options.height)
+        self._width, self._height = options.width, options.height
         title = font(self._px(24), bold=True).getlength(film.name)
         subtitle = font(self._px(14)).getlength(film.subtitle)
         narrowest, widest = (self._px(width - 2 * PAD) for width in STATUS_WIDTH)

@@ -94,7 +94,7 @@ class SheafSpec:
         return delta
 
     @property
-    def K(self) -> Array:
+    def K(self) -> Array:  # noqa: N802 - the paper's symbol
         """The inner product of C^1, shape (m, m)."""
         return block_diag(np.zeros((0, 0)), *(e.K for e in self.edges))
 

@@ -202,3 +202,5 @@ def test_wrong_boundaries_are_refused() -> None:
         sheaf.harmonic_extension({"b": [0, np.nan]})
     with pytest.raises(SheafError, match="unknown vertex 'c'"):
         sheaf.relative_sections(["c"])
+    with pytest.raises(SheafError, match=r"boundary values have shape \(5, 3\); legal is \(\.\.\., 2\)"):
+        DirichletProblem(sheaf, ["b"]).extend(np.zeros((5, 3)))

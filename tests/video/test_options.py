@@ -18,6 +18,7 @@ from .small_film import make_film, make_model
         ("width", 1281),
         ("width", 100.5),
         ("width", 62),
+        ("width", float("inf")),
         ("height", 7682),
         ("height", -720),
         ("fps", 0.5),

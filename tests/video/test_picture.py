@@ -58,6 +58,11 @@ class TestDecoration:
         for vehicle in film.positions[-1]:
             assert min(np.linalg.norm(end - vehicle) for end in ends) < 0.01
 
+    def test_a_trail_longer_than_the_run_shows_all_of_it(self) -> None:
+        film = make_film(make_model(), edges=[], surface="none")
+        lines = [geom for geom in decorate(film, VideoOptions(trail=1e6), 2.0) if geom.type == LINE]
+        assert len(lines) > 5 * 40  # not one straight line for each of five vehicles
+
     def test_trails_of_a_crowd_stay_affordable(self) -> None:
         film = make_film(make_model())
         crowd = replace(
@@ -187,6 +192,9 @@ class TestEnlarging:
             np.testing.assert_allclose(model.geom(name).size, size)
         assert model.geom("water").size.tolist() == make_model().geom("water").size.tolist()
 
-    def test_radius_holds_every_geom(self) -> None:
+    def test_radius_holds_every_geom_at_any_angle_of_the_hinge(self) -> None:
         model = make_model()
-        assert vehicle_radius(model, make_film(model).body_id) >= np.hypot(1, 0.5)
+        radius = vehicle_radius(model, make_film(model).body_id)
+        assert radius == pytest.approx(2 + 0.5 + 0.2)  # the ball's body, the ball's place in it, its radius
+        enlarge_vehicles(model, make_film(model).body_id, 3.0)
+        assert vehicle_radius(model, make_film(model).body_id) == pytest.approx(3 * radius)

@@ -6,18 +6,15 @@ itself, force in world axes and moment in body axes, and the forces are the same
 body, it is written before every step (see forces).
 """
 
-import os
-import warnings
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from mjsheaf.backends.physics.vehicle import Vehicle
+from mjsheaf.engine import mujoco, pymjcf
 from mjsheaf.errors import InputError
 from mjsheaf.resources import resource_directory
 
@@ -68,7 +65,7 @@ def compose(
         surface_height: z of the surface, m.
         colours: RGB of each vehicle's livery, shape (V, 3), or None.
     """
-    mjcf = _pymjcf()
+    mjcf = pymjcf()
     root = mjcf.from_path(str(resource_directory("models") / "arena.xml"))
     root.option.timestep = timestep
     if not contacts:
@@ -133,25 +130,3 @@ def _gain(thruster: Any) -> float:
     """Newton for each unit of command and of gear; W holds gain times gear."""
     gainprm = getattr(thruster, "gainprm", None)
     return 1.0 if gainprm is None else float(np.atleast_1d(gainprm)[0])
-
-
-@contextmanager
-def _without_rendering() -> Iterator[None]:
-    """Keep dm_control from choosing a way to render when it is imported: composition needs none."""
-    given = os.environ.get("MUJOCO_GL")
-    os.environ["MUJOCO_GL"] = "off"
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            yield
-    finally:
-        if given is None:
-            del os.environ["MUJOCO_GL"]
-        else:
-            os.environ["MUJOCO_GL"] = given
-
-
-def _pymjcf() -> Any:
-    with _without_rendering():
-        from dm_control import mjcf
-    return mjcf

@@ -10,11 +10,11 @@ from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Literal
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, ValidationError, model_validator
 
+from mjsheaf.engine import mujoco
 from mjsheaf.errors import InputError
 from mjsheaf.reading import Section, describe_validation_error, read_yaml
 from mjsheaf.resources import resource_directory

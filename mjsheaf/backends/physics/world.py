@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import llvmlite.binding
-import mujoco
 import numpy as np
 from numba import types
 from numpy.typing import NDArray
@@ -19,6 +18,7 @@ from mjsheaf.backends.physics.vehicle import load_vehicle
 from mjsheaf.backends.system import System, velocity_commands
 from mjsheaf.backends.trajectory import Trajectory, blow_up_message
 from mjsheaf.compiled import kernel
+from mjsheaf.engine import mujoco
 from mjsheaf.errors import InputError, UnstableError
 
 Array = NDArray[np.float64]
@@ -79,24 +79,42 @@ def _close_loop(control, medium, bodies, t, sample, state):
 
 
 @kernel
-def _first_bad(state):
-    """The first degree of freedom whose position, velocity or acceleration is not finite or is huge, or -1."""
-    for i in range(state.qvel.shape[0]):
-        if not (abs(state.qvel[i]) < _HUGE and abs(state.qacc[i]) < _HUGE):
+def _first_bad(values):
+    """Index of the first entry that is not finite or is huge, or -1."""
+    for i in range(values.shape[0]):
+        if not abs(values[i]) < _HUGE:
             return i
-    for i in range(state.qpos.shape[0]):
-        if not abs(state.qpos[i]) < _HUGE:
-            return min(i * state.qvel.shape[0] // state.qpos.shape[0], state.qvel.shape[0] - 1)
+    return -1
+
+
+@kernel
+def _bad_vehicle(bodies, state):
+    """The first vehicle whose position, velocity or acceleration MuJoCo would call bad, or -1."""
+    bad = min(_first_bad(state.qpos), 0) + min(_first_bad(state.qvel), 0) + min(_first_bad(state.qacc), 0)
+    if bad == -3:
+        return -1
+    for v in range(bodies.qpos.shape[0]):
+        a, d = bodies.qpos[v], bodies.dof[v]
+        if (
+            _first_bad(state.qpos[a : a + 7]) >= 0
+            or _first_bad(state.qvel[d : d + 6]) >= 0
+            or _first_bad(state.qacc[d : d + 6]) >= 0
+        ):
+            return v
     return -1
 
 
 @kernel
 def _advance(control, medium, bodies, start, timestep, step, count, steps_per_sample, state, model, data):
-    """Take `count` steps from step number `step`; return how many were taken and the bad degree of freedom, or -1."""
+    """Take `count` steps from step number `step`; return how many were taken, and the vehicle that went bad or -1."""
     for k in range(step, step + count):
         _close_loop(control, medium, bodies, start + k * timestep, k % steps_per_sample == 0, state)
+        # MuJoCo sets all commands to zero where one is bad, and goes on: that would be another simulation.
+        bad = _first_bad(state.ctrl)
+        if bad >= 0:
+            return k - step, np.searchsorted(bodies.thruster, bad, side="right") - 1
         _mj_step(model, data)
-        bad = _first_bad(state)
+        bad = _bad_vehicle(bodies, state)
         if bad >= 0:
             return k + 1 - step, bad
     return count, -1
@@ -214,8 +232,7 @@ class World:
             if bad >= 0:
                 raise UnstableError(self._blow_up(bad))
 
-    def _blow_up(self, dof: int) -> str:
-        vehicle = int(np.searchsorted(self.arena.dof, dof, side="right")) - 1
+    def _blow_up(self, vehicle: int) -> str:
         at = self.arena.dof[vehicle]
         speed = float(np.linalg.norm(self.data.qvel[at : at + 3]))
         detail = f" (body '{self.arena.vehicles[vehicle].name}', speed {speed:.3g} m/s)"

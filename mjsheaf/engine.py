@@ -1,0 +1,41 @@
+"""Importing MuJoCo and PyMJCF where MUJOCO_GL names a way to draw that does not work here.
+
+Both choose an OpenGL backend when they are imported and fail with it. Physics needs none: it must not fail then.
+"""
+
+import os
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+__all__ = ["mujoco", "pymjcf"]
+
+
+@contextmanager
+def _without_drawing() -> Iterator[None]:
+    given = os.environ.get("MUJOCO_GL")
+    os.environ["MUJOCO_GL"] = "off"
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        if given is None:
+            del os.environ["MUJOCO_GL"]
+        else:
+            os.environ["MUJOCO_GL"] = given
+
+
+try:
+    import mujoco
+except (ImportError, RuntimeError, AttributeError):  # what a missing or unknown backend raises
+    with _without_drawing():
+        import mujoco
+
+
+def pymjcf() -> Any:
+    """The module dm_control.mjcf, imported without choosing a way to draw."""
+    with _without_drawing():
+        from dm_control import mjcf
+    return mjcf

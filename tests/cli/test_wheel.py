@@ -1,0 +1,49 @@
+"""The wheel, as a user gets it: built, installed in a clean environment, run from another directory.
+
+Oracle: it ships models and scenarios and gives the same bits as the repository.
+"""
+
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+import mjsheaf
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+
+
+@pytest.mark.slow
+def test_wheel_installs_and_runs_elsewhere(tmp_path: Path) -> None:
+    def run(*command: str | Path, cwd: Path = tmp_path) -> str:
+        done = subprocess.run([*map(str, command)], cwd=cwd, capture_output=True, text=True, timeout=600, check=False)
+        assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
+        return done.stdout
+
+    # From the source archive, as a release is: what the archive lacks, the wheel lacks too.
+    run(sys.executable, "-m", "build", "--no-isolation", "--outdir", tmp_path / "dist", REPOSITORY)
+    (wheel,) = (tmp_path / "dist").glob("*.whl")
+    names = set(zipfile.ZipFile(wheel).namelist())
+    for path in [*(REPOSITORY / "models").iterdir(), *(REPOSITORY / "scenarios").iterdir()]:
+        assert f"mjsheaf/{path.parent.name}/{path.name}" in names
+    assert not any(name.startswith("tests") for name in names)
+
+    run(sys.executable, "-m", "venv", tmp_path / "venv")
+    python = tmp_path / "venv" / "bin" / "python"
+    run(python, "-m", "pip", "install", "--quiet", "--constraint", REPOSITORY / "constraints.txt", wheel)
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    command = tmp_path / "venv" / "bin" / "mjsheaf"
+    assert "paper" in run(command, "list", cwd=elsewhere)
+    run(command, "run", "local_frames", "--no-video", "--set", "time.end=0.5", cwd=elsewhere)
+    where = run(python, "-c", "import mjsheaf; print(mjsheaf.__file__)", cwd=elsewhere)
+    assert str(REPOSITORY) not in where
+
+    from mjsheaf.results import load_run
+
+    installed, _ = load_run(elsewhere / "runs" / "local_frames-physics")
+    here = mjsheaf.simulate(mjsheaf.load_scenario("local_frames", {"time.end": 0.5}), "physics")
+    for name in here.data_vars:
+        assert here[name].values.tobytes() == installed[name].values.tobytes(), name

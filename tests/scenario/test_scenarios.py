@@ -1,0 +1,166 @@
+"""Every scenario that ships, on both backends, against its own `expect:` block.
+
+Oracle: the expectations in the files, which must lie at most 10 % above what is found; the published run.
+"""
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import mjsheaf
+from mjsheaf.errors import NotUniqueError
+from mjsheaf.results import check_expectation, summarize
+from mjsheaf.scenario import Scenario, list_scenarios, load_scenario, scenario_from_mapping
+from mjsheaf.scenario.build import uses_seed
+from mjsheaf.scenario.load import parse_override
+
+BACKENDS = ("ideal", "physics")
+RUNNABLE = [name for name in list_scenarios() if load_scenario(name).expect.refused is None]
+REFUSED = [name for name in list_scenarios() if load_scenario(name).expect.refused is not None]
+
+
+@cache
+def run(name: str, backend: str) -> tuple[Scenario, xr.Dataset]:
+    scenario = load_scenario(name)
+    return scenario, mjsheaf.simulate(scenario, backend)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("name", RUNNABLE)
+def test_expectation_is_met_and_tight(name: str, backend: str) -> None:
+    scenario, dataset = run(name, backend)
+    final = summarize(scenario.system().team, dataset)
+    verdict = check_expectation(scenario.expect, backend, dataset.attrs["status"], final)
+    assert verdict["met"] is True, verdict
+    for check in verdict["checks"]:
+        assert check["bound"] <= 1.1 * check["found"], f"{check['measure']} is bounded loosely: {check}"
+    measured = {name for name in ("tracking_error", "formation_error", "centering_error") if final[name] is not None}
+    assert measured <= {check["measure"] for check in verdict["checks"]}
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("name", REFUSED)
+def test_refused_scenarios_say_who_is_free(name: str, backend: str) -> None:
+    scenario = load_scenario(name)
+    with pytest.raises(NotUniqueError) as refused:
+        mjsheaf.simulate(scenario, backend)
+    assert scenario.expect.refused is not None
+    assert scenario.expect.refused in str(refused.value)
+    assert "dimension 1" in str(refused.value)
+
+
+def test_paper_centering_matches_the_published_account() -> None:
+    scenario, dataset = run("paper", "ideal")
+    final = summarize(scenario.system().team, dataset)
+    assert 7.2 < final["centering_error"] < 7.4  # "up to 7.3 m from their targets"
+    assert final["mean_disagreement"] == pytest.approx(1.433368287835867, abs=1e-8)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_dataset_holds_what_the_contract_names(backend: str) -> None:
+    _, ds = run("local_frames", backend)
+    assert ds["agent_position"].dims == ("time", "agent", "axis")
+    assert ds["target_position"].dims == ("time", "target", "axis")
+    assert ds["disagreement"].dims == ds["tracking_error"].dims == ("time", "agent")
+    assert list(ds["axis"].values) == ["x", "y", "z"]
+    planar = np.isnan(ds["agent_position"].sel(axis="z")).all("time").values
+    assert planar.tolist() == [True] * 3 + [False] * 3
+    assert len(ds["time"]) == 2001
+    for name, variable in ds.data_vars.items():
+        assert {"units", "long_name"} <= set(variable.attrs), name
+    if backend == "physics":
+        assert {"agent_orientation", "target_command", "agent_saturation"} <= set(ds.data_vars)
+        norm = np.linalg.norm(ds["agent_orientation"].values, axis=2)
+        np.testing.assert_allclose(norm, 1.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_same_scenario_same_bits(backend: str) -> None:
+    scenario = load_scenario("local_frames", {"time.end": 2})
+    first, second = mjsheaf.simulate(scenario, backend), mjsheaf.simulate(scenario, backend)
+    xr.testing.assert_identical(first, second)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_resolved_scenario_runs_to_the_same_bits(backend: str, tmp_path: Path) -> None:
+    from mjsheaf.running import dump_scenario
+
+    scenario = load_scenario("local_frames", {"time.end": 1, "seed": 11, "controller.gain": 2.5})
+    path = tmp_path / "scenario.yaml"
+    path.write_text(dump_scenario(scenario))
+    again = load_scenario(path)
+    assert again == scenario
+    xr.testing.assert_identical(mjsheaf.simulate(scenario, backend), mjsheaf.simulate(again, backend))
+
+
+def test_seed_draws_places_headings_and_disturbances() -> None:
+    changes = {"spread.position": 3.0, "spread.heading": 90.0, "disturbance.agents": {"bound": 0.2}}
+    a, b, c = (load_scenario("midpoint", {**changes, "seed": seed}).system() for seed in (1, 2, 1))
+    assert np.abs(a.initial - b.initial)[:1, :2].min() > 0
+    assert np.array_equal(a.initial[1:], b.initial[1:])  # targets are not spread
+    assert np.abs(a.bodies.heading - b.bodies.heading).min() > 0
+    assert not np.array_equal(a.harmonics, b.harmonics)
+    assert np.array_equal(a.initial, c.initial)
+    assert np.array_equal(a.harmonics, c.harmonics)
+    plain = load_scenario("midpoint").system()
+    assert np.abs(a.initial - plain.initial).max() <= 3.0
+
+
+def test_a_seed_that_changes_nothing_is_known() -> None:
+    assert uses_seed(load_scenario("paper")) == {"ideal": False, "physics": False}
+    assert uses_seed(load_scenario("paper", {"spread.heading": 10})) == {"ideal": False, "physics": True}
+    assert uses_seed(load_scenario("surface_tracks_air")) == {"ideal": True, "physics": True}
+
+
+def test_overrides_reach_any_field() -> None:
+    scenario = load_scenario(
+        "paper",
+        {
+            "controller.gain": 30,
+            "agents.A3.heading": -5,
+            "agents.0.position.1": 11.5,
+            "formations.square_T4.side": 40,
+            "flow.agents.vortices.1.gamma": 0.25,
+            "video.fps": 24,
+        },
+    )
+    assert scenario.controller.gain == 30
+    assert scenario.agents[2].heading == -5
+    assert scenario.agents[0].position == [-20, 11.5]
+    assert scenario.formations[3].side == 40  # type: ignore[union-attr]
+    assert scenario.flow.agents is not None
+    assert scenario.flow.agents.vortices[1].gamma == 0.25
+    assert scenario.video.fps == 24
+
+
+def test_override_values_are_yaml() -> None:
+    assert parse_override("controller.gain=1e-3") == ("controller.gain", 1e-3)
+    assert parse_override("agents.A1.position=[1, 2]") == ("agents.A1.position", [1, 2])
+    assert parse_override("summary=a=b") == ("summary", "a=b")
+
+
+def test_time_end_keeps_whole_periods() -> None:
+    for end, samples in ((49.99, 4999), (5, 500), (2.0049, 200), (0.02, 2)):
+        assert len(load_scenario("paper", {"time.end": end}).system().grid.samples) == samples
+    times = load_scenario("paper").system().grid.samples
+    np.testing.assert_allclose(times, 0.01 * np.arange(1, 5000), atol=1e-12)
+
+
+def test_scenario_from_a_mapping() -> None:
+    scenario = scenario_from_mapping(
+        {
+            "name": "tiny",
+            "agents": [{"id": "A", "position": [0, 0]}],
+            "targets": [{"id": "T", "position": [3, 4]}],
+            "sensing": [["A", "T"]],
+            "time": {"end": 5},
+            "controller": {"gain": 2.0},
+        }
+    )
+    ds = mjsheaf.simulate(scenario, "ideal")
+    # A held first-order loop: the error shrinks by 1 - k h each period, exactly.
+    expected = 5.0 * (1.0 - 2.0 * 0.01) ** np.arange(501)
+    np.testing.assert_allclose(ds["tracking_error"].values[:, 0], expected, rtol=1e-9, atol=1e-12)

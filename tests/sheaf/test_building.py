@@ -1,0 +1,191 @@
+"""Building a sheaf: edges in bulk, what is refused and how it is said, and that a sheaf keeps what it was given.
+
+Oracle: the same edges added one at a time, and the dense definition in `strategies`.
+"""
+
+import itertools
+from collections.abc import Callable, Hashable
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+
+from mjsheaf import Sheaf
+from mjsheaf.errors import InputError, SheafError
+
+from .strategies import LAWS, SheafSpec, sheaves
+
+Build = Callable[[Sheaf], Any]
+I2, FLAT = np.eye(2), np.eye(2, 3)
+UNHASHABLE: Any = [["b"]]
+
+
+def pair() -> Sheaf:
+    """A sheaf with one edge: a in R^2, b in R^3, c in R^2."""
+    sheaf = Sheaf({"a": 2, "b": 3, "c": 2})
+    sheaf.add_edge("a", "b", I2, FLAT, offset=[1.0, 2.0], weight=2.0)
+    return sheaf
+
+
+@LAWS
+@given(sheaves())
+def test_edges_in_bulk_are_edges_one_at_a_time(spec: SheafSpec) -> None:
+    """Runs of edges whose maps have equal shapes are added together; bits, numbers and order are the same."""
+    bulk, added = Sheaf(spec.stalks), 0
+    for _, alike in itertools.groupby(spec.edges, key=lambda e: (e.F_tail.shape, e.F_head.shape)):
+        run = list(alike)
+        numbers = bulk.add_edges(
+            [e.tail for e in run],
+            [e.head for e in run],
+            [e.F_tail for e in run],
+            [e.F_head for e in run],
+            offset=[e.b for e in run],
+            weight=[e.K for e in run],
+        )
+        assert list(numbers) == list(range(added, added + len(run)))
+        added += len(run)
+    single = spec.build()
+    assert bulk.number_of_edges == single.number_of_edges == len(spec.edges)
+    np.testing.assert_array_equal(bulk.coboundary().toarray(), spec.delta)
+    np.testing.assert_array_equal(bulk.laplacian().toarray(), single.laplacian().toarray())
+    np.testing.assert_array_equal(bulk.offset(), single.offset())
+    np.testing.assert_array_equal(bulk.whitened_offset(), single.whitened_offset())
+
+
+def test_edges_added_later_join() -> None:
+    """Matrices are made anew after each change."""
+    sheaf = pair()
+    before = sheaf.laplacian().toarray()
+    assert sheaf.add_edge("c", "a", I2, I2) == 1
+    assert sheaf.shape == (4, 7)
+    after = sheaf.laplacian().toarray()
+    np.testing.assert_array_equal(before[5:], 0.0)
+    np.testing.assert_array_equal(after[5:, 5:], I2)
+    np.testing.assert_array_equal(after[:2, :2], before[:2, :2] + I2)
+
+
+def test_no_edges_at_once_is_legal() -> None:
+    sheaf = pair()
+    assert list(sheaf.add_edges([], [], np.zeros((0, 2, 2)), np.zeros((0, 2, 2)))) == []
+    assert sheaf.number_of_edges == 1
+
+
+def test_weights_may_be_numbers() -> None:
+    sheaf, other = Sheaf({"a": 2, "b": 2}), Sheaf({"a": 2, "b": 2})
+    F = np.array([I2, 2 * I2])
+    sheaf.add_edges("aa", "bb", F, F, weight=[3.0, 0.5])
+    other.add_edges("aa", "bb", F, F, weight=[3.0 * I2, 0.5 * I2])
+    np.testing.assert_array_equal(sheaf.laplacian().toarray(), other.laplacian().toarray())
+
+
+def test_later_changes_of_what_was_given_do_not_reach_the_sheaf() -> None:
+    stalks = {"a": 2, "b": 2}
+    F, b, K = I2.copy(), np.ones(2), 2.0 * I2
+    sheaf = Sheaf(stalks)
+    sheaf.add_edge("a", "b", F, F, offset=b, weight=K)
+    many, offsets, weights = np.array([I2]), np.ones((1, 2)), np.array([2.0 * I2])
+    sheaf.add_edges(["b"], ["a"], many, many, offset=offsets, weight=weights)
+    x = np.arange(4.0)
+    before = sheaf.coboundary().toarray(), sheaf.laplacian().toarray(), sheaf.offset(), sheaf.dirichlet_energy(x)
+    stalks["c"] = 7
+    for array in (F, b, K, many, offsets, weights):
+        array[:] = np.nan
+    value = {"a": np.zeros(2), "b": np.zeros(2)}
+    section = sheaf.harmonic_extension({"b": value["b"]})
+    value["b"][:] = np.nan
+    assert sheaf.vertices == ["a", "b"]
+    assert np.isfinite(section.x["b"]).all()
+    after = sheaf.coboundary().toarray(), sheaf.laplacian().toarray(), sheaf.offset(), sheaf.dirichlet_energy(x)
+    for one, other in zip(before, after, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_cochains_are_packed_in_vertex_order() -> None:
+    sheaf = pair()
+    by_vertex: dict[Hashable, list[int]] = {"c": [6, 7], "a": [1, 2], "b": [3, 4, 5]}
+    x = sheaf.pack(by_vertex)
+    np.testing.assert_array_equal(x, [1, 2, 3, 4, 5, 6, 7])
+    assert {v: list(value) for v, value in sheaf.unpack(x).items()} == by_vertex
+    np.testing.assert_array_equal(sheaf.columns(["c", "a"]), [5, 6, 0, 1])
+
+
+REFUSED: list[tuple[Build, str]] = [
+    (lambda s: s.add_edge("a", "x", I2, I2), r"unknown vertex 'x'; the vertices are 'a', 'b', 'c'"),
+    (lambda s: s.add_edges(UNHASHABLE, "a", [I2], [I2]), r"unknown vertex \['b'\]; the vertices are 'a', 'b', 'c'"),
+    (lambda s: s.add_edge("a", "a", I2, I2), r"edge \('a', 'a'\) is a loop; its ends must differ"),
+    (lambda s: s.add_edges("ca", "aa", [I2, I2], [I2, I2]), r"edge \('a', 'a'\) is a loop"),
+    (
+        lambda s: s.add_edge("a", "b", I2, I2),
+        r"edge \('a', 'b'\): the map of head 'b' has shape \(2, 2\), but the stalk has dimension 3; legal is \(m, 3\)",
+    ),
+    (lambda s: s.add_edge("b", "a", I2, I2), r"the map of tail 'b' has shape \(2, 2\).*legal is \(m, 3\)"),
+    (lambda s: s.add_edges("ca", "ab", [I2, I2], [I2, I2]), r"edge \('a', 'b'\): the map of head 'b'"),
+    (lambda s: s.add_edge("a", "c", I2, np.eye(3, 2)), r"the maps have 2 and 3 rows; both must map to the same"),
+    (lambda s: s.add_edge("a", "c", [1.0, 0.0], I2), r"maps of the tails have shape \(1, 2\); legal is \(1, m, n\)"),
+    (lambda s: s.add_edges("ac", "ca", [I2], [I2]), r"maps of the tails have shape \(1, 2, 2\); legal is \(2, m, n\)"),
+    (lambda s: s.add_edges("ac", "c", [I2, I2], [I2, I2]), r"2 tails but 1 heads"),
+    (lambda s: s.add_edge("a", "c", I2 * np.nan, I2), r"edge \('a', 'c'\): an entry is not finite"),
+    (lambda s: s.add_edges("a", "c", [I2], [I2 / 0.0]), r"F_head: an entry is not finite"),
+    (lambda s: s.add_edge("a", "c", I2, I2, offset=[0, np.inf]), r"an entry is not finite"),
+    (lambda s: s.add_edge("a", "c", I2, I2, weight=np.nan), r"an entry is not finite"),
+    (lambda s: s.add_edge("a", "c", [[1, 2], [3]], I2), r"not an array of numbers of equal row lengths"),
+    (lambda s: s.add_edge("a", "c", "map", I2), r"not an array of numbers"),
+    (lambda s: s.add_edge("a", "c", I2, I2, offset=[1.0]), r"offset has shape \(1, 1\); legal is \(1, 2\)"),
+    (lambda s: s.add_edge("a", "c", I2, I2, weight=np.eye(3)), r"weight has shape \(1, 3, 3\); legal is \(1, 2, 2\)"),
+    (lambda s: s.add_edge("a", "c", I2, I2, weight=0.0), r"weight is not symmetric positive definite"),
+    (lambda s: s.add_edge("a", "c", I2, I2, weight=-1.0), r"smallest eigenvalue -1"),
+    (lambda s: s.add_edge("a", "c", I2, I2, weight=[[1, 2], [2, 1]]), r"smallest eigenvalue -1"),
+    (lambda s: s.add_edge("a", "c", I2, I2, weight=np.ones((2, 2))), r"not symmetric positive definite"),
+    (lambda s: s.add_edge("a", "c", I2, I2, weight=[[2, 0.5], [0.4, 2]]), r"asymmetry 0\.1\)"),
+    (
+        lambda s: s.add_edges("ac", "ca", [I2, I2], [I2, I2], weight=[I2, -I2]),
+        r"edge \('c', 'a'\): the weight is not symmetric positive definite",
+    ),
+]
+
+
+@pytest.mark.parametrize(("build", "message"), REFUSED, ids=[message[:40] for _, message in REFUSED])
+@pytest.mark.filterwarnings("ignore:divide by zero", "ignore:invalid value")
+def test_wrong_edges_are_refused_and_nothing_is_added(build: Build, message: str) -> None:
+    sheaf, untouched = pair(), pair()
+    with pytest.raises(SheafError, match=message):
+        build(sheaf)
+    assert sheaf.number_of_edges == 1
+    np.testing.assert_array_equal(sheaf.coboundary().toarray(), untouched.coboundary().toarray())
+    np.testing.assert_array_equal(sheaf.laplacian().toarray(), untouched.laplacian().toarray())
+    assert sheaf.add_edge("c", "a", I2, I2) == 1
+
+
+@pytest.mark.parametrize("dimension", [-1, 1.5, True, "2", None])
+def test_stalks_need_whole_dimensions(dimension: Any) -> None:
+    with pytest.raises(SheafError, match=r"stalk of vertex 'a': dimension .* is not a whole number"):
+        Sheaf({"a": dimension})
+
+
+def test_a_sheaf_needs_a_vertex() -> None:
+    with pytest.raises(SheafError, match="at least one vertex"):
+        Sheaf({})
+
+
+@pytest.mark.parametrize(
+    ("x", "message"),
+    [
+        (np.zeros(6), r"a 0-cochain has shape \(7,\); this one has \(6,\)"),
+        (np.full(7, np.nan), "0-cochain: an entry is not finite"),
+        ({"a": [0, 0], "b": [0, 0, 0]}, r"missing \['c'\], unknown \[\]"),
+        ({"a": [0, 0], "b": [0, 0, 0], "c": [0, 0], "d": 1}, r"missing \[\], unknown \['d'\]"),
+        ({"a": [0, 0, 0], "b": [0, 0, 0], "c": [0, 0]}, r"value of vertex 'a' has shape \(3,\); legal is \(2,\)"),
+    ],
+)
+def test_wrong_cochains_are_refused(x: Any, message: str) -> None:
+    for use in (pair().pack, pair().dirichlet_energy, pair().nearest_global_section):
+        with pytest.raises(SheafError, match=message):
+            use(x)
+
+
+def test_errors_are_input_errors() -> None:
+    """Exit code 2 at the command line, ValueError in Python."""
+    assert issubclass(SheafError, InputError)
+    assert issubclass(SheafError, ValueError)
+    assert SheafError.exit_code == 2

@@ -1,0 +1,248 @@
+"""A team becomes a sheaf: edges, offsets from formations, packing, and what is said of free directions.
+
+Oracles: the definition b = delta o, the paper's remark that an edge frame does not matter, and its failing case
+(aircraft that track a boat).
+"""
+
+import itertools
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mjsheaf.errors import InputError, SheafError
+from mjsheaf.team import Edge, Formation, Member, Team, restriction_maps
+from mjsheaf.team.freedom import free_directions, sparse_basis
+
+LAWS = settings(deadline=None, derandomize=True, max_examples=60)
+
+DIMENSION = {"A1": 2, "A2": 3, "A3": 2, "A4": 3, "T1": 3, "T2": 2}
+LINKS = [("A1", "A2"), ("A3", "A2"), ("A3", "A4")]
+SEEN = [("A1", "T1"), ("A2", "T1"), ("A4", "T2"), ("A2", "T2"), ("A4", "T1")]
+
+
+def edge(tail: str, head: str, *, name: str = "shared", weight: float = 1.0, **options: Any) -> Edge:
+    """An edge with maps by name, see `members` for dimensions."""
+    a, b = members(tail, head)
+    maps = restriction_maps(name, a.dimension, b.dimension, options.pop("attitude", (0.0, 0.0, 0.0)))
+    return Edge(tail, head, *maps, weight * np.eye(len(maps[0])), **options)
+
+
+def members(*ids: str) -> list[Member]:
+    """As in DIMENSION, or by the first letter: B and S float, U flies."""
+    return [Member(v, DIMENSION.get(v, 3 if v[0] == "U" else 2)) for v in ids]
+
+
+def formation(rng: np.random.Generator, name: str, *ids: str) -> Formation:
+    return Formation(name, ids, tuple(rng.standard_normal(m.dimension) for m in members(*ids)))
+
+
+def mixed_team(
+    attitudes: list[tuple[float, float, float]] | None = None, formations: tuple[Formation, ...] = ()
+) -> Team:
+    """Four agents and two targets of mixed dimensions; with attitudes, each edge in a local frame of its own."""
+    angles = itertools.repeat(None) if attitudes is None else iter(attitudes)
+
+    def make(pair: tuple[str, str]) -> Edge:
+        attitude = next(angles)
+        return edge(*pair) if attitude is None else edge(*pair, name="local_frame", attitude=attitude)
+
+    return Team(members("A1", "A2", "A3", "A4"), members("T1", "T2"), map(make, LINKS), map(make, SEEN), (), formations)
+
+
+yaws = st.tuples(st.just(0.0), st.just(0.0), st.floats(-7, 7))
+
+
+@LAWS
+@given(st.lists(yaws, min_size=8, max_size=8), st.integers(0, 2**31))
+def test_local_frames_leave_the_disagreement_alone(attitudes: list[tuple[float, float, float]], seed: int) -> None:
+    """H, B and c do not depend on the frame in which an edge is measured, offsets included."""
+    rng = np.random.default_rng(seed)
+    groups = (formation(rng, "g", "A1", "A3", "A4"),)
+    one, other = mixed_team(formations=groups).dirichlet, mixed_team(attitudes, groups).dirichlet
+    np.testing.assert_allclose(other.H.toarray(), one.H.toarray(), atol=1e-13)
+    np.testing.assert_allclose(other.B.toarray(), one.B.toarray(), atol=1e-13)
+    np.testing.assert_allclose(other.c, one.c, atol=1e-13)
+
+
+@LAWS
+@given(st.integers(0, 2**31))
+def test_formations_become_offsets_delta_o(seed: int) -> None:
+    """Displacements are a 0-cochain o, zero off the formations and on targets; edges carry b = delta o."""
+    rng = np.random.default_rng(seed)
+    groups = formation(rng, "g", "A2", "A3"), formation(rng, "h", "A4")
+    team = mixed_team(formations=groups)
+    o = {v: np.zeros(n) for v, n in DIMENSION.items()}
+    for group in groups:
+        o.update(zip(group.members, group.displacements, strict=True))
+    stacked = np.concatenate(list(o.values()))
+    np.testing.assert_allclose(team.sheaf.offset(), team.sheaf.coboundary() @ stacked, atol=1e-14)
+    assert np.any(team.sheaf.offset())
+    for v in ("A1", "A2", "A3", "A4"):
+        np.testing.assert_array_equal(team.displacement(v), o[v])
+
+
+def test_an_offset_of_its_own_wins_over_the_formation() -> None:
+    group = Formation("g", ("B1", "B2"), (np.ones(2), np.zeros(2)))
+    links = [edge("B1", "B2", offset=np.array([7.0, 8.0])), edge("B2", "B1")]
+    team = Team(members("B1", "B2"), members("S"), links, [edge("B1", "S")], (), [group])
+    np.testing.assert_array_equal(team.communication[0].offset, [7.0, 8.0])
+    np.testing.assert_array_equal(team.communication[1].offset, [-1.0, -1.0])
+    np.testing.assert_array_equal(team.sensing[0].offset, [1.0, 1.0])
+    assert team.formation_edges(group) == list(team.communication)
+
+
+def test_targets_hold_their_formation_on_their_own_sheaf() -> None:
+    places = np.array([[0.0, 1.0], [2.0, 0.0]])
+    own = Formation("pair", ("S1", "S2"), tuple(places))
+    agents, targets = members("B1"), members("S1", "S2")
+    team = Team(agents, targets, [], [edge("B1", "S1")], [edge("S1", "S2", weight=3.0)], (), own)
+    np.testing.assert_array_equal(team.target_sheaf.offset(), places[0] - places[1])
+    L_T = np.kron([[3, -3], [-3, 3]], np.eye(2))
+    np.testing.assert_allclose(team.target_sheaf.laplacian().toarray(), L_T, rtol=1e-15)
+    np.testing.assert_array_equal(team.sensing[0].offset, np.zeros(2))
+
+
+@LAWS
+@given(st.integers(0, 2**31), st.lists(st.integers(1, 3), max_size=2))
+def test_packing_and_spreading_are_inverse(seed: int, batch: list[int]) -> None:
+    team = mixed_team()
+    rng = np.random.default_rng(seed)
+    x = rng.standard_normal((*batch, 15))
+    spread = team.unpack(x, fill=np.nan)
+    assert spread.shape == (*batch, 6, 3)
+    np.testing.assert_array_equal(team.pack(spread), x)
+    planar = [n == 2 for n in DIMENSION.values()]
+    np.testing.assert_array_equal(np.isnan(spread).any(axis=tuple(range(len(batch)))), [[0, 0, p] for p in planar])
+    np.testing.assert_array_equal(team.unpack(x)[..., planar, 2], 0.0)
+    agents = team.unpack(x[..., :10])
+    assert agents.shape == (*batch, 4, 3)
+    np.testing.assert_array_equal(agents, team.unpack(x)[..., :4, :])
+    np.testing.assert_array_equal(spread[..., 1, :], x[..., 2:5])
+
+
+def test_an_agent_knows_its_own_edges_only() -> None:
+    team = mixed_team()
+    assert [(e.tail, e.head) for e in team.incident_edges("A2")] == [
+        ("A1", "A2"),
+        ("A3", "A2"),
+        ("A2", "T1"),
+        ("A2", "T2"),
+    ]
+    assert [(e.tail, e.head) for e in team.incident_edges("A3")] == [("A3", "A2"), ("A3", "A4")]
+
+
+@pytest.mark.parametrize(
+    ("agents", "links", "seen", "said"),
+    [
+        (["U1"], [], ["U1"], ["U1 is free along z"]),
+        (["U1", "U2"], [("U1", "U2")], ["U1"], ["U1, U2 are free along z together"]),
+        (["U1", "U2"], [], ["U1", "U2"], ["U1 is free along z", "U2 is free along z"]),
+        (["B1", "U1"], [("B1", "U1")], ["B1"], ["U1 is free along z"]),
+        (["B1"], [], [], ["B1 is free along x", "B1 is free along y"]),
+        (["B1"], [], ["B1"], []),
+    ],
+)
+def test_free_directions_are_named(
+    agents: list[str], links: list[tuple[str, str]], seen: list[str], said: list[str]
+) -> None:
+    """The paper's failing case: aircraft that track a boat are free in height."""
+    team = Team(members(*agents), members("S"), [edge(*e) for e in links], [edge(v, "S") for v in seen])
+    assert team.dirichlet.unique is (not said)
+    assert sorted(free_directions(team)) == said
+
+
+def test_free_directions_off_the_axes_are_named() -> None:
+    across = np.array([[1.0, -1.0]])
+    blind = Edge("B1", "S", across, across, np.eye(1))
+    assert free_directions(Team(members("B1"), members("S"), [], [blind])) == ["B1 is free along (0.71, 0.71)"]
+    quarter = np.array([[0.0, -1.0], [1.0, 0.0]])
+    turned = Edge("B1", "B2", np.eye(2), quarter, np.eye(2))
+    assert sorted(free_directions(Team(members("B1", "B2"), members("S"), [turned], []))) == [
+        "B1 along x, B2 along -y, moving together",
+        "B1 along y, B2 along x, moving together",
+    ]
+
+
+def test_a_crowd_is_not_listed_whole() -> None:
+    crowd = [f"U{k}" for k in range(11)]
+    chain = [edge(a, b) for a, b in itertools.pairwise(crowd)]
+    team = Team(members(*crowd), members("S"), chain, [edge("U0", "S")])
+    assert free_directions(team) == ["U0, U1, U2, U3, U4, U5, U6, U7 and 3 more are free along z together"]
+
+
+@LAWS
+@given(st.integers(0, 2**31), st.integers(0, 4))
+def test_sparse_basis_spans_the_same_space(seed: int, r: int) -> None:
+    basis = np.linalg.qr(np.random.default_rng(seed).standard_normal((6, 6)))[0][:, :r]
+    sparse = sparse_basis(basis)
+    assert sparse.shape == (6, r)
+    again = np.linalg.qr(sparse)[0]
+    np.testing.assert_allclose(again @ again.T, basis @ basis.T, atol=1e-9)
+    assert np.count_nonzero(sparse) <= r * (6 - r + 1)  # each pivot is alone in its row
+
+
+A, T = members("B1", "U1"), members("S")
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Team([], T, [], []), "at least one agent"),
+        (lambda: Team(A, [], [], []), "at least one target"),
+        (lambda: Team([*A, Member("B1", 3)], T, [], []), "id 'B1' is used twice"),
+        (lambda: Team(A, [Member("U1", 3)], [], []), "id 'U1' is used twice"),
+        (
+            lambda: Team(A, T, [edge("B1", "B9")], []),
+            r"communication edge \(B1, B9\): 'B9' must be one of \['B1', 'U1'",
+        ),
+        (lambda: Team(A, T, [edge("B1", "S")], []), r"communication edge \(B1, S\): 'S' must be one of"),
+        (lambda: Team(A, T, [], [edge("S", "B1")]), r"sensing edge \(S, B1\): 'S' must be one of"),
+        (lambda: Team(A, T, [], [edge("B1", "U1")]), r"sensing edge \(B1, U1\): 'U1' must be one of \['S'\]"),
+        (lambda: Team(A, T, [], [], [edge("S", "B1")]), r"target edge \(S, B1\): 'B1' must be one of \['S'\]"),
+        (
+            lambda: Team(A, T, [], [], (), [Formation("g", ("B9",), (np.zeros(2),))]),
+            "formation 'g': unknown member 'B9'",
+        ),
+        (
+            lambda: Team(A, T, [], [], (), [Formation("g", ("B1", "B1"), (np.zeros(2),) * 2)]),
+            "formation 'g': 'B1' is already in 'g'",
+        ),
+        (
+            lambda: Team(A, T, [], [], (), [Formation(g, ("B1",), (np.zeros(2),)) for g in "gh"]),
+            "formation 'h': 'B1' is already in 'g'",
+        ),
+        (
+            lambda: Team(A, T, [], [], (), [Formation("g", ("U1",), (np.zeros(2),))]),
+            r"displacement of 'U1' has shape \(2,\); legal is \(3,\)",
+        ),
+        (lambda: Team(A, T, [], [], (), [Formation("g", ("U1",), ())]), "each member needs one displacement"),
+    ],
+)
+def test_teams_that_do_not_fit_are_refused(make: Any, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        make()
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        Edge("B1", "S", np.eye(3), np.eye(2), np.eye(2)),
+        Edge("B1", "S", np.eye(2), np.eye(3, 2), np.eye(2)),
+        Edge("B1", "S", np.ones(2), np.ones(2), np.eye(1)),
+        Edge("B1", "S", np.eye(2), np.eye(2), np.eye(3)),
+        Edge("B1", "S", np.eye(2), np.eye(2), -np.eye(2)),
+        Edge("B1", "S", np.eye(2), np.eye(2), np.eye(2), np.zeros(3)),
+        Edge("B1", "S", np.eye(2), np.eye(2), np.eye(2), np.full(2, np.nan)),
+    ],
+)
+def test_edges_that_do_not_fit_the_stalks_are_refused(wrong: Edge) -> None:
+    with pytest.raises(SheafError):
+        Team(A, T, [], [wrong])
+
+
+def test_a_loop_is_refused() -> None:
+    with pytest.raises(SheafError, match="is a loop"):
+        Team(A, T, [edge("B1", "B1")], [])
