@@ -6,8 +6,7 @@ For a vehicle with attitude R, velocity v, drag D (body axes) in a medium that m
     thrust    u = W^+ [D R^T v_c; attitude moment] + trim     commands, data.ctrl
     gear      R d_k of each thruster k                 its direction in world axes, model.actuator_gear
 
-so that m v' = R D R^T (v_c + w - v), and q' = w + g u once m / D is small (DESIGN of the first-order model). Nothing here
-knows the law; `v_c` comes from it.
+so that m v' = R D R^T (v_c + w - v), and q' = w + g u once m / D is small. Nothing here knows the law that gives v_c.
 """
 
 from typing import NamedTuple

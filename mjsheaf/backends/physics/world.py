@@ -5,7 +5,7 @@ The whole loop is compiled; mj_step is called through its C symbol, which frees 
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import llvmlite.binding
 import numpy as np
@@ -13,9 +13,9 @@ from numba import types
 from numpy.typing import NDArray
 
 from mjsheaf.backends.physics.arena import Arena, compose
-from mjsheaf.backends.physics.forces import BodyArrays, apply_forces, pack_bodies
+from mjsheaf.backends.physics.callback import BeforeStep, close_loop
 from mjsheaf.backends.physics.vehicle import load_vehicle
-from mjsheaf.backends.system import System, velocity_commands
+from mjsheaf.backends.system import System
 from mjsheaf.backends.trajectory import Trajectory, blow_up_message
 from mjsheaf.compiled import kernel
 from mjsheaf.engine import mujoco
@@ -30,52 +30,6 @@ _mj_step = types.ExternalFunction("mj_step", types.void(types.voidptr, types.voi
 
 _HUGE = 1e10  # beyond this MuJoCo calls a state bad (mjMAXVAL)
 _CHUNK = 4000  # physics steps in one compiled call, after which Ctrl-C is heard
-
-
-class _State(NamedTuple):
-    """Views of MuJoCo's arrays, and scratch: x, residual, command (V, 3); R (3, 3); wrench (6,)."""
-
-    qpos: Array
-    qvel: Array
-    qacc: Array
-    ctrl: Array
-    gear: Array
-    applied: Array
-    x: Array
-    residual: Array
-    command: Array
-    R: Array
-    wrench: Array
-
-
-@kernel
-def _sample_law(control, medium, bodies, t, state):
-    """Measure positions and set the commanded velocities."""
-    for v in range(state.x.shape[0]):
-        a = bodies.qpos[v]
-        state.x[v, 0], state.x[v, 1] = state.qpos[a], state.qpos[a + 1]
-        state.x[v, 2] = 0.0 if medium.planar[v] else state.qpos[a + 2]
-    velocity_commands(control, t, state.x, state.residual, state.command)
-
-
-@kernel
-def _close_loop(control, medium, bodies, t, sample, state):
-    """All that happens before a physics step: the law if it is due, then forces and thrust."""
-    if sample:
-        _sample_law(control, medium, bodies, t, state)
-    apply_forces(
-        bodies,
-        medium,
-        t,
-        state.command,
-        state.qpos,
-        state.qvel,
-        state.ctrl,
-        state.gear,
-        state.applied,
-        state.R,
-        state.wrench,
-    )
 
 
 @kernel
@@ -108,7 +62,7 @@ def _bad_vehicle(bodies, state):
 def _advance(control, medium, bodies, start, timestep, step, count, steps_per_sample, state, model, data):
     """Take `count` steps from step number `step`; return how many were taken, and the vehicle that went bad or -1."""
     for k in range(step, step + count):
-        _close_loop(control, medium, bodies, start + k * timestep, k % steps_per_sample == 0, state)
+        close_loop(control, medium, bodies, start + k * timestep, k % steps_per_sample == 0, state)
         # MuJoCo sets all commands to zero where one is bad, and goes on: that would be another simulation.
         bad = _first_bad(state.ctrl)
         if bad >= 0:
@@ -150,21 +104,7 @@ class World:
         # The timestep that divides a period exactly: sample times then agree with the ideal backend's.
         self._timestep = grid.period / self._steps_per_sample
         self.model.opt.timestep = self._timestep
-        self._bodies: BodyArrays = pack_bodies(self.arena, plan.heading, plan.surface_height)
-        V = len(self.arena.vehicles)
-        self._state = _State(
-            self.data.qpos,
-            self.data.qvel,
-            self.data.qacc,
-            self.data.ctrl,
-            self.model.actuator_gear,
-            self.data.qfrc_applied,
-            np.zeros((V, 3)),
-            np.zeros((V, 3)),
-            np.zeros((V, 3)),
-            np.zeros((3, 3)),
-            np.zeros(6),
-        )
+        self._before_step = BeforeStep(self.system, self.arena, self.data)
         self.reset()
 
     @property
@@ -203,7 +143,7 @@ class World:
         """
         if sample is None:
             sample = self._step % self._steps_per_law == 0
-        _close_loop(self.system.control, self.system.medium, self._bodies, self.time, sample, self._state)
+        self._before_step(self.time, sample)
 
     def step(self, n: int = 1) -> None:
         """Take n physics steps with the loop closed.
@@ -212,18 +152,19 @@ class World:
             UnstableError: the state became bad; the message names vehicle, time and likely cause. `data` holds the
                 bad state.
         """
+        callback = self._before_step
         while n > 0:
             count = min(n, _CHUNK)
             taken, bad = _advance(
-                self.system.control,
-                self.system.medium,
-                self._bodies,
+                callback.control,
+                callback.medium,
+                callback.bodies,
                 self.system.grid.start,
                 self._timestep,
                 self._step,
                 count,
                 self._steps_per_law,
-                self._state,
+                callback.state,
                 self.model._address,
                 self.data._address,
             )

@@ -1,0 +1,90 @@
+"""Disturbances: bounded, continuous in time, and the same for the same seed (the paper's Assumption 3).
+
+Oracle: the bound and the Lipschitz constant 2 pi f_max bound that follow from the construction.
+"""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mjsheaf.dynamics import Disturbance, disturbance
+from mjsheaf.dynamics.disturbance import disturbance_velocity
+from mjsheaf.errors import InputError
+
+LAWS = settings(deadline=None, derandomize=True, max_examples=60)
+
+kinds = st.builds(
+    Disturbance,
+    st.floats(0.0, 100.0),
+    st.tuples(st.floats(0.01, 1.0), st.floats(1.0, 5.0)),
+    st.integers(1, 9),
+)
+dimensions = st.lists(st.sampled_from([2, 3]), min_size=1, max_size=4)
+
+
+@LAWS
+@given(kinds, dimensions, st.integers(0, 2**31))
+def test_disturbances_are_bounded_and_continuous(kind: Disturbance, sizes: list[int], seed: int) -> None:
+    harmonics = disturbance.draw([kind] * len(sizes), sizes, np.random.default_rng(seed))
+    rng = np.random.default_rng(seed + 1)
+    times = np.concatenate([np.linspace(0.0, 30.0, 500), rng.uniform(0, 1e4, 500)])
+    omega = disturbance.evaluate(harmonics, times)
+    assert omega.shape == (1000, len(sizes), 3)
+    slack = 1.0 + 1e-12
+    assert np.linalg.norm(omega, axis=2).max() <= kind.bound * slack
+    np.testing.assert_array_equal(omega[:, [n == 2 for n in sizes], 2], 0.0)
+    steepest = 2.0 * np.pi * kind.frequencies[1] * kind.bound
+    for h in (1e-1, 1e-3):
+        change = disturbance.evaluate(harmonics, times + h) - omega
+        assert np.linalg.norm(change, axis=2).max() <= steepest * h * slack + 1e-9 * kind.bound
+
+
+@LAWS
+@given(st.integers(0, 2**31))
+def test_disturbances_do_disturb(seed: int) -> None:
+    """The bound is not a fiction: over a long time each vehicle sees a good part of it, in every direction it has."""
+    harmonics = disturbance.draw([Disturbance(2.0)] * 3, [3, 2, 3], np.random.default_rng(seed))
+    omega = disturbance.evaluate(harmonics, np.linspace(0.0, 400.0, 4000))
+    assert np.linalg.norm(omega, axis=2).max(axis=0).min() > 0.6
+    spread = omega.std(axis=0)
+    assert spread[[0, 2]].min() > 0.05
+    assert spread[1, :2].min() > 0.05
+    assert np.abs(omega.mean(axis=0)).max() < 0.1
+
+
+@LAWS
+@given(kinds, dimensions, st.integers(0, 2**31))
+def test_the_same_seed_gives_the_same_bits(kind: Disturbance, sizes: list[int], seed: int) -> None:
+    one, again = (disturbance.draw([kind] * len(sizes), sizes, np.random.default_rng(seed)) for _ in range(2))
+    np.testing.assert_array_equal(one, again)
+    other = disturbance.draw([kind] * len(sizes), sizes, np.random.default_rng(seed + 1))
+    if kind.bound > 0.0:
+        assert np.any(one != other)
+
+
+@LAWS
+@given(kinds, dimensions, st.integers(0, 2**31), st.floats(0.0, 1e3))
+def test_compiled_and_vectorised_forms_agree(kind: Disturbance, sizes: list[int], seed: int, t: float) -> None:
+    harmonics = disturbance.draw([kind] * len(sizes), sizes, np.random.default_rng(seed))
+    one_by_one = [disturbance_velocity(harmonics, v, t) for v in range(len(sizes))]
+    expected = disturbance.evaluate(harmonics, np.array([t]))[0]
+    np.testing.assert_allclose(one_by_one, expected, atol=1e-13 * max(1.0, kind.bound))
+
+
+def test_vehicles_without_a_disturbance_have_none_and_change_no_other() -> None:
+    kind = Disturbance(1.0, components=3)
+    alone = disturbance.draw([kind], [3], np.random.default_rng(5))
+    among = disturbance.draw([None, kind, Disturbance(0.0)], [2, 3, 3], np.random.default_rng(5))
+    np.testing.assert_array_equal(among[1], alone[0])
+    omega = disturbance.evaluate(among, np.linspace(0, 9, 10))
+    np.testing.assert_array_equal(omega[:, [0, 2]], 0.0)
+    assert disturbance.evaluate(disturbance.draw([None], [2], np.random.default_rng(0)), np.zeros(4)).shape == (4, 1, 3)
+
+
+@pytest.mark.parametrize(
+    "arguments", [(-1.0,), (1.0, (0.0, 1.0)), (1.0, (2.0, 1.0)), (1.0, (0.1, 1.0), 0), (float("nan"),)]
+)
+def test_wrong_disturbances_are_refused(arguments: tuple) -> None:
+    with pytest.raises(InputError, match="a disturbance needs bound >= 0"):
+        Disturbance(*arguments)

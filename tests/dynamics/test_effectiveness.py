@@ -1,0 +1,79 @@
+"""Control effectiveness: right inverses, and one meaning in Python and in compiled code.
+
+Oracle: `ControlEffectiveness.matrix`, g(q, t) = R(psi) W written out, and numpy's pseudo-inverse of it.
+"""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mjsheaf.dynamics import ControlEffectiveness, effectiveness
+from mjsheaf.errors import InputError
+
+LAWS = settings(deadline=None, derandomize=True, max_examples=60)
+
+
+@st.composite
+def models(draw: st.DrawFn) -> tuple[list[ControlEffectiveness | None], list[int], np.random.Generator]:
+    """Agents with n states and s >= n inputs each, some with g = I; every turn depends on position and time."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**31)))
+    sizes = draw(st.lists(st.sampled_from([2, 3]), min_size=1, max_size=4))
+    made: list[ControlEffectiveness | None] = []
+    for n in sizes:
+        s = draw(st.integers(n, 6))
+        W = rng.standard_normal((n, s)) + 2.0 * np.eye(n, s)
+        g = ControlEffectiveness(W.tolist(), rng.uniform(-3, 3), rng.standard_normal(n).tolist(), rng.uniform(-2, 2))
+        made.append(draw(st.sampled_from([g, g, None])))
+    return made, sizes, rng
+
+
+@LAWS
+@given(models())
+def test_allocation_is_the_pseudo_inverse_and_gives_the_velocity_back(case: tuple) -> None:
+    """U = g^+ v with g of `matrix`; then g u = v, as g g^+ = I: full row rank, whatever s."""
+    made, sizes, rng = case
+    packed = effectiveness.pack(made, sizes)
+    for i, (g, n) in enumerate(zip(made, sizes, strict=True)):
+        assert packed.given[i] == (g is not None)
+        q, t, velocity = np.zeros(3), float(rng.uniform(0, 50)), np.zeros(3)
+        q[:n], velocity[:n] = rng.uniform(-20, 20, n), rng.standard_normal(n)
+        matrix = np.eye(n) if g is None else g.matrix(q[:n], t)
+        got, u = velocity.copy(), np.full(packed.pinv.shape[1], np.nan)
+        effectiveness.allocate(packed, i, q, t, got, u)
+        s = matrix.shape[1]
+        np.testing.assert_allclose(u[:s], np.linalg.pinv(matrix) @ velocity[:n], atol=1e-10)
+        np.testing.assert_array_equal(u[s:], 0.0)
+        np.testing.assert_allclose(matrix @ u[:s], velocity[:n], atol=1e-11)
+        np.testing.assert_allclose(got, velocity, atol=1e-11)
+        assert np.linalg.matrix_rank(matrix) == n
+
+
+def test_the_layout_turns_with_position_and_time() -> None:
+    """Psi = psi_0 + psi_q . q + psi_t t, about z."""
+    g = ControlEffectiveness([[1, 0], [0, 1], [0, 0]], 0.1, [0.2, -0.3, 0.4], 0.5)
+    psi = 0.1 + 0.2 * 1.0 - 0.3 * 2.0 + 0.4 * 3.0 + 0.5 * 4.0
+    expected = [[np.cos(psi), -np.sin(psi)], [np.sin(psi), np.cos(psi)], [0, 0]]
+    np.testing.assert_allclose(g.matrix([1.0, 2.0, 3.0], 4.0), expected, atol=1e-15)
+    still = ControlEffectiveness([[2, 0], [0, 3]])
+    np.testing.assert_array_equal(still.matrix([5.0, 5.0], 9.0), [[2, 0], [0, 3]])
+
+
+@pytest.mark.parametrize(
+    ("model", "message"),
+    [
+        (ControlEffectiveness([[1, 0, 0]]), "must have 2 rows of equal length"),
+        (ControlEffectiveness([[1, 0], [0]]), "must have 2 rows of equal length"),
+        (ControlEffectiveness([[1, 2], [2, 4]]), r"not of full row rank 2 \(Assumption 2\)"),
+        (ControlEffectiveness([[1], [1]]), "not of full row rank 2"),
+        (
+            ControlEffectiveness([[1, 0], [0, 1]], heading_gradient=[1, 0, 0]),
+            "heading gradient has 3 entries; legal is 2",
+        ),
+    ],
+)
+def test_models_that_break_assumption_2_are_refused(model: Any, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        effectiveness.pack([model], [2])

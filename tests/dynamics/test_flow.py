@@ -1,0 +1,214 @@
+"""Flow fields: velocity and Jacobian.
+
+Oracles: the kernels of the published run written out in numpy, with its own numbers (tests/data/paper_facts.json);
+central differences for the Jacobian.
+"""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from mjsheaf.dynamics import FlowField
+from mjsheaf.errors import InputError
+
+Array = NDArray[np.float64]
+
+LAWS = settings(deadline=None, derandomize=True, max_examples=60)
+FACTS = json.loads((Path(__file__).parents[1] / "data" / "paper_facts.json").read_text())
+SETS = ("agent_field", "target_field")
+
+
+def field_of(facts: dict[str, Any]) -> FlowField:
+    channels = [[*centre, *direction, *rest] for centre, direction, *rest in facts["gaussian_channels"]]
+    return FlowField(facts["dimension"], facts["core"], facts["drift"], facts["sources"], facts["vortices"], channels)
+
+
+def reference(facts: dict[str, Any], x: Array) -> Array:
+    """The published kernels at one point, with no thought for speed."""
+    n, core2 = facts["dimension"], facts["core"] ** 2
+    w = np.array(facts["drift"], dtype=float)
+    for *centre, alpha in facts["sources"]:
+        r = x - centre
+        w += alpha * r / (r @ r + core2) ** (1.0 if n == 2 else 1.5)
+    for row in facts["vortices"]:
+        r = x - row[:n]
+        turned = np.array([-r[1], r[0]]) if n == 2 else np.cross(row[3:6], r)
+        w += row[-1] * turned / (r @ r + core2)
+    for centre, direction, beta, width, length in facts["gaussian_channels"]:
+        d = np.array(direction) / np.linalg.norm(direction)
+        r = x - centre
+        t = r @ d
+        across = r - t * d
+        w += beta * np.exp(-(across @ across) / (2 * width**2)) * np.exp(-(t**2) / (2 * length**2)) * d
+    return w
+
+
+def singular_points(facts: dict[str, Any]) -> Array:
+    n = facts["dimension"]
+    return np.array([row[:n] for row in [*facts["sources"], *facts["vortices"]]], dtype=float)
+
+
+def differences(field: FlowField, x: Array, h: float) -> Array:
+    """Jacobian by central differences of the fourth order, shape (d, d)."""
+    columns = []
+    for step in h * np.eye(len(x)):
+        near, far = (field.velocity(x + s * step) - field.velocity(x - s * step) for s in (1, 2))
+        columns.append((8.0 * near - far) / (12.0 * h))
+    return np.column_stack(columns)
+
+
+@pytest.mark.parametrize("name", SETS)
+def test_velocity_is_that_of_the_published_run(name: str) -> None:
+    facts = FACTS[name]
+    rng = np.random.default_rng(0)
+    points = np.concatenate(
+        [scale * rng.standard_normal((200, facts["dimension"])) for scale in (0.3, 3.0, 60.0)]
+        + [p + scale * rng.standard_normal((20, len(p))) for p in singular_points(facts) for scale in (0.0, 0.01, 0.2)]
+    )
+    expected = np.array([reference(facts, x) for x in points])
+    np.testing.assert_allclose(field_of(facts).velocity(points), expected, rtol=1e-12, atol=1e-14)
+
+
+@pytest.mark.parametrize("name", SETS)
+def test_velocity_does_not_burst_at_a_core(name: str) -> None:
+    """With core c a source gives at most alpha / 2c in the plane, 2 alpha / (3 sqrt 3 c^2) in space."""
+    facts = FACTS[name]
+    field, c = field_of(facts), facts["core"]
+    strength = sum(abs(row[-1]) for row in facts["sources"])
+    bound = strength / (2 * c) if facts["dimension"] == 2 else 2 * strength / (3 * np.sqrt(3.0) * c**2)
+    bound += sum(abs(row[-1]) for row in facts["vortices"]) / (2 * c)
+    bound += sum(abs(row[2]) for row in facts["gaussian_channels"]) + np.linalg.norm(facts["drift"])
+    rng = np.random.default_rng(1)
+    close = [p + 0.2 * rng.standard_normal((500, len(p))) for p in singular_points(facts)]
+    speed = np.linalg.norm(field.velocity(np.concatenate(close)), axis=1)
+    assert speed.max() <= bound
+    assert speed.max() > 0.2 * bound  # and the bound says something
+
+
+@pytest.mark.parametrize("name", SETS)
+@pytest.mark.parametrize("distance", [0.02, 0.15, 1.0, 10.0], ids=lambda d: f"within {d} m of a core")
+def test_jacobian_is_the_derivative(name: str, distance: float) -> None:
+    facts = FACTS[name]
+    field = field_of(facts)
+    rng = np.random.default_rng(2)
+    for p in singular_points(facts):
+        for x in p + distance * rng.uniform(-1, 1, (5, len(p))):
+            expected = differences(field, x, 1e-3)
+            size = max(1.0, float(np.abs(expected).max()))
+            np.testing.assert_allclose(field.jacobian(x), expected, atol=3e-6 * size)
+
+
+@LAWS
+@given(st.integers(0, 2**31), st.sampled_from([2, 3]), st.sampled_from([2, 3]))
+def test_any_field_has_its_derivative(seed: int, dimension: int, of_points: int) -> None:
+    """Random kernels, axes that are not unit vectors, and points of either dimension."""
+    rng = np.random.default_rng(seed)
+    n = dimension
+    field = FlowField(
+        n,
+        rng.uniform(0.5, 2.0),
+        rng.standard_normal(n).tolist(),
+        rng.standard_normal((2, n + 1)).tolist(),
+        rng.standard_normal((2, 3 if n == 2 else 7)).tolist(),
+        np.hstack([rng.standard_normal((2, 2 * n + 1)), rng.uniform(0.5, 2.0, (2, 2))]).tolist(),
+    )
+    for x in rng.standard_normal((4, of_points)):
+        np.testing.assert_allclose(field.jacobian(x), differences(field, x, 1e-3), atol=1e-7)
+
+
+def test_a_source_in_the_plane_diverges_only_at_its_core() -> None:
+    """Its divergence is 2 alpha c^2 / s^2, that of a vortex is zero; the flux through a far circle is 2 pi alpha."""
+    source, vortex = FlowField(2, 0.1, sources=[[0, 0, 3.0]]), FlowField(2, 0.1, vortices=[[0, 0, 3.0]])
+    points = np.random.default_rng(3).uniform(-1, 1, (50, 2))
+    s = np.sum(points**2, axis=1) + 0.01
+    np.testing.assert_allclose(
+        np.trace(source.jacobian(points), axis1=1, axis2=2), 2 * 3.0 * 0.01 / s**2, rtol=1e-9, atol=1e-9
+    )
+    np.testing.assert_allclose(np.trace(vortex.jacobian(points), axis1=1, axis2=2), 0.0, atol=1e-10)
+    J = vortex.jacobian([50.0, 20.0])
+    np.testing.assert_allclose(J, J.T, atol=1e-7)  # no rotation far from the core
+
+
+def test_a_planar_field_ignores_height() -> None:
+    field = field_of(FACTS["agent_field"])
+    points = np.random.default_rng(4).uniform(-5, 5, (50, 3))
+    w, J = field.velocity(points), field.jacobian(points)
+    np.testing.assert_array_equal(w[:, :2], field.velocity(points[:, :2]))
+    np.testing.assert_array_equal(w[:, 2], 0.0)
+    np.testing.assert_array_equal(J[:, :2, :2], field.jacobian(points[:, :2]))
+    np.testing.assert_array_equal(J[:, 2], 0.0)
+    np.testing.assert_array_equal(J[:, :, 2], 0.0)
+
+
+def test_a_field_in_space_takes_planar_points_at_height_zero() -> None:
+    field = field_of(FACTS["target_field"])
+    points = np.random.default_rng(5).uniform(-5, 5, (50, 2))
+    at_zero = np.column_stack([points, np.zeros(50)])
+    np.testing.assert_array_equal(field.velocity(points), field.velocity(at_zero)[:, :2])
+    np.testing.assert_array_equal(field.jacobian(points), field.jacobian(at_zero)[:, :2, :2])
+
+
+@pytest.mark.parametrize("name", SETS)
+@pytest.mark.parametrize("shape", [(), (4,), (2, 3), (2, 1, 3), (0,)])
+def test_many_points_at_once_are_the_points_one_by_one(name: str, shape: tuple[int, ...]) -> None:
+    field, d = field_of(FACTS[name]), FACTS[name]["dimension"]
+    points = np.random.default_rng(6).standard_normal((*shape, d))
+    w, J = field.velocity(points), field.jacobian(points)
+    assert w.shape == (*shape, d)
+    assert J.shape == (*shape, d, d)
+    for index in np.ndindex(*shape):
+        np.testing.assert_array_equal(w[index], field.velocity(points[index]))
+        np.testing.assert_allclose(J[index], field.jacobian(points[index]), rtol=1e-13, atol=1e-15)
+
+
+def test_kernels_add() -> None:
+    facts = FACTS["target_field"]
+    channels = [[*c, *d, *rest] for c, d, *rest in facts["gaussian_channels"]]
+    parts = [
+        FlowField(3, drift=facts["drift"]),
+        *(FlowField(3, facts["core"], sources=[row]) for row in facts["sources"]),
+        *(FlowField(3, facts["core"], vortices=[row]) for row in facts["vortices"]),
+        *(FlowField(3, channels=[row]) for row in channels),
+    ]
+    points = np.random.default_rng(7).uniform(-4, 4, (50, 3))
+    total = field_of(facts)
+    np.testing.assert_allclose(total.velocity(points), sum(p.velocity(points) for p in parts), atol=1e-13)
+    np.testing.assert_allclose(total.jacobian(points), sum(p.jacobian(points) for p in parts), atol=1e-11)
+
+
+def test_no_kernels_no_flow() -> None:
+    still = FlowField(2)
+    np.testing.assert_array_equal(still.velocity(np.ones((3, 2))), np.zeros((3, 2)))
+    np.testing.assert_array_equal(still.jacobian(np.ones((3, 2))), np.zeros((3, 2, 2)))
+
+
+def test_direction_of_a_channel_is_normalised() -> None:
+    one, other = (FlowField(2, channels=[[1, 2, s * 3, s * 4, 0.5, 1.0, 2.0]]) for s in (1.0, 10.0))
+    np.testing.assert_allclose(one.velocity([1.0, 2.0]), [0.3, 0.4], rtol=1e-14)
+    np.testing.assert_allclose(other.velocity([2.0, 1.0]), one.velocity([2.0, 1.0]), rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: FlowField(4), "dimension 2 or 3, not 4"),
+        (lambda: FlowField(2, sources=[[0, 0, 1]]), "'core' must be positive"),
+        (lambda: FlowField(3, -1.0, vortices=[[0, 0, 0, 0, 0, 1, 1]]), "'core' must be positive"),
+        (lambda: FlowField(3, 0.1, sources=[[0, 0, 1]]), "source 0 has 3 numbers; legal are 4"),
+        (lambda: FlowField(2, 0.1, vortices=[[0, 0, 1], [0, 0, 0, 0, 0, 1, 1]]), "vortex 1 has 7 numbers; legal are 3"),
+        (lambda: FlowField(2, drift=[1, 2, 3]), "drift 0 has 3 numbers; legal are 2"),
+        (lambda: FlowField(2, channels=[[0, 0, 0, 0, 1, 1, 1]]), "non-zero direction and a positive width and length"),
+        (lambda: FlowField(2, channels=[[0, 0, 1, 0, 1, 0, 1]]), "non-zero direction and a positive width and length"),
+        (lambda: FlowField(2).velocity(1.0), r"points have shape \(\); legal is \(\.\.\., 2\) or \(\.\.\., 3\)"),
+        (lambda: FlowField(2).jacobian(np.zeros((2, 4))), r"points have shape \(2, 4\)"),
+    ],
+)
+def test_wrong_fields_are_refused(make: Any, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        make()

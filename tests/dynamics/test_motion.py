@@ -1,0 +1,203 @@
+"""Target motions: what a target commands itself.
+
+Oracles: the paper's formula for Lissajous motion; for paths, the points themselves and differences of positions.
+A target's reference position is read by asking for the command at x = 0 with pull 1, less that with pull 0.
+"""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from mjsheaf.dynamics import Lissajous, Motion, Waypoints, motion
+from mjsheaf.errors import InputError
+
+Array = NDArray[np.float64]
+
+LAWS = settings(deadline=None, derandomize=True, max_examples=60)
+
+
+class Target:
+    """One target with a motion, among others that have none."""
+
+    def __init__(self, given_motion: Motion, initial: Array, start: float) -> None:
+        positions = np.zeros((3, 3))
+        positions[1, : len(initial)] = initial
+        self.free, self.pulled = (
+            motion.pack([None, replace(given_motion, pull=pull), None], positions, start, [2, len(initial), 3])
+            for pull in (0.0, 1.0)
+        )
+
+    def velocity(self, t: float) -> Array:
+        command = np.zeros(3)
+        motion.add_reference(self.free, 1, t, np.zeros(3), command)
+        return command
+
+    def position(self, t: float) -> Array:
+        command = np.zeros(3)
+        motion.add_reference(self.pulled, 1, t, np.zeros(3), command)
+        return command - self.velocity(t)
+
+
+@st.composite
+def paths(draw: st.DrawFn, *, closed: bool | None = None) -> tuple[Waypoints, Array, float]:
+    """A path through 1 to 6 random points, where it begins, and when."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**31)))
+    n = draw(st.sampled_from([2, 3]))
+    points = rng.uniform(-20, 20, (draw(st.integers(1, 6)) + 1, n))
+    goes_round = draw(st.booleans()) if closed is None else closed
+    legs = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    assume(legs.min() > 1.0)
+    speed = draw(st.floats(0.5, 5.0))
+    return Waypoints(points[1:].tolist(), speed, goes_round), points[0], draw(st.floats(0.0, 10.0))
+
+
+def knots(path: Waypoints, initial: Array, start: float) -> tuple[Array, Array]:
+    """Times in proportion to the distances between the points, and the points, the return included."""
+    points = np.vstack([initial, path.points, *([initial] if path.closed else [])])
+    legs = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    return start + np.concatenate([[0.0], np.cumsum(legs)]) / path.speed, points
+
+
+@LAWS
+@given(st.integers(0, 2**31), st.sampled_from([2, 3]), st.floats(0.0, 5.0), st.floats(0.0, 100.0))
+def test_lissajous_is_the_papers(seed: int, n: int, start: float, after: float) -> None:
+    rng = np.random.default_rng(seed)
+    A, a, phase = rng.uniform(-20, 20, n), rng.uniform(0, 3, n), rng.uniform(-4, 4, n)
+    initial = rng.uniform(-50, 50, n)
+    target = Target(Lissajous(A.tolist(), a.tolist(), phase.tolist()), initial, start)
+    t = start + after
+    velocity, position = np.zeros(3), np.zeros(3)
+    velocity[:n] = A * a * np.cos(a * t + phase)
+    position[:n] = initial + A * (np.sin(a * t + phase) - np.sin(a * start + phase))
+    np.testing.assert_allclose(target.velocity(t), velocity, atol=1e-11)
+    np.testing.assert_allclose(target.position(t), position, atol=1e-10)
+    np.testing.assert_allclose(target.position(start)[:n], initial, atol=1e-11)
+
+
+def test_lissajous_of_the_published_run() -> None:
+    """v(t) = (20 cos(t + pi/2), 20 cos 2t, 15 cos t)."""
+    target = Target(Lissajous([20, 10, 15], [1, 2, 1], [np.pi / 2, 0, 0]), np.array([40.0, 9.0, -37.0]), 0.01)
+    for t in np.linspace(0.01, 50, 7):
+        expected = 20 * np.cos(t + np.pi / 2), 20 * np.cos(2 * t), 15 * np.cos(t)
+        np.testing.assert_allclose(target.velocity(t), expected, atol=1e-13)
+
+
+@LAWS
+@given(paths())
+def test_paths_pass_through_their_points_at_mean_speed(case: tuple[Waypoints, Array, float]) -> None:
+    target = Target(*case)
+    times, points = knots(*case)
+    for t, point in zip(times, points, strict=True):
+        np.testing.assert_allclose(target.position(t)[: len(point)], point, atol=1e-8)
+    if case[1].size == 2:
+        assert target.position(times.mean())[2] == target.velocity(times.mean())[2] == 0.0
+
+
+@LAWS
+@given(paths(), st.floats(0.01, 0.99))
+def test_velocity_along_a_path_is_the_derivative_of_position(case: tuple[Waypoints, Array, float], s: float) -> None:
+    target = Target(*case)
+    times, _ = knots(*case)
+    t = times[0] + s * (times[-1] - times[0])
+    h = 1e-4 * np.diff(times).min()
+    difference = (target.position(t + h) - target.position(t - h)) / (2 * h)
+    scale = 1.0 + max(np.abs(target.velocity(u)).max() for u in np.linspace(times[0], times[-1], 50))
+    np.testing.assert_allclose(target.velocity(t), difference, atol=1e-4 * scale)
+
+
+@LAWS
+@given(paths())
+def test_position_and_velocity_are_continuous_at_the_knots(case: tuple[Waypoints, Array, float]) -> None:
+    """C^1 (in fact C^4 inside): both sides of a knot agree up to what the motion itself makes of a tiny time."""
+    target = Target(*case)
+    times, _ = knots(*case)
+    gap = 1e-7 * np.diff(times).min()
+    grid = np.linspace(times[0], times[-1], 200)
+    speed = np.array([target.velocity(t) for t in grid])
+    bend = np.abs(np.diff(speed, axis=0)).max() / (grid[1] - grid[0])
+    inner = times if case[0].closed else times[1:-1]
+    for t in inner:
+        before, after = max(t - gap, times[0]), t + gap
+        np.testing.assert_allclose(
+            target.position(after), target.position(before), atol=4 * gap * np.abs(speed).max() + 1e-9
+        )
+        np.testing.assert_allclose(target.velocity(after), target.velocity(before), atol=20 * gap * bend + 1e-8)
+
+
+@LAWS
+@given(paths(closed=True), st.floats(0.0, 1.0), st.integers(1, 5))
+def test_closed_paths_go_round(case: tuple[Waypoints, Array, float], s: float, rounds: int) -> None:
+    target = Target(*case)
+    times, _ = knots(*case)
+    period = times[-1] - times[0]
+    t = times[0] + s * period
+    size = 1.0 + np.abs(target.velocity(t)).max()
+    np.testing.assert_allclose(target.position(t + rounds * period), target.position(t), atol=1e-9 * size)
+    np.testing.assert_allclose(target.velocity(t + rounds * period), target.velocity(t), atol=1e-8 * size)
+
+
+@LAWS
+@given(paths(closed=False))
+def test_open_paths_begin_and_end_at_rest_and_stay(case: tuple[Waypoints, Array, float]) -> None:
+    target = Target(*case)
+    times, points = knots(*case)
+    speed = max(np.abs(target.velocity(t)).max() for t in np.linspace(times[0], times[-1], 50))
+    for t in (times[0], times[-1], times[-1] + 1e-3, times[-1] + 100.0):
+        np.testing.assert_allclose(target.velocity(t), 0.0, atol=1e-9 * (1.0 + speed))
+    np.testing.assert_allclose(target.position(times[-1] + 100.0)[: points.shape[1]], points[-1], atol=1e-8)
+    h = 1e-3 * np.diff(times)[0]
+    assert np.abs(target.velocity(times[0] + h)).max() <= 1e-4 * (1.0 + speed) + 1e-4 * speed  # v ~ t^2: no jerk off
+
+
+def test_pull_brings_a_target_back() -> None:
+    path = Waypoints([[10.0, 0.0]], speed=1.0, pull=2.5)
+    packed = motion.pack([path], np.zeros((1, 3)), 0.0, [2])
+    command = np.zeros(3)
+    motion.add_reference(packed, 0, 50.0, np.array([9.0, 1.0, 0.0]), command)  # at rest at (10, 0) by now
+    np.testing.assert_allclose(command, [2.5, -2.5, 0.0], atol=1e-9)
+
+
+def test_several_targets_keep_their_own_references() -> None:
+    """Packed together, each moves as it does alone, whatever the others' kinds and lengths."""
+    rng = np.random.default_rng(0)
+    motions: list[Motion | None] = [
+        Waypoints(rng.uniform(-9, 9, (4, 3)).tolist(), 1.0),
+        None,
+        Lissajous([1, 2], [3, 4], [5, 6], pull=0.5),
+        Waypoints(rng.uniform(-9, 9, (2, 2)).tolist(), 2.0, closed=True),
+        Waypoints(rng.uniform(-9, 9, (1, 3)).tolist(), 3.0),
+    ]
+    sizes = [3, 3, 2, 2, 3]
+    positions = rng.uniform(-9, 9, (5, 3))
+    together = motion.pack(motions, positions, 1.0, sizes)
+    for v, (one, n) in enumerate(zip(motions, sizes, strict=True)):
+        alone = motion.pack([one], positions[v : v + 1], 1.0, [n])
+        for t in np.linspace(1.0, 40.0, 15):
+            expected, got = np.ones(3), np.ones(3)
+            motion.add_reference(alone, 0, t, positions[v], expected)
+            motion.add_reference(together, v, t, positions[v], got)
+            np.testing.assert_array_equal(got, expected)
+    still = np.ones(3)
+    motion.add_reference(together, 1, 5.0, positions[1], still)
+    np.testing.assert_array_equal(still, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        (Lissajous([1, 2], [1, 2, 3], [0, 0, 0]), "lissajous amplitude has 2 entries; the target has dimension 3"),
+        (Lissajous([1, 2, 3], [1], [0, 0, 0]), "lissajous rate has 1 entries"),
+        (Waypoints([[1, 2, 3], [4, 5]], 1.0), "waypoint 1 has 2 entries; the target has dimension 3"),
+        (Waypoints([[0, 0, 0]], 1.0), "waypoint 0 is where the target already is"),
+        (Waypoints([[1, 0, 0], [1, 0, 0]], 1.0), "waypoint 1 is where the target already is"),
+        (Waypoints([[1, 0, 0], [0, 0, 0]], 1.0, closed=True), "waypoint 2 is where the target already is"),
+    ],
+)
+def test_wrong_motions_are_refused(wrong: Any, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        motion.pack([wrong], np.zeros((1, 3)), 0.0, [3])
