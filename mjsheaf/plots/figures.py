@@ -99,7 +99,7 @@ def plot_trajectories(team: Team, dataset: xr.Dataset, path: Path) -> None:
         axis.view_init(elev=28, azim=-60)
     if spatial:  # equal scales, and as large as the figure allows
         limits = (axis.get_xlim(), axis.get_ylim(), axis.get_zlim())
-        axis.set_box_aspect([high - low for low, high in limits], zoom=1.25)
+        axis.set_box_aspect([high - low for low, high in limits], zoom=1.12)
     else:
         axis.set_aspect("equal", adjustable="datalim")
     axis.grid(True, alpha=0.3)
