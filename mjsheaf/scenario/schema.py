@@ -134,6 +134,24 @@ class EdgeModel(Section):
 Edge = Annotated[EdgeModel, BeforeValidator(_edge_from_pair)]
 
 
+class AnchorModel(Section):
+    """A measurement of an agent's own position that should have a fixed value, such as an altimeter's."""
+
+    agent: Id
+    axes: Annotated[list[Literal["x", "y", "z"]], Field(min_length=1, max_length=3)] | None = Field(
+        None, description="coordinates that are anchored; give these or a map"
+    )
+    map: Matrix | None = Field(None, description="F, one row for each measured number")
+    value: Annotated[list[float], Field(min_length=1)] = Field(description="desired F q, m")
+    weight: Positive | Matrix | None = Field(None, description="inner product of the edge stalk; a number times I")
+
+    @model_validator(mode="after")
+    def _one(self) -> "AnchorModel":
+        if (self.axes is None) == (self.map is None):
+            raise ValueError("give either axes or map")
+        return self
+
+
 class _Group(Section):
     name: Id
     members: Annotated[list[Id], Field(min_length=1)]
@@ -334,6 +352,7 @@ class Scenario(Section):
     communication: list[Edge] = Field(default_factory=list, description="agent to agent")
     sensing: list[Edge] = Field(default_factory=list, description="agent to target")
     target_edges: list[Edge] = Field(default_factory=list, description="target to target")
+    anchors: list[AnchorModel] = Field(default_factory=list, description="agent to a fixed value")
     formations: list[Group] = Field(default_factory=list)
     target_motion: Motion | None = None
     target_formation: TargetFormation | None = None

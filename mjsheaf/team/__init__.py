@@ -6,13 +6,15 @@ This layer turns a team into a sheaf. It knows nothing of dynamics.
 from mjsheaf.team.formation import Formation
 from mjsheaf.team.measurement import range_bearing, relative_state
 from mjsheaf.team.restriction import restriction_maps, rotation_to_local
-from mjsheaf.team.team import Edge, Member, Team
+from mjsheaf.team.team import GROUND, Edge, Member, Team, anchor
 
 __all__ = [
+    "GROUND",
     "Edge",
     "Formation",
     "Member",
     "Team",
+    "anchor",
     "range_bearing",
     "relative_state",
     "restriction_maps",

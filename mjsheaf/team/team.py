@@ -46,12 +46,29 @@ class Edge:
         return np.zeros(len(self.F_tail)) if self.offset is None else self.offset
 
 
+GROUND = "(ground)"
+"""Vertex with a stalk of dimension 0 that anchors end on; no id can be written like this."""
+
+
+def anchor(agent: str, F: Array, value: Array, weight: Array) -> Edge:
+    """An edge that ties what an agent measures by itself to a fixed value: F q_i should be `value`.
+
+    Args:
+        agent: id of the agent.
+        F: what it measures, shape (m, n); for an altimeter [[0, 0, 1]].
+        value: shape (m,), m.
+        weight: inner product K, shape (m, m).
+    """
+    return Edge(agent, GROUND, F, np.zeros((len(F), 0)), weight, value)
+
+
 class Team:
     """Agents and targets on a sheaf, with the formation as edge offsets.
 
     Attributes:
         agents, targets: members in order; ensemble vectors q and p are stacked in these orders.
         communication, sensing, target_edges: edges with their offsets filled in.
+        anchors: edges from an agent to GROUND.
         formations: groups of agents.
         sheaf: the sheaf F over the whole graph G.
     """
@@ -65,6 +82,7 @@ class Team:
         target_edges: Iterable[Edge] = (),
         formations: Sequence[Formation] = (),
         target_formation: Formation | None = None,
+        anchors: Iterable[Edge] = (),
     ) -> None:
         """Assemble the team.
 
@@ -82,7 +100,11 @@ class Team:
         self.communication = self._edges(communication, agent_ids, agent_ids, self._displacement, "communication")
         self.sensing = self._edges(sensing, agent_ids, target_ids, self._displacement, "sensing")
         self.target_edges = self._edges(target_edges, target_ids, target_ids, target_displacement, "target")
-        self.sheaf = _sheaf_of(self.agents + self.targets, self.communication + self.sensing + self.target_edges)
+        self.anchors = self._edges(anchors, agent_ids, {GROUND}, self._displacement, "anchor")
+        ground = (Member(GROUND, 0),) if self.anchors else ()
+        self.sheaf = _sheaf_of(
+            self.agents + self.targets + ground, self.communication + self.sensing + self.target_edges + self.anchors
+        )
 
     # -- members -----------------------------------------------------------------------------------------------
 
@@ -130,7 +152,7 @@ class Team:
     @cached_property
     def dirichlet(self) -> DirichletProblem:
         """The harmonic extension of the targets to the agents: H q* = B p + c."""
-        return DirichletProblem(self.sheaf, self.target_ids)
+        return DirichletProblem(self.sheaf, self.target_ids + ([GROUND] if self.anchors else []))
 
     @cached_property
     def target_sheaf(self) -> Sheaf:
@@ -139,7 +161,7 @@ class Team:
 
     def incident_edges(self, agent: str) -> list[Edge]:
         """The edges at an agent, in the order of the sheaf: all that it can measure."""
-        return [e for e in self.communication + self.sensing if agent in (e.tail, e.head)]
+        return [e for e in self.communication + self.sensing + self.anchors if agent in (e.tail, e.head)]
 
     def formation_edges(self, formation: Formation) -> list[Edge]:
         """The communication edges with both ends in a formation."""

@@ -105,28 +105,11 @@ def _attach(mjcf: Any, root: Any, vehicle: Vehicle, name: str, colour: Array | N
     livery = body.find("material", "livery")
     if colour is not None and livery is not None:
         livery.rgba = [*colour, 1.0]
-    thrusters = list(body.actuator.all_children())
-    for thruster in thrusters:
+    for thruster in list(body.actuator.all_children()):
         thruster.remove()
     frame = root.worldbody.attach(body)
     joint = frame.add("freejoint")  # PyMJCF names it "NAME/"
-    for k, (thruster, given) in enumerate(zip(thrusters, vehicle.thrusters, strict=True)):
-        attributes = {
-            key: value
-            for key, value in thruster.get_attributes().items()
-            if key not in ("name", "site", "refsite", "gear", "dclass")
-        }
-        gain = _gain(thruster)
-        root.actuator.add(
-            thruster.tag,
-            name=f"{name}.{given}",
-            joint=joint,
-            gear=vehicle.W[:, k] / gain,
-            **attributes,
-        )
-
-
-def _gain(thruster: Any) -> float:
-    """Newton for each unit of command and of gear; W holds gain times gear."""
-    gainprm = getattr(thruster, "gainprm", None)
-    return 1.0 if gainprm is None else float(np.atleast_1d(gainprm)[0])
+    for k, (thruster, actuation) in enumerate(zip(vehicle.thrusters, vehicle.actuation, strict=True)):
+        gain = actuation["gainprm"][0]  # W holds gain times gear
+        gear = vehicle.W[:, k] / gain if gain else np.zeros(6)
+        root.actuator.add("general", name=f"{name}.{thruster}", joint=joint, gear=gear, biastype="none", **actuation)

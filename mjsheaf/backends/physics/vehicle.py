@@ -8,7 +8,7 @@ its attitude is held. Wrenches are about the origin of the body frame, in body a
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,12 @@ Array = NDArray[np.float64]
 GRAVITY = 9.81  # m/s^2
 
 _ROW_NAMES = ("surge force", "sway force", "heave force", "roll moment", "pitch moment", "yaw moment")
+_LAGS = {
+    int(mujoco.mjtDyn.mjDYN_NONE): "none",
+    int(mujoco.mjtDyn.mjDYN_INTEGRATOR): "integrator",
+    int(mujoco.mjtDyn.mjDYN_FILTER): "filter",
+    int(mujoco.mjtDyn.mjDYN_FILTEREXACT): "filterexact",
+}
 _SURFACE_ROWS, _ALL_ROWS = [0, 1, 5], [0, 1, 2, 3, 4, 5]
 
 Triple = Annotated[list[Annotated[float, Field(ge=0)]], Field(min_length=3, max_length=3)]
@@ -90,6 +96,7 @@ class Vehicle:
         centre_of_mass: in the body frame, shape (3,), m.
         inertia: about the origin of the body frame, body axes, shape (3, 3), kg m^2.
         thrusters: names of the actuators.
+        actuation: MJCF attributes of each thruster's actuator: gain, limits and lag, defaults included.
         W: wrench of each thruster for a command of 1, shape (6, s), N and N m.
         drag: linear drag D along the body axes, shape (3,), N s/m.
     """
@@ -102,6 +109,7 @@ class Vehicle:
     centre_of_mass: Array
     inertia: Array
     thrusters: list[str]
+    actuation: list[dict[str, Any]]
     W: Array
     drag: Array
 
@@ -182,6 +190,8 @@ def _from_model(name: str, description: VehicleDescription, path: Path, model: m
         and (model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE).all()
     ):
         raise InputError(f"{path}: every actuator must have a fixed gain and no bias")
+    if not np.isin(model.actuator_dyntype, list(_LAGS)).all():
+        raise InputError(f"{path}: every actuator's dyntype must be one of {', '.join(_LAGS.values())}")
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     site = model.actuator_trnid[:, 0]
@@ -208,6 +218,7 @@ def _from_model(name: str, description: VehicleDescription, path: Path, model: m
         centre_of_mass=data.subtree_com[0].copy(),
         inertia=inertia,
         thrusters=[model.actuator(k).name for k in range(model.nu)],
+        actuation=[_actuation(model, k) for k in range(model.nu)],
         W=W,
         drag=linear,
     )
@@ -219,3 +230,21 @@ def _from_model(name: str, description: VehicleDescription, path: Path, model: m
             f"{path}: the thrusters cannot produce every wanted wrench; lacking is {lacking} (Assumption 2)"
         )
     return vehicle
+
+
+def _actuation(model: mujoco.MjModel, k: int) -> dict[str, Any]:
+    """What PyMJCF must be told of actuator k beside where it acts, read from the compiled file.
+
+    The file's own elements would not do: most of it may stand in their default class.
+    """
+    attributes: dict[str, Any] = {
+        "dyntype": _LAGS[int(model.actuator_dyntype[k])],
+        "dynprm": model.actuator_dynprm[k],
+        "gainprm": model.actuator_gainprm[k],
+    }
+    for name in ("ctrl", "force", "act"):
+        limited = bool(getattr(model, f"actuator_{name}limited")[k])
+        attributes[f"{name}limited"] = "true" if limited else "false"
+        if limited:
+            attributes[f"{name}range"] = getattr(model, f"actuator_{name}range")[k]
+    return attributes

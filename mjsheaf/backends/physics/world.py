@@ -113,6 +113,11 @@ class World:
         return self.system.grid.start + self._step * self._timestep
 
     @property
+    def _step(self) -> int:
+        """Physics steps since the start, by MuJoCo's clock: those count that were taken without `step`."""
+        return round((self.data.time - self.system.grid.start) / self._timestep)
+
+    @property
     def steps_per_sample(self) -> int:
         """Physics steps between samples."""
         return self._steps_per_sample
@@ -121,7 +126,6 @@ class World:
         """Go back to the initial condition."""
         mujoco.mj_resetData(self.model, self.data)
         plan, initial = self.system.bodies, self.system.initial
-        self._step = 0
         self.data.time = self.system.grid.start
         for v, vehicle in enumerate(self.arena.vehicles):
             at = self.arena.qpos[v]
@@ -168,7 +172,6 @@ class World:
                 self.model._address,
                 self.data._address,
             )
-            self._step += taken
             n -= taken
             if bad >= 0:
                 raise UnstableError(self._blow_up(bad))
