@@ -14,7 +14,7 @@ from mjsheaf.dynamics import effectiveness as effectivenesses
 from mjsheaf.dynamics import motion as motions
 from mjsheaf.errors import InputError
 from mjsheaf.scenario import schema as s
-from mjsheaf.team import Edge, Formation, Member, Team, formation, restriction_maps
+from mjsheaf.team import Edge, Formation, Member, Team, anchor, formation, restriction_maps
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
@@ -107,6 +107,7 @@ def build_team(scenario: s.Scenario) -> Team:
             edges["target_edges"],
             groups,
             target_formation,
+            _each("anchors", scenario.anchors, lambda a: _anchor(a, dimension, agent_ids)),
         ),
     )
 
@@ -193,14 +194,38 @@ def _edge(edge: s.EdgeModel, dimension: dict[str, int], attitude: dict[str, tupl
             edge.map, dimension[tail], dimension[head], attitude.get(tail, (0.0, 0.0, 0.0))
         )
     m = len(F_tail)
-    weight: Any = 1.0 if edge.weight is None else edge.weight
-    K = weight * np.eye(m) if isinstance(weight, float | int) else _matrix(weight, "weight")
-    if K.shape != (m, m):
-        raise InputError(f"weight has shape {K.shape}; legal is ({m}, {m}) or a positive number")
+    K = _weight(edge.weight, m)
     offset = None if edge.offset is None else np.array(edge.offset, dtype=np.float64)
     if offset is not None and offset.shape != (m,):
         raise InputError(f"offset has {offset.size} entries; the edge stalk has dimension {m}")
     return Edge(tail, head, F_tail, F_head, K, offset)
+
+
+def _anchor(model: s.AnchorModel, dimension: dict[str, int], agents: list[str]) -> Edge:
+    if model.agent not in agents:
+        raise InputError(f"agent: unknown id {model.agent!r}; legal are {', '.join(agents)}")
+    n = dimension[model.agent]
+    if model.map is not None:
+        F = _matrix(model.map, "map")
+        if F.shape[1] != n:
+            raise InputError(f"map has shape {F.shape}; legal is (m, {n})")
+    else:
+        rows = ["xyz".index(axis) for axis in model.axes or []]
+        if max(rows) >= n or len(set(rows)) != len(rows):
+            raise InputError(f"axes: {model.agent} has the coordinates {', '.join('xyz'[:n])}, each at most once")
+        F = np.eye(n)[rows]
+    if len(model.value) != len(F):
+        raise InputError(f"value has {len(model.value)} entries; {len(F)} numbers are measured")
+    return anchor(model.agent, F, np.array(model.value, dtype=np.float64), _weight(model.weight, len(F)))
+
+
+def _weight(weight: float | Sequence[Sequence[float]] | None, m: int) -> Array:
+    if weight is None or isinstance(weight, float | int):
+        return (1.0 if weight is None else weight) * np.eye(m)
+    K = _matrix(weight, "weight")
+    if K.shape != (m, m):
+        raise InputError(f"weight has shape {K.shape}; legal is ({m}, {m}) or a positive number")
+    return K
 
 
 def _matrix(rows: Sequence[Sequence[float]], name: str) -> Array:
