@@ -182,7 +182,7 @@ class Team:
             seen.add(member.id)
 
     def _gather_displacements(self, formations: Sequence[Formation]) -> dict[str, Array]:
-        displacement = {m.id: np.zeros(m.dimension) for m in self.members}
+        displacement = {m.id: np.zeros(m.dimension) for m in (*self.members, Member(GROUND, 0))}
         placed: dict[str, str] = {}
         for formation in formations:
             if len(formation.members) != len(formation.displacements):
