@@ -10,6 +10,7 @@ from mjsheaf._version import __version__
 
 if TYPE_CHECKING:
     from mjsheaf.backends.physics import World
+    from mjsheaf.checking import check
     from mjsheaf.scenario import Scenario, load_scenario
     from mjsheaf.sheaf import Sheaf
     from mjsheaf.simulation import simulate
@@ -19,10 +20,11 @@ _HOME = {
     "Scenario": "mjsheaf.scenario",
     "load_scenario": "mjsheaf.scenario",
     "simulate": "mjsheaf.simulation",
+    "check": "mjsheaf.checking",
     "World": "mjsheaf.backends.physics",
 }
 
-__all__ = ["Scenario", "Sheaf", "World", "__version__", "load_scenario", "simulate"]
+__all__ = ["Scenario", "Sheaf", "World", "__version__", "check", "load_scenario", "simulate"]
 
 
 def __getattr__(name: str) -> Any:

@@ -10,7 +10,7 @@ import yaml
 
 from mjsheaf.errors import InputError, MjsheafError
 from mjsheaf.scenario import Scenario
-from mjsheaf.simulation import BACKENDS, require_unique, simulate
+from mjsheaf.simulation import BACKENDS, require_full_row_rank, require_unique, simulate
 from mjsheaf.video import VideoOptions, available_backend
 
 Progress = Callable[[str, int, int], None]
@@ -42,6 +42,7 @@ def execute(
     directory: Path,
     *,
     video: VideoOptions | None,
+    allow_drift: bool = False,
     progress: Progress | None = None,
 ) -> Outcome:
     """Run a scenario and publish its directory; a run that blows up is published too, with status 'unstable'.
@@ -51,20 +52,25 @@ def execute(
         backend: 'physics' or 'ideal'.
         directory: where the results go.
         video: how to film it, or None for no video.
+        allow_drift: run a team whose harmonic extension is not unique too, and mark the result.
         progress: called with (what is being done, done, in all).
 
     Raises:
         InputError: unknown backend, or the directory may not be replaced or cannot be written; nothing is written.
-        NotUniqueError: the harmonic extension is not unique; nothing is written.
+        NotUniqueError: the harmonic extension is not unique and drift is not allowed; nothing is written.
     """
+    from mjsheaf.checking.bound import bound_of_run
     from mjsheaf.plots import plot_configurations, plot_errors, plot_trajectories
     from mjsheaf.results import check_expectation, save_dataset, staging, summarize
     from mjsheaf.results.store import save_summary
+    from mjsheaf.team.freedom import free_directions
 
     if backend not in BACKENDS:
         raise InputError(f"unknown backend {backend!r}; legal are {', '.join(BACKENDS)}")
     system = scenario.system()
-    require_unique(system.team)
+    require_full_row_rank(system)
+    if not allow_drift:
+        require_unique(system.team)
 
     def report(what: str) -> Callable[[int, int], None]:
         return lambda done, total: progress(what, done, total) if progress else None
@@ -72,19 +78,18 @@ def execute(
     notes: list[str] = []
     with staging(directory) as fresh:
         begun = time.perf_counter()
-        dataset = simulate(scenario, backend, progress=report("simulating"))
+        dataset = simulate(scenario, backend, allow_drift=allow_drift, progress=report("simulating"))
         wall = time.perf_counter() - begun
         save_dataset(dataset, fresh / "result.nc")
         (fresh / "scenario.yaml").write_text(dump_scenario(scenario))
-        plots = (
-            (plot_errors, "errors.png"),
-            (plot_trajectories, "trajectories.png"),
-            (plot_configurations, "configurations.png"),
-        )
-        for k, (plot, name) in enumerate(plots):
-            report("plotting")(k, len(plots))
-            plot(system.team, dataset, fresh / name)
-        report("plotting")(len(plots), len(plots))
+        theorem = bound_of_run(system, dataset)
+        report("plotting")(0, 3)
+        plot_errors(system.team, dataset, fresh / "errors.png", theorem.bound if theorem.applies else None)
+        report("plotting")(1, 3)
+        plot_trajectories(system.team, dataset, fresh / "trajectories.png")
+        report("plotting")(2, 3)
+        plot_configurations(system.team, dataset, fresh / "configurations.png")
+        report("plotting")(3, 3)
         final = summarize(system.team, dataset)
         status = dataset.attrs["status"]
         simulated = float(dataset["time"][-1] - dataset["time"][0])
@@ -101,6 +106,13 @@ def execute(
             "realtime_factor": simulated / wall,
             "expect": check_expectation(scenario.expect, backend, status, final),
             "final": final,
+            "free_directions": free_directions(system.team),
+            "theorem": {
+                "applies": theorem.applies,
+                "approximate": theorem.approximate,
+                "reason": theorem.reason,
+                "measured_over_bound": theorem.ratio,
+            },
             "video": None,
         }
         if video is not None:

@@ -10,17 +10,25 @@ from mjsheaf.team import Team
 if TYPE_CHECKING:
     import xarray as xr
 
+    from mjsheaf.backends.system import System
+
 BACKENDS = ("physics", "ideal")
 
 
 def simulate(
-    scenario: Scenario, backend: str = "physics", *, progress: Callable[[int, int], None] | None = None
+    scenario: Scenario,
+    backend: str = "physics",
+    *,
+    allow_drift: bool = False,
+    progress: Callable[[int, int], None] | None = None,
 ) -> "xr.Dataset":
     """Run a scenario and return its data, as result.nc holds them.
 
     Args:
         scenario: from `load_scenario`.
         backend: 'physics' or 'ideal'.
+        allow_drift: simulate a team whose harmonic extension is not unique too, against the q* of minimum norm; the
+            result's attrs['free_directions'] then say what is free.
         progress: called now and then with (samples done, samples in all).
 
     Returns:
@@ -28,15 +36,17 @@ def simulate(
         end with the last good sample.
 
     Raises:
-        InputError: unknown backend, or a vehicle does not fit its agent.
-        NotUniqueError: the harmonic extension is not unique, so that there is nothing to track.
+        InputError: unknown backend, a vehicle that does not fit its agent, or a g that is not of full row rank.
+        NotUniqueError: the harmonic extension is not unique, and drift is not allowed.
     """
     from mjsheaf.results import make_dataset
 
     if backend not in BACKENDS:
         raise InputError(f"unknown backend {backend!r}; legal are {', '.join(BACKENDS)}")
     system = scenario.system()
-    require_unique(system.team)
+    require_full_row_rank(system)
+    if not allow_drift:
+        require_unique(system.team)
     if backend == "ideal":
         from mjsheaf.backends.ideal import run_ideal
 
@@ -46,6 +56,22 @@ def simulate(
 
         trajectory = run_physics(system, progress)
     return make_dataset(system, trajectory, backend, scenario.seed)
+
+
+def require_full_row_rank(system: "System") -> None:
+    """Refuse an agent whose given control effectiveness makes g g^+ = I impossible (Assumption 2).
+
+    Raises:
+        InputError: naming the agent.
+    """
+    from mjsheaf.dynamics.effectiveness import without_full_row_rank
+
+    agents = system.team.agents
+    for i in without_full_row_rank(system.effectiveness, [a.dimension for a in agents]):
+        raise InputError(
+            f"agents.{agents[i].id}.effectiveness: g is not of full row rank {agents[i].dimension} (Assumption 2): "
+            "no input makes every velocity"
+        )
 
 
 def require_unique(team: Team) -> None:

@@ -40,6 +40,11 @@ def list_vehicles_command() -> None:
     Console().print(table)
 
 
-def schema_command() -> None:
-    """Print the JSON Schema of a scenario."""
-    print(json.dumps(Scenario.model_json_schema(), indent=2))
+def schema_command(of_check: bool) -> None:
+    """Print the JSON Schema of a scenario, or of the record of a check."""
+    if of_check:
+        from mjsheaf.checking.record import CheckRecord
+
+        print(json.dumps(CheckRecord.model_json_schema(), indent=2))
+    else:
+        print(json.dumps(Scenario.model_json_schema(), indent=2))

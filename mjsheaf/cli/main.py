@@ -69,6 +69,9 @@ def run(
     expect: Annotated[
         bool, typer.Option("--expect", help="Exit with 1 if the run misses the scenario's `expect:` block.")
     ] = False,
+    allow_drift: Annotated[
+        bool, typer.Option("--allow-drift", help="Run it though agents are free to drift, against the least q*.")
+    ] = False,
 ) -> None:
     """Simulate a scenario and leave data, plots and a video.
 
@@ -77,7 +80,7 @@ def run(
     """
     from mjsheaf.cli.run import run_command
 
-    run_command(scenario, backend, overrides or [], seed, out, video, expect)
+    run_command(scenario, backend, overrides or [], seed, out, video, expect, allow_drift)
 
 
 @app.command(epilog="Example: [bold]mjsheaf video runs/paper-physics --speed 2 --azimuth 90 --elevation -60[/bold]")
@@ -114,6 +117,29 @@ def video(
     video_command(directory, out, changes)
 
 
+@app.command(epilog="Example: [bold]mjsheaf check air_tracks_surface --plot check.png[/bold]")
+def check(
+    scenario: ScenarioArgument,
+    overrides: SetOption = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print the record as JSON (see mjsheaf schema --check).")
+    ] = False,
+    plot: Annotated[
+        Path | None, typer.Option(metavar="PNG", help="Draw spectrum, graph and the bounded difference into this file.")
+    ] = None,
+    rate: Annotated[float | None, typer.Option(help="lambda_V of Theorem 1, 1/s; the best one unless given.")] = None,
+    radius: Annotated[float, typer.Option(help="Ultimate radius for which the smallest gain is wanted, m.")] = 1.0,
+) -> None:
+    """Decide the paper's assumptions for a scenario, and say who is free to drift and what would mend it.
+
+    Computes Theorem 1 over the region of the run, the margins that theory leaves out, and which single loss breaks an
+    assumption. Exit code 1 where a numbered assumption fails; gain condition and margins do not change it.
+    """
+    from mjsheaf.cli.check import check_command
+
+    check_command(scenario, overrides or [], as_json, plot, rate, radius)
+
+
 @app.command("list")
 def list_(
     vehicles: Annotated[bool, typer.Option("--vehicles", help="List vehicles instead of scenarios.")] = False,
@@ -128,11 +154,13 @@ def list_(
 
 
 @app.command()
-def schema() -> None:
+def schema(
+    check: Annotated[bool, typer.Option("--check", help="Of the record that `check --json` prints instead.")] = False,
+) -> None:
     """Print the JSON Schema of a scenario file."""
     from mjsheaf.cli.listing import schema_command
 
-    schema_command()
+    schema_command(check)
 
 
 def main(arguments: list[str] | None = None) -> None:

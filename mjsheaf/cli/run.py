@@ -23,7 +23,14 @@ class ExpectationMissedError(MjsheafError):
 
 
 def run_command(
-    source: str, backend: str, overrides: list[str], seed: int | None, out: Path | None, video: bool, expect: bool
+    source: str,
+    backend: str,
+    overrides: list[str],
+    seed: int | None,
+    out: Path | None,
+    video: bool,
+    expect: bool,
+    allow_drift: bool,
 ) -> None:
     """Run a scenario, tell what came out, and raise what the exit code says."""
     if backend not in BACKENDS:
@@ -42,7 +49,12 @@ def run_command(
     options = video_options(scenario) if video else None
     with progress_bars() as progress:
         outcome = execute(
-            scenario, backend, out or default_directory(scenario, backend), video=options, progress=progress
+            scenario,
+            backend,
+            out or default_directory(scenario, backend),
+            video=options,
+            allow_drift=allow_drift,
+            progress=progress,
         )
     for note in outcome.notes:
         notes.print(f"note: {note}", markup=False, highlight=False)
@@ -73,5 +85,7 @@ def _print_summary(outcome: Outcome) -> None:
         f"({summary['realtime_factor']:.3g} x real time)",
         highlight=False,
     )
+    for direction in summary["free_directions"]:
+        console.print(f"DRIFTS: {direction}; errors are against the q* of least norm", highlight=False)
     for path in sorted(outcome.directory.iterdir()):
         console.print(f"  {path}", highlight=False, soft_wrap=True)

@@ -34,7 +34,7 @@ class ControlEffectiveness:
     """g(q, t) = R(psi) W of one agent.
 
     Attributes:
-        layout: W, shape (n, s), full row rank.
+        layout: W, shape (n, s); of full row rank where Assumption 2 holds.
         heading: psi_0 in rad.
         heading_gradient: psi_q in rad/m, shape (n,), or None for zero.
         heading_rate: psi_t in rad/s.
@@ -77,7 +77,7 @@ def pack(models: list[ControlEffectiveness | None], dimensions: list[int]) -> Ef
     """Pack the agents' models (None: g = I) into arrays.
 
     Raises:
-        InputError: a layout has the wrong number of rows or is not of full row rank (Assumption 2).
+        InputError: a layout has rows of unequal length or the wrong number of them.
     """
     N = len(models)
     width = max([len(g.layout[0]) for g in models if g is not None], default=0)
@@ -92,8 +92,6 @@ def pack(models: list[ControlEffectiveness | None], dimensions: list[int]) -> Ef
         if len({len(row) for row in g.layout}) != 1 or len(g.layout) != n:
             raise InputError(f"control effectiveness must have {n} rows of equal length")
         W = np.asarray(g.layout, dtype=np.float64)
-        if np.linalg.matrix_rank(W) < n:
-            raise InputError(f"control effectiveness is not of full row rank {n} (Assumption 2)")
         s = W.shape[1]
         arrays.given[i] = True
         arrays.W[i, :n, :s], arrays.pinv[i, :s, :n] = W, np.linalg.pinv(W)
@@ -103,3 +101,9 @@ def pack(models: list[ControlEffectiveness | None], dimensions: list[int]) -> Ef
                 raise InputError(f"heading gradient has {len(g.heading_gradient)} entries; legal is {n}")
             arrays.heading[i, 1 : 1 + n] = g.heading_gradient
     return arrays
+
+
+def without_full_row_rank(arrays: EffectivenessArrays, dimensions: list[int]) -> list[int]:
+    """Numbers of the agents whose layout is not of full row rank (Assumption 2): g g^+ = I fails for them."""
+    ranks = [np.linalg.matrix_rank(arrays.W[i, :n]) for i, n in enumerate(dimensions)]
+    return [i for i, (rank, n) in enumerate(zip(ranks, dimensions, strict=True)) if rank < n]

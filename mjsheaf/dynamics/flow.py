@@ -72,7 +72,8 @@ class FlowField:
 
     Attributes:
         dimension: 2 or 3.
-        core: core radius in m; positive where there are sources or vortices.
+        core: core radius in m, needed where there are sources or vortices; 0 leaves them singular at their centre, so
+            that the field is not C^1 there (Assumption 1).
         drift: uniform velocity, shape (dimension,), m/s.
         sources: rows (centre, alpha), shape (k, dimension + 1).
         vortices: rows (x, y, gamma) in the plane, (x, y, z, axis, gamma) in space; the axis is not normalised.
@@ -80,7 +81,7 @@ class FlowField:
     """
 
     dimension: int
-    core: float = 0.0
+    core: float | None = None
     drift: Sequence[float] | None = None
     sources: Sequence[Sequence[float]] = ()
     vortices: Sequence[Sequence[float]] = ()
@@ -89,14 +90,18 @@ class FlowField:
     def __post_init__(self) -> None:
         if self.dimension not in (2, 3):
             raise InputError(f"a flow field has dimension 2 or 3, not {self.dimension}")
-        if (len(self.sources) or len(self.vortices)) and not self.core > 0.0:
-            raise InputError("sources and vortices are singular at their centre: 'core' must be positive")
+        if (len(self.sources) or len(self.vortices)) and self.core is None:
+            raise InputError(
+                "sources and vortices are singular at their centre: give a 'core' radius (0 leaves them so)"
+            )
+        if self.core is not None and not self.core >= 0.0:
+            raise InputError(f"core is {self.core}; a radius is 0 or more")
         _ = self.table  # checks the rows
 
     @cached_property
     def table(self) -> Array:
         """The field as a table for the compiled loops, one row for each kernel after the drift's."""
-        n, core2 = self.dimension, float(self.core) ** 2
+        n, core2 = self.dimension, float(self.core or 0.0) ** 2
         drift = _rows([self.drift if self.drift is not None else np.zeros(n)], n, "drift")
         sources = _rows(self.sources, n + 1, "source")
         vortices = _rows(self.vortices, 3 if n == 2 else 7, "vortex")

@@ -19,9 +19,16 @@ Array = NDArray[np.float64]
 _MOST_POINTS = 4000  # of a curve: more cannot be seen
 
 
-def plot_errors(team: Team, dataset: xr.Dataset, path: Path) -> None:
-    """Errors over time on logarithmic axes: disagreement, tracking, formation and centering, by group."""
-    figure = _figure(10.0, 9.0)
+def plot_errors(team: Team, dataset: xr.Dataset, path: Path, bound: Array | None = None) -> None:
+    """Errors over time on logarithmic axes: disagreement, tracking, formation and centering, by group.
+
+    Args:
+        team: the team.
+        dataset: the run.
+        path: the PNG.
+        bound: Theorem 1's bound on |e(t)|, shape (T,), m; drawn where given, over sqrt(N) as the error is.
+    """
+    figure = new_figure(10.0, 9.0)
     _title(figure, dataset, "errors over time")
     colours = palette(len(team.formations))
     groups, names = group_of_vehicles(team)
@@ -57,6 +64,11 @@ def plot_errors(team: Team, dataset: xr.Dataset, path: Path) -> None:
         panels[0, 1], "tracking error |q* − q|", "RMS over agents (m)", np.sqrt((tracking**2).mean(axis=1)),
         {k: np.sqrt((tracking[:, agents == k] ** 2).mean(axis=1)) for k in present}, "all agents",
     )  # fmt: skip
+    if bound is not None:
+        panels[0, 1].plot(time, bound[keep] / np.sqrt(len(team.agents)), color="black", linestyle="--", linewidth=1.4)
+        panels[0, 1].plot([], [], color="black", linestyle="--", label="Theorem 1 / √N")
+        panels[0, 1].legend(*(x[-1:] for x in panels[0, 1].get_legend_handles_labels()), frameon=False, fontsize=9)
+        panels[0, 1].set_ylim(top=2.0 * max(bound.max() / np.sqrt(len(team.agents)), panels[0, 1].get_ylim()[1] / 2.0))
     by_group = range(len(team.formations))
     formation = dataset["group_formation_error"].values[keep] if team.formations else np.zeros((len(time), 0))
     centering = dataset["group_centering_error"].values[keep] if team.formations else np.zeros((len(time), 0))
@@ -73,13 +85,13 @@ def plot_errors(team: Team, dataset: xr.Dataset, path: Path) -> None:
     handles, labels = panels[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="lower center", ncols=min(len(labels), 6), frameon=False, fontsize=9)
     figure.subplots_adjust(left=0.09, right=0.98, top=0.90, bottom=0.12, hspace=0.16, wspace=0.22)
-    _save(figure, path)
+    save_figure(figure, path)
 
 
 def plot_trajectories(team: Team, dataset: xr.Dataset, path: Path) -> None:
     """All trajectories over the whole run, in space or, for a planar team, in the plane."""
     spatial = any(m.dimension == 3 for m in team.members)
-    figure = _figure(10.0, 8.0)
+    figure = new_figure(10.0, 8.0)
     _title(figure, dataset, "all trajectories")
     axis: Any = figure.add_subplot(projection="3d" if spatial else None)
     colours = palette(len(team.formations))
@@ -107,12 +119,12 @@ def plot_trajectories(team: Team, dataset: xr.Dataset, path: Path) -> None:
         handles=_legend(groups, names, colours, edges=False), loc="lower center", ncols=4, frameon=False, fontsize=9
     )
     figure.subplots_adjust(left=0.07, right=0.97, top=0.93, bottom=0.14)
-    _save(figure, path)
+    save_figure(figure, path)
 
 
 def plot_configurations(team: Team, dataset: xr.Dataset, path: Path) -> None:
     """Initial against final configuration from above, with edges and each agent's harmonic extension."""
-    figure = _figure(14.0, 7.0)
+    figure = new_figure(14.0, 7.0)
     _title(figure, dataset, "initial and final configuration, seen from above")
     colours = palette(len(team.formations))
     groups, names = group_of_vehicles(team)
@@ -143,10 +155,11 @@ def plot_configurations(team: Team, dataset: xr.Dataset, path: Path) -> None:
         handles=_legend(groups, names, colours, edges=True), loc="lower center", ncols=5, frameon=False, fontsize=9
     )
     figure.subplots_adjust(left=0.06, right=0.98, top=0.89, bottom=0.18, wspace=0.16)
-    _save(figure, path)
+    save_figure(figure, path)
 
 
-def _figure(width: float, height: float) -> Figure:
+def new_figure(width: float, height: float) -> Figure:
+    """A figure of the given size in inches that needs no display."""
     figure = Figure(figsize=(width, height), dpi=120)
     FigureCanvasAgg(figure)
     return figure
@@ -191,6 +204,7 @@ def _legend(groups: NDArray[np.int64], names: list[str], colours: Array, *, edge
     return handles
 
 
-def _save(figure: Figure, path: Path) -> None:
+def save_figure(figure: Figure, path: Path) -> None:
+    """Write a figure as PNG; equal figures give equal bytes."""
     # No metadata: a version or date would make equal runs differ.
     figure.savefig(path, metadata={"Software": None})

@@ -12,6 +12,7 @@ from mjsheaf.backends.system import System
 from mjsheaf.backends.trajectory import Trajectory
 from mjsheaf.control.law import limited_commands
 from mjsheaf.results.errors import evaluate_errors
+from mjsheaf.team.freedom import free_directions
 
 Array = NDArray[np.float64]
 
@@ -84,6 +85,7 @@ def make_dataset(system: System, trajectory: Trajectory, backend: str, seed: int
         "backend": backend,
         "status": trajectory.status,
         "message": trajectory.message,
+        "free_directions": "; ".join(free_directions(team)),
         "seed": seed,
         "gain": system.gain,
         "control_period": 0.0 if system.grid.continuous else system.grid.period,

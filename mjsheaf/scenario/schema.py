@@ -44,7 +44,7 @@ class Controller(Section):
 class Effectiveness(Section):
     """g(q, t) = R(psi) layout with psi = heading + gradient . q + rate t; ideal backend."""
 
-    layout: Matrix = Field(description="W, one row for each state, one column for each input; full row rank")
+    layout: Matrix = Field(description="W, one row for each state, one column for each input")
     heading: float = 0.0
     heading_gradient: Point | None = Field(None, description="degrees per m")
     heading_rate: float = Field(0.0, description="degrees per s")
@@ -239,7 +239,7 @@ class FlowModel(Section):
     """A flow field in the plane (dimension 2) or in space (3)."""
 
     dimension: Literal[2, 3]
-    core: NonNegative = 0.0
+    core: NonNegative | None = Field(None, description="needed with sources or vortices; 0 leaves them singular, m")
     drift: Point | None = None
     sources: list[SourceModel] = Field(default_factory=list)
     vortices: list[VortexModel] = Field(default_factory=list)

@@ -124,6 +124,11 @@ class DirichletProblem:
             result[:] = self._solve(self._b[:, None] - self._D_U @ flat.T).T.reshape(result.shape)
         return result
 
+    def solve(self, right_hand_side: Array) -> Array:
+        """H^-1 r for one or many vectors r of shape (..., n_W); of minimum norm where H is singular."""
+        r = np.asarray(right_hand_side, dtype=np.float64)
+        return self._solve(r.reshape(-1, r.shape[-1]).T).T.reshape(r.shape)
+
     def harmonic_extension(self, boundary: Mapping[Hashable, ArrayLike]) -> HarmonicExtension:
         """The harmonic extension of one set of boundary values, with its null basis."""
         values = {v: self.sheaf.stalk_value(v, boundary[v]) for v in self.boundary}

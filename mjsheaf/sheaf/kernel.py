@@ -6,6 +6,8 @@ shift-invert Lanczos on A^T A, repeated on the complement of what was found unti
 finds every copy of a multiple eigenvalue.
 """
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
@@ -27,26 +29,48 @@ _LANCZOS_VECTORS = 8
 
 def kernel_basis(matrix: sparse.csr_array, rtol: float = RANK_TOLERANCE) -> Array:
     """Return an orthonormal basis of the kernel of a matrix, shape (columns, dimension)."""
+    return sparse_kernel_basis(matrix, rtol).toarray()
+
+
+def sparse_kernel_basis(matrix: sparse.csr_array, rtol: float = RANK_TOLERANCE) -> sparse.csc_array:
+    """Return the same basis as `kernel_basis`, stored sparse: each vector lives on one connected component.
+
+    With a thousand small free components among ten thousand vertices, the dense array would not be small.
+    """
     columns = matrix.shape[1]
-    if columns == 0:
-        return np.zeros((0, 0))
-    gram_pattern = matrix.T @ matrix if matrix.nnz else sparse.csr_array((columns, columns))
-    parts, label = csgraph.connected_components(gram_pattern, directed=False)
     scale = _largest_singular_value(matrix)
-    order = np.argsort(label, kind="stable")
-    blocks = []
-    for members in np.split(order, np.cumsum(np.bincount(label, minlength=parts))[:-1]):
-        part = matrix[:, members]
-        part = part[np.diff(part.indptr) > 0]
+    at, vectors, values, found = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)], [np.zeros(0)], 0
+    for members, part in _components(matrix):
         local = (
             _dense_kernel(part.toarray(), scale, rtol)
             if len(members) <= DENSE_COLUMNS
             else _lanczos_kernel(part, scale, rtol)
         )
-        basis = np.zeros((columns, local.shape[1]))
-        basis[members] = local
-        blocks.append(basis)
-    return np.hstack(blocks)
+        if local.shape[1]:
+            at.append(np.repeat(members, local.shape[1]))
+            vectors.append(np.tile(found + np.arange(local.shape[1]), len(members)))
+            values.append(local.ravel())
+            found += local.shape[1]
+    place = (np.concatenate(at), np.concatenate(vectors))
+    return sparse.coo_array((np.concatenate(values), place), shape=(columns, found)).tocsc()
+
+
+def _components(matrix: sparse.csr_array) -> Iterator[tuple[NDArray[np.int64], sparse.csr_array]]:
+    """Yield the columns of each connected component, in order, and the rows of the matrix that meet them."""
+    matrix = sparse.csr_array(matrix, copy=True)
+    matrix.eliminate_zeros()  # the zeros of a stored map such as [I 0] connect nothing
+    pattern = matrix.copy()
+    pattern.data[:] = 1.0  # so that nothing cancels
+    parts, label = csgraph.connected_components(pattern.T @ pattern, directed=False)
+    matrix = matrix[np.diff(matrix.indptr) > 0]
+    row_label = label[matrix.indices[matrix.indptr[:-1]]]
+    by_column, by_row = np.argsort(label, kind="stable"), np.argsort(row_label, kind="stable")
+    column_end, row_end = (np.cumsum(np.bincount(x, minlength=parts)) for x in (label, row_label))
+    ordered = matrix[by_row][:, by_column]
+    first_column, first_row = 0, 0
+    for last_column, last_row in zip(column_end.tolist(), row_end.tolist(), strict=True):
+        yield by_column[first_column:last_column], ordered[first_row:last_row, first_column:last_column]
+        first_column, first_row = last_column, last_row
 
 
 def _largest_singular_value(matrix: sparse.csr_array) -> float:
@@ -62,12 +86,14 @@ def _largest_singular_value(matrix: sparse.csr_array) -> float:
 def _dense_kernel(matrix: Array, scale: float, rtol: float) -> Array:
     if matrix.shape[0] == 0:
         return np.eye(matrix.shape[1])
-    if len(matrix) > matrix.shape[1]:
-        # The same singular values and right vectors in a square, however many edges there are.
-        matrix = np.asarray(np.linalg.qr(matrix, mode="r"))
-    _, singular, rows = np.linalg.svd(matrix, full_matrices=True)
+    _, singular, rows = np.linalg.svd(_with_few_rows(matrix), full_matrices=True)
     rank = int(np.sum(singular > rtol * scale))
     return rows[rank:].T
+
+
+def _with_few_rows(matrix: Array) -> Array:
+    """A matrix of the same singular values and right vectors, in a square however many rows there are."""
+    return np.asarray(np.linalg.qr(matrix, mode="r")) if len(matrix) > matrix.shape[1] else matrix
 
 
 def _lanczos_kernel(matrix: sparse.csr_array, scale: float, rtol: float) -> Array:
@@ -90,7 +116,8 @@ def _lanczos_kernel(matrix: sparse.csr_array, scale: float, rtol: float) -> Arra
         # Lanczos on the square sees singular values only down to 1e-8 of the largest; the candidates' own
         # singular values, taken on A itself, are exact to machine precision.
         vectors, _ = np.linalg.qr(vectors - found @ (found.T @ vectors))
-        _, singular, rows = np.linalg.svd(matrix @ vectors, full_matrices=True)
+        image = _with_few_rows(matrix @ vectors)
+        _, singular, rows = np.linalg.svd(image, full_matrices=True)
         null = np.append(singular, np.zeros(len(rows) - len(singular))) <= rtol * scale  # fewer rows than vectors
         if not null.any():
             return found

@@ -198,8 +198,8 @@ def test_direction_of_a_channel_is_normalised() -> None:
     ("make", "message"),
     [
         (lambda: FlowField(4), "dimension 2 or 3, not 4"),
-        (lambda: FlowField(2, sources=[[0, 0, 1]]), "'core' must be positive"),
-        (lambda: FlowField(3, -1.0, vortices=[[0, 0, 0, 0, 0, 1, 1]]), "'core' must be positive"),
+        (lambda: FlowField(2, sources=[[0, 0, 1]]), "give a 'core' radius"),
+        (lambda: FlowField(3, -1.0, vortices=[[0, 0, 0, 0, 0, 1, 1]]), "core is -1.0"),
         (lambda: FlowField(3, 0.1, sources=[[0, 0, 1]]), "source 0 has 3 numbers; legal are 4"),
         (lambda: FlowField(2, 0.1, vortices=[[0, 0, 1], [0, 0, 0, 0, 0, 1, 1]]), "vortex 1 has 7 numbers; legal are 3"),
         (lambda: FlowField(2, drift=[1, 2, 3]), "drift 0 has 3 numbers; legal are 2"),

@@ -206,6 +206,8 @@ def _from_model(name: str, description: VehicleDescription, path: Path, model: m
         inertia += axes_b @ np.diag(model.body_inertia[b]) @ axes_b.T
         inertia += model.body_mass[b] * (r @ r * np.eye(3) - np.outer(r, r))
     mass = float(model.body_mass.sum())
+    if not mass > 0.0:
+        raise InputError(f"{path}: its mass is {mass:g} kg; legal is a positive one")
     carried = float((model.body_mass * model.body_gravcomp).sum())
     drag = description.drag
     linear = np.full(3, mass / drag.time_constant) if drag.time_constant else np.array(drag.linear, dtype=np.float64)

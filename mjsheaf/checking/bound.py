@@ -1,0 +1,63 @@
+"""Theorem 1 beside a finished run: the bound on |e(t)|, and how much of it the run used."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from mjsheaf.backends.system import System
+from mjsheaf.checking.check import why_not
+from mjsheaf.checking.constants import certify, take_constants
+from mjsheaf.checking.region import region_of_run
+from mjsheaf.checking.spectrum import spectrum_of
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class RunBound:
+    """The bound of a run.
+
+    Attributes:
+        applies: whether the gain condition holds over the region of this very run.
+        approximate: whether the theorem's setting is only approached: a held law, bodies, or a speed limit.
+        reason: why it does not apply, or empty.
+        error: measured |e(t)|, shape (T,), m.
+        bound: the theorem's, shape (T,), m; infinite where it does not apply.
+        ratio: largest measured / bound, or None where it does not apply.
+    """
+
+    applies: bool
+    approximate: bool
+    reason: str
+    error: Array
+    bound: Array
+    ratio: float | None
+
+
+def bound_of_run(system: System, dataset: xr.Dataset) -> RunBound:
+    """Evaluate the theorem over the region of a run and compare."""
+    both = [dataset[name].values for name in ("agent_position", "target_position")]
+    positions = np.nan_to_num(np.concatenate(both, axis=1))
+    region = region_of_run(system, dataset["time"].values, positions, "this run")
+    spectrum = spectrum_of(system.team)
+    constants = take_constants(system, region, spectrum)
+    theorem = certify(system, constants, spectrum)
+    error = np.sqrt((dataset["tracking_error"].values ** 2).sum(axis=1))
+    bound = theorem.bound(float(error[0]), region.time - region.time[0])
+    limited = bool(np.isfinite(system.law.limit[: len(system.team.agents)]).any())
+    held = not system.grid.continuous
+    return RunBound(
+        applies=theorem.applies,
+        approximate=held or limited or dataset.attrs["backend"] == "physics",
+        reason=why_not(system, constants, spectrum),
+        error=error,
+        bound=bound,
+        ratio=_largest_ratio(error, bound) if theorem.applies else None,
+    )
+
+
+def _largest_ratio(error: Array, bound: Array) -> float:
+    positive = bound > 0.0
+    return float(np.max(error[positive] / bound[positive], initial=0.0))

@@ -1,0 +1,193 @@
+"""The record of a check: what `check --json` prints. Its JSON Schema is `mjsheaf schema --check`.
+
+Numbers that are infinite are null; a flag or a sentence beside them says so.
+"""
+
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class RegionRecord(_Part):
+    """Where the constants were taken."""
+
+    source: str
+    verified: bool = Field(description="whether the region holds a run, and is not only a guess")
+    agents_low: list[float] = Field(description="corner of the box that holds agents and q*, m")
+    agents_high: list[float] = Field(description="opposite corner, m")
+    start: float = Field(description="s")
+    end: float = Field(description="s")
+    samples: int
+
+
+class AssumptionRecord(_Part):
+    """A numbered assumption of the paper."""
+
+    number: int
+    name: str
+    verdict: Literal["holds", "fails", "undecided"]
+    value: float | None
+    unit: str
+    witness: str
+
+
+class DirectionRecord(_Part):
+    """A direction in which agents can drift."""
+
+    description: str
+    motion: dict[str, list[float]] = Field(description="how each agent moves; agents that do not move are left out")
+
+
+class NearNullRecord(_Part):
+    """A direction that is barely held."""
+
+    description: str
+    eigenvalue: float
+    ratio: float = Field(description="to the largest eigenvalue of H")
+
+
+class RepairRecord(_Part):
+    """One edge or anchor to add."""
+
+    kind: Literal["communication", "sensing", "anchor"]
+    description: str
+    lambda_min_alone: float = Field(description="of H with this repair alone")
+    lambda_min_without: float = Field(description="of H with all repairs but this one")
+
+
+class MendingRecord(_Part):
+    """The smallest set of repairs that makes the relative cohomology trivial."""
+
+    needed: int
+    exact: bool = Field(description="whether no smaller set exists among the candidates; else greedy")
+    candidates: int
+    repairs: list[RepairRecord]
+    lambda_min: float = Field(description="of H with all repairs")
+    alternatives: list[list[str]] = Field(description="other sets of the same size, described")
+
+
+class CohomologyRecord(_Part):
+    """H^0(G, G_p; F), explained."""
+
+    dimension: int
+    tolerance: float = Field(description="relative to the largest singular value")
+    method: str
+    basis: list[DirectionRecord]
+    near_null: list[NearNullRecord]
+    mending: MendingRecord | None = Field(description="null where nothing is free")
+
+
+class WeakerRecord(_Part):
+    """The bound with rho = 0 and f_bar enlarged by 2 sqrt(sum_i sup |f_i|^2)."""
+
+    f_bar: float | None
+    radius: float | None = Field(description="ultimate radius, m")
+
+
+class TheoremRecord(_Part):
+    """Theorem 1, computed."""
+
+    applies: bool = Field(description="whether the gain condition holds for lambda_V")
+    approximate: bool = Field(description="the law is held over a period: a continuous-time bound is approximate")
+    reason: str = Field(description="why it does not apply, or empty")
+    gain: float = Field(description="k1, 1/s")
+    lambda_min: float
+    lambda_max: float
+    sigma_max_B: float
+    omega_bar: float | None = Field(description="m/s")
+    f_bar: float | None = Field(description="m/s")
+    rho: float | None = Field(description="constant Lipschitz bound, 1/s")
+    rho_seen: float | None = Field(description="largest slope found, 1/s")
+    rho_source: str
+    lambda_V: float | None = Field(description="rate, 1/s; the best one unless given")
+    lambda_V_given: bool
+    k_min: float = Field(description="1/s")
+    mu: float | None = Field(description="m^2/s")
+    chi: float | None = Field(description="m; null where it is infinite")
+    chi_infinite: bool
+    radius_D: float | None = Field(description="m; null: the whole space, or the condition fails")
+    radius_S: float | None = Field(description="m; null: the whole space, or the condition fails")
+    radius_U: float | None = Field(description="m; null where the condition fails")
+    initial_error: float = Field(description="|e(t0)|, m")
+    initial_error_inside_S: bool
+    wanted_radius: float = Field(description="m")
+    gain_for_wanted_radius: float | None = Field(description="smallest k1 that meets it, 1/s")
+    weaker: WeakerRecord
+
+
+class HoldRecord(_Part):
+    """The sampled law on ideal kinematics."""
+
+    period: float
+    product: float = Field(description="k1 h lambda_max: below 2 it converges, up to 1 it does not ring")
+    largest_gain: float
+    ringing_gain: float
+
+
+class BodyRecord(_Part):
+    """Inertia of the bodies."""
+
+    tau: list[float] = Field(description="smallest and largest m / D of the agents, s")
+    damping_slowest: float | None
+    damping_fastest: float | None
+    spectral_radius: float | None = Field(description="of the sampled plant; below 1 it is stable")
+
+
+class SpeedRecord(_Part):
+    """The speed that the initial error asks of an agent."""
+
+    agent: str
+    asked: float
+    limit: float | None
+
+
+class LagRecord(_Part):
+    """The expected steady lag of an agent, the largest along the run."""
+
+    agent: str
+    lag: float
+
+
+class MarginsRecord(_Part):
+    """What theory leaves out."""
+
+    hold: HoldRecord | None = Field(description="null where the law is continuous")
+    bodies: BodyRecord
+    speed: list[SpeedRecord] = Field(description="the most demanding agents first, at most 20")
+    lag: list[LagRecord] = Field(description="the largest first, at most 20")
+
+
+class LossRecord(_Part):
+    """What the loss of one edge or agent does."""
+
+    kind: str
+    name: str
+    breaks: list[str]
+    lambda_min: float | None
+
+
+class FragilityRecord(_Part):
+    """Which single loss breaks an assumption."""
+
+    exact: bool
+    method: str
+    critical: list[LossRecord] = Field(description="losses that break something, at most 50")
+    critical_count: int
+    worst: LossRecord | None = Field(description="the loss that breaks nothing with the smallest lambda_min")
+
+
+class CheckRecord(_Part):
+    """A check of a scenario."""
+
+    scenario: str
+    ok: bool = Field(description="no numbered assumption fails over the region")
+    region: RegionRecord
+    assumptions: list[AssumptionRecord]
+    relative_cohomology: CohomologyRecord
+    theorem: TheoremRecord
+    margins: MarginsRecord
+    fragility: FragilityRecord

@@ -1,0 +1,178 @@
+"""`mjsheaf check`."""
+
+import json
+from pathlib import Path
+
+from rich.console import Console, Group
+from rich.table import Table
+from rich.text import Text
+
+from mjsheaf.checking import CheckRecord, examine
+from mjsheaf.errors import InputError, MjsheafError
+from mjsheaf.scenario import load_scenario
+from mjsheaf.scenario.load import parse_override
+
+_MARKS = {"holds": ("holds", "green"), "fails": ("FAILS", "bold red"), "undecided": ("undecided", "yellow")}
+
+
+class AssumptionFailsError(MjsheafError):
+    """A numbered assumption of the paper fails."""
+
+    exit_code = 1
+
+
+def check_command(
+    source: str, overrides: list[str], as_json: bool, plot: Path | None, rate: float | None, radius: float
+) -> None:
+    """Check a scenario, print the report or the record, and raise where an assumption fails."""
+    if plot is not None and (plot.suffix != ".png" or not plot.parent.is_dir()):
+        raise InputError(f"--plot {plot}: legal is a name that ends in .png, in a directory that exists")
+    scenario = load_scenario(source, dict(parse_override(text) for text in overrides))
+    system = scenario.system()
+    record = examine(system, rate=rate, radius=radius)
+    if as_json:
+        print(json.dumps(record.model_dump(mode="json"), indent=2, allow_nan=False))
+    else:
+        Console().print(report(record))
+    if plot is not None:
+        from mjsheaf.plots.check import plot_check
+
+        plot_check(system, record, plot)
+        if not as_json:
+            print(plot)
+    failing = [a for a in record.assumptions if a.verdict == "fails"]
+    if failing:
+        names = ", ".join(f"{a.number} ({a.name})" for a in failing)
+        raise AssumptionFailsError(f"{source}: assumption {names} fails: {failing[-1].witness}")
+
+
+def report(record: CheckRecord) -> Group:
+    """The record as a readable report."""
+    return Group(
+        Text(f"{record.scenario}: " + ("every assumption holds" if record.ok else "an assumption fails"), style="bold"),
+        _assumptions(record),
+        *_cohomology(record),
+        _theorem(record),
+        _margins(record),
+        *_fragility(record),
+    )
+
+
+def _number(value: float | None, unit: str = "") -> str:
+    return "-" if value is None else f"{value:.4g}{' ' + unit if unit else ''}"
+
+
+def _assumptions(record: CheckRecord) -> Table:
+    table = Table(title="\nassumptions of the paper", title_justify="left", header_style="", show_lines=False)
+    for heading in ("", "assumption", "verdict", "number", "why"):
+        table.add_column(heading)
+    for a in record.assumptions:
+        mark, style = _MARKS[a.verdict]
+        table.add_row(str(a.number), a.name, Text(mark, style=style), _number(a.value, a.unit), a.witness)
+    return table
+
+
+def _cohomology(record: CheckRecord) -> list[Text | Table]:
+    found = record.relative_cohomology
+    lines: list[Text | Table] = []
+    if found.dimension:
+        lines.append(Text(f"\nfree to drift: H^0(G, G_p; F) has dimension {found.dimension}", style="bold"))
+        lines += [Text(f"  {d.description}") for d in found.basis[:12]]
+        if found.mending is not None:
+            plan = found.mending
+            kind = "the smallest set" if plan.exact else "a small set (greedy)"
+            lines.append(
+                Text(f"what mends it: {kind} of {plan.needed} out of {plan.candidates} that sensors could support")
+            )
+            lines += [
+                Text(
+                    f"  {x.description}: lambda_min {x.lambda_min_alone:.3g} with it alone, "
+                    f"{plan.lambda_min:.3g} with all"
+                )
+                for x in plan.repairs
+            ]
+            lines += [Text(f"  or: {'; '.join(other)}") for other in plan.alternatives[:3]]
+    if found.near_null:
+        lines.append(Text("\nbarely held (small eigenvalues of H)", style="bold"))
+        lines += [Text(f"  {d.description}: {d.eigenvalue:.3g}, {d.ratio:.2g} of the largest") for d in found.near_null]
+    return lines
+
+
+def _pairs(title: str, rows: list[tuple[str, str, str]]) -> Table:
+    table = Table(title=f"\n{title}", title_justify="left", show_header=False)
+    for name, value, remark in rows:
+        table.add_row(name, value, remark)
+    return table
+
+
+def _theorem(record: CheckRecord) -> Table:
+    t = record.theorem
+    low = ", ".join(f"{x:.3g}" for x in record.region.agents_low)
+    high = ", ".join(f"{x:.3g}" for x in record.region.agents_high)
+    verdict = "applies" if t.applies else "does not apply: " + t.reason
+    rows = [
+        ("gain condition", "holds" if t.applies else "fails", verdict + ("; held law: approximate" * t.approximate)),
+        ("region", "", f"agents in ({low}) to ({high}) m; {record.region.source}"),
+        ("lambda_min, lambda_max", f"{t.lambda_min:.4g}, {t.lambda_max:.4g}", "of H"),
+        ("sigma_max(B)", _number(t.sigma_max_B), ""),
+        ("f_bar", _number(t.f_bar, "m/s"), "largest |H^-1 B f_p - f_q(q*)|"),
+        ("omega_bar", _number(t.omega_bar, "m/s"), ""),
+        ("rho", _number(t.rho, "1/s"), t.rho_source),
+        ("k_min", _number(t.k_min, "1/s"), "k1 lambda_min / 2"),
+        ("lambda_V", _number(t.lambda_V, "1/s"), "given" if t.lambda_V_given else "the best"),
+        ("mu", _number(t.mu, "m^2/s"), ""),
+        ("chi, radii of D and S", "infinite" if t.chi_infinite else "-", "as rho is constant" * t.chi_infinite),
+        ("ultimate radius", _number(t.radius_U, "m"), "of |e|, all agents together"),
+        ("initial error", _number(t.initial_error, "m"), "inside S" if t.initial_error_inside_S else "no set S"),
+        (
+            f"gain for {t.wanted_radius:g} m",
+            _number(t.gain_for_wanted_radius, "1/s"),
+            "smallest k1 with that ultimate radius",
+        ),
+        (
+            "weaker bound",
+            _number(t.weaker.radius, "m"),
+            "ultimate radius with rho = 0, which holds whatever the slopes",
+        ),
+    ]
+    return _pairs("Theorem 1", rows)
+
+
+def _margins(record: CheckRecord) -> Table:
+    m = record.margins
+    rows = []
+    if m.hold is None:
+        rows.append(("sampling", "none", "the law is continuous"))
+    else:
+        word = "diverges" if m.hold.product >= 2 else "rings" if m.hold.product > 1 else "does not ring"
+        rows += [
+            ("k1 h lambda_max", _number(m.hold.product), f"{word}; below 2 it converges, up to 1 it does not ring"),
+            ("largest gain", _number(m.hold.largest_gain, "1/s"), f"under a hold of {m.hold.period:g} s"),
+            ("gain without ringing", _number(m.hold.ringing_gain, "1/s"), ""),
+        ]
+    tau = " to ".join(f"{x:.3g}" for x in dict.fromkeys(m.bodies.tau))
+    slow, fast = _number(m.bodies.damping_slowest), _number(m.bodies.damping_fastest)
+    rows.append(("damping on bodies", f"{slow}, {fast}", f"slowest and fastest mode, m / D = {tau} s"))
+    if m.bodies.spectral_radius is not None:
+        word = "stable" if m.bodies.spectral_radius < 1 else "UNSTABLE"
+        rows.append(("sampled bodies", f"{m.bodies.spectral_radius:.6g}", f"spectral radius: {word}"))
+    first = m.speed[0]
+    limit = "no limit" if first.limit is None else f"limit {first.limit:.4g} m/s"
+    rows.append(("speed asked at start", _number(first.asked, "m/s"), f"of {first.agent}; {limit}"))
+    rows.append(("steady lag", _number(m.lag[0].lag, "m"), f"largest, of {m.lag[0].agent}"))
+    return _pairs("margins in practice", rows)
+
+
+def _fragility(record: CheckRecord) -> list[Text]:
+    f = record.fragility
+    lines = [Text(f"\nfragility ({f.method})", style="bold")]
+    if not f.critical_count:
+        lines.append(Text("  no single loss breaks an assumption"))
+    lines += [Text(f"  losing {x.name} ({x.kind}) breaks: {', '.join(x.breaks)}") for x in f.critical[:12]]
+    if f.critical_count > 12:
+        lines.append(Text(f"  ... and {f.critical_count - 12} more"))
+    if f.worst is not None:
+        lines.append(
+            Text(f"  worst of the others: losing {f.worst.name} ({f.worst.kind}), lambda_min {f.worst.lambda_min:.4g}")
+        )
+    return lines

@@ -1,0 +1,353 @@
+"""Suprema of a flow field over a box, its largest speed and its Lipschitz constant: rigorous, up to rounding.
+
+Branch and bound. The box is cut into cells; a bound over each cell limits the supremum from above, the field's value
+at points inside limits it from below, and cells whose bound exceeds (1 + tolerance) times the best value seen are
+cut again, those with the largest bounds first.
+
+A kernel is seen in the n = 2 or 3 coordinates that the vehicle has: r is the offset from its centre and u = |r|^2;
+what the plane leaves out is constant and goes into the kernel's numbers. There are then two kinds of kernel:
+
+- a pole, g (M r + v) / s^p with s = u + C, k = u / s, m = |M|. A source has M = 1, v = 0, p = 1 (in space 1.5); a
+  vortex has M = [axis]_x, p = 1. A vehicle in a plane at offset h from the centre of a kernel in space sees
+  C = core^2 + h^2, and of a vortex M = a_z [z]_x and v = h (a_y, -a_x).
+
+      |f|   <= |g| (m u^(1/2) + |v|) / s^p
+      |J|   <= |g| (m max(1 / s^p, ((2p - 1) u - C) / s^(p+1)) + 2p |v| u^(1/2) / s^(p+1))
+      |D2f| <= |g| (m min(2p max((2 / (p+1))^(1/2), k^(1/2) (2(p+1) k - 3)) / s^(p+1/2), 6p u^(1/2) / s^(p+1))
+                    + 2p |v| max(1, 2(p+1) k - 1) / s^(p+1))
+
+  J of r / s^p has the eigenvalues 1 / s^p across r and (C - (2p - 1) u) / s^(p+1) along it. Its derivative is a
+  symmetric trilinear form, so its norm is the largest |D2(e, e, e)| = 2p u^(1/2) |t| |2(p+1) k t^2 - 3| / s^(p+1)
+  over unit vectors e, with t the cosine between e and r: at t = 1, or where t^2 = 1 / (2(p+1) k).
+- a channel, b E d with E = exp(-A |n|^2 - B l^2), l = r . d, n = r - l d, and q = 2A n + 2B l d: |f| <= |b d| E,
+  |J| <= |b d| E |q|, |D2f| <= |b d| E max(|q|^2, 2A, 2B), as E has the Hessian E (q q^T - 2A N - 2B d d^T) with
+  N = 1 - d d^T.
+
+Every term is monotone in u, |n| or |l| or has one peak there, so the ranges of these over a cell bound it, and the
+sum of the kernels' bounds is a bound of the field. Near its tangent at the cell's centre the field has a second one,
+with half diagonal a: |f| <= max over corners |f + J delta| + |D2f| a^2 / 2 and |J| <= |J(centre)| + |D2f| a. The
+third bounds the strongest kernel the first way and all the others the second way. A cell has the smallest.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mjsheaf.dynamics.flow import FlowField
+from mjsheaf.errors import InputError
+
+Array = NDArray[np.float64]
+
+_BATCH = 1024  # cells that are cut at once: enough to hide numpy's overhead, few enough to stay best-first
+_PAIRS = 500_000  # of a cell and a kernel, at once: some 100 MB
+_NO_CORE = 1e-30  # m; a core smaller than this is none
+_ROUNDING = 1e-12  # of the sum of all kernels' bounds
+
+
+@dataclass(frozen=True, eq=False)
+class Supremum:
+    """What is known of the supremum of a field's speed (m/s) or slope (1/s) over a box.
+
+    Attributes:
+        upper: never exceeded in the box. Both are infinite where a kernel without a core has its centre in the box.
+        seen: attained at `where`, so the supremum lies in [seen, upper].
+        where: shape (2,) for a planar vehicle, else the box's own, m; read-only.
+        exact: whether upper <= (1 + tolerance) seen; if not, the cells ran out, and upper still holds.
+    """
+
+    upper: float
+    seen: float
+    where: Array
+    exact: bool
+
+
+def largest_speed(
+    flow: FlowField,
+    low: ArrayLike,
+    high: ArrayLike,
+    *,
+    planar: bool,
+    tolerance: float = 0.02,
+    drift: bool = True,
+    most_cells: int = 50_000,
+) -> Supremum:
+    """Supremum of |w(x)| over a box, in m/s.
+
+    Args:
+        flow: the field.
+        low: the box's lowest corner, shape (2,) or (3,), m. A planar vehicle needs (2,), and a third is not used; in
+            space (3,) is needed unless the field is planar.
+        high: its highest corner, same shape; a box may be a point.
+        planar: whether the vehicle lives in the plane: points are (x, y, 0), and only the x and y of w count.
+        tolerance: the gap wanted between upper and seen, relative to seen.
+        drift: whether the uniform drift counts.
+        most_cells: cells to bound before giving up on the tolerance.
+
+    Returns:
+        The supremum's bounds; upper == seen == |drift| where no kernel has any strength.
+
+    Raises:
+        InputError: the box is not finite, its corners do not fit each other or the field, or tolerance < 0.
+    """
+    return _supremum(flow, low, high, planar, False, drift, tolerance, most_cells)
+
+
+def lipschitz_constant(
+    flow: FlowField,
+    low: ArrayLike,
+    high: ArrayLike,
+    *,
+    planar: bool,
+    tolerance: float = 0.02,
+    most_cells: int = 50_000,
+) -> Supremum:
+    """Supremum of the Jacobian's spectral norm |dw/dx| over a box, in 1/s: the field's Lipschitz constant there.
+
+    Arguments, errors and result are those of `largest_speed`; for a planar vehicle the Jacobian's (x, y) block
+    counts. It is zero where no kernel has any strength.
+    """
+    return _supremum(flow, low, high, planar, True, False, tolerance, most_cells)
+
+
+def _supremum(
+    flow: FlowField,
+    low: ArrayLike,
+    high: ArrayLike,
+    planar: bool,
+    slope: bool,
+    drift: bool,
+    tolerance: float,
+    most_cells: int,
+) -> Supremum:
+    corners = np.array(low, dtype=np.float64), np.array(high, dtype=np.float64)
+    shapes = {c.shape for c in corners}
+    if shapes not in ({(2,)}, {(3,)}) or (shapes == {(2,)} and not planar and flow.dimension == 3):
+        legal = "two of (2,) or (3,)" if planar or flow.dimension == 2 else "two of (3,) for vehicles in space"
+        raise InputError(f"a box has corners of shapes {corners[0].shape} and {corners[1].shape}; legal are {legal}")
+    if not (np.all(np.isfinite(corners)) and np.all(corners[0] <= corners[1])):
+        raise InputError(f"a box needs finite corners with low <= high, not {corners[0]} and {corners[1]}")
+    if not tolerance >= 0.0:
+        raise InputError(f"tolerance is {tolerance}; legal is zero or more")
+    n = 2 if planar or flow.dimension == 2 else 3
+    a, b = (c[:n] for c in corners)
+    kernels = _Kernels(flow, n, drift)
+
+    def result(upper: float, seen: float, at: Array) -> Supremum:
+        where = np.concatenate([at, 0.5 * (corners[0] + corners[1])[n:]])[: 2 if planar else None]
+        where.flags.writeable = False
+        return Supremum(upper, seen, where, upper <= (1.0 + tolerance) * seen)
+
+    if not kernels.count:
+        value = 0.0 if slope else float(np.linalg.norm(kernels.drift))
+        return result(value, value, 0.5 * (a + b))
+    for centre in kernels.singular:
+        if np.all((a <= centre) & (centre <= b)):
+            return result(np.inf, np.inf, centre)
+
+    points = np.clip(kernels.candidates(), a, b)
+    values = kernels.values(points, slope)
+    seen, at = float(values.max()), points[np.argmax(values)]
+    centres, halves, uppers = 0.5 * (a + b)[None], 0.5 * (b - a)[None], np.array([np.inf])
+    closed, bounded, batch = 0.0, 0, int(np.clip(_PAIRS / (kernels.count * 2**n), 1, _BATCH))
+    while True:
+        # Cells that need no cut, or are as small as rounding lets them be.
+        done = uppers <= (1.0 + tolerance) * seen
+        if bounded:
+            done |= halves.max(axis=1) <= 1e-14 * np.abs(centres).max(axis=1)
+        closed = max(closed, float(uppers[done].max(initial=0.0)))
+        centres, halves, uppers = centres[~done], halves[~done], uppers[~done]
+        if not len(uppers) or bounded >= most_cells:
+            break
+        order = np.argsort(-uppers, kind="stable")
+        now, later = order[:batch], order[batch:]
+        c, h, parents = centres[now], halves[now], uppers[now]
+        if bounded:
+            for _ in range(n):
+                c, h, parents = _cut(c, h, parents)
+        values, bounds = kernels.bounds(c, h, slope)
+        if values.max() > seen:
+            seen, at = float(values.max()), c[np.argmax(values)]
+        centres, halves = np.concatenate([centres[later], c]), np.concatenate([halves[later], h])
+        uppers = np.concatenate([uppers[later], np.minimum(bounds, parents)])
+        bounded += len(c)
+    return result(max(closed, seen, float(uppers.max(initial=0.0))), seen, at)
+
+
+def _cut(centres: Array, halves: Array, uppers: Array) -> tuple[Array, Array, Array]:
+    """Halve each cell along its longest side."""
+    longest = np.arange(len(halves)), np.argmax(halves, axis=1)
+    halves = halves.copy()
+    halves[longest] *= 0.5
+    step = np.zeros_like(halves)
+    step[longest] = halves[longest]
+    return np.concatenate([centres - step, centres + step]), np.tile(halves, (2, 1)), np.tile(uppers, 2)
+
+
+class _Kernels:
+    """The field's kernels in n coordinates, evaluated and bounded over many cells at once.
+
+    Attributes:
+        n: coordinates that the vehicle has.
+        drift: uniform velocity, shape (n,), m/s; zero if it does not count.
+        count: kernels, the poles before the channels; those without strength are left out.
+        centre: shape (count, n), m.
+        singular: centres of the poles that are infinite there, shape (k, n), m.
+    """
+
+    def __init__(self, flow: FlowField, n: int, drift: bool) -> None:
+        self.n, space = n, flow.dimension == 3
+        self.drift = flow.table[0, 2 : 2 + n] if drift else np.zeros(n)
+        ends = np.cumsum([len(flow.sources), len(flow.vortices)])
+        sources, vortices, channels = (rows[rows[:, 8] != 0.0] for rows in np.split(flow.table[1:], ends))
+        vortices = vortices[np.any(vortices[:, 5:8] != 0.0, axis=1)]
+        poles, axis = np.concatenate([sources, vortices]), vortices[:, 5:8]
+        is_vortex = np.arange(len(poles)) >= len(sources)
+        self.centre = np.concatenate([poles, channels])[:, 2 : 2 + n]
+        self.count, self._poles = len(self.centre), len(poles)
+
+        # Poles: strength (M r + v) / (|r|^2 + C)^p.
+        height = -poles[:, 4] if space and n == 2 else np.zeros(len(poles))  # of the plane over the kernel's centre
+        self._strength, self._C = poles[:, 8], poles[:, 9] + height**2
+        self._p = np.where(is_vortex | (not space), 1.0, 1.5)
+        self._M, self._v = np.tile(np.eye(n), (len(poles), 1, 1)), np.zeros((len(poles), n))
+        self._M[is_vortex] = np.cross(np.eye(3), axis[:, None])[:, :n, :n]  # M r = axis x r
+        if n == 2:
+            self._v[is_vortex] = height[is_vortex, None] * axis[:, [1, 0]] * [1.0, -1.0]
+        self._m, self._shift = np.ones(len(poles)), np.linalg.norm(self._v, axis=1)
+        self._m[is_vortex] = np.linalg.norm(axis, axis=1) if n == 3 else np.abs(axis[:, 2])
+        self.singular = self.centre[: len(poles)][self._C <= _NO_CORE**2]
+
+        # Channels: strength exp(-A |n|^2 - B l^2) d, of which a planar vehicle sees the projection.
+        self._push = channels[:, 8, None] * channels[:, 5 : 5 + n]
+        self._d, self._A, self._B = channels[:, 5:8], channels[:, 9], channels[:, 10]
+        self._channel_centre = channels[:, 2:5]
+
+    def candidates(self) -> Array:
+        """Points where the supremum may be, shape (k, n): kernels' centres, and their peaks around them."""
+        # A pole is fastest on a sphere; the others' velocity at its centre says where on it they add.
+        across = np.sqrt(self._C / (2.0 * self._p - 1.0))
+        with np.errstate(divide="ignore", invalid="ignore"):  # at poles without a core
+            w = self.evaluate(self.centre[: self._poles])[0].sum(axis=1) + self.drift
+        w[~np.isfinite(w)] = 0.0
+        wanted = np.sign(self._strength)[:, None] * np.einsum("kji,kj->ki", self._M, w)
+        length = np.linalg.norm(wanted, axis=1, keepdims=True)
+        aligned = across[:, None] * np.divide(wanted, length, out=np.zeros_like(wanted), where=length > 0.0)
+        reach = np.concatenate([across, np.sqrt(0.5 / self._A)])
+        stencil = np.concatenate([np.zeros((1, self.n)), np.eye(self.n), -np.eye(self.n)])
+        around = self.centre[:, None] + reach[:, None, None] * stencil
+        return np.concatenate([around.reshape(-1, self.n), self.centre[: self._poles] + aligned])
+
+    def values(self, points: Array, slope: bool) -> Array:
+        """Speed, m/s, or the Jacobian's norm, 1/s, at points (k, n), shape (k,)."""
+        w, J = self.evaluate(points)
+        return _norm(J.sum(axis=1)) if slope else np.linalg.norm(w.sum(axis=1) + self.drift, axis=1)
+
+    def evaluate(self, points: Array) -> tuple[Array, Array]:
+        """Each kernel's velocity, shape (k, count, n), and Jacobian, shape (k, count, n, n), at points (k, n)."""
+        r = points[:, None] - self.centre[: self._poles]
+        s = np.einsum("kpi,kpi->kp", r, r) + self._C
+        a = self._strength * s**-self._p
+        f = np.einsum("pij,kpj->kpi", self._M, r) + self._v
+        J = a[..., None, None] * (self._M - ((2.0 * self._p / s)[..., None] * f)[..., None] * r[..., None, :])
+        along, across = self._channel_parts(points)
+        e = np.exp(-self._A * np.einsum("kci,kci->kc", across, across) - self._B * along**2)
+        q = 2.0 * (self._A[:, None] * across + (self._B * along)[..., None] * self._d)[..., : self.n]
+        g = e[..., None] * self._push
+        return np.concatenate([a[..., None] * f, g], 1), np.concatenate([J, -g[..., None] * q[..., None, :]], 1)
+
+    def bounds(self, centres: Array, halves: Array, slope: bool) -> tuple[Array, Array]:
+        """Values at the centres of cells, and bounds over the cells, each of shape (k,).
+
+        Args:
+            centres: centres of the cells, shape (k, n), m.
+            halves: half of their sides, same shape, m.
+            slope: whether of the Jacobian's norm, 1/s, or of the speed, m/s.
+        """
+        a = np.linalg.norm(halves, axis=1)
+        w, J = self.evaluate(centres)
+        poles, channels = self._pole_bounds(centres, halves, slope), self._channel_bounds(centres, halves, a, slope)
+        largest, curvature = (np.concatenate(both, axis=1) for both in zip(poles, channels, strict=True))
+        w_all, J_all, curvature_all = w.sum(axis=1) + self.drift, J.sum(axis=1), curvature.sum(axis=1)
+        rows, strongest = np.arange(len(centres)), np.argmax(largest, axis=1)
+        w_rest, J_rest = w_all - w[rows, strongest], J_all - J[rows, strongest]
+        curvature_rest = curvature_all - curvature[rows, strongest]
+        apart = largest.sum(axis=1) + np.linalg.norm(self.drift)
+        top = largest[rows, strongest]
+        if slope:
+            values = _norm(J_all)
+            together = values + curvature_all * a
+            mixed = top + _norm(J_rest) + curvature_rest * a
+        else:
+            values = np.linalg.norm(w_all, axis=1)
+            together = _tangent(w_all, J_all, halves) + 0.5 * curvature_all * a**2
+            mixed = top + _tangent(w_rest, J_rest, halves) + 0.5 * curvature_rest * a**2
+        bounds = np.fmin(np.fmin(apart, together), mixed) + _ROUNDING * apart
+        return values, np.where(np.isnan(bounds), np.inf, bounds)
+
+    def _pole_bounds(self, centres: Array, halves: Array, slope: bool) -> tuple[Array, Array]:
+        """Largest speed or slope, and largest second derivative, of each pole over each cell, shapes (k, P)."""
+        p, C, m, v = self._p, self._C, self._m, self._shift
+        r = np.abs(centres[:, None] - self.centre[: self._poles])
+        near = np.square(np.maximum(r - halves[:, None], 0.0)).sum(axis=-1)
+        far = np.square(r + halves[:, None]).sum(axis=-1)
+        s = near + C
+        k = far / (far + C)
+
+        def peak(at: Array, power: Array) -> Array:
+            """Supremum of u^(1/2) / s^power, which has its peak there."""
+            u = np.clip(at, near, far)
+            return np.sqrt(u) * (u + C) ** -power
+
+        bend = peak(C / (2.0 * p + 1.0), p + 1.0)
+        steep = s ** -(p + 0.5) * np.maximum(np.sqrt(2.0 / (p + 1.0)), np.sqrt(k) * (2.0 * (p + 1.0) * k - 3.0))
+        curvature = m * 2.0 * p * np.minimum(steep, 3.0 * bend)
+        curvature += v * 2.0 * p * s ** -(p + 1.0) * np.maximum(1.0, 2.0 * (p + 1.0) * k - 1.0)
+        if slope:
+            u = np.clip(3.0 * C / (2.0 * p - 1.0), near, far)
+            largest = m * np.maximum(s**-p, ((2.0 * p - 1.0) * u - C) * (u + C) ** -(p + 1.0)) + 2.0 * p * v * bend
+        else:
+            largest = m * peak(C / (2.0 * p - 1.0), p) + v * s**-p
+        return np.abs(self._strength) * largest, np.abs(self._strength) * curvature
+
+    def _channel_parts(self, points: Array) -> tuple[Array, Array]:
+        """Offset along the axis of each channel, shape (k, c), and across it, shape (k, c, 3)."""
+        r = np.repeat(-self._channel_centre[None], len(points), axis=0)
+        r[..., : self.n] += points[:, None]
+        along = np.einsum("kci,ci->kc", r, self._d)
+        return along, r - along[..., None] * self._d
+
+    def _channel_bounds(self, centres: Array, halves: Array, a: Array, slope: bool) -> tuple[Array, Array]:
+        """Largest speed or slope, and largest second derivative, of each channel over each cell, shapes (k, c)."""
+        along, across = self._channel_parts(centres)
+        far_along, far_across = np.abs(along), np.linalg.norm(across, axis=-1)
+        dl, dn = halves @ np.abs(self._d[:, : self.n]).T, a[:, None]
+        l0, l1, l2 = _gaussian(self._B, np.maximum(far_along - dl, 0.0), far_along + dl)
+        n0, n1, n2 = _gaussian(self._A, np.maximum(far_across - dn, 0.0), far_across + dn)
+        push = np.linalg.norm(self._push, axis=1)
+        largest = np.hypot(n1 * l0, n0 * l1) if slope else n0 * l0
+        curvature = np.maximum(n2 * l0 + n0 * l2, 2.0 * np.maximum(self._A, self._B) * n0 * l0)
+        return push * largest, push * curvature
+
+
+def _gaussian(rate: Array, low: Array, high: Array) -> list[Array]:
+    """Suprema over low <= x <= high of (2 rate x)^i exp(-rate x^2), i = 0, 1, 2, each with a peak at x^2 = i / 2 rate."""
+    points = [np.clip(np.sqrt(0.5 * i / rate), low, high) for i in range(3)]
+    return [(2.0 * rate * x) ** i * np.exp(-rate * x**2) for i, x in enumerate(points)]
+
+
+def _norm(J: Array) -> Array:
+    """Spectral norms of small matrices, shape (k, n, n), as shape (k,)."""
+    if J.shape[-1] == 3:
+        return np.linalg.norm(J, ord=2, axis=(1, 2))
+    (a, b), (c, d) = np.moveaxis(J, 0, -1)
+    return 0.5 * (np.hypot(a + d, b - c) + np.hypot(a - d, b + c))
+
+
+def _tangent(w: Array, J: Array, halves: Array) -> Array:
+    """Largest |w + J delta| over cells of half sides (k, n), at one of their corners."""
+    n = halves.shape[1]
+    signs = np.array(np.meshgrid(*[[1.0], *[[-1.0, 1.0]] * (n - 1)])).reshape(n, -1).T  # each corner or its opposite
+    moved = np.einsum("kij,kj,cj->kci", J, halves, signs)
+    inner = np.abs(np.einsum("kci,ki->kc", moved, w))
+    return np.sqrt((np.einsum("kci,kci->kc", moved, moved) + 2.0 * inner).max(axis=1) + np.einsum("ki,ki->k", w, w))

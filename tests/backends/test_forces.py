@@ -1,0 +1,332 @@
+"""Forces on bodies: thrust, drag, flow and buoyancy, at one instant and over time.
+
+Oracles: the wrench W u turned into world axes; m v' = R D R^T (v_c + w - v) with exact solutions (matrix exponential);
+the same vehicle with MuJoCo's own site transmissions, from the MJCF file as it stands; textbook oscillators.
+"""
+
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import mujoco
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.linalg import expm
+from scipy.spatial.transform import Rotation
+
+from mjsheaf import World
+from mjsheaf.backends.physics import load_vehicle, run_physics
+
+from .small import make, medium, mixed, velocity_commands
+from .vehicles import altered, find, xml_of
+
+Array = NDArray[np.float64]
+
+LINEAR = {"linear": [200.0, 900.0, 1500.0], "angular": [50.0, 60.0, 70.0]}
+SHIFTED = "0.15 -0.1 0.2"
+
+
+def shift_mass(root: ElementTree.Element) -> None:
+    find(root, ".//inertial").set("pos", SHIFTED)
+
+
+def parts(world: World, v: int) -> tuple[slice, slice, slice]:
+    """Where vehicle v is in qpos, in qvel and among the actuators."""
+    a, d, first = world.arena.qpos[v], world.arena.dof[v], world.arena.thruster
+    return slice(a, a + 7), slice(d, d + 6), slice(first[v], first[v + 1])
+
+
+def turn(world: World, v: int, R: Array) -> None:
+    """Give vehicle v an attitude."""
+    at = parts(world, v)[0]
+    world.data.qpos[at][3:] = Rotation.from_matrix(R).as_quat(scalar_first=True)
+
+
+def attitude(world: World, v: int) -> Array:
+    return Rotation.from_quat(world.quaternions()[v], scalar_first=True).as_matrix()
+
+
+def tumble(world: World, seed: int) -> None:
+    """Give every vehicle a random attitude, velocity and spin, and let MuJoCo and the loop see it."""
+    rng = np.random.default_rng(seed)
+    for v, R in enumerate(Rotation.random(len(world.arena.vehicles), random_state=seed).as_matrix()):
+        turn(world, v, R)
+    world.data.qvel[:] = rng.uniform(-2, 2, world.model.nv)
+    world.close_loop(sample=True)
+    mujoco.mj_forward(world.model, world.data)
+
+
+@pytest.fixture
+def world(tmp_path: Path) -> World:
+    """The mixed team; the aircraft drag unlike along each axis, one with its mass off the origin of its frame."""
+    scenario = mixed()
+    agents = [a.model_dump(exclude_none=True) for a in scenario.agents]
+    agents[1]["vehicle"] = altered(tmp_path / "drag", "aerial", drag=LINEAR)
+    agents[2]["vehicle"] = altered(tmp_path / "shift", "aerial", shift_mass, drag=LINEAR)
+    return World(mixed(agents=agents, disturbance={"agents": {"bound": 0.5}}))
+
+
+# -- at one instant ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_actuators_make_the_wrench_of_their_thrusters(world: World, seed: int) -> None:
+    """qfrc_actuator is R W_f u in world axes and W_m u in body axes: the gears turn with the body."""
+    tumble(world, seed)
+    for v, vehicle in enumerate(world.arena.vehicles):
+        _, dof, thrusters = parts(world, v)
+        wrench = vehicle.W @ world.data.ctrl[thrusters]
+        expected = np.concatenate([attitude(world, v) @ wrench[:3], wrench[3:]])
+        size = np.abs(vehicle.W).max() * np.abs(world.data.ctrl[thrusters]).max()
+        assert size > 10.0
+        np.testing.assert_allclose(world.data.qfrc_actuator[dof], expected, atol=1e-12 * size)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_force_on_a_body_is_drag_relative_to_the_medium_and_command(world: World, seed: int) -> None:
+    """Thrust, flow, damping and weight together: R D R^T (v_c + w - v) on whatever moves in a volume."""
+    tumble(world, seed)
+    system, x = world.system, world.positions()
+    command = velocity_commands(system, world.time, x)
+    gravity = world.model.opt.gravity
+    for v, vehicle in enumerate(world.arena.vehicles):
+        if vehicle.dimension == 2:
+            continue
+        _, dof, _ = parts(world, v)
+        data, R = world.data, attitude(world, v)
+        total = data.qfrc_actuator[dof] + data.qfrc_applied[dof] + data.qfrc_passive[dof]
+        slip = command[v] + medium(system, v, world.time, x[v]) - data.qvel[dof][:3]
+        expected = R @ (vehicle.drag * (R.T @ slip)) - vehicle.mass * gravity
+        size = vehicle.drag.max() * 20.0
+        np.testing.assert_allclose(total[:3], expected, atol=1e-11 * size)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_moment_on_a_body_holds_its_attitude(world: World, seed: int) -> None:
+    """J (k theta - b omega), theta the rotation vector to the level attitude with the given heading; plus own drag.
+
+    The moment that carries an eccentric weight comes on top, and nothing of the law or the flow.
+    """
+    tumble(world, seed)
+    for v, vehicle in enumerate(world.arena.vehicles):
+        if vehicle.dimension == 2:
+            continue
+        _, dof, _ = parts(world, v)
+        R, heading = attitude(world, v), world.system.bodies.heading[v]
+        theta = Rotation.from_matrix(R.T @ Rotation.from_rotvec([0, 0, heading]).as_matrix()).as_rotvec()
+        omega = world.data.qvel[dof][3:]
+        hold = vehicle.inertia @ (100.0 * theta - 20.0 * omega)
+        trim = np.cross(vehicle.centre_of_mass, R.T @ [0, 0, vehicle.weight])
+        np.testing.assert_allclose(world.data.qfrc_actuator[dof][3:], hold + trim, atol=1e-9 * (1 + np.abs(hold).max()))
+        drag = -np.array(vehicle.description.drag.angular) * omega
+        np.testing.assert_allclose((world.data.qfrc_applied + world.data.qfrc_passive)[dof][3:], drag, atol=1e-10)
+
+
+def test_a_boat_is_pushed_along_the_water_only(world: World) -> None:
+    """At any heading its thrusters make the drag's force for v_c in the plane, none upward, and no roll or pitch."""
+    for heading in np.linspace(-3, 3, 5):
+        turn(world, 0, Rotation.from_rotvec([0, 0, heading]).as_matrix())
+        world.close_loop(sample=True)
+        mujoco.mj_forward(world.model, world.data)
+        command = velocity_commands(world.system, world.time, world.positions())[0]
+        force = world.data.qfrc_actuator[parts(world, 0)[1]]
+        np.testing.assert_allclose(force[:3], world.arena.vehicles[0].drag * command, atol=1e-8)
+        np.testing.assert_allclose(force[3:5], 0.0, atol=1e-8)
+
+
+# -- over time -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["hull", "aerial", "submersible"])
+def test_gears_on_the_joint_are_thrusters_on_sites(name: str, tmp_path: Path) -> None:
+    """Step by step, tumbling, the trajectory of the file's own site transmissions under the same commands."""
+    agents = [{"id": "A", "position": [0, 0] if name == "hull" else [0, 0, 0], "vehicle": name, "heading": 50}]
+    targets = [{"id": "T", "position": [40, 30, 20]}]
+    scenario = make({"agents": agents, "targets": targets, "sensing": [["A", "T"]], "controller": {"gain": 0.3}})
+    world = World(scenario)
+    rng = np.random.default_rng(4)
+    turn(world, 0, Rotation.from_rotvec(0.8 * rng.standard_normal(3)).as_matrix())
+    qpos, dof, thrusters = parts(world, 0)
+    world.data.qvel[dof] = rng.uniform(-1, 1, 6)
+
+    root = xml_of(name)
+    ElementTree.SubElement(find(root, ".//body[@name='body']"), "freejoint")
+    option = ElementTree.SubElement(root, "option", integrator="implicitfast", gravity="0 0 -9.81")
+    ElementTree.SubElement(option, "flag", contact="disable")
+    model = mujoco.MjModel.from_xml_string(ElementTree.tostring(root, encoding="unicode"))
+    model.opt.timestep = world.model.opt.timestep
+    model.dof_damping[:] = world.model.dof_damping[dof]
+    data = mujoco.MjData(model)
+    data.qpos[:], data.qvel[:] = world.data.qpos[qpos], world.data.qvel[dof]
+    assert (model.actuator_trntype == mujoco.mjtTrn.mjTRN_SITE).all()
+
+    for _ in range(1500):
+        world.step(1)
+        data.ctrl[:], data.qfrc_applied[:] = world.data.ctrl[thrusters], world.data.qfrc_applied[dof]
+        mujoco.mj_step(model, data)
+        np.testing.assert_allclose(data.qpos, world.data.qpos[qpos], rtol=0, atol=1e-10)
+        np.testing.assert_allclose(data.qvel, world.data.qvel[dof], rtol=0, atol=1e-9)
+    assert np.linalg.norm(data.qpos[:2]) > 5.0  # it went somewhere
+
+
+def drifting(tmp_path: Path, timestep: float, flow: dict[str, Any], **vehicle: Any) -> World:
+    """A submersible that commands nothing, in a flow."""
+    target = {"id": "T", "position": [1, 2, -3], "heading": 35}
+    target["vehicle"] = altered(tmp_path, "submersible", **vehicle)
+    return World(
+        make(
+            {
+                "agents": [{"id": "A", "position": [9, 9]}],
+                "targets": [target],
+                "flow": {"targets": {"dimension": 3, **flow}},
+                "physics": {"timestep": timestep},
+            }
+        )
+    )
+
+
+def test_a_flow_carries_a_body_at_its_own_velocity(tmp_path: Path) -> None:
+    """Terminal velocity is w along every axis, however unlike the drags are, and the heading stays."""
+    world = drifting(tmp_path, 0.001, {"drift": [0.7, -0.4, 0.2]}, drag=LINEAR)
+    world.step(30_000)
+    _, dof, thrusters = parts(world, 1)
+    np.testing.assert_allclose(world.data.qvel[dof], [0.7, -0.4, 0.2, 0, 0, 0], atol=1e-8)
+    np.testing.assert_allclose(world.data.ctrl[thrusters], 0.0, atol=1e-6)
+    np.testing.assert_allclose(attitude(world, 1), Rotation.from_euler("z", 35, degrees=True).as_matrix(), atol=1e-9)
+
+
+def test_a_body_comes_up_to_the_flow_as_its_drag_says(tmp_path: Path) -> None:
+    """v(t) = w - exp(-R D R^T t / m) w: the step is implicit in part, and its error of first order."""
+    w = np.array([0.7, -0.4, 0.2])
+    R = Rotation.from_euler("z", 35, degrees=True).as_matrix()
+    A = R @ np.diag(LINEAR["linear"]) @ R.T / 300.0
+    exact = w - expm(-0.2 * A) @ w
+    errors = []
+    for steps in (100, 200, 400):
+        world = drifting(tmp_path, 0.2 / steps, {"drift": w.tolist()}, drag=LINEAR)
+        world.step(steps)
+        errors.append(np.abs(world.data.qvel[parts(world, 1)[1]][:3] - exact).max())
+    assert errors[0] < 0.003
+    assert errors[0] / errors[1] == pytest.approx(2.0, abs=0.05)
+    assert errors[1] / errors[2] == pytest.approx(2.0, abs=0.05)
+
+
+def test_stiff_drag_needs_no_small_steps(tmp_path: Path) -> None:
+    """m / D of a tenth of a step: the implicit part keeps it stable, isotropic or not."""
+    for drag in ({"time_constant": 1e-4}, {"linear": [3e6, 2.5e6, 2e6]}):
+        world = drifting(tmp_path, 0.001, {"drift": [0.7, -0.4, 0.2]}, drag=drag)
+        world.step(200)
+        np.testing.assert_allclose(world.data.qvel[parts(world, 1)[1]][:3], [0.7, -0.4, 0.2], rtol=1e-9)
+
+
+def test_a_light_body_follows_the_streamlines(tmp_path: Path) -> None:
+    """Round a vortex with core c and strength gamma at radius r: angular rate gamma / (r^2 + c^2), 12 m of it."""
+    flow = {"core": 1.0, "vortices": [{"centre": [1, -2, -3], "axis": [0, 0, 1], "gamma": 10.0}]}
+    world = drifting(tmp_path, 0.0005, flow, drag={"time_constant": 0.001})
+    world.step(10_000)
+    x = world.positions()[1] - [1, -2, -3]
+    rate = 10.0 / (16.0 + 1.0)
+    angle = np.pi / 2 + 5.0 * rate
+    np.testing.assert_allclose(x, [4 * np.cos(angle), 4 * np.sin(angle), 0], atol=0.05)
+
+
+def test_steady_velocity_under_a_command_is_w_plus_g_u(tmp_path: Path) -> None:
+    """The reduced model on the body itself: constant extra commands u move it at w + g u, without turning it."""
+    world = drifting(tmp_path, 0.001, {"drift": [0.7, -0.4, 0.2]}, drag=LINEAR)
+    vehicle, (_, dof, thrusters) = world.arena.vehicles[1], parts(world, 1)
+    R = attitude(world, 1)
+    u = vehicle.inverse_effectiveness(R) @ [1.0, 2.0, -0.5]
+    for _ in range(20_000):
+        world.close_loop()
+        world.data.ctrl[thrusters] += u
+        mujoco.mj_step(world.model, world.data)
+    np.testing.assert_allclose(world.data.qvel[dof][:3], [1.7, 1.6, -0.3], atol=1e-5)
+    np.testing.assert_allclose(vehicle.control_effectiveness(R) @ u, [1.0, 2.0, -0.5], atol=1e-12)
+    np.testing.assert_allclose(attitude(world, 1), R, atol=1e-9)
+
+
+def test_an_eccentric_aircraft_hovers_level(tmp_path: Path) -> None:
+    """Thrusters carry the weight through the centre of mass, wherever it is."""
+    path = altered(tmp_path, "aerial", shift_mass)
+    agents = [{"id": "A", "position": [1, 2, 3], "heading": 70, "vehicle": path}]
+    world = World(make({"agents": agents, "targets": [{"id": "T", "position": [1, 2, 3]}], "sensing": [["A", "T"]]}))
+    world.step(3000)
+    np.testing.assert_allclose(world.positions()[0], [1, 2, 3], atol=1e-6)
+    np.testing.assert_allclose(attitude(world, 0), Rotation.from_euler("z", 70, degrees=True).as_matrix(), atol=1e-6)
+
+
+# -- on the water ----------------------------------------------------------------------------------------------------
+
+
+def boat(height: float = 0.0) -> World:
+    agents = [{"id": "A", "position": [0, 0], "heading": 20}]
+    seen = {"targets": [{"id": "T", "position": [0, 0]}], "sensing": [["A", "T"]]}
+    return World(make({"agents": agents, **seen, "scene": {"surface": "water", "height": height}}))
+
+
+@pytest.mark.parametrize("height", [0.0, 2.5])
+def test_a_boat_floats_and_rights_itself(height: float) -> None:
+    world = boat(height)
+    world.step(100)
+    np.testing.assert_allclose(world.heights()[0], height, atol=1e-9)
+    level = attitude(world, 0)
+    world.data.qpos[parts(world, 0)[0]][2] += 0.4
+    turn(world, 0, level @ Rotation.from_euler("xy", [0.5, -0.3]).as_matrix())
+    world.step(6000)
+    np.testing.assert_allclose(world.heights()[0], height, atol=1e-6)
+    np.testing.assert_allclose(attitude(world, 0), level, atol=1e-6)
+
+
+def test_a_boat_heaves_and_rolls_like_an_oscillator() -> None:
+    """m z'' = -D z' - K z and I phi'' = -c phi' - k phi, from rest, for small angles."""
+    world = boat()
+    description = load_vehicle("hull").description
+    assert description.hydrostatics is not None
+    vehicle, floats = world.arena.vehicles[0], description.hydrostatics
+    c = description.drag.angular
+    turn(world, 0, attitude(world, 0) @ Rotation.from_euler("xy", [0.01, 0.005]).as_matrix())
+    world.data.qpos[parts(world, 0)[0]][2] = 0.02
+    world.step(150)
+    R = attitude(world, 0)
+    seen = world.heights()[0], R[2, 1], -R[2, 0]
+    cases = (
+        (0.02, vehicle.mass, vehicle.drag[2], floats.heave),
+        (0.01, vehicle.inertia[0, 0], c[0], floats.roll),
+        (0.005, vehicle.inertia[1, 1], c[1], floats.pitch),
+    )
+    for value, (start, inertia, damping, stiffness) in zip(seen, cases, strict=True):
+        motion = expm(0.15 * np.array([[0.0, 1.0], [-stiffness / inertia, -damping / inertia]])) @ [start, 0.0]
+        assert abs(motion[0]) < 0.9 * start
+        assert value == pytest.approx(motion[0], abs=0.01 * start)
+
+
+# -- limits and lag --------------------------------------------------------------------------------------------------
+
+
+def limited(root: ElementTree.Element) -> None:
+    general = find(root, "default/default[@class='thruster']/general")
+    general.attrib.update(ctrlrange="-40 60", forcerange="-30 30", forcelimited="true", dyntype="filter", dynprm="0.2")
+
+
+def test_limits_and_lag_of_the_file_survive_the_assembly(tmp_path: Path) -> None:
+    """What stands in a default class belongs to the vehicle as much as what stands in its actuators."""
+    path = altered(tmp_path, "hull", limited)
+    agents = [{"id": "A", "position": [0, 0], "vehicle": path}, {"id": "B", "position": [50, 0]}]
+    targets = [{"id": "T", "position": [50, 0]}]
+    scenario = make({"agents": agents, "targets": targets, "sensing": [["A", "T"], ["B", "T"]], "time": {"end": 0.5}})
+    world = World(scenario)
+    own = mujoco.MjModel.from_xml_path(str(Path(path).with_suffix(".xml")))
+    for name in ("ctrlrange", "ctrllimited", "forcerange", "forcelimited", "dyntype", "dynprm", "gainprm"):
+        given = getattr(own, f"actuator_{name}")
+        np.testing.assert_array_equal(getattr(world.model, f"actuator_{name}")[:4], given, err_msg=name)
+    np.testing.assert_array_equal(world.model.actuator_ctrlrange[4:8], [[-1e9, 1e9]] * 4)
+    np.testing.assert_array_equal(world.saturation(), [1.0, 0.0, 0.0])
+    world.step(1)
+    assert np.abs(world.data.actuator_force[:4]).max() < 1.0  # the lag
+    world.step(1000)
+    np.testing.assert_allclose(np.abs(world.data.actuator_force[:4]), 30.0)  # the limit of the force
+    trajectory = run_physics(scenario.system())
+    assert trajectory.saturation is not None
+    np.testing.assert_array_equal(trajectory.saturation[:, 0], 1.0)
+    np.testing.assert_array_equal(trajectory.saturation[:, 1:], 0.0)

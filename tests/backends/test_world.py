@@ -1,0 +1,235 @@
+"""The loop on bodies: stepping, clock, determinism, blow-up, contacts.
+
+Oracles: one step at a time by hand with MuJoCo's own mj_step; where bodies can and cannot be.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from mjsheaf import World, simulate
+from mjsheaf.backends.physics import run_physics
+from mjsheaf.errors import InputError, UnstableError
+
+from .small import make, mixed
+from .vehicles import altered, find
+
+Array = NDArray[np.float64]
+
+
+def bits(world: World) -> bytes:
+    return world.data.qpos.tobytes() + world.data.qvel.tobytes()
+
+
+# -- stepping --------------------------------------------------------------------------------------------------------
+
+
+def test_the_initial_condition_is_the_scenarios() -> None:
+    world = World(mixed())
+    assert world.time == 0.0
+    np.testing.assert_array_equal(world.positions(), world.system.initial)
+    headings = Rotation.from_quat(world.quaternions(), scalar_first=True).as_euler("ZYX", degrees=True)
+    np.testing.assert_allclose(headings, [[a, 0, 0] for a in (30, -60, 120, 10, 45)], atol=1e-12)
+    np.testing.assert_array_equal(world.data.qvel, 0.0)
+    assert world.model.ngeom > 0
+    assert world.data.ctrl.any()  # the loop is closed from the start
+    assert world.steps_per_sample == 10
+
+
+def test_many_steps_are_single_steps() -> None:
+    """Bit for bit, across control periods."""
+    one, many = World(mixed()), World(mixed())
+    for _ in range(237):
+        one.step()
+    for n in (100, 7, 0, 130):
+        many.step(n)
+    assert one.time == many.time == pytest.approx(0.237)
+    assert bits(one) == bits(many)
+
+
+@pytest.mark.parametrize("period", [0.01, 0.0], ids=["held", "continuous"])
+def test_steps_by_hand_are_the_loops_own(period: float) -> None:
+    """The loop is the user's if they want it: close it, then call MuJoCo; clock and control period go along."""
+    scenario = mixed(controller={"gain": 3.0, "control_period": period}, disturbance={"targets": {"bound": 1.0}})
+    ours, theirs = World(scenario), World(scenario)
+    ours.step(57)
+    for k in range(57):
+        theirs.close_loop()
+        mujoco.mj_step(theirs.model, theirs.data)
+        assert theirs.time == pytest.approx(0.001 * (k + 1))
+    assert bits(ours) == bits(theirs)
+    ours.step(10)
+    theirs.step(10)
+    assert bits(ours) == bits(theirs)
+
+
+def test_the_law_is_held_between_its_samples() -> None:
+    """With a period of 10 steps the commanded velocity changes at steps 0, 10, 20 and at no other."""
+    changes = []
+    for period in (0.01, 0.0):
+        world = World(mixed(controller={"gain": 3.0, "control_period": period}, flow={}))
+        world.step(5)
+        dof = world.arena.dof[0]
+        pushed = []
+        for _ in range(20):
+            world.step(1)
+            # Thrust in world axes is D v_c, whatever the attitude, as the drag is isotropic.
+            pushed.append(round(float(np.linalg.norm(world.data.qfrc_actuator[dof : dof + 2])), 6))
+        changes.append(int(np.count_nonzero(np.diff(pushed))))
+    assert changes == [2, 19]
+
+
+def test_reset_begins_again() -> None:
+    world = World(mixed(disturbance={"agents": {"bound": 1.0}}))
+    start = bits(world)
+    world.step(120)
+    end = bits(world)
+    assert end != start
+    world.reset()
+    assert world.time == 0.0
+    assert bits(world) == start
+    world.step(120)
+    assert bits(world) == end
+
+
+def test_start_time_is_respected() -> None:
+    scenario = mixed(time={"start": 2.5, "end": 3.0})
+    world = World(scenario)
+    assert world.time == world.data.time == 2.5
+    world.step(500)
+    assert world.time == pytest.approx(3.0, abs=1e-12)
+    trajectory = run_physics(scenario.system())
+    np.testing.assert_allclose(trajectory.time, np.linspace(2.5, 3.0, 51), atol=1e-12)
+
+
+def test_a_run_is_the_world_stepped() -> None:
+    scenario = mixed(time={"end": 0.2})
+    trajectory, world = run_physics(scenario.system()), World(scenario)
+    assert trajectory.status == "finished"
+    for k in range(21):
+        np.testing.assert_array_equal(trajectory.positions[k], world.positions())
+        world.step(world.steps_per_sample)
+
+
+def test_one_run_gives_the_bits_of_another() -> None:
+    scenario = mixed(time={"end": 0.5}, disturbance={"agents": {"bound": 1.0}}, spread={"position": 1.0, "heading": 90})
+    one, again = (run_physics(scenario.system()) for _ in range(2))
+    for name in ("positions", "quaternions", "heights", "thrust", "saturation"):
+        assert getattr(one, name).tobytes() == getattr(again, name).tobytes(), name
+    other = run_physics(scenario.model_copy(update={"seed": 1}).system())
+    assert np.any(other.positions != one.positions)
+
+
+def test_forces_of_the_users_own_are_felt() -> None:
+    pushed, left = World(mixed()), World(mixed())
+    body = pushed.arena.body[1]
+    pushed.data.xfrc_applied[body, :3] = [0.0, 0.0, 1000.0]
+    pushed.step(50)
+    left.step(50)
+    assert pushed.positions()[1, 2] > left.positions()[1, 2] + 0.01
+    np.testing.assert_array_equal(pushed.data.xfrc_applied[body], [0, 0, 1000, 0, 0, 0])
+
+
+def test_a_vehicle_must_fit_its_agent() -> None:
+    agents = [{"id": "A", "position": [0, 0], "vehicle": "aerial"}]
+    with pytest.raises(InputError, match=r"A has dimension 2, but vehicle 'aerial' .* 3"):
+        World(make({"agents": agents, "targets": [{"id": "T", "position": [0, 0, 0]}], "sensing": [["A", "T"]]}))
+
+
+def test_thrusters_can_be_altered_and_the_trajectory_holds(tmp_path: Path) -> None:
+    """One weaker, one moved, one turned: other commands, the same motion, because the allocation follows the model."""
+
+    def edit(root: Any) -> None:
+        actuators = find(root, "actuator")
+        actuators[0].set("gainprm", "0.25")
+        find(root, f".//site[@name='{actuators[1].get('site')}']").set("pos", "0.8 -0.5 0")
+        find(root, f".//site[@name='{actuators[2].get('site')}']").set("zaxis", "1 0.3 0")
+
+    scenario = mixed(time={"end": 0.5})
+    agents = [a.model_dump(exclude_none=True) for a in scenario.agents]
+    agents[0]["vehicle"] = altered(tmp_path, "hull", edit)
+    one, other = run_physics(scenario.system()), run_physics(mixed(time={"end": 0.5}, agents=agents).system())
+    assert one.thrust is not None
+    assert other.thrust is not None
+    assert other.quaternions is not None
+    np.testing.assert_allclose(other.positions, one.positions, rtol=0, atol=1e-9)
+    assert one.quaternions is not None
+    np.testing.assert_allclose(other.quaternions, one.quaternions, rtol=0, atol=1e-9)
+    assert np.abs(other.thrust[:, :4] - one.thrust[:, :4]).max() > 1000.0
+
+
+# -- blow-up ---------------------------------------------------------------------------------------------------------
+
+
+def test_autoreset_is_off() -> None:
+    world = World(mixed())
+    assert world.model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_AUTORESET
+
+
+@pytest.mark.parametrize("value", [1e12, -1e12, np.nan, np.inf])
+@pytest.mark.parametrize(("name", "v"), [("boat", 0), ("back", 2), ("ship", 4)])
+@pytest.mark.parametrize("array", ["qvel", "qpos"])
+def test_a_bad_state_ends_the_run_and_names_the_vehicle(value: float, name: str, v: int, array: str) -> None:
+    """MuJoCo would reset state and time and go on."""
+    world = World(mixed())
+    world.step(25)
+    at = world.arena.dof[v] if array == "qvel" else world.arena.qpos[v]
+    getattr(world.data, array)[at + 1] = value
+    with pytest.raises(UnstableError, match=rf"^unstable: {name} \(body '.*', speed .*\) at t = 0\.02[56] s; likely"):
+        world.step(3)
+    assert world.time == pytest.approx(0.0255, abs=0.0006)
+    assert world.data.time == pytest.approx(world.time)
+    world.reset()
+    world.step(25)
+    assert np.isfinite(world.data.qpos).all()
+
+
+def test_a_run_that_blows_up_keeps_what_was_recorded() -> None:
+    """A held gain far over its limit: the law's own divergence is named as the cause."""
+    scenario = mixed(controller={"gain": 500.0, "control_period": 0.01}, time={"end": 5.0}, vehicles={"tau": 0.001})
+    result = simulate(scenario, backend="physics")
+    assert result.attrs["status"] == "unstable"
+    assert "k1 h lambda_max" in result.attrs["message"]
+    names = [*result.agent.values, *result.target.values]
+    assert result.attrs["message"].removeprefix("unstable: ").split(" ")[0] in names
+    assert 0.0 < float(result.time[-1]) < 5.0
+    assert np.isfinite(result.agent_position.sel(axis=["x", "y"])).all()
+
+
+# -- contacts --------------------------------------------------------------------------------------------------------
+
+
+def head_on(contacts: bool) -> Array:
+    """Two boats that are each told to go where the other comes from; x of both, shape (T, 2)."""
+    scenario = make(
+        {
+            "time": {"end": 12.0},
+            "controller": {"gain": 0.5},
+            "agents": [{"id": "A", "position": [-8, 0]}, {"id": "B", "position": [8, 0], "heading": 180}],
+            "targets": [{"id": "S", "position": [8, 40]}, {"id": "T", "position": [-8, -40]}],
+            "sensing": [
+                {"between": ["A", "S"], "offset": [0, -40]},
+                {"between": ["B", "T"], "offset": [0, 40]},
+            ],
+            "physics": {"contacts": contacts},
+        }
+    )
+    return run_physics(scenario.system()).positions[:, :2, 0]
+
+
+def test_without_contacts_boats_pass_through_each_other() -> None:
+    x = head_on(False)
+    np.testing.assert_allclose(x[-1], [8.0, -8.0], atol=0.1)
+
+
+def test_with_contacts_boats_stop_each_other() -> None:
+    """Bow to bow: their collision boxes reach 3.02 m ahead of their middles."""
+    x = head_on(True)
+    gap = x[:, 1] - x[:, 0]
+    assert gap.min() > 5.5
+    assert gap[-1] == pytest.approx(6.0, abs=0.5)
