@@ -40,7 +40,7 @@ from mjsheaf.errors import InputError
 Array = NDArray[np.float64]
 
 _BATCH = 1024  # cells that are cut at once: enough to hide numpy's overhead, few enough to stay best-first
-_PAIRS = 500_000  # of a cell and a kernel, at once: some 100 MB
+_PAIRS = 500_000  # of a cell and a kernel, at once: some 150 MB
 _NO_CORE = 1e-30  # m; a core smaller than this is none
 _ROUNDING = 1e-12  # of the sum of all kernels' bounds
 
@@ -188,8 +188,7 @@ class _Kernels:
     """The field's kernels in n coordinates, evaluated and bounded over many cells at once.
 
     Attributes:
-        n: coordinates that the vehicle has.
-        drift: uniform velocity, shape (n,), m/s; zero if it does not count.
+        drift: uniform velocity in the vehicle's n coordinates, shape (n,), m/s; zero if it does not count.
         count: kernels, the poles before the channels; those without strength are left out.
         centre: shape (count, n), m.
         singular: centres of the poles that are infinite there, shape (k, n), m.
@@ -250,20 +249,12 @@ class _Kernels:
         a = self._strength * s**-self._p
         f = np.einsum("pij,kpj->kpi", self._M, r) + self._v
         J = a[..., None, None] * (self._M - ((2.0 * self._p / s)[..., None] * f)[..., None] * r[..., None, :])
-        along, across = self._channel_parts(points)
-        e = np.exp(-self._A * np.einsum("kci,kci->kc", across, across) - self._B * along**2)
-        q = 2.0 * (self._A[:, None] * across + (self._B * along)[..., None] * self._d)[..., : self.n]
-        g = e[..., None] * self._push
+        _, _, exponent, q = self._channel_parts(points)
+        g = np.exp(-exponent)[..., None] * self._push
         return np.concatenate([a[..., None] * f, g], 1), np.concatenate([J, -g[..., None] * q[..., None, :]], 1)
 
     def bounds(self, centres: Array, halves: Array, slope: bool) -> tuple[Array, Array]:
-        """Values at the centres of cells, and bounds over the cells, each of shape (k,).
-
-        Args:
-            centres: centres of the cells, shape (k, n), m.
-            halves: half of their sides, same shape, m.
-            slope: whether of the Jacobian's norm, 1/s, or of the speed, m/s.
-        """
+        """Values at the centres (k, n) of cells with half sides (k, n), and bounds over the cells, each (k,)."""
         a = np.linalg.norm(halves, axis=1)
         w, J = self.evaluate(centres)
         poles, channels = self._pole_bounds(centres, halves, slope), self._channel_bounds(centres, halves, a, slope)
@@ -310,28 +301,34 @@ class _Kernels:
             largest = m * peak(C / (2.0 * p - 1.0), p) + v * s**-p
         return np.abs(self._strength) * largest, np.abs(self._strength) * curvature
 
-    def _channel_parts(self, points: Array) -> tuple[Array, Array]:
-        """Offset along the axis of each channel, shape (k, c), and across it, shape (k, c, 3)."""
+    def _channel_parts(self, points: Array) -> tuple[Array, Array, Array, Array]:
+        """|l|, |n| and the exponent A |n|^2 + B l^2 of each channel, shapes (k, c), and its gradient, (k, c, n)."""
         r = np.repeat(-self._channel_centre[None], len(points), axis=0)
         r[..., : self.n] += points[:, None]
         along = np.einsum("kci,ci->kc", r, self._d)
-        return along, r - along[..., None] * self._d
+        across = r - along[..., None] * self._d
+        far = np.linalg.norm(across, axis=-1)
+        q = 2.0 * (self._A[:, None] * across + (self._B * along)[..., None] * self._d)[..., : self.n]
+        return np.abs(along), far, self._A * far**2 + self._B * along**2, q
 
     def _channel_bounds(self, centres: Array, halves: Array, a: Array, slope: bool) -> tuple[Array, Array]:
         """Largest speed or slope, and largest second derivative, of each channel over each cell, shapes (k, c)."""
-        along, across = self._channel_parts(centres)
-        far_along, far_across = np.abs(along), np.linalg.norm(across, axis=-1)
-        dl, dn = halves @ np.abs(self._d[:, : self.n]).T, a[:, None]
-        l0, l1, l2 = _gaussian(self._B, np.maximum(far_along - dl, 0.0), far_along + dl)
-        n0, n1, n2 = _gaussian(self._A, np.maximum(far_across - dn, 0.0), far_across + dn)
+        along, across, exponent, q = self._channel_parts(centres)
+        dl, dn, sharpest = halves @ np.abs(self._d[:, : self.n]).T, a[:, None], 2.0 * np.maximum(self._A, self._B)
+        l0, l1, l2 = _gaussian(self._B, np.maximum(along - dl, 0.0), along + dl)
+        n0, n1, n2 = _gaussian(self._A, np.maximum(across - dn, 0.0), across + dn)
+        # The exponent is convex, so above its tangent, and its gradient q changes by `sharpest` a at most.
+        least = np.maximum(exponent - np.einsum("kci,ki->kc", np.abs(q), halves), 0.0)
+        e = np.minimum(np.exp(-least), n0 * l0)
+        steepest = np.linalg.norm(q, axis=-1) + sharpest * dn
+        largest = np.minimum(np.hypot(n1 * l0, n0 * l1), e * steepest) if slope else e
+        curvature = np.maximum(np.minimum(n2 * l0 + n0 * l2, e * steepest**2), e * sharpest)
         push = np.linalg.norm(self._push, axis=1)
-        largest = np.hypot(n1 * l0, n0 * l1) if slope else n0 * l0
-        curvature = np.maximum(n2 * l0 + n0 * l2, 2.0 * np.maximum(self._A, self._B) * n0 * l0)
         return push * largest, push * curvature
 
 
 def _gaussian(rate: Array, low: Array, high: Array) -> list[Array]:
-    """Suprema over low <= x <= high of (2 rate x)^i exp(-rate x^2), i = 0, 1, 2, each with a peak at x^2 = i / 2 rate."""
+    """Suprema of (2 rate x)^i exp(-rate x^2), i = 0, 1, 2, over low <= x <= high; the peak is at x^2 = i / 2 rate."""
     points = [np.clip(np.sqrt(0.5 * i / rate), low, high) for i in range(3)]
     return [(2.0 * rate * x) ** i * np.exp(-rate * x**2) for i, x in enumerate(points)]
 

@@ -11,7 +11,7 @@ import pytest
 import xarray as xr
 
 import mjsheaf
-from mjsheaf.errors import NotUniqueError
+from mjsheaf.errors import MjsheafError, NotUniqueError
 from mjsheaf.results import check_expectation, summarize
 from mjsheaf.scenario import Scenario, list_scenarios, load_scenario, scenario_from_mapping
 from mjsheaf.scenario.build import uses_seed
@@ -43,13 +43,25 @@ def test_expectation_is_met_and_tight(name: str, backend: str) -> None:
 
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("name", REFUSED)
-def test_refused_scenarios_say_who_is_free(name: str, backend: str) -> None:
+def test_refused_scenarios_say_why(name: str, backend: str) -> None:
     scenario = load_scenario(name)
-    with pytest.raises(NotUniqueError) as refused:
+    with pytest.raises(MjsheafError) as refused:
         mjsheaf.simulate(scenario, backend)
     assert scenario.expect.refused is not None
     assert scenario.expect.refused in str(refused.value)
-    assert "dimension 1" in str(refused.value)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_free_team_is_refused_or_drifts_and_says_so(backend: str) -> None:
+    scenario = load_scenario("air_tracks_surface")
+    with pytest.raises(NotUniqueError, match="dimension 1: A1, A2, A3 are free along z together"):
+        mjsheaf.simulate(scenario, backend)
+    result = mjsheaf.simulate(scenario, backend, allow_drift=True)
+    assert result.attrs["free_directions"] == "A1, A2, A3 are free along z together"
+    # The law does not touch what is free: the mean height stays where it began.
+    height = result["agent_position"].sel(axis="z").mean("agent").values
+    np.testing.assert_allclose(height, height[0], atol=1e-6)
+    assert float(result["tracking_error"][-1].max()) < 25.0
 
 
 def test_paper_centering_matches_the_published_account() -> None:

@@ -1,0 +1,169 @@
+"""`check` as a whole: verdicts, record, report, exit codes.
+
+Oracle: the lesson of each scenario in the gallery; the JSON Schema of the record.
+"""
+
+import json
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+
+import mjsheaf
+from mjsheaf.checking import CheckRecord
+from mjsheaf.cli.main import main
+from mjsheaf.errors import InputError
+from mjsheaf.scenario import list_scenarios
+
+FAILING = {
+    "air_tracks_surface": {6},
+    "lost_thruster": {2, 4},
+    "singular_flow": {1, 7},
+    "split_team": {5},
+    "unseen_target": {5},
+}
+
+
+def call(*arguments: str | Path) -> int:
+    with pytest.raises(SystemExit) as stopped:
+        main([str(a) for a in arguments])
+    return int(stopped.value.code or 0)
+
+
+@pytest.mark.parametrize("name", list_scenarios())
+def test_verdicts_schema_and_exit_code(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    code = call("check", name, "--json")
+    printed = capsys.readouterr()
+    record = json.loads(printed.out, parse_constant=lambda x: pytest.fail(f"{x} is not JSON"))
+    jsonschema.validate(record, CheckRecord.model_json_schema())
+    failing = {a["number"] for a in record["assumptions"] if a["verdict"] == "fails"}
+    assert failing == FAILING.get(name, set())
+    assert [a["number"] for a in record["assumptions"]] == [1, 2, 3, 4, 5, 6, 7]
+    assert record["ok"] is not bool(failing)
+    assert code == (1 if failing else 0)
+    assert printed.err.count("\n") == (1 if failing else 0)
+    assert record == mjsheaf.check(mjsheaf.load_scenario(name))
+
+
+def test_failing_example_is_explained_and_mended(capsys: pytest.CaptureFixture[str]) -> None:
+    record = mjsheaf.check(mjsheaf.load_scenario("air_tracks_surface"))
+    found = record["relative_cohomology"]
+    assert found["dimension"] == 1
+    (direction,) = found["basis"]
+    assert direction["description"] == "A1, A2, A3 are free along z together"
+    assert direction["motion"] == {a: [0.0, 0.0, 1.0] for a in ("A1", "A2", "A3")}
+    assert found["mending"]["needed"] == 1
+    assert found["mending"]["exact"] is True
+    (repair,) = found["mending"]["repairs"]
+    assert repair["kind"] == "anchor"
+    assert found["mending"]["lambda_min"] > 0.1
+    mended = mjsheaf.check(mjsheaf.load_scenario("altitude_anchor"))
+    assert mended["ok"] is True
+    assert mended["relative_cohomology"]["mending"] is None
+
+
+@pytest.mark.parametrize("name", list_scenarios())
+def test_report_reads_as_a_whole(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    call("check", name)
+    printed = capsys.readouterr().out
+    for heading in ("assumptions of the paper", "Theorem 1", "margins in practice", "fragility"):
+        assert heading in printed
+    assert "nan" not in printed.lower().replace("resonan", "")
+
+
+def test_theorem_applies_on_the_certified_scenario(tmp_path: Path) -> None:
+    record = mjsheaf.check(mjsheaf.load_scenario("certified"))
+    theorem = record["theorem"]
+    assert theorem["applies"] is True
+    assert theorem["approximate"] is False
+    assert theorem["chi"] is None
+    assert theorem["chi_infinite"] is True
+    assert theorem["initial_error_inside_S"] is True
+    assert theorem["lambda_V"] == pytest.approx(theorem["k_min"] - theorem["rho"])
+    slower = mjsheaf.check(mjsheaf.load_scenario("certified"), rate=theorem["lambda_V"] / 2)["theorem"]
+    assert slower["lambda_V_given"] is True
+    assert slower["radius_U"] > theorem["radius_U"]
+    faster = mjsheaf.check(mjsheaf.load_scenario("certified"), rate=theorem["lambda_V"] * 2)["theorem"]
+    assert faster["applies"] is False
+    assert "too fast" in faster["reason"]
+    wanted = mjsheaf.check(mjsheaf.load_scenario("certified"), radius=0.4)["theorem"]["gain_for_wanted_radius"]
+    there = mjsheaf.check(mjsheaf.load_scenario("certified", {"controller.gain": wanted}))["theorem"]
+    # The region shrinks or grows a little with the gain, and the constants with it.
+    assert there["radius_U"] == pytest.approx(0.4, rel=0.1)
+
+
+def test_run_compares_with_the_bound(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name, applies in (("certified", True), ("paper", False)):
+        out = tmp_path / name
+        assert call("run", name, "--backend", "ideal", "--no-video", "--out", out) == 0
+        theorem = json.loads((out / "summary.json").read_text())["theorem"]
+        assert theorem["applies"] is applies
+        if applies:
+            assert 0.0 < theorem["measured_over_bound"] <= 1.0
+        else:
+            assert theorem["measured_over_bound"] is None
+            assert "does not exceed rho" in theorem["reason"]
+
+
+def test_margins_speak_of_this_team() -> None:
+    record = mjsheaf.check(mjsheaf.load_scenario("paper", {"controller.velocity_limit": 20}))
+    hold = record["margins"]["hold"]
+    assert hold["product"] == pytest.approx(10 * 0.01 * 6.269324221144499)
+    assert hold["largest_gain"] == pytest.approx(2 / (0.01 * 6.269324221144499))
+    assert record["margins"]["bodies"]["tau"] == [0.01, 0.01]
+    fastest = record["margins"]["speed"][0]
+    assert fastest["limit"] == 20
+    result = mjsheaf.simulate(mjsheaf.load_scenario("paper", {"time.end": 0.05}), "ideal")
+    assert fastest["asked"] == pytest.approx(float(10 * result["disagreement"][0].max()), rel=1e-9)
+    settled = mjsheaf.simulate(mjsheaf.load_scenario("paper"), "ideal")["tracking_error"][500:].max("time")
+    lag = {x["agent"]: x["lag"] for x in record["margins"]["lag"]}
+    for agent in lag:  # a quasi-static estimate of what the run shows
+        assert lag[agent] == pytest.approx(float(settled.sel(agent=agent)), rel=0.5)
+
+
+def test_plot_is_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "check.png"
+    assert call("check", "air_tracks_surface", "--plot", path) == 1
+    assert path.stat().st_size > 20_000
+    assert call("check", "paper", "--plot", tmp_path / "none" / "x.png") == 2
+    assert "--plot" in capsys.readouterr().err
+
+
+def test_bad_rate_and_radius() -> None:
+    scenario = mjsheaf.load_scenario("midpoint")
+    for changes in ({"rate": -1.0}, {"radius": 0.0}, {"radius": float("nan")}):
+        with pytest.raises(InputError, match="must be positive"):
+            mjsheaf.check(scenario, **changes)
+
+
+@pytest.mark.slow
+def test_ten_thousand_agents() -> None:
+    """It works at size: sparse methods throughout, fragility by bridges; verdicts are right."""
+    from mjsheaf.checking import examine
+    from mjsheaf.scenario import scenario_from_mapping
+
+    rng = np.random.default_rng(0)
+    side = 100
+    agents = [{"id": f"A{i}", "position": rng.uniform(0, 1000, 2 + i % 2).tolist()} for i in range(side * side)]
+    links = [[f"A{i}", f"A{i + 1}"] for i in range(side * side - 1) if (i + 1) % side]
+    links += [[f"A{i}", f"A{i + side}"] for i in range(side * (side - 1))]
+    targets = [{"id": f"T{k}", "position": rng.uniform(0, 1000, 3).tolist()} for k in range(30)]
+    sensing = [[f"A{int(i)}", f"T{k}"] for k, i in enumerate(rng.choice(side * side // 2, 30, replace=False) * 2 + 1)]
+    scenario = scenario_from_mapping(
+        {
+            "name": "grid",
+            "agents": agents,
+            "targets": targets,
+            "communication": links,
+            "sensing": sensing,
+            "anchors": [{"agent": "A1", "axes": ["z"], "value": [10.0]}],
+        }
+    )
+    record = examine(scenario.system())
+    verdicts = {a.number: a.verdict for a in record.assumptions}
+    # Planar agents between spatial ones do not pass heights on: most spatial agents are free along z.
+    assert verdicts[6] == "fails"
+    assert record.relative_cohomology.dimension > 1000
+    assert verdicts[5] == "holds"
+    assert record.fragility.exact is False

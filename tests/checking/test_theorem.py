@@ -1,0 +1,203 @@
+"""Theorem 1 against simulation.
+
+Oracle: the theorem itself. A certified run never exceeds the bound, and cases built to attain it come within 5 %.
+"""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mjsheaf
+from mjsheaf.checking.bound import RunBound, bound_of_run
+from mjsheaf.control.theorem import disturbance_bound, gain_for_radius, theorem_1
+from mjsheaf.scenario import scenario_from_mapping
+
+CERTIFIED = 500
+WORKERS = 10  # pieces of the study, so that it spreads over processes
+
+
+def random_scenario(seed: int) -> dict[str, Any]:
+    """A random team: mixed dimensions, random graph and maps, weights, offsets, smooth flow, disturbances."""
+    rng = np.random.default_rng(seed)
+    N, M = int(rng.integers(1, 7)), int(rng.integers(1, 4))
+    agents = [f"A{i}" for i in range(N)]
+    targets = [f"T{k}" for k in range(M)]
+    dimension = {name: int(rng.integers(2, 4)) for name in agents + targets}
+
+    def edge(tail: str, head: str) -> dict[str, Any]:
+        e: dict[str, Any] = {"between": [tail, head], "weight": float(rng.uniform(0.5, 2.0))}
+        kind = rng.choice(["shared", "local_frame", "random"])
+        if kind == "random":  # near a rotation of the shared coordinates, so that nobody is nearly free
+            m = min(dimension[tail], dimension[head])
+            turn = np.linalg.qr(rng.standard_normal((m, m)))[0]
+            F = [turn @ (np.eye(m, dimension[v]) + 0.2 * rng.standard_normal((m, dimension[v]))) for v in (tail, head)]
+            e["map"] = {"tail": F[0].tolist(), "head": F[1].tolist()}
+            e["offset"] = rng.uniform(-2, 2, m).tolist()
+        else:
+            e["map"] = str(kind)
+        return e
+
+    tree = [edge(agents[i], agents[int(rng.integers(i))]) for i in range(1, N)]
+    more = [edge(a, b) for a in agents for b in agents if a < b and rng.random() < 0.3]
+    sensing = [edge(agents[int(rng.integers(N))], t) for t in targets]
+    sensing += [edge(a, t) for a in agents for t in targets if rng.random() < 0.5]
+    field = int(rng.integers(2, 4))
+
+    def kernels(count: int) -> list[dict[str, Any]]:
+        return [{"centre": rng.uniform(-6, 6, field).tolist()} for _ in range(count)]
+
+    flow = {
+        "dimension": field,
+        "core": float(rng.uniform(2, 5)),
+        "drift": rng.uniform(-0.4, 0.4, field).tolist(),
+        "sources": [{**k, "alpha": float(rng.uniform(-2, 2))} for k in kernels(int(rng.integers(0, 3)))],
+        "vortices": [
+            {
+                **k,
+                "gamma": float(rng.uniform(-2, 2)),
+                **({"axis": rng.standard_normal(3).tolist()} if field == 3 else {}),
+            }
+            for k in kernels(int(rng.integers(0, 3)))
+        ],
+        "channels": [
+            {**k, "direction": rng.standard_normal(field).tolist(), "beta": 0.5, "width": 4.0, "length": 8.0}
+            for k in kernels(int(rng.integers(0, 2)))
+        ],
+    }
+    return {
+        "name": f"random{seed}",
+        "seed": seed,
+        "agents": [
+            {
+                "id": a,
+                "position": rng.uniform(-5, 5, dimension[a]).tolist(),
+                "frame": {"roll": 10.0, "pitch": -20.0, "yaw": float(rng.uniform(-180, 180))},
+            }
+            for a in agents
+        ],
+        "targets": [
+            {
+                "id": t,
+                "position": rng.uniform(-5, 5, dimension[t]).tolist(),
+                "motion": {
+                    "kind": "lissajous",
+                    "amplitude": rng.uniform(0, 2, dimension[t]).tolist(),
+                    "rate": rng.uniform(0.1, 1.0, dimension[t]).tolist(),
+                    "phase": rng.uniform(0, 6, dimension[t]).tolist(),
+                },
+            }
+            for t in targets
+        ],
+        "communication": tree + more,
+        "sensing": sensing,
+        # A planar target leaves spatial agents free along z: anchor every spatial agent.
+        "anchors": [{"agent": a, "axes": ["z"], "value": [1.0]} for a in agents if dimension[a] == 3],
+        "flow": {"agents": flow, "targets": flow},
+        "disturbance": {
+            who: {"bound": float(rng.uniform(0, 0.4)), "frequencies": [0.05, 2.0]} for who in ("agents", "targets")
+        },
+        "controller": {"gain": 1.0, "control_period": 0, "record_period": 0.02},
+        "physics": {"timestep": 0.02},
+        "time": {"end": 3.0},
+    }
+
+
+def certified_run(seed: int) -> RunBound:
+    """Run a random scenario with a gain for which the theorem applies over the region of that very run."""
+    raw = random_scenario(seed)
+    team = scenario_from_mapping(raw).system().team
+    smallest = float(np.linalg.eigvalsh(team.dirichlet.H.toarray())[0])
+    assert smallest > 1e-6, f"seed {seed}: a random team should not be free to drift"
+    gain = 1.0 / smallest
+    for _ in range(8):
+        raw["controller"] = {**raw["controller"], "gain": gain}
+        scenario = scenario_from_mapping(raw)
+        run = bound_of_run(scenario.system(), mjsheaf.simulate(scenario, "ideal"))
+        if run.applies:
+            return run
+        gain *= 2.0
+    raise AssertionError(f"seed {seed}: no gain certifies it: {run.reason}")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("piece", range(WORKERS))
+def test_the_bound_is_never_exceeded(piece: int) -> None:
+    for seed in range(piece, CERTIFIED, WORKERS):
+        run = certified_run(seed)
+        assert run.ratio is not None
+        assert not run.approximate
+        assert run.ratio <= 1.0 + 1e-6, f"seed {seed}: measured / bound is {run.ratio}"
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_bound_is_attained_where_it_can_be(seed: int) -> None:
+    """A constant f_B along the slowest eigenvector: static targets, uniform drift, every agent senses one target."""
+    rng = np.random.default_rng(seed)
+    N = int(rng.integers(1, 6))
+    agents = [f"A{i}" for i in range(N)]
+    place = rng.uniform(-4, 4, 2)
+    raw = {
+        "name": "attained",
+        "agents": [{"id": a, "position": place.tolist()} for a in agents],  # e(t0) = 0
+        "targets": [{"id": "T", "position": place.tolist()}],
+        "communication": [[agents[i], agents[int(rng.integers(i))]] for i in range(1, N)],
+        "sensing": [[a, "T"] for a in agents],
+        "flow": {"agents": {"dimension": 2, "drift": rng.uniform(-1, 1, 2).tolist()}},
+        "controller": {"gain": float(rng.uniform(0.5, 4)), "control_period": 0},
+        "time": {"end": 20.0},
+    }
+    scenario = scenario_from_mapping(raw)
+    run = bound_of_run(scenario.system(), mjsheaf.simulate(scenario, "ideal"))
+    assert run.applies
+    assert run.ratio is not None
+    assert 0.95 <= run.ratio <= 1.0 + 1e-9
+
+
+def test_sets_and_gain_condition() -> None:
+    t = theorem_1(gain=10, lambda_min=2.0, f_bar=3.0, omega_bar=1.0, lipschitz=4.0)
+    assert t.k_min == 10.0
+    assert t.applies
+    assert t.rate == pytest.approx(6.0)  # the largest below k_min - L
+    assert t.mu == pytest.approx(16 / 40)
+    assert t.radius == pytest.approx(np.sqrt(t.mu / 6.0))
+    assert t.k_min > t.lipschitz + t.rate  # strict, as the theorem asks
+    slower = theorem_1(10, 2.0, 3.0, 1.0, 4.0, rate=2.0)
+    assert slower.applies
+    assert slower.radius > t.radius
+    assert not theorem_1(10, 2.0, 3.0, 1.0, 4.0, rate=6.1).applies
+    assert not theorem_1(3, 2.0, 3.0, 1.0, 4.0).applies
+    assert not theorem_1(10, 0.0, 3.0, 1.0, 0.0).applies
+    np.testing.assert_allclose(t.bound(7.0, [0.0, 1e9]), [7.0, t.radius])
+
+
+def test_gain_for_a_wanted_radius_gives_that_radius() -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(50):
+        lambda_min, f_bar, omega_bar, lipschitz, radius = rng.uniform(0.1, 5, 5)
+        k = gain_for_radius(radius, lambda_min, f_bar, omega_bar, lipschitz)
+        assert theorem_1(k, lambda_min, f_bar, omega_bar, lipschitz).radius == pytest.approx(radius, rel=1e-6)
+        assert theorem_1(0.99 * k, lambda_min, f_bar, omega_bar, lipschitz).radius > radius
+
+
+def test_disturbance_bound_is_the_papers() -> None:
+    assert disturbance_bound(2.0, 0.5, 9, 4, 0.1) == pytest.approx((1 + 2 / 0.5) * 3 * 0.1)
+    assert disturbance_bound(2.0, 0.0, 9, 4, 0.1) == np.inf
+    assert disturbance_bound(2.0, 0.0, 9, 4, 0.0) == 0.0
+
+
+def test_published_run_fails_the_gain_condition_and_keeps_the_weaker_bound() -> None:
+    scenario = mjsheaf.load_scenario("paper")
+    record = mjsheaf.check(scenario)
+    theorem = record["theorem"]
+    assert record["ok"] is True
+    assert theorem["applies"] is False
+    assert theorem["k_min"] == pytest.approx(2.2105, abs=1e-3)
+    assert theorem["rho"] > 50.0
+    assert "does not exceed rho" in theorem["reason"]
+    assert theorem["lambda_min"] == pytest.approx(0.4421094525282422, abs=1e-9)
+    assert theorem["lambda_max"] == pytest.approx(6.269324221144499, abs=1e-9)
+    result = mjsheaf.simulate(scenario, "ideal")
+    error = np.sqrt((result["tracking_error"].values ** 2).sum(axis=1))
+    settled = error[result["time"].values > 10.0]
+    assert settled.max() <= theorem["weaker"]["radius"]
