@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
+from scipy import linalg, sparse
 from scipy.sparse import csgraph
 from scipy.sparse import linalg as splinalg
 
@@ -25,6 +25,9 @@ DENSE_COLUMNS = 1200
 """Largest component that is decomposed densely."""
 
 _LANCZOS_VECTORS = 8
+_CERTIFIED_COLUMNS = 60
+_CERTAIN = 0.5  # leaves room for the rounding of the inverse
+_ROUNDING = 64 * np.finfo(np.float64).eps
 
 
 def kernel_basis(matrix: sparse.csr_array, rtol: float = RANK_TOLERANCE) -> Array:
@@ -38,9 +41,9 @@ def sparse_kernel_basis(matrix: sparse.csr_array, rtol: float = RANK_TOLERANCE) 
     With a thousand small free components among ten thousand vertices, the dense array would not be small.
     """
     columns = matrix.shape[1]
-    scale = _largest_singular_value(matrix)
+    scale = largest_singular_value(matrix)
     at, vectors, values, found = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)], [np.zeros(0)], 0
-    for members, part in _components(matrix):
+    for members, part in components(matrix):
         local = (
             _dense_kernel(part.toarray(), scale, rtol)
             if len(members) <= DENSE_COLUMNS
@@ -55,10 +58,13 @@ def sparse_kernel_basis(matrix: sparse.csr_array, rtol: float = RANK_TOLERANCE) 
     return sparse.coo_array((np.concatenate(values), place), shape=(columns, found)).tocsc()
 
 
-def _components(matrix: sparse.csr_array) -> Iterator[tuple[NDArray[np.int64], sparse.csr_array]]:
-    """Yield the columns of each connected component, in order, and the rows of the matrix that meet them."""
-    matrix = sparse.csr_array(matrix, copy=True)
-    matrix.eliminate_zeros()  # the zeros of a stored map such as [I 0] connect nothing
+def components(matrix: sparse.csr_array) -> Iterator[tuple[NDArray[np.int64], sparse.csr_array]]:
+    """Yield the columns of each connected component, in order, and a matrix for it alone.
+
+    The rows of that matrix may be rotated among themselves: its singular values and right vectors are those of
+    the component.
+    """
+    matrix = _sparser_rows(matrix)
     pattern = matrix.copy()
     pattern.data[:] = 1.0  # so that nothing cancels
     parts, label = csgraph.connected_components(pattern.T @ pattern, directed=False)
@@ -73,7 +79,36 @@ def _components(matrix: sparse.csr_array) -> Iterator[tuple[NDArray[np.int64], s
         first_column, first_row = last_column, last_row
 
 
-def _largest_singular_value(matrix: sparse.csr_array) -> float:
+def _sparser_rows(matrix: sparse.csr_array) -> sparse.csr_array:
+    """Rotate rows that meet the same columns among themselves, so that each meets as few as possible.
+
+    An edge measured in a rotated frame, R [I -I], connects each coordinate with every other; R^T undoes it and leaves
+    the axes apart. Entries at the level of rounding are zeros here: that moves no singular value by more.
+    """
+    matrix = sparse.csr_array(matrix, copy=True)
+    matrix.sort_indices()
+    length = np.diff(matrix.indptr)
+    values, place = matrix.data, matrix.indptr[:-1]
+    for width in np.unique(length[length > 1]):
+        rows = np.flatnonzero(length == width)
+        meets = matrix.indices[place[rows][:, None] + np.arange(width)]
+        first = np.ones(len(rows), dtype=bool)  # of a run of neighbours that meet the same columns
+        first[1:] = (np.diff(rows) > 1) | np.any(meets[1:] != meets[:-1], axis=1)
+        start = np.flatnonzero(first)
+        size = np.diff(np.append(start, len(rows)))
+        for count in np.unique(size[size > 1]):
+            at = place[rows[start[size == count]]][:, None, None] + width * np.arange(count)[:, None] + np.arange(width)
+            block = values[at]
+            upper = np.asarray(np.linalg.qr(block, mode="r"))
+            upper[np.abs(upper) <= _ROUNDING * np.abs(block).max(axis=(1, 2), keepdims=True)] = 0.0
+            values[at] = 0.0
+            values[at[:, : upper.shape[1]]] = upper
+    matrix.eliminate_zeros()  # also those of a stored map such as [I 0], which connect nothing
+    return matrix
+
+
+def largest_singular_value(matrix: sparse.csr_array) -> float:
+    """Return the largest singular value of a matrix; 0 where it has no entries."""
     if matrix.nnz == 0:
         return 0.0
     if min(matrix.shape) <= DENSE_COLUMNS:
@@ -86,14 +121,29 @@ def _largest_singular_value(matrix: sparse.csr_array) -> float:
 def _dense_kernel(matrix: Array, scale: float, rtol: float) -> Array:
     if matrix.shape[0] == 0:
         return np.eye(matrix.shape[1])
-    _, singular, rows = np.linalg.svd(_with_few_rows(matrix), full_matrices=True)
+    matrix = _with_few_rows(matrix)
+    if _surely_injective(matrix, rtol * scale):
+        return np.zeros((matrix.shape[1], 0))
+    _, singular, rows = np.linalg.svd(matrix, full_matrices=True)
     rank = int(np.sum(singular > rtol * scale))
     return rows[rank:].T
 
 
+def _surely_injective(upper: Array, tolerance: float) -> bool:
+    """Whether a triangular inverse alone shows it: the smallest singular value is at least 1 / |R^-1|_F.
+
+    That costs a fraction of the decomposition, which only a matrix with a kernel, or nearly one, then needs.
+    """
+    if upper.shape[0] < upper.shape[1] or upper.shape[1] < _CERTIFIED_COLUMNS:
+        return False
+    inverse, singular = linalg.lapack.dtrtri(np.asfortranarray(upper))
+    norm = float(np.linalg.norm(inverse))
+    return singular == 0 and np.isfinite(norm) and norm * tolerance < _CERTAIN
+
+
 def _with_few_rows(matrix: Array) -> Array:
-    """A matrix of the same singular values and right vectors, in a square however many rows there are."""
-    return np.asarray(np.linalg.qr(matrix, mode="r")) if len(matrix) > matrix.shape[1] else matrix
+    """A matrix of the same singular values and right vectors: upper triangular unless there are fewer rows still."""
+    return np.asarray(np.linalg.qr(matrix, mode="r")) if len(matrix) >= matrix.shape[1] else matrix
 
 
 def _lanczos_kernel(matrix: sparse.csr_array, scale: float, rtol: float) -> Array:
@@ -103,6 +153,7 @@ def _lanczos_kernel(matrix: sparse.csr_array, scale: float, rtol: float) -> Arra
     factor = splinalg.splu(gram + shift * sparse.eye_array(n, format="csc"))
     found = np.zeros((n, 0))
     start = np.random.default_rng(0).standard_normal(n)
+    count = _LANCZOS_VECTORS
 
     while True:
         known = found
@@ -112,7 +163,7 @@ def _lanczos_kernel(matrix: sparse.csr_array, scale: float, rtol: float) -> Arra
             return y - known @ (known.T @ y)
 
         operator = splinalg.LinearOperator((n, n), matvec=inverse, dtype=np.float64)
-        _, vectors = splinalg.eigsh(operator, k=_LANCZOS_VECTORS, which="LM", v0=inverse(start))
+        _, vectors = splinalg.eigsh(operator, k=count, which="LM", v0=inverse(start))
         # Lanczos on the square sees singular values only down to 1e-8 of the largest; the candidates' own
         # singular values, taken on A itself, are exact to machine precision.
         vectors, _ = np.linalg.qr(vectors - found @ (found.T @ vectors))
@@ -122,5 +173,6 @@ def _lanczos_kernel(matrix: sparse.csr_array, scale: float, rtol: float) -> Arra
         if not null.any():
             return found
         found, _ = np.linalg.qr(np.hstack([found, vectors @ rows[null].T]))
+        count = max(count, min(2 * count, n // 4))  # where there is one batch there are often many
         if found.shape[1] > n // 2:
             raise SheafError(f"the kernel of this {matrix.shape} map has dimension over {n // 2}: too large")
