@@ -24,9 +24,10 @@ lint: $(STAMP)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-# Two workers: the tests are written for two cores. Each module stays on one worker, so that its fixtures are made once.
+# Two workers, one BLAS thread each: the tests are written for two cores. A module stays on one worker, so that its
+# fixtures are made once.
 test: lint
-	$(BIN)/pytest -n 2 --dist loadscope
+	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadscope
 
 clean:
 	rm -rf $(VENV) runs dist build

@@ -3,6 +3,7 @@
 Only typer is imported here; each command imports what it needs, so that help comes at once.
 """
 
+import logging
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -169,6 +170,8 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def _exit_code(arguments: list[str] | None) -> int:
+    # dm_control sends MuJoCo's warnings here; what matters of them is in the one line that mjsheaf prints.
+    logging.getLogger("absl").setLevel(logging.ERROR)
     try:
         code: Any = app(arguments, standalone_mode=False)
         return code if isinstance(code, int) else 0

@@ -1,6 +1,7 @@
 """What a non-trivial relative cohomology means for the team: who is free to drift, and along what."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,18 +18,34 @@ _NAMED = 8  # agents named one by one before the rest are counted
 _NOTHING = 1e-7  # of the largest entry: under this it is rounding, which a kernel near to small eigenvalues has more of
 _SAME = 1e-6  # motions that differ by less are the same motion
 _CONDITION = 0.1  # a pivot is taken within the same agent while it is at least this much of the best one
-_SEARCHED = 40  # distinct agents, and pivots times agents, up to which exchanges of pivots are tried
+_SEARCHED = 40  # pivots times distinct rows up to which exchanges of pivots are tried
 _EXCHANGES = 60
+_SHARE = 0.5  # of the longest step, which an agent must move to be named where it is nearly free
+_TILT = 0.2  # sine under which a step that is nearly along an axis is said to be along it
+_ALIKE = 0.94  # cosine over which two steps are said to be one
+
+
+@dataclass(frozen=True)
+class Motion:
+    """How agents move together.
+
+    Attributes:
+        agents: numbers of the agents that move, ascending, shape (k,).
+        steps: how each moves, padded with zeros, shape (k, 3).
+    """
+
+    agents: Index
+    steps: Array
 
 
 # -- a sparse basis --------------------------------------------------------------------------------------------
 
 
-def sparse_basis(basis: Array, owner: Index | None = None) -> Array:
+def sparse_basis(basis: Array | sparse.csr_array, owner: Index | None = None) -> sparse.csc_array:
     """A basis of the same space in which few agents move, and along axes where that is possible.
 
-    Independent parts come apart, and each vector of a reduced echelon form has a support that contains no smaller one.
-    Where a part is small, pivots are exchanged as long as fewer agents, or else fewer coordinates, move.
+    Independent parts come apart, and no vector's support contains that of another: they form a reduced echelon form.
+    Where a part is small, its pivots are exchanged as long as fewer agents, or else fewer coordinates, move.
 
     Args:
         basis: columns, shape (n, r), of full column rank.
@@ -39,23 +56,30 @@ def sparse_basis(basis: Array, owner: Index | None = None) -> Array:
         entries below 1e-7 are zero.
     """
     n, r = basis.shape
+    if r == 0:
+        return sparse.csc_array((n, 0))
     owner = np.arange(n) if owner is None else owner
-    at = np.nonzero(np.abs(basis) > _NOTHING * np.abs(basis).max(axis=0, initial=0.0))
-    clean = sparse.csr_array((basis[at], at), shape=(n, r))
-    bipartite = sparse.block_array([[None, clean], [clean.T, None]]) if r else sparse.csr_array((n, n))
-    _, label = csgraph.connected_components(bipartite, directed=False)
-    vectors = np.zeros((r, n))
-    done = 0
-    by_row, by_column = (np.argsort(x, kind="stable") for x in (label[:n], label[n:]))
-    for part in np.unique(label[n:]):
-        rows = by_row[slice(*np.searchsorted(label[:n][by_row], [part, part + 1]))]
-        columns = by_column[slice(*np.searchsorted(label[n:][by_column], [part, part + 1]))]
-        block = clean[rows][:, columns].toarray()
-        pivots = _exchanged(_pivots(block, owner[rows]), block, owner[rows])
-        vectors[done : done + len(columns), rows] = _echelon(block, pivots).T
-        done += len(columns)
-    first = np.argmax(vectors != 0.0, axis=1)
-    return vectors[np.argsort(first, kind="stable")].T
+    clean = sparse.csr_array(basis)
+    clean.data[np.abs(clean.data) <= _NOTHING * np.abs(clean.data).max()] = 0.0
+    clean.eliminate_zeros()
+    _, label = csgraph.connected_components(sparse.block_array([[None, clean], [clean.T, None]]), directed=False)
+    by_row, by_column = np.argsort(label[:n], kind="stable"), np.argsort(label[n:], kind="stable")
+    parts = np.unique(label[n:])
+    row_ends = [np.searchsorted(label[:n][by_row], parts, side).tolist() for side in ("left", "right")]
+    column_ends = [np.searchsorted(label[n:][by_column], parts, side).tolist() for side in ("left", "right")]
+    ordered = clean[by_row][:, by_column]
+    rows, columns, values = list[Index](), list[Index](), list[Array]()
+    for top, bottom, left, right in zip(*row_ends, *column_ends, strict=True):
+        at = by_row[top:bottom]
+        block = ordered[top:bottom, left:right].toarray()
+        vectors = _echelon(block, _exchanged(_pivots(block, owner[at]), block, owner[at]))
+        place, vector = np.nonzero(vectors)
+        rows.append(at[place])
+        columns.append(left + vector)
+        values.append(vectors[place, vector])
+    found = sparse.csc_array((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=(n, r))
+    found.sort_indices()
+    return found[:, np.argsort(found.indices[found.indptr[:-1]], kind="stable")]
 
 
 def _pivots(block: Array, owner: Index) -> Index:
@@ -86,11 +110,10 @@ def _exchanged(pivots: Index, block: Array, owner: Index) -> Index:
     if block.shape[1] == 1:
         return pivots
     vectors = _echelon(block, pivots)
-    starts = np.flatnonzero(np.diff(owner, prepend=-1))
-    _, kind, count = np.unique(np.round(vectors, 6), axis=0, return_inverse=True, return_counts=True)
-    candidates = [int(np.flatnonzero(kind == k)[0]) for k in range(len(count))]
+    _, candidates = np.unique(np.round(vectors, 6), axis=0, return_index=True)
     if len(candidates) * block.shape[1] > _SEARCHED:
         return pivots
+    starts = np.flatnonzero(np.diff(owner, prepend=-1))
 
     def cost(v: Array) -> tuple[int, int]:
         moves = v != 0.0
@@ -99,15 +122,15 @@ def _exchanged(pivots: Index, block: Array, owner: Index) -> Index:
     best = cost(vectors)
     for _ in range(_EXCHANGES):
         options = []
-        for row in candidates:
-            for k in np.flatnonzero(np.abs(vectors[row]) >= _CONDITION):
-                if np.count_nonzero(vectors[row]) > 1:
-                    other = pivots.copy()
-                    other[k] = row
-                    options.append((cost(_echelon(block, other)), len(options), other))
+        for row in candidates[np.count_nonzero(vectors[candidates], axis=1) > 1].tolist():
+            for k in np.flatnonzero(np.abs(vectors[row]) >= _CONDITION).tolist():
+                other = pivots.copy()
+                other[k] = row
+                options.append((cost(_echelon(block, other)), row, k))
         if not options or min(options)[0] >= best:
             break
-        best, _, pivots = min(options)
+        best, row, k = min(options)
+        pivots[k] = row
         vectors = _echelon(block, pivots)
     return pivots
 
@@ -117,97 +140,99 @@ def _exchanged(pivots: Index, block: Array, owner: Index) -> Index:
 
 def free_directions(team: Team) -> list[str]:
     """Say, one line for each basis vector of H^0(G, G_p; F), which agents are free along what."""
-    return [describe(team, vector) for vector in free_basis(team).T]
+    return [describe(team, motion) for motion in free_motions(team)]
 
 
-def free_basis(team: Team) -> Array:
-    """The sparse basis of H^0(G, G_p; F), shape (n, dimension), rows in the order of the stacked q."""
+def free_motions(team: Team) -> list[Motion]:
+    """A sparse basis of H^0(G, G_p; F), each vector with largest entry 1."""
     basis = team.dirichlet.null_basis
-    return sparse_basis(basis, team.slots[: len(basis)] // 3)
+    found = sparse_basis(basis, team.slots[: len(basis)] // 3)
+    ends = found.indptr.tolist()
+    return [
+        motion_of(team, found.data[start:end], found.indices[start:end])
+        for start, end in zip(ends[:-1], ends[1:], strict=True)
+    ]
 
 
-def describe(team: Team, vector: Array) -> str:
-    """Say who is free along what.
-
-    Args:
-        team: the team.
-        vector: a motion of the agents that costs nothing, shape (n,).
-    """
-    agents, motion = _movers(team, vector)
-    return _say(team, agents, motion, "free")
-
-
-def describe_nearly(team: Team, vector: Array) -> str:
-    """Say who is nearly free along what: the agents that move at least half as far as the one that moves most.
+def motion_of(team: Team, values: Array, rows: Index | None = None) -> Motion:
+    """A vector of the agents as a motion.
 
     Args:
         team: the team.
-        vector: a motion of the agents that costs little, shape (n,).
+        values: entries of the vector, shape (k,).
+        rows: their places in the stacked q, ascending; all of them unless given.
     """
-    agents, motion = _movers(team, vector)
-    size = np.linalg.norm(motion, axis=1)
-    much = size >= 0.5 * size.max()
-    agents, motion = agents[much], motion[much] / size[much, None]
-    motion[np.abs(motion) < 0.2] = 0.0
-    return _say(team, agents, _rounded_directions(motion), "nearly free")
+    agent, axis = np.divmod(team.slots[: len(values)] if rows is None else team.slots[rows], 3)
+    agents, place = np.unique(agent, return_inverse=True)
+    steps = np.zeros((len(agents), 3))
+    steps[place, axis] = values
+    return Motion(agents, steps)
 
 
-def _movers(team: Team, vector: Array) -> tuple[Index, Array]:
-    """Numbers of the agents that move, and their motions, shape (k, 3)."""
-    motion = team.unpack(vector)
-    agents = np.flatnonzero(np.any(motion != 0.0, axis=1))
-    return agents, motion[agents]
+def describe(team: Team, motion: Motion) -> str:
+    """Say who is free along what, of a motion that no edge or anchor notices."""
+    return _say(team, motion, "free")
 
 
-def _rounded_directions(motion: Array) -> Array:
-    """Let motions within about 20 degrees of one another be one motion."""
-    result = motion / np.linalg.norm(motion, axis=1)[:, None]
-    left = np.ones(len(result), dtype=bool)
+def describe_nearly(team: Team, motion: Motion) -> str:
+    """Say who is nearly free along what, of a motion that edges and anchors notice little.
+
+    Only agents that move at least half as far as the one that moves furthest are named, and their directions are
+    rounded.
+    """
+    far = np.linalg.norm(motion.steps, axis=1)
+    much = far >= _SHARE * far.max()
+    steps = motion.steps[much] / far[much, None]
+    steps[np.abs(steps) < _TILT] = 0.0
+    steps *= np.sign(steps[0, np.argmax(np.abs(steps[0]))])  # an eigenvector has no sign of its own
+    return _say(team, Motion(motion.agents[much], _in_few_directions(steps)), "nearly free")
+
+
+def _in_few_directions(steps: Array) -> Array:
+    """Unit steps, those that are close to one another made equal."""
+    steps = steps / np.linalg.norm(steps, axis=1)[:, None]
+    left = np.ones(len(steps), dtype=bool)
     while left.any():
-        alike = left & (result @ result[np.flatnonzero(left)[0]] > 0.94)
-        mean = result[alike].mean(axis=0)
-        result[alike] = mean / np.linalg.norm(mean)
+        alike = left & (steps @ steps[np.argmax(left)] > _ALIKE)
+        mean = steps[alike].mean(axis=0)
+        steps[alike] = mean / np.linalg.norm(mean)
         left &= ~alike
-    return result
+    return steps
 
 
-def _say(team: Team, agents: Index, motion: Array, free: str) -> str:
-    _, first, kind = np.unique(np.round(motion / _SAME), axis=0, return_index=True, return_inverse=True)
+def _say(team: Team, motion: Motion, free: str) -> str:
+    _, first, kind = np.unique(np.round(motion.steps / _SAME), axis=0, return_index=True, return_inverse=True)
+    names = [team.agents[a].id for a in motion.agents]
     if len(first) == 1:
-        direction = _direction(motion[0], team, agents)
-        names = [team.agents[a].id for a in agents]
+        along = _direction(motion.steps[0], team, motion.agents)
         if len(names) == 1:
-            return f"{names[0]} is {free} along {direction}"
-        if direction[-1] in _AXES:
-            return f"{_listed(names)} are {free} along {direction} together"
-        drift = "can drift" if free == "free" else f"are {free} to drift"
-        return f"{_enumerated(names)} {drift} together along {direction}"
-    furthest = float(np.linalg.norm(motion, axis=1).max())
+            return f"{names[0]} is {free} along {along}"
+        if along[-1] in _AXES:
+            return f"{_listed(names)} are {free} along {along} together"
+        return f"{_listed(names, ' and ')} {'can' if free == 'free' else f'are {free} to'} drift together along {along}"
+    furthest = float(np.linalg.norm(motion.steps, axis=1).max())
     clauses = []
-    for k in np.argsort(first, kind="stable")[:_NAMED]:
-        group = agents[kind == k]
-        far = float(np.linalg.norm(motion[first[k]])) / furthest
-        share = "" if far > 1.0 - _SAME else f" ({far:.2g} as far)"
-        names = [team.agents[a].id for a in group]
-        clauses.append(f"{_enumerated(names)} along {_direction(motion[first[k]], team, group)}{share}")
+    for k in np.argsort(first, kind="stable")[:_NAMED].tolist():
+        group = np.flatnonzero(kind == k)
+        step = motion.steps[first[k]]
+        far = float(np.linalg.norm(step)) / furthest
+        share = "" if far > 1.0 - _SAME else f" ({far:.2g} times as far)"
+        who = _listed([names[i] for i in group], " and ")
+        clauses.append(f"{who} along {_direction(step, team, motion.agents[group])}{share}")
     more = ", ..." if len(first) > _NAMED else ""
-    return f"{', '.join(clauses)}{more}, {'moving' if free == 'free' else f'{free} to move'} together"
+    return f"{', '.join(clauses)}{more}, {'' if free == 'free' else f'{free}, '}moving together"
 
 
-def _listed(names: Sequence[str]) -> str:
-    return ", ".join(names[:_NAMED]) + (f" and {len(names) - _NAMED} more" if len(names) > _NAMED else "")
+def _listed(names: Sequence[str], last: str = ", ") -> str:
+    if len(names) > _NAMED:
+        return f"{', '.join(names[:_NAMED])} and {len(names) - _NAMED} more"
+    return last.join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
-def _enumerated(names: Sequence[str]) -> str:
-    if len(names) > _NAMED or len(names) == 1:
-        return _listed(names)
-    return f"{', '.join(names[:-1])} and {names[-1]}"
-
-
-def _direction(d: Array, team: Team, agents: Index) -> str:
+def _direction(step: Array, team: Team, agents: Index) -> str:
     """An axis by name, or a unit vector in the coordinates that the agents have."""
-    axes = np.flatnonzero(d)
+    axes = np.flatnonzero(step)
     if len(axes) == 1:
-        return ("-" if d[axes[0]] < 0 else "") + _AXES[axes[0]]
-    unit = d[: max(team.agents[a].dimension for a in agents)] / np.linalg.norm(d)
+        return ("-" if step[axes[0]] < 0 else "") + _AXES[axes[0]]
+    unit = step[: max(team.agents[a].dimension for a in agents)] / np.linalg.norm(step)
     return "(" + ", ".join(f"{x:.2g}" for x in np.where(np.abs(unit) < 0.005, 0.0, unit)) + ")"
