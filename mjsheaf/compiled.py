@@ -20,7 +20,10 @@ _LAYERS = ("dynamics", "control", "backends")
 
 def kernel(function: Callable[..., Any]) -> Any:
     """Compile a function: cached on disk, without the interpreter's lock, division as in C."""
-    compiled = njit(cache=True, nogil=True, error_model="numpy")(function)
+    try:
+        compiled = njit(cache=True, nogil=True, error_model="numpy")(function)
+    except RuntimeError:  # no directory can be written: compile anew in each process
+        return njit(nogil=True, error_model="numpy")(function)
     _drop_stale_code(compiled.stats.cache_path)
     return compiled
 

@@ -108,6 +108,8 @@ def _advance(control, medium, effectiveness, continuous, t, period, x, first, la
     step = _first_step(control, medium, effectiveness, continuous, t, period, x, first, last, tolerance, work)
     done, rejected = 0.0, False
     while done < period:
+        if not step > _SMALLEST_STEP * period:  # also where it is NaN
+            return False
         h = min(step, period - done)
         for stage in range(1, 7):
             for v in range(first, last):
@@ -151,8 +153,6 @@ def _advance(control, medium, effectiveness, continuous, t, period, x, first, la
         else:
             step = h * max(0.2, 0.9 * error**-0.2)
             rejected = True
-            if step < _SMALLEST_STEP * period:
-                return False
     return True
 
 
@@ -220,7 +220,7 @@ def inputs(system: System, time: Array, commands: Array, positions: Array) -> Ar
     effectiveness = system.effectiveness
     N = len(system.team.agents)
     u = np.full((len(time), N, effectiveness.pinv.shape[1]), np.nan)
-    for i, member in enumerate(system.team.agents):
+    for i in range(N):
         h = effectiveness.heading[i]
         psi = h[0] + positions[:, i] @ h[1:4] + h[4] * time
         body = commands[:, i].copy()
@@ -230,10 +230,6 @@ def inputs(system: System, time: Array, commands: Array, positions: Array) -> Ar
                 c * commands[:, i, 0] + s * commands[:, i, 1],
                 c * commands[:, i, 1] - s * commands[:, i, 0],
             )
-        used = (
-            np.flatnonzero(np.any(effectiveness.W[i], axis=0))
-            if effectiveness.given[i]
-            else np.arange(member.dimension)
-        )
+        used = np.arange(effectiveness.inputs[i])
         u[:, i, used] = body @ effectiveness.pinv[i, used].T
     return u

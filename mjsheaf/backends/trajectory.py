@@ -50,17 +50,35 @@ def blow_up_message(system: System, vehicle: int, time: float, law_period: float
 
 
 def likely_cause(system: System, law_period: float) -> str:
-    """The first stability margin that the system violates, with what would mend it."""
+    """The first stability margin that the system violates, with the field that would mend it.
+
+    Args:
+        system: the system.
+        law_period: time between evaluations of the law, s; 0 where it is inside the integrator.
+    """
+    period_field = "physics.timestep" if system.grid.continuous else "controller.control_period"
     margin = system.gain * law_period * system.largest_eigenvalue
     if margin >= 2.0:
         legal = 2.0 / (law_period * system.largest_eigenvalue)
         return (
             f"likely cause: the held law diverges, as k1 h lambda_max = {margin:.3g} is not below 2; "
-            f"take controller.gain below {legal:.4g} or a shorter controller.control_period"
+            f"take controller.gain below {legal:.4g} or a shorter {period_field}"
         )
     target_gain = float(np.max(system.law.gain[len(system.team.agents) :], initial=0.0))
     if target_gain > 0.0:
-        spectrum = np.linalg.eigvalsh(system.team.target_sheaf.laplacian().toarray())
-        if target_gain * law_period * spectrum[-1] >= 2.0:
-            return "likely cause: the targets' own held consensus diverges; lower target_formation.gain"
-    return "likely cause: flow or motion beyond what the integration step resolves; shorten the time step"
+        fastest = np.linalg.eigvalsh(system.team.target_sheaf.laplacian().toarray())[-1]
+        if target_gain * law_period * fastest >= 2.0:
+            return (
+                "likely cause: the targets' own held consensus diverges; take target_formation.gain below "
+                f"{2.0 / (law_period * fastest):.4g} or a shorter {period_field}"
+            )
+    pull = float(np.max(system.motion.pull, initial=0.0))
+    if pull * law_period >= 2.0:
+        return (
+            "likely cause: a target's held pull to its path diverges; take its motion.pull below "
+            f"{2.0 / law_period:.4g} or a shorter {period_field}"
+        )
+    return (
+        "likely cause: a flow or a motion too strong to integrate; look at flow (strengths, core radii) and "
+        "target motions, and on bodies shorten physics.timestep"
+    )

@@ -79,29 +79,38 @@ def _smooth(system: System, constants: Constants) -> Assumption:
 
 def _full_row_rank(system: System, vehicles: dict[str, Vehicle]) -> Assumption:
     """g = R W with a rotation R: its singular values are those of W, wherever the agent is."""
-    smallest, who = np.inf, ""
-    for agent, sigma in _smallest_singular_values(system, vehicles):
-        if sigma < smallest:
-            smallest, who = sigma, agent
-    verdict: Verdict = "holds" if smallest > _RANK_TOLERANCE else "fails"
-    where = "at every position and heading, as g only turns with them"
-    witness = f"smallest singular value over the team: {who}'s, {where}"
-    if verdict == "fails":
+    who, singular, unit = _least_effective(system, vehicles)
+    where = "the same at every position and heading, as g only turns with them"
+    if _deficient(singular):
         witness = f"{who} cannot push in every direction of its state space, {where}"
-    return Assumption(2, "g has full row rank", verdict, float(smallest), "", witness)
+        return Assumption(2, "g has full row rank", "fails", float(singular[-1]), unit, witness)
+    witness = f"smallest singular value, for its size least on {who}; {where}"
+    return Assumption(2, "g has full row rank", "holds", float(singular[-1]), unit, witness)
 
 
-def _smallest_singular_values(system: System, vehicles: dict[str, Vehicle]) -> list[tuple[str, float]]:
-    """The least singular value of g of each agent: as the ideal backend has it, and that of its body, (m/s)/N."""
-    values = []
+def _least_effective(system: System, vehicles: dict[str, Vehicle]) -> tuple[str, NDArray[np.floating], str]:
+    """The agent whose g is nearest to losing rank: who, its singular values, and their unit.
+
+    g is what the ideal backend uses where the scenario gives one, and that of the reduced model of its body.
+    """
+    found: list[tuple[str, NDArray[np.floating], str]] = []
+    bodies = {
+        name: np.linalg.svd(
+            vehicle.with_time_constant(system.bodies.time_constant).control_effectiveness(np.eye(3)), compute_uv=False
+        )
+        for name, vehicle in vehicles.items()
+    }
     for i, agent in enumerate(system.team.agents):
         if system.effectiveness.given[i]:
             W = system.effectiveness.W[i, : agent.dimension]
-            values.append((f"{agent.id} (ideal backend)", float(np.linalg.svd(W, compute_uv=False)[-1])))
-        vehicle = vehicles[system.bodies.vehicle[i]].with_time_constant(system.bodies.time_constant)
-        g = vehicle.control_effectiveness(np.eye(3))
-        values.append((f"{agent.id} (body {vehicle.name})", float(np.linalg.svd(g, compute_uv=False)[-1])))
-    return values
+            found.append((f"{agent.id} (as given for the ideal backend)", np.linalg.svd(W, compute_uv=False), ""))
+        name = system.bodies.vehicle[i]
+        found.append((f"{agent.id} (body {name})", bodies[name], "m/s per unit command"))
+    return min(found, key=lambda item: item[1][-1] / max(item[1][0], 1e-300))
+
+
+def _deficient(singular: NDArray[np.floating]) -> bool:
+    return bool(singular[-1] <= _RANK_TOLERANCE * singular[0])
 
 
 def _disturbances(constants: Constants) -> Assumption:
@@ -112,10 +121,11 @@ def _disturbances(constants: Constants) -> Assumption:
 
 def _bounded_inverse(system: System, vehicles: dict[str, Vehicle]) -> Assumption:
     name = "g^+ is continuous and bounded"
-    smallest, who = min((sigma, agent) for agent, sigma in _smallest_singular_values(system, vehicles))
-    if smallest <= _RANK_TOLERANCE:
+    who, singular, unit = _least_effective(system, vehicles)
+    if _deficient(singular):
         return Assumption(4, name, "fails", None, "", f"g of {who} loses rank, so that g^+ is not bounded near it")
-    return Assumption(4, name, "holds", 1.0 / smallest, "", f"largest gain of g^+ over the team: {who}'s")
+    unit = "units of command per m/s" if unit else ""
+    return Assumption(4, name, "holds", float(1.0 / singular[-1]), unit, f"largest gain of g^+, on {who}")
 
 
 def _topology(team: Team) -> Assumption:

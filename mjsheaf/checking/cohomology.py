@@ -103,4 +103,6 @@ def _near_null(team: Team, spectrum: Spectrum) -> list[NearNull]:
 
 def _by_agent(team: Team, motion: Motion) -> dict[str, list[float]]:
     moving = [team.agents[a] for a in motion.agents]
-    return {agent.id: step[: agent.dimension].tolist() for agent, step in zip(moving, motion.steps, strict=True)}
+    return {
+        agent.id: step[: agent.dimension].round(9).tolist() for agent, step in zip(moving, motion.steps, strict=True)
+    }

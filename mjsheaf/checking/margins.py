@@ -12,6 +12,8 @@ from mjsheaf.checking.spectrum import Spectrum
 
 Array = NDArray[np.float64]
 
+_NULL = 1e-12  # of the largest eigenvalue: such a mode counts as free
+
 LARGEST_SECOND_ORDER = 600
 """Largest n_q for which eigenvalues of the second-order system of unlike bodies are computed."""
 
@@ -95,7 +97,8 @@ def body_margin(system: System, spectrum: Spectrum, tau: Array) -> BodyMargin:
             modes = np.linspace(spectrum.lambda_min, spectrum.lambda_max, 200)
             if n <= LARGEST_SECOND_ORDER:
                 modes = linalg.eigvalsh(system.team.dirichlet.H.toarray())
-            radius = max(_radius(_sampled(np.array([[m]]), np.array([low]), k, h)) for m in modes)
+            modes = modes[modes > _NULL * spectrum.lambda_max]  # what is free neither decays nor grows
+            radius = max((_radius(_sampled(np.array([[m]]), np.array([low]), k, h)) for m in modes), default=None)
         return BodyMargin((low, high), ratio[0], ratio[1], radius)
     if n > LARGEST_SECOND_ORDER:
         bounds = [1.0 / (2.0 * np.sqrt(k * spectrum.lambda_max * t)) for t in (high, low)]

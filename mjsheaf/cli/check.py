@@ -119,7 +119,11 @@ def _theorem(record: CheckRecord) -> Table:
         ("omega_bar", _number(t.omega_bar, "m/s"), ""),
         ("rho", _number(t.rho, "1/s"), t.rho_source),
         ("k_min", _number(t.k_min, "1/s"), "k1 lambda_min / 2"),
-        ("lambda_V", _number(t.lambda_V, "1/s"), "given" if t.lambda_V_given else "the best"),
+        (
+            "lambda_V",
+            _number(t.lambda_V, "1/s"),
+            "given" if t.lambda_V_given else "the best" if t.applies else "none satisfies the gain condition",
+        ),
         ("mu", _number(t.mu, "m^2/s"), ""),
         ("chi, radii of D and S", "infinite" if t.chi_infinite else "-", "as rho is constant" * t.chi_infinite),
         ("ultimate radius", _number(t.radius_U, "m"), "of |e|, all agents together"),
@@ -154,7 +158,8 @@ def _margins(record: CheckRecord) -> Table:
     slow, fast = _number(m.bodies.damping_slowest), _number(m.bodies.damping_fastest)
     rows.append(("damping on bodies", f"{slow}, {fast}", f"slowest and fastest mode, m / D = {tau} s"))
     if m.bodies.spectral_radius is not None:
-        word = "stable" if m.bodies.spectral_radius < 1 else "UNSTABLE"
+        radius = m.bodies.spectral_radius
+        word = "stable" if radius < 1.0 else "marginal" if radius < 1.0 + 1e-9 else "UNSTABLE"
         rows.append(("sampled bodies", f"{m.bodies.spectral_radius:.6g}", f"spectral radius: {word}"))
     first = m.speed[0]
     limit = "no limit" if first.limit is None else f"limit {first.limit:.4g} m/s"

@@ -26,13 +26,15 @@ class LocalLaw:
     Attributes:
         edges: (tail, head) of each edge at the agent, in the order in which measurements are expected.
         gain: k1 in 1/s.
+        limit: largest commanded speed, m/s.
     """
 
-    def __init__(self, team: Team, agent: str, gain: float) -> None:
+    def __init__(self, team: Team, agent: str, gain: float, limit: float = np.inf) -> None:
         """Keep what the agent needs to know: its own maps, weights and offsets."""
         incident = team.incident_edges(agent)
         self.edges = [(e.tail, e.head) for e in incident]
         self.gain = gain
+        self.limit = limit
         self._dimension = team.sheaf.dimension(agent)
         self._pullback = [-e.F_tail.T @ e.weight if e.tail == agent else e.F_head.T @ e.weight for e in incident]
         self._offset = [e.b for e in incident]
@@ -45,8 +47,11 @@ class LocalLaw:
         return eta
 
     def command(self, measurements: list[Array], g_pinv: Array | None = None) -> Array:
-        """u_i = -k1 g_i^+ eta_i, shape (s_i,); g_i^+ is the identity unless given, shape (s_i, n_i)."""
+        """u_i = -k1 g_i^+ eta_i, shape (s_i,), limited; g_i^+ is the identity unless given, shape (s_i, n_i)."""
         velocity = -self.gain * self.disagreement(measurements)
+        speed = float(np.linalg.norm(velocity))
+        if speed > self.limit:
+            velocity *= self.limit / speed
         return velocity if g_pinv is None else g_pinv @ velocity
 
 

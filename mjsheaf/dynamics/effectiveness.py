@@ -20,10 +20,11 @@ Array = NDArray[np.float64]
 class EffectivenessArrays(NamedTuple):
     """Layouts of all agents, padded: W (N, 3, s), pinv (N, s, 3), heading (N, 5): psi_0, psi_q (3), psi_t.
 
-    `given` (N,) marks the agents that have one; the others have g = I.
+    `given` (N,) marks the agents that have one; the others have g = I. `inputs` (N,) is each one's number s of inputs.
     """
 
     given: NDArray[np.bool_]
+    inputs: NDArray[np.int64]
     W: Array
     pinv: Array
     heading: Array
@@ -83,7 +84,11 @@ def pack(models: list[ControlEffectiveness | None], dimensions: list[int]) -> Ef
     width = max([len(g.layout[0]) for g in models if g is not None], default=0)
     width = max(width, 3)
     arrays = EffectivenessArrays(
-        np.zeros(N, dtype=np.bool_), np.zeros((N, 3, width)), np.zeros((N, width, 3)), np.zeros((N, 5))
+        np.zeros(N, dtype=np.bool_),
+        np.array(dimensions, dtype=np.int64),
+        np.zeros((N, 3, width)),
+        np.zeros((N, width, 3)),
+        np.zeros((N, 5)),
     )
     for i, (g, n) in enumerate(zip(models, dimensions, strict=True)):
         if g is None:
@@ -93,7 +98,7 @@ def pack(models: list[ControlEffectiveness | None], dimensions: list[int]) -> Ef
             raise InputError(f"control effectiveness must have {n} rows of equal length")
         W = np.asarray(g.layout, dtype=np.float64)
         s = W.shape[1]
-        arrays.given[i] = True
+        arrays.given[i], arrays.inputs[i] = True, s
         arrays.W[i, :n, :s], arrays.pinv[i, :s, :n] = W, np.linalg.pinv(W)
         arrays.heading[i, 0], arrays.heading[i, 4] = g.heading, g.heading_rate
         if g.heading_gradient is not None:

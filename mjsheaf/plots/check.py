@@ -123,7 +123,7 @@ def _difference(axis: Any, system: System) -> None:
             *q_star.T, *(scale * a).T, angles="xy", scale_units="xy", scale=1, color=colour, width=5e-3, zorder=4
         )
     ends = [[q + scale * a, q + scale * b] for q, a, b in zip(q_star, *arrows, strict=True)]
-    axis.add_collection(LineCollection(ends, colors=_GAP, linestyles="--", linewidths=1.2, zorder=3))
+    axis.add_collection(LineCollection(ends, colors=_GAP, linestyles="--", linewidths=1.4, zorder=5))
     # Arrows do not count for the limits of the axes.
     axis.update_datalim(np.concatenate([*ends, targets]))
     axis.autoscale_view()

@@ -44,6 +44,7 @@ def plot_errors(team: Team, dataset: xr.Dataset, path: Path, bound: Array | None
                 axis.plot(time, values, color=colours[k], linewidth=1.1, label=names[k])
         if not np.isnan(total).all():
             axis.plot(time, total, color="black", linewidth=1.8, label=total_name)
+            axis.legend(handles=axis.lines[-1:], loc="upper right", frameon=False, fontsize=9)
         positive = np.concatenate([total, *parts.values()])
         positive = positive[np.isfinite(positive) & (positive > 0)]
         if positive.size:
@@ -66,8 +67,8 @@ def plot_errors(team: Team, dataset: xr.Dataset, path: Path, bound: Array | None
     )  # fmt: skip
     if bound is not None:
         panels[0, 1].plot(time, bound[keep] / np.sqrt(len(team.agents)), color="black", linestyle="--", linewidth=1.4)
-        panels[0, 1].plot([], [], color="black", linestyle="--", label="Theorem 1 / √N")
-        panels[0, 1].legend(*(x[-1:] for x in panels[0, 1].get_legend_handles_labels()), frameon=False, fontsize=9)
+        panels[0, 1].lines[-1].set_label("Theorem 1 / √N")
+        panels[0, 1].legend(handles=panels[0, 1].lines[-2:], loc="upper right", frameon=False, fontsize=9)
         panels[0, 1].set_ylim(top=2.0 * max(bound.max() / np.sqrt(len(team.agents)), panels[0, 1].get_ylim()[1] / 2.0))
     by_group = range(len(team.formations))
     formation = dataset["group_formation_error"].values[keep] if team.formations else np.zeros((len(time), 0))
@@ -82,8 +83,9 @@ def plot_errors(team: Team, dataset: xr.Dataset, path: Path, bound: Array | None
     )  # fmt: skip
     for axis in panels[1]:
         axis.set_xlabel("time (s)")
-    handles, labels = panels[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="lower center", ncols=min(len(labels), 6), frameon=False, fontsize=9)
+    # Each panel says what its black line is; the groups' colours are the same in all.
+    handles, labels = (x[:-1] for x in panels[0, 0].get_legend_handles_labels())
+    figure.legend(handles, labels, loc="lower center", ncols=min(max(len(labels), 1), 6), frameon=False, fontsize=9)
     figure.subplots_adjust(left=0.09, right=0.98, top=0.90, bottom=0.12, hspace=0.16, wspace=0.22)
     save_figure(figure, path)
 

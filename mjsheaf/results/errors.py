@@ -71,13 +71,12 @@ def _residuals(team: Team, formation: Formation, positions: Array) -> Array:
 
 
 def _centering(team: Team, formation: Formation, positions: Array) -> Array:
-    """Distance in the coordinates that the whole group and its target share, less where the shape's own centre is."""
+    """Distance of the centroid from the target's projection, in the coordinates that group and target share."""
     if formation.about is None:
         return np.full(len(positions), np.nan)
     number = {m.id: v for v, m in enumerate(team.members)}
     members = [number[m] for m in formation.members]
     target = number[formation.about]
     shared = min(team.members[v].dimension for v in [*members, target])
-    offset = np.mean([o[:shared] for o in formation.displacements], axis=0)
-    centroid = positions[:, members, :shared].mean(axis=1) - offset
+    centroid = positions[:, members, :shared].mean(axis=1)
     return np.linalg.norm(centroid - positions[:, target, :shared], axis=1)

@@ -68,8 +68,8 @@ class DirichletProblem:
 
     @cached_property
     def null_basis(self) -> Array:
-        """Orthonormal basis of H^0(G, U; F), shape (n_W, dimension)."""
-        return kernel_basis(self._D_W, RANK_TOLERANCE)
+        """Orthonormal basis of H^0(G, U; F), shape (n_W, dimension); inner products on edges do not change it."""
+        return kernel_basis(self.sheaf.coboundary()[:, self.sheaf.columns(self.interior)], RANK_TOLERANCE)
 
     @property
     def unique(self) -> bool:
@@ -77,10 +77,10 @@ class DirichletProblem:
         return self.null_basis.shape[1] == 0
 
     @cached_property
-    def _solve(self) -> Callable[[Array], Array]:
-        """Minimiser x (n_W, k) of |D_W x - w| for w of shape (m, k), D_W the whitened coboundary on W.
+    def _solvers(self) -> tuple[Callable[[Array], Array], Callable[[Array], Array]]:
+        """Two solvers of H x = r, for r = D_W^T w given by w (m, k), and for r (n_W, k) in the range of H.
 
-        It solves H x = D_W^T w, and is of minimum norm where H is singular.
+        D_W is the whitened coboundary on W. Solutions are of minimum norm where H is singular.
         """
         n, N = self.H.shape[0], self.null_basis
         if n <= DENSE_COLUMNS:
@@ -90,11 +90,19 @@ class DirichletProblem:
             scale = float(np.max(np.abs(D_W), initial=0.0)) or 1.0
             Q, R = linalg.qr(np.vstack([D_W, scale * N.T]), mode="economic")
             Q_w = Q[: len(D_W)].T
-            return lambda w: _off(N, linalg.solve_triangular(R, Q_w @ w))
+
+            def from_vertices(r: Array) -> Array:
+                return _off(N, linalg.cho_solve((R, False), _off(N, r)))
+
+            return lambda w: _off(N, linalg.solve_triangular(R, Q_w @ w)), from_vertices
         if self.unique:
             solve = splinalg.splu(self.H.tocsc()).solve
-            return lambda w: solve(self._D_W.T @ w)
-        return lambda w: _off(N, np.column_stack([self._conjugate_gradients(r) for r in _off(N, self._D_W.T @ w).T]))
+        else:
+
+            def solve(r: Array) -> Array:
+                return _off(N, np.column_stack([self._conjugate_gradients(x) for x in _off(N, r).T]))
+
+        return lambda w: solve(self._D_W.T @ w), solve
 
     def _conjugate_gradients(self, r: Array) -> Array:
         x, info = splinalg.cg(self.H, r, rtol=1e-13, maxiter=20 * self.H.shape[0])
@@ -121,16 +129,23 @@ class DirichletProblem:
         result = np.zeros((*y.shape[:-1], n_W))
         if result.size:
             flat = y.reshape(result.size // n_W, n_U)
-            result[:] = self._solve(self._b[:, None] - self._D_U @ flat.T).T.reshape(result.shape)
+            result[:] = self._solvers[0](self._b[:, None] - self._D_U @ flat.T).T.reshape(result.shape)
         return result
 
     def solve(self, right_hand_side: Array) -> Array:
         """H^-1 r for one or many vectors r of shape (..., n_W); of minimum norm where H is singular."""
         r = np.asarray(right_hand_side, dtype=np.float64)
-        return self._solve(r.reshape(-1, r.shape[-1]).T).T.reshape(r.shape)
+        return self._solvers[1](r.reshape(-1, r.shape[-1]).T).T.reshape(r.shape)
 
     def harmonic_extension(self, boundary: Mapping[Hashable, ArrayLike]) -> HarmonicExtension:
-        """The harmonic extension of one set of boundary values, with its null basis."""
+        """The harmonic extension of one set of boundary values, with its null basis.
+
+        Raises:
+            SheafError: a boundary vertex has no value, or one of the wrong shape.
+        """
+        missing = [v for v in self.boundary if v not in boundary]
+        if missing:
+            raise SheafError(f"no boundary value for {missing}")
         values = {v: self.sheaf.stalk_value(v, boundary[v]) for v in self.boundary}
         interior = self.extend(np.concatenate([np.zeros(0), *values.values()]))
         whole = np.zeros(self.sheaf.shape[1])

@@ -1,5 +1,6 @@
 """What a non-trivial relative cohomology means for the team: who is free to drift, and along what."""
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -41,7 +42,12 @@ class Motion:
 # -- a sparse basis --------------------------------------------------------------------------------------------
 
 
-def sparse_basis(basis: Array | sparse.csr_array, owner: Index | None = None) -> sparse.csc_array:
+def sparse_basis(basis: Array) -> Array:
+    """`sparsified`, of a dense basis whose rows are each of an agent of its own, as a dense array."""
+    return sparsified(sparse.csr_array(basis), np.arange(len(basis))).toarray()
+
+
+def sparsified(basis: sparse.csr_array, owner: Index) -> sparse.csc_array:
     """A basis of the same space in which few agents move, and along axes where that is possible.
 
     Independent parts come apart, and no vector's support contains that of another: they form a reduced echelon form.
@@ -49,7 +55,7 @@ def sparse_basis(basis: Array | sparse.csr_array, owner: Index | None = None) ->
 
     Args:
         basis: columns, shape (n, r), of full column rank.
-        owner: number of the agent that each row belongs to, ascending, shape (n,); each its own unless given.
+        owner: number of the agent that each row belongs to, ascending, shape (n,).
 
     Returns:
         Array of shape (n, r), its columns in the order of the first row that moves; each has largest entry 1, and
@@ -58,8 +64,7 @@ def sparse_basis(basis: Array | sparse.csr_array, owner: Index | None = None) ->
     n, r = basis.shape
     if r == 0:
         return sparse.csc_array((n, 0))
-    owner = np.arange(n) if owner is None else owner
-    clean = sparse.csr_array(basis)
+    clean = sparse.csr_array(basis, copy=True)
     clean.data[np.abs(clean.data) <= _NOTHING * np.abs(clean.data).max()] = 0.0
     clean.eliminate_zeros()
     _, label = csgraph.connected_components(sparse.block_array([[None, clean], [clean.T, None]]), directed=False)
@@ -145,13 +150,15 @@ def free_directions(team: Team) -> list[str]:
 
 def free_motions(team: Team) -> list[Motion]:
     """A sparse basis of H^0(G, G_p; F), each vector with largest entry 1."""
+    basis = free_basis(team)
+    spans = itertools.starmap(slice, itertools.pairwise(basis.indptr.tolist()))
+    return [motion_of(team, basis.data[span], basis.indices[span]) for span in spans]
+
+
+def free_basis(team: Team) -> sparse.csc_array:
+    """A sparse basis of H^0(G, G_p; F), shape (n, dimension), rows in the order of the stacked q."""
     basis = team.dirichlet.null_basis
-    found = sparse_basis(basis, team.slots[: len(basis)] // 3)
-    ends = found.indptr.tolist()
-    return [
-        motion_of(team, found.data[start:end], found.indices[start:end])
-        for start, end in zip(ends[:-1], ends[1:], strict=True)
-    ]
+    return sparsified(sparse.csr_array(basis), team.slots[: len(basis)] // 3)
 
 
 def motion_of(team: Team, values: Array, rows: Index | None = None) -> Motion:

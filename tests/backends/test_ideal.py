@@ -301,4 +301,4 @@ def test_targets_that_diverge_are_named_as_the_cause() -> None:
     scenario = mixed(target_formation={"gain": 150.0}, time={"end": 5.0})
     trajectory = run_ideal(scenario.system())
     assert trajectory.status == "unstable"
-    assert "the targets' own held consensus diverges; lower target_formation.gain" in trajectory.message
+    assert "the targets' own held consensus diverges; take target_formation.gain below" in trajectory.message

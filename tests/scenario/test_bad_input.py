@@ -34,8 +34,7 @@ CASES = {
     "negative gain": ("controller", {"gain": -1}, ["controller.gain", "greater than 0"]),
     "negative time": ("time", {"start": -1, "end": 3}, ["time.start", "greater than or equal to 0"]),
     "end before start": ("time", {"start": 3, "end": 1}, ["time", "after start"]),
-    "period no multiple": ("controller", {"control_period": 0.0015}, ["controller.control_period", "multiple"]),
-    "too short": ("time", {"end": 0.001}, ["time.end", "control periods"]),
+    "too short": ("time", {"end": 0.001}, ["time", "end", "control periods"]),
     "no agents": ("agents", [], ["agents"]),
     "duplicate id": ("agents", [{"id": a, "position": [0, 0]} for a in ("A1", "A2", "A1")], ["'A1'", "twice"]),
     "id of agent and target": ("targets", [{"id": "A1", "position": [0, 0]}], ["'A1'", "twice"]),
@@ -181,6 +180,10 @@ USAGE: dict[str, tuple[list[str], list[str]]] = {
     "missing argument": (["run"], ["SCENARIO"]),
     "expectation of none": (["run", "air_tracks_surface", "--expect", "--backend", "nowhere"], ["nowhere"]),
     "video of nothing": (["video", "{tmp}"], ["result.nc"]),
+    "period no multiple": (
+        ["run", "midpoint", "--set", "controller.control_period=0.0031"],
+        ["physics.timestep", "controller.control_period", "multiple"],
+    ),
     "unknown vehicle": (["run", "midpoint", "--set", "vehicles.agents=rocket"], ["rocket", "hull"]),
     "vehicle of the wrong dimension": (["run", "midpoint", "--set", "vehicles.agents=aerial"], ["A1", "aerial"]),
 }  # fmt: skip

@@ -99,7 +99,7 @@ class World:
         self.model: mujoco.MjModel = self.arena.model
         self.data: mujoco.MjData = mujoco.MjData(self.model)
         plan, grid = self.system.bodies, self.system.grid
-        self._steps_per_sample = round(grid.period / plan.timestep)
+        self._steps_per_sample = _whole_ratio(grid.period, plan.timestep)
         self._steps_per_law = 1 if grid.continuous else self._steps_per_sample
         # The timestep that divides a period exactly: sample times then agree with the ideal backend's.
         self._timestep = grid.period / self._steps_per_sample
@@ -204,6 +204,21 @@ class World:
         at_limit = limited & ((self.data.ctrl <= low) | (self.data.ctrl >= high))
         first = self.arena.thruster
         return np.add.reduceat(at_limit.astype(float), first[:-1]) / np.diff(first)
+
+
+def _whole_ratio(period: float, timestep: float) -> int:
+    """How many physics steps make a period.
+
+    Raises:
+        InputError: not a whole number.
+    """
+    ratio = period / timestep
+    if not (0.5 < ratio < 1e9 and abs(ratio - round(ratio)) <= 1e-6 * ratio):
+        raise InputError(
+            f"physics.timestep: {timestep} s does not divide controller.control_period (or record_period), {period} s; "
+            "the period must be a whole multiple of it"
+        )
+    return round(ratio)
 
 
 def arena_of(system: System, colours: Array | None = None) -> Arena:

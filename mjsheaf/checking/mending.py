@@ -1,0 +1,284 @@
+"""What would mend a team in which agents are free to drift: the smallest set of extra edges or anchors.
+
+A candidate C holds the row space of C T in the r free directions T, so the question is asked of subspaces of R^r: the
+fewest whose sum is all of R^r. Candidates that hold the same subspace are looked at together. Among the smallest sets
+the one with the largest lambda_min is wanted. For a set with rows C that is, to first order, the smallest eigenvalue of
+S = (C N)^T (I + C H^+ C^T)^-1 (C N), N an orthonormal basis of what is free; sets are ranked by it, and the best of
+them compared by lambda_min itself.
+"""
+
+import itertools
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse import csgraph
+
+from mjsheaf.checking.candidates import Candidate, Group, alike, by_dimension, edge_rows, group_candidates
+from mjsheaf.checking.spectrum import interior_coboundary, smallest_eigenvalue, spectrum_of
+from mjsheaf.team import Team
+from mjsheaf.team.freedom import free_basis
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Choice = tuple[Candidate, ...]
+
+EXACT_COMBINATIONS = 20_000
+"""Sets of one size are tried one by one while there are at most so many."""
+
+JOINT_DIMENSION = 12
+JOINT_CLASSES = 60
+"""Up to so many free directions, and kinds of agents by how they move, all are mended together. Beyond, directions in
+which different agents move are mended apart."""
+
+RANKED_STATES = 600
+"""Up to so many states of the agents, sets are ranked by lambda_min; beyond, the first one is taken."""
+
+COMPARED = ((150, 32), (RANKED_STATES, 8))
+"""Up to so many states, so many sets are compared by lambda_min itself."""
+
+_COMBINATIONS = 1000  # of groups, ranked by one candidate each
+_COMBINATIONS_KEPT = 16  # of which more candidates are looked at
+_CANDIDATES = 1000  # looked at one by one
+_SETS = 64  # ranked for each combination that is kept
+_ALTERNATIVES = 5
+_FULL = 1e-9  # eigenvalue over which a sum of projectors holds a direction
+
+
+@dataclass(frozen=True)
+class Repair:
+    """One edge or anchor to add, with maps [I 0] and inner product I.
+
+    Attributes:
+        kind: what is added.
+        agents: ids of the agents at it, one or two.
+        target: id of the target of a sensing edge, else None.
+        axis: coordinate that an anchor holds, else None.
+        description: such as "give A2 an altimeter (anchor along z)", "let A1 talk to A4", "let A3 sense T2".
+        removes: how many free directions it holds by itself.
+        lambda_min_alone: of H with this repair alone; 0 while something is still free.
+        lambda_min_without: of H with all repairs but this one; always 0, as no repair of a plan can be spared.
+    """
+
+    kind: Literal["communication", "sensing", "anchor"]
+    agents: tuple[str, ...]
+    target: str | None
+    axis: str | None
+    description: str
+    removes: int
+    lambda_min_alone: float
+    lambda_min_without: float
+
+
+@dataclass(frozen=True)
+class MendPlan:
+    """The smallest set of repairs that makes the relative cohomology trivial.
+
+    Attributes:
+        needed: number of repairs; 0 where nothing is free.
+        exact: whether no smaller set exists among the candidates; else the set was built greedily, and only none of
+            its members can be spared.
+        candidates: how many edges and anchors were found that would hold something that is free.
+        repairs: the set; among the smallest sets, the one with the largest lambda_min of those compared.
+        lambda_min: of H with all repairs.
+        alternatives: other sets of the same size among those compared, the best first, at most 5.
+    """
+
+    needed: int
+    exact: bool
+    candidates: int
+    repairs: list[Repair]
+    lambda_min: float
+    alternatives: list[list[Repair]]
+
+
+def mend(team: Team) -> MendPlan:
+    """Find the smallest set of edges and anchors that makes H^0(G, G_p; F) trivial."""
+    free = free_basis(team)
+    r = free.shape[1]
+    if r == 0:
+        return MendPlan(0, True, 0, [], spectrum_of(team, 1).lambda_min, [])
+    D = interior_coboundary(team)
+    owner, moving_axis = np.divmod(team.slots[: D.shape[1]], 3)
+    still = by_dimension(team.agents, np.setdiff1d(np.arange(len(team.agents)), owner[free.indices]).tolist())
+    parts = [free]
+    if r > JOINT_DIMENSION or len(alike(team, free)) > JOINT_CLASSES:
+        parts = _parts(free, owner)
+    certain, count, choices = len(parts) == 1, 0, list[Choice]()
+    for part in parts:
+        classes = alike(team, part)
+        groups = group_candidates(team, classes, still, links=len(classes) <= JOINT_CLASSES)
+        count += sum(group.count for group in groups)
+        combinations, smallest = smallest_combinations(groups, part.shape[1])
+        certain &= smallest and len(classes) <= JOINT_CLASSES
+        if len(parts) == 1 and D.shape[1] <= RANKED_STATES:
+            choices = _ranked(team, D, free, groups, combinations)
+        else:
+            first = tuple(groups[k].members(1)[0] for k in combinations[0])
+            choices = [choices[0] + first if choices else first]
+    # Whatever it is, a candidate has one row for each axis, and holds nothing along an axis in which nobody moves.
+    axes = len(np.unique(moving_axis[free.indices]))
+    certain |= len(choices[0]) == math.ceil(r / axes)
+
+    most = next((most for states, most in COMPARED if D.shape[1] <= states), 1)
+    compared = [(_lambda_min(D, edge_rows(team, choice)), choice) for choice in choices[:most]]
+    scale = max(value for value, _ in compared) or 1.0
+    compared.sort(key=lambda pair: (-round(pair[0] / scale, 9), _preference(pair[1])))
+    repairs = [_repairs(team, free, choice, value) for value, choice in compared[: 1 + _ALTERNATIVES]]
+    return MendPlan(len(repairs[0]), certain, count, repairs[0], compared[0][0], repairs[1:])
+
+
+def repaired(team: Team, repairs: Iterable[Repair]) -> Team:
+    """The team with the edges and anchors that repairs name; anchors hold the value 0."""
+    agents, targets = team.agent_ids, team.target_ids
+    extra: dict[str, list] = {"communication": [], "sensing": [], "anchor": []}
+    for r in repairs:
+        candidate = Candidate(
+            agents.index(r.agents[0]),
+            agents.index(r.agents[1]) if r.kind == "communication" else None,
+            None if r.target is None else targets.index(r.target),
+            None if r.axis is None else "xyz".index(r.axis),
+        )
+        extra[r.kind].append(candidate.edge(team))
+    return Team(
+        team.agents,
+        team.targets,
+        [*team.communication, *extra["communication"]],
+        [*team.sensing, *extra["sensing"]],
+        team.target_edges,
+        team.formations,
+        team.target_formation,
+        [*team.anchors, *extra["anchor"]],
+    )
+
+
+def _parts(free: sparse.csc_array, owner: Index) -> list[sparse.csc_array]:
+    """Free directions in which no agent of another part moves."""
+    entries = free.tocoo()
+    moves = sparse.coo_array((np.ones(free.nnz), (owner[entries.row], entries.col))).tocsr()
+    _, label = csgraph.connected_components(moves.T @ moves, directed=False)
+    order = np.argsort(label, kind="stable")
+    return [free[:, columns] for columns in np.split(order, np.cumsum(np.bincount(label))[:-1])]
+
+
+# -- which subspaces -------------------------------------------------------------------------------------------
+
+
+def smallest_combinations(groups: Sequence[Group], r: int) -> tuple[list[tuple[int, ...]], bool]:
+    """Smallest combinations of groups whose subspaces sum to R^r, and whether it is certain that none is smaller.
+
+    Args:
+        groups: those of highest rank first; all together they hold everything.
+        r: number of free directions.
+    """
+    projectors = np.array([group.projector for group in groups])
+    rank = np.array([group.rank for group in groups])
+    size = int(np.searchsorted(np.cumsum(rank), r)) + 1  # fewer cannot have enough rank
+    while math.comb(len(groups), size) <= EXACT_COMBINATIONS:
+        tried = np.array(list(itertools.combinations(range(len(groups)), size)))
+        tried = tried[rank[tried].sum(axis=1) >= r]
+        full = np.linalg.eigvalsh(projectors[tried].sum(axis=1))[:, 0] > _FULL
+        if full.any():
+            return [tuple(combination) for combination in tried[full].tolist()], True
+        size += 1
+    greedy = _greedy(projectors)
+    return [greedy], len(greedy) == size
+
+
+def _greedy(projectors: Array) -> tuple[int, ...]:
+    """Add the subspace that adds most rank, and of those the one least aligned with the others; spare what can be."""
+    r = projectors.shape[1]
+
+    def held(chosen: Sequence[int]) -> int:
+        return int(np.sum(np.linalg.eigvalsh(projectors[list(chosen)].sum(axis=0)) > _FULL))
+
+    total, taken = np.zeros((r, r)), list[int]()
+    while held(taken) < r:
+        values = np.linalg.eigvalsh(total + projectors)
+        rank = np.sum(values > _FULL, axis=1)
+        weakest = np.where(values > _FULL, values, np.inf).min(axis=1)
+        taken.append(int(np.lexsort((-weakest.round(9), -rank))[0]))
+        total = total + projectors[taken[-1]]
+    for k in tuple(taken):
+        rest = [x for x in taken if x != k]
+        if held(rest) == r:
+            taken = rest
+    return tuple(taken)
+
+
+# -- which edges -----------------------------------------------------------------------------------------------
+
+
+def _ranked(
+    team: Team,
+    D: sparse.csr_array,
+    free: sparse.csc_array,
+    groups: Sequence[Group],
+    combinations: Sequence[tuple[int, ...]],
+) -> list[Choice]:
+    """Sets of candidates in the order of the first-order estimate of lambda_min."""
+    N = np.linalg.qr(free.toarray())[0]
+    H_inverse = np.linalg.pinv((D.T @ D).toarray(), hermitian=True)
+
+    def held(choice: Choice) -> Array:
+        C = edge_rows(team, choice)
+        C_N = C @ N
+        return C_N.T @ np.linalg.solve(np.eye(C.shape[0]) + C @ (C @ H_inverse).T, C_N)
+
+    def best(choices: Sequence[Choice]) -> list[Choice]:
+        score = [round(float(np.linalg.eigvalsh(held(choice))[0]), 9) for choice in choices]
+        order = sorted(range(len(choices)), key=lambda k: (-score[k], _preference(choices[k])))
+        return [choices[k] for k in order]
+
+    combinations = combinations[:_COMBINATIONS]
+    if len(combinations) > _COMBINATIONS_KEPT:
+        first = {tuple(groups[k].members(1)[0] for k in combination): combination for combination in combinations}
+        combinations = [first[choice] for choice in best(list(first))[:_COMBINATIONS_KEPT]]
+    used = {k for combination in combinations for k in combination}
+    members = {}
+    for k in used:
+        found = groups[k].members(max(_CANDIDATES // len(used), 8))
+        members[k] = sorted(found, key=lambda candidate: -round(float(np.trace(held((candidate,)))), 9))
+    width = max(int(_SETS ** (1.0 / len(combinations[0])) + 1e-9), 1)
+    choices = [
+        choice
+        for combination in combinations
+        for choice in itertools.product(*(members[k][:width] for k in combination))
+    ]
+    return best(choices)
+
+
+def _lambda_min(D: sparse.csr_array, C: sparse.csr_array) -> float:
+    """Smallest eigenvalue of H with rows C added."""
+    return smallest_eigenvalue(sparse.vstack([D, C]).tocsr())
+
+
+def _preference(choice: Choice) -> int:
+    return sum(candidate.preference for candidate in choice)
+
+
+def _repairs(team: Team, free: sparse.csc_array, choice: Choice, lambda_min: float) -> list[Repair]:
+    """A set, none of which can be spared, in the words of the team."""
+    linked = {pair for e in team.communication + team.sensing for pair in ((e.tail, e.head), (e.head, e.tail))}
+    result = []
+    for candidate in choice:
+        agents = [candidate.agent] if candidate.other is None else [candidate.agent, candidate.other]
+        held = edge_rows(team, [candidate]) @ free
+        held = held[:, np.unique(held.indices)].toarray()
+        result.append(
+            Repair(
+                candidate.kind,
+                tuple(team.agents[i].id for i in agents),
+                None if candidate.target is None else team.targets[candidate.target].id,
+                None if candidate.axis is None else "xyz"[candidate.axis],
+                candidate.describe(team, linked),
+                int(np.linalg.matrix_rank(held, tol=1e-6)),
+                lambda_min if len(choice) == 1 else 0.0,
+                0.0,
+            )
+        )
+    return result
