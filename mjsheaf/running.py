@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from mjsheaf.errors import InputError, MjsheafError
+from mjsheaf.reading import dump_yaml
 from mjsheaf.scenario import Scenario
 from mjsheaf.simulation import BACKENDS, require_full_row_rank, require_unique, simulate
 from mjsheaf.video import VideoOptions, available_backend
@@ -56,7 +55,8 @@ def execute(
         progress: called with (what is being done, done, in all).
 
     Raises:
-        InputError: unknown backend, or the directory may not be replaced or cannot be written; nothing is written.
+        InputError: unknown backend, or a scenario that cannot be simulated; nothing is written.
+        PlaceError: the directory may not be replaced or cannot be written.
         NotUniqueError: the harmonic extension is not unique and drift is not allowed; nothing is written.
     """
     from mjsheaf.checking.bound import bound_of_run
@@ -112,36 +112,38 @@ def execute(
                 "approximate": theorem.approximate,
                 "reason": theorem.reason,
                 "measured_over_bound": theorem.ratio,
+                "measured_over_bound_settled": theorem.settled_ratio,
             },
             "video": None,
         }
         if video is not None:
-            frames, note = _film(scenario, dataset, fresh / "video.mp4", video, report("drawing video"))
-            summary["video"] = {"frames": frames, "width": video.width, "height": video.height, "fps": video.fps}
-            if note:
-                summary["video"] = None
-                notes.append(note)
+            summary["video"], note = _film(scenario, dataset, fresh / "video.mp4", video, report("drawing video"))
+            notes += [note] * bool(note)
+        report("publishing")(0, 1)  # the last moment at which the user can stop it
         save_summary(summary, fresh / "summary.json")
     return Outcome(directory, summary, notes)
 
 
+def video_entry(frames: int, options: VideoOptions) -> dict[str, Any]:
+    """What summary.json says about a video."""
+    return {"frames": frames, "width": options.width, "height": options.height, "fps": options.fps}
+
+
 def _film(
     scenario: Scenario, dataset: Any, path: Path, options: VideoOptions, progress: Callable[[int, int], None]
-) -> tuple[int, str]:
+) -> tuple[dict[str, Any] | None, str]:
     """Draw the video, or say why there is none: a machine that cannot draw still gets its data."""
     backend, reason = available_backend()
     if backend is None:
-        return 0, f"no video: {reason}"
+        return None, f"no video: {reason}"
     from mjsheaf.filming import film_run
 
     try:
-        return film_run(scenario, dataset, path, options, progress), ""
+        return video_entry(film_run(scenario, dataset, path, options, progress), options), ""
     except MjsheafError as error:
-        return 0, f"no video: {error}"
+        return None, f"no video: {error}"
 
 
 def dump_scenario(scenario: Scenario) -> str:
     """The resolved scenario as YAML: every field that has a value; running it again gives the same bits."""
-    return yaml.safe_dump(
-        scenario.model_dump(mode="json", exclude_none=True), sort_keys=False, default_flow_style=None, width=120
-    )
+    return dump_yaml(scenario.model_dump(mode="json", exclude_none=True))

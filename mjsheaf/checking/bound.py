@@ -25,7 +25,8 @@ class RunBound:
         reason: why it does not apply, or empty.
         error: measured |e(t)|, shape (T,), m.
         bound: the theorem's, shape (T,), m; infinite where it does not apply.
-        ratio: largest measured / bound, or None where it does not apply.
+        ratio: largest measured / bound, or None where it does not apply; at the start both are |e(t0)|.
+        settled_ratio: the same over the second half of the run, where the initial error has less to say.
     """
 
     applies: bool
@@ -34,6 +35,7 @@ class RunBound:
     error: Array
     bound: Array
     ratio: float | None
+    settled_ratio: float | None
 
 
 def bound_of_run(system: System, dataset: xr.Dataset) -> RunBound:
@@ -46,6 +48,7 @@ def bound_of_run(system: System, dataset: xr.Dataset) -> RunBound:
     theorem = certify(system, constants, spectrum)
     error = np.sqrt((dataset["tracking_error"].values ** 2).sum(axis=1))
     bound = theorem.bound(float(error[0]), region.time - region.time[0])
+    half = len(error) // 2
     limited = bool(np.isfinite(system.law.limit[: len(system.team.agents)]).any())
     held = not system.grid.continuous
     return RunBound(
@@ -55,6 +58,7 @@ def bound_of_run(system: System, dataset: xr.Dataset) -> RunBound:
         error=error,
         bound=bound,
         ratio=_largest_ratio(error, bound) if theorem.applies else None,
+        settled_ratio=_largest_ratio(error[half:], bound[half:]) if theorem.applies else None,
     )
 
 

@@ -10,7 +10,7 @@ import networkx as nx
 import numpy as np
 from numpy.typing import NDArray
 
-from mjsheaf.checking.spectrum import interior_coboundary, smallest_eigenvalue
+from mjsheaf.checking.spectrum import agent_coboundary, smallest_eigenvalue
 from mjsheaf.team import GROUND, Edge, Team
 
 Index = NDArray[np.int64]
@@ -87,15 +87,15 @@ def fragility(team: Team) -> Fragility:
         )
         return Fragility(False, method, losses, None)
 
-    D, rows = interior_coboundary(team), _rows_of_edges(team)
+    coboundary, rows = agent_coboundary(team), _rows_of_edges(team)
     agent_of_state = team.slots[:states] // 3
-    was_trivial = smallest_eigenvalue(D) > 0.0
+    was_trivial = smallest_eigenvalue(coboundary) > 0.0
     losses = []
     for single, broken in zip(singles, breaks, strict=True):
-        kept = np.ones(D.shape[0], dtype=bool)
+        kept = np.ones(coboundary.plain.shape[0], dtype=bool)
         for e in single.edges:
             kept[rows[e]] = False
-        left = smallest_eigenvalue(D[kept][:, agent_of_state != single.agent])
+        left = smallest_eigenvalue(coboundary.kept(kept, agent_of_state != single.agent))
         if was_trivial and left == 0.0:
             broken += (TRIVIAL,)
         losses.append(Loss(single.kind, single.name, broken, left))

@@ -19,7 +19,7 @@ from scipy import sparse
 from scipy.sparse import csgraph
 
 from mjsheaf.checking.candidates import Candidate, Group, alike, by_dimension, edge_rows, group_candidates
-from mjsheaf.checking.spectrum import interior_coboundary, smallest_eigenvalue, spectrum_of
+from mjsheaf.checking.spectrum import agent_coboundary, smallest_eigenvalue, spectrum_of
 from mjsheaf.team import Team
 from mjsheaf.team.freedom import free_basis
 
@@ -35,7 +35,7 @@ JOINT_CLASSES = 60
 """Up to so many free directions, and kinds of agents by how they move, all are mended together. Beyond, directions in
 which different agents move are mended apart."""
 
-RANKED_STATES = 600
+RANKED_STATES = 400
 """Up to so many states of the agents, sets are ranked by lambda_min; beyond, the first one is taken."""
 
 COMPARED = ((150, 32), (RANKED_STATES, 8))
@@ -102,8 +102,8 @@ def mend(team: Team) -> MendPlan:
     r = free.shape[1]
     if r == 0:
         return MendPlan(0, True, 0, [], spectrum_of(team, 1).lambda_min, [])
-    D = interior_coboundary(team)
-    owner, moving_axis = np.divmod(team.slots[: D.shape[1]], 3)
+    states = free.shape[0]
+    owner, moving_axis = np.divmod(team.slots[:states], 3)
     still = by_dimension(team.agents, np.setdiff1d(np.arange(len(team.agents)), owner[free.indices]).tolist())
     parts = [free]
     if r > JOINT_DIMENSION or len(alike(team, free)) > JOINT_CLASSES:
@@ -115,8 +115,8 @@ def mend(team: Team) -> MendPlan:
         count += sum(group.count for group in groups)
         combinations, smallest = smallest_combinations(groups, part.shape[1])
         certain &= smallest and len(classes) <= JOINT_CLASSES
-        if len(parts) == 1 and D.shape[1] <= RANKED_STATES:
-            choices = _ranked(team, D, free, groups, combinations)
+        if len(parts) == 1 and states <= RANKED_STATES:
+            choices = _ranked(team, free, groups, combinations)
         else:
             first = tuple(groups[k].members(1)[0] for k in combinations[0])
             choices = [choices[0] + first if choices else first]
@@ -124,8 +124,9 @@ def mend(team: Team) -> MendPlan:
     axes = len(np.unique(moving_axis[free.indices]))
     certain |= len(choices[0]) == math.ceil(r / axes)
 
-    most = next((most for states, most in COMPARED if D.shape[1] <= states), 1)
-    compared = [(_lambda_min(D, edge_rows(team, choice)), choice) for choice in choices[:most]]
+    most = next((most for limit, most in COMPARED if states <= limit), 1)
+    coboundary = agent_coboundary(team)
+    compared = [(smallest_eigenvalue(coboundary.extended(edge_rows(team, x))), x) for x in choices[:most]]
     scale = max(value for value, _ in compared) or 1.0
     compared.sort(key=lambda pair: (-round(pair[0] / scale, 9), _preference(pair[1])))
     repairs = [_repairs(team, free, choice, value) for value, choice in compared[: 1 + _ALTERNATIVES]]
@@ -214,15 +215,11 @@ def _greedy(projectors: Array) -> tuple[int, ...]:
 
 
 def _ranked(
-    team: Team,
-    D: sparse.csr_array,
-    free: sparse.csc_array,
-    groups: Sequence[Group],
-    combinations: Sequence[tuple[int, ...]],
+    team: Team, free: sparse.csc_array, groups: Sequence[Group], combinations: Sequence[tuple[int, ...]]
 ) -> list[Choice]:
     """Sets of candidates in the order of the first-order estimate of lambda_min."""
     N = np.linalg.qr(free.toarray())[0]
-    H_inverse = np.linalg.pinv((D.T @ D).toarray(), hermitian=True)
+    H_inverse = np.linalg.pinv(team.dirichlet.H.toarray(), hermitian=True)
 
     def held(choice: Choice) -> Array:
         C = edge_rows(team, choice)
@@ -250,11 +247,6 @@ def _ranked(
         for choice in itertools.product(*(members[k][:width] for k in combination))
     ]
     return best(choices)
-
-
-def _lambda_min(D: sparse.csr_array, C: sparse.csr_array) -> float:
-    """Smallest eigenvalue of H with rows C added."""
-    return smallest_eigenvalue(sparse.vstack([D, C]).tocsr())
 
 
 def _preference(choice: Choice) -> int:

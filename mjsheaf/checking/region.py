@@ -22,7 +22,7 @@ MOST_VEHICLE_STEPS = 3_000_000
 
 _MARGIN = 0.05  # of the box's size, added on every side
 _GUESS_MARGIN = 0.5
-_MOST_EXTENSIONS = 400  # instants at which q* is computed without a run
+_MOST_EXTENSIONS = 100  # instants at which q* is computed without a run
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,8 @@
 """The spectrum of H, which sets the speed of the law, and sigma_max(B), which sets how hard targets pull.
 
-Everything is taken on the coboundary D of the agents, H = D^T D, rather than on H: eigenvalues are squares of singular
-values of D and cannot come out negative, and zero means what it means for the relative cohomology (a singular value of
-at most RANK_TOLERANCE times the largest). The connected components of D are treated apart.
+Everything is taken on D = K^{1/2} delta on the agents, H = D^T D, rather than on H: eigenvalues are squares of singular
+values of D and cannot come out negative. What is zero is said by the relative cohomology, the kernel of delta itself,
+which inner products do not change. Connected components of D are treated apart.
 """
 
 from dataclasses import dataclass
@@ -57,7 +57,7 @@ def spectrum_of(team: Team, count: int = 6) -> Spectrum:
         count: how many of the smallest eigenvalues above zero are wanted; fewer where H has fewer. Beyond
             DENSE_STATES a further copy of a multiple eigenvalue of one component may be missing.
     """
-    D, null = interior_coboundary(team), sparse.csc_array(team.dirichlet.null_basis)
+    D, null = agent_coboundary(team).whitened, sparse.csc_array(team.dirichlet.null_basis)
     smallest, vectors, largest_component = _above_zero(D, null, count)
     nullity = null.shape[1]
     return Spectrum(
@@ -74,19 +74,42 @@ def spectrum_of(team: Team, count: int = 6) -> Spectrum:
     )
 
 
-def interior_coboundary(team: Team) -> sparse.csr_array:
-    """D = K^{1/2} delta on the agents, shape (m, n), rows in the order of the sheaf's edges; H = D^T D."""
-    return team.sheaf.whitened_coboundary()[:, team.sheaf.columns(team.dirichlet.interior)]
+@dataclass(frozen=True)
+class AgentCoboundary:
+    """The coboundary on the agents, rows in the order of the sheaf's edges, columns in that of the stacked q.
+
+    Attributes:
+        plain: delta, shape (m, n); its kernel is the relative cohomology.
+        whitened: D = K^{1/2} delta, shape (m, n); H = D^T D.
+    """
+
+    plain: sparse.csr_array
+    whitened: sparse.csr_array
+
+    def kept(self, rows: NDArray[np.bool_], columns: NDArray[np.bool_]) -> "AgentCoboundary":
+        """The same without some edges and agents."""
+        return AgentCoboundary(self.plain[rows][:, columns], self.whitened[rows][:, columns])
+
+    def extended(self, rows: sparse.csr_array) -> "AgentCoboundary":
+        """The same with further edges of inner product I."""
+        return AgentCoboundary(*(sparse.vstack([x, rows]).tocsr() for x in (self.plain, self.whitened)))
 
 
-def smallest_eigenvalue(D: sparse.csr_array) -> float:
-    """Smallest eigenvalue of D^T D; exactly 0 where a singular value of D is at most RANK_TOLERANCE of the largest."""
+def agent_coboundary(team: Team) -> AgentCoboundary:
+    """The coboundary of a team on its agents."""
+    columns = team.sheaf.columns(team.dirichlet.interior)
+    return AgentCoboundary(team.sheaf.coboundary()[:, columns], team.sheaf.whitened_coboundary()[:, columns])
+
+
+def smallest_eigenvalue(coboundary: AgentCoboundary) -> float:
+    """Smallest eigenvalue of H; exactly 0 where the kernel of delta is not trivial."""
+    D = coboundary.whitened
     n = D.shape[1]
     if n <= DENSE_STATES:
         values = np.linalg.eigvalsh((D.T @ D).toarray())
-        if values[0] > _ACCURATE * values[-1]:
+        if values[0] > _ACCURATE * values[-1]:  # delta is injective then, unless inner products span 12 decades
             return float(values[0])
-    null = sparse_kernel_basis(D)
+    null = sparse_kernel_basis(coboundary.plain)
     return 0.0 if null.shape[1] else float(_above_zero(D, null, 1)[0][0])
 
 
@@ -95,7 +118,7 @@ def _above_zero(D: sparse.csr_array, null: sparse.csc_array, count: int) -> tupl
 
     Args:
         D: shape (m, n).
-        null: orthonormal basis of its kernel, shape (n, r).
+        null: orthonormal basis of the kernel of delta, shape (n, r).
         count: how many.
     """
     null_rows = null.tocsr()

@@ -151,7 +151,8 @@ def test_the_bound_is_attained_where_it_can_be(seed: int) -> None:
     run = bound_of_run(scenario.system(), mjsheaf.simulate(scenario, "ideal"))
     assert run.applies
     assert run.ratio is not None
-    assert 0.95 <= run.ratio <= 1.0 + 1e-9
+    assert run.settled_ratio is not None
+    assert 0.95 <= run.settled_ratio <= run.ratio <= 1.0 + 1e-9
 
 
 def test_sets_and_gain_condition() -> None:
