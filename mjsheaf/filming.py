@@ -66,6 +66,7 @@ def film_run(
         error=dataset["disagreement"].values.mean(axis=1),
         error_unit="m",
         surface=scenario.scene.surface,
+        surface_height=scenario.scene.height,
     )
     return draw_video(film, arena.model, path, options, progress)
 

@@ -2,7 +2,7 @@
 
 import re
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
@@ -19,7 +19,10 @@ class Section(BaseModel):
 
 
 class _Loader(yaml.SafeLoader):
-    """YAML's safe loader, with duplicate keys refused and 1e-3 read as a number, as in YAML 1.2."""
+    """YAML's safe loader, with duplicate keys refused and plain values read as in YAML 1.2.
+
+    In YAML 1.1, which is PyYAML's own, 010 is eight, 1:30 is ninety, `no` is false, 1e-3 is text.
+    """
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         seen = set()
@@ -32,12 +35,28 @@ class _Loader(yaml.SafeLoader):
             seen.add(key)
         return super().construct_mapping(node, deep)
 
+    def construct_integer(self, node: yaml.ScalarNode) -> int:
+        """Read an integer of YAML 1.2; the one of 1.1 takes a leading 0 for octal."""
+        return int(node.value, {"0o": 8, "0x": 16}.get(node.value[:2], 10))
 
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float",
-    re.compile(r"^[-+]?([0-9][0-9_]*(\.[0-9_]*)?|\.[0-9_]+)[eE][-+]?[0-9]+$"),
-    list("-+0123456789."),
+
+class _Dumper(yaml.SafeDumper):
+    """YAML's safe dumper, quoting text that YAML 1.1 or 1.2 would take for something else."""
+
+
+# The core schema of YAML 1.2.2, section 10.3.2: kind, pattern, and the characters with which it may begin.
+_PLAIN_VALUES = (
+    ("null", r"(~|null|Null|NULL|)", ["~", "n", "N", ""]),
+    ("bool", r"(true|True|TRUE|false|False|FALSE)", list("tTfF")),
+    ("int", r"([-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+)", list("-+0123456789")),
+    ("float", r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?", list("-+0123456789.")),
+    ("float", r"([-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN))", list("-+.")),
 )
+_Loader.yaml_implicit_resolvers = {}
+for _kind, _pattern, _first in _PLAIN_VALUES:
+    for _side in (_Loader, _Dumper):
+        _side.add_implicit_resolver(f"tag:yaml.org,2002:{_kind}", re.compile(f"^{_pattern}$"), _first)
+_Loader.add_constructor("tag:yaml.org,2002:int", _Loader.construct_integer)
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
@@ -84,40 +103,90 @@ def parse_yaml(text: str, source: str) -> Any:
         raise ScenarioError(f"{source}: nested too deeply") from None
     except ScenarioError:
         raise
-    except ValueError as error:  # an impossible date or number
+    except ValueError as error:  # an integer of more digits than Python reads
         raise ScenarioError(f"{source}: {' '.join(str(error).split())}") from None
 
 
+def dump_yaml(value: dict[str, Any]) -> str:
+    """Write a mapping as YAML that `read_yaml` reads to the same values, whether as YAML 1.1 or 1.2."""
+    return yaml.dump(value, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=120)
+
+
 def describe_validation_error(error: ValidationError, model: type[BaseModel]) -> str:
-    """The first thing that is wrong, as 'field: what is wrong', and how many more there are."""
-    problems = error.errors(include_url=False)
-    first = next((p for p in problems if p["type"] == "extra_forbidden"), problems[0])
-    where = ".".join(str(part) for part in first["loc"]) or "file"
-    text = " ".join(str(first["msg"]).removeprefix("Value error, ").split())
-    if first["type"] == "extra_forbidden":
-        text = f"unknown field; legal are {', '.join(_legal_fields(model, first['loc'][:-1]))}"
-    elif first["type"] not in ("missing", "value_error"):
-        shown = repr(first["input"])
-        text += f", not {shown if len(shown) <= 60 else shown[:57] + '...'}"
-    more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
-    return f"{where}: {text[:1].lower() + text[1:]}{more}"
+    """The first thing that is wrong, as 'field: what is wrong', and how many more there are.
+
+    The field is written as an override takes it. Where a value may be of several kinds pydantic tells for each why it
+    is not of that kind: the kind that fits it best, which is the one whose error lies deepest, is spoken of.
+    """
+    problems = [_Problem.of(dict(detail), model.model_json_schema()) for detail in error.errors(include_url=False)]
+    first = next((p for p in problems if p.kind == "extra_forbidden"), problems[0])
+    if first.kind != "extra_forbidden":
+        rivals = [p for p in problems if p.value == first.value]
+        first = max(rivals, key=lambda p: (len(p.path), not p.kind.endswith("_type")))
+    others = len({p.value for p in problems}) - 1
+    more = f" (and {others} more)" if others else ""
+    return f"{'.'.join(map(str, first.path)) or 'file'}: {first.text}{more}"
 
 
-def _legal_fields(model: type[BaseModel], location: tuple[int | str, ...]) -> list[str]:
-    """Names of the fields that are legal at a place of a model's schema."""
-    schema = model.model_json_schema()
+class _Problem(NamedTuple):
+    """One of pydantic's errors.
+
+    Attributes:
+        kind: pydantic's name of it.
+        path: of the field, as an override takes it.
+        value: path of the value that may be of several kinds, of which this error is about one; else `path`.
+        text: what is wrong and what is legal.
+    """
+
+    kind: str
+    path: tuple[int | str, ...]
+    value: tuple[int | str, ...]
+    text: str
+
+    @classmethod
+    def of(cls, detail: dict[str, Any], schema: dict[str, Any]) -> "_Problem":
+        """Read an error; the JSON Schema tells fields from pydantic's names for the branches of a union."""
+        kind, location, context = detail["type"], detail["loc"], detail.get("ctx", {})
+        text = " ".join(str(detail["msg"]).removeprefix("Value error, ").split())
+        unknown = location[-1:] if kind == "extra_forbidden" else ()
+        path, value, nodes = _follow(schema, location[: len(location) - len(unknown)])
+        path += unknown
+        shown = repr(detail["input"])
+        shown = shown if len(shown) <= 60 else shown[:57] + "..."
+        if unknown:
+            legal = {name for node in _variants(nodes, schema) for name in node.get("properties", {})}
+            text = f"unknown field; legal are {', '.join(sorted(legal))}"
+        elif kind in ("union_tag_invalid", "union_tag_not_found"):
+            path += (context["discriminator"].strip("'"),)
+            missing = kind == "union_tag_not_found"
+            text = "field required" if missing else f"{context['tag']!r} is none of {context['expected_tags']}"
+        elif kind in ("model_type", "dict_type"):
+            text = f"should be a mapping of fields to values, not {shown}"
+        elif kind not in ("missing", "value_error"):
+            text += f", not {shown}"
+        return cls(kind, path, path if value is None else value, text[:1].lower() + text[1:])
+
+
+def _follow(
+    schema: dict[str, Any], location: tuple[int | str, ...]
+) -> tuple[tuple[int | str, ...], tuple[int | str, ...] | None, list[dict[str, Any]]]:
+    """The fields of a location, those of them above its first plain union, and the schema's nodes at its end."""
+    path: tuple[int | str, ...] = ()
+    union: tuple[int | str, ...] | None = None
     nodes = [schema]
     for part in location:
-        below = []
-        for node in _variants(nodes, schema):
-            if isinstance(part, int):
-                below.append(node.get("items", {}))
-            elif part in node.get("properties", {}):
-                below.append(node["properties"][part])
-            elif part in _tags(node):
-                below.append(node)  # pydantic names the chosen branch of a union in the location
-        nodes = below or nodes
-    return sorted({name for node in _variants(nodes, schema) for name in node.get("properties", {})})
+        variants = _variants(nodes, schema)
+        if isinstance(part, int):
+            below = [node["items"] for node in variants if "items" in node]
+        else:
+            below = [node["properties"][part] for node in variants if part in node.get("properties", {})]
+        if below:
+            path, nodes = (*path, part), below
+            continue
+        if not any(part in _tags(node) for node in variants) and union is None:
+            union = path
+        nodes = [node for node in variants if part in _tags(node) or part == node.get("title")] or nodes
+    return path, union, nodes
 
 
 def _variants(nodes: list[dict[str, Any]], schema: dict[str, Any]) -> list[dict[str, Any]]:
@@ -135,8 +204,6 @@ def _variants(nodes: list[dict[str, Any]], schema: dict[str, Any]) -> list[dict[
 
 
 def _tags(node: dict[str, Any]) -> set[str]:
-    """The names by which pydantic may call this branch of a union: its class, or its discriminator's values."""
-    values = {node.get("title", "")}
-    for field in node.get("properties", {}).values():
-        values.update(field.get("enum", [field["const"]] if "const" in field else []))
-    return {str(v) for v in values}
+    """The values of the field that chooses this branch of a tagged union."""
+    fields = node.get("properties", {}).values()
+    return {str(v) for field in fields for v in field.get("enum", [field["const"]] if "const" in field else [])}

@@ -49,7 +49,7 @@ def examine(system: System, *, rate: float | None = None, radius: float = 1.0) -
         if value is not None and not 0.0 < value < math.inf:
             raise InputError(f"{name} is {value}; it must be positive and finite")
     spectrum = spectrum_of(system.team)
-    cohomology = explain(system.team)
+    cohomology = explain(system.team, spectrum)
     region = region_of_system(system)
     constants = take_constants(system, region, spectrum)
     assumptions = decide(system, region, constants, cohomology)
@@ -100,6 +100,7 @@ def _cohomology(found: RelativeCohomology, plan: MendPlan | None) -> r.Cohomolog
                 r.RepairRecord(
                     kind=x.kind,
                     description=x.description,
+                    removes=x.removes,
                     lambda_min_alone=x.lambda_min_alone,
                     lambda_min_without=x.lambda_min_without,
                 )

@@ -55,6 +55,7 @@ class RepairRecord(_Part):
 
     kind: Literal["communication", "sensing", "anchor"]
     description: str
+    removes: int = Field(description="how many free directions it holds by itself")
     lambda_min_alone: float = Field(description="of H with this repair alone")
     lambda_min_without: float = Field(description="of H with all repairs but this one")
 

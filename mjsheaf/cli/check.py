@@ -86,12 +86,13 @@ def _cohomology(record: CheckRecord) -> list[Text | Table]:
             )
             lines += [
                 Text(
-                    f"  {x.description}: lambda_min {x.lambda_min_alone:.3g} with it alone, "
-                    f"{plan.lambda_min:.3g} with all"
+                    f"  {x.description}: holds {x.removes} of {found.dimension} directions by itself, "
+                    f"lambda_min {x.lambda_min_alone:.3g}"
                 )
                 for x in plan.repairs
             ]
             lines += [Text(f"  or: {'; '.join(other)}") for other in plan.alternatives[:3]]
+            lines.append(Text(f"then lambda_min(H) is {plan.lambda_min:.3g}"))
     if found.near_null:
         lines.append(Text("\nbarely held (small eigenvalues of H)", style="bold"))
         lines += [Text(f"  {d.description}: {d.eigenvalue:.3g}, {d.ratio:.2g} of the largest") for d in found.near_null]

@@ -5,12 +5,14 @@ Only typer is imported here; each command imports what it needs, so that help co
 
 import logging
 import sys
+import warnings
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from mjsheaf._version import __version__
+from mjsheaf.cli.signals import Stopped, stoppable
 from mjsheaf.errors import InputError, MjsheafError
 
 app = typer.Typer(
@@ -170,27 +172,32 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def _exit_code(arguments: list[str] | None) -> int:
-    # dm_control sends MuJoCo's warnings here; what matters of them is in the one line that mjsheaf prints.
-    logging.getLogger("absl").setLevel(logging.ERROR)
+    # What matters of a library's warnings is in the one line that mjsheaf prints. dm_control sends MuJoCo's to absl.
+    for library in ("absl", "imageio_ffmpeg", "matplotlib"):
+        logging.getLogger(library).setLevel(logging.ERROR)
     try:
-        code: Any = app(arguments, standalone_mode=False)
+        with warnings.catch_warnings(), stoppable():
+            if not sys.warnoptions:
+                warnings.simplefilter("ignore")
+            code: Any = app(arguments, standalone_mode=False)
         return code if isinstance(code, int) else 0
     except MjsheafError as error:
         return _complain(str(error), error.exit_code)
-    except typer.Abort:
-        return 130
-    except KeyboardInterrupt:
-        return _complain("interrupted; nothing was written", 130)
+    except Stopped as stopped:
+        return _complain(stopped.message, int(stopped.code or 1))
     except BrokenPipeError:
         sys.stderr.close()  # the reader went away: there is no one to tell
         return 0
     except OSError as error:
         return _complain(f"{error.filename or 'input or output'}: {error.strerror or error}", InputError.exit_code)
+    except MemoryError as error:
+        return _complain(f"not enough memory: {error}; ask for fewer samples or vehicles", InputError.exit_code)
     except Exception as error:
         # Usage errors are a class of the command-line library; older and newer releases keep it in different places.
         if not hasattr(error, "format_message"):
             raise
-        return _complain(f"{error.format_message()} (see mjsheaf --help)", InputError.exit_code)
+        message = error.format_message()  # empty where help itself was the answer
+        return _complain(f"{message} (see mjsheaf --help)", InputError.exit_code) if message else InputError.exit_code
 
 
 def _complain(message: str, code: int) -> int:

@@ -6,12 +6,14 @@ from contextlib import contextmanager
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from mjsheaf.cli.signals import raise_if_stopped
+
 
 @contextmanager
 def progress_bars() -> Iterator[Callable[[str, int, int], None]]:
     """Yield a function of (what is being done, done, in all) that keeps a bar for each kind of work.
 
-    Where stderr is not a terminal nothing is drawn.
+    Where stderr is not a terminal nothing is drawn. Each call ends the work if a signal has asked for that.
     """
     console = Console(stderr=True)
     bars = Progress(
@@ -26,6 +28,7 @@ def progress_bars() -> Iterator[Callable[[str, int, int], None]]:
     tasks: dict[str, object] = {}
 
     def report(what: str, done: int, total: int) -> None:
+        raise_if_stopped()
         if what not in tasks:
             tasks[what] = bars.add_task(what, total=total)
         bars.update(tasks[what], completed=done, total=total)  # type: ignore[arg-type]

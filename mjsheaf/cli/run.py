@@ -1,6 +1,7 @@
 """`mjsheaf run`."""
 
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.table import Table
@@ -8,6 +9,7 @@ from rich.table import Table
 from mjsheaf.cli.progress import progress_bars
 from mjsheaf.errors import InputError, MjsheafError, UnstableError
 from mjsheaf.filming import video_options
+from mjsheaf.results.store import PlaceError
 from mjsheaf.results.summary import MEASURES
 from mjsheaf.running import Outcome, default_directory, execute
 from mjsheaf.scenario import load_scenario
@@ -42,41 +44,52 @@ def run_command(
     if expect and getattr(scenario.expect, backend) is None and scenario.expect.refused is None:
         raise InputError(f"{source}: expect.{backend}: missing; --expect needs bounds for this backend")
     notes = Console(stderr=True, soft_wrap=True)
-    if seed is not None and not uses_seed(scenario)[backend]:
+    if "seed" in changes and not uses_seed(scenario)[backend]:
         notes.print(
             f"note: the seed changes nothing: {scenario.name} has no spread and no disturbance on backend {backend}"
         )
     options = video_options(scenario) if video else None
-    with progress_bars() as progress:
-        outcome = execute(
-            scenario,
-            backend,
-            out or default_directory(scenario, backend),
-            video=options,
-            allow_drift=allow_drift,
-            progress=progress,
-        )
+    directory = default_directory(scenario, backend) if out is None else out
+    try:
+        with progress_bars() as progress:
+            outcome = execute(scenario, backend, directory, video=options, allow_drift=allow_drift, progress=progress)
+    except PlaceError:
+        raise
+    except MjsheafError as error:
+        wanted = scenario.expect.refused
+        other = expect and wanted is not None and wanted not in str(error)
+        verdict = f" (NOT as expected: expect.refused is {wanted!r})" if other else ""
+        raise type(error)(f"{source}: {error}{verdict}") from None
     for note in outcome.notes:
         notes.print(f"note: {note}", markup=False, highlight=False)
     _print_summary(outcome)
     if outcome.summary["status"] == "unstable":
         raise UnstableError(f"{outcome.summary['message']}; what was recorded is in {outcome.directory}")
     if expect and outcome.summary["expect"]["met"] is False:
-        missed = [c for c in outcome.summary["expect"]["checks"] if not c["met"]]
-        told = ", ".join(f"{c['measure']} is {c['found']:.4g}, expected at most {c['bound']:g}" for c in missed)
-        raise ExpectationMissedError(f"{source}: {told}")
+        missed = [check for check in outcome.summary["expect"]["checks"] if not check["met"]]
+        raise ExpectationMissedError(f"{source}: {', '.join(map(_miss, missed))}")
+
+
+def _miss(check: dict[str, Any]) -> str:
+    if check["measure"] == "refused":
+        return f"it ran, expected is a refusal that says {check['bound']!r}"
+    return f"{check['measure']} is {_number(check['found'])}, expected at most {check['bound']:g}"
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.4g}"
 
 
 def _print_summary(outcome: Outcome) -> None:
     summary, final = outcome.summary, outcome.summary["final"]
     console = Console()
-    title = f"{summary['scenario']} on {summary['backend']}, errors at t = {final['time']:.6g} s"
+    title = f"{summary['scenario']} on {summary['backend']}, errors in m at t = {final['time']:.6g} s"
     table = Table(title=title, title_justify="left", header_style="")
     table.add_column("")
     for measure in MEASURES:
-        table.add_column(f"{measure.replace('_', ' ')} (m)", justify="right")
+        table.add_column(measure.removeprefix("mean_").removesuffix("_error"), justify="right")
     for name, values in {"team": final, **final["groups"]}.items():
-        table.add_row(name, *("-" if values[m] is None else f"{values[m]:.4g}" for m in MEASURES))
+        table.add_row(name, *(_number(values[measure]) for measure in MEASURES))
     console.print(table)
     met = summary["expect"]["met"]
     verdict = {True: "as expected", False: "NOT as expected", None: "no expectation"}[met]
@@ -84,8 +97,9 @@ def _print_summary(outcome: Outcome) -> None:
         f"{summary['status']}, {verdict}; {summary['steps']} steps in {summary['wall_time_s']:.2f} s "
         f"({summary['realtime_factor']:.3g} x real time)",
         highlight=False,
+        soft_wrap=True,
     )
     for direction in summary["free_directions"]:
-        console.print(f"DRIFTS: {direction}; errors are against the q* of least norm", highlight=False)
+        console.print(f"DRIFTS: {direction}; errors are against the q* of least norm", highlight=False, soft_wrap=True)
     for path in sorted(outcome.directory.iterdir()):
-        console.print(f"  {path}", highlight=False, soft_wrap=True)
+        console.print(f"  {path}", highlight=False, soft_wrap=True, markup=False)

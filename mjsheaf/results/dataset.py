@@ -121,7 +121,15 @@ def _add_body_data(ds: xr.Dataset, system: System, trajectory: Trajectory) -> No
         u[:, N:],
         {"units": "N", "long_name": "thruster commands of each target"},
     )
-    ds.coords["quaternion"] = ("quaternion", np.array(["w", "x", "y", "z"], dtype=object))
+    ds.coords["quaternion"] = (
+        "quaternion",
+        np.array(["w", "x", "y", "z"], dtype=object),
+        {"long_name": "component of the unit quaternion"},
+    )
+    labels = np.array([names + [""] * (width - len(names)) for names in thrusters], dtype=object)
+    for name, kind, own in (("thruster", "agent", labels[:N]), ("target_thruster", "target", labels[N:])):
+        long_name = f"thruster behind each channel of each {kind}, empty where it has fewer"
+        ds.coords[name] = ((kind, "channel"), own, {"long_name": long_name})
     for kind, part in (("agent", slice(None, N)), ("target", slice(N, None))):
         ds[f"{kind}_orientation"] = (
             ("time", kind, "quaternion"),

@@ -1,11 +1,12 @@
 """The directory of a run: published whole, by rename, and never over what mjsheaf did not write."""
 
 import json
+import math
 import os
 import shutil
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -26,54 +27,82 @@ FILES = (
 """What a run may leave in its directory."""
 
 
+class PlaceError(InputError):
+    """The place where results should go cannot be used."""
+
+
 def check_replaceable(directory: Path) -> None:
     """Refuse a place that holds anything but an earlier run.
 
     Raises:
-        InputError: it is a file, or a directory with contents that mjsheaf did not write.
+        PlaceError: it is a file, a directory with contents that mjsheaf did not write, one that cannot be renamed, or
+            inside the directory of another run, which could then not be replaced.
     """
+    run = enclosing_run(directory)
+    if run is not None:
+        raise PlaceError(f"{directory}: lies inside {run}, the directory of another run; choose another with --out")
     if not directory.exists() and not directory.is_symlink():
         return
     if not directory.is_dir() or directory.is_symlink():
-        raise InputError(f"{directory}: exists and is not a directory; choose another with --out")
+        raise PlaceError(f"{directory}: exists and is not a directory; choose another with --out")
+    if directory.resolve() == Path.cwd() or os.path.ismount(directory):
+        what = "a mount point" if os.path.ismount(directory) else "the current directory"
+        raise PlaceError(f"{directory}: is {what}, which no rename can replace; name a directory in it with --out")
     entries = {path.name for path in directory.iterdir()}
     if not entries:
         return
     strange = sorted(entries - set(FILES))
     if strange:
-        raise InputError(
+        raise PlaceError(
             f"{directory}: holds {strange[0]!r}, which mjsheaf did not write; move it or choose another with --out"
         )
+    if not holds_run(directory):
+        raise PlaceError(f"{directory}: exists and was not written by mjsheaf; choose another with --out")
+
+
+def holds_run(directory: Path) -> bool:
+    """Whether a directory is that of a run."""
     try:
-        ours = "mjsheaf_version" in json.loads((directory / "summary.json").read_text())
+        summary = json.loads((directory / "summary.json").read_text())
     except (OSError, ValueError):
-        ours = False
-    if not ours:
-        raise InputError(f"{directory}: exists and was not written by mjsheaf; choose another with --out")
+        return False
+    return isinstance(summary, dict) and "mjsheaf_version" in summary
+
+
+def enclosing_run(path: Path) -> Path | None:
+    """The directory of a run in which a place lies, if it lies in one."""
+    folder = Path(os.path.realpath(Path(os.path.abspath(path)).parent))
+    return next((place for place in (folder, *folder.parents) if holds_run(place)), None)
 
 
 @contextmanager
 def staging(directory: Path) -> Iterator[Path]:
     """A fresh directory that takes the place of `directory` when the block ends without an exception.
 
+    With one, nothing is left of it, nor of the parents that were made for it.
+
     Raises:
-        InputError: the place may not be replaced or cannot be written.
+        PlaceError: the place may not be replaced or cannot be written.
     """
     check_replaceable(directory)
+    place = Path(os.path.abspath(directory))
+    fresh: Path | None = None
+    missing = [parent for parent in place.parents if not parent.exists()]  # the deepest first
     try:
-        directory.parent.mkdir(parents=True, exist_ok=True)
+        place.parent.mkdir(parents=True, exist_ok=True)
         # Beside its final place: a rename is atomic only within one file system.
-        fresh = Path(tempfile.mkdtemp(prefix=f".{directory.name}.", dir=directory.parent))
-    except OSError as error:
-        raise InputError(f"{directory}: cannot be written: {error.strerror or error}") from None
-    try:
+        fresh = Path(tempfile.mkdtemp(prefix=f".{place.name}.", dir=place.parent))
         fresh.chmod(0o777 & ~_umask())
         yield fresh
-        _swap(fresh, directory)
+        _swap(fresh, place)
     except OSError as error:
-        raise InputError(f"{directory}: cannot be written: {error.strerror or error}") from error
+        raise PlaceError(f"{directory}: cannot be written: {error.strerror or error}") from error
     finally:
-        shutil.rmtree(fresh, ignore_errors=True)
+        if fresh is not None:
+            shutil.rmtree(fresh, ignore_errors=True)
+        for parent in missing:
+            with suppress(OSError):  # it holds what was published
+                parent.rmdir()
 
 
 def _umask() -> int:
@@ -83,17 +112,15 @@ def _umask() -> int:
 
 
 def _swap(fresh: Path, directory: Path) -> None:
-    if not directory.exists():
-        fresh.rename(directory)
-        return
     old = fresh.with_name(fresh.name + ".old")
-    directory.rename(old)
     try:
+        if directory.exists():
+            directory.rename(old)
         fresh.rename(directory)
-    except OSError:
-        old.rename(directory)
-        raise
-    shutil.rmtree(old, ignore_errors=True)
+    finally:
+        if old.exists() and not directory.exists():
+            old.rename(directory)
+        shutil.rmtree(old, ignore_errors=True)
 
 
 def save_dataset(dataset: xr.Dataset, path: Path) -> None:
@@ -107,8 +134,22 @@ def save_dataset(dataset: xr.Dataset, path: Path) -> None:
 
 
 def save_summary(summary: dict[str, Any], path: Path) -> None:
-    """Write summary.json."""
-    path.write_text(json.dumps({"mjsheaf_version": __version__, **summary}, indent=2, allow_nan=False) + "\n")
+    """Write summary.json, at once; numbers that are not finite become null."""
+    text = json.dumps({"mjsheaf_version": __version__, **_finite(summary)}, indent=2, allow_nan=False)
+    part = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        part.write_text(text + "\n")
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def load_run(directory: Path) -> tuple[xr.Dataset, dict[str, Any]]:
@@ -123,6 +164,9 @@ def load_run(directory: Path) -> tuple[xr.Dataset, dict[str, Any]]:
     try:
         with xr.open_dataset(directory / "result.nc", engine="h5netcdf") as file:
             dataset = file.load()
-        return dataset, json.loads((directory / "summary.json").read_text())
+        summary = json.loads((directory / "summary.json").read_text())
     except (OSError, ValueError, KeyError) as error:
         raise InputError(f"{directory}: cannot be read: {' '.join(str(error).split())}") from None
+    if not isinstance(summary, dict):
+        raise InputError(f"{directory}: summary.json holds no mapping; legal is the directory of a finished run")
+    return dataset, summary

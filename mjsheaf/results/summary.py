@@ -44,10 +44,13 @@ def check_expectation(expect: "Expect", backend: str, status: str, final: dict[s
     """Compare final errors with the scenario's `expect:` block for a backend.
 
     Returns:
-        {"met": True, False, or None where nothing is expected; "checks": one record for each bound}.
+        {"met": True, False, or None where nothing is expected; "checks": one record for each bound}. A run that should
+        have been refused misses that, by having run.
     """
     bounds = getattr(expect, backend)
-    checks = []
+    checks: list[dict[str, Any]] = []
+    if expect.refused is not None:
+        checks.append({"measure": "refused", "bound": expect.refused, "found": None, "met": False})
     if bounds is not None:
         for name in MEASURES:
             bound, found = getattr(bounds, name), final[name]
@@ -58,4 +61,4 @@ def check_expectation(expect: "Expect", backend: str, status: str, final: dict[s
 
 
 def _plain(value: Any) -> float | None:
-    return None if np.isnan(value) else float(value)
+    return float(value) if np.isfinite(value) else None

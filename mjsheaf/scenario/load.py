@@ -1,15 +1,17 @@
 """Loading scenarios: by name or path, with overrides, checked as a whole."""
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pydantic import ValidationError
 
 from mjsheaf.errors import InputError, ScenarioError
 from mjsheaf.reading import describe_validation_error, parse_yaml, read_yaml
 from mjsheaf.resources import resource_directory
-from mjsheaf.scenario.schema import Scenario
+from mjsheaf.scenario.schema import EDGE_FIELDS, Scenario, edge_from_pair
 
 _SUFFIXES = (".yaml", ".yml")
 
@@ -32,18 +34,18 @@ def load_scenario(source: str | Path, overrides: Mapping[str, Any] | None = None
     """
     path = _find(source)
     raw = read_yaml(path)
-    raw.setdefault("name", path.stem)
+    raw.setdefault("name", _name_from(path))
     return scenario_from_mapping(raw, overrides, str(source))
 
 
 def scenario_from_mapping(
     raw: Mapping[str, Any], overrides: Mapping[str, Any] | None = None, source: str = "scenario"
 ) -> Scenario:
-    """Validate a scenario given as a mapping; see `load_scenario`."""
-    node: Any = dict(raw)
+    """Validate a scenario given as a mapping; see `load_scenario`. Tuples and numpy's values are welcome."""
+    node = _plain(raw)
     try:
         for path, value in (overrides or {}).items():
-            node = _with(node, path.split("."), value, path)
+            node = _with(node, path.split("."), _plain(value), path)
         scenario = Scenario.model_validate(node)
         scenario.system()  # fields that are legal one by one must also fit together
     except ValidationError as error:
@@ -77,18 +79,35 @@ def _find(source: str | Path) -> Path:
     raise ScenarioError(f"{source}: no such scenario; legal are {', '.join(known)}, or the path of a YAML file")
 
 
+def _name_from(path: Path) -> str:
+    """A legal name for a scenario that has none: its file's."""
+    name = re.sub(r"[^A-Za-z0-9_-]+", "_", path.stem)
+    return name if re.match("[A-Za-z]", name) else f"scenario_{name}"
+
+
+def _plain(value: Any) -> Any:
+    """Mappings, tuples and numpy's values as the dicts, lists and numbers that YAML would give."""
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return value
+
+
 def _with(node: Any, keys: list[str], value: Any, path: str) -> Any:
     """A copy of nested mappings and lists with one value replaced."""
     key, rest = keys[0], keys[1:]
     if isinstance(node, list):
         names = [item.get("id", item.get("name")) if isinstance(item, dict) else None for item in node]
-        if key in names:
-            index = names.index(key)
-        elif key.isdigit() and int(key) < len(node):
-            index = int(key)
-        else:
+        numbers = [str(k) for k in range(len(node))]
+        if key not in names and key not in numbers:
             legal = ", ".join(str(name) for name in names if name) or f"0 to {len(node) - 1}"
             raise ScenarioError(f"--set {path}: no item {key!r}; legal are {legal}")
+        index = names.index(key) if key in names else numbers.index(key)
         copy = list(node)
         copy[index] = _with(node[index], rest, value, path) if rest else value
         return copy
@@ -96,4 +115,7 @@ def _with(node: Any, keys: list[str], value: Any, path: str) -> Any:
         node = {}
     if not isinstance(node, dict):
         raise ScenarioError(f"--set {path}: {key!r} lies inside {node!r}, which has no fields")
-    return {**node, key: _with(node.get(key), rest, value, path) if rest else value}
+    below = node.get(key)
+    if key in EDGE_FIELDS and isinstance(below, list):
+        below = [edge_from_pair(edge) for edge in below]
+    return {**node, key: _with(below, rest, value, path) if rest else value}

@@ -5,7 +5,7 @@ These classes only say what is legal field by field; how fields fit together is 
 
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 
 from mjsheaf.reading import Section
 
@@ -13,10 +13,15 @@ if TYPE_CHECKING:
     from mjsheaf.backends.system import System
 
 Id = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", description="letters, digits, _ and -")]
-Positive = Annotated[float, Field(gt=0)]
-NonNegative = Annotated[float, Field(ge=0)]
-Point = Annotated[list[float], Field(min_length=2, max_length=3)]
-Matrix = Annotated[list[Annotated[list[float], Field(min_length=1)]], Field(min_length=1)]
+LARGEST = 1e9
+"""Of every number in a file: a blow-up begins here, and products of what is larger would overflow."""
+
+Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
+Positive = Annotated[float, Field(gt=0, le=LARGEST)]
+NonNegative = Annotated[float, Field(ge=0, le=LARGEST)]
+Duration = Annotated[float, Field(ge=1e-9, le=LARGEST)]
+Point = Annotated[list[Number], Field(min_length=2, max_length=3)]
+Matrix = Annotated[list[Annotated[list[Number], Field(min_length=1)]], Field(min_length=1)]
 
 
 class Time(Section):
@@ -37,7 +42,7 @@ class Controller(Section):
 
     gain: Positive = Field(1.0, description="k1, 1/s")
     control_period: NonNegative = Field(0.01, description="zero-order hold, s; 0 evaluates the law continuously")
-    record_period: Positive = Field(0.01, description="time between samples where control_period is 0, s")
+    record_period: Duration = Field(0.01, description="time between samples where control_period is 0, s")
     velocity_limit: Positive | None = Field(None, description="largest commanded speed of every agent, m/s")
 
 
@@ -45,17 +50,17 @@ class Effectiveness(Section):
     """g(q, t) = R(psi) layout with psi = heading + gradient . q + rate t; ideal backend."""
 
     layout: Matrix = Field(description="W, one row for each state, one column for each input")
-    heading: float = 0.0
+    heading: Number = 0.0
     heading_gradient: Point | None = Field(None, description="degrees per m")
-    heading_rate: float = Field(0.0, description="degrees per s")
+    heading_rate: Number = Field(0.0, description="degrees per s")
 
 
 class Attitude(Section):
     """Attitude of an agent's local frame."""
 
-    roll: float = 0.0
-    pitch: float = 0.0
-    yaw: float = 0.0
+    roll: Number = 0.0
+    pitch: Number = 0.0
+    yaw: Number = 0.0
 
 
 class LissajousMotion(Section):
@@ -93,7 +98,7 @@ class Agent(Section):
 
     id: Id
     position: Point
-    heading: float | None = Field(None, description="initial heading of its body; 0 unless given")
+    heading: Number | None = Field(None, description="initial heading of its body; 0 unless given")
     vehicle: str | None = Field(None, description="name in models/ or a description file; vehicles.agents unless given")
     frame: Attitude | None = Field(None, description="local frame of its local_frame edges; yaw = heading unless given")
     velocity_limit: Positive | None = Field(None, description="m/s; controller.velocity_limit unless given")
@@ -105,7 +110,7 @@ class Target(Section):
 
     id: Id
     position: Point
-    heading: float | None = None
+    heading: Number | None = None
     vehicle: str | None = Field(None, description="vehicles.targets unless given")
     motion: Motion | None = Field(None, description="target_motion unless given")
 
@@ -117,7 +122,13 @@ class ExplicitMaps(Section):
     head: Matrix
 
 
-def _edge_from_pair(value: Any) -> Any:
+EDGE_FIELDS = ("communication", "sensing", "target_edges")
+"""The fields of a scenario that hold edges."""
+
+_Ends = Annotated[list[Id], Field(min_length=2, max_length=2)]
+
+
+def edge_from_pair(value: Any) -> Any:
     """Let a bare pair stand for an edge with all defaults."""
     return {"between": value} if isinstance(value, list) else value
 
@@ -125,13 +136,13 @@ def _edge_from_pair(value: Any) -> Any:
 class EdgeModel(Section):
     """An edge; a bare pair [tail, head] is short for {between: [tail, head]}."""
 
-    between: Annotated[list[Id], Field(min_length=2, max_length=2)]
+    between: _Ends
     map: Literal["shared", "identity", "local_frame"] | ExplicitMaps = "shared"
     weight: Positive | Matrix | None = Field(None, description="inner product of the edge stalk; a number times I")
-    offset: list[float] | None = Field(None, description="desired F_tail x_tail - F_head x_head; from formations")
+    offset: list[Number] | None = Field(None, description="desired F_tail x_tail - F_head x_head; from formations")
 
 
-Edge = Annotated[EdgeModel, BeforeValidator(_edge_from_pair)]
+Edge = Annotated[EdgeModel, BeforeValidator(edge_from_pair, json_schema_input_type=EdgeModel | _Ends)]
 
 
 class AnchorModel(Section):
@@ -142,7 +153,7 @@ class AnchorModel(Section):
         None, description="coordinates that are anchored; give these or a map"
     )
     map: Matrix | None = Field(None, description="F, one row for each measured number")
-    value: Annotated[list[float], Field(min_length=1)] = Field(description="desired F q, m")
+    value: Annotated[list[Number], Field(min_length=1)] = Field(description="desired F q, m")
     weight: Positive | Matrix | None = Field(None, description="inner product of the edge stalk; a number times I")
 
     @model_validator(mode="after")
@@ -156,7 +167,7 @@ class _Group(Section):
     name: Id
     members: Annotated[list[Id], Field(min_length=1)]
     about: Id | None = Field(None, description="the target that the group's centre should follow; free if absent")
-    height: float = Field(0.0, description="added to z of spatial members, m")
+    height: Number = Field(0.0, description="added to z of spatial members, m")
 
 
 class PolygonGroup(_Group):
@@ -165,7 +176,7 @@ class PolygonGroup(_Group):
     shape: Literal["polygon", "square"]
     side: Positive | None = None
     radius: Positive | None = None
-    angle: float = Field(90.0, description="bearing of the first member from the x axis")
+    angle: Number = Field(90.0, description="bearing of the first member from the x axis")
     clockwise: bool = False
 
     @model_validator(mode="after")
@@ -183,7 +194,7 @@ class LineGroup(_Group):
 
     shape: Literal["line"]
     spacing: Positive
-    angle: float = 0.0
+    angle: Number = 0.0
 
 
 class TetrahedronGroup(_Group):
@@ -214,15 +225,15 @@ class SourceModel(Section):
     """alpha r / (|r|^2 + core^2)^p, p = 1 in the plane and 1.5 in space."""
 
     centre: Point
-    alpha: float
+    alpha: Number
 
 
 class VortexModel(Section):
     """gamma (axis x r) / (|r|^2 + core^2)."""
 
     centre: Point
-    gamma: float
-    axis: Annotated[list[float], Field(min_length=3, max_length=3)] | None = Field(None, description="in space only")
+    gamma: Number
+    axis: Annotated[list[Number], Field(min_length=3, max_length=3)] | None = Field(None, description="in space only")
 
 
 class ChannelModel(Section):
@@ -230,7 +241,7 @@ class ChannelModel(Section):
 
     centre: Point
     direction: Point
-    beta: float = Field(description="m/s")
+    beta: Number = Field(description="m/s")
     width: Positive
     length: Positive
 
@@ -280,13 +291,13 @@ class Vehicles(Section):
 
     agents: str | None = Field(None, description="hull for planar and aerial for spatial agents unless given")
     targets: str | None = None
-    tau: Positive | None = Field(None, description="m / D of every body, s; each description's own unless given")
+    tau: Duration | None = Field(None, description="m / D of every body, s; each description's own unless given")
 
 
 class Physics(Section):
     """How the physics backend steps."""
 
-    timestep: Positive = Field(0.001, description="s; the control period must be a multiple of it")
+    timestep: Duration = Field(0.001, description="s; the control period must be a multiple of it")
     contacts: bool = Field(False, description="whether vehicles collide")
 
 
@@ -301,7 +312,7 @@ class Scene(Section):
     """What the video shows beside the vehicles."""
 
     surface: Literal["water", "ground", "none"] = "water"
-    height: float = 0.0
+    height: Number = 0.0
     vehicle_scale: Annotated[float, Field(ge=1e-3, le=1e4)] = Field(
         1.0, description="vehicles are drawn this many times larger"
     )
@@ -342,7 +353,9 @@ class Expect(Section):
 class Scenario(Section):
     """A team, a sheaf, a formation, a flow, a law, and what is expected of them."""
 
-    name: Id
+    model_config = ConfigDict(json_schema_extra=lambda schema: schema["required"].remove("name"))
+
+    name: Id = Field(description="that of the file unless given")
     summary: str = Field("", description="one line for the gallery")
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     time: Time = Time()

@@ -3,7 +3,8 @@
 A singular value counts as zero when it is at most `rtol` times the largest one. Each connected component of the
 matrix is treated apart: exactly, by a dense singular value decomposition, up to DENSE_COLUMNS columns; beyond, by
 shift-invert Lanczos on A^T A, repeated on the complement of what was found until nothing more is null, which also
-finds every copy of a multiple eigenvalue.
+finds every copy of a multiple eigenvalue. Rows that meet the same columns are first rotated among themselves, so that
+what a rotated frame only seems to connect is apart.
 """
 
 from collections.abc import Iterator

@@ -112,10 +112,10 @@ class Decorator:
         """Draw a line straight to the surface from what is off it: without it heights cannot be read."""
         if self._film.surface == "none":
             return
-        size = self._size(view)
+        size, level = self._size(view), self._film.surface_height
         for position, rgba in zip(moment.positions, self._with_alpha(0.5), strict=True):
-            if abs(position[2]) > STEM * size:
-                foot = position * [1.0, 1.0, 0.0]
+            if abs(position[2] - level) > STEM * size:
+                foot = np.array([position[0], position[1], level])
                 _line(scene, position, foot, 1.0 * self._unit, rgba)
                 _ball(scene, foot, FOOT * size, rgba)
 

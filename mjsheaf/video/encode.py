@@ -7,7 +7,7 @@ from pathlib import Path
 
 import imageio_ffmpeg
 
-from mjsheaf.errors import MjsheafError
+from mjsheaf.errors import InputError, MjsheafError
 from mjsheaf.video.renderer import Frame
 
 QUALITY = 20  # x264's constant rate factor: 18 looks lossless, 23 is its default
@@ -28,7 +28,8 @@ def write_mp4(path: Path, frames: Iterable[Frame], width: int, height: int, fps:
         How many frames were written.
 
     Raises:
-        MjsheafError: ffmpeg is missing or fails, or the file cannot be written.
+        InputError: the file cannot be written.
+        MjsheafError: ffmpeg is missing or fails.
     """
     # Beside the target, as a rename is atomic only within one file system.
     part = path.with_name(f".{path.stem}.{os.getpid()}.mp4")
@@ -39,7 +40,7 @@ def write_mp4(path: Path, frames: Iterable[Frame], width: int, height: int, fps:
             raise MjsheafError(f"ffmpeg did not finish {path} ({count} frames); is the disk full?")
         part.replace(path)
     except OSError as error:
-        raise MjsheafError(f"cannot write {path}: {error.strerror or error}") from error
+        raise InputError(f"cannot write {path}: {error.strerror or error}") from error
     finally:
         part.unlink(missing_ok=True)
     return count

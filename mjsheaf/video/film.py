@@ -36,7 +36,8 @@ class Film:
         error_name: the error shown beside the picture, such as "mean |eta|".
         error: that error over time. Shape (T,), in error_unit.
         error_unit: its unit, such as "m".
-        surface: the plane that the model has at z = 0, if any; what is off it gets a stem to it.
+        surface: the plane that the model has, if any; what is off it gets a stem to it.
+        surface_height: z of that plane, in m.
     """
 
     name: str
@@ -57,6 +58,7 @@ class Film:
     error: FloatArray
     error_unit: str
     surface: Literal["water", "ground", "none"] = "none"
+    surface_height: float = 0.0
 
     def __post_init__(self) -> None:
         """Check that the arrays fit together.

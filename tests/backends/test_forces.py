@@ -330,3 +330,32 @@ def test_limits_and_lag_of_the_file_survive_the_assembly(tmp_path: Path) -> None
     assert trajectory.saturation is not None
     np.testing.assert_array_equal(trajectory.saturation[:, 0], 1.0)
     np.testing.assert_array_equal(trajectory.saturation[:, 1:], 0.0)
+
+
+@pytest.mark.parametrize(
+    ("limits", "at_once"),
+    [
+        ({"forcerange": "-30 30", "gainprm": "2"}, True),
+        ({"forcerange": "-1e6 1e6"}, False),
+        ({"forcerange": "-30 30", "dyntype": "filter", "dynprm": "0.02"}, False),
+        ({"actrange": "-30 30", "actlimited": "true", "dyntype": "filter", "dynprm": "0.02"}, False),
+    ],
+)
+def test_saturation_sees_every_limit(limits: dict[str, str], at_once: bool, tmp_path: Path) -> None:
+    """Oracle: MuJoCo's own forces, which stand at a limit when and only when the vehicle is saturated."""
+
+    def edit(root: ElementTree.Element) -> None:
+        find(root, "default/default[@class='thruster']/general").attrib.update(limits)
+
+    agents = [{"id": "A", "position": [0, 0], "vehicle": altered(tmp_path, "hull", edit)}]
+    scenario = make({"agents": agents, "targets": [{"id": "T", "position": [50, 0]}], "sensing": [["A", "T"]]})
+    world = World(scenario)
+    assert world.saturation()[0] == at_once
+    for _ in range(3):
+        world.step(50)
+        world.close_loop()
+        mujoco.mj_forward(world.model, world.data)
+        bound = 30.0 if limits.get("forcerange") != "-1e6 1e6" else 1e6
+        held = np.abs(world.data.actuator_force[:4]) >= bound
+        assert world.saturation()[0] == held.mean()
+    assert held.any() == ("1e6" not in limits.get("forcerange", ""))

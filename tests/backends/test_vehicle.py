@@ -222,6 +222,10 @@ def weightless(root: ElementTree.Element) -> None:
     find(root, ".//inertial").set("mass", "0")
 
 
+def heavy_world(root: ElementTree.Element) -> None:
+    ElementTree.SubElement(find(root, "worldbody"), "geom", name="ballast", type="box", size="1 1 1")
+
+
 def broken(root: ElementTree.Element) -> None:
     find(root, ".//inertial").set("colour", "red")
 
@@ -240,6 +244,7 @@ def flat(root: ElementTree.Element) -> None:
         ("hull", with_bias, {}, r"hull\.xml: every actuator must have a fixed gain and no bias"),
         ("hull", with_muscle, {}, r"dyntype must be one of none, integrator, filter, filterexact"),
         ("hull", weightless, {}, r"hull\.xml: its mass is 0 kg; legal is a positive one"),
+        ("hull", heavy_world, {}, r"hull\.xml: geom 'ballast' with mass stands in <worldbody> itself; put it into a"),
         ("hull", broken, {}, r"hull\.xml: .*unrecognized attribute: 'colour'"),
         (
             "hull",
@@ -273,6 +278,17 @@ def test_unknown_vehicles_are_refused(tmp_path: Path) -> None:
         load_vehicle("boat")
     with pytest.raises(InputError, match=r"nowhere\.yaml: cannot be read"):
         load_vehicle(str(tmp_path / "nowhere.yaml"))
+
+
+def test_a_relative_path_is_of_the_directory_given(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    altered(tmp_path / "boats", "hull", summary="of the folder")
+    assert load_vehicle("boats/hull.yaml", tmp_path).description.summary == "of the folder"
+    assert load_vehicle(str(tmp_path / "boats" / "hull.yaml"), Path("elsewhere")).path.parent == tmp_path / "boats"
+    assert load_vehicle("hull", tmp_path / "boats").description.summary != "of the folder"  # a name is a name
+    with pytest.raises(InputError, match=r"boats/hull\.yaml: cannot be read"):
+        load_vehicle("boats/hull.yaml")
+    monkeypatch.chdir(tmp_path)
+    assert load_vehicle("boats/hull.yaml").description.summary == "of the folder"
 
 
 def test_vehicles_are_not_shared_state() -> None:

@@ -3,17 +3,19 @@
 Oracles: one step at a time by hand with MuJoCo's own mj_step; where bodies can and cannot be.
 """
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
+import xarray as xr
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from mjsheaf import World, simulate
-from mjsheaf.backends.physics import run_physics
+from mjsheaf.backends.physics import load_vehicle, run_physics
 from mjsheaf.errors import InputError, UnstableError
 
 from .small import make, mixed
@@ -207,6 +209,46 @@ def test_a_run_that_blows_up_keeps_what_was_recorded() -> None:
     assert result.attrs["message"].removeprefix("unstable: ").split(" ")[0] in names
     assert 0.0 < float(result.time[-1]) < 5.0
     assert np.isfinite(result.agent_position.sel(axis=["x", "y"])).all()
+
+
+@pytest.mark.parametrize("factor", [1.0, np.nan])
+def test_a_run_that_is_bad_from_the_start_keeps_its_start(factor: float, capfd: pytest.CaptureFixture[str]) -> None:
+    """Whether the first commands are huge or not numbers at all; MuJoCo is not given them, and prints nothing."""
+    system = mixed(controller={"gain": 1e9, "control_period": 0.01}).system()
+    system = replace(system, law=system.law._replace(gain=factor * system.law.gain))
+    world = World(system)
+    assert not np.abs(world.data.ctrl).max() < 1e10
+    np.testing.assert_allclose(world.data.xpos[world.arena.body[1]], [3, 1, 2])
+    with pytest.raises(UnstableError, match=r"at t = 0 s; likely cause: the held law diverges"):
+        world.step()
+    trajectory = run_physics(system)
+    assert trajectory.status == "unstable"
+    np.testing.assert_array_equal(trajectory.positions, [world.system.initial])
+    assert capfd.readouterr() == ("", "")
+
+
+# -- what the data say -----------------------------------------------------------------------------------------------
+
+
+def test_every_command_has_the_name_of_its_thruster(tmp_path: Path) -> None:
+    result = simulate(mixed(time={"end": 0.02}), backend="physics")
+    result.to_netcdf(tmp_path / "result.nc", engine="h5netcdf")
+    with xr.open_dataset(tmp_path / "result.nc", engine="h5netcdf") as read:
+        for name, kind, command in (
+            ("thruster", "agent", "command"),
+            ("target_thruster", "target", "target_command"),
+        ):
+            assert read[name].dims == (kind, "channel")
+            assert read[name].attrs["long_name"]
+            thrusters = read[command][name]  # a coordinate of what it labels
+            for member, vehicle in (("boat", "hull"), ("front", "aerial"), ("diver", "aerial"), ("ship", "hull")):
+                if member in read[kind].values:
+                    own = load_vehicle(vehicle).thrusters
+                    row = thrusters.sel({kind: member}).values.tolist()
+                    assert row == own + [""] * (len(row) - len(own))
+                    given = read[command].sel({kind: member}).notnull().all("time").values.tolist()
+                    assert given == [bool(label) for label in row]
+        assert read["quaternion"].attrs["long_name"]
 
 
 # -- contacts --------------------------------------------------------------------------------------------------------

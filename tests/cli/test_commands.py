@@ -4,14 +4,19 @@ Oracle: the contract (exit codes, files left, fields of summary.json).
 """
 
 import json
+import os
+import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 
 import imageio_ffmpeg
+import jsonschema
 import pytest
 import xarray as xr
+import yaml
 
 import mjsheaf as package
 from mjsheaf.cli.main import main
@@ -19,6 +24,7 @@ from mjsheaf.results.store import FILES
 from mjsheaf.scenario import list_scenarios, load_scenario
 from mjsheaf.video import available_backend
 
+QUICK = ["--backend", "ideal", "--no-video"]
 SMALL = ["--set", "video.width=160", "--set", "video.height=120", "--set", "video.fps=5"]
 DATA = {"result.nc", "summary.json", "scenario.yaml", "errors.png", "trajectories.png", "configurations.png"}
 CAN_DRAW = available_backend()[0] is not None
@@ -74,13 +80,17 @@ def test_run_and_video_of_every_scenario(
         assert meta["fps"] == 4
         assert meta["codec"] == "h264"
         assert meta["pix_fmt"].startswith("yuv420p")
+        again = json.loads((out / "summary.json").read_text())
+        assert again.pop("video") == {"frames": 3, "width": 192, "height": 128, "fps": 4}
+        assert again == {k: v for k, v in summary.items() if k != "video"}
+        assert {p.name for p in out.iterdir()} == set(FILES)
 
 
 def test_run_replaces_its_own_directory_and_repeats_its_bits(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
-    arguments = ["run", "local_frames", "--backend", "ideal", "--no-video", "--set", "time.end=0.5", "--out", out]
+    arguments: list[str | Path] = ["run", "local_frames", *QUICK, "--set", "time.end=0.5", "--out", out]
     assert call(*arguments) == 0
     first = {p.name: p.read_bytes() for p in out.iterdir()}
     assert call(*arguments) == 0
@@ -113,7 +123,7 @@ def test_unstable_run_is_published_and_exits_3(tmp_path: Path, capsys: pytest.Ca
 
 def test_expectation_missed_exits_1(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
-    arguments = ["run", "midpoint", "--backend", "ideal", "--no-video", "--set", "time.end=0.1", "--out", out]
+    arguments: list[str | Path] = ["run", "midpoint", *QUICK, "--set", "time.end=0.1", "--out", out]
     assert call(*arguments) == 0
     assert json.loads((out / "summary.json").read_text())["expect"]["met"] is False
     assert call(*arguments, "--expect") == 1
@@ -121,9 +131,49 @@ def test_expectation_missed_exits_1(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert call("run", "midpoint", "--backend", "ideal", "--no-video", "--expect", "--out", out) == 0
 
 
-def test_seed_that_changes_nothing_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = ["run", "midpoint", "--backend", "ideal", "--no-video", "--set", "time.end=0.1", "--seed", "5"]
-    assert call(*arguments, "--out", tmp_path / "out") == 0
+def test_run_that_should_have_been_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "out"
+    arguments: list[str | Path] = ["run", "midpoint", *QUICK, "--set", "expect.refused=free to drift", "--out", out]
+    assert call(*arguments) == 0
+    assert json.loads((out / "summary.json").read_text())["expect"]["met"] is False
+    assert "NOT as expected" in capsys.readouterr().out
+    assert call(*arguments, "--expect") == 1
+    checks = json.loads((out / "summary.json").read_text())["expect"]["checks"]
+    assert checks[0] == {"measure": "refused", "bound": "free to drift", "found": None, "met": False}
+    error = capsys.readouterr().err
+    assert error == "mjsheaf: midpoint: it ran, expected is a refusal that says 'free to drift'\n"
+
+
+def test_run_refused_for_another_reason(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name, code in (("air_tracks_surface", 1), ("lost_thruster", 2)):
+        arguments: list[str | Path] = ["run", name, *QUICK, "--expect", "--out", tmp_path / "out"]
+        assert call(*arguments) == code
+        assert "expected" not in capsys.readouterr().err
+        assert call(*arguments, "--set", "expect.refused=too windy") == code
+        error = capsys.readouterr().err
+        assert error.startswith(f"mjsheaf: {name}: ")
+        assert "NOT as expected: expect.refused is 'too windy'" in error
+        assert error.count("\n") == 1
+
+
+def test_missed_expectation_of_what_is_not_measured(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments: list[str | Path] = [
+        "run",
+        "midpoint",
+        *QUICK,
+        "--set",
+        "time.end=0.1",
+        "--expect",
+        "--out",
+        tmp_path / "o",
+    ]
+    assert call(*arguments, "--set", "expect.ideal.formation_error=1") == 1
+    assert "formation_error is -, expected at most 1" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("way", [["--seed", "5"], ["--set", "seed=5"]])
+def test_seed_that_changes_nothing_is_said(way: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert call("run", "midpoint", *QUICK, "--set", "time.end=0.1", *way, "--out", tmp_path / "out") == 0
     assert "the seed changes nothing" in capsys.readouterr().err
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["seed"] == 5
 
@@ -137,7 +187,8 @@ def test_list_schema_and_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert all(name in listed for name in ("hull", "aerial", "submersible"))
     assert call("schema") == 0
     schema = json.loads(capsys.readouterr().out)
-    assert schema["properties"]["controller"]
+    for path in list_scenarios().values():
+        jsonschema.validate(yaml.safe_load(path.read_text()), schema)
     assert call("--version") == 0
     assert capsys.readouterr().out == f"mjsheaf {package.__version__}\n"
 
@@ -146,6 +197,32 @@ def test_list_schema_and_version(capsys: pytest.CaptureFixture[str]) -> None:
 def test_help(command: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert call(*command, "--help") == 0
     assert "Usage" in capsys.readouterr().out
+
+
+def test_no_command_at_all_shows_help_alone(capsys: pytest.CaptureFixture[str]) -> None:
+    assert call() == 2
+    printed = capsys.readouterr()
+    assert "Usage" in printed.out + printed.err
+    assert "see mjsheaf --help" not in printed.err
+
+
+def test_example_of_an_override_in_help_works(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert call("run", "--help") == 0
+    assert "sensing.0.weight=2" in capsys.readouterr().out
+    overrides = ["--set", "sensing.0.weight=2", "--set", "time.end=0.1"]
+    assert call("run", "midpoint", *QUICK, *overrides, "--out", tmp_path / "out") == 0
+
+
+def test_table_fits_a_narrow_terminal(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    assert call("run", "paper", *QUICK, "--set", "time.end=0.1", "--out", tmp_path / "out") == 0
+    printed = capsys.readouterr().out
+    table = printed[: printed.index("finished")].splitlines()
+    assert table[0].rstrip() == "paper on ideal, errors in m at t = 0.1 s"
+    assert max(map(len, table)) <= 80
+    assert len(table) == 1 + 4 + 1 + len(load_scenario("paper").formations)  # title, rules and headings, team, groups
 
 
 def test_help_loads_nothing_heavy() -> None:
@@ -172,3 +249,153 @@ def test_run_from_an_empty_directory_goes_to_runs(tmp_path: Path, mjsheaf: Calla
     done = mjsheaf("run", "midpoint", "--backend", "ideal", "--no-video", "--set", "time.end=0.2", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "runs" / "midpoint-ideal" / "result.nc").is_file()
+
+
+def test_output_stays_out_of_the_directories_of_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    first, second = tmp_path / "first", tmp_path / "second"
+    run: list[str | Path] = ["run", "midpoint", *QUICK, "--set", "time.end=0.1", *SMALL]
+    assert call(*run, "--out", first) == call(*run, "--out", second) == 0
+    capsys.readouterr()
+    for directory in (first, second):
+        before = {p.name: p.read_bytes() for p in directory.iterdir()}
+        for arguments in (
+            ["video", first, "--out", directory / "second.mp4"],
+            ["video", first, "--out", second / "video.mp4"],
+            [*run, "--out", directory / "inside"],
+            [*run, "--out", directory / "deep" / "inside"],
+        ):
+            assert call(*arguments) == 2
+            error = capsys.readouterr().err
+            assert error.count("\n") == 1
+            assert "directory" in error
+        assert {p.name: p.read_bytes() for p in directory.iterdir()} == before
+    assert call(*run, "--out", first) == 0
+
+
+def test_video_that_cannot_be_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run = tmp_path / "run"
+    assert call("run", "midpoint", *QUICK, "--set", "time.end=0.1", *SMALL, "--out", run) == 0
+    capsys.readouterr()
+    (tmp_path / "folder.mp4").mkdir()
+    for out, told in (
+        ("/proc/x.mp4", "cannot write /proc/x.mp4" if CAN_DRAW else "no video"),
+        (tmp_path / "folder.mp4", "folder.mp4: legal is a file"),
+        (tmp_path / "none" / "x.mp4", "no directory"),
+        (tmp_path / "x.avi", "ends in .mp4"),
+    ):
+        assert call("video", run, "--out", out) == 2
+        error = capsys.readouterr().err
+        assert told in error
+        assert error.count("\n") == 1
+
+
+def test_video_of_data_that_are_not_those_of_the_scenario(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run = tmp_path / "run"
+    assert call("run", "midpoint", *QUICK, "--set", "time.end=0.1", *SMALL, "--out", run) == 0
+    own, other = (run / "scenario.yaml").read_text(), tmp_path / "other.nc"
+    (run / "scenario.yaml").write_text(own.replace("A1", "A9"))
+    (run / "result.nc").rename(other)
+    xr.Dataset({"x": 1.0}).to_netcdf(run / "result.nc", engine="h5netcdf")
+    capsys.readouterr()
+    for told in ("result.nc is not that of a run", "result.nc and scenario.yaml do not match: their agents differ"):
+        assert call("video", run) == 2
+        error = capsys.readouterr().err
+        assert f"{run}: {told}" in error
+        assert error.count("\n") == 1
+        other.replace(run / "result.nc") if other.exists() else None
+
+
+def test_a_run_that_is_refused_leaves_no_parents(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "a" / "b" / "c"
+    arguments: list[str | Path] = ["run", "midpoint", "--set", "time.end=0.1", "--no-video", "--out", out]
+    assert call(*arguments, "--set", "vehicles.agents=rocket") == 2  # found when the bodies are made
+    assert list(tmp_path.iterdir()) == []
+    assert call(*arguments) == 0
+    assert {p.name for p in out.iterdir()} >= DATA
+
+
+def test_a_run_that_blows_up_prints_one_line(tmp_path: Path, mjsheaf: Callable) -> None:
+    for backend, gain in (("ideal", "1e9"), ("physics", "1e9"), ("ideal", "400"), ("physics", "400")):
+        out = tmp_path / "out"
+        arguments = ["--backend", backend, "--no-video", "--set", f"controller.gain={gain}", "--out", out]
+        done = mjsheaf("run", "paper", *arguments)
+        assert done.returncode == 3, done.stderr
+        assert done.stderr.count("\n") == 1, done.stderr
+        json.loads((out / "summary.json").read_text(), parse_constant=pytest.fail)
+
+
+def test_warnings_of_libraries_are_not_shown(capsys: pytest.CaptureFixture[str]) -> None:
+    script = (
+        "import sys\nimport warnings\nfrom mjsheaf.cli import main, listing\n"
+        "listing.schema_command = lambda of_check: warnings.warn('odd', RuntimeWarning)\nmain(['schema'])"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stderr == ""
+
+
+@pytest.mark.parametrize(
+    ("number", "code", "word"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")]
+)
+@pytest.mark.parametrize("backend", ["ideal", "physics"])
+def test_signal_stops_a_run_and_leaves_nothing(
+    number: signal.Signals, code: int, word: str, backend: str, tmp_path: Path
+) -> None:
+    out = tmp_path / "deep" / "out"
+    arguments = ["run", "paper", "--backend", backend, "--no-video", "--set", "time.end=40000", "--out", str(out)]
+    with _command(*arguments) as process:
+        _wait_for(lambda: out.parent.is_dir() and any(out.parent.iterdir()))
+        time.sleep(1.0)
+        process.send_signal(number)
+        _, error = process.communicate(timeout=60)
+    assert process.returncode == code
+    assert error == f"mjsheaf: {word}; nothing was written\n"
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.skipif(not CAN_DRAW, reason="no offscreen OpenGL")
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_signal_stops_a_film_and_keeps_the_old_one(number: signal.Signals, code: int, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    assert call("run", "midpoint", "--backend", "ideal", "--set", "time.end=0.5", *SMALL, "--out", run) == 0
+    before = {p.name: p.read_bytes() for p in run.iterdir()}
+    with _command("video", str(run), "--fps", "240", "--speed", "0.001") as process:
+        _wait_for(lambda: any(p.name.startswith(".video.") and p.stat().st_size > 0 for p in run.iterdir()))
+        os.killpg(process.pid, number)  # as a terminal does: ffmpeg is told to stop too
+        _, error = process.communicate(timeout=60)
+    assert process.returncode == code
+    assert error.count("\n") == 1
+    assert {p.name: p.read_bytes() for p in run.iterdir()} == before
+
+
+def test_signal_that_was_lost_stops_the_work_at_the_next_report() -> None:
+    script = (
+        "import gc, os, signal\nfrom mjsheaf.cli import listing, main\nfrom mjsheaf.cli.progress import progress_bars\n"
+        "class Lossy:\n    def __del__(self):\n        os.kill(os.getpid(), signal.SIGINT)\n"
+        "def work(of_check):\n"
+        "    with progress_bars() as report:\n        Lossy()\n        print('went on')\n        report('work', 1, 2)\n"
+        "        print('not here')\n"
+        "listing.schema_command = work\nmain(['schema'])"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert done.returncode == 130
+    assert done.stdout == "went on\n"
+    assert done.stderr == "mjsheaf: interrupted; nothing was written\n"
+
+
+def _command(*arguments: str) -> subprocess.Popen[str]:
+    """The command in a process group of its own, with the signals as a shell gives them."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "mjsheaf", *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        process_group=0,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )
+
+
+def _wait_for(condition: Callable[[], bool], seconds: float = 120.0) -> None:
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.02)

@@ -30,6 +30,28 @@ CASES = {
     "bool for a number": ("controller", {"gain": True}, ["controller.gain", "True"]),
     "list for a mapping": ("controller", [1], ["controller"]),
     "NaN": ("controller", {"gain": float("nan")}, ["controller.gain", "finite"]),
+    "position of no Earth": (
+        "agents", [{"id": "A1", "position": [1e200, 0]}, {"id": "A2", "position": [1, 0]}], ["agents.0.position.0"]
+    ),
+    "endless time": ("time", {"end": 1e308}, ["time.end", "1000000000"]),
+    "endless gain": ("controller", {"gain": 1e300}, ["controller.gain", "1000000000"]),
+    "no timestep at all": ("physics", {"timestep": 1e-310}, ["physics.timestep", "0.000000001"]),
+    "tiny timestep": ("physics", {"timestep": 1e-30}, ["physics.timestep", "0.000000001"]),
+    "yes is text": ("physics", {"contacts": "yes"}, ["physics.contacts", "'yes'"]),
+    "negative weight": ("sensing", [{"between": ["A1", "T1"], "weight": -2}], ["sensing.0.weight: input should be gr"]),
+    "text in a weight": (
+        "sensing", [{"between": ["A1", "T1"], "weight": [[1, "x"]]}], ["sensing.0.weight.0.1: ", "'x'"]
+    ),
+    "half a map": ("sensing", [{"between": ["A1", "T1"], "map": {"tail": [[1, 0]]}}], ["sensing.0.map.head: field"]),
+    "unknown key in a map": (
+        "sensing", [{"between": ["A1", "T1"], "map": {"tall": [[1, 0]]}}], ["sensing.0.map.tall", "head, tail"]
+    ),
+    "number for an edge": ("sensing", [3], ["sensing.0: should be a mapping"]),
+    "speed of a motion": (
+        "target_motion", {"kind": "waypoints", "points": [[1, 2]], "speed": -1}, ["target_motion.speed: input"]
+    ),
+    "unknown motion": ("target_motion", {"kind": "hover"}, ["target_motion.kind: 'hover'", "'waypoints'"]),
+    "motion of no kind": ("target_motion", {"speed": 1}, ["target_motion.kind: field required"]),
     "infinity": ("time", {"end": float("inf")}, ["time.end", "finite"]),
     "negative gain": ("controller", {"gain": -1}, ["controller.gain", "greater than 0"]),
     "negative time": ("time", {"start": -1, "end": 3}, ["time.start", "greater than or equal to 0"]),
@@ -59,7 +81,7 @@ CASES = {
         ["sensing.0", "map.tail", "lengths"],
     ),
     "identity between unequal": ("sensing", [{"between": ["A1", "T1"], "map": "identity"}], ["sensing.0", "shared"]),
-    "unknown map": ("sensing", [{"between": ["A1", "T1"], "map": "magic"}], ["sensing.0", "shared"]),
+    "unknown map": ("sensing", [{"between": ["A1", "T1"], "map": "magic"}], ["sensing.0.map: ", "'shared'"]),
     "weight not SPD": (
         "sensing",
         [{"between": ["A1", "T1"], "weight": [[1, 2], [2, 1]]}],
@@ -150,7 +172,7 @@ BROKEN = {
     "an anchor": (b"a: &x [1]\nb: *x\n", ["line 1", "anchor"]),
     "a key twice": (b"seed: 1\nseed: 2\n", ["'seed'", "twice"]),
     "a key that is no text": (b"1: 2\n", ["1", "not text"]),
-    "an impossible date": (b"summary: 2026-13-45\n", ["month"]),
+    "an endless number": (b"seed: " + b"9" * 5000, ["4300 digits"]),
     "endless nesting": (b"a: " + b"[" * 20000, ["deep"]),
 }
 
@@ -171,6 +193,8 @@ USAGE: dict[str, tuple[list[str], list[str]]] = {
     "override without value": (["run", "midpoint", "--set", "controller.gain"], ["PATH=VALUE"]),
     "override of an unknown field": (["run", "midpoint", "--set", "controller.gaim=3"], ["controller.gaim"]),
     "override of an unknown item": (["run", "midpoint", "--set", "agents.A9.heading=3"], ["A9", "A1"]),
+    "override of an item by a strange digit": (["run", "midpoint", "--set", "agents.²=3"], ["'²'", "A1"]),
+    "override of an endless item": (["run", "midpoint", "--set", "agents." + "9" * 5000 + "=3"], ["A1"]),
     "override inside a number": (["run", "midpoint", "--set", "seed.x=3"], ["seed", "integer"]),
     "override that is not YAML": (["run", "midpoint", "--set", "seed=[1"], ["--set seed"]),
     "seed that is no number": (["run", "midpoint", "--seed", "x"], ["--seed", "integer"]),
@@ -179,6 +203,9 @@ USAGE: dict[str, tuple[list[str], list[str]]] = {
     "unknown command": (["fly"], ["fly"]),
     "missing argument": (["run"], ["SCENARIO"]),
     "expectation of none": (["run", "air_tracks_surface", "--expect", "--backend", "nowhere"], ["nowhere"]),
+    "output is here": (["run", "midpoint", "--out", "."], [".: is the current directory", "--out"]),
+    "output is here by another name": (["run", "midpoint", "--out", "{tmp}"], ["is the current directory"]),
+    "output is a mount point": (["run", "midpoint", "--out", "/dev/shm"], ["/dev/shm"]),
     "video of nothing": (["video", "{tmp}"], ["result.nc"]),
     "period no multiple": (
         ["run", "midpoint", "--set", "controller.control_period=0.0031"],

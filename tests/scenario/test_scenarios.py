@@ -6,16 +6,19 @@ Oracle: the expectations in the files, which must lie at most 10 % above what is
 from functools import cache
 from pathlib import Path
 
+import jsonschema
 import numpy as np
 import pytest
 import xarray as xr
 
 import mjsheaf
 from mjsheaf.errors import MjsheafError, NotUniqueError
+from mjsheaf.reading import parse_yaml, read_yaml
 from mjsheaf.results import check_expectation, summarize
 from mjsheaf.scenario import Scenario, list_scenarios, load_scenario, scenario_from_mapping
 from mjsheaf.scenario.build import uses_seed
 from mjsheaf.scenario.load import parse_override
+from mjsheaf.scenario.schema import ExplicitMaps
 
 BACKENDS = ("ideal", "physics")
 RUNNABLE = [name for name in list_scenarios() if load_scenario(name).expect.refused is None]
@@ -78,7 +81,7 @@ def test_dataset_holds_what_the_contract_names(backend: str) -> None:
     assert ds["target_position"].dims == ("time", "target", "axis")
     assert ds["disagreement"].dims == ds["tracking_error"].dims == ("time", "agent")
     assert list(ds["axis"].values) == ["x", "y", "z"]
-    planar = np.isnan(ds["agent_position"].sel(axis="z")).all("time").values
+    planar = ds["agent_position"].sel(axis="z").isnull().all("time").values
     assert planar.tolist() == [True] * 3 + [False] * 3
     assert len(ds["time"]) == 2001
     for name, variable in ds.data_vars.items():
@@ -100,7 +103,8 @@ def test_same_scenario_same_bits(backend: str) -> None:
 def test_resolved_scenario_runs_to_the_same_bits(backend: str, tmp_path: Path) -> None:
     from mjsheaf.running import dump_scenario
 
-    scenario = load_scenario("local_frames", {"time.end": 1, "seed": 11, "controller.gain": 2.5})
+    changes = {"time.end": 1, "seed": 11, "controller.gain": 2.5, "summary": "1e3"}  # text that looks like a number
+    scenario = load_scenario("local_frames", changes)
     path = tmp_path / "scenario.yaml"
     path.write_text(dump_scenario(scenario))
     again = load_scenario(path)
@@ -146,6 +150,76 @@ def test_overrides_reach_any_field() -> None:
     assert scenario.flow.agents is not None
     assert scenario.flow.agents.vortices[1].gamma == 0.25
     assert scenario.video.fps == 24
+
+
+def test_overrides_reach_into_an_edge_that_is_a_bare_pair() -> None:
+    changed = load_scenario("midpoint", {"sensing.0.weight": 2, "sensing.1.between.0": "A1"})
+    assert [edge.weight for edge in changed.sensing] == [2, None]
+    plain = load_scenario("midpoint")
+    assert [edge.between for edge in changed.sensing] == [edge.between for edge in plain.sensing]
+    pair = ["A1", "T2"]
+    assert load_scenario("midpoint", {"sensing.0": pair, "sensing.0.weight": 3}).sensing[0].between == pair
+
+
+def test_overrides_may_be_values_of_numpy_and_tuples() -> None:
+    changes = {
+        "controller.gain": np.float32(0.5),
+        "seed": np.int64(3),
+        "physics.contacts": np.True_,
+        "agents.A1.position": np.array([1.0, 2.0]),
+        "sensing": (("A1", "T1"), ("A1", "T2")),
+        "sensing.0": {"between": ("A1", "T1"), "map": {"tail": np.eye(2), "head": np.eye(2)}},
+        "targets.T1.position": np.array([np.int64(1), np.float64(2.5)], dtype=object),
+    }
+    scenario = load_scenario("midpoint", changes)
+    assert (scenario.controller.gain, scenario.seed, scenario.physics.contacts) == (0.5, 3, True)
+    assert scenario.agents[0].position == [1.0, 2.0]
+    assert scenario.targets[0].position == [1, 2.5]
+    assert scenario.sensing[0].map == ExplicitMaps(tail=[[1.0, 0.0], [0.0, 1.0]], head=[[1.0, 0.0], [0.0, 1.0]])
+
+
+@pytest.mark.parametrize("name", list_scenarios())
+def test_schema_accepts_what_ships(name: str, tmp_path: Path) -> None:
+    from mjsheaf.running import dump_scenario
+
+    schema = Scenario.model_json_schema()
+    jsonschema.validate(read_yaml(list_scenarios()[name]), schema)
+    resolved = tmp_path / "scenario.yaml"
+    resolved.write_text(dump_scenario(load_scenario(name)))
+    jsonschema.validate(read_yaml(resolved), schema)
+
+
+def test_schema_asks_for_no_name_and_for_what_an_edge_needs() -> None:
+    schema = Scenario.model_json_schema()
+    least = {"agents": [{"id": "A", "position": [0, 0]}], "targets": [{"id": "T", "position": [3, 4]}]}
+    jsonschema.validate({**least, "sensing": [["A", "T"], {"between": ["A", "T"]}]}, schema)
+    for wrong in (["A"], ["A", "T", "A"], {"weight": 2}, 3):
+        with pytest.raises(jsonschema.ValidationError):
+            jsonschema.validate({**least, "sensing": [wrong]}, schema)
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("010", 10), ("-08", -8), ("0o10", 8), ("0x1F", 31), ("1:30", "1:30"), ("1_000", "1_000"), ("0b1", "0b1"),
+        ("1e3", 1000.0), ("1.", 1.0), (".5", 0.5), ("-1.5e-3", -0.0015), ("1:30.5", "1:30.5"),
+        ("yes", "yes"), ("No", "No"), ("on", "on"), ("OFF", "OFF"), ("true", True), ("FALSE", False), ("y", "y"),
+        ("~", None), ("null", None), ("", None), ("2026-01-02", "2026-01-02"), ("<<", "<<"), ("=", "="),
+    ],
+)  # fmt: skip
+def test_plain_values_are_those_of_yaml_1_2(text: str, value: object) -> None:
+    read = parse_yaml(text, "text")
+    assert read == value
+    assert type(read) is type(value)
+
+
+@pytest.mark.parametrize(
+    ("file", "name"), [("2 odd.yaml", "scenario_2_odd"), ("été.yaml", "scenario__t_"), ("a.b c.yaml", "a_b_c")]
+)
+def test_name_is_derived_from_any_file(file: str, name: str, tmp_path: Path) -> None:
+    text = list_scenarios()["midpoint"].read_text().replace("name: midpoint\n", "")
+    (tmp_path / file).write_text(text)
+    assert load_scenario(tmp_path / file).name == name
 
 
 def test_override_values_are_yaml() -> None:

@@ -98,6 +98,18 @@ class TestDecoration:
         )
         assert with_surface - without == 2 * 2  # two targets below the water, each a line and its foot
 
+    def test_stems_end_at_the_surface_wherever_it_is(self) -> None:
+        film = make_film(make_model(), edges=[])
+        film = replace(film, positions=film.positions + np.array([0.0, 0.0, 30.0]), surface_height=30.0)
+        with_surface, without = (
+            decorate(replace(film, surface=surface), VideoOptions(trail=0), 0.0) for surface in ("water", "none")
+        )
+        assert len(with_surface) - len(without) == 2 * 2  # still the two targets below the water
+        for k, target in enumerate(film.positions[0, 3:]):
+            line, foot = with_surface[2 * k : 2 * k + 2]
+            np.testing.assert_allclose(foot.pos, [*target[:2], 30.0], atol=1e-5)
+            np.testing.assert_allclose(line.pos + line.size[2] * line.mat[:, 2], foot.pos, atol=1e-4)
+
 
 class TestWriting:
     @pytest.mark.parametrize("size", [(64, 64), (160, 120), (1280, 720), (720, 1280)])

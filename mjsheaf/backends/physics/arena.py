@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mjsheaf.backends.physics.vehicle import Vehicle
+from mjsheaf.backends.physics.attachment import attachable
+from mjsheaf.backends.physics.vehicle import GRAVITY, Vehicle, mass_properties
 from mjsheaf.engine import mujoco, pymjcf
 from mjsheaf.errors import InputError
 from mjsheaf.resources import resource_directory
@@ -64,10 +65,14 @@ def compose(
         surface: one of SURFACES.
         surface_height: z of the surface, m.
         colours: RGB of each vehicle's livery, shape (V, 3), or None.
+
+    Raises:
+        InputError: a vehicle's file does not go into one model with the others, or means something else in it.
     """
     mjcf = pymjcf()
     root = mjcf.from_path(str(resource_directory("models") / "arena.xml"))
     root.option.timestep = timestep
+    root.option.gravity = [0.0, 0.0, -GRAVITY]
     if not contacts:
         root.option.flag.contact = "disable"
     if surface != "none":
@@ -96,20 +101,44 @@ def compose(
         at = arena.dof[v]
         model.dof_damping[at : at + 3] = vehicle.drag.max()
         model.dof_damping[at + 3 : at + 6] = vehicle.description.drag.angular
+    _check_masses(arena)
     return arena
 
 
 def _attach(mjcf: Any, root: Any, vehicle: Vehicle, name: str, colour: Array | None) -> None:
-    body = mjcf.from_path(str(vehicle.path))
+    body = attachable(mjcf, vehicle)
     body.model = name
     livery = body.find("material", "livery")
     if colour is not None and livery is not None:
         livery.rgba = [*colour, 1.0]
-    for thruster in list(body.actuator.all_children()):
-        thruster.remove()
-    frame = root.worldbody.attach(body)
+    try:
+        frame = root.worldbody.attach(body)
+    except ValueError as error:
+        raise InputError(f"{vehicle.path}: cannot be put into the arena: {' '.join(str(error).split())}") from None
     joint = frame.add("freejoint")  # PyMJCF names it "NAME/"
     for k, (thruster, actuation) in enumerate(zip(vehicle.thrusters, vehicle.actuation, strict=True)):
         gain = actuation["gainprm"][0]  # W holds gain times gear
         gear = vehicle.W[:, k] / gain if gain else np.zeros(6)
         root.actuator.add("general", name=f"{name}.{thruster}", joint=joint, gear=gear, biastype="none", **actuation)
+
+
+def _check_masses(arena: Arena) -> None:
+    """Compare every vehicle in the arena with its file compiled alone: the allocation stands on the latter.
+
+    Raises:
+        InputError: mass, centre of mass or inertia differ.
+    """
+    data = mujoco.MjData(arena.model)
+    mujoco.mj_kinematics(arena.model, data)  # every frame at the origin, level
+    ends = [*arena.body[1:], arena.model.nbody]
+    for vehicle, first, end in zip(arena.vehicles, arena.body, ends, strict=True):
+        mass, centre, inertia = mass_properties(arena.model, data, slice(first, end))
+        size = np.sqrt(np.trace(vehicle.inertia) / vehicle.mass)
+        for what, here, alone, scale in (
+            ("mass", mass, vehicle.mass, vehicle.mass),
+            ("centre of mass", centre, vehicle.centre_of_mass, size),
+            ("inertia", inertia, vehicle.inertia, vehicle.mass * size**2),
+        ):
+            if not np.allclose(here, alone, rtol=0.0, atol=1e-9 * scale):
+                values = f"{what} is {here} in the arena, but {alone} when compiled alone"
+                raise InputError(f"{vehicle.path}: its {' '.join(values.split())}")

@@ -95,7 +95,8 @@ class Vehicle:
         weight: what thrusters or water must carry, N: m g less what the MJCF compensates (gravcomp).
         centre_of_mass: in the body frame, shape (3,), m.
         inertia: about the origin of the body frame, body axes, shape (3, 3), kg m^2.
-        thrusters: names of the actuators.
+        inertials: MJCF attributes of the inertia of each body in the file, depth first, as compiled.
+        thrusters: names of the actuators; thruster_K where number K, from 0, has none.
         actuation: MJCF attributes of each thruster's actuator: gain, limits and lag, defaults included.
         W: wrench of each thruster for a command of 1, shape (6, s), N and N m.
         drag: linear drag D along the body axes, shape (3,), N s/m.
@@ -108,6 +109,7 @@ class Vehicle:
     weight: float
     centre_of_mass: Array
     inertia: Array
+    inertials: list[dict[str, Any]]
     thrusters: list[str]
     actuation: list[dict[str, Any]]
     W: Array
@@ -155,17 +157,18 @@ def list_vehicles() -> dict[str, Path]:
     return {path.stem: path for path in sorted(resource_directory("models").glob("*.yaml"))}
 
 
-def load_vehicle(source: str) -> Vehicle:
+def load_vehicle(source: str, directory: Path | None = None) -> Vehicle:
     """Load a vehicle.
 
     Args:
         source: a name in models/, or the path of a description file.
+        directory: what a relative path is relative to; None takes the working directory.
 
     Raises:
         InputError: no such vehicle, or its files are not valid; the message names the file.
     """
     known = list_vehicles()
-    path = known.get(source, Path(source))
+    path = known.get(source) or (directory or Path()) / source
     if source not in known and path.suffix not in (".yaml", ".yml"):
         raise InputError(f"no vehicle {source!r}; legal are {', '.join(known)}, or the path of a description file")
     try:
@@ -173,11 +176,27 @@ def load_vehicle(source: str) -> Vehicle:
     except ValidationError as error:
         raise InputError(f"{path}: {describe_validation_error(error, VehicleDescription)}") from None
     mjcf = path.parent / description.mjcf
+    return _from_model(path.stem, description, mjcf, _compile(mjcf))
+
+
+def _compile(path: Path) -> mujoco.MjModel:
+    """Compile a vehicle's file alone."""
     try:
-        model = mujoco.MjModel.from_xml_path(str(mjcf))
+        spec = mujoco.MjSpec.from_file(str(path))
+        spec.compiler.fusestatic = False  # would make all of it part of the world, which has no mass
+        model = spec.compile()
     except ValueError as error:
-        raise InputError(f"{mjcf}: {' '.join(str(error).split())}") from None
-    return _from_model(path.stem, description, mjcf, model)
+        raise InputError(f"{path}: {' '.join(str(error).split())}") from None
+    # Of the world they have no mass, but once that is a vehicle's frame they would have.
+    plate = (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)
+    for geom in spec.worldbody.geoms:
+        heavy = geom.density > 0.0 if np.isnan(geom.mass) else geom.mass > 0.0
+        if heavy and geom.type not in plate:
+            name = f"geom {geom.name!r}" if geom.name else "a geom"
+            raise InputError(
+                f'{path}: {name} with mass stands in <worldbody> itself; put it into a <body>, or mass="0"'
+            )
+    return model
 
 
 def _from_model(name: str, description: VehicleDescription, path: Path, model: mujoco.MjModel) -> Vehicle:
@@ -200,14 +219,9 @@ def _from_model(name: str, description: VehicleDescription, path: Path, model: m
     moment = np.cross(data.site_xpos[site], force) + np.einsum("kij,kj->ki", axes, model.actuator_gear[:, 3:])
     W = (np.hstack([force, moment]) * model.actuator_gainprm[:, :1]).T
 
-    inertia = np.zeros((3, 3))
-    for b in range(model.nbody):
-        r, axes_b = data.xipos[b], data.ximat[b].reshape(3, 3)
-        inertia += axes_b @ np.diag(model.body_inertia[b]) @ axes_b.T
-        inertia += model.body_mass[b] * (r @ r * np.eye(3) - np.outer(r, r))
-    mass = float(model.body_mass.sum())
-    if not mass > 0.0:
-        raise InputError(f"{path}: its mass is {mass:g} kg; legal is a positive one")
+    if not model.body_mass.sum() > 0.0:
+        raise InputError(f"{path}: its mass is 0 kg; legal is a positive one")
+    mass, centre, inertia = mass_properties(model, data, slice(None))
     carried = float((model.body_mass * model.body_gravcomp).sum())
     drag = description.drag
     linear = np.full(3, mass / drag.time_constant) if drag.time_constant else np.array(drag.linear, dtype=np.float64)
@@ -217,9 +231,10 @@ def _from_model(name: str, description: VehicleDescription, path: Path, model: m
         path=path,
         mass=mass,
         weight=(mass - carried) * GRAVITY,
-        centre_of_mass=data.subtree_com[0].copy(),
+        centre_of_mass=centre,
         inertia=inertia,
-        thrusters=[model.actuator(k).name for k in range(model.nu)],
+        inertials=[_inertial(model, b) for b in range(1, model.nbody)],
+        thrusters=_thruster_names(model),
         actuation=[_actuation(model, k) for k in range(model.nu)],
         W=W,
         drag=linear,
@@ -234,6 +249,37 @@ def _from_model(name: str, description: VehicleDescription, path: Path, model: m
     return vehicle
 
 
+def mass_properties(model: mujoco.MjModel, data: mujoco.MjData, bodies: slice) -> tuple[float, Array, Array]:
+    """Mass in kg, centre of mass (3,) in m and inertia about the origin (3, 3) in kg m^2 of a slice of the bodies.
+
+    World axes, for the bodies where `data` has them.
+    """
+    m, r, axes = model.body_mass[bodies], data.xipos[bodies], data.ximat[bodies].reshape(-1, 3, 3)
+    mass, second = float(m.sum()), np.einsum("b,bi,bj->ij", m, r, r)
+    inertia = np.einsum("bij,bj,bkj->ik", axes, model.body_inertia[bodies], axes)
+    return mass, m @ r / mass, inertia + np.trace(second) * np.eye(3) - second
+
+
+def _inertial(model: mujoco.MjModel, b: int) -> dict[str, Any]:
+    return {
+        "pos": model.body_ipos[b],
+        "quat": model.body_iquat[b],
+        "mass": model.body_mass[b],
+        "diaginertia": model.body_inertia[b],
+    }
+
+
+def _thruster_names(model: mujoco.MjModel) -> list[str]:
+    names = [model.actuator(k).name for k in range(model.nu)]
+    for k in range(model.nu):
+        if not names[k]:
+            name = f"thruster_{k}"
+            while name in names:
+                name += "_"
+            names[k] = name
+    return names
+
+
 def _actuation(model: mujoco.MjModel, k: int) -> dict[str, Any]:
     """What PyMJCF must be told of actuator k beside where it acts, read from the compiled file.
 
@@ -243,6 +289,7 @@ def _actuation(model: mujoco.MjModel, k: int) -> dict[str, Any]:
         "dyntype": _LAGS[int(model.actuator_dyntype[k])],
         "dynprm": model.actuator_dynprm[k],
         "gainprm": model.actuator_gainprm[k],
+        "actearly": "true" if model.actuator_actearly[k] else "false",
     }
     for name in ("ctrl", "force", "act"):
         limited = bool(getattr(model, f"actuator_{name}limited")[k])

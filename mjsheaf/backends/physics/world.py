@@ -123,7 +123,10 @@ class World:
         return self._steps_per_sample
 
     def reset(self) -> None:
-        """Go back to the initial condition."""
+        """Go back to the initial condition.
+
+        Where a command is bad there already, `data` has positions but no forces, and `step` raises UnstableError.
+        """
         mujoco.mj_resetData(self.model, self.data)
         plan, initial = self.system.bodies, self.system.initial
         self.data.time = self.system.grid.start
@@ -134,7 +137,10 @@ class World:
                 self.data.qpos[at + 2] = plan.surface_height
             self.data.qpos[at + 3 : at + 7] = [np.cos(plan.heading[v] / 2), 0, 0, np.sin(plan.heading[v] / 2)]
         self.close_loop(sample=True)
-        mujoco.mj_forward(self.model, self.data)
+        if _first_bad(self.data.ctrl) < 0:
+            mujoco.mj_forward(self.model, self.data)
+        else:  # MuJoCo would warn and take others; `step` raises
+            mujoco.mj_fwdPosition(self.model, self.data)
 
     def close_loop(self, sample: bool | None = None) -> None:
         """Write commands and forces for the present state, without stepping.
@@ -198,10 +204,16 @@ class World:
         return self.data.qpos[self.arena.qpos[:, None] + np.arange(3, 7)]
 
     def saturation(self) -> Array:
-        """Share of each vehicle's thrusters whose command lies at or beyond a limit, shape (V,)."""
-        low, high = self.model.actuator_ctrlrange.T
-        limited = self.model.actuator_ctrllimited.astype(bool)
-        at_limit = limited & ((self.data.ctrl <= low) | (self.data.ctrl >= high))
+        """Share of each vehicle's thrusters with a command, activation or force at or beyond its limit, shape (V,)."""
+        model, ctrl = self.model, self.data.ctrl
+        limited, (low, high) = model.actuator_ctrllimited, model.actuator_ctrlrange.T
+        drive, lags = np.where(limited, np.clip(ctrl, low, high), ctrl), model.actuator_actadr >= 0
+        drive[lags] = self.data.act[model.actuator_actadr[lags]]  # what has a lag has one activation
+        at_limit = _at_limit(ctrl, limited, model.actuator_ctrlrange)
+        at_limit |= _at_limit(drive, model.actuator_actlimited, model.actuator_actrange)
+        at_limit |= _at_limit(
+            model.actuator_gainprm[:, 0] * drive, model.actuator_forcelimited, model.actuator_forcerange
+        )
         first = self.arena.thruster
         return np.add.reduceat(at_limit.astype(float), first[:-1]) / np.diff(first)
 
@@ -219,6 +231,10 @@ def _whole_ratio(period: float, timestep: float) -> int:
             "the period must be a whole multiple of it"
         )
     return round(ratio)
+
+
+def _at_limit(values: Array, limited: NDArray[Any], limits: Array) -> NDArray[np.bool_]:
+    return limited.astype(bool) & ((values <= limits[:, 0]) | (values >= limits[:, 1]))
 
 
 def arena_of(system: System, colours: Array | None = None) -> Arena:

@@ -1,0 +1,182 @@
+"""What single losses do.
+
+Oracle: each edge and agent taken out of a fresh team, which is then checked again: components by union, targets by
+looking, uniqueness and lambda_min from its own Dirichlet problem.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+
+from mjsheaf.checking.fragility import CONNECTED, SENSED, TRIVIAL, Fragility, Loss, fragility
+from mjsheaf.team import Edge, Team
+
+from .teams import LAWS, edge, hold, shared_teams, team, whole_number_teams
+
+
+def verdicts(team: Team) -> dict[str, bool]:
+    root = {a: a for a in team.agent_ids}
+    for e in team.communication:
+        a, b = root[e.tail], root[e.head]
+        root = {v: a if r == b else r for v, r in root.items()}
+    return {
+        CONNECTED: len(set(root.values())) == 1,
+        SENSED: {e.head for e in team.sensing} == set(team.target_ids),
+        TRIVIAL: team.dirichlet.unique,
+    }
+
+
+def rebuilt(team: Team, keep: Callable[[Edge], bool], agents: Sequence[str]) -> Team:
+    kinds = (team.communication, team.sensing, team.anchors)
+    communication, sensing, anchors = ([e for e in edges if keep(e)] for edges in kinds)
+    return Team([a for a in team.agents if a.id in agents], team.targets, communication, sensing, anchors=anchors)
+
+
+def by_trying(team: Team) -> list[Loss]:
+    """Every loss, tried out on a fresh team; edges that are alike are numbered."""
+    before, losses = verdicts(team), []
+
+    def lose(kind: str, name: str, keep: Callable[[Edge], bool], agents: Sequence[str]) -> None:
+        left = rebuilt(team, keep, agents)
+        after = verdicts(left)
+        breaks = tuple(what for what in before if before[what] and not after[what])
+        lowest = np.linalg.eigvalsh(left.dirichlet.H.toarray())[0] if after[TRIVIAL] else 0.0
+        losses.append(Loss(kind, name, breaks, float(lowest)))  # type: ignore[arg-type]
+
+    for kind, edges in (("communication", team.communication), ("sensing", team.sensing), ("anchor", team.anchors)):
+        plain = [f"{e.tail} - {e.head}" if kind != "anchor" else f"{e.tail} along {axes(e)}" for e in edges]
+        ends = [frozenset(name.split(" - ")) for name in plain]
+        for k, lost in enumerate(edges):
+            alike = f" ({ends[: k + 1].count(ends[k])} of {ends.count(ends[k])})" if ends.count(ends[k]) > 1 else ""
+            lose(kind, plain[k] + alike, lambda e, lost=lost: e is not lost, team.agent_ids)  # type: ignore[misc]
+    for agent in team.agent_ids if len(team.agents) > 1 else []:
+        rest = [a for a in team.agent_ids if a != agent]
+        lose("agent", agent, lambda e, agent=agent: agent not in (e.tail, e.head), rest)  # type: ignore[misc]
+    return losses
+
+
+def axes(anchor: Edge) -> str:
+    return ", ".join("xyz"[k] for k in np.flatnonzero(anchor.F_tail.any(axis=0)))
+
+
+def same(found: Sequence[Loss], tried: Sequence[Loss]) -> None:
+    def table(losses: Sequence[Loss]) -> dict[tuple[str, str], Loss]:
+        return {(loss.kind, loss.name): loss for loss in losses}
+
+    assert len(table(found)) == len(found)
+    assert table(found).keys() == table(tried).keys()
+    for key, loss in table(tried).items():
+        assert table(found)[key].breaks == loss.breaks, key
+        assert table(found)[key].lambda_min == pytest.approx(loss.lambda_min, rel=1e-6, abs=1e-15), key
+
+
+def ordered(found: Fragility) -> None:
+    """What breaks something comes first, then by lambda_min; the worst breaks nothing."""
+    keys = [(not loss.breaks, round(loss.lambda_min or 0.0, 12)) for loss in found.losses]
+    assert keys == sorted(keys)
+    harmless = [loss for loss in found.losses if not loss.breaks]
+    assert found.worst == (harmless[0] if harmless else None)
+
+
+@LAWS
+@given(shared_teams())
+def test_fragility_is_what_trying_each_loss_shows(team: Team) -> None:
+    found = fragility(team)
+    assert found.exact
+    same(found.losses, by_trying(team))
+    ordered(found)
+
+
+@LAWS
+@given(whole_number_teams())
+def test_fragility_with_any_maps(team: Team) -> None:
+    found = fragility(team)
+    same(found.losses, by_trying(team))
+    ordered(found)
+
+
+RING = [("U1", "U2"), ("U2", "U3"), ("U3", "U1")]
+
+
+@LAWS
+@given(shared_teams(most_agents=6))
+def test_the_large_path_finds_what_trying_shows(team: Team) -> None:
+    """Bridges, articulation points and targets seen once, with no word on lambda_min."""
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        monkeypatch.setattr("mjsheaf.checking.fragility.EXACT_STATES", 0)
+        found = fragility(team)
+    assert not found.exact
+    assert "bridges and articulation points" in found.method
+    assert found.worst is None
+    tried = [replace(x, breaks=tuple(b for b in x.breaks if b != TRIVIAL), lambda_min=None) for x in by_trying(team)]
+    assert sorted(found.losses, key=repr) == sorted((x for x in tried if x.breaks), key=repr)
+
+
+def test_many_losses_take_the_large_path_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    ring = team("U1 U2 U3", "V1", RING, [("U1", "V1")])
+    assert fragility(ring).exact
+    monkeypatch.setattr("mjsheaf.checking.fragility.EXACT_LOSSES", 6)
+    found = fragility(ring)
+    assert [(loss.kind, loss.name, loss.breaks) for loss in found.losses] == [
+        ("sensing", "U1 - V1", (SENSED,)),
+        ("agent", "U1", (SENSED,)),
+    ]
+
+
+def test_a_chain_hangs_on_everything() -> None:
+    chain = team("U1 U2 U3", "V1", RING[:2], [("U1", "V1")])
+    found = {loss.name: loss.breaks for loss in fragility(chain).losses}
+    assert found == {
+        "U1 - U2": (CONNECTED, TRIVIAL),
+        "U2 - U3": (CONNECTED, TRIVIAL),
+        "U1 - V1": (SENSED, TRIVIAL),
+        "U1": (SENSED, TRIVIAL),
+        "U2": (CONNECTED, TRIVIAL),
+        "U3": (),
+    }
+
+
+def test_the_only_altimeter_is_what_the_aircraft_hang_on() -> None:
+    held = team("U1 U2", "S1", [("U1", "U2")], [("U1", "S1"), ("U2", "S1")], [hold("U1", "z")])
+    found = fragility(held)
+    broken = {loss.name: loss for loss in found.losses if loss.breaks}
+    assert broken.keys() == {"U1 along z", "U1", "U1 - U2"}
+    assert (broken["U1 along z"].kind, broken["U1 along z"].breaks) == ("anchor", (TRIVIAL,))
+    assert broken["U1"].breaks == (TRIVIAL,)
+    assert found.worst is not None
+    assert found.worst.name == "U1 - S1" or found.worst.name == "U2 - S1"
+
+
+def test_parallel_edges_are_lost_one_at_a_time() -> None:
+    """Losing one of two leaves the other: nothing breaks, and each is named."""
+    double = team("B1 B2", "S1", [("B1", "B2"), ("B2", "B1")], [("B1", "S1"), ("B1", "S1")])
+    found = {loss.name: loss for loss in fragility(double).losses}
+    assert found.keys() == {"B1 - B2 (1 of 2)", "B2 - B1 (2 of 2)", "B1 - S1 (1 of 2)", "B1 - S1 (2 of 2)", "B1", "B2"}
+    assert all(not loss.breaks for name, loss in found.items() if "of 2" in name)
+    assert found["B1"].breaks == (SENSED, TRIVIAL)
+    half = edge("B1", "B2", weight=0.5)
+    uneven = team("B1 B2", "S1", [("B1", "B2"), half], [("B1", "S1")])
+    lost = {loss.name: loss.lambda_min for loss in fragility(uneven).losses}
+    assert lost["B1 - B2 (1 of 2)"] < lost["B1 - B2 (2 of 2)"]  # type: ignore[operator]
+
+
+def test_the_last_agent_is_not_lost() -> None:
+    found = fragility(team("B1", "S1", [], [("B1", "S1")]))
+    assert [(loss.kind, loss.breaks) for loss in found.losses] == [("sensing", (SENSED, TRIVIAL))]
+    assert found.worst is None
+
+
+def test_what_fails_already_is_not_broken_again() -> None:
+    apart = team("B1 B2", "S1 S2", [], [("B1", "S1")])
+    assert all(not loss.breaks for loss in fragility(apart).losses)
+
+
+def test_anchors_with_maps_of_their_own_are_named() -> None:
+    skew = replace(hold("U1", "xyz"), F_tail=np.array([[1.0, 1.0, 0.0]]), F_head=np.zeros((1, 0)), weight=np.eye(1))
+    skew = replace(skew, offset=np.zeros(1))
+    found = fragility(team("U1 B1", "S1", [], [("B1", "S1")], [skew, hold("B1", "xy")]))
+    names = {loss.name for loss in found.losses if loss.kind == "anchor"}
+    assert names == {"U1 to a fixed value", "B1 along x, y"}

@@ -1,0 +1,218 @@
+"""What would mend a team.
+
+Oracle: every set of candidates of a small team, tried in order of size by exact rank; lambda_min from a fresh team.
+"""
+
+import itertools
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+
+from mjsheaf.checking.cohomology import explain
+from mjsheaf.checking.mending import MendPlan, Repair, mend, repaired
+from mjsheaf.team import Edge, Team
+
+from ..sheaf.strategies import exact_rank
+from .teams import LAWS, Array, coboundary, edge, hold, shared_teams, team, turn, whole_number_teams
+
+
+def candidate_rows(team: Team) -> list[Array]:
+    """Rows on the agents of every edge and anchor that could be added, from their definition."""
+    first = np.cumsum([0, *(a.dimension for a in team.agents)])
+    unit = np.eye(first[-1])
+    blocks = [unit[first[i] : first[i + 1]] for i in range(len(team.agents))]
+    rows = [row[None] for row in unit]
+    rows += [block[: t.dimension] for block in blocks for t in team.targets]
+    for a, b in itertools.combinations(blocks, 2):
+        m = min(len(a), len(b))
+        rows.append(a[:m] - b[:m])
+    return rows
+
+
+def smallest_by_trying(team: Team) -> int:
+    """Size of the smallest set of candidates that leaves nothing free."""
+    delta = np.sign(coboundary(team))
+    useful = [C for C in candidate_rows(team) if exact_rank(np.vstack([delta, C])) > exact_rank(delta)]
+    for size in itertools.count():
+        for chosen in itertools.combinations(useful, size):
+            if exact_rank(np.vstack([delta, *chosen])) == delta.shape[1]:
+                return size
+    raise AssertionError
+
+
+def check(plan: MendPlan, team: Team) -> None:
+    """It mends, nothing can be spared, and its numbers are those of the mended team."""
+    mended = repaired(team, plan.repairs)
+    assert mended.dirichlet.unique
+    assert plan.needed == len(plan.repairs)
+    lowest = np.linalg.eigvalsh(mended.dirichlet.H.toarray())[0]
+    assert plan.lambda_min == pytest.approx(lowest, rel=1e-6)
+    for k, repair in enumerate(plan.repairs):
+        rest = [*plan.repairs[:k], *plan.repairs[k + 1 :]]
+        assert not repaired(team, rest).dirichlet.unique
+        assert repair.lambda_min_without == 0.0
+        assert repair.lambda_min_alone == (plan.lambda_min if plan.needed == 1 else 0.0)
+        freed = explain(team).dimension - explain(repaired(team, [repair])).dimension
+        assert repair.removes == freed
+    for other in plan.alternatives:
+        mended = repaired(team, other)
+        assert len(other) == plan.needed
+        assert mended.dirichlet.unique
+        assert np.linalg.eigvalsh(mended.dirichlet.H.toarray())[0] <= plan.lambda_min * (1.0 + 1e-8)
+
+
+@settings(LAWS, max_examples=80)
+@given(shared_teams(most_agents=3))
+def test_no_smaller_set_mends(team: Team) -> None:
+    plan = mend(team)
+    check(plan, team)
+    assert plan.exact
+    assert plan.needed == smallest_by_trying(team)
+    delta = np.sign(coboundary(team))
+    useful = [C for C in candidate_rows(team) if exact_rank(np.vstack([delta, C])) > exact_rank(delta)]
+    assert plan.candidates == len(useful)
+
+
+@LAWS
+@given(whole_number_teams())
+def test_any_maps_are_mended(team: Team) -> None:
+    """Beside an edge with maps of its own, one that compares whole coordinates may be put."""
+    check(mend(team), team)
+
+
+def every_smallest_set(team: Team, size: int) -> Iterator[float]:
+    """lambda_min with each set of that many candidates added."""
+    delta = coboundary(team)
+    for chosen in itertools.combinations(candidate_rows(team), size):
+        D = np.vstack([delta, *chosen])
+        yield float(np.linalg.eigvalsh(D.T @ D)[0])
+
+
+@pytest.mark.parametrize(
+    ("agents", "links", "seen"),
+    [
+        ("U1 U2 U3 U4", [("U1", "U2"), ("U2", "U3"), ("U3", "U4")], [("U1", "S1"), ("U4", "S1")]),
+        ("U1 U2 B1 B2", [("U1", "U2"), ("B1", "B2")], [("U1", "S1")]),
+        ("B1 B2 B3", [("B1", "B2")], []),
+        ("U1 U2 B1", [("U1", "B1"), ("B1", "U2")], [("B1", "V1")]),
+    ],
+)
+def test_among_the_smallest_sets_the_stiffest_is_proposed(
+    agents: str, links: list[tuple[str, str]], seen: list[tuple[str, str]]
+) -> None:
+    loose = team(agents, "S1 V1", links, seen)
+    plan = mend(loose)
+    assert plan.needed <= 2
+    assert plan.lambda_min == pytest.approx(max(every_smallest_set(loose, plan.needed)), rel=1e-9)
+
+
+def test_the_failing_example_of_the_paper_needs_one_altimeter() -> None:
+    chain = team("U1 U2 U3", "S1 S2", [("U1", "U2"), ("U2", "U3")], [("U1", "S1"), ("U3", "S2")])
+    plan = mend(chain)
+    assert (plan.needed, plan.exact, plan.candidates) == (1, True, 3)
+    repair = plan.repairs[0]
+    assert repair == Repair(
+        kind="anchor",
+        agents=("U2",),  # the middle of the chain holds it best
+        target=None,
+        axis="z",
+        description="give U2 an altimeter (anchor along z)",
+        removes=1,
+        lambda_min_alone=plan.lambda_min,
+        lambda_min_without=0.0,
+    )
+    assert [[x.description for x in other] for other in plan.alternatives] == [
+        ["give U1 an altimeter (anchor along z)"],
+        ["give U3 an altimeter (anchor along z)"],
+    ]
+    check(plan, chain)
+
+
+def test_repairs_are_told_in_the_words_of_the_team() -> None:
+    lost = team("B1 B2 B3", "S1 S2", [("B1", "B2")], [("B1", "S1"), ("B2", "S2")])
+    plan = mend(lost)
+    assert plan.candidates == 2 + 2 + 2  # position sensors, targets, agents
+    told = {r.description: r for choice in [plan.repairs, *plan.alternatives] for r in choice}
+    assert set(told) == {
+        "let B1 talk to B3",
+        "let B2 talk to B3",
+        "let B3 sense S1",
+        "let B3 sense S2",
+    }
+    assert (told["let B1 talk to B3"].kind, told["let B1 talk to B3"].agents) == ("communication", ("B1", "B3"))
+    assert (told["let B3 sense S2"].kind, told["let B3 sense S2"].target) == ("sensing", "S2")
+    blind = team("B1", "S1", [], [Edge("B1", "S1", np.array([[1.0, 0]]), np.array([[1.0, 0]]), np.eye(1))])
+    plan = mend(blind)
+    told = {r.description: r for choice in [plan.repairs, *plan.alternatives] for r in choice}
+    assert set(told) == {"let B1 sense S1 and compare x, y", "give B1 a position sensor (anchor along y)"}
+    check(plan, blind)
+
+
+def test_local_frames_are_mended_too() -> None:
+    links = [edge(a, b, name="local_frame", attitude=(0.3, 0.2, 1.0)) for a, b in (("U1", "U2"), ("U2", "B1"))]
+    loose = team("U1 U2 B1", "S1", links, [edge("B1", "S1", name="local_frame", attitude=(0.0, 0.0, 2.0))])
+    plan = mend(loose)
+    assert plan.repairs[0].description in {f"give U{k} an altimeter (anchor along z)" for k in (1, 2)}
+    check(plan, loose)
+
+
+def test_a_team_that_holds_needs_nothing() -> None:
+    plan = mend(team("B1", "S1", [], [("B1", "S1")]))
+    assert plan == MendPlan(0, True, 0, [], 1.0, [])
+
+
+# -- beyond the sizes that are tried one by one ----------------------------------------------------------------
+
+
+LARGE = [
+    team("U1 U2 U3 B1", "S1 V1", [("U1", "U2"), ("U3", "B1")], [("U1", "S1")]),
+    team("U1 U2 U3 U4", "S1", [("U1", "U2")], [(f"U{k}", "S1") for k in (1, 2, 3, 4)]),
+    team("B1 B2 B3 B4 B5", "S1", [("B1", "B2"), ("B3", "B4")], []),
+    team("B1 B2", "S1", [Edge("B1", "B2", turn(0.5), np.eye(2), np.eye(2))], []),
+]
+
+
+@pytest.mark.parametrize("k", range(len(LARGE)))
+@pytest.mark.parametrize("limits", [{"EXACT_COMBINATIONS": 0}, {"JOINT_DIMENSION": 0}, {"JOINT_CLASSES": 0}])
+@pytest.mark.parametrize("states", [0, 400])
+def test_the_greedy_plan_mends_with_nothing_to_spare(
+    k: int, limits: dict[str, int], states: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fewest = mend(LARGE[k])
+    assert fewest.exact
+    for name, limit in {**limits, "RANKED_STATES": states}.items():
+        monkeypatch.setattr(f"mjsheaf.checking.mending.{name}", limit)
+    plan = mend(LARGE[k])
+    check(plan, LARGE[k])
+    assert plan.needed >= fewest.needed
+    if plan.exact:
+        assert plan.needed == fewest.needed
+
+
+def test_it_says_whether_the_plan_is_the_smallest(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Four heights need four holds whatever they are; a boat and an aircraft adrift could do with fewer than found."""
+    monkeypatch.setattr("mjsheaf.checking.mending.JOINT_DIMENSION", 0)
+    heights = mend(LARGE[1])
+    assert (heights.needed, heights.exact) == (3, True)
+    adrift = mend(LARGE[2])
+    assert adrift.needed == 3
+    assert adrift.exact  # six coordinates, two axes
+
+
+def test_many_agents_of_one_kind() -> None:
+    """Sixty aircraft in a ring over a boat: any altimeter will do, and all of them are counted."""
+    names = [f"U{k}" for k in range(60)]
+    links = list(itertools.pairwise([*names, names[0]]))
+    plan = mend(team(" ".join(names), "S1", links, [(names[0], "S1")]))
+    assert (plan.needed, plan.exact, plan.candidates) == (1, True, 60)
+    assert plan.repairs[0].axis == "z"
+
+
+def test_an_anchor_that_is_there_counts() -> None:
+    held = team("U1 U2", "S1", [], [("U1", "S1"), ("U2", "S1")], [hold("U1", "z")])
+    plan = mend(held)
+    assert plan.needed == 1
+    told = {r.description for choice in [plan.repairs, *plan.alternatives] for r in choice}
+    assert told == {"let U1 talk to U2", "give U2 an altimeter (anchor along z)"}

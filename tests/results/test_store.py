@@ -1,0 +1,88 @@
+"""The directory of a run: all or nothing, and never over what is not ours.
+
+Oracle: the contract on DIR; what lies on the disk afterwards.
+"""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from mjsheaf.results import staging
+from mjsheaf.results.store import PlaceError, enclosing_run, holds_run, save_summary
+
+
+def publish(directory: Path, word: str = "new") -> None:
+    with staging(directory) as fresh:
+        save_summary({"word": word}, fresh / "summary.json")
+
+
+def tree(directory: Path) -> list[str]:
+    return sorted(str(p.relative_to(directory)) for p in directory.rglob("*"))
+
+
+def test_published_whole_and_replaced(tmp_path: Path) -> None:
+    for word in ("first", "second"):
+        publish(tmp_path / "a" / "run", word)
+        assert tree(tmp_path) == ["a", "a/run", "a/run/summary.json"]
+        assert json.loads((tmp_path / "a" / "run" / "summary.json").read_text())["word"] == word
+
+
+@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, SystemExit])
+def test_failure_leaves_what_was_there(error: type[BaseException], tmp_path: Path) -> None:
+    (tmp_path / "old").mkdir()
+    with pytest.raises(error), staging(tmp_path / "old" / "a" / "b" / "run") as fresh:
+        (fresh / "half").write_text("")
+        raise error
+    assert tree(tmp_path) == ["old"]  # parents that were there before stay, though they are empty
+    publish(tmp_path / "old" / "run", "kept")
+    with pytest.raises(error), staging(tmp_path / "old" / "run"):
+        raise error
+    assert json.loads((tmp_path / "old" / "run" / "summary.json").read_text())["word"] == "kept"
+
+
+def test_interrupt_between_the_renames_puts_the_old_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    publish(tmp_path / "run", "old")
+    rename = Path.rename
+
+    def interrupted(self: Path, target: Path) -> Path:
+        if target == tmp_path / "run" and not self.name.endswith(".old"):
+            raise KeyboardInterrupt
+        return rename(self, target)
+
+    monkeypatch.setattr(Path, "rename", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        publish(tmp_path / "run")
+    assert tree(tmp_path) == ["run", "run/summary.json"]
+    assert json.loads((tmp_path / "run" / "summary.json").read_text())["word"] == "old"
+
+
+def test_relative_places(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    publish(tmp_path / "run")
+    monkeypatch.chdir(tmp_path / "run")
+    for here in (".", "", "../run", str(tmp_path / "run")):
+        with pytest.raises(PlaceError, match="current directory"):
+            publish(Path(here))
+    with pytest.raises(PlaceError, match="lies inside"):
+        publish(Path("inside"))
+    publish(Path("../other"))
+    publish(Path("inside/../../third"))
+    assert tree(tmp_path) == [f"{name}{rest}" for name in ("other", "run", "third") for rest in ("", "/summary.json")]
+
+
+def test_enclosing_run_is_found_through_links(tmp_path: Path) -> None:
+    publish(tmp_path / "run")
+    (tmp_path / "link").symlink_to(tmp_path / "run")
+    assert holds_run(tmp_path / "run")
+    assert enclosing_run(tmp_path / "run") is None
+    assert enclosing_run(tmp_path / "link" / "x" / "y.mp4") == tmp_path / "run"
+    for text in ("{}", "[]", "3", "{", '"mjsheaf_version"'):
+        (tmp_path / "summary.json").write_text(text)
+        assert not holds_run(tmp_path)
+
+
+def test_numbers_that_are_not_finite_become_null(tmp_path: Path) -> None:
+    save_summary({"a": float("inf"), "b": [float("nan"), 1.0], "c": {"d": float("-inf")}}, tmp_path / "summary.json")
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert (summary["a"], summary["b"], summary["c"]) == (None, [None, 1.0], {"d": None})
+    assert tree(tmp_path) == ["summary.json"]
