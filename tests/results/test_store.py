@@ -17,6 +17,12 @@ def publish(directory: Path, word: str = "new") -> None:
         save_summary({"word": word}, fresh / "summary.json")
 
 
+def fail(directory: Path, error: type[BaseException]) -> None:
+    with staging(directory) as fresh:
+        (fresh / "half").write_text("")
+        raise error
+
+
 def tree(directory: Path) -> list[str]:
     return sorted(str(p.relative_to(directory)) for p in directory.rglob("*"))
 
@@ -31,13 +37,12 @@ def test_published_whole_and_replaced(tmp_path: Path) -> None:
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, SystemExit])
 def test_failure_leaves_what_was_there(error: type[BaseException], tmp_path: Path) -> None:
     (tmp_path / "old").mkdir()
-    with pytest.raises(error), staging(tmp_path / "old" / "a" / "b" / "run") as fresh:
-        (fresh / "half").write_text("")
-        raise error
+    with pytest.raises(error):
+        fail(tmp_path / "old" / "a" / "b" / "run", error)
     assert tree(tmp_path) == ["old"]  # parents that were there before stay, though they are empty
     publish(tmp_path / "old" / "run", "kept")
-    with pytest.raises(error), staging(tmp_path / "old" / "run"):
-        raise error
+    with pytest.raises(error):
+        fail(tmp_path / "old" / "run", error)
     assert json.loads((tmp_path / "old" / "run" / "summary.json").read_text())["word"] == "kept"
 
 

@@ -1,7 +1,8 @@
 """The physics backend: the same team, law and flow on MuJoCo bodies.
 
-vehicle: what one vehicle is, from its MJCF file and description. arena: all of them in one model. forces: drag, flow,
-buoyancy and thrust at one instant. callback: what happens before every step. world: the loop.
+vehicle: what one vehicle is, from its MJCF file and description. attachment: that file made fit for the arena. arena:
+all of them in one model. forces: drag, flow, buoyancy and thrust at one instant. callback: what happens before every
+step. world: the loop.
 """
 
 from mjsheaf.backends.physics.arena import Arena, compose

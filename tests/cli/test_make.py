@@ -1,0 +1,47 @@
+"""`make demo` and `.ci/run`, with stand-ins for the commands that they call.
+
+Oracle: what the stand-ins left, and whether they were called.
+"""
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+
+
+def stand_in(folder: Path, name: str, script: str) -> None:
+    folder.mkdir(exist_ok=True)
+    (folder / name).write_text(f"#!/bin/sh\n{script}\n")
+    (folder / name).chmod(0o755)
+
+
+@pytest.mark.skipif(shutil.which("make") is None, reason="no make")
+@pytest.mark.parametrize("drawn", [True, False])
+def test_demo_names_a_video_only_where_there_is_one(drawn: bool, tmp_path: Path) -> None:
+    out, stamp = tmp_path / "out", tmp_path / "installed"
+    stamp.touch()
+    stand_in(tmp_path / "bin", "mjsheaf", f"mkdir {out}; {f'touch {out}/video.mp4' if drawn else 'true'}")
+    variables = [f"BIN={tmp_path / 'bin'}", f"DEMO={out}", f"STAMP={stamp}"]
+    done = subprocess.run(
+        ["make", "-C", str(REPOSITORY), "demo", *variables], capture_output=True, text=True, check=True
+    )
+    assert (f"video   {out}/video.mp4" in done.stdout) == drawn
+    assert ("video   none" in done.stdout) != drawn
+    assert f"{out}/result.nc" in done.stdout
+
+
+@pytest.mark.parametrize("installed", [True, False])
+def test_integration_installs_opengl_only_where_it_is_missing(installed: bool, tmp_path: Path) -> None:
+    folder, called = tmp_path / "bin", tmp_path / "called"
+    stand_in(folder, "id", "echo 0")
+    stand_in(folder, "make", "true")
+    stand_in(folder, "apt-get", f"touch {called}")
+    # What is looked for comes first and much follows: a reader that leaves then breaks the pipe.
+    stand_in(folder, "ldconfig", ("echo libEGL_mesa.so.0; " if installed else "") + "seq 200000")
+    environment = {**os.environ, "PATH": f"{folder}:{os.environ['PATH']}"}
+    subprocess.run([str(REPOSITORY / ".ci" / "run")], env=environment, capture_output=True, check=True)
+    assert called.exists() != installed
