@@ -9,7 +9,7 @@ from typing import Any
 from mjsheaf.errors import InputError, MjsheafError
 from mjsheaf.reading import dump_yaml
 from mjsheaf.scenario import Scenario
-from mjsheaf.scenario.schema import LARGEST
+from mjsheaf.scenario.fields import LARGEST
 from mjsheaf.simulation import BACKENDS, require_full_row_rank, require_unique, simulate
 from mjsheaf.video import VideoOptions, available_backend
 
@@ -60,6 +60,7 @@ def execute(
         PlaceError: the directory may not be replaced or cannot be written.
         NotUniqueError: the harmonic extension is not unique and drift is not allowed; nothing is written.
     """
+    from mjsheaf.backends.physics import vehicles_of
     from mjsheaf.checking.bound import bound_of_run
     from mjsheaf.plots import plot_configurations, plot_errors, plot_trajectories
     from mjsheaf.results import check_expectation, save_dataset, staging, summarize
@@ -69,6 +70,7 @@ def execute(
     if backend not in BACKENDS:
         raise InputError(f"unknown backend {backend!r}; legal are {', '.join(BACKENDS)}")
     system = scenario.system()
+    vehicles_of(system)  # a vehicle that does not fit is told before anything is simulated or written
     require_full_row_rank(system)
     if not allow_drift:
         require_unique(system.team)

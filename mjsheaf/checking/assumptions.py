@@ -7,7 +7,7 @@ import networkx
 import numpy as np
 from numpy.typing import NDArray
 
-from mjsheaf.backends.physics import Vehicle, load_vehicle
+from mjsheaf.backends.physics import Vehicle, vehicles_of
 from mjsheaf.backends.system import System
 from mjsheaf.checking.cohomology import RelativeCohomology
 from mjsheaf.checking.constants import Constants
@@ -43,7 +43,7 @@ class Assumption:
 
 def decide(system: System, region: Region, constants: Constants, cohomology: RelativeCohomology) -> list[Assumption]:
     """Decide all seven assumptions over a region."""
-    vehicles = {name: load_vehicle(name) for name in dict.fromkeys(system.bodies.vehicle)}
+    vehicles = dict(zip(system.bodies.vehicle, vehicles_of(system), strict=True))
     return [
         _smooth(system, constants),
         _full_row_rank(system, vehicles),
@@ -95,9 +95,7 @@ def _least_effective(system: System, vehicles: dict[str, Vehicle]) -> tuple[str,
     """
     found: list[tuple[str, NDArray[np.floating], str]] = []
     bodies = {
-        name: np.linalg.svd(
-            vehicle.with_time_constant(system.bodies.time_constant).control_effectiveness(np.eye(3)), compute_uv=False
-        )
+        name: np.linalg.svd(vehicle.control_effectiveness(np.eye(3)), compute_uv=False)
         for name, vehicle in vehicles.items()
     }
     for i, agent in enumerate(system.team.agents):

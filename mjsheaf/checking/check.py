@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from mjsheaf.backends.physics import load_vehicle
+from mjsheaf.backends.physics import vehicles_of
 from mjsheaf.backends.system import System
 from mjsheaf.checking import record as r
 from mjsheaf.checking.assumptions import decide
@@ -190,11 +190,8 @@ def _margins(system: System, constants: Constants, spectrum: Spectrum, region: R
 
 def time_constants(system: System) -> np.ndarray:
     """m / D of each agent's body along its most sluggish controlled axis, shape (N,), s."""
-    values = {}
-    for name in dict.fromkeys(system.bodies.vehicle):
-        vehicle = load_vehicle(name).with_time_constant(system.bodies.time_constant)
-        values[name] = vehicle.mass / vehicle.drag[: vehicle.dimension].min()
-    return np.array([values[name] for name in system.bodies.vehicle[: len(system.team.agents)]])
+    agents = vehicles_of(system)[: len(system.team.agents)]
+    return np.array([vehicle.mass / vehicle.drag[: vehicle.dimension].min() for vehicle in agents])
 
 
 def _fragility(found: Fragility) -> r.FragilityRecord:

@@ -13,7 +13,9 @@ from mjsheaf.dynamics import disturbance as disturbances
 from mjsheaf.dynamics import effectiveness as effectivenesses
 from mjsheaf.dynamics import motion as motions
 from mjsheaf.errors import InputError
-from mjsheaf.scenario import schema as s
+from mjsheaf.scenario import schema_medium as medium_schema
+from mjsheaf.scenario import schema_team as team_schema
+from mjsheaf.scenario.schema import Scenario
 from mjsheaf.team import Edge, Formation, Member, Team, anchor, formation, restriction_maps
 
 Array = NDArray[np.float64]
@@ -24,7 +26,7 @@ _EDGES = ("communication", "sensing", "target_edges")
 _MOST_SAMPLES = 50_000_000
 
 
-def build_system(scenario: s.Scenario) -> System:
+def build_system(scenario: Scenario) -> System:
     """Build the system of a scenario.
 
     Raises:
@@ -40,7 +42,7 @@ def build_system(scenario: s.Scenario) -> System:
         scenario, _disturbance(scenario.disturbance.agents), _disturbance(scenario.disturbance.targets)
     )
     agents, targets = scenario.agents, scenario.targets
-    vehicles: list[s.Agent | s.Target] = [*agents, *targets]
+    vehicles: list[team_schema.Agent | team_schema.Target] = [*agents, *targets]
     limit = scenario.controller.velocity_limit
     limits = np.array([a.velocity_limit or limit or np.inf for a in agents] + [np.inf] * len(targets))
     target_gain = scenario.target_formation.gain if scenario.target_formation else 0.0
@@ -77,7 +79,7 @@ def build_system(scenario: s.Scenario) -> System:
     )
 
 
-def build_team(scenario: s.Scenario) -> Team:
+def build_team(scenario: Scenario) -> Team:
     """Build the team of a scenario: its sheaf and its formations."""
     agents = [Member(a.id, len(a.position)) for a in scenario.agents]
     targets = [Member(t.id, len(t.position)) for t in scenario.targets]
@@ -112,7 +114,7 @@ def build_team(scenario: s.Scenario) -> Team:
     )
 
 
-def uses_seed(scenario: s.Scenario) -> dict[str, bool]:
+def uses_seed(scenario: Scenario) -> dict[str, bool]:
     """For each backend, whether another seed would change anything."""
     drawn = [d for d in (scenario.disturbance.agents, scenario.disturbance.targets) if d is not None and d.bound > 0.0]
     ideal = bool(drawn) or scenario.spread.position > 0.0
@@ -136,11 +138,11 @@ def _each(field: str, models: Sequence[Any], make: Callable[[Any], T]) -> list[T
     return made
 
 
-def _per_vehicle(scenario: s.Scenario, for_agent: T, for_target: T) -> list[T]:
+def _per_vehicle(scenario: Scenario, for_agent: T, for_target: T) -> list[T]:
     return [for_agent] * len(scenario.agents) + [for_target] * len(scenario.targets)
 
 
-def _time_grid(scenario: s.Scenario) -> TimeGrid:
+def _time_grid(scenario: Scenario) -> TimeGrid:
     control = scenario.controller.control_period
     period = control or scenario.controller.record_period
     # A span that is a whole number of periods up to rounding keeps its last sample.
@@ -150,9 +152,9 @@ def _time_grid(scenario: s.Scenario) -> TimeGrid:
     return TimeGrid(scenario.time.start, period, int(steps), continuous=control == 0.0)
 
 
-def _initial_conditions(scenario: s.Scenario, dimensions: list[int], rng: np.random.Generator) -> tuple[Array, Array]:
+def _initial_conditions(scenario: Scenario, dimensions: list[int], rng: np.random.Generator) -> tuple[Array, Array]:
     """Initial positions (V, 3) in m and headings (V,) in rad, spread over the seed's draw."""
-    vehicles: Sequence[s.Agent | s.Target] = [*scenario.agents, *scenario.targets]
+    vehicles: Sequence[team_schema.Agent | team_schema.Target] = [*scenario.agents, *scenario.targets]
     position = np.zeros((len(vehicles), 3))
     for v, vehicle in enumerate(vehicles):
         position[v, : dimensions[v]] = vehicle.position
@@ -164,20 +166,22 @@ def _initial_conditions(scenario: s.Scenario, dimensions: list[int], rng: np.ran
     return position, heading + np.deg2rad(scenario.spread.heading) * turn
 
 
-def _attitude(agent: s.Agent) -> tuple[float, float, float]:
+def _attitude(agent: team_schema.Agent) -> tuple[float, float, float]:
     if agent.frame is None:
         return 0.0, 0.0, float(np.deg2rad(agent.heading or 0.0))
     return tuple(float(np.deg2rad(x)) for x in (agent.frame.roll, agent.frame.pitch, agent.frame.yaw))  # type: ignore[return-value]
 
 
-def _edge(edge: s.EdgeModel, dimension: dict[str, int], attitude: dict[str, tuple[float, float, float]]) -> Edge:
+def _edge(
+    edge: team_schema.EdgeModel, dimension: dict[str, int], attitude: dict[str, tuple[float, float, float]]
+) -> Edge:
     tail, head = edge.between
     for end in edge.between:
         if end not in dimension:
             raise InputError(f"unknown id {end!r}; legal are {', '.join(dimension)}")
     if tail == head:
         raise InputError(f"({tail}, {head}) is a loop; the ends of an edge must differ")
-    if isinstance(edge.map, s.ExplicitMaps):
+    if isinstance(edge.map, team_schema.ExplicitMaps):
         F_tail, F_head = _matrix(edge.map.tail, "map.tail"), _matrix(edge.map.head, "map.head")
         for name, F, n in (("tail", F_tail, dimension[tail]), ("head", F_head, dimension[head])):
             if F.shape[1] != n:
@@ -196,7 +200,7 @@ def _edge(edge: s.EdgeModel, dimension: dict[str, int], attitude: dict[str, tupl
     return Edge(tail, head, F_tail, F_head, K, offset)
 
 
-def _anchor(model: s.AnchorModel, dimension: dict[str, int], agents: list[str]) -> Edge:
+def _anchor(model: team_schema.AnchorModel, dimension: dict[str, int], agents: list[str]) -> Edge:
     if model.agent not in agents:
         raise InputError(f"agent: unknown id {model.agent!r}; legal are {', '.join(agents)}")
     n = dimension[model.agent]
@@ -238,15 +242,15 @@ def _formation(group: Any, dimension: dict[str, int], members: list[str], target
     if group.about is not None and group.about not in targets:
         raise InputError(f"about: {group.about!r} is not a target; legal are {', '.join(targets)}")
     sizes = [dimension[m] for m in group.members]
-    if isinstance(group, s.ExplicitGroup):
+    if isinstance(group, team_schema.ExplicitGroup):
         places = formation.explicit(group.displacements, sizes)
     else:
         count = len(sizes)
-        if isinstance(group, s.PolygonGroup):
+        if isinstance(group, team_schema.PolygonGroup):
             corners = formation.polygon(
                 count, side=group.side, radius=group.radius, angle=group.angle, clockwise=group.clockwise
             )
-        elif isinstance(group, s.LineGroup):
+        elif isinstance(group, team_schema.LineGroup):
             corners = formation.line(count, spacing=group.spacing, angle=group.angle)
         else:
             corners = formation.tetrahedron(group.side)
@@ -254,7 +258,7 @@ def _formation(group: Any, dimension: dict[str, int], members: list[str], target
     return Formation(group.name, tuple(group.members), places, group.about)
 
 
-def _flow(model: s.FlowModel | None) -> FlowField:
+def _flow(model: medium_schema.FlowModel | None) -> FlowField:
     if model is None:
         return FlowField(2)
     if model.dimension == 3 and any(v.axis is None for v in model.vortices):
@@ -271,20 +275,20 @@ def _flow(model: s.FlowModel | None) -> FlowField:
     )
 
 
-def _disturbance(model: s.DisturbanceModel | None) -> Disturbance | None:
+def _disturbance(model: medium_schema.DisturbanceModel | None) -> Disturbance | None:
     if model is None:
         return None
     low, high = model.frequencies
     return Disturbance(model.bound, (low, high), model.components)
 
 
-def _motions(scenario: s.Scenario, initial: Array, dimensions: list[int]) -> motions.MotionArrays:
+def _motions(scenario: Scenario, initial: Array, dimensions: list[int]) -> motions.MotionArrays:
     chosen: list[motions.Motion | None] = [None] * len(scenario.agents)
     for target in scenario.targets:
         model = target.motion or scenario.target_motion
-        if isinstance(model, s.LissajousMotion):
+        if isinstance(model, medium_schema.LissajousMotion):
             chosen.append(Lissajous(model.amplitude, model.rate, model.phase, model.pull))
-        elif isinstance(model, s.WaypointMotion):
+        elif isinstance(model, medium_schema.WaypointMotion):
             chosen.append(Waypoints(model.points, model.speed, model.closed, model.pull))
         elif model is not None and model.pull > 0.0:
             still = [0.0] * len(target.position)
@@ -294,7 +298,7 @@ def _motions(scenario: s.Scenario, initial: Array, dimensions: list[int]) -> mot
     return motions.pack(chosen, initial, scenario.time.start, dimensions)
 
 
-def _effectiveness(scenario: s.Scenario, dimensions: list[int]) -> effectivenesses.EffectivenessArrays:
+def _effectiveness(scenario: Scenario, dimensions: list[int]) -> effectivenesses.EffectivenessArrays:
     models: list[ControlEffectiveness | None] = []
     for agent in scenario.agents:
         g = agent.effectiveness

@@ -11,7 +11,8 @@ from pydantic import ValidationError
 from mjsheaf.errors import InputError, ScenarioError
 from mjsheaf.reading import describe_validation_error, parse_yaml, read_yaml
 from mjsheaf.resources import resource_directory
-from mjsheaf.scenario.schema import EDGE_FIELDS, Scenario, edge_from_pair
+from mjsheaf.scenario.schema import Scenario
+from mjsheaf.scenario.schema_team import EDGE_FIELDS, edge_from_pair
 
 _SUFFIXES = (".yaml", ".yml")
 
@@ -33,7 +34,7 @@ def load_scenario(source: str | Path, overrides: Mapping[str, Any] | None = None
             field and says what would be legal.
     """
     path = _find(source)
-    raw = read_yaml(path)
+    raw = _anchor_paths(read_yaml(path), path.parent)
     raw.setdefault("name", _name_from(path))
     return scenario_from_mapping(raw, overrides, str(source))
 
@@ -65,6 +66,24 @@ def parse_override(text: str) -> tuple[str, Any]:
     if not equals or not path:
         raise ScenarioError(f"--set {text!r}: legal is PATH=VALUE, for example controller.gain=30")
     return path, parse_yaml(value, f"--set {path}")
+
+
+def _anchor_paths(raw: dict[str, Any], directory: Path) -> dict[str, Any]:
+    """Make paths of vehicle descriptions absolute: they are meant relative to the scenario's own file."""
+
+    def absolute(value: Any) -> Any:
+        is_path = isinstance(value, str) and value.endswith(_SUFFIXES)
+        return str((directory / value).resolve()) if is_path else value
+
+    for field in ("agents", "targets"):
+        items = raw.get(field)
+        for item in items if isinstance(items, list) else []:
+            if isinstance(item, dict) and "vehicle" in item:
+                item["vehicle"] = absolute(item["vehicle"])
+    vehicles = raw.get("vehicles")
+    if isinstance(vehicles, dict):
+        raw["vehicles"] = {key: absolute(value) for key, value in vehicles.items()}
+    return raw
 
 
 def _find(source: str | Path) -> Path:

@@ -1,27 +1,20 @@
 """The schema of a scenario file. Lengths in m, time in s, angles in degrees unless a field says otherwise.
 
-These classes only say what is legal field by field; how fields fit together is checked where the system is built.
+These classes only say what is legal field by field; how fields fit together is checked where the system is built. The
+team and the medium are in modules of their own.
 """
 
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
-from pydantic import BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
 from mjsheaf.reading import Section
+from mjsheaf.scenario.fields import Duration, Id, NonNegative, Number, Positive
+from mjsheaf.scenario.schema_medium import Disturbances, Flow, Motion
+from mjsheaf.scenario.schema_team import Agent, AnchorModel, Edge, Group, Target, TargetFormation
 
 if TYPE_CHECKING:
     from mjsheaf.backends.system import System
-
-Id = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", description="letters, digits, _ and -")]
-LARGEST = 1e9
-"""Of every number in a file: a blow-up begins here, and products of what is larger would overflow."""
-
-Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
-Positive = Annotated[float, Field(gt=0, le=LARGEST)]
-NonNegative = Annotated[float, Field(ge=0, le=LARGEST)]
-Duration = Annotated[float, Field(ge=1e-9, le=LARGEST)]
-Point = Annotated[list[Number], Field(min_length=2, max_length=3)]
-Matrix = Annotated[list[Annotated[list[Number], Field(min_length=1)]], Field(min_length=1)]
 
 
 class Time(Section):
@@ -44,239 +37,6 @@ class Controller(Section):
     control_period: NonNegative = Field(0.01, description="zero-order hold, s; 0 evaluates the law continuously")
     record_period: Duration = Field(0.01, description="time between samples where control_period is 0, s")
     velocity_limit: Positive | None = Field(None, description="largest commanded speed of every agent, m/s")
-
-
-class Effectiveness(Section):
-    """g(q, t) = R(psi) layout with psi = heading + gradient . q + rate t; ideal backend."""
-
-    layout: Matrix = Field(description="W, one row for each state, one column for each input")
-    heading: Number = 0.0
-    heading_gradient: Point | None = Field(None, description="degrees per m")
-    heading_rate: Number = Field(0.0, description="degrees per s")
-
-
-class Attitude(Section):
-    """Attitude of an agent's local frame."""
-
-    roll: Number = 0.0
-    pitch: Number = 0.0
-    yaw: Number = 0.0
-
-
-class LissajousMotion(Section):
-    """v_i(t) = amplitude_i rate_i cos(rate_i t + phase_i)."""
-
-    kind: Literal["lissajous"]
-    amplitude: Point = Field(description="m")
-    rate: Point = Field(description="rad/s")
-    phase: Point = Field(description="rad")
-    pull: NonNegative = Field(0.0, description="return to the path when flow moves the target off it, 1/s")
-
-
-class WaypointMotion(Section):
-    """A smooth path through points, starting at the target's initial position."""
-
-    kind: Literal["waypoints"]
-    points: Annotated[list[Point], Field(min_length=1)]
-    speed: Positive = Field(description="mean speed along the straight legs, m/s")
-    closed: bool = False
-    pull: NonNegative = Field(1.0, description="return to the path when flow moves the target off it, 1/s")
-
-
-class StaticMotion(Section):
-    """No motion of its own; flow and disturbance still move it, unless it is pulled back."""
-
-    kind: Literal["static"]
-    pull: NonNegative = Field(0.0, description="return to the initial position, 1/s")
-
-
-Motion = Annotated[LissajousMotion | WaypointMotion | StaticMotion, Field(discriminator="kind")]
-
-
-class Agent(Section):
-    """A controlled vehicle; its dimension is the length of its position."""
-
-    id: Id
-    position: Point
-    heading: Number | None = Field(None, description="initial heading of its body; 0 unless given")
-    vehicle: str | None = Field(None, description="name in models/ or a description file; vehicles.agents unless given")
-    frame: Attitude | None = Field(None, description="local frame of its local_frame edges; yaw = heading unless given")
-    velocity_limit: Positive | None = Field(None, description="m/s; controller.velocity_limit unless given")
-    effectiveness: Effectiveness | None = None
-
-
-class Target(Section):
-    """An uncontrolled vehicle; its dimension is the length of its position."""
-
-    id: Id
-    position: Point
-    heading: Number | None = None
-    vehicle: str | None = Field(None, description="vehicles.targets unless given")
-    motion: Motion | None = Field(None, description="target_motion unless given")
-
-
-class ExplicitMaps(Section):
-    """Restriction maps as matrices."""
-
-    tail: Matrix
-    head: Matrix
-
-
-EDGE_FIELDS = ("communication", "sensing", "target_edges")
-"""The fields of a scenario that hold edges."""
-
-_Ends = Annotated[list[Id], Field(min_length=2, max_length=2)]
-
-
-def edge_from_pair(value: Any) -> Any:
-    """Let a bare pair stand for an edge with all defaults."""
-    return {"between": value} if isinstance(value, list) else value
-
-
-class EdgeModel(Section):
-    """An edge; a bare pair [tail, head] is short for {between: [tail, head]}."""
-
-    between: _Ends
-    map: Literal["shared", "identity", "local_frame"] | ExplicitMaps = "shared"
-    weight: Positive | Matrix | None = Field(None, description="inner product of the edge stalk; a number times I")
-    offset: list[Number] | None = Field(None, description="desired F_tail x_tail - F_head x_head; from formations")
-
-
-Edge = Annotated[EdgeModel, BeforeValidator(edge_from_pair, json_schema_input_type=EdgeModel | _Ends)]
-
-
-class AnchorModel(Section):
-    """A measurement of an agent's own position that should have a fixed value, such as an altimeter's."""
-
-    agent: Id
-    axes: Annotated[list[Literal["x", "y", "z"]], Field(min_length=1, max_length=3)] | None = Field(
-        None, description="coordinates that are anchored; give these or a map"
-    )
-    map: Matrix | None = Field(None, description="F, one row for each measured number")
-    value: Annotated[list[Number], Field(min_length=1)] = Field(description="desired F q, m")
-    weight: Positive | Matrix | None = Field(None, description="inner product of the edge stalk; a number times I")
-
-    @model_validator(mode="after")
-    def _one(self) -> "AnchorModel":
-        if (self.axes is None) == (self.map is None):
-            raise ValueError("give either axes or map")
-        return self
-
-
-class _Group(Section):
-    name: Id
-    members: Annotated[list[Id], Field(min_length=1)]
-    about: Id | None = Field(None, description="the target that the group's centre should follow; free if absent")
-    height: Number = Field(0.0, description="added to z of spatial members, m")
-
-
-class PolygonGroup(_Group):
-    """A regular polygon."""
-
-    shape: Literal["polygon", "square"]
-    side: Positive | None = None
-    radius: Positive | None = None
-    angle: Number = Field(90.0, description="bearing of the first member from the x axis")
-    clockwise: bool = False
-
-    @model_validator(mode="after")
-    def _check(self) -> "PolygonGroup":
-        if (self.side is None) == (self.radius is None):
-            raise ValueError("give either side or radius")
-        legal = len(self.members) == 4 if self.shape == "square" else len(self.members) >= 2
-        if not legal:
-            raise ValueError(f"a {self.shape} does not have {len(self.members)} members")
-        return self
-
-
-class LineGroup(_Group):
-    """Equally spaced points on a horizontal line."""
-
-    shape: Literal["line"]
-    spacing: Positive
-    angle: Number = 0.0
-
-
-class TetrahedronGroup(_Group):
-    """A regular tetrahedron, apex last."""
-
-    shape: Literal["tetrahedron"]
-    side: Positive
-
-
-class ExplicitGroup(_Group):
-    """Displacements as given, one for each member."""
-
-    shape: Literal["explicit"]
-    displacements: Annotated[list[Point], Field(min_length=1)]
-
-
-Group = Annotated[PolygonGroup | LineGroup | TetrahedronGroup | ExplicitGroup, Field(discriminator="shape")]
-
-
-class TargetFormation(Section):
-    """The targets' own consensus: v = -gain (L_T p - c_T)."""
-
-    gain: Positive = Field(description="1/s")
-    group: Group | None = Field(None, description="where targets belong; consensus on one point if absent")
-
-
-class SourceModel(Section):
-    """alpha r / (|r|^2 + core^2)^p, p = 1 in the plane and 1.5 in space."""
-
-    centre: Point
-    alpha: Number
-
-
-class VortexModel(Section):
-    """gamma (axis x r) / (|r|^2 + core^2)."""
-
-    centre: Point
-    gamma: Number
-    axis: Annotated[list[Number], Field(min_length=3, max_length=3)] | None = Field(None, description="in space only")
-
-
-class ChannelModel(Section):
-    """beta exp(-|n|^2 / 2 width^2) exp(-l^2 / 2 length^2) along a direction."""
-
-    centre: Point
-    direction: Point
-    beta: Number = Field(description="m/s")
-    width: Positive
-    length: Positive
-
-
-class FlowModel(Section):
-    """A flow field in the plane (dimension 2) or in space (3)."""
-
-    dimension: Literal[2, 3]
-    core: NonNegative | None = Field(None, description="needed with sources or vortices; 0 leaves them singular, m")
-    drift: Point | None = None
-    sources: list[SourceModel] = Field(default_factory=list)
-    vortices: list[VortexModel] = Field(default_factory=list)
-    channels: list[ChannelModel] = Field(default_factory=list)
-
-
-class Flow(Section):
-    """The medium, as agents and as targets meet it."""
-
-    agents: FlowModel | None = None
-    targets: FlowModel | None = None
-
-
-class DisturbanceModel(Section):
-    """A bounded, smooth, seeded disturbance velocity."""
-
-    bound: NonNegative = Field(description="m/s")
-    frequencies: Annotated[list[Positive], Field(min_length=2, max_length=2)] = Field([0.05, 0.5], description="Hz")
-    components: Annotated[int, Field(ge=1, le=64)] = 6
-
-
-class Disturbances(Section):
-    """Disturbances of agents and targets."""
-
-    agents: DisturbanceModel | None = None
-    targets: DisturbanceModel | None = None
 
 
 class Spread(Section):

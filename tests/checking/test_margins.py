@@ -5,11 +5,11 @@ Oracle: where a simulation begins to diverge; the exact discretisation by the ma
 
 import numpy as np
 import pytest
-from mjsheaf.checking.spectrum import spectrum_of
 from scipy.linalg import expm
 
 import mjsheaf
 from mjsheaf.checking.margins import body_margin, hold_margin
+from mjsheaf.checking.spectrum import spectrum_of
 
 
 def growth(gain: float) -> float:

@@ -18,7 +18,7 @@ from mjsheaf.results import check_expectation, summarize
 from mjsheaf.scenario import Scenario, list_scenarios, load_scenario, scenario_from_mapping
 from mjsheaf.scenario.build import uses_seed
 from mjsheaf.scenario.load import parse_override
-from mjsheaf.scenario.schema import ExplicitMaps
+from mjsheaf.scenario.schema_team import ExplicitMaps
 
 BACKENDS = ("ideal", "physics")
 RUNNABLE = [name for name in list_scenarios() if load_scenario(name).expect.refused is None]

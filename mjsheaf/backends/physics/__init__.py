@@ -7,6 +7,6 @@ step. world: the loop.
 
 from mjsheaf.backends.physics.arena import Arena, compose
 from mjsheaf.backends.physics.vehicle import Vehicle, list_vehicles, load_vehicle
-from mjsheaf.backends.physics.world import World, run_physics
+from mjsheaf.backends.physics.world import World, run_physics, vehicles_of
 
-__all__ = ["Arena", "Vehicle", "World", "compose", "list_vehicles", "load_vehicle", "run_physics"]
+__all__ = ["Arena", "Vehicle", "World", "compose", "list_vehicles", "load_vehicle", "run_physics", "vehicles_of"]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mjsheaf.backends.physics.arena import Arena, compose
 from mjsheaf.backends.physics.callback import BeforeStep, close_loop
-from mjsheaf.backends.physics.vehicle import load_vehicle
+from mjsheaf.backends.physics.vehicle import Vehicle, load_vehicle
 from mjsheaf.backends.system import System
 from mjsheaf.backends.trajectory import Trajectory, blow_up_message
 from mjsheaf.compiled import kernel
@@ -237,18 +237,35 @@ def _at_limit(values: Array, limited: NDArray[Any], limits: Array) -> NDArray[np
     return limited.astype(bool) & ((values <= limits[:, 0]) | (values >= limits[:, 1]))
 
 
+def vehicles_of(system: System) -> list[Vehicle]:
+    """The vehicle of every agent and target, in order.
+
+    Raises:
+        InputError: a vehicle is unknown, its files are not valid, or it does not fit the dimension of its agent or
+            target; the message begins with the field.
+    """
+    plan, loaded, vehicles = system.bodies, {}, []
+    for v, (member, name) in enumerate(zip(system.team.members, plan.vehicle, strict=True)):
+        field = f"{'agents' if v < len(system.team.agents) else 'targets'}.{member.id}.vehicle"
+        try:
+            if name not in loaded:
+                loaded[name] = load_vehicle(name).with_time_constant(plan.time_constant)
+        except InputError as error:
+            raise InputError(f"{field}: {error}") from None
+        if loaded[name].dimension != member.dimension:
+            raise InputError(
+                f"{field}: {name!r} moves in {loaded[name].dimension} dimensions, but {member.id} has "
+                f"{member.dimension}; see mjsheaf list --vehicles"
+            )
+        vehicles.append(loaded[name])
+    return vehicles
+
+
 def arena_of(system: System, colours: Array | None = None) -> Arena:
     """Compose the arena of a system; colours (V, 3) paint the vehicles."""
     plan = system.bodies
-    loaded = {name: load_vehicle(name).with_time_constant(plan.time_constant) for name in dict.fromkeys(plan.vehicle)}
-    vehicles = [loaded[name] for name in plan.vehicle]
-    for member, vehicle in zip(system.team.members, vehicles, strict=True):
-        if vehicle.dimension != member.dimension:
-            raise InputError(
-                f"{member.id} has dimension {member.dimension}, but vehicle {vehicle.name!r} has {vehicle.dimension}"
-            )
     return compose(
-        vehicles,
+        vehicles_of(system),
         [m.id for m in system.team.members],
         timestep=plan.timestep,
         contacts=plan.contacts,
