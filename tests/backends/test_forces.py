@@ -320,7 +320,7 @@ def test_limits_and_lag_of_the_file_survive_the_assembly(tmp_path: Path) -> None
     for name in ("ctrlrange", "ctrllimited", "forcerange", "forcelimited", "dyntype", "dynprm", "gainprm"):
         given = getattr(own, f"actuator_{name}")
         np.testing.assert_array_equal(getattr(world.model, f"actuator_{name}")[:4], given, err_msg=name)
-    np.testing.assert_array_equal(world.model.actuator_ctrlrange[4:8], [[-1e9, 1e9]] * 4)
+    np.testing.assert_array_equal(world.model.actuator_ctrlrange[4:8], [[-1e10, 1e10]] * 4)
     np.testing.assert_array_equal(world.saturation(), [1.0, 0.0, 0.0])
     world.step(1)
     assert np.abs(world.data.actuator_force[:4]).max() < 1.0  # the lag

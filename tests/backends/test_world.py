@@ -147,7 +147,7 @@ def test_forces_of_the_users_own_are_felt() -> None:
 
 def test_a_vehicle_must_fit_its_agent() -> None:
     agents = [{"id": "A", "position": [0, 0], "vehicle": "aerial"}]
-    with pytest.raises(InputError, match=r"A has dimension 2, but vehicle 'aerial' .* 3"):
+    with pytest.raises(InputError, match=r"agents\.A\.vehicle: 'aerial' moves in 3 dimensions, but A has 2"):
         World(make({"agents": agents, "targets": [{"id": "T", "position": [0, 0, 0]}], "sensing": [["A", "T"]]}))
 
 
