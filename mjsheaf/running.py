@@ -88,7 +88,8 @@ def execute(
         theorem = bound_of_run(system, dataset)
         report("plotting")(0, 3)
         telling = theorem.applies and theorem.bound.max() < LARGEST  # a blow-up satisfies any larger bound
-        plot_errors(system.team, dataset, fresh / "errors.png", theorem.bound if telling else None)
+        bound = theorem.bound if telling else None
+        plot_errors(system.team, dataset, fresh / "errors.png", bound, approximate=theorem.approximate)
         report("plotting")(1, 3)
         plot_trajectories(system.team, dataset, fresh / "trajectories.png")
         report("plotting")(2, 3)

@@ -40,6 +40,7 @@ _ERROR = np.array([71 / 57600, 0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 
 
 _HUGE = 1e9  # m; a position beyond this is a blow-up
 _SMALLEST_STEP = 1e-13  # of a period
+_MOST_STEPS = 50_000  # of the integrator in a period: more means that the solution runs into a singularity
 _CHUNK = 500  # periods between progress reports
 
 
@@ -106,9 +107,10 @@ def _advance(control, medium, effectiveness, continuous, t, period, x, first, la
     """Integrate the vehicles from first to last over one period, in place; False where the solution blows up."""
     _slope(control, medium, effectiveness, continuous, t, x, first, last, work, work.slope[0])
     step = _first_step(control, medium, effectiveness, continuous, t, period, x, first, last, tolerance, work)
-    done, rejected = 0.0, False
+    done, rejected, steps = 0.0, False, 0
     while done < period:
-        if not step > _SMALLEST_STEP * period:  # also where it is NaN
+        steps += 1
+        if steps > _MOST_STEPS or not step > _SMALLEST_STEP * period:  # also where it is NaN
             return False
         h = min(step, period - done)
         for stage in range(1, 7):

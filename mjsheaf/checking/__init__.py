@@ -4,7 +4,7 @@ spectrum, cohomology, mending and fragility look at the team's sheaf alone; regi
 margins at the whole system; check gathers a record, bound compares a finished run with the theorem.
 """
 
-from mjsheaf.checking.check import check, examine
+from mjsheaf.checking.check import Examination, check, examine
 from mjsheaf.checking.record import CheckRecord
 
-__all__ = ["CheckRecord", "check", "examine"]
+__all__ = ["CheckRecord", "Examination", "check", "examine"]

@@ -12,12 +12,12 @@ from mjsheaf.backends.system import System
 from mjsheaf.checking.cohomology import RelativeCohomology
 from mjsheaf.checking.constants import Constants
 from mjsheaf.checking.region import Region
+from mjsheaf.dynamics.bounds import lipschitz_constant
+from mjsheaf.dynamics.effectiveness import is_rank_deficient
 from mjsheaf.team import Team
 
 Array = NDArray[np.float64]
 Verdict = Literal["holds", "fails", "undecided"]
-
-_RANK_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ def decide(system: System, region: Region, constants: Constants, cohomology: Rel
     """Decide all seven assumptions over a region."""
     vehicles = dict(zip(system.bodies.vehicle, vehicles_of(system), strict=True))
     return [
-        _smooth(system, constants),
+        _smooth(system, region, constants),
         _full_row_rank(system, vehicles),
         _disturbances(constants),
         _bounded_inverse(system, vehicles),
@@ -55,60 +55,59 @@ def decide(system: System, region: Region, constants: Constants, cohomology: Rel
     ]
 
 
-def _smooth(system: System, constants: Constants) -> Assumption:
+def _smooth(system: System, region: Region, constants: Constants) -> Assumption:
     name = "f is continuously differentiable"
-    for whom, field in (("agents", system.agent_flow), ("targets", system.target_flow)):
-        if field.core == 0.0 and (len(field.sources) or len(field.vortices)):
-            kernel = (*field.sources, *field.vortices)[0]
-            centre = ", ".join(f"{x:g}" for x in kernel[: field.dimension])
-            return Assumption(
-                1,
-                name,
-                "fails",
-                None,
-                "1/s",
-                f"the field of the {whom} is singular at ({centre}): its core radius is 0",
-            )
+    targets = region.path.positions[:, len(system.team.agents) :]
+    low, high = targets.min(axis=(0, 1)), targets.max(axis=(0, 1))
+    kinds = {member.dimension for member in system.team.targets}
     steepest = constants.lipschitz
+    own = [lipschitz_constant(system.target_flow, low, high, planar=n == 2) for n in kinds]
+    for whom, found in (("agents", [steepest]), ("targets", own)):
+        for slope in found:
+            if not np.isfinite(slope.upper):
+                at = ", ".join(f"{x:.3g}" for x in np.atleast_1d(slope.where))
+                witness = f"the field that {whom} meet is singular at ({at}), inside their region: a core radius is 0"
+                return Assumption(1, name, "fails", None, "1/s", witness)
     at = ", ".join(f"{x:.3g}" for x in np.atleast_1d(steepest.where))
     witness = "no agent's drift depends on where it is"
     if steepest.upper > 0.0:
-        witness = f"every kernel is smooth; the agents' field is steepest near ({at})"
+        witness = f"every kernel is smooth over the region; the agents' field is steepest near ({at})"
     return Assumption(1, name, "holds", steepest.upper, "1/s", witness)
 
 
 def _full_row_rank(system: System, vehicles: dict[str, Vehicle]) -> Assumption:
     """g = R W with a rotation R: its singular values are those of W, wherever the agent is."""
-    who, singular, unit = _least_effective(system, vehicles)
+    name = "g has full row rank"
     where = "the same at every position and heading, as g only turns with them"
-    if _deficient(singular):
-        witness = f"{who} cannot push in every direction of its state space, {where}"
-        return Assumption(2, "g has full row rank", "fails", float(singular[-1]), unit, witness)
-    witness = f"smallest singular value, for its size least on {who}; {where}"
-    return Assumption(2, "g has full row rank", "holds", float(singular[-1]), unit, witness)
+    found, unit = _singular_values(system, vehicles)
+    for who, singular in found:
+        if is_rank_deficient(singular):
+            witness = f"{who} cannot push in every direction of its state space, {where}"
+            return Assumption(2, name, "fails", float(singular[-1]), unit, witness)
+    who, singular = min(found, key=lambda item: item[1][-1])
+    return Assumption(2, name, "holds", float(singular[-1]), unit, f"smallest singular value, that of {who}; {where}")
 
 
-def _least_effective(system: System, vehicles: dict[str, Vehicle]) -> tuple[str, NDArray[np.floating], str]:
-    """The agent whose g is nearest to losing rank: who, its singular values, and their unit.
+def _singular_values(
+    system: System, vehicles: dict[str, Vehicle]
+) -> tuple[list[tuple[str, NDArray[np.floating]]], str]:
+    """Singular values of g, largest first, of each agent or kind of body, and their unit.
 
-    g is what the ideal backend uses where the scenario gives one, and that of the reduced model of its body.
+    g is what the scenario gives for the ideal backend; where it gives none, that of the bodies' reduced model.
     """
-    found: list[tuple[str, NDArray[np.floating], str]] = []
-    bodies = {
-        name: np.linalg.svd(vehicle.control_effectiveness(np.eye(3)), compute_uv=False)
-        for name, vehicle in vehicles.items()
-    }
-    for i, agent in enumerate(system.team.agents):
-        if system.effectiveness.given[i]:
-            W = system.effectiveness.W[i, : agent.dimension]
-            found.append((f"{agent.id} (as given for the ideal backend)", np.linalg.svd(W, compute_uv=False), ""))
-        name = system.bodies.vehicle[i]
-        found.append((f"{agent.id} (body {name})", bodies[name], "m/s per unit command"))
-    return min(found, key=lambda item: item[1][-1] / max(item[1][0], 1e-300))
-
-
-def _deficient(singular: NDArray[np.floating]) -> bool:
-    return bool(singular[-1] <= _RANK_TOLERANCE * singular[0])
+    effectiveness = system.effectiveness
+    given = [
+        (agent.id, np.linalg.svd(effectiveness.W[i, : agent.dimension], compute_uv=False))
+        for i, agent in enumerate(system.team.agents)
+        if effectiveness.given[i]
+    ]
+    if given:
+        return given, ""
+    bodies = dict.fromkeys(system.bodies.vehicle[: len(system.team.agents)])
+    return [
+        (f"body {name}", np.linalg.svd(vehicles[name].control_effectiveness(np.eye(3)), compute_uv=False))
+        for name in bodies
+    ], "m/s per unit command"
 
 
 def _disturbances(constants: Constants) -> Assumption:
@@ -119,11 +118,13 @@ def _disturbances(constants: Constants) -> Assumption:
 
 def _bounded_inverse(system: System, vehicles: dict[str, Vehicle]) -> Assumption:
     name = "g^+ is continuous and bounded"
-    who, singular, unit = _least_effective(system, vehicles)
-    if _deficient(singular):
-        return Assumption(4, name, "fails", None, "", f"g of {who} loses rank, so that g^+ is not bounded near it")
+    found, unit = _singular_values(system, vehicles)
+    for who, singular in found:
+        if is_rank_deficient(singular):
+            return Assumption(4, name, "fails", None, "", f"g of {who} loses rank, so that g^+ is not bounded near it")
+    who, singular = min(found, key=lambda item: item[1][-1])
     unit = "units of command per m/s" if unit else ""
-    return Assumption(4, name, "holds", float(1.0 / singular[-1]), unit, f"largest gain of g^+, on {who}")
+    return Assumption(4, name, "holds", float(1.0 / singular[-1]), unit, f"largest gain of g^+, that of {who}")
 
 
 def _topology(team: Team) -> Assumption:
@@ -156,8 +157,9 @@ def _cohomology(cohomology: RelativeCohomology) -> Assumption:
 def _bounded_difference(region: Region, constants: Constants) -> Assumption:
     name = "bounded difference of target and agent dynamics"
     if not np.isfinite(constants.f_bar) or not np.isfinite(constants.speed.upper):
-        return Assumption(
-            7, name, "fails", None, "m/s", "the agents' field is unbounded in their region: a core radius is 0 there"
-        )
-    witness = f"largest at t = {constants.f_bar_time:.4g} s; targets along their trajectories, from {region.source}"
-    return Assumption(7, name, "holds", constants.f_bar, "m/s", witness)
+        witness = "a field is unbounded inside the region: a core radius is 0 there"
+        return Assumption(7, name, "fails", None, "m/s", witness)
+    where = f"largest at t = {constants.f_bar_time:.4g} s, targets along their trajectories"
+    if not region.verified:
+        return Assumption(7, name, "undecided", constants.f_bar, "m/s", f"{where}; the region is {region.source}")
+    return Assumption(7, name, "holds", constants.f_bar, "m/s", f"{where}; region: {region.source}")

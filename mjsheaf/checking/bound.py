@@ -7,7 +7,6 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from mjsheaf.backends.system import System
-from mjsheaf.checking.check import why_not
 from mjsheaf.checking.constants import certify, take_constants
 from mjsheaf.checking.region import region_of_run
 from mjsheaf.checking.spectrum import spectrum_of
@@ -21,11 +20,11 @@ class RunBound:
 
     Attributes:
         applies: whether the gain condition holds over the region of this very run.
-        approximate: whether the theorem's setting is only approached: a held law, bodies, or a speed limit.
+        approximate: whether the theorem's setting is only approached: a held law, or bodies.
         reason: why it does not apply, or empty.
         error: measured |e(t)|, shape (T,), m.
         bound: the theorem's, shape (T,), m; infinite where it does not apply.
-        ratio: largest measured / bound, or None where it does not apply; at the start both are |e(t0)|.
+        ratio: largest measured / bound, after the start, where both are |e(t0)|; None where it does not apply.
         settled_ratio: the same over the second half of the run, where the initial error has less to say.
     """
 
@@ -41,24 +40,22 @@ class RunBound:
 def bound_of_run(system: System, dataset: xr.Dataset) -> RunBound:
     """Evaluate the theorem over the region of a run and compare."""
     both = [dataset[name].values for name in ("agent_position", "target_position")]
-    positions = np.nan_to_num(np.concatenate(both, axis=1))
-    region = region_of_run(system, dataset["time"].values, positions, "this run")
+    region = region_of_run(system, np.nan_to_num(np.concatenate(both, axis=1)), "this run")
     spectrum = spectrum_of(system.team)
     constants = take_constants(system, region, spectrum)
-    theorem = certify(system, constants, spectrum)
+    certificate = certify(system, region, constants, spectrum)
     error = np.sqrt((dataset["tracking_error"].values ** 2).sum(axis=1))
-    bound = theorem.bound(float(error[0]), region.time - region.time[0])
+    time = dataset["time"].values
+    bound = certificate.theorem.bound(float(error[0]), time - time[0])
     half = len(error) // 2
-    limited = bool(np.isfinite(system.law.limit[: len(system.team.agents)]).any())
-    held = not system.grid.continuous
     return RunBound(
-        applies=theorem.applies,
-        approximate=held or limited or dataset.attrs["backend"] == "physics",
-        reason=why_not(system, constants, spectrum),
+        applies=certificate.applies,
+        approximate=certificate.approximate or dataset.attrs["backend"] == "physics",
+        reason=certificate.reason,
         error=error,
         bound=bound,
-        ratio=_largest_ratio(error, bound) if theorem.applies else None,
-        settled_ratio=_largest_ratio(error[half:], bound[half:]) if theorem.applies else None,
+        ratio=_largest_ratio(error[1:], bound[1:]) if certificate.applies else None,
+        settled_ratio=_largest_ratio(error[half:], bound[half:]) if certificate.applies else None,
     )
 
 

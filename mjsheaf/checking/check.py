@@ -1,7 +1,7 @@
 """`check`: everything that can be said of a scenario before, or beside, running it."""
 
 import math
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from mjsheaf.backends.system import System
 from mjsheaf.checking import record as r
 from mjsheaf.checking.assumptions import decide
 from mjsheaf.checking.cohomology import RelativeCohomology, explain
-from mjsheaf.checking.constants import Constants, certify, take_constants, weaken
+from mjsheaf.checking.constants import Constants, certify, take_constants
 from mjsheaf.checking.fragility import Fragility, Loss, fragility
 from mjsheaf.checking.margins import body_margin, hold_margin, speed_demands, steady_lag
 from mjsheaf.checking.mending import MendPlan, mend
@@ -40,11 +40,19 @@ def check(scenario: Scenario, *, rate: float | None = None, radius: float = 1.0)
     Raises:
         InputError: rate or radius is not positive, or a vehicle does not fit its agent.
     """
-    return examine(scenario.system(), rate=rate, radius=radius).model_dump(mode="json")
+    return examine(scenario.system(), rate=rate, radius=radius).record.model_dump(mode="json")
 
 
-def examine(system: System, *, rate: float | None = None, radius: float = 1.0) -> r.CheckRecord:
-    """`check` of a system, as a typed record."""
+@dataclass(frozen=True)
+class Examination:
+    """A check with what it was made from: the record, and the region it was taken over."""
+
+    record: r.CheckRecord
+    region: Region
+
+
+def examine(system: System, *, rate: float | None = None, radius: float = 1.0) -> Examination:
+    """`check` of a system, as a typed record with its region."""
     for name, value in (("rate", rate), ("radius", radius)):
         if value is not None and not 0.0 < value < math.inf:
             raise InputError(f"{name} is {value}; it must be positive and finite")
@@ -53,16 +61,17 @@ def examine(system: System, *, rate: float | None = None, radius: float = 1.0) -
     region = region_of_system(system)
     constants = take_constants(system, region, spectrum)
     assumptions = decide(system, region, constants, cohomology)
-    return r.CheckRecord(
+    record = r.CheckRecord(
         scenario=system.name,
         ok=all(a.verdict != "fails" for a in assumptions),
         region=_region(region),
         assumptions=[r.AssumptionRecord(**asdict(a) | {"value": _finite(a.value)}) for a in assumptions],
         relative_cohomology=_cohomology(cohomology, mend(system.team) if cohomology.dimension else None),
-        theorem=_theorem(system, constants, spectrum, region, rate, radius),
-        margins=_margins(system, constants, spectrum, region),
+        theorem=_theorem(system, region, constants, spectrum, rate, radius),
+        margins=_margins(system, constants, spectrum),
         fragility=_fragility(fragility(system.team)),
     )
+    return Examination(record, region)
 
 
 def _finite(value: float | None) -> float | None:
@@ -75,9 +84,9 @@ def _region(region: Region) -> r.RegionRecord:
         verified=region.verified,
         agents_low=region.low.tolist(),
         agents_high=region.high.tolist(),
-        start=float(region.time[0]),
-        end=float(region.time[-1]),
-        samples=len(region.time),
+        start=float(region.path.time[0]),
+        end=float(region.path.time[-1]),
+        samples=len(region.path.time),
     )
 
 
@@ -113,15 +122,16 @@ def _cohomology(found: RelativeCohomology, plan: MendPlan | None) -> r.Cohomolog
 
 
 def _theorem(
-    system: System, constants: Constants, spectrum: Spectrum, region: Region, rate: float | None, radius: float
+    system: System, region: Region, constants: Constants, spectrum: Spectrum, rate: float | None, radius: float
 ) -> r.TheoremRecord:
-    theorem = certify(system, constants, spectrum, rate)
-    weaker = weaken(system, constants, spectrum)
-    slope = constants.lipschitz
+    certificate = certify(system, region, constants, spectrum, rate)
+    theorem, slope = certificate.theorem, constants.lipschitz
+    gain = gain_for_radius(radius, spectrum.lambda_min, constants.f_bar, constants.omega_bar, slope.upper)
     return r.TheoremRecord(
-        applies=theorem.applies,
-        approximate=not system.grid.continuous,
-        reason=why_not(system, constants, spectrum, rate),
+        applies=certificate.applies,
+        gain_condition=theorem.applies,
+        approximate=certificate.approximate,
+        reason=certificate.reason,
         gain=system.gain,
         lambda_min=spectrum.lambda_min,
         lambda_max=spectrum.lambda_max,
@@ -144,33 +154,15 @@ def _theorem(
         initial_error=constants.initial_error,
         initial_error_inside_S=theorem.applies,
         wanted_radius=radius,
-        gain_for_wanted_radius=_finite(
-            gain_for_radius(radius, spectrum.lambda_min, constants.f_bar, constants.omega_bar, slope.upper)
+        gain_for_wanted_radius=_finite(gain) or None,
+        weaker=r.WeakerRecord(
+            f_bar=_finite(certificate.weaker.f_bar),
+            radius=None if certificate.obstacle else _finite(certificate.weaker.radius),
         ),
-        weaker=r.WeakerRecord(f_bar=_finite(weaker.f_bar), radius=_finite(weaker.radius)),
     )
 
 
-def why_not(system: System, constants: Constants, spectrum: Spectrum, rate: float | None = None) -> str:
-    """Why the gain condition fails, or an empty string where it holds."""
-    theorem = certify(system, constants, spectrum, rate)
-    if theorem.applies:
-        return ""
-    if spectrum.lambda_min <= 0.0:
-        return "lambda_min(H) is 0: the harmonic extension is not unique"
-    if not math.isfinite(constants.lipschitz.upper) or not math.isfinite(constants.f_bar):
-        return "the agents' field is singular inside their region"
-    if rate is not None and theorem.k_min > constants.lipschitz.upper:
-        best = theorem.k_min - constants.lipschitz.upper
-        return f"lambda_V = {rate:.4g} 1/s is too fast: it must be below k_min - rho = {best:.4g} 1/s"
-    needed = 2.0 * constants.lipschitz.upper / spectrum.lambda_min
-    return (
-        f"k_min = {theorem.k_min:.4g} 1/s does not exceed rho = {constants.lipschitz.upper:.4g} 1/s; "
-        f"that takes a gain above {needed:.4g} 1/s"
-    )
-
-
-def _margins(system: System, constants: Constants, spectrum: Spectrum, region: Region) -> r.MarginsRecord:
+def _margins(system: System, constants: Constants, spectrum: Spectrum) -> r.MarginsRecord:
     hold = hold_margin(system, spectrum)
     bodies = body_margin(system, spectrum, time_constants(system))
     lag = steady_lag(system, constants)
@@ -184,7 +176,9 @@ def _margins(system: System, constants: Constants, spectrum: Spectrum, region: R
             spectral_radius=bodies.spectral_radius,
         ),
         speed=[r.SpeedRecord(**asdict(d)) for d in speed_demands(system)[:_MOST_ROWS]],
-        lag=[r.LagRecord(agent=ids[i], lag=float(lag[i])) for i in np.argsort(-lag, kind="stable")[:_MOST_ROWS]],
+        lag=[
+            r.LagRecord(agent=ids[i], lag=_finite(float(lag[i]))) for i in np.argsort(-lag, kind="stable")[:_MOST_ROWS]
+        ],
     )
 
 

@@ -20,7 +20,7 @@ class Constants:
     """Constants over a region.
 
     Attributes:
-        f_bar: supremum of |f_B| along the targets' trajectories, m/s.
+        f_bar: supremum of |f_B| along the targets' trajectories, m/s; infinite where it meets a singular kernel.
         f_bar_time: when it is attained, s.
         f_B: the difference itself, stacked, shape (T, n_q), m/s.
         lipschitz: rho: supremum of the Jacobian's norm of the agents' field over their box, 1/s, and where.
@@ -50,11 +50,14 @@ def difference(system: System, region: Region) -> tuple[Array, Array, Array]:
     team = system.team
     n_q = team.dirichlet.H.shape[0]
     N = len(team.agents)
-    padded = np.zeros((len(region.time), len(team.members), 3))
-    padded[:, N:] = target_drift(system, region.time, region.positions)
+    path = region.path
+    padded = np.zeros((len(path.time), len(team.members), 3))
+    padded[:, N:] = target_drift(system, path.time, path.positions)
     f_p = team.pack(padded)[:, n_q:]
+    own = agent_drift(system, path.q_star)
+    if not np.isfinite(f_p).all():  # a target sits on a singular kernel
+        return np.full_like(own, np.nan), own, np.full_like(own, np.nan)
     carried = team.dirichlet.extend(f_p) - team.dirichlet.extend(np.zeros(f_p.shape[1]))
-    own = agent_drift(system, region.q_star)
     return carried, own, carried - own
 
 
@@ -62,18 +65,19 @@ def take_constants(system: System, region: Region, spectrum: Spectrum) -> Consta
     """Take the constants of a system over a region."""
     team = system.team
     _, _, f_B = difference(system, region)
-    norm = np.linalg.norm(f_B, axis=1)
-    # Between two samples |f_B| can exceed both by no more than half of how far f_B moves.
-    between = np.linalg.norm(np.diff(f_B, axis=0), axis=1).max(initial=0.0)
+    norm = np.nan_to_num(np.linalg.norm(f_B, axis=1), nan=np.inf)
+    # Between two samples |f_B| exceeds both by at most half the length of its path there. Samples resolve every kernel
+    # and motion (see targets), so that the path is not twice as long as the chord.
+    chord = np.linalg.norm(np.diff(f_B, axis=0), axis=1).max(initial=0.0) if np.isfinite(norm).all() else 0.0
     kinds = sorted({agent.dimension for agent in team.agents})
     lipschitz = [lipschitz_constant(system.agent_flow, region.low, region.high, planar=n == 2) for n in kinds]
     speed = [largest_speed(system.agent_flow, region.low, region.high, planar=n == 2, drift=False) for n in kinds]
     largest = disturbance_bounds(system).max(initial=0.0)
     n_q = team.dirichlet.H.shape[0]
-    error = region.q_star[0] - team.pack(system.initial)[:n_q]
+    error = region.path.q_star[0] - team.pack(system.initial)[:n_q]
     return Constants(
-        f_bar=float(norm.max() + 0.5 * between),
-        f_bar_time=float(region.time[np.argmax(norm)]),
+        f_bar=float(norm.max() + chord),
+        f_bar_time=float(region.path.time[np.argmax(norm)]),
         f_B=f_B,
         lipschitz=max(lipschitz, key=lambda s: s.upper),
         speed=max(speed, key=lambda s: s.upper),
@@ -92,17 +96,74 @@ def disturbance_bounds(system: System) -> Array:
     return np.linalg.norm(system.harmonics[..., :3], axis=2).sum(axis=1)
 
 
-def certify(system: System, constants: Constants, spectrum: Spectrum, rate: float | None = None) -> Theorem:
-    """Theorem 1 with these constants."""
-    return theorem_1(
-        system.gain, spectrum.lambda_min, constants.f_bar, constants.omega_bar, constants.lipschitz.upper, rate
+@dataclass(frozen=True)
+class Certificate:
+    """Theorem 1 for a system over a region, with what else it takes.
+
+    Attributes:
+        theorem: the theorem with these constants; its own `applies` is the gain condition alone.
+        weaker: the bound that holds whatever the slopes: rho = 0, and f_bar enlarged by 2 sqrt(sum_i sup |f_i|^2).
+        applies: whether the gain condition holds and nothing else stands against the bound.
+        approximate: the law is held over a period, or the region is a guess.
+        reason: why it does not apply, or empty.
+        obstacle: what stands against any bound of continuous time, gain condition or not; or empty.
+    """
+
+    theorem: Theorem
+    weaker: Theorem
+    applies: bool
+    approximate: bool
+    reason: str
+    obstacle: str
+
+
+def certify(
+    system: System, region: Region, constants: Constants, spectrum: Spectrum, rate: float | None = None
+) -> Certificate:
+    """Decide what Theorem 1 says of a system over a region; `rate` is lambda_V, the best one unless given."""
+    c = constants
+    theorem = theorem_1(system.gain, spectrum.lambda_min, c.f_bar, c.omega_bar, c.lipschitz.upper, rate)
+    # f~ = f_q(q*) - f_q(q) with both in the box; the speed is without the drift, which cancels.
+    enlarged = c.f_bar + 2.0 * np.sqrt(len(system.team.agents)) * c.speed.upper
+    weaker = theorem_1(system.gain, spectrum.lambda_min, enlarged, c.omega_bar, 0.0)
+    obstacle = _obstacle(system, constants, spectrum, theorem if theorem.applies else weaker)
+    reason = _gain_condition(constants, spectrum, theorem, rate) or obstacle
+    return Certificate(
+        theorem=theorem,
+        weaker=weaker,
+        applies=not reason,
+        approximate=not system.grid.continuous or not region.verified,
+        reason=reason,
+        obstacle=obstacle,
     )
 
 
-def weaken(system: System, constants: Constants, spectrum: Spectrum) -> Theorem:
-    """The bound that holds whatever the slopes: rho = 0, and f_bar enlarged by what f~ can be at most.
+def _gain_condition(constants: Constants, spectrum: Spectrum, theorem: Theorem, rate: float | None) -> str:
+    """Why the gain condition fails, or an empty string where it holds."""
+    if theorem.applies:
+        return ""
+    if spectrum.lambda_min <= 0.0:
+        return "lambda_min(H) is 0: the harmonic extension is not unique"
+    rho = constants.lipschitz.upper
+    if not np.isfinite(rho) or not np.isfinite(constants.f_bar):
+        return "a field is singular inside the region"
+    if rate is not None and theorem.k_min > rho:
+        return f"lambda_V = {rate:.4g} 1/s is too fast: it must be below k_min - rho = {theorem.k_min - rho:.4g} 1/s"
+    return (
+        f"k_min = {theorem.k_min:.4g} 1/s does not exceed rho = {rho:.4g} 1/s; "
+        f"that takes a gain above {2.0 * rho / spectrum.lambda_min:.4g} 1/s"
+    )
 
-    |f~| <= 2 sqrt(sum_i sup |f_i|^2), with the supremum over the agents' box.
-    """
-    largest = 2.0 * np.sqrt(len(system.team.agents)) * constants.speed.upper
-    return theorem_1(system.gain, spectrum.lambda_min, constants.f_bar + largest, constants.omega_bar, 0.0)
+
+def _obstacle(system: System, constants: Constants, spectrum: Spectrum, bound: Theorem) -> str:
+    """A hold or a speed limit under which no bound of the continuous, unlimited law can be relied on."""
+    if not system.grid.continuous:
+        product = system.gain * system.grid.period * spectrum.lambda_max
+        if product >= 1.0:
+            what = "diverges" if product >= 2.0 else "rings"
+            return f"the held law {what} (k1 h lambda_max = {product:.3g}): a bound of continuous time says nothing"
+    limit = float(system.law.limit[: len(system.team.agents)].min())
+    asked = system.gain * spectrum.lambda_max * max(constants.initial_error, bound.radius)
+    if np.isfinite(limit) and asked > limit:
+        return f"the law may ask for {asked:.3g} m/s, beyond a speed limit of {limit:.3g} m/s"
+    return ""

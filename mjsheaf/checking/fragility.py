@@ -9,8 +9,10 @@ from typing import Literal
 import networkx as nx
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
-from mjsheaf.checking.spectrum import agent_coboundary, smallest_eigenvalue
+from mjsheaf.checking.spectrum import AgentCoboundary, agent_coboundary, smallest_eigenvalue
+from mjsheaf.sheaf.kernel import sparse_kernel_basis
 from mjsheaf.team import GROUND, Edge, Team
 
 Index = NDArray[np.int64]
@@ -32,7 +34,8 @@ class Loss:
     Attributes:
         kind: what is lost.
         name: such as "A1 - T2", "A1 - A4 (1 of 2)", "A2 along z" (an anchor), "A3".
-        breaks: which of CONNECTED, SENSED and TRIVIAL held before and fail after.
+        breaks: what is newly broken, whatever failed before. CONNECTED: agents that were connected no longer are.
+            SENSED: a target that was sensed no longer is. TRIVIAL: agents have a motion free that was not.
         lambda_min: smallest eigenvalue of H after the loss; None where it was not computed.
     """
 
@@ -50,8 +53,8 @@ class Fragility:
         exact: whether every loss was tried out on H; else only losses that break CONNECTED or SENSED are listed.
         method: the same in words.
         losses: those that break something first, then by lambda_min.
-        worst: the loss that breaks nothing and leaves the smallest lambda_min; None where there is none, or where
-            lambda_min was not computed.
+        worst: the loss that breaks nothing and leaves the smallest lambda_min; None where there is none, where
+            lambda_min was not computed, or where it is 0 already.
     """
 
     exact: bool
@@ -89,19 +92,31 @@ def fragility(team: Team) -> Fragility:
 
     coboundary, rows = agent_coboundary(team), _rows_of_edges(team)
     agent_of_state = team.slots[:states] // 3
-    was_trivial = smallest_eigenvalue(coboundary) > 0.0
+    free = team.dirichlet.sparse_null_basis.shape[1]
     losses = []
     for single, broken in zip(singles, breaks, strict=True):
         kept = np.ones(coboundary.plain.shape[0], dtype=bool)
         for e in single.edges:
             kept[rows[e]] = False
-        left = smallest_eigenvalue(coboundary.kept(kept, agent_of_state != single.agent))
-        if was_trivial and left == 0.0:
+        lost = agent_of_state == single.agent
+        # What the lost agent alone was free to do is lost with it.
+        free_before = free - _dimension(coboundary.plain[:, lost]) if free and lost.any() else free
+        free_after, left = _free_and_lambda_min(coboundary.kept(kept, ~lost))
+        if free_after > free_before:
             broken += (TRIVIAL,)
         losses.append(Loss(single.kind, single.name, broken, left))
     losses.sort(key=lambda loss: (not loss.breaks, round(loss.lambda_min or 0.0, 12)))  # rounding does not choose
-    worst = next((loss for loss in losses if not loss.breaks), None)
+    worst = None if free else next((loss for loss in losses if not loss.breaks), None)
     return Fragility(True, f"exact: H decomposed again after each of {len(losses)} losses", losses, worst)
+
+
+def _free_and_lambda_min(coboundary: AgentCoboundary) -> tuple[int, float]:
+    lambda_min = smallest_eigenvalue(coboundary)
+    return (0, lambda_min) if lambda_min > 0.0 else (_dimension(coboundary.plain), 0.0)
+
+
+def _dimension(plain: sparse.csr_array) -> int:
+    return sparse_kernel_basis(plain).shape[1]
 
 
 def _singles(team: Team) -> Iterator[_Single]:
@@ -158,19 +173,14 @@ def _combinatorial(team: Team, singles: list[_Single]) -> list[tuple[str, ...]]:
     graph.add_nodes_from(team.agent_ids)
     links = Counter(map(_ends, team.communication))
     graph.add_edges_from(links)
-    bridges: set[tuple[str, ...]] = set()
-    cuts: set[str] = set()
-    if nx.is_connected(graph):
-        bridges = {(min(pair), max(pair)) for pair in nx.bridges(graph)}
-        cuts = set(nx.articulation_points(graph))
+    bridges = {(min(pair), max(pair)) for pair in nx.bridges(graph)}
+    cuts = set(nx.articulation_points(graph))
 
     sensed_by = {target: Counter[str]() for target in team.target_ids}
     for e in team.sensing:
         sensed_by[e.head][e.tail] += 1
-    once, alone = set[str](), set[str]()
-    if all(sensed_by.values()):
-        once = {target for target, by in sensed_by.items() if by.total() == 1}
-        alone = {agent for by in sensed_by.values() if len(by) == 1 for agent in by}
+    once = {target for target, by in sensed_by.items() if by.total() == 1}
+    alone = {agent for by in sensed_by.values() if len(by) == 1 for agent in by}
 
     def of(single: _Single) -> tuple[str, ...]:
         if single.agent is not None:

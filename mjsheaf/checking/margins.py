@@ -12,7 +12,7 @@ from mjsheaf.checking.spectrum import Spectrum
 
 Array = NDArray[np.float64]
 
-_NULL = 1e-12  # of the largest eigenvalue: such a mode counts as free
+_AT_REST = 1e-6  # share of z, against tau v, under which z is at rest
 
 LARGEST_SECOND_ORDER = 600
 """Largest n_q for which eigenvalues of the second-order system of unlike bodies are computed."""
@@ -25,26 +25,28 @@ class HoldMargin:
     Attributes:
         period: h, s.
         product: k1 h lambda_max; below 2 the sampled law converges, up to 1 it does not ring.
-        largest_gain: 2 / (h lambda_max), 1/s.
-        ringing_gain: 1 / (h lambda_max): beyond it the fastest mode changes sign at each sample, 1/s.
+        largest_gain: 2 / (h lambda_max), 1/s; None where lambda_max is 0, and any gain will do.
+        ringing_gain: 1 / (h lambda_max): beyond it the fastest mode changes sign at each sample, 1/s; None likewise.
     """
 
     period: float
     product: float
-    largest_gain: float
-    ringing_gain: float
+    largest_gain: float | None
+    ringing_gain: float | None
 
 
 @dataclass(frozen=True)
 class BodyMargin:
-    """Inertia: tau q'' + q' = u with tau = m / D.
+    """Inertia: tau q'' + q' = u with tau = m / D. What is free does not enter.
 
     Attributes:
         tau: smallest and largest time constant of the agents, s.
-        damping_slowest, damping_fastest: damping ratio 1 / (2 sqrt(k1 lambda tau)) at lambda_min and lambda_max; for
-            unlike bodies the least damping ratio among the second-order system's eigenvalues, twice.
+        damping_slowest, damping_fastest: damping ratio 1 / (2 sqrt(k1 lambda tau)) at the smallest lambda above zero
+            and the largest; infinite where there is none. For unlike bodies -Re s / |s| of the smallest and of the
+            largest root s, by |s|, of the second-order system: 1 where that root is real. For unlike bodies of over
+            LARGEST_SECOND_ORDER states, a lower bound of the damping ratio of all modes, twice.
         spectral_radius: of the sampled plant under the held law; below 1 it is stable. None where the law is
-            continuous or the team is too large.
+            continuous, nothing is held or the team is too large.
     """
 
     tau: tuple[float, float]
@@ -67,11 +69,12 @@ def hold_margin(system: System, spectrum: Spectrum) -> HoldMargin | None:
     if system.grid.continuous:
         return None
     h = system.grid.period
+    ringing = 1.0 / (h * spectrum.lambda_max) if spectrum.lambda_max > 0.0 else None
     return HoldMargin(
         period=h,
         product=system.gain * h * spectrum.lambda_max,
-        largest_gain=2.0 / (h * spectrum.lambda_max),
-        ringing_gain=1.0 / (h * spectrum.lambda_max),
+        largest_gain=None if ringing is None else 2.0 * ringing,
+        ringing_gain=ringing,
     )
 
 
@@ -86,48 +89,65 @@ def body_margin(system: System, spectrum: Spectrum, tau: Array) -> BodyMargin:
     k, h = system.gain, None if system.grid.continuous else system.grid.period
     low, high = float(tau.min()), float(tau.max())
     n = system.team.dirichlet.H.shape[0]
+    if not spectrum.smallest.size:  # nothing is held, so nothing swings
+        return BodyMargin((low, high), np.inf, np.inf, None)
+    slowest = float(spectrum.smallest[0])
     if high - low <= 1e-9 * high:
-        ratio = [
-            1.0 / (2.0 * np.sqrt(k * eigenvalue * low)) if eigenvalue > 0.0 else np.inf
-            for eigenvalue in (spectrum.lambda_min, spectrum.lambda_max)
-        ]
+        ratio = [float(1.0 / (2.0 * np.sqrt(k * eigenvalue * low))) for eigenvalue in (slowest, spectrum.lambda_max)]
         radius = None
         if h is not None:
             # The spectral radius is not monotone in lambda: look along the whole interval of the spectrum.
-            modes = np.linspace(spectrum.lambda_min, spectrum.lambda_max, 200)
+            modes = np.linspace(slowest, spectrum.lambda_max, 200)
             if n <= LARGEST_SECOND_ORDER:
-                modes = linalg.eigvalsh(system.team.dirichlet.H.toarray())
-            modes = modes[modes > _NULL * spectrum.lambda_max]  # what is free neither decays nor grows
-            radius = max((_radius(_sampled(np.array([[m]]), np.array([low]), k, h)) for m in modes), default=None)
+                modes = _held_modes(system, spectrum)[0]
+            radius = max(_radius(_sampled(np.array([m]), np.eye(1), np.array([low]), k, h), 1, low) for m in modes)
         return BodyMargin((low, high), ratio[0], ratio[1], radius)
     if n > LARGEST_SECOND_ORDER:
-        bounds = [1.0 / (2.0 * np.sqrt(k * spectrum.lambda_max * t)) for t in (high, low)]
-        return BodyMargin((low, high), min(bounds), min(bounds), None)
+        bound = float(1.0 / (2.0 * np.sqrt(k * spectrum.lambda_max * high)))
+        return BodyMargin((low, high), bound, bound, None)
     each = np.concatenate([np.full(a.dimension, t) for a, t in zip(system.team.agents, tau, strict=True)])
-    H = system.team.dirichlet.H.toarray()
-    inertia = np.diag(1.0 / each)
-    roots = linalg.eigvals(np.block([[np.zeros((n, n)), np.eye(n)], [-k * inertia @ H, -inertia]]))
-    moving = roots[np.abs(roots) > 1e-9]
-    least = float(np.min(-moving.real / np.abs(moving)))
-    radius = None if h is None else _radius(_sampled(H, each, k, h))
-    return BodyMargin((low, high), least, least, radius)
+    modes, Q = _held_modes(system, spectrum)
+    swing = np.block([[np.zeros((len(modes),) * 2), Q.T], [-k / each[:, None] * Q * modes, -np.diag(1.0 / each)]])
+    roots = _moving(swing, len(modes), low)
+    ratios = (-roots.real / np.abs(roots))[np.argsort(np.abs(roots))]
+    radius = None if h is None else _radius(_sampled(modes, Q, each, k, h), len(modes), low)
+    return BodyMargin((low, high), float(ratios[0]), float(ratios[-1]), radius)
 
 
-def _sampled(H: Array, tau: Array, k: float, h: float) -> Array:
-    """One period of tau v' = u - v, q' = v with u = -k H q held, exactly: the matrix on (q, v)."""
+def _held_modes(system: System, spectrum: Spectrum) -> tuple[Array, Array]:
+    """Eigenvalues of H above zero, ascending, and their vectors, shape (n, m); what is free is left out."""
+    values, vectors = linalg.eigh(system.team.dirichlet.H.toarray())
+    return np.maximum(values[spectrum.nullity :], spectrum.smallest[0]), vectors[:, spectrum.nullity :]
+
+
+def _sampled(modes: Array, Q: Array, tau: Array, k: float, h: float) -> Array:
+    """One period of tau v' = u - v, z' = Q^T v with u = -k Q modes z held, exactly: the matrix on (z, v)."""
     decay = np.exp(-h / tau)
     reach = tau * (1.0 - decay)
-    n = len(tau)
+    push = k * Q * modes
     return np.block(
         [
-            [np.eye(n) - k * (h - reach)[:, None] * H, np.diag(reach)],
-            [-k * (1.0 - decay)[:, None] * H, np.diag(decay)],
+            [np.eye(len(modes)) - Q.T @ ((h - reach)[:, None] * push), Q.T * reach],
+            [-(1.0 - decay)[:, None] * push, np.diag(decay)],
         ]
     )
 
 
-def _radius(matrix: Array) -> float:
-    return float(np.abs(linalg.eigvals(matrix)).max())
+def _moving(matrix: Array, m: int, tau: float) -> NDArray[np.complex128]:
+    """Eigenvalues of a matrix on (z, v), z of length m; not those that leave z at rest, coasting along what is free.
+
+    Args:
+        matrix: square.
+        m: number of modes that are held.
+        tau: a time that makes v comparable to z.
+    """
+    values, vectors = linalg.eig(matrix)
+    z, v = np.linalg.norm(vectors[:m], axis=0), np.linalg.norm(vectors[m:], axis=0)
+    return values[z > _AT_REST * tau * v]
+
+
+def _radius(sampled: Array, m: int, tau: float) -> float:
+    return float(np.abs(_moving(sampled, m, tau)).max())
 
 
 def speed_demands(system: System) -> list[SpeedDemand]:
@@ -151,6 +171,8 @@ def steady_lag(system: System, constants: Constants) -> Array:
     It is what remains of e once e' is small: k1 H e = f_B.
     """
     problem = system.team.dirichlet
+    if not np.isfinite(constants.f_B).all():
+        return np.full(len(system.team.agents), np.nan)
     thin = constants.f_B[:: max(1, len(constants.f_B) // 2000)]
     lag = problem.solve(thin) / system.gain
     return np.linalg.norm(system.team.unpack(lag), axis=2).max(axis=0)

@@ -92,8 +92,9 @@ class WeakerRecord(_Part):
 class TheoremRecord(_Part):
     """Theorem 1, computed."""
 
-    applies: bool = Field(description="whether the gain condition holds for lambda_V")
-    approximate: bool = Field(description="the law is held over a period: a continuous-time bound is approximate")
+    applies: bool = Field(description="the gain condition holds for lambda_V, and no hold or speed limit is in the way")
+    gain_condition: bool = Field(description="k_min > rho + lambda_V")
+    approximate: bool = Field(description="the law is held over a period, or the region is a guess")
     reason: str = Field(description="why it does not apply, or empty")
     gain: float = Field(description="k1, 1/s")
     lambda_min: float
@@ -108,7 +109,7 @@ class TheoremRecord(_Part):
     lambda_V_given: bool
     k_min: float = Field(description="1/s")
     mu: float | None = Field(description="m^2/s")
-    chi: float | None = Field(description="m; null where it is infinite")
+    chi: float | None = Field(description="m; null where it is infinite: rho is constant over the region")
     chi_infinite: bool
     radius_D: float | None = Field(description="m; null: the whole space, or the condition fails")
     radius_S: float | None = Field(description="m; null: the whole space, or the condition fails")
@@ -125,8 +126,8 @@ class HoldRecord(_Part):
 
     period: float
     product: float = Field(description="k1 h lambda_max: below 2 it converges, up to 1 it does not ring")
-    largest_gain: float
-    ringing_gain: float
+    largest_gain: float | None = Field(description="1/s; null where H = 0")
+    ringing_gain: float | None = Field(description="1/s; null where H = 0")
 
 
 class BodyRecord(_Part):
@@ -150,7 +151,7 @@ class LagRecord(_Part):
     """The expected steady lag of an agent, the largest along the run."""
 
     agent: str
-    lag: float
+    lag: float | None = Field(description="m; null where a field is singular")
 
 
 class MarginsRecord(_Part):

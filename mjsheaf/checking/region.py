@@ -1,19 +1,18 @@
 """The region over which the theorem's constants are taken.
 
-Targets do not react to agents, so what they do in a run is known before it: constants that depend on targets are taken
-along their trajectories. Agents may be anywhere in a box that holds their trajectories and their harmonic extension.
+Targets do not react to agents, so where they go is known before a run: constants that depend on targets are taken along
+their trajectories. Agents may be anywhere in a box that holds their trajectories and their harmonic extension.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import solve_ivp
 
 from mjsheaf.backends.ideal import run_ideal
 from mjsheaf.backends.system import System
-from mjsheaf.checking.drift import target_drift
-from mjsheaf.dynamics.disturbance import evaluate
+from mjsheaf.checking.drift import agent_drift
+from mjsheaf.checking.targets import TargetPath, follow_targets
 
 Array = NDArray[np.float64]
 
@@ -22,7 +21,6 @@ MOST_VEHICLE_STEPS = 3_000_000
 
 _MARGIN = 0.05  # of the box's size, added on every side
 _GUESS_MARGIN = 0.5
-_MOST_EXTENSIONS = 100  # instants at which q* is computed without a run
 
 
 @dataclass(frozen=True)
@@ -30,75 +28,60 @@ class Region:
     """Where a run takes place.
 
     Attributes:
-        time: instants at which targets are known, shape (T,), s.
-        positions: of all vehicles at these instants, shape (T, V, 3), m; agents stay at their initial positions where
-            there was no run.
-        q_star: harmonic extension at these instants, stacked, shape (T, n_q), m.
+        path: the targets' trajectories and the harmonic extension along them.
         low, high: corners of the agents' box, shape (3,), m.
         source: how it was got.
-        verified: whether it holds a run, and is not only a guess.
+        verified: whether the box holds a run and the targets' path was found, or both are only a guess.
     """
 
-    time: Array
-    positions: Array
-    q_star: Array
+    path: TargetPath
     low: Array
     high: Array
     source: str
     verified: bool
 
 
-def region_of_run(system: System, time: Array, positions: Array, source: str) -> Region:
-    """The region of a run that has been made: positions (T, V, 3) at times (T,)."""
-    q_star = _extension(system, positions)
-    return Region(time, positions, q_star, *_box(system, positions, q_star, _MARGIN), source, True)
+def region_of_run(system: System, positions: Array, source: str) -> Region:
+    """The region of a run that has been made: positions (T, V, 3) at the system's samples."""
+    path = follow_targets(system)
+    low, high = _box(system, positions, path.q_star, _MARGIN)
+    between = 0.5 * system.grid.period * _largest_speed(system, positions)
+    spatial = np.array([1.0, 1.0, float(any(agent.dimension == 3 for agent in system.team.agents))])
+    return Region(path, low - between * spatial, high + between * spatial, source + path.complaint, not path.complaint)
 
 
 def region_of_system(system: System) -> Region:
-    """The region of a system's ideal run, or a guess where the run would take too long."""
-    N, V = len(system.team.agents), len(system.team.members)
-    if V * system.grid.steps <= MOST_VEHICLE_STEPS and system.team.dirichlet.unique:
+    """The region of a system's ideal run, or a guess where there is none."""
+    if not system.team.dirichlet.unique:
+        why = "the harmonic extension is not unique"
+    elif len(system.team.members) * system.grid.steps > MOST_VEHICLE_STEPS:
+        why = "too large for a run"
+    else:
         run = run_ideal(system)
         if run.status == "finished":
-            return region_of_run(system, run.time, run.positions, "ideal run of this scenario")
+            return region_of_run(system, run.positions, "ideal run of this scenario")
         why = "the ideal run blows up"
-    else:
-        why = "no run was made" if system.team.dirichlet.unique else "the harmonic extension is not unique"
-    time, positions = _targets_alone(system)
-    positions[:, :N] = system.initial[:N]
-    q_star = _extension(system, positions)
-    low, high = _box(system, positions, q_star, _GUESS_MARGIN)
-    return Region(time, positions, q_star, low, high, f"initial positions and q*, widened ({why})", False)
-
-
-def _extension(system: System, positions: Array) -> Array:
-    n_q = system.team.dirichlet.H.shape[0]
-    return system.team.dirichlet.extend(system.team.pack(positions)[:, n_q:])
+    path = follow_targets(system)
+    low, high = _box(system, system.initial[None], path.q_star, _GUESS_MARGIN)
+    return Region(path, low, high, f"a guess from initial positions and q*: {why}{path.complaint}", False)
 
 
 def _box(system: System, positions: Array, q_star: Array, margin: float) -> tuple[Array, Array]:
-    points = np.concatenate([positions[:, : len(system.team.agents)], system.team.unpack(q_star)]).reshape(-1, 3)
-    low, high = points.min(axis=0), points.max(axis=0)
+    both = (positions[:, : len(system.team.agents)], system.team.unpack(q_star))
+    low = np.min([x.min(axis=(0, 1)) for x in both], axis=0)
+    high = np.max([x.max(axis=(0, 1)) for x in both], axis=0)
     widen = margin * np.maximum(high - low, 1.0)
     widen[2] *= any(agent.dimension == 3 for agent in system.team.agents)
     return low - widen, high + widen
 
 
-def _targets_alone(system: System) -> tuple[Array, Array]:
-    """Trajectories of the targets, integrated roughly without the agents, at few instants: (T,) and (T, V, 3)."""
-    N, V = len(system.team.agents), len(system.team.members)
-    samples = system.grid.samples
-    time = samples[np.unique(np.linspace(0, len(samples) - 1, _MOST_EXTENSIONS).astype(int))]
-
-    def slope(t: float, p: Array) -> Array:
-        x = np.array(system.initial)
-        x[N:] = p.reshape(-1, 3)
-        instant = np.array([t])
-        omega = evaluate(system.harmonics, instant)[0, N:]
-        return (target_drift(system, instant, x[None])[0] + omega).ravel()
-
-    solution = solve_ivp(slope, (time[0], time[-1]), system.initial[N:].ravel(), t_eval=time, rtol=1e-6, atol=1e-6)
-    positions = np.repeat(system.initial[None], len(time), axis=0)
-    if solution.success:
-        positions[:, N:] = solution.y.T.reshape(len(time), V - N, 3)
-    return time, positions
+def _largest_speed(system: System, positions: Array) -> float:
+    """Largest k1 |eta_i| + |f_i| + omega_bar over agents and samples: how fast an agent moves between samples, m/s."""
+    team, problem = system.team, system.team.dirichlet
+    x = team.pack(positions)
+    n_q = problem.H.shape[0]
+    eta = (problem.H @ x[:, :n_q].T - problem.B @ x[:, n_q:].T - problem.c[:, None]).T
+    speed = system.gain * np.linalg.norm(team.unpack(eta), axis=2)
+    speed += np.linalg.norm(team.unpack(agent_drift(system, x[:, :n_q])), axis=2)
+    omega = np.linalg.norm(system.harmonics[..., :3], axis=2).sum(axis=1).max(initial=0.0)
+    return float(np.nan_to_num(speed, posinf=0.0).max() + omega)

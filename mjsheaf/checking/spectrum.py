@@ -57,7 +57,7 @@ def spectrum_of(team: Team, count: int = 6) -> Spectrum:
         count: how many of the smallest eigenvalues above zero are wanted; fewer where H has fewer. Beyond
             DENSE_STATES a further copy of a multiple eigenvalue of one component may be missing.
     """
-    D, null = agent_coboundary(team).whitened, sparse.csc_array(team.dirichlet.null_basis)
+    D, null = agent_coboundary(team).whitened, team.dirichlet.sparse_null_basis
     smallest, vectors, largest_component = _above_zero(D, null, count)
     nullity = null.shape[1]
     return Spectrum(

@@ -29,7 +29,8 @@ def check_command(
         raise InputError(f"--plot {plot}: legal is a name that ends in .png, in a directory that exists")
     scenario = load_scenario(source, dict(parse_override(text) for text in overrides))
     system = scenario.system()
-    record = examine(system, rate=rate, radius=radius)
+    examination = examine(system, rate=rate, radius=radius)
+    record = examination.record
     if as_json:
         print(json.dumps(record.model_dump(mode="json"), indent=2, allow_nan=False))
     else:
@@ -37,13 +38,13 @@ def check_command(
     if plot is not None:
         from mjsheaf.plots.check import plot_check
 
-        plot_check(system, record, plot)
+        plot_check(system, examination, plot)
         if not as_json:
             print(plot)
     failing = [a for a in record.assumptions if a.verdict == "fails"]
     if failing:
-        names = ", ".join(f"{a.number} ({a.name})" for a in failing)
-        raise AssumptionFailsError(f"{source}: assumption {names} fails: {failing[-1].witness}")
+        told = "; ".join(f"assumption {a.number} fails ({a.name}): {a.witness}" for a in failing)
+        raise AssumptionFailsError(f"{source}: {told}")
 
 
 def report(record: CheckRecord) -> Group:
@@ -112,11 +113,11 @@ def _theorem(record: CheckRecord) -> Table:
     high = ", ".join(f"{x:.3g}" for x in record.region.agents_high)
     verdict = "applies" if t.applies else "does not apply: " + t.reason
     rows = [
-        ("gain condition", "holds" if t.applies else "fails", verdict + ("; held law: approximate" * t.approximate)),
+        ("gain condition", "holds" if t.gain_condition else "fails", verdict + (" (approximately)" * t.approximate)),
         ("region", "", f"agents in ({low}) to ({high}) m; {record.region.source}"),
         ("lambda_min, lambda_max", f"{t.lambda_min:.4g}, {t.lambda_max:.4g}", "of H"),
         ("sigma_max(B)", _number(t.sigma_max_B), ""),
-        ("f_bar", _number(t.f_bar, "m/s"), "largest |H^-1 B f_p - f_q(q*)|"),
+        ("f_bar", _number(t.f_bar, "m/s"), "largest |H^-1 B f_p - f_q(q*)|, and its change between samples"),
         ("omega_bar", _number(t.omega_bar, "m/s"), ""),
         ("rho", _number(t.rho, "1/s"), t.rho_source),
         ("k_min", _number(t.k_min, "1/s"), "k1 lambda_min / 2"),
@@ -126,21 +127,33 @@ def _theorem(record: CheckRecord) -> Table:
             "given" if t.lambda_V_given else "the best" if t.applies else "none satisfies the gain condition",
         ),
         ("mu", _number(t.mu, "m^2/s"), ""),
-        ("chi, radii of D and S", "infinite" if t.chi_infinite else "-", "as rho is constant" * t.chi_infinite),
+        (
+            "chi, radii of D and S",
+            "infinite" if t.chi_infinite else "-",
+            "within the region, as rho is constant there" * t.chi_infinite,
+        ),
         ("ultimate radius", _number(t.radius_U, "m"), "of |e|, all agents together"),
         ("initial error", _number(t.initial_error, "m"), "inside S" if t.initial_error_inside_S else "no set S"),
         (
             f"gain for {t.wanted_radius:g} m",
             _number(t.gain_for_wanted_radius, "1/s"),
-            "smallest k1 with that ultimate radius",
+            "smallest k1 with that ultimate radius, constants as here" + _beyond_hold(record),
         ),
         (
             "weaker bound",
             _number(t.weaker.radius, "m"),
-            "ultimate radius with rho = 0, which holds whatever the slopes",
+            "ultimate radius with rho = 0, whatever the slopes",
         ),
     ]
     return _pairs("Theorem 1", rows)
+
+
+def _beyond_hold(record: CheckRecord) -> str:
+    """A warning where the wanted gain is more than the control period allows."""
+    wanted, hold = record.theorem.gain_for_wanted_radius, record.margins.hold
+    if wanted is None or hold is None or hold.largest_gain is None or wanted < hold.largest_gain:
+        return ""
+    return f"; beyond the {hold.largest_gain:.4g} 1/s that the hold allows"
 
 
 def _margins(record: CheckRecord) -> Table:
@@ -164,7 +177,9 @@ def _margins(record: CheckRecord) -> Table:
         rows.append(("sampled bodies", f"{m.bodies.spectral_radius:.6g}", f"spectral radius: {word}"))
     first = m.speed[0]
     limit = "no limit" if first.limit is None else f"limit {first.limit:.4g} m/s"
-    rows.append(("speed asked at start", _number(first.asked, "m/s"), f"of {first.agent}; {limit}"))
+    beyond = sum(s.limit is not None and s.asked > s.limit for s in m.speed)
+    exceeded = f", exceeded by {beyond} agents" if beyond else ""
+    rows.append(("speed asked at start", _number(first.asked, "m/s"), f"of {first.agent}; {limit}{exceeded}"))
     rows.append(("steady lag", _number(m.lag[0].lag, "m"), f"largest, of {m.lag[0].agent}"))
     return _pairs("margins in practice", rows)
 

@@ -16,6 +16,9 @@ from mjsheaf.errors import InputError
 
 Array = NDArray[np.float64]
 
+RANK_TOLERANCE = 1e-9
+"""A singular value of g at most this much of the largest counts as zero."""
+
 
 class EffectivenessArrays(NamedTuple):
     """Layouts of all agents, padded: W (N, 3, s), pinv (N, s, 3), heading (N, 5): psi_0, psi_q (3), psi_t.
@@ -110,5 +113,10 @@ def pack(models: list[ControlEffectiveness | None], dimensions: list[int]) -> Ef
 
 def without_full_row_rank(arrays: EffectivenessArrays, dimensions: list[int]) -> list[int]:
     """Numbers of the agents whose layout is not of full row rank (Assumption 2): g g^+ = I fails for them."""
-    ranks = [np.linalg.matrix_rank(arrays.W[i, :n]) for i, n in enumerate(dimensions)]
-    return [i for i, (rank, n) in enumerate(zip(ranks, dimensions, strict=True)) if rank < n]
+    singular = [np.linalg.svd(arrays.W[i, :n], compute_uv=False) for i, n in enumerate(dimensions)]
+    return [i for i, sigma in enumerate(singular) if is_rank_deficient(sigma)]
+
+
+def is_rank_deficient(singular: NDArray[np.floating]) -> bool:
+    """Whether singular values, largest first, say that a g is not of full row rank: relative to the largest."""
+    return bool(singular[-1] <= RANK_TOLERANCE * singular[0])

@@ -109,6 +109,9 @@ class FlowField:
         length = np.linalg.norm(channels[:, n : 2 * n], axis=1)
         if np.any(length == 0.0) or np.any(channels[:, 2 * n + 1 :] <= 0.0):
             raise InputError("a channel needs a non-zero direction and a positive width and length")
+        # A kernel without strength is no kernel: left in, it would be 0 / 0 at a centre without a core.
+        sources, vortices = sources[sources[:, n] != 0.0], vortices[vortices[:, -1] != 0.0]
+        channels, length = channels[channels[:, 2 * n] != 0.0], length[channels[:, 2 * n] != 0.0]
         table = np.zeros((1 + len(sources) + len(vortices) + len(channels), _COLUMNS))
         table[:, 1] = n == 3
         table[0, 2 : 2 + n] = drift[0]

@@ -9,9 +9,10 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from mjsheaf.backends.system import System
+from mjsheaf.checking.check import Examination
 from mjsheaf.checking.constants import difference
 from mjsheaf.checking.record import CheckRecord
-from mjsheaf.checking.region import region_of_system
+from mjsheaf.checking.region import Region
 from mjsheaf.plots.figures import new_figure, save_figure
 from mjsheaf.plots.palette import group_of_vehicles, palette
 
@@ -21,15 +22,16 @@ _LARGEST_SPECTRUM = 2000  # eigenvalues; beyond, only the extremes are drawn
 _FREE, _CARRIED, _OWN, _GAP = "#D62728", "#0072B2", "#E69F00", "#4B5563"
 
 
-def plot_check(system: System, record: CheckRecord, path: Path) -> None:
+def plot_check(system: System, examination: Examination, path: Path) -> None:
     """Draw a check into a PNG."""
+    record = examination.record
     figure = new_figure(18.0, 6.6)
     verdict = "every assumption holds" if record.ok else "an assumption fails"
     figure.suptitle(f"{record.scenario}: {verdict}")
     panels = figure.subplots(1, 3)
     _spectrum(panels[0], system, record)
     _graph(panels[1], system, record)
-    _difference(panels[2], system)
+    _difference(panels[2], system, examination.region)
     figure.subplots_adjust(left=0.05, right=0.985, top=0.86, bottom=0.2, wspace=0.2)
     save_figure(figure, path)
 
@@ -105,14 +107,17 @@ def _graph(axis: Any, system: System, record: CheckRecord) -> None:
     _legend_below(axis, handles)
 
 
-def _difference(axis: Any, system: System) -> None:
+def _difference(axis: Any, system: System, region: Region) -> None:
     """The paper's figure of Assumption 7, at the instant at which the difference is largest."""
     team = system.team
-    region = region_of_system(system)
     carried, own, gap = difference(system, region)
-    k = int(np.argmax(np.linalg.norm(gap, axis=1)))
+    size = np.linalg.norm(gap, axis=1)
+    if not np.isfinite(size).all():
+        axis.text(0.5, 0.5, "unbounded: a target meets a singular kernel", transform=axis.transAxes, ha="center")
+        return
+    k = int(np.argmax(size))
     N = len(team.agents)
-    q_star, targets = team.unpack(region.q_star[k])[:, :2], region.positions[k, N:, :2]
+    q_star, targets = team.unpack(region.path.q_star[k])[:, :2], region.path.positions[k, N:, :2]
     arrows = [team.unpack(x[k])[:, :2] for x in (own, carried)]
     longest = max(float(np.linalg.norm(a, axis=1).max()) for a in arrows) or 1.0
     scale = 0.2 * max(float(np.ptp(np.vstack([q_star, targets]), axis=0).max()), 1.0) / longest
@@ -128,7 +133,9 @@ def _difference(axis: Any, system: System) -> None:
     axis.update_datalim(np.concatenate([*ends, targets]))
     axis.autoscale_view()
     norm = float(np.linalg.norm(gap[k]))
-    axis.set_title(f"bounded difference, largest at t = {region.time[k]:.4g} s: |f_B| = {norm:.3g} m/s", fontsize=11)
+    axis.set_title(
+        f"bounded difference, largest at t = {region.path.time[k]:.4g} s: |f_B| = {norm:.3g} m/s", fontsize=11
+    )
     axis.set_xlabel("x (m), from above")
     axis.set_ylabel("y (m)")
     axis.set_aspect("equal", adjustable="datalim")

@@ -19,7 +19,9 @@ Array = NDArray[np.float64]
 _MOST_POINTS = 4000  # of a curve: more cannot be seen
 
 
-def plot_errors(team: Team, dataset: xr.Dataset, path: Path, bound: Array | None = None) -> None:
+def plot_errors(
+    team: Team, dataset: xr.Dataset, path: Path, bound: Array | None = None, approximate: bool = False
+) -> None:
     """Errors over time on logarithmic axes: disagreement, tracking, formation and centering, by group.
 
     Args:
@@ -27,6 +29,7 @@ def plot_errors(team: Team, dataset: xr.Dataset, path: Path, bound: Array | None
         dataset: the run.
         path: the PNG.
         bound: Theorem 1's bound on |e(t)|, shape (T,), m; drawn where given, over sqrt(N) as the error is.
+        approximate: whether the bound is only approximate: a held law, or bodies.
     """
     figure = new_figure(10.0, 9.0)
     _title(figure, dataset, "errors over time")
@@ -67,7 +70,7 @@ def plot_errors(team: Team, dataset: xr.Dataset, path: Path, bound: Array | None
     )  # fmt: skip
     if bound is not None:
         panels[0, 1].plot(time, bound[keep] / np.sqrt(len(team.agents)), color="black", linestyle="--", linewidth=1.4)
-        panels[0, 1].lines[-1].set_label("Theorem 1 / √N")
+        panels[0, 1].lines[-1].set_label("Theorem 1 / √N" + ", approximate" * approximate)
         panels[0, 1].legend(handles=panels[0, 1].lines[-2:], loc="upper right", frameon=False, fontsize=9)
         panels[0, 1].set_ylim(top=2.0 * max(bound.max() / np.sqrt(len(team.agents)), panels[0, 1].get_ylim()[1] / 2.0))
     by_group = range(len(team.formations))

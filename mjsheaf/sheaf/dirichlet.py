@@ -1,5 +1,6 @@
 """Harmonic extension: the Dirichlet problem of a sheaf, factored once and solved for many boundary values."""
 
+import itertools
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -7,10 +8,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import linalg, sparse
+from scipy.sparse import csgraph
 from scipy.sparse import linalg as splinalg
 
 from mjsheaf.errors import SheafError
-from mjsheaf.sheaf.kernel import DENSE_COLUMNS, RANK_TOLERANCE, kernel_basis
+from mjsheaf.sheaf.kernel import DENSE_COLUMNS, RANK_TOLERANCE, sparse_kernel_basis
 from mjsheaf.sheaf.sheaf import Sheaf
 
 Array = NDArray[np.float64]
@@ -67,14 +69,19 @@ class DirichletProblem:
         self.c = self._D_W.T @ self._b
 
     @cached_property
-    def null_basis(self) -> Array:
+    def sparse_null_basis(self) -> sparse.csc_array:
         """Orthonormal basis of H^0(G, U; F), shape (n_W, dimension); inner products on edges do not change it."""
-        return kernel_basis(self.sheaf.coboundary()[:, self.sheaf.columns(self.interior)], RANK_TOLERANCE)
+        return sparse_kernel_basis(self.sheaf.coboundary()[:, self.sheaf.columns(self.interior)], RANK_TOLERANCE)
+
+    @cached_property
+    def null_basis(self) -> Array:
+        """`sparse_null_basis` as a dense array."""
+        return self.sparse_null_basis.toarray()
 
     @property
     def unique(self) -> bool:
         """Whether the extension is unique: H^0(G, U; F) = 0, the paper's Assumption on relative cohomology."""
-        return self.null_basis.shape[1] == 0
+        return self.sparse_null_basis.shape[1] == 0
 
     @cached_property
     def _solvers(self) -> tuple[Callable[[Array], Array], Callable[[Array], Array]]:
@@ -82,13 +89,13 @@ class DirichletProblem:
 
         D_W is the whitened coboundary on W. Solutions are of minimum norm where H is singular.
         """
-        n, N = self.H.shape[0], self.null_basis
+        n, N = self.H.shape[0], self.sparse_null_basis
         if n <= DENSE_COLUMNS:
             # On D_W rather than on H, whose condition number is the square: what counts as injective can be solved.
             # The rows N^T make the columns independent, and agree with minimum norm.
             D_W = self._D_W.toarray()
             scale = float(np.max(np.abs(D_W), initial=0.0)) or 1.0
-            Q, R = linalg.qr(np.vstack([D_W, scale * N.T]), mode="economic")
+            Q, R = linalg.qr(np.vstack([D_W, scale * self.null_basis.T]), mode="economic")
             Q_w = Q[: len(D_W)].T
 
             def from_vertices(r: Array) -> Array:
@@ -96,9 +103,8 @@ class DirichletProblem:
 
             return lambda w: _off(N, linalg.solve_triangular(R, Q_w @ w)), from_vertices
         # Coordinates that single out each null direction are held at zero: that costs nothing, and makes H regular.
-        held = linalg.qr(N.T, mode="r", pivoting=True)[1][: N.shape[1]] if N.size else np.zeros(0, dtype=np.int64)
         grounds = np.zeros(n)
-        grounds[held] = self.H.diagonal().max()
+        grounds[_singling_out(N)] = self.H.diagonal().max() or 1.0
         factor = splinalg.splu((self.H + sparse.diags_array(grounds)).tocsc())
 
         def solve(r: Array) -> Array:
@@ -152,6 +158,21 @@ class DirichletProblem:
         )
 
 
-def _off(null_basis: Array, x: Array) -> Array:
+def _singling_out(null_basis: sparse.csc_array) -> NDArray[np.int64]:
+    """As many rows as there are columns, on which they are independent; columns that share rows are treated apart."""
+    pattern = abs(null_basis)  # so that nothing cancels
+    parts, label = csgraph.connected_components(pattern.T @ pattern, directed=False)
+    ordered = null_basis[:, np.argsort(label, kind="stable")]
+    found = [np.zeros(0, dtype=np.int64)]
+    for left, right in itertools.pairwise([0, *np.cumsum(np.bincount(label, minlength=parts)).tolist()]):
+        part = ordered[:, left:right]
+        rows, place = np.unique(part.indices, return_inverse=True)
+        block = np.zeros((right - left, len(rows)))
+        block[np.repeat(np.arange(right - left), np.diff(part.indptr)), place] = part.data
+        found.append(rows[linalg.qr(block, mode="r", pivoting=True)[1][: right - left]])
+    return np.concatenate(found)
+
+
+def _off(null_basis: sparse.csc_array, x: Array) -> Array:
     """Remove the null directions from the columns of x."""
     return x - null_basis @ (null_basis.T @ x) if null_basis.shape[1] else x

@@ -157,8 +157,8 @@ def free_motions(team: Team) -> list[Motion]:
 
 def free_basis(team: Team) -> sparse.csc_array:
     """A sparse basis of H^0(G, G_p; F), shape (n, dimension), rows in the order of the stacked q."""
-    basis = team.dirichlet.null_basis
-    return sparsified(sparse.csr_array(basis), team.slots[: len(basis)] // 3)
+    basis = team.dirichlet.sparse_null_basis
+    return sparsified(basis.tocsr(), team.slots[: basis.shape[0]] // 3)
 
 
 def motion_of(team: Team, values: Array, rows: Index | None = None) -> Motion:

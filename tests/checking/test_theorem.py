@@ -42,6 +42,18 @@ def random_scenario(seed: int) -> dict[str, Any]:
     more = [edge(a, b) for a in agents for b in agents if a < b and rng.random() < 0.3]
     sensing = [edge(agents[int(rng.integers(N))], t) for t in targets]
     sensing += [edge(a, t) for a in agents for t in targets if rng.random() < 0.5]
+
+    def motion(n: int) -> dict[str, Any]:
+        if rng.random() < 0.3:
+            points = rng.uniform(-6, 6, (3, n)).tolist()
+            return {"kind": "waypoints", "points": points, "speed": 4.0, "closed": bool(rng.random() < 0.5)}
+        return {
+            "kind": "lissajous",
+            "amplitude": rng.uniform(0, 2, n).tolist(),
+            "rate": rng.uniform(0.1, 6.0, n).tolist(),
+            "phase": rng.uniform(0, 6, n).tolist(),
+        }
+
     field = int(rng.integers(2, 4))
 
     def kernels(count: int) -> list[dict[str, Any]]:
@@ -80,12 +92,7 @@ def random_scenario(seed: int) -> dict[str, Any]:
             {
                 "id": t,
                 "position": rng.uniform(-5, 5, dimension[t]).tolist(),
-                "motion": {
-                    "kind": "lissajous",
-                    "amplitude": rng.uniform(0, 2, dimension[t]).tolist(),
-                    "rate": rng.uniform(0.1, 1.0, dimension[t]).tolist(),
-                    "phase": rng.uniform(0, 6, dimension[t]).tolist(),
-                },
+                "motion": motion(dimension[t]),
             }
             for t in targets
         ],
@@ -93,12 +100,14 @@ def random_scenario(seed: int) -> dict[str, Any]:
         "sensing": sensing,
         # A planar target leaves spatial agents free along z: anchor every spatial agent.
         "anchors": [{"agent": a, "axes": ["z"], "value": [1.0]} for a in agents if dimension[a] == 3],
+        "target_edges": [edge(a, b) for a in targets for b in targets if a < b],
+        "target_formation": {"gain": float(rng.uniform(0.05, 1.0))},
         "flow": {"agents": flow, "targets": flow},
         "disturbance": {
             who: {"bound": float(rng.uniform(0, 0.4)), "frequencies": [0.05, 2.0]} for who in ("agents", "targets")
         },
-        "controller": {"gain": 1.0, "control_period": 0, "record_period": 0.02},
-        "physics": {"timestep": 0.02},
+        # Recorded finely or coarsely: the constants must not depend on it.
+        "controller": {"gain": 1.0, "control_period": 0, "record_period": float(rng.choice([0.02, 0.1, 0.3]))},
         "time": {"end": 3.0},
     }
 
