@@ -144,14 +144,16 @@ def _topology(team: Team) -> Assumption:
         f"{len(team.communication)} links connect {len(team.agents)} agents; every target is sensed"
     )
     name = "G_q is connected and every target is sensed"
-    return Assumption(5, name, "fails" if complaints else "holds", float(len(parts)), "parts", witness)
+    return Assumption(
+        5, name, "fails" if complaints else "holds", float(len(parts)), "part" if len(parts) == 1 else "parts", witness
+    )
 
 
 def _cohomology(cohomology: RelativeCohomology) -> Assumption:
     free = [direction.description for direction in cohomology.basis]
     witness = "; ".join(free[:4]) + ("; ..." if len(free) > 4 else "") if free else "no agent is free to drift"
     verdict: Verdict = "fails" if free else "holds"
-    return Assumption(6, "H^0(G, G_p; F) = 0", verdict, float(cohomology.dimension), "dimensions", witness)
+    return Assumption(6, "H^0(G, G_p; F) = 0", verdict, float(cohomology.dimension), "", witness)
 
 
 def _bounded_difference(region: Region, constants: Constants) -> Assumption:

@@ -76,7 +76,7 @@ class Candidate:
 
 def edge_rows(team: Team, candidates: Iterable[Candidate]) -> sparse.csr_array:
     """The rows C of candidates in the coboundary on the agents, shape (m, n)."""
-    first = np.concatenate([[0], np.cumsum([a.dimension for a in team.agents])])
+    first = team.first_state
     row, column, value = list[Index](), list[Index](), list[Array]()
     m = 0
     for candidate in candidates:

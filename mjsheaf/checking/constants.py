@@ -11,6 +11,7 @@ from mjsheaf.checking.region import Region
 from mjsheaf.checking.spectrum import Spectrum
 from mjsheaf.control.theorem import Theorem, disturbance_bound, theorem_1
 from mjsheaf.dynamics.bounds import Supremum, largest_speed, lipschitz_constant
+from mjsheaf.dynamics.effectiveness import without_full_row_rank
 
 Array = NDArray[np.float64]
 
@@ -156,7 +157,10 @@ def _gain_condition(constants: Constants, spectrum: Spectrum, theorem: Theorem, 
 
 
 def _obstacle(system: System, constants: Constants, spectrum: Spectrum, bound: Theorem) -> str:
-    """A hold or a speed limit under which no bound of the continuous, unlimited law can be relied on."""
+    """What stands against a bound of the continuous, unlimited law: a g without full rank, a hold, a speed limit."""
+    agents = system.team.agents
+    for i in without_full_row_rank(system.effectiveness, [agent.dimension for agent in agents]):
+        return f"g of {agents[i].id} is not of full row rank: g g^+ is not the identity"
     if not system.grid.continuous:
         product = system.gain * system.grid.period * spectrum.lambda_max
         if product >= 1.0:

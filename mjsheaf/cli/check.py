@@ -124,7 +124,7 @@ def _theorem(record: CheckRecord) -> Table:
         (
             "lambda_V",
             _number(t.lambda_V, "1/s"),
-            "given" if t.lambda_V_given else "the best" if t.applies else "none satisfies the gain condition",
+            "given" if t.lambda_V_given else "the best" if t.gain_condition else "none satisfies the gain condition",
         ),
         ("mu", _number(t.mu, "m^2/s"), ""),
         (

@@ -128,6 +128,11 @@ class Team:
         """Places of the stacked vector (q, p) in a padded array of shape (V, 3), flattened; shape (n,)."""
         return np.concatenate([3 * v + np.arange(m.dimension) for v, m in enumerate(self.members)])
 
+    @cached_property
+    def first_state(self) -> NDArray[np.int64]:
+        """Where each agent's state begins in the stacked q, and its length at the end, shape (N + 1,)."""
+        return np.concatenate([[0], np.cumsum([a.dimension for a in self.agents])]).astype(np.int64)
+
     def pack(self, positions: Array) -> Array:
         """Stack padded positions (..., V, 3) into (..., n); the z of planar vehicles is left out."""
         flat = np.asarray(positions).reshape(*np.shape(positions)[:-2], -1)

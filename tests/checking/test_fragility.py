@@ -17,16 +17,23 @@ from mjsheaf.team import Edge, Team
 from .teams import LAWS, edge, hold, shared_teams, team, whole_number_teams
 
 
-def verdicts(team: Team) -> dict[str, bool]:
+def reach(team: Team) -> dict[str, set[str]]:
     root = {a: a for a in team.agent_ids}
     for e in team.communication:
         a, b = root[e.tail], root[e.head]
         root = {v: a if r == b else r for v, r in root.items()}
-    return {
-        CONNECTED: len(set(root.values())) == 1,
-        SENSED: {e.head for e in team.sensing} == set(team.target_ids),
-        TRIVIAL: team.dirichlet.unique,
-    }
+    return {a: {b for b in root if root[b] == root[a]} for a in root}
+
+
+def newly_free(before: Team, after: Team) -> bool:
+    """Whether the agents that are left have a motion that they did not have before."""
+
+    def motions(team: Team) -> np.ndarray:
+        rows = [agent.id for agent in team.agents for _ in range(agent.dimension)]
+        return team.dirichlet.null_basis[[row in after.agent_ids for row in rows]]
+
+    old, new = motions(before), motions(after)
+    return bool(np.linalg.matrix_rank(np.hstack([old, new]), tol=1e-6) > np.linalg.matrix_rank(old, tol=1e-6))
 
 
 def rebuilt(team: Team, keep: Callable[[Edge], bool], agents: Sequence[str]) -> Team:
@@ -37,13 +44,18 @@ def rebuilt(team: Team, keep: Callable[[Edge], bool], agents: Sequence[str]) -> 
 
 def by_trying(team: Team) -> list[Loss]:
     """Every loss, tried out on a fresh team; edges that are alike are numbered."""
-    before, losses = verdicts(team), []
+    before, losses = reach(team), list[Loss]()
 
     def lose(kind: str, name: str, keep: Callable[[Edge], bool], agents: Sequence[str]) -> None:
         left = rebuilt(team, keep, agents)
-        after = verdicts(left)
-        breaks = tuple(what for what in before if before[what] and not after[what])
-        lowest = np.linalg.eigvalsh(left.dirichlet.H.toarray())[0] if after[TRIVIAL] else 0.0
+        after = reach(left)
+        broken = {
+            CONNECTED: any(after[a] != before[a] & set(after) for a in after),
+            SENSED: {e.head for e in left.sensing} != {e.head for e in team.sensing},
+            TRIVIAL: newly_free(team, left),
+        }
+        breaks = tuple(what for what in broken if broken[what])
+        lowest = np.linalg.eigvalsh(left.dirichlet.H.toarray())[0] if left.dirichlet.unique else 0.0
         losses.append(Loss(kind, name, breaks, float(lowest)))  # type: ignore[arg-type]
 
     for kind, edges in (("communication", team.communication), ("sensing", team.sensing), ("anchor", team.anchors)):
@@ -73,12 +85,12 @@ def same(found: Sequence[Loss], tried: Sequence[Loss]) -> None:
         assert table(found)[key].lambda_min == pytest.approx(loss.lambda_min, rel=1e-6, abs=1e-15), key
 
 
-def ordered(found: Fragility) -> None:
+def ordered(team: Team, found: Fragility) -> None:
     """What breaks something comes first, then by lambda_min; the worst breaks nothing."""
     keys = [(not loss.breaks, round(loss.lambda_min or 0.0, 12)) for loss in found.losses]
     assert keys == sorted(keys)
     harmless = [loss for loss in found.losses if not loss.breaks]
-    assert found.worst == (harmless[0] if harmless else None)
+    assert found.worst == (harmless[0] if harmless and team.dirichlet.unique else None)
 
 
 @LAWS
@@ -87,7 +99,7 @@ def test_fragility_is_what_trying_each_loss_shows(team: Team) -> None:
     found = fragility(team)
     assert found.exact
     same(found.losses, by_trying(team))
-    ordered(found)
+    ordered(team, found)
 
 
 @LAWS
@@ -95,7 +107,7 @@ def test_fragility_is_what_trying_each_loss_shows(team: Team) -> None:
 def test_fragility_with_any_maps(team: Team) -> None:
     found = fragility(team)
     same(found.losses, by_trying(team))
-    ordered(found)
+    ordered(team, found)
 
 
 RING = [("U1", "U2"), ("U2", "U3"), ("U3", "U1")]
@@ -169,9 +181,36 @@ def test_the_last_agent_is_not_lost() -> None:
     assert found.worst is None
 
 
-def test_what_fails_already_is_not_broken_again() -> None:
-    apart = team("B1 B2", "S1 S2", [], [("B1", "S1")])
-    assert all(not loss.breaks for loss in fragility(apart).losses)
+@pytest.mark.parametrize("exact", [True, False])
+def test_what_fails_already_hides_nothing(exact: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """B1 alone senses S1, B2 alone S2, nobody S3; B3, B4 and B5 are a part of their own, free to drift."""
+    split = team("B1 B2 B3 B4 B5", "S1 S2 S3", [("B1", "B2"), ("B3", "B4"), ("B4", "B5")], [("B1", "S1"), ("B2", "S2")])
+    if not exact:
+        monkeypatch.setattr("mjsheaf.checking.fragility.EXACT_STATES", 0)
+    found = fragility(split)
+    assert found.worst is None
+    free = (TRIVIAL,) * exact
+    assert {loss.name: loss.breaks for loss in found.losses if loss.breaks} == {
+        "B1 - S1": (SENSED,),
+        "B2 - S2": (SENSED,),
+        "B1": (SENSED,),
+        "B2": (SENSED,),
+        "B1 - B2": (CONNECTED,),
+        "B3 - B4": (CONNECTED, *free),
+        "B4 - B5": (CONNECTED, *free),
+        "B4": (CONNECTED, *free),
+    }
+
+
+def test_what_a_lost_agent_was_free_to_do_is_lost_with_it() -> None:
+    """U1, free along x and y, alone keeps U2 at its height: without it fewer directions are free, but a new one."""
+    by_height = edge("U1", "U2")
+    by_height = replace(by_height, F_tail=np.eye(3)[2:], F_head=np.eye(3)[2:], weight=np.eye(1), offset=np.zeros(1))
+    found = fragility(team("U1 U2", "S1", [by_height], [("U2", "S1")], [hold("U1", "z")]))
+    assert {loss.name: loss.breaks for loss in found.losses if loss.kind == "agent"} == {
+        "U1": (TRIVIAL,),
+        "U2": (SENSED,),
+    }
 
 
 def test_anchors_with_maps_of_their_own_are_named() -> None:

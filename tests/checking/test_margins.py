@@ -5,11 +5,12 @@ Oracle: where a simulation begins to diverge; the exact discretisation by the ma
 
 import numpy as np
 import pytest
-from scipy.linalg import expm
+from scipy.linalg import eigvals, expm
 
 import mjsheaf
 from mjsheaf.checking.margins import body_margin, hold_margin
 from mjsheaf.checking.spectrum import spectrum_of
+from mjsheaf.scenario import scenario_from_mapping
 
 
 def growth(gain: float) -> float:
@@ -33,6 +34,7 @@ def test_hold_limit_is_where_simulation_begins_to_diverge() -> None:
     system = mjsheaf.load_scenario("local_frames", changes).system()
     margin = hold_margin(system, spectrum_of(system.team))
     assert margin is not None
+    assert margin.largest_gain is not None
     assert margin.ringing_gain == pytest.approx(margin.largest_gain / 2)
     assert growth(0.99 * margin.largest_gain) < 1.0
     assert growth(1.01 * margin.largest_gain) > 100.0
@@ -62,3 +64,75 @@ def test_sampled_bodies_against_the_matrix_exponential(spread: float) -> None:
         values = np.linalg.eigvalsh(H)
         assert margin.damping_slowest == pytest.approx(1 / (2 * np.sqrt(k * values[0] * 0.3)))
         assert margin.damping_fastest == pytest.approx(1 / (2 * np.sqrt(k * values[-1] * 0.3)))
+    else:
+        slowest, fastest = dampings(H, each, k)
+        assert slowest != pytest.approx(fastest, rel=0.1)
+        assert margin.damping_slowest == pytest.approx(slowest, rel=1e-6)
+        assert margin.damping_fastest == pytest.approx(fastest, rel=1e-6)
+
+
+def dampings(H: np.ndarray, tau: np.ndarray, k: float) -> tuple[float, float]:
+    """Of the slowest and the fastest root of det(tau s^2 + s + k H), by a generalised eigenproblem; H regular."""
+    n = len(H)
+    zero, one = np.zeros((n, n)), np.eye(n)
+    roots = eigvals(np.block([[zero, one], [-k * H, -one]]), np.block([[one, zero], [zero, np.diag(tau)]]))
+    roots = roots[np.argsort(np.abs(roots))]
+    return float(-roots[0].real / abs(roots[0])), float(-roots[-1].real / abs(roots[-1]))
+
+
+FREE = {
+    "name": "free",
+    "agents": [{"id": f"A{i}", "position": [float(i), 0.0]} for i in range(5)],
+    "targets": [{"id": "T", "position": [0.0, 0.0]}],
+    "communication": [["A0", "A1"], ["A2", "A3"]],
+    "sensing": [["A0", "T"]],
+    "controller": {"gain": 2.0, "control_period": 0.1},
+}
+
+
+@pytest.mark.parametrize(
+    "taus", [(1.0, 1.5, 40.0, 40.0, 90.0), (1.0, 1.5, 40.0, 50.0, 1e-3), (1.0, 1.0, 1.0, 1.0, 1.0)]
+)
+def test_what_is_free_does_not_enter(taus: tuple[float, ...]) -> None:
+    """A2 and A3 swing against each other but coast together, A4 coasts; on their own, the held modes say the same."""
+    system = scenario_from_mapping(FREE).system()
+    margin = body_margin(system, spectrum_of(system.team), np.array(taus))
+    k, h = 2.0, 0.1
+    H = np.array([[2.0, -1.0], [-1.0, 1.0]])
+    pair_H, pair_tau = np.array([[1.0, -1.0], [-1.0, 1.0]]), np.array(taus[2:4])
+    roots, radii = [], []
+    for part, tau in ((H, np.array(taus[:2])), (pair_H, pair_tau)):
+        n = len(part)
+        plant = np.block([[np.zeros((n, n)), np.eye(n)], [np.zeros((n, n)), -np.diag(1 / tau)]])
+        push = np.vstack([np.zeros((n, n)), np.diag(1 / tau)])
+        whole = expm(h * np.block([[plant, push], [np.zeros((n, 3 * n))]]))
+        gain = np.hstack([-k * part, np.zeros((n, n))])
+        roots += np.linalg.eigvals(plant + push @ gain).tolist()
+        radii += np.abs(np.linalg.eigvals(whole[: 2 * n, : 2 * n] + whole[: 2 * n, 2 * n :] @ gain)).tolist()
+    # Of the pair, one root is 0 (radius 1) and one is the decay of their common velocity.
+    if taus[2] == taus[3]:
+        roots = [s for s in roots if abs(s + 1 / taus[2]) > 1e-9]
+    moving = sorted((s for s in roots if abs(s) > 1e-7), key=abs)
+    assert margin.damping_slowest == pytest.approx(-moving[0].real / abs(moving[0]), rel=1e-6)
+    assert margin.damping_fastest == pytest.approx(-moving[-1].real / abs(moving[-1]), rel=1e-6)
+    assert margin.spectral_radius == pytest.approx(max(r for r in radii if abs(r - 1.0) > 1e-9), rel=1e-9)
+
+
+def test_unlike_bodies_over_a_surface_are_stable() -> None:
+    """Nothing holds one height, whose factor of 1 is no mode of the law."""
+    system = mjsheaf.load_scenario("air_tracks_surface").system()
+    tau = np.resize([0.05, 0.06, 0.07], len(system.team.agents))
+    radius = body_margin(system, spectrum_of(system.team), tau).spectral_radius
+    assert radius is not None
+    assert radius < 1.0
+
+
+def test_a_held_team_without_edges_has_no_limit() -> None:
+    system = scenario_from_mapping({**FREE, "communication": [], "sensing": []}).system()
+    spectrum = spectrum_of(system.team)
+    margin = hold_margin(system, spectrum)
+    assert margin is not None
+    assert (margin.product, margin.largest_gain, margin.ringing_gain) == (0.0, None, None)
+    for tau in (np.full(5, 0.1), np.linspace(0.1, 0.2, 5)):
+        bodies = body_margin(system, spectrum, tau)
+        assert (bodies.damping_slowest, bodies.damping_fastest, bodies.spectral_radius) == (np.inf, np.inf, None)
