@@ -34,7 +34,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mjsheaf.dynamics.flow import FlowField
+from mjsheaf.dynamics.flow import CHANNEL, SOURCE, VORTEX, FlowField
 from mjsheaf.errors import InputError
 
 Array = NDArray[np.float64]
@@ -197,8 +197,8 @@ class _Kernels:
     def __init__(self, flow: FlowField, n: int, drift: bool) -> None:
         self.n, space = n, flow.dimension == 3
         self.drift = flow.table[0, 2 : 2 + n] if drift else np.zeros(n)
-        ends = np.cumsum([len(flow.sources), len(flow.vortices)])
-        sources, vortices, channels = (rows[rows[:, 8] != 0.0] for rows in np.split(flow.table[1:], ends))
+        kernels = flow.table[1:]
+        sources, vortices, channels = (kernels[kernels[:, 0] == kind] for kind in (SOURCE, VORTEX, CHANNEL))
         vortices = vortices[np.any(vortices[:, 5:8] != 0.0, axis=1)]
         poles, axis = np.concatenate([sources, vortices]), vortices[:, 5:8]
         is_vortex = np.arange(len(poles)) >= len(sources)

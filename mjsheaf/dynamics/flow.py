@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 
 # A field is a table with one row for each kernel: its kind, 1 if it lies in space (0: its z is ignored), centre (3),
 # axis or direction (3), strength, and two parameters. One array is what compiled code passes on most cheaply.
-_SOURCE, _VORTEX, _CHANNEL = 0.0, 1.0, 2.0
+SOURCE, VORTEX, CHANNEL = 0.0, 1.0, 2.0
 _COLUMNS = 11
 
 
@@ -39,13 +39,13 @@ def flow_velocity(table, x, y, z):
     for k in range(1, table.shape[0]):
         c = table[k]
         rx, ry, rz = x - c[2], y - c[3], (z - c[4]) * c[1]
-        if c[0] == _SOURCE:
+        if c[0] == SOURCE:
             s = rx * rx + ry * ry + rz * rz + c[9]
             a = c[8] / (s * np.sqrt(s)) if c[1] else c[8] / s
             wx += a * rx
             wy += a * ry
             wz += a * rz
-        elif c[0] == _VORTEX:
+        elif c[0] == VORTEX:
             a = c[8] / (rx * rx + ry * ry + rz * rz + c[9])
             wx += a * (c[6] * rz - c[7] * ry)
             wy += a * (c[7] * rx - c[5] * rz)
@@ -116,12 +116,12 @@ class FlowField:
         table[:, 1] = n == 3
         table[0, 2 : 2 + n] = drift[0]
         row = 1
-        for kind, given in ((_SOURCE, sources), (_VORTEX, vortices), (_CHANNEL, channels)):
+        for kind, given in ((SOURCE, sources), (VORTEX, vortices), (CHANNEL, channels)):
             block = table[row : row + len(given)]
             block[:, 0], block[:, 2 : 2 + n] = kind, given[:, :n]
-            if kind == _SOURCE:
+            if kind == SOURCE:
                 block[:, 8], block[:, 9] = given[:, n], core2
-            elif kind == _VORTEX:
+            elif kind == VORTEX:
                 block[:, 5:8] = [0.0, 0.0, 1.0] if n == 2 else given[:, 3:6]
                 block[:, 8], block[:, 9] = given[:, -1], core2
             else:
@@ -155,7 +155,7 @@ class FlowField:
             centre, axis = np.array(numbers[:3]), np.array(numbers[3:6])
             strength, first, second = numbers[6:]
             r = (x - centre) * mask
-            if kind == _CHANNEL:
+            if kind == CHANNEL:
                 along = r @ axis
                 across = r - along[:, None] * axis
                 a = strength * np.exp(-np.einsum("ki,ki->k", across, across) * first - along**2 * second)
@@ -163,7 +163,7 @@ class FlowField:
                 J += axis[:, None] * slope[:, None, :]
                 continue
             s = (np.einsum("ki,ki->k", r, r) + first)[:, None, None]
-            if kind == _SOURCE:
+            if kind == SOURCE:
                 J += strength * (np.diag(mask) / s**p - 2.0 * p * r[:, :, None] * r[:, None, :] / s ** (p + 1.0))
             else:
                 turn = np.cross(np.eye(3), axis)  # turn @ r = axis x r
