@@ -9,6 +9,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from mjsheaf.errors import InputError
+
 __all__ = ["mujoco", "pymjcf"]
 
 
@@ -36,6 +38,11 @@ except (ImportError, RuntimeError, AttributeError):  # what a missing or unknown
 
 def pymjcf() -> Any:
     """The module dm_control.mjcf, imported without choosing a way to draw."""
-    with _without_drawing():
-        from dm_control import mjcf
+    try:
+        with _without_drawing():
+            from dm_control import mjcf
+    except ModuleNotFoundError as error:
+        raise InputError(
+            f"bodies need PyMJCF, but {error.name} is not installed; legal is 'pip install --no-deps dm-control'"
+        ) from None
     return mjcf
