@@ -11,6 +11,7 @@ from mjsheaf.checking.region import Region
 from mjsheaf.checking.spectrum import Spectrum
 from mjsheaf.control.theorem import Theorem, disturbance_bound, theorem_1
 from mjsheaf.dynamics.bounds import Supremum, largest_speed, lipschitz_constant
+from mjsheaf.dynamics.disturbance import bounds
 from mjsheaf.dynamics.effectiveness import without_full_row_rank
 
 Array = NDArray[np.float64]
@@ -73,7 +74,7 @@ def take_constants(system: System, region: Region, spectrum: Spectrum) -> Consta
     kinds = sorted({agent.dimension for agent in team.agents})
     lipschitz = [lipschitz_constant(system.agent_flow, region.low, region.high, planar=n == 2) for n in kinds]
     speed = [largest_speed(system.agent_flow, region.low, region.high, planar=n == 2, drift=False) for n in kinds]
-    largest = disturbance_bounds(system).max(initial=0.0)
+    largest = bounds(system.harmonics).max(initial=0.0)
     n_q = team.dirichlet.H.shape[0]
     error = region.path.q_star[0] - team.pack(system.initial)[:n_q]
     return Constants(
@@ -88,13 +89,6 @@ def take_constants(system: System, region: Region, spectrum: Spectrum) -> Consta
         ),
         initial_error=float(np.linalg.norm(error)),
     )
-
-
-def disturbance_bounds(system: System) -> Array:
-    """omega_bar_i of every vehicle: the sum of the amplitudes of its harmonics, shape (V,), m/s."""
-    if system.harmonics.shape[1] == 0:
-        return np.zeros(len(system.team.members))
-    return np.linalg.norm(system.harmonics[..., :3], axis=2).sum(axis=1)
 
 
 @dataclass(frozen=True)

@@ -153,9 +153,7 @@ def _radius(sampled: Array, m: int, tau: float) -> float:
 def speed_demands(system: System) -> list[SpeedDemand]:
     """The speed that the initial error asks of each agent, the largest share of its limit first."""
     team = system.team
-    n_q = team.dirichlet.H.shape[0]
-    x = team.pack(system.initial)
-    eta = team.dirichlet.H @ x[:n_q] - team.dirichlet.B @ x[n_q:] - team.dirichlet.c
+    eta = team.disagreement(team.pack(system.initial))
     asked = system.gain * np.linalg.norm(team.unpack(eta), axis=1)
     limits = system.law.limit
     order = np.argsort(-asked / np.where(np.isfinite(limits[: len(asked)]), limits[: len(asked)], 1e300), kind="stable")

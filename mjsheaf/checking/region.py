@@ -13,6 +13,7 @@ from mjsheaf.backends.ideal import run_ideal
 from mjsheaf.backends.system import System
 from mjsheaf.checking.drift import agent_drift
 from mjsheaf.checking.targets import TargetPath, follow_targets
+from mjsheaf.dynamics.disturbance import bounds
 
 Array = NDArray[np.float64]
 
@@ -77,11 +78,9 @@ def _box(system: System, positions: Array, q_star: Array, margin: float) -> tupl
 
 def _largest_speed(system: System, positions: Array) -> float:
     """Largest k1 |eta_i| + |f_i| + omega_bar over agents and samples: how fast an agent moves between samples, m/s."""
-    team, problem = system.team, system.team.dirichlet
+    team = system.team
     x = team.pack(positions)
-    n_q = problem.H.shape[0]
-    eta = (problem.H @ x[:, :n_q].T - problem.B @ x[:, n_q:].T - problem.c[:, None]).T
+    eta = team.disagreement(x)
     speed = system.gain * np.linalg.norm(team.unpack(eta), axis=2)
-    speed += np.linalg.norm(team.unpack(agent_drift(system, x[:, :n_q])), axis=2)
-    omega = np.linalg.norm(system.harmonics[..., :3], axis=2).sum(axis=1).max(initial=0.0)
-    return float(np.nan_to_num(speed, posinf=0.0).max() + omega)
+    speed += np.linalg.norm(team.unpack(agent_drift(system, x[:, : eta.shape[1]])), axis=2)
+    return float(np.nan_to_num(speed, posinf=0.0).max() + bounds(system.harmonics).max(initial=0.0))

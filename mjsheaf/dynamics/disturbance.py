@@ -69,3 +69,8 @@ def evaluate(harmonics: Array, times: Array) -> Array:
     """omega of every vehicle at many times, shape (T, V, 3), m/s."""
     s = np.sin(times[:, None, None] * harmonics[..., 3] + harmonics[..., 4])
     return np.einsum("tvk,vki->tvi", s, harmonics[..., :3])
+
+
+def bounds(harmonics: Array) -> Array:
+    """omega_bar of every vehicle, the sum of its amplitudes, shape (V,), m/s."""
+    return np.asarray(np.linalg.norm(harmonics[..., :3], axis=2).sum(axis=1), dtype=np.float64)

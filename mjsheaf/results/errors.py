@@ -49,7 +49,7 @@ def evaluate_errors(team: Team, positions: Array) -> Errors:
     problem = team.dirichlet
     n_q = problem.H.shape[0]
     q, p = x[:, :n_q], x[:, n_q:]
-    eta = (problem.H @ q.T - problem.B @ p.T - problem.c[:, None]).T
+    eta = team.disagreement(x)
     q_star = problem.extend(p)
     return Errors(
         harmonic_extension=team.unpack(q_star, np.nan),
