@@ -42,11 +42,6 @@ class Motion:
 # -- a sparse basis --------------------------------------------------------------------------------------------
 
 
-def sparse_basis(basis: Array) -> Array:
-    """`sparsified`, of a dense basis whose rows are each of an agent of its own, as a dense array."""
-    return sparsified(sparse.csr_array(basis), np.arange(len(basis))).toarray()
-
-
 def sparsified(basis: sparse.csr_array, owner: Index) -> sparse.csc_array:
     """A basis of the same space in which few agents move, and along axes where that is possible.
 
