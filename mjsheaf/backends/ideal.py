@@ -159,7 +159,9 @@ def _advance(control, medium, effectiveness, continuous, t, period, x, first, la
 
 
 @kernel
-def _run(control, medium, effectiveness, continuous, times, begin, end, period, x, tolerance, work, positions):
+def _run(
+    control, medium, effectiveness, continuous, times, begin, end, period, x, tolerance, work, positions, placed
+):
     """Advance from sample `begin` to `end`, recording; return the last sample reached and the vehicle that blew up."""
     V = x.shape[0]
     for k in range(begin, end):
@@ -171,16 +173,22 @@ def _run(control, medium, effectiveness, continuous, times, begin, end, period, 
             for v in range(V):
                 if not _advance(control, medium, effectiveness, False, times[k], period, x, v, v + 1, tolerance, work):
                     return k, v
+        if placed.shape[0]:
+            x[medium.agents :] = placed[k + 1]
         positions[k + 1] = x
     return end, -1
 
 
-def run_ideal(system: System, progress: Callable[[int, int], None] | None = None) -> Trajectory:
+def run_ideal(
+    system: System, progress: Callable[[int, int], None] | None = None, targets: Array | None = None
+) -> Trajectory:
     """Integrate a system on ideal kinematics.
 
     Args:
         system: the system.
         progress: called with (samples done, samples in all).
+        targets: where the targets are at each sample, shape (T, V - N, 3), m, whatever their own motion would be; the
+            run ends with the last. None integrates them too.
 
     Returns:
         The trajectory; its status is 'unstable' and it ends early where the solution blows up.
@@ -191,8 +199,11 @@ def run_ideal(system: System, progress: Callable[[int, int], None] | None = None
     work = _Scratch(np.zeros((V, 3)), np.zeros((V, 3)), np.zeros((V, 3)), np.zeros((7, V, 3)), np.zeros(width))
     positions = np.empty((grid.steps + 1, V, 3))
     positions[0] = x
+    placed = np.empty((0, V, 3)) if targets is None else np.ascontiguousarray(targets)
+    steps = grid.steps if targets is None else min(grid.steps, len(targets) - 1)
+    times, positions = times[: steps + 1], positions[: steps + 1]
     done = 0
-    while done < grid.steps:
+    while done < steps:
         done, broken = _run(
             system.control,
             system.medium,
@@ -200,15 +211,16 @@ def run_ideal(system: System, progress: Callable[[int, int], None] | None = None
             grid.continuous,
             times,
             done,
-            min(done + _CHUNK, grid.steps),
+            min(done + _CHUNK, steps),
             grid.period,
             x,
             system.tolerance,
             work,
             positions,
+            placed,
         )
         if progress:
-            progress(done, grid.steps)
+            progress(done, steps)
         if broken >= 0:
             if broken == V:  # the team was integrated as one: the largest state names the vehicle
                 broken = int(np.argmax(np.abs(np.nan_to_num(x, nan=np.inf)).max(axis=1)))

@@ -92,12 +92,34 @@ class TimeGrid:
 
 
 @dataclass(frozen=True)
+class Effects:
+    """Which of the effects that make bodies real are on.
+
+    Attributes:
+        inertia: mass, and the autopilot's loop on velocity; off, m / D is `massless_tau`.
+        drag_law: quadratic drag.
+        limits: of thrusters, and of a multirotor's tilt.
+        lag: of thrusters.
+        underactuation: off, every vehicle has thrusters along every axis in which it is controlled.
+        massless_tau: s.
+    """
+
+    inertia: bool = True
+    drag_law: bool = True
+    limits: bool = True
+    lag: bool = True
+    underactuation: bool = True
+    massless_tau: float = 0.02
+
+
+@dataclass(frozen=True)
 class BodyPlan:
     """What the physics backend needs beside the system; the ideal backend ignores it.
 
     Attributes:
         vehicle: name of each vehicle's description in models/, or path of a description file, length V.
-        time_constant: m / D in s that overrides every description's drag, or None.
+        time_constant: that of every vehicle, s, instead of its own; or None.
+        effects: which effects are on.
         heading: initial heading of each vehicle in rad, shape (V,).
         timestep: physics step in s.
         contacts: whether vehicles collide.
@@ -107,6 +129,7 @@ class BodyPlan:
 
     vehicle: list[str]
     time_constant: float | None
+    effects: Effects
     heading: Array
     timestep: float
     contacts: bool

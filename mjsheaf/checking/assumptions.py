@@ -105,7 +105,7 @@ def _singular_values(
         return given, ""
     bodies = dict.fromkeys(system.bodies.vehicle[: len(system.team.agents)])
     return [
-        (f"body {name}", np.linalg.svd(vehicles[name].control_effectiveness(np.eye(3)), compute_uv=False))
+        (f"body {name}", np.linalg.svd(vehicles[name].reduced_model().g(np.eye(3)), compute_uv=False))
         for name in bodies
     ], "m/s per unit command"
 

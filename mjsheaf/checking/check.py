@@ -183,9 +183,9 @@ def _margins(system: System, constants: Constants, spectrum: Spectrum) -> r.Marg
 
 
 def time_constants(system: System) -> np.ndarray:
-    """m / D of each agent's body along its most sluggish controlled axis, shape (N,), s."""
+    """Time constant of each agent's body along its most sluggish controlled axis, shape (N,), s."""
     agents = vehicles_of(system)[: len(system.team.agents)]
-    return np.array([vehicle.mass / vehicle.drag[: vehicle.dimension].min() for vehicle in agents])
+    return np.array([vehicle.reduced_model().tau.max() for vehicle in agents])
 
 
 def _fragility(found: Fragility) -> r.FragilityRecord:

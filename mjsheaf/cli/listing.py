@@ -28,7 +28,7 @@ def list_vehicles_command() -> None:
         table.add_column(heading, justify="left" if heading in ("name", "moves in", "what it is") else "right")
     for name in list_vehicles():
         vehicle = load_vehicle(name)
-        tau = vehicle.mass / vehicle.drag[: vehicle.dimension]
+        tau = vehicle.reduced_model().tau
         table.add_row(
             name,
             "the plane" if vehicle.dimension == 2 else "space",

@@ -6,7 +6,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from mjsheaf.backends.system import BodyPlan, System, TimeGrid
+from mjsheaf.backends.system import BodyPlan, Effects, System, TimeGrid
 from mjsheaf.control import pack_law
 from mjsheaf.dynamics import ControlEffectiveness, Disturbance, FlowField, Lissajous, Waypoints
 from mjsheaf.dynamics import disturbance as disturbances
@@ -70,6 +70,7 @@ def build_system(scenario: Scenario) -> System:
                 )
             ],
             time_constant=scenario.vehicles.tau,
+            effects=Effects(**scenario.physics.effects.model_dump()),
             heading=heading,
             timestep=scenario.physics.timestep,
             contacts=scenario.physics.contacts,

@@ -51,7 +51,20 @@ class Vehicles(Section):
 
     agents: str | None = Field(None, description="hull for planar and aerial for spatial agents unless given")
     targets: str | None = None
-    tau: Duration | None = Field(None, description="m / D of every body, s; each description's own unless given")
+    tau: Duration | None = Field(
+        None, description="time constant of every body, s, by its autopilot or else its drag; its own unless given"
+    )
+
+
+class EffectsModel(Section):
+    """What makes bodies real; each can be switched off alone."""
+
+    inertia: bool = Field(True, description="off: bodies are so light that m / D is massless_tau; no autopilot")
+    drag_law: bool = Field(True, description="off: drag is linear")
+    limits: bool = Field(True, description="off: thrusters push as hard as asked")
+    lag: bool = Field(True, description="off: thrusters follow their commands at once")
+    underactuation: bool = Field(True, description="off: thrusters along every controlled axis")
+    massless_tau: Duration = Field(0.02, description="s")
 
 
 class Physics(Section):
@@ -59,6 +72,7 @@ class Physics(Section):
 
     timestep: Duration = Field(0.001, description="s; the control period must be a multiple of it")
     contacts: bool = Field(False, description="whether vehicles collide")
+    effects: EffectsModel = EffectsModel()
 
 
 class Ideal(Section):

@@ -83,7 +83,7 @@ def test_effectiveness_has_a_right_inverse_without_moment(name: str, drag: Array
         vehicle = replace(vehicle, drag=drag)
     n = vehicle.dimension
     for k, R in enumerate(yaws(20) if n == 2 else attitudes(20)):
-        g, g_pinv = vehicle.control_effectiveness(R), vehicle.inverse_effectiveness(R)
+        g, g_pinv = vehicle.reduced_model().g(R), vehicle.reduced_model().g_inverse(R)
         D = R @ np.diag(vehicle.drag) @ R.T
         np.testing.assert_allclose(g, np.linalg.solve(D, R @ vehicle.W[:3])[:n], atol=1e-14)
         np.testing.assert_allclose(g @ g_pinv, np.eye(n), atol=1e-12)
@@ -130,10 +130,10 @@ def test_weakening_a_thruster_weakens_its_column_of_g(name: str, attribute: str,
     R = yaws(1)[0]
     share = np.where(np.arange(len(one.thrusters)) == 1, 0.5, 1.0)
     np.testing.assert_allclose(other.W, one.W * share, atol=1e-12)
-    np.testing.assert_allclose(other.control_effectiveness(R), one.control_effectiveness(R) * share, atol=1e-14)
-    assert np.abs(other.inverse_effectiveness(R) - one.inverse_effectiveness(R)).max() > 1.0
+    np.testing.assert_allclose(other.reduced_model().g(R), one.reduced_model().g(R) * share, atol=1e-14)
+    assert np.abs(other.reduced_model().g_inverse(R) - one.reduced_model().g_inverse(R)).max() > 1.0
     n = one.dimension
-    np.testing.assert_allclose(other.control_effectiveness(R) @ other.inverse_effectiveness(R), np.eye(n), atol=1e-12)
+    np.testing.assert_allclose(other.reduced_model().g(R) @ other.reduced_model().g_inverse(R), np.eye(n), atol=1e-12)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -142,10 +142,10 @@ def test_turning_a_thruster_turns_its_column_of_g(name: str, tmp_path: Path) -> 
     one, other = load_vehicle(name), load_vehicle(altered(tmp_path, name, edit))
     np.testing.assert_allclose(other.W, wrenches(edited(name, edit)), atol=1e-12)
     R = yaws(1)[0]
-    changed = np.abs(other.control_effectiveness(R) - one.control_effectiveness(R)).max(axis=0) > 1e-9
+    changed = np.abs(other.reduced_model().g(R) - one.reduced_model().g(R)).max(axis=0) > 1e-9
     np.testing.assert_array_equal(np.flatnonzero(changed), [1])
     n = one.dimension
-    np.testing.assert_allclose(other.control_effectiveness(R) @ other.inverse_effectiveness(R), np.eye(n), atol=1e-12)
+    np.testing.assert_allclose(other.reduced_model().g(R) @ other.reduced_model().g_inverse(R), np.eye(n), atol=1e-12)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -156,9 +156,9 @@ def test_moving_a_thruster_changes_its_moments_and_the_commands(name: str, tmp_p
     np.testing.assert_allclose(other.W, wrenches(edited(name, edit)), atol=1e-12)
     np.testing.assert_array_equal(np.flatnonzero(np.abs(other.W - one.W).max(axis=0) > 1e-9), [1])
     R = yaws(1)[0]
-    np.testing.assert_allclose(other.control_effectiveness(R), one.control_effectiveness(R), atol=1e-14)
-    assert np.abs(other.inverse_effectiveness(R) - one.inverse_effectiveness(R)).max() > 1.0
-    wrench = other.W @ other.inverse_effectiveness(R)
+    np.testing.assert_allclose(other.reduced_model().g(R), one.reduced_model().g(R), atol=1e-14)
+    assert np.abs(other.reduced_model().g_inverse(R) - one.reduced_model().g_inverse(R)).max() > 1.0
+    wrench = other.W @ other.reduced_model().g_inverse(R)
     np.testing.assert_allclose(wrench[3:], 0.0, atol=1e-9)
 
 
@@ -175,15 +175,15 @@ def test_mass_and_drag_scale_g(tmp_path: Path) -> None:
         find(root, ".//inertial").set("mass", "800")
 
     R = np.eye(3)
-    plain = load_vehicle("hull").control_effectiveness(R)
-    doubled = load_vehicle(altered(tmp_path / "a", "hull", heavier)).control_effectiveness(R)
+    plain = load_vehicle("hull").reduced_model().g(R)
+    doubled = load_vehicle(altered(tmp_path / "a", "hull", heavier)).reduced_model().g(R)
     np.testing.assert_allclose(doubled, plain / 2, rtol=1e-14)
     given = {"linear": [2000.0, 4000.0, 9000.0], "angular": [1.0, 2.0, 3.0]}
     light, heavy = (
         load_vehicle(altered(tmp_path / k, "hull", e, drag=given)) for k, e in (("b", None), ("c", heavier))
     )
-    np.testing.assert_array_equal(light.control_effectiveness(R), heavy.control_effectiveness(R))
-    np.testing.assert_allclose(light.control_effectiveness(R), plain * [[4.0], [2.0]], rtol=1e-14)
+    np.testing.assert_array_equal(light.reduced_model().g(R), heavy.reduced_model().g(R))
+    np.testing.assert_allclose(light.reduced_model().g(R), plain * [[4.0], [2.0]], rtol=1e-14)
     assert light.with_time_constant(None) is light
     np.testing.assert_array_equal(light.with_time_constant(0.1).drag, [4000.0] * 3)
 
@@ -258,7 +258,7 @@ def flat(root: ElementTree.Element) -> None:
         ("hull", None, {"hydrostatics": None}, r"a surface vehicle needs hydrostatics"),
         ("aerial", None, {"hydrostatics": {"heave": 1, "roll": 1, "pitch": 1}}, r"needs hydrostatics, and no other"),
         ("hull", None, {"mjcf": "boat.xml"}, r"boat\.xml"),
-        ("hull", None, {"colour": "red"}, r"hull\.yaml: colour: unknown field; legal are attitude, domain"),
+        ("hull", None, {"colour": "red"}, r"hull\.yaml: colour: unknown field; legal are added_mass, attitude"),
         ("hull", None, {"drag": {}}, r"hull\.yaml: drag: give either time_constant or linear"),
         ("hull", None, {"drag": {"linear": [1, 2, 0]}}, r"drag: linear drag must be positive along each axis"),
         ("hull", None, {"drag": {"time_constant": 0}}, r"drag\.time_constant: input should be greater than 0"),

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjsheaf.backends.physics.attachment import attachable
-from mjsheaf.backends.physics.vehicle import GRAVITY, Vehicle, mass_properties
+from mjsheaf.backends.physics.loading import mass_properties
+from mjsheaf.backends.physics.vehicle import GRAVITY, Vehicle
 from mjsheaf.engine import mujoco, pymjcf
 from mjsheaf.errors import InputError
 from mjsheaf.resources import resource_directory
@@ -96,11 +97,10 @@ def compose(
         thruster=np.concatenate([[0], np.cumsum([len(v.thrusters) for v in vehicles])]).astype(np.int64),
     )
     for v, vehicle in enumerate(vehicles):
-        # Damping of a free joint is integrated implicitly, so that stiff drag costs no small steps; it is along world
-        # axes, so the largest drag goes here and the difference to R D R^T is applied as a force (see forces).
-        at = arena.dof[v]
-        model.dof_damping[at : at + 3] = vehicle.drag.max()
-        model.dof_damping[at + 3 : at + 6] = vehicle.description.drag.angular
+        if not vehicle.added_mass.any():  # see forces: what is shared with the medium must not be damped by the joint
+            at = arena.dof[v]
+            model.dof_damping[at : at + 3] = vehicle.drag.max()
+            model.dof_damping[at + 3 : at + 6] = vehicle.angular_drag
     _check_masses(arena)
     return arena
 
@@ -118,7 +118,7 @@ def _attach(mjcf: Any, root: Any, vehicle: Vehicle, name: str, colour: Array | N
     joint = frame.add("freejoint")  # PyMJCF names it "NAME/"
     for k, (thruster, actuation) in enumerate(zip(vehicle.thrusters, vehicle.actuation, strict=True)):
         gain = actuation["gainprm"][0]  # W holds gain times gear
-        gear = vehicle.W[:, k] / gain if gain else np.zeros(6)
+        gear = vehicle.share @ vehicle.W[:, k] / gain if gain else np.zeros(6)
         root.actuator.add("general", name=f"{name}.{thruster}", joint=joint, gear=gear, biastype="none", **actuation)
 
 

@@ -1,80 +1,27 @@
-"""Forces on every vehicle at one instant: the medium's, and the thrusters'.
+"""What the medium does to a vehicle: drag relative to it, buoyancy, added mass; and what the vehicle measures of it.
 
-For a vehicle with attitude R, velocity v, drag D (body axes) in a medium that moves at w, commanded velocity v_c:
+For a vehicle with attitude R, velocity v and rates omega in a medium that moves at w, with v_r = R^T (v - w):
 
-    medium    R D R^T (w - v) + hydrostatics          applied forces, qfrc_applied; -d_max v implicitly, by the joint
-    thrust    u = W^+ [D R^T v_c; attitude moment] + trim     commands, data.ctrl
-    gear      R d_k of each thruster k                 its direction in world axes, model.actuator_gear
+    drag           -D v_r - Q |v_r| v_r, and the same about the axes                          body axes
+    hydrostatics   weight carried at the centre of buoyancy, -K (z - level, roll, pitch)
+    added mass     -M_A a - C_A(v_r) v_r  (Kirchhoff; Fossen, Handbook of Marine Craft Hydrodynamics, 2011, ch. 6)
 
-so that m v' = R D R^T (v_c + w - v), and q' = w + g u once m / D is small. Nothing here knows the law that gives v_c.
+Linear drag that does not fight added mass is split: the largest coefficient is damping of the free joint, which MuJoCo
+integrates implicitly, so that stiff drag costs no small steps; the joint damps along world axes, so the difference to
+R D R^T, and what the medium's own velocity adds, is applied as a force.
+
+Added mass cannot be fed back as a force: that diverges once it exceeds the mass. Instead every wrench F on the body but
+those of contacts is applied as S F with S = M_RB (M_RB + M_A)^-1, and MuJoCo's M_RB a = S F is (M_RB + M_A) a = F. The
+medium's acceleration is neglected.
 """
-
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mjsheaf.backends.physics.arena import Arena
 from mjsheaf.backends.system import medium_velocity
 from mjsheaf.compiled import kernel
 
 Array = NDArray[np.float64]
-
-
-class BodyArrays(NamedTuple):
-    """What the loop knows of the vehicles.
-
-    qpos, dof (V,), thruster (V + 1,): addresses; direction (A, 3): thrust axis of each thruster in body axes, as
-    gear; allocation (A, 6): W^+; drag (V, 3) and largest drag (V,), N s/m; inertia (V, 3, 3), kg m^2; stiffness and
-    damping (V,) of the attitude hold, 1/s^2 and 1/s; heading (V,) to hold, rad; lift (V,): weight that thrusters
-    carry, N; arm (V, 3): centre of mass, m; buoyancy (V,): weight that the water carries, N; restoring (V, 3): heave,
-    roll, pitch; level (V,): height of the water, m.
-    """
-
-    qpos: NDArray[np.int64]
-    dof: NDArray[np.int64]
-    thruster: NDArray[np.int64]
-    direction: Array
-    allocation: Array
-    drag: Array
-    largest_drag: Array
-    inertia: Array
-    stiffness: Array
-    damping: Array
-    heading: Array
-    lift: Array
-    arm: Array
-    buoyancy: Array
-    restoring: Array
-    level: Array
-
-
-def pack_bodies(arena: Arena, heading: Array, level: float) -> BodyArrays:
-    """Pack an arena's vehicles; headings (V,) in rad are held, `level` is the height of the water in m."""
-    vehicles = arena.vehicles
-    floats = [v.description.hydrostatics for v in vehicles]
-    frequency = np.array([v.description.attitude.frequency for v in vehicles])
-    ratio = np.array([v.description.attitude.damping for v in vehicles])
-    weight = np.array([v.weight for v in vehicles])
-    afloat = np.array([h is not None for h in floats])
-    return BodyArrays(
-        qpos=arena.qpos,
-        dof=arena.dof,
-        thruster=arena.thruster,
-        direction=arena.model.actuator_gear[:, :3].copy(),
-        allocation=np.vstack([v.allocation for v in vehicles]),
-        drag=np.array([v.drag for v in vehicles]),
-        largest_drag=np.array([v.drag.max() for v in vehicles]),
-        inertia=np.array([v.inertia for v in vehicles]),
-        stiffness=frequency**2,
-        damping=2.0 * ratio * frequency,
-        heading=np.array(heading, dtype=np.float64),
-        lift=np.where(afloat, 0.0, weight),
-        arm=np.array([v.centre_of_mass for v in vehicles]),
-        buoyancy=np.where(afloat, weight, 0.0),
-        restoring=np.array([[h.heave, h.roll, h.pitch] if h is not None else [0.0] * 3 for h in floats]),
-        level=np.full(len(vehicles), level),
-    )
 
 
 @kernel
@@ -87,82 +34,96 @@ def rotation(q, at, R):
 
 
 @kernel
-def apply_forces(bodies, medium, t, command, qpos, qvel, ctrl, gear, applied, R, wrench):
-    """Write thruster commands, gears and applied forces for the state at time t.
+def measure(bodies, medium, v, t, qpos, qvel, R, measured):
+    """Write what vehicle v measures: attitude R (3, 3), velocity through the medium and rates in body axes (6,)."""
+    a, d = bodies.qpos[v], bodies.dof[v]
+    rotation(qpos, a + 3, R)
+    z = 0.0 if medium.planar[v] else qpos[a + 2]
+    wx, wy, wz = medium_velocity(medium, v, t, qpos[a], qpos[a + 1], z)
+    x, y, z = qvel[d] - wx, qvel[d + 1] - wy, qvel[d + 2] - wz
+    for i in range(3):
+        measured[i] = R[0, i] * x + R[1, i] * y + R[2, i] * z
+        measured[3 + i] = qvel[d + 3 + i]
 
-    Args:
-        bodies, medium: see BodyArrays and MediumArrays.
-        t: s.
-        command: commanded velocity of each vehicle relative to the medium, shape (V, 3), m/s.
-        qpos, qvel: MuJoCo's state.
-        ctrl, gear, applied: MuJoCo's arrays that are written: data.ctrl, model.actuator_gear, data.qfrc_applied.
-        R, wrench: scratch, shapes (3, 3) and (6,).
+
+@kernel
+def push(bodies, v, qpos, qvel, R, measured, applied, F):
+    """Write the medium's wrench on vehicle v into `applied`: force in world, moment in body axes; F is scratch."""
+    a, d = bodies.qpos[v], bodies.dof[v]
+    x, y, z = qvel[d], qvel[d + 1], qvel[d + 2]
+    implicit = bodies.damping[v, 0]
+    for i in range(3):
+        s, r = measured[i], measured[3 + i]
+        along = R[0, i] * x + R[1, i] * y + R[2, i] * z
+        F[i] = implicit * along - (bodies.drag[v, i] + bodies.quadratic[v, i] * abs(s)) * s
+        explicit = (1.0 - bodies.damping[v, 1]) * bodies.drag[v, 3 + i]
+        F[3 + i] = -(explicit + bodies.quadratic[v, 3 + i] * abs(r)) * r
+    if bodies.buoyancy[v] > 0.0:
+        # A moment K (b_z x e_z) rights the hull; its height and its tilt are small.
+        lift = bodies.buoyancy[v] - bodies.restoring[v, 0] * (qpos[a + 2] - bodies.level[v])
+        for i in range(3):
+            F[i] += R[2, i] * lift
+        _add_moment(bodies.centre[v], bodies.buoyancy[v], R, F)
+        F[3] -= bodies.restoring[v, 1] * R[2, 1]
+        F[4] += bodies.restoring[v, 2] * R[2, 0]
+    if bodies.ballast[v] > 0.0:
+        for i in range(3):
+            F[i] -= R[2, i] * bodies.ballast[v]
+        _add_moment(bodies.arm[v], -bodies.ballast[v], R, F)
+    if bodies.added[v]:
+        _share_with_medium(bodies, v, R, measured, F)
+    for i in range(3):
+        applied[d + i] = R[i, 0] * F[0] + R[i, 1] * F[1] + R[i, 2] * F[2]
+        applied[d + 3 + i] = F[3 + i]
+
+
+@kernel
+def _add_moment(at, force, R, F):
+    """Add the moment of a vertical force (N, up) at a point of the body, in body axes."""
+    x, y, z = R[2, 0] * force, R[2, 1] * force, R[2, 2] * force
+    F[3] += at[1] * z - at[2] * y
+    F[4] += at[2] * x - at[0] * z
+    F[5] += at[0] * y - at[1] * x
+
+
+@kernel
+def _share_with_medium(bodies, v, R, measured, F):
+    """Turn the wrench F (6,), in place, into the one under which MuJoCo's body moves as if it had its added mass.
+
+    MuJoCo solves M_RB a + h = Q + G with h the rigid body's centrifugal wrench and G its weight. Wanted is
+    (M_RB + M_A) a + h = F + G + C with C = M_A [omega x v_r; 0] - C_A(v_r) v_r, as a is taken in axes that do not turn.
+    Hence Q = S (F + G - h + C) + h - G.
     """
-    for v in range(command.shape[0]):
-        a, d = bodies.qpos[v], bodies.dof[v]
-        rotation(qpos, a + 3, R)
-        planar = medium.planar[v]
-        z = 0.0 if planar else qpos[a + 2]
-        wx, wy, wz = medium_velocity(medium, v, t, qpos[a], qpos[a + 1], z)
-
-        # Medium: R D R^T w, and what R D R^T v differs from the implicit damping d_max v.
-        largest = bodies.largest_drag[v]
-        for i in range(3):
-            along_w = R[0, i] * wx + R[1, i] * wy + R[2, i] * wz
-            along_v = R[0, i] * qvel[d] + R[1, i] * qvel[d + 1] + R[2, i] * qvel[d + 2]
-            wrench[i] = bodies.drag[v, i] * along_w + (largest - bodies.drag[v, i]) * along_v
-        for i in range(3):
-            applied[d + i] = R[i, 0] * wrench[0] + R[i, 1] * wrench[1] + R[i, 2] * wrench[2]
-            applied[d + 3 + i] = 0.0
-        if bodies.buoyancy[v] > 0.0:
-            # Water carries the weight through the centre of mass and rights the hull: moment K (b_z x e_z), body axes.
-            applied[d + 2] += bodies.buoyancy[v] - bodies.restoring[v, 0] * (qpos[a + 2] - bodies.level[v])
-            bx, by, bz = (
-                R[2, 0] * bodies.buoyancy[v],
-                R[2, 1] * bodies.buoyancy[v],
-                R[2, 2] * bodies.buoyancy[v],
-            )
-            cx, cy, cz = bodies.arm[v, 0], bodies.arm[v, 1], bodies.arm[v, 2]
-            applied[d + 3] += cy * bz - cz * by - bodies.restoring[v, 1] * R[2, 1]
-            applied[d + 4] += cz * bx - cx * bz + bodies.restoring[v, 2] * R[2, 0]
-            applied[d + 5] += cx * by - cy * bx
-
-        # Thrust: the force that the law wants, in body axes, with the weight that thrusters carry.
-        for i in range(3):
-            wanted = R[0, i] * command[v, 0] + R[1, i] * command[v, 1] + R[2, i] * command[v, 2]
-            wrench[i] = bodies.drag[v, i] * wanted
-        fx, fy, fz = R[2, 0] * bodies.lift[v], R[2, 1] * bodies.lift[v], R[2, 2] * bodies.lift[v]
-
-        # Attitude: the rotation vector from R to the level attitude with the heading to hold, in body axes.
-        c, s = np.cos(bodies.heading[v]), np.sin(bodies.heading[v])
-        # E = R^T R_z(heading); its skew part is sin(angle) times the axis, its trace gives the angle.
-        e00, e10, e20 = R[0, 0] * c + R[1, 0] * s, R[0, 1] * c + R[1, 1] * s, R[0, 2] * c + R[1, 2] * s
-        e01, e11, e21 = R[1, 0] * c - R[0, 0] * s, R[1, 1] * c - R[0, 1] * s, R[1, 2] * c - R[0, 2] * s
-        e02, e12, e22 = R[2, 0], R[2, 1], R[2, 2]
-        ax, ay, az = 0.5 * (e21 - e12), 0.5 * (e02 - e20), 0.5 * (e10 - e01)
-        sine = np.sqrt(ax * ax + ay * ay + az * az)
-        angle = np.arctan2(sine, 0.5 * (e00 + e11 + e22 - 1.0))
-        scale = angle / sine if sine > 1e-12 else 1.0
-        k, b = bodies.stiffness[v], bodies.damping[v]
-        ax = k * scale * ax - b * qvel[d + 3]
-        ay = k * scale * ay - b * qvel[d + 4]
-        az = k * scale * az - b * qvel[d + 5]
-        J = bodies.inertia[v]
-        wrench[3] = J[0, 0] * ax + J[0, 1] * ay + J[0, 2] * az + bodies.arm[v, 1] * fz - bodies.arm[v, 2] * fy
-        wrench[4] = J[1, 0] * ax + J[1, 1] * ay + J[1, 2] * az + bodies.arm[v, 2] * fx - bodies.arm[v, 0] * fz
-        wrench[5] = J[2, 0] * ax + J[2, 1] * ay + J[2, 2] * az + bodies.arm[v, 0] * fy - bodies.arm[v, 1] * fx
-        wrench[0] += fx
-        wrench[1] += fy
-        wrench[2] += fz
-
-        for k in range(bodies.thruster[v], bodies.thruster[v + 1]):
-            u = 0.0
-            for i in range(6):
-                u += bodies.allocation[k, i] * wrench[i]
-            ctrl[k] = u
-            for i in range(3):
-                gear[k, i] = (
-                    R[i, 0] * bodies.direction[k, 0]
-                    + R[i, 1] * bodies.direction[k, 1]
-                    + R[i, 2] * bodies.direction[k, 2]
-                )
+    m, c, A = bodies.mass[v], bodies.arm[v], bodies.added_mass[v]
+    x, y, z, p, q, r = measured[0], measured[1], measured[2], measured[3], measured[4], measured[5]
+    # h: m omega x (omega x c) and omega x I omega
+    ox, oy, oz = q * c[2] - r * c[1], r * c[0] - p * c[2], p * c[1] - q * c[0]
+    J = bodies.rigid[v]
+    Lx = J[0, 0] * p + J[0, 1] * q + J[0, 2] * r
+    Ly = J[1, 0] * p + J[1, 1] * q + J[1, 2] * r
+    Lz = J[2, 0] * p + J[2, 1] * q + J[2, 2] * r
+    weight = bodies.weight[v]
+    gx, gy, gz = -R[2, 0] * weight, -R[2, 1] * weight, -R[2, 2] * weight
+    own = (
+        gx - m * (q * oz - r * oy),
+        gy - m * (r * ox - p * oz),
+        gz - m * (p * oy - q * ox),
+        c[1] * gz - c[2] * gy - (q * Lz - r * Ly),
+        c[2] * gx - c[0] * gz - (r * Lx - p * Lz),
+        c[0] * gy - c[1] * gx - (p * Ly - q * Lx),
+    )  # G - h
+    Px, Py, Pz = A[0] * x, A[1] * y, A[2] * z  # momentum of the medium
+    Hx, Hy, Hz = A[3] * p, A[4] * q, A[5] * r
+    coupling = (
+        A[0] * (q * z - r * y) - (q * Pz - r * Py),
+        A[1] * (r * x - p * z) - (r * Px - p * Pz),
+        A[2] * (p * y - q * x) - (p * Py - q * Px),
+        -(y * Pz - z * Py) - (q * Hz - r * Hy),
+        -(z * Px - x * Pz) - (r * Hx - p * Hz),
+        -(x * Py - y * Px) - (p * Hy - q * Hx),
+    )  # C
+    t0, t1, t2 = F[0] + own[0] + coupling[0], F[1] + own[1] + coupling[1], F[2] + own[2] + coupling[2]
+    t3, t4, t5 = F[3] + own[3] + coupling[3], F[4] + own[4] + coupling[4], F[5] + own[5] + coupling[5]
+    S = bodies.share[v]
+    for i in range(6):
+        F[i] = S[i, 0] * t0 + S[i, 1] * t1 + S[i, 2] * t2 + S[i, 3] * t3 + S[i, 4] * t4 + S[i, 5] * t5 - own[i]

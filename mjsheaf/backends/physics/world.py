@@ -13,8 +13,10 @@ from numba import types
 from numpy.typing import NDArray
 
 from mjsheaf.backends.physics.arena import Arena, compose
-from mjsheaf.backends.physics.callback import BeforeStep, close_loop
-from mjsheaf.backends.physics.vehicle import Vehicle, load_vehicle
+from mjsheaf.backends.physics.callback import BeforeStep, close_loop, controlled_position
+from mjsheaf.backends.physics.effects import embody
+from mjsheaf.backends.physics.loading import load_vehicle
+from mjsheaf.backends.physics.vehicle import Vehicle
 from mjsheaf.backends.system import System
 from mjsheaf.backends.trajectory import Trajectory, blow_up_message
 from mjsheaf.compiled import kernel
@@ -131,11 +133,14 @@ class World:
         plan, initial = self.system.bodies, self.system.initial
         self.data.time = self.system.grid.start
         for v, vehicle in enumerate(self.arena.vehicles):
-            at = self.arena.qpos[v]
-            self.data.qpos[at : at + 3] = initial[v]
+            at, heading = self.arena.qpos[v], plan.heading[v]
+            self.data.qpos[at : at + 3] = initial[v] - vehicle.hand * np.array([np.cos(heading), np.sin(heading), 0.0])
             if vehicle.dimension == 2:
                 self.data.qpos[at + 2] = plan.surface_height
-            self.data.qpos[at + 3 : at + 7] = [np.cos(plan.heading[v] / 2), 0, 0, np.sin(plan.heading[v] / 2)]
+            self.data.qpos[at + 3 : at + 7] = [np.cos(heading / 2), 0, 0, np.sin(heading / 2)]
+        trim = np.concatenate([vehicle.trim for vehicle in self.arena.vehicles])
+        lags = np.flatnonzero(self.model.actuator_actadr >= 0)  # rotors turn before a multirotor is let go
+        self.data.act[self.model.actuator_actadr[lags]] = trim[lags]
         self.close_loop(sample=True)
         if _first_bad(self.data.ctrl) < 0:
             mujoco.mj_forward(self.model, self.data)
@@ -191,9 +196,18 @@ class World:
 
     def positions(self) -> Array:
         """Controlled positions, padded: agents then targets, z = 0 for planar ones; shape (V, 3), m."""
-        x = self.data.qpos[self.arena.qpos[:, None] + np.arange(3)]
-        x[self.system.medium.planar, 2] = 0.0
+        x = np.empty((len(self.arena.vehicles), 3))
+        for v in range(len(x)):
+            controlled_position(self._before_step.bodies, self.system.medium.planar, v, self.data.qpos, x[v])
         return x
+
+    def place_targets(self, positions: Array) -> None:
+        """Put every target where its controlled position is as given, (V - N, 3) in m, with its attitude and speed."""
+        N = len(self.system.team.agents)
+        shift = positions - self.positions()[N:]
+        for v in range(N, len(self.arena.vehicles)):
+            at, n = self.arena.qpos[v], self.arena.vehicles[v].dimension
+            self.data.qpos[at : at + n] += shift[v - N, :n]
 
     def heights(self) -> Array:
         """z of every body, floating ones included, shape (V,), m."""
@@ -204,17 +218,10 @@ class World:
         return self.data.qpos[self.arena.qpos[:, None] + np.arange(3, 7)]
 
     def saturation(self) -> Array:
-        """Share of each vehicle's thrusters with a command, activation or force at or beyond its limit, shape (V,)."""
-        model, ctrl = self.model, self.data.ctrl
-        limited, (low, high) = model.actuator_ctrllimited, model.actuator_ctrlrange.T
-        drive, lags = np.where(limited, np.clip(ctrl, low, high), ctrl), model.actuator_actadr >= 0
-        drive[lags] = self.data.act[model.actuator_actadr[lags]]  # what has a lag has one activation
-        at_limit = _at_limit(ctrl, limited, model.actuator_ctrlrange)
-        at_limit |= _at_limit(drive, model.actuator_actlimited, model.actuator_actrange)
-        at_limit |= _at_limit(
-            model.actuator_gainprm[:, 0] * drive, model.actuator_forcelimited, model.actuator_forcerange
-        )
+        """Share of each vehicle's thrusters whose command is at its limit, shape (V,)."""
+        low, high = self._before_step.bodies.limits.T
         first = self.arena.thruster
+        at_limit = (self.data.ctrl <= low) | (self.data.ctrl >= high)
         return np.add.reduceat(at_limit.astype(float), first[:-1]) / np.diff(first)
 
 
@@ -233,10 +240,6 @@ def _whole_ratio(period: float, timestep: float) -> int:
     return round(ratio)
 
 
-def _at_limit(values: Array, limited: NDArray[Any], limits: Array) -> NDArray[np.bool_]:
-    return limited.astype(bool) & ((values <= limits[:, 0]) | (values >= limits[:, 1]))
-
-
 def vehicles_of(system: System) -> list[Vehicle]:
     """The vehicle of every agent and target, in order.
 
@@ -249,7 +252,7 @@ def vehicles_of(system: System) -> list[Vehicle]:
         field = f"{'agents' if v < len(system.team.agents) else 'targets'}.{member.id}.vehicle"
         try:
             if name not in loaded:
-                loaded[name] = load_vehicle(name).with_time_constant(plan.time_constant)
+                loaded[name] = embody(load_vehicle(name).with_time_constant(plan.time_constant), plan.effects)
         except InputError as error:
             raise InputError(f"{field}: {error}") from None
         if loaded[name].dimension != member.dimension:
@@ -275,23 +278,29 @@ def arena_of(system: System, colours: Array | None = None) -> Arena:
     )
 
 
-def run_physics(system: System, progress: Callable[[int, int], None] | None = None) -> Trajectory:
+def run_physics(
+    system: System, progress: Callable[[int, int], None] | None = None, targets: Array | None = None
+) -> Trajectory:
     """Simulate a system on bodies.
 
     Args:
         system: the system.
         progress: called with (samples done, samples in all).
+        targets: where the targets are at each sample, shape (T, V - N, 3), m, whatever their bodies would do; the run
+            ends with the last. None leaves them to their bodies.
 
     Returns:
         The trajectory; its status is 'unstable' and it ends early where the simulation blows up.
     """
     world = World(system)
-    times = system.grid.samples
+    times = system.grid.samples[: None if targets is None else len(targets)]
     T, V = len(times), len(world.arena.vehicles)
     positions, quaternions, heights = np.empty((T, V, 3)), np.empty((T, V, 4)), np.empty((T, V))
     thrust, saturation = np.empty((T, world.model.nu)), np.empty((T, V))
     status, message, done = "finished", "", T
     for k in range(T):
+        if targets is not None:
+            world.place_targets(targets[k])
         world.close_loop(sample=True)
         positions[k], quaternions[k], heights[k] = world.positions(), world.quaternions(), world.heights()
         thrust[k], saturation[k] = world.data.ctrl, world.saturation()

@@ -1,0 +1,111 @@
+"""Vehicles with some of what makes them real switched off, so that each effect's cost can be told from the others'.
+
+- inertia: off, mass, inertia and added mass shrink until m / D is `massless_tau`; weight and drag stay what they are,
+  and the autopilot, which has nothing left to do, is off.
+- drag_law: off, drag is linear.
+- limits: off, thrusters push as hard as asked, and multirotors tilt as far as 80 degrees.
+- lag: off, thrusters follow their commands at once.
+- underactuation: off, a vehicle has thrusters along every axis that it is controlled in, as strong and as slow as its
+  own.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from mjsheaf.backends.physics.vehicle import ROW_NAMES, Vehicle
+from mjsheaf.backends.system import Effects
+
+_LIMITS = ("ctrl", "force", "act")
+_FREE_TILT = 80.0  # degrees
+
+
+def embody(vehicle: Vehicle, effects: Effects) -> Vehicle:
+    """The vehicle with the effects that are wanted; see the module for what each is."""
+    if not effects.underactuation and vehicle.control != "full":
+        vehicle = _fully_actuated(vehicle)
+    if not effects.limits:
+        vehicle = _unlimited(vehicle)
+    if not effects.lag:
+        free = {"dyntype": "none", "actlimited": "false"}
+        actuation = [{k: a for k, a in x.items() if k != "actrange"} | free for x in vehicle.actuation]
+        vehicle = replace(vehicle, actuation=actuation)
+    if not effects.drag_law:
+        vehicle = replace(vehicle, quadratic_drag=np.zeros(6))
+    if not effects.inertia:
+        vehicle = _massless(vehicle, effects.massless_tau)
+    return vehicle
+
+
+def has_effects(vehicle: Vehicle) -> Effects:
+    """Which effects a vehicle has at all: switching off another changes nothing."""
+    return Effects(
+        inertia=vehicle.rate > 0.0 or bool(vehicle.added_mass.any()),
+        drag_law=bool(vehicle.quadratic_drag.any()),
+        limits=bool(np.isfinite(vehicle.limits).any()),
+        lag=any(a["dyntype"] != "none" for a in vehicle.actuation),
+        underactuation=vehicle.control != "full",
+    )
+
+
+def _unlimited(vehicle: Vehicle) -> Vehicle:
+    ranges, free = {f"{n}range" for n in _LIMITS}, {f"{n}limited": "false" for n in _LIMITS}
+    actuation = [{k: a for k, a in x.items() if k not in ranges} | free for x in vehicle.actuation]
+    tilt = _FREE_TILT if vehicle.tilt else 0.0
+    return replace(vehicle, actuation=actuation, tilt=tilt)
+
+
+def _massless(vehicle: Vehicle, tau: float) -> Vehicle:
+    """Shrink the mass; the model's weight shrinks with it, and ballast makes up for that."""
+    own = vehicle.moving_mass[: vehicle.dimension] / vehicle.drag[: vehicle.dimension]
+    scale = min(1.0, tau / float(own.max()))
+    inertials = [
+        x | {"mass": x["mass"] * scale, "diaginertia": np.asarray(x["diaginertia"]) * scale} for x in vehicle.inertials
+    ]
+    return replace(
+        vehicle,
+        mass=vehicle.mass * scale,
+        ballast=vehicle.ballast + (1.0 - scale) * vehicle.weight,
+        inertia=vehicle.inertia * scale,
+        inertials=inertials,
+        added_mass=np.zeros(6),
+        rate=0.0,
+    )
+
+
+def _fully_actuated(vehicle: Vehicle) -> Vehicle:
+    """Thrusters along every controlled axis: as strong as the vehicle's own together, and as slow as their mean."""
+    rows = [0, 1, 5] if vehicle.dimension == 2 else [0, 1, 2, 3, 4, 5]
+    low, high = np.minimum(vehicle.limits @ [1, 0], 0.0), vehicle.limits @ [0, 1]
+    reach = np.where(vehicle.W > 0.0, vehicle.W * high, vehicle.W * low)
+    strongest = np.where(np.isfinite(reach), reach, np.inf).sum(axis=1)
+    force = strongest[:3].max()
+    lags = [a for a in vehicle.actuation if a["dyntype"] != "none"]
+    actuation = []
+    for row in rows:
+        bound = force if row < 3 else strongest[row]
+        limited = "true" if np.isfinite(bound) and bound > 0.0 else "false"
+        own = {
+            "dyntype": "none",
+            "dynprm": vehicle.actuation[0]["dynprm"],
+            "gainprm": np.array([1.0]),
+            "actearly": "false",
+            "ctrllimited": limited,
+            "forcelimited": "false",
+            "actlimited": "false",
+        }
+        if limited == "true":
+            own["ctrlrange"] = np.array([-bound, bound])
+        if lags:
+            mean = float(np.mean([np.ravel(a["dynprm"])[0] for a in lags]))
+            own |= {"dyntype": lags[0]["dyntype"], "dynprm": np.array([mean])}
+        actuation.append(own)
+    return replace(
+        vehicle,
+        control="full",
+        thrusters=[f"virtual_{ROW_NAMES[row].replace(' ', '_')}" for row in rows],
+        actuation=actuation,
+        W=np.eye(6)[:, rows],
+        hand=0.0,
+        tilt=0.0,
+    )
