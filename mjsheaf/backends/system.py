@@ -29,14 +29,14 @@ class ControlArrays(NamedTuple):
 class MediumArrays(NamedTuple):
     """What surrounds the vehicles, for compiled code; V vehicles, the first `agents` of them agents.
 
-    planar (V,): whether a vehicle lives in the plane; agent_flow, target_flow: kernel tables; harmonics (V, K, 5): of
-    the disturbances.
+    planar (V,): whether a vehicle lives in the plane; kernels: tables of all flow fields, one below the other, of which
+    each vehicle meets the rows from rows[v, 0] to rows[v, 1]; harmonics (V, K, 5): of the disturbances.
     """
 
     agents: int
     planar: NDArray[np.bool_]
-    agent_flow: Array
-    target_flow: Array
+    kernels: Array
+    rows: NDArray[np.int64]
     harmonics: Array
 
 
@@ -57,14 +57,16 @@ def velocity_commands(control, t, x, residual, command):
 
 
 @kernel
+def flow_about(medium, v, x, y, z):
+    """Velocity of the flow that vehicle v meets at a point, as three numbers."""
+    wx, wy, wz = flow_velocity(medium.kernels[medium.rows[v, 0] : medium.rows[v, 1]], x, y, z)
+    return wx, wy, 0.0 if medium.planar[v] else wz
+
+
+@kernel
 def medium_velocity(medium, v, t, x, y, z):
     """Velocity of the medium about vehicle v at a point, as three numbers: its flow and its disturbance."""
-    if v < medium.agents:
-        wx, wy, wz = flow_velocity(medium.agent_flow, x, y, z)
-    else:
-        wx, wy, wz = flow_velocity(medium.target_flow, x, y, z)
-    if medium.planar[v]:
-        wz = 0.0
+    wx, wy, wz = flow_about(medium, v, x, y, z)
     dx, dy, dz = disturbance_velocity(medium.harmonics, v, t)
     return wx + dx, wy + dy, wz + dz
 
@@ -149,7 +151,8 @@ class System:
         gain: k1, 1/s.
         law, motion, effectiveness: packed parts.
         harmonics: of the disturbances, shape (V, K, 5).
-        agent_flow, target_flow: velocity of the medium.
+        flows: the flow fields.
+        field: number of the flow field that each vehicle meets, shape (V,).
         tolerance: relative and absolute error of the ideal backend's integrator for each step.
         bodies: how the physics backend embodies it.
     """
@@ -163,8 +166,8 @@ class System:
     motion: MotionArrays
     harmonics: Array
     effectiveness: EffectivenessArrays
-    agent_flow: FlowField
-    target_flow: FlowField
+    flows: list[FlowField]
+    field: NDArray[np.int64]
     tolerance: tuple[float, float]
     bodies: BodyPlan
 
@@ -176,13 +179,24 @@ class System:
     @cached_property
     def medium(self) -> MediumArrays:
         """The medium for compiled code."""
+        ends = np.cumsum([0, *(len(flow.table) for flow in self.flows)])
         return MediumArrays(
             len(self.team.agents),
             np.array([m.dimension == 2 for m in self.team.members]),
-            self.agent_flow.table,
-            self.target_flow.table,
+            np.vstack([flow.table for flow in self.flows]),
+            np.column_stack([ends[self.field], ends[self.field + 1]]).astype(np.int64),
             self.harmonics,
         )
+
+    def flow_of(self, v: int) -> FlowField:
+        """The flow field that vehicle v meets."""
+        return self.flows[int(self.field[v])]
+
+    def fields_met(self, first: int, last: int) -> list[tuple[FlowField, bool]]:
+        """Each flow field that vehicles from first to last meet, and whether in the plane, every pair once."""
+        members = self.team.members
+        met = dict.fromkeys((int(self.field[v]), members[v].dimension == 2) for v in range(first, last))
+        return [(self.flows[k], planar) for k, planar in met]
 
     @cached_property
     def largest_eigenvalue(self) -> float:

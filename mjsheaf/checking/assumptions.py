@@ -59,9 +59,9 @@ def _smooth(system: System, region: Region, constants: Constants) -> Assumption:
     name = "f is continuously differentiable"
     targets = region.path.positions[:, len(system.team.agents) :]
     low, high = targets.min(axis=(0, 1)), targets.max(axis=(0, 1))
-    kinds = {member.dimension for member in system.team.targets}
+    met = system.fields_met(len(system.team.agents), len(system.team.members))
     steepest = constants.lipschitz
-    own = [lipschitz_constant(system.target_flow, low, high, planar=n == 2) for n in kinds]
+    own = [lipschitz_constant(flow, low, high, planar=planar) for flow, planar in met]
     for whom, found in (("agents", [steepest]), ("targets", own)):
         for slope in found:
             if not np.isfinite(slope.upper):

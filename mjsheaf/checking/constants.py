@@ -71,9 +71,9 @@ def take_constants(system: System, region: Region, spectrum: Spectrum) -> Consta
     # Between two samples |f_B| exceeds both by at most half the length of its path there. Samples resolve every kernel
     # and motion (see targets), so that the path is not twice as long as the chord.
     chord = np.linalg.norm(np.diff(f_B, axis=0), axis=1).max(initial=0.0) if np.isfinite(norm).all() else 0.0
-    kinds = sorted({agent.dimension for agent in team.agents})
-    lipschitz = [lipschitz_constant(system.agent_flow, region.low, region.high, planar=n == 2) for n in kinds]
-    speed = [largest_speed(system.agent_flow, region.low, region.high, planar=n == 2, drift=False) for n in kinds]
+    met = system.fields_met(0, len(team.agents))
+    lipschitz = [lipschitz_constant(flow, region.low, region.high, planar=planar) for flow, planar in met]
+    speed = [largest_speed(flow, region.low, region.high, planar=planar, drift=False) for flow, planar in met]
     largest = bounds(system.harmonics).max(initial=0.0)
     n_q = team.dirichlet.H.shape[0]
     error = region.path.q_star[0] - team.pack(system.initial)[:n_q]

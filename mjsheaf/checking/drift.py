@@ -3,9 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from mjsheaf.backends.system import System, velocity_commands
+from mjsheaf.backends.system import System, flow_about, velocity_commands
 from mjsheaf.compiled import kernel
-from mjsheaf.dynamics.flow import flow_velocity
 
 Array = NDArray[np.float64]
 
@@ -17,10 +16,10 @@ def _target_drifts(control, medium, time, positions, residual, command, out):
         velocity_commands(control, time[k], positions[k], residual, command)
         for v in range(N, positions.shape[1]):
             x = positions[k, v]
-            wx, wy, wz = flow_velocity(medium.target_flow, x[0], x[1], x[2])
+            wx, wy, wz = flow_about(medium, v, x[0], x[1], x[2])
             out[k, v - N, 0] = command[v, 0] + wx
             out[k, v - N, 1] = command[v, 1] + wy
-            out[k, v - N, 2] = 0.0 if medium.planar[v] else command[v, 2] + wz
+            out[k, v - N, 2] = command[v, 2] + wz
 
 
 def target_drift(system: System, time: Array, positions: Array) -> Array:
@@ -35,6 +34,6 @@ def target_drift(system: System, time: Array, positions: Array) -> Array:
 def agent_drift(system: System, q: Array) -> Array:
     """f_q at stacked agent states (T, n_q): the flow that agents meet, stacked; shape (T, n_q), m/s."""
     spread = system.team.unpack(q)
-    w = system.agent_flow.velocity(spread)
+    w = np.stack([system.flow_of(i).velocity(spread[:, i]) for i in range(spread.shape[1])], axis=1)
     n_q = system.team.dirichlet.H.shape[0]
     return w.reshape(len(q), -1)[:, system.team.slots[:n_q]]

@@ -55,7 +55,7 @@ def follow_targets(system: System) -> TargetPath:
     n_q = system.team.dirichlet.H.shape[0]
     most = max(_MOST_NUMBERS // max(n_q, 3 * len(system.team.members)), 50)
     count = int(min(max(_FEWEST_SAMPLES, (end - start) * fastest / (2 * np.pi) * _SAMPLES_PER_TURN), most))
-    size = min(_kernel_size(system.agent_flow), _kernel_size(system.target_flow))
+    size = min(_kernel_size(flow) for flow in system.flows)
     while True:
         time = np.linspace(start, end, count + 1)
         positions = np.repeat(system.initial[None], len(time), axis=0)

@@ -1,6 +1,7 @@
 """From a scenario to the closed-loop system that it describes."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -56,8 +57,8 @@ def build_system(scenario: Scenario) -> System:
         motion=_at("targets", lambda: _motions(scenario, initial, dimensions)),
         harmonics=_at("disturbance", lambda: disturbances.draw(kinds, dimensions, rng)),
         effectiveness=_at("agents", lambda: _effectiveness(scenario, dimensions[:N])),
-        agent_flow=_at("flow.agents", lambda: _flow(scenario.flow.agents)),
-        target_flow=_at("flow.targets", lambda: _flow(scenario.flow.targets)),
+        flows=[_at(f"flow.{name}", partial(_flow, model)) for name, model in _fields(scenario).items()],
+        field=_field_of_each(scenario, dimensions),
         tolerance=(scenario.ideal.rtol, scenario.ideal.atol),
         bodies=BodyPlan(
             vehicle=[
@@ -257,6 +258,21 @@ def _formation(group: Any, dimension: dict[str, int], members: list[str], target
             corners = formation.tetrahedron(group.side)
         places = formation.displacements(corners, sizes, group.height)
     return Formation(group.name, tuple(group.members), places, group.about)
+
+
+def _fields(scenario: Scenario) -> dict[str, medium_schema.FlowModel | None]:
+    """The flow fields by name: by medium where one is given, else by role."""
+    flow = scenario.flow
+    if flow.air is not None or flow.water is not None:
+        return {"air": flow.air, "water": flow.water}
+    return {"agents": flow.agents, "targets": flow.targets}
+
+
+def _field_of_each(scenario: Scenario, dimensions: list[int]) -> NDArray[np.int64]:
+    """Number of the field that each vehicle meets, shape (V,)."""
+    if "air" in _fields(scenario):
+        return np.array([0 if n == 3 else 1 for n in dimensions], dtype=np.int64)
+    return np.array(_per_vehicle(scenario, 0, 1), dtype=np.int64)
 
 
 def _flow(model: medium_schema.FlowModel | None) -> FlowField:

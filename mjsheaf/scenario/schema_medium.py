@@ -2,7 +2,7 @@
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from mjsheaf.reading import Section
 from mjsheaf.scenario.fields import NonNegative, Number, Point, Positive
@@ -75,10 +75,18 @@ class FlowModel(Section):
 
 
 class Flow(Section):
-    """The medium, as agents and as targets meet it."""
+    """The medium, as agents and as targets meet it, or as vehicles in space and in the plane do."""
 
     agents: FlowModel | None = None
     targets: FlowModel | None = None
+    air: FlowModel | None = Field(None, description="what spatial vehicles meet, agents and targets")
+    water: FlowModel | None = Field(None, description="what planar vehicles meet")
+
+    @model_validator(mode="after")
+    def _one_way(self) -> "Flow":
+        if (self.agents or self.targets) and (self.air or self.water):
+            raise ValueError("give either agents and targets, or air and water")
+        return self
 
 
 class DisturbanceModel(Section):

@@ -72,7 +72,6 @@ def velocity_commands(system: System, t: float, x: Array) -> Array:
 
 def medium(system: System, v: int, t: float, x: Array) -> Array:
     """Flow and disturbance about vehicle v at x (3,)."""
-    field = system.agent_flow if v < len(system.team.agents) else system.target_flow
-    w = field.velocity(x)
+    w = system.flow_of(v).velocity(x)
     w[system.team.members[v].dimension :] = 0.0
     return w + disturbance_velocity(system.harmonics, v, t)

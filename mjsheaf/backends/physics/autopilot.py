@@ -6,12 +6,13 @@ handed the medium. With the commanded velocity v_c relative to the medium, in bo
     force      F = d(v_c) + M k_v (v_c - v_r), so that q' = w + v_c is left, with time constant M / (M k_v + D)
     attitude   J (k theta - b omega), theta twice the vector part of the quaternion to the wanted attitude (Wie and
                Barba, J. Guidance 8, 1985: for small angles the rotation vector)
-    commands   u = W^+ [weight] + s_a W^+ [attitude moment] + s_f W^+ [F; 0], each s in [0, 1] the largest within limits
+    commands   u = W^+ [weight] + s_1 W^+ [roll, pitch] + s_2 W^+ [yaw] + s_3 W^+ [F], each s in [0, 1], one after the
+               other, the largest within limits
 
 A multirotor with parallel rotors thrusts weight + F along its own z axis and turns that axis there (Lee, Leok and
 McClamroch, Geometric tracking control of a quadrotor UAV on SE(3), CDC 2010). A boat with surge and yaw only steers a
-point at l ahead of
-its origin: surge makes that point's velocity forward, and the yaw rate (v_c,y - v_r,y) / l its velocity to port.
+point at l ahead of its origin: surge makes that point's velocity forward, and the yaw rate (v_c,y - v_r,y) / l its
+velocity to port.
 """
 
 import numpy as np
@@ -20,6 +21,7 @@ from mjsheaf.backends.physics.bodies import HAND_POINT, THRUST_VECTOR
 from mjsheaf.compiled import kernel
 
 _SHARE_OF_FALL = 0.5  # a multirotor that points its thrust sinks with at most this much of its weight
+_TIPPED = 0.5  # cosine of the tilt beyond which turning back comes before carrying the weight
 
 
 @kernel
@@ -40,6 +42,9 @@ def drive(bodies, v, command, R, quaternion, measured, ctrl, F):
         F[i] = _force(bodies, v, i, wanted, measured[i])
         F[3 + i] = 0.0
         F[6 + i] = R[2, i] * bodies.lift[v]
+    if R[2, 2] < _TIPPED:
+        # Thrusters asked to carry a weight that they cannot reach would be at their limits, and none left to turn.
+        F[6], F[7], F[8] = 0.0, 0.0, _TIPPED * bodies.lift[v]
     w, x, y, z = bodies.heading[v, 0], 0.0, 0.0, bodies.heading[v, 1]
     if bodies.control[v] == HAND_POINT:
         F[1] = F[2] = 0.0
@@ -140,23 +145,28 @@ def _allocate(bodies, v, ctrl, F):
             within = False
     if within:
         return
-    turning = translating = 1.0
     for k in range(first, last):
         row = bodies.allocation[k]
-        carry = row[0] * F[6] + row[1] * F[7] + row[2] * F[8] + row[3] * mx + row[4] * my + row[5] * mz
-        turn = row[3] * F[9] + row[4] * F[10] + row[5] * F[11]
-        turning = min(turning, _room(carry, turn, bodies.limits[k]))
+        ctrl[k] = row[0] * F[6] + row[1] * F[7] + row[2] * F[8] + row[3] * mx + row[4] * my + row[5] * mz
+    _add_within(bodies, first, last, ctrl, 0.0, 0.0, 0.0, F[9], F[10], 0.0)
+    # Yaw comes after roll and pitch: rotors make little of it, and what points up must not wait for it.
+    _add_within(bodies, first, last, ctrl, 0.0, 0.0, 0.0, 0.0, 0.0, F[11])
+    _add_within(bodies, first, last, ctrl, F[0], F[1], F[2], F[3], F[4], F[5])
+    for k in range(first, last):
+        ctrl[k] = _at_most(ctrl[k], bodies.limits[k])
+
+
+@kernel
+def _add_within(bodies, first, last, ctrl, x, y, z, p, q, r):
+    """Add the commands for a wrench, or the largest share of them that keeps every thruster within its limits."""
+    share = 1.0
     for k in range(first, last):
         row = bodies.allocation[k]
-        carry = row[0] * F[6] + row[1] * F[7] + row[2] * F[8] + row[3] * mx + row[4] * my + row[5] * mz
-        carry += turning * (row[3] * F[9] + row[4] * F[10] + row[5] * F[11])
-        move = row[0] * F[0] + row[1] * F[1] + row[2] * F[2] + row[3] * F[3] + row[4] * F[4] + row[5] * F[5]
-        translating = min(translating, _room(carry, move, bodies.limits[k]))
-        ctrl[k] = carry
+        du = row[0] * x + row[1] * y + row[2] * z + row[3] * p + row[4] * q + row[5] * r
+        share = min(share, _room(ctrl[k], du, bodies.limits[k]))
     for k in range(first, last):
         row = bodies.allocation[k]
-        move = row[0] * F[0] + row[1] * F[1] + row[2] * F[2] + row[3] * F[3] + row[4] * F[4] + row[5] * F[5]
-        ctrl[k] = _at_most(ctrl[k] + translating * move, bodies.limits[k])
+        ctrl[k] += share * (row[0] * x + row[1] * y + row[2] * z + row[3] * p + row[4] * q + row[5] * r)
 
 
 @kernel
