@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from mjsheaf.backends.physics import vehicles_of
+from mjsheaf.backends.physics.capability import capability_of
 from mjsheaf.backends.system import System
 from mjsheaf.checking import record as r
 from mjsheaf.checking.assumptions import decide
@@ -68,7 +69,7 @@ def examine(system: System, *, rate: float | None = None, radius: float = 1.0) -
         assumptions=[r.AssumptionRecord(**asdict(a) | {"value": _finite(a.value)}) for a in assumptions],
         relative_cohomology=_cohomology(cohomology, mend(system.team) if cohomology.dimension else None),
         theorem=_theorem(system, region, constants, spectrum, rate, radius),
-        margins=_margins(system, constants, spectrum),
+        margins=_margins(system, region, constants, spectrum),
         fragility=_fragility(fragility(system.team)),
     )
     return Examination(record, region)
@@ -162,7 +163,7 @@ def _theorem(
     )
 
 
-def _margins(system: System, constants: Constants, spectrum: Spectrum) -> r.MarginsRecord:
+def _margins(system: System, region: Region, constants: Constants, spectrum: Spectrum) -> r.MarginsRecord:
     hold = hold_margin(system, spectrum)
     bodies = body_margin(system, spectrum, time_constants(system))
     lag = steady_lag(system, constants)
@@ -175,7 +176,9 @@ def _margins(system: System, constants: Constants, spectrum: Spectrum) -> r.Marg
             damping_fastest=_finite(bodies.damping_fastest),
             spectral_radius=bodies.spectral_radius,
         ),
-        speed=[r.SpeedRecord(**asdict(d)) for d in speed_demands(system)[:_MOST_ROWS]],
+        speed=[
+            r.SpeedRecord(**asdict(d)) for d in speed_demands(system, region.path, top_speeds(system))[:_MOST_ROWS]
+        ],
         lag=[
             r.LagRecord(agent=ids[i], lag=_finite(float(lag[i]))) for i in np.argsort(-lag, kind="stable")[:_MOST_ROWS]
         ],
@@ -186,6 +189,13 @@ def time_constants(system: System) -> np.ndarray:
     """Time constant of each agent's body along its most sluggish controlled axis, shape (N,), s."""
     agents = vehicles_of(system)[: len(system.team.agents)]
     return np.array([vehicle.reduced_model().tau.max() for vehicle in agents])
+
+
+def top_speeds(system: System) -> np.ndarray:
+    """Speed through the medium that each agent's body can make in every direction, shape (N,), m/s."""
+    agents = vehicles_of(system)[: len(system.team.agents)]
+    speed = {id(vehicle): capability_of(vehicle).least_speed for vehicle in agents}
+    return np.array([speed[id(vehicle)] for vehicle in agents])
 
 
 def _fragility(found: Fragility) -> r.FragilityRecord:

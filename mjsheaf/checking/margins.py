@@ -8,7 +8,9 @@ from scipy import linalg
 
 from mjsheaf.backends.system import System
 from mjsheaf.checking.constants import Constants
+from mjsheaf.checking.drift import agent_drift
 from mjsheaf.checking.spectrum import Spectrum
+from mjsheaf.checking.targets import TargetPath
 
 Array = NDArray[np.float64]
 
@@ -57,11 +59,22 @@ class BodyMargin:
 
 @dataclass(frozen=True)
 class SpeedDemand:
-    """What the law asks of an agent at the start: k1 |eta_i|, against its limit (None: no limit), m/s."""
+    """How fast an agent must be, and can be, m/s.
+
+    Attributes:
+        agent: its id.
+        asked: what the law asks of it at the start, k1 |eta_i|.
+        limit: that the law keeps; None without one.
+        steady: largest |q*'_i - f_i(q*)| along the run: what following the harmonic extension takes; None where a
+            field is singular.
+        able: what its body can make through the medium in every direction; None where its thrusters have no limits.
+    """
 
     agent: str
     asked: float
     limit: float | None
+    steady: float | None
+    able: float | None
 
 
 def hold_margin(system: System, spectrum: Spectrum) -> HoldMargin | None:
@@ -150,17 +163,29 @@ def _radius(sampled: Array, m: int, tau: float) -> float:
     return float(np.abs(_moving(sampled, m, tau)).max())
 
 
-def speed_demands(system: System) -> list[SpeedDemand]:
-    """The speed that the initial error asks of each agent, the largest share of its limit first."""
+def speed_demands(system: System, path: TargetPath, able: Array) -> list[SpeedDemand]:
+    """The speeds that are asked of each agent, the largest share of its limit first.
+
+    Args:
+        system: the system.
+        path: the harmonic extension along the run.
+        able: speed that each agent's body can make, shape (N,), m/s; infinite where it has no limits.
+    """
     team = system.team
+    through = np.gradient(path.q_star, path.time, axis=0) - agent_drift(system, path.q_star)
+    steady = np.linalg.norm(team.unpack(through), axis=2).max(axis=0)
     eta = team.disagreement(team.pack(system.initial))
     asked = system.gain * np.linalg.norm(team.unpack(eta), axis=1)
     limits = system.law.limit
     order = np.argsort(-asked / np.where(np.isfinite(limits[: len(asked)]), limits[: len(asked)], 1e300), kind="stable")
     return [
-        SpeedDemand(team.agents[i].id, float(asked[i]), float(limits[i]) if np.isfinite(limits[i]) else None)
+        SpeedDemand(team.agents[i].id, *(_finite(x[i]) for x in (asked, limits, steady, able)))  # type: ignore[arg-type]
         for i in order
     ]
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
 
 
 def steady_lag(system: System, constants: Constants) -> Array:

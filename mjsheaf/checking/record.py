@@ -140,11 +140,13 @@ class BodyRecord(_Part):
 
 
 class SpeedRecord(_Part):
-    """The speed that the initial error asks of an agent."""
+    """How fast an agent must be, and can be, m/s."""
 
     agent: str
-    asked: float
-    limit: float | None
+    asked: float = Field(description="by the law at the start")
+    limit: float | None = Field(description="that the law keeps; null without one")
+    steady: float | None = Field(description="largest through the medium along q*; null where a field is singular")
+    able: float | None = Field(description="of its body through the medium; null where its thrusters have no limits")
 
 
 class LagRecord(_Part):

@@ -8,6 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from mjsheaf.checking import CheckRecord, examine
+from mjsheaf.checking.record import SpeedRecord
 from mjsheaf.errors import InputError, MjsheafError
 from mjsheaf.scenario import load_scenario
 from mjsheaf.scenario.load import parse_override
@@ -180,8 +181,24 @@ def _margins(record: CheckRecord) -> Table:
     beyond = sum(s.limit is not None and s.asked > s.limit for s in m.speed)
     exceeded = f", exceeded by {beyond} agents" if beyond else ""
     rows.append(("speed asked at start", _number(first.asked, "m/s"), f"of {first.agent}; {limit}{exceeded}"))
+    rows.append(_speed_of_bodies(m.speed))
     rows.append(("steady lag", _number(m.lag[0].lag, "m"), f"largest, of {m.lag[0].agent}"))
     return _pairs("margins in practice", rows)
+
+
+def _speed_of_bodies(speeds: list[SpeedRecord]) -> tuple[str, str, str]:
+    """What following q* takes, against what bodies can make."""
+    known = [s for s in speeds if s.steady is not None]
+    if not known:
+        return "speed along q*", "-", "a field is singular"
+    first = max(known, key=lambda s: (s.steady or 0.0) / (s.able or 1e300))
+    able = "its thrusters have no limits" if first.able is None else f"its body can make {first.able:.4g} m/s"
+    short = sum(s.able is not None and (s.steady or 0.0) > s.able for s in known)
+    return (
+        "speed along q*",
+        _number(first.steady, "m/s"),
+        f"of {first.agent}; {able}" + (f", TOO SLOW, as are {short} of {len(known)}" if short else ""),
+    )
 
 
 def _fragility(record: CheckRecord) -> list[Text]:

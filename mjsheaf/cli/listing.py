@@ -20,24 +20,36 @@ def list_scenarios_command() -> None:
 
 
 def list_vehicles_command() -> None:
-    """Print the vehicles with mass, thrusters and time constant."""
+    """Print the vehicles with mass, thrust, time constant and speed."""
     from mjsheaf.backends.physics import list_vehicles, load_vehicle
+    from mjsheaf.backends.physics.capability import capability_of
 
-    table = Table(title="vehicles", title_justify="left", header_style="")
-    for heading in ("name", "moves in", "mass (kg)", "thrusters", "m / D (s)", "what it is"):
-        table.add_column(heading, justify="left" if heading in ("name", "moves in", "what it is") else "right")
+    table = Table(title="vehicles", title_justify="left", header_style="", box=None, padding=(0, 1))
+    for heading in ("name", "moves in", "mass\n(kg)", "thrusters", "thrust\n(N)", "tau\n(s)", "speed\n(m/s)"):
+        table.add_column(heading, justify="left" if heading in ("name", "moves in") else "right", no_wrap=True)
+    summaries = Table(box=None, show_header=False)
     for name in list_vehicles():
         vehicle = load_vehicle(name)
-        tau = vehicle.reduced_model().tau
+        tau, can = vehicle.reduced_model().tau, capability_of(vehicle)
         table.add_row(
             name,
-            "the plane" if vehicle.dimension == 2 else "space",
+            "plane" if vehicle.dimension == 2 else "space",
             f"{vehicle.mass:g}",
             str(len(vehicle.thrusters)),
-            " ".join(f"{x:.3g}" for x in dict.fromkeys(tau)),
-            vehicle.description.summary,
+            _limit(can.forward_thrust),
+            " ".join(f"{x:.3g}" for x in dict.fromkeys(tau.round(3))),
+            _limit(can.forward_speed),
         )
-    Console().print(table)
+        summaries.add_row(name, vehicle.description.summary)
+    note = (
+        "thrust and speed are forward, level, with the weight carried; tau is that of the commanded velocity along the "
+        "body's axes (of a boat at its hand point: of surge and yaw)"
+    )
+    Console().print(table, "", summaries, "", note, highlight=False)
+
+
+def _limit(value: float) -> str:
+    return f"{float(f'{value:.3g}'):g}" if value < float("inf") else "no limit"
 
 
 def schema_command(of_check: bool) -> None:

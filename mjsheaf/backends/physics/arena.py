@@ -1,4 +1,6 @@
-"""The arena: every vehicle's MJCF composed into one model by PyMJCF, each on a free joint.
+"""The arena: every vehicle's MJCF composed into one model, each on a free joint.
+
+PyMJCF makes each kind of vehicle fit for it (see attachment), MjSpec puts in as many copies as there are.
 
 Thrusters become actuators on their vehicle's free joint. MuJoCo's site transmission builds a dense Jacobian for each
 actuator, which makes a step quadratic in the number of vehicles; on the free joint the gear is the thruster's wrench
@@ -14,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjsheaf.backends.physics.attachment import attachable
-from mjsheaf.backends.physics.loading import mass_properties
+from mjsheaf.backends.physics.loading import LAGS, mass_properties
 from mjsheaf.backends.physics.vehicle import GRAVITY, Vehicle
-from mjsheaf.engine import mujoco, pymjcf
+from mjsheaf.engine import mujoco
 from mjsheaf.errors import InputError
 from mjsheaf.resources import resource_directory
 
@@ -70,21 +72,24 @@ def compose(
     Raises:
         InputError: a vehicle's file does not go into one model with the others, or means something else in it.
     """
-    mjcf = pymjcf()
-    root = mjcf.from_path(str(resource_directory("models") / "arena.xml"))
+    root = mujoco.MjSpec.from_file(str(resource_directory("models") / "arena.xml"))
+    root.copy_during_attach = True
     root.option.timestep = timestep
     root.option.gravity = [0.0, 0.0, -GRAVITY]
     if not contacts:
-        root.option.flag.contact = "disable"
+        root.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
     if surface != "none":
-        root.worldbody.add(
-            "geom", name=surface, type="plane", size=[0, 0, 1], pos=[0, 0, surface_height], material=surface,
-            contype=0, conaffinity=0,
+        root.worldbody.add_geom(
+            name=surface, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], pos=[0, 0, surface_height],
+            material=surface, contype=0, conaffinity=0,
         )  # fmt: skip
+    kinds: dict[int, mujoco.MjSpec] = {}
     for v, (vehicle, name) in enumerate(zip(vehicles, ids, strict=True)):
-        _attach(mjcf, root, vehicle, name, None if colours is None else colours[v])
+        if id(vehicle) not in kinds:
+            kinds[id(vehicle)] = attachable(vehicle)
+        _attach(root, kinds[id(vehicle)], vehicle, name, None if colours is None else colours[v])
     try:
-        model = mujoco.MjModel.from_xml_string(root.to_xml_string(), root.get_assets())
+        model = root.compile()
     except ValueError as error:
         raise InputError(f"the vehicles do not compile into one model: {' '.join(str(error).split())}") from None
     joint = np.array([model.joint(f"{name}/").id for name in ids])
@@ -105,21 +110,39 @@ def compose(
     return arena
 
 
-def _attach(mjcf: Any, root: Any, vehicle: Vehicle, name: str, colour: Array | None) -> None:
-    body = attachable(mjcf, vehicle)
-    body.model = name
-    livery = body.find("material", "livery")
-    if colour is not None and livery is not None:
-        livery.rgba = [*colour, 1.0]
+def _attach(root: mujoco.MjSpec, kind: mujoco.MjSpec, vehicle: Vehicle, name: str, colour: Array | None) -> None:
+    body = root.worldbody.add_body(name=f"{name}/")
     try:
-        frame = root.worldbody.attach(body)
+        root.attach(kind, prefix=f"{name}/", frame=body.add_frame())
     except ValueError as error:
         raise InputError(f"{vehicle.path}: cannot be put into the arena: {' '.join(str(error).split())}") from None
-    joint = frame.add("freejoint")  # PyMJCF names it "NAME/"
+    body.add_freejoint(name=f"{name}/")
+    livery = root.material(f"{name}/livery")
+    if colour is not None and livery is not None:
+        livery.rgba = [*colour, 1.0]
     for k, (thruster, actuation) in enumerate(zip(vehicle.thrusters, vehicle.actuation, strict=True)):
         gain = actuation["gainprm"][0]  # W holds gain times gear
-        gear = vehicle.share @ vehicle.W[:, k] / gain if gain else np.zeros(6)
-        root.actuator.add("general", name=f"{name}.{thruster}", joint=joint, gear=gear, biastype="none", **actuation)
+        root.add_actuator(
+            name=f"{name}.{thruster}",
+            target=f"{name}/",
+            trntype=mujoco.mjtTrn.mjTRN_JOINT,
+            gear=vehicle.share @ vehicle.W[:, k] / gain if gain else np.zeros(6),
+            gaintype=mujoco.mjtGain.mjGAIN_FIXED,
+            biastype=mujoco.mjtBias.mjBIAS_NONE,
+            **_typed(actuation),
+        )
+
+
+def _typed(actuation: dict[str, Any]) -> dict[str, Any]:
+    """MJCF attributes of an actuator as MjSpec takes them."""
+    typed = {"dyntype": LAGS[actuation["dyntype"]], "actearly": actuation["actearly"] == "true"}
+    for name in ("dynprm", "gainprm"):
+        typed[name] = np.concatenate([actuation[name], np.zeros(10 - len(actuation[name]))])
+    for name in ("ctrl", "force", "act"):
+        typed[f"{name}limited"] = int(actuation[f"{name}limited"] == "true")
+        if f"{name}range" in actuation:
+            typed[f"{name}range"] = actuation[f"{name}range"]
+    return typed
 
 
 def _check_masses(arena: Arena) -> None:

@@ -10,26 +10,23 @@ from typing import Any
 import numpy as np
 
 from mjsheaf.backends.physics.vehicle import Vehicle
-from mjsheaf.engine import mujoco
+from mjsheaf.engine import mujoco, pymjcf
 from mjsheaf.errors import InputError
 
 _OF_THE_ARENA = ("compiler", "option", "size", "statistic", "visual")
 
 
-def attachable(mjcf: Any, vehicle: Vehicle) -> Any:
-    """Read a vehicle's file into PyMJCF, fit to be attached.
+def attachable(vehicle: Vehicle) -> mujoco.MjSpec:
+    """Read a vehicle's file, fit to be attached.
 
     Orientations are in radians or quaternions, every body has the inertia of the compiled file, and what a vehicle
     cannot decide is gone: compiler settings, options, statistics, sizes and visuals, which are the arena's; keyframes,
     whose state has no free joint; and actuators with the sensors on them, as thrusters are made anew.
 
-    Args:
-        mjcf: the module dm_control.mjcf.
-        vehicle: the vehicle.
-
     Raises:
         InputError: PyMJCF cannot read the file, or not all of it.
     """
+    mjcf = pymjcf()
     try:
         root = mjcf.from_path(str(vehicle.path))
     except (AttributeError, KeyError, TypeError, ValueError) as error:  # all that its parser raises
@@ -41,7 +38,8 @@ def attachable(mjcf: Any, vehicle: Vehicle) -> Any:
     on_actuators = [s for s in root.sensor.all_children() if "actuator" in s.get_attributes()]
     for element in [*on_actuators, *root.actuator.all_children(), *root.keyframe.all_children()]:
         element.remove()
-    return root
+    root.compiler.angle = "radian"
+    return mujoco.MjSpec.from_string(root.to_xml_string(), assets=root.get_assets())
 
 
 def _write_orientations(root: Any) -> None:

@@ -42,9 +42,6 @@ def drive(bodies, v, command, R, quaternion, measured, ctrl, F):
         F[i] = _force(bodies, v, i, wanted, measured[i])
         F[3 + i] = 0.0
         F[6 + i] = R[2, i] * bodies.lift[v]
-    if R[2, 2] < _TIPPED:
-        # Thrusters asked to carry a weight that they cannot reach would be at their limits, and none left to turn.
-        F[6], F[7], F[8] = 0.0, 0.0, _TIPPED * bodies.lift[v]
     w, x, y, z = bodies.heading[v, 0], 0.0, 0.0, bodies.heading[v, 1]
     if bodies.control[v] == HAND_POINT:
         F[1] = F[2] = 0.0
@@ -56,7 +53,7 @@ def drive(bodies, v, command, R, quaternion, measured, ctrl, F):
             w, x, y, z = _point_thrust(bodies, v, R, F)
         _turn_to(bodies, v, w, x, y, z, quaternion, measured, F)
         _keep_from_turning(bodies, v, measured, F)
-    _allocate(bodies, v, ctrl, F)
+    _allocate(bodies, v, R[2, 2], ctrl, F)
 
 
 @kernel
@@ -129,8 +126,11 @@ def _keep_from_turning(bodies, v, measured, F):
 
 
 @kernel
-def _allocate(bodies, v, ctrl, F):
-    """Commands for weight F[6:9], moment F[9:12] and translation F[:6], in that order of rank."""
+def _allocate(bodies, v, upright, ctrl, F):
+    """Commands for weight F[6:9], moment F[9:12] and translation F[:6], in that order of rank.
+
+    `upright` is the cosine of the tilt.
+    """
     cx, cy, cz = bodies.arm[v, 0], bodies.arm[v, 1], bodies.arm[v, 2]
     mx, my, mz = cy * F[8] - cz * F[7], cz * F[6] - cx * F[8], cx * F[7] - cy * F[6]  # of the weight
     first, last = bodies.thruster[v], bodies.thruster[v + 1]
@@ -145,6 +145,14 @@ def _allocate(bodies, v, ctrl, F):
             within = False
     if within:
         return
+    if upright < _TIPPED and bodies.lift[v] > 0.0:
+        # Thrusters asked for a weight that they cannot carry would be at their limits, and none left to turn.
+        F[0] += F[6]
+        F[1] += F[7]
+        F[2] += F[8] - _TIPPED * bodies.lift[v]
+        F[3], F[4], F[5] = F[3] + mx, F[4] + my, F[5] + mz
+        F[6], F[7], F[8] = 0.0, 0.0, _TIPPED * bodies.lift[v]
+        mx = my = mz = 0.0
     for k in range(first, last):
         row = bodies.allocation[k]
         ctrl[k] = row[0] * F[6] + row[1] * F[7] + row[2] * F[8] + row[3] * mx + row[4] * my + row[5] * mz

@@ -57,7 +57,7 @@ def _unlimited(vehicle: Vehicle) -> Vehicle:
 
 def _massless(vehicle: Vehicle, tau: float) -> Vehicle:
     """Shrink the mass; the model's weight shrinks with it, and ballast makes up for that."""
-    own = vehicle.moving_mass[: vehicle.dimension] / vehicle.drag[: vehicle.dimension]
+    own = vehicle.mass / vehicle.drag[: vehicle.dimension]  # added mass goes altogether
     scale = min(1.0, tau / float(own.max()))
     inertials = [
         x | {"mass": x["mass"] * scale, "diaginertia": np.asarray(x["diaginertia"]) * scale} for x in vehicle.inertials

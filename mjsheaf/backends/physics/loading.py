@@ -16,12 +16,15 @@ from mjsheaf.resources import resource_directory
 
 Array = NDArray[np.float64]
 
-_LAGS = {
-    int(mujoco.mjtDyn.mjDYN_NONE): "none",
-    int(mujoco.mjtDyn.mjDYN_INTEGRATOR): "integrator",
-    int(mujoco.mjtDyn.mjDYN_FILTER): "filter",
-    int(mujoco.mjtDyn.mjDYN_FILTEREXACT): "filterexact",
+LAGS = {
+    "none": mujoco.mjtDyn.mjDYN_NONE,
+    "integrator": mujoco.mjtDyn.mjDYN_INTEGRATOR,
+    "filter": mujoco.mjtDyn.mjDYN_FILTER,
+    "filterexact": mujoco.mjtDyn.mjDYN_FILTEREXACT,
 }
+"""How a thruster may follow its command: MJCF's dyntype."""
+
+_LAG_NAMES = {int(lag): name for name, lag in LAGS.items()}
 
 
 def list_vehicles() -> dict[str, Path]:
@@ -81,8 +84,8 @@ def _from_model(name: str, description: VehicleDescription, path: Path, model: m
         and (model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE).all()
     ):
         raise InputError(f"{path}: every actuator must have a fixed gain and no bias")
-    if not np.isin(model.actuator_dyntype, list(_LAGS)).all():
-        raise InputError(f"{path}: every actuator's dyntype must be one of {', '.join(_LAGS.values())}")
+    if not np.isin(model.actuator_dyntype, list(_LAG_NAMES)).all():
+        raise InputError(f"{path}: every actuator's dyntype must be one of {', '.join(LAGS)}")
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     site = model.actuator_trnid[:, 0]
@@ -184,12 +187,12 @@ def _thruster_names(model: mujoco.MjModel) -> list[str]:
 
 
 def _actuation(model: mujoco.MjModel, k: int) -> dict[str, Any]:
-    """What PyMJCF must be told of actuator k beside where it acts, read from the compiled file.
+    """What the arena must be told of actuator k beside where it acts, read from the compiled file.
 
     The file's own elements would not do: most of it may stand in their default class.
     """
     attributes: dict[str, Any] = {
-        "dyntype": _LAGS[int(model.actuator_dyntype[k])],
+        "dyntype": _LAG_NAMES[int(model.actuator_dyntype[k])],
         "dynprm": model.actuator_dynprm[k].copy(),
         "gainprm": model.actuator_gainprm[k].copy(),
         "actearly": "true" if model.actuator_actearly[k] else "false",
