@@ -20,10 +20,19 @@ _LAYERS = ("dynamics", "control", "backends")
 
 def kernel(function: Callable[..., Any]) -> Any:
     """Compile a function: cached on disk, without the interpreter's lock, division as in C."""
+    return _compile(function)
+
+
+def part(function: Callable[..., Any]) -> Any:
+    """Compile a part of a kernel: as `kernel`, and always inlined, so that a call costs nothing."""
+    return _compile(function, forceinline=True)
+
+
+def _compile(function: Callable[..., Any], **options: Any) -> Any:
     try:
-        compiled = njit(cache=True, nogil=True, error_model="numpy")(function)
+        compiled = njit(cache=True, nogil=True, error_model="numpy", **options)(function)
     except RuntimeError:  # no directory can be written: compile anew in each process
-        return njit(nogil=True, error_model="numpy")(function)
+        return njit(nogil=True, error_model="numpy", **options)(function)
     _drop_stale_code(compiled.stats.cache_path)
     return compiled
 

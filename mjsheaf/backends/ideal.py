@@ -159,9 +159,7 @@ def _advance(control, medium, effectiveness, continuous, t, period, x, first, la
 
 
 @kernel
-def _run(
-    control, medium, effectiveness, continuous, times, begin, end, period, x, tolerance, work, positions, placed
-):
+def _run(control, medium, effectiveness, continuous, times, begin, end, period, x, tolerance, work, positions, placed):
     """Advance from sample `begin` to `end`, recording; return the last sample reached and the vehicle that blew up."""
     V = x.shape[0]
     for k in range(begin, end):

@@ -102,7 +102,7 @@ def compose(
         thruster=np.concatenate([[0], np.cumsum([len(v.thrusters) for v in vehicles])]).astype(np.int64),
     )
     for v, vehicle in enumerate(vehicles):
-        if not vehicle.added_mass.any():  # see forces: what is shared with the medium must not be damped by the joint
+        if not vehicle.added_mass.any():  # what is shared with the medium must not be damped by the joint (see forces)
             at = arena.dof[v]
             model.dof_damping[at : at + 3] = vehicle.drag.max()
             model.dof_damping[at + 3 : at + 6] = vehicle.angular_drag

@@ -18,182 +18,170 @@ velocity to port.
 import numpy as np
 
 from mjsheaf.backends.physics.bodies import HAND_POINT, THRUST_VECTOR
-from mjsheaf.compiled import kernel
+from mjsheaf.backends.physics.forces import drag_force
+from mjsheaf.backends.physics.vectors import add, cross, product, subtract, to_body, to_world, triple, upward
+from mjsheaf.compiled import kernel, part
 
 _SHARE_OF_FALL = 0.5  # a multirotor that points its thrust sinks with at most this much of its weight
 _TIPPED = 0.5  # cosine of the tilt beyond which turning back comes before carrying the weight
 
 
-@kernel
-def drive(bodies, v, command, R, quaternion, measured, ctrl, F):
-    """Write the commands of vehicle v's thrusters.
+@part
+def drive(body, thrusters, command, R, quaternion, s, omega, ctrl):
+    """Write the commands of a vehicle's thrusters.
 
     Args:
-        bodies: see BodyArrays.
-        v: number of the vehicle.
-        command: velocity wanted relative to the medium, world axes, shape (3,), m/s.
-        R, quaternion: attitude, body to world, shapes (3, 3) and (4,).
-        measured: velocity through the medium and rates, body axes, shape (6,), m/s and rad/s.
+        body: see BODY.
+        thrusters: all thrusters, see THRUSTER.
+        command: velocity wanted relative to the medium, world axes, (3), m/s.
+        R, quaternion: attitude, body to world, (9) and (4).
+        s, omega: measured velocity through the medium and rates, body axes, (3) each, m/s and rad/s.
         ctrl: commands of all thrusters, shape (A,); those of the vehicle are written.
-        F: scratch, shape (12,): wrench for translation, then weight and attitude.
     """
-    for i in range(3):
-        wanted = R[0, i] * command[0] + R[1, i] * command[1] + R[2, i] * command[2]
-        F[i] = _force(bodies, v, i, wanted, measured[i])
-        F[3 + i] = 0.0
-        F[6 + i] = R[2, i] * bodies.lift[v]
-    w, x, y, z = bodies.heading[v, 0], 0.0, 0.0, bodies.heading[v, 1]
-    if bodies.control[v] == HAND_POINT:
-        F[1] = F[2] = 0.0
-        to_port = R[0, 1] * command[0] + R[1, 1] * command[1] + R[2, 1] * command[2]
-        F[5] = _force(bodies, v, 5, (to_port - measured[1]) / bodies.hand[v], measured[5])
-        F[9] = F[10] = F[11] = 0.0
+    wanted = to_body(R, command)
+    weight = upward(R, body.lift)
+    K = body.gain
+    force = drag_force(body, wanted)
+    force = (
+        force[0] + K[0] * (wanted[0] - s[0]),
+        force[1] + K[1] * (wanted[1] - s[1]),
+        force[2] + K[2] * (wanted[2] - s[2]),
+    )
+    if body.control == HAND_POINT:
+        rate = (wanted[1] - s[1]) / body.hand
+        yaw = (body.drag[5] + body.quadratic[5] * abs(rate)) * rate + K[5] * (rate - omega[2])
+        force, moment, turn = (force[0], 0.0, 0.0), (0.0, 0.0, yaw), (0.0, 0.0, 0.0)
     else:
-        if bodies.control[v] == THRUST_VECTOR:
-            w, x, y, z = _point_thrust(bodies, v, R, F)
-        _turn_to(bodies, v, w, x, y, z, quaternion, measured, F)
-        _keep_from_turning(bodies, v, measured, F)
-    _allocate(bodies, v, R[2, 2], ctrl, F)
+        attitude = (body.heading[0], 0.0, 0.0, body.heading[1])
+        if body.control == THRUST_VECTOR:
+            force, weight, attitude = _point_thrust(body, R, force, weight)
+        turn = _turn_to(body, attitude, quaternion, omega)
+        # Thrust and drag act at the origin, and what is left of them accelerates the centre of mass c: without
+        # turning the vehicle, that takes a moment of c times it.
+        moment = cross(triple(body.arm), subtract(force, drag_force(body, s)))
+    _allocate(body, thrusters, R[8], weight, turn, force, moment, ctrl)
 
 
-@kernel
-def _force(bodies, v, i, wanted, measured):
-    """d(v_c) + M k_v (v_c - v_r) along or about one axis."""
-    feedforward = (bodies.drag[v, i] + bodies.quadratic[v, i] * abs(wanted)) * wanted
-    return feedforward + bodies.gain[v, i] * (wanted - measured)
-
-
-@kernel
-def _point_thrust(bodies, v, R, F):
-    """Turn the force F[:3] that is wanted beside the weight into thrust along z, and give the attitude that makes it.
+@part
+def _point_thrust(body, R, force, weight):
+    """Turn a force that is wanted beside the weight into thrust along z, and give the attitude that makes it.
 
     The force is scaled, never turned, until thrust, tilt and sinking are within what the vehicle may do.
+
+    Returns:
+        Force and weight along z, in body axes, which add up to what the present attitude makes of the wanted thrust;
+        and the wanted attitude as a quaternion: the shortest turn of z to the thrust, after the turn to the heading.
     """
-    lift = bodies.lift[v]
-    x = R[0, 0] * F[0] + R[0, 1] * F[1] + R[0, 2] * F[2]
-    y = R[1, 0] * F[0] + R[1, 1] * F[1] + R[1, 2] * F[2]
-    z = R[2, 0] * F[0] + R[2, 1] * F[1] + R[2, 2] * F[2]
+    lift, slope, most = body.lift, body.slope, body.most_thrust
+    x, y, z = to_world(R, force)
     share = 1.0
     if -z > _SHARE_OF_FALL * lift:
         share = _SHARE_OF_FALL * lift / -z
-    slope = bodies.slope[v]
     beyond = np.sqrt(x * x + y * y) - slope * z
     if share * beyond > slope * lift:
         share = slope * lift / beyond
-    square, most = x * x + y * y + z * z, bodies.most_thrust[v]
+    square = x * x + y * y + z * z
     if share * share * square + 2.0 * share * z * lift + lift * lift > most * most:
         share = (np.sqrt(z * z * lift * lift + square * (most * most - lift * lift)) - z * lift) / square
     x, y, z = share * x, share * y, lift + share * z
-    thrust = np.sqrt(x * x + y * y + z * z)
-    # What the attitude makes of it now; the rest follows once the vehicle has turned.
-    F[0] = F[1] = F[6] = F[7] = 0.0
-    F[2] = x * R[0, 2] + y * R[1, 2] + z * R[2, 2] - F[8]
-    # The shortest turn that brings z to the thrust, after the turn to the heading.
-    a, b, c = thrust + z, -y, x
+    along = x * R[2] + y * R[5] + z * R[8]
+    a, b, c = np.sqrt(x * x + y * y + z * z) + z, -y, x
     size = 1.0 / np.sqrt(a * a + b * b + c * c)
     a, b, c = a * size, b * size, c * size
-    hw, hz = bodies.heading[v, 0], bodies.heading[v, 1]
-    return a * hw, b * hw + c * hz, c * hw - b * hz, a * hz
+    hw, hz = body.heading[0], body.heading[1]
+    attitude = (a * hw, b * hw + c * hz, c * hw - b * hz, a * hz)
+    return (0.0, 0.0, along - weight[2]), (0.0, 0.0, weight[2]), attitude
 
 
-@kernel
-def _turn_to(bodies, v, w, x, y, z, quaternion, measured, F):
-    """Write the moment that turns the vehicle to the attitude (w, x, y, z) into F[9:]."""
-    a, b, c, d = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
+@part
+def _turn_to(body, attitude, quaternion, omega):
+    """The moment that turns the vehicle from its quaternion to a wanted attitude, body axes, N m."""
+    w, x, y, z = attitude
+    a, b, c, d = quaternion
     # conj(quaternion) times the wanted one
-    cosine = a * w + b * x + c * y + d * z
-    sign = 2.0 if cosine >= 0.0 else -2.0
-    k, damping = bodies.stiffness[v], bodies.rate_damping[v]
-    ax = k * sign * (a * x - b * w - c * z + d * y) - damping * measured[3]
-    ay = k * sign * (a * y + b * z - c * w - d * x) - damping * measured[4]
-    az = k * sign * (a * z - b * y + c * x - d * w) - damping * measured[5]
-    J = bodies.inertia[v]
-    for i in range(3):
-        F[9 + i] = J[i, 0] * ax + J[i, 1] * ay + J[i, 2] * az
+    stiffness = 2.0 * body.stiffness if a * w + b * x + c * y + d * z >= 0.0 else -2.0 * body.stiffness
+    damping = body.rate_damping
+    wanted = (
+        stiffness * (a * x - b * w - c * z + d * y) - damping * omega[0],
+        stiffness * (a * y + b * z - c * w - d * x) - damping * omega[1],
+        stiffness * (a * z - b * y + c * x - d * w) - damping * omega[2],
+    )
+    return product(body.inertia, wanted)
 
 
-@kernel
-def _keep_from_turning(bodies, v, measured, F):
-    """Write the moment that goes with the force F[:3] into F[3:6].
-
-    Thrust and drag act at the origin, and what is left of them accelerates the centre of mass c: that takes c times it.
-    """
-    x = F[0] - (bodies.drag[v, 0] + bodies.quadratic[v, 0] * abs(measured[0])) * measured[0]
-    y = F[1] - (bodies.drag[v, 1] + bodies.quadratic[v, 1] * abs(measured[1])) * measured[1]
-    z = F[2] - (bodies.drag[v, 2] + bodies.quadratic[v, 2] * abs(measured[2])) * measured[2]
-    c = bodies.arm[v]
-    F[3], F[4], F[5] = c[1] * z - c[2] * y, c[2] * x - c[0] * z, c[0] * y - c[1] * x
-
-
-@kernel
-def _allocate(bodies, v, upright, ctrl, F):
-    """Commands for weight F[6:9], moment F[9:12] and translation F[:6], in that order of rank.
+@part
+def _allocate(body, thrusters, upright, weight, turn, force, moment, ctrl):
+    """Commands for weight, attitude moment, and the force and moment of translation.
 
     `upright` is the cosine of the tilt.
     """
-    cx, cy, cz = bodies.arm[v, 0], bodies.arm[v, 1], bodies.arm[v, 2]
-    mx, my, mz = cy * F[8] - cz * F[7], cz * F[6] - cx * F[8], cx * F[7] - cy * F[6]  # of the weight
-    first, last = bodies.thruster[v], bodies.thruster[v + 1]
-    x, y, z = F[0] + F[6], F[1] + F[7], F[2] + F[8]
-    p, q, r = F[3] + F[9] + mx, F[4] + F[10] + my, F[5] + F[11] + mz
+    carry = cross(triple(body.arm), weight)
+    F, N = add(weight, force), add(carry, add(turn, moment))
     within = True
-    for k in range(first, last):
-        row = bodies.allocation[k]
-        u = row[0] * x + row[1] * y + row[2] * z + row[3] * p + row[4] * q + row[5] * r
+    for k in range(body.first, body.last):
+        u = _command_for(thrusters[k].row, F, N)
         ctrl[k] = u
-        if u < bodies.limits[k, 0] or u > bodies.limits[k, 1]:
-            within = False
-    if within:
-        return
-    if upright < _TIPPED and bodies.lift[v] > 0.0:
-        # Thrusters asked for a weight that they cannot carry would be at their limits, and none left to turn.
-        F[0] += F[6]
-        F[1] += F[7]
-        F[2] += F[8] - _TIPPED * bodies.lift[v]
-        F[3], F[4], F[5] = F[3] + mx, F[4] + my, F[5] + mz
-        F[6], F[7], F[8] = 0.0, 0.0, _TIPPED * bodies.lift[v]
-        mx = my = mz = 0.0
-    for k in range(first, last):
-        row = bodies.allocation[k]
-        ctrl[k] = row[0] * F[6] + row[1] * F[7] + row[2] * F[8] + row[3] * mx + row[4] * my + row[5] * mz
-    _add_within(bodies, first, last, ctrl, 0.0, 0.0, 0.0, F[9], F[10], 0.0)
-    # Yaw comes after roll and pitch: rotors make little of it, and what points up must not wait for it.
-    _add_within(bodies, first, last, ctrl, 0.0, 0.0, 0.0, 0.0, 0.0, F[11])
-    _add_within(bodies, first, last, ctrl, F[0], F[1], F[2], F[3], F[4], F[5])
-    for k in range(first, last):
-        ctrl[k] = _at_most(ctrl[k], bodies.limits[k])
+        within = within and thrusters[k].low <= u <= thrusters[k].high
+    if not within:
+        if upright < _TIPPED and body.lift > 0.0:
+            # Thrusters asked for a weight that they cannot carry would be at their limits, and none left to turn.
+            force, moment = add(force, weight), add(moment, carry)
+            weight, carry = (0.0, 0.0, _TIPPED * body.lift), (0.0, 0.0, 0.0)
+            force = subtract(force, weight)
+        _allocate_in_ranks(thrusters, body.first, body.last, weight, carry, turn, force, moment, ctrl)
 
 
 @kernel
-def _add_within(bodies, first, last, ctrl, x, y, z, p, q, r):
+def _allocate_in_ranks(thrusters, first, last, weight, carry, turn, force, moment, ctrl):
+    """Commands within their limits: the weight, then roll and pitch, then yaw, then as much of translation as fits.
+
+    Yaw comes after roll and pitch: rotors make little of it, and what points up must not wait for it.
+    """
+    for k in range(first, last):
+        ctrl[k] = _command_for(thrusters[k].row, weight, carry)
+    none = (0.0, 0.0, 0.0)
+    _add_within(thrusters, first, last, none, (turn[0], turn[1], 0.0), ctrl)
+    _add_within(thrusters, first, last, none, (0.0, 0.0, turn[2]), ctrl)
+    _add_within(thrusters, first, last, force, moment, ctrl)
+    for k in range(first, last):
+        ctrl[k] = _at_most(ctrl[k], thrusters[k].low, thrusters[k].high)
+
+
+@kernel
+def _add_within(thrusters, first, last, force, moment, ctrl):
     """Add the commands for a wrench, or the largest share of them that keeps every thruster within its limits."""
     share = 1.0
     for k in range(first, last):
-        row = bodies.allocation[k]
-        du = row[0] * x + row[1] * y + row[2] * z + row[3] * p + row[4] * q + row[5] * r
-        share = min(share, _room(ctrl[k], du, bodies.limits[k]))
+        du = _command_for(thrusters[k].row, force, moment)
+        share = min(share, _room(ctrl[k], du, thrusters[k].low, thrusters[k].high))
     for k in range(first, last):
-        row = bodies.allocation[k]
-        ctrl[k] += share * (row[0] * x + row[1] * y + row[2] * z + row[3] * p + row[4] * q + row[5] * r)
+        ctrl[k] += share * _command_for(thrusters[k].row, force, moment)
 
 
-@kernel
-def _room(u, du, limits):
+@part
+def _command_for(row, force, moment):
+    """One row of W^+ [force; moment]."""
+    translation = row[0] * force[0] + row[1] * force[1] + row[2] * force[2]
+    return translation + row[3] * moment[0] + row[4] * moment[1] + row[5] * moment[2]
+
+
+@part
+def _room(u, du, low, high):
     """The largest share, 0 to 1, of du that keeps u + du within limits."""
     room = 1.0
-    if u + du > limits[1] and du > 0.0:
-        room = max(0.0, (limits[1] - u) / du)
-    elif u + du < limits[0] and du < 0.0:
-        room = max(0.0, (limits[0] - u) / du)
+    if u + du > high and du > 0.0:
+        room = max(0.0, (high - u) / du)
+    elif u + du < low and du < 0.0:
+        room = max(0.0, (low - u) / du)
     return room
 
 
-@kernel
-def _at_most(u, limits):
+@part
+def _at_most(u, low, high):
     """A command within its limits, at one if within rounding of it. What is not finite stays, to be seen."""
-    slack = 1e-9 * (limits[1] - limits[0])
-    if u > limits[1] - slack:
-        return limits[1] if u < np.inf else u
-    if u < limits[0] + slack:
-        return limits[0] if u > -np.inf else u
+    slack = 1e-9 * (high - low)
+    if u > high - slack:
+        return high if u < np.inf else u
+    if u < low + slack:
+        return low if u > -np.inf else u
     return u

@@ -1,6 +1,7 @@
-"""Vehicles as arrays: what the compiled loop knows of them."""
+"""Vehicles as records: what the compiled loop knows of each, side by side in memory.
 
-from typing import NamedTuple
+Records, not a tuple of arrays: compiled code passes one pointer on, and a vehicle's numbers share cache lines.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,108 +15,103 @@ FULL, THRUST_VECTOR, HAND_POINT = 0, 1, 2
 _CONTROLS = {"full": FULL, "thrust_vector": THRUST_VECTOR, "hand_point": HAND_POINT}
 _RESERVE = 0.9  # of its thrust is what a multirotor that points its thrust may use for going somewhere
 
+# Body axes, about the origin of the body frame.
+BODY = np.dtype(
+    [
+        # where it is: addresses of its free joint in qpos and qvel, its thrusters
+        ("qpos", "i8"),
+        ("dof", "i8"),
+        ("first", "i8"),
+        ("last", "i8"),
+        # what the medium does to it
+        ("planar", "i8"),
+        ("drag", "f8", 6),  # of v, N s/m and N m s/rad
+        ("quadratic", "f8", 6),  # of |v| v
+        ("implicit", "f8"),  # linear damping that the joint takes, N s/m
+        ("explicit", "f8"),  # share of the angular damping that it leaves
+        ("ballast", "f8"),  # N
+        ("buoyancy", "f8"),  # N
+        ("arm", "f8", 3),  # where the weight acts, m: the centre of mass
+        ("hung", "f8", 3),  # where the ballast does, m
+        ("centre", "f8", 3),  # of buoyancy, m
+        ("restoring", "f8", 3),  # heave, roll, pitch, N/m and N m/rad
+        ("level", "f8"),  # height of the water, m
+        # added mass
+        ("added", "i8"),  # whether it has any
+        ("added_mass", "f8", 6),  # kg and kg m^2
+        ("share", "f8", (6, 6)),  # M_RB (M_RB + M_A)^-1
+        ("mass", "f8"),  # of the model, kg
+        ("weight", "f8"),  # of the model, N
+        ("rigid", "f8", (3, 3)),  # inertia of the model, kg m^2
+        # its autopilot
+        ("control", "i8"),  # FULL, THRUST_VECTOR or HAND_POINT
+        ("gain", "f8", 6),  # M k_v, N s/m and N m s/rad
+        ("inertia", "f8", (3, 3)),  # with added mass, kg m^2
+        ("stiffness", "f8"),  # of the attitude hold, 1/s^2
+        ("rate_damping", "f8"),  # 1/s
+        ("heading", "f8", 2),  # cosine and sine of half the heading to hold
+        ("lift", "f8"),  # weight that thrusters carry, N
+        ("hand", "f8"),  # distance of the controlled point ahead, m
+        ("slope", "f8"),  # tangent of the largest tilt
+        ("most_thrust", "f8"),  # N
+    ]
+)
+THRUSTER = np.dtype(
+    [
+        ("direction", "f8", 3),  # force for a force of 1, as gear
+        ("row", "f8", 6),  # of the allocation W^+
+        ("low", "f8"),  # limits of the command
+        ("high", "f8"),
+    ]
+)
 
-class BodyArrays(NamedTuple):
-    """V vehicles with A thrusters in all; body axes, about the origin of the body frame.
 
-    Where they are: qpos, dof (V,), thruster (V + 1,): addresses.
+def pack_bodies(arena: Arena, heading: Array, level: float) -> tuple[NDArray[np.void], NDArray[np.void]]:
+    """Pack an arena's vehicles; headings (V,) in rad are held, `level` is the height of the water in m.
 
-    The medium's doing: drag, quadratic (V, 6): of v and |v| v, N s/m, N s^2/m^2 and angular; damping (V, 2): linear and
-    angular share that the joint's implicit damping takes, N s/m and 0 or 1; ballast, buoyancy (V,): N; arm, centre
-    (V, 3): centres of mass and of buoyancy, m; restoring (V, 3): heave, roll, pitch; level (V,): height of the water,
-    m.
-
-    Added mass, where `added` (V,): added_mass (V, 6); share (V, 6, 6): M_RB (M_RB + M_A)^-1; mass, weight (V,): of the
-    model, kg and N; rigid (V, 3, 3): inertia of the model, kg m^2.
-
-    The autopilot's: control (V,): FULL, THRUST_VECTOR or HAND_POINT; gain (V, 6): M k_v; inertia (V, 3, 3): with added
-    mass; stiffness, rate_damping (V,) of the attitude hold, 1/s^2 and 1/s; heading (V, 2): cosine and sine of half the
-    heading to hold; lift (V,): weight that thrusters carry, N; hand (V,): m; slope (V,): tangent of the largest tilt;
-    most_thrust (V,): N.
-
-    Thrusters: direction (A, 3): force for a force of 1, as gear; allocation (A, 6): W^+; limits (A, 2): of the
-    commands.
+    Returns:
+        A BODY for each vehicle, shape (V,), and a THRUSTER for each thruster, shape (A,).
     """
-
-    qpos: NDArray[np.int64]
-    dof: NDArray[np.int64]
-    thruster: NDArray[np.int64]
-    drag: Array
-    quadratic: Array
-    damping: Array
-    ballast: Array
-    buoyancy: Array
-    arm: Array
-    centre: Array
-    restoring: Array
-    level: Array
-    added: NDArray[np.bool_]
-    added_mass: Array
-    share: Array
-    mass: Array
-    weight: Array
-    rigid: Array
-    control: NDArray[np.int64]
-    gain: Array
-    inertia: Array
-    stiffness: Array
-    rate_damping: Array
-    heading: Array
-    lift: Array
-    hand: Array
-    slope: Array
-    most_thrust: Array
-    direction: Array
-    allocation: Array
-    limits: Array
+    bodies = np.zeros(len(arena.vehicles), BODY)
+    bodies["qpos"], bodies["dof"], bodies["level"] = arena.qpos, arena.dof, level
+    bodies["first"], bodies["last"] = arena.thruster[:-1], arena.thruster[1:]
+    bodies["heading"] = np.column_stack([np.cos(heading / 2.0), np.sin(heading / 2.0)])
+    for v, vehicle in enumerate(arena.vehicles):
+        _pack(vehicle, bodies[v])
+    thrusters = np.zeros(arena.thruster[-1], THRUSTER)
+    thrusters["direction"] = arena.model.actuator_gear[:, :3]
+    thrusters["row"] = np.vstack([vehicle.allocation for vehicle in arena.vehicles])
+    thrusters["low"], thrusters["high"] = np.vstack([vehicle.limits for vehicle in arena.vehicles]).T
+    return bodies, thrusters
 
 
-def pack_bodies(arena: Arena, heading: Array, level: float) -> BodyArrays:
-    """Pack an arena's vehicles; headings (V,) in rad are held, `level` is the height of the water in m."""
-    vehicles = arena.vehicles
-    floats = [v.description.hydrostatics for v in vehicles]
-    frequency = np.array([v.description.attitude.frequency for v in vehicles])
-    ratio = np.array([v.description.attitude.damping for v in vehicles])
-    weight, afloat = np.array([v.weight for v in vehicles]), np.array([h is not None for h in floats])
-    arm = np.array([v.centre_of_mass for v in vehicles])
-    centre = arm.copy()
-    for v, h in enumerate(floats):
-        if h is not None and h.centre is not None:
-            centre[v, :2] = h.centre
-    heading = np.asarray(heading, dtype=np.float64)
-    return BodyArrays(
-        qpos=arena.qpos,
-        dof=arena.dof,
-        thruster=arena.thruster,
-        drag=np.array([[*v.drag, *v.angular_drag] for v in vehicles]),
-        quadratic=np.array([v.quadratic_drag for v in vehicles]),
-        damping=np.array([[0.0, 0.0] if v.added_mass.any() else [v.drag.max(), 1.0] for v in vehicles]),
-        ballast=np.array([v.ballast for v in vehicles]),
-        buoyancy=np.where(afloat, weight, 0.0),
-        arm=arm,
-        centre=centre,
-        restoring=np.array([[h.heave, h.roll, h.pitch] if h is not None else [0.0] * 3 for h in floats]),
-        level=np.full(len(vehicles), level),
-        added=np.array([v.added_mass.any() for v in vehicles]),
-        added_mass=np.array([v.added_mass for v in vehicles]),
-        share=np.array([v.share for v in vehicles]),
-        mass=np.array([v.mass for v in vehicles]),
-        weight=np.array([v.weight - v.ballast for v in vehicles]),
-        rigid=np.array([v.inertia for v in vehicles]),
-        control=np.array([_CONTROLS[v.control] for v in vehicles], dtype=np.int64),
-        gain=np.array([v.moving_mass * v.rate for v in vehicles]),
-        inertia=np.array([v.inertia + np.diag(v.added_mass[3:]) for v in vehicles]),
-        stiffness=frequency**2,
-        rate_damping=2.0 * ratio * frequency,
-        heading=np.column_stack([np.cos(heading / 2.0), np.sin(heading / 2.0)]),
-        lift=np.where(afloat, 0.0, weight),
-        hand=np.array([v.hand for v in vehicles]),
-        slope=np.tan(np.deg2rad([v.tilt for v in vehicles])),
-        most_thrust=np.array([_most_thrust(v) for v in vehicles]),
-        direction=arena.model.actuator_gear[:, :3].copy(),
-        allocation=np.vstack([v.allocation for v in vehicles]),
-        limits=np.vstack([v.limits for v in vehicles]),
-    )
+def _pack(vehicle: Vehicle, body: np.void) -> None:
+    floats, hold = vehicle.description.hydrostatics, vehicle.description.attitude
+    added = bool(vehicle.added_mass.any())
+    body["planar"] = vehicle.dimension == 2
+    body["drag"], body["quadratic"] = [*vehicle.drag, *vehicle.angular_drag], vehicle.quadratic_drag
+    # What is shared with the medium must not be damped by the joint (see forces).
+    body["implicit"], body["explicit"] = (0.0, 1.0) if added else (vehicle.drag.max(), 0.0)
+    body["ballast"] = vehicle.ballast
+    body["arm"] = body["hung"] = body["centre"] = vehicle.centre_of_mass
+    if floats is None:
+        body["lift"] = vehicle.weight
+        if vehicle.ballast > 0.0:
+            # Ballast has no inertia that would swing with it, and the lag of rotors would let it topple the vehicle:
+            # it hangs where it and the model's weight together act in the plane of the origin.
+            body["hung"][2] *= 1.0 - vehicle.weight / vehicle.ballast
+            body["arm"][2] = 0.0
+    else:
+        body["buoyancy"], body["restoring"] = vehicle.weight, [floats.heave, floats.roll, floats.pitch]
+        if floats.centre is not None:
+            body["centre"][:2] = floats.centre
+    body["added"], body["added_mass"], body["share"] = added, vehicle.added_mass, vehicle.share
+    body["mass"], body["weight"], body["rigid"] = vehicle.mass, vehicle.weight - vehicle.ballast, vehicle.inertia
+    body["control"], body["gain"] = _CONTROLS[vehicle.control], vehicle.moving_mass * vehicle.rate
+    body["inertia"] = vehicle.inertia + np.diag(vehicle.added_mass[3:])
+    body["stiffness"], body["rate_damping"] = hold.frequency**2, 2.0 * hold.damping * hold.frequency
+    body["hand"], body["slope"] = vehicle.hand, np.tan(np.deg2rad(vehicle.tilt))
+    body["most_thrust"] = _most_thrust(vehicle)
 
 
 def _most_thrust(vehicle: Vehicle) -> float:

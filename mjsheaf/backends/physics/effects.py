@@ -62,8 +62,15 @@ def _massless(vehicle: Vehicle, tau: float) -> Vehicle:
     inertials = [
         x | {"mass": x["mass"] * scale, "diaginertia": np.asarray(x["diaginertia"]) * scale} for x in vehicle.inertials
     ]
+    # What turns keeps its drag in proportion, so that the attitude hold stays what it was. A boat rolls and pitches by
+    # its restoring, and yaw at a hand point is a controlled velocity: these keep theirs.
+    held = {"hand_point": [], "full": [2] if vehicle.dimension == 2 else [0, 1, 2], "thrust_vector": [0, 1, 2]}
+    turning, axes = np.ones(3), held[vehicle.control]
+    turning[axes] = (scale * np.diag(vehicle.inertia) / vehicle.moving_mass[3:])[axes]
     return replace(
         vehicle,
+        angular_drag=vehicle.angular_drag * turning,
+        quadratic_drag=vehicle.quadratic_drag * np.concatenate([np.ones(3), turning]),
         mass=vehicle.mass * scale,
         ballast=vehicle.ballast + (1.0 - scale) * vehicle.weight,
         inertia=vehicle.inertia * scale,
@@ -97,8 +104,7 @@ def _fully_actuated(vehicle: Vehicle) -> Vehicle:
         if limited == "true":
             own["ctrlrange"] = np.array([-bound, bound])
         if lags:
-            mean = float(np.mean([np.ravel(a["dynprm"])[0] for a in lags]))
-            own |= {"dyntype": lags[0]["dyntype"], "dynprm": np.array([mean])}
+            own |= {"dyntype": lags[0]["dyntype"], "dynprm": np.array([vehicle.lag])}
         actuation.append(own)
     return replace(
         vehicle,

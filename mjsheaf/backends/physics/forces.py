@@ -15,115 +15,90 @@ those of contacts is applied as S F with S = M_RB (M_RB + M_A)^-1, and MuJoCo's 
 medium's acceleration is neglected.
 """
 
-import numpy as np
-from numpy.typing import NDArray
-
+from mjsheaf.backends.physics.vectors import add, cross, product, subtract, to_body, to_world, triple, upward
 from mjsheaf.backends.system import medium_velocity
-from mjsheaf.compiled import kernel
-
-Array = NDArray[np.float64]
+from mjsheaf.compiled import part
 
 
-@kernel
-def rotation(q, at, R):
-    """Write the rotation of the unit quaternion q[at : at + 4] (w, x, y, z), body to world, into R (3, 3)."""
-    w, x, y, z = q[at], q[at + 1], q[at + 2], q[at + 3]
-    R[0, 0], R[0, 1], R[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
-    R[1, 0], R[1, 1], R[1, 2] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
-    R[2, 0], R[2, 1], R[2, 2] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
+@part
+def measure(body, medium, v, t, qpos, qvel, R):
+    """What vehicle v measures of its motion, in body axes: its velocity through the medium and its rates, m/s, rad/s."""
+    a, d = body.qpos, body.dof
+    w = medium_velocity(medium, v, t, qpos[a], qpos[a + 1], 0.0 if body.planar else qpos[a + 2])
+    return to_body(R, subtract((qvel[d], qvel[d + 1], qvel[d + 2]), w)), (qvel[d + 3], qvel[d + 4], qvel[d + 5])
 
 
-@kernel
-def measure(bodies, medium, v, t, qpos, qvel, R, measured):
-    """Write what vehicle v measures: attitude R (3, 3), velocity through the medium and rates in body axes (6,)."""
-    a, d = bodies.qpos[v], bodies.dof[v]
-    rotation(qpos, a + 3, R)
-    z = 0.0 if medium.planar[v] else qpos[a + 2]
-    wx, wy, wz = medium_velocity(medium, v, t, qpos[a], qpos[a + 1], z)
-    x, y, z = qvel[d] - wx, qvel[d + 1] - wy, qvel[d + 2] - wz
-    for i in range(3):
-        measured[i] = R[0, i] * x + R[1, i] * y + R[2, i] * z
-        measured[3 + i] = qvel[d + 3 + i]
+@part
+def drag_force(body, s):
+    """D s + Q |s| s: the force that moves a vehicle at s (3) through the medium, body axes, N."""
+    D, Q = body.drag, body.quadratic
+    return (
+        (D[0] + Q[0] * abs(s[0])) * s[0],
+        (D[1] + Q[1] * abs(s[1])) * s[1],
+        (D[2] + Q[2] * abs(s[2])) * s[2],
+    )
 
 
-@kernel
-def push(bodies, v, qpos, qvel, R, measured, applied, F):
-    """Write the medium's wrench on vehicle v into `applied`: force in world, moment in body axes; F is scratch."""
-    a, d = bodies.qpos[v], bodies.dof[v]
-    x, y, z = qvel[d], qvel[d + 1], qvel[d + 2]
-    implicit = bodies.damping[v, 0]
-    for i in range(3):
-        s, r = measured[i], measured[3 + i]
-        along = R[0, i] * x + R[1, i] * y + R[2, i] * z
-        F[i] = implicit * along - (bodies.drag[v, i] + bodies.quadratic[v, i] * abs(s)) * s
-        explicit = (1.0 - bodies.damping[v, 1]) * bodies.drag[v, 3 + i]
-        F[3 + i] = -(explicit + bodies.quadratic[v, 3 + i] * abs(r)) * r
-    if bodies.buoyancy[v] > 0.0:
+@part
+def push(body, qpos, qvel, R, s, omega, applied):
+    """Write the medium's wrench into `applied` (qfrc_applied): force in world axes, moment in body axes.
+
+    s and omega are the velocity through the medium and the rates in body axes, (3) each.
+    """
+    a, d = body.qpos, body.dof
+    D, Q, k = body.drag, body.quadratic, body.explicit
+    force = drag_force(body, s)
+    force = -force[0], -force[1], -force[2]
+    moment = (
+        -(k * D[3] + Q[3] * abs(omega[0])) * omega[0],
+        -(k * D[4] + Q[4] * abs(omega[1])) * omega[1],
+        -(k * D[5] + Q[5] * abs(omega[2])) * omega[2],
+    )
+    if body.buoyancy > 0.0:
         # A moment K (b_z x e_z) rights the hull; its height and its tilt are small.
-        lift = bodies.buoyancy[v] - bodies.restoring[v, 0] * (qpos[a + 2] - bodies.level[v])
-        for i in range(3):
-            F[i] += R[2, i] * lift
-        _add_moment(bodies.centre[v], bodies.buoyancy[v], R, F)
-        F[3] -= bodies.restoring[v, 1] * R[2, 1]
-        F[4] += bodies.restoring[v, 2] * R[2, 0]
-    if bodies.ballast[v] > 0.0:
-        for i in range(3):
-            F[i] -= R[2, i] * bodies.ballast[v]
-        _add_moment(bodies.arm[v], -bodies.ballast[v], R, F)
-    if bodies.added[v]:
-        _share_with_medium(bodies, v, R, measured, F)
+        force = add(force, upward(R, body.buoyancy - body.restoring[0] * (qpos[a + 2] - body.level)))
+        moment = add(moment, cross(triple(body.centre), upward(R, body.buoyancy)))
+        moment = moment[0] - body.restoring[1] * R[7], moment[1] + body.restoring[2] * R[6], moment[2]
+    if body.ballast > 0.0:
+        weight = upward(R, -body.ballast)
+        force, moment = add(force, weight), add(moment, cross(triple(body.hung), weight))
+    if body.added:
+        force, moment = _share_with_medium(body, R, s, omega, force, moment)
+    force = to_world(R, force)
     for i in range(3):
-        applied[d + i] = R[i, 0] * F[0] + R[i, 1] * F[1] + R[i, 2] * F[2]
-        applied[d + 3 + i] = F[3 + i]
+        applied[d + i] = force[i] + body.implicit * qvel[d + i]
+        applied[d + 3 + i] = moment[i]
 
 
-@kernel
-def _add_moment(at, force, R, F):
-    """Add the moment of a vertical force (N, up) at a point of the body, in body axes."""
-    x, y, z = R[2, 0] * force, R[2, 1] * force, R[2, 2] * force
-    F[3] += at[1] * z - at[2] * y
-    F[4] += at[2] * x - at[0] * z
-    F[5] += at[0] * y - at[1] * x
-
-
-@kernel
-def _share_with_medium(bodies, v, R, measured, F):
-    """Turn the wrench F (6,), in place, into the one under which MuJoCo's body moves as if it had its added mass.
+@part
+def _share_with_medium(body, R, s, omega, force, moment):
+    """The wrench under which MuJoCo's body moves as one with added mass does under the given one, body axes.
 
     MuJoCo solves M_RB a + h = Q + G with h the rigid body's centrifugal wrench and G its weight. Wanted is
     (M_RB + M_A) a + h = F + G + C with C = M_A [omega x v_r; 0] - C_A(v_r) v_r, as a is taken in axes that do not turn.
     Hence Q = S (F + G - h + C) + h - G.
     """
-    m, c, A = bodies.mass[v], bodies.arm[v], bodies.added_mass[v]
-    x, y, z, p, q, r = measured[0], measured[1], measured[2], measured[3], measured[4], measured[5]
-    # h: m omega x (omega x c) and omega x I omega
-    ox, oy, oz = q * c[2] - r * c[1], r * c[0] - p * c[2], p * c[1] - q * c[0]
-    J = bodies.rigid[v]
-    Lx = J[0, 0] * p + J[0, 1] * q + J[0, 2] * r
-    Ly = J[1, 0] * p + J[1, 1] * q + J[1, 2] * r
-    Lz = J[2, 0] * p + J[2, 1] * q + J[2, 2] * r
-    weight = bodies.weight[v]
-    gx, gy, gz = -R[2, 0] * weight, -R[2, 1] * weight, -R[2, 2] * weight
-    own = (
-        gx - m * (q * oz - r * oy),
-        gy - m * (r * ox - p * oz),
-        gz - m * (p * oy - q * ox),
-        c[1] * gz - c[2] * gy - (q * Lz - r * Ly),
-        c[2] * gx - c[0] * gz - (r * Lx - p * Lz),
-        c[0] * gy - c[1] * gx - (p * Ly - q * Lx),
-    )  # G - h
-    Px, Py, Pz = A[0] * x, A[1] * y, A[2] * z  # momentum of the medium
-    Hx, Hy, Hz = A[3] * p, A[4] * q, A[5] * r
-    coupling = (
-        A[0] * (q * z - r * y) - (q * Pz - r * Py),
-        A[1] * (r * x - p * z) - (r * Px - p * Pz),
-        A[2] * (p * y - q * x) - (p * Py - q * Px),
-        -(y * Pz - z * Py) - (q * Hz - r * Hy),
-        -(z * Px - x * Pz) - (r * Hx - p * Hz),
-        -(x * Py - y * Px) - (p * Hy - q * Hx),
-    )  # C
-    t0, t1, t2 = F[0] + own[0] + coupling[0], F[1] + own[1] + coupling[1], F[2] + own[2] + coupling[2]
-    t3, t4, t5 = F[3] + own[3] + coupling[3], F[4] + own[4] + coupling[4], F[5] + own[5] + coupling[5]
-    S = bodies.share[v]
-    for i in range(6):
-        F[i] = S[i, 0] * t0 + S[i, 1] * t1 + S[i, 2] * t2 + S[i, 3] * t3 + S[i, 4] * t4 + S[i, 5] * t5 - own[i]
+    m, c, A = body.mass, triple(body.arm), body.added_mass
+    weight = upward(R, -body.weight)
+    outward = cross(omega, cross(omega, c))
+    own_force = weight[0] - m * outward[0], weight[1] - m * outward[1], weight[2] - m * outward[2]
+    own_moment = subtract(cross(c, weight), cross(omega, product(body.rigid, omega)))  # G - h
+    P = A[0] * s[0], A[1] * s[1], A[2] * s[2]  # momentum of the medium
+    L = A[3] * omega[0], A[4] * omega[1], A[5] * omega[2]
+    turn = cross(omega, s)
+    coupling = subtract((A[0] * turn[0], A[1] * turn[1], A[2] * turn[2]), cross(omega, P))
+    munk = add(cross(s, P), cross(omega, L))
+    f = add(add(force, own_force), coupling)
+    n = subtract(add(moment, own_moment), munk)
+    S = body.share
+    shared_force = (
+        S[0, 0] * f[0] + S[0, 1] * f[1] + S[0, 2] * f[2] + S[0, 3] * n[0] + S[0, 4] * n[1] + S[0, 5] * n[2],
+        S[1, 0] * f[0] + S[1, 1] * f[1] + S[1, 2] * f[2] + S[1, 3] * n[0] + S[1, 4] * n[1] + S[1, 5] * n[2],
+        S[2, 0] * f[0] + S[2, 1] * f[1] + S[2, 2] * f[2] + S[2, 3] * n[0] + S[2, 4] * n[1] + S[2, 5] * n[2],
+    )
+    shared_moment = (
+        S[3, 0] * f[0] + S[3, 1] * f[1] + S[3, 2] * f[2] + S[3, 3] * n[0] + S[3, 4] * n[1] + S[3, 5] * n[2],
+        S[4, 0] * f[0] + S[4, 1] * f[1] + S[4, 2] * f[2] + S[4, 3] * n[0] + S[4, 4] * n[1] + S[4, 5] * n[2],
+        S[5, 0] * f[0] + S[5, 1] * f[1] + S[5, 2] * f[2] + S[5, 3] * n[0] + S[5, 4] * n[1] + S[5, 5] * n[2],
+    )
+    return subtract(shared_force, own_force), subtract(shared_moment, own_moment)

@@ -118,6 +118,12 @@ class Vehicle:
         return np.concatenate([np.full(3, self.mass), np.diag(self.inertia)]) + self.added_mass
 
     @property
+    def lag(self) -> float:
+        """Mean time constant of the thrusters, s."""
+        lags = [float(np.ravel(a["dynprm"])[0]) if a["dyntype"] != "none" else 0.0 for a in self.actuation]
+        return float(np.mean(lags)) if lags else 0.0
+
+    @property
     def rigid_mass(self) -> Array:
         """Rigid-body mass matrix M_RB about the origin, shape (6, 6): kg, kg m, kg m^2."""
         x, y, z = self.mass * self.centre_of_mass
@@ -149,9 +155,9 @@ class Vehicle:
             return self
         if self.rate == 0.0:
             return replace(self, drag=np.full(3, self.mass / tau))
-        rate = 1.0 / tau - self.drag[0] / self.moving_mass[0]
+        own = float(replace(self, rate=0.0).reduced_model().tau[0])
+        rate = (own / tau - 1.0) * self.drag[0] / self.moving_mass[0]
         if rate <= 0.0:
-            own = self.moving_mass[0] / self.drag[0]
             raise InputError(f"{self.name} has a time constant of {own:.3g} s without its autopilot; tau must be below")
         return replace(self, rate=float(rate))
 
@@ -174,11 +180,19 @@ class ReducedModel:
 
     @property
     def tau(self) -> Array:
-        """Time constants of the controlled velocity along body axes, shape (n,), s: M / (M k_v + D), low speed."""
+        """Time constants of the controlled velocity along body axes at low speed, shape (n,), s.
+
+        (M + l D) / (M k_v + D): the mean delay of a step, the area above its response. The force comes late by l, the
+        lag of the thrusters, or 2 zeta / omega of the attitude that must turn first: inside the autopilot's loop that
+        costs l D only.
+        """
         v = self.vehicle
         mass, drag = v.moving_mass, np.concatenate([v.drag, v.angular_drag])
         rows = [0, 5] if v.control == "hand_point" else [0, 1, 2][: v.dimension]
-        return np.asarray(mass[rows] / (mass[rows] * v.rate + drag[rows]))
+        late = np.full(len(rows), v.lag)
+        if v.control == "thrust_vector":
+            late[:2] = 2.0 * v.description.attitude.damping / v.description.attitude.frequency
+        return np.asarray((mass[rows] + late * drag[rows]) / (mass[rows] * v.rate + drag[rows]))
 
     def f(self, w: Array) -> Array:
         """The drift of a vehicle in a medium that moves at w (3,), shape (n,), m/s."""

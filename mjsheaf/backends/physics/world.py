@@ -49,8 +49,8 @@ def _bad_vehicle(bodies, state):
     bad = min(_first_bad(state.qpos), 0) + min(_first_bad(state.qvel), 0) + min(_first_bad(state.qacc), 0)
     if bad == -3:
         return -1
-    for v in range(bodies.qpos.shape[0]):
-        a, d = bodies.qpos[v], bodies.dof[v]
+    for v in range(bodies.shape[0]):
+        a, d = bodies[v].qpos, bodies[v].dof
         if (
             _first_bad(state.qpos[a : a + 7]) >= 0
             or _first_bad(state.qvel[d : d + 6]) >= 0
@@ -61,14 +61,23 @@ def _bad_vehicle(bodies, state):
 
 
 @kernel
-def _advance(control, medium, bodies, start, timestep, step, count, steps_per_sample, state, model, data):
+def _owner(bodies, thruster):
+    """The vehicle that has a thruster."""
+    for v in range(bodies.shape[0]):
+        if thruster < bodies[v].last:
+            return v
+    return -1
+
+
+@kernel
+def _advance(control, medium, bodies, thrusters, start, timestep, step, count, steps_per_sample, state, model, data):
     """Take `count` steps from step number `step`; return how many were taken, and the vehicle that went bad or -1."""
     for k in range(step, step + count):
-        close_loop(control, medium, bodies, start + k * timestep, k % steps_per_sample == 0, state)
+        close_loop(control, medium, bodies, thrusters, start + k * timestep, k % steps_per_sample == 0, state)
         # MuJoCo sets all commands to zero where one is bad, and goes on: that would be another simulation.
         bad = _first_bad(state.ctrl)
         if bad >= 0:
-            return k - step, np.searchsorted(bodies.thruster, bad, side="right") - 1
+            return k - step, _owner(bodies, bad)
         _mj_step(model, data)
         bad = _bad_vehicle(bodies, state)
         if bad >= 0:
@@ -174,6 +183,7 @@ class World:
                 callback.control,
                 callback.medium,
                 callback.bodies,
+                callback.thrusters,
                 self.system.grid.start,
                 self._timestep,
                 self._step,
@@ -198,7 +208,7 @@ class World:
         """Controlled positions, padded: agents then targets, z = 0 for planar ones; shape (V, 3), m."""
         x = np.empty((len(self.arena.vehicles), 3))
         for v in range(len(x)):
-            controlled_position(self._before_step.bodies, self.system.medium.planar, v, self.data.qpos, x[v])
+            controlled_position(self._before_step.bodies[v], self.data.qpos, x[v])
         return x
 
     def place_targets(self, positions: Array) -> None:
@@ -219,7 +229,7 @@ class World:
 
     def saturation(self) -> Array:
         """Share of each vehicle's thrusters whose command is at its limit, shape (V,)."""
-        low, high = self._before_step.bodies.limits.T
+        low, high = (self._before_step.thrusters[name] for name in ("low", "high"))
         first = self.arena.thruster
         at_limit = (self.data.ctrl <= low) | (self.data.ctrl >= high)
         return np.add.reduceat(at_limit.astype(float), first[:-1]) / np.diff(first)

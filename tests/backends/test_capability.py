@@ -1,0 +1,80 @@
+"""What `mjsheaf list --vehicles` says a vehicle can do. Oracles: sums of its thrusts, and the simulation itself."""
+
+import numpy as np
+import pytest
+
+from mjsheaf.backends.physics import list_vehicles, load_vehicle
+from mjsheaf.backends.physics.capability import capability_of
+from mjsheaf.backends.physics.effects import embody
+from mjsheaf.backends.system import Effects
+
+from .alone import REAL, alone, ask, body
+
+
+def test_an_otter_is_as_fast_as_its_source_says() -> None:
+    """Weakest ahead too: it turns first."""
+    found = capability_of(load_vehicle("otter"))
+    assert found.forward_thrust == pytest.approx(2 * 119.68, rel=1e-9)
+    assert found.forward_speed == pytest.approx(3.086, rel=1e-3)
+    assert (found.least_thrust, found.least_speed) == (found.forward_thrust, found.forward_speed)
+
+
+def test_a_wamv_pushes_along_its_thrusters_axes() -> None:
+    """Four of 2353.5 N at 45 degrees: four cosines ahead, with 100 v + 150 v^2 = F; abeam with less, for the yaw."""
+    found = capability_of(load_vehicle("wamv"))
+    F = 4 * 2353.5 * np.sqrt(0.5)
+    assert found.forward_thrust == pytest.approx(F, rel=1e-6)
+    assert found.forward_speed == pytest.approx((np.sqrt(100**2 + 600 * F) - 100) / 300, rel=1e-6)
+    assert 0.3 * F < found.least_thrust < F
+    # Abeam, with the stern pair at lever a and the bow pair at b: F_s a = F_b b, the weaker pair full.
+    rows = load_vehicle("wamv").W
+    stern, bow = np.abs(rows[5, :2]).sum() / 2, np.abs(rows[5, 2:]).sum() / 2
+    full = 2 * 2353.5 * np.sqrt(0.5)
+    sideways = full * (1 + min(stern, bow) / max(stern, bow))
+    assert found.least_thrust <= sideways * (1 + 1e-9)
+
+
+def test_a_tilted_hexarotor_pushes_sideways_by_about_its_tilt() -> None:
+    """All rotors leaning one way would make tan 30 x lift; without a moment it is half of that.
+
+    A force F along x takes +-F cos(b) / (3 sin 30) of a rotor, b between x and the way that the rotor leans: on the two
+    that lean along x all of what each carries, W / (6 cos 30).
+    """
+    vehicle = load_vehicle("hexarotor")
+    found = capability_of(vehicle)
+    half = 0.5 * np.tan(np.deg2rad(30)) * vehicle.weight
+    assert found.forward_thrust == pytest.approx(half, rel=1e-6)
+    assert found.least_thrust == pytest.approx(half, rel=1e-6)
+
+
+@pytest.mark.parametrize("name", ["quadrotor", "x500"])
+def test_a_quadrotor_is_bounded_by_its_tilt(name: str) -> None:
+    vehicle = load_vehicle(name)
+    found = capability_of(vehicle)
+    by_tilt = vehicle.weight * np.tan(np.deg2rad(vehicle.tilt))
+    assert found.forward_thrust == pytest.approx(by_tilt, rel=1e-9)
+    v, D, Q = found.forward_speed, vehicle.drag[0], vehicle.quadratic_drag[0]
+    assert D * v + Q * v * v == pytest.approx(by_tilt, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", list_vehicles())
+def test_without_limits_there_is_no_bound(name: str) -> None:
+    """But for a multirotor's tilt of 80 degrees, which its limits free it to."""
+    vehicle = load_vehicle(name)
+    found = capability_of(embody(vehicle, Effects(limits=False)))
+    if vehicle.tilt:
+        assert found.forward_thrust == pytest.approx(vehicle.weight * np.tan(np.deg2rad(80)), rel=1e-9)
+    else:
+        assert np.isinf([found.forward_thrust, found.forward_speed, found.least_thrust, found.least_speed]).all()
+    if name not in REAL:
+        assert np.isinf(capability_of(vehicle).least_speed)
+
+
+@pytest.mark.parametrize("name", ["otter", "wamv", "hexarotor"])
+def test_the_simulation_is_as_fast_ahead_as_was_said(name: str) -> None:
+    """Asked for twice that, it settles within 2 % of it."""
+    speed = capability_of(load_vehicle(name)).forward_speed
+    world = alone(name)
+    ask(world, [2 * speed, 0, 0][: world.arena.vehicles[0].dimension])
+    world.step(40_000)
+    assert world.data.qvel[body(world)[2]][0] == pytest.approx(speed, rel=0.02)

@@ -1,0 +1,220 @@
+"""Effects switched off one at a time: each changes what it should, and nothing else.
+
+Oracles: the fields of a vehicle that may differ; what the simulation does without the effect.
+"""
+
+from dataclasses import fields
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from mjsheaf.backends.physics import Vehicle, list_vehicles, load_vehicle
+from mjsheaf.backends.physics.effects import embody, has_effects
+from mjsheaf.backends.system import Effects
+
+from .alone import BOATS, MULTIROTORS, REAL, alone, ask, attitude, body, place, yaw_of
+
+Array = NDArray[np.float64]
+
+IDEAL = ("hull", "aerial", "submersible")
+CHANGES = {
+    # Angular drag too, in proportion to the inertia, so that the attitude hold stays what it was.
+    "inertia": {"mass", "ballast", "inertia", "inertials", "added_mass", "rate", "angular_drag", "quadratic_drag"},
+    "drag_law": {"quadratic_drag"},
+    "limits": {"actuation", "tilt"},
+    "lag": {"actuation"},
+    "underactuation": {"control", "thrusters", "actuation", "W", "hand", "tilt"},
+}
+HAS = {
+    "hexarotor": {"inertia", "drag_law", "limits", "lag"},
+    "quadrotor": {"inertia", "drag_law", "limits", "lag", "underactuation"},
+    "x500": {"inertia", "limits", "lag", "underactuation"},
+    "wamv": {"inertia", "drag_law", "limits", "lag"},
+    "otter": {"inertia", "drag_law", "limits", "lag", "underactuation"},
+}
+
+
+def same(one: Any, other: Any) -> bool:
+    if isinstance(one, list):
+        return len(one) == len(other) and all(same(a, b) for a, b in zip(one, other, strict=True))
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(same(one[k], other[k]) for k in one)
+    return bool(np.array_equal(one, other))
+
+
+def differing(one: Vehicle, other: Vehicle) -> set[str]:
+    return {f.name for f in fields(Vehicle) if not same(getattr(one, f.name), getattr(other, f.name))}
+
+
+@pytest.mark.parametrize("name", list_vehicles())
+def test_with_all_effects_on_a_vehicle_is_itself(name: str) -> None:
+    vehicle = load_vehicle(name)
+    assert not differing(embody(vehicle, Effects()), vehicle)
+
+
+@pytest.mark.parametrize("name", REAL + IDEAL)
+def test_what_effects_a_vehicle_has(name: str) -> None:
+    """From its files; the vehicles with ideal thrusters have none."""
+    found = has_effects(load_vehicle(name))
+    assert {effect for effect in CHANGES if getattr(found, effect)} == HAS.get(name, set())
+
+
+@pytest.mark.parametrize("effect", CHANGES)
+@pytest.mark.parametrize("name", REAL)
+def test_an_effect_that_is_off_changes_its_own_fields_alone(name: str, effect: str) -> None:
+    vehicle = load_vehicle(name)
+    off = embody(vehicle, Effects(**{effect: False}))
+    changed = differing(off, vehicle)
+    assert changed <= CHANGES[effect]
+    assert bool(changed) == (effect in HAS[name])
+    assert not getattr(has_effects(off), effect)
+    for other in set(CHANGES) - {effect}:
+        assert getattr(has_effects(off), other) == (other in HAS[name]), other
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_without_limits_thrusters_push_as_hard_as_asked(name: str) -> None:
+    limited, free = alone(name), alone(name, limits=False)
+    n = limited.arena.vehicles[0].dimension
+    for world in (limited, free):
+        ask(world, [30.0, 0.0, 0.0][:n])
+        world.step(1_000)
+    low, high = limited.arena.vehicles[0].limits.T
+    thrusters = body(free)[3]
+    assert (limited.data.actuator_force[thrusters] <= high + 1e-9).all()
+    assert (limited.data.actuator_force[thrusters] >= low - 1e-9).all()
+    assert np.isinf(free.arena.vehicles[0].limits).all()
+    assert (free.data.actuator_force[thrusters] > high).any() or (free.data.actuator_force[thrusters] < low).any()
+    assert free.saturation()[0] == 0.0
+    assert free.data.qvel[0] > 1.2 * limited.data.qvel[0]
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_without_lag_thrusters_follow_at_once(name: str) -> None:
+    n = load_vehicle(name).dimension
+    for lag in (True, False):
+        world = alone(name, lag=lag)
+        thrusters = body(world)[3]
+        before = world.data.ctrl[thrusters].copy()
+        ask(world, [0.2, 0.1, 0.2][:n])
+        mujoco.mj_forward(world.model, world.data)
+        wanted = before if lag else world.data.ctrl[thrusters]
+        np.testing.assert_allclose(world.data.actuator_force[thrusters], wanted, atol=1e-9)
+        assert np.abs(world.data.ctrl[thrusters] - before).max() > 0.05
+
+
+@pytest.mark.parametrize(("name", "D"), [("wamv", 100.0), ("hexarotor", 0.6)])
+def test_without_the_drag_law_thrust_grows_with_speed(name: str, D: float) -> None:
+    """At a steady 2 m/s: D v + Q v^2 of the whole law, D v without it; the vehicle is as fast with either."""
+    Q = {"wamv": 150.0, "hexarotor": 0.1}[name]
+    for drag_law, force in ((True, 2 * D + 4 * Q), (False, 2 * D)):
+        world = alone(name, drag_law=drag_law)
+        vehicle, _, dof, thrusters = body(world)
+        ask(world, [2.0, 0.0, 0.0][: vehicle.dimension])
+        world.step(20_000)
+        assert world.data.qvel[dof][0] == pytest.approx(2.0, abs=1e-4)
+        assert (vehicle.W @ world.data.ctrl[thrusters])[0] == pytest.approx(force, rel=1e-4)
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_without_inertia_a_body_is_as_light_as_it_is_told_to_be(name: str) -> None:
+    """m / D of the slowest controlled axis is massless_tau, with no added mass and no autopilot; weight stays."""
+    real = load_vehicle(name)
+    vehicle = embody(real, Effects(inertia=False, massless_tau=0.05))
+    n = real.dimension
+    assert (vehicle.mass / vehicle.drag[:n]).max() == pytest.approx(0.05)
+    assert vehicle.rate == 0.0
+    assert not vehicle.added_mass.any()
+    assert vehicle.weight == real.weight
+    np.testing.assert_array_equal(vehicle.trim, real.trim)
+    np.testing.assert_allclose(vehicle.inertia, real.inertia * vehicle.mass / real.mass)
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_without_inertia_a_body_stays_where_trim_has_it(name: str) -> None:
+    """Its weight is still carried: multirotors hover, boats float at their draft and trim."""
+    real, light = alone(name, heading=20), alone(name, heading=20, inertia=False)
+    for world in (real, light):
+        world.step(30_000)
+    np.testing.assert_allclose(light.heights(), real.heights(), atol=1e-6)
+    tilt = (attitude(real)[2], attitude(light)[2])
+    np.testing.assert_allclose(*tilt, atol=1e-6)
+    if name in MULTIROTORS:
+        np.testing.assert_allclose(light.positions()[0], 0.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["hexarotor", "wamv"])
+def test_without_inertia_velocity_follows_at_once(name: str) -> None:
+    """In a flow: w + v_c after a few time constants of .02 s."""
+    world = alone(name, drift=[0.3, -0.2, 0.1], inertia=False, lag=False)
+    _, _, dof, _ = body(world)
+    w = np.array([0.3, -0.2, 0.1 if name == "hexarotor" else 0.0])
+    ask(world, [0.4, 0.5])
+    world.step(300)
+    np.testing.assert_allclose(world.data.qvel[dof][:3] - w, [0.4, 0.5, 0.0], atol=1e-3)
+
+
+@pytest.mark.parametrize("name", [*MULTIROTORS, "wamv"])
+def test_without_inertia_a_heading_is_held_as_before(name: str) -> None:
+    """The attitude hold's frequency is the same: a yaw of 3 degrees is taken back in the same time."""
+    seen = []
+    for inertia in (True, False):
+        world = alone(name, inertia=inertia, limits=False, lag=False)
+        place(world, Rotation.from_euler("z", 3, degrees=True).as_matrix())
+        hold = world.arena.vehicles[0].description.attitude
+        record = []
+        for _ in range(4):
+            world.step(round(1000 / hold.frequency))
+            record.append(np.rad2deg(yaw_of(world)))
+        seen.append(record)
+    np.testing.assert_allclose(seen[1], seen[0], atol=0.1)
+    assert abs(seen[0][-1]) < 0.6
+
+
+@pytest.mark.parametrize("name", ["quadrotor", "x500"])
+def test_with_full_actuation_a_quadrotor_goes_sideways_level(name: str) -> None:
+    tilts, speeds = [], []
+    for underactuation in (True, False):
+        world = alone(name, heading=40, underactuation=underactuation)
+        _, _, dof, _ = body(world)
+        ask(world, [0.8, -0.5, 0.3])
+        worst = 0.0
+        for _ in range(100):
+            world.step(50)
+            R = attitude(world)
+            worst = max(worst, float(np.degrees(np.hypot(R[0, 2], R[1, 2]))))
+        tilts.append(worst)
+        speeds.append(world.data.qvel[dof][:3].copy())
+    assert tilts[0] > 2.0
+    assert tilts[1] < 0.05
+    np.testing.assert_allclose(speeds, [[0.8, -0.5, 0.3]] * 2, atol=2e-3)
+
+
+def test_with_full_actuation_an_otter_goes_sideways_without_turning() -> None:
+    world = alone("otter", heading=40, underactuation=False)
+    vehicle, _, dof, _ = body(world)
+    assert (vehicle.control, vehicle.hand) == ("full", 0.0)
+    left = np.deg2rad(130)
+    ask(world, 0.5 * np.array([np.cos(left), np.sin(left)]))
+    world.step(20_000)
+    np.testing.assert_allclose(world.data.qvel[dof][:2], 0.5 * np.array([np.cos(left), np.sin(left)]), atol=5e-3)
+    assert np.degrees(yaw_of(world)) == pytest.approx(40, abs=1.0)
+
+
+@pytest.mark.parametrize("name", ["quadrotor", "x500", "otter"])
+def test_virtual_thrusters_are_along_every_controlled_axis_as_strong_and_as_slow_as_its_own(name: str) -> None:
+    real = load_vehicle(name)
+    vehicle = embody(real, Effects(underactuation=False))
+    rows = [0, 1, 5] if name in BOATS else list(range(6))
+    assert vehicle.controlled_rows == rows
+    np.testing.assert_array_equal(vehicle.W[rows], np.eye(len(rows)))
+    forces = vehicle.limits[: vehicle.dimension, 1]
+    strongest = {"quadrotor": 4 * 13.0, "x500": 4 * 12.13, "otter": 2 * 119.68}[name]
+    np.testing.assert_allclose(forces, strongest, rtol=1e-9)
+    np.testing.assert_array_equal(vehicle.limits[:, 0], -vehicle.limits[:, 1])
+    lag = [a["dynprm"][0] for a in vehicle.actuation]
+    np.testing.assert_allclose(lag, np.ravel(real.actuation[0]["dynprm"])[0])
