@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from mjsheaf.backends.system import System, medium_velocity, velocity_commands
 from mjsheaf.backends.trajectory import Trajectory, blow_up_message
-from mjsheaf.compiled import kernel
+from mjsheaf.compiled import kernel, part
 from mjsheaf.dynamics.effectiveness import allocate
 
 Array = NDArray[np.float64]
@@ -54,11 +54,11 @@ class _Scratch(NamedTuple):
     input: Array
 
 
-@kernel
-def _slope(control, medium, effectiveness, continuous, t, x, first, last, work, out):
-    """Write x' of the vehicles from first to last into out (V, 3)."""
-    if continuous:
-        velocity_commands(control, t, x, work.residual, work.command)
+@part
+def _slope(follow, medium, effectiveness, t, x, first, last, work, out):
+    """Write x' of the vehicles from first to last into out (V, 3); commands are those held unless there is a law."""
+    if follow is not None:
+        velocity_commands(follow, t, x, work.residual, work.command)
     for v in range(first, last):
         for i in range(3):
             out[v, i] = work.command[v, i]
@@ -70,7 +70,7 @@ def _slope(control, medium, effectiveness, continuous, t, x, first, last, work, 
         out[v, 2] += wz
 
 
-@kernel
+@part
 def _norm(values, x, y, first, last, tolerance):
     """Root mean square of values relative to atol + rtol max(|x|, |y|), over the vehicles from first to last."""
     total = 0.0
@@ -81,8 +81,8 @@ def _norm(values, x, y, first, last, tolerance):
     return np.sqrt(total / (3 * (last - first)))
 
 
-@kernel
-def _first_step(control, medium, effectiveness, continuous, t, period, x, first, last, tolerance, work):
+@part
+def _first_step(follow, medium, effectiveness, t, period, x, first, last, tolerance, work):
     """A step for which the method's leading error term is likely to pass; work.slope[0] holds x' at t."""
     size = _norm(x, x, x, first, last, tolerance)
     speed = _norm(work.slope[0], x, x, first, last, tolerance)
@@ -90,7 +90,7 @@ def _first_step(control, medium, effectiveness, continuous, t, period, x, first,
     for v in range(first, last):
         for i in range(3):
             work.state[v, i] = x[v, i] + trial * work.slope[0, v, i]
-    _slope(control, medium, effectiveness, continuous, t + trial, work.state, first, last, work, work.slope[1])
+    _slope(follow, medium, effectiveness, t + trial, work.state, first, last, work, work.slope[1])
     for v in range(first, last):
         for i in range(3):
             work.slope[1, v, i] -= work.slope[0, v, i]
@@ -102,11 +102,11 @@ def _first_step(control, medium, effectiveness, continuous, t, period, x, first,
     return min(100.0 * trial, step, period)
 
 
-@kernel
-def _advance(control, medium, effectiveness, continuous, t, period, x, first, last, tolerance, work):
+@part
+def _advance(follow, medium, effectiveness, t, period, x, first, last, tolerance, work):
     """Integrate the vehicles from first to last over one period, in place; False where the solution blows up."""
-    _slope(control, medium, effectiveness, continuous, t, x, first, last, work, work.slope[0])
-    step = _first_step(control, medium, effectiveness, continuous, t, period, x, first, last, tolerance, work)
+    _slope(follow, medium, effectiveness, t, x, first, last, work, work.slope[0])
+    step = _first_step(follow, medium, effectiveness, t, period, x, first, last, tolerance, work)
     done, rejected, steps = 0.0, False, 0
     while done < period:
         steps += 1
@@ -121,10 +121,9 @@ def _advance(control, medium, effectiveness, continuous, t, period, x, first, la
                         total += _A[stage, k] * work.slope[k, v, i]
                     work.state[v, i] = x[v, i] + h * total
             _slope(
-                control,
+                follow,
                 medium,
                 effectiveness,
-                continuous,
                 t + done + _C[stage] * h,
                 work.state,
                 first,
@@ -159,18 +158,21 @@ def _advance(control, medium, effectiveness, continuous, t, period, x, first, la
 
 
 @kernel
-def _run(control, medium, effectiveness, continuous, times, begin, end, period, x, tolerance, work, positions, placed):
-    """Advance from sample `begin` to `end`, recording; return the last sample reached and the vehicle that blew up."""
+def _run(control, follow, medium, effectiveness, times, begin, end, period, x, tolerance, work, positions, placed):
+    """Advance from sample `begin` to `end`, recording; return the last sample reached and the vehicle that blew up.
+
+    `follow` is `control` where the law is inside the integrator and None where it is held: another type, so that the
+    two are compiled apart, and only the one that is used.
+    """
     V = x.shape[0]
     for k in range(begin, end):
-        if continuous:
-            if not _advance(control, medium, effectiveness, True, times[k], period, x, 0, V, tolerance, work):
-                return k, V
-        else:
+        if follow is None:
             velocity_commands(control, times[k], x, work.residual, work.command)
             for v in range(V):
-                if not _advance(control, medium, effectiveness, False, times[k], period, x, v, v + 1, tolerance, work):
+                if not _advance(None, medium, effectiveness, times[k], period, x, v, v + 1, tolerance, work):
                     return k, v
+        elif not _advance(follow, medium, effectiveness, times[k], period, x, 0, V, tolerance, work):
+            return k, V
         if placed.shape[0]:
             x[medium.agents :] = placed[k + 1]
         positions[k + 1] = x
@@ -204,9 +206,9 @@ def run_ideal(
     while done < steps:
         done, broken = _run(
             system.control,
+            system.control if grid.continuous else None,
             system.medium,
             system.effectiveness,
-            grid.continuous,
             times,
             done,
             min(done + _CHUNK, steps),

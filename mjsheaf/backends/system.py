@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mjsheaf.compiled import kernel
+from mjsheaf.compiled import kernel, part
 from mjsheaf.control import LawArrays, disagreement
 from mjsheaf.control.law import limit_speed
 from mjsheaf.dynamics.disturbance import disturbance_velocity
@@ -56,14 +56,14 @@ def velocity_commands(control, t, x, residual, command):
         limit_speed(law.limit[v], command[v])
 
 
-@kernel
+@part
 def flow_about(medium, v, x, y, z):
     """Velocity of the flow that vehicle v meets at a point, as three numbers."""
     wx, wy, wz = flow_velocity(medium.kernels[medium.rows[v, 0] : medium.rows[v, 1]], x, y, z)
     return wx, wy, 0.0 if medium.planar[v] else wz
 
 
-@kernel
+@part
 def medium_velocity(medium, v, t, x, y, z):
     """Velocity of the medium about vehicle v at a point, as three numbers: its flow and its disturbance."""
     wx, wy, wz = flow_about(medium, v, x, y, z)

@@ -8,7 +8,10 @@ itself, force in world axes and moment in body axes, and the forces are the same
 body, it is written before every step (see forces).
 """
 
-from collections.abc import Sequence
+import logging
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -73,7 +76,6 @@ def compose(
         InputError: a vehicle's file does not go into one model with the others, or means something else in it.
     """
     root = mujoco.MjSpec.from_file(str(resource_directory("models") / "arena.xml"))
-    root.copy_during_attach = True
     root.option.timestep = timestep
     root.option.gravity = [0.0, 0.0, -GRAVITY]
     if not contacts:
@@ -83,13 +85,20 @@ def compose(
             name=surface, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], pos=[0, 0, surface_height],
             material=surface, contype=0, conaffinity=0,
         )  # fmt: skip
-    kinds: dict[int, mujoco.MjSpec] = {}
-    for v, (vehicle, name) in enumerate(zip(vehicles, ids, strict=True)):
-        if id(vehicle) not in kinds:
-            kinds[id(vehicle)] = attachable(vehicle)
-        _attach(root, kinds[id(vehicle)], vehicle, name, None if colours is None else colours[v])
+    kinds = {key: attachable(vehicle) for key, vehicle in {id(vehicle): vehicle for vehicle in vehicles}.items()}
+    # Attaching looks at all that is there already. In groups of sqrt(V), a thousand vehicles take one second, not twenty.
+    size = int(np.ceil(np.sqrt(len(vehicles))))
+    for first in range(0, len(vehicles), size):
+        group = mujoco.MjSpec()
+        group.copy_during_attach = True
+        for v in range(first, min(first + size, len(vehicles))):
+            colour = None if colours is None else colours[v]
+            _attach(group, kinds[id(vehicles[v])], vehicles[v], ids[v], colour)
+        with _quiet():
+            root.attach(group, prefix="", frame=root.worldbody.add_frame())
     try:
-        model = root.compile()
+        with _quiet():
+            model = root.compile()
     except ValueError as error:
         raise InputError(f"the vehicles do not compile into one model: {' '.join(str(error).split())}") from None
     joint = np.array([model.joint(f"{name}/").id for name in ids])
@@ -108,6 +117,19 @@ def compose(
             model.dof_damping[at + 3 : at + 6] = vehicle.angular_drag
     _check_masses(arena)
     return arena
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """No word of MuJoCo's that parts without a prefix may make a model that cannot be written as a file."""
+    log = logging.getLogger("absl")
+    was, log.disabled = log.disabled, True
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)
+            yield
+    finally:
+        log.disabled = was
 
 
 def _attach(root: mujoco.MjSpec, kind: mujoco.MjSpec, vehicle: Vehicle, name: str, colour: Array | None) -> None:

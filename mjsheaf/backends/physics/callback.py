@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 
 class LoopState(NamedTuple):
-    """Views of MuJoCo's arrays; and x, residual, command (V, 3): where the law sees vehicles, eta, and what it wants."""
+    """Views of MuJoCo's arrays; x, residual, command (V, 3): where the law sees vehicles, eta, what it wants."""
 
     qpos: Array
     qvel: Array

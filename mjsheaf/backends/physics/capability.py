@@ -1,4 +1,4 @@
-"""What a vehicle can do at best: thrust in a direction with its weight carried, and the speed that drag leaves of it."""
+"""What a vehicle can do at best: thrust with its weight carried, and the speed that drag leaves of it."""
 
 from dataclasses import dataclass
 

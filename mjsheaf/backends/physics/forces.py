@@ -22,7 +22,7 @@ from mjsheaf.compiled import part
 
 @part
 def measure(body, medium, v, t, qpos, qvel, R):
-    """What vehicle v measures of its motion, in body axes: its velocity through the medium and its rates, m/s, rad/s."""
+    """What vehicle v measures, in body axes: its velocity through the medium and its rates, m/s and rad/s."""
     a, d = body.qpos, body.dof
     w = medium_velocity(medium, v, t, qpos[a], qpos[a + 1], 0.0 if body.planar else qpos[a + 2])
     return to_body(R, subtract((qvel[d], qvel[d + 1], qvel[d + 2]), w)), (qvel[d + 3], qvel[d + 4], qvel[d + 5])
