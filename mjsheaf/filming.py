@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
@@ -10,6 +11,9 @@ from numpy.typing import NDArray
 from mjsheaf.plots.palette import group_of_vehicles, palette
 from mjsheaf.scenario import Scenario
 from mjsheaf.video import Film, VideoOptions
+
+if TYPE_CHECKING:
+    from mjsheaf.engine import mujoco
 
 Array = NDArray[np.float64]
 
@@ -33,8 +37,20 @@ def film_run(
     Returns:
         The number of frames.
     """
-    from mjsheaf.backends.physics.world import arena_of
     from mjsheaf.video import draw_video
+
+    film, model = film_of(scenario, dataset)
+    return draw_video(film, model, path, options, progress)
+
+
+def film_of(scenario: Scenario, dataset: xr.Dataset) -> "tuple[Film, mujoco.MjModel]":
+    """What is drawn of a run, and the model that it is drawn with.
+
+    Args:
+        scenario: the scenario that was run.
+        dataset: its data.
+    """
+    from mjsheaf.backends.physics.world import arena_of
 
     system = scenario.system()
     team = system.team
@@ -68,7 +84,7 @@ def film_run(
         surface=scenario.scene.surface,
         surface_height=scenario.scene.height,
     )
-    return draw_video(film, arena.model, path, options, progress)
+    return film, arena.model
 
 
 def video_options(scenario: Scenario, **changes: float | int | None) -> VideoOptions:

@@ -143,6 +143,44 @@ def check(
     check_command(scenario, overrides or [], as_json, plot, rate, radius)
 
 
+@app.command(epilog="Example: [bold]mjsheaf compare midpoint --no-video[/bold]")
+def compare(
+    scenario: ScenarioArgument,
+    overrides: SetOption = None,
+    seed: Annotated[int | None, typer.Option(help="Seed of disturbances and of spread initial conditions.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Directory of the results.", show_default="runs/NAME-compare")
+    ] = None,
+    video: Annotated[bool, typer.Option("--video/--no-video", help="Whether to draw compare.mp4.")] = True,
+) -> None:
+    """Compare ideal kinematics with bodies: what each effect costs, and what to change.
+
+    Climbs a ladder from the theory's kinematics to the scenario's own bodies, one effect at a time. Writes
+    compare.json, report.txt, errors.png, budget.png, convergence.png, scenario.yaml and compare.mp4 (ideal left,
+    bodies right).
+    """
+    from mjsheaf.cli.compare import compare_command
+
+    compare_command(scenario, overrides or [], seed, out, video)
+
+
+@app.command(epilog="Example: [bold]mjsheaf bench loop peers[/bold]")
+def bench(
+    topics: Annotated[
+        list[str] | None, typer.Argument(metavar="[TOPIC]...", help="What to measure; everything unless given.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print figures and table as JSON.")] = False,
+    full: Annotated[bool, typer.Option("--full", help="More repetitions and the largest sizes; minutes.")] = False,
+) -> None:
+    """Measure speed on this machine: each figure beside what it is held against, in about a minute.
+
+    Topics: startup, ideal, loop, threads, peers, assembly, sheaf.
+    """
+    from mjsheaf.cli.bench import bench_command
+
+    bench_command(topics or [], as_json, full)
+
+
 @app.command("list")
 def list_(
     vehicles: Annotated[bool, typer.Option("--vehicles", help="List vehicles instead of scenarios.")] = False,
@@ -159,8 +197,14 @@ def list_(
 @app.command()
 def schema(
     check: Annotated[bool, typer.Option("--check", help="Of the record that `check --json` prints instead.")] = False,
+    compare: Annotated[bool, typer.Option("--compare", help="Of compare.json instead.")] = False,
 ) -> None:
     """Print the JSON Schema of a scenario file."""
+    if compare:
+        from mjsheaf.cli.compare import print_schema
+
+        print_schema()
+        return
     from mjsheaf.cli.listing import schema_command
 
     schema_command(check)

@@ -1,4 +1,4 @@
-"""The directory of a run: published whole, by rename, and never over what mjsheaf did not write."""
+"""The directory of a run or a comparison: published whole, by rename, and never over what mjsheaf did not write."""
 
 import json
 import math
@@ -26,6 +26,19 @@ FILES = (
 )
 """What a run may leave in its directory."""
 
+COMPARISON_FILES = (
+    "compare.json",
+    "scenario.yaml",
+    "report.txt",
+    "errors.png",
+    "budget.png",
+    "convergence.png",
+    "compare.mp4",
+)
+"""What a comparison may leave in its directory."""
+
+_RECORDS = ("summary.json", "compare.json")
+
 
 class PlaceError(InputError):
     """The place where results should go cannot be used."""
@@ -51,7 +64,7 @@ def check_replaceable(directory: Path) -> None:
     entries = {path.name for path in directory.iterdir()}
     if not entries:
         return
-    strange = sorted(entries - set(FILES))
+    strange = sorted(entries - {*FILES, *COMPARISON_FILES})
     if strange:
         raise PlaceError(
             f"{directory}: holds {strange[0]!r}, which mjsheaf did not write; move it or choose another with --out"
@@ -61,12 +74,15 @@ def check_replaceable(directory: Path) -> None:
 
 
 def holds_run(directory: Path) -> bool:
-    """Whether a directory is that of a run."""
-    try:
-        summary = json.loads((directory / "summary.json").read_text())
-    except (OSError, ValueError):
-        return False
-    return isinstance(summary, dict) and "mjsheaf_version" in summary
+    """Whether a directory is that of a run or of a comparison."""
+    for name in _RECORDS:
+        try:
+            record = json.loads((directory / name).read_text())
+        except (OSError, ValueError):
+            continue
+        if isinstance(record, dict) and "mjsheaf_version" in record:
+            return True
+    return False
 
 
 def enclosing_run(path: Path) -> Path | None:

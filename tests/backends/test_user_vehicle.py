@@ -64,7 +64,7 @@ def test_the_example_is_as_short_as_the_readme_says() -> None:
 
 
 def test_a_raft_is_what_its_files_say() -> None:
-    """60 kg; thrusters in X at arms of .707 m; tau = M / (M k_v + D) = 70 / (70 + 60) s."""
+    """60 kg; thrusters in X at arms of .707 m; tau = (M + l D) / (M k_v + D) = (70 + .1 60) / (70 + 60) s."""
     raft = load_vehicle(str(RAFT))
     assert (raft.mass, raft.dimension, raft.control, raft.weight) == (60.0, 2, "full", 60.0 * 9.81)
     c = np.sqrt(0.5)

@@ -8,7 +8,6 @@ itself, force in world axes and moment in body axes, and the forces are the same
 body, it is written before every step (see forces).
 """
 
-import logging
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -86,7 +85,9 @@ def compose(
             material=surface, contype=0, conaffinity=0,
         )  # fmt: skip
     kinds = {key: attachable(vehicle) for key, vehicle in {id(vehicle): vehicle for vehicle in vehicles}.items()}
-    # Attaching looks at all that is there already. In groups of sqrt(V), a thousand vehicles take one second, not twenty.
+    for kind in kinds.values():
+        root.assets = {**root.assets, **kind.assets}
+    # Attaching looks at all that is there already: in groups of sqrt(V), a thousand take one second, not ten.
     size = int(np.ceil(np.sqrt(len(vehicles))))
     for first in range(0, len(vehicles), size):
         group = mujoco.MjSpec()
@@ -121,21 +122,25 @@ def compose(
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """No word of MuJoCo's that parts without a prefix may make a model that cannot be written as a file."""
-    log = logging.getLogger("absl")
-    was, log.disabled = log.disabled, True
+    """No word of MuJoCo's that parts attached without a prefix may make a model that cannot be written as a file."""
+    handler = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda _: None)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)
+            warnings.simplefilter("ignore")
             yield
     finally:
-        log.disabled = was
+        mujoco.set_mju_user_warning(handler)
 
 
 def _attach(root: mujoco.MjSpec, kind: mujoco.MjSpec, vehicle: Vehicle, name: str, colour: Array | None) -> None:
     body = root.worldbody.add_body(name=f"{name}/")
     try:
-        root.attach(kind, prefix=f"{name}/", frame=body.add_frame())
+        if kind.worldbody.geoms or kind.worldbody.sites or kind.worldbody.cameras or kind.worldbody.lights:
+            root.attach(kind, prefix=f"{name}/", frame=body.add_frame())
+        else:  # body by body: the whole of a kind would bring a copy of its default classes too, at ten times the cost
+            for part in kind.worldbody.bodies:
+                body.add_frame().attach_body(part, f"{name}/", "")
     except ValueError as error:
         raise InputError(f"{vehicle.path}: cannot be put into the arena: {' '.join(str(error).split())}") from None
     body.add_freejoint(name=f"{name}/")

@@ -39,7 +39,11 @@ def attachable(vehicle: Vehicle) -> mujoco.MjSpec:
     for element in [*on_actuators, *root.actuator.all_children(), *root.keyframe.all_children()]:
         element.remove()
     root.compiler.angle = "radian"
-    return mujoco.MjSpec.from_string(root.to_xml_string(), assets=root.get_assets())
+    kind = mujoco.MjSpec.from_string(root.to_xml_string(), assets=root.get_assets())
+    for geom in kind.geoms:
+        if "//unnamed" in geom.name:  # PyMJCF's own; a thousand vehicles compile faster without
+            geom.name = ""
+    return kind
 
 
 def _write_orientations(root: Any) -> None:

@@ -16,6 +16,7 @@ from mjsheaf.backends.physics.arena import Arena, compose
 from mjsheaf.backends.physics.callback import BeforeStep, close_loop, controlled_position
 from mjsheaf.backends.physics.effects import embody
 from mjsheaf.backends.physics.loading import load_vehicle
+from mjsheaf.backends.physics.recording import Log, new_log, place_targets, record
 from mjsheaf.backends.physics.vehicle import Vehicle
 from mjsheaf.backends.system import System
 from mjsheaf.backends.trajectory import Trajectory, blow_up_message
@@ -70,10 +71,20 @@ def _owner(bodies, thruster):
 
 
 @kernel
-def _advance(control, medium, bodies, thrusters, start, timestep, step, count, steps_per_sample, state, model, data):
-    """Take `count` steps from step number `step`; return how many were taken, and the vehicle that went bad or -1."""
+def _advance(
+    control, medium, bodies, thrusters, start, timestep, step, count, per_law, per_sample, state, model, data, log
+):
+    """Take `count` steps from step number `step`; return how many were taken, and the vehicle that went bad or -1.
+
+    The law is evaluated every `per_law` steps. While the log has room, a sample is recorded every `per_sample` steps.
+    """
     for k in range(step, step + count):
-        close_loop(control, medium, bodies, thrusters, start + k * timestep, k % steps_per_sample == 0, state)
+        sample = k % per_sample == 0 and log.count[0] < log.heights.shape[0]
+        if sample:
+            place_targets(bodies, log, state)
+        close_loop(control, medium, bodies, thrusters, start + k * timestep, k % per_law == 0, state)
+        if sample:
+            record(bodies, thrusters, state, log)
         # MuJoCo sets all commands to zero where one is bad, and goes on: that would be another simulation.
         bad = _first_bad(state.ctrl)
         if bad >= 0:
@@ -116,6 +127,7 @@ class World:
         self._timestep = grid.period / self._steps_per_sample
         self.model.opt.timestep = self._timestep
         self._before_step = BeforeStep(self.system, self.arena, self.data)
+        self._no_log = new_log(0, len(self.arena.vehicles), self.model.nu)
         self.reset()
 
     @property
@@ -176,26 +188,53 @@ class World:
             UnstableError: the state became bad; the message names vehicle, time and likely cause. `data` holds the
                 bad state.
         """
-        callback = self._before_step
         while n > 0:
-            count = min(n, _CHUNK)
-            taken, bad = _advance(
-                callback.control,
-                callback.medium,
-                callback.bodies,
-                callback.thrusters,
-                self.system.grid.start,
-                self._timestep,
-                self._step,
-                count,
-                self._steps_per_law,
-                callback.state,
-                self.model._address,
-                self.data._address,
-            )
-            n -= taken
-            if bad >= 0:
-                raise UnstableError(self._blow_up(bad))
+            n -= self._advance(min(n, _CHUNK), self._no_log)
+
+    def _advance(self, count: int, log: Log) -> int:
+        """Take `count` steps, recording samples where the log has room; return `count`."""
+        callback = self._before_step
+        _, bad = _advance(
+            callback.control,
+            callback.medium,
+            callback.bodies,
+            callback.thrusters,
+            self.system.grid.start,
+            self._timestep,
+            self._step,
+            count,
+            self._steps_per_law,
+            self._steps_per_sample,
+            callback.state,
+            self.model._address,
+            self.data._address,
+            log,
+        )
+        if bad >= 0:
+            raise UnstableError(self._blow_up(bad))
+        return count
+
+    def record(self, targets: Array | None, progress: Callable[[int, int], None] | None) -> tuple[Log, str]:
+        """Take a sample now and after each period, up to the end of the system's time or of `targets`.
+
+        Returns:
+            The log, and what went wrong; empty where nothing did.
+        """
+        samples = self.system.grid.steps + 1 if targets is None else min(self.system.grid.steps + 1, len(targets))
+        log = new_log(samples, len(self.arena.vehicles), self.model.nu, targets)
+        left = (samples - 1) * self._steps_per_sample
+        try:
+            while left > 0:
+                left -= self._advance(min(left, _CHUNK), log)
+                if progress:
+                    progress(int(log.count[0]) - 1, samples - 1)
+        except UnstableError as error:
+            return log, str(error)
+        before = self._before_step
+        place_targets(before.bodies, log, before.state)
+        self.close_loop(sample=True)
+        record(before.bodies, before.thrusters, before.state, log)
+        return log, ""
 
     def _blow_up(self, vehicle: int) -> str:
         at = self.arena.dof[vehicle]
@@ -210,14 +249,6 @@ class World:
         for v in range(len(x)):
             controlled_position(self._before_step.bodies[v], self.data.qpos, x[v])
         return x
-
-    def place_targets(self, positions: Array) -> None:
-        """Put every target where its controlled position is as given, (V - N, 3) in m, with its attitude and speed."""
-        N = len(self.system.team.agents)
-        shift = positions - self.positions()[N:]
-        for v in range(N, len(self.arena.vehicles)):
-            at, n = self.arena.qpos[v], self.arena.vehicles[v].dimension
-            self.data.qpos[at : at + n] += shift[v - N, :n]
 
     def heights(self) -> Array:
         """z of every body, floating ones included, shape (V,), m."""
@@ -302,35 +333,17 @@ def run_physics(
     Returns:
         The trajectory; its status is 'unstable' and it ends early where the simulation blows up.
     """
-    world = World(system)
-    times = system.grid.samples[: None if targets is None else len(targets)]
-    T, V = len(times), len(world.arena.vehicles)
-    positions, quaternions, heights = np.empty((T, V, 3)), np.empty((T, V, 4)), np.empty((T, V))
-    thrust, saturation = np.empty((T, world.model.nu)), np.empty((T, V))
-    status, message, done = "finished", "", T
-    for k in range(T):
-        if targets is not None:
-            world.place_targets(targets[k])
-        world.close_loop(sample=True)
-        positions[k], quaternions[k], heights[k] = world.positions(), world.quaternions(), world.heights()
-        thrust[k], saturation[k] = world.data.ctrl, world.saturation()
-        if progress and k % 100 == 0:
-            progress(k, T - 1)
-        if k + 1 < T:
-            try:
-                world.step(world.steps_per_sample)
-            except UnstableError as error:
-                status, message, done = "unstable", str(error), k + 1
-                break
+    log, message = World(system).record(targets, progress)
+    done = int(log.count[0])
     if progress:
-        progress(done - 1, T - 1)
+        progress(done - 1, len(log.heights) - 1)
     return Trajectory(
-        times[:done],
-        positions[:done],
-        status,
+        system.grid.samples[:done],
+        log.positions[:done],
+        "unstable" if message else "finished",
         message,
-        quaternions[:done],
-        heights[:done],
-        thrust[:done],
-        saturation[:done],
+        log.quaternions[:done],
+        log.heights[:done],
+        log.thrust[:done],
+        log.saturation[:done],
     )

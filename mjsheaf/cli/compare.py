@@ -1,0 +1,51 @@
+"""`mjsheaf compare`."""
+
+import json
+from pathlib import Path
+
+from rich.console import Console
+
+from mjsheaf.cli.progress import progress_bars
+from mjsheaf.comparing.publishing import default_directory, publish
+from mjsheaf.comparing.record import CompareRecord
+from mjsheaf.comparing.report import WIDTH, report
+from mjsheaf.errors import MjsheafError, UnstableError
+from mjsheaf.results.store import PlaceError
+from mjsheaf.scenario import load_scenario
+from mjsheaf.scenario.build import uses_seed
+from mjsheaf.scenario.load import parse_override
+
+
+def compare_command(source: str, overrides: list[str], seed: int | None, out: Path | None, video: bool) -> None:
+    """Compare ideal kinematics with bodies, print the page, and raise what the exit code says."""
+    changes = dict(parse_override(text) for text in overrides)
+    if seed is not None:
+        changes["seed"] = seed
+    scenario = load_scenario(source, changes)
+    notes = Console(stderr=True, soft_wrap=True)
+    if "seed" in changes and not uses_seed(scenario)["physics"]:
+        notes.print(f"note: the seed changes nothing: {scenario.name} has no spread and no disturbance")
+    directory = default_directory(scenario) if out is None else out
+    try:
+        with progress_bars() as progress:
+            published = publish(scenario, directory, video=video, progress=progress)
+    except PlaceError:
+        raise
+    except MjsheafError as error:
+        raise type(error)(f"{source}: {error}") from None
+    for note in published.notes:
+        notes.print(f"note: {note}", markup=False, highlight=False)
+    console = Console()
+    console.width = max(console.width, WIDTH)
+    console.print(report(published.record))
+    for path in sorted(directory.iterdir()):
+        console.print(f"  {path}", highlight=False, soft_wrap=True, markup=False)
+    for key in ("ideal", "all"):
+        rung = published.record.rung(key)
+        if rung.status != "finished":
+            raise UnstableError(f"{rung.label}: {rung.message}; what was found is in {directory}")
+
+
+def print_schema() -> None:
+    """Print the JSON Schema of compare.json."""
+    print(json.dumps(CompareRecord.model_json_schema(), indent=2))

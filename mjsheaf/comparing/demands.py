@@ -1,0 +1,123 @@
+"""Speeds that the law and the motions ask for, against what vehicles can do."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjsheaf.backends.physics import list_vehicles, load_vehicle, vehicles_of
+from mjsheaf.backends.physics.capability import capability_of
+from mjsheaf.backends.system import System, velocity_commands
+
+Array = NDArray[np.float64]
+
+_MOST_SAMPLES = 20_000  # of a run that are looked at
+
+
+@dataclass(frozen=True)
+class Demand:
+    """What the vehicles of one kind and role are asked for in a run, from some time on.
+
+    Attributes:
+        role: 'agents' or 'targets'.
+        vehicle: name of the vehicle.
+        dimension: 2 on the surface, 3 in a volume.
+        asked: largest |v_c| relative to the medium, m/s.
+        who: which of them was asked for it.
+        time: when, s.
+        share_beyond: time share in which who is asked for more than `least_speed`.
+        least_speed: steady speed that the vehicle can hold in every horizontal direction, m/s; infinite without limits.
+        forward_speed: the same forward.
+    """
+
+    role: str
+    vehicle: str
+    dimension: int
+    asked: float
+    who: str
+    time: float
+    share_beyond: float
+    least_speed: float
+    forward_speed: float
+
+
+@dataclass(frozen=True)
+class Fastest:
+    """The fastest vehicle with limits that comes with mjsheaf, in one dimension.
+
+    Attributes:
+        dimension: 2 on the surface, 3 in a volume.
+        vehicle: its name.
+        speed: m/s through the medium, in every horizontal direction.
+    """
+
+    dimension: int
+    vehicle: str
+    speed: float
+
+
+def commanded_speeds(system: System, time: Array, positions: Array) -> Array:
+    """|v_c| of every vehicle relative to the medium, limited as the law limits it, shape (T, V), m/s.
+
+    Args:
+        system: the system.
+        time: shape (T,), s.
+        positions: shape (T, V, 3), m.
+    """
+    V = positions.shape[1]
+    residual, command, speed = np.empty((V, 3)), np.empty((V, 3)), np.empty((len(time), V))
+    for k, t in enumerate(time):
+        velocity_commands(system.control, float(t), np.ascontiguousarray(positions[k]), residual, command)
+        speed[k] = np.linalg.norm(command, axis=1)
+    return speed
+
+
+def demands_of(system: System, time: Array, positions: Array, start: float) -> list[Demand]:
+    """What each kind of vehicle is asked for in a run, from time `start` on, s; agents first.
+
+    Args:
+        system: the scenario's, whose vehicles must do it.
+        time: of the run, shape (T,), s.
+        positions: in the run, shape (T, V, 3), m.
+        start: s.
+    """
+    chosen = np.flatnonzero(time >= start - 1e-9)
+    chosen = chosen[:: max(1, len(chosen) // _MOST_SAMPLES)]
+    if not chosen.size:
+        return []
+    speed = commanded_speeds(system, time[chosen], positions[chosen])
+    vehicles, members, N = vehicles_of(system), system.team.members, len(system.team.agents)
+    kinds = dict.fromkeys(("agents" if v < N else "targets", system.bodies.vehicle[v]) for v in range(len(members)))
+    found = []
+    for role, name in kinds:
+        span = range(N) if role == "agents" else range(N, len(members))
+        alike = [v for v in span if system.bodies.vehicle[v] == name]
+        k, j = np.unravel_index(int(speed[:, alike].argmax()), (len(chosen), len(alike)))
+        v, able = alike[int(j)], capability_of(vehicles[alike[0]])
+        found.append(
+            Demand(
+                role=role,
+                vehicle=name,
+                dimension=members[v].dimension,
+                asked=float(speed[k, v]),
+                who=members[v].id,
+                time=float(time[chosen[k]]),
+                share_beyond=float((speed[:, v] > able.least_speed).mean()),
+                least_speed=able.least_speed,
+                forward_speed=able.forward_speed,
+            )
+        )
+    return found
+
+
+def fastest_vehicles() -> list[Fastest]:
+    """The fastest real vehicle of mjsheaf on the surface, then in the air."""
+    able = {name: load_vehicle(name) for name in list_vehicles()}
+    found = []
+    for dimension in (2, 3):
+        speeds = {n: capability_of(v).least_speed for n, v in able.items() if v.dimension == dimension}
+        real = {name: speed for name, speed in speeds.items() if np.isfinite(speed)}
+        if real:
+            best = max(real, key=lambda name: real[name])
+            found.append(Fastest(dimension, best, real[best]))
+    return found

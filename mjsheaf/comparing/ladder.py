@@ -1,0 +1,117 @@
+"""The ladder of fidelity: from the theory's kinematics to the bodies that a scenario has, one effect at a time.
+
+    ideal      agents and targets move as the theory says
+    targets    only targets are bodies, with ideal thrusters; agents are ideal and track where those bodies were
+    agents     only agents are bodies, with ideal thrusters; targets are where the ideal run had them
+    base       both are bodies with ideal thrusters: every effect off, no contacts
+    +EFFECT    base with one effect
+    all        the scenario as it stands
+    -EFFECT    the scenario with one effect switched off
+
+Only effects that some vehicle of the scenario has, and that the scenario has not switched off itself, make rungs.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from mjsheaf.backends.physics import load_vehicle
+from mjsheaf.backends.physics.effects import has_effects
+from mjsheaf.backends.system import Effects, System
+
+Kind = Literal["ideal", "part", "base", "alone", "all", "without"]
+
+CONTACTS = "contacts"
+_OF_VEHICLES = ("inertia", "drag_law", "limits", "lag", "underactuation")
+EFFECTS = (*_OF_VEHICLES, CONTACTS)
+"""What makes bodies real, by the name that the scenario's physics section has for it."""
+
+
+@dataclass(frozen=True)
+class Setup:
+    """Who is a body, and what bodies have.
+
+    Attributes:
+        agents, targets: whether they are bodies.
+        effects: which effects are on; without a meaning where nobody is a body.
+        contacts: whether bodies collide.
+    """
+
+    agents: bool
+    targets: bool
+    effects: Effects
+    contacts: bool
+
+    def apply(self, system: System) -> System:
+        """The system with these bodies."""
+        return replace(system, bodies=replace(system.bodies, effects=self.effects, contacts=self.contacts))
+
+    def having(self, effect: str, on: bool) -> "Setup":
+        """The same with one effect switched."""
+        if effect == CONTACTS:
+            return replace(self, contacts=on)
+        return replace(self, effects=replace(self.effects, **{effect: on}))
+
+
+@dataclass(frozen=True)
+class Rung:
+    """One step of the ladder.
+
+    Attributes:
+        key: short and unique, such as 'base' or '+lag'.
+        label: the same for a person.
+        kind: its place in the ladder.
+        effect: the effect that it adds or takes away, or None.
+        setup: who is a body, and what bodies have.
+    """
+
+    key: str
+    label: str
+    kind: Kind
+    effect: str | None
+    setup: Setup
+
+
+def effects_of(system: System, names: Iterable[str] | None = None) -> list[str]:
+    """The effects that are on in a scenario and that some of its vehicles has, in the order of EFFECTS.
+
+    Inertia is also that of a vehicle without an autopilot whose m / D is beyond `massless_tau`.
+
+    Args:
+        system: the scenario's system.
+        names: of the vehicles to look at; None for all.
+    """
+    plan = system.bodies
+    names = dict.fromkeys(plan.vehicle if names is None else names)
+    vehicles = [load_vehicle(name).with_time_constant(plan.time_constant) for name in names]
+    found: set[str] = set()
+    for vehicle in vehicles:
+        own = has_effects(vehicle)
+        slow = float(vehicle.reduced_model().tau.max()) > plan.effects.massless_tau * (1.0 + 1e-9)
+        found |= {name for name in _OF_VEHICLES if getattr(own, name)}
+        found |= {"inertia"} if slow else set()
+    found = {name for name in found if getattr(plan.effects, name)} | ({CONTACTS} if plan.contacts else set())
+    return [name for name in EFFECTS if name in found]
+
+
+def ladder_of(system: System) -> list[Rung]:
+    """The rungs of a scenario, from ideal to all, then what is left without each effect."""
+    plan = system.bodies
+    off = replace(plan.effects, **dict.fromkeys(_OF_VEHICLES, False))
+    base = Setup(agents=True, targets=True, effects=off, contacts=False)
+    whole = Setup(agents=True, targets=True, effects=plan.effects, contacts=plan.contacts)
+    effects = effects_of(system)
+    return [
+        Rung("ideal", "ideal kinematics", "ideal", None, replace(base, agents=False, targets=False)),
+        Rung("targets", "only targets are bodies", "part", None, replace(base, agents=False)),
+        Rung("agents", "only agents are bodies", "part", None, replace(base, targets=False)),
+        Rung("base", "bodies, ideal thrusters", "base", None, base),
+        *(Rung(f"+{name}", f"base + {words(name)}", "alone", name, base.having(name, True)) for name in effects),
+        Rung("all", "all: as it stands", "all", None, whole),
+        *(Rung(f"-{name}", f"all - {words(name)}", "without", name, whole.having(name, False)) for name in effects),
+    ]
+
+
+def words(effect: str) -> str:
+    """An effect as a person writes it."""
+    return effect.replace("_", " ")

@@ -1,0 +1,284 @@
+"""Ringing: the damping ratio that inertia predicts, against the one that bodies show when they are let go.
+
+A body that follows its commanded velocity with time constants T turns q' = -k1 H e into T e'' + e' + k1 H e = 0. Its
+least damped mode has the predicted damping ratio. For the measured one all is still (no flow, no disturbance, targets
+at rest), the agents start at rest, displaced from q* along that mode, and a second-order response is fitted to it.
+
+The prediction knows inertia alone, and beside that the hold of the law. Thrusters that lag, and attitudes that must
+turn first, come on top: so the experiment is repeated without them, where prediction and measurement must meet.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from mjsheaf.backends.physics import Vehicle, run_physics, vehicles_of
+from mjsheaf.backends.physics.capability import capability_of
+from mjsheaf.backends.system import Effects, System
+from mjsheaf.checking.margins import LARGEST_SECOND_ORDER
+from mjsheaf.comparing.ladder import effects_of
+from mjsheaf.dynamics import FlowField
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+_SHARE_OF_ABILITY = 0.2  # of speed or thrust that the displacement may ask for
+_LARGEST_DISPLACEMENT = 0.5  # m
+_TRIES = 4
+_DECAYS = 4.0  # time constants of the mode over which it is watched
+_LONGEST = 300.0  # s
+_POINTS_PER_PERIOD = 12  # of the fitted recurrence
+_REAL = 1e-6  # of a root, relative
+
+
+@dataclass(frozen=True)
+class Mode:
+    """The least damped mode of a team whose bodies follow commanded velocities with their time constants.
+
+    Attributes:
+        damping: its damping ratio; over 1 it does not swing.
+        frequency: its natural frequency |s|, rad/s.
+        rate: how fast it decays, 1/s.
+        displacement: of the agents' stacked positions, the farthest agent's by 1, shape (n,).
+        swings: whether its root is complex.
+        left: the row that takes (e, e') to the mode's own coordinate, shape (2n,); of an overdamped mode, that along
+            the displacement.
+        who: the agent that moves most.
+    """
+
+    damping: float
+    frequency: float
+    rate: float
+    displacement: Array
+    swings: bool
+    left: Complex
+    who: str
+
+
+@dataclass(frozen=True)
+class Release:
+    """One free-decay experiment.
+
+    Attributes:
+        label: which bodies.
+        damping: ratio of the fitted second-order response; None where it does not swing.
+        frequency: its natural frequency, rad/s; None likewise.
+        overshoot: how far it goes beyond q* along the displacement, of the displacement.
+        amplitude: the farthest agent's displacement, m.
+        saturated: time share of thrusters at a limit.
+        status: 'finished' or 'unstable'.
+    """
+
+    label: str
+    damping: float | None
+    frequency: float | None
+    overshoot: float
+    amplitude: float
+    saturated: float
+    status: str
+
+
+@dataclass(frozen=True)
+class Ringing:
+    """Prediction and experiments.
+
+    Attributes:
+        mode: the predicted least damped mode.
+        held: the least damping ratio of all modes under the held law; that of the mode where the law is continuous.
+        overshoot: what the predicted model goes beyond q* in the same experiment, of the displacement.
+        releases: the experiments: the scenario's bodies, then without lag, then without underactuation too.
+    """
+
+    mode: Mode
+    held: float
+    overshoot: float
+    releases: list[Release]
+
+
+def ringing_of(system: System) -> Ringing | None:
+    """Predict and measure; None for teams of too many states, or without a mode."""
+    if not 0 < system.team.dirichlet.H.shape[0] <= LARGEST_SECOND_ORDER:
+        return None
+    matrix = second_order(system)
+    mode = least_damped(system, matrix)
+    still = _still(system, mode)
+    effects, releases = system.bodies.effects, []
+    for label, chosen in _variants(system, effects):
+        here = replace(still, bodies=replace(still.bodies, effects=chosen, contacts=False))
+        releases.append(_release(here, mode, label))
+    times = np.arange(still.grid.steps + 1) * still.grid.period
+    start = np.concatenate([mode.displacement, np.zeros_like(mode.displacement)])
+    step, states = linalg.expm(matrix * still.grid.period), [start]
+    for _ in times[1:]:
+        states.append(step @ states[-1])
+    overshoot = _overshoot(np.array(states)[:, : len(mode.displacement)], mode)
+    return Ringing(mode, _held_damping(system, matrix, mode), overshoot, releases)
+
+
+def second_order(system: System) -> Array:
+    """The matrix of (e, e')' for T e'' + e' + k1 H e = 0, shape (2n, 2n).
+
+    Time constants are those along each vehicle's axes, at its initial heading.
+    """
+    H = system.team.dirichlet.H.toarray()
+    blocks = []
+    for v, (agent, vehicle) in enumerate(zip(system.team.agents, vehicles_of(system), strict=False)):
+        c, s = np.cos(system.bodies.heading[v]), np.sin(system.bodies.heading[v])
+        R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])[: agent.dimension, : agent.dimension]
+        blocks.append(R / vehicle.reduced_model().tau @ R.T)
+    quickness = linalg.block_diag(*blocks)  # T^-1, 1/s
+    zero, identity = np.zeros_like(H), np.eye(len(H))
+    return np.block([[zero, identity], [-system.gain * quickness @ H, -quickness]])
+
+
+def least_damped(system: System, matrix: Array) -> Mode:
+    """The mode with the smallest -Re s / |s|; where none swings, the one that comes nearest to it."""
+    n = len(matrix) // 2
+    roots, right = linalg.eig(matrix)
+    ratio = -roots.real / np.abs(roots)
+    k = int(np.argmin(np.where(roots.imag >= 0.0, ratio, np.inf)))
+    if abs(roots[k].imag) > _REAL * abs(roots[k]):
+        shape = right[:n, k] / right[np.argmax(np.abs(right[:n, k])), k]
+        displacement, left = shape.real, np.linalg.pinv(right)[k]
+        damping, frequency, rate, swings = float(ratio[k]), float(abs(roots[k])), float(-roots[k].real), True
+    else:
+        values, vectors = np.linalg.eigh(system.team.dirichlet.H.toarray())
+        displacement, stiffness = vectors[:, -1], system.gain * float(values[-1])
+        left = np.concatenate([displacement, np.zeros(n)]).astype(complex)
+        quickness = float(-displacement @ matrix[n:, n:] @ displacement)
+        frequency = float(np.sqrt(stiffness * quickness))
+        damping = quickness / (2.0 * frequency)
+        rate = frequency * (damping - np.sqrt(max(damping**2 - 1.0, 0.0)))
+        swings = False
+    moved = np.linalg.norm(system.team.unpack(displacement), axis=1)
+    who = system.team.agent_ids[int(moved.argmax())]
+    return Mode(damping, frequency, rate, displacement / moved.max(), swings, left, who)
+
+
+def _held_damping(system: System, matrix: Array, mode: Mode) -> float:
+    """The least -Re s / |s| over exp(s h) of the bodies under a law that is held over h, exactly."""
+    n, h = len(matrix) // 2, system.grid.period
+    if system.grid.continuous or not mode.swings:
+        return mode.damping
+    free = matrix.copy()
+    push = free[:, :n].copy()  # what the law does with e; it reads e as it was when the period began
+    free[:, :n] = 0.0
+    held = linalg.expm(h * np.block([[free, push], [np.zeros((n, 3 * n))]]))
+    roots = np.log(linalg.eigvals(held[: 2 * n, : 2 * n] + np.pad(held[: 2 * n, 2 * n :], ((0, 0), (0, n))))) / h
+    return float((-roots.real / np.abs(roots)).min())
+
+
+def fit_roots(signals: Array, period: float) -> Complex:
+    """The two roots s of the second-order response that all signals share, by Prony's method.
+
+    Samples m apart obey y(t + 2 m h) = a y(t + m h) + b y(t), whose characteristic roots are exp(s m h).
+
+    Args:
+        signals: shape (K, T).
+        period: h, m times of which two samples of the recurrence are apart, s.
+    """
+    later, now, before = signals[:, 2:].ravel(), signals[:, 1:-1].ravel(), signals[:, :-2].ravel()
+    a, b = np.linalg.lstsq(np.column_stack([now, before]), later, rcond=None)[0]
+    z = np.roots([1.0, -a, -b]).astype(complex)
+    return np.asarray(np.log(np.where(z == 0.0, 1e-300, z)) / period)
+
+
+def _still(system: System, mode: Mode) -> System:
+    """The system with everything at rest but the agents, which are let go along the mode."""
+    team, grid = system.team, system.grid
+    V, N = len(team.members), len(team.agents)
+    nothing = system.motion._replace(
+        pull=np.zeros(V), amplitude=np.zeros((V, 3)), path=np.zeros((V, 2), dtype=np.int64)
+    )
+    gain = np.where(np.arange(V) < N, system.law.gain, 0.0)
+    q_star = team.unpack(team.dirichlet.extend(team.pack(system.initial)[None, team.dirichlet.H.shape[0] :])[0])
+    asked = system.gain * np.linalg.norm(team.unpack(team.dirichlet.H @ mode.displacement), axis=1)
+    able = np.array([_ability(v) for v in vehicles_of(system)[:N]])
+    able = np.minimum(able, system.law.limit[:N])
+    amplitude = min(_LARGEST_DISPLACEMENT, float((_SHARE_OF_ABILITY * able / np.maximum(asked, 1e-300)).min()))
+    initial = system.initial.copy()
+    initial[:N] = q_star + amplitude * team.unpack(mode.displacement)
+    span = _DECAYS / mode.rate
+    if mode.swings:  # the first swing to the other side is seen too
+        span = max(span, 1.5 * np.pi / np.sqrt(mode.frequency**2 - mode.rate**2))
+    steps = int(np.ceil(min(span, _LONGEST) / grid.period))
+    return replace(
+        system,
+        initial=initial,
+        grid=replace(grid, start=0.0, steps=max(steps, 8)),
+        law=system.law._replace(gain=gain),
+        motion=nothing,
+        harmonics=np.zeros_like(system.harmonics),
+        flows=[FlowField(3)],
+        field=np.zeros(V, dtype=np.int64),
+    )
+
+
+def _ability(vehicle: Vehicle) -> float:
+    """The commanded speed from rest that a vehicle's thrust can answer at once, m/s."""
+    able, mass = capability_of(vehicle), vehicle.moving_mass[: vehicle.dimension]
+    return min(able.least_speed, able.least_thrust / float((mass * vehicle.rate + vehicle.drag[: len(mass)]).max()))
+
+
+def _variants(system: System, effects: Effects) -> list[tuple[str, Effects]]:
+    """Labels and effects of the experiments: what the prediction does not know is switched off in turn."""
+    agents = system.bodies.vehicle[: len(system.team.agents)]
+    present, found = effects_of(system, agents), [("as it stands", effects)]
+    if "lag" in present:
+        effects = replace(effects, lag=False)
+        found.append(("without lag", effects))
+    if "underactuation" in present:
+        effects = replace(effects, underactuation=False)
+        found.append(("without lag and underactuation" if "lag" in present else "without underactuation", effects))
+    return found
+
+
+def _release(system: System, mode: Mode, label: str) -> Release:
+    """Let the agents go; where a thruster meets a limit, again from half as far."""
+    team, N = system.team, len(system.team.agents)
+    problem = team.dirichlet
+    n = problem.H.shape[0]
+    targets = np.broadcast_to(system.initial[N:], (system.grid.steps + 1, len(team.targets), 3)).copy()
+    q_star = problem.extend(team.pack(system.initial)[None, n:])[0]
+    offset = system.initial[:N] - team.unpack(q_star)
+    for attempt in range(_TRIES):
+        initial = system.initial.copy()
+        initial[:N] = team.unpack(q_star) + offset / 2.0**attempt
+        here = replace(system, initial=initial)
+        run = run_physics(here, targets=targets)
+        assert run.saturation is not None  # bodies have it
+        saturated = float(run.saturation[:, :N].mean())
+        if saturated == 0.0 or run.status != "finished":
+            break
+    e = team.pack(run.positions)[:, :n] - q_star
+    amplitude = float(np.linalg.norm(offset, axis=1).max()) / 2.0**attempt
+    damping, frequency = None, None
+    if run.status == "finished":
+        damping, frequency = _fit(e, mode, system.grid.period)
+    return Release(label, damping, frequency, _overshoot(e, mode), amplitude, saturated, run.status)
+
+
+def _fit(e: Array, mode: Mode, period: float) -> tuple[float | None, float | None]:
+    """Damping ratio and natural frequency of errors (T, n) along the mode; None where they do not swing."""
+    state = np.concatenate([e, np.gradient(e, period, axis=0, edge_order=2)], axis=1)
+    own = state @ mode.left
+    step = max(1, round(2.0 * np.pi / mode.frequency / _POINTS_PER_PERIOD / period))
+    signals = np.stack([own.real, own.imag])[: 2 if mode.swings else 1]
+    # Every offset gives another recurrence with the same roots; a common length lets them share one fit.
+    count = signals.shape[1] // step
+    if count < 5:
+        return None, None
+    runs = signals[:, : count * step].reshape(len(signals), count, step)
+    roots = fit_roots(np.moveaxis(runs, 1, 2).reshape(-1, count)[:, 1:], step * period)
+    s = roots[np.argmax(roots.imag)]
+    if abs(s.imag) <= _REAL * abs(s):
+        return None, None
+    return float(-s.real / abs(s)), float(abs(s))
+
+
+def _overshoot(e: Array, mode: Mode) -> float:
+    """How far errors (T, n) go to the other side along the displacement, of where they began; 0 if they do not."""
+    along = e @ mode.displacement
+    return max(0.0, float(-along.min() / along[0]))

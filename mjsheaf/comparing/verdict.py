@@ -1,0 +1,124 @@
+"""What a comparison says, in sentences: how much bodies cost, what to change, and what no change of vehicle mends."""
+
+from itertools import pairwise
+
+from mjsheaf.comparing.ladder import words
+from mjsheaf.comparing.measures import TEAM
+from mjsheaf.comparing.record import CompareRecord, RingingRecord
+
+_CHANGE = {
+    "inertia": "a faster autopilot (autopilot.rate), or a lower controller.gain",
+    "drag_law": "hulls with less quadratic drag, or slower motion",
+    "limits": "stronger thrusters, or slower targets, or a lower controller.velocity_limit",
+    "lag": "faster thrusters, or a lower controller.gain",
+    "underactuation": "vehicles that push along every axis, or slower turns of what they follow",
+    "contacts": "more room between vehicles",
+}
+_CALM = {"lag": "faster thrusters", "underactuation": "a quicker attitude (attitude.frequency)"}
+_SMALL = 0.05  # of the error, below which bodies are not what matters
+_TELLING = 0.25  # of what bodies add, below which no single effect is to blame
+_RINGS = 0.2  # damping ratio
+
+
+def verdict_of(record: CompareRecord) -> list[str]:
+    """The sentences, the most telling first."""
+    sentences, told = _of_the_whole(record), _lever(record, TEAM)[:1]
+    for scope in list(record.rung("ideal").errors)[1:]:
+        own = _lever(record, scope)
+        if own and told and own[0].split(":")[0] != told[0].split(":")[0]:
+            sentences.append(f"{scope}: {own[0]}")
+    return sentences + _speeds(record) + _saturation(record) + _ringing(record.ringing)
+
+
+def _of_the_whole(record: CompareRecord) -> list[str]:
+    """How much bodies cost, and the largest lever."""
+    whole = record.rung("all")
+    if whole.status != "finished":
+        saviours = [words(r.effect or "") for r in record.ladder if r.kind == "without" and r.status == "finished"]
+        lever = (
+            f"largest lever: it holds without {' or without '.join(saviours)}"
+            if saviours
+            else "no effect alone is to blame"
+        )
+        return [f"the scenario as it stands blows up ({whole.message})", lever]
+    budget = record.budget(TEAM, record.measure, "late")
+    if budget.ideal_m is None or budget.all_m is None:
+        return ["the ideal run blows up: nothing can be compared with it"]
+    cost = budget.all_m - budget.ideal_m
+    name = record.measure.replace("_", " ")
+    return [
+        f"largest lever: {_lever(record, TEAM)[0]}",
+        f"{name}, RMS over the last half: ideal {budget.ideal_m:.3g} m, as it stands {budget.all_m:.3g} m; "
+        f"bodies {'add' if cost >= 0 else 'take away'} {abs(cost):.2g} m "
+        f"({100 * cost / max(budget.ideal_m, 1e-12):+.1f}%)",
+    ]
+
+
+def _lever(record: CompareRecord, scope: str) -> list[str]:
+    """What would lower the error of the team or a group most; nothing where it is not known."""
+    budget = record.budget(scope, record.measure, "late")
+    if budget.ideal_m is None or budget.all_m is None:
+        return []
+    cost, now = budget.all_m - budget.ideal_m, f"{budget.all_m:.3g} m now, {budget.ideal_m:.3g} m ideal"
+    if cost <= _SMALL * budget.all_m:
+        gain = "" if _rings(record.ringing) else "a higher controller.gain, "
+        beyond = " (but no higher gain: the bodies ring already)" if _rings(record.ringing) else ""
+        return [f"the law, not the vehicles: {now}; {gain}more agents that sense, or slower targets{beyond}"]
+    known = sorted(((item.give_back_m or 0.0, item.effect) for item in budget.effects), reverse=True)
+    if known and known[0][0] >= _TELLING * cost:
+        (most, effect), others = known[0], known[1:2]
+        then = "".join(f"; then {words(e)} with {x:.2g} m: {_CHANGE[e]}" for x, e in others if x >= 0.5 * most)
+        less = f"without it the error would be {most:.2g} m less ({now})"
+        return [f"{words(effect)}: {less}; {_CHANGE[effect]}{then}"]
+    parts = {"targets": budget.targets_m or 0.0, "agents": budget.agents_m or 0.0}
+    who = max(parts, key=lambda name: parts[name])
+    if parts[who] >= _TELLING * cost:
+        return [f"m / D of the {who}: as bodies with ideal thrusters they cost {parts[who]:.2g} m already ({now})"]
+    return [f"no single effect: bodies add {cost:.2g} m together ({now}); see the interaction in the budget"]
+
+
+def _speeds(record: CompareRecord) -> list[str]:
+    """Who is asked for more than it can do, and, for bodies without limits, whether a real vehicle could."""
+    fastest, sentences = {f.moves_in: f for f in record.fastest}, []
+    for d in record.demands:
+        if d.run != "ideal":
+            continue
+        asked = f"{d.role} of kind {d.vehicle} are asked for up to {d.asked_m_s:.3g} m/s ({d.who} at {d.time_s:.4g} s)"
+        if d.least_speed_m_s is not None:
+            if d.asked_m_s > d.least_speed_m_s:
+                sentences.append(
+                    f"{asked}, beyond their {d.least_speed_m_s:.3g} m/s for {100 * d.share_beyond:.0f}% of the time: "
+                    f"no tuning mends that; slow the motion and the gain {d.asked_m_s / d.least_speed_m_s:.2g} times"
+                )
+        elif (best := fastest.get(d.moves_in)) is not None and d.asked_m_s > best.speed_m_s:
+            sentences.append(
+                f"{asked}; the fastest real vehicle of mjsheaf in {d.moves_in}, {best.vehicle}, makes "
+                f"{best.speed_m_s:.3g} m/s: none follows unless motion and gain are slowed "
+                f"{d.asked_m_s / best.speed_m_s:.2g} times, and the ladder ends at ideal thrusters"
+            )
+    return sentences
+
+
+def _saturation(record: CompareRecord) -> list[str]:
+    total = next((s.share for s in record.rung("all").saturation if not s.vehicle), 0.0)
+    return [f"agents' thrusters are at a limit {100 * total:.1f}% of the time"] if total >= 0.01 else []
+
+
+def _rings(ringing: RingingRecord | None) -> bool:
+    """Whether bodies swing many times before they are still."""
+    measured = ringing.measured[0].damping_ratio if ringing and ringing.measured else None
+    return measured is not None and measured < _RINGS
+
+
+def _ringing(ringing: RingingRecord | None) -> list[str]:
+    if ringing is None or not _rings(ringing):
+        return []
+    measured, predicted = ringing.measured[0].damping_ratio or 0.0, ringing.predicted_damping_ratio_held
+    if measured < 0.0:
+        return [f"the least damped mode (about {ringing.agent}) GROWS: lower controller.gain"]
+    why = "" if measured > 0.7 * predicted else f", where inertia and the law's hold alone would leave {predicted:.2g}"
+    known = [(m.bodies, m.damping_ratio) for m in ringing.measured if m.damping_ratio is not None]
+    steps = [(later[1] - now[1], later[0]) for now, later in pairwise(known)]
+    blamed = max(steps, default=(0.0, ""))[1]
+    cure = "lower controller.gain" + next((f", or {c}" for name, c in _CALM.items() if blamed.endswith(name)), "")
+    return [f"it rings: damping ratio {measured:.2g} of the mode about {ringing.agent}{why}; {cure}"]

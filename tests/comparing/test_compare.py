@@ -1,0 +1,147 @@
+"""The comparison as a whole: its record, its directory, the command.
+
+Oracles: the contract on DIR and exit codes; the record's own identities.
+"""
+
+import json
+from pathlib import Path
+
+import imageio_ffmpeg
+import jsonschema
+import pytest
+import yaml
+
+from mjsheaf import simulate
+from mjsheaf.cli.main import main
+from mjsheaf.comparing import CompareRecord, compare
+from mjsheaf.comparing.report import WIDTH, report_text
+from mjsheaf.results import summarize
+from mjsheaf.results.store import COMPARISON_FILES
+from mjsheaf.scenario import load_scenario
+from mjsheaf.video import available_backend
+from tests.comparing.small import approx, pair
+
+DATA = set(COMPARISON_FILES) - {"compare.mp4"}
+SHORT = ["--set", "time.end=1"]
+
+
+def call(*arguments: str | Path) -> int:
+    with pytest.raises(SystemExit) as stopped:
+        main([str(a) for a in arguments])
+    return int(stopped.value.code or 0)
+
+
+@pytest.fixture(scope="module")
+def record() -> CompareRecord:
+    return compare(pair("otter", "hull")).record
+
+
+def test_errors_of_a_rung_are_those_of_a_run(record: CompareRecord) -> None:
+    scenario = pair("otter", "hull")
+    for key, backend in (("ideal", "ideal"), ("all", "physics")):
+        expected = summarize(scenario.system().team, simulate(scenario, backend))
+        found = record.rung(key).errors
+        assert list(found) == ["team", "line"]
+        for scope, values in (("team", expected), ("line", expected["groups"]["line"])):
+            for name in ("tracking_error", "formation_error", "centering_error"):
+                assert approx(getattr(found[scope].final, name), rel=1e-9) == values[name]
+
+
+def test_budgets_sum_to_the_whole(record: CompareRecord) -> None:
+    for budget in record.budgets:
+        parts = [budget.ideal_m, budget.targets_m, budget.agents_m, budget.together_m, budget.interaction_m]
+        total = sum(x or 0.0 for x in [*parts, *(item.alone_m for item in budget.effects)])
+        assert approx(budget.all_m) == total
+        errors = getattr(record.rung("all").errors[budget.scope], budget.statistic)
+        assert budget.all_m == getattr(errors, budget.measure)
+
+
+def test_the_ideal_run_is_no_distance_from_itself(record: CompareRecord) -> None:
+    distance = record.rung("ideal").distance
+    assert distance is not None
+    assert distance.distance_m == 0.0
+    for rung in record.ladder[1:]:
+        assert rung.distance is not None
+        assert rung.distance_late is not None
+        assert rung.distance_late.distance_m <= rung.distance.distance_m
+
+
+def test_the_page_has_everything_and_fits(record: CompareRecord) -> None:
+    page = report_text(record)
+    assert max(map(len, page.splitlines())) <= WIDTH
+    for words in ("largest lever", "ladder", "error budget", "ringing", "speeds", "convergence", "underactuation"):
+        assert words in page
+    assert "…" not in page
+
+
+def test_no_real_vehicle_follows_what_is_too_fast() -> None:
+    """The paper's targets go at 28 m/s; the fastest boat is named, and by how much to slow."""
+    told = " ".join(compare(load_scenario("paper", {"time.end": 2.0})).record.verdict)
+    assert "targets of kind submersible" in told
+    assert "none follows unless motion and gain are slowed" in told
+    assert "x500" in told
+
+
+def test_a_vehicle_that_is_too_slow_is_named() -> None:
+    fast = {"kind": "lissajous", "amplitude": [40, 40], "rate": [0.3, 0.3], "phase": [1.57, 0]}
+    scenario = pair("otter", "otter", targets=[{"id": "T1", "position": [0, 0], "motion": fast}])
+    told = [s for s in compare(scenario).record.verdict if "beyond their" in s]
+    assert len(told) == 1 or len(told) == 2
+    assert "otter" in told[0]
+
+
+def test_command_publishes_and_replaces_its_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "out"
+    for _ in range(2):
+        assert call("compare", "midpoint", "--no-video", *SHORT, "--out", out) == 0
+        assert {p.name for p in out.iterdir()} == DATA
+    printed = capsys.readouterr().out
+    assert (out / "report.txt").read_text().splitlines()[0].strip() in printed
+    found = json.loads((out / "compare.json").read_text())
+    record = CompareRecord.model_validate(found)
+    assert record.video is None
+    assert record.time_s == pytest.approx(1.0)
+    assert yaml.safe_load((out / "scenario.yaml").read_text())["time"]["end"] == 1
+    assert call("schema", "--compare") == 0
+    jsonschema.validate(found, json.loads(capsys.readouterr().out))
+
+
+def test_command_leaves_what_is_not_its_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "notes.txt").write_text("mine")
+    assert call("compare", "midpoint", "--no-video", *SHORT, "--out", tmp_path) == 2
+    assert "notes.txt" in capsys.readouterr().err
+    assert [p.name for p in tmp_path.iterdir()] == ["notes.txt"]
+
+
+def test_command_refuses_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for arguments, code in (
+        (["air_tracks_surface"], 1),
+        (["nowhere"], 2),
+        (["midpoint", "--set", "time.end=-1"], 2),
+        (["midpoint", "--set", "agents.A1.vehicle=nothing"], 2),
+    ):
+        assert call("compare", *arguments, "--no-video", "--out", tmp_path / "out") == code
+        assert capsys.readouterr().err.count("\n") == 1
+        assert not (tmp_path / "out").exists()
+
+
+def test_a_blow_up_is_published_with_exit_code_3(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "out"
+    diverging = ["--set", "controller.gain=200", "--set", "controller.control_period=0.02"]
+    assert call("compare", "midpoint", "--no-video", *SHORT, *diverging, "--out", out) == 3
+    assert "unstable" in capsys.readouterr().err
+    assert {p.name for p in out.iterdir()} == DATA
+    record = CompareRecord.model_validate_json((out / "compare.json").read_text())
+    assert record.rung("all").status == "unstable"
+    assert record.rung("all").errors["team"].late.tracking_error is None
+
+
+@pytest.mark.skipif(available_backend()[0] is None, reason="nothing can be drawn here")
+def test_video_has_both_side_by_side(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    small = ["--set", "video.width=160", "--set", "video.height=120", "--set", "video.fps=4"]
+    assert call("compare", "midpoint", *SHORT, *small, "--out", out) == 0
+    assert {p.name for p in out.iterdir()} == set(COMPARISON_FILES)
+    meta = next(imageio_ffmpeg.read_frames(str(out / "compare.mp4")))
+    assert meta["size"] == (2 * 160 + 4, 120)
+    assert meta["fps"] == 4

@@ -1,0 +1,106 @@
+"""The ladder and its runs: what each rung is, and that it is what a plain run would give.
+
+Oracles: plain runs of scenarios with the fields that a rung stands for; the vehicles' own descriptions.
+"""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mjsheaf import simulate
+from mjsheaf.backends.physics import run_physics
+from mjsheaf.comparing.climbing import climb
+from mjsheaf.comparing.ladder import EFFECTS, effects_of, ladder_of
+from mjsheaf.scenario import Scenario
+from tests.comparing.small import pair, swarm
+
+OFF = {name: False for name in EFFECTS if name != "contacts"}
+
+
+def positions(dataset: Any) -> Any:
+    both = [dataset[f"{kind}_position"].values for kind in ("agent", "target")]
+    return np.nan_to_num(np.concatenate(both, axis=1))
+
+
+def with_effects(scenario: Scenario, **effects: bool) -> Scenario:
+    own = scenario.physics.effects
+    return scenario.model_copy(
+        update={"physics": scenario.physics.model_copy(update={"effects": own.model_copy(update=effects)})}
+    )
+
+
+def test_bodies_with_ideal_thrusters_have_no_effect_rungs() -> None:
+    system = pair("hull", "hull", vehicles={"agents": "hull", "targets": "hull", "tau": 0.01}).system()
+    ladder = ladder_of(system)
+    assert effects_of(system) == []
+    assert [rung.key for rung in ladder] == ["ideal", "targets", "agents", "base", "all"]
+    runs = climb(system, ladder)
+    np.testing.assert_array_equal(runs["all"].trajectory.positions, runs["base"].trajectory.positions)
+
+
+def test_a_slow_body_without_an_autopilot_has_inertia() -> None:
+    slow = {"agents": "hull", "targets": "hull", "tau": 0.2}
+    assert effects_of(pair("hull", "hull", vehicles=slow).system()) == ["inertia"]
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "expected"),
+    [
+        ("wamv", ["inertia", "drag_law", "limits", "lag"]),
+        ("otter", ["inertia", "drag_law", "limits", "lag", "underactuation"]),
+    ],
+)
+def test_rungs_are_the_effects_that_vehicles_have(vehicle: str, expected: list[str]) -> None:
+    system = pair(vehicle, "hull").system()
+    assert effects_of(system) == expected
+    keys = [rung.key for rung in ladder_of(system)]
+    assert keys == ["ideal", "targets", "agents", "base", *(f"+{e}" for e in expected), "all"] + [
+        f"-{e}" for e in expected
+    ]
+
+
+def test_what_the_scenario_switches_off_is_no_rung() -> None:
+    system = with_effects(pair("wamv", "hull"), lag=False).system()
+    assert "lag" not in effects_of(system)
+    contacts = pair("wamv", "hull", physics={"timestep": 0.005, "contacts": True}).system()
+    assert effects_of(contacts)[-1] == "contacts"
+
+
+def test_an_effect_of_an_x500_is_not_its_drag_law() -> None:
+    assert "drag_law" not in effects_of(swarm("x500").system())
+
+
+def test_every_rung_is_the_run_that_it_says() -> None:
+    """Ideal, base, one effect alone, all, and all without one, against plain runs, bit for bit."""
+    scenario = pair("otter", "hull", time={"end": 1.0})
+    system = scenario.system()
+    runs = climb(system, ladder_of(system))
+    np.testing.assert_array_equal(runs["ideal"].trajectory.positions, positions(simulate(scenario, "ideal")))
+    for key, effects in {
+        "base": OFF,
+        "+limits": {**OFF, "limits": True},
+        "-lag": {"lag": False},
+        "all": {},
+    }.items():
+        expected = run_physics(with_effects(scenario, **effects).system())
+        np.testing.assert_array_equal(runs[key].trajectory.positions, expected.positions, err_msg=key)
+
+
+def test_part_rungs_place_targets_where_the_other_run_had_them() -> None:
+    system = pair("wamv", "otter", time={"end": 1.0}).system()
+    runs = climb(system, ladder_of(system))
+    N = len(system.team.agents)
+    targets = {key: run.trajectory.positions[:, N:] for key, run in runs.items()}
+    np.testing.assert_allclose(targets["targets"], targets["base"], atol=1e-12)
+    np.testing.assert_allclose(targets["agents"], targets["ideal"], atol=1e-12)
+    assert np.abs(targets["base"] - targets["ideal"]).max() > 1e-4
+
+
+def test_a_rung_that_blows_up_is_marked_and_the_others_go_on() -> None:
+    """Without mass, a hull's step of .02 s under a gain of 200 1/s diverges; the ladder says so of each rung."""
+    system = pair("hull", "hull", controller={"gain": 200.0, "control_period": 0.02}).system()
+    runs = climb(system, ladder_of(system))
+    assert {run.trajectory.status for run in runs.values()} == {"unstable"}
+    for run in runs.values():
+        assert "unstable" in run.trajectory.message

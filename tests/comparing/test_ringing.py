@@ -1,0 +1,89 @@
+"""Damping predicted and measured, and convergence in the time constant.
+
+Oracles: the closed form 1 / (2 sqrt(k1 lambda tau)); signals with known roots; first order in tau.
+"""
+
+import numpy as np
+import pytest
+
+from mjsheaf.checking.margins import body_margin
+from mjsheaf.checking.spectrum import spectrum_of
+from mjsheaf.comparing.convergence import converge
+from mjsheaf.comparing.ringing import fit_roots, least_damped, ringing_of, second_order
+from mjsheaf.scenario import Scenario
+from tests.comparing.small import approx, pair, swarm
+
+
+def with_tau(tau: float, gain: float) -> Scenario:
+    vehicles = {"agents": "hull", "targets": "hull", "tau": tau}
+    return pair("hull", "hull", vehicles=vehicles, controller={"gain": gain, "control_period": 0.002},
+                physics={"timestep": 0.002})  # fmt: skip
+
+
+def test_fit_finds_the_roots_of_a_signal() -> None:
+    s, t = complex(-0.4, 2.0), 0.1 * np.arange(60)
+    signals = np.stack([np.exp(s.real * t) * np.cos(s.imag * t + phase) for phase in (0.3, 1.0)])
+    roots = fit_roots(signals, 0.1)
+    assert sorted(roots, key=lambda z: z.imag) == pytest.approx([s.conjugate(), s], abs=1e-9)
+
+
+@pytest.mark.parametrize(("tau", "gain"), [(0.1, 3.0), (0.3, 5.0), (0.05, 2.0)])
+def test_alike_bodies_have_the_damping_of_the_closed_form(tau: float, gain: float) -> None:
+    """Also that of `check`; where it is over 1, nothing swings."""
+    system = with_tau(tau, gain).system()
+    expected = 1.0 / (2.0 * np.sqrt(gain * system.largest_eigenvalue * tau))
+    mode = least_damped(system, second_order(system))
+    assert mode.damping == pytest.approx(expected, rel=1e-9)
+    assert mode.swings == (expected < 1.0)
+    margin = body_margin(system, spectrum_of(system.team), np.full(2, tau))
+    assert mode.damping == pytest.approx(margin.damping_fastest)
+
+
+@pytest.mark.parametrize(("tau", "gain"), [(0.3, 5.0), (0.2, 2.0)])
+def test_ideal_thrusters_ring_as_predicted(tau: float, gain: float) -> None:
+    """Damping ratio and overshoot within 3%, as a hold of 2 ms is nearly none."""
+    ringing = ringing_of(with_tau(tau, gain).system())
+    assert ringing is not None
+    (release,) = ringing.releases
+    assert approx(release.damping, rel=0.03) == ringing.mode.damping
+    assert approx(release.frequency, rel=0.03) == ringing.mode.frequency
+    assert release.overshoot == pytest.approx(ringing.overshoot, rel=0.05)
+    ratio = ringing.mode.damping
+    assert ringing.overshoot == pytest.approx(np.exp(-np.pi * ratio / np.sqrt(1.0 - ratio**2)), rel=1e-3)
+
+
+def test_overdamped_bodies_do_not_overshoot() -> None:
+    ringing = ringing_of(with_tau(0.02, 1.0).system())
+    assert ringing is not None
+    assert not ringing.mode.swings
+    assert ringing.mode.damping > 1.0
+    assert ringing.overshoot == 0.0
+    assert ringing.releases[0].overshoot < 1e-3
+
+
+@pytest.mark.parametrize("name", ["wamv", "otter", "hexarotor", "quadrotor"])
+def test_real_vehicles_without_lag_ring_as_predicted(name: str) -> None:
+    """Within 15% without lag and underactuation, and less damped with them, which the prediction does not know."""
+    controller = {"gain": 1.0, "control_period": 0.02}
+    afloat = name in ("wamv", "otter")
+    scenario = pair(name, "hull", controller=controller) if afloat else swarm(name, controller=controller)
+    ringing = ringing_of(scenario.system())
+    assert ringing is not None
+    as_it_stands, ideal = ringing.releases[0], ringing.releases[-1]
+    assert ringing.mode.swings
+    assert as_it_stands.saturated == 0.0
+    assert approx(ideal.damping, rel=0.15) == ringing.held
+    assert as_it_stands.damping is not None
+    assert as_it_stands.damping < ringing.held
+
+
+def test_distance_to_the_ideal_run_is_of_first_order_in_tau() -> None:
+    for scenario in (pair("wamv", "hull"), pair("otter", "hull")):
+        system = scenario.system()
+        found = converge(system)
+        assert approx(found.slope, abs=0.1) == 1.0
+        assert all(a.tau == pytest.approx(2.0 * b.tau) for a, b in zip(found.points, found.points[1:], strict=False))
+        for point in found.points:
+            assert point.timestep <= 0.1 * point.tau * (1.0 + 1e-9)
+            steps = system.grid.period / point.timestep
+            assert steps == pytest.approx(round(steps))
