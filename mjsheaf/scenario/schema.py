@@ -4,7 +4,7 @@ These classes only say what is legal field by field; how fields fit together is 
 team and the medium are in modules of their own.
 """
 
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field, model_validator
 
@@ -12,6 +12,7 @@ from mjsheaf.reading import Section
 from mjsheaf.scenario.fields import Duration, Id, NonNegative, Number, Positive
 from mjsheaf.scenario.schema_medium import Disturbances, Flow, Motion
 from mjsheaf.scenario.schema_team import Agent, AnchorModel, Edge, Group, Target, TargetFormation
+from mjsheaf.scenario.swarm import Swarm, expand_swarm
 
 if TYPE_CHECKING:
     from mjsheaf.backends.system import System
@@ -124,16 +125,22 @@ class Expect(Section):
     refused: str | None = Field(None, description="`run` must refuse, and its reason must contain this")
 
 
+def _optional(schema: dict[str, Any]) -> None:
+    """What need not stand in a file: the name, which is then the file's, and agents where a swarm makes them."""
+    schema["required"] = [name for name in schema["required"] if name not in ("name", "agents")]
+
+
 class Scenario(Section):
     """A team, a sheaf, a formation, a flow, a law, and what is expected of them."""
 
-    model_config = ConfigDict(json_schema_extra=lambda schema: schema["required"].remove("name"))
+    model_config = ConfigDict(json_schema_extra=_optional)
 
     name: Id = Field(description="that of the file unless given")
     summary: str = Field("", description="one line for the gallery")
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     time: Time = Time()
     controller: Controller = Controller()
+    swarm: Swarm | None = Field(None, description="makes agents, communication, sensing and formations")
     agents: Annotated[list[Agent], Field(min_length=1)]
     targets: Annotated[list[Target], Field(min_length=1)]
     communication: list[Edge] = Field(default_factory=list, description="agent to agent")
@@ -152,6 +159,11 @@ class Scenario(Section):
     scene: Scene = Scene()
     video: Video = Video()
     expect: Expect = Expect()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _write_out_swarm(cls, raw: Any) -> Any:
+        return expand_swarm(raw) if isinstance(raw, dict) else raw
 
     def system(self) -> "System":
         """The closed-loop system that this scenario describes, ready for a backend.

@@ -1,0 +1,171 @@
+"""A swarm: agents, their graph and their formation, generated from a number and a seed instead of written out.
+
+Places are those of a sunflower (Vogel, Math. Biosci. 44, 1979): any number of them fills a disc evenly. The scenario that
+comes out has every agent and edge in it; nothing else knows that they were generated.
+"""
+
+from collections.abc import Callable
+from typing import Annotated, Any, Literal
+
+import networkx
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+from scipy.spatial import cKDTree
+
+from mjsheaf.errors import InputError
+from mjsheaf.reading import Section
+from mjsheaf.scenario.fields import Id, NonNegative, Number, Positive
+
+Array = NDArray[np.float64]
+Edges = set[tuple[int, int]]
+
+_MOST_AGENTS = 100_000
+_GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
+
+
+class Swarm(Section):
+    """Agents S1, S2, ... in a disc about a target, with a graph drawn from the scenario's seed."""
+
+    size: Annotated[int, Field(ge=1, le=_MOST_AGENTS)] = Field(description="number of agents")
+    about: Id = Field(description="target that the swarm's centre should follow, and that some of it sense")
+    vehicle: str | None = Field(None, description="vehicles.agents unless given")
+    altitude: Number | None = Field(
+        None, description="of the agents, which then move in space, m; in the plane if absent"
+    )
+    spacing: Positive = Field(6.0, description="between neighbouring places, m")
+    scatter: NonNegative = Field(1.0, description="half width of a box about each place in which an agent begins, m")
+    graph: Literal["nearest", "ring", "random_geometric", "small_world", "k_regular"] = "nearest"
+    degree: Annotated[int, Field(ge=2, le=64)] = Field(4, description="of an agent in the graph; on average if random")
+    sensing: Annotated[float, Field(gt=0, le=1)] = Field(0.1, description="share of the agents that sense the target")
+
+
+def expand_swarm(raw: dict[str, Any]) -> dict[str, Any]:
+    """A scenario with its `swarm` written out: agents, communication, sensing and a formation.
+
+    Args:
+        raw: a scenario as a mapping; without a swarm it is returned as it is.
+
+    Raises:
+        InputError: fields that a swarm makes are given beside it, or its target is missing.
+        pydantic.ValidationError: of the swarm's own fields.
+    """
+    if raw.get("swarm") is None:
+        return raw
+    swarm = Swarm.model_validate(raw["swarm"])
+    made = [name for name in ("agents", "communication", "sensing", "formations") if raw.get(name)]
+    if made:
+        raise InputError(f"swarm: makes {', '.join(made)} itself; give either")
+    targets = [t for t in raw.get("targets") or [] if isinstance(t, dict)]
+    centre = next((t.get("position") for t in targets if t.get("id") == swarm.about), None)
+    if not isinstance(centre, list) or len(centre) < 2:
+        raise InputError(f"swarm.about: {swarm.about!r} is no target with a position")
+    rng = np.random.default_rng([int(raw.get("seed") or 0), 0x5A])
+    places = _sunflower(swarm.size, swarm.spacing)
+    edges = _GRAPHS[swarm.graph](places, swarm, rng)
+    offset = np.column_stack([places, np.zeros(swarm.size)])[:, : 2 if swarm.altitude is None else 3]
+    start = offset + rng.uniform(-swarm.scatter, swarm.scatter, offset.shape)
+    start[:, :2] += np.asarray(centre[:2], dtype=np.float64)
+    if swarm.altitude is not None:
+        start[:, 2] += swarm.altitude
+    ids = [f"S{k + 1}" for k in range(swarm.size)]
+    vehicle = {} if swarm.vehicle is None else {"vehicle": swarm.vehicle}
+    heading = np.rad2deg(np.arctan2(places[:, 1], places[:, 0]))
+    sensors = np.unique(np.linspace(0, swarm.size - 1, max(1, round(swarm.sensing * swarm.size))).astype(int))
+    height = 0.0 if swarm.altitude is None or len(centre) < 3 else swarm.altitude - float(centre[2])
+    displacements = offset + ([0.0, 0.0, height][: offset.shape[1]] if height else 0.0)
+    return {
+        **{name: value for name, value in raw.items() if name != "swarm"},
+        "agents": [
+            {"id": name, "position": p, "heading": h, **vehicle}
+            for name, p, h in zip(ids, start.round(6).tolist(), heading.round(3).tolist(), strict=True)
+        ],
+        "communication": [[ids[i], ids[j]] for i, j in sorted(edges)],
+        "sensing": [[ids[k], swarm.about] for k in sensors],
+        "formations": [
+            {
+                "name": "swarm",
+                "shape": "explicit",
+                "members": ids,
+                "about": swarm.about,
+                "displacements": displacements.round(6).tolist(),
+            }
+        ],
+    }
+
+
+def _sunflower(size: int, spacing: float) -> Array:
+    """Places in the plane about the origin, shape (size, 2), m; neighbours are about `spacing` apart."""
+    k = np.arange(size) + 0.5
+    radius, angle = spacing * np.sqrt(k / np.pi), _GOLDEN_ANGLE * np.arange(size)
+    return np.asarray(radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)]))
+
+
+def _nearest(places: Array, swarm: Swarm, rng: np.random.Generator) -> Edges:
+    """Each agent and its nearest ones, half the degree of them among those further in, so that all are connected."""
+    edges: Edges = set()
+    for k in range(1, len(places)):
+        distance = ((places[:k] - places[k]) ** 2).sum(axis=1)
+        edges |= {(int(j), k) for j in np.argsort(distance, kind="stable")[: max(1, swarm.degree // 2)]}
+    return edges
+
+
+def _ring(places: Array, swarm: Swarm, rng: np.random.Generator) -> Edges:
+    """One after the other, in the order of their bearing."""
+    order = np.argsort(np.arctan2(places[:, 1], places[:, 0]), kind="stable")
+    return _ordered(zip(order, np.roll(order, -1), strict=True)) if len(places) > 1 else set()
+
+
+def _random_geometric(places: Array, swarm: Swarm, rng: np.random.Generator) -> Edges:
+    """Agents within a distance of one another, after each has been moved at random by up to its spacing."""
+    moved = places + rng.uniform(-swarm.spacing, swarm.spacing, places.shape)
+    reach = swarm.spacing * np.sqrt((swarm.degree + 1) / np.pi)  # a disc that holds so many places
+    return _connected(_ordered(cKDTree(moved).query_pairs(reach)), places)
+
+
+def _small_world(places: Array, swarm: Swarm, rng: np.random.Generator) -> Edges:
+    """A ring with links to the nearest, one in ten of them rewired (Watts and Strogatz, Nature 393, 1998)."""
+    size, degree = len(places), min(swarm.degree, len(places) - 1)
+    if degree < 2:
+        return _nearest(places, swarm, rng)
+    graph = networkx.watts_strogatz_graph(size, degree, 0.1, seed=int(rng.integers(2**31)))
+    return _connected(_ordered(graph.edges), places)
+
+
+def _k_regular(places: Array, swarm: Swarm, rng: np.random.Generator) -> Edges:
+    """Every agent has the same number of neighbours, drawn at random."""
+    size, degree = len(places), min(swarm.degree, len(places) - 1)
+    if degree < 1:
+        return set()
+    if size * degree % 2:
+        raise InputError(f"swarm.degree: no graph of {size} agents has {degree} links each; take an even number")
+    graph = networkx.random_regular_graph(degree, size, seed=int(rng.integers(2**31)))
+    return _connected(_ordered(graph.edges), places)
+
+
+_GRAPHS: dict[str, Callable[[Array, Swarm, np.random.Generator], Edges]] = {
+    "nearest": _nearest,
+    "ring": _ring,
+    "random_geometric": _random_geometric,
+    "small_world": _small_world,
+    "k_regular": _k_regular,
+}
+
+
+def _ordered(pairs: Any) -> Edges:
+    return {(min(int(i), int(j)), max(int(i), int(j))) for i, j in pairs if i != j}
+
+
+def _connected(edges: Edges, places: Array) -> Edges:
+    """With links between the nearest agents of different parts, until there is one part (Assumption 5)."""
+    graph = networkx.Graph()
+    graph.add_nodes_from(range(len(places)))
+    graph.add_edges_from(edges)
+    parts = sorted((sorted(part) for part in networkx.connected_components(graph)), key=len, reverse=True)
+    joined = parts[0]
+    for part in parts[1:]:
+        distance, nearest = cKDTree(places[joined]).query(places[part])
+        k = int(np.argmin(distance))
+        edges = edges | _ordered([(joined[int(nearest[k])], part[k])])
+        joined = joined + part
+    return edges

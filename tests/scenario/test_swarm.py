@@ -1,0 +1,100 @@
+"""Generated swarms: any number, graph and seed makes a whole scenario.
+
+Oracles: the graphs' own definitions, by networkx; the resolved scenario, which must run to the same bits.
+"""
+
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import networkx
+import numpy as np
+import pytest
+
+from mjsheaf import load_scenario, simulate
+from mjsheaf.errors import ScenarioError
+from mjsheaf.running import dump_scenario
+from mjsheaf.scenario import Scenario
+
+GRAPHS = ("nearest", "ring", "random_geometric", "small_world", "k_regular")
+
+
+def swarm(**fields: Any) -> Scenario:
+    return load_scenario(
+        "swarm", {f"swarm.{name}" if name != "seed" else name: value for name, value in fields.items()}
+    )
+
+
+def graph_of(scenario: Scenario) -> networkx.Graph:
+    graph = networkx.Graph()
+    graph.add_nodes_from(a.id for a in scenario.agents)
+    graph.add_edges_from(tuple(e.between) for e in scenario.communication)
+    return graph
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 7, 60])
+@pytest.mark.parametrize("graph", GRAPHS)
+def test_every_swarm_is_connected_and_unique(graph: str, size: int) -> None:
+    scenario = swarm(graph=graph, size=size, degree=2)
+    assert len(scenario.agents) == size
+    assert networkx.is_connected(graph_of(scenario))
+    assert scenario.system().team.dirichlet.unique
+    assert len({tuple(sorted(e.between)) for e in scenario.communication}) == len(scenario.communication)
+
+
+def test_graphs_are_what_they_are_called() -> None:
+    assert networkx.is_isomorphic(graph_of(swarm(graph="ring", size=12)), networkx.cycle_graph(12))
+    regular = graph_of(swarm(graph="k_regular", size=30, degree=6))
+    assert Counter(dict(regular.degree).values()) == {6: 30}
+    assert graph_of(swarm(graph="small_world", size=40, degree=4)).number_of_edges() >= 80
+    crowd = graph_of(swarm(graph="random_geometric", size=400, degree=6))
+    assert 4.0 < 2.0 * crowd.number_of_edges() / 400 < 8.0
+
+
+def test_the_seed_draws_places_and_links() -> None:
+    one, same, other = (swarm(graph="random_geometric", seed=seed) for seed in (1, 1, 2))
+    assert one == same
+    assert graph_of(one).edges != graph_of(other).edges
+    assert [a.position for a in one.agents] != [a.position for a in other.agents]
+
+
+def test_places_fill_a_disc_about_the_target_at_their_spacing() -> None:
+    scenario = swarm(size=200, spacing=4.0, scatter=0.0)
+    places = np.array([a.position for a in scenario.agents])
+    apart = np.linalg.norm(places[:, None] - places, axis=2) + 1e9 * np.eye(200)
+    assert 0.75 * 4.0 < apart.min() < 4.5
+    assert np.linalg.norm(places[:, :2], axis=1).max() == pytest.approx(4.0 * np.sqrt(200 / np.pi), rel=0.01)
+    assert set(places[:, 2]) == {20.0}
+    np.testing.assert_allclose(places[:, :2].mean(axis=0), 0.0, atol=1.0)
+
+
+def test_a_planar_swarm_has_boats() -> None:
+    scenario = load_scenario("swarm", {"swarm.altitude": None, "swarm.vehicle": "otter", "swarm.size": 5})
+    assert {len(a.position) for a in scenario.agents} == {2}
+    assert simulate(load_scenario("swarm", {"swarm.size": 4, "time.end": 0.2})).attrs["status"] == "finished"
+
+
+def test_the_resolved_swarm_is_written_out_and_runs_alike(tmp_path: Path) -> None:
+    scenario = load_scenario("swarm", {"swarm.size": 6, "swarm.graph": "small_world", "seed": 3, "time.end": 0.5})
+    path = tmp_path / "scenario.yaml"
+    path.write_text(dump_scenario(scenario))
+    again = load_scenario(path)
+    assert again == scenario
+    assert again.swarm is None
+    np.testing.assert_array_equal(simulate(again).agent_position, simulate(scenario).agent_position)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "message"),
+    [
+        ({"swarm.size": 0}, "swarm.size: input should be greater than or equal to 1"),
+        ({"swarm.graph": "torus"}, "swarm.graph: input should be 'nearest'"),
+        ({"swarm.about": "nobody"}, "swarm.about: 'nobody' is no target with a position"),
+        ({"swarm.graph": "k_regular", "swarm.size": 5, "swarm.degree": 3}, "swarm.degree: no graph of 5 agents has 3"),
+        ({"agents": [{"id": "A", "position": [0, 0]}]}, "swarm: makes agents itself; give either"),
+    ],
+)
+def test_wrong_swarms_are_refused(overrides: dict[str, Any], message: str) -> None:
+    with pytest.raises(ScenarioError) as refused:
+        load_scenario("swarm", overrides)
+    assert message in str(refused.value)
