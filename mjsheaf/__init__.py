@@ -9,22 +9,34 @@ from typing import TYPE_CHECKING, Any
 from mjsheaf._version import __version__
 
 if TYPE_CHECKING:
-    from mjsheaf.backends.physics import World
+    from mjsheaf.backends.physics import World, load_vehicle
     from mjsheaf.checking import check
     from mjsheaf.scenario import Scenario, load_scenario
     from mjsheaf.sheaf import Sheaf
-    from mjsheaf.simulation import simulate
+    from mjsheaf.simulation import simulate, simulate_many
 
 _HOME = {
     "Sheaf": "mjsheaf.sheaf",
     "Scenario": "mjsheaf.scenario",
     "load_scenario": "mjsheaf.scenario",
     "simulate": "mjsheaf.simulation",
+    "simulate_many": "mjsheaf.simulation",
     "check": "mjsheaf.checking",
     "World": "mjsheaf.backends.physics",
+    "load_vehicle": "mjsheaf.backends.physics",
 }
 
-__all__ = ["Scenario", "Sheaf", "World", "__version__", "check", "load_scenario", "simulate"]
+__all__ = [
+    "Scenario",
+    "Sheaf",
+    "World",
+    "__version__",
+    "check",
+    "load_scenario",
+    "load_vehicle",
+    "simulate",
+    "simulate_many",
+]
 
 
 def __getattr__(name: str) -> Any:

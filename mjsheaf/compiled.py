@@ -15,7 +15,7 @@ from typing import Any
 from numba import njit
 
 _PACKAGE = Path(__file__).resolve().parent
-_LAYERS = ("dynamics", "control", "backends")
+_LAYERS = ("sheaf", "dynamics", "control", "backends")
 
 
 def kernel(function: Callable[..., Any]) -> Any:

@@ -4,29 +4,33 @@ Both choose an OpenGL backend when they are imported and fail with it. Physics n
 """
 
 import os
+import threading
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from typing import Any
 
 from mjsheaf.errors import InputError
 
 __all__ = ["mujoco", "pymjcf"]
 
+_ALONE = threading.RLock()  # environment and warnings belong to the whole process
+
 
 @contextmanager
 def _without_drawing() -> Iterator[None]:
-    given = os.environ.get("MUJOCO_GL")
-    os.environ["MUJOCO_GL"] = "off"
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+    with _ALONE, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        given = os.environ.get("MUJOCO_GL")
+        os.environ["MUJOCO_GL"] = "off"
+        try:
             yield
-    finally:
-        if given is None:
-            del os.environ["MUJOCO_GL"]
-        else:
-            os.environ["MUJOCO_GL"] = given
+        finally:
+            if given is None:
+                del os.environ["MUJOCO_GL"]
+            else:
+                os.environ["MUJOCO_GL"] = given
 
 
 try:
@@ -36,6 +40,7 @@ except (ImportError, RuntimeError, AttributeError):  # what a missing or unknown
         import mujoco
 
 
+@cache
 def pymjcf() -> Any:
     """The module dm_control.mjcf, imported without choosing a way to draw."""
     try:

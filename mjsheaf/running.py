@@ -1,17 +1,25 @@
 """One run from scenario to directory: simulate, write data and plots, draw the video, publish."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mjsheaf.errors import InputError, MjsheafError
-from mjsheaf.reading import dump_yaml
+from mjsheaf.resolving import dump_scenario, write_scenario
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.fields import LARGEST
-from mjsheaf.simulation import BACKENDS, require_full_row_rank, require_unique, simulate
+from mjsheaf.simulation import BACKENDS, require_full_row_rank, require_unique, stream
 from mjsheaf.video import VideoOptions, available_backend
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from mjsheaf.backends.system import System
+
+__all__ = ["Outcome", "default_directory", "dump_scenario", "execute", "video_entry"]
 
 Progress = Callable[[str, int, int], None]
 
@@ -63,7 +71,7 @@ def execute(
     from mjsheaf.backends.physics import vehicles_of
     from mjsheaf.checking.bound import bound_of_run
     from mjsheaf.plots import plot_configurations, plot_errors, plot_trajectories
-    from mjsheaf.results import check_expectation, save_dataset, staging, summarize
+    from mjsheaf.results import check_expectation, open_dataset, staging, summarize, thinned, write_dataset
     from mjsheaf.results.store import save_summary
     from mjsheaf.team.freedom import free_directions
 
@@ -79,23 +87,25 @@ def execute(
         return lambda done, total: progress(what, done, total) if progress else None
 
     notes: list[str] = []
-    with staging(directory) as fresh:
-        begun = time.perf_counter()
-        dataset = simulate(scenario, backend, allow_drift=allow_drift, progress=report("simulating"))
-        wall = time.perf_counter() - begun
-        save_dataset(dataset, fresh / "result.nc")
-        (fresh / "scenario.yaml").write_text(dump_scenario(scenario))
+    with staging(directory) as fresh, ExitStack() as held:
+        pieces = _Timed(stream(system, backend, scenario.seed, report("simulating")))
+        write_dataset(pieces, fresh / "result.nc")
+        dataset = held.enter_context(open_dataset(fresh / "result.nc"))
+        write_scenario(scenario, fresh)
         theorem = bound_of_run(system, dataset)
         report("plotting")(0, 3)
-        telling = theorem.applies and theorem.bound.max() < LARGEST  # a blow-up satisfies any larger bound
-        bound = theorem.bound if telling else None
-        plot_errors(system.team, dataset, fresh / "errors.png", bound, approximate=theorem.approximate)
+        drawn = thinned(dataset)
+        bound = theorem.at(drawn["time"].values)
+        telling = theorem.applies and bound.max() < LARGEST  # a blow-up satisfies any larger bound
+        plot_errors(
+            system.team, drawn, fresh / "errors.png", bound if telling else None, approximate=theorem.approximate
+        )
         report("plotting")(1, 3)
-        plot_trajectories(system.team, dataset, fresh / "trajectories.png")
+        plot_trajectories(system.team, drawn, fresh / "trajectories.png")
         report("plotting")(2, 3)
-        plot_configurations(system.team, dataset, fresh / "configurations.png")
+        plot_configurations(system.team, drawn, fresh / "configurations.png")
         report("plotting")(3, 3)
-        final = summarize(system.team, dataset)
+        final = summarize(system.team, drawn)
         status = dataset.attrs["status"]
         simulated = float(dataset["time"][-1] - dataset["time"][0])
         periods = dataset.sizes["time"] - 1
@@ -107,8 +117,8 @@ def execute(
             "message": dataset.attrs["message"],
             "seed": scenario.seed,
             "steps": periods * per_period,
-            "wall_time_s": wall,
-            "realtime_factor": simulated / wall,
+            "wall_time_s": pieces.seconds,
+            "realtime_factor": simulated / pieces.seconds,
             "expect": check_expectation(scenario.expect, backend, status, final),
             "final": final,
             "free_directions": free_directions(system.team),
@@ -122,11 +132,35 @@ def execute(
             "video": None,
         }
         if video is not None:
-            summary["video"], note = _film(scenario, dataset, fresh / "video.mp4", video, report("drawing video"))
+            summary["video"], note = _film(
+                scenario, system, dataset, fresh / "video.mp4", video, report("drawing video")
+            )
             notes += [note] * bool(note)
         report("publishing")(0, 1)  # the last moment at which the user can stop it
         save_summary(summary, fresh / "summary.json")
     return Outcome(directory, summary, notes)
+
+
+class _Timed:
+    """Hands out what an iterator does, and knows how long that took.
+
+    Attributes:
+        seconds: spent in the iterator so far.
+    """
+
+    def __init__(self, pieces: "Iterator[xr.Dataset]") -> None:
+        self._pieces = pieces
+        self.seconds = 0.0
+
+    def __iter__(self) -> "Iterator[xr.Dataset]":
+        return self
+
+    def __next__(self) -> "xr.Dataset":
+        begun = time.perf_counter()
+        try:
+            return next(self._pieces)
+        finally:
+            self.seconds += time.perf_counter() - begun
 
 
 def video_entry(frames: int, options: VideoOptions) -> dict[str, Any]:
@@ -135,7 +169,12 @@ def video_entry(frames: int, options: VideoOptions) -> dict[str, Any]:
 
 
 def _film(
-    scenario: Scenario, dataset: Any, path: Path, options: VideoOptions, progress: Callable[[int, int], None]
+    scenario: Scenario,
+    system: "System",
+    dataset: "xr.Dataset",
+    path: Path,
+    options: VideoOptions,
+    progress: Callable[[int, int], None],
 ) -> tuple[dict[str, Any] | None, str]:
     """Draw the video, or say why there is none: a machine that cannot draw still gets its data."""
     backend, reason = available_backend()
@@ -144,11 +183,6 @@ def _film(
     from mjsheaf.filming import film_run
 
     try:
-        return video_entry(film_run(scenario, dataset, path, options, progress), options), ""
+        return video_entry(film_run(scenario, dataset, path, options, progress, system), options), ""
     except MjsheafError as error:
         return None, f"no video: {error}"
-
-
-def dump_scenario(scenario: Scenario) -> str:
-    """The resolved scenario as YAML: every field that has a value; running it again gives the same bits."""
-    return dump_yaml(scenario.model_dump(mode="json", exclude_none=True))

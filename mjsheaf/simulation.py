@@ -1,9 +1,12 @@
-"""Simulating a scenario: from what a person wrote to data."""
+"""Simulating a scenario, or many at once: from what a person wrote to data."""
 
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from threading import Event
 from typing import TYPE_CHECKING
 
-from mjsheaf.errors import InputError, NotUniqueError
+from mjsheaf.errors import InputError, MjsheafError, NotUniqueError
 from mjsheaf.scenario import Scenario
 from mjsheaf.team import Team
 
@@ -32,30 +35,111 @@ def simulate(
         progress: called now and then with (samples done, samples in all).
 
     Returns:
-        The dataset. Where the run blew up, attrs['status'] is 'unstable', attrs['message'] says why, and the data
-        end with the last good sample.
+        The whole dataset, in memory; `mjsheaf run` writes it piece by piece. Where the run blew up, attrs['status'] is
+        'unstable', attrs['message'] says why, and the data end with the last good sample.
 
     Raises:
         InputError: unknown backend, a vehicle that does not fit its agent, or a g that is not of full row rank.
         NotUniqueError: the harmonic extension is not unique, and drift is not allowed.
     """
-    from mjsheaf.results import make_dataset
+    from mjsheaf.results import join
 
-    if backend not in BACKENDS:
-        raise InputError(f"unknown backend {backend!r}; legal are {', '.join(BACKENDS)}")
+    _require_backend(backend)
     system = scenario.system()
     require_full_row_rank(system)
     if not allow_drift:
         require_unique(system.team)
+    return join(stream(system, backend, scenario.seed, progress))
+
+
+def stream(
+    system: "System", backend: str, seed: int, progress: Callable[[int, int], None] | None = None
+) -> "Iterator[xr.Dataset]":
+    """Simulate a system and hand out its data in pieces, of which `simulate` returns the whole.
+
+    Args:
+        system: what to simulate; that it can be is for the caller to see to.
+        backend: 'physics' or 'ideal'.
+        seed: seed of the scenario.
+        progress: called now and then with (samples done, samples in all).
+    """
+    from mjsheaf.backends.trajectory import samples_in_piece
+    from mjsheaf.results import make_datasets
+
     if backend == "ideal":
-        from mjsheaf.backends.ideal import run_ideal
-
-        trajectory = run_ideal(system, progress)
+        from mjsheaf.backends.ideal import stream_ideal as run
     else:
-        from mjsheaf.backends.physics import run_physics
+        from mjsheaf.backends.physics import stream_physics as run
+    return make_datasets(system, run(system, samples_in_piece(system), progress), backend, seed)
 
-        trajectory = run_physics(system, progress)
-    return make_dataset(system, trajectory, backend, scenario.seed)
+
+def simulate_many(
+    scenarios: Iterable[Scenario],
+    backend: str = "physics",
+    *,
+    workers: int | None = None,
+    allow_drift: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+) -> "list[xr.Dataset | MjsheafError]":
+    """Run independent scenarios side by side on threads of this process.
+
+    The compiled loops run without the interpreter's lock, so that threads do what processes would, without starting
+    any or copying results. What comes out is bit for bit what `simulate` gives one by one.
+
+    Args:
+        scenarios: for example one scenario with many seeds or gains.
+        backend: 'physics' or 'ideal'.
+        workers: how many run at a time; None takes one for each processor that this process may use.
+        allow_drift: as for `simulate`.
+        progress: called from the calling thread with (runs done, runs in all).
+
+    Returns:
+        What `simulate` returns for each scenario, in their order. A scenario that it would refuse does not lose the
+        others: its place holds the error, a MjsheafError. A run that blew up is a dataset with status 'unstable'.
+
+    Raises:
+        InputError: unknown backend, or workers below 1.
+    """
+    _require_backend(backend)
+    if workers is not None and workers < 1:
+        raise InputError(f"workers is {workers}; legal is 1 or more, or None")
+    todo = list(scenarios)
+    stop = Event()
+
+    def check(done: int, of: int) -> None:
+        if stop.is_set():
+            raise _Abandoned
+
+    def one(scenario: Scenario) -> "xr.Dataset | MjsheafError":
+        try:
+            check(0, 0)
+            return simulate(scenario, backend, allow_drift=allow_drift, progress=check)
+        except MjsheafError as error:
+            return error
+
+    with ThreadPoolExecutor(workers or _processors()) as pool:
+        futures = [pool.submit(one, scenario) for scenario in todo]
+        try:
+            for done, future in enumerate(as_completed(futures), 1):
+                future.result()  # raises what is not a refusal: the others are abandoned
+                if progress:
+                    progress(done, len(todo))
+        finally:
+            stop.set()
+    return [future.result() for future in futures]
+
+
+class _Abandoned(Exception):  # noqa: N818
+    """Ends a run whose siblings were interrupted."""
+
+
+def _processors() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _require_backend(backend: str) -> None:
+    if backend not in BACKENDS:
+        raise InputError(f"unknown backend {backend!r}; legal are {', '.join(BACKENDS)}")
 
 
 def require_full_row_rank(system: "System") -> None:

@@ -9,9 +9,12 @@ The method is Dormand and Prince's pair of order 5(4) (J. Comput. Appl. Math. 6,
 step control and starting step of Hairer, Norsett and Wanner (Solving Ordinary Differential Equations I, II.4). Errors
 are measured as the root mean square over the padded state (3 components a vehicle) relative to atol + rtol |x|: the
 way in which the paper's published run was integrated, so that it comes out alike to rounding.
+
+All within a period is inlined into one function for one vehicle (see `part`): handing tuples of arrays on costs more
+than a slope does, as each array's references are counted.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -193,40 +196,57 @@ def run_ideal(
     Returns:
         The trajectory; its status is 'unstable' and it ends early where the solution blows up.
     """
-    grid, times = system.grid, system.grid.samples
+    return next(stream_ideal(system, system.grid.steps + 1, progress, targets))
+
+
+def stream_ideal(
+    system: System,
+    samples: int,
+    progress: Callable[[int, int], None] | None = None,
+    targets: Array | None = None,
+) -> Iterator[Trajectory]:
+    """Integrate as `run_ideal` does, and hand out so many samples at a time; the last piece has what is left.
+
+    A piece before the last has the status 'finished'. The last is empty where the solution blows up right after the
+    piece before it.
+    """
+    grid = system.grid
     x = np.array(system.initial)
     V, width = len(x), system.effectiveness.pinv.shape[1]
     work = _Scratch(np.zeros((V, 3)), np.zeros((V, 3)), np.zeros((V, 3)), np.zeros((7, V, 3)), np.zeros(width))
-    positions = np.empty((grid.steps + 1, V, 3))
-    positions[0] = x
-    placed = np.empty((0, V, 3)) if targets is None else np.ascontiguousarray(targets)
     steps = grid.steps if targets is None else min(grid.steps, len(targets) - 1)
-    times, positions = times[: steps + 1], positions[: steps + 1]
-    done = 0
-    while done < steps:
-        done, broken = _run(
-            system.control,
-            system.control if grid.continuous else None,
-            system.medium,
-            system.effectiveness,
-            times,
-            done,
-            min(done + _CHUNK, steps),
-            grid.period,
-            x,
-            system.tolerance,
-            work,
-            positions,
-            placed,
-        )
-        if progress:
-            progress(done, steps)
-        if broken >= 0:
-            if broken == V:  # the team was integrated as one: the largest state names the vehicle
-                broken = int(np.argmax(np.abs(np.nan_to_num(x, nan=np.inf)).max(axis=1)))
-            message = blow_up_message(system, broken, float(times[done]), 0.0 if grid.continuous else grid.period)
-            return Trajectory(times[: done + 1], positions[: done + 1], "unstable", message)
-    return Trajectory(times, positions, "finished", "")
+    for begin in range(0, steps + 1, samples):
+        end = min(begin + samples, steps + 1)
+        first = max(begin - 1, 0)  # the piece is reached from the last sample of the one before
+        times, positions = grid.span(first, end), np.empty((end - first, V, 3))
+        positions[0] = x
+        placed = np.empty((0, V, 3)) if targets is None else np.ascontiguousarray(targets[first:end])
+        done, broken, new = 0, -1, begin - first
+        while done < end - first - 1:
+            done, broken = _run(
+                system.control,
+                system.control if grid.continuous else None,
+                system.medium,
+                system.effectiveness,
+                times,
+                done,
+                min(done + _CHUNK, end - first - 1),
+                grid.period,
+                x,
+                system.tolerance,
+                work,
+                positions,
+                placed,
+            )
+            if progress:
+                progress(first + done, steps)
+            if broken >= 0:
+                if broken == V:  # the team was integrated as one: the largest state names the vehicle
+                    broken = int(np.argmax(np.abs(np.nan_to_num(x, nan=np.inf)).max(axis=1)))
+                message = blow_up_message(system, broken, float(times[done]), 0.0 if grid.continuous else grid.period)
+                yield Trajectory(times[new : done + 1], positions[new : done + 1], "unstable", message)
+                return
+        yield Trajectory(times[new:], positions[new:], "finished", "")
 
 
 def inputs(system: System, time: Array, commands: Array, positions: Array) -> Array:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mjsheaf.compiled import kernel, part
+from mjsheaf.compiled import part
 from mjsheaf.control import LawArrays, disagreement
 from mjsheaf.control.law import limit_speed
 from mjsheaf.dynamics.disturbance import disturbance_velocity
@@ -40,7 +40,7 @@ class MediumArrays(NamedTuple):
     harmonics: Array
 
 
-@kernel
+@part
 def velocity_commands(control, t, x, residual, command):
     """Sample every onboard computer at time t.
 
@@ -90,7 +90,11 @@ class TimeGrid:
     @property
     def samples(self) -> Array:
         """Sample times, shape (steps + 1,), s."""
-        return np.asarray(self.start + self.period * np.arange(self.steps + 1), dtype=np.float64)
+        return self.span(0, self.steps + 1)
+
+    def span(self, first: int, end: int) -> Array:
+        """Times of the samples from `first` up to but without `end`, shape (end - first,), s."""
+        return np.asarray(self.start + self.period * np.arange(first, end), dtype=np.float64)
 
 
 @dataclass(frozen=True)

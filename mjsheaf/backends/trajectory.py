@@ -9,6 +9,13 @@ from mjsheaf.backends.system import System
 
 Array = NDArray[np.float64]
 
+_PIECE = 2**16  # of vehicles and samples, their product: a few megabytes of results
+
+
+def samples_in_piece(system: System) -> int:
+    """How many samples of a run are handled at a time, so that memory does not grow with its length."""
+    return max(16, min(2048, _PIECE // len(system.team.members)))
+
 
 @dataclass(frozen=True)
 class Trajectory:

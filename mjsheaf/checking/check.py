@@ -176,9 +176,7 @@ def _margins(system: System, region: Region, constants: Constants, spectrum: Spe
             damping_fastest=_finite(bodies.damping_fastest),
             spectral_radius=bodies.spectral_radius,
         ),
-        speed=[
-            r.SpeedRecord(**asdict(d)) for d in speed_demands(system, region.path, top_speeds(system))[:_MOST_ROWS]
-        ],
+        speed=[r.SpeedRecord(**asdict(d)) for d in speed_demands(system, region.path, top_speeds(system))[:_MOST_ROWS]],
         lag=[
             r.LagRecord(agent=ids[i], lag=_finite(float(lag[i]))) for i in np.argsort(-lag, kind="stable")[:_MOST_ROWS]
         ],

@@ -4,6 +4,7 @@ Targets do not react to agents, so where they go is known before a run: constant
 their trajectories. Agents may be anywhere in a box that holds their trajectories and their harmonic extension.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,11 +43,16 @@ class Region:
     verified: bool
 
 
-def region_of_run(system: System, positions: Array, source: str) -> Region:
-    """The region of a run that has been made: positions (T, V, 3) at the system's samples."""
+def region_of_run(system: System, positions: Iterable[Array], source: str) -> Region:
+    """The region of a run that has been made: positions at the system's samples, in pieces of shape (T, V, 3)."""
     path = follow_targets(system)
-    low, high = _box(system, positions, path.q_star, _MARGIN)
-    between = 0.5 * system.grid.period * _largest_speed(system, positions)
+    corners, fastest = [], 0.0
+    for piece in positions:
+        corners += [piece.min(axis=0), piece.max(axis=0)]
+        corners = [np.minimum.reduce(corners), np.maximum.reduce(corners)]
+        fastest = max(fastest, _largest_speed(system, piece))
+    low, high = _box(system, np.array(corners), path.q_star, _MARGIN)
+    between = 0.5 * system.grid.period * fastest
     spatial = np.array([1.0, 1.0, float(any(agent.dimension == 3 for agent in system.team.agents))])
     return Region(path, low - between * spatial, high + between * spatial, source + path.complaint, not path.complaint)
 
@@ -60,7 +66,7 @@ def region_of_system(system: System) -> Region:
     else:
         run = run_ideal(system)
         if run.status == "finished":
-            return region_of_run(system, run.positions, "ideal run of this scenario")
+            return region_of_run(system, [run.positions], "ideal run of this scenario")
         why = "the ideal run blows up"
     path = follow_targets(system)
     low, high = _box(system, system.initial[None], path.q_star, _GUESS_MARGIN)

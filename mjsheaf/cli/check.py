@@ -171,7 +171,13 @@ def _margins(record: CheckRecord) -> Table:
         ]
     tau = " to ".join(f"{x:.3g}" for x in dict.fromkeys(m.bodies.tau))
     slow, fast = _number(m.bodies.damping_slowest), _number(m.bodies.damping_fastest)
-    rows.append(("damping on bodies", f"{slow}, {fast}", f"slowest and fastest mode, m / D = {tau} s"))
+    rows.append(
+        (
+            "damping on bodies",
+            f"{slow}, {fast}",
+            f"slowest and fastest mode, tau = {tau} s; compare measures lag and turning too",
+        )
+    )
     if m.bodies.spectral_radius is not None:
         radius = m.bodies.spectral_radius
         word = "stable" if radius < 1.0 else "marginal" if radius < 1.0 + 1e-9 else "UNSTABLE"

@@ -42,7 +42,7 @@ def list_vehicles_command() -> None:
         )
         summaries.add_row(name, vehicle.description.summary)
     note = (
-        "thrust and speed are forward, level, with the weight carried; tau is that of the commanded velocity along the "
+        "thrust and speed are forward, at constant height; tau is that of the commanded velocity along the "
         "body's axes (of a boat at its hand point: of surge and yaw)"
     )
     Console().print(table, "", summaries, "", note, highlight=False)

@@ -39,6 +39,16 @@ SetOption = Annotated[
     ),
 ]
 
+QualityOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="good|draft",
+        help="Of the video. A draft takes a fraction of the time: the scene is coarse, with hard edges, and there are "
+        "at most 15 frames a second; the writing is as sharp.",
+        show_default="as the scenario says: good",
+    ),
+]
+
 
 def _version(wanted: bool) -> None:
     if wanted:
@@ -75,6 +85,7 @@ def run(
     allow_drift: Annotated[
         bool, typer.Option("--allow-drift", help="Run it though agents are free to drift, against the least q*.")
     ] = False,
+    quality: QualityOption = None,
 ) -> None:
     """Simulate a scenario and leave data, plots and a video.
 
@@ -83,7 +94,7 @@ def run(
     """
     from mjsheaf.cli.run import run_command
 
-    run_command(scenario, backend, overrides or [], seed, out, video, expect, allow_drift)
+    run_command(scenario, backend, overrides or [], seed, out, video, expect, allow_drift, quality)
 
 
 @app.command(epilog="Example: [bold]mjsheaf video runs/paper-physics --speed 2 --azimuth 90 --elevation -60[/bold]")
@@ -99,6 +110,7 @@ def video(
     distance: Annotated[float | None, typer.Option(help="Distance of the camera, m; default follows the team.")] = None,
     trail: Annotated[float | None, typer.Option(help="Length of the trails, s.")] = None,
     scale: Annotated[float | None, typer.Option(help="Draw vehicles this many times larger.")] = None,
+    quality: QualityOption = None,
 ) -> None:
     """Draw the video of a finished run again, without running it.
 
@@ -116,6 +128,7 @@ def video(
         "distance": distance,
         "trail": trail,
         "vehicle_scale": scale,
+        "quality": quality,
     }
     video_command(directory, out, changes)
 
@@ -162,6 +175,73 @@ def compare(
     from mjsheaf.cli.compare import compare_command
 
     compare_command(scenario, overrides or [], seed, out, video)
+
+
+@app.command(epilog="Example: [bold]mjsheaf sweep midpoint --grid controller.gain=0.1,1,10 --seeds 0:20 --out s[/bold]")
+def sweep(
+    source: Annotated[
+        str, typer.Argument(metavar="STUDY|SCENARIO", help="A study file or a scenario: a name, or a YAML file.")
+    ],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Directory of the study: new, or one to be gone on with.")],
+    grid: Annotated[
+        list[str] | None,
+        typer.Option(metavar="PATH=V1,V2,...", help="Sweep a field that --set reaches; each with every other."),
+    ] = None,
+    seeds: Annotated[str | None, typer.Option(metavar="A:B", help="Every point with the seeds A to B - 1.")] = None,
+    overrides: SetOption = None,
+    backend: Annotated[
+        str | None, typer.Option(metavar="physics|ideal", help="As for run.", show_default="physics")
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(metavar="N", help="Processes of this machine.", show_default="one a core")
+    ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="A dask scheduler that exists, instead of this machine.")
+    ] = None,
+    threads: Annotated[bool, typer.Option("--threads", help="Threads of one process instead of processes.")] = False,
+    retry_failed: Annotated[
+        bool, typer.Option("--retry-failed", help="Run again what ended otherwise than finished.")
+    ] = False,
+    trajectories: Annotated[
+        bool, typer.Option("--trajectories", help="Keep result.nc of every run in DIR/trajectories.")
+    ] = False,
+    measure: Annotated[
+        str | None, typer.Option(metavar="ERROR", help="The error that plots show.", show_default="all")
+    ] = None,
+) -> None:
+    """Run a scenario many times, on every core or a cluster; killed at any moment, the same command goes on.
+
+    Writes table.csv and table.parquet with a row a run, plots and index.html. A run that fails is told of in the table
+    and the others go on; the exit code is then still 0.
+    """
+    from mjsheaf.cli.sweep import sweep_command
+
+    sweep_command(
+        source, grid or [], seeds, overrides or [], backend, workers, scheduler, threads, retry_failed, trajectories,
+        measure, out,
+    )  # fmt: skip
+
+
+@app.command(epilog="Example: [bold]mjsheaf expect midpoint.yaml --update[/bold]")
+def expect(
+    scenario: ScenarioArgument,
+    update: Annotated[bool, typer.Option("--update", help="Write the `expect:` block from what is found.")] = False,
+    backend: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="physics|ideal", help="May be repeated; both, or those with an expectation, unless given."
+        ),
+    ] = None,
+    margin: Annotated[float, typer.Option(help="How far --update puts bounds above what is found, as a share.")] = 0.05,
+) -> None:
+    """Hold runs of a scenario against its `expect:` block, or write that block from them.
+
+    Writes no directory. Exit code 1 where an expectation is missed. --update keeps the rest of the file as it is; a
+    team that is refused is expected to be refused, and a run that blows up is not written (exit code 3).
+    """
+    from mjsheaf.cli.expect import expect_command
+
+    expect_command(scenario, update, backend or [], margin)
 
 
 @app.command(epilog="Example: [bold]mjsheaf bench loop peers[/bold]")

@@ -33,6 +33,7 @@ def run_command(
     video: bool,
     expect: bool,
     allow_drift: bool,
+    quality: str | None = None,
 ) -> None:
     """Run a scenario, tell what came out, and raise what the exit code says."""
     if backend not in BACKENDS:
@@ -48,7 +49,7 @@ def run_command(
         notes.print(
             f"note: the seed changes nothing: {scenario.name} has no spread and no disturbance on backend {backend}"
         )
-    options = video_options(scenario) if video else None
+    options = video_options(scenario, quality=quality) if video else None
     directory = default_directory(scenario, backend) if out is None else out
     try:
         with progress_bars() as progress:

@@ -8,7 +8,7 @@ import xarray as xr
 from mjsheaf.cli.progress import progress_bars
 from mjsheaf.errors import InputError
 from mjsheaf.filming import film_run, video_options
-from mjsheaf.results import load_run
+from mjsheaf.results import open_run
 from mjsheaf.results.store import enclosing_run, save_summary
 from mjsheaf.running import video_entry
 from mjsheaf.scenario import Scenario, load_scenario
@@ -20,20 +20,20 @@ _DRAWN = {
 }
 
 
-def video_command(directory: Path, out: Path | None, changes: dict[str, float | int | None]) -> None:
+def video_command(directory: Path, out: Path | None, changes: dict[str, float | int | str | None]) -> None:
     """Draw a finished run again."""
-    dataset, summary = load_run(directory)
-    scenario = load_scenario(directory / "scenario.yaml")
-    _require_match(directory, scenario, dataset)
-    options = video_options(scenario, **changes)
-    own = directory / "video.mp4"
-    path = own if out is None else out
-    _check_place(path, own)
-    backend, reason = available_backend()
-    if backend is None:
-        raise InputError(f"no video can be drawn here: {reason}")
-    with progress_bars() as progress:
-        frames = film_run(scenario, dataset, path, options, lambda done, total: progress("drawing video", done, total))
+    with open_run(directory) as (dataset, summary):
+        scenario = load_scenario(directory / "scenario.yaml")
+        _require_match(directory, scenario, dataset)
+        options = video_options(scenario, **changes)
+        own = directory / "video.mp4"
+        path = own if out is None else out
+        _check_place(path, own)
+        backend, reason = available_backend()
+        if backend is None:
+            raise InputError(f"no video can be drawn here: {reason}")
+        with progress_bars() as progress:
+            frames = film_run(scenario, dataset, path, options, lambda done, of: progress("drawing video", done, of))
     if path.resolve() == own.resolve():
         save_summary({**summary, "video": video_entry(frames, options)}, directory / "summary.json")
     print(f"{path}: {frames} frames, {options.width}x{options.height} at {options.fps:g} frames a second")
@@ -62,8 +62,8 @@ def _require_match(directory: Path, scenario: Scenario, dataset: xr.Dataset) -> 
     if missing or backend not in _DRAWN or "status" not in dataset.attrs:
         raise InputError(f"{directory}: result.nc is not that of a run: it has no {(*missing, 'backend or status')[0]}")
     for kind, members in (("agent", scenario.agents), ("target", scenario.targets)):
-        place = dataset[f"{kind}_position"].transpose("time", kind, "axis").values
-        dimensions = 3 - np.isnan(place[0]).sum(axis=1)
+        place = dataset[f"{kind}_position"].isel(time=0).transpose(kind, "axis").values
+        dimensions = 3 - np.isnan(place).sum(axis=1)
         found = dict(zip(map(str, dataset[kind].values), dimensions.tolist(), strict=True))
         if found != {m.id: len(m.position) for m in members}:
             raise InputError(

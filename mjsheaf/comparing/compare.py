@@ -15,6 +15,7 @@ from mjsheaf.comparing.budget import budget_of
 from mjsheaf.comparing.climbing import Run, climb
 from mjsheaf.comparing.convergence import Convergence, converge
 from mjsheaf.comparing.demands import demands_of, fastest_vehicles
+from mjsheaf.comparing.gain import usable_gain
 from mjsheaf.comparing.ladder import Rung, ladder_of
 from mjsheaf.comparing.measures import (
     CENTERING,
@@ -22,14 +23,19 @@ from mjsheaf.comparing.measures import (
     TEAM,
     TRACKING,
     Distance,
+    Series,
     distance_between,
+    formation_size,
     late,
+    positions_at_q_star,
     root_mean_square,
     saturation_shares,
+    series_of,
     settling_time,
 )
 from mjsheaf.comparing.ringing import Ringing, ringing_of
 from mjsheaf.comparing.verdict import verdict_of
+from mjsheaf.results.errors import evaluate_errors
 from mjsheaf.scenario import Scenario
 from mjsheaf.simulation import require_full_row_rank, require_unique
 
@@ -83,9 +89,11 @@ def compare(scenario: Scenario, progress: Progress | None = None) -> Comparison:
         "scenario": scenario.name,
         "seed": scenario.seed,
         "gain": system.gain,
+        "usable_gain": usable_gain(system, ringing),
         "time_s": grid.period * grid.steps,
+        "formation_size_m": _plain(formation_size(system)),
         "ladder": rungs,
-        "budgets": _budgets(ladder, rungs),
+        "budgets": _budgets(ladder, rungs, _errors_at_q_star(runs["ideal"])),
         "ringing": None if ringing is None else _ringing(ringing),
         "convergence": _convergence(convergence),
         "demands": [d for key in ("ideal", "all") for d in _demands(system, runs[key], middle)],
@@ -110,7 +118,7 @@ def _rung(rung: Rung, run: Run, ideal: Run, middle: float) -> records.RungRecord
         status=run.trajectory.status,
         message=run.trajectory.message,
         timestep_s=run.system.bodies.timestep if bodies else None,
-        errors=_errors(run),
+        errors=_errors(run, run.series),
         settling_time_s=settling_time(run.trajectory.time, telling) if run.finished else None,
         distance=_distance(distance_between(run.system, run.trajectory, ideal.trajectory, start)),
         distance_late=_distance(distance_between(run.system, run.trajectory, ideal.trajectory, middle)),
@@ -118,10 +126,18 @@ def _rung(rung: Rung, run: Run, ideal: Run, middle: float) -> records.RungRecord
     )
 
 
-def _errors(run: Run) -> dict[str, records.ScopeRecord]:
+def _errors_at_q_star(ideal: Run) -> dict[str, records.ScopeRecord]:
+    """Errors by scope with the agents at q* along the ideal run."""
+    system, placed = ideal.system, ideal.trajectory.positions
+    if ideal.finished:  # elsewhere errors are null, and positions may not be finite
+        placed = positions_at_q_star(system, placed)
+    return _errors(ideal, series_of(system, evaluate_errors(system.team, placed)))
+
+
+def _errors(run: Run, series_by_scope: dict[str, Series]) -> dict[str, records.ScopeRecord]:
     """Errors by scope; those of a run that blew up are null, as its last sample tells nothing."""
     chosen, found = late(run.system, run.trajectory.time), {}
-    for scope, series in run.series.items():
+    for scope, series in series_by_scope.items():
         values = {name: getattr(series, name) for name in (TRACKING, FORMATION, CENTERING)}
         found[scope] = records.ScopeRecord(
             final=records.ErrorsRecord(**{n: _plain(x[-1], run.finished) for n, x in values.items()}),
@@ -150,7 +166,9 @@ def _saturation(run: Run) -> list[records.SaturationRecord]:
     ]
 
 
-def _budgets(ladder: list[Rung], rungs: list[records.RungRecord]) -> list[records.BudgetRecord]:
+def _budgets(
+    ladder: list[Rung], rungs: list[records.RungRecord], at_q_star: dict[str, records.ScopeRecord]
+) -> list[records.BudgetRecord]:
     by_key, found = {rung.key: rung for rung in rungs}, []
     statistics: tuple[Statistic, ...] = ("late", "final")
     for scope in rungs[0].errors:
@@ -167,6 +185,7 @@ def _budgets(ladder: list[Rung], rungs: list[records.RungRecord]) -> list[record
                         scope=scope,
                         measure=measure,
                         statistic=statistic,
+                        at_q_star_m=getattr(getattr(at_q_star[scope], statistic), measure),
                         ideal_m=b.ideal,
                         targets_m=b.targets,
                         agents_m=b.agents,

@@ -8,6 +8,7 @@ import numpy as np
 from mjsheaf.backends.ideal import run_ideal
 from mjsheaf.backends.physics import run_physics, vehicles_of
 from mjsheaf.backends.system import Effects, System
+from mjsheaf.comparing.inertia import inertial_tau
 from mjsheaf.comparing.measures import distance_between
 
 _COUNT, _RATIO = 4, 2.0
@@ -68,7 +69,7 @@ def converge(system: System, progress: Callable[[str, int, int], None] | None = 
         progress: called with ('converging', runs done, runs in all).
     """
     system = _at_rest_in_place(_with_inertia(system, None))
-    grid, own = system.grid, min(float(v.reduced_model().tau.min()) for v in vehicles_of(system))
+    grid, own = system.grid, min(float(inertial_tau(v).min()) for v in vehicles_of(system))
     fastest = system.gain * system.largest_eigenvalue
     largest = min(_SHARE_OF_OWN * own, _SHARE_OF_LAW / fastest if fastest > 0.0 else np.inf)
     start = grid.start + _JUMP * largest

@@ -53,6 +53,7 @@ def film_side_by_side(
         film_of(scenario, run.dataset(backend, scenario.seed))
         for run, backend in ((ideal, "ideal"), (physics, "physics"))
     )
+    left, right = left.loaded(), right.loaded()
     times = max(left.time, right.time, key=len)
     left = replace(_lasting(left, times), name=f"{scenario.name}: ideal")
     right = replace(_lasting(right, times), name=f"{scenario.name}: bodies")

@@ -9,6 +9,16 @@
     -EFFECT    the scenario with one effect switched off
 
 Only effects that some vehicle of the scenario has, and that the scenario has not switched off itself, make rungs.
+
+A scenario may be worse without an effect than with it, as effects are not apart from each other:
+
+- -underactuation is no better vehicle but a stand-in: it holds its heading, is controlled at its origin, and has as
+  much force abeam as ahead, which makes it only as fast abeam as its sway drag lets it be. A boat that turns its bows
+  to where it goes is faster.
+- -drag_law takes, beside the drag, the damping that quadratic drag gives at the speeds and rates of the run. The Otter
+  of `otters`, whose only quadratic drag is in yaw, loses the larger part of its drag in yaw: with the lag of its
+  propellers it swings its bows (yaw rate 0.51 rad/s RMS, not 0.17). Its thrusters are then at a limit 30% of the time;
+  that is a consequence, as it swings without limits too, but hardly without lag.
 """
 
 from collections.abc import Iterable
@@ -18,6 +28,7 @@ from typing import Literal
 from mjsheaf.backends.physics import load_vehicle
 from mjsheaf.backends.physics.effects import has_effects
 from mjsheaf.backends.system import Effects, System
+from mjsheaf.comparing.inertia import inertial_tau
 
 Kind = Literal["ideal", "part", "base", "alone", "all", "without"]
 
@@ -75,7 +86,7 @@ class Rung:
 def effects_of(system: System, names: Iterable[str] | None = None) -> list[str]:
     """The effects that are on in a scenario and that some of its vehicles has, in the order of EFFECTS.
 
-    Inertia is also that of a vehicle without an autopilot whose m / D is beyond `massless_tau`.
+    Inertia is also that of a vehicle without an autopilot whose time constant is beyond `massless_tau`.
 
     Args:
         system: the scenario's system.
@@ -87,7 +98,7 @@ def effects_of(system: System, names: Iterable[str] | None = None) -> list[str]:
     found: set[str] = set()
     for vehicle in vehicles:
         own = has_effects(vehicle)
-        slow = float(vehicle.reduced_model().tau.max()) > plan.effects.massless_tau * (1.0 + 1e-9)
+        slow = float(inertial_tau(vehicle).max()) > plan.effects.massless_tau * (1.0 + 1e-9)
         found |= {name for name in _OF_VEHICLES if getattr(own, name)}
         found |= {"inertia"} if slow else set()
     found = {name for name in found if getattr(plan.effects, name)} | ({CONTACTS} if plan.contacts else set())

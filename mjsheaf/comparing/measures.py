@@ -63,6 +63,22 @@ def series_of(system: System, errors: Errors) -> dict[str, Series]:
     return found
 
 
+def positions_at_q_star(system: System, positions: Array) -> Array:
+    """The positions (T, V, 3) of a run with its agents where the harmonic extension of its targets wants them, m."""
+    team, N = system.team, len(system.team.agents)
+    targets = team.pack(positions)[:, team.dirichlet.H.shape[0] :]
+    placed = positions.copy()
+    placed[:, :N] = team.unpack(team.dirichlet.extend(targets))
+    return placed
+
+
+def formation_size(system: System) -> float:
+    """RMS over the edges inside groups of the distance that they ask for, m; NaN where there is none."""
+    team = system.team
+    asked = [float(e.b @ e.b) for f in team.formations for e in team.formation_edges(f)]
+    return float(np.sqrt(np.mean(asked))) if asked else float("nan")
+
+
 def late(system: System, time: Array) -> NDArray[np.bool_]:
     """Which samples lie in the last half of the run that was asked for, shape (T,)."""
     grid = system.grid

@@ -12,8 +12,8 @@ from mjsheaf.comparing.measures import TEAM
 from mjsheaf.comparing.record import CompareRecord
 from mjsheaf.comparing.report import report_text
 from mjsheaf.errors import MjsheafError
+from mjsheaf.resolving import write_scenario
 from mjsheaf.results.store import save_summary, staging
-from mjsheaf.running import dump_scenario
 from mjsheaf.scenario import Scenario
 from mjsheaf.video import available_backend
 
@@ -59,7 +59,7 @@ def publish(scenario: Scenario, directory: Path, *, video: bool, progress: Progr
     with staging(directory) as fresh:
         comparison = compare(scenario, progress)
         record = comparison.record
-        (fresh / "scenario.yaml").write_text(dump_scenario(scenario))
+        write_scenario(scenario, fresh)
         _plot(comparison, fresh, progress)
         if video:
             reason = _film(scenario, comparison, fresh / "compare.mp4", progress)

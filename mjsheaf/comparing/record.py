@@ -81,6 +81,9 @@ class BudgetRecord(_Part):
     scope: str
     measure: Literal["tracking_error", "formation_error"]
     statistic: Literal["late", "final"]
+    at_q_star_m: float | None = Field(
+        description="with the agents at q* along the ideal run: no law or vehicle mends that; no part of the sum"
+    )
     ideal_m: float | None
     targets_m: float | None = Field(description="what targets add as bodies with ideal thrusters")
     agents_m: float | None = Field(description="what agents add likewise")
@@ -106,7 +109,9 @@ class RingingRecord(_Part):
     """The least damped mode: what inertia predicts, and what bodies do."""
 
     agent: str = Field(description="who moves most in it")
-    predicted_damping_ratio: float = Field(description="of T e'' + e' + k1 H e = 0; no hold, no lag")
+    predicted_damping_ratio: float = Field(
+        description="of T e'' + e' + k1 H e = 0, T = M / (M k_v + D); no hold, no lag"
+    )
     predicted_damping_ratio_held: float = Field(description="the same under the held law")
     predicted_frequency_rad_s: float
     predicted_overshoot: float = Field(description="in the same experiment, of the displacement")
@@ -115,7 +120,7 @@ class RingingRecord(_Part):
 
 
 class PointRecord(_Part):
-    """Bodies with one time constant."""
+    """Bodies with one time constant tau."""
 
     tau_s: float
     timestep_s: float
@@ -123,7 +128,7 @@ class PointRecord(_Part):
 
 
 class ConvergenceRecord(_Part):
-    """Largest distance to the ideal run, both from q*, against the time constant of all bodies."""
+    """Largest distance to the ideal run, both from q*, against the time constant tau of all bodies."""
 
     points: list[PointRecord]
     start_s: float
@@ -163,7 +168,11 @@ class CompareRecord(_Part):
     scenario: str
     seed: int
     gain: float = Field(description="k1, 1/s")
+    usable_gain: float | None = Field(
+        description="k1 up to which neither hold nor bodies ring, 1/s, from the least damped mode; null: any will do"
+    )
     time_s: float = Field(description="length of the run")
+    formation_size_m: float | None = Field(description="RMS over edges inside groups of the distance they ask for")
     ladder: list[RungRecord]
     budgets: list[BudgetRecord]
     ringing: RingingRecord | None = Field(description="null for teams of too many states")

@@ -11,9 +11,18 @@ from rich.text import Text
 
 from mjsheaf.comparing.ladder import words
 from mjsheaf.comparing.measures import TEAM
-from mjsheaf.comparing.record import CompareRecord, RungRecord
+from mjsheaf.comparing.record import BudgetRecord, CompareRecord, RungRecord
 
 WIDTH = 120  # of report.txt, and the least on a terminal, as numbers must not be cut
+
+_TEAM_COLUMNS = 62  # characters of the budget's first three columns at their widest
+_NOTABLY = 0.05  # of the error
+_LEAST = 0.0005  # m, below which the page shows 0
+_WORSE = {
+    "underactuation": "the stand-in holds its heading, is controlled at its origin, and goes only as fast abeam as its "
+    "sway drag lets it",
+    "drag_law": "quadratic drag damps too; without it bodies swing longer where thrusters lag, and meet their limits",
+}
 
 _SECTION = {"ideal": 0, "part": 0, "base": 1, "alone": 1, "all": 2, "without": 2}
 
@@ -40,9 +49,10 @@ def _table(columns: Sequence[str]) -> Table:
     return table
 
 
-def _under(title: str, table: Table, note: str = "") -> Group:
-    """A table under its title, with a note below; a table's own title would be as narrow as the table."""
-    return Group(Text(f"\n{title}", style="bold"), table, *([Text(f"  {note}", style="dim")] if note else []))
+def _under(title: str, table: Table, *notes: str) -> Group:
+    """A table under its title, with notes below; a table's own title would be as narrow as the table."""
+    below = [Padding(Text(note, style="dim"), (0, 0, 0, 2)) for note in notes]
+    return Group(Text(f"\n{title}", style="bold"), table, *below)
 
 
 def _number(value: float | None, form: str = ".3g") -> str:
@@ -51,7 +61,7 @@ def _number(value: float | None, form: str = ".3g") -> str:
 
 def _ladder(record: CompareRecord) -> Group:
     table = _table(
-        ["rung", "tracking", "formation", "settles", "distance", "last half", "who, when", "at limits"],
+        ["rung", "tracking", "formation", "settles (s)", "distance", "last half", "who, when", "limited"],
     )
     sections = [_SECTION[rung.kind] for rung in record.ladder]
     for rung, own, following in zip(record.ladder, sections, [*sections[1:], 0], strict=True):
@@ -74,10 +84,15 @@ def _ladder(record: CompareRecord) -> Group:
         )
     usual = record.rung("all").timestep_s
     finer = ", ".join(r.label for r in record.ladder if r.timestep_s not in (None, usual))
-    notes = [f"with a tenth of the timestep, else it blows up: {finer}"] if finer else []
+    telling = record.measure.removesuffix("_error")
+    notes = [
+        f"settles: since when the team's {telling} error stays within a quarter above its largest of the last half",
+        "limited: time share of agents' thrusters at a limit",
+    ]
+    notes += [f"with a tenth of the timestep, else it blows up: {finer}"] if finer else []
     notes += [f"{r.label}: {r.message}" for r in record.ladder if r.status != "finished"]
     title = "ladder: errors in m, RMS over the last half / at the end; largest distance to the ideal run in m"
-    return _under(title, table, "; ".join(notes))
+    return _under(title, table, *notes)
 
 
 def _late_and_final(rung: RungRecord, measure: str) -> str:
@@ -87,14 +102,20 @@ def _late_and_final(rung: RungRecord, measure: str) -> str:
 
 
 def _budget(record: CompareRecord) -> Group:
-    scopes = list(record.rung("ideal").errors)
-    budgets = [record.budget(scope, record.measure, "late") for scope in scopes]
-    name = record.measure.replace("_", " ")
-    table = _table(["", *scopes])
+    known, name = list(record.rung("ideal").errors), record.measure.replace("_", " ")
+    columns = {"team": record.budget(TEAM, record.measure, "late")}
+    columns["team, at the end"] = record.budget(TEAM, record.measure, "final")
+    scopes = known[1:]
+    groups = [record.budget(scope, record.measure, "late") for scope in scopes]
+    shown = _that_fit(scopes, [max(len(cell) for cell in _cells(b)) for b in groups])
+    columns |= {b.scope: b for b in groups if b.scope in shown}
+    budgets = list(columns.values())
+    table = _table(["", *columns])
 
     def row(label: str, values: list[float | None], style: str | None = None, end: bool = False) -> None:
         table.add_row(label, *(_millimetres(v) for v in values), style=style, end_section=end)
 
+    row("at q* already", [b.at_q_star_m for b in budgets])
     row("ideal kinematics", [b.ideal_m for b in budgets], "bold")
     row("targets become bodies", [b.targets_m for b in budgets])
     row("agents become bodies", [b.agents_m for b in budgets])
@@ -112,7 +133,43 @@ def _budget(record: CompareRecord) -> Group:
         row("interaction", [b.interaction_m for b in budgets])
     row("as it stands", [b.all_m for b in budgets], "bold")
     title = f"error budget in mm: {name}, RMS over the last half: what it adds alone / what removing it gives back"
-    return _under(title, table)
+    notes = [
+        "at q* already: with the agents of the ideal run at q*; no part of the sum",
+        "compare.json has both statistics, over the last half and at the end, of tracking and formation error and of "
+        "every group",
+    ]
+    return _under(title, table, *notes, *_worse_without([budgets[0], *groups]))
+
+
+def _cells(budget: BudgetRecord) -> list[str]:
+    """The widest cells of a column."""
+    pairs = [f"{_millimetres(c.alone_m)} / {_millimetres(c.give_back_m)}" for c in budget.effects]
+    return [*pairs, _millimetres(budget.ideal_m), _millimetres(budget.all_m)]
+
+
+def _that_fit(scopes: list[str], widths: list[int]) -> list[str]:
+    """The first scopes whose columns fit beside those of the team."""
+    left, shown = WIDTH - _TEAM_COLUMNS, []
+    for scope, width in zip(scopes, widths, strict=True):
+        left -= max(len(scope), width) + 2
+        if left < 0:
+            break
+        shown.append(scope)
+    return shown
+
+
+def _worse_without(budgets: list[BudgetRecord]) -> list[str]:
+    """Why removing an effect makes an error worse, where it does so notably."""
+    worse = {
+        item.effect
+        for b in budgets
+        for item in b.effects
+        if b.all_m is not None and item.give_back_m is not None and item.give_back_m < -max(_NOTABLY * b.all_m, _LEAST)
+    }
+    if not worse:
+        return []
+    reasons = [f"{words(effect)}: {why}" for effect, why in _WORSE.items() if effect in worse]
+    return ["given back below 0: worse without it" + "".join(f"; {reason}" for reason in reasons)]
 
 
 def _millimetres(value: float | None) -> str:
@@ -132,7 +189,10 @@ def _ringing(record: CompareRecord) -> Group | Text:
         found = "does not swing" if m.damping_ratio is None else f"{m.damping_ratio:.3f}"
         found = found if m.status == "finished" else "BLOWS UP"
         table.add_row(f"bodies {m.bodies}", found, _number(m.frequency_rad_s), f"{m.overshoot:.1%}")
-    note = "the prediction knows no lag of thrusters and no turning" + "; no mode is predicted to swing" * r.overdamped
+    note = (
+        "the prediction knows M / (M k_v + D) alone: no lag of thrusters and no turning"
+        + "; no mode is predicted to swing" * r.overdamped
+    )
     return _under(
         f"ringing: the least damped mode (about {r.agent}), let go from rest with all else still", table, note
     )
@@ -164,6 +224,6 @@ def _convergence(record: CompareRecord) -> str:
         return f"\nconvergence: none measured; {c.reason or 'too few runs came to their end'}"
     points = ", ".join(f"{_number(p.distance_m)} m at {p.tau_s:.2g} s" for p in c.points)
     return (
-        f"\nconvergence to the ideal run with the bodies' time constant: slope {c.slope:.3f} (theory: 1); largest "
+        f"\nconvergence to the ideal run with the bodies' time constant tau: slope {c.slope:.3f} (theory: 1); largest "
         f"distance from {c.start_s:.3g} s to {c.end_s:.3g} s: {points}"
     )

@@ -1,8 +1,9 @@
 """Ringing: the damping ratio that inertia predicts, against the one that bodies show when they are let go.
 
-A body that follows its commanded velocity with time constants T turns q' = -k1 H e into T e'' + e' + k1 H e = 0. Its
-least damped mode has the predicted damping ratio. For the measured one all is still (no flow, no disturbance, targets
-at rest), the agents start at rest, displaced from q* along that mode, and a second-order response is fitted to it.
+A body that follows its commanded velocity with time constants T = M / (M k_v + D) turns q' = -k1 H e into
+T e'' + e' + k1 H e = 0. Its least damped mode has the predicted damping ratio. For the measured one all is still (no
+flow, no disturbance, targets at rest), the agents start at rest, displaced from q* along that mode, and a second-order
+response is fitted to it.
 
 The prediction knows inertia alone, and beside that the hold of the law. Thrusters that lag, and attitudes that must
 turn first, come on top: so the experiment is repeated without them, where prediction and measurement must meet.
@@ -18,6 +19,7 @@ from mjsheaf.backends.physics import Vehicle, run_physics, vehicles_of
 from mjsheaf.backends.physics.capability import capability_of
 from mjsheaf.backends.system import Effects, System
 from mjsheaf.checking.margins import LARGEST_SECOND_ORDER
+from mjsheaf.comparing.inertia import inertial_tau
 from mjsheaf.comparing.ladder import effects_of
 from mjsheaf.dynamics import FlowField
 
@@ -120,14 +122,14 @@ def ringing_of(system: System) -> Ringing | None:
 def second_order(system: System) -> Array:
     """The matrix of (e, e')' for T e'' + e' + k1 H e = 0, shape (2n, 2n).
 
-    Time constants are those along each vehicle's axes, at its initial heading.
+    Time constants are those of inertia alone along each vehicle's axes, at its initial heading.
     """
     H = system.team.dirichlet.H.toarray()
     blocks = []
     for v, (agent, vehicle) in enumerate(zip(system.team.agents, vehicles_of(system), strict=False)):
         c, s = np.cos(system.bodies.heading[v]), np.sin(system.bodies.heading[v])
         R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])[: agent.dimension, : agent.dimension]
-        blocks.append(R / vehicle.reduced_model().tau @ R.T)
+        blocks.append(R / inertial_tau(vehicle) @ R.T)
     quickness = linalg.block_diag(*blocks)  # T^-1, 1/s
     zero, identity = np.zeros_like(H), np.eye(len(H))
     return np.block([[zero, identity], [-system.gain * quickness @ H, -quickness]])

@@ -1,5 +1,6 @@
 """What a comparison says, in sentences: how much bodies cost, what to change, and what no change of vehicle mends."""
 
+from dataclasses import dataclass
 from itertools import pairwise
 
 from mjsheaf.comparing.ladder import words
@@ -18,16 +19,36 @@ _CALM = {"lag": "faster thrusters", "underactuation": "a quicker attitude (attit
 _SMALL = 0.05  # of the error, below which bodies are not what matters
 _TELLING = 0.25  # of what bodies add, below which no single effect is to blame
 _RINGS = 0.2  # damping ratio
+_FLOOR = 0.5  # of the error, from which on q* itself is to blame
+_FAR = 0.1  # tracking error, of the formation's size
+_ROOM = 1.05  # of the gain, above which it is worth raising
+_MOST_GROUPS = 6  # that are told apart
+
+
+@dataclass(frozen=True)
+class _Lever:
+    """What would lower an error most.
+
+    Attributes:
+        kind: what it is, before the first colon.
+        why: how much there is in it.
+        cure: what to do; may be empty.
+    """
+
+    kind: str
+    why: str
+    cure: str
+
+    def __str__(self) -> str:
+        return f"{self.kind}: {self.why}" + (f"; {self.cure}" if self.cure else "")
 
 
 def verdict_of(record: CompareRecord) -> list[str]:
     """The sentences, the most telling first."""
-    sentences, told = _of_the_whole(record), _lever(record, TEAM)[:1]
-    for scope in list(record.rung("ideal").errors)[1:]:
-        own = _lever(record, scope)
-        if own and told and own[0].split(":")[0] != told[0].split(":")[0]:
-            sentences.append(f"{scope}: {own[0]}")
-    return sentences + _speeds(record) + _saturation(record) + _ringing(record.ringing)
+    whole = _of_the_whole(record)
+    return (
+        whole + _groups(record) + _tracking(record) + _speeds(record) + _saturation(record) + _ringing(record.ringing)
+    )
 
 
 def _of_the_whole(record: CompareRecord) -> list[str]:
@@ -47,34 +68,97 @@ def _of_the_whole(record: CompareRecord) -> list[str]:
     cost = budget.all_m - budget.ideal_m
     name = record.measure.replace("_", " ")
     return [
-        f"largest lever: {_lever(record, TEAM)[0]}",
+        f"largest lever: {_lever(record, TEAM)}",
         f"{name}, RMS over the last half: ideal {budget.ideal_m:.3g} m, as it stands {budget.all_m:.3g} m; "
         f"bodies {'add' if cost >= 0 else 'take away'} {abs(cost):.2g} m "
         f"({100 * cost / max(budget.ideal_m, 1e-12):+.1f}%)",
     ]
 
 
-def _lever(record: CompareRecord, scope: str) -> list[str]:
-    """What would lower the error of the team or a group most; nothing where it is not known."""
+def _lever(record: CompareRecord, scope: str) -> _Lever | None:
+    """What would lower the error of the team or a group most; None where it is not known."""
     budget = record.budget(scope, record.measure, "late")
     if budget.ideal_m is None or budget.all_m is None:
-        return []
+        return None
     cost, now = budget.all_m - budget.ideal_m, f"{budget.all_m:.3g} m now, {budget.ideal_m:.3g} m ideal"
+    floor = budget.at_q_star_m
+    if floor is not None and budget.all_m > 0.0 and floor >= _FLOOR * budget.all_m:
+        return _Lever(
+            "the sheaf, not law or vehicles",
+            f"q* itself is {floor:.3g} m out of formation (now {budget.all_m:.3g} m)",
+            "give the edges between groups an `offset`, or weigh sensing and formation edges more against them",
+        )
     if cost <= _SMALL * budget.all_m:
-        gain = "" if _rings(record.ringing) else "a higher controller.gain, "
-        beyond = " (but no higher gain: the bodies ring already)" if _rings(record.ringing) else ""
-        return [f"the law, not the vehicles: {now}; {gain}more agents that sense, or slower targets{beyond}"]
+        return _Lever("the law, not the vehicles", now, _law(record, "more agents that sense", "slower targets"))
     known = sorted(((item.give_back_m or 0.0, item.effect) for item in budget.effects), reverse=True)
     if known and known[0][0] >= _TELLING * cost:
         (most, effect), others = known[0], known[1:2]
         then = "".join(f"; then {words(e)} with {x:.2g} m: {_CHANGE[e]}" for x, e in others if x >= 0.5 * most)
         less = f"without it the error would be {most:.2g} m less ({now})"
-        return [f"{words(effect)}: {less}; {_CHANGE[effect]}{then}"]
+        return _Lever(words(effect), less, f"{_CHANGE[effect]}{then}")
     parts = {"targets": budget.targets_m or 0.0, "agents": budget.agents_m or 0.0}
     who = max(parts, key=lambda name: parts[name])
     if parts[who] >= _TELLING * cost:
-        return [f"m / D of the {who}: as bodies with ideal thrusters they cost {parts[who]:.2g} m already ({now})"]
-    return [f"no single effect: bodies add {cost:.2g} m together ({now}); see the interaction in the budget"]
+        why = f"as bodies with ideal thrusters they cost {parts[who]:.2g} m already ({now})"
+        return _Lever(f"time constant tau of the {who}", why, "")
+    why = f"bodies add {cost:.2g} m together ({now})"
+    return _Lever("no single effect", why, "see the interaction in the budget")
+
+
+def _law(record: CompareRecord, *others: str) -> str:
+    """What lowers the ideal run's own error: a higher gain, as far as there is room for it, or something else."""
+    room = record.usable_gain
+    if room is not None and room <= _ROOM * record.gain:
+        return f"{_either(*others)} (no higher gain: by hold and ringing {room:.2g} 1/s is the most)"
+    upto = "" if room is None else f" (up to {room:.2g} 1/s by hold and ringing)"
+    return _either(f"a higher controller.gain{upto}", *others)
+
+
+def _either(*choices: str) -> str:
+    *first, last = choices
+    return f"{', '.join(first)}, or {last}" if first else last
+
+
+def _groups(record: CompareRecord) -> list[str]:
+    """The groups' own levers where they differ: in full, but for what is said of the team already."""
+    of_team = _lever(record, TEAM)
+    found = {scope: _lever(record, scope) for scope in list(record.rung("ideal").errors)[1:]}
+    known = {scope: lever for scope, lever in found.items() if lever is not None}
+    if of_team is None or record.rung("all").status != "finished":
+        return []
+    if all(lever.kind == of_team.kind for lever in known.values()):
+        return []
+
+    def error(scope: str) -> float:
+        return record.budget(scope, record.measure, "late").all_m or 0.0
+
+    chosen = sorted(known, key=error, reverse=True)[:_MOST_GROUPS]
+    return [
+        f"{scope}: {lever}" if lever.cure != of_team.cure else f"{scope}: {lever.kind}: {lever.why}"
+        for scope, lever in known.items()
+        if scope in chosen
+    ]
+
+
+def _tracking(record: CompareRecord) -> list[str]:
+    """Whose the tracking error is, where it is large beside the formation, or mostly the law's and beyond its error."""
+    if record.measure == "tracking_error" or record.rung("all").status != "finished":
+        return []
+    budget, other = record.budget(TEAM, "tracking_error", "late"), record.budget(TEAM, record.measure, "late")
+    now, ideal, size = budget.all_m, budget.ideal_m, record.formation_size_m
+    if now is None or ideal is None or other.all_m is None:
+        return []
+    own = ideal >= 0.5 * now
+    if not (size is not None and now >= _FAR * size) and not (own and now >= other.all_m):
+        return []
+    told = f"tracking error {now:.3g} m, {min(ideal, now):.3g} m of it in the ideal run"
+    if own:
+        return [f"{told}: the law's own lag; {_law(record, 'slower targets')}"]
+    known = sorted(((item.give_back_m or 0.0, item.effect) for item in budget.effects), reverse=True)
+    if known and known[0][0] > 0.0:
+        most, effect = known[0]
+        return [f"{told}: the bodies'; {words(effect)} first, without which it would be {most:.2g} m less"]
+    return [f"{told}: the bodies'"]
 
 
 def _speeds(record: CompareRecord) -> list[str]:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from mjsheaf.compiled import kernel
+from mjsheaf.compiled import part
 from mjsheaf.team import Team
 
 Array = NDArray[np.float64]
@@ -70,7 +70,7 @@ class LawArrays(NamedTuple):
     limit: Array
 
 
-@kernel
+@part
 def disagreement(law, x, residual):
     """Write the residual A x - c into residual (V, 3) for positions x (V, 3); a row reads only its neighbours."""
     flat = x.reshape(-1)
@@ -82,7 +82,7 @@ def disagreement(law, x, residual):
         out[row] = total
 
 
-@kernel
+@part
 def limit_speed(limit, velocity):
     """Shorten velocity (3,) to the limit, keeping its direction."""
     speed = np.sqrt(velocity[0] ** 2 + velocity[1] ** 2 + velocity[2] ** 2)

@@ -10,13 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mjsheaf.compiled import kernel
+from mjsheaf.compiled import part
 from mjsheaf.errors import InputError
 
 Array = NDArray[np.float64]
 
 
-@kernel
+@part
 def disturbance_velocity(harmonics, v, t):
     """omega_v(t) as three numbers; harmonics (V, K, 5) holds amplitude (3) in m/s, rate in rad/s and phase in rad."""
     x, y, z = 0.0, 0.0, 0.0

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import PPoly, make_interp_spline
 
-from mjsheaf.compiled import kernel
+from mjsheaf.compiled import part
 from mjsheaf.errors import InputError
 
 Array = NDArray[np.float64]
@@ -40,17 +40,17 @@ class MotionArrays(NamedTuple):
     coefficients: Array
 
 
-@kernel
+@part
 def add_reference(motion, v, t, x, command):
     """Add v(t) + pull (r(t) - x) of vehicle v to command (3,)."""
-    pull = motion.pull[v]
+    pull, first, pieces = motion.pull[v], motion.path[v, 0], motion.path[v, 1]
     for i in range(3):
-        rate = motion.rate[v, i]
-        angle = rate * t + motion.phase[v, i]
-        velocity = motion.amplitude[v, i] * rate * np.cos(angle)
-        position = motion.origin[v, i] + motion.amplitude[v, i] * np.sin(angle)
-        command[i] += velocity + (pull * (position - x[i]) if motion.path[v, 1] == 0 else 0.0)
-    first, pieces = motion.path[v]
+        amplitude, rate = motion.amplitude[v, i], motion.rate[v, i]
+        if amplitude != 0.0:  # agents have none
+            command[i] += amplitude * rate * np.cos(rate * t + motion.phase[v, i])
+        if pull != 0.0 and pieces == 0:
+            position = motion.origin[v, i] + amplitude * np.sin(rate * t + motion.phase[v, i])
+            command[i] += pull * (position - x[i])
     if pieces > 0:
         s = t
         if motion.period[v] > 0.0:

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.ticker import FuncFormatter, NullFormatter
+from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 from numpy.typing import NDArray
 
 from mjsheaf.comparing.ladder import words
@@ -17,7 +17,7 @@ from mjsheaf.plots.palette import palette
 Array = NDArray[np.float64]
 
 _IDEAL, _ALL, _BASE, _GREY = "black", "#D62728", "#8A94A6", "#C4CAD4"
-_MOST_LINES, _MOST_POINTS, _MOST_PANELS = 8, 2000, 4
+_MOST_LINES, _MOST_POINTS, _MOST_PANELS = 10, 2000, 4
 
 
 @dataclass(frozen=True)
@@ -54,10 +54,11 @@ def plot_rungs(record: CompareRecord, curves: dict[str, RungCurves], path: Path)
     figure = new_figure(11.0, 1.5 + 2.6 * len(drawn))
     figure.suptitle(f"{record.scenario}: what each effect does, gain {record.gain:g} 1/s", y=0.98)
     panels = figure.subplots(len(drawn), 1, sharex=True)
+    told, footnote = choose_rungs(record)
     colours = palette(_MOST_LINES)
     for axis, (name, label) in zip(panels, drawn, strict=True):
         values = []
-        for k, rung in enumerate(_told(record)):
+        for k, rung in enumerate(told):
             curve = curves[rung.key]
             keep = np.unique(np.linspace(0, len(curve.time) - 1, min(len(curve.time), _MOST_POINTS)).astype(int))
             y = getattr(curve, name)[keep]
@@ -74,7 +75,9 @@ def plot_rungs(record: CompareRecord, curves: dict[str, RungCurves], path: Path)
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="upper right", bbox_to_anchor=(0.995, 0.94), frameon=False, fontsize=9)
     figure.align_ylabels(panels)
-    figure.subplots_adjust(left=0.11, right=0.77, top=0.94, bottom=0.07, hspace=0.08)
+    figure.subplots_adjust(left=0.11, right=0.77, top=0.94, bottom=0.09, hspace=0.08)
+    if footnote:
+        figure.text(0.11, 0.012, footnote, fontsize=9, color="dimgrey")
     save_figure(figure, path)
 
 
@@ -85,7 +88,7 @@ def plot_budget(record: CompareRecord, path: Path) -> None:
     budgets = [record.budget(scope, record.measure, "late") for scope in scopes]
     order = sorted(budgets[0].effects, key=lambda item: abs(item.give_back_m or 0.0))
     names = ["targets become bodies", "agents become bodies", "interaction of effects"]
-    rows = [*names, *(words(item.effect) for item in order)]
+    rows = ["at q* already", *names, *(words(item.effect) for item in order)]
     figure = new_figure(max(9.0, 3.4 + 3.3 * len(scopes)), 2.8 + 0.48 * len(rows))
     measure = record.measure.replace("_", " ")
     figure.suptitle(f"{record.scenario}: what makes the {measure} (RMS over the last half of the run)", y=0.98)
@@ -108,7 +111,9 @@ def plot_convergence(record: CompareRecord, path: Path) -> None:
     axis: Any = figure.add_subplot()
     found = record.convergence
     known = [(p.tau_s, p.distance_m) for p in found.points if p.distance_m]
-    axis.set_title(f"{record.scenario}: bodies converge to the ideal run as m / D shrinks", fontsize=11)
+    axis.set_title(
+        f"{record.scenario}: bodies converge to the ideal run as their time constant tau shrinks", fontsize=11
+    )
     if known and found.slope is not None and found.constant is not None:
         tau, distance = np.array(known).T
         span = np.array([tau.min() / 1.3, tau.max() * 1.3])
@@ -122,7 +127,7 @@ def plot_convergence(record: CompareRecord, path: Path) -> None:
         axis.legend(frameon=False)
     else:
         axis.text(0.5, 0.5, found.reason or "too few runs came to their end", transform=axis.transAxes, ha="center")
-    axis.set_xlabel("time constant m / D of every vehicle (s)")
+    axis.set_xlabel("time constant tau of every vehicle (s)")
     axis.set_ylabel(
         "largest distance of an agent to its ideal run (m)\n"
         f"both begun at q*, from {found.start_s:.2g} s to {found.end_s:.2g} s"
@@ -132,21 +137,43 @@ def plot_convergence(record: CompareRecord, path: Path) -> None:
     save_figure(figure, path)
 
 
-def _told(record: CompareRecord) -> list[RungRecord]:
-    """The rungs that are drawn: ideal, base, those with one effect that do most, and all; no line twice."""
-    base = record.rung("base")
-    alone = [rung for rung in record.ladder if rung.kind == "alone" and rung.distance != base.distance]
+def choose_rungs(record: CompareRecord) -> tuple[list[RungRecord], str]:
+    """The rungs that are drawn, and a footnote on those that are not.
+
+    All with one effect are drawn but those whose line is that of ideal thrusters, and, beyond 10 lines, those that do
+    least.
+    """
+    base, fixed = record.rung("base"), ("targets", "agents", "base", "all", "ideal")
+    alone = [rung for rung in record.ladder if rung.kind == "alone"]
+    same = [r for r in alone if (r.status, r.errors, r.distance) == (base.status, base.errors, base.distance)]
+    others = [rung for rung in alone if rung not in same]
 
     def weight(rung: RungRecord) -> float:
         return np.inf if rung.distance is None or rung.status != "finished" else rung.distance.distance_m
 
-    kept = sorted(alone, key=weight, reverse=True)[: _MOST_LINES - 3]
-    return [
-        base,
-        *(rung for rung in alone if rung in kept),
-        record.rung("all"),
-        record.rung("ideal"),
-    ]
+    kept = sorted(others, key=weight, reverse=True)[: _MOST_LINES - len(fixed)]
+    small = [rung for rung in others if rung not in kept]
+    told = [*(record.rung(key) for key in fixed[:3]), *(rung for rung in others if rung in kept)]
+    groups = [(same, "as ideal thrusters"), (small, "little")]
+    missing = [f"{', '.join(words(r.effect or '') for r in rungs)} ({why})" for rungs, why in groups if rungs]
+    missing += ["all but one"] if any(rung.kind == "without" for rung in record.ladder) else []
+    footnote = f"not drawn: {'; '.join(missing)}" if missing else ""
+    return [*told, record.rung("all"), record.rung("ideal")], footnote
+
+
+def log_ticks(low: float, high: float) -> list[float]:
+    """Ticks of a logarithmic axis: powers of 10 where three or more are seen, else as few between as make it three.
+
+    Two at least are seen where the axis spans a factor of 2.
+    """
+    ticks: list[float] = []
+    first, last = int(np.floor(np.log10(low))), int(np.ceil(np.log10(high)))
+    for steps in ((1,), (1, 2, 5), (1, 1.5, 2, 3, 4, 5, 6, 7, 8, 9)):
+        ticks = [float(f"{step}e{power}") for power in range(first, last + 1) for step in steps]
+        ticks = [tick for tick in ticks if low <= tick <= high]
+        if len(ticks) >= 3:
+            break
+    return ticks
 
 
 def _label(rung: RungRecord) -> str:
@@ -158,6 +185,9 @@ def _style(rung: RungRecord, colour: Array) -> dict[str, Any]:
         return {"color": _IDEAL, "linewidth": 1.6, "linestyle": (0, (4, 2))}
     if rung.kind == "all":
         return {"color": _ALL, "linewidth": 1.8}
+    if rung.kind == "part":
+        dots = (0, (1, 1.5)) if rung.key == "targets" else (0, (5, 1.5, 1, 1.5))
+        return {"color": "#5B6472", "linewidth": 1.1, "linestyle": dots, "alpha": 0.85}
     return {"color": _BASE if rung.kind == "base" else colour, "linewidth": 1.1, "alpha": 0.85}
 
 
@@ -167,17 +197,24 @@ def _logarithmic(axis: Any, values: list[Array]) -> None:
     if positive.size:
         axis.set_yscale("log")
         axis.set_ylim(max(positive.min() / 1.5, positive.max() * 1e-4), positive.max() * 1.5)
+        low, high = axis.get_ylim()
+        axis.yaxis.set_major_locator(FixedLocator(log_ticks(low, high)))
+        axis.yaxis.set_minor_locator(NullLocator())
         axis.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        axis.yaxis.set_minor_formatter(NullFormatter())
     else:
         axis.text(0.5, 0.5, "not defined for this team", transform=axis.transAxes, ha="center", color="grey")
 
 
 def _bars(axis: Any, scope: str, budget: BudgetRecord, order: list[str]) -> None:
     by_name = {item.effect: item for item in budget.effects}
-    single = [budget.targets_m, budget.agents_m, budget.interaction_m]
-    for y, value in enumerate(single):
+    single = [None, budget.targets_m, budget.agents_m, budget.interaction_m]
+    for y, value in enumerate(single[1:], start=1):
         _bar(axis, y, value, 0.5, _BASE, None)
+    floor = "blew up" if budget.at_q_star_m is None else f"{1000.0 * budget.at_q_star_m:.0f} mm (no bar)"
+    axis.annotate(  # no bar: it would dwarf the others
+        floor, (0.0, 0), xytext=(4, 0), textcoords="offset points", va="center", fontsize=8
+    )
+    axis.axhline(0.5, color=_GREY, linewidth=0.8)
     for k, effect in enumerate(order):
         y, item = len(single) + k, by_name[effect]
         last = k == len(order) - 1

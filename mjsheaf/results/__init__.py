@@ -1,7 +1,20 @@
 """Runs as data: errors, datasets, summaries, and the directory that a run leaves behind."""
 
-from mjsheaf.results.dataset import make_dataset
-from mjsheaf.results.store import load_run, save_dataset, staging
+from mjsheaf.results.dataset import join, make_dataset, make_datasets
+from mjsheaf.results.file import open_dataset, thinned, write_dataset
+from mjsheaf.results.store import load_run, open_run, staging
 from mjsheaf.results.summary import check_expectation, summarize
 
-__all__ = ["check_expectation", "load_run", "make_dataset", "save_dataset", "staging", "summarize"]
+__all__ = [
+    "check_expectation",
+    "join",
+    "load_run",
+    "make_dataset",
+    "make_datasets",
+    "open_dataset",
+    "open_run",
+    "staging",
+    "summarize",
+    "thinned",
+    "write_dataset",
+]

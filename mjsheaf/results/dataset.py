@@ -1,6 +1,8 @@
 """A run as an xarray Dataset with CF attributes: what result.nc holds."""
 
 import json
+from collections.abc import Iterable, Iterator
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -22,7 +24,7 @@ def make_dataset(system: System, trajectory: Trajectory, backend: str, seed: int
 
     Args:
         system: what was simulated.
-        trajectory: what came out.
+        trajectory: what came out, or a piece of it.
         backend: 'ideal' or 'physics'.
         seed: seed of the scenario.
 
@@ -30,6 +32,39 @@ def make_dataset(system: System, trajectory: Trajectory, backend: str, seed: int
         Variables over the dimensions time, agent, target and axis; see README for the list. Attributes name the
         scenario, backend, status and groups.
     """
+    return next(make_datasets(system, [trajectory], backend, seed))
+
+
+def make_datasets(system: System, pieces: Iterable[Trajectory], backend: str, seed: int) -> Iterator[xr.Dataset]:
+    """Gather a trajectory that comes in pieces, each as `make_dataset` does; the last piece has the run's status."""
+    attributes = _attributes(system, backend, seed)
+    thrusters = _thrusters(system) if backend == "physics" else []
+    for piece in pieces:
+        dataset = _gather(system, piece, thrusters)
+        dataset.attrs = attributes | {"status": piece.status, "message": piece.message}
+        yield dataset
+
+
+def join(pieces: Iterable[xr.Dataset]) -> xr.Dataset:
+    """The dataset of a whole run from those of its pieces."""
+    parts = list(pieces)
+    if len(parts) == 1:
+        return parts[0]
+    whole = parts[-1].isel(time=slice(0, 0))
+    joined = {
+        name: (variable.dims, np.concatenate([part[name].values for part in parts]), variable.attrs)
+        for name, variable in whole.variables.items()
+        if "time" in variable.dims
+    }
+    rest = whole.drop_dims("time")
+    return xr.Dataset(
+        {str(n): joined[n] if n in joined else rest[n] for n in whole.data_vars},
+        {str(n): joined[n] if n in joined else rest[n] for n in whole.coords},
+        whole.attrs,
+    )
+
+
+def _gather(system: System, trajectory: Trajectory, thrusters: list[list[str]]) -> xr.Dataset:
     team = system.team
     N = len(team.agents)
     errors = evaluate_errors(team, trajectory.positions)
@@ -76,15 +111,21 @@ def make_dataset(system: System, trajectory: Trajectory, backend: str, seed: int
         u = inputs(system, trajectory.time, np.nan_to_num(velocity), trajectory.positions)
         add("command", ("time", "agent", "channel"), u, "1", "u_i = g_i^+ (-k1 eta_i), control input of each agent")
     else:
-        _add_body_data(ds, system, trajectory)
-    ds.attrs = {
+        _add_body_data(ds, system, trajectory, thrusters)
+    return ds
+
+
+def _attributes(system: System, backend: str, seed: int) -> dict[str, Any]:
+    """What result.nc says about a run, its status left open."""
+    team = system.team
+    return {
         "Conventions": "CF-1.11",
         "title": f"mjsheaf run of scenario {system.name}",
         "source": f"mjsheaf {__version__}",
         "scenario": system.name,
         "backend": backend,
-        "status": trajectory.status,
-        "message": trajectory.message,
+        "status": "",
+        "message": "",
         "free_directions": "; ".join(free_directions(team)),
         "seed": seed,
         "gain": system.gain,
@@ -93,19 +134,22 @@ def make_dataset(system: System, trajectory: Trajectory, backend: str, seed: int
             {f.name: {"members": list(f.members), "about": f.about or ""} for f in team.formations}, sort_keys=True
         ),
     }
-    return ds
 
 
-def _add_body_data(ds: xr.Dataset, system: System, trajectory: Trajectory) -> None:
+def _thrusters(system: System) -> list[list[str]]:
+    """Names of every vehicle's thrusters, those of stand-ins where underactuation is off; length V."""
+    from mjsheaf.backends.physics import vehicles_of
+
+    return [list(vehicle.thrusters) for vehicle in vehicles_of(system)]
+
+
+def _add_body_data(ds: xr.Dataset, system: System, trajectory: Trajectory, thrusters: list[list[str]]) -> None:
     """Attitude, height, thruster commands and saturation of bodies."""
-    from mjsheaf.backends.physics import load_vehicle
-
     assert trajectory.quaternions is not None  # all four come together, from bodies
     assert trajectory.heights is not None
     assert trajectory.thrust is not None
     assert trajectory.saturation is not None
     N = len(system.team.agents)
-    thrusters = [load_vehicle(name).thrusters for name in system.bodies.vehicle]
     first = np.concatenate([[0], np.cumsum([len(t) for t in thrusters])])
     T, width = len(trajectory.time), max(len(t) for t in thrusters)
     u = np.full((T, len(thrusters), width), np.nan)

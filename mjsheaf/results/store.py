@@ -14,6 +14,7 @@ import xarray as xr
 
 from mjsheaf._version import __version__
 from mjsheaf.errors import InputError
+from mjsheaf.results.file import open_dataset
 
 FILES = (
     "result.nc",
@@ -36,6 +37,9 @@ COMPARISON_FILES = (
     "compare.mp4",
 )
 """What a comparison may leave in its directory."""
+
+VEHICLES = "vehicles"
+"""The folder in either directory with the files of vehicles that do not come with mjsheaf, where there are any."""
 
 _RECORDS = ("summary.json", "compare.json")
 
@@ -64,7 +68,7 @@ def check_replaceable(directory: Path) -> None:
     entries = {path.name for path in directory.iterdir()}
     if not entries:
         return
-    strange = sorted(entries - {*FILES, *COMPARISON_FILES})
+    strange = sorted(entries - {*FILES, *COMPARISON_FILES, VEHICLES})
     if strange:
         raise PlaceError(
             f"{directory}: holds {strange[0]!r}, which mjsheaf did not write; move it or choose another with --out"
@@ -139,16 +143,6 @@ def _swap(fresh: Path, directory: Path) -> None:
         shutil.rmtree(old, ignore_errors=True)
 
 
-def save_dataset(dataset: xr.Dataset, path: Path) -> None:
-    """Write a dataset as netCDF-4, compressed; equal datasets give equal bytes."""
-    encoding = {
-        name: {"zlib": True, "complevel": 3, "shuffle": True}
-        for name, variable in dataset.variables.items()
-        if variable.dtype.kind == "f" and variable.ndim > 0
-    }
-    dataset.to_netcdf(path, engine="h5netcdf", encoding=encoding)
-
-
 def save_summary(summary: dict[str, Any], path: Path) -> None:
     """Write summary.json, at once; numbers that are not finite become null."""
     text = json.dumps({"mjsheaf_version": __version__, **_finite(summary)}, indent=2, allow_nan=False)
@@ -174,15 +168,26 @@ def load_run(directory: Path) -> tuple[xr.Dataset, dict[str, Any]]:
     Raises:
         InputError: the directory holds no run.
     """
+    with open_run(directory) as (dataset, summary):
+        return dataset.load(), summary
+
+
+@contextmanager
+def open_run(directory: Path) -> Iterator[tuple[xr.Dataset, dict[str, Any]]]:
+    """Read as `load_run` does, but the data only where they are looked at, and within the block.
+
+    Raises:
+        InputError: the directory holds no run.
+    """
     for name in ("result.nc", "summary.json", "scenario.yaml"):
         if not (directory / name).is_file():
             raise InputError(f"{directory}: holds no {name}; legal is the directory of a finished run")
     try:
-        with xr.open_dataset(directory / "result.nc", engine="h5netcdf") as file:
-            dataset = file.load()
         summary = json.loads((directory / "summary.json").read_text())
+        dataset = open_dataset(directory / "result.nc")
     except (OSError, ValueError, KeyError) as error:
         raise InputError(f"{directory}: cannot be read: {' '.join(str(error).split())}") from None
-    if not isinstance(summary, dict):
-        raise InputError(f"{directory}: summary.json holds no mapping; legal is the directory of a finished run")
-    return dataset, summary
+    with dataset:
+        if not isinstance(summary, dict):
+            raise InputError(f"{directory}: summary.json holds no mapping; legal is the directory of a finished run")
+        yield dataset, summary

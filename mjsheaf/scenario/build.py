@@ -1,6 +1,6 @@
 """From a scenario to the closed-loop system that it describes."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from functools import partial
 from typing import Any, TypeVar
 
@@ -123,6 +123,11 @@ def uses_seed(scenario: Scenario) -> dict[str, bool]:
     return {"ideal": ideal, "physics": ideal or scenario.spread.heading > 0.0}
 
 
+def _listed(ids: Collection[str]) -> str:
+    """Ids as an error lists them: the first of them."""
+    return ", ".join(list(ids)[:20]) + (f", ... ({len(ids)} in all)" if len(ids) > 20 else "")
+
+
 def _at(field: str, make: Callable[[], T]) -> T:
     try:
         return make()
@@ -180,7 +185,7 @@ def _edge(
     tail, head = edge.between
     for end in edge.between:
         if end not in dimension:
-            raise InputError(f"unknown id {end!r}; legal are {', '.join(dimension)}")
+            raise InputError(f"unknown id {end!r}; legal are {_listed(dimension)}")
     if tail == head:
         raise InputError(f"({tail}, {head}) is a loop; the ends of an edge must differ")
     if isinstance(edge.map, team_schema.ExplicitMaps):
@@ -204,7 +209,7 @@ def _edge(
 
 def _anchor(model: team_schema.AnchorModel, dimension: dict[str, int], agents: list[str]) -> Edge:
     if model.agent not in agents:
-        raise InputError(f"agent: unknown id {model.agent!r}; legal are {', '.join(agents)}")
+        raise InputError(f"agent: unknown id {model.agent!r}; legal are {_listed(agents)}")
     n = dimension[model.agent]
     if model.map is not None:
         F = _matrix(model.map, "map")
@@ -236,13 +241,15 @@ def _matrix(rows: Sequence[Sequence[float]], name: str) -> Array:
 
 
 def _formation(group: Any, dimension: dict[str, int], members: list[str], targets: list[str]) -> Formation:
-    for k, member in enumerate(group.members):
-        if member not in members:
-            raise InputError(f"members: unknown id {member!r}; legal are {', '.join(members)}")
-        if member in group.members[:k]:
+    known, named = set(members), set()
+    for member in group.members:
+        if member not in known:
+            raise InputError(f"members: unknown id {member!r}; legal are {_listed(members)}")
+        if member in named:
             raise InputError(f"members: {member!r} is named twice")
+        named.add(member)
     if group.about is not None and group.about not in targets:
-        raise InputError(f"about: {group.about!r} is not a target; legal are {', '.join(targets)}")
+        raise InputError(f"about: {group.about!r} is not a target; legal are {_listed(targets)}")
     sizes = [dimension[m] for m in group.members]
     if isinstance(group, team_schema.ExplicitGroup):
         places = formation.explicit(group.displacements, sizes)

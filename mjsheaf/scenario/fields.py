@@ -4,7 +4,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-Id = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", description="letters, digits, _ and -")]
+Id = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", max_length=100, description="letters, digits, _ and -")]
 LARGEST = 1e9
 """Of every number in a file: a blow-up begins here, and products of what is larger would overflow."""
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
+from mjsheaf.confining import confined
 from mjsheaf.errors import InputError, ScenarioError
 from mjsheaf.reading import describe_validation_error, parse_yaml, read_yaml
 from mjsheaf.resources import resource_directory
@@ -26,17 +27,33 @@ def load_scenario(source: str | Path, overrides: Mapping[str, Any] | None = None
     """Read a scenario.
 
     Args:
-        source: a name in scenarios/, or the path of a YAML file.
-        overrides: field path to value, as `--set`; for example {"controller.gain": 30, "agents.A1.heading": 90}.
+        source: a name in scenarios/, or the path of a YAML file. The paths of vehicles in it are relative to its
+            directory and stay inside it.
+        overrides: field path to value, as `--set`; for example {"controller.gain": 30, "agents.A1.heading": 90}. Paths
+            of vehicles here are relative to the working directory and may lie anywhere.
 
     Raises:
         ScenarioError: the file cannot be read, is not valid, or an override does not fit. The message names file and
             field and says what would be legal.
     """
-    path = _find(source)
-    raw = _anchor_paths(read_yaml(path), path.parent)
+    return scenario_from_mapping(read_scenario(source), overrides, str(source))
+
+
+def read_scenario(source: str | Path) -> dict[str, Any]:
+    """A scenario as a mapping for `scenario_from_mapping`: unchecked, but named, and with vehicles' paths absolute.
+
+    Raises:
+        ScenarioError: the file cannot be read, or names a vehicle outside its directory.
+    """
+    path = find_scenario(source)
+    try:
+        raw = _anchor_paths(read_yaml(path), path.parent)
+    except ScenarioError:
+        raise
+    except InputError as error:
+        raise ScenarioError(f"{source}: {error}") from None
     raw.setdefault("name", _name_from(path))
-    return scenario_from_mapping(raw, overrides, str(source))
+    return raw
 
 
 def scenario_from_mapping(
@@ -69,24 +86,36 @@ def parse_override(text: str) -> tuple[str, Any]:
 
 
 def _anchor_paths(raw: dict[str, Any], directory: Path) -> dict[str, Any]:
-    """Make paths of vehicle descriptions absolute: they are meant relative to the scenario's own file."""
+    """Make paths of vehicle descriptions absolute: they are meant relative to the scenario's own file.
 
-    def absolute(value: Any) -> Any:
-        is_path = isinstance(value, str) and value.endswith(_SUFFIXES)
-        return str((directory / value).resolve()) if is_path else value
+    Raises:
+        InputError: one leads out of the file's directory; the message begins with the field.
+    """
+
+    def anchor(holder: Any, key: str, field: str) -> None:
+        value = holder.get(key) if isinstance(holder, dict) else None
+        if isinstance(value, str) and value.endswith(_SUFFIXES):
+            try:
+                holder[key] = str(confined(value, directory))
+            except InputError as error:
+                raise InputError(f"{field}.{key}: {error}") from None
 
     for field in ("agents", "targets"):
         items = raw.get(field)
-        for item in items if isinstance(items, list) else []:
-            if isinstance(item, dict) and "vehicle" in item:
-                item["vehicle"] = absolute(item["vehicle"])
-    vehicles = raw.get("vehicles")
-    if isinstance(vehicles, dict):
-        raw["vehicles"] = {key: absolute(value) for key, value in vehicles.items()}
+        for k, item in enumerate(items if isinstance(items, list) else []):
+            anchor(item, "vehicle", f"{field}.{k}")
+    for key in ("agents", "targets"):
+        anchor(raw.get("vehicles"), key, "vehicles")
+    anchor(raw.get("swarm"), "vehicle", "swarm")
     return raw
 
 
-def _find(source: str | Path) -> Path:
+def find_scenario(source: str | Path) -> Path:
+    """The file of a scenario that is given by name or path; it need not exist.
+
+    Raises:
+        ScenarioError: it is neither a known name nor the path of a YAML file.
+    """
     path = Path(source)
     known = list_scenarios()
     if str(source) in known:
@@ -96,6 +125,9 @@ def _find(source: str | Path) -> Path:
     if path.suffix in _SUFFIXES or path.exists():
         return path
     raise ScenarioError(f"{source}: no such scenario; legal are {', '.join(known)}, or the path of a YAML file")
+
+
+_find = find_scenario
 
 
 def _name_from(path: Path) -> str:

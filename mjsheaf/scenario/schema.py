@@ -53,7 +53,7 @@ class Vehicles(Section):
     agents: str | None = Field(None, description="hull for planar and aerial for spatial agents unless given")
     targets: str | None = None
     tau: Duration | None = Field(
-        None, description="time constant of every body, s, by its autopilot or else its drag; its own unless given"
+        None, description="time constant along surge of every body, s, by autopilot or else drag; its own unless given"
     )
 
 
@@ -106,6 +106,9 @@ class Video(Section):
         None, description="of the camera, m; follows the team unless given"
     )
     trail: Annotated[float, Field(ge=0, le=1e6)] = Field(6.0, description="length of the trails, s")
+    quality: Literal["good", "draft"] = Field(
+        "good", description="draft: quickly drawn, coarse and with hard edges, at most 15 frames a second"
+    )
 
 
 class Bounds(Section):

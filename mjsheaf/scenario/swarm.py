@@ -1,7 +1,7 @@
 """A swarm: agents, their graph and their formation, generated from a number and a seed instead of written out.
 
-Places are those of a sunflower (Vogel, Math. Biosci. 44, 1979): any number of them fills a disc evenly. The scenario that
-comes out has every agent and edge in it; nothing else knows that they were generated.
+Places are those of a sunflower (Vogel, Math. Biosci. 44, 1979): any number of them fills a disc evenly. The scenario
+that comes out has every agent and edge in it; nothing else knows that they were generated.
 """
 
 from collections.abc import Callable
@@ -10,16 +10,17 @@ from typing import Annotated, Any, Literal
 import networkx
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 from scipy.spatial import cKDTree
 
 from mjsheaf.errors import InputError
 from mjsheaf.reading import Section
-from mjsheaf.scenario.fields import Id, NonNegative, Number, Positive
+from mjsheaf.scenario.fields import Id, NonNegative, Number, Point, Positive
 
 Array = NDArray[np.float64]
 Edges = set[tuple[int, int]]
 
+_POINT: TypeAdapter[list[float]] = TypeAdapter(Point, config=ConfigDict(strict=True, allow_inf_nan=False))
 _MOST_AGENTS = 100_000
 _GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 
@@ -48,19 +49,27 @@ def expand_swarm(raw: dict[str, Any]) -> dict[str, Any]:
 
     Raises:
         InputError: fields that a swarm makes are given beside it, or its target is missing.
-        pydantic.ValidationError: of the swarm's own fields.
     """
     if raw.get("swarm") is None:
         return raw
-    swarm = Swarm.model_validate(raw["swarm"])
+    try:
+        swarm = Swarm.model_validate(raw["swarm"])
+    except ValidationError:
+        return raw  # it is told of as any other field's
     made = [name for name in ("agents", "communication", "sensing", "formations") if raw.get(name)]
     if made:
         raise InputError(f"swarm: makes {', '.join(made)} itself; give either")
-    targets = [t for t in raw.get("targets") or [] if isinstance(t, dict)]
+    given = raw.get("targets")
+    targets = [t for t in given if isinstance(t, dict)] if isinstance(given, list) else []
     centre = next((t.get("position") for t in targets if t.get("id") == swarm.about), None)
-    if not isinstance(centre, list) or len(centre) < 2:
-        raise InputError(f"swarm.about: {swarm.about!r} is no target with a position")
-    rng = np.random.default_rng([int(raw.get("seed") or 0), 0x5A])
+    try:
+        centre = _POINT.validate_python(centre)
+    except ValidationError:
+        raise InputError(f"swarm.about: {swarm.about!r} is no target with a position of two or three numbers") from None
+    seed = raw.get("seed", 0)
+    if type(seed) is not int or not 0 <= seed < 2**63:
+        raise InputError(f"seed: legal is a whole number from 0 to 2^63 - 1, not {str(seed)[:60]!r}")
+    rng = np.random.default_rng([seed, 0x5A])
     places = _sunflower(swarm.size, swarm.spacing)
     edges = _GRAPHS[swarm.graph](places, swarm, rng)
     offset = np.column_stack([places, np.zeros(swarm.size)])[:, : 2 if swarm.altitude is None else 3]

@@ -1,19 +1,23 @@
-"""Harmonic extension: the Dirichlet problem of a sheaf, factored once and solved for many boundary values."""
+"""Harmonic extension: the Dirichlet problem of a sheaf, prepared once and solved for many boundary values."""
 
 import itertools
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import linalg, sparse
 from scipy.sparse import csgraph
-from scipy.sparse import linalg as splinalg
 
 from mjsheaf.errors import SheafError
-from mjsheaf.sheaf.kernel import DENSE_COLUMNS, RANK_TOLERANCE, sparse_kernel_basis
+from mjsheaf.sheaf.assembly import laplacian_block
+from mjsheaf.sheaf.edges import product
+from mjsheaf.sheaf.kernel import DENSE_COLUMNS, RANK_TOLERANCE
+from mjsheaf.sheaf.sections import section_basis
 from mjsheaf.sheaf.sheaf import Sheaf
+from mjsheaf.sheaf.solvers import FreeProblem, Solver, solver_of
 
 Array = NDArray[np.float64]
 
@@ -39,19 +43,16 @@ class HarmonicExtension:
 class DirichletProblem:
     """Minimise 1/2 |delta x - b|_K^2 over the interior, the boundary held.
 
-    The stationary point solves H x_W = B x_U + c, in the paper's symbols (eq. harmonic_equation) with an offset.
+    The stationary point solves H x_W = B x_U + c, in the paper's symbols (eq. harmonic_equation) with an offset. Blocks
+    are assembled when they are asked for, without the whole Laplacian; solving needs none of them.
 
     Attributes:
-        sheaf: the sheaf.
+        sheaf: the sheaf, as it was when the problem was made.
         boundary: the vertices U, in the order of boundary vectors.
-        interior: the vertices W, in vertex order.
-        H: L[W, W], sparse, shape (n_W, n_W).
-        B: -L[W, U], sparse, shape (n_W, n_U).
-        c: (delta^T K b) on W, shape (n_W,).
     """
 
     def __init__(self, sheaf: Sheaf, boundary: Sequence[Hashable]) -> None:
-        """Assemble the blocks H, B and c; the whole Laplacian is not formed.
+        """Name the boundary.
 
         Raises:
             SheafError: a boundary vertex is unknown or named twice.
@@ -60,23 +61,44 @@ class DirichletProblem:
             raise SheafError("a boundary vertex is named twice")
         self.sheaf = sheaf
         self.boundary = list(boundary)
-        self.interior = sheaf.interior(self.boundary)
-        D = sheaf.whitened_coboundary()
-        self._D_W, self._D_U = D[:, sheaf.columns(self.interior)], D[:, sheaf.columns(self.boundary)]
-        self._b = sheaf.whitened_offset()
-        self.H = (self._D_W.T @ self._D_W).tocsr()
-        self.B = -(self._D_W.T @ self._D_U).tocsr()
-        self.c = self._D_W.T @ self._b
+        self._table, self._plain, self._b = sheaf.whitened_table, sheaf.table, sheaf.whitened_offset()
+        self._U = sheaf.numbers(self.boundary)
+        self._free = np.ones(len(self._table.column) - 1, dtype=bool)
+        self._free[self._U] = False
+        W = np.flatnonzero(self._free)
+        self._columns_U, self._columns_W = sheaf.columns_of(self._U), sheaf.columns_of(W)
+        self._problem = FreeProblem(self._table, W, self._columns_W)
+
+    @cached_property
+    def interior(self) -> list[Hashable]:
+        """The vertices W, in vertex order."""
+        return self.sheaf.interior(self.boundary)
+
+    @cached_property
+    def H(self) -> sparse.csr_array:  # noqa: N802 - the paper's symbol
+        """L[W, W], shape (n_W, n_W)."""
+        return laplacian_block(self._table, self._problem.vertices, self._problem.vertices)
+
+    @cached_property
+    def B(self) -> sparse.csr_array:  # noqa: N802 - the paper's symbol
+        """-L[W, U], shape (n_W, n_U)."""
+        return laplacian_block(self._table, self._problem.vertices, self._U, -1.0)
+
+    @cached_property
+    def c(self) -> Array:
+        """(delta^T K b) on W, shape (n_W,)."""
+        return self._problem.pulled_back(self._b[:, None])[:, 0]
 
     @cached_property
     def sparse_null_basis(self) -> sparse.csc_array:
         """Orthonormal basis of H^0(G, U; F), shape (n_W, dimension); inner products on edges do not change it."""
-        return sparse_kernel_basis(self.sheaf.coboundary()[:, self.sheaf.columns(self.interior)], RANK_TOLERANCE)
+        return section_basis(self._plain, self._free, RANK_TOLERANCE)
 
     @cached_property
     def null_basis(self) -> Array:
         """`sparse_null_basis` as a dense array."""
-        return self.sparse_null_basis.toarray()
+        basis = self.sparse_null_basis
+        return basis.toarray() if basis.shape[1] else np.zeros(basis.shape)
 
     @property
     def unique(self) -> bool:
@@ -84,35 +106,21 @@ class DirichletProblem:
         return self.sparse_null_basis.shape[1] == 0
 
     @cached_property
-    def _solvers(self) -> tuple[Callable[[Array], Array], Callable[[Array], Array]]:
-        """Two solvers of H x = r, for r = D_W^T w given by w (m, k), and for r (n_W, k) in the range of H.
+    def solver(self) -> Solver:
+        """What solves H x = r: a factorisation that is kept, or conjugate gradients; see `solvers`."""
+        return solver_of(self._problem, self.sparse_null_basis, self._grounds, DENSE_COLUMNS)
 
-        D_W is the whitened coboundary on W. Solutions are of minimum norm where H is singular.
+    def _grounds(self) -> Array:
+        """What makes H regular when added to its diagonal, shape (n_W,).
+
+        Coordinates that single out each null direction are held at zero: that costs nothing.
         """
-        n, N = self.H.shape[0], self.sparse_null_basis
-        if n <= DENSE_COLUMNS:
-            # On D_W rather than on H, whose condition number is the square: what counts as injective can be solved.
-            # The rows N^T make the columns independent, and agree with minimum norm.
-            D_W = self._D_W.toarray()
-            scale = float(np.max(np.abs(D_W), initial=0.0)) or 1.0
-            Q, R = linalg.qr(np.vstack([D_W, scale * self.null_basis.T]), mode="economic")
-            Q_w = Q[: len(D_W)].T
+        grounds = np.zeros(self._problem.states)
+        if not self.unique:
+            grounds[_singling_out(self.sparse_null_basis)] = np.abs(self._table.F).max(initial=0.0) ** 2 or 1.0
+        return grounds
 
-            def from_vertices(r: Array) -> Array:
-                return _off(N, linalg.cho_solve((R, False), _off(N, r)))
-
-            return lambda w: _off(N, linalg.solve_triangular(R, Q_w @ w)), from_vertices
-        # Coordinates that single out each null direction are held at zero: that costs nothing, and makes H regular.
-        grounds = np.zeros(n)
-        grounds[_singling_out(N)] = self.H.diagonal().max() or 1.0
-        factor = splinalg.splu((self.H + sparse.diags_array(grounds)).tocsc())
-
-        def solve(r: Array) -> Array:
-            return _off(N, factor.solve(_off(N, r)))
-
-        return lambda w: solve(self._D_W.T @ w), solve
-
-    def extend(self, boundary: Array) -> Array:
+    def extend(self, boundary: ArrayLike) -> Array:
         """Interior values for one or many boundary vectors.
 
         Args:
@@ -122,40 +130,47 @@ class DirichletProblem:
             Interior values, shape (..., n_W), in vertex order; of minimum norm where not unique.
 
         Raises:
-            SheafError: the boundary vectors have the wrong length.
+            SheafError: the boundary vectors have the wrong length, or the solution is not accurate (see `solvers`).
         """
         y = np.asarray(boundary, dtype=np.float64)
-        n_W, n_U = self.B.shape
+        n_W, n_U = self._problem.states, len(self._columns_U)
         if y.shape[-1:] != (n_U,):
             raise SheafError(f"boundary values have shape {y.shape}; legal is (..., {n_U})")
         result = np.zeros((*y.shape[:-1], n_W))
         if result.size:
             flat = y.reshape(result.size // n_W, n_U)
-            result[:] = self._solvers[0](self._b[:, None] - self._D_U @ flat.T).T.reshape(result.shape)
+            whole = np.zeros((int(self._table.column[-1]), len(flat)))
+            whole[self._columns_U] = flat.T
+            w = product(self._table, whole)
+            np.subtract(self._b[:, None], w, out=w)  # in place: a million vertices have enough arrays
+            result[:] = _off(self.sparse_null_basis, self.solver.least_squares(w)).T.reshape(result.shape)
         return result
 
-    def solve(self, right_hand_side: Array) -> Array:
+    def solve(self, right_hand_side: ArrayLike) -> Array:
         """H^-1 r for one or many vectors r of shape (..., n_W); of minimum norm where H is singular."""
         r = np.asarray(right_hand_side, dtype=np.float64)
-        return self._solvers[1](r.reshape(-1, r.shape[-1]).T).T.reshape(r.shape)
+        if not r.size:
+            return np.zeros(r.shape)
+        N = self.sparse_null_basis
+        return _off(N, self.solver.solve(_off(N, r.reshape(-1, r.shape[-1]).T))).T.reshape(r.shape)
 
-    def harmonic_extension(self, boundary: Mapping[Hashable, ArrayLike]) -> HarmonicExtension:
+    def harmonic_extension(self, boundary: Mapping[Any, ArrayLike]) -> HarmonicExtension:
         """The harmonic extension of one set of boundary values, with its null basis.
 
         Raises:
-            SheafError: a boundary vertex has no value, or one of the wrong shape.
+            SheafError: a boundary vertex has no value, or one of the wrong shape; or as in `extend`.
         """
         missing = [v for v in self.boundary if v not in boundary]
         if missing:
             raise SheafError(f"no boundary value for {missing}")
-        values = {v: self.sheaf.stalk_value(v, boundary[v]) for v in self.boundary}
-        interior = self.extend(np.concatenate([np.zeros(0), *values.values()]))
-        whole = np.zeros(self.sheaf.shape[1])
-        whole[self.sheaf.columns(self.boundary)] = np.concatenate([np.zeros(0), *values.values()])
-        whole[self.sheaf.columns(self.interior)] = interior
-        return HarmonicExtension(
-            self.sheaf.unpack(whole), self.unique, self.null_basis, self.sheaf.dirichlet_energy(whole)
-        )
+        values = [np.zeros(0), *(self.sheaf.stalk_value(v, boundary[v]) for v in self.boundary)]
+        whole = np.zeros(int(self._table.column[-1]))
+        whole[self._columns_U] = y = np.concatenate(values)
+        whole[self._columns_W] = self.extend(y)
+        residual = product(self._table, whole[:, None])[:, 0]
+        residual -= self._b
+        energy = 0.5 * float(np.einsum("i,i->", residual, residual))
+        return HarmonicExtension(self.sheaf.unpack(whole), self.unique, self.null_basis, energy)
 
 
 def _singling_out(null_basis: sparse.csc_array) -> NDArray[np.int64]:

@@ -1,11 +1,13 @@
-"""Bundles of edges: the storage of a sheaf's restriction maps, and the sparse matrices made from them."""
+"""Edges as they are stored: bundles that were added together, and one table of all for the compiled loops."""
 
 from collections import defaultdict
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
+
+from mjsheaf.sheaf.loops import adjoint_times, coboundary_times, incidence
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -17,7 +19,8 @@ class EdgeBundle:
 
     Attributes:
         tail, head: vertex numbers, shape (k,).
-        F_tail, F_head: restriction maps, shapes (k, m, n_tail) and (k, m, n_head).
+        maps: F_tail of every edge row by row, then F_head of every edge, in one array for the compiled loops.
+        shape: (m, n_tail, n_head), the dimensions of the edge stalk and of the two vertex stalks.
         offset: desired value b of each edge, shape (k, m).
         weight: inner product K of each edge stalk, shape (k, m, m), or None for the identity.
         row: first row of each edge in the coboundary, shape (k,).
@@ -25,16 +28,24 @@ class EdgeBundle:
 
     tail: Index
     head: Index
-    F_tail: Array
-    F_head: Array
+    maps: Array
+    shape: tuple[int, int, int]
     offset: Array
     weight: Array | None
     row: Index
 
     @property
-    def shape(self) -> tuple[int, int, int]:
-        """(m, n_tail, n_head), the dimensions of the edge stalk and of the two vertex stalks."""
-        return self.F_tail.shape[1], self.F_tail.shape[2], self.F_head.shape[2]
+    def F_tail(self) -> Array:  # noqa: N802 - the field's symbol
+        """Restriction maps to the tails, shape (k, m, n_tail)."""
+        m, n, _ = self.shape
+        return self.maps[: len(self.tail) * m * n].reshape(-1, m, n) if m * n else np.zeros((len(self.tail), m, n))
+
+    @property
+    def F_head(self) -> Array:  # noqa: N802
+        """Restriction maps to the heads, shape (k, m, n_head)."""
+        m, n_tail, n = self.shape
+        begin = len(self.tail) * m * n_tail
+        return self.maps[begin:].reshape(-1, m, n) if m * n else np.zeros((len(self.tail), m, n))
 
     def whitened(self) -> "EdgeBundle":
         """The same edges in edge coordinates in which the inner product is the identity.
@@ -45,15 +56,47 @@ class EdgeBundle:
         if self.weight is None:
             return self
         root = np.linalg.cholesky(self.weight).transpose(0, 2, 1)
-        return EdgeBundle(
-            self.tail,
-            self.head,
-            root @ self.F_tail,
-            root @ self.F_head,
-            np.einsum("kij,kj->ki", root, self.offset),
-            None,
-            self.row,
-        )
+        maps = packed([root @ self.F_tail], [root @ self.F_head])
+        offset = np.einsum("kij,kj->ki", root, self.offset)
+        return EdgeBundle(self.tail, self.head, maps, self.shape, offset, None, self.row)
+
+
+def packed(F_tails: list[Array], F_heads: list[Array]) -> Array:
+    """A copy of maps to the tails, then to the heads, row by row."""
+    maps = np.empty(sum(F.size for F in F_tails + F_heads))
+    end = 0
+    for F in F_tails + F_heads:
+        maps[end : end + F.size].reshape(F.shape)[...] = F
+        end += F.size
+    return maps
+
+
+class EdgeTable(NamedTuple):
+    """All edges of a sheaf with what the compiled loops need to walk them; a named tuple because they take those.
+
+    Attributes:
+        rows: number of rows m of delta.
+        column: first column of each vertex, and the number of columns at the end, shape (V + 1,).
+        tail, head: vertex numbers, shape (E,).
+        row: first row of each edge in the coboundary, shape (E,).
+        size: dimension m of each edge stalk, shape (E,).
+        F: the maps, row by row.
+        at_tail, at_head: where the two maps of each edge begin in it, shape (E,).
+        first: where the edges of each vertex begin in `incident`, and their number at the end, shape (V + 1,).
+        incident: the edges at each vertex, ascending, shape (2 E,).
+    """
+
+    rows: int
+    column: Index
+    tail: Index
+    head: Index
+    row: Index
+    size: Index
+    F: Array
+    at_tail: Index
+    at_head: Index
+    first: Index
+    incident: Index
 
 
 def merge(bundles: list[EdgeBundle]) -> list[EdgeBundle]:
@@ -69,41 +112,49 @@ def _join(group: list[EdgeBundle]) -> EdgeBundle:
     return EdgeBundle(
         np.concatenate([b.tail for b in group]),
         np.concatenate([b.head for b in group]),
-        np.concatenate([b.F_tail for b in group]),
-        np.concatenate([b.F_head for b in group]),
+        packed([b.F_tail for b in group], [b.F_head for b in group]),
+        group[0].shape,
         np.concatenate([b.offset for b in group]),
         np.concatenate(weights) if weights else None,
         np.concatenate([b.row for b in group]),
     )
 
 
-def coboundary_matrix(bundles: list[EdgeBundle], rows: int, column: Index, columns: int) -> sparse.csr_array:
-    """Assemble delta, with row F_tail x_tail - F_head x_head for each edge.
-
-    The compressed rows are written in place, one array operation for each block of a bundle.
+def tabulate(bundles: list[EdgeBundle], column: Index) -> EdgeTable:
+    """The table of the given bundles, one after the other.
 
     Args:
-        bundles: the edges.
-        rows: number of rows.
-        column: first column of each vertex.
-        columns: number of columns.
+        bundles: the edges; their weights are left out.
+        column: first column of each vertex, and the number of columns at the end.
     """
-    row_length = np.zeros(rows, dtype=np.int64)
+    tail, head, row = (_joined([getattr(b, name) for b in bundles], np.int64) for name in ("tail", "head", "row"))
+    F = _joined([b.maps for b in bundles], np.float64)
+    size = _joined([np.full(len(b.tail), b.shape[0]) for b in bundles], np.int64)
+    at_tail, at_head, begin = [], [], 0
     for b in bundles:
-        m, n_tail, n_head = b.shape
-        row_length[b.row[:, None] + np.arange(m)] = n_tail + n_head
-    start = np.concatenate([[0], np.cumsum(row_length)])
-    values = np.empty(start[-1])
-    indices = np.empty(start[-1], dtype=np.int64)
-    for b in bundles:
-        m, n_tail, n_head = b.shape
-        begin = start[b.row[:, None] + np.arange(m)][:, :, None]  # (k, m, 1)
-        tail_first = (column[b.tail] < column[b.head])[:, None, None]
-        for vertex, block, width, place in (
-            (b.tail, b.F_tail, n_tail, np.where(tail_first, 0, n_head)),
-            (b.head, -b.F_head, n_head, np.where(tail_first, n_tail, 0)),
-        ):
-            at = begin + place + np.arange(width)
-            values[at] = block
-            indices[at] = column[vertex][:, None, None] + np.arange(width)
-    return sparse.csr_array((values, indices, start), shape=(rows, columns))
+        k, (m, n_tail, n_head) = len(b.tail), b.shape
+        at_tail.append(begin + m * n_tail * np.arange(k))
+        at_head.append(begin + k * m * n_tail + m * n_head * np.arange(k))
+        begin += len(b.maps)
+    first, incident = incidence(tail, head, len(column) - 1)
+    places = _joined(at_tail, np.int64), _joined(at_head, np.int64)
+    return EdgeTable(int(size.sum()), column, tail, head, row, size, F, *places, first, incident)
+
+
+def _joined(parts: list[NDArray], dtype: type) -> NDArray:
+    """One array of the parts; a single part is not copied."""
+    return parts[0] if len(parts) == 1 else np.concatenate([np.zeros(0, dtype=dtype), *parts])
+
+
+def product(t: EdgeTable, x: Array) -> Array:
+    """delta x for x of shape (n, k), without the matrix; shape (m, k)."""
+    y = np.empty((t.rows, x.shape[1]))
+    coboundary_times(t, np.ascontiguousarray(x), y)
+    return y
+
+
+def adjoint_product(t: EdgeTable, y: Array) -> Array:
+    """delta^T y for y of shape (m, k), without the matrix; shape (n, k)."""
+    x = np.empty((t.column[-1], y.shape[1]))
+    adjoint_times(t, np.ascontiguousarray(y), x)
+    return x

@@ -31,18 +31,22 @@ _CERTAIN = 0.5  # leaves room for the rounding of the inverse
 _ROUNDING = 64 * np.finfo(np.float64).eps
 
 
-def kernel_basis(matrix: sparse.csr_array, rtol: float = RANK_TOLERANCE) -> Array:
-    """Return an orthonormal basis of the kernel of a matrix, shape (columns, dimension)."""
-    return sparse_kernel_basis(matrix, rtol).toarray()
+def sparse_kernel_basis(
+    matrix: sparse.csr_array, rtol: float = RANK_TOLERANCE, scale: float | None = None
+) -> sparse.csc_array:
+    """Return an orthonormal basis of the kernel of a matrix, shape (columns, dimension).
 
+    It is stored sparse, as each vector lives on one connected component: with a thousand small free components among
+    ten thousand vertices, the dense array would not be small.
 
-def sparse_kernel_basis(matrix: sparse.csr_array, rtol: float = RANK_TOLERANCE) -> sparse.csc_array:
-    """Return the same basis as `kernel_basis`, stored sparse: each vector lives on one connected component.
-
-    With a thousand small free components among ten thousand vertices, the dense array would not be small.
+    Args:
+        matrix: the matrix.
+        rtol: singular values of at most rtol times the scale count as zero.
+        scale: the scale, where that is not the matrix's own largest singular value.
     """
     columns = matrix.shape[1]
-    scale = largest_singular_value(matrix)
+    if scale is None:
+        scale = largest_singular_value(matrix)
     at, vectors, values, found = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)], [np.zeros(0)], 0
     for members, part in components(matrix):
         local = (

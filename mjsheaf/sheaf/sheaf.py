@@ -1,5 +1,6 @@
 """The cellular sheaf on a graph."""
 
+from collections import defaultdict
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -10,17 +11,20 @@ from scipy import sparse
 from scipy.sparse import linalg as splinalg
 
 from mjsheaf.errors import SheafError
-from mjsheaf.sheaf.edges import EdgeBundle, coboundary_matrix, merge
-from mjsheaf.sheaf.kernel import DENSE_COLUMNS, RANK_TOLERANCE, kernel_basis
+from mjsheaf.sheaf.assembly import coboundary_matrix, laplacian_block
+from mjsheaf.sheaf.building import checked_bundle, finite
+from mjsheaf.sheaf.edges import EdgeBundle, EdgeTable, adjoint_product, merge, product, tabulate
+from mjsheaf.sheaf.kernel import DENSE_COLUMNS, RANK_TOLERANCE
+from mjsheaf.sheaf.sections import proved_sections, section_basis
+from mjsheaf.sheaf.stalks import Cochain, Stalks
 
 if TYPE_CHECKING:
     from mjsheaf.sheaf.dirichlet import HarmonicExtension
 
 Array = NDArray[np.float64]
-Cochain = Array | Mapping[Hashable, ArrayLike]
 
 
-class Sheaf:
+class Sheaf(Stalks):
     """A cellular sheaf on a graph, with inner products and desired values on its edges.
 
     Vertex v has the stalk R^{n_v}; an edge e = (i, j) has the stalk R^{m_e} and restriction maps F_{i,e} (m_e, n_i)
@@ -41,24 +45,12 @@ class Sheaf:
         Raises:
             SheafError: a dimension is not a non-negative integer, or there is no vertex.
         """
-        if not stalks:
-            raise SheafError("a sheaf needs at least one vertex")
-        for vertex, dimension in stalks.items():
-            if isinstance(dimension, bool) or not isinstance(dimension, int | np.integer) or dimension < 0:
-                raise SheafError(f"stalk of vertex {vertex!r}: dimension {dimension!r} is not a whole number >= 0")
-        self._dimension = np.array(list(stalks.values()), dtype=np.int64)
-        self._number = {vertex: i for i, vertex in enumerate(stalks)}
-        self._column = np.concatenate([[0], np.cumsum(self._dimension)])
+        super().__init__(stalks)
         self._bundles: list[EdgeBundle] = []
         self._rows = 0
         self._edges = 0
 
     # -- structure ---------------------------------------------------------------------------------------------
-
-    @property
-    def vertices(self) -> list[Hashable]:
-        """The vertices, in order."""
-        return list(self._number)
 
     @property
     def number_of_edges(self) -> int:
@@ -69,25 +61,6 @@ class Sheaf:
     def shape(self) -> tuple[int, int]:
         """Shape (m, n) of the coboundary."""
         return self._rows, int(self._column[-1])
-
-    def dimension(self, vertex: Hashable) -> int:
-        """Dimension of the stalk of a vertex."""
-        return int(self._dimension[self._find(vertex)])
-
-    def _find(self, vertex: Hashable) -> int:
-        try:
-            return self._number[vertex]
-        except (KeyError, TypeError):
-            known = list(self._number)
-            listed = ", ".join(map(repr, known[:12])) + (", ..." if len(known) > 12 else "")
-            raise SheafError(f"unknown vertex {vertex!r}; the vertices are {listed}") from None
-
-    def columns(self, vertices: Iterable[Hashable]) -> NDArray[np.int64]:
-        """Columns of the coboundary that belong to the given vertices, in the given order."""
-        numbers = [self._find(v) for v in vertices]
-        if not numbers:
-            return np.zeros(0, dtype=np.int64)
-        return np.concatenate([np.arange(self._column[i], self._column[i + 1]) for i in numbers])
 
     # -- building ----------------------------------------------------------------------------------------------
 
@@ -117,7 +90,7 @@ class Sheaf:
         """
 
         def one(x: ArrayLike | None) -> Array | None:
-            return None if x is None else _finite(x, f"edge ({tail!r}, {head!r})")[None]
+            return None if x is None else finite(x, f"edge ({tail!r}, {head!r})")[None]
 
         return self.add_edges([tail], [head], one(F_tail), one(F_head), offset=one(offset), weight=one(weight))[0]
 
@@ -146,64 +119,69 @@ class Sheaf:
             SheafError: unknown vertex, loop, wrong shape, non-finite entry, or a weight that is not SPD. Nothing
                 is added then.
         """
-        k = len(tails)
-        if len(heads) != k:
-            raise SheafError(f"{k} tails but {len(heads)} heads: each edge needs one of both")
-        number = np.arange(self._edges, self._edges + k)
-        tail = np.array([self._find(v) for v in tails], dtype=np.int64)
-        head = np.array([self._find(v) for v in heads], dtype=np.int64)
-        loops = np.flatnonzero(tail == head)
-        if loops.size:
-            raise SheafError(f"edge ({tails[loops[0]]!r}, {heads[loops[0]]!r}) is a loop; its ends must differ")
+        if len(heads) != len(tails):
+            raise SheafError(f"{len(tails)} tails but {len(heads)} heads: each edge needs one of both")
+        i, j = self.numbers(tails), self.numbers(heads)
+        return self._append(
+            [checked_bundle(tails, heads, i, j, self._dimension, F_tails, F_heads, offset, weight, self._rows)]
+        )
 
-        F_tail, F_head = _finite(F_tails, "F_tail"), _finite(F_heads, "F_head")
-        for name, F, vertices, at in (("tail", F_tail, tails, tail), ("head", F_head, heads, head)):
-            if F.ndim != 3 or F.shape[0] != k:
-                raise SheafError(f"maps of the {name}s have shape {F.shape}; legal is ({k}, m, n)")
-            wrong = np.flatnonzero(self._dimension[at] != F.shape[2])
-            if wrong.size:
-                e = wrong[0]
-                raise SheafError(
-                    f"edge ({tails[e]!r}, {heads[e]!r}): the map of {name} {vertices[e]!r} has shape "
-                    f"{F.shape[1:]}, but the stalk has dimension {self._dimension[at[e]]}; "
-                    f"legal is (m, {self._dimension[at[e]]})"
-                )
-        m = F_tail.shape[1]
-        if F_head.shape[1] != m:
+    def add_mixed_edges(
+        self,
+        tails: Sequence[Hashable],
+        heads: Sequence[Hashable],
+        F_tails: Sequence[ArrayLike],
+        F_heads: Sequence[ArrayLike],
+        *,
+        offset: Sequence[ArrayLike] | None = None,
+        weight: Sequence[ArrayLike] | None = None,
+    ) -> range:
+        """Add k edges at once whose stalks need not have equal dimensions; rows and numbers in the order given.
+
+        Args:
+            tails, heads: k vertices each.
+            F_tails, F_heads: k restriction maps each, of shapes (m, n_tail) and (m, n_head).
+            offset: k desired values of shape (m,); zero unless given.
+            weight: k inner products of shape (m, m), or positive numbers times the identity.
+
+        Returns:
+            The numbers of the edges.
+
+        Raises:
+            SheafError: as `add_edges`. Nothing is added then.
+        """
+        given = [x for x in (F_tails, F_heads, offset, weight) if x is not None]
+        if any(len(x) != len(tails) for x in (heads, *given)):
             raise SheafError(
-                f"edge ({tails[0]!r}, {heads[0]!r}): the maps have {m} and {F_head.shape[1]} rows; "
-                "both must map to the same edge stalk"
+                f"{len(tails)} tails: each edge needs a head and two maps, and where any has them, b and K"
             )
-        b = np.zeros((k, m)) if offset is None else _finite(offset, "offset")
-        if b.shape != (k, m):
-            raise SheafError(f"offset has shape {b.shape}; legal is ({k}, {m})")
-        K = None if weight is None else self._inner_products(weight, k, m, tails, heads)
+        i, j = self.numbers(tails), self.numbers(heads)
+        alike: dict[Any, list[int]] = defaultdict(list)
+        for e, shapes in enumerate(zip(*(map(np.shape, x) for x in given), strict=True)):
+            alike[shapes].append(e)
+        size = np.array([shape[0] if shape else 0 for shape in map(np.shape, F_tails)], dtype=np.int64)
+        row = self._rows + np.cumsum(size) - size
+        bundles = []
+        for edges in alike.values():
 
-        row = self._rows + m * np.arange(k)
-        self._bundles.append(EdgeBundle(tail, head, F_tail, F_head, b, K, row))
-        self._rows += m * k
-        self._edges += k
-        self.__dict__.pop("_merged", None)
-        return range(int(number[0]), int(number[-1]) + 1) if k else range(0)
+            def of(x: Any, edges: list[int] = edges) -> Any:
+                return None if x is None else [x[e] for e in edges]
 
-    @staticmethod
-    def _inner_products(weight: Any, k: int, m: int, tails: Sequence, heads: Sequence) -> Array:
-        K = _finite(weight, "weight")
-        if K.shape == (k,):
-            K = K[:, None, None] * np.eye(m)
-        if K.shape != (k, m, m):
-            raise SheafError(f"weight has shape {K.shape}; legal is ({k}, {m}, {m}) or ({k},)")
-        scale = np.abs(K).max(axis=(1, 2), initial=0.0)
-        asymmetry = np.abs(K - K.transpose(0, 2, 1)).max(axis=(1, 2), initial=0.0)
-        smallest = np.linalg.eigvalsh(K).min(axis=1, initial=np.inf)
-        bad = np.flatnonzero((asymmetry > 1e-12 * scale) | ~(smallest > 1e-14 * scale))
-        if bad.size:
-            e = bad[0]
-            raise SheafError(
-                f"edge ({tails[e]!r}, {heads[e]!r}): the weight is not symmetric positive definite "
-                f"(smallest eigenvalue {smallest[e]:.3g}, asymmetry {asymmetry[e]:.3g})"
+            ends = of(tails), of(heads), i[edges], j[edges]
+            bundles.append(
+                checked_bundle(*ends, self._dimension, of(F_tails), of(F_heads), of(offset), of(weight), row[edges])
             )
-        return K
+        return self._append(bundles)
+
+    def _append(self, bundles: list[EdgeBundle]) -> range:
+        first = self._edges
+        for bundle in bundles:
+            self._bundles.append(bundle)
+            self._rows += len(bundle.tail) * bundle.shape[0]
+            self._edges += len(bundle.tail)
+        for name in ("_merged", "table", "whitened_table"):
+            self.__dict__.pop(name, None)
+        return range(first, self._edges)
 
     # -- operators ---------------------------------------------------------------------------------------------
 
@@ -211,16 +189,44 @@ class Sheaf:
     def _merged(self) -> list[EdgeBundle]:
         return merge(self._bundles)
 
+    @cached_property
+    def table(self) -> EdgeTable:
+        """All edges as the compiled loops walk them, without inner products."""
+        return tabulate(self._merged, self._column)
+
+    @cached_property
+    def whitened_table(self) -> EdgeTable:
+        """All edges in edge coordinates in which inner products are the identity."""
+        if not self._weighted:
+            return self.table
+        return tabulate([b.whitened() for b in self._merged], self._column)
+
+    @property
+    def _weighted(self) -> bool:
+        return any(b.weight is not None for b in self._bundles)
+
     def coboundary(self) -> sparse.csr_array:
         """delta, shape (m, n): rows by edge order, columns by vertex order."""
-        return coboundary_matrix(self._merged, *self._matrix_layout())
+        return coboundary_matrix(self.table)
+
+    def coboundary_operator(self) -> splinalg.LinearOperator:
+        """delta without its matrix, shape (m, n): `A @ x` is delta x, `A.T @ y` is delta^T y, for one vector or many.
+
+        It reads the maps that the sheaf holds. Edges added later are not in it.
+        """
+        t = self.table
+        return splinalg.LinearOperator(
+            self.shape,
+            matvec=lambda x: product(t, x.reshape(-1, 1)).reshape(-1),
+            rmatvec=lambda y: adjoint_product(t, y.reshape(-1, 1)).reshape(-1),
+            matmat=lambda x: product(t, x),
+            rmatmat=lambda y: adjoint_product(t, y),
+            dtype=np.dtype(np.float64),
+        )
 
     def whitened_coboundary(self) -> sparse.csr_array:
         """K^{1/2} delta, whose Gram matrix is the Laplacian, shape (m, n)."""
-        return coboundary_matrix([b.whitened() for b in self._merged], *self._matrix_layout())
-
-    def _matrix_layout(self) -> tuple[int, NDArray[np.int64], int]:
-        return self._rows, self._column[:-1], int(self._column[-1])
+        return coboundary_matrix(self.whitened_table)
 
     def offset(self) -> Array:
         """Desired values b as a 1-cochain, shape (m,)."""
@@ -228,23 +234,24 @@ class Sheaf:
 
     def whitened_offset(self) -> Array:
         """K^{1/2} b in the edge coordinates of `whitened_coboundary`, shape (m,)."""
-        return self._gather_offsets([b.whitened() for b in self._merged])
+        return self._gather_offsets([b.whitened() for b in self._merged] if self._weighted else self._merged)
 
     def _gather_offsets(self, bundles: list[EdgeBundle]) -> Array:
         b = np.zeros(self._rows)
         for bundle in bundles:
-            b[bundle.row[:, None] + np.arange(bundle.shape[0])] = bundle.offset
+            if bundle.offset.any():
+                b[bundle.row[:, None] + np.arange(bundle.shape[0])] = bundle.offset
         return b
 
     def laplacian(self) -> sparse.csr_array:
         """The sheaf Laplacian L = delta^T K delta, shape (n, n), symmetric positive semi-definite."""
-        D = self.whitened_coboundary()
-        return (D.T @ D).tocsr()
+        every = np.arange(len(self._dimension))
+        return laplacian_block(self.whitened_table, every, every)
 
     def dirichlet_energy(self, x: Cochain) -> float:
         """Half the squared K-norm of the residual delta x - b."""
-        residual = self.whitened_coboundary() @ self.pack(x) - self.whitened_offset()
-        return 0.5 * float(residual @ residual)
+        residual = product(self.whitened_table, self.pack(x)[:, None])[:, 0] - self.whitened_offset()
+        return 0.5 * float(np.einsum("i,i->", residual, residual))  # a BLAS product depends on the number of threads
 
     # -- cohomology --------------------------------------------------------------------------------------------
 
@@ -255,12 +262,17 @@ class Sheaf:
             rtol: a singular value of delta at most rtol times the largest counts as zero.
         """
         m, n = self.shape
-        h0 = self.global_sections(rtol=rtol).shape[1]
+        h0 = self._sections([], rtol).shape[1]
         return h0, m - (n - h0)
 
     def global_sections(self, *, rtol: float = RANK_TOLERANCE) -> Array:
         """Orthonormal basis of H^0(G; F) = ker delta, shape (n, h0)."""
-        return kernel_basis(self.coboundary(), rtol)
+        return self._sections([], rtol).toarray()
+
+    def _sections(self, boundary: Sequence[Hashable], rtol: float) -> sparse.csc_array:
+        free = np.ones(len(self._dimension), dtype=bool)
+        free[self.numbers(boundary)] = False
+        return section_basis(self.table, free, rtol)
 
     def relative_sections(self, boundary: Iterable[Hashable], *, rtol: float = RANK_TOLERANCE) -> Array:
         """Orthonormal basis of H^0(G, U; F): sections that vanish on the boundary U.
@@ -272,12 +284,7 @@ class Sheaf:
         Returns:
             Array of shape (n_W, dimension), rows by the other vertices W in vertex order.
         """
-        return kernel_basis(self.coboundary()[:, self.columns(self.interior(boundary))], rtol)
-
-    def interior(self, boundary: Iterable[Hashable]) -> list[Hashable]:
-        """The vertices that are not in the boundary, in vertex order."""
-        pinned = {self._find(v) for v in boundary}
-        return [v for v, i in self._number.items() if i not in pinned]
+        return self._sections(list(boundary), rtol).toarray()
 
     def harmonic_extension(self, boundary: Mapping[Any, ArrayLike]) -> "HarmonicExtension":
         """The 0-cochain of least Dirichlet energy with the given boundary values.
@@ -295,50 +302,16 @@ class Sheaf:
     def nearest_global_section(self, x: Cochain) -> Any:
         """Orthogonal projection of a 0-cochain on H^0; a mapping gives a mapping, a vector a vector."""
         value = self.pack(x)
-        delta = self.coboundary()
-        if delta.shape[1] <= DENSE_COLUMNS:
-            sections = self.global_sections()
-            section = sections @ (sections.T @ value)
-        else:  # the minimum-norm correction d with delta d = delta x
+        every = np.ones(len(self._dimension), dtype=bool)
+        found, left = proved_sections(self.table, every, RANK_TOLERANCE)
+        if left.any() and len(value) > DENSE_COLUMNS:  # the minimum-norm correction d with delta d = delta x
+            delta = self.coboundary()
             section = value - splinalg.lsmr(delta, delta @ value, atol=1e-14, btol=1e-14, maxiter=10**6)[0]
+        elif left.any():
+            sections = section_basis(self.table, every, RANK_TOLERANCE)
+            section = sections @ (sections.T @ value)
+        else:
+            section = np.zeros_like(value)
+            for place, basis in found:
+                section[place] = basis @ (basis.T @ value[place])
         return self.unpack(section) if isinstance(x, Mapping) else section
-
-    # -- cochains ----------------------------------------------------------------------------------------------
-
-    def pack(self, x: Cochain) -> Array:
-        """A 0-cochain as a vector of length n.
-
-        Raises:
-            SheafError: a vertex is missing or unknown, a value has the wrong length, or an entry is not finite.
-        """
-        if isinstance(x, Mapping):
-            missing = [v for v in self._number if v not in x]
-            if missing or len(x) != len(self._number):
-                strange = [v for v in x if v not in self._number]
-                raise SheafError(f"a 0-cochain needs a value for each vertex; missing {missing}, unknown {strange}")
-            return np.concatenate([self.stalk_value(v, x[v]) for v in self._number])
-        value = _finite(x, "0-cochain")
-        if value.shape != (self._column[-1],):
-            raise SheafError(f"a 0-cochain has shape ({self._column[-1]},); this one has {value.shape}")
-        return value
-
-    def unpack(self, x: Array) -> dict[Hashable, Array]:
-        """A vector of length n as a mapping from vertex to value."""
-        return {v: x[self._column[i] : self._column[i + 1]] for v, i in self._number.items()}
-
-    def stalk_value(self, vertex: Hashable, value: ArrayLike) -> Array:
-        """A value in the stalk of a vertex, checked."""
-        x = np.atleast_1d(_finite(value, f"value of vertex {vertex!r}"))
-        if x.shape != (self.dimension(vertex),):
-            raise SheafError(f"value of vertex {vertex!r} has shape {x.shape}; legal is ({self.dimension(vertex)},)")
-        return x
-
-
-def _finite(x: Any, name: str) -> Array:
-    try:
-        array = np.array(x, dtype=np.float64)  # a copy: later changes by the caller do not reach the sheaf
-    except (TypeError, ValueError):
-        raise SheafError(f"{name}: not an array of numbers of equal row lengths") from None
-    if not np.isfinite(array).all():
-        raise SheafError(f"{name}: an entry is not finite")
-    return array

@@ -240,8 +240,15 @@ class Team:
         return tuple(result)
 
 
-def _sheaf_of(members: Sequence[Member], edges: Iterable[Edge]) -> Sheaf:
+def _sheaf_of(members: Sequence[Member], edges: Sequence[Edge]) -> Sheaf:
+    """The sheaf of some members, its edges in the order given."""
     sheaf = Sheaf({m.id: m.dimension for m in members})
-    for e in edges:
-        sheaf.add_edge(e.tail, e.head, e.F_tail, e.F_head, offset=e.offset, weight=e.weight)
+    sheaf.add_mixed_edges(
+        [e.tail for e in edges],
+        [e.head for e in edges],
+        [e.F_tail for e in edges],
+        [e.F_head for e in edges],
+        offset=[e.b for e in edges],
+        weight=[e.weight for e in edges],
+    )
     return sheaf

@@ -16,13 +16,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import convolve1d, maximum_filter1d
 
-from mjsheaf.video.film import FloatArray
+from mjsheaf.video.series import FloatArray, Series, blocks
 
 # How much of the picture's half-width or half-height the team may fill: at the left, right, bottom and top.
 # There is more room at the top, as the title stands there.
 FILL = (0.88, 0.88, 0.86, 0.74)
 SMOOTHING = 2.5  # half the window over which the camera's motion is smoothed, in s of video
-CHUNK = 4096  # samples looked at together, so that memory does not grow with the length of the run
+MOST_KEYS = 6000  # times at which the camera's place is found: up to three minutes of video, every frame
 
 
 @dataclass(frozen=True)
@@ -80,16 +80,18 @@ def axes(azimuth: float, elevation: float) -> FloatArray:
 
 @dataclass(frozen=True)
 class CameraPath:
-    """The camera over a film of F frames.
+    """The camera over a film of F frames, known at K <= F keys, evenly spaced from the first frame to the last.
 
     Attributes:
-        lookat: Shape (F, 3), in m.
-        distance: Shape (F,), in m.
+        frames: F.
+        lookat: Shape (K, 3), in m.
+        distance: Shape (K,), in m.
         azimuth: direction of view about z, in degrees.
         elevation: angle above the horizon, in degrees.
         fovy: vertical angle of view, in degrees.
     """
 
+    frames: int
     lookat: FloatArray
     distance: FloatArray
     azimuth: float
@@ -98,12 +100,18 @@ class CameraPath:
 
     def view(self, frame: int) -> View:
         """Return the camera at one frame."""
-        return View(self.lookat[frame], float(self.distance[frame]), self.azimuth, self.elevation, self.fovy)
+        keys = len(self.distance)
+        place = frame if keys == self.frames else frame * (keys - 1) / (self.frames - 1)
+        key = min(int(place), max(keys - 2, 0))
+        after, share = min(key + 1, keys - 1), place - key
+        lookat = (1 - share) * self.lookat[key] + share * self.lookat[after]
+        distance = (1 - share) * self.distance[key] + share * self.distance[after]
+        return View(lookat, float(distance), self.azimuth, self.elevation, self.fovy)
 
 
 def camera_path(
     time: FloatArray,
-    points: Sequence[FloatArray],
+    points: Sequence[Series],
     frames: FloatArray,
     *,
     azimuth: float,
@@ -131,9 +139,11 @@ def camera_path(
     rotation = axes(azimuth, elevation)
     # Slopes of the sides and bounds on the eye: left, right, bottom, top.
     slopes = np.tan(np.radians(fovy) / 2) * np.array([aspect, aspect, 1.0, 1.0]) * FILL
-    bounds, depth = _bounds(points, rotation, slopes, radius)
-    left, right, bottom, top = (_smooth_above(np.interp(frames, time, bound), window) for bound in bounds.T)
-    middle = _smooth(np.interp(frames, time, depth), window)
+    keys = frames if len(frames) <= MOST_KEYS else np.linspace(frames[0], frames[-1], MOST_KEYS)
+    window = max(1, round(window * len(keys) / len(frames))) if window else 0
+    bounds, depth = _bounds(time, points, keys, rotation, slopes, radius)
+    left, right, bottom, top = (_smooth_above(bound, window) for bound in bounds.T)
+    middle = _smooth(depth, window)
 
     # e_z: as far back as the tighter of the two pairs of sides asks; the other pair has room, shared equally.
     forward = -np.maximum((left + right) / (slopes[0] + slopes[1]), (bottom + top) / (slopes[2] + slopes[3]))
@@ -150,23 +160,44 @@ def camera_path(
     # The point looked at decides nothing in the picture, but its distance is the scale of all that is drawn.
     range_ = np.maximum(middle - forward, radius)
     lookat = (eye + np.stack([np.zeros_like(range_), np.zeros_like(range_), range_], axis=1)) @ rotation
-    return CameraPath(lookat, range_, azimuth, elevation, fovy)
+    return CameraPath(len(frames), lookat, range_, azimuth, elevation, fovy)
 
 
 def _bounds(
-    points: Sequence[FloatArray], rotation: FloatArray, slopes: FloatArray, radius: float
+    time: FloatArray,
+    points: Sequence[Series],
+    keys: FloatArray,
+    rotation: FloatArray,
+    slopes: FloatArray,
+    radius: float,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return what the sides ask of the eye, shape (T, 4), and the depth of the team's middle, shape (T,)."""
-    samples = len(points[0])
-    bounds = np.empty((samples, 4))
-    depth = np.empty(samples)
+    """Return what the sides ask of the eye, shape (K, 4), and the depth of the team's middle, shape (K,).
+
+    At a key it is the most that is asked at any time between the key before and the key after, so that a camera that
+    moves straight from key to key keeps everything in the picture.
+    """
+    bounds, depth = np.full((len(keys), 4), -np.inf), np.zeros(len(keys))
     signs = np.array([-1.0, 1.0, -1.0, 1.0])
-    for start in range(0, samples, CHUNK):
-        chunk = slice(start, start + CHUNK)
-        x, y, z = np.moveaxis(np.concatenate([p[chunk] for p in points], axis=1) @ rotation.T, -1, 0)
-        for side, across in enumerate((x, x, y, y)):
-            bounds[chunk, side] = (signs[side] * across - slopes[side] * z).max(axis=1)
-        depth[chunk] = (z.min(axis=1) + z.max(axis=1)) / 2
+    last: FloatArray | None = None
+    for start, block in blocks(points[0]):
+        stop = start + len(block)
+        x, y, z = np.moveaxis(np.concatenate([block, *(p[start:stop] for p in points[1:])], axis=1) @ rotation.T, -1, 0)
+        asked = [(signs[side] * across - slopes[side] * z).max(axis=1) for side, across in enumerate((x, x, y, y))]
+        here = np.column_stack([time[start:stop], *asked, (z.min(axis=1) + z.max(axis=1)) / 2])
+        if last is not None:  # the stretch between two blocks belongs to the second
+            here = np.concatenate([last, here])
+        instants = here[:, 0]
+        after = np.searchsorted(keys, instants, side="left")
+        before = np.searchsorted(keys, instants, side="right") - 1
+        for near in (before, after):
+            np.maximum.at(bounds, np.clip(near, 0, len(keys) - 1), here[:, 1:5])
+        # Between two samples a key asks for what lies between.
+        inside = np.flatnonzero((keys >= instants[0]) & ((keys <= instants[-1]) | (stop == len(time))))
+        for side in range(4):
+            at_key = np.interp(keys[inside], instants, here[:, 1 + side])
+            bounds[inside, side] = np.maximum(bounds[inside, side], at_key)
+        depth[inside] = np.interp(keys[inside], instants, here[:, 5])
+        last = here[-1:]
     # A ball touches a side's plane when its centre is a radius away from it, measured at right angles.
     return bounds + radius * np.sqrt(1 + slopes**2), depth
 

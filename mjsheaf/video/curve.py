@@ -3,8 +3,10 @@
 import numpy as np
 from PIL import Image, ImageDraw
 
-from mjsheaf.video.film import Film, FloatArray
+from mjsheaf.video.film import Film
 from mjsheaf.video.renderer import Frame
+from mjsheaf.video.sampling import between
+from mjsheaf.video.series import FloatArray
 from mjsheaf.video.sprite import GREY, Colour, Sprite, fine, font
 
 DECADES = 6  # most that the curve shows; smaller values lie on its floor
@@ -76,7 +78,7 @@ def _rows(film: Film, columns: int, top: int, bottom: int) -> tuple[FloatArray, 
     """Return the curve's row in each column, NaN where it has none, and the values at its bottom and top."""
     times = np.linspace(film.time[0], film.time[-1], max(columns, 1))
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        values = np.log10(np.interp(times, film.time, np.abs(film.error)))
+        values = np.log10(np.abs(between(film, film.error, times)))
     finite = values[np.isfinite(values)]
     if not len(finite):
         return np.full(len(times), np.nan), np.nan, np.nan

@@ -25,9 +25,9 @@ def set_smoothness(model: mujoco.MjModel, camera: CameraPath, vehicle_radius: fl
         model: changed; it never gets more sides than it had.
         camera: decides how large vehicles look.
         vehicle_radius: of the largest vehicle, in m.
-        options: give the height of the frame.
+        options: give the height with which the scene is drawn.
     """
-    pixels = vehicle_radius / camera.view(int(camera.distance.argmin())).metres_per_pixel(options.height)
+    pixels = vehicle_radius / camera.view(int(camera.distance.argmin())).metres_per_pixel(options.drawn[1])
     # The largest round part is taken to be a third of its vehicle. n sides miss a circle of radius r by
     # r (1 - cos(pi / n)).
     part = max(pixels / 3, 2 * FLATNESS)

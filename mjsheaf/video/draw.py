@@ -7,6 +7,7 @@ from types import TracebackType
 
 import mujoco
 import numpy as np
+from PIL import Image
 
 from mjsheaf.errors import InputError, MjsheafError
 from mjsheaf.video.camera import SMOOTHING, CameraPath, camera_path
@@ -14,12 +15,13 @@ from mjsheaf.video.decorate import Decorator
 from mjsheaf.video.detail import set_depth_range, set_smoothness
 from mjsheaf.video.encode import write_mp4
 from mjsheaf.video.enlarge import enlarge_vehicles, vehicle_radius
-from mjsheaf.video.film import Film, FloatArray, VideoOptions
+from mjsheaf.video.film import Film, VideoOptions
 from mjsheaf.video.gl import available_backend
 from mjsheaf.video.overlay import Overlay
 from mjsheaf.video.renderer import Frame, Renderer
 from mjsheaf.video.sampling import frame_times, moment
 from mjsheaf.video.sanity import Reach
+from mjsheaf.video.series import FloatArray
 
 
 def draw_video(
@@ -78,10 +80,13 @@ class Painter:
         self.camera = self._follow_team(film, reach, options)
         set_depth_range(self._model, self.camera)
         set_smoothness(self._model, self.camera, self._radius, options)
+        self._size = (options.width, options.height)
+        if options.quality == "draft":
+            self._model.vis.quality.offsamples = 0  # edges are not smoothed
         self._data = mujoco.MjData(self._model)
         self._decorator = Decorator(self._film, options)
         self._overlay = Overlay(self._film, options)
-        self._renderer = Renderer(self._model, options.width, options.height, backend, self._decorator.most_geoms)
+        self._renderer = Renderer(self._model, *options.drawn, backend, self._decorator.most_geoms)
 
     def _follow_team(self, film: Film, reach: Reach, options: VideoOptions) -> CameraPath:
         return camera_path(
@@ -110,6 +115,8 @@ class Painter:
         view = self.camera.view(number)
         self._pose(now.positions, now.quaternions)
         frame = self._renderer.draw(self._data, view, lambda scene: self._decorator.add(scene, now, view))
+        if frame.shape[1::-1] != self._size:
+            frame = np.array(Image.fromarray(frame).resize(self._size, Image.Resampling.BILINEAR))
         self._overlay.write(frame, now, view)
         return frame
 

@@ -3,7 +3,7 @@
 import mujoco
 import numpy as np
 
-from mjsheaf.video.film import FloatArray, IntArray
+from mjsheaf.video.series import FloatArray, IntArray
 
 
 def enlarge_vehicles(model: mujoco.MjModel, body_id: IntArray, scale: float) -> None:

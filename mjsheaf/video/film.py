@@ -1,22 +1,24 @@
 """What a video is drawn from: the record of a finished run, and how the viewer wants to see it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from mjsheaf.errors import InputError
+from mjsheaf.video.series import FloatArray, IntArray, Series
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
+QUALITIES = ("good", "draft")
 Edge = tuple[int, int, Literal["communication", "sensing"]]
 
 
 @dataclass(frozen=True)
 class Film:
     """A finished run, ready to be drawn. T samples, V vehicles: N agents first, then the targets.
+
+    Positions, attitudes, q* and the error may be arrays, or blocks that are read when they are drawn: then the video of
+    a long run takes no more memory than that of a short one.
 
     Attributes:
         name: the scenario, drawn as the title.
@@ -45,17 +47,17 @@ class Film:
     time: FloatArray
     agent_ids: list[str]
     target_ids: list[str]
-    positions: FloatArray
-    quaternions: FloatArray
+    positions: Series
+    quaternions: Series
     qpos_address: IntArray
     body_id: IntArray
-    harmonic_extension: FloatArray
+    harmonic_extension: Series
     group: IntArray
     group_names: list[str]
     colours: FloatArray
     edges: Sequence[Edge]
     error_name: str
-    error: FloatArray
+    error: Series
     error_unit: str
     surface: Literal["water", "ground", "none"] = "none"
     surface_height: float = 0.0
@@ -79,7 +81,8 @@ class Film:
             "error": (samples,),
         }
         for name, shape in expected.items():
-            actual = np.shape(getattr(self, name))
+            value = getattr(self, name)
+            actual = tuple(value.shape) if hasattr(value, "shape") else np.shape(value)
             if actual != shape:
                 raise InputError(f"film.{name} has shape {actual}; it must be {shape}")
         if vehicles == 0:
@@ -94,6 +97,11 @@ class Film:
                     f"film.edges has ({i}, {j}, {kind!r}); an edge joins two vehicles below {vehicles} "
                     "and its kind is 'communication' or 'sensing'"
                 )
+
+    def loaded(self) -> "Film":
+        """The same film with all of it in memory."""
+        names = ("positions", "quaternions", "harmonic_extension", "error")
+        return replace(self, **{name: getattr(self, name)[:] for name in names})
 
     @property
     def agents(self) -> int:
@@ -120,6 +128,8 @@ class VideoOptions:
         distance: from the camera to the middle of the team, in m; None keeps the whole team in view.
         trail: how far back a vehicle's trail goes, in simulated s; 0 draws none.
         vehicle_scale: how many times larger than life vehicles are drawn.
+        quality: 'good', or 'draft' for a quick look: the scene is drawn with half as many pixels each way and hard
+            edges, and enlarged; the writing is as sharp as ever.
     """
 
     width: int = 1280
@@ -131,6 +141,18 @@ class VideoOptions:
     distance: float | None = None
     trail: float = 6.0
     vehicle_scale: float = 1.0
+    quality: Literal["good", "draft"] = "good"
+
+    @property
+    def drawn(self) -> tuple[int, int]:
+        """Width and height with which the scene is drawn, in pixels."""
+        part = 2 if self.quality == "draft" else 1
+        return -(-self.width // part), -(-self.height // part)
+
+    @property
+    def drawn_unit(self) -> float:
+        """As `unit`, of the scene as it is drawn."""
+        return self.unit * self.drawn[1] / self.height
 
     @property
     def unit(self) -> float:
@@ -156,6 +178,8 @@ class VideoOptions:
             ("vehicle_scale", 1e-3, 1e4),
         ):
             _check_range(name, getattr(self, name), low, high)
+        if self.quality not in QUALITIES:
+            raise InputError(f"video quality is {self.quality!r}; it must be {' or '.join(QUALITIES)}")
         if self.distance is not None:
             _check_range("distance", self.distance, 1e-3, 1e6)
 

@@ -8,7 +8,8 @@ import numpy.typing as npt
 from PIL import Image, ImageDraw
 
 from mjsheaf.video.decorate import COMMUNICATION, SENSING
-from mjsheaf.video.film import Film, FloatArray, VideoOptions
+from mjsheaf.video.film import Film, VideoOptions
+from mjsheaf.video.series import FloatArray
 from mjsheaf.video.sprite import GREY, WHITE, Colour, Sprite, diamond, fine, font, panel
 
 MOST_GROUPS = 8  # more rows would hide the picture

@@ -1,6 +1,6 @@
 """A thin offscreen renderer: MuJoCo's scene and GL context for frames of one size."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from types import TracebackType
 
 import mujoco
@@ -10,6 +10,7 @@ import numpy.typing as npt
 from mjsheaf.errors import MjsheafError
 from mjsheaf.video.camera import View
 from mjsheaf.video.gl import GLContext, open_context
+from mjsheaf.video.lines import Lines, draw_lines
 
 Frame = npt.NDArray[np.uint8]
 
@@ -66,13 +67,13 @@ class Renderer:
                 raise
             raise MjsheafError(f"{backend} cannot draw {width}x{height} pixels: {error}") from error
 
-    def draw(self, data: mujoco.MjData, view: View, decorate: Callable[[mujoco.MjvScene], None]) -> Frame:
+    def draw(self, data: mujoco.MjData, view: View, decorate: Callable[[mujoco.MjvScene], Sequence[Lines]]) -> Frame:
         """Draw one frame.
 
         Args:
             data: the state, with its kinematics computed.
             view: where the camera is.
-            decorate: adds geoms to the scene before it is drawn.
+            decorate: adds geoms to the scene before it is drawn, and returns lines to draw over it.
 
         Returns:
             Pixels from the top row down, shape (height, width, 3); a new array.
@@ -87,8 +88,9 @@ class Renderer:
         self._camera.elevation = view.elevation
         every = mujoco.mjtCatBit.mjCAT_ALL.value
         mujoco.mjv_updateScene(self.model, data, self._options, None, self._camera, every, self._scene)
-        decorate(self._scene)
+        lines = decorate(self._scene)
         mujoco.mjr_render(self._rectangle, self._scene, self._mjr)
+        draw_lines(lines)
         mujoco.mjr_readPixels(self._pixels, None, self._rectangle, self._mjr)
         return np.ascontiguousarray(self._pixels[::-1])  # GL counts rows from the bottom
 

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjsheaf.video.film import Film, FloatArray, VideoOptions
+from mjsheaf.video.film import Film, VideoOptions
+from mjsheaf.video.series import FloatArray, Series, rows
 
 
 @dataclass(frozen=True)
@@ -41,11 +42,11 @@ def moment(film: Film, time: float) -> Moment:
         between(film, film.positions, np.array([time]))[0],
         quaternions / np.maximum(np.linalg.norm(quaternions, axis=-1, keepdims=True), 1e-12),
         between(film, film.harmonic_extension, np.array([time]))[0],
-        float(np.interp(time, film.time, film.error)),
+        float(between(film, film.error, np.array([time]))[0]),
     )
 
 
-def between(film: Film, values: FloatArray, times: FloatArray, same_sign: bool = False) -> FloatArray:
+def between(film: Film, values: Series, times: FloatArray, same_sign: bool = False) -> FloatArray:
     """Interpolate samples linearly; before the first and after the last, hold.
 
     Args:
@@ -62,8 +63,9 @@ def between(film: Film, values: FloatArray, times: FloatArray, same_sign: bool =
     after = np.minimum(after, len(film.time) - 1)
     span = film.time[after] - film.time[before]
     weight = np.clip((times - film.time[before]) / np.where(span > 0, span, 1.0), 0.0, 1.0)
-    weight = weight.reshape(-1, *[1] * (values.ndim - 1))
-    first, second = values[before], values[after]
+    weight = weight.reshape(-1, *[1] * (len(values.shape) - 1))
+    first, second = rows(values, before), rows(values, after)
     if same_sign:
         second = np.where((first * second).sum(axis=-1, keepdims=True) < 0, -second, second)
-    return (1 - weight) * first + weight * second
+    with np.errstate(invalid="ignore"):  # a run that blew up has infinite values
+        return np.where(weight > 0, (1 - weight) * first + weight * second, first)

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
+from mjsheaf.compiled import kernel
 from mjsheaf.video.renderer import Frame
 
 Colour = tuple[int, int, int]  # RGB in 0..255
@@ -66,8 +67,17 @@ class Sprite:
         if left >= right or top >= bottom:
             return
         part = (slice(top - row, bottom - row), slice(left - column, right - column))
-        under = frame[top:bottom, left:right]
-        under[...] = self.colour[part] + (under * self.clear[part] >> 8)
+        _blend(frame[top:bottom, left:right], self.colour[part], self.clear[part])
+
+
+@kernel
+def _blend(under, colour, clear):
+    """Lay colours over what is under them, in place."""
+    for row in range(under.shape[0]):
+        for column in range(under.shape[1]):
+            remains = clear[row, column, 0]
+            for k in range(3):
+                under[row, column, k] = colour[row, column, k] + (under[row, column, k] * remains >> 8)
 
 
 @cache

@@ -120,7 +120,9 @@ def test_moment_on_a_body_holds_its_attitude(world: World, seed: int) -> None:
         turn = Rotation.from_matrix(R.T @ Rotation.from_rotvec([0, 0, heading]).as_matrix()).as_quat(canonical=True)
         theta = 2.0 * turn[:3]
         omega = world.data.qvel[dof][3:]
-        hold = vehicle.inertia @ (100.0 * theta - 20.0 * omega)
+        c = vehicle.centre_of_mass
+        J = vehicle.inertia - vehicle.mass * (c @ c * np.eye(3) - np.outer(c, c))
+        hold = J @ (100.0 * theta - 20.0 * omega)
         slip = world.data.qvel[dof][:3] - medium(world.system, v, world.time, x[v])
         thrust = R.T @ world.data.qfrc_actuator[dof][:3] - vehicle.drag * (R.T @ slip)
         trim = np.cross(vehicle.centre_of_mass, thrust)
@@ -144,7 +146,7 @@ def test_a_boat_is_pushed_along_the_water_only(world: World) -> None:
 # -- over time -----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["hull", "aerial", "submersible"])
+@pytest.mark.parametrize("name", ["hull", "aerial", "submersible", "hexarotor", "quadrotor", "x500"])
 def test_gears_on_the_joint_are_thrusters_on_sites(name: str, tmp_path: Path) -> None:
     """Step by step, tumbling, the trajectory of the file's own site transmissions under the same commands."""
     agents = [{"id": "A", "position": [0, 0] if name == "hull" else [0, 0, 0], "vehicle": name, "heading": 50}]
@@ -165,6 +167,7 @@ def test_gears_on_the_joint_are_thrusters_on_sites(name: str, tmp_path: Path) ->
     model.dof_damping[:] = world.model.dof_damping[dof]
     data = mujoco.MjData(model)
     data.qpos[:], data.qvel[:] = world.data.qpos[qpos], world.data.qvel[dof]
+    data.act[:] = world.data.act[: model.na]
     assert (model.actuator_trntype == mujoco.mjtTrn.mjTRN_SITE).all()
 
     for _ in range(1500):
@@ -173,7 +176,7 @@ def test_gears_on_the_joint_are_thrusters_on_sites(name: str, tmp_path: Path) ->
         mujoco.mj_step(model, data)
         np.testing.assert_allclose(data.qpos, world.data.qpos[qpos], rtol=0, atol=1e-10)
         np.testing.assert_allclose(data.qvel, world.data.qvel[dof], rtol=0, atol=1e-9)
-    assert np.linalg.norm(data.qpos[:2]) > 5.0  # it went somewhere
+    assert np.linalg.norm(data.qpos[:2]) > 1.0  # it went somewhere
 
 
 def drifting(tmp_path: Path, timestep: float, flow: dict[str, Any], **vehicle: Any) -> World:

@@ -242,7 +242,7 @@ def flat(root: ElementTree.Element) -> None:
         ("hull", with_joint, {}, r"hull\.xml: must have no joints; mjsheaf gives the vehicle its free joint"),
         ("hull", on_a_body, {}, r"hull\.xml: every actuator must act on a site"),
         ("hull", with_bias, {}, r"hull\.xml: every actuator must have a fixed gain and no bias"),
-        ("hull", with_muscle, {}, r"dyntype must be one of none, integrator, filter, filterexact"),
+        ("hull", with_muscle, {}, r"dyntype must be one of none, filter, filterexact"),
         ("hull", weightless, {}, r"hull\.xml: its mass is 0 kg; legal is a positive one"),
         ("hull", heavy_world, {}, r"hull\.xml: geom 'ballast' with mass stands in <worldbody> itself; put it into a"),
         ("hull", broken, {}, r"hull\.xml: .*unrecognized attribute: 'colour'"),

@@ -53,6 +53,28 @@ def test_edges_in_bulk_are_edges_one_at_a_time(spec: SheafSpec) -> None:
     np.testing.assert_array_equal(bulk.whitened_offset(), single.whitened_offset())
 
 
+@LAWS
+@given(sheaves())
+def test_mixed_edges_are_edges_one_at_a_time(spec: SheafSpec) -> None:
+    """Stalks of all dimensions at once: rows and numbers stay in the order of the edges."""
+    bulk = Sheaf(spec.stalks)
+    first, rest = spec.edges[:1], spec.edges[1:]
+    for edges in (first, rest):
+        before = bulk.number_of_edges
+        numbers = bulk.add_mixed_edges(
+            [e.tail for e in edges],
+            [e.head for e in edges],
+            [e.F_tail for e in edges],
+            [e.F_head for e in edges],
+            offset=[e.b for e in edges],
+            weight=[e.K for e in edges],
+        )
+        assert numbers == range(before, before + len(edges))
+    np.testing.assert_array_equal(bulk.coboundary().toarray(), spec.delta)
+    np.testing.assert_array_equal(bulk.offset(), spec.b)
+    np.testing.assert_allclose(bulk.laplacian().toarray(), spec.delta.T @ spec.K @ spec.delta, atol=1e-11)
+
+
 def test_edges_added_later_join() -> None:
     """Matrices are made anew after each change."""
     sheaf = pair()
@@ -142,6 +164,10 @@ REFUSED: list[tuple[Build, str]] = [
     (lambda s: s.add_edge("a", "c", I2, I2, weight=[[1, 2], [2, 1]]), r"smallest eigenvalue -1"),
     (lambda s: s.add_edge("a", "c", I2, I2, weight=np.ones((2, 2))), r"not symmetric positive definite"),
     (lambda s: s.add_edge("a", "c", I2, I2, weight=[[2, 0.5], [0.4, 2]]), r"asymmetry 0\.1\)"),
+    (lambda s: s.add_edges("ac", "ca", [I2, I2], [I2, I2 * np.inf]), r"edge \('c', 'a'\): F_head: an entry is not"),
+    (lambda s: s.add_mixed_edges("ac", "ca", [I2], [I2, I2]), r"2 tails: each edge needs a head and two maps"),
+    (lambda s: s.add_mixed_edges("ab", "ba", [I2, FLAT], [FLAT, FLAT]), r"edge \('b', 'a'\): the map of head 'a'"),
+    (lambda s: s.add_mixed_edges("ax", "ba", [I2, I2], [FLAT, I2]), r"unknown vertex 'x'"),
     (
         lambda s: s.add_edges("ac", "ca", [I2, I2], [I2, I2], weight=[I2, -I2]),
         r"edge \('c', 'a'\): the weight is not symmetric positive definite",

@@ -1,6 +1,7 @@
-"""Large components: Lanczos kernels, sparse and iterative solvers, against the dense path on the same sheaf.
+"""Large components: Lanczos kernels, proofs along forests, band and iterative solvers.
 
-Oracle: the dense path (itself checked by exact ranks in test_laws), reached by leaving DENSE_COLUMNS as it is.
+Oracle: dense decompositions by numpy, and the dense path (itself checked by exact ranks in test_laws), reached by
+leaving the limits as they are.
 """
 
 import time
@@ -11,7 +12,7 @@ from scipy.stats import ortho_group
 
 from mjsheaf import Sheaf
 from mjsheaf.errors import SheafError
-from mjsheaf.sheaf import dirichlet, kernel, sheaf
+from mjsheaf.sheaf import dirichlet, kernel, sections, sheaf, solvers
 
 Array = np.ndarray
 
@@ -19,9 +20,16 @@ Array = np.ndarray
 @pytest.fixture
 def sparse_path(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
     """From 13 columns on, no dense decomposition."""
-    for module in (kernel, dirichlet, sheaf):
+    for module in (kernel, dirichlet, sections, sheaf):
         monkeypatch.setattr(module, "DENSE_COLUMNS", 12)
     return monkeypatch
+
+
+@pytest.fixture
+def unproved(sparse_path: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
+    """And forests prove nothing: everything is left to the general method."""
+    sparse_path.setattr(sections, "_MARGIN", 1e300)
+    return sparse_path
 
 
 def bundle(vertices: int, k: int, *, flat: bool, seed: int = 0, copies: int = 1) -> Sheaf:
@@ -59,18 +67,22 @@ CASES = {
 }
 
 
+@pytest.mark.parametrize("way", ["sparse_path", "unproved"])
 @pytest.mark.parametrize("name", CASES)
-def test_lanczos_finds_every_section(name: str, sparse_path: pytest.MonkeyPatch) -> None:
+def test_forests_and_lanczos_find_every_section(name: str, way: str, request: pytest.FixtureRequest) -> None:
+    request.getfixturevalue(way)
     make, h0 = CASES[name]
     large = make()
     assert large.betti()[0] == h0
-    sparse, dense = both(sparse_path, large.global_sections)
-    assert sparse.shape == dense.shape == (large.shape[1], h0)
-    np.testing.assert_allclose(sparse.T @ sparse, np.eye(h0), atol=1e-12)
-    np.testing.assert_allclose(sparse @ sparse.T, dense @ dense.T, atol=1e-10)
+    found = large.global_sections()
+    _, values, vectors = np.linalg.svd(large.coboundary().toarray())
+    null = vectors[np.sum(values > 1e-9 * values[0]) :].T
+    assert found.shape == null.shape == (large.shape[1], h0)
+    np.testing.assert_allclose(found.T @ found, np.eye(h0), atol=1e-12)
+    np.testing.assert_allclose(found @ found.T, null @ null.T, atol=1e-10)
 
 
-def test_lanczos_keeps_to_the_tolerance(sparse_path: pytest.MonkeyPatch) -> None:
+def test_lanczos_keeps_to_the_tolerance(unproved: pytest.MonkeyPatch) -> None:
     """A chain with one weak link: one section more, or not, as its strength is under or over rtol."""
     chain = Sheaf(dict.fromkeys(range(40), 1))
     one = np.ones((1, 1))
@@ -82,35 +94,43 @@ def test_lanczos_keeps_to_the_tolerance(sparse_path: pytest.MonkeyPatch) -> None
     assert chain.betti(rtol=0.5 * weak) == (1, 0)
 
 
-def test_one_run_gives_the_bits_of_another(sparse_path: pytest.MonkeyPatch) -> None:
+def test_one_run_gives_the_bits_of_another(unproved: pytest.MonkeyPatch) -> None:
     large = bundle(20, 3, flat=True)
     np.testing.assert_array_equal(large.global_sections(), large.global_sections())
 
 
-def test_a_kernel_that_fills_the_space_is_refused(sparse_path: pytest.MonkeyPatch) -> None:
+def test_a_kernel_that_fills_the_space_is_refused(unproved: pytest.MonkeyPatch) -> None:
     large = Sheaf({"a": 20, "b": 20})
     large.add_edge("a", "b", np.ones((1, 20)), np.ones((1, 20)))
     with pytest.raises(SheafError, match=r"the kernel .* has dimension over 20: too large"):
         large.betti()
 
 
+@pytest.mark.parametrize("way", ["band", "conjugate gradients"])
 @pytest.mark.parametrize("pinned", [[(0, 0)], [(0, 0), (0, 7), (1, 3)]], ids=["one component free", "unique"])
 def test_sparse_solvers_extend_as_the_dense_one_does(
-    pinned: list[tuple[int, int]], sparse_path: pytest.MonkeyPatch
+    pinned: list[tuple[int, int]], way: str, sparse_path: pytest.MonkeyPatch
 ) -> None:
-    """Factorisation where the extension is unique, conjugate gradients and minimum norm where it is not."""
+    """A factor or conjugate gradients, of minimum norm where the extension is not unique; oracle: pseudo-inverse."""
+    if way != "band":
+        sparse_path.setattr(solvers, "DIRECT_WORK", 0.0)
     large = bundle(11, 3, flat=True, copies=2)
     rng = np.random.default_rng(2)
+    problem = dirichlet.DirichletProblem(large, pinned)
+    assert type(problem.solver) is (solvers.BandCholesky if way == "band" else solvers.ConjugateGradients)
     values = {v: rng.standard_normal(3) for v in pinned}
-
-    def extend() -> Array:
-        extension = large.harmonic_extension(values)
-        assert extension.unique is (len(pinned) > 1)
-        assert extension.null_basis.shape[1] == (0 if extension.unique else 3)
-        return np.concatenate([*extension.x.values(), [extension.energy]])
-
-    sparse, dense = both(sparse_path, extend)
-    np.testing.assert_allclose(sparse, dense, atol=1e-10)
+    extension = problem.harmonic_extension(values)
+    assert extension.unique is (len(pinned) > 1)
+    assert extension.null_basis.shape[1] == (0 if extension.unique else 3)
+    D, b = large.whitened_coboundary().toarray(), large.whitened_offset()
+    W, U = large.columns(problem.interior), large.columns(pinned)
+    expected = np.zeros(large.shape[1])
+    expected[U] = np.concatenate(list(values.values()))
+    expected[W] = np.linalg.pinv(D[:, W], rcond=1e-10) @ (b - D[:, U] @ expected[U])
+    np.testing.assert_allclose(np.concatenate(list(extension.x.values())), expected, atol=1e-9)
+    np.testing.assert_allclose(extension.energy, 0.5 * np.sum((D @ expected - b) ** 2), rtol=1e-9)
+    r = problem.H @ rng.standard_normal((len(W), 4))
+    np.testing.assert_allclose(problem.H @ problem.solve(r.T).T, r, atol=1e-8)
 
 
 def test_thousands_of_free_directions_are_solved_in_seconds() -> None:

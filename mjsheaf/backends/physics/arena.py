@@ -12,6 +12,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -120,17 +121,21 @@ def compose(
     return arena
 
 
+_ALONE = Lock()  # handlers of warnings belong to the process, not to a thread
+
+
 @contextmanager
 def _quiet() -> Iterator[None]:
     """No word of MuJoCo's that parts attached without a prefix may make a model that cannot be written as a file."""
-    handler = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(lambda _: None)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            yield
-    finally:
-        mujoco.set_mju_user_warning(handler)
+    with _ALONE:
+        handler = mujoco.get_mju_user_warning()
+        mujoco.set_mju_user_warning(lambda _: None)
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                yield
+        finally:
+            mujoco.set_mju_user_warning(handler)
 
 
 def _attach(root: mujoco.MjSpec, kind: mujoco.MjSpec, vehicle: Vehicle, name: str, colour: Array | None) -> None:

@@ -29,8 +29,9 @@ def attachable(vehicle: Vehicle) -> mujoco.MjSpec:
     mjcf = pymjcf()
     try:
         root = mjcf.from_path(str(vehicle.path))
-    except (AttributeError, KeyError, TypeError, ValueError) as error:  # all that its parser raises
-        raise InputError(f"{vehicle.path}: PyMJCF cannot read it: {' '.join(str(error.args[0]).split())}") from None
+    except (AttributeError, KeyError, OSError, RuntimeError, TypeError, ValueError) as error:  # its parser's own
+        reason = error if isinstance(error, OSError) or not error.args else error.args[0]
+        raise InputError(f"{vehicle.path}: PyMJCF cannot read it: {' '.join(str(reason).split())}") from None
     _write_orientations(root)
     _write_inertia(root, vehicle)
     for name in _OF_THE_ARENA:

@@ -3,7 +3,7 @@
 It knows its vehicle, its attitude, and what it measures: velocity through the medium v_r and rates omega. It is not
 handed the medium. With the commanded velocity v_c relative to the medium, in body axes, and d the vehicle's drag law:
 
-    force      F = d(v_c) + M k_v (v_c - v_r), so that q' = w + v_c is left, with time constant M / (M k_v + D)
+    force      F = d(v_c) + M k_v (v_c - v_r), so that q' = w + v_c is left, with tau = M / (M k_v + D)
     attitude   J (k theta - b omega), theta twice the vector part of the quaternion to the wanted attitude (Wie and
                Barba, J. Guidance 8, 1985: for small angles the rotation vector)
     commands   u = W^+ [weight] + s_1 W^+ [roll, pitch] + s_2 W^+ [yaw] + s_3 W^+ [F], each s in [0, 1], one after the
@@ -56,9 +56,11 @@ def drive(body, thrusters, command, R, quaternion, s, omega, ctrl):
         if body.control == THRUST_VECTOR:
             force, weight, attitude = _point_thrust(body, R, force, weight)
         turn = _turn_to(body, attitude, quaternion, omega)
-        # Thrust and drag act at the origin, and what is left of them accelerates the centre of mass c: without
-        # turning the vehicle, that takes a moment of c times it.
-        moment = cross(triple(body.arm), subtract(force, drag_force(body, s)))
+        # Thrust and drag act at the origin. What is left of them accelerates the centre of mass c, and added mass at
+        # the origin: without turning the vehicle, the former takes a moment of c times it. (The Munk moment of
+        # added mass is left to the attitude hold.)
+        net, share = subtract(force, drag_force(body, s)), body.balance
+        moment = cross(triple(body.arm), (share[0] * net[0], share[1] * net[1], share[2] * net[2]))
     _allocate(body, thrusters, R[8], weight, turn, force, moment, ctrl)
 
 

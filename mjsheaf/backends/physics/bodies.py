@@ -13,7 +13,6 @@ Array = NDArray[np.float64]
 
 FULL, THRUST_VECTOR, HAND_POINT = 0, 1, 2
 _CONTROLS = {"full": FULL, "thrust_vector": THRUST_VECTOR, "hand_point": HAND_POINT}
-_RESERVE = 0.9  # of its thrust is what a multirotor that points its thrust may use for going somewhere
 
 # Body axes, about the origin of the body frame.
 BODY = np.dtype(
@@ -36,17 +35,11 @@ BODY = np.dtype(
         ("centre", "f8", 3),  # of buoyancy, m
         ("restoring", "f8", 3),  # heave, roll, pitch, N/m and N m/rad
         ("level", "f8"),  # height of the water, m
-        # added mass
-        ("added", "i8"),  # whether it has any
-        ("added_mass", "f8", 6),  # kg and kg m^2
-        ("share", "f8", (6, 6)),  # M_RB (M_RB + M_A)^-1
-        ("mass", "f8"),  # of the model, kg
-        ("weight", "f8"),  # of the model, N
-        ("rigid", "f8", (3, 3)),  # inertia of the model, kg m^2
         # its autopilot
         ("control", "i8"),  # FULL, THRUST_VECTOR or HAND_POINT
         ("gain", "f8", 6),  # M k_v, N s/m and N m s/rad
-        ("inertia", "f8", (3, 3)),  # with added mass, kg m^2
+        ("inertia", "f8", (3, 3)),  # that a couple must overcome, kg m^2
+        ("balance", "f8", 3),  # share of a force along each axis that accelerates the body itself
         ("stiffness", "f8"),  # of the attitude hold, 1/s^2
         ("rate_damping", "f8"),  # 1/s
         ("heading", "f8", 2),  # cosine and sine of half the heading to hold
@@ -54,6 +47,13 @@ BODY = np.dtype(
         ("hand", "f8"),  # distance of the controlled point ahead, m
         ("slope", "f8"),  # tangent of the largest tilt
         ("most_thrust", "f8"),  # N
+        # added mass, which few have: last, so that the others stay in fewer cache lines
+        ("added", "i8"),  # whether it has any
+        ("added_mass", "f8", 6),  # kg and kg m^2
+        ("share", "f8", (6, 6)),  # M_RB (M_RB + M_A)^-1
+        ("mass", "f8"),  # of the model, kg
+        ("weight", "f8"),  # of the model, N
+        ("rigid", "f8", (3, 3)),  # inertia of the model, kg m^2
     ]
 )
 THRUSTER = np.dtype(
@@ -108,13 +108,8 @@ def _pack(vehicle: Vehicle, body: np.void) -> None:
     body["added"], body["added_mass"], body["share"] = added, vehicle.added_mass, vehicle.share
     body["mass"], body["weight"], body["rigid"] = vehicle.mass, vehicle.weight - vehicle.ballast, vehicle.inertia
     body["control"], body["gain"] = _CONTROLS[vehicle.control], vehicle.moving_mass * vehicle.rate
-    body["inertia"] = vehicle.inertia + np.diag(vehicle.added_mass[3:])
+    body["inertia"] = vehicle.turning_inertia
+    body["balance"] = vehicle.mass / (vehicle.mass + vehicle.added_mass[:3])
     body["stiffness"], body["rate_damping"] = hold.frequency**2, 2.0 * hold.damping * hold.frequency
     body["hand"], body["slope"] = vehicle.hand, np.tan(np.deg2rad(vehicle.tilt))
-    body["most_thrust"] = _most_thrust(vehicle)
-
-
-def _most_thrust(vehicle: Vehicle) -> float:
-    """Thrust along z that a vehicle may use for its translation, N."""
-    reach = np.where(vehicle.W[2] > 0.0, vehicle.W[2] * vehicle.limits[:, 1], 0.0).sum()
-    return max(_RESERVE * float(reach), 1.01 * vehicle.weight)
+    body["most_thrust"] = vehicle.usable_lift

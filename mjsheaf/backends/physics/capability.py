@@ -45,7 +45,7 @@ def capability_of(vehicle: Vehicle) -> Capability:
 def _thrust(vehicle: Vehicle, direction: Array) -> float:
     """Largest horizontal force along a unit vector of the body's plane, N."""
     if vehicle.control == "thrust_vector":
-        most = (vehicle.W[2] * np.where(vehicle.W[2] > 0.0, vehicle.limits[:, 1], vehicle.limits[:, 0])).sum()
+        most = vehicle.usable_lift
         by_tilt = vehicle.weight * np.tan(np.deg2rad(vehicle.tilt))
         return float(min(by_tilt, np.sqrt(max(most**2 - vehicle.weight**2, 0.0))))
     from scipy.optimize import linprog

@@ -44,14 +44,17 @@ class Hydrostatics(Section):
 
 
 class AttitudeHold(Section):
-    """The attitude that is wanted, held by the thrusters as a second-order system."""
+    """The attitude that is wanted, held by the thrusters as a second-order system.
+
+    A boat at its hand point holds none; its numbers serve where underactuation is switched off.
+    """
 
     frequency: Annotated[float, Field(gt=0)] = Field(description="natural frequency, rad/s")
     damping: Annotated[float, Field(gt=0)] = Field(1.0, description="damping ratio")
 
 
 class Autopilot(Section):
-    """The loop on the velocity through the medium, which the vehicle measures: tau = M / (M rate + D)."""
+    """The loop on the velocity through the medium, which is measured: tau = M / (M rate + D); more with lag."""
 
     rate: Annotated[float, Field(gt=0)] = Field(description="k_v, 1/s")
 

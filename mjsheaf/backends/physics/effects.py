@@ -6,7 +6,8 @@
 - limits: off, thrusters push as hard as asked, and multirotors tilt as far as 80 degrees.
 - lag: off, thrusters follow their commands at once.
 - underactuation: off, a vehicle has thrusters along every axis that it is controlled in, as strong and as slow as its
-  own.
+  own. A boat then holds its heading, is controlled at its origin, and is only as fast abeam as its sway drag leaves; a
+  multirotor pushes sideways as hard as up.
 """
 
 from dataclasses import replace
@@ -83,9 +84,10 @@ def _massless(vehicle: Vehicle, tau: float) -> Vehicle:
 def _fully_actuated(vehicle: Vehicle) -> Vehicle:
     """Thrusters along every controlled axis: as strong as the vehicle's own together, and as slow as their mean."""
     rows = [0, 1, 5] if vehicle.dimension == 2 else [0, 1, 2, 3, 4, 5]
-    low, high = np.minimum(vehicle.limits @ [1, 0], 0.0), vehicle.limits @ [0, 1]
-    reach = np.where(vehicle.W > 0.0, vehicle.W * high, vehicle.W * low)
-    strongest = np.where(np.isfinite(reach), reach, np.inf).sum(axis=1)
+    low, high = np.minimum(vehicle.limits[:, 0], 0.0), vehicle.limits[:, 1]
+    used = vehicle.W != 0.0  # what a thruster without limits does not push at all is no push without limits
+    reach = np.where(vehicle.W > 0.0, high, low) * np.where(used, vehicle.W, 1.0)
+    strongest = np.where(used, reach, 0.0).sum(axis=1)
     force = strongest[:3].max()
     lags = [a for a in vehicle.actuation if a["dyntype"] != "none"]
     actuation = []

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from mjsheaf.backends.physics.description import VehicleDescription
+from mjsheaf.backends.physics.sources import files_of
 from mjsheaf.backends.physics.vehicle import GRAVITY, ROW_NAMES, Control, Vehicle
 from mjsheaf.engine import mujoco
 from mjsheaf.errors import InputError
@@ -18,7 +19,6 @@ Array = NDArray[np.float64]
 
 LAGS = {
     "none": mujoco.mjtDyn.mjDYN_NONE,
-    "integrator": mujoco.mjtDyn.mjDYN_INTEGRATOR,
     "filter": mujoco.mjtDyn.mjDYN_FILTER,
     "filterexact": mujoco.mjtDyn.mjDYN_FILTEREXACT,
 }
@@ -36,7 +36,8 @@ def load_vehicle(source: str, directory: Path | None = None) -> Vehicle:
     """Load a vehicle.
 
     Args:
-        source: a name in models/, or the path of a description file.
+        source: a name in models/, or the path of a description file, which may lie anywhere; what it names may not: all
+            its files lie in its directory or below it.
         directory: what a relative path is relative to; None takes the working directory.
 
     Raises:
@@ -45,13 +46,25 @@ def load_vehicle(source: str, directory: Path | None = None) -> Vehicle:
     known = list_vehicles()
     path = known.get(source) or (directory or Path()) / source
     if source not in known and path.suffix not in (".yaml", ".yml"):
-        raise InputError(f"no vehicle {source!r}; legal are {', '.join(known)}, or the path of a description file")
+        shown = source if len(source) <= 100 else source[:97] + "..."
+        raise InputError(f"no vehicle {shown!r}; legal are {', '.join(known)}, or the path of a description file")
+    description = read_description(path)
+    mjcf = path.parent / description.mjcf
+    if source not in known:
+        files_of(path, description.mjcf)  # refuses what lies outside, before anything opens it
+    return _from_model(path.stem, description, mjcf, _compile(mjcf))
+
+
+def read_description(path: Path) -> VehicleDescription:
+    """Read a vehicle's description.
+
+    Raises:
+        InputError: the file is not valid; the message names it.
+    """
     try:
-        description = VehicleDescription.model_validate(read_yaml(path))
+        return VehicleDescription.model_validate(read_yaml(path))
     except ValidationError as error:
         raise InputError(f"{path}: {describe_validation_error(error, VehicleDescription)}") from None
-    mjcf = path.parent / description.mjcf
-    return _from_model(path.stem, description, mjcf, _compile(mjcf))
 
 
 def _compile(path: Path) -> mujoco.MjModel:
@@ -60,7 +73,7 @@ def _compile(path: Path) -> mujoco.MjModel:
         spec = mujoco.MjSpec.from_file(str(path))
         spec.compiler.fusestatic = False  # would make all of it part of the world, which has no mass
         model = spec.compile()
-    except ValueError as error:
+    except (ValueError, mujoco.FatalError) as error:
         raise InputError(f"{path}: {' '.join(str(error).split())}") from None
     # Of the world they have no mass, but once that is a vehicle's frame they would have.
     plate = (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)

@@ -12,11 +12,11 @@ Array = NDArray[np.float64]
 
 
 class Log(NamedTuple):
-    """Samples of a run, T of them, of which the first `count` are written.
+    """Samples of a run, T of them, of which the first `written` are there.
 
     positions (T, V, 3) m: where the law sees the vehicles; quaternions (T, V, 4); heights (T, V) m, of the bodies;
     thrust (T, A): thruster commands; saturation (T, V): share of thrusters at a limit; placed (T, V - N, 3) m: where
-    targets are put at each sample, or (0, V - N, 3) to leave them to their bodies; count (1,).
+    targets are put at each sample, or (0, V - N, 3) to leave them to their bodies; written (1,).
     """
 
     positions: Array
@@ -25,7 +25,7 @@ class Log(NamedTuple):
     thrust: Array
     saturation: Array
     placed: Array
-    count: NDArray[np.int64]
+    written: NDArray[np.int64]
 
 
 def new_log(samples: int, vehicles: int, thrusters: int, placed: Array | None = None) -> Log:
@@ -37,14 +37,14 @@ def new_log(samples: int, vehicles: int, thrusters: int, placed: Array | None = 
         thrust=np.empty((samples, thrusters)),
         saturation=np.empty((samples, vehicles)),
         placed=np.empty((0, 0, 3)) if placed is None else np.ascontiguousarray(placed),
-        count=np.zeros(1, dtype=np.int64),
+        written=np.zeros(1, dtype=np.int64),
     )
 
 
 @part
 def place_targets(bodies, log, state):
     """Put every target where the log wants its controlled position at this sample, with its attitude and speed."""
-    k, agents = log.count[0], bodies.shape[0] - log.placed.shape[1]
+    k, agents = log.written[0], bodies.shape[0] - log.placed.shape[1]
     if k >= log.placed.shape[0]:
         return
     for v in range(agents, bodies.shape[0]):
@@ -57,8 +57,8 @@ def place_targets(bodies, log, state):
 @part
 def record(bodies, thrusters, state, log):
     """Write the present state, and the commands just made for it, as the next sample."""
-    k = log.count[0]
-    log.count[0] = k + 1
+    k = log.written[0]
+    log.written[0] = k + 1
     for v in range(bodies.shape[0]):
         body, a = bodies[v], bodies[v].qpos
         controlled_position(body, state.qpos, log.positions[k, v])

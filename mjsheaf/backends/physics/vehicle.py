@@ -19,6 +19,9 @@ Control = Literal["full", "thrust_vector", "hand_point"]
 
 GRAVITY = 9.81  # m/s^2
 
+_USABLE = (
+    0.9  # of its thrust is what a multirotor that points its thrust may use for its weight and for going somewhere
+)
 _NO_LIMIT = 1e9  # a range from here on is none: it is there so that a command which diverges is seen
 
 ROW_NAMES = ("surge force", "sway force", "heave force", "roll moment", "pitch moment", "yaw moment")
@@ -138,6 +141,19 @@ class Vehicle:
         rigid = self.rigid_mass
         return np.asarray(np.linalg.solve(rigid + np.diag(self.added_mass), rigid).T)
 
+    @property
+    def turning_inertia(self) -> Array:
+        """What a couple must overcome, shape (3, 3), kg m^2: inertia about the centre of mass, and added inertia."""
+        c = self.centre_of_mass
+        return self.inertia - self.mass * (c @ c * np.eye(3) - np.outer(c, c)) + np.diag(self.added_mass[3:])
+
+    @property
+    def usable_lift(self) -> float:
+        """Thrust along z that a vehicle which points its thrust may use, N: some is left for turning it."""
+        lifting = self.W[2] > 0.0
+        reach = self.W[2, lifting] @ self.limits[lifting, 1]
+        return max(_USABLE * float(reach), 1.01 * self.weight)
+
     def reduced_model(self) -> "ReducedModel":
         """The paper's first-order model of this vehicle: q' = f + g u once its time constants are small."""
         return ReducedModel(self)
@@ -145,8 +161,8 @@ class Vehicle:
     def with_time_constant(self, tau: float | None) -> "Vehicle":
         """The same vehicle with time constant tau, s; None leaves it as it is.
 
-        Where it has an autopilot, that is made faster or slower; where it has none, its drag becomes isotropic, m /
-        tau.
+        Where it has an autopilot, that is made faster or slower, until M / (M k_v + D) along surge is tau, whatever the
+        lag of its thrusters; where it has none, its drag becomes isotropic, m / tau.
 
         Raises:
             InputError: its drag alone makes it faster than tau.
@@ -155,8 +171,8 @@ class Vehicle:
             return self
         if self.rate == 0.0:
             return replace(self, drag=np.full(3, self.mass / tau))
-        own = float(replace(self, rate=0.0).reduced_model().tau[0])
-        rate = (own / tau - 1.0) * self.drag[0] / self.moving_mass[0]
+        own = float(self.moving_mass[0] / self.drag[0])
+        rate = 1.0 / tau - 1.0 / own
         if rate <= 0.0:
             raise InputError(f"{self.name} has a time constant of {own:.3g} s without its autopilot; tau must be below")
         return replace(self, rate=float(rate))

@@ -3,7 +3,7 @@
 The whole loop is compiled; mj_step is called through its C symbol, which frees it from the interpreter.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from mjsheaf.backends.physics.loading import load_vehicle
 from mjsheaf.backends.physics.recording import Log, new_log, place_targets, record
 from mjsheaf.backends.physics.vehicle import Vehicle
 from mjsheaf.backends.system import System
-from mjsheaf.backends.trajectory import Trajectory, blow_up_message
+from mjsheaf.backends.trajectory import blow_up_message
 from mjsheaf.compiled import kernel
 from mjsheaf.engine import mujoco
 from mjsheaf.errors import InputError, UnstableError
@@ -79,7 +79,7 @@ def _advance(
     The law is evaluated every `per_law` steps. While the log has room, a sample is recorded every `per_sample` steps.
     """
     for k in range(step, step + count):
-        sample = k % per_sample == 0 and log.count[0] < log.heights.shape[0]
+        sample = k % per_sample == 0 and log.written[0] < log.heights.shape[0]
         if sample:
             place_targets(bodies, log, state)
         close_loop(control, medium, bodies, thrusters, start + k * timestep, k % per_law == 0, state)
@@ -104,7 +104,8 @@ class World:
         arena: where each vehicle is in the model.
         model, data: MuJoCo's own. The state may be read and set between steps; each step overwrites `data.ctrl`,
             `data.qfrc_applied` of the vehicles and `model.actuator_gear`. Forces of your own go to
-            `data.xfrc_applied`.
+            `data.xfrc_applied`; of a vehicle with added mass only the rigid body feels them: multiply by
+            `vehicle.share`.
     """
 
     def __init__(self, scenario: Any) -> None:
@@ -214,27 +215,41 @@ class World:
             raise UnstableError(self._blow_up(bad))
         return count
 
-    def record(self, targets: Array | None, progress: Callable[[int, int], None] | None) -> tuple[Log, str]:
+    def record(
+        self, samples: int, targets: Array | None, progress: Callable[[int, int], None] | None
+    ) -> Iterator[tuple[Log, str]]:
         """Take a sample now and after each period, up to the end of the system's time or of `targets`.
 
-        Returns:
-            The log, and what went wrong; empty where nothing did.
+        Args:
+            samples: how many to hand out at a time; the last piece has what is left.
+            targets: where the targets are put, as for `run_physics`.
+            progress: called with (samples done, samples in all).
+
+        Yields:
+            A log, and what went wrong; empty where nothing did.
         """
-        samples = self.system.grid.steps + 1 if targets is None else min(self.system.grid.steps + 1, len(targets))
-        log = new_log(samples, len(self.arena.vehicles), self.model.nu, targets)
-        left = (samples - 1) * self._steps_per_sample
-        try:
-            while left > 0:
-                left -= self._advance(min(left, _CHUNK), log)
+        of = self.system.grid.steps + 1 if targets is None else min(self.system.grid.steps + 1, len(targets))
+        for begin in range(0, of, samples):
+            end = min(begin + samples, of)
+            placed = None if targets is None else targets[begin:end]
+            log = new_log(end - begin, len(self.arena.vehicles), self.model.nu, placed)
+            left = (end - begin - (end == of)) * self._steps_per_sample
+            try:
+                while left > 0:
+                    left -= self._advance(min(left, _CHUNK), log)
+                    if progress:
+                        progress(begin + int(log.written[0]) - 1, of - 1)
+            except UnstableError as error:
+                yield log, str(error)
+                return
+            if end == of:
+                before = self._before_step
+                place_targets(before.bodies, log, before.state)
+                self.close_loop(sample=True)
+                record(before.bodies, before.thrusters, before.state, log)
                 if progress:
-                    progress(int(log.count[0]) - 1, samples - 1)
-        except UnstableError as error:
-            return log, str(error)
-        before = self._before_step
-        place_targets(before.bodies, log, before.state)
-        self.close_loop(sample=True)
-        record(before.bodies, before.thrusters, before.state, log)
-        return log, ""
+                    progress(of - 1, of - 1)
+            yield log, ""
 
     def _blow_up(self, vehicle: int) -> str:
         at = self.arena.dof[vehicle]
@@ -316,34 +331,4 @@ def arena_of(system: System, colours: Array | None = None) -> Arena:
         surface=plan.surface,
         surface_height=plan.surface_height,
         colours=colours,
-    )
-
-
-def run_physics(
-    system: System, progress: Callable[[int, int], None] | None = None, targets: Array | None = None
-) -> Trajectory:
-    """Simulate a system on bodies.
-
-    Args:
-        system: the system.
-        progress: called with (samples done, samples in all).
-        targets: where the targets are at each sample, shape (T, V - N, 3), m, whatever their bodies would do; the run
-            ends with the last. None leaves them to their bodies.
-
-    Returns:
-        The trajectory; its status is 'unstable' and it ends early where the simulation blows up.
-    """
-    log, message = World(system).record(targets, progress)
-    done = int(log.count[0])
-    if progress:
-        progress(done - 1, len(log.heights) - 1)
-    return Trajectory(
-        system.grid.samples[:done],
-        log.positions[:done],
-        "unstable" if message else "finished",
-        message,
-        log.quaternions[:done],
-        log.heights[:done],
-        log.thrust[:done],
-        log.saturation[:done],
     )

@@ -1,0 +1,11 @@
+"""Measure what closing the loop costs and print one JSON object: python benchmarks/loop.py [--short]."""
+
+import argparse
+import json
+
+from mjsheaf.bench.loop import measure
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--short", action="store_true", help="fewer repetitions")
+    print(json.dumps(measure(parser.parse_args().short), indent=2))

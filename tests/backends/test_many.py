@@ -1,0 +1,85 @@
+"""Many runs on threads: the bits of one by one, in order, and no run lost to another's error."""
+
+import threading
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from mjsheaf import simulate, simulate_many
+from mjsheaf.errors import InputError, MjsheafError, NotUniqueError
+from mjsheaf.scenario import Scenario
+
+from .small import mixed
+
+DISTURBED = {"agents": {"bound": 0.5}, "targets": {"bound": 0.3}}
+
+
+def runs() -> list[Scenario]:
+    control = [{"gain": gain, "control_period": 0.01} for gain in (1.0, 2.0, 3.0)]
+    one = [mixed(controller=c, disturbance=DISTURBED, seed=k) for k, c in enumerate(control)]
+    return [*one, mixed(seed=7, disturbance=DISTURBED, time={"end": 0.3})]
+
+
+def bits(result: "xr.Dataset | MjsheafError") -> dict[str, bytes]:
+    assert isinstance(result, xr.Dataset)
+    return {str(name): np.ascontiguousarray(result[name]).tobytes() for name in result.data_vars}
+
+
+@pytest.mark.parametrize("backend", ["ideal", "physics"])
+@pytest.mark.parametrize("workers", [1, 2, 4, None])
+def test_threads_give_the_bits_of_one_by_one(backend: str, workers: int | None) -> None:
+    scenarios = runs()
+    together = simulate_many(scenarios, backend, workers=workers)
+    for scenario, result in zip(scenarios, together, strict=True):
+        alone = simulate(scenario, backend)
+        assert bits(result) == bits(alone)
+        assert isinstance(result, xr.Dataset)
+        assert result.identical(alone)
+    assert len({bits(result)["agent_position"] for result in together}) == len(scenarios)
+
+
+def test_a_refused_scenario_does_not_lose_the_others() -> None:
+    """Refused: nobody senses a target. Blown up: a gain beyond the margin of the hold, which is a result."""
+    wild = mixed(controller={"gain": 1e4, "control_period": 0.01})
+    free = mixed(sensing=[["boat", "ship"]], communication=[["boat", "front"]], formations=[])
+    good, refused, broken, again = simulate_many([mixed(), free, wild, mixed()], "ideal", workers=2)
+    assert isinstance(refused, NotUniqueError)
+    assert isinstance(broken, xr.Dataset)
+    assert broken.attrs["status"] == "unstable"
+    assert bits(good) == bits(again)
+    (allowed,) = simulate_many([free], "ideal", allow_drift=True)
+    assert isinstance(allowed, xr.Dataset)
+
+
+def test_progress_counts_runs_in_the_calling_thread() -> None:
+    seen: list[tuple[int, int]] = []
+    threads: set[int] = set()
+
+    def progress(done: int, of: int) -> None:
+        seen.append((done, of))
+        threads.add(threading.get_ident())
+
+    simulate_many(runs(), "ideal", workers=2, progress=progress)
+    assert seen == [(k, 4) for k in range(1, 5)]
+    assert threads == {threading.get_ident()}
+
+
+def test_an_interrupted_set_of_runs_ends_soon() -> None:
+    """Whatever ends the caller ends the runs that have begun, at their next look, and those that have not."""
+
+    def stop(done: int, of: int) -> None:
+        raise KeyboardInterrupt
+
+    long = [mixed(time={"end": 1e5}, controller={"gain": 3.0, "control_period": 0.01}) for _ in range(3)]
+    with pytest.raises(KeyboardInterrupt):
+        simulate_many([mixed(), *long], "ideal", workers=2, progress=stop)
+    assert not [thread for thread in threading.enumerate() if thread.name.startswith("ThreadPoolExecutor")]
+
+
+def test_nothing_to_run_and_bad_arguments() -> None:
+    assert simulate_many([], "ideal") == []
+    with pytest.raises(InputError, match="workers is 0; legal is 1 or more"):
+        simulate_many([mixed()], workers=0)
+    with pytest.raises(InputError, match="unknown backend 'real'; legal are physics, ideal"):
+        simulate_many([mixed()], "real")

@@ -1,0 +1,86 @@
+"""What a run on bodies records inside the compiled loop, against the world stepped and looked at from Python."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from mjsheaf import World
+from mjsheaf.backends.physics import run_physics, world
+from mjsheaf.backends.system import System
+
+from .small import mixed
+
+Array = NDArray[np.float64]
+
+RECORDED = ("positions", "quaternions", "heights", "thrust", "saturation")
+
+
+def looked_at(system: System, targets: Array | None) -> dict[str, Array]:
+    """The same samples by the world's own methods; targets are moved by MuJoCo's arrays."""
+    body, N = World(system), len(system.team.agents)
+    samples = system.grid.steps + 1 if targets is None else len(targets)
+    seen: dict[str, list[Array]] = {name: [] for name in RECORDED}
+    for k in range(samples):
+        if targets is not None:
+            shift = targets[k] - body.positions()[N:]
+            for v in range(N, len(body.arena.vehicles)):
+                at, n = body.arena.qpos[v], body.arena.vehicles[v].dimension
+                body.data.qpos[at : at + n] += shift[v - N, :n]
+        body.close_loop(sample=True)
+        for name, value in zip(
+            RECORDED,
+            (body.positions(), body.quaternions(), body.heights(), body.data.ctrl.copy(), body.saturation()),
+            strict=True,
+        ):
+            seen[name].append(value)
+        if k + 1 < samples:
+            body.step(body.steps_per_sample)
+    return {name: np.array(values) for name, values in seen.items()}
+
+
+@pytest.mark.parametrize("chunk", [7, 4000], ids=["many-chunks", "one-chunk"])
+@pytest.mark.parametrize("period", [0.0, 0.01], ids=["continuous", "held"])
+@pytest.mark.parametrize("placed", [False, True], ids=["own-targets", "placed-targets"])
+def test_samples_are_those_of_the_world_looked_at(
+    placed: bool, period: float, chunk: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(world, "_CHUNK", chunk)
+    fields: dict[str, Any] = {"time": {"end": 0.2}, "controller": {"gain": 30.0, "control_period": period}}
+    system = mixed(**fields, disturbance={"agents": {"bound": 1.0}}).system()
+    time = np.linspace(0.0, 0.15, 16)[:, None, None]
+    path = system.initial[3:] + np.concatenate([np.sin(time), time, 0.0 * time], axis=2)
+    targets = path if placed else None
+    trajectory = run_physics(system, targets=targets)
+    assert len(trajectory.time) == (16 if placed else 21)
+    for name, expected in looked_at(system, targets).items():
+        np.testing.assert_array_equal(getattr(trajectory, name), expected, err_msg=name)
+    if placed:
+        np.testing.assert_allclose(trajectory.positions[:, 3:], path, rtol=0, atol=1e-14)
+
+
+def test_progress_ends_at_the_last_sample_and_may_stop_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(world, "_CHUNK", 50)
+    seen: list[tuple[int, int]] = []
+    system = mixed(time={"end": 0.2}).system()
+    run_physics(system, lambda done, of: seen.append((done, of)))
+    assert seen[-1] == (20, 20)
+    assert [done for done, _ in seen] == sorted(done for done, _ in seen)
+
+    def stop(done: int, of: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_physics(system, stop)
+
+
+def test_a_blow_up_between_samples_keeps_the_samples_before_it() -> None:
+    """With a huge gain the first command flings bodies away; the start is recorded, and nothing after the blow-up."""
+    system = mixed(controller={"gain": 1e6, "control_period": 0.01}).system()
+    trajectory = run_physics(system)
+    assert trajectory.status == "unstable"
+    for name in RECORDED:
+        values = getattr(trajectory, name)
+        assert len(values) == len(trajectory.time)
+        assert np.isfinite(values).all(), name

@@ -1,0 +1,49 @@
+"""`mjsheaf bench` as a user runs it; the measurement behind it is small here."""
+
+import json
+from typing import Any
+
+import pytest
+
+from mjsheaf.bench import ideal
+from mjsheaf.cli.main import main
+
+
+@pytest.fixture(autouse=True)
+def _a_short_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = ideal.measure
+
+    def measure(short: bool) -> dict[str, Any]:
+        return whole(short, end=0.06) | {"short": short}
+
+    monkeypatch.setattr(ideal, "measure", measure)
+
+
+def call(*arguments: str) -> int:
+    with pytest.raises(SystemExit) as stopped:
+        main(["bench", *arguments])
+    return int(stopped.value.code or 0)
+
+
+def test_the_table_names_what_ours_and_the_bound(capsys: pytest.CaptureFixture[str]) -> None:
+    assert call("ideal") == 0
+    printed = capsys.readouterr().out
+    for text in ("ideal", "published run, 5 steps, s", "at most 1", "yes", "the authors' code", "processors"):
+        assert text in printed
+
+
+@pytest.mark.parametrize("full", [False, True])
+def test_json_has_figures_rows_and_machine(full: bool, capsys: pytest.CaptureFixture[str]) -> None:
+    assert call("ideal", "--json", *["--full"] * full) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["figures"]["ideal"]["steps"] == 5
+    assert found["figures"]["ideal"]["short"] is found["short"] is not full
+    assert set(found["rows"][0]) == {"topic", "what", "ours", "reference", "ratio", "wanted", "met", "note"}
+    assert {"processors", "mujoco", "python"} <= set(found["machine"])
+
+
+def test_an_unknown_topic_is_bad_input(capsys: pytest.CaptureFixture[str]) -> None:
+    assert call("speed") == 2
+    printed = capsys.readouterr().err
+    assert "unknown topic 'speed'; legal are startup, ideal, loop" in printed
+    assert printed.count("\n") == 1

@@ -1,0 +1,188 @@
+"""What is to blame: the sheaf, the law or the vehicles; how far the gain may go.
+
+Oracles: teams whose harmonic extension is in formation or not by their edges; closed forms.
+"""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mjsheaf.backends.ideal import run_ideal
+from mjsheaf.backends.physics import load_vehicle
+from mjsheaf.comparing import CompareRecord, compare
+from mjsheaf.comparing.gain import usable_gain
+from mjsheaf.comparing.inertia import inertial_tau
+from mjsheaf.comparing.measures import formation_size, late, positions_at_q_star, root_mean_square, series_of
+from mjsheaf.comparing.record import ItemRecord
+from mjsheaf.comparing.report import report_text
+from mjsheaf.comparing.ringing import ringing_of
+from mjsheaf.comparing.verdict import verdict_of
+from mjsheaf.plots.compare import choose_rungs, log_ticks
+from mjsheaf.results.errors import evaluate_errors
+from mjsheaf.scenario import Scenario
+from tests.comparing.small import approx, pair
+
+
+def two_groups(link: Any, **fields: Any) -> Scenario:
+    """Two lines about targets 20 m apart, and a third alone, the first two tied by a link."""
+    places = {"T1": (0, 0), "T2": (20, 0), "T3": (0, 30)}
+    slow = {"kind": "lissajous", "amplitude": [1, 1], "rate": [0.1, 0.1], "phase": [1.57, 0]}
+    agents = [{"id": f"{t}{k}", "position": [x + 3, y + 2 * k]} for t, (x, y) in places.items() for k in (1, 2)]
+    return pair(
+        "hull", "hull",
+        name="groups",
+        agents=agents,
+        targets=[{"id": t, "position": list(p), "motion": slow} for t, p in places.items()],
+        communication=[*([f"{t}1", f"{t}2"] for t in places), link],
+        sensing=[[f"{t}{k}", t] for t in places for k in (1, 2)],
+        formations=[
+            {"name": f"line_{t}", "shape": "line", "members": [f"{t}1", f"{t}2"], "about": t, "spacing": 3}
+            for t in places
+        ],
+        **fields,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def torn() -> CompareRecord:
+    return compare(two_groups(["T11", "T21"])).record
+
+
+def test_agents_at_q_star_do_not_err_in_tracking() -> None:
+    system = two_groups(["T11", "T21"]).system()
+    run = run_ideal(system)
+    placed = positions_at_q_star(system, run.positions)
+    N = len(system.team.agents)
+    np.testing.assert_array_equal(placed[:, N:], run.positions[:, N:])
+    found = evaluate_errors(system.team, placed)
+    np.testing.assert_allclose(found.tracking, 0.0, atol=1e-9)
+    np.testing.assert_allclose(found.disagreement[..., :2], 0.0, atol=1e-9)
+    assert formation_size(system) == pytest.approx(3.0)
+
+
+def test_budgets_know_the_errors_at_q_star(torn: CompareRecord) -> None:
+    system = two_groups(["T11", "T21"]).system()
+    run = run_ideal(system)
+    series = series_of(system, evaluate_errors(system.team, positions_at_q_star(system, run.positions)))
+    chosen = late(system, run.time)
+    for budget in torn.budgets:
+        values = getattr(series[budget.scope], budget.measure)
+        expected = {"late": root_mean_square(values, chosen), "final": values[-1]}[budget.statistic]
+        assert approx(budget.at_q_star_m, abs=1e-9) == expected
+
+
+def test_a_link_without_offset_is_the_sheafs_fault_and_spares_who_has_none(torn: CompareRecord) -> None:
+    told = torn.verdict
+    assert told[0].startswith("largest lever: the sheaf, not law or vehicles: q* itself is")
+    assert "`offset`" in told[0]
+    for scope in ("line_T1", "line_T2"):
+        assert any(s.startswith(f"{scope}: the sheaf") for s in told)
+    assert not any(s.startswith("line_T3: the sheaf") for s in told)
+    assert any(s.startswith("line_T3: ") for s in told)
+    assert torn.budget("line_T3", "formation_error", "late").at_q_star_m == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_link_with_the_targets_offset_blames_nobody_for_the_sheaf() -> None:
+    system_free = two_groups({"between": ["T11", "T21"], "offset": [-20.0, 0.0]})
+    record = compare(system_free).record
+    assert approx(record.budget("team", "formation_error", "late").at_q_star_m, abs=1e-9) == 0.0
+    assert not any("the sheaf" in s for s in record.verdict)
+
+
+def test_where_the_law_lags_the_tracking_error_is_told() -> None:
+    """A target in uniform motion is followed at a distance of v / (k1 w), which the ideal run has too."""
+    motion = {"kind": "lissajous", "amplitude": [3, 3], "rate": [0.5, 0.5], "phase": [1.57, 0]}
+    record = compare(pair("hull", "hull", targets=[{"id": "T1", "position": [0, 0], "motion": motion}])).record
+    (told,) = [s for s in record.verdict if s.startswith("tracking error")]
+    assert "the law's own lag; a higher controller.gain (up to" in told
+    assert record.usable_gain is not None
+    assert record.usable_gain > record.gain
+    poor = record.model_copy(update={"usable_gain": 0.5 * record.gain})
+    (told,) = [s for s in verdict_of(poor) if s.startswith("tracking error")]
+    assert "no higher gain" in told
+    assert "a higher controller.gain" not in " ".join(verdict_of(poor))
+
+
+@pytest.mark.parametrize("gain", [0.5, 2.0, 6.0])
+def test_usable_gain_of_alike_bodies_is_the_closed_form_at_any_gain(gain: float) -> None:
+    """1 / (4 zeta^2 lambda tau) where the law is continuous: no hold, no lag; and it does not depend on k1."""
+    tau = 0.2
+    vehicles = {"agents": "hull", "targets": "hull", "tau": tau}
+    system = pair("hull", "hull", vehicles=vehicles, controller={"gain": gain, "control_period": 0.002},
+                  physics={"timestep": 0.002}).system()  # fmt: skip
+    system = replace(system, grid=replace(system.grid, continuous=True))
+    expected = 1.0 / (4.0 * 0.3**2 * system.largest_eigenvalue * tau)
+    assert approx(usable_gain(system, None), rel=1e-9) == expected
+    ringing = ringing_of(replace(system, grid=replace(system.grid, continuous=False)))
+    assert ringing is not None
+    bare = replace(ringing, releases=[replace(ringing.releases[0], damping=None)])
+    assert approx(usable_gain(system, bare), rel=1e-9) == expected
+    assert approx(usable_gain(system, ringing), rel=0.1) == expected  # as measured
+
+
+@given(st.floats(0.002, 0.2), st.floats(0.1, 20.0))
+def test_usable_gain_neither_rings_under_the_hold_nor_grows_with_it(period: float, gain: float) -> None:
+    system = pair("hull", "hull").system()
+    held = replace(system, gain=gain, grid=replace(system.grid, period=period, continuous=False))
+    longer = replace(held, grid=replace(held.grid, period=1.5 * period))
+    found, less = usable_gain(held, None), usable_gain(longer, None)
+    assert found is not None
+    assert less is not None
+    assert found <= 1.0 / (period * system.largest_eigenvalue) * (1.0 + 1e-12)
+    assert less <= found
+
+
+def test_inertia_is_the_reduced_model_without_lag() -> None:
+    for name in ("wamv", "otter", "hexarotor", "hull"):
+        vehicle = load_vehicle(name)
+        free = [a | {"dyntype": "none"} for a in vehicle.actuation]
+        expected = replace(vehicle, actuation=free).reduced_model().tau
+        np.testing.assert_allclose(inertial_tau(vehicle), expected)
+        assert (vehicle.reduced_model().tau >= inertial_tau(vehicle) - 1e-12).all()
+
+
+def test_the_page_says_why_something_is_worse_without_an_effect(torn: CompareRecord) -> None:
+
+    def with_item(share: float) -> CompareRecord:
+        budgets = []
+        for b in torn.budgets:
+            item = ItemRecord(effect="underactuation", alone_m=0.0, give_back_m=share * (b.all_m or 0.0))
+            budgets.append(b.model_copy(update={"effects": [item]}))
+        return torn.model_copy(update={"budgets": budgets})
+
+    assert "worse without it; underactuation: the stand-in" in " ".join(report_text(with_item(-0.2)).split())
+    assert "worse without it" not in report_text(with_item(-0.01))
+    for words in ("team, at the end", "at q* already", "settles (s)", "settles:", "compare.json has both"):
+        assert words in report_text(torn)
+
+
+def test_every_rung_is_drawn_or_named() -> None:
+    record = compare(pair("otter", "hull", time={"end": 1.0})).record
+    told, note = choose_rungs(record)
+    keys = [rung.key for rung in told]
+    assert {"ideal", "targets", "agents", "base", "all"} <= set(keys)
+    assert len(set(keys)) == len(keys) <= 10
+    for rung in record.ladder:
+        if rung.kind == "alone":
+            assert (rung.key in keys) != ((rung.effect or "").replace("_", " ") in note)
+    assert note.endswith("all but one")
+    same = record.rung("base")
+    twin = [r.model_copy(update={"errors": same.errors, "distance": same.distance}) if r.key == "+lag" else r
+            for r in record.ladder]  # fmt: skip
+    told, note = choose_rungs(record.model_copy(update={"ladder": twin}))
+    assert "+lag" not in [rung.key for rung in told]
+    assert "lag (as ideal thrusters)" in note
+
+
+@given(st.floats(-8.0, 8.0), st.floats(0.31, 6.0))
+def test_a_logarithmic_axis_has_at_least_two_labels(exponent: float, decades: float) -> None:
+    low, high = 10.0**exponent, 10.0 ** (exponent + decades)
+    ticks = log_ticks(low, high)
+    assert len(ticks) >= 2
+    assert ticks == sorted(ticks)
+    assert low <= ticks[0] < ticks[-1] <= high
+    assert len(ticks) <= 10

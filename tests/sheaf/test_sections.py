@@ -1,0 +1,127 @@
+"""Sections along forests: what is proved is true, and what cannot be proved is left to the general method.
+
+Oracles: singular values by numpy, exact ranks, frames that make a bundle flat.
+"""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import ortho_group
+
+from mjsheaf import Sheaf
+from mjsheaf.sheaf.forest import grow, propagate
+from mjsheaf.sheaf.sections import proved_sections
+
+from .strategies import LAWS, SheafSpec, sheaves
+
+
+def grid(side: int, seed: int = 0, twist: int | None = None, k: int = 3) -> tuple[Sheaf, np.ndarray]:
+    """A flat bundle on a square grid with its frames; `twist`: one edge is turned by another rotation."""
+    rng = np.random.default_rng(seed)
+    frames = ortho_group.rvs(k, size=side * side, random_state=rng).reshape(-1, k, k)
+    number = np.arange(side * side).reshape(side, side)
+    tails = np.concatenate([number[:, :-1].ravel(), number[:-1].ravel()])
+    heads = np.concatenate([number[:, 1:].ravel(), number[1:].ravel()])
+    F_heads = frames[heads]
+    if twist is not None:
+        F_heads[twist] = ortho_group.rvs(k, random_state=rng) @ F_heads[twist]
+    sheaf = Sheaf(dict.fromkeys(range(side * side), k))
+    sheaf.add_edges(tails.tolist(), heads.tolist(), frames[tails], F_heads)
+    return sheaf, frames
+
+
+@LAWS
+@given(sheaves(), st.data())
+def test_the_bound_of_a_forest_holds(spec: SheafSpec, data: st.DataObject) -> None:
+    """At most dim r singular values of delta on the free vertices are under 1 / |G|; P spans what the forest leaves."""
+    names = list(spec.stalks)
+    held = data.draw(st.lists(st.sampled_from(names), unique=True))
+    free = np.array([v not in held for v in names])
+    t = spec.build().table
+    forest = grow(t, free)
+    assert sorted(forest.order) == np.flatnonzero(free).tolist()
+    delta = spec.delta[:, spec.columns(spec.rest(held))]
+    if not delta.size:
+        return
+    values = np.zeros(delta.shape[1])
+    found = np.linalg.svd(delta, compute_uv=False)
+    values[: len(found)] = found
+    assert forest.norm_low <= values[0] * (1 + 1e-12)
+    assert values[0] <= forest.norm_high * (1 + 1e-12)
+    roots = free & (forest.parent == -1)
+    open_directions = int(np.diff(t.column)[roots].sum())
+    G = np.sqrt(forest.rows * forest.columns).max()
+    if G > 0.0:
+        assert np.sum(values < 0.999 / G) <= open_directions
+
+
+@LAWS
+@given(sheaves(), st.data())
+def test_proved_sections_are_all_of_their_components(spec: SheafSpec, data: st.DataObject) -> None:
+    """Of random maps some components are proved and others not; the former agree with numpy's decomposition."""
+    names = list(spec.stalks)
+    held = data.draw(st.lists(st.sampled_from(names), unique=True))
+    free = np.array([v not in held for v in names])
+    found, left = proved_sections(spec.build().table, free, 1e-9)
+    assert not np.any(left & ~free)
+    columns = spec.columns([v for v, one, other in zip(names, free, left, strict=True) if one and not other])
+    values = np.linalg.svd(spec.delta[:, columns], compute_uv=False) if len(columns) else np.zeros(0)
+    rank = int(np.sum(values > 1e-9 * max(1.0, values.max(initial=0.0))))
+    assert sum(Q.shape[1] for _, Q in found) == len(columns) - rank
+    for place, Q in found:
+        np.testing.assert_allclose(spec.delta[:, place] @ Q, 0.0, atol=1e-12)
+        np.testing.assert_allclose(Q.T @ Q, np.eye(Q.shape[1]), atol=1e-13)
+
+
+def test_a_flat_bundle_is_its_frames() -> None:
+    """Sections of a flat bundle are R_v^T r, whatever the graph: 2,500 vertices, over what is decomposed densely."""
+    sheaf, frames = grid(50)
+    assert sheaf.betti() == (3, 3 * (2 * 50 * 49) - 3 * 2500 + 3)
+    sections = sheaf.global_sections()
+    expected = frames.transpose(0, 2, 1).reshape(-1, 3) / 50.0
+    np.testing.assert_allclose(sections @ (sections.T @ expected), expected, atol=1e-12)
+    x = np.random.default_rng(1).standard_normal(7500)
+    np.testing.assert_allclose(sheaf.nearest_global_section(x), expected @ (expected.T @ x), atol=1e-12)
+    assert sheaf.relative_sections([17]).shape == (7497, 0)
+
+
+@pytest.mark.parametrize("k", [2, 3])
+def test_a_twisted_edge_leaves_the_axis_of_its_twist(k: int) -> None:
+    """Sections are what the holonomy around a face leaves as it is; oracle: dense singular values."""
+    sheaf, _ = grid(25, twist=300, k=k)
+    values = np.linalg.svd(sheaf.coboundary().toarray(), compute_uv=False)
+    expected = int(np.sum(values <= 1e-9 * values[0])) + max(0, sheaf.shape[1] - len(values))
+    sections = sheaf.global_sections()
+    assert sections.shape[1] == expected
+    np.testing.assert_allclose(sheaf.coboundary() @ sections, 0.0, atol=1e-11)
+
+
+def test_values_at_the_roots_propagate() -> None:
+    """delta vanishes on P along the edges of the forest: on a tree, on all of them."""
+    rng = np.random.default_rng(0)
+    tree = Sheaf(dict.fromkeys(range(40), 3))
+    for v in range(1, 40):
+        tree.add_edge(v, int(rng.integers(v)), rng.standard_normal((4, 3)), rng.standard_normal((4, 3)) * 0.1)
+    isometric = Sheaf(dict.fromkeys(range(40), 2))
+    for v in range(1, 40):
+        isometric.add_edge(v, int(rng.integers(v)), *ortho_group.rvs(2, size=2, random_state=rng))
+    everything = np.ones(40, dtype=bool)
+    forest = grow(isometric.table, everything)
+    slot = np.zeros(40, dtype=np.int64)
+    P = propagate(isometric.table, everything, forest, slot, 2)
+    np.testing.assert_allclose(isometric.coboundary() @ P, 0.0, atol=1e-14)
+    np.testing.assert_allclose(
+        P.reshape(40, 2, 2).transpose(0, 2, 1) @ P.reshape(40, 2, 2), np.broadcast_to(np.eye(2), (40, 2, 2)), atol=1e-13
+    )
+    assert tree.betti()[0] == 3 * 40 - np.linalg.matrix_rank(tree.coboundary().toarray(), rtol=1e-9)
+
+
+def test_maps_that_grow_along_a_path_are_not_trusted_to_a_forest() -> None:
+    """Values that double with each edge: the bound grows as fast, and the general method decides."""
+    path = Sheaf(dict.fromkeys(range(60), 1))
+    for v in range(59):
+        path.add_edge(v, v + 1, np.array([[2.0]]), np.array([[1.0]]))
+    _, left = proved_sections(path.table, np.ones(60, dtype=bool), 1e-9)
+    assert left.all()
+    assert path.betti() == (1, 0)

@@ -1,0 +1,201 @@
+"""Solvers of the harmonic extension, and the compiled loops under them.
+
+Oracles: the same thing in dense numpy, written from its definition.
+"""
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import linalg
+
+from mjsheaf import Sheaf
+from mjsheaf.errors import SheafError
+from mjsheaf.sheaf import DirichletProblem, solvers
+from mjsheaf.sheaf.band import factor_band, solve_band
+from mjsheaf.sheaf.iteration import conjugate_gradients
+from mjsheaf.sheaf.loops import block_row_lengths, fill_block
+
+from .strategies import LAWS, SheafSpec, sheaves, vectors
+from .test_sections import grid
+
+
+@LAWS
+@given(sheaves(), st.data())
+def test_the_operator_is_the_matrix(spec: SheafSpec, data: st.DataObject) -> None:
+    """delta x, delta^T y and blocks of them to the bit (maps are whole numbers), and <delta x, y> = <x, delta^T y>."""
+    sheaf = spec.build()
+    operator, delta = sheaf.coboundary_operator(), spec.delta
+    assert operator.shape == sheaf.shape
+    x, y = data.draw(vectors(spec.n)), data.draw(vectors(spec.m))
+    X, Y = np.stack([x, 2 * x, -x], axis=1), np.stack([y, 3 * y], axis=1)
+    np.testing.assert_array_equal(operator @ x, delta @ x)
+    np.testing.assert_array_equal(operator.matmat(X), delta @ X)
+    np.testing.assert_array_equal(operator.rmatvec(y), delta.T @ y)
+    np.testing.assert_array_equal(operator.T @ y, delta.T @ y)
+    np.testing.assert_array_equal(operator.rmatmat(Y), delta.T @ Y)
+    assert (operator @ x) @ y == x @ operator.rmatvec(y)
+
+
+def test_the_operator_keeps_the_edges_it_was_made_with() -> None:
+    sheaf, _ = grid(4)
+    operator, before = sheaf.coboundary_operator(), sheaf.coboundary()
+    sheaf.add_edge(0, 15, np.eye(3), np.eye(3))
+    x = np.arange(48.0)
+    np.testing.assert_allclose(operator @ x, before @ x, atol=1e-12)
+    assert sheaf.coboundary_operator().shape[0] == operator.shape[0] + 3
+
+
+@LAWS
+@given(sheaves(), st.data())
+def test_the_upper_triangle_and_the_diagonal_are_those_of_the_block(spec: SheafSpec, data: st.DataObject) -> None:
+    held = data.draw(st.lists(st.sampled_from(list(spec.stalks)), unique=True))
+    problem = DirichletProblem(spec.build(), held)._problem
+    place, indptr = problem.placed(), np.zeros(problem.states + 1, dtype=np.int64)
+    block_row_lengths(problem.table, place, problem.vertices, True, indptr)
+    indices, values, diagonal = np.zeros(indptr[-1], np.int64), np.zeros(indptr[-1]), np.zeros(problem.states)
+    fill_block(problem.table, place, problem.vertices, True, 1.0, indptr, indices, values, diagonal)
+    W = spec.columns(spec.rest(held))
+    H = (spec.delta.T @ spec.K @ spec.delta)[np.ix_(W, W)]
+    upper = np.zeros_like(H)
+    for row in range(len(H)):
+        for k in range(indptr[row], indptr[row + 1]):
+            upper[row, indices[k]] += values[k]
+    np.testing.assert_allclose(upper, np.triu(H, 1), atol=1e-11)
+    np.testing.assert_allclose(diagonal, np.diag(H), atol=1e-11)
+
+
+@pytest.mark.parametrize("relaxation", [0.7, 1.0, 1.75])
+def test_compiled_conjugate_gradients_are_the_textbook_ones(relaxation: float) -> None:
+    """Preconditioned by M = (I/w + L) w (I/w + L^T) / (2 - w), with dense matrices and no trick: the same iterates."""
+    rng = np.random.default_rng(0)
+    n = 30
+    A = rng.standard_normal((n, n)) * (rng.random((n, n)) < 0.2)
+    A = A @ A.T + np.eye(n)
+    A /= np.sqrt(np.outer(np.diag(A), np.diag(A)))
+    U, b = np.triu(A, 1), rng.standard_normal(n)
+    rows = [np.flatnonzero(row) for row in U]
+    indptr = np.concatenate([[0], np.cumsum([len(row) for row in rows])]).astype(np.int64)
+    indices = np.concatenate(rows).astype(np.int32)
+    values = np.concatenate([U[i, row] for i, row in enumerate(rows)])
+
+    half = np.eye(n) / relaxation + U
+    M = half.T @ (relaxation * half)
+    x, r = np.zeros(n), b.copy()
+    z = np.linalg.solve(M, r)
+    p = z.copy()
+    for step in range(1, 9):
+        alpha = (r @ z) / (p @ A @ p)
+        x, old = x + alpha * p, r @ z
+        r = r - alpha * (A @ p)
+        z = np.linalg.solve(M, r)
+        p = z + (r @ z) / old * p
+        found, iterations = conjugate_gradients(indptr, indices, values, b, relaxation, 0.0, step)
+        assert iterations == step
+        np.testing.assert_allclose(found, x, rtol=1e-8, atol=1e-10)
+    found, _ = conjugate_gradients(indptr, indices, values, b, relaxation, 1e-13, 1000)
+    np.testing.assert_allclose(found, linalg.solve(A, b, assume_a="pos"), rtol=1e-9)
+
+
+@pytest.mark.parametrize(("n", "width"), [(1, 0), (7, 2), (30, 5), (30, 29)])
+def test_the_compiled_factor_of_a_band_is_the_dense_one(n: int, width: int) -> None:
+    rng = np.random.default_rng(n)
+    C = np.tril(rng.standard_normal((n, n)))
+    C[np.subtract.outer(np.arange(n), np.arange(n)) > width] = 0.0
+    A = C @ C.T + np.eye(n)
+    band = np.zeros((n, width + 1))
+    for j in range(n):
+        column = A[j : j + width + 1, j]
+        band[j, : len(column)] = column
+    indefinite = band.copy()
+    indefinite[-1, 0] = -1.0
+    assert factor_band(band)
+    expected, b = np.linalg.cholesky(A), rng.standard_normal((n, 3))
+    for j in range(n):
+        np.testing.assert_allclose(band[j, : n - j], expected[j : j + width + 1, j], atol=1e-12)
+    x = b.copy()
+    solve_band(band, x)
+    np.testing.assert_allclose(A @ x, b, atol=1e-10)
+    assert not factor_band(indefinite)
+
+
+def test_the_size_decides_who_solves() -> None:
+    """A long path has a narrow band, a large grid has not; a small one is solved directly whatever its band."""
+
+    def kind(sheaf: Sheaf) -> type:
+        return type(DirichletProblem(sheaf, [0]).solver)
+
+    path = Sheaf(dict.fromkeys(range(20_000), 2))
+    maps = np.broadcast_to(np.eye(2), (19_999, 2, 2))
+    path.add_edges(range(19_999), range(1, 20_000), maps, maps)
+    assert kind(path) is solvers.BandCholesky
+    assert kind(grid(10)[0]) is solvers.BandCholesky
+    assert kind(grid(80)[0]) is solvers.ConjugateGradients
+
+
+def test_a_path_of_twenty_thousand_is_a_straight_line() -> None:
+    """Condition 1e8, far from what conjugate gradients could do."""
+    n = 20_000
+    path = Sheaf(dict.fromkeys(range(n), 1))
+    maps = np.ones((n - 1, 1, 1))
+    path.add_edges(range(n - 1), range(1, n), maps, maps)
+    extension = path.harmonic_extension({0: 0.0, n - 1: 1.0})
+    assert extension.unique
+    np.testing.assert_allclose(np.concatenate(list(extension.x.values())), np.linspace(0.0, 1.0, n), atol=1e-9)
+
+
+def test_a_grid_without_boundary_is_solved_with_minimum_norm() -> None:
+    """Over DIRECT_WORK and singular: conjugate gradients, and what is free is told."""
+    sheaf, frames = grid(80)
+    rng = np.random.default_rng(3)
+    problem = DirichletProblem(sheaf, [])
+    assert type(problem.solver) is solvers.ConjugateGradients
+    assert problem.null_basis.shape == (19_200, 3)
+    r = sheaf.laplacian() @ rng.standard_normal(19_200)
+    x = problem.solve(r)
+    np.testing.assert_allclose(sheaf.laplacian() @ x, r, atol=1e-8)
+    np.testing.assert_allclose(frames.transpose(0, 2, 1).reshape(-1, 3).T @ x, 0.0, atol=1e-8)
+
+
+def test_what_does_not_converge_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(solvers, "MOST_ITERATIONS", 5)
+    sheaf, _ = grid(80)
+    with pytest.raises(SheafError, match=r"did not converge: relative residual \S+ after 5 iterations, wanted 1e-08"):
+        sheaf.harmonic_extension({0: [1.0, 2.0, 3.0]})
+
+
+def test_what_is_too_badly_conditioned_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Weights over 16 decades on more states than are decomposed densely."""
+    n = 1500
+    path = Sheaf(dict.fromkeys(range(n), 1))
+    maps = np.ones((n - 1, 1, 1))
+    path.add_edges(range(n - 1), range(1, n), maps, maps, weight=[1e-17 if i == 3 else 1.0 for i in range(n - 1)])
+    with pytest.raises(SheafError, match=r"1499 states is too badly conditioned"):
+        path.harmonic_extension({0: 1.0})
+
+
+def test_the_bits_do_not_depend_on_the_number_of_threads() -> None:
+    """Of an extension by conjugate gradients and of one by a factor."""
+    program = (
+        "import hashlib, numpy as np\n"
+        "from tests.sheaf.test_sections import grid\n"
+        "for side in (40, 80):\n"
+        "    found = grid(side)[0].harmonic_extension({0: [1, 2, 3], 700: [3, 2, 1]})\n"
+        "    print(hashlib.sha256(np.concatenate(list(found.x.values())).tobytes()).hexdigest(), found.energy)\n"
+    )
+    names = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "NUMBA_NUM_THREADS")
+    said = [
+        subprocess.run(
+            [sys.executable, "-c", program],
+            env=os.environ | dict.fromkeys(names, threads),
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+        for threads in ("1", "2")
+    ]
+    assert said[0] == said[1]
