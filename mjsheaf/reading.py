@@ -1,6 +1,9 @@
 """Reading files that people write: YAML without surprises, strict sections, one clear line for every error."""
 
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -10,6 +13,8 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from mjsheaf.errors import ScenarioError
 
 _LARGEST_FILE = 20_000_000  # bytes
+_DEEPEST = 50  # collections within one another; a scenario has six
+_LONGEST_INTEGER = 3_000  # digits; Python does not print what has more than 4300 decimal ones
 
 
 class Section(BaseModel):
@@ -19,10 +24,38 @@ class Section(BaseModel):
 
 
 class _Loader(yaml.SafeLoader):
-    """YAML's safe loader, with duplicate keys refused and plain values read as in YAML 1.2.
+    """YAML's safe loader, which executes nothing, with plain values read as in YAML 1.2.
 
-    In YAML 1.1, which is PyYAML's own, 010 is eight, 1:30 is ninety, `no` is false, 1e-3 is text.
+    In YAML 1.1, which is PyYAML's own, 010 is eight, 1:30 is ninety, `no` is false, 1e-3 is text. Refused are
+    duplicate keys, tags, anchors and aliases (which let a short file stand for an endless one), and deep nesting.
     """
+
+    def __init__(self, stream: str) -> None:
+        super().__init__(stream)
+        self._depth = 0
+
+    def fetch_tag(self) -> None:
+        self._refuse("a tag")
+
+    def fetch_anchor(self) -> None:
+        self._refuse("an anchor")
+
+    def fetch_alias(self) -> None:
+        self._refuse("an alias")
+
+    def _refuse(self, what: str) -> None:
+        problem = f"{what} is not allowed; write the value out"
+        raise yaml.scanner.ScannerError(None, None, problem, self.get_mark())
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        if self._depth > _DEEPEST:
+            mark = self.peek_event().start_mark
+            raise yaml.composer.ComposerError(None, None, f"nested more than {_DEEPEST} deep", mark)
+        self._depth += 1
+        try:
+            return super().compose_node(parent, index)
+        finally:
+            self._depth -= 1
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         seen = set()
@@ -37,6 +70,9 @@ class _Loader(yaml.SafeLoader):
 
     def construct_integer(self, node: yaml.ScalarNode) -> int:
         """Read an integer of YAML 1.2; the one of 1.1 takes a leading 0 for octal."""
+        if len(node.value) > _LONGEST_INTEGER:
+            problem = f"a number of {len(node.value)} digits; legal are up to {_LONGEST_INTEGER}"
+            raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark)
         return int(node.value, {"0o": 8, "0x": 16}.get(node.value[:2], 10))
 
 
@@ -87,29 +123,37 @@ def read_yaml(path: Path) -> dict[str, Any]:
 
 def parse_yaml(text: str, source: str) -> Any:
     """Parse YAML text; errors name the source and the line."""
-    try:
-        for token in yaml.scan(text, Loader=_Loader):
-            if isinstance(token, yaml.TagToken | yaml.AliasToken | yaml.AnchorToken):
-                what = "a tag" if isinstance(token, yaml.TagToken) else "an anchor or alias"
-                line = token.start_mark.line + 1
-                raise ScenarioError(f"{source}: line {line}: {what} is not allowed; write the value out")
+    with _told(source):
         return yaml.load(text, Loader=_Loader)
+
+
+def compose_yaml(text: str, source: str) -> yaml.Node | None:
+    """The nodes of YAML text, which know their places in it; errors as `parse_yaml`."""
+    with _told(source):
+        return yaml.compose(text, Loader=_Loader)
+
+
+@contextmanager
+def _told(source: str) -> Iterator[None]:
+    """Tell errors of YAML in one line."""
+    try:
+        yield
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         where = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
         problem = getattr(error, "problem", None) or getattr(error, "reason", None) or "not YAML"
         raise ScenarioError(f"{source}: {where}{' '.join(str(problem).split())}") from None
-    except RecursionError:
-        raise ScenarioError(f"{source}: nested too deeply") from None
-    except ScenarioError:
-        raise
-    except ValueError as error:  # an integer of more digits than Python reads
-        raise ScenarioError(f"{source}: {' '.join(str(error).split())}") from None
 
 
-def dump_yaml(value: dict[str, Any]) -> str:
-    """Write a mapping as YAML that `read_yaml` reads to the same values, whether as YAML 1.1 or 1.2."""
-    return yaml.dump(value, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=120)
+def dump_yaml(value: dict[str, Any], *, flow: bool | None = None, width: float = 120) -> str:
+    """Write a mapping as YAML that `read_yaml` reads to the same values, whether as YAML 1.1 or 1.2.
+
+    Args:
+        value: the mapping.
+        flow: whether all of it stands in braces; None puts only what is innermost there.
+        width: of a line.
+    """
+    return yaml.dump(value, Dumper=_Dumper, sort_keys=False, default_flow_style=flow, width=width)
 
 
 def describe_validation_error(error: ValidationError, model: type[BaseModel]) -> str:
@@ -118,14 +162,27 @@ def describe_validation_error(error: ValidationError, model: type[BaseModel]) ->
     The field is written as an override takes it. Where a value may be of several kinds pydantic tells for each why it
     is not of that kind: the kind that fits it best, which is the one whose error lies deepest, is spoken of.
     """
-    problems = [_Problem.of(dict(detail), model.model_json_schema()) for detail in error.errors(include_url=False)]
+    schema = _schema(model)
+    problems = [_Problem.of(dict(detail), schema) for detail in error.errors(include_url=False)]
     first = next((p for p in problems if p.kind == "extra_forbidden"), problems[0])
     if first.kind != "extra_forbidden":
         rivals = [p for p in problems if p.value == first.value]
         first = max(rivals, key=lambda p: (len(p.path), not p.kind.endswith("_type")))
     others = len({p.value for p in problems}) - 1
     more = f" (and {others} more)" if others else ""
-    return f"{'.'.join(map(str, first.path)) or 'file'}: {first.text}{more}"
+    return f"{'.'.join(map(_visible, first.path)) or 'file'}: {first.text}{more}"
+
+
+@cache
+def _schema(model: type[BaseModel]) -> dict[str, Any]:
+    return model.model_json_schema()
+
+
+def _visible(part: int | str) -> str:
+    """A key as it may be printed: short, and without characters that a terminal obeys."""
+    text = str(part)
+    text = text if text.isprintable() else repr(text)[1:-1]
+    return text if len(text) <= 60 else text[:57] + "..."
 
 
 class _Problem(NamedTuple):

@@ -62,7 +62,7 @@ def our_rates(size: int, repetitions: int) -> tuple[float, float]:
 
     # The target is a vehicle too. No disturbance, as peers have none; wind there is.
     rates = {"physics__timestep": 0.002, "controller__control_period": 0.01}
-    world = World(swarm(size - 1, VEHICLE, **rates, disturbance__agents__bound=0.0))
+    world = World(swarm(size - 1, VEHICLE, **rates, disturbance__agents__bound=0.0), visible=False)
     closed = _rate(size, lambda: world.step(500), 500, repetitions, best_cpu)
     return closed, _rate(size, lambda: mujoco.mj_step(world.model, world.data, 50), 50, repetitions, best_cpu)
 

@@ -10,7 +10,7 @@ import numpy as np
 from PIL import Image
 
 from mjsheaf.errors import InputError, MjsheafError
-from mjsheaf.video.camera import SMOOTHING, CameraPath, camera_path
+from mjsheaf.video.camera import SMOOTHING, CameraPath, View, camera_path
 from mjsheaf.video.decorate import Decorator
 from mjsheaf.video.detail import set_depth_range, set_smoothness
 from mjsheaf.video.encode import write_mp4
@@ -19,9 +19,8 @@ from mjsheaf.video.film import Film, VideoOptions
 from mjsheaf.video.gl import available_backend
 from mjsheaf.video.overlay import Overlay
 from mjsheaf.video.renderer import Frame, Renderer
-from mjsheaf.video.sampling import frame_times, moment
+from mjsheaf.video.sampling import Moment, frame_times, moment
 from mjsheaf.video.sanity import Reach
-from mjsheaf.video.series import FloatArray
 
 
 def draw_video(
@@ -58,6 +57,7 @@ class Painter:
     Attributes:
         times: of the frames. Shape (F,), in s.
         camera: where the camera is at each of them.
+        model, data: MuJoCo's, for drawing alone.
     """
 
     def __init__(self, film: Film, model: mujoco.MjModel, options: VideoOptions) -> None:
@@ -73,20 +73,20 @@ class Painter:
             raise MjsheafError(reason)
         reach = Reach.of(film)
         self._film = reach.drawable(film)
-        self._model = copy(model)  # its vehicles' size and its visual settings are changed
-        enlarge_vehicles(self._model, film.body_id, options.vehicle_scale)
+        self.model = copy(model)  # its vehicles' size and its visual settings are changed
+        enlarge_vehicles(self.model, film.body_id, options.vehicle_scale)
         self.times = frame_times(film, options)
-        self._radius = vehicle_radius(self._model, film.body_id)
+        self._radius = vehicle_radius(self.model, film.body_id)
         self.camera = self._follow_team(film, reach, options)
-        set_depth_range(self._model, self.camera)
-        set_smoothness(self._model, self.camera, self._radius, options)
+        set_depth_range(self.model, self.camera)
+        set_smoothness(self.model, self.camera, self._radius, options)
         self._size = (options.width, options.height)
         if options.quality == "draft":
-            self._model.vis.quality.offsamples = 0  # edges are not smoothed
-        self._data = mujoco.MjData(self._model)
+            self.model.vis.quality.offsamples = 0  # edges are not smoothed
+        self.data = mujoco.MjData(self.model)
         self._decorator = Decorator(self._film, options)
         self._overlay = Overlay(self._film, options)
-        self._renderer = Renderer(self._model, *options.drawn, backend, self._decorator.most_geoms)
+        self._renderer = Renderer(self.model, *options.drawn, backend, self._decorator.most_geoms)
 
     def _follow_team(self, film: Film, reach: Reach, options: VideoOptions) -> CameraPath:
         return camera_path(
@@ -95,7 +95,7 @@ class Painter:
             self.times,
             azimuth=options.azimuth,
             elevation=options.elevation,
-            fovy=float(self._model.vis.global_.fovy),
+            fovy=float(self.model.vis.global_.fovy),
             aspect=options.width / options.height,
             radius=self._radius,
             window=round(SMOOTHING * options.fps),
@@ -111,23 +111,23 @@ class Painter:
 
     def paint(self, number: int) -> Frame:
         """One frame, shape (height, width, 3)."""
-        now = moment(self._film, float(self.times[number]))
-        view = self.camera.view(number)
-        self._pose(now.positions, now.quaternions)
-        frame = self._renderer.draw(self._data, view, lambda scene: self._decorator.add(scene, now, view))
+        now, view = self.pose(number)
+        frame = self._renderer.draw(self.data, view, lambda scene: self._decorator.add(scene, now, view))
         if frame.shape[1::-1] != self._size:
             frame = np.array(Image.fromarray(frame).resize(self._size, Image.Resampling.BILINEAR))
         self._overlay.write(frame, now, view)
         return frame
 
-    def _pose(self, positions: FloatArray, quaternions: FloatArray) -> None:
-        """Put the vehicles in place: all of MuJoCo's kinematics that drawing needs, and no dynamics."""
+    def pose(self, number: int) -> tuple[Moment, View]:
+        """Put the vehicles where a frame has them: all of MuJoCo's kinematics that drawing needs, and no dynamics."""
+        now = moment(self._film, float(self.times[number]))
         address = self._film.qpos_address[:, None]
-        self._data.qpos[address + np.arange(3)] = positions
-        self._data.qpos[address + np.arange(3, 7)] = quaternions
-        mujoco.mj_kinematics(self._model, self._data)
-        mujoco.mj_comPos(self._model, self._data)
-        mujoco.mj_camlight(self._model, self._data)
+        self.data.qpos[address + np.arange(3)] = now.positions
+        self.data.qpos[address + np.arange(3, 7)] = now.quaternions
+        mujoco.mj_kinematics(self.model, self.data)
+        mujoco.mj_comPos(self.model, self.data)
+        mujoco.mj_camlight(self.model, self.data)
+        return now, self.camera.view(number)
 
     def close(self) -> None:
         """Free the GL resources. Closing twice does nothing."""

@@ -14,7 +14,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from mjsheaf import World, simulate
+from mjsheaf import World, load_scenario, simulate
 from mjsheaf.backends.physics import load_vehicle, run_physics
 from mjsheaf.errors import InputError, UnstableError
 
@@ -116,6 +116,17 @@ def test_a_run_is_the_world_stepped() -> None:
     for k in range(21):
         np.testing.assert_array_equal(trajectory.positions[k], world.positions())
         world.step(world.steps_per_sample)
+
+
+def test_what_is_only_to_be_seen_does_not_matter() -> None:
+    """To the bit, contacts and tumbling included; and the model is smaller."""
+    scenario = load_scenario("harbour", {"time.end": 2})
+    seen, unseen = World(scenario), World(scenario, visible=False)
+    assert unseen.model.ngeom < 0.3 * seen.model.ngeom
+    for world in (seen, unseen):
+        world.step(800)
+    np.testing.assert_array_equal(seen.data.qpos, unseen.data.qpos)
+    np.testing.assert_array_equal(seen.data.qvel, unseen.data.qvel)
 
 
 def test_one_run_gives_the_bits_of_another() -> None:

@@ -41,7 +41,7 @@ def stream_physics(
     piece before it.
     """
     begin = 0
-    for log, message in World(system).record(samples, targets, progress):
+    for log, message in World(system, visible=False).record(samples, targets, progress):
         done = int(log.written[0])
         yield Trajectory(
             system.grid.span(begin, begin + done),

@@ -108,17 +108,18 @@ class World:
             `vehicle.share`.
     """
 
-    def __init__(self, scenario: Any) -> None:
+    def __init__(self, scenario: Any, *, visible: bool = True) -> None:
         """Compose the arena and put every vehicle at its initial position and heading.
 
         Args:
             scenario: a Scenario, or the System that one describes.
+            visible: False for a model without the geoms that are only to be seen: the same motion to the bit, sooner.
 
         Raises:
             InputError: a vehicle is unknown, or does not fit the dimension of its agent or target.
         """
         self.system: System = scenario if isinstance(scenario, System) else scenario.system()
-        self.arena = arena_of(self.system)
+        self.arena = arena_of(self.system, visible=visible)
         self.model: mujoco.MjModel = self.arena.model
         self.data: mujoco.MjData = mujoco.MjData(self.model)
         plan, grid = self.system.bodies, self.system.grid
@@ -320,8 +321,8 @@ def vehicles_of(system: System) -> list[Vehicle]:
     return vehicles
 
 
-def arena_of(system: System, colours: Array | None = None) -> Arena:
-    """Compose the arena of a system; colours (V, 3) paint the vehicles."""
+def arena_of(system: System, colours: Array | None = None, visible: bool = True) -> Arena:
+    """Compose the arena of a system; colours (V, 3) paint the vehicles, and they need not be visible."""
     plan = system.bodies
     return compose(
         vehicles_of(system),
@@ -331,4 +332,5 @@ def arena_of(system: System, colours: Array | None = None) -> Arena:
         surface=plan.surface,
         surface_height=plan.surface_height,
         colours=colours,
+        visible=visible,
     )

@@ -1,0 +1,219 @@
+"""The directory of a study: what was asked, what is done, and one command at a time.
+
+- study.json: what was asked. With it the same command resumes, and another one is refused.
+- scenario.yaml: the scenario as read, to look at any run by itself; not where it has vehicles of its own.
+- runs/000017.json: one file a run, written whole as it ends.
+- trajectories/000017.nc: its result.nc, where wanted; written before the run's file, which says that it is there.
+- timings.csv: how long runs took; the only file that differs between equal studies.
+- table.csv, table.parquet, plots, index.html: written when all runs have ended.
+"""
+
+import fcntl
+import json
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import IO, Any
+
+from mjsheaf.errors import InputError
+from mjsheaf.reading import dump_yaml
+from mjsheaf.results.store import PlaceError, enclosing_run
+from mjsheaf.studies.differences import differences
+from mjsheaf.studies.job import STATUSES, Done
+from mjsheaf.studies.plan import Plan
+from mjsheaf.studies.points import Point
+
+_LOCK, _STUDY, _RUNS, _TRAJECTORIES = ".lock", "study.json", "runs", "trajectories"
+_BEFORE_STUDY = {_LOCK, "scenario.yaml"}
+_SHOWN_DIFFERENCES = 3
+
+
+class BusyError(InputError):
+    """Another command works on the study's directory."""
+
+
+class StudyDirectory:
+    """A study's directory, held by this process; made by `open_directory`.
+
+    Attributes:
+        path: where.
+    """
+
+    def __init__(self, path: Path, plan: Plan) -> None:
+        self.path = path
+        self._plan = plan
+
+    def ended(self) -> dict[int, dict[str, Any]]:
+        """Records of the runs that have ended, by number. A file that is no record of its point is not counted."""
+        found = {}
+        for point in self._plan.points:
+            record = self._record(point)
+            if record is not None:
+                found[point.number] = record
+        return found
+
+    def save(self, done: Done) -> None:
+        """Keep a run: whole, or not at all.
+
+        Raises:
+            PlaceError: it cannot be written.
+        """
+        name = _name(done.record["run"])
+        with self.writing():
+            if done.dataset is not None:
+                write_whole(self.path / _TRAJECTORIES / f"{name}.nc", done.dataset)
+            write_whole(self.path / _RUNS / f"{name}.json", canonical(done.record))
+            with (self.path / "timings.csv").open("a") as file:
+                file.write(f"{done.record['run']},{done.seconds:.6f}\n")
+
+    def write(self, name: str, content: bytes) -> None:
+        """Write a file of results whole.
+
+        Raises:
+            PlaceError: it cannot be written.
+        """
+        with self.writing():
+            write_whole(self.path / name, content)
+
+    def remove(self, names: set[str]) -> None:
+        """Take away files of results that an earlier end of this study left."""
+        with self.writing():
+            for name in names:
+                (self.path / name).unlink(missing_ok=True)
+
+    @contextmanager
+    def writing(self) -> Iterator[None]:
+        """Turn an error of the file system into one that names the directory."""
+        try:
+            yield
+        except OSError as error:
+            raise PlaceError(
+                f"{self.path}: cannot be written: {error.strerror or error}; runs that have ended are kept, the same "
+                "command goes on"
+            ) from None
+
+    def _record(self, point: Point) -> dict[str, Any] | None:
+        try:
+            record = json.loads((self.path / _RUNS / f"{_name(point.number)}.json").read_bytes())
+        except (OSError, ValueError):
+            return None
+        known = isinstance(record, dict) and record.get("status") in STATUSES and record.get("run") == point.number
+        return record if known and record.get("parameters") == point.parameters else None
+
+
+@contextmanager
+def open_directory(path: Path, plan: Plan) -> Iterator[StudyDirectory]:
+    """Take a study's directory, new or with the same study in it, for as long as the block lasts.
+
+    The kernel gives the lock back when the process ends, however it ends.
+
+    Raises:
+        PlaceError: the directory holds something else, another study, or cannot be written.
+        BusyError: another command works on it.
+    """
+    _check_place(path)
+    missing = [place for place in (path, *path.absolute().parents) if not place.exists()]
+    directory = StudyDirectory(path, plan)
+    try:
+        with directory.writing():
+            path.mkdir(parents=True, exist_ok=True)
+            lock = (path / _LOCK).open("a")
+    except PlaceError:
+        _remove_empty(missing)
+        raise
+    with lock:
+        _take(lock, path)
+        _check_place(path)  # again: only now does nobody else write
+        with directory.writing():
+            _begin(path, plan)
+        yield directory
+
+
+def _take(lock: IO[str], path: Path) -> None:
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise BusyError(f"{path}: another command works on this study; wait for it, or choose another --out") from None
+    except OSError as error:  # a file system without locks
+        raise PlaceError(f"{path}: cannot be locked: {error.strerror or error}; choose another --out") from None
+
+
+def _check_place(path: Path) -> None:
+    run = enclosing_run(path)
+    if run is not None:
+        raise PlaceError(f"{path}: lies inside {run}, the directory of a run; choose another --out")
+    if not path.exists() and not path.is_symlink():
+        return
+    if not path.is_dir():
+        raise PlaceError(f"{path}: exists and is not a directory; choose another --out")
+    if (path / _STUDY).exists():
+        return
+    strange = sorted(p.name for p in path.iterdir() if p.name not in _BEFORE_STUDY and not _is_part(p))
+    if strange:
+        raise PlaceError(f"{path}: holds {strange[0]!r} and no study; legal is a new directory or that of this study")
+
+
+def _begin(path: Path, plan: Plan) -> None:
+    """Begin the study, or see that it is the one that was begun."""
+    for folder in (path, path / _RUNS, path / _TRAJECTORIES):
+        for part in folder.glob(".*.part"):  # of a command that was killed
+            part.unlink()
+    asked = json.loads(canonical(plan.record()))
+    if (path / _STUDY).exists():
+        _require_same(path, asked)
+    (path / _RUNS).mkdir(exist_ok=True)
+    if plan.study.trajectories:
+        (path / _TRAJECTORIES).mkdir(exist_ok=True)
+    if not (path / _STUDY).exists():
+        if not plan.files:  # which a scenario file could not name from here
+            write_whole(path / "scenario.yaml", dump_yaml(plan.scenario).encode())
+        write_whole(path / _STUDY, canonical(asked))
+    if not (path / "timings.csv").exists():
+        (path / "timings.csv").write_text("run,seconds\n")
+
+
+def _require_same(path: Path, asked: dict[str, Any]) -> None:
+    try:
+        before = json.loads((path / _STUDY).read_bytes())
+    except ValueError:
+        before = None
+    if not isinstance(before, dict) or "mjsheaf_version" not in before:
+        raise PlaceError(f"{path / _STUDY}: is no study of mjsheaf; choose another --out")
+    found = differences(before, asked)
+    if found:
+        more = f" (and {len(found) - _SHOWN_DIFFERENCES} more)" if len(found) > _SHOWN_DIFFERENCES else ""
+        raise PlaceError(
+            f"{path}: holds another study: {'; '.join(found[:_SHOWN_DIFFERENCES])}{more}; choose another --out"
+        )
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file by rename: whoever reads it sees all of it, or what was there before."""
+    part = path.with_name(f".{path.name}.part")
+    try:
+        part.write_bytes(content)
+        part.replace(path)
+    except BaseException:
+        with suppress(OSError):
+            part.unlink()
+        raise
+
+
+def canonical(value: Any) -> bytes:
+    """JSON, equal for equal values."""
+    return (json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
+
+
+def _is_part(path: Path) -> bool:
+    return path.name.startswith(".") and path.name.endswith(".part")
+
+
+def _name(number: int) -> str:
+    return f"{number:06d}"
+
+
+def _remove_empty(places: list[Path]) -> None:
+    for place in places:
+        with suppress(OSError):
+            os.rmdir(place)

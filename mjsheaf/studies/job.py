@@ -1,0 +1,186 @@
+"""One run of a study, as a worker does it: from a point to a record of plain values."""
+
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from textwrap import shorten
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjsheaf._version import __version__
+from mjsheaf.errors import InputError, NotUniqueError
+from mjsheaf.studies.points import Point
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from mjsheaf.scenario import Scenario
+
+Array = NDArray[np.float64]
+
+STATUSES = ("finished", "unstable", "refused", "invalid", "failed", "lost")
+"""How a run may end: well; blown up; with a team that is free to drift; before it began, its point being no legal
+scenario; with an error that mjsheaf did not expect; with its worker, which died of it."""
+
+SETTLED = (
+    "A run has settled if the mean of its RMS tracking error over the last quarter differs from that over the quarter "
+    "before by at most 1 % of the range that the error went through, or by at most 5 % of both that range and the mean."
+)
+_LONGEST_MESSAGE = 600
+
+_OF_RANGE, _OF_BOTH = 0.01, 0.05
+
+
+class ForeignWorkerError(InputError):
+    """A worker of an existing scheduler cannot do this study's runs."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """What a worker is told.
+
+    Attributes:
+        point: which run.
+        source: the scenario's name, for messages.
+        scenario: the scenario as read, without overrides.
+        overrides: field path to value, for all runs of the study.
+        backend: 'physics' or 'ideal'.
+        trajectories: whether result.nc is wanted.
+        version: of the mjsheaf that asks.
+    """
+
+    point: Point
+    source: str
+    scenario: dict[str, Any]
+    overrides: dict[str, Any]
+    backend: str
+    trajectories: bool = False
+    version: str = __version__
+
+
+@dataclass(frozen=True)
+class Done:
+    """What a worker answers.
+
+    Attributes:
+        record: see `new_record`; a function of the job alone.
+        seconds: that it took.
+        dataset: bytes of result.nc, where wanted and the run began.
+    """
+
+    record: dict[str, Any]
+    seconds: float
+    dataset: bytes | None = None
+
+
+def new_record(point: Point, seed: int | None, status: str, message: str = "", **found: Any) -> dict[str, Any]:
+    """A run's record: run, parameters, seed, status, message, final (as summary.json), settled and bound_ratio."""
+    record = {
+        "run": point.number,
+        "parameters": point.parameters,
+        "seed": seed,
+        "status": status,
+        "message": shorten(message, _LONGEST_MESSAGE, placeholder=" ..."),
+    }
+    return {**record, "final": None, "settled": None, "bound_ratio": None, **found}
+
+
+def run_job(job: Job) -> Done:
+    """Simulate a point. Whatever goes wrong with it is its record's status and message.
+
+    Raises:
+        ForeignWorkerError: this worker has another version of mjsheaf.
+    """
+    if job.version != __version__:
+        raise ForeignWorkerError(f"a worker has mjsheaf {__version__}; legal is {job.version}, which asks")
+    begun = time.perf_counter()
+    dataset = None
+    try:
+        record, dataset = _run(job)
+    except NotUniqueError as error:
+        record = new_record(job.point, seed_of(job), "refused", str(error))
+    except InputError as error:
+        record = new_record(job.point, seed_of(job), "invalid", str(error))
+    except MemoryError as error:
+        record = new_record(job.point, seed_of(job), "failed", f"not enough memory: {error}")
+    except Exception as error:  # one bad point must not end the study: it is told of in the table
+        record = new_record(job.point, seed_of(job), "failed", f"{type(error).__name__}: {error}")
+    return Done(record, time.perf_counter() - begun, dataset)
+
+
+def _run(job: Job) -> tuple[dict[str, Any], bytes | None]:
+    from mjsheaf.checking.bound import bound_of_run
+    from mjsheaf.results import summarize
+    from mjsheaf.simulation import simulate
+
+    scenario = scenario_of(job)
+    dataset = simulate(scenario, job.backend)
+    system = scenario.system()
+    finished = dataset.attrs["status"] == "finished"
+    record = new_record(
+        job.point,
+        scenario.seed,
+        dataset.attrs["status"],
+        dataset.attrs["message"],
+        final=summarize(system.team, dataset),
+        settled=settled(dataset["tracking_error"].values) if finished else False,
+        bound_ratio=_finite(bound_of_run(system, dataset).ratio) if finished else None,
+    )
+    return record, _bytes_of(dataset) if job.trajectories else None
+
+
+def scenario_of(job: Job) -> "Scenario":
+    """The scenario of a job's point.
+
+    Raises:
+        ScenarioError: the point is not legal.
+    """
+    from mjsheaf.scenario import scenario_from_mapping
+
+    return scenario_from_mapping(job.scenario, {**job.overrides, **job.point.overrides}, job.source)
+
+
+def settled(tracking: Array) -> bool | None:
+    """Whether the final error of a run is a lasting one and not a moment of a transient.
+
+    E(t) is the RMS over agents of |q*_i - q_i|. See SETTLED: an error that decays as exp(-r t) to nothing has settled
+    where r T is above 7.3; one that decays to a level once it hardly changes beside that; one that swings about a level
+    where a quarter holds some of its periods; one that grows, or has hardly moved yet, has not.
+
+    Args:
+        tracking: |q*_i - q_i|, shape (T, N), m.
+
+    Returns:
+        None where a run of fewer than 8 samples leaves it open.
+    """
+    if len(tracking) < 8:
+        return None
+    error = np.sqrt((tracking**2).mean(axis=1))
+    quarter = len(error) // 4
+    last, before = error[-quarter:].mean(), error[-2 * quarter : -quarter].mean()
+    through = error.max() - error.min()
+    return bool(abs(last - before) <= max(_OF_RANGE * through, _OF_BOTH * min(through, last)))
+
+
+def seed_of(job: Job) -> int | None:
+    """The seed of a run that has no scenario to ask."""
+    for given in (job.point.seed, job.point.parameters.get("seed"), job.overrides.get("seed")):
+        if given is not None:
+            return given if isinstance(given, int) else None
+    return job.scenario.get("seed", 0)
+
+
+def _finite(value: float | None) -> float | None:
+    return value if value is not None and np.isfinite(value) else None
+
+
+def _bytes_of(dataset: "xr.Dataset") -> bytes:
+    from mjsheaf.results import write_dataset
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "result.nc"
+        write_dataset([dataset], path)
+        return path.read_bytes()

@@ -1,0 +1,156 @@
+"""What a study is to do: its scenario, its points, and the record by which it is known again."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from pydantic import ValidationError
+
+from mjsheaf._version import __version__
+from mjsheaf.errors import InputError, ScenarioError
+from mjsheaf.reading import describe_validation_error, parse_yaml
+from mjsheaf.scenario import Scenario
+from mjsheaf.scenario.build import uses_seed
+from mjsheaf.simulation import BACKENDS
+from mjsheaf.studies.job import Job, scenario_of
+from mjsheaf.studies.points import Point, points_of
+from mjsheaf.studies.schema import StudyFile, asked_of
+from mjsheaf.studies.sources import read_source, vehicle_files
+
+_TRIED_POINTS = 20
+"""Points of which one must be legal before anything begins: a field that does not exist fails them all."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A study that can begin.
+
+    Attributes:
+        name: of the study.
+        source: what the user called it, for messages.
+        study: what is asked.
+        scenario: the scenario as read, without overrides.
+        files: SHA-256 of the vehicles' own files.
+        points: the runs, in order.
+        seed_matters: whether another seed would change anything.
+    """
+
+    name: str
+    source: str
+    study: StudyFile
+    scenario: dict[str, Any]
+    files: dict[str, str]
+    points: list[Point]
+    seed_matters: bool = True
+
+    def record(self) -> dict[str, Any]:
+        """What study.json holds: all on which results depend. Two studies with one record give the same bytes."""
+        return {
+            "mjsheaf_version": __version__,
+            "study": self.name,
+            "runs": len(self.points),
+            "asked": asked_of(self.study),
+            "scenario": self.scenario,
+            "vehicle_files": self.files,
+        }
+
+    def job(self, point: Point) -> Job:
+        """What a worker is told of a point."""
+        study = self.study
+        # Messages become part of results: they name the scenario as itself, not by the path that was typed.
+        source = str(self.scenario.get("name"))
+        return Job(point, source, self.scenario, study.set, study.backend, study.trajectories)
+
+
+def load_plan(
+    source: str,
+    *,
+    grid: Mapping[str, Sequence[Any]] | None = None,
+    seeds: tuple[int, int] | None = None,
+    overrides: Mapping[str, Any] | None = None,
+    backend: str | None = None,
+    measure: str | None = None,
+    trajectories: bool = False,
+) -> Plan:
+    """Read a study, add what is asked beside it, and lay out its runs.
+
+    Args:
+        source: a name in studies/ or scenarios/, or a path; see `read_source`.
+        grid: field path to values, beside the study's own.
+        seeds: the first seed and the one after the last, instead of the study's own.
+        overrides: field path to value for all runs; they go before the study's own.
+        backend: 'physics' or 'ideal', instead of the study's own.
+        measure: the error that plots show, instead of the study's own.
+        trajectories: whether to keep result.nc of every run, also where the study does not ask for it.
+
+    Raises:
+        ScenarioError: a file is not valid, fields clash, or no point is legal.
+    """
+    if backend is not None and backend not in BACKENDS:
+        raise InputError(f"--backend {backend}: legal are {', '.join(BACKENDS)}")
+    name, study, scenario = read_source(source)
+    twice = sorted(set(grid or {}) & set(study.grid))
+    if twice:
+        raise ScenarioError(f"{source}: grid: {twice[0]} is swept by the study itself; set or sweep another field")
+    changes: dict[str, Any] = {
+        "grid": {**study.grid, **{path: list(values) for path, values in (grid or {}).items()}},
+        "set": {**study.set, **(overrides or {})},
+        "trajectories": study.trajectories or trajectories,
+    }
+    if backend is not None:
+        changes["backend"] = backend
+    if measure is not None:
+        changes["measure"] = measure
+    if seeds is not None:
+        changes["seeds"] = {"start": seeds[0], "stop": seeds[1]}
+    try:
+        study = StudyFile.model_validate({**study.model_dump(exclude_none=True), **changes})
+    except ValidationError as error:
+        raise ScenarioError(f"{source}: {describe_validation_error(error, StudyFile)}") from None
+    plan = Plan(name, source, study, scenario, vehicle_files(scenario), list(points_of(study)))
+    legal = _a_legal_point(plan)
+    return replace(plan, seed_matters=uses_seed(legal)[study.backend] or "swarm" in scenario)
+
+
+def parse_grid(text: str) -> tuple[str, list[Any]]:
+    """Split PATH=V1,V2,... and read the values as YAML.
+
+    Raises:
+        ScenarioError: it is not that.
+    """
+    path, equals, values = text.partition("=")
+    if not equals or not path or not values.strip():
+        raise ScenarioError(f"--grid {text!r}: legal is PATH=V1,V2,..., for example controller.gain=0.1,1,10")
+    found = parse_yaml(f"[{values}]", f"--grid {path}")  # a flow sequence: commas inside brackets or quotes are kept
+    if not isinstance(found, list) or not found:
+        raise ScenarioError(f"--grid {text!r}: legal is PATH=V1,V2,..., for example controller.gain=0.1,1,10")
+    return path, found
+
+
+def parse_seeds(text: str) -> tuple[int, int]:
+    """Read A:B as the seeds from A up to, but without, B.
+
+    Raises:
+        ScenarioError: it is not that.
+    """
+    match = re.fullmatch(r"([0-9]{1,18}):([0-9]{1,18})", text)
+    if not match or int(match[1]) >= int(match[2]):
+        raise ScenarioError(f"--seeds {text!r}: legal is A:B with 0 <= A < B, the seeds from A up to but without B")
+    return int(match[1]), int(match[2])
+
+
+def _a_legal_point(plan: Plan) -> Scenario:
+    """The first of the points that is legal.
+
+    Raises:
+        ScenarioError: none of the first ones is; the message is about the very first.
+    """
+    first: InputError | None = None
+    for point in plan.points[:_TRIED_POINTS]:
+        try:
+            return scenario_of(replace(plan.job(point), source=plan.source))
+        except InputError as error:
+            first = first or error
+    tried = min(len(plan.points), _TRIED_POINTS)
+    raise ScenarioError(str(first) if tried == 1 else f"{first} (and none of the first {tried} points is legal)")
