@@ -254,7 +254,7 @@ def bench(
 ) -> None:
     """Measure speed on this machine: each figure beside what it is held against, in about a minute.
 
-    Topics: startup, ideal, loop, threads, peers, assembly, sheaf.
+    Topics: startup, ideal, loop, threads, peers, assembly, sheaf, video, memory.
     """
     from mjsheaf.cli.bench import bench_command
 

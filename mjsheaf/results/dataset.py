@@ -40,7 +40,11 @@ def make_datasets(system: System, pieces: Iterable[Trajectory], backend: str, se
     attributes = _attributes(system, backend, seed)
     thrusters = _thrusters(system) if backend == "physics" else []
     for piece in pieces:
-        dataset = _gather(system, piece, thrusters)
+        if len(piece.time):
+            dataset = _gather(system, piece, thrusters)
+            empty = dataset.isel(time=slice(0, 0)).copy(deep=True)
+        else:  # the run blew up right after the piece before
+            dataset = empty
         dataset.attrs = attributes | {"status": piece.status, "message": piece.message}
         yield dataset
 

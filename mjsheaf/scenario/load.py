@@ -127,9 +127,6 @@ def find_scenario(source: str | Path) -> Path:
     raise ScenarioError(f"{source}: no such scenario; legal are {', '.join(known)}, or the path of a YAML file")
 
 
-_find = find_scenario
-
-
 def _name_from(path: Path) -> str:
     """A legal name for a scenario that has none: its file's."""
     name = re.sub(r"[^A-Za-z0-9_-]+", "_", path.stem)

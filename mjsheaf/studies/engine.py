@@ -16,8 +16,8 @@ from mjsheaf.studies.job import Done, ForeignWorkerError, Job, new_record, run_j
 if TYPE_CHECKING:
     from distributed import Client
 
-_DEATHS = 3
-"""Workers of the local cluster that a run may cost before it is given up: dask begins it again on another one."""
+_DEATHS = 1
+"""Workers of the local cluster that may die under a run and it is just begun again; then it is a suspect."""
 
 _LEAST_WAITING = 64
 """Runs that are handed out at a time, at least; more only fill the scheduler's memory."""
@@ -46,17 +46,30 @@ class Engine:
     def run(self, jobs: Iterable[Job], function: Callable[[Job], Done] = run_job) -> Iterator[Done]:
         """Do jobs side by side and yield what each gives, as it ends.
 
-        A worker that dies is replaced and its run begun again; a run that kills several is answered with a record of
-        status 'lost'.
+        A worker that dies is replaced and its run begun again; a run that does so again and again, at last alone,
+        is answered with a record of status 'lost'.
 
         Raises:
             SchedulerError: the cluster went away.
             ForeignWorkerError: a worker has another version of mjsheaf.
         """
+        suspects = []
+        for job, done in self._stream(jobs, function, max(_LEAST_WAITING, 4 * self.workers)):
+            if done is None:
+                suspects.append(job)
+            else:
+                yield done
+        # A worker that dies takes those that wait on it into suspicion. Alone, a run dies of nobody else.
+        for job, done in self._stream(suspects, function, 1):
+            yield done or self._lost(job)
+
+    def _stream(
+        self, jobs: Iterable[Job], function: Callable[[Job], Done], ahead: int
+    ) -> Iterator[tuple[Job, Done | None]]:
+        """Do jobs, so many of them handed out at a time; None stands for the answer of one whose workers died."""
         from distributed import as_completed
 
         waiting = iter(jobs)
-        ahead = max(_LEAST_WAITING, 4 * self.workers)
         asked: dict[Any, Job] = {}
 
         def submit() -> Any | None:
@@ -72,16 +85,17 @@ class Engine:
         completed = as_completed(first, loop=self._client.loop)
         try:
             for future in completed:
-                done = self._answer(future, asked.pop(future.key))
+                job = asked.pop(future.key)
+                done = self._answer(future, job)
                 following = submit()
                 if following is not None:
                     completed.add(following)
                 future.release()
-                yield done
+                yield job, done
         finally:
             self._client.cancel(list(completed.futures))
 
-    def _answer(self, future: Any, job: Job) -> Done:
+    def _answer(self, future: Any, job: Job) -> Done | None:
         """What a run gave. A worker that dies before it has handed that over loses it: then this waits for it anew."""
         from distributed import KilledWorker
 
@@ -90,16 +104,18 @@ class Engine:
         except ForeignWorkerError:
             raise
         except KilledWorker:
-            cause = self._deaths.cause if self._deaths else "most likely for want of memory"
-            return Done(
-                new_record(job.point, seed_of(job), "lost", f"every worker that began it died, {cause}"), seconds=0.0
-            )
+            return None
         except (Exception, CancelledError) as error:
             if future.status != "error":  # it is not the run's own
                 raise SchedulerError("the scheduler went away; runs that have ended are kept") from None
             # Raised around a run, not by it: its answer could not travel, or a worker lacks what the run needs.
             return Done(new_record(job.point, seed_of(job), "failed", f"{type(error).__name__}: {error}"), seconds=0.0)
         return answer
+
+    def _lost(self, job: Job) -> Done:
+        cause = self._deaths.cause if self._deaths else "most likely for want of memory"
+        message = f"every worker that began it died, {cause}"
+        return Done(new_record(job.point, seed_of(job), "lost", message), seconds=0.0)
 
 
 class _Deaths(logging.Handler):
@@ -134,6 +150,7 @@ def local_engine(workers: int | None = None, *, processes: bool = True) -> Itera
     count = workers or len(os.sched_getaffinity(0))
     quiet = {
         "distributed.scheduler.allowed-failures": _DEATHS,
+        "distributed.scheduler.worker-saturation": 1.0,  # what waits on a worker would be blamed for its death
         "distributed.admin.system-monitor.interval": "10s",
         "distributed.comm.timeouts.connect": "60s",  # of a busy machine
         **{f"distributed.nanny.pre-spawn-environ.{name}": 1 for name in ONE_THREAD},

@@ -172,8 +172,14 @@ BROKEN = {
     "an anchor": (b"a: &x [1]\nb: *x\n", ["line 1", "anchor"]),
     "a key twice": (b"seed: 1\nseed: 2\n", ["'seed'", "twice"]),
     "a key that is no text": (b"1: 2\n", ["1", "not text"]),
-    "an endless number": (b"seed: " + b"9" * 5000, ["4300 digits"]),
+    "an alias alone": (b"a: *x\n", ["line 1", "alias"]),
+    "a bomb": (b"a: &a [x, x]\nb: &b [*a, *a]\nc: &c [*b, *b]\nd: &d [*c, *c]\n", ["line 1", "anchor"]),
+    "an endless number": (b"seed: " + b"9" * 5000, ["5000 digits"]),
+    "an endless number in hexadecimal": (b"seed: 0x" + b"f" * 5000, ["5002 digits"]),
     "endless nesting": (b"a: " + b"[" * 20000, ["deep"]),
+    "endless nesting of lines": (b"".join(b" " * k + b"a:\n" for k in range(300)), ["line", "deep"]),
+    "endless nesting of keys": (b"? " * 20000, ["deep"]),
+    "a key that a terminal obeys": (b'"\\e[2J": 1\n', ["\\x1b[2J: unknown field"]),
 }
 
 

@@ -8,9 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mjsheaf.video import camera
 from mjsheaf.video.camera import FILL, CameraPath, View, camera_path
-from mjsheaf.video.film import FloatArray
 from mjsheaf.video.sanity import Reach
+from mjsheaf.video.series import Blocks, FloatArray, Series
 
 from .small_film import make_film, make_model
 
@@ -19,7 +20,7 @@ FPS, WIDTH, HEIGHT, FOVY = 30, 1280, 720, 45.0
 
 def follow(
     time: FloatArray,
-    *points: FloatArray,
+    *points: Series,
     azimuth: float = -60.0,
     elevation: float = -35.0,
     width: int = WIDTH,
@@ -174,3 +175,14 @@ class TestRunsThatBlewUp:
         reach = Reach.of(film)
         assert reach.followed(film.positions) is film.positions
         assert reach.drawable(film).positions is film.positions
+
+
+def test_a_camera_that_is_found_at_a_few_keys_keeps_everything_in_the_picture(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As in a video of hours, in which there are many samples and frames between two keys."""
+    monkeypatch.setattr(camera, "MOST_KEYS", 13)
+    time = np.linspace(0.0, 20.0, 1001)
+    points = formation(time)
+    for shown in (points, Blocks(points.shape, 37, lambda number: points[37 * number : 37 * (number + 1)])):
+        frames, path = follow(time, shown)
+        assert len(path.distance) == 13
+        assert_all_seen(time, points, frames, path, WIDTH)

@@ -11,6 +11,7 @@ import pytest
 from mjsheaf.errors import InputError, MjsheafError
 from mjsheaf.video import VideoOptions, available_backend, draw_video, gl
 from mjsheaf.video.draw import Painter
+from mjsheaf.video.lines import Lines
 from mjsheaf.video.sampling import moment
 
 from .small_film import make_film, make_model
@@ -74,13 +75,39 @@ class TestVideo:
         model.geom("box2").size = [0.8, 0.8, 0.8]
         with Painter(film, model, options) as painter:
             painter._overlay.write = lambda *_: None  # type: ignore[method-assign]
-            painter._decorator.add = lambda *_: None  # type: ignore[method-assign]
+            painter._decorator.add = lambda *_: []  # type: ignore[method-assign]
             for number in (0, 20):
                 frame = painter.paint(number).astype(int)
                 red = np.argwhere((frame[..., 0] > 30) & (frame[..., 0] > 2 * frame[..., 1]))
                 position = moment(film, painter.times[number]).positions[2:3]
                 expected, _ = painter.camera.view(number).project(position, 320, 240)
                 np.testing.assert_allclose(red.mean(axis=0)[::-1], expected[0], atol=2.5)
+
+    @pytest.mark.parametrize("size", [(160, 120), (66, 90)])
+    def test_a_draft_shows_the_same_at_the_same_size(self, size: tuple[int, int], model: mujoco.MjModel) -> None:
+        film = make_film(model)
+        good, draft = (VideoOptions(*size, quality=quality) for quality in ("good", "draft"))
+        with Painter(film, model, good) as one, Painter(film, model, draft) as other:
+            fine, coarse = (painter.paint(5).astype(float) for painter in (one, other))
+        assert coarse.shape == fine.shape == (size[1], size[0], 3)
+        assert 0 < np.abs(fine - coarse).mean() < 12
+
+    def test_lines_are_drawn_behind_what_is_nearer(self, model: mujoco.MjModel) -> None:
+        """A thick red line through a box: the box hides the middle of it, and the ends are seen."""
+        film = make_film(model, edges=[], surface="none", harmonic_extension=np.zeros((41, 3, 3)))
+        with Painter(film, model, VideoOptions(320, 240, trail=0, elevation=0, azimuth=90)) as painter:
+            _, view = painter.pose(0)
+            box = painter.data.body("vehicle0").xpos
+            across = np.array([[-4.0, 0.0, 0.0], [4.0, 0.0, 0.0]]) + box
+            lines = Lines(across[None].astype(np.float32), np.array([[1, 0, 0, 1]], np.float32), 2.0)
+            plain = painter._renderer.draw(painter.data, view, lambda _: []).astype(int)
+            lined = painter._renderer.draw(painter.data, view, lambda _: [lines]).astype(int)
+            ends, _ = view.project(across, 320, 240)
+        changed = np.argwhere(np.abs(plain - lined).max(axis=2) > 60)
+        assert len(changed)
+        np.testing.assert_allclose(changed[:, 1].min(), ends[:, 0].min(), atol=2)
+        np.testing.assert_allclose(changed[:, 1].max(), ends[:, 0].max(), atol=2)
+        assert np.diff(np.unique(changed[:, 1])).max() > 2  # the gap
 
     def test_the_model_is_not_changed(self, model: mujoco.MjModel) -> None:
         before = (model.geom_size.copy(), model.vis.map.zfar, model.vis.global_.offwidth)

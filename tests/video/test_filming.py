@@ -8,9 +8,13 @@ import pytest
 
 import mjsheaf.video
 from mjsheaf import simulate
-from mjsheaf.filming import film_run
-from mjsheaf.scenario import scenario_from_mapping
+from mjsheaf.backends import trajectory
+from mjsheaf.filming import film_of, film_run, video_options
+from mjsheaf.results import open_dataset, write_dataset
+from mjsheaf.scenario import Scenario, scenario_from_mapping
+from mjsheaf.simulation import stream
 from mjsheaf.video import Film, VideoOptions
+from mjsheaf.video.sampling import moment
 
 
 @pytest.mark.parametrize("backend", ["ideal", "physics"])
@@ -35,4 +39,47 @@ def test_the_film_knows_where_the_surface_is(backend: str, monkeypatch: pytest.M
     )
     film_run(scenario, simulate(scenario, backend=backend), tmp_path / "video.mp4", VideoOptions())
     assert (films[0].surface, films[0].surface_height) == ("water", 12.0)
-    np.testing.assert_allclose(films[0].positions[..., 2], 12.0, atol=1e-6)
+    np.testing.assert_allclose(films[0].positions[:][..., 2], 12.0, atol=1e-6)
+
+
+def chase(end: float = 3.0, **video: Any) -> Scenario:
+    return scenario_from_mapping(
+        {
+            "name": "chase",
+            "time": {"end": end},
+            "agents": [{"id": "A", "position": [0, 0]}, {"id": "B", "position": [3, 0, 2]}],
+            "targets": [{"id": "T", "position": [5, 1, 2]}],
+            "communication": [["A", "B"]],
+            "sensing": [["A", "T"], ["B", "T"]],
+            "target_formation": {"gain": 0.1},
+            "flow": {"agents": {"dimension": 3, "drift": [1, 0.5, 0]}, "targets": {"dimension": 3, "drift": [1, 1, 0]}},
+            "video": video,
+        }
+    )
+
+
+@pytest.mark.parametrize("backend", ["ideal", "physics"])
+def test_a_film_read_from_a_file_in_pieces_is_that_of_the_data_in_memory(
+    backend: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(trajectory, "samples_in_piece", lambda system: 37)
+    scenario = chase()
+    write_dataset(stream(scenario.system(), backend, 0), tmp_path / "a.nc")
+    in_memory = film_of(scenario, simulate(scenario, backend))[0].loaded()
+    with open_dataset(tmp_path / "a.nc") as dataset:
+        read = film_of(scenario, dataset)[0]
+        for time in (0.0, 0.364, 2.9, 0.37, 3.0):  # back and forth, and over the edges of pieces
+            one, other = moment(read, time), moment(in_memory, time)
+            for name in ("positions", "quaternions", "harmonic_extension", "error"):
+                np.testing.assert_allclose(getattr(one, name), getattr(other, name), rtol=0, atol=1e-12, err_msg=name)
+        np.testing.assert_array_equal(read.positions[:], in_memory.positions)
+
+
+def test_draft_is_of_the_same_size_with_fewer_pixels_and_frames() -> None:
+    good, draft = (video_options(chase(), quality=quality) for quality in ("good", "draft"))
+    assert (draft.width, draft.height) == (good.width, good.height) == good.drawn
+    assert draft.drawn == (good.width // 2, good.height // 2)
+    assert (good.fps, draft.fps) == (30, 15)
+    assert video_options(chase(quality="draft")).fps == 15
+    assert video_options(chase(fps=10), quality="draft").fps == 10
+    assert video_options(chase(), quality="draft", fps=60).fps == 60

@@ -32,6 +32,7 @@ from .small_film import make_film, make_model
         ("distance", 0),
         ("trail", -1),
         ("vehicle_scale", 0),
+        ("quality", "best"),
     ],
 )
 def test_illegal_option(option: str, value: Any) -> None:

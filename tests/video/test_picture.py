@@ -14,6 +14,7 @@ from mjsheaf.video.decorate import Decorator
 from mjsheaf.video.enlarge import enlarge_vehicles, vehicle_radius
 from mjsheaf.video.film import Film
 from mjsheaf.video.legend import draw_legend
+from mjsheaf.video.lines import Lines
 from mjsheaf.video.overlay import Overlay
 from mjsheaf.video.sampling import moment
 from mjsheaf.video.sprite import WHITE, Sprite, shorten, text
@@ -21,15 +22,18 @@ from mjsheaf.video.sprite import WHITE, Sprite, shorten, text
 from .small_film import make_film, make_model
 
 VIEW = View(np.zeros(3), 80.0, -60.0, -35.0, 45.0)
-LINE = mujoco.mjtGeom.mjGEOM_LINE.value
 SPHERE = mujoco.mjtGeom.mjGEOM_SPHERE.value
 
 
-def decorate(film: Film, options: VideoOptions, time: float) -> list[mujoco.MjvGeom]:
+def decorate(film: Film, options: VideoOptions, time: float) -> tuple[list[mujoco.MjvGeom], list[Lines]]:
     decorator = Decorator(film, options)
     scene = mujoco.MjvScene(make_model(), decorator.most_geoms)
-    decorator.add(scene, moment(film, time), VIEW)
-    return list(scene.geoms[: scene.ngeom])
+    lines = decorator.add(scene, moment(film, time), VIEW)
+    return list(scene.geoms[: scene.ngeom]), lines
+
+
+def count(lines: list[Lines]) -> int:
+    return sum(len(batch.ends) for batch in lines)
 
 
 def write(film: Film, options: VideoOptions, time: float = 0.0) -> np.ndarray:
@@ -44,24 +48,24 @@ class TestDecoration:
     def test_room_is_enough(self, trail: float, time: float) -> None:
         film = make_film(make_model())
         options = VideoOptions(trail=trail)
-        assert len(decorate(film, options, time)) < Decorator(film, options).most_geoms
+        balls, lines = decorate(film, options, time)
+        assert len(balls) == 3 + 2 <= Decorator(film, options).most_geoms  # at q*, and at the foot of a stem
+        assert all(np.isfinite(batch.ends).all() and len(batch.rgba) == len(batch.ends) for batch in lines)
 
     def test_trails_end_at_the_vehicles_and_fade(self) -> None:
         film = make_film(make_model(), edges=[], surface="none")
-        lines = [geom for geom in decorate(film, VideoOptions(trail=1.0), 2.0) if geom.type == LINE]
-        blue = [geom for geom in lines if np.allclose(geom.rgba[:3], film.colours[0])]
-        alphas = [float(geom.rgba[3]) for geom in blue]
-        assert min(alphas) < 0.2
-        assert max(alphas) > 0.8
-        # A line geom lies along its z axis from its pos, as long as its third size.
-        ends = [geom.pos + geom.size[2] * geom.mat[:, 2] for geom in lines]
+        _, lines = decorate(film, VideoOptions(trail=1.0), 2.0)
+        ends, rgba = (np.concatenate([getattr(batch, name) for batch in lines]) for name in ("ends", "rgba"))
+        alphas = rgba[np.isclose(rgba[:, :3], film.colours[0]).all(axis=1), 3]
+        assert alphas.min() < 0.2
+        assert alphas.max() > 0.8
         for vehicle in film.positions[-1]:
-            assert min(np.linalg.norm(end - vehicle) for end in ends) < 0.01
+            assert np.linalg.norm(ends[:, 1] - vehicle, axis=1).min() < 0.01
 
     def test_a_trail_longer_than_the_run_shows_all_of_it(self) -> None:
         film = make_film(make_model(), edges=[], surface="none")
-        lines = [geom for geom in decorate(film, VideoOptions(trail=1e6), 2.0) if geom.type == LINE]
-        assert len(lines) > 5 * 40  # not one straight line for each of five vehicles
+        _, lines = decorate(film, VideoOptions(trail=1e6), 2.0)
+        assert count(lines) > 5 * 40  # not one straight line for each of five vehicles
 
     def test_trails_of_a_crowd_stay_affordable(self) -> None:
         film = make_film(make_model())
@@ -74,19 +78,36 @@ class TestDecoration:
             body_id=np.repeat(film.body_id, 200),
             group=np.repeat(film.group, 200),
         )
-        assert Decorator(crowd, VideoOptions()).most_geoms < 12_000
+        balls, lines = decorate(crowd, VideoOptions(), 2.0)
+        assert len(balls) + count(lines) < 12_000
 
     def test_parallel_edges_are_drawn_once(self) -> None:
         film = make_film(make_model(), edges=[(0, 1, "communication")], surface="none")
         double = replace(film, edges=[(0, 1, "communication")] * 2)
-        options = VideoOptions(trail=0)
-        assert len(decorate(film, options, 1.0)) == len(decorate(double, options, 1.0))
+        one, two = (count(decorate(f, VideoOptions(trail=0), 1.0)[1]) for f in (film, double))
+        assert one == two
+
+    def test_dashes_lie_on_their_edges(self) -> None:
+        film = make_film(make_model(), surface="none", edges=[(0, 3, "sensing"), (2, 4, "sensing")])
+        goal = film.positions[:, :3]
+        _, lines = decorate(replace(film, harmonic_extension=goal), VideoOptions(trail=0), 0.0)
+        ends = np.concatenate([batch.ends for batch in lines])
+        on = np.zeros(len(ends), bool)
+        for i, j in ((0, 3), (2, 4)):
+            start, along = film.positions[0, i], film.positions[0, j] - film.positions[0, i]
+            share = (ends - start) @ along / (along @ along)
+            there = np.abs(start + share[..., None] * along - ends).max(axis=(1, 2)) < 1e-4
+            assert there.sum() >= 2
+            assert (np.diff(np.sort(share[there].ravel())) > 0).all()  # one after the other, with gaps
+            on |= there
+        assert on.all()
 
     def test_a_ball_of_its_colour_for_each_agent(self) -> None:
         film = make_film(make_model(), surface="none")
-        balls = [geom for geom in decorate(film, VideoOptions(), 0.0) if geom.type == SPHERE]
+        balls, _ = decorate(film, VideoOptions(), 0.0)
         assert len(balls) == 3
         for ball, goal, group in zip(balls, film.harmonic_extension[0], film.group[:3], strict=True):
+            assert ball.type == SPHERE
             np.testing.assert_allclose(ball.pos, goal, atol=1e-5)
             np.testing.assert_allclose(ball.rgba[:3], film.colours[group], atol=1e-6)
 
@@ -94,21 +115,20 @@ class TestDecoration:
         film = make_film(make_model(), edges=[])
         options = VideoOptions(trail=0)
         with_surface, without = (
-            len(decorate(replace(film, surface=surface), options, 0.0)) for surface in ("water", "none")
+            decorate(replace(film, surface=surface), options, 0.0) for surface in ("water", "none")
         )
-        assert with_surface - without == 2 * 2  # two targets below the water, each a line and its foot
+        assert len(with_surface[0]) - len(without[0]) == 2  # two targets below the water, each a foot
+        assert count(with_surface[1]) - count(without[1]) == 2  # and a line
 
     def test_stems_end_at_the_surface_wherever_it_is(self) -> None:
         film = make_film(make_model(), edges=[])
         film = replace(film, positions=film.positions + np.array([0.0, 0.0, 30.0]), surface_height=30.0)
-        with_surface, without = (
-            decorate(replace(film, surface=surface), VideoOptions(trail=0), 0.0) for surface in ("water", "none")
-        )
-        assert len(with_surface) - len(without) == 2 * 2  # still the two targets below the water
-        for k, target in enumerate(film.positions[0, 3:]):
-            line, foot = with_surface[2 * k : 2 * k + 2]
-            np.testing.assert_allclose(foot.pos, [*target[:2], 30.0], atol=1e-5)
-            np.testing.assert_allclose(line.pos + line.size[2] * line.mat[:, 2], foot.pos, atol=1e-4)
+        feet, lines = decorate(replace(film, harmonic_extension=film.positions[:, :3]), VideoOptions(trail=0), 0.0)
+        for target in film.positions[0, 3:]:
+            wanted = [*target[:2], 30.0]
+            assert min(np.abs(foot.pos - wanted).max() for foot in feet) < 1e-5
+            ends = np.concatenate([batch.ends for batch in lines])
+            assert np.abs(ends - [target, wanted]).max(axis=(1, 2)).min() < 1e-4
 
 
 class TestWriting:

@@ -1,0 +1,261 @@
+"""Expectations: what is made of a run, what is told of one, and `mjsheaf expect`, which writes them into files.
+
+Oracle: numbers computed by hand, a tiny team whose error is known exactly, and the file's own bytes.
+"""
+
+import math
+import os
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mjsheaf.cli.main import main
+from mjsheaf.errors import InputError, ScenarioError
+from mjsheaf.expecting import Trial, bounds_from, describe, expectation_from, loose, missed, round_up, try_scenario
+from mjsheaf.reading import parse_yaml
+from mjsheaf.scenario import load_scenario, scenario_from_mapping
+from mjsheaf.scenario.editing import replace_file, with_field
+
+LAWS = settings(deadline=None, derandomize=True, max_examples=200)
+TINY = """\
+# A boat goes to a buoy.
+time: {end: 1}
+controller: {gain: 2, control_period: 0.01}   # 1/s
+
+agents: [{id: A, position: [0, 0]}]
+targets:
+  - {id: T, position: [3, 4]}
+sensing:
+  - [A, T]
+physics: {timestep: 0.005}
+"""
+FOUND = 5.0 * (1.0 - 2.0 * 0.01) ** 100  # a held first-order loop: the error shrinks by 1 - k h each period
+
+
+# -- numbers ----------------------------------------------------------------------------------------------------------
+
+
+@LAWS
+@given(st.floats(1e-12, 1e9))
+def test_rounding_goes_up_to_three_digits_and_no_further(value: float) -> None:
+    rounded = round_up(value)
+    assert value <= rounded <= value * 1.0101
+    assert float(f"{rounded:.3g}") == rounded
+
+
+@pytest.mark.parametrize(("value", "rounded"), [(0.184, 0.184), (0.1841, 0.185), (999.1, 1000.0), (1.0, 1.0), (7, 7.0)])
+def test_rounding(value: float, rounded: float) -> None:
+    assert round_up(value) == rounded
+
+
+def test_bounds_are_what_was_found_and_a_margin() -> None:
+    trial = Trial("ideal", "finished", "", {"mean_disagreement": 1.0, "tracking_error": 0.0, "formation_error": None})
+    assert bounds_from(trial, 0.05) == {"mean_disagreement": 1.05, "tracking_error": 1e-9}
+
+
+def test_what_was_not_tried_is_kept() -> None:
+    old = {"physics": {"tracking_error": 3.0}}
+    trial = Trial("ideal", "finished", "", {"tracking_error": 1.0})
+    new = expectation_from([trial], 0.1, old)
+    assert list(new.items()) == [("ideal", {"tracking_error": 1.1}), ("physics", {"tracking_error": 3.0})]
+    refused = Trial("ideal", "refused", "drifts along z together")
+    assert expectation_from([refused], 0.1, old) == {"refused": "drifts along z together"}
+    assert expectation_from([refused], 0.1, {"refused": "along z"}) == {"refused": "along z"}
+    assert expectation_from([trial], 0.1, {"refused": "along z"}) == {"ideal": {"tracking_error": 1.1}}
+
+
+def trial_of(**expect: Any) -> Trial:
+    raw = parse_yaml(TINY, "tiny")
+    return try_scenario(scenario_from_mapping({"name": "tiny", **raw, "expect": expect}), "ideal")
+
+
+def test_a_miss_shows_bound_and_value_and_the_command_to_watch() -> None:
+    trial = trial_of(ideal={"tracking_error": 0.5, "mean_disagreement": 1.0})
+    assert trial.met is False
+    assert trial.final["tracking_error"] == pytest.approx(FOUND, rel=1e-9)
+    assert [check["measure"] for check in missed(trial)] == ["tracking_error"]
+    assert describe(trial, "tiny", "tiny.yaml").splitlines() == [
+        "tiny on ideal: finished, NOT as expected",
+        "  measure (m)           expected       found",
+        "  mean_disagreement         <= 1      0.6631",
+        "  tracking_error          <= 0.5      0.6631  32.6 % above",
+        "  watch it: mjsheaf run tiny.yaml --backend ideal",
+    ]
+
+
+def test_loose_bounds_are_known() -> None:
+    trial = trial_of(ideal={"tracking_error": 0.7, "mean_disagreement": 0.8})
+    assert trial.met
+    assert [check["measure"] for check in loose(trial, 1.1)] == ["mean_disagreement"]
+    assert loose(trial, 1.3) == []
+
+
+def test_a_refusal_is_met_missed_or_missing() -> None:
+    scenario = load_scenario("air_tracks_surface")
+    assert try_scenario(scenario, "physics").met is True
+    other = load_scenario("air_tracks_surface", {"expect.refused": "another reason"})
+    assert try_scenario(other, "ideal").met is False
+    ran = trial_of(refused="along z")
+    assert (ran.met, ran.status) == (False, "finished")
+    bounds = load_scenario("air_tracks_surface", {"expect": {"ideal": {"tracking_error": 1}}})
+    trial = try_scenario(bounds, "ideal")
+    assert (trial.met, trial.status) == (False, "refused")
+    told = describe(trial, "team", "team.yaml")
+    assert "A1, A2, A3 are free along z together" in told
+    assert "has no value" in told
+
+
+# -- files ------------------------------------------------------------------------------------------------------------
+
+
+EXPECT = {"ideal": {"tracking_error": 0.1}, "physics": {"tracking_error": 0.2}}
+IDEAL, PHYSICS = "ideal: {tracking_error: 0.1}", "physics: {tracking_error: 0.2}"
+BRACES = "{ideal: {tracking_error: 0.1}, physics: {tracking_error: 0.2}}"
+JSON = '{"ideal": {"tracking_error": 0.1}, "physics": {"tracking_error": 0.2}}'
+FORMS = {
+    "in lines": (
+        "a: 1\nexpect:  # why\n  ideal: {tracking_error: 3}\n\n# end\nb: 2\n",
+        f"a: 1\nexpect:  # why\n  {IDEAL}\n  {PHYSICS}\n\n# end\nb: 2\n",
+    ),
+    "deeper lines": (
+        "expect:\n    ideal:\n        tracking_error: 3 # was\n# end",
+        f"expect:\n    {IDEAL}\n    {PHYSICS} # was\n# end",
+    ),
+    "in braces": ("expect: {ideal: {tracking_error: 3}}  # why\nb: 2\n", f"expect: {BRACES}  # why\nb: 2\n"),
+    "in braces on lines": ("expect: {ideal: {\n  tracking_error: 3}}\n", f"expect: {BRACES}\n"),
+    "nothing": ("expect:   # later\nb: 2\n", f"expect: {BRACES}   # later\nb: 2\n"),
+    "null": ("expect: ~\n", f"expect: {BRACES}\n"),
+    "a text in lines": (
+        "expect:\n  refused: |\n    so\n    it\nb: 2\n",
+        f"expect:\n  {IDEAL}\n  {PHYSICS}\nb: 2\n",
+    ),
+    "at the end": (
+        "a: 1  # é 漢 🚤\n# last",
+        f"a: 1  # é 漢 🚤\n# last\nexpect:  # new\n  {IDEAL}\n  {PHYSICS}\n",
+    ),
+    "indented": ("  a: 1\n  b: 2\n", f"  a: 1\n  b: 2\n  expect:  # new\n    {IDEAL}\n    {PHYSICS}\n"),
+    "of another system": (
+        "a: 1\r\nexpect:\r\n  ideal: {}\r\nb: 2\r\n",
+        f"a: 1\r\nexpect:\r\n  {IDEAL}\r\n  {PHYSICS}\r\nb: 2\r\n",
+    ),
+    "JSON": ('{"a": 1, "expect": {"ideal": {}}, "b": 2}\n', f'{{"a": 1, "expect": {JSON}, "b": 2}}\n'),
+    "JSON without": ('{\n  "a": [1]\n}\n', f'{{\n  "a": [1], "expect": {JSON}\n}}\n'),
+}
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_the_rest_of_a_file_stays_as_it_is(form: str) -> None:
+    text, edited = FORMS[form]
+    assert with_field(text, "expect", EXPECT, "file", "new") == edited
+    assert parse_yaml(edited, "file") == {**parse_yaml(text, "file"), "expect": EXPECT}
+
+
+@pytest.mark.parametrize("text", ["a: 1\n...\n", "a: 1\n---\nb: 2\n", "[1]\n", "", "a: [\n"])
+def test_what_cannot_be_edited_is_refused(text: str) -> None:
+    with pytest.raises(ScenarioError, match=r"^file: "):
+        with_field(text, "expect", EXPECT, "file")
+
+
+def test_a_file_is_replaced_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    real, link = tmp_path / "real.yaml", tmp_path / "link.yaml"
+    real.write_bytes(b"old")
+    real.chmod(0o640)
+    link.symlink_to(real)
+    with pytest.raises(InputError, match="has changed meanwhile"):
+        replace_file(link, b"new", expected=b"other")
+    monkeypatch.setattr(os, "fsync", lambda _: (_ for _ in ()).throw(OSError(28, "No space left on device")))
+    with pytest.raises(InputError, match=r"link\.yaml: cannot be written: No space left"):
+        replace_file(link, b"new", expected=b"old")
+    monkeypatch.undo()
+    assert real.read_bytes() == b"old"
+    replace_file(link, b"new", expected=b"old")
+    assert real.read_bytes() == b"new"
+    assert link.is_symlink()
+    assert real.stat().st_mode & 0o777 == 0o640
+    assert {p.name for p in tmp_path.iterdir()} == {"real.yaml", "link.yaml"}
+
+
+# -- the command ------------------------------------------------------------------------------------------------------
+
+
+def call(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> tuple[int, str, str]:
+    with pytest.raises(SystemExit) as stopped:
+        main(["expect", *map(str, arguments)])
+    streams = capsys.readouterr()
+    code = stopped.value.code
+    return (code if isinstance(code, int) else 0), streams.out, streams.err
+
+
+def test_an_expectation_is_written_held_and_missed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "tiny.yaml"
+    path.write_text(TINY)
+    code, _, told = call(capsys, path)
+    assert code == 2
+    assert "expect.ideal: missing; --update writes it" in told
+    code, out, _ = call(capsys, path, "--update")
+    assert code == 0
+    assert f"wrote expect: of {path}" in out
+    text = path.read_text()
+    assert text.startswith(TINY + "expect:  # at most 5 % above what was found\n  ideal: {")
+    bounds = load_scenario(path).expect.ideal
+    assert bounds is not None
+    assert bounds.tracking_error == math.ceil(FOUND * 1050) / 1000
+    assert call(capsys, path)[0] == 0
+    path.write_text(text.replace("gain: 2", "gain: 1"))
+    code, out, told = call(capsys, path, "--backend", "ideal")
+    assert code == 1
+    assert told.count("\n") == 1
+    assert "tracking_error is 1.83, expected at most 0.697 on ideal" in told
+    assert "physics" not in out
+
+
+def test_a_refusal_is_written_as_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "team.yaml"
+    call_text = TINY.replace("position: [0, 0]", "position: [0, 0, 9]")
+    path.write_text(call_text)
+    assert call(capsys, path, "--update")[0] == 0
+    assert path.read_text().startswith(f"{call_text}expect:\n  refused: ")
+    assert "A is free along z" in (load_scenario(path).expect.refused or "")
+    assert call(capsys, path)[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--backend", "real"], "--backend real: legal are physics, ideal"),
+        (["--margin", "-1"], "--margin -1: legal is 0 to 10"),
+        (["--margin", "nan", "--update"], "--margin nan"),
+    ],
+)
+def test_wrong_usage(arguments: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "tiny.yaml"
+    path.write_text(TINY)
+    code, _, told = call(capsys, path, *arguments)
+    assert (code, told.count("\n")) == (2, 1)
+    assert message in told
+    assert path.read_text() == TINY
+
+
+def test_a_run_that_blows_up_is_not_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "tiny.yaml"
+    text = TINY.replace("gain: 2", "gain: 900").replace("end: 1}", "end: 3}")
+    path.write_text(text)
+    code, _, told = call(capsys, path, "--update", "--backend", "ideal")
+    assert code == 3
+    assert "nothing is written" in told
+    assert path.read_text() == text
+
+
+def test_a_file_that_may_not_be_written_is_refused_before_it_runs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "tiny.yaml"
+    path.write_text(TINY)
+    monkeypatch.setattr(os, "access", lambda place, mode: mode != os.W_OK)  # the superuser may write anything
+    code, out, told = call(capsys, path, "--update")
+    assert (code, out) == (2, "")
+    assert "tiny.yaml: cannot be written" in told
+    assert "copy the scenario" in told

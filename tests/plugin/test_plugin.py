@@ -1,0 +1,167 @@
+"""The pytest plugin, run as a user runs it: in a process of its own, in a directory of scenarios that are not ours.
+
+Oracle: a tiny team whose final error is known exactly, and what pytest says.
+"""
+
+import subprocess
+import sys
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+TINY = """\
+time: {end: 1}
+controller: {gain: 2, control_period: 0.05}
+agents: [{id: A, position: [0, 0]}]
+targets: [{id: T, position: [3, 4]}]
+sensing: [[A, T]]
+physics: {timestep: 0.005}
+"""
+FILES = {
+    "met.yaml": TINY + "expect: {ideal: {tracking_error: 0.65}, physics: {tracking_error: 2}}\n",
+    "missed.yaml": TINY + "expect: {ideal: {tracking_error: 0.5, mean_disagreement: 1}}\n",
+    "unstable.yml": TINY.replace("gain: 2", "gain: 900").replace("end: 1", "end: 20")
+    + "expect: {ideal: {tracking_error: 1}}\n",
+    "refused.yaml": TINY.replace("[0, 0]", "[0, 0, 5]") + "expect: {refused: A is free along z}\n",
+    "ran.yaml": TINY + "expect: {refused: A is free along z}\n",
+    "drifts.yaml": TINY.replace("[0, 0]", "[0, 0, 5]") + "expect: {ideal: {tracking_error: 1}}\n",
+    "broken.yaml": TINY.replace("gain", "gian") + "expect: {ideal: {tracking_error: 1}}\n",
+    "garbage.yaml": TINY + "expect: [\n",
+    "lost.yaml": TINY.replace("[0, 0]", "[0, 0], vehicle: none.yaml") + "expect: {physics: {tracking_error: 1}}\n",
+    "silent.yaml": TINY,
+    "others.yaml": "expect: 100-continue\nservices: [1, 2]\n",
+    "odd.yaml": "? [\n",
+    "vehicle.yaml": (REPOSITORY / "models" / "hull.yaml").read_text(),
+    "run/scenario.yaml": TINY + "expect: {ideal: {tracking_error: 0.1}}\n",
+    "run/summary.json": "{}",
+    "test_other.py": "def test_something():\n    assert True\n",
+}
+
+Run = Callable[..., tuple[int, str]]
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """Run pytest in a directory of FILES, with the plugin found by its entry point as in an installed wheel."""
+    folder = tmp_path_factory.mktemp("user") / "project"
+    for name, text in FILES.items():
+        path = folder / "scenarios" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    # What a wheel's metadata would say, made from the project's own; the environment's copy may be older.
+    installed = folder.parent / "installed" / "mjsheaf_plugin-1.dist-info"
+    installed.mkdir(parents=True)
+    project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["project"]
+    entries = [f"{name} = {value}" for name, value in project["entry-points"]["pytest11"].items()]
+    (installed / "entry_points.txt").write_text("\n".join(["[pytest11]", *entries, ""]))
+    (installed / "METADATA").write_text("Metadata-Version: 2.1\nName: mjsheaf-plugin\nVersion: 1\n")
+
+    def pytest_of_user(*arguments: str, code: str = "") -> tuple[int, str]:
+        start = f"import sys; sys.path[:0] = [{str(installed.parent)!r}, {str(REPOSITORY)!r}]; import pytest; "
+        call = code or f"sys.exit(pytest.main({[*arguments]!r}))"
+        done = subprocess.run(
+            [sys.executable, "-c", start + call], cwd=folder, capture_output=True, text=True, timeout=280, check=False
+        )
+        return done.returncode, done.stdout + done.stderr
+
+    return pytest_of_user
+
+
+@pytest.fixture(scope="module")
+def told(run: Run) -> str:
+    """What pytest says of all the files at once."""
+    code, told = run("--mjsheaf", "scenarios", "-v", "-rs", "-p", "no:cacheprovider", "--junitxml=report.xml")
+    assert code == 1
+    return told
+
+
+@pytest.mark.parametrize(
+    ("test", "verdict"),
+    [
+        ("met.yaml::ideal", "PASSED"),
+        ("met.yaml::physics", "PASSED"),
+        ("missed.yaml::ideal", "FAILED"),
+        ("unstable.yml::ideal", "FAILED"),
+        ("refused.yaml::refused", "PASSED"),
+        ("ran.yaml::refused", "FAILED"),
+        ("drifts.yaml::ideal", "FAILED"),
+        ("broken.yaml::load", "FAILED"),
+        ("garbage.yaml::load", "FAILED"),
+        ("lost.yaml::physics", "FAILED"),
+        ("silent.yaml::expect", "SKIPPED"),
+        ("test_other.py::test_something", "PASSED"),
+    ],
+)
+def test_each_scenario_and_backend_is_a_test(test: str, verdict: str, told: str) -> None:
+    assert f"scenarios/{test} {verdict}" in told
+
+
+def test_nothing_else_is_collected(told: str) -> None:
+    assert "7 failed, 4 passed, 1 skipped" in told
+    for other in ("others.yaml", "odd.yaml", "vehicle.yaml", "run/scenario.yaml"):
+        assert other not in told
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "tracking_error is 0.6079, expected at most 0.5",
+        "tracking_error          <= 0.5      0.6079  21.6 % above",
+        "mean_disagreement         <= 1      0.6079\n",
+        "watch it: mjsheaf run scenarios/missed.yaml --backend ideal",
+        "scenarios/unstable.yml on ideal: unstable, NOT as expected",
+        "it ran, expected is a refusal",
+        "expected is a refusal that says 'A is free along z'",
+        "scenarios/drifts.yaml on ideal: refused, NOT as expected",
+        "broken.yaml: controller.gian: unknown field; legal are",
+        "garbage.yaml: line 8",
+        "scenarios/lost.yaml on physics: cannot be simulated: agents.A.vehicle: ",
+        "no `expect:` block; mjsheaf expect silent.yaml --update writes one",
+    ],
+)
+def test_what_is_wrong_is_said(words: str, told: str) -> None:
+    assert words in told
+    assert "Traceback" not in told
+
+
+def test_tests_are_chosen_by_name_and_spread_over_processes(run: Run) -> None:
+    code, told = run("--mjsheaf", "scenarios", "-k", "met and ideal or refused.yaml", "-n", "2", "-v")
+    assert code == 0, told
+    assert "2 passed" in told
+    code, told = run("--mjsheaf", "scenarios/met.yaml::ideal", "-q")
+    assert code == 0, told
+    assert "1 passed" in told
+
+
+def test_a_file_that_is_named_is_never_passed_over_in_silence(run: Run) -> None:
+    code, told = run("--mjsheaf", "scenarios/vehicle.yaml", "scenarios/run/scenario.yaml", "-v")
+    assert code == 1
+    assert "vehicle.yaml::expect SKIPPED" in told
+    assert "run/scenario.yaml::ideal FAILED" in told
+
+
+def test_bounds_may_have_to_be_tight(run: Run) -> None:
+    code, told = run("--mjsheaf", "scenarios/met.yaml", "-v", "-o", "mjsheaf_tight=1.1")
+    assert code == 1
+    assert "met.yaml::ideal PASSED" in told
+    assert "loose bounds, of more than 1.1 times what is found: tracking_error" in told
+    assert "tighten them: mjsheaf expect scenarios/met.yaml --update" in told
+    for wrong in ("x", "0.5"):
+        code, told = run("--mjsheaf", "scenarios/met.yaml", "-o", f"mjsheaf_tight={wrong}")
+        assert code == 4
+        assert f"mjsheaf_tight is '{wrong}'; legal is a number of at least 1" in told
+
+
+def test_other_peoples_tests_are_left_alone(run: Run) -> None:
+    """Without --mjsheaf nothing is collected and nothing of mjsheaf but the plugin's own module is imported."""
+    code, told = run("scenarios", "-q")
+    assert code == 0
+    assert "1 passed" in told
+    loaded = (
+        "[name for name in sys.modules if name.split('.')[0] in ('mjsheaf', 'numpy', 'mujoco', 'pydantic', 'yaml')]"
+    )
+    code, told = run(code=f"pytest.main(['-q', 'scenarios']); print(sorted({loaded}))")
+    assert told.splitlines()[-1] == "['mjsheaf', 'mjsheaf._version', 'mjsheaf.pytest_plugin']"

@@ -1,0 +1,99 @@
+"""Scenario files with broken bytes, and mutated ones through the command line; see test_fuzz.py.
+
+Oracle: the contract on errors, exit codes and directories: one line on stderr, never a traceback, a hang or a partial
+directory.
+"""
+
+import shutil
+import warnings
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mjsheaf import load_vehicle
+from mjsheaf.backends.physics.attachment import attachable
+from mjsheaf.cli.main import main
+from mjsheaf.errors import InputError
+from mjsheaf.reading import read_yaml
+from mjsheaf.scenario import list_scenarios, load_scenario
+from mjsheaf.simulation import simulate
+
+from .mutations import FUZZ, RUNS, TEXTS, in_time, load_or_refuse, mutated_text, mutated_tree, texts, trees
+
+NAMES = list(list_scenarios())
+SHORT = ["time.start=0", "time.end=0.05", "controller.control_period=0.01"]
+RAFT = Path(__file__).parents[1] / "data" / "raft.yaml"
+VEHICLES = 250
+LEFT = {"result.nc", "summary.json", "scenario.yaml"}
+"""Of what a run leaves, all but the plots, which are not drawn here."""
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_mutated_bytes_are_valid_or_refused_in_one_line(name: str, tmp_path: Path) -> None:
+    @settings(FUZZ, max_examples=TEXTS)
+    @given(texts(name))
+    def each(data: bytes) -> None:
+        load_or_refuse(data, tmp_path)
+
+    each()
+
+
+@pytest.fixture(scope="module")
+def _compiled() -> None:
+    """What runs is compiled before any run is timed."""
+    for name in ("altitude_anchor", "certified"):  # held and continuous
+        simulate(load_scenario(name, {"time.end": 0.05}), "ideal")
+
+
+@pytest.mark.usefixtures("_compiled")
+@pytest.mark.parametrize("name", NAMES)
+def test_a_mutated_file_runs_whole_or_leaves_nothing(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for plot in ("errors", "trajectories", "configurations"):
+        monkeypatch.setattr(f"mjsheaf.plots.plot_{plot}", lambda *_, **__: None)
+    arguments = [part for change in SHORT for part in ("--set", change)]
+    runs = iter(range(10 * RUNS))
+
+    @settings(FUZZ, max_examples=RUNS)
+    @given(st.one_of(trees(name), texts(name)))
+    def each(data: bytes) -> None:
+        folder = tmp_path / str(next(runs))
+        folder.mkdir()
+        path, out = folder / "scenario.yaml", folder / "out"
+        path.write_bytes(data)
+        capsys.readouterr()
+        with in_time(), pytest.raises(SystemExit) as stopped:
+            main(["run", str(path), "--backend", "ideal", "--no-video", "--out", str(out), *arguments])
+        code, told = stopped.value.code or 0, capsys.readouterr().err
+        assert code in (0, 1, 2, 3)
+        assert "Traceback" not in told
+        assert told.count("\n") == (1 if code else told.count("note: "))
+        assert {p.name for p in folder.iterdir()} == ({"scenario.yaml", "out"} if code in (0, 3) else {"scenario.yaml"})
+        if out.exists():
+            assert {p.name for p in out.iterdir()} == LEFT
+
+    each()
+
+
+@pytest.mark.parametrize("suffix", [".yaml", ".xml"])
+def test_a_mutated_vehicle_is_valid_or_refused(suffix: str, tmp_path: Path) -> None:
+    """Its description, as a tree and as bytes, and the bytes of its MJCF file."""
+    for own in (".yaml", ".xml"):
+        shutil.copy(RAFT.with_suffix(own), tmp_path)
+    path = tmp_path / f"raft{suffix}"
+    strategy = mutated_text(RAFT.with_suffix(suffix).read_bytes())
+    strategy = st.one_of(strategy, mutated_tree(read_yaml(RAFT))) if suffix == ".yaml" else strategy
+
+    @settings(FUZZ, max_examples=VEHICLES)
+    @given(strategy)
+    def each(data: bytes) -> None:
+        path.write_bytes(data)
+        with in_time(), warnings.catch_warnings(), suppress(InputError):
+            warnings.simplefilter("ignore")
+            attachable(load_vehicle(str(tmp_path / "raft.yaml")))
+
+    each()

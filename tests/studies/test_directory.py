@@ -1,0 +1,205 @@
+"""The directory of a study: resumed, refused, held by one command at a time, intact when it cannot be written."""
+
+import json
+import os
+import resource
+import shutil
+import subprocess
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mjsheaf.errors import InputError
+from mjsheaf.results.store import PlaceError
+from mjsheaf.studies import Plan, run_study
+from mjsheaf.studies.directory import BusyError, open_directory
+from tests.studies.small import IN_THREADS, command, contents, small_plan
+
+Runner = Callable[..., "subprocess.CompletedProcess[str]"]
+
+
+def never() -> Any:
+    raise AssertionError("a cluster was started though nothing is left to run")
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    directory = tmp_path_factory.mktemp("studies") / "deep" / "finished"
+    run_study(small_plan(), directory, IN_THREADS)
+    return directory
+
+
+@pytest.fixture
+def study(finished: Path, tmp_path: Path) -> Path:
+    return shutil.copytree(finished, tmp_path / "study")
+
+
+def test_a_finished_study_is_shown_again_without_a_cluster(study: Path) -> None:
+    before = contents(study)
+    again = run_study(small_plan(), study, never)
+    assert again.begun == 0
+    assert contents(study) == before
+
+
+def test_what_is_missing_or_torn_is_run(study: Path) -> None:
+    before = contents(study)
+    (study / "runs" / "000001.json").unlink()
+    (study / "runs" / "000002.json").write_text('{"run": 2, "par')
+    (study / "runs" / ".000003.json.part").write_text("half")
+    (study / "table.csv").unlink()
+    kept = (study / "runs" / "000000.json").stat()
+    assert run_study(small_plan(), study, IN_THREADS).begun == 2
+    assert contents(study) == before
+    after = (study / "runs" / "000000.json").stat()
+    assert (after.st_ino, after.st_mtime_ns) == (kept.st_ino, kept.st_mtime_ns)
+
+
+@pytest.mark.parametrize(
+    ("plan", "said"),
+    [
+        (lambda: small_plan(gains=(1.0, 4.0)), r"asked.grid.controller.gain.1 was 3.0, is now 4.0"),
+        (lambda: small_plan(seeds=(0, 3)), r"runs was 4, is now 6"),
+        (lambda: small_plan(overrides={"time.end": 0.6}), r"asked.set.time.end was 0.5, is now 0.6"),
+        (lambda: small_plan(trajectories=True), r"asked.trajectories was False, is now True"),
+        (
+            lambda: replace(small_plan(), files={"/a/raft.xml": "1f"}),
+            r"vehicle_files./a/raft.xml was absent, is now '1f'",
+        ),
+    ],
+)
+def test_another_study_is_refused_with_the_difference(study: Path, plan: Callable[[], Plan], said: str) -> None:
+    before = contents(study)
+    with pytest.raises(PlaceError, match=said):
+        run_study(plan(), study, never)
+    assert contents(study) == before
+
+
+def test_a_changed_scenario_is_refused(tmp_path: Path, mjsheaf: Runner) -> None:
+    text = (Path(__file__).parents[2] / "scenarios" / "midpoint.yaml").read_text()
+    own, out = tmp_path / "own.yaml", tmp_path / "out"
+    own.write_text(text)
+    from mjsheaf.studies import load_plan
+
+    run_study(load_plan(str(own), overrides={"time.end": 0.5}, backend="ideal"), out, IN_THREADS)
+    own.write_text(text.replace("heading: 60", "heading: 61"))
+    done = mjsheaf("sweep", own, "--backend", "ideal", "--set", "time.end=0.5", "--out", out)
+    assert done.returncode == 2
+    assert "scenario.agents.0.heading was 60, is now 61" in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+def test_another_version_is_refused(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mjsheaf.studies.plan.__version__", "99.0")
+    with pytest.raises(PlaceError, match=r"mjsheaf_version was '.*', is now '99.0'"):
+        run_study(small_plan(), study, never)
+
+
+@pytest.mark.parametrize("name", ["notes.txt", "result.nc", ".hidden"])
+def test_a_directory_of_something_else_is_refused(tmp_path: Path, name: str) -> None:
+    (tmp_path / "x").mkdir()
+    (tmp_path / "x" / name).write_text("mine")
+    with pytest.raises(PlaceError, match=f"holds '{name}' and no study"):
+        run_study(small_plan(), tmp_path / "x", never)
+    assert [path.name for path in (tmp_path / "x").iterdir()] == [name]
+
+
+def test_strange_places_are_refused(tmp_path: Path, study: Path) -> None:
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(PlaceError, match="not a directory"):
+        run_study(small_plan(), tmp_path / "file", never)
+    with pytest.raises(PlaceError, match="cannot be written"):
+        run_study(small_plan(), tmp_path / "file" / "below", never)
+    (study / "study.json").write_text("[]")
+    with pytest.raises(PlaceError, match="is no study of mjsheaf"):
+        run_study(small_plan(), study, never)
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "summary.json").write_text(json.dumps({"mjsheaf_version": "1"}))
+    with pytest.raises(PlaceError, match="the directory of a run"):
+        run_study(small_plan(), tmp_path / "run" / "study", never)
+
+
+def test_a_second_command_is_refused(study: Path, mjsheaf: Runner) -> None:
+    before = contents(study)
+    with open_directory(study, small_plan()):
+        with pytest.raises(BusyError, match="another command works on this study"), open_directory(study, small_plan()):
+            pass
+        arguments = ["--set", "time.end=0.5", "--grid", "controller.gain=1.0,3.0", "--seeds", "0:2"]
+        done = mjsheaf("sweep", "midpoint", *arguments, "--backend", "ideal", "--out", study)
+        assert done.returncode == 2
+        assert "another command works on this study" in done.stderr
+    assert contents(study) == before
+    assert run_study(small_plan(), study, never).begun == 0
+
+
+# -- a file system that gives out ------------------------------------------------------------------------------------
+
+
+def test_a_full_disk_leaves_what_was_there(study: Path) -> None:
+    """A limit on the size of files stands for the full disk: the table of 40 runs does not fit."""
+    plan = small_plan(gains=tuple(1.0 + k for k in range(10)), seeds=(0, 4))
+    shutil.rmtree(study)
+    arguments = ["--set", "time.end=0.5", "--grid", "controller.gain=" + ",".join(f"{1.0 + k}" for k in range(10))]
+    done = subprocess.run(
+        command("midpoint", *arguments, "--seeds", "0:4", "--backend", "ideal", "--threads", "--out", study),
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (3000, 3000)),
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
+    assert done.returncode == 2
+    assert "cannot be written: File too large" in done.stderr
+    assert done.stderr.strip().count("\n") <= 1  # a note on seeds comes first
+    assert "Traceback" not in done.stderr
+    assert not list(study.rglob(".*.part"))
+    kept = contents(study)
+    assert sum(name.startswith("runs") for name in kept) == 40
+    assert run_study(plan, study, never).begun == 0
+    after = contents(study)
+    assert {name: after[name] for name in kept} == kept
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    place = tmp_path / "disk"
+    place.mkdir()
+    made = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=48k", "tmpfs", place], capture_output=True, check=False)
+    if made.returncode:
+        pytest.skip("no file system can be mounted here")
+    yield place
+    subprocess.run(["umount", "-l", place], check=True)
+
+
+def test_a_small_disk_fills_and_is_emptied(small_disk: Path) -> None:
+    plan = small_plan(gains=tuple(1.0 + k for k in range(10)), seeds=(0, 4))
+    with pytest.raises(PlaceError, match="No space left on device"):
+        run_study(plan, small_disk / "study", IN_THREADS)
+    kept = contents(small_disk / "study")
+    assert any(name.startswith("runs") for name in kept)
+    subprocess.run(["mount", "-o", "remount,size=8m", small_disk], check=True)
+    done = run_study(plan, small_disk / "study", IN_THREADS)
+    assert 0 < done.begun < 40
+    after = contents(small_disk / "study")
+    assert {name: after[name] for name in kept} == kept
+
+
+def test_a_disk_that_is_read_only(small_disk: Path) -> None:
+    subprocess.run(["mount", "-o", "remount,size=8m", small_disk], check=True)
+    run_study(small_plan(), small_disk / "study", IN_THREADS)
+    before = contents(small_disk)
+    subprocess.run(["mount", "-o", "remount,ro", small_disk], check=True)
+    for place in (small_disk / "study", small_disk / "other" / "deeper"):
+        with pytest.raises(PlaceError, match="Read-only file system"):
+            run_study(small_plan(), place, never)
+    assert contents(small_disk) == before
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="nothing is read-only to root")
+def test_a_directory_that_is_read_only(tmp_path: Path) -> None:
+    (tmp_path / "place").mkdir(mode=0o500)
+    with pytest.raises(InputError, match="Permission denied"):
+        run_study(small_plan(), tmp_path / "place" / "study", never)
+    assert not list((tmp_path / "place").iterdir())

@@ -1,0 +1,178 @@
+"""Clusters: the same bits whatever does the runs, workers that die, schedulers by address that come and go."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import psutil
+import pytest
+
+from mjsheaf.studies import run_study
+from mjsheaf.studies.engine import Engine, ForeignWorkerError, SchedulerError, engine_at, local_engine
+from mjsheaf.studies.job import Done, Job, new_record, run_job
+from tests.studies.small import IN_THREADS, command, contents, small_plan, start
+
+ASKED = ["midpoint", "--backend", "ideal", "--set", "time.end=0.5", "--grid", "controller.gain=1.0,3.0"]
+ASKED += ["--grid", "spread.position=1.0", "--seeds", "0:5"]
+"""10 runs that differ."""
+
+
+def test_the_same_bits_whatever_does_the_runs(tmp_path: Path) -> None:
+    """One worker and two, processes and threads, in another order too; every file but the timings."""
+    engines: dict[str, Callable[[], AbstractContextManager[Engine]]] = {
+        "one thread": IN_THREADS,
+        "three threads": partial(local_engine, 3, processes=False),
+        "one process": partial(local_engine, 1),
+        "two processes": partial(local_engine, 2),
+    }
+    found = {}
+    for name, engine in engines.items():
+        plan = small_plan(seeds=(0, 4), overrides={"spread.position": 1.0}, trajectories=True)
+        assert run_study(plan, tmp_path / name, engine).begun == 8
+        found[name] = contents(tmp_path / name)
+    first = found.pop("one thread")
+    assert sum(name.endswith(".nc") for name in first) == 8
+    assert len({first[name] for name in first if name.startswith("runs")}) == 8
+    for name, other in found.items():
+        assert other == first, name
+
+
+def test_a_run_of_a_study_is_the_run_of_its_scenario() -> None:
+    import mjsheaf
+    from mjsheaf.results import summarize
+
+    plan = small_plan(gains=(2.0,), seeds=(7, 8), overrides={"spread.position": 1.0})
+    record = run_job(plan.job(plan.points[0])).record
+    overrides = {"time.end": 0.5, "spread.position": 1.0, "controller.gain": 2.0, "seed": 7}
+    scenario = mjsheaf.load_scenario("midpoint", overrides)
+    assert record["final"] == summarize(scenario.system().team, mjsheaf.simulate(scenario, "ideal"))
+    assert (record["run"], record["seed"], record["status"], record["message"]) == (0, 7, "finished", "")
+
+
+# -- workers ---------------------------------------------------------------------------------------------------------
+
+
+def dies_of_the_second(job: Job) -> Done:
+    """What the system does to a process that takes all memory."""
+    if job.point.number == 1:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return Done(new_record(job.point, 0, "finished"), 0.0)
+
+
+def raises_a_stranger(job: Job) -> Done:
+    if job.point.number == 1:
+        raise LookupError("no such thing\nat all")
+    return Done(new_record(job.point, 0, "finished"), 0.0)
+
+
+def test_a_worker_that_dies_of_a_run_is_reported_as_that() -> None:
+    plan = small_plan()
+    with local_engine(1) as engine:
+        found = {d.record["run"]: d.record for d in engine.run(map(plan.job, plan.points), dies_of_the_second)}
+    assert [found[k]["status"] for k in range(4)] == ["finished", "lost", "finished", "finished"]
+    assert "every worker that began it died, killed by signal 9, most likely for want of memory" in found[1]["message"]
+
+
+def test_an_error_around_a_run_is_recorded() -> None:
+    plan = small_plan()
+    with IN_THREADS() as engine:
+        found = {d.record["run"]: d.record for d in engine.run(map(plan.job, plan.points), raises_a_stranger)}
+    assert [found[k]["status"] for k in range(4)] == ["finished", "failed", "finished", "finished"]
+    assert found[1]["message"] == "LookupError: no such thing at all"
+
+
+def test_a_worker_of_another_version_ends_the_study() -> None:
+    plan = small_plan()
+    with IN_THREADS() as engine, pytest.raises(ForeignWorkerError, match=r"legal is 99\.0, which asks"):
+        list(engine.run(replace(plan.job(point), version="99.0") for point in plan.points))
+
+
+def test_workers_listen_to_this_machine_alone() -> None:
+    with local_engine(1):
+        me = psutil.Process()
+        listening = [
+            connection.laddr.ip
+            for process in [me, *me.children(recursive=True)]
+            for connection in process.net_connections("inet")
+            if connection.status == psutil.CONN_LISTEN
+        ]
+    assert listening
+    assert set(listening) == {"127.0.0.1"}
+
+
+# -- a scheduler that exists -----------------------------------------------------------------------------------------
+
+
+@contextmanager
+def cluster(folder: Path, workers: int = 1) -> Iterator[tuple[str, list["subprocess.Popen[bytes]"]]]:
+    """A scheduler and workers in processes of their own, as a person starts them by hand: address and processes."""
+    file = folder / "scheduler.json"
+    scheduler = ["distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--no-show"]
+    worker = ["distributed.cli.dask_worker", "--host", "127.0.0.1", "--nthreads", "1", "--no-dashboard"]
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": folder}
+    lines = [[*scheduler, "--dashboard-address", "127.0.0.1:0"], *(worker for _ in range(workers))]
+    processes = [
+        subprocess.Popen([sys.executable, "-m", *line, "--scheduler-file", str(file)], **quiet)  # type: ignore[call-overload]
+        for line in lines
+    ]
+    try:
+        deadline = time.monotonic() + 60
+        while not file.exists():
+            assert time.monotonic() < deadline, "no scheduler came up"
+            time.sleep(0.05)
+        yield json.loads(file.read_text())["address"], processes
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+
+
+def test_a_scheduler_by_address(tmp_path: Path) -> None:
+    with cluster(tmp_path, workers=2) as (address, _):
+        done = subprocess.run(
+            command(*ASKED, "--scheduler", address, "--out", tmp_path / "out"),
+            capture_output=True, text=True, timeout=120, check=False,
+        )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "10 runs: 10 finished" in done.stdout
+    plan = small_plan(seeds=(0, 5), overrides={"spread.position": 1.0})
+    run_study(plan, tmp_path / "here", IN_THREADS)
+    there, here = contents(tmp_path / "out"), contents(tmp_path / "here")
+    assert {name: there[name] for name in there if name.startswith("runs")} != {}
+    assert [json.loads(there[n])["final"] for n in there if n.startswith("runs")] == [
+        json.loads(here[n])["final"] for n in here if n.startswith("runs")
+    ]
+
+
+def test_nobody_at_the_address(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mjsheaf.studies.engine._CONNECT_S", 1)
+    for address in ("tcp://127.0.0.1:9", "nonsense://x", "127.0.0.1"):
+        with pytest.raises(SchedulerError, match=f"--scheduler {address}: no scheduler answers"), engine_at(address):
+            pass
+
+
+def test_a_scheduler_that_dies_ends_the_command_in_order(tmp_path: Path) -> None:
+    slow = ["midpoint", "--backend", "ideal", "--set", "time.end=20", "--grid", "controller.gain=1.0,3.0"]
+    slow += ["--seeds", "0:30", "--out", str(tmp_path / "out")]
+    with cluster(tmp_path) as (address, processes):
+        running = start(*slow, "--scheduler", address)
+        deadline = time.monotonic() + 90
+        while not list((tmp_path / "out").glob("runs/*.json")):
+            assert running.poll() is None, running.communicate()
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+        processes[0].kill()
+        _, errors = running.communicate(timeout=90)
+    assert running.returncode == 2, errors
+    assert "the scheduler went away; runs that have ended are kept" in errors
+    assert "Traceback" not in errors
+    kept = contents(tmp_path / "out")
+    assert any(name.startswith("runs") for name in kept)

@@ -1,0 +1,130 @@
+"""Killed at any moment, a study goes on and ends as if nothing had been.
+
+Oracle: the same study, undisturbed, byte for byte; and the files of runs that had ended, untouched.
+"""
+
+import os
+import random
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+
+from mjsheaf.studies import load_plan, run_study
+from tests.studies.small import IN_THREADS, contents, start
+
+RUNS, KILLS = 40, 10
+GAINS = [0.5 + 0.25 * k for k in range(RUNS // 4)]
+ASKED = ["midpoint", "--backend", "ideal", "--set", "time.end=150", "--set", "spread.position=2.0", "--workers", "2"]
+ASKED += ["--grid", "controller.gain=" + ",".join(map(str, GAINS)), "--seeds", "0:4"]
+
+
+def undisturbed(directory: Path) -> dict[str, bytes]:
+    plan = load_plan(
+        "midpoint",
+        grid={"controller.gain": GAINS},
+        seeds=(0, 4),
+        overrides={"time.end": 150, "spread.position": 2.0},
+        backend="ideal",
+    )
+    run_study(plan, directory, IN_THREADS)
+    return contents(directory)
+
+
+def ended(directory: Path) -> dict[str, tuple[int, int]]:
+    """Identity and time of the files of runs that have ended."""
+    return {p.name: (p.stat().st_ino, p.stat().st_mtime_ns) for p in directory.glob("runs/0*.json")}
+
+
+def workers_of(process: "subprocess.Popen[str]") -> list[psutil.Process]:
+    try:
+        children = psutil.Process(process.pid).children(recursive=True)
+        return [child for child in children if "spawn_main" in " ".join(child.cmdline())]
+    except psutil.Error:
+        return []
+
+
+@pytest.mark.slow
+def test_killed_ten_times(tmp_path: Path) -> None:
+    """Command or worker, by SIGKILL, while it starts, runs or writes its table."""
+    expected = undisturbed(tmp_path / "undisturbed")
+    out, choose = tmp_path / "out", random.Random(6)
+    before: dict[str, tuple[int, int]] = {}
+    running = start(*ASKED, "--out", out)
+    kills = 0
+    while kills < KILLS:
+        known = len(ended(out))
+        early = choose.random() < 0.3
+        deadline = time.monotonic() + 60
+        while not early and len(ended(out)) < min(known + 1, RUNS) and running.poll() is None:
+            assert time.monotonic() < deadline, "no progress"
+            time.sleep(0.01)
+        time.sleep(choose.random() * (3.0 if early else 0.3))
+        if running.poll() is not None:  # it ended before its time came: the last kills are of its end
+            assert running.returncode == 0, running.communicate()[1]
+            print(f"  ended with {len(ended(out))} of {RUNS}; begun again from half of them")
+            for path in sorted(out.glob("runs/0*.json"))[::2]:
+                path.unlink()
+                before.pop(path.name, None)
+            running = start(*ASKED, "--out", out)
+            continue
+        workers = workers_of(running)
+        if workers and choose.random() < 0.5:
+            what, victim = "worker", choose.choice(workers).pid
+        else:
+            what, victim = "command", running.pid
+        try:
+            os.kill(victim, signal.SIGKILL)
+        except ProcessLookupError:
+            continue
+        kills += 1
+        if what == "command":
+            running.communicate()
+        now = ended(out)
+        print(f"kill {kills:2}: {what:7} with {len(now):2} of {RUNS} ended")
+        assert {name: now.get(name) for name in before} == before, "what had ended was run again"
+        before = now
+        if what == "command":
+            running = start(*ASKED, "--out", out)
+    _, errors = running.communicate(timeout=200)
+    if running.returncode != 0:
+        raise AssertionError(errors)
+    now = ended(out)
+    assert {name: now.get(name) for name in before} == before
+    assert contents(out) == expected
+
+
+def test_ctrl_c_keeps_what_has_ended(tmp_path: Path) -> None:
+    """As a terminal does it: the signal goes to the command and to its workers."""
+    expected = undisturbed(tmp_path / "undisturbed")
+    out = tmp_path / "out"
+    running = start(*ASKED, "--out", out, start_new_session=True)
+    deadline = time.monotonic() + 90
+    while len(ended(out)) < 3:
+        assert running.poll() is None, running.communicate()
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    workers = workers_of(running)
+    os.killpg(running.pid, signal.SIGINT)
+    _, errors = running.communicate(timeout=60)
+    assert running.returncode == 130
+    kept = ended(out)
+    (line,) = [line for line in errors.splitlines() if not line.startswith("note")]
+    assert line.startswith("mjsheaf: interrupted; ")
+    assert f"of {RUNS} runs have ended and are kept in" in line
+    assert 3 <= int(line.split()[2]) <= len(kept) < RUNS
+    _, alive = psutil.wait_procs(workers, timeout=20)
+    assert not alive
+    assert run_in_threads(out) == expected
+    now = ended(out)
+    assert {name: now[name] for name in kept} == kept
+
+
+def run_in_threads(out: Path) -> dict[str, bytes]:
+    running = start(*[a for a in ASKED if a not in ("--workers", "2")], "--threads", "--out", out)
+    _, errors = running.communicate(timeout=120)
+    assert running.returncode == 0, errors
+    return contents(out)

@@ -1,0 +1,120 @@
+"""From what a user asks to a plan: names, files, command-line values, and one line for what is wrong."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mjsheaf.errors import InputError, ScenarioError
+from mjsheaf.studies import load_plan
+from mjsheaf.studies.plan import parse_grid, parse_seeds
+from mjsheaf.studies.sources import list_studies
+
+
+@pytest.mark.parametrize(
+    ("text", "values"),
+    [
+        ("a=1", [1]),
+        ("a=0.1,1,1e1", [0.1, 1, 10.0]),
+        ("a=ring,small_world", ["ring", "small_world"]),
+        ("a.b=[1, 2],[3, 4]", [[1, 2], [3, 4]]),
+        ("a='x, y',true,null", ["x, y", True, None]),
+        ("a={kind: lissajous, rate: [1, 2]},null", [{"kind": "lissajous", "rate": [1, 2]}, None]),
+    ],
+)
+def test_values_of_a_grid_are_yaml(text: str, values: list[Any]) -> None:
+    assert parse_grid(text) == (text.partition("=")[0], values)
+
+
+@pytest.mark.parametrize("text", ["a", "a=", "=1", "a=[1", "a=1]", "a=1,,2", "a=],[", "a=!x 1", "a= "])
+def test_a_grid_that_is_none(text: str) -> None:
+    with pytest.raises(ScenarioError, match="--grid"):
+        parse_grid(text)
+
+
+@pytest.mark.parametrize("text", ["", "3", "3:", ":3", "3:3", "4:3", "-1:3", "0:1.5", "0:" + 30 * "9"])
+def test_seeds_that_are_none(text: str) -> None:
+    with pytest.raises(ScenarioError, match="--seeds"):
+        parse_seeds(text)
+
+
+def test_seeds_are_half_open() -> None:
+    assert parse_seeds("3:5") == (3, 5)
+    assert [p.seed for p in load_plan("midpoint", seeds=(3, 5), backend="ideal").points] == [3, 4]
+
+
+def test_a_study_file_and_what_is_given_beside_it(tmp_path: Path) -> None:
+    (tmp_path / "own.yaml").write_text(
+        "summary: a question\nscenario: midpoint\nbackend: ideal\nset: {time.end: 0.5}\n"
+        "grid: {controller.gain: [1, 2]}\nseeds: {stop: 3}\n"
+    )
+    plan = load_plan(str(tmp_path / "own.yaml"))
+    assert (plan.name, len(plan.points), plan.study.set) == ("own", 6, {"time.end": 0.5})
+    plan = load_plan(
+        str(tmp_path / "own.yaml"),
+        grid={"vehicles.tau": [0.1, 0.2]},
+        seeds=(0, 1),
+        overrides={"time.end": 1},
+        backend="physics",
+    )
+    assert [list(p.overrides) for p in plan.points] == 4 * [["controller.gain", "vehicles.tau", "seed"]]
+    assert (plan.study.backend, plan.study.set) == ("physics", {"time.end": 1})
+    with pytest.raises(ScenarioError, match="swept by the study itself"):
+        load_plan(str(tmp_path / "own.yaml"), grid={"controller.gain": [5]})
+
+
+def test_a_study_names_a_scenario_beside_it(tmp_path: Path) -> None:
+    from mjsheaf.running import dump_scenario
+    from mjsheaf.scenario import load_scenario
+
+    (tmp_path / "team.yaml").write_text(dump_scenario(load_scenario("midpoint")))
+    (tmp_path / "own.yaml").write_text("scenario: team.yaml\nbackend: ideal\n")
+    assert load_plan(str(tmp_path / "own.yaml")).scenario["name"] == "midpoint"
+    assert len(load_plan(str(tmp_path / "team.yaml"), backend="ideal").points) == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("scenario: nowhere\n", "neither a file nor one of"),
+        ("scenario: midpoint\ngird: {a: [1]}\n", "gird: unknown field"),
+        ("scenario: 3\n", "scenario"),
+        (
+            "scenario: midpoint\ngrid: {controller.gian: [1, 2]}\n",
+            "controller.gian: unknown field.*none of the first 2",
+        ),
+        ("scenario: midpoint\ngrid: {controller.gain: [.nan]}\n", "nan"),
+        ("scenario: midpoint\ndraws: {count: 2, values: {a: {kind: cauchy}}}\n", "cauchy"),
+    ],
+)
+def test_a_bad_study_file_is_one_line(tmp_path: Path, text: str, said: str) -> None:
+    path = tmp_path / "bad.yaml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=said) as caught:
+        load_plan(str(path))
+    assert "\n" not in str(caught.value)
+
+
+def test_unknown_names_tell_the_known_ones(tmp_path: Path) -> None:
+    with pytest.raises(ScenarioError, match=r"no such study or scenario; legal are gain, .*midpoint"):
+        load_plan("nothing")
+    with pytest.raises(ScenarioError, match="is a directory"):
+        load_plan(str(tmp_path))
+
+
+def test_a_study_with_one_legal_point_may_begin() -> None:
+    assert len(load_plan("midpoint", grid={"controller.gain": [-1, "high", 2]}, backend="ideal").points) == 3
+
+
+def test_topology_is_swept() -> None:
+    plan = load_plan("swarm", grid={"swarm.graph": ["ring", "k_regular"], "swarm.size": [4, 6]}, backend="ideal")
+    from mjsheaf.studies.job import scenario_of
+
+    sizes = [len(scenario_of(plan.job(p)).agents) for p in plan.points]
+    assert sizes == [4, 6, 4, 6]
+    assert plan.seed_matters
+
+
+@pytest.mark.parametrize("name", sorted(list_studies()))
+def test_shipped_studies_are_legal(name: str) -> None:
+    assert load_plan(name).points

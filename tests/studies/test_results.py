@@ -1,0 +1,241 @@
+"""What a study leaves: the table, the plots and the page; failed runs told of, and run again when asked to."""
+
+import csv
+import json
+import re
+from collections.abc import Callable
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from PIL import Image
+
+from mjsheaf.plots.study import plot_study
+from mjsheaf.plots.study_axis import swept_axes
+from mjsheaf.results.summary import MEASURES
+from mjsheaf.studies import load_plan, run_study
+from mjsheaf.studies.job import new_record, run_job, settled
+from mjsheaf.studies.points import points_of
+from mjsheaf.studies.schema import StudyFile
+from mjsheaf.studies.table import csv_of, make_table, parquet_of
+from tests.studies.small import IN_THREADS, contents, small_plan
+
+
+@pytest.fixture(scope="module")
+def mixed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Good runs, a point that is no scenario, and one that diverges."""
+    directory = tmp_path_factory.mktemp("mixed") / "study"
+    plan = load_plan(
+        "midpoint",
+        grid={"controller.gain": [2, -1, 1e7], "spread.position": [0.5, 1.0]},
+        seeds=(0, 2),
+        overrides={"time.end": 1},
+        backend="ideal",
+    )
+    run_study(plan, directory, IN_THREADS)
+    return directory
+
+
+def rows(directory: Path) -> list[dict[str, str]]:
+    with (directory / "table.csv").open() as file:
+        return list(csv.DictReader(file))
+
+
+def test_the_table_has_a_row_a_run_in_order(mixed: Path) -> None:
+    found = rows(mixed)
+    columns = ["run", "controller.gain", "spread.position", "seed", "status", *MEASURES]
+    assert list(found[0]) == [*columns, "settled", "bound_ratio", "message"]
+    assert [row["run"] for row in found] == [str(k) for k in range(12)]
+    assert [row["seed"] for row in found] == 6 * ["0", "1"]
+    assert [row["status"] for row in found] == 4 * ["finished"] + 4 * ["invalid"] + 4 * ["unstable"]
+    for row in found:
+        record = json.loads((mixed / "runs" / f"{int(row['run']):06d}.json").read_text())
+        assert float(row["controller.gain"]) == record["parameters"]["controller.gain"]
+        assert row["message"] == record["message"]
+        if row["status"] == "finished":
+            assert float(row["tracking_error"]) == record["final"]["tracking_error"]
+            assert row["settled"] in ("true", "false")
+            assert row["formation_error"] == ""  # one boat has no formation
+    assert "greater than 0" in found[4]["message"]
+    assert found[8]["message"]
+    assert found[8]["settled"] == "false"
+
+
+def test_parquet_and_csv_are_one_table(mixed: Path) -> None:
+    table = pq.read_table(mixed / "table.parquet")
+    for row, text in zip(table.to_pylist(), rows(mixed), strict=True):
+        for name, value in row.items():
+            shown = "" if value is None else str(value).lower() if isinstance(value, bool) else str(value)
+            assert text[name] == shown
+
+
+def test_columns_have_the_type_of_their_values() -> None:
+    study = StudyFile(
+        scenario="midpoint", points=[{"a": 1, "b": 1, "c": "x", "d": True, "e": [1, 2]}, {"b": 2.5, "e": 3}]
+    )
+    plan = small_plan()
+    plan = type(plan)("x", "x", study, {"name": "x"}, {}, list(points_of(study)))
+    table = make_table(plan, [new_record(p, None, "failed", 'a\nb, "c"') for p in plan.points])
+    types = {name: str(table.schema.field(name).type) for name in ("a", "b", "c", "d", "e", "seed")}
+    assert types == {"a": "int64", "b": "double", "c": "string", "d": "bool", "e": "string", "seed": "int64"}
+    assert table.column("a").to_pylist() == [1, None]
+    assert table.column("e").to_pylist() == ["[1, 2]", "3"]
+    assert list(csv.reader(csv_of(table).decode().splitlines()))[1][-1] == 'a b, "c"'
+    assert parquet_of(table) == parquet_of(table)
+
+
+def test_only_what_did_not_finish_is_retried(tmp_path: Path) -> None:
+    plan, out = small_plan(gains=(1.0, -1.0)), tmp_path / "study"
+    run_study(plan, out, IN_THREADS)
+    before = contents(out)
+    assert run_study(plan, out, IN_THREADS, retry_failed=True).begun == 2
+    assert contents(out) == before  # as nothing has changed, neither do they
+    # What failed for want of something may finish now.
+    path = out / "runs" / "000000.json"
+    good = path.read_bytes()
+    record = json.loads(good)
+    path.write_text(json.dumps(new_record(plan.points[0], 0, "lost", "its worker died")))
+    assert record["status"] == "finished"
+    assert run_study(plan, out, IN_THREADS).begun == 0
+    assert rows(out)[0]["status"] == "lost"
+    assert run_study(plan, out, IN_THREADS, retry_failed=True).begun == 3
+    assert contents(out) == before
+
+
+def test_a_team_that_is_free_to_drift_is_refused() -> None:
+    plan = load_plan("air_tracks_surface", backend="ideal")
+    record = run_job(plan.job(plan.points[0])).record
+    assert record["status"] == "refused"
+    assert "not unique" in record["message"]
+    assert record["final"] is None
+
+
+def test_settled() -> None:
+    t = np.linspace(0, 1, 1001)[:, None]
+    yes: list[Callable[[Any], Any]] = [
+        lambda t: np.exp(-9 * t),
+        lambda t: 3 + np.exp(-6 * t),
+        lambda t: 3 + np.exp(-20 * t) + 0.1 * np.sin(60 * t),
+        lambda t: 2 + 0 * t,
+    ]
+    no: list[Callable[[Any], Any]] = [lambda t: np.exp(-3 * t), lambda t: 1 + t, lambda t: 100 - 0.01 * t, np.sqrt]
+    assert [settled(f(t)) for f in yes] == 4 * [True]
+    assert [settled(f(t)) for f in no] == 4 * [False]
+    assert settled(t[:7]) is None
+
+
+# -- plots and page --------------------------------------------------------------------------------------------------
+
+
+def made_up(study: StudyFile, failing: bool = False) -> list[dict[str, Any]]:
+    rng = np.random.default_rng(1)
+    records = []
+    for point in points_of(study):
+        if failing and point.number % 3 == 0:
+            records.append(new_record(point, 0, "unstable", "blew up"))
+        else:
+            final = {"mean_disagreement": float(rng.uniform(1, 100)), "tracking_error": 1.0, "formation_error": None}
+            records.append(new_record(point, 0, "finished", final=final, settled=point.number % 2 == 0))
+    return records
+
+
+@pytest.mark.parametrize("failing", [False, True])
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {},
+        {"seeds": {"stop": 5}},
+        {"grid": {"a": [0.01, 0.1, 1, 10]}},
+        {"grid": {"a": ["ring", "small_world", [1, 2]]}, "seeds": {"stop": 4}},
+        {"grid": {"a": [1, 2, 3], "b": ["x", "y"]}, "seeds": {"stop": 2}},
+        {"grid": {"a": list(range(60)), "b": [1, 2]}},
+        {"grid": {"a": [1, 2], "b": [1, 2], "c": [True, False]}},
+        {"paired": {"a": [1, 2, 3, 4, 5], "b": [5, 4, 3, 2, 1]}, "measure": "tracking_error"},
+        {"points": [{"a": 1}, {"a": 2, "b": 3}]},
+        {"draws": {"count": 30, "values": {"a": {"kind": "uniform", "low": 0, "high": 1}}}},
+        {"grid": {"a": [2]}},
+    ],
+)
+def test_every_kind_of_study_is_drawn(fields: dict[str, Any], failing: bool, tmp_path: Path) -> None:
+    study = StudyFile.model_validate({"scenario": "midpoint", **fields})
+    records = made_up(study, failing)
+    plots = plot_study(study, "name", records)
+    assert plots == plot_study(study, "name", records)
+    finished = any(r["status"] == "finished" for r in records)
+    assert ("error.png" in plots) == finished
+    assert ("success.png" in plots) == failing
+    for name, png in plots.items():
+        (tmp_path / name).write_bytes(png)
+        with Image.open(tmp_path / name) as picture:
+            assert min(picture.size) > 400
+            assert len(np.unique(np.asarray(picture.convert("L")))) > 20
+
+
+def test_axes_are_logarithmic_where_values_span_decades() -> None:
+    study = StudyFile(
+        scenario="x", grid={"a": [0.1, 1, 10], "b": [1, 2, 3], "c": [-1, 1, 100], "d": ["p", "q"], "e": [1]}
+    )
+    axes = {axis.path: axis for axis in swept_axes(study, made_up(study))}
+    assert {path: axis.log for path, axis in axes.items()} == {"a": True, "b": False, "c": False, "d": False}
+
+
+class Reader(HTMLParser):
+    """Collects tags, and what each file of the page is."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.links: list[str] = []
+        self.rows = 0
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.rows += tag == "tr"
+        self.links += [value for key, value in attrs if key in ("src", "href") and value]
+        if tag not in ("meta", "img"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+def test_the_page_stands_alone(mixed: Path) -> None:
+    text = (mixed / "index.html").read_text()
+    page = Reader()
+    page.feed(text)
+    assert not page.open
+    assert page.rows == 1 + 12
+    assert "4 finished, 4 unstable, 4 invalid" in text
+    assert [link[:22] for link in page.links] == 2 * ["data:image/png;base64,"] + ["table.csv", "table.parquet"]
+    assert not re.search(r"https?://|<script", text)
+
+
+def test_the_page_shows_text_as_text(tmp_path: Path) -> None:
+    nasty = "<script>alert(1)</script>"
+    (tmp_path / "own.yaml").write_text(
+        f"summary: {nasty}\nscenario: midpoint\nbackend: ideal\nset: {{time.end: 0.5}}\n"
+        f"points: [{{summary: {nasty}}}, {{scene.surface: {nasty}}}]\n"
+    )
+    run_study(load_plan(str(tmp_path / "own.yaml")), tmp_path / "out", IN_THREADS)
+    assert "<script" not in (tmp_path / "out" / "index.html").read_text()
+
+
+# -- the paper's gain study ------------------------------------------------------------------------------------------
+
+
+def test_the_gain_study_is_the_paper_s() -> None:
+    """At the published gain its error is the published one; gains go from 0.01 to 30."""
+    facts = json.loads((Path(__file__).parents[1] / "data" / "paper_facts.json").read_text())
+    plan = load_plan("gain")
+    gains = [point.parameters["controller.gain"] for point in plan.points]
+    assert (min(gains), max(gains)) == (0.01, 30)
+    assert sorted(set(gains)) == gains
+    assert max(np.diff(np.log10(gains))) < 0.25
+    record = run_job(plan.job(plan.points[gains.index(10)])).record
+    assert record["final"]["time"] == pytest.approx(49.99)
+    published = facts["checkpoints_gain_10"]["mean_disagreement"]["49.99"]
+    assert record["final"]["mean_disagreement"] == pytest.approx(published, abs=1e-8)
+    records = [{**record, "run": k, "parameters": p.parameters} for k, p in enumerate(plan.points)]
+    assert list(plot_study(plan.study, plan.name, records)) == ["error.png"]  # one plot
