@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mjsheaf.compiled import kernel
+from mjsheaf.compiled import allocating_kernel, kernel
 from mjsheaf.sheaf.edges import EdgeTable
 
 Array = NDArray[np.float64]
@@ -119,7 +119,7 @@ def _root(up, v):
     return v
 
 
-@kernel
+@allocating_kernel
 def _grow(t, free, by_dimension, widest):
     """Breadth first from all held vertices at once, then from free roots in the order given; see `Forest`."""
     # The arrays by themselves: reading them from the tuple in a loop costs more than the loop.
@@ -183,7 +183,7 @@ def _grow(t, free, by_dimension, widest):
     return order[held:grown], parent, component, rows, columns
 
 
-@kernel
+@allocating_kernel
 def _norms(t, free):
     """Bounds of the largest singular value of delta on the free vertices: a column's norm, and sqrt(|.|_1 |.|_inf)."""
     one, square = np.zeros(t.column[-1]), np.zeros(t.column[-1])
@@ -208,7 +208,7 @@ def _norms(t, free):
     return np.sqrt(low), np.sqrt(high * infinity)
 
 
-@kernel
+@allocating_kernel
 def _propagate(t, free, order, parent, slot, P):
     """Fill P (n, k): the values everywhere that the free roots determine; vertices whose slot is -1 are left out."""
     widest = 1

@@ -8,7 +8,7 @@ the product with A between the two triangular solutions little is left to do.
 
 import numpy as np
 
-from mjsheaf.compiled import kernel
+from mjsheaf.compiled import allocating_kernel, kernel
 
 
 @kernel
@@ -26,7 +26,7 @@ def scale_symmetrically(indptr, indices, values, diagonal):
             values[k] *= diagonal[i] * diagonal[indices[k]]
 
 
-@kernel
+@allocating_kernel
 def conjugate_gradients(indptr, indices, values, b, relaxation, tolerance, most):
     """Solve (I + U + U^T) x = b from x = 0.
 

@@ -7,10 +7,10 @@ delta^T delta; an inner product enters through whitened maps.
 
 import numpy as np
 
-from mjsheaf.compiled import kernel
+from mjsheaf.compiled import allocating_kernel, kernel
 
 
-@kernel
+@allocating_kernel
 def incidence(tail, head, vertices):
     """The edges at each vertex, ascending: (first (V + 1,), incident (2 E,))."""
     first = np.zeros(vertices + 1, dtype=np.int64)
@@ -99,7 +99,7 @@ def adjoint_times(t, y, x):
                     x[right + k, c] -= F[at_head[e] + a * n_j + k] * value
 
 
-@kernel
+@allocating_kernel
 def block_row_lengths(t, place, columns, upper, indptr):
     """Fill the row pointers of the block of L that `fill_block` fills."""
     column, tail, head = t.column, t.tail, t.head
@@ -124,7 +124,7 @@ def block_row_lengths(t, place, columns, upper, indptr):
         indptr[a + 1] += indptr[a]
 
 
-@kernel
+@allocating_kernel
 def fill_block(t, place, columns, upper, sign, indptr, indices, values, diagonal):
     """Fill a block of sign * L.
 
@@ -217,7 +217,7 @@ def fill_band(t, place, band):
                         band[j, i - j] += factor * total
 
 
-@kernel
+@allocating_kernel
 def neighbours(t, free):
     """Compressed rows (values, indices, indptr) of the graph on the free vertices, parallel edges repeated."""
     tail, head = t.tail, t.head

@@ -151,30 +151,46 @@ def _strip(kind: mujoco.MjSpec) -> None:
 
 
 def _attach(root: mujoco.MjSpec, kind: mujoco.MjSpec, vehicle: Vehicle, name: str, colour: Array | None) -> None:
-    body = root.worldbody.add_body(name=f"{name}/")
     try:
-        if kind.worldbody.geoms or kind.worldbody.sites or kind.worldbody.cameras or kind.worldbody.lights:
-            root.attach(kind, prefix=f"{name}/", frame=body.add_frame())
-        else:  # body by body: the whole of a kind would bring a copy of its default classes too, at ten times the cost
-            for part in kind.worldbody.bodies:
-                body.add_frame().attach_body(part, f"{name}/", "")
+        body = _attach_bodies(root, kind, f"{name}/")
     except ValueError as error:
         raise InputError(f"{vehicle.path}: cannot be put into the arena: {' '.join(str(error).split())}") from None
     body.add_freejoint(name=f"{name}/")
     livery = root.material(f"{name}/livery")
     if colour is not None and livery is not None:
         livery.rgba = [*colour, 1.0]
-    for k, (thruster, actuation) in enumerate(zip(vehicle.thrusters, vehicle.actuation, strict=True)):
-        gain = actuation["gainprm"][0]  # W holds gain times gear
+    for thruster, actuation, gear in zip(vehicle.thrusters, vehicle.actuation, vehicle.gears, strict=True):
         root.add_actuator(
             name=f"{name}.{thruster}",
             target=f"{name}/",
             trntype=mujoco.mjtTrn.mjTRN_JOINT,
-            gear=vehicle.share @ vehicle.W[:, k] / gain if gain else np.zeros(6),
+            gear=gear,
             gaintype=mujoco.mjtGain.mjGAIN_FIXED,
             biastype=mujoco.mjtBias.mjBIAS_NONE,
             **_typed(actuation),
         )
+
+
+def _attach_bodies(root: mujoco.MjSpec, kind: mujoco.MjSpec, prefix: str) -> mujoco.MjsBody:
+    """Attach a kind; return the body whose frame is that of its file: a body of the file, or one made to hold it."""
+    world = kind.worldbody
+    loose = world.geoms or world.sites or world.cameras or world.lights
+    # Body by body: the whole of a kind would bring a copy of its default classes too, at ten times the cost.
+    if len(world.bodies) == 1 and not loose and _is_at_origin(world.bodies[0]):  # a step is a quarter quicker
+        return root.worldbody.add_frame().attach_body(world.bodies[0], prefix, "")
+    body = root.worldbody.add_body(name=prefix)
+    if loose:
+        root.attach(kind, prefix=prefix, frame=body.add_frame())
+    else:
+        for part in world.bodies:
+            body.add_frame().attach_body(part, prefix, "")
+    return body
+
+
+def _is_at_origin(body: mujoco.MjsBody) -> bool:
+    """Whether a body can be on the free joint itself: without joints of its own, at the origin, level."""
+    level = body.alt.type == mujoco.mjtOrientation.mjORIENTATION_QUAT and np.array_equal(body.quat, [1.0, 0.0, 0.0, 0.0])
+    return level and not body.joints and not np.any(body.pos)
 
 
 def _typed(actuation: dict[str, Any]) -> dict[str, Any]:

@@ -27,45 +27,46 @@ _TIPPED = 0.5  # cosine of the tilt beyond which turning back comes before carry
 
 
 @part
-def drive(body, thrusters, command, R, quaternion, s, omega, ctrl):
+def drive(kind, thrusters, heading, command, R, quaternion, s, omega, ctrl):
     """Write the commands of a vehicle's thrusters.
 
     Args:
-        body: see BODY.
-        thrusters: all thrusters, see THRUSTER.
+        kind: see KIND.
+        thrusters: its own, shape (s,); see THRUSTER.
+        heading: cosine and sine of half the heading to hold, (2).
         command: velocity wanted relative to the medium, world axes, (3), m/s.
         R, quaternion: attitude, body to world, (9) and (4).
         s, omega: measured velocity through the medium and rates, body axes, (3) each, m/s and rad/s.
-        ctrl: commands of all thrusters, shape (A,); those of the vehicle are written.
+        ctrl: the commands, shape (s,), written.
     """
     wanted = to_body(R, command)
-    weight = upward(R, body.lift)
-    K = body.gain
-    force = drag_force(body, wanted)
+    weight = upward(R, kind.lift)
+    K = kind.gain
+    force = drag_force(kind, wanted)
     force = (
         force[0] + K[0] * (wanted[0] - s[0]),
         force[1] + K[1] * (wanted[1] - s[1]),
         force[2] + K[2] * (wanted[2] - s[2]),
     )
-    if body.control == HAND_POINT:
-        rate = (wanted[1] - s[1]) / body.hand
-        yaw = (body.drag[5] + body.quadratic[5] * abs(rate)) * rate + K[5] * (rate - omega[2])
+    if kind.control == HAND_POINT:
+        rate = (wanted[1] - s[1]) / kind.hand
+        yaw = (kind.drag[5] + kind.quadratic[5] * abs(rate)) * rate + K[5] * (rate - omega[2])
         force, moment, turn = (force[0], 0.0, 0.0), (0.0, 0.0, yaw), (0.0, 0.0, 0.0)
     else:
-        attitude = (body.heading[0], 0.0, 0.0, body.heading[1])
-        if body.control == THRUST_VECTOR:
-            force, weight, attitude = _point_thrust(body, R, force, weight)
-        turn = _turn_to(body, attitude, quaternion, omega)
+        attitude = (heading[0], 0.0, 0.0, heading[1])
+        if kind.control == THRUST_VECTOR:
+            force, weight, attitude = _point_thrust(kind, heading, R, force, weight)
+        turn = _turn_to(kind, attitude, quaternion, omega)
         # Thrust and drag act at the origin. What is left of them accelerates the centre of mass c, and added mass at
         # the origin: without turning the vehicle, the former takes a moment of c times it. (The Munk moment of
         # added mass is left to the attitude hold.)
-        net, share = subtract(force, drag_force(body, s)), body.balance
-        moment = cross(triple(body.arm), (share[0] * net[0], share[1] * net[1], share[2] * net[2]))
-    _allocate(body, thrusters, R[8], weight, turn, force, moment, ctrl)
+        net, share = subtract(force, drag_force(kind, s)), kind.balance
+        moment = cross(triple(kind.arm), (share[0] * net[0], share[1] * net[1], share[2] * net[2]))
+    _allocate(kind, thrusters, R[8], weight, turn, force, moment, ctrl)
 
 
 @part
-def _point_thrust(body, R, force, weight):
+def _point_thrust(kind, heading, R, force, weight):
     """Turn a force that is wanted beside the weight into thrust along z, and give the attitude that makes it.
 
     The force is scaled, never turned, until thrust, tilt and sinking are within what the vehicle may do.
@@ -74,7 +75,7 @@ def _point_thrust(body, R, force, weight):
         Force and weight along z, in body axes, which add up to what the present attitude makes of the wanted thrust;
         and the wanted attitude as a quaternion: the shortest turn of z to the thrust, after the turn to the heading.
     """
-    lift, slope, most = body.lift, body.slope, body.most_thrust
+    lift, slope, most = kind.lift, kind.slope, kind.most_thrust
     x, y, z = to_world(R, force)
     share = 1.0
     if -z > _SHARE_OF_FALL * lift:
@@ -90,73 +91,73 @@ def _point_thrust(body, R, force, weight):
     a, b, c = np.sqrt(x * x + y * y + z * z) + z, -y, x
     size = 1.0 / np.sqrt(a * a + b * b + c * c)
     a, b, c = a * size, b * size, c * size
-    hw, hz = body.heading[0], body.heading[1]
+    hw, hz = heading[0], heading[1]
     attitude = (a * hw, b * hw + c * hz, c * hw - b * hz, a * hz)
     return (0.0, 0.0, along - weight[2]), (0.0, 0.0, weight[2]), attitude
 
 
 @part
-def _turn_to(body, attitude, quaternion, omega):
+def _turn_to(kind, attitude, quaternion, omega):
     """The moment that turns the vehicle from its quaternion to a wanted attitude, body axes, N m."""
     w, x, y, z = attitude
     a, b, c, d = quaternion
     # conj(quaternion) times the wanted one
-    stiffness = 2.0 * body.stiffness if a * w + b * x + c * y + d * z >= 0.0 else -2.0 * body.stiffness
-    damping = body.rate_damping
+    stiffness = 2.0 * kind.stiffness if a * w + b * x + c * y + d * z >= 0.0 else -2.0 * kind.stiffness
+    damping = kind.rate_damping
     wanted = (
         stiffness * (a * x - b * w - c * z + d * y) - damping * omega[0],
         stiffness * (a * y + b * z - c * w - d * x) - damping * omega[1],
         stiffness * (a * z - b * y + c * x - d * w) - damping * omega[2],
     )
-    return product(body.inertia, wanted)
+    return product(kind.inertia, wanted)
 
 
 @part
-def _allocate(body, thrusters, upright, weight, turn, force, moment, ctrl):
+def _allocate(kind, thrusters, upright, weight, turn, force, moment, ctrl):
     """Commands for weight, attitude moment, and the force and moment of translation.
 
     `upright` is the cosine of the tilt.
     """
-    carry = cross(triple(body.arm), weight)
+    carry = cross(triple(kind.arm), weight)
     F, N = add(weight, force), add(carry, add(turn, moment))
     within = True
-    for k in range(body.first, body.last):
+    for k in range(ctrl.shape[0]):
         u = _command_for(thrusters[k].row, F, N)
         ctrl[k] = u
         within = within and thrusters[k].low <= u <= thrusters[k].high
     if not within:
-        if upright < _TIPPED and body.lift > 0.0:
+        if upright < _TIPPED and kind.lift > 0.0:
             # Thrusters asked for a weight that they cannot carry would be at their limits, and none left to turn.
             force, moment = add(force, weight), add(moment, carry)
-            weight, carry = (0.0, 0.0, _TIPPED * body.lift), (0.0, 0.0, 0.0)
+            weight, carry = (0.0, 0.0, _TIPPED * kind.lift), (0.0, 0.0, 0.0)
             force = subtract(force, weight)
-        _allocate_in_ranks(thrusters, body.first, body.last, weight, carry, turn, force, moment, ctrl)
+        _allocate_in_ranks(thrusters, weight, carry, turn, force, moment, ctrl)
 
 
 @kernel
-def _allocate_in_ranks(thrusters, first, last, weight, carry, turn, force, moment, ctrl):
+def _allocate_in_ranks(thrusters, weight, carry, turn, force, moment, ctrl):
     """Commands within their limits: the weight, then roll and pitch, then yaw, then as much of translation as fits.
 
     Yaw comes after roll and pitch: rotors make little of it, and what points up must not wait for it.
     """
-    for k in range(first, last):
+    for k in range(ctrl.shape[0]):
         ctrl[k] = _command_for(thrusters[k].row, weight, carry)
     none = (0.0, 0.0, 0.0)
-    _add_within(thrusters, first, last, none, (turn[0], turn[1], 0.0), ctrl)
-    _add_within(thrusters, first, last, none, (0.0, 0.0, turn[2]), ctrl)
-    _add_within(thrusters, first, last, force, moment, ctrl)
-    for k in range(first, last):
+    _add_within(thrusters, none, (turn[0], turn[1], 0.0), ctrl)
+    _add_within(thrusters, none, (0.0, 0.0, turn[2]), ctrl)
+    _add_within(thrusters, force, moment, ctrl)
+    for k in range(ctrl.shape[0]):
         ctrl[k] = _at_most(ctrl[k], thrusters[k].low, thrusters[k].high)
 
 
 @kernel
-def _add_within(thrusters, first, last, force, moment, ctrl):
+def _add_within(thrusters, force, moment, ctrl):
     """Add the commands for a wrench, or the largest share of them that keeps every thruster within its limits."""
     share = 1.0
-    for k in range(first, last):
+    for k in range(ctrl.shape[0]):
         du = _command_for(thrusters[k].row, force, moment)
         share = min(share, _room(ctrl[k], du, thrusters[k].low, thrusters[k].high))
-    for k in range(first, last):
+    for k in range(ctrl.shape[0]):
         ctrl[k] += share * _command_for(thrusters[k].row, force, moment)
 
 

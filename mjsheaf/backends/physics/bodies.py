@@ -1,7 +1,11 @@
-"""Vehicles as records: what the compiled loop knows of each, side by side in memory.
+"""Vehicles as records: what the compiled loop knows of them, side by side in memory.
 
-Records, not a tuple of arrays: compiled code passes one pointer on, and a vehicle's numbers share cache lines.
+Records, not a tuple of arrays: compiled code passes one pointer on, and a vehicle's numbers share cache lines. What
+all vehicles of a kind have in common is there once: a thousand of them then read it from the fastest cache, where a
+thousand copies would come from memory anew in every step.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,13 +19,10 @@ FULL, THRUST_VECTOR, HAND_POINT = 0, 1, 2
 _CONTROLS = {"full": FULL, "thrust_vector": THRUST_VECTOR, "hand_point": HAND_POINT}
 
 # Body axes, about the origin of the body frame.
-BODY = np.dtype(
+KIND = np.dtype(
     [
-        # where it is: addresses of its free joint in qpos and qvel, its thrusters
-        ("qpos", "i8"),
-        ("dof", "i8"),
-        ("first", "i8"),
-        ("last", "i8"),
+        ("thruster", "i8"),  # the first of its thrusters among those of all kinds
+        ("count", "i8"),  # how many it has
         # what the medium does to it
         ("planar", "i8"),
         ("drag", "f8", 6),  # of v, N s/m and N m s/rad
@@ -42,7 +43,6 @@ BODY = np.dtype(
         ("balance", "f8", 3),  # share of a force along each axis that accelerates the body itself
         ("stiffness", "f8"),  # of the attitude hold, 1/s^2
         ("rate_damping", "f8"),  # 1/s
-        ("heading", "f8", 2),  # cosine and sine of half the heading to hold
         ("lift", "f8"),  # weight that thrusters carry, N
         ("hand", "f8"),  # distance of the controlled point ahead, m
         ("slope", "f8"),  # tangent of the largest tilt
@@ -56,6 +56,15 @@ BODY = np.dtype(
         ("rigid", "f8", (3, 3)),  # inertia of the model, kg m^2
     ]
 )
+BODY = np.dtype(
+    [
+        ("kind", "i8"),  # number of its kind
+        ("qpos", "i8"),  # addresses of its free joint in qpos and qvel
+        ("dof", "i8"),
+        ("actuator", "i8"),  # the first of its actuators
+        ("heading", "f8", 2),  # cosine and sine of half the heading to hold
+    ]
+)
 THRUSTER = np.dtype(
     [
         ("direction", "f8", 3),  # force for a force of 1, as gear
@@ -66,50 +75,64 @@ THRUSTER = np.dtype(
 )
 
 
-def pack_bodies(arena: Arena, heading: Array, level: float) -> tuple[NDArray[np.void], NDArray[np.void]]:
-    """Pack an arena's vehicles; headings (V,) in rad are held, `level` is the height of the water in m.
+class Fleet(NamedTuple):
+    """All vehicles, for compiled code: a KIND for each kind, a BODY for each vehicle, each kind's THRUSTERs in turn."""
 
-    Returns:
-        A BODY for each vehicle, shape (V,), and a THRUSTER for each thruster, shape (A,).
-    """
+    kinds: NDArray[np.void]
+    bodies: NDArray[np.void]
+    thrusters: NDArray[np.void]
+
+
+def pack_fleet(arena: Arena, heading: Array, level: float) -> Fleet:
+    """Pack an arena's vehicles; headings (V,) in rad are held, `level` is the height of the water in m."""
+    vehicles = list({id(vehicle): vehicle for vehicle in arena.vehicles}.values())
+    number = {id(vehicle): k for k, vehicle in enumerate(vehicles)}
+    kinds = np.zeros(len(vehicles), KIND)
+    kinds["count"] = [len(vehicle.thrusters) for vehicle in vehicles]
+    kinds["thruster"] = np.cumsum(kinds["count"]) - kinds["count"]
+    kinds["level"] = level
+    for vehicle, kind in zip(vehicles, kinds, strict=True):
+        _pack(vehicle, kind)
     bodies = np.zeros(len(arena.vehicles), BODY)
-    bodies["qpos"], bodies["dof"], bodies["level"] = arena.qpos, arena.dof, level
-    bodies["first"], bodies["last"] = arena.thruster[:-1], arena.thruster[1:]
+    bodies["kind"] = [number[id(vehicle)] for vehicle in arena.vehicles]
+    bodies["qpos"], bodies["dof"], bodies["actuator"] = arena.qpos, arena.dof, arena.thruster[:-1]
     bodies["heading"] = np.column_stack([np.cos(heading / 2.0), np.sin(heading / 2.0)])
-    for v, vehicle in enumerate(arena.vehicles):
-        _pack(vehicle, bodies[v])
-    thrusters = np.zeros(arena.thruster[-1], THRUSTER)
-    thrusters["direction"] = arena.model.actuator_gear[:, :3]
-    thrusters["row"] = np.vstack([vehicle.allocation for vehicle in arena.vehicles])
-    thrusters["low"], thrusters["high"] = np.vstack([vehicle.limits for vehicle in arena.vehicles]).T
-    return bodies, thrusters
+    return Fleet(kinds, bodies, np.concatenate([_thrusters(vehicle) for vehicle in vehicles]))
 
 
-def _pack(vehicle: Vehicle, body: np.void) -> None:
+def _thrusters(vehicle: Vehicle) -> NDArray[np.void]:
+    thrusters = np.zeros(len(vehicle.thrusters), THRUSTER)
+    thrusters["direction"] = vehicle.gears[:, :3]
+    thrusters["row"] = vehicle.allocation
+    thrusters["low"], thrusters["high"] = vehicle.limits.T
+    return thrusters
+
+
+def _pack(vehicle: Vehicle, kind: np.void) -> None:
     floats, hold = vehicle.description.hydrostatics, vehicle.description.attitude
     added = bool(vehicle.added_mass.any())
-    body["planar"] = vehicle.dimension == 2
-    body["drag"], body["quadratic"] = [*vehicle.drag, *vehicle.angular_drag], vehicle.quadratic_drag
+    kind["planar"] = vehicle.dimension == 2
+    kind["drag"], kind["quadratic"] = [*vehicle.drag, *vehicle.angular_drag], vehicle.quadratic_drag
     # What is shared with the medium must not be damped by the joint (see forces).
-    body["implicit"], body["explicit"] = (0.0, 1.0) if added else (vehicle.drag.max(), 0.0)
-    body["ballast"] = vehicle.ballast
-    body["arm"] = body["hung"] = body["centre"] = vehicle.centre_of_mass
+    kind["implicit"], kind["explicit"] = (0.0, 1.0) if added else (vehicle.drag.max(), 0.0)
+    kind["ballast"] = vehicle.ballast
+    kind["arm"] = kind["hung"] = kind["centre"] = vehicle.centre_of_mass
     if floats is None:
-        body["lift"] = vehicle.weight
+        kind["lift"] = vehicle.weight
         if vehicle.ballast > 0.0:
             # Ballast has no inertia that would swing with it, and the lag of rotors would let it topple the vehicle:
             # it hangs where it and the model's weight together act in the plane of the origin.
-            body["hung"][2] *= 1.0 - vehicle.weight / vehicle.ballast
-            body["arm"][2] = 0.0
+            kind["hung"][2] *= 1.0 - vehicle.weight / vehicle.ballast
+            kind["arm"][2] = 0.0
     else:
-        body["buoyancy"], body["restoring"] = vehicle.weight, [floats.heave, floats.roll, floats.pitch]
+        kind["buoyancy"], kind["restoring"] = vehicle.weight, [floats.heave, floats.roll, floats.pitch]
         if floats.centre is not None:
-            body["centre"][:2] = floats.centre
-    body["added"], body["added_mass"], body["share"] = added, vehicle.added_mass, vehicle.share
-    body["mass"], body["weight"], body["rigid"] = vehicle.mass, vehicle.weight - vehicle.ballast, vehicle.inertia
-    body["control"], body["gain"] = _CONTROLS[vehicle.control], vehicle.moving_mass * vehicle.rate
-    body["inertia"] = vehicle.turning_inertia
-    body["balance"] = vehicle.mass / (vehicle.mass + vehicle.added_mass[:3])
-    body["stiffness"], body["rate_damping"] = hold.frequency**2, 2.0 * hold.damping * hold.frequency
-    body["hand"], body["slope"] = vehicle.hand, np.tan(np.deg2rad(vehicle.tilt))
-    body["most_thrust"] = vehicle.usable_lift
+            kind["centre"][:2] = floats.centre
+    kind["added"], kind["added_mass"], kind["share"] = added, vehicle.added_mass, vehicle.share
+    kind["mass"], kind["weight"], kind["rigid"] = vehicle.mass, vehicle.weight - vehicle.ballast, vehicle.inertia
+    kind["control"], kind["gain"] = _CONTROLS[vehicle.control], vehicle.moving_mass * vehicle.rate
+    kind["inertia"] = vehicle.turning_inertia
+    kind["balance"] = vehicle.mass / (vehicle.mass + vehicle.added_mass[:3])
+    kind["stiffness"], kind["rate_damping"] = hold.frequency**2, 2.0 * hold.damping * hold.frequency
+    kind["hand"], kind["slope"] = vehicle.hand, np.tan(np.deg2rad(vehicle.tilt))
+    kind["most_thrust"] = vehicle.usable_lift

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mjsheaf.backends.physics.arena import Arena
 from mjsheaf.backends.physics.autopilot import drive
-from mjsheaf.backends.physics.bodies import pack_bodies
+from mjsheaf.backends.physics.bodies import pack_fleet
 from mjsheaf.backends.physics.forces import measure, push
 from mjsheaf.backends.physics.vectors import rotation, to_world, triple
 from mjsheaf.backends.system import System, velocity_commands
@@ -36,36 +36,39 @@ class LoopState(NamedTuple):
 
 
 @kernel
-def controlled_position(body, qpos, x):
+def controlled_position(kind, body, qpos, x):
     """Write the position of a vehicle that the law controls into x (3,): its hand point, or its origin."""
     a = body.qpos
     x[0], x[1] = qpos[a], qpos[a + 1]
-    x[2] = 0.0 if body.planar else qpos[a + 2]
-    if body.hand > 0.0:
+    x[2] = 0.0 if kind.planar else qpos[a + 2]
+    if kind.hand > 0.0:
         w, i, j, k = qpos[a + 3], qpos[a + 4], qpos[a + 5], qpos[a + 6]
-        x[0] += body.hand * (1.0 - 2.0 * (j * j + k * k))
-        x[1] += body.hand * 2.0 * (i * j + w * k)
+        x[0] += kind.hand * (1.0 - 2.0 * (j * j + k * k))
+        x[1] += kind.hand * 2.0 * (i * j + w * k)
 
 
 @kernel
-def close_loop(control, medium, bodies, thrusters, t, sample, state):
+def close_loop(control, medium, fleet, t, sample, state):
     """All before a physics step: the law if it is due; then each vehicle measures, is pushed, and drives."""
-    V = state.x.shape[0]
+    kinds, bodies = fleet.kinds, fleet.bodies
     if sample:
-        for v in range(V):
-            controlled_position(bodies[v], state.qpos, state.x[v])
+        for v in range(bodies.shape[0]):
+            controlled_position(kinds[bodies[v].kind], bodies[v], state.qpos, state.x[v])
         velocity_commands(control, t, state.x, state.residual, state.command)
     q = state.qpos
-    for v in range(V):
-        body, a = bodies[v], bodies[v].qpos
+    for v in range(bodies.shape[0]):
+        body = bodies[v]
+        kind, a, first = kinds[body.kind], body.qpos, body.actuator
+        thrusters = fleet.thrusters[kind.thruster : kind.thruster + kind.count]
+        ctrl = state.ctrl[first : first + kind.count]
         quaternion = (q[a + 3], q[a + 4], q[a + 5], q[a + 6])
         R = rotation(quaternion[0], quaternion[1], quaternion[2], quaternion[3])
-        s, omega = measure(body, medium, v, t, q, state.qvel, R)
-        push(body, q, state.qvel, R, s, omega, state.applied)
-        drive(body, thrusters, triple(state.command[v]), R, quaternion, s, omega, state.ctrl)
-        for k in range(body.first, body.last):
-            gear = to_world(R, triple(thrusters[k].direction))
-            state.gear[k, 0], state.gear[k, 1], state.gear[k, 2] = gear
+        s, omega = measure(kind, body, medium, v, t, q, state.qvel, R)
+        push(kind, body, q, state.qvel, R, s, omega, state.applied)
+        drive(kind, thrusters, body.heading, triple(state.command[v]), R, quaternion, s, omega, ctrl)
+        for k in range(kind.count):
+            gear, row = to_world(R, triple(thrusters[k].direction)), state.gear[first + k]
+            row[0], row[1], row[2] = gear
 
 
 class BeforeStep:
@@ -73,7 +76,7 @@ class BeforeStep:
 
     Attributes:
         control, medium: what onboard computers know, and what surrounds the vehicles.
-        bodies, thrusters: what the vehicles are; see BODY and THRUSTER.
+        fleet: what the vehicles are.
         state: views of MuJoCo's arrays, and scratch; `state.command` holds the commanded velocities (V, 3) in m/s and
             `state.residual` the disagreements (V, 3) in m of the last evaluation of the law.
     """
@@ -83,7 +86,7 @@ class BeforeStep:
         V = len(arena.vehicles)
         self.control = system.control
         self.medium = system.medium
-        self.bodies, self.thrusters = pack_bodies(arena, system.bodies.heading, system.bodies.surface_height)
+        self.fleet = pack_fleet(arena, system.bodies.heading, system.bodies.surface_height)
         self.state = LoopState(
             qpos=data.qpos,
             qvel=data.qvel,
@@ -98,4 +101,4 @@ class BeforeStep:
 
     def __call__(self, time: float, sample: bool) -> None:
         """Write commands and applied forces for the present state; `sample` says whether the law is evaluated."""
-        close_loop(self.control, self.medium, self.bodies, self.thrusters, time, sample, self.state)
+        close_loop(self.control, self.medium, self.fleet, time, sample, self.state)

@@ -21,17 +21,17 @@ from mjsheaf.compiled import part
 
 
 @part
-def measure(body, medium, v, t, qpos, qvel, R):
+def measure(kind, body, medium, v, t, qpos, qvel, R):
     """What vehicle v measures, in body axes: its velocity through the medium and its rates, m/s and rad/s."""
     a, d = body.qpos, body.dof
-    w = medium_velocity(medium, v, t, qpos[a], qpos[a + 1], 0.0 if body.planar else qpos[a + 2])
+    w = medium_velocity(medium, v, t, qpos[a], qpos[a + 1], 0.0 if kind.planar else qpos[a + 2])
     return to_body(R, subtract((qvel[d], qvel[d + 1], qvel[d + 2]), w)), (qvel[d + 3], qvel[d + 4], qvel[d + 5])
 
 
 @part
-def drag_force(body, s):
+def drag_force(kind, s):
     """D s + Q |s| s: the force that moves a vehicle at s (3) through the medium, body axes, N."""
-    D, Q = body.drag, body.quadratic
+    D, Q = kind.drag, kind.quadratic
     return (
         (D[0] + Q[0] * abs(s[0])) * s[0],
         (D[1] + Q[1] * abs(s[1])) * s[1],
@@ -40,49 +40,49 @@ def drag_force(body, s):
 
 
 @part
-def push(body, qpos, qvel, R, s, omega, applied):
+def push(kind, body, qpos, qvel, R, s, omega, applied):
     """Write the medium's wrench into `applied` (qfrc_applied): force in world axes, moment in body axes.
 
     s and omega are the velocity through the medium and the rates in body axes, (3) each.
     """
     a, d = body.qpos, body.dof
-    D, Q, k = body.drag, body.quadratic, body.explicit
-    force = drag_force(body, s)
+    D, Q, k = kind.drag, kind.quadratic, kind.explicit
+    force = drag_force(kind, s)
     force = -force[0], -force[1], -force[2]
     moment = (
         -(k * D[3] + Q[3] * abs(omega[0])) * omega[0],
         -(k * D[4] + Q[4] * abs(omega[1])) * omega[1],
         -(k * D[5] + Q[5] * abs(omega[2])) * omega[2],
     )
-    if body.buoyancy > 0.0:
+    if kind.buoyancy > 0.0:
         # A moment K (b_z x e_z) rights the hull; its height and its tilt are small.
-        force = add(force, upward(R, body.buoyancy - body.restoring[0] * (qpos[a + 2] - body.level)))
-        moment = add(moment, cross(triple(body.centre), upward(R, body.buoyancy)))
-        moment = moment[0] - body.restoring[1] * R[7], moment[1] + body.restoring[2] * R[6], moment[2]
-    if body.ballast > 0.0:
-        weight = upward(R, -body.ballast)
-        force, moment = add(force, weight), add(moment, cross(triple(body.hung), weight))
-    if body.added:
-        force, moment = _share_with_medium(body, R, s, omega, force, moment)
+        force = add(force, upward(R, kind.buoyancy - kind.restoring[0] * (qpos[a + 2] - kind.level)))
+        moment = add(moment, cross(triple(kind.centre), upward(R, kind.buoyancy)))
+        moment = moment[0] - kind.restoring[1] * R[7], moment[1] + kind.restoring[2] * R[6], moment[2]
+    if kind.ballast > 0.0:
+        weight = upward(R, -kind.ballast)
+        force, moment = add(force, weight), add(moment, cross(triple(kind.hung), weight))
+    if kind.added:
+        force, moment = _share_with_medium(kind, R, s, omega, force, moment)
     force = to_world(R, force)
     for i in range(3):
-        applied[d + i] = force[i] + body.implicit * qvel[d + i]
+        applied[d + i] = force[i] + kind.implicit * qvel[d + i]
         applied[d + 3 + i] = moment[i]
 
 
 @part
-def _share_with_medium(body, R, s, omega, force, moment):
+def _share_with_medium(kind, R, s, omega, force, moment):
     """The wrench under which MuJoCo's body moves as one with added mass does under the given one, body axes.
 
     MuJoCo solves M_RB a + h = Q + G with h the rigid body's centrifugal wrench and G its weight. Wanted is
     (M_RB + M_A) a + h = F + G + C with C = M_A [omega x v_r; 0] - C_A(v_r) v_r, as a is taken in axes that do not turn.
     Hence Q = S (F + G - h + C) + h - G.
     """
-    m, c, A = body.mass, triple(body.arm), body.added_mass
-    weight = upward(R, -body.weight)
+    m, c, A = kind.mass, triple(kind.arm), kind.added_mass
+    weight = upward(R, -kind.weight)
     outward = cross(omega, cross(omega, c))
     own_force = weight[0] - m * outward[0], weight[1] - m * outward[1], weight[2] - m * outward[2]
-    own_moment = subtract(cross(c, weight), cross(omega, product(body.rigid, omega)))  # G - h
+    own_moment = subtract(cross(c, weight), cross(omega, product(kind.rigid, omega)))  # G - h
     P = A[0] * s[0], A[1] * s[1], A[2] * s[2]  # momentum of the medium
     L = A[3] * omega[0], A[4] * omega[1], A[5] * omega[2]
     turn = cross(omega, s)
@@ -90,7 +90,7 @@ def _share_with_medium(body, R, s, omega, force, moment):
     munk = add(cross(s, P), cross(omega, L))
     f = add(add(force, own_force), coupling)
     n = subtract(add(moment, own_moment), munk)
-    S = body.share
+    S = kind.share
     shared_force = (
         S[0, 0] * f[0] + S[0, 1] * f[1] + S[0, 2] * f[2] + S[0, 3] * n[0] + S[0, 4] * n[1] + S[0, 5] * n[2],
         S[1, 0] * f[0] + S[1, 1] * f[1] + S[1, 2] * f[2] + S[1, 3] * n[0] + S[1, 4] * n[1] + S[1, 5] * n[2],

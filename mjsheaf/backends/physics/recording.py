@@ -42,32 +42,34 @@ def new_log(samples: int, vehicles: int, thrusters: int, placed: Array | None = 
 
 
 @part
-def place_targets(bodies, log, state):
+def place_targets(fleet, log, state):
     """Put every target where the log wants its controlled position at this sample, with its attitude and speed."""
-    k, agents = log.written[0], bodies.shape[0] - log.placed.shape[1]
+    k, bodies = log.written[0], fleet.bodies
+    agents = bodies.shape[0] - log.placed.shape[1]
     if k >= log.placed.shape[0]:
         return
     for v in range(agents, bodies.shape[0]):
-        x, a = state.x[v], bodies[v].qpos
-        controlled_position(bodies[v], state.qpos, x)
-        for i in range(2 if bodies[v].planar else 3):
-            state.qpos[a + i] += log.placed[k, v - agents, i] - x[i]
+        x, body, kind = state.x[v], bodies[v], fleet.kinds[bodies[v].kind]
+        controlled_position(kind, body, state.qpos, x)
+        for i in range(2 if kind.planar else 3):
+            state.qpos[body.qpos + i] += log.placed[k, v - agents, i] - x[i]
 
 
 @part
-def record(bodies, thrusters, state, log):
+def record(fleet, state, log):
     """Write the present state, and the commands just made for it, as the next sample."""
     k = log.written[0]
     log.written[0] = k + 1
-    for v in range(bodies.shape[0]):
-        body, a = bodies[v], bodies[v].qpos
-        controlled_position(body, state.qpos, log.positions[k, v])
+    for v in range(fleet.bodies.shape[0]):
+        body = fleet.bodies[v]
+        kind, a = fleet.kinds[body.kind], body.qpos
+        controlled_position(kind, body, state.qpos, log.positions[k, v])
         log.heights[k, v] = state.qpos[a + 2]
         for i in range(4):
             log.quaternions[k, v, i] = state.qpos[a + 3 + i]
         at_limit = 0
-        for j in range(body.first, body.last):
-            command = state.ctrl[j]
-            log.thrust[k, j] = command
-            at_limit += command <= thrusters[j].low or command >= thrusters[j].high
-        log.saturation[k, v] = at_limit / (body.last - body.first)
+        for j in range(kind.count):
+            command, thruster = state.ctrl[body.actuator + j], fleet.thrusters[kind.thruster + j]
+            log.thrust[k, body.actuator + j] = command
+            at_limit += command <= thruster.low or command >= thruster.high
+        log.saturation[k, v] = at_limit / kind.count

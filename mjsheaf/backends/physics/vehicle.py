@@ -142,6 +142,12 @@ class Vehicle:
         return np.asarray(np.linalg.solve(rigid + np.diag(self.added_mass), rigid).T)
 
     @property
+    def gears(self) -> Array:
+        """Wrench of each actuator on the free joint for a force of 1, shape (s, 6): zero where the gain is."""
+        gain = np.array([actuation["gainprm"][0] for actuation in self.actuation])  # W holds gain times gear
+        return np.divide(self.W.T @ self.share.T, gain[:, None], out=np.zeros((len(gain), 6)), where=gain[:, None] != 0)
+
+    @property
     def turning_inertia(self) -> Array:
         """What a couple must overcome, shape (3, 3), kg m^2: inertia about the centre of mass, and added inertia."""
         c = self.centre_of_mass

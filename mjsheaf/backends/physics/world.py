@@ -20,7 +20,7 @@ from mjsheaf.backends.physics.recording import Log, new_log, place_targets, reco
 from mjsheaf.backends.physics.vehicle import Vehicle
 from mjsheaf.backends.system import System
 from mjsheaf.backends.trajectory import blow_up_message
-from mjsheaf.compiled import kernel
+from mjsheaf.compiled import kernel, part
 from mjsheaf.engine import mujoco
 from mjsheaf.errors import InputError, UnstableError
 
@@ -35,20 +35,29 @@ _HUGE = 1e10  # beyond this MuJoCo calls a state bad (mjMAXVAL)
 _CHUNK = 4000  # physics steps in one compiled call, after which Ctrl-C is heard
 
 
+@part
+def _is_bad(value):
+    """Whether MuJoCo would call a number bad: it is not finite, or huge."""
+    return not abs(value) < _HUGE
+
+
 @kernel
 def _first_bad(values):
-    """Index of the first entry that is not finite or is huge, or -1."""
-    for i in range(values.shape[0]):
-        if not abs(values[i]) < _HUGE:
-            return i
+    """Index of the first bad entry, or -1."""
+    bad = 0
+    for i in range(values.shape[0]):  # no early exit: compiled to vector instructions
+        bad += _is_bad(values[i])
+    if bad > 0:
+        for i in range(values.shape[0]):
+            if _is_bad(values[i]):
+                return i
     return -1
 
 
 @kernel
 def _bad_vehicle(bodies, state):
-    """The first vehicle whose position, velocity or acceleration MuJoCo would call bad, or -1."""
-    bad = min(_first_bad(state.qpos), 0) + min(_first_bad(state.qvel), 0) + min(_first_bad(state.qacc), 0)
-    if bad == -3:
+    """The first vehicle whose position, velocity or acceleration is bad, or -1."""
+    if _first_bad(state.qpos) < 0 and _first_bad(state.qvel) < 0 and _first_bad(state.qacc) < 0:
         return -1
     for v in range(bodies.shape[0]):
         a, d = bodies[v].qpos, bodies[v].dof
@@ -62,18 +71,16 @@ def _bad_vehicle(bodies, state):
 
 
 @kernel
-def _owner(bodies, thruster):
-    """The vehicle that has a thruster."""
-    for v in range(bodies.shape[0]):
-        if thruster < bodies[v].last:
-            return v
-    return -1
+def _owner(bodies, actuator):
+    """The vehicle that has an actuator."""
+    v = bodies.shape[0] - 1
+    while bodies[v].actuator > actuator:
+        v -= 1
+    return v
 
 
 @kernel
-def _advance(
-    control, medium, bodies, thrusters, start, timestep, step, count, per_law, per_sample, state, model, data, log
-):
+def _advance(control, medium, fleet, start, timestep, step, count, per_law, per_sample, state, model, data, log):
     """Take `count` steps from step number `step`; return how many were taken, and the vehicle that went bad or -1.
 
     The law is evaluated every `per_law` steps. While the log has room, a sample is recorded every `per_sample` steps.
@@ -81,16 +88,16 @@ def _advance(
     for k in range(step, step + count):
         sample = k % per_sample == 0 and log.written[0] < log.heights.shape[0]
         if sample:
-            place_targets(bodies, log, state)
-        close_loop(control, medium, bodies, thrusters, start + k * timestep, k % per_law == 0, state)
+            place_targets(fleet, log, state)
+        close_loop(control, medium, fleet, start + k * timestep, k % per_law == 0, state)
         if sample:
-            record(bodies, thrusters, state, log)
+            record(fleet, state, log)
         # MuJoCo sets all commands to zero where one is bad, and goes on: that would be another simulation.
         bad = _first_bad(state.ctrl)
         if bad >= 0:
-            return k - step, _owner(bodies, bad)
+            return k - step, _owner(fleet.bodies, bad)
         _mj_step(model, data)
-        bad = _bad_vehicle(bodies, state)
+        bad = _bad_vehicle(fleet.bodies, state)
         if bad >= 0:
             return k + 1 - step, bad
     return count, -1
@@ -199,8 +206,7 @@ class World:
         _, bad = _advance(
             callback.control,
             callback.medium,
-            callback.bodies,
-            callback.thrusters,
+            callback.fleet,
             self.system.grid.start,
             self._timestep,
             self._step,
@@ -245,9 +251,9 @@ class World:
                 return
             if end == of:
                 before = self._before_step
-                place_targets(before.bodies, log, before.state)
+                place_targets(before.fleet, log, before.state)
                 self.close_loop(sample=True)
-                record(before.bodies, before.thrusters, before.state, log)
+                record(before.fleet, before.state, log)
                 if progress:
                     progress(of - 1, of - 1)
             yield log, ""
@@ -261,9 +267,10 @@ class World:
 
     def positions(self) -> Array:
         """Controlled positions, padded: agents then targets, z = 0 for planar ones; shape (V, 3), m."""
-        x = np.empty((len(self.arena.vehicles), 3))
+        x, fleet = np.empty((len(self.arena.vehicles), 3)), self._before_step.fleet
         for v in range(len(x)):
-            controlled_position(self._before_step.bodies[v], self.data.qpos, x[v])
+            body = fleet.bodies[v]
+            controlled_position(fleet.kinds[body["kind"]], body, self.data.qpos, x[v])
         return x
 
     def heights(self) -> Array:
@@ -276,7 +283,7 @@ class World:
 
     def saturation(self) -> Array:
         """Share of each vehicle's thrusters whose command is at its limit, shape (V,)."""
-        low, high = (self._before_step.thrusters[name] for name in ("low", "high"))
+        low, high = np.concatenate([vehicle.limits for vehicle in self.arena.vehicles]).T
         first = self.arena.thruster
         at_limit = (self.data.ctrl <= low) | (self.data.ctrl >= high)
         return np.add.reduceat(at_limit.astype(float), first[:-1]) / np.diff(first)
