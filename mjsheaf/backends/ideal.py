@@ -176,9 +176,11 @@ def _run(control, follow, medium, effectiveness, times, begin, end, period, x, t
                     return k, v
         elif not _advance(follow, medium, effectiveness, times[k], period, x, 0, V, tolerance, work):
             return k, V
-        if placed.shape[0]:
-            x[medium.agents :] = placed[k + 1]
-        positions[k + 1] = x
+        for v in range(V):
+            for i in range(3):
+                if placed.shape[0] and v >= medium.agents:
+                    x[v, i] = placed[k + 1, v - medium.agents, i]
+                positions[k + 1, v, i] = x[v, i]
     return end, -1
 
 

@@ -310,7 +310,7 @@ def test_a_multirotor_sinks_with_half_of_its_weight_at_most(name: str) -> None:
 
 def test_the_autopilot_is_not_handed_the_medium() -> None:
     handed = set(inspect.signature(drive.py_func).parameters)
-    assert handed == {"body", "thrusters", "command", "R", "quaternion", "s", "omega", "ctrl"}
+    assert handed == {"kind", "thrusters", "heading", "command", "R", "quaternion", "s", "omega", "ctrl"}
 
 
 @pytest.mark.parametrize("name", REAL)

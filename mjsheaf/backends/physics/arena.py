@@ -118,7 +118,7 @@ def compose(
         thruster=np.concatenate([[0], np.cumsum([len(v.thrusters) for v in vehicles])]).astype(np.int64),
     )
     for v, vehicle in enumerate(vehicles):
-        if not vehicle.added_mass.any():  # what is shared with the medium must not be damped by the joint (see forces)
+        if vehicle.joint_damps(timestep):
             at = arena.dof[v]
             model.dof_damping[at : at + 3] = vehicle.drag.max()
             model.dof_damping[at + 3 : at + 6] = vehicle.angular_drag
@@ -189,8 +189,8 @@ def _attach_bodies(root: mujoco.MjSpec, kind: mujoco.MjSpec, prefix: str) -> muj
 
 def _is_at_origin(body: mujoco.MjsBody) -> bool:
     """Whether a body can be on the free joint itself: without joints of its own, at the origin, level."""
-    level = body.alt.type == mujoco.mjtOrientation.mjORIENTATION_QUAT and np.array_equal(body.quat, [1.0, 0.0, 0.0, 0.0])
-    return level and not body.joints and not np.any(body.pos)
+    turned = body.alt.type != mujoco.mjtOrientation.mjORIENTATION_QUAT or not np.array_equal(body.quat, [1, 0, 0, 0])
+    return not (turned or body.joints or np.any(body.pos))
 
 
 def _typed(actuation: dict[str, Any]) -> dict[str, Any]:

@@ -6,9 +6,9 @@ For a vehicle with attitude R, velocity v and rates omega in a medium that moves
     hydrostatics   weight carried at the centre of buoyancy, -K (z - level, roll, pitch)
     added mass     -M_A a - C_A(v_r) v_r  (Kirchhoff; Fossen, Handbook of Marine Craft Hydrodynamics, 2011, ch. 6)
 
-Linear drag that does not fight added mass is split: the largest coefficient is damping of the free joint, which MuJoCo
-integrates implicitly, so that stiff drag costs no small steps; the joint damps along world axes, so the difference to
-R D R^T, and what the medium's own velocity adds, is applied as a force.
+Linear drag that is stiff, and does not fight added mass, is split: the largest coefficient is damping of the free
+joint, which MuJoCo integrates implicitly, so that it costs no small steps; the joint damps along world axes, so the
+difference to R D R^T, and what the medium's own velocity adds, is applied as a force.
 
 Added mass cannot be fed back as a force: that diverges once it exceeds the mass. Instead every wrench F on the body but
 those of contacts is applied as S F with S = M_RB (M_RB + M_A)^-1, and MuJoCo's M_RB a = S F is (M_RB + M_A) a = F. The

@@ -22,6 +22,7 @@ GRAVITY = 9.81  # m/s^2
 _USABLE = (
     0.9  # of its thrust is what a multirotor that points its thrust may use for its weight and for going somewhere
 )
+_STIFF = 0.01  # share of a velocity that drag takes in a step: as an applied force it is wrong by about this much
 _NO_LIMIT = 1e9  # a range from here on is none: it is there so that a command which diverges is seen
 
 ROW_NAMES = ("surge force", "sway force", "heave force", "roll moment", "pitch moment", "yaw moment")
@@ -140,6 +141,16 @@ class Vehicle:
             return np.eye(6)
         rigid = self.rigid_mass
         return np.asarray(np.linalg.solve(rigid + np.diag(self.added_mass), rigid).T)
+
+    def joint_damps(self, timestep: float) -> bool:
+        """Whether the free joint takes linear drag, in a step of so many s.
+
+        MuJoCo integrates what the joint takes implicitly: stiff drag then costs no small steps. But it factorizes the
+        mass matrix once more for it, so that drag which is not stiff had better be an applied force. What is shared
+        with the medium must be: see forces.
+        """
+        fastest = max(*(self.drag / self.mass), *(self.angular_drag / np.diag(self.turning_inertia)))
+        return not self.added_mass.any() and fastest * timestep > _STIFF
 
     @property
     def gears(self) -> Array:
