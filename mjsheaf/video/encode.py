@@ -1,7 +1,9 @@
 """Frames in, an MP4 out: H.264, yuv420p, which plays everywhere."""
 
 import os
+from collections import deque
 from collections.abc import Iterable
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
 from pathlib import Path
 
@@ -11,6 +13,7 @@ from mjsheaf.errors import InputError, MjsheafError
 from mjsheaf.video.renderer import Frame
 
 QUALITY = 20  # x264's constant rate factor: 18 looks lossless, 23 is its default
+AHEAD = 3  # frames drawn but not yet taken by the encoder
 PRESET = "veryfast"  # the picture is the costly part, and x264 would compete with it for the same cores
 
 
@@ -47,7 +50,7 @@ def write_mp4(path: Path, frames: Iterable[Frame], width: int, height: int, fps:
 
 
 def _encode(part: Path, frames: Iterable[Frame], width: int, height: int, fps: float) -> int:
-    """Feed the frames to ffmpeg; returns how many there were."""
+    """Feed the frames to ffmpeg while the next ones are drawn; returns how many there were."""
     writer = imageio_ffmpeg.write_frames(
         part,
         (width, height),
@@ -61,17 +64,26 @@ def _encode(part: Path, frames: Iterable[Frame], width: int, height: int, fps: f
         output_params=["-crf", str(QUALITY), "-preset", PRESET, "-movflags", "+faststart"],
     )
     count = 0
-    with closing(writer):
+    sent: deque[Future[None]] = deque()
+
+    def wait(most: int) -> None:
+        """Wait until so many frames, at most, are not yet taken."""
+        while len(sent) > most:
+            try:
+                sent.popleft().result()
+            except OSError as error:
+                raise MjsheafError(f"ffmpeg stopped after {count - len(sent)} frames: {_first_line(error)}") from error
+
+    with closing(writer), ThreadPoolExecutor(1) as feeder:
         try:
             writer.send(None)  # starts ffmpeg
         except (OSError, RuntimeError) as error:
             raise MjsheafError(f"cannot start ffmpeg: {_first_line(error)}") from error
         for frame in frames:
-            try:
-                writer.send(frame)
-            except OSError as error:
-                raise MjsheafError(f"ffmpeg stopped after {count} frames: {_first_line(error)}") from error
+            sent.append(feeder.submit(writer.send, frame))
+            wait(AHEAD)
             count += 1
+        wait(0)
     return count
 
 
