@@ -7,15 +7,35 @@ compiled code, and emptied when the stamp does not match.
 
 import contextlib
 import hashlib
+import logging
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from numba import njit
+from numba.core import event
 
+_logger = logging.getLogger("mjsheaf")
 _PACKAGE = Path(__file__).resolve().parent
 _LAYERS = ("sheaf", "dynamics", "control", "backends")
+
+
+class _Announcement(event.Listener):
+    """Tells once in a process that something is compiled: a first run takes seconds that later ones do not."""
+
+    told = False
+
+    def on_start(self, _: Any) -> None:
+        if not self.told:
+            self.told = True
+            _logger.info("compiling loops for this machine: some 15 seconds, once")
+
+    def on_end(self, _: Any) -> None:
+        pass
+
+
+event.register("numba:compile", _Announcement())
 
 
 def kernel(function: Callable[..., Any]) -> Any:

@@ -299,6 +299,10 @@ def _exit_code(arguments: list[str] | None) -> int:
     # What matters of a library's warnings is in the one line that mjsheaf prints. dm_control sends MuJoCo's to absl.
     for library in ("absl", "imageio_ffmpeg", "matplotlib"):
         logging.getLogger(library).setLevel(logging.ERROR)
+    if sys.stderr.isatty():
+        logger = logging.getLogger("mjsheaf")
+        logger.setLevel(logging.INFO)
+        logger.addHandler(_Notes())
     try:
         with warnings.catch_warnings(), stoppable():
             if not sys.warnoptions:
@@ -322,6 +326,13 @@ def _exit_code(arguments: list[str] | None) -> int:
             raise
         message = error.format_message()  # empty where help itself was the answer
         return _complain(f"{message} (see mjsheaf --help)", InputError.exit_code) if message else InputError.exit_code
+
+
+class _Notes(logging.Handler):
+    """What the package tells of itself goes to stderr, wherever that is by then: progress bars redirect it."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        print(f"note: {record.getMessage()}", file=sys.stderr)
 
 
 def _complain(message: str, code: int) -> int:
