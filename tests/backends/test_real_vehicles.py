@@ -4,6 +4,7 @@ Oracles: equilibria that a pencil finds; the mean delay of a linear loop; eigenv
 motion; symmetries; the sources' own numbers.
 """
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from mjsheaf.backends.physics import list_vehicles, load_vehicle, run_physics
 
 from .alone import BOATS, LAG, MULTIROTORS, REAL, alone, ask, attitude, body, place, step_unpowered, yaw_of
 from .small import make
-from .vehicles import yaws
+from .vehicles import altered, yaws
 
 Array = NDArray[np.float64]
 
@@ -45,6 +46,38 @@ def test_a_multirotor_hovers_from_the_first_moment(name: str) -> None:
     assert np.abs(world.data.qacc[dof]).max() < 1e-10
     world.step(5_000)
     np.testing.assert_allclose(world.data.qpos[qpos], before, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["hexarotor", "quadrotor"])  # the X500's rotors never stop
+def test_a_multirotor_that_tumbles_in_a_vacuum_keeps_energy_and_momenta(name: str, tmp_path: Path) -> None:
+    """Rotors off, 1 s of free fall: what is lost, but for the weight's share of momentum, halves with the step."""
+    path, errors = altered(tmp_path, name, drag={"linear": [1e-9] * 3, "angular": [1e-9] * 3}), []
+    for timestep in (0.002, 0.001, 0.0005):
+        world = alone(path, timestep=timestep)
+        vehicle, _, dof, _ = body(world)
+        place(world, Rotation.from_rotvec([0.4, -0.3, 0.8]).as_matrix(), [0.9, -0.6, 0.4], [1.5, -1.4, 0.7])
+        world.data.act[:] = 0.0
+        before, weight = energy_and_momenta(world), vehicle.mass * GRAVITY
+        step_unpowered(world, round(1.0 / timestep))
+        change = energy_and_momenta(world) - before + [0, 0, 0, weight, 0, 0, 0]
+        errors.append([change[0] / weight, *change[1:4] / weight, *change[4:] / np.linalg.norm(before[4:])])
+        assert np.abs(world.data.qvel[dof][3:] - [1.5, -1.4, 0.7]).max() > 0.1  # it does tumble
+    lost = np.abs(np.array(errors))
+    assert lost[-1].max() < 3e-3
+    halved = lost[:, lost[0] > 1e-7]
+    np.testing.assert_allclose(halved[:-1] / halved[1:], 2.0, atol=0.1)
+
+
+def energy_and_momenta(world: World) -> Array:
+    """Energy with its potential, momentum, and angular momentum about the centre of mass: (7,), J, N s, N m s."""
+    vehicle, qpos, dof, _ = body(world)
+    m, c, R = vehicle.mass, vehicle.centre_of_mass, attitude(world)
+    J = vehicle.inertia - m * (c @ c * np.eye(3) - np.outer(c, c))
+    omega = world.data.qvel[dof][3:]
+    v = world.data.qvel[dof][:3] + R @ np.cross(omega, c)
+    height = (world.data.qpos[qpos][:3] + R @ c)[2]
+    energy = 0.5 * m * v @ v + 0.5 * omega @ J @ omega + m * GRAVITY * height
+    return np.array([energy, *(m * v), *(R @ J @ omega)])
 
 
 @pytest.mark.parametrize("name", BOATS)
