@@ -18,6 +18,7 @@ from mjsheaf.backends.physics.vehicle import GRAVITY
 from mjsheaf.errors import InputError
 from mjsheaf.resources import resource_directory
 
+from .alone import alone, ask
 from .vehicles import Edit, altered, find
 
 TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
@@ -132,6 +133,22 @@ def test_a_file_means_the_same_in_the_arena(edit: Edit | None, tmp_path: Path) -
                         np.testing.assert_allclose(getattr(here, field)[at], getattr(there, field)[k], atol=1e-12)
     np.testing.assert_array_equal(model.opt.gravity, [0.0, 0.0, -GRAVITY])
     assert (model.opt.timestep, model.stat.extent) == (0.001, 20.0)
+
+
+@pytest.mark.parametrize("name", ["hexarotor", "quadrotor"])
+def test_a_body_on_the_joint_moves_as_one_that_is_held(name: str, tmp_path: Path) -> None:
+    """What a file has beside its one body makes no difference to the motion, though a body must then hold both."""
+    runs = []
+    for vehicle in (name, altered(tmp_path, name, with_world_geom)):
+        world = alone(vehicle, heading=40, drift=[1.0, -2.0, 0.5])
+        ask(world, [2.0, 1.0, -0.5])
+        world.step(1500)
+        runs.append(world)
+    one, held = runs
+    assert one.model.nbody == held.model.nbody - 1
+    np.testing.assert_allclose(one.data.qpos[:7], held.data.qpos[:7], rtol=0, atol=1e-10)
+    np.testing.assert_allclose(one.data.qvel[:6], held.data.qvel[:6], rtol=0, atol=1e-9)
+    assert np.linalg.norm(one.data.qpos[:3]) > 1.0
 
 
 def test_gravity_stands_in_one_place() -> None:

@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from mjsheaf import World
 from mjsheaf.backends.physics import load_vehicle, run_physics
+from mjsheaf.backends.physics import vehicle as vehicle_module
 
 from .small import make, medium, mixed, velocity_commands
 from .vehicles import altered, find, xml_of
@@ -227,6 +228,26 @@ def test_stiff_drag_needs_no_small_steps(tmp_path: Path) -> None:
         world = drifting(tmp_path, 0.001, {"drift": [0.7, -0.4, 0.2]}, drag=drag)
         world.step(200)
         np.testing.assert_allclose(world.data.qvel[parts(world, 1)[1]][:3], [0.7, -0.4, 0.2], rtol=1e-9)
+
+
+@pytest.mark.parametrize("drag", [LINEAR, {"time_constant": 0.5}], ids=["unlike", "alike"])
+def test_the_joint_damps_as_an_applied_force_does(
+    drag: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where a vehicle goes does not depend on who takes its drag: the difference halves with the step."""
+    apart = []
+    for timestep in (0.002, 0.001, 0.0005):
+        runs = []
+        for stiff in (0.0, np.inf):
+            monkeypatch.setattr(vehicle_module, "_STIFF", stiff)
+            world = drifting(tmp_path, timestep, {"drift": [0.7, -0.4, 0.2]}, drag=drag)
+            assert world.model.dof_damping[parts(world, 1)[1]].any() == (stiff == 0.0)
+            world.data.qvel[parts(world, 1)[1]] = [0.5, 0.6, -0.3, 0.2, -0.1, 0.3]
+            world.step(round(1.0 / timestep))
+            runs.append(world.data.qpos[parts(world, 1)[0]].copy())
+        apart.append(np.abs(runs[0] - runs[1]).max())
+    assert 1e-9 < apart[-1] < 1e-3
+    np.testing.assert_allclose(np.array(apart[:-1]) / apart[1:], 2.0, atol=0.1)
 
 
 def test_a_light_body_follows_the_streamlines(tmp_path: Path) -> None:
