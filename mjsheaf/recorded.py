@@ -8,12 +8,11 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from mjsheaf.results.file import length_of_piece
-from mjsheaf.video.series import Blocks
+from mjsheaf.video.series import KEPT, Blocks
 
 Array = NDArray[np.float64]
 
 _HEADING = 0.5  # s over which headings of bodies without attitude are smoothed
-_KEPT = 6  # blocks in memory: what a frame and its trails need
 
 
 class Block(NamedTuple):
@@ -48,7 +47,7 @@ class Recorded:
         self._physics = dataset.attrs["backend"] == "physics"
         self.time: Array = dataset["time"].values
         self._length = length_of_piece(dataset)
-        self._block = lru_cache(_KEPT)(self._read)
+        self._block = lru_cache(KEPT)(self._read)
 
     def series(self, name: str) -> Blocks:
         """One field of `Block` over all samples."""

@@ -1,6 +1,7 @@
 """Values of every sample of a run, in memory or read block by block when they are looked at."""
 
 from collections.abc import Callable, Iterator
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy.typing as npt
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
+KEPT = 6  # blocks in memory: what a frame and its trails need
 STEP = 4096  # samples of an array in memory that are looked at together
 
 
@@ -48,7 +50,8 @@ class Blocks:
 
     def map(self, change: Callable[[int, FloatArray], FloatArray]) -> "Blocks":
         """The same with every block changed: `change` is given the number of its first sample, and it."""
-        return Blocks(self.shape, self.length, lambda number: change(number * self.length, self._load(number)))
+        load = lru_cache(KEPT)(lambda number: change(number * self.length, self._load(number)))
+        return Blocks(self.shape, self.length, load)
 
 
 Series = Any  # FloatArray | Blocks; whoever made a film knows which
