@@ -28,7 +28,7 @@ def measure(short: bool = False, end: float | None = None) -> dict[str, Any]:
     A child process does it, as MuJoCo's own renderer takes the variable MUJOCO_GL when it is imported.
 
     Args:
-        short: the run's first 6 s instead of all 50 s. What does not depend on the length (plots, an arena, a film)
+        short: the run's first 10 s instead of all 50 s. What does not depend on the length (plots, an arena, a film)
             then weighs more.
         end: another end of the run, s.
 
@@ -43,7 +43,7 @@ def measure(short: bool = False, end: float | None = None) -> dict[str, Any]:
     backend, reason = available_backend()
     if backend is None:
         return {"reason": reason}
-    seconds = end or (6.0 if short else 50.0)
+    seconds = end or (10.0 if short else 50.0)
     code = f"from mjsheaf.bench.video import child; child({seconds})"
     found = subprocess.run(
         [sys.executable, "-c", code], env={**os.environ, "MUJOCO_GL": backend}, capture_output=True, text=True
