@@ -30,6 +30,7 @@ Array = NDArray[np.float64]
 # axis or direction (3), strength, and two parameters. One array is what compiled code passes on most cheaply.
 SOURCE, VORTEX, CHANNEL = 0.0, 1.0, 2.0
 _COLUMNS = 11
+_NOTHING_LEFT = 600.0  # exp(-600) = 3e-261: beyond it exp underflows, which takes libraries many times as long
 
 
 @kernel
@@ -53,7 +54,8 @@ def flow_velocity(table, x, y, z):
         else:
             along = rx * c[5] + ry * c[6] + rz * c[7]
             nx, ny, nz = rx - along * c[5], ry - along * c[6], rz - along * c[7]
-            a = c[8] * np.exp(-(nx * nx + ny * ny + nz * nz) * c[9] - along * along * c[10])
+            falloff = (nx * nx + ny * ny + nz * nz) * c[9] + along * along * c[10]
+            a = c[8] * np.exp(-min(falloff, _NOTHING_LEFT))
             wx += a * c[5]
             wy += a * c[6]
             wz += a * c[7]
