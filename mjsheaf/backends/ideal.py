@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from mjsheaf.backends.system import System, medium_velocity, velocity_commands
 from mjsheaf.backends.trajectory import Trajectory, blow_up_message
 from mjsheaf.compiled import kernel, part
+from mjsheaf.dynamics.disturbance import evaluate_sines
 from mjsheaf.dynamics.effectiveness import allocate
 
 Array = NDArray[np.float64]
@@ -48,13 +49,14 @@ _CHUNK = 500  # periods between progress reports
 
 
 class _Scratch(NamedTuple):
-    """Work arrays of one run: residual, command, a stage's state (V, 3); slopes (7, V, 3); input (s,)."""
+    """Work arrays of one run: residual, command, a stage's state (V, 3); slopes (7, V, 3); input (s,); sines (V K,)."""
 
     residual: Array
     command: Array
     state: Array
     slope: Array
     input: Array
+    sines: Array
 
 
 @part
@@ -62,12 +64,13 @@ def _slope(follow, medium, effectiveness, t, x, first, last, work, out):
     """Write x' of the vehicles from first to last into out (V, 3); commands are those held unless there is a law."""
     if follow is not None:
         velocity_commands(follow, t, x, work.residual, work.command)
+    evaluate_sines(medium.harmonics, t, first, last, work.sines)
     for v in range(first, last):
         for i in range(3):
             out[v, i] = work.command[v, i]
         if v < medium.agents and effectiveness.given[v]:
             allocate(effectiveness, v, x[v], t, out[v], work.input)
-        wx, wy, wz = medium_velocity(medium, v, t, x[v, 0], x[v, 1], x[v, 2])
+        wx, wy, wz = medium_velocity(medium, work.sines, v, x[v, 0], x[v, 1], x[v, 2])
         out[v, 0] += wx
         out[v, 1] += wy
         out[v, 2] += wz
@@ -215,7 +218,14 @@ def stream_ideal(
     grid = system.grid
     x = np.array(system.initial)
     V, width = len(x), system.effectiveness.pinv.shape[1]
-    work = _Scratch(np.zeros((V, 3)), np.zeros((V, 3)), np.zeros((V, 3)), np.zeros((7, V, 3)), np.zeros(width))
+    work = _Scratch(
+        residual=np.zeros((V, 3)),
+        command=np.zeros((V, 3)),
+        state=np.zeros((V, 3)),
+        slope=np.zeros((7, V, 3)),
+        input=np.zeros(width),
+        sines=np.zeros(len(system.medium.harmonics.rate)),
+    )
     steps = grid.steps if targets is None else min(grid.steps, len(targets) - 1)
     for begin in range(0, steps + 1, samples):
         end = min(begin + samples, steps + 1)

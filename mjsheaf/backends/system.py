@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from mjsheaf.compiled import part
 from mjsheaf.control import LawArrays, disagreement
 from mjsheaf.control.law import limit_speed
-from mjsheaf.dynamics.disturbance import disturbance_velocity
+from mjsheaf.dynamics import disturbance
+from mjsheaf.dynamics.disturbance import HarmonicArrays, disturbance_velocity
 from mjsheaf.dynamics.effectiveness import EffectivenessArrays
 from mjsheaf.dynamics.flow import FlowField, flow_velocity
 from mjsheaf.dynamics.motion import MotionArrays, add_reference
@@ -30,14 +31,14 @@ class MediumArrays(NamedTuple):
     """What surrounds the vehicles, for compiled code; V vehicles, the first `agents` of them agents.
 
     planar (V,): whether a vehicle lives in the plane; kernels: tables of all flow fields, one below the other, of which
-    each vehicle meets the rows from rows[v, 0] to rows[v, 1]; harmonics (V, K, 5): of the disturbances.
+    each vehicle meets the rows from rows[v, 0] to rows[v, 1]; harmonics: of the disturbances.
     """
 
     agents: int
     planar: NDArray[np.bool_]
     kernels: Array
     rows: NDArray[np.int64]
-    harmonics: Array
+    harmonics: HarmonicArrays
 
 
 @part
@@ -64,10 +65,13 @@ def flow_about(medium, v, x, y, z):
 
 
 @part
-def medium_velocity(medium, v, t, x, y, z):
-    """Velocity of the medium about vehicle v at a point, as three numbers: its flow and its disturbance."""
+def medium_velocity(medium, sines, v, x, y, z):
+    """Velocity of the medium about vehicle v at a point, as three numbers: its flow and its disturbance.
+
+    `sines` (V K,) holds those of the disturbances at the present time: see `evaluate_sines`.
+    """
     wx, wy, wz = flow_about(medium, v, x, y, z)
-    dx, dy, dz = disturbance_velocity(medium.harmonics, v, t)
+    dx, dy, dz = disturbance_velocity(medium.harmonics, sines, v)
     return wx + dx, wy + dy, wz + dz
 
 
@@ -189,7 +193,7 @@ class System:
             np.array([m.dimension == 2 for m in self.team.members]),
             np.vstack([flow.table for flow in self.flows]),
             np.column_stack([ends[self.field], ends[self.field + 1]]).astype(np.int64),
-            self.harmonics,
+            disturbance.pack(self.harmonics),
         )
 
     def flow_of(self, v: int) -> FlowField:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjsheaf.backends.system import System
-from mjsheaf.dynamics.disturbance import disturbance_velocity
+from mjsheaf.dynamics import disturbance
 from mjsheaf.dynamics.motion import add_reference
 from mjsheaf.scenario import Scenario, scenario_from_mapping
 
@@ -74,4 +74,4 @@ def medium(system: System, v: int, t: float, x: Array) -> Array:
     """Flow and disturbance about vehicle v at x (3,)."""
     w = system.flow_of(v).velocity(x)
     w[system.team.members[v].dimension :] = 0.0
-    return w + disturbance_velocity(system.harmonics, v, t)
+    return w + disturbance.evaluate(system.harmonics, np.array([t]))[0, v]

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mjsheaf.dynamics import Disturbance, disturbance
-from mjsheaf.dynamics.disturbance import disturbance_velocity
+from mjsheaf.dynamics.disturbance import disturbance_velocity, evaluate_sines
 from mjsheaf.errors import InputError
 
 LAWS = settings(deadline=None, derandomize=True, max_examples=60)
@@ -67,7 +67,14 @@ def test_the_same_seed_gives_the_same_bits(kind: Disturbance, sizes: list[int], 
 @given(kinds, dimensions, st.integers(0, 2**31), st.floats(0.0, 1e3))
 def test_compiled_and_vectorised_forms_agree(kind: Disturbance, sizes: list[int], seed: int, t: float) -> None:
     harmonics = disturbance.draw([kind] * len(sizes), sizes, np.random.default_rng(seed))
-    one_by_one = [disturbance_velocity(harmonics, v, t) for v in range(len(sizes))]
+    packed = disturbance.pack(harmonics)
+    sines = np.zeros(packed.rate.shape)
+    for v in range(len(sizes)):  # one at a time or all at once: the same bits
+        evaluate_sines(packed, t, v, v + 1, sines)
+    at_once = np.zeros(packed.rate.shape)
+    evaluate_sines(packed, t, 0, len(sizes), at_once)
+    np.testing.assert_array_equal(sines, at_once)
+    one_by_one = [disturbance_velocity(packed, sines, v) for v in range(len(sizes))]
     expected = disturbance.evaluate(harmonics, np.array([t]))[0]
     np.testing.assert_allclose(one_by_one, expected, atol=1e-13 * max(1.0, kind.bound))
 

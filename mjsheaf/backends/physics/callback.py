@@ -16,13 +16,17 @@ from mjsheaf.backends.physics.forces import measure, push
 from mjsheaf.backends.physics.vectors import rotation, to_world, triple
 from mjsheaf.backends.system import System, velocity_commands
 from mjsheaf.compiled import kernel
+from mjsheaf.dynamics.disturbance import evaluate_sines
 from mjsheaf.engine import mujoco
 
 Array = NDArray[np.float64]
 
 
 class LoopState(NamedTuple):
-    """Views of MuJoCo's arrays; x, residual, command (V, 3): where the law sees vehicles, eta, what it wants."""
+    """Views of MuJoCo's arrays; x, residual, command (V, 3): where the law sees vehicles, eta, what it wants.
+
+    sines (V K,): of the disturbances, now.
+    """
 
     qpos: Array
     qvel: Array
@@ -33,6 +37,7 @@ class LoopState(NamedTuple):
     x: Array
     residual: Array
     command: Array
+    sines: Array
 
 
 @kernel
@@ -55,6 +60,7 @@ def close_loop(control, medium, fleet, t, sample, state):
         for v in range(bodies.shape[0]):
             controlled_position(kinds[bodies[v].kind], bodies[v], state.qpos, state.x[v])
         velocity_commands(control, t, state.x, state.residual, state.command)
+    evaluate_sines(medium.harmonics, t, 0, bodies.shape[0], state.sines)
     q = state.qpos
     for v in range(bodies.shape[0]):
         body = bodies[v]
@@ -63,7 +69,7 @@ def close_loop(control, medium, fleet, t, sample, state):
         ctrl = state.ctrl[first : first + kind.count]
         quaternion = (q[a + 3], q[a + 4], q[a + 5], q[a + 6])
         R = rotation(quaternion[0], quaternion[1], quaternion[2], quaternion[3])
-        s, omega = measure(kind, body, medium, v, t, q, state.qvel, R)
+        s, omega = measure(kind, body, medium, state.sines, v, q, state.qvel, R)
         push(kind, body, q, state.qvel, R, s, omega, state.applied)
         drive(kind, thrusters, body.heading, triple(state.command[v]), R, quaternion, s, omega, ctrl)
         for k in range(kind.count):
@@ -97,6 +103,7 @@ class BeforeStep:
             x=np.zeros((V, 3)),
             residual=np.zeros((V, 3)),
             command=np.zeros((V, 3)),
+            sines=np.zeros(len(system.medium.harmonics.rate)),
         )
 
     def __call__(self, time: float, sample: bool) -> None:

@@ -21,10 +21,10 @@ from mjsheaf.compiled import part
 
 
 @part
-def measure(kind, body, medium, v, t, qpos, qvel, R):
+def measure(kind, body, medium, sines, v, qpos, qvel, R):
     """What vehicle v measures, in body axes: its velocity through the medium and its rates, m/s and rad/s."""
     a, d = body.qpos, body.dof
-    w = medium_velocity(medium, v, t, qpos[a], qpos[a + 1], 0.0 if kind.planar else qpos[a + 2])
+    w = medium_velocity(medium, sines, v, qpos[a], qpos[a + 1], 0.0 if kind.planar else qpos[a + 2])
     return to_body(R, subtract((qvel[d], qvel[d + 1], qvel[d + 2]), w)), (qvel[d + 3], qvel[d + 4], qvel[d + 5])
 
 
