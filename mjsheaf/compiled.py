@@ -1,8 +1,8 @@
 """Compiled functions: one decorator, and a cache on disk that never serves old code.
 
 numba caches machine code next to the source and notices when that source changes, but not when a compiled function
-that it calls, in another file, does. So the cache of every directory is stamped with a hash of all sources that hold
-compiled code, and emptied when the stamp does not match.
+that it calls, in another file, does. So the cache of every directory is stamped with a hash of the layers whose
+compiled functions call one another across files, and emptied when the stamp does not match.
 """
 
 import contextlib
@@ -22,12 +22,12 @@ _LAYERS = ("sheaf", "dynamics", "control", "backends")
 
 
 class _Announcement(event.Listener):
-    """Tells once in a process that something is compiled: a first run takes seconds that later ones do not."""
+    """Tells once in a process that a loop of ours is compiled: a first run takes seconds that later ones do not."""
 
     told = False
 
-    def on_start(self, _: Any) -> None:
-        if not self.told:
+    def on_start(self, event: Any) -> None:
+        if not self.told and event.data["dispatcher"].py_func.__module__.startswith("mjsheaf."):
             self.told = True
             _logger.info("compiling loops for this machine: some 15 seconds, once")
 
@@ -42,7 +42,8 @@ def kernel(function: Callable[..., Any]) -> Any:
     """Compile a function: cached on disk, without the interpreter's lock, division as in C.
 
     It makes no arrays, and counts no references to those it is handed. numba counts one, by an atomic instruction, at
-    every slice, row and field that is taken: that took half of the time of closing the loop about a physics step.
+    every slice, row and field that is taken: that took half of the time of closing the loop about a physics step. Its
+    option for that is not a public one; a numba without it refuses to compile, and does not go wrong silently.
     """
     return _compile(function, _nrt=False)
 

@@ -117,7 +117,7 @@ def simulate_many(
         except MjsheafError as error:
             return error
 
-    with ThreadPoolExecutor(workers or _processors()) as pool:
+    with ThreadPoolExecutor(workers or usable_processors()) as pool:
         futures = [pool.submit(one, scenario) for scenario in todo]
         try:
             for done, future in enumerate(as_completed(futures), 1):
@@ -133,7 +133,8 @@ class _Abandoned(Exception):  # noqa: N818
     """Ends a run whose siblings were interrupted."""
 
 
-def _processors() -> int:
+def usable_processors() -> int:
+    """How many processors this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 

@@ -11,7 +11,7 @@ are measured as the root mean square over the padded state (3 components a vehic
 way in which the paper's published run was integrated, so that it comes out alike to rounding.
 
 All within a period is inlined into one function for one vehicle (see `part`): handing tuples of arrays on costs more
-than a slope does, as each array's references are counted.
+than a slope does.
 """
 
 from collections.abc import Callable, Iterator

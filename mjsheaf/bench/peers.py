@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from mjsheaf.bench.clock import best_cpu, best_wall
+from mjsheaf.bench.clock import best_wall
 from mjsheaf.bench.rows import Row, at_least, informs
 
 SIZES = (13, 100)
@@ -63,8 +63,8 @@ def our_rates(size: int, repetitions: int) -> tuple[float, float]:
     # The target is a vehicle too. No disturbance, as peers have none; wind there is.
     rates = {"physics__timestep": 0.002, "controller__control_period": 0.01}
     world = World(swarm(size - 1, VEHICLE, **rates, disturbance__agents__bound=0.0), visible=False)
-    closed = _rate(size, lambda: world.step(500), 500, repetitions, best_cpu)
-    return closed, _rate(size, lambda: mujoco.mj_step(world.model, world.data, 50), 50, repetitions, best_cpu)
+    closed = _rate(size, lambda: world.step(500), 500, repetitions)
+    return closed, _rate(size, lambda: mujoco.mj_step(world.model, world.data, 50), 50, repetitions)
 
 
 def crazyflow_rate(size: int, repetitions: int) -> float:
@@ -129,19 +129,13 @@ PEERS: dict[str, Callable[[int, int], float]] = {
 }
 
 
-def _rate(
-    size: int,
-    work: Callable[[], Any],
-    steps: int,
-    repetitions: int,
-    best: Callable[[Callable[[], Any], int], float] = best_wall,
-) -> float:
-    """Vehicle-steps per second: of the wall's time, or of the processor's where one thread does it all."""
+def _rate(size: int, work: Callable[[], Any], steps: int, repetitions: int) -> float:
+    """Vehicle-steps per second by the wall's clock, ours as well as those of peers with threads of their own."""
     begun = perf_counter()
     work()  # compiles
     while perf_counter() - begun < 0.2:
         work()
-    return size * steps / best(work, repetitions)
+    return size * steps / best_wall(work, repetitions)
 
 
 def rows(figures: dict[str, Any]) -> list[Row]:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from mjsheaf.bench.rows import Row, at_least, at_most, informs
 from mjsheaf.sheaf import DirichletProblem, Sheaf
 
 Array = NDArray[np.float64]
@@ -34,6 +35,20 @@ GRID_SIDES = (100, 316, 1000)
 
 PINNED = 0.01
 """Share of a grid's vertices whose value is given."""
+
+LEAD = 2.0
+"""Wanted: published time of an operation on a sheaf of 500 vertices, over ours."""
+
+GROWTH = 1.1
+"""Wanted: exponent with which time grows with the number of vertices of a grid."""
+
+LARGE_GRID = 1_000_000
+LARGE_WANTED = {
+    "assembly_s": ("assembly, s", 3.0),
+    "extension_s": ("harmonic extension, s", 10.0),
+    "peak_memory_gb": ("peak memory, GB", 3.0),
+}
+"""Wanted of the grid of so many vertices: field of its record to what it is and its bound."""
 
 _REPETITIONS = 200
 
@@ -201,3 +216,30 @@ def _total(grid: dict[str, Any]) -> float:
 def peak_memory() -> float:
     """Largest resident set of this process so far, in GB."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1e9 if sys.platform == "darwin" else 1e6)
+
+
+def rows(figures: dict[str, Any]) -> list[Row]:
+    """The figures of the sheaf algebra against those that CellularSheaves.jl publishes."""
+    table = [
+        at_least(
+            "sheaf",
+            f"{row['graph']} of 500: {row['operation'].replace('_', ' ')}, ms",
+            row["ms"],
+            row["published_ms"],
+            row["ratio"],
+            LEAD,
+            "CellularSheaves.jl, published",
+        )
+        for row in figures["small"]
+        if row["published_ms"] is not None
+    ]
+    largest = figures["grids"][-1]
+    growth, vertices = figures["growth_exponent"], largest["vertices"]
+    what = f"grids to {vertices:.0e} vertices: growth exponent"
+    if vertices < LARGE_GRID:
+        return [*table, informs("sheaf", what, growth, note=f"to {LARGE_GRID:.0e} with --full")]
+    table.append(at_most("sheaf", what, growth, None, growth, GROWTH))
+    for name, (label, bound) in LARGE_WANTED.items():
+        what = f"grid of {vertices:.0e} vertices: {label}"
+        table.append(at_most("sheaf", what, largest[name], bound, largest[name] / bound, 1.0, "wanted"))
+    return table

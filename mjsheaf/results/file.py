@@ -12,6 +12,8 @@ import xarray as xr
 from mjsheaf.results.dataset import join
 
 _MOST_SAMPLES = 4000  # of a thinned run: more cannot be seen in a plot
+_MOST_POSITIONS = 400_000  # of agents in a thinned run, which bounds its memory where there are many
+_FEWEST_SAMPLES = 200
 
 
 def write_dataset(pieces: Iterable[xr.Dataset], path: Path) -> None:
@@ -69,9 +71,10 @@ def length_of_piece(dataset: xr.Dataset) -> int:
 
 
 def thinned(dataset: xr.Dataset) -> xr.Dataset:
-    """At most a few thousand samples of a run, in memory, the first and the last among them."""
+    """At most a few thousand samples of a run, in memory, the first and the last among them; fewer of a large team."""
     samples = dataset.sizes["time"]
-    kept = np.unique(np.linspace(0, samples - 1, min(samples, _MOST_SAMPLES)).round().astype(np.int64))
+    most = max(_FEWEST_SAMPLES, min(_MOST_SAMPLES, _MOST_POSITIONS // dataset.sizes["agent"]))
+    kept = np.unique(np.linspace(0, samples - 1, min(samples, most)).round().astype(np.int64))
     if len(kept) == samples:
         return dataset.load()
     step = length_of_piece(dataset)

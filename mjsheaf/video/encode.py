@@ -72,7 +72,8 @@ def _encode(part: Path, frames: Iterable[Frame], width: int, height: int, fps: f
             try:
                 sent.popleft().result()
             except OSError as error:
-                raise MjsheafError(f"ffmpeg stopped after {count - len(sent)} frames: {_first_line(error)}") from error
+                taken = count - len(sent) - 1
+                raise MjsheafError(f"ffmpeg stopped after {taken} frames: {_first_line(error)}") from error
 
     with closing(writer), ThreadPoolExecutor(1) as feeder:
         try:
@@ -81,8 +82,8 @@ def _encode(part: Path, frames: Iterable[Frame], width: int, height: int, fps: f
             raise MjsheafError(f"cannot start ffmpeg: {_first_line(error)}") from error
         for frame in frames:
             sent.append(feeder.submit(writer.send, frame))
-            wait(AHEAD)
             count += 1
+            wait(AHEAD)
         wait(0)
     return count
 

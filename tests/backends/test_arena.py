@@ -84,6 +84,12 @@ def with_a_mesh(root: ElementTree.Element) -> None:
     )
 
 
+def with_a_second_body(root: ElementTree.Element) -> None:
+    """Beside the first, with a material of the file's."""
+    second = ElementTree.SubElement(find(root, "worldbody"), "body", name="second", pos="1 0 .5")
+    ElementTree.SubElement(second, "geom", name="ball", size=".1", mass="3", material="livery")
+
+
 def with_world_geom(root: ElementTree.Element) -> None:
     ElementTree.SubElement(find(root, "worldbody"), "geom", name="halo", size="1", mass="0")
 
@@ -99,6 +105,7 @@ def with_world_geom(root: ElementTree.Element) -> None:
         with_key_and_sensors,
         with_a_mesh,
         with_world_geom,
+        with_a_second_body,
     ],
 )
 def test_a_file_means_the_same_in_the_arena(edit: Edit | None, tmp_path: Path) -> None:

@@ -206,8 +206,12 @@ def test_a_flow_carries_a_body_at_its_own_velocity(tmp_path: Path) -> None:
     np.testing.assert_allclose(attitude(world, 1), Rotation.from_euler("z", 35, degrees=True).as_matrix(), atol=1e-9)
 
 
-def test_a_body_comes_up_to_the_flow_as_its_drag_says(tmp_path: Path) -> None:
-    """v(t) = w - exp(-R D R^T t / m) w: the step is implicit in part, and its error of first order."""
+@pytest.mark.parametrize("stiff", [0.0, np.inf], ids=["joint", "force"])
+def test_a_body_comes_up_to_the_flow_as_its_drag_says(
+    stiff: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """v(t) = w - exp(-R D R^T t / m) w, to first order, whether the joint takes drag or a force is applied."""
+    monkeypatch.setattr(vehicle_module, "_STIFF", stiff)
     w = np.array([0.7, -0.4, 0.2])
     R = Rotation.from_euler("z", 35, degrees=True).as_matrix()
     A = R @ np.diag(LINEAR["linear"]) @ R.T / 300.0
@@ -228,6 +232,23 @@ def test_stiff_drag_needs_no_small_steps(tmp_path: Path) -> None:
         world = drifting(tmp_path, 0.001, {"drift": [0.7, -0.4, 0.2]}, drag=drag)
         world.step(200)
         np.testing.assert_allclose(world.data.qvel[parts(world, 1)[1]][:3], [0.7, -0.4, 0.2], rtol=1e-9)
+
+
+@pytest.mark.parametrize("period", [0.0003, 0.00117, 0.0015, 0.003])
+@pytest.mark.parametrize("tau", [0.006, 0.013, 0.03])
+def test_drag_is_taken_once(tau: float, period: float) -> None:
+    """By the joint or by a force, also with a step of tau / 100, where rounding decides which of the two."""
+    timestep = tau / 100.0
+    steps = max(1, round(period / timestep))
+    agents = [{"id": "A", "position": [0, 0]}, {"id": "B", "position": [0, 0, 0]}]
+    scenario = {"agents": agents, "targets": [{"id": "T", "position": [1, 2, 3]}], "vehicles": {"tau": tau}}
+    scenario |= {"sensing": [["A", "T"], ["B", "T"]], "physics": {"timestep": timestep}}
+    world = World(make({**scenario, "controller": {"gain": 1.0, "control_period": steps * timestep}}))
+    fleet = world._before_step.fleet
+    for v, vehicle in enumerate(world.arena.vehicles):
+        kind, damping = fleet.kinds[fleet.bodies[v]["kind"]], world.model.dof_damping[parts(world, v)[1]]
+        assert (kind["implicit"], kind["explicit"]) == ((damping[0], 0.0) if damping.any() else (0.0, 1.0))
+        assert damping[0] in (0.0, vehicle.drag.max())
 
 
 @pytest.mark.parametrize("drag", [LINEAR, {"time_constant": 0.5}], ids=["unlike", "alike"])

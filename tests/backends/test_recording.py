@@ -7,7 +7,9 @@ import pytest
 from numpy.typing import NDArray
 
 from mjsheaf import World
+from mjsheaf.backends.ideal import run_ideal, stream_ideal
 from mjsheaf.backends.physics import run_physics, world
+from mjsheaf.backends.physics.running import stream_physics
 from mjsheaf.backends.system import System
 
 from .small import mixed
@@ -46,7 +48,7 @@ def looked_at(system: System, targets: Array | None) -> dict[str, Array]:
 def test_samples_are_those_of_the_world_looked_at(
     placed: bool, period: float, chunk: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(world, "_CHUNK", chunk)
+    monkeypatch.setattr(world, "_CHUNK", chunk * 5)
     fields: dict[str, Any] = {"time": {"end": 0.2}, "controller": {"gain": 30.0, "control_period": period}}
     system = mixed(**fields, disturbance={"agents": {"bound": 1.0}}).system()
     time = np.linspace(0.0, 0.15, 16)[:, None, None]
@@ -60,8 +62,24 @@ def test_samples_are_those_of_the_world_looked_at(
         np.testing.assert_allclose(trajectory.positions[:, 3:], path, rtol=0, atol=1e-14)
 
 
+@pytest.mark.parametrize("samples", [1, 5, 16, 40])
+@pytest.mark.parametrize("placed", [False, True], ids=["own-targets", "placed-targets"])
+@pytest.mark.parametrize("backend", [(run_physics, stream_physics), (run_ideal, stream_ideal)], ids=["bodies", "ideal"])
+def test_pieces_are_the_run(backend: Any, placed: bool, samples: int) -> None:
+    """Bit for bit, whatever their length, also where it divides the run."""
+    whole_run, stream = backend
+    system = mixed(time={"end": 0.15}, disturbance={"agents": {"bound": 1.0}}).system()
+    targets = system.initial[3:] + np.linspace(0.0, 0.15, 16)[:, None, None] * [1.0, -2.0, 0.0] if placed else None
+    whole = whole_run(system, targets=targets)
+    pieces = list(stream(system, samples, targets=targets))
+    assert [len(piece.time) for piece in pieces[:-1]] == [samples] * (len(pieces) - 1)
+    for name in ("time", "positions"):
+        together = np.concatenate([getattr(piece, name) for piece in pieces])
+        np.testing.assert_array_equal(together, getattr(whole, name), err_msg=name)
+
+
 def test_progress_ends_at_the_last_sample_and_may_stop_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(world, "_CHUNK", 50)
+    monkeypatch.setattr(world, "_CHUNK", 250)
     seen: list[tuple[int, int]] = []
     system = mixed(time={"end": 0.2}).system()
     run_physics(system, lambda done, of: seen.append((done, of)))

@@ -39,7 +39,7 @@ class Arena:
         vehicles: what each vehicle is, length V.
         qpos: address of each vehicle's free joint in qpos, shape (V,).
         dof: the same in qvel.
-        body: the body on the free joint, shape (V,).
+        body: the body on the free joint, shape (V,): the vehicle's own if it has but one, else one made to hold all.
         thruster: first actuator of each vehicle, then the number of actuators, shape (V + 1,).
     """
 
@@ -88,11 +88,9 @@ def compose(
             name=surface, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], pos=[0, 0, surface_height],
             material=surface, contype=0, conaffinity=0,
         )  # fmt: skip
-    kinds = {key: attachable(vehicle) for key, vehicle in {id(vehicle): vehicle for vehicle in vehicles}.items()}
+    kinds = {key: _Kind.of(vehicle, visible) for key, vehicle in {id(vehicle): vehicle for vehicle in vehicles}.items()}
     for kind in kinds.values():
-        if not visible:
-            _strip(kind)
-        root.assets = {**root.assets, **kind.assets}
+        root.assets = {**root.assets, **kind.spec.assets}
     # Attaching looks at all that is there already: in groups of sqrt(V), a thousand take one second, not ten.
     size = int(np.ceil(np.sqrt(len(vehicles))))
     for first in range(0, len(vehicles), size):
@@ -143,16 +141,45 @@ def _quiet() -> Iterator[None]:
             mujoco.set_mju_user_warning(handler)
 
 
-def _strip(kind: mujoco.MjSpec) -> None:
-    """Remove the geoms that are only to be seen."""
-    for geom in list(kind.geoms):
-        if geom.contype == 0 and geom.conaffinity == 0:  # their mass, if any, is in the bodies' inertia already
-            kind.delete(geom)
+@dataclass(frozen=True)
+class _Kind:
+    """A vehicle's file, fit to be attached.
+
+    Attributes:
+        spec: MuJoCo's.
+        alone: whether it is one body, which can be on the free joint itself: a step is then a quarter quicker than with
+            a body made to hold what the file has. Without joints of its own, at the origin, level, nothing beside it.
+    """
+
+    spec: mujoco.MjSpec
+    alone: bool
+
+    @classmethod
+    def of(cls, vehicle: Vehicle, visible: bool) -> "_Kind":
+        """Read it; unless it is to be visible, without the geoms that are only to be seen."""
+        spec = attachable(vehicle)
+        world = spec.worldbody
+        beside = world.geoms or world.sites or world.cameras or world.lights
+        alone = not beside and len(world.bodies) == 1 and _is_at_origin(world.bodies[0])
+        if not visible:
+            for geom in list(spec.geoms):
+                if geom.contype == 0 and geom.conaffinity == 0:  # their mass, if any, is in the bodies' inertia already
+                    spec.delete(geom)
+        return cls(spec, alone)
 
 
-def _attach(root: mujoco.MjSpec, kind: mujoco.MjSpec, vehicle: Vehicle, name: str, colour: Array | None) -> None:
+def _is_at_origin(body: mujoco.MjsBody) -> bool:
+    turned = body.alt.type != mujoco.mjtOrientation.mjORIENTATION_QUAT or not np.array_equal(body.quat, [1, 0, 0, 0])
+    return not (turned or body.joints or np.any(body.pos))
+
+
+def _attach(root: mujoco.MjSpec, kind: _Kind, vehicle: Vehicle, name: str, colour: Array | None) -> None:
     try:
-        body = _attach_bodies(root, kind, f"{name}/")
+        if kind.alone:  # the whole of a kind would bring a copy of its default classes too, at ten times the cost
+            body = root.worldbody.add_frame().attach_body(kind.spec.worldbody.bodies[0], f"{name}/", "")
+        else:
+            body = root.worldbody.add_body(name=f"{name}/")
+            root.attach(kind.spec, prefix=f"{name}/", frame=body.add_frame())
     except ValueError as error:
         raise InputError(f"{vehicle.path}: cannot be put into the arena: {' '.join(str(error).split())}") from None
     body.add_freejoint(name=f"{name}/")
@@ -169,28 +196,6 @@ def _attach(root: mujoco.MjSpec, kind: mujoco.MjSpec, vehicle: Vehicle, name: st
             biastype=mujoco.mjtBias.mjBIAS_NONE,
             **_typed(actuation),
         )
-
-
-def _attach_bodies(root: mujoco.MjSpec, kind: mujoco.MjSpec, prefix: str) -> mujoco.MjsBody:
-    """Attach a kind; return the body whose frame is that of its file: a body of the file, or one made to hold it."""
-    world = kind.worldbody
-    loose = world.geoms or world.sites or world.cameras or world.lights
-    # Body by body: the whole of a kind would bring a copy of its default classes too, at ten times the cost.
-    if len(world.bodies) == 1 and not loose and _is_at_origin(world.bodies[0]):  # a step is a quarter quicker
-        return root.worldbody.add_frame().attach_body(world.bodies[0], prefix, "")
-    body = root.worldbody.add_body(name=prefix)
-    if loose:
-        root.attach(kind, prefix=prefix, frame=body.add_frame())
-    else:
-        for part in world.bodies:
-            body.add_frame().attach_body(part, prefix, "")
-    return body
-
-
-def _is_at_origin(body: mujoco.MjsBody) -> bool:
-    """Whether a body can be on the free joint itself: without joints of its own, at the origin, level."""
-    turned = body.alt.type != mujoco.mjtOrientation.mjORIENTATION_QUAT or not np.array_equal(body.quat, [1, 0, 0, 0])
-    return not (turned or body.joints or np.any(body.pos))
 
 
 def _typed(actuation: dict[str, Any]) -> dict[str, Any]:

@@ -92,7 +92,8 @@ def pack_fleet(arena: Arena, heading: Array, level: float) -> Fleet:
     kinds["thruster"] = np.cumsum(kinds["count"]) - kinds["count"]
     kinds["level"] = level
     for vehicle, kind in zip(vehicles, kinds, strict=True):
-        _pack(vehicle, kind, arena.model.opt.timestep)
+        at = arena.dof[next(v for v, other in enumerate(arena.vehicles) if other is vehicle)]
+        _pack(vehicle, kind, arena.model.dof_damping[at : at + 6])
     bodies = np.zeros(len(arena.vehicles), BODY)
     bodies["kind"] = [number[id(vehicle)] for vehicle in arena.vehicles]
     bodies["qpos"], bodies["dof"], bodies["actuator"] = arena.qpos, arena.dof, arena.thruster[:-1]
@@ -108,12 +109,13 @@ def _thrusters(vehicle: Vehicle) -> NDArray[np.void]:
     return thrusters
 
 
-def _pack(vehicle: Vehicle, kind: np.void, timestep: float) -> None:
+def _pack(vehicle: Vehicle, kind: np.void, damping: Array) -> None:
+    """Pack a vehicle of which the free joint takes some damping, shape (6,), N s/m and N m s/rad."""
     floats, hold = vehicle.description.hydrostatics, vehicle.description.attitude
     added = bool(vehicle.added_mass.any())
     kind["planar"] = vehicle.dimension == 2
     kind["drag"], kind["quadratic"] = [*vehicle.drag, *vehicle.angular_drag], vehicle.quadratic_drag
-    kind["implicit"], kind["explicit"] = (vehicle.drag.max(), 0.0) if vehicle.joint_damps(timestep) else (0.0, 1.0)
+    kind["implicit"], kind["explicit"] = damping[0], not damping.any()
     kind["ballast"] = vehicle.ballast
     kind["arm"] = kind["hung"] = kind["centre"] = vehicle.centre_of_mass
     if floats is None:

@@ -37,8 +37,7 @@ def stream_physics(
 ) -> Iterator[Trajectory]:
     """Simulate as `run_physics` does, and hand out so many samples at a time; the last piece has what is left.
 
-    A piece before the last has the status 'finished'. The last is empty where the simulation blows up right after the
-    piece before it.
+    A piece before the last has the status 'finished'.
     """
     begin = 0
     for log, message in World(system, visible=False).record(samples, targets, progress):

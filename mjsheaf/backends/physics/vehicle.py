@@ -150,7 +150,7 @@ class Vehicle:
         with the medium must be: see forces.
         """
         fastest = max(*(self.drag / self.mass), *(self.angular_drag / np.diag(self.turning_inertia)))
-        return not self.added_mass.any() and fastest * timestep > _STIFF
+        return not self.added_mass.any() and bool(fastest * timestep > _STIFF)
 
     @property
     def gears(self) -> Array:

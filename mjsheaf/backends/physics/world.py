@@ -32,7 +32,7 @@ for _library in Path(mujoco.__file__).parent.glob("libmujoco*"):
 _mj_step = types.ExternalFunction("mj_step", types.void(types.voidptr, types.voidptr))
 
 _HUGE = 1e10  # beyond this MuJoCo calls a state bad (mjMAXVAL)
-_CHUNK = 4000  # physics steps in one compiled call, after which Ctrl-C is heard
+_CHUNK = 200_000  # physics steps times vehicles in one compiled call, after which Ctrl-C is heard
 
 
 @part
@@ -136,6 +136,7 @@ class World:
         self._timestep = grid.period / self._steps_per_sample
         self.model.opt.timestep = self._timestep
         self._before_step = BeforeStep(self.system, self.arena, self.data)
+        self._chunk = max(1, min(4000, _CHUNK // len(self.arena.vehicles)))
         self._no_log = new_log(0, len(self.arena.vehicles), self.model.nu)
         self.reset()
 
@@ -198,7 +199,7 @@ class World:
                 bad state.
         """
         while n > 0:
-            n -= self._advance(min(n, _CHUNK), self._no_log)
+            n -= self._advance(min(n, self._chunk), self._no_log)
 
     def _advance(self, count: int, log: Log) -> int:
         """Take `count` steps, recording samples where the log has room; return `count`."""
@@ -243,7 +244,7 @@ class World:
             left = (end - begin - (end == of)) * self._steps_per_sample
             try:
                 while left > 0:
-                    left -= self._advance(min(left, _CHUNK), log)
+                    left -= self._advance(min(left, self._chunk), log)
                     if progress:
                         progress(begin + int(log.written[0]) - 1, of - 1)
             except UnstableError as error:
