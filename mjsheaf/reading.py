@@ -14,6 +14,7 @@ from mjsheaf.errors import ScenarioError
 
 _LARGEST_FILE = 20_000_000  # bytes
 _DEEPEST = 50  # collections within one another; a scenario has six
+_SURROGATE = re.compile("[\\ud800-\\udfff]")  # "\ud800" in YAML; no file can hold it
 _LONGEST_INTEGER = 3_000  # digits; Python does not print what has more than 4300 decimal ones
 
 
@@ -67,6 +68,13 @@ class _Loader(yaml.SafeLoader):
                 raise yaml.constructor.ConstructorError(None, None, f"key {key!r} is given twice", key_node.start_mark)
             seen.add(key)
         return super().construct_mapping(node, deep)
+
+    def construct_scalar(self, node: yaml.ScalarNode | yaml.MappingNode) -> Any:
+        value = super().construct_scalar(node)
+        if isinstance(value, str) and not value.isascii() and _SURROGATE.search(value):
+            problem = "half of a surrogate pair, which is no text; write the character itself"
+            raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark)
+        return value
 
     def construct_integer(self, node: yaml.ScalarNode) -> int:
         """Read an integer of YAML 1.2; the one of 1.1 takes a leading 0 for octal."""
@@ -217,7 +225,7 @@ class _Problem(NamedTuple):
             path += (context["discriminator"].strip("'"),)
             missing = kind == "union_tag_not_found"
             text = "field required" if missing else f"{context['tag']!r} is none of {context['expected_tags']}"
-        elif kind in ("model_type", "dict_type"):
+        elif kind in ("model_type", "model_attributes_type", "dict_type"):
             text = f"should be a mapping of fields to values, not {shown}"
         elif kind not in ("missing", "value_error"):
             text += f", not {shown}"
@@ -237,6 +245,7 @@ def _follow(
             below = [node["items"] for node in variants if "items" in node]
         else:
             below = [node["properties"][part] for node in variants if part in node.get("properties", {})]
+        below = below or [node["additionalProperties"] for node in variants if _is_open(node)]
         if below:
             path, nodes = (*path, part), below
             continue
@@ -244,6 +253,11 @@ def _follow(
             union = path
         nodes = [node for node in variants if part in _tags(node) or part == node.get("title")] or nodes
     return path, union, nodes
+
+
+def _is_open(node: dict[str, Any]) -> bool:
+    """Whether a mapping may have any keys, with values of one kind."""
+    return isinstance(node.get("additionalProperties"), dict)
 
 
 def _variants(nodes: list[dict[str, Any]], schema: dict[str, Any]) -> list[dict[str, Any]]:

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from mjsheaf.reading import dump_yaml
-from mjsheaf.results.store import VEHICLES
+from mjsheaf.results.store import CHECKSUMS, VEHICLES, write_checksums
 from mjsheaf.scenario import Scenario
 
 
@@ -21,7 +21,7 @@ def write_scenario(scenario: Scenario, directory: Path) -> Path:
     """Write scenario.yaml, and into vehicles/ the files of vehicles that do not come with mjsheaf.
 
     It names those by paths inside the directory, which may then be moved, and runs to the same bits even when the
-    originals have changed.
+    originals have changed. Their checksums tell later what else a person has put there.
 
     Returns:
         The path of scenario.yaml.
@@ -41,8 +41,11 @@ def write_scenario(scenario: Scenario, directory: Path) -> Path:
         if name is None or Path(name).suffix not in (".yaml", ".yml"):
             continue
         if name not in copies:
-            copies[name] = _copy(Path(name), directory, {Path(copy).parts[1] for copy in copies.values()})
+            taken = {CHECKSUMS, *(Path(copy).parts[1] for copy in copies.values())}
+            copies[name] = _copy(Path(name), directory, taken)
         holder[key] = copies[name]
+    if copies:
+        write_checksums(directory / VEHICLES)
     path = directory / "scenario.yaml"
     path.write_text(dump_yaml(raw))
     return path

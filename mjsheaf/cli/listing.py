@@ -5,18 +5,27 @@ import json
 from rich.console import Console
 from rich.table import Table
 
-from mjsheaf.scenario import Scenario, list_scenarios, load_scenario
+from mjsheaf.reading import read_yaml
+from mjsheaf.resources import list_studies
+from mjsheaf.scenario import Scenario, list_scenarios
+from mjsheaf.scenario.load import read_scenario
 
 
 def list_scenarios_command() -> None:
-    """Print the scenarios with their sizes and summaries."""
+    """Print the scenarios with their sizes and summaries, and the studies below them."""
     table = Table(title="scenarios", title_justify="left", header_style="")
     for heading in ("name", "agents", "targets", "seconds", "what it shows"):
         table.add_column(heading, justify="right" if heading in ("agents", "targets", "seconds") else "left")
     for name in list_scenarios():
-        s = load_scenario(name)
+        s = Scenario.model_validate(read_scenario(name))  # no team is built, which takes longer than all the rest
         table.add_row(name, str(len(s.agents)), str(len(s.targets)), f"{s.time.end - s.time.start:g}", s.summary)
-    Console().print(table)
+    studies = Table(title="studies, for mjsheaf sweep", title_justify="left", header_style="")
+    for heading in ("name", "scenario", "what it asks"):
+        studies.add_column(heading)
+    for name, path in list_studies().items():
+        study = read_yaml(path)
+        studies.add_row(name, study["scenario"], study.get("summary", ""))
+    Console().print(table, "", studies)
 
 
 def list_vehicles_command() -> None:

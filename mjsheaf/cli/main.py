@@ -263,9 +263,9 @@ def bench(
 
 @app.command("list")
 def list_(
-    vehicles: Annotated[bool, typer.Option("--vehicles", help="List vehicles instead of scenarios.")] = False,
+    vehicles: Annotated[bool, typer.Option("--vehicles", help="List vehicles instead.")] = False,
 ) -> None:
-    """List the scenarios, or the vehicles, that come with mjsheaf."""
+    """List the scenarios and studies, or the vehicles, that come with mjsheaf."""
     from mjsheaf.cli.listing import list_scenarios_command, list_vehicles_command
 
     if vehicles:
@@ -278,8 +278,14 @@ def list_(
 def schema(
     check: Annotated[bool, typer.Option("--check", help="Of the record that `check --json` prints instead.")] = False,
     compare: Annotated[bool, typer.Option("--compare", help="Of compare.json instead.")] = False,
+    study: Annotated[bool, typer.Option("--study", help="Of a study file, for sweep, instead.")] = False,
 ) -> None:
     """Print the JSON Schema of a scenario file."""
+    if study:
+        from mjsheaf.cli.sweep import print_schema as print_schema_of_study
+
+        print_schema_of_study()
+        return
     if compare:
         from mjsheaf.cli.compare import print_schema
 

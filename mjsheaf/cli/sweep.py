@@ -1,5 +1,6 @@
 """`mjsheaf sweep`."""
 
+import json
 import os
 from collections import Counter
 from pathlib import Path
@@ -76,7 +77,7 @@ def sweep_command(
             study = run_study(
                 plan,
                 out,
-                lambda: engine_at(scheduler) if scheduler else local_engine(workers, processes=not threads),
+                lambda: engine_at(scheduler) if scheduler is not None else local_engine(workers, processes=not threads),
                 retry_failed=retry_failed,
                 progress=progress,
             )
@@ -98,3 +99,10 @@ def sweep_command(
         console.print(f"  and {failed - 1} more that did not finish; see {out / 'table.csv'}", markup=False)
     for name in study.files:
         console.print(f"  {out / name}", markup=False)
+
+
+def print_schema() -> None:
+    """Print the JSON Schema of a study file."""
+    from mjsheaf.studies.schema import StudyFile
+
+    print(json.dumps(StudyFile.model_json_schema(), indent=2))

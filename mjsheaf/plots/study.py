@@ -8,18 +8,19 @@ from matplotlib.colors import LogNorm, Normalize
 from numpy.typing import NDArray
 
 from mjsheaf.plots.figures import new_figure
-from mjsheaf.plots.study_axis import SweptAxis, spans_decades, swept_axes
+from mjsheaf.plots.study_axis import SweptAxis, plain, plain_decades, spans_decades, swept_axes
 from mjsheaf.results.summary import MEASURES
 from mjsheaf.studies.schema import StudyFile
 
 Array = NDArray[np.float64]
 
 _LABELS = {
-    "mean_disagreement": "mean |η| at the end (m)",
-    "tracking_error": "RMS |q* − q| at the end (m)",
-    "formation_error": "RMS formation residual at the end (m)",
-    "centering_error": "centroid to target at the end (m)",
+    "mean_disagreement": "final disagreement, mean |η| (m)",
+    "tracking_error": "final tracking error, RMS |q* − q| (m)",
+    "formation_error": "final formation error, RMS residual (m)",
+    "centering_error": "final distance, centroid to target (m)",
 }
+_SETTLED, _MOVING = "run that has settled", "run that still changes at its end"
 _LINE, _UNSETTLED, _FAILED = "#0072B2", "#D55E00", "#BBBBBB"
 _MOST_AXES = 6  # of the plots with a panel for each swept field
 _MOST_CELLS = 40  # along a side of a heat map
@@ -48,7 +49,7 @@ def plot_study(study: StudyFile, name: str, records: list[dict[str, Any]]) -> di
         values = np.array([np.nan if x is None else x for x in found], dtype=np.float64)
         if np.isfinite(values).any():
             errors[measure] = values
-    title = f"{name}   [{study.backend}, {len(records)} runs]"
+    title = f"{plain(name)}   [{study.backend}, {len(records)} runs]"
     plots = {}
     if errors:
         plots["error.png"] = _draw(title, axes, {_LABELS[m]: v for m, v in errors.items()}, settled)
@@ -66,7 +67,7 @@ def _draw(title: str, axes: list[SweptAxis], values: dict[str, Array], settled: 
     if columns == 1 and rows > 1:  # several errors of one field: two beside each other
         columns, rows = 2, -(-rows // 2)
     figure = new_figure(max(7.5, 5.6 * columns), 1.0 + 4.2 * rows)
-    figure.suptitle(title)
+    figure.suptitle(title, fontsize=12)
     panels = figure.subplots(rows, columns, squeeze=False)
     each_axis = not grid and len(axes) > 1
     flat = panels.ravel() if not each_axis else None
@@ -82,8 +83,11 @@ def _draw(title: str, axes: list[SweptAxis], values: dict[str, Array], settled: 
             _distribution(flat[k], label, y, shares=settled is None)
     for panel in flat[len(values) :] if flat is not None else []:
         panel.set_visible(False)
-    told = {label: handle for panel in panels.ravel() for handle, label in zip(*_legend_of(panel), strict=True)}
-    if told:  # the same in all panels
+    legends = [panel.get_legend_handles_labels() for panel in panels.ravel()]
+    told = {label: handle for legend in legends for handle, label in zip(*legend, strict=True)}
+    if not told.keys() - {_SETTLED}:  # which needs no telling where there is nothing else
+        told = {}
+    if told:
         figure.legend(told.values(), told.keys(), loc="lower center", ncols=len(told), frameon=False, fontsize=9)
     figure.tight_layout(rect=(0, 0.35 / figure.get_figheight() if told else 0, 1, 0.98))
     # No metadata: a version or date would make equal studies differ.
@@ -116,6 +120,7 @@ def _marginal(panel: Any, axis: SweptAxis, label: str, y: Array, settled: NDArra
     known = np.isfinite(y)
     if spans_decades(y):
         panel.set_yscale("log")
+        plain_decades(panel.yaxis)
     x = axis.places[axis.index]
     many = known.sum() > 1.5 * len(axis.places)
     if not axis.drawn:
@@ -134,17 +139,12 @@ def _marginal(panel: Any, axis: SweptAxis, label: str, y: Array, settled: NDArra
     lasting, moving = known & settled, known & ~settled
     if lasting.any():
         solid = 0.55 if many else 1.0
-        panel.plot(x[lasting], y[lasting], "o", color=_LINE, markersize=size, alpha=solid, label="a run, settled")
+        panel.plot(x[lasting], y[lasting], "o", color=_LINE, markersize=size, alpha=solid, label=_SETTLED)
     if moving.any():
         panel.plot(
             x[moving], y[moving], "o", color=_UNSETTLED, markerfacecolor="none", markersize=size + 1,
-            label="a run still under way at its end",
+            label=_MOVING,
         )  # fmt: skip
-
-
-def _legend_of(panel: Any) -> tuple[list[Any], list[str]]:
-    handles, labels = panel.get_legend_handles_labels()
-    return (handles, labels) if len(labels) > 1 else ([], [])
 
 
 def _shares(panel: Any, axis: SweptAxis, y: Array) -> None:
@@ -176,15 +176,16 @@ def _heat_map(figure: Any, panel: Any, across: SweptAxis, up: SweptAxis, label: 
     log = not shares and spans_decades(cells)
     norm: Normalize = LogNorm(low, high) if log else Normalize(low, high if high > low else low + 1.0)
     panel.set_facecolor(_FAILED)
+    if np.isnan(cells).any():
+        panel.set_title("grey: no run finished", fontsize=9)
     mesh = panel.pcolormesh(np.ma.masked_invalid(cells), norm=norm, cmap="viridis", edgecolors="white", linewidth=0.4)
     several = len(y) > cells.size and not shares
     figure.colorbar(mesh, ax=panel, label=label + (", median" if several else ""))
     for which, axis in (("x", across), ("y", up)):
         step = -(-len(axis.places) // 12)
-        rotation = 30 if which == "x" and sum(map(len, axis.labels[::step])) > 40 else 0
-        ticks = np.arange(len(axis.places))[::step] + 0.5
-        getattr(panel, f"set_{which}ticks")(ticks, axis.labels[::step], rotation=rotation)
-        getattr(panel, f"set_{which}label")(axis.path)
+        ticks, shown = np.arange(len(axis.places))[::step] + 0.5, axis.labels[::step]
+        getattr(panel, f"set_{which}ticks")(ticks, shown, rotation=axis.rotation(shown) if which == "x" else 0.0)
+        getattr(panel, f"set_{which}label")(axis.name)
     if max(cells.shape) <= _WRITTEN_CELLS:
         for (i, j), value in np.ndenumerate(cells):
             if np.isfinite(value):
@@ -213,6 +214,7 @@ def _distribution(panel: Any, label: str, y: Array, *, shares: bool) -> None:
     panel.plot(x, np.arange(1, len(x) + 1) / len(x), "o", color=_LINE, markersize=4)
     if spans_decades(x):
         panel.set_xscale("log")
+        plain_decades(panel.xaxis)
     panel.set_xlabel(label)
     panel.set_ylabel("share of runs at or below")
     panel.set_ylim(-0.02, 1.04)

@@ -5,9 +5,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
-from mjsheaf.studies.schema import Choice, StudyFile
+from mjsheaf.studies.schema import Choice, Distribution, LogUniform, StudyFile
 
 Array = NDArray[np.float64]
 
@@ -16,6 +17,7 @@ _DECADES = 30.0
 
 _MOST_TICKS = 12
 _LONGEST_LABEL = 24
+_LEVEL_LABELS = 40  # characters of all tick labels together, which still stand beside each other
 
 
 @dataclass(frozen=True)
@@ -24,34 +26,39 @@ class SweptAxis:
 
     Attributes:
         path: of the field.
+        name: what plots call it.
         numeric: whether all values are numbers; else each value has a place of its own.
         drawn: whether the values were drawn at random, so that few runs share one.
+        log: whether a logarithmic scale tells more of them.
         places: of the distinct values, ascending, shape (K,): the numbers themselves, or 0 to K - 1.
         labels: of the distinct values.
         index: of each run's value among them, shape (R,).
     """
 
     path: str
+    name: str
     numeric: bool
     drawn: bool
+    log: bool
     places: Array
     labels: list[str]
     index: NDArray[np.int64]
 
-    @property
-    def log(self) -> bool:
-        """Whether values span decades."""
-        return self.numeric and spans_decades(self.places)
-
-    def dress(self, axis: Any, which: str = "x") -> None:
-        """Give a matplotlib axis the field's name, scale and ticks."""
-        getattr(axis, f"set_{which}label")(self.path)
+    def dress(self, panel: Any) -> None:
+        """Give a matplotlib axis the field's name, scale and ticks along x."""
+        panel.set_xlabel(self.name)
         if self.log:
-            getattr(axis, f"set_{which}scale")("log")
+            panel.set_xscale("log")
+            plain_decades(panel.xaxis)
         if not self.numeric:
             step = -(-len(self.places) // _MOST_TICKS)
-            rotation = 20 if which == "x" and max(map(len, self.labels)) > 8 else 0
-            getattr(axis, f"set_{which}ticks")(self.places[::step], self.labels[::step], rotation=rotation)
+            shown = self.labels[::step]
+            panel.set_xticks(self.places[::step], shown, rotation=self.rotation(shown))
+            panel.set_xlim(-0.5, len(self.places) - 0.5)
+
+    def rotation(self, shown: list[str]) -> float:
+        """Of tick labels along x, degrees."""
+        return 20.0 if sum(map(len, shown)) > _LEVEL_LABELS else 0.0
 
 
 def swept_axes(study: StudyFile, records: list[dict[str, Any]]) -> list[SweptAxis]:
@@ -59,23 +66,32 @@ def swept_axes(study: StudyFile, records: list[dict[str, Any]]) -> list[SweptAxi
     drawn = study.draws.values if study.draws else {}
     axes = []
     for path in study.paths:
-        how = drawn.get(path)
-        order = how.values if isinstance(how, Choice) else []
-        axes.append(_axis(path, [r["parameters"].get(path) for r in records], order, how is not None))
+        values = [r["parameters"].get(path) for r in records]
+        axes.append(_axis(path, plain(study.labels.get(path, path)), values, drawn.get(path)))
     return [axis for axis in axes if len(axis.places) > 1]
 
 
-def _axis(path: str, values: list[Any], order: list[Any], drawn: bool) -> SweptAxis:
+def _axis(path: str, name: str, values: list[Any], how: Distribution | None) -> SweptAxis:
+    drawn = how is not None
     if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
         places, index = np.unique(np.array(values, dtype=np.float64), return_inverse=True)
-        return SweptAxis(path, True, drawn, places, [f"{x:g}" for x in places], index)
+        log = isinstance(how, LogUniform) or spans_decades(places)
+        return SweptAxis(path, name, True, drawn, log, places, [f"{x:g}" for x in places], index)
+    order = how.values if isinstance(how, Choice) else []
     keys = [_key(value) for value in values]
     seen = set(keys)
     names = [name for name in dict.fromkeys([*map(_key, order), *keys]) if name in seen]
     number = {name: k for k, name in enumerate(names)}
-    short = [n if len(n) <= _LONGEST_LABEL else n[: _LONGEST_LABEL - 1] + "…" for n in names]
+    short = [plain(_short(name)) for name in names]
     index = np.array([number[key] for key in keys], dtype=np.int64)
-    return SweptAxis(path, False, drawn, np.arange(len(names), dtype=np.float64), short, index)
+    return SweptAxis(path, name, False, drawn, False, np.arange(len(names), dtype=np.float64), short, index)
+
+
+def _short(name: str) -> str:
+    if len(name) <= _LONGEST_LABEL:
+        return name
+    kept = _LONGEST_LABEL - 1
+    return "…" + name[-kept:] if name.endswith((".yaml", ".yml")) else name[:kept] + "…"  # paths differ at their ends
 
 
 def _key(value: Any) -> str:
@@ -86,3 +102,24 @@ def spans_decades(values: Array) -> bool:
     """Whether positive values differ so much that a logarithmic scale tells more."""
     known = values[np.isfinite(values)]
     return bool(known.size and known.min() > 0.0 and known.max() >= _DECADES * known.min())
+
+
+def plain(text: str) -> str:
+    """Text as matplotlib shows it letter by letter: between dollars it would be read as mathematics."""
+    return text.replace("$", r"\$")
+
+
+def plain_decades(axis: Any) -> None:
+    """Give a logarithmic axis numbers that are written out, also between decades where these are few."""
+    axis.set_major_locator(_Decades())
+    axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+class _Decades(LogLocator):
+    """Ticks at 1, 2 and 5 of each decade where there are at most two, else at the decades."""
+
+    def tick_values(self, vmin: float, vmax: float) -> Any:
+        """The ticks between two ends."""
+        self.set_params(subs=(1.0, 2.0, 5.0) if vmin > 0.0 and vmax <= 200.0 * vmin else (1.0,))
+        return super().tick_values(vmin, vmax)

@@ -1,5 +1,6 @@
 """The directory of a run or a comparison: published whole, by rename, and never over what mjsheaf did not write."""
 
+import hashlib
 import json
 import math
 import os
@@ -41,6 +42,9 @@ COMPARISON_FILES = (
 VEHICLES = "vehicles"
 """The folder in either directory with the files of vehicles that do not come with mjsheaf, where there are any."""
 
+CHECKSUMS = "SHA256SUMS"
+"""The file in that folder by which mjsheaf knows what it put there, as sha256sum writes it."""
+
 _RECORDS = ("summary.json", "compare.json")
 
 
@@ -68,13 +72,41 @@ def check_replaceable(directory: Path) -> None:
     entries = {path.name for path in directory.iterdir()}
     if not entries:
         return
-    strange = sorted(entries - {*FILES, *COMPARISON_FILES, VEHICLES})
+    strange = sorted(entries - {*FILES, *COMPARISON_FILES, VEHICLES}) + _strange_vehicles(directory / VEHICLES)
     if strange:
         raise PlaceError(
             f"{directory}: holds {strange[0]!r}, which mjsheaf did not write; move it or choose another with --out"
         )
     if not holds_run(directory):
         raise PlaceError(f"{directory}: exists and was not written by mjsheaf; choose another with --out")
+
+
+def write_checksums(folder: Path) -> None:
+    """Note what mjsheaf has put into the folder of vehicles' files."""
+    lines = [f"{_digest(path)}  {path.relative_to(folder)}\n" for path in sorted(folder.rglob("*")) if path.is_file()]
+    (folder / CHECKSUMS).write_text("".join(lines))
+
+
+def _strange_vehicles(folder: Path) -> list[str]:
+    """What lies in the folder of vehicles' files and is not as mjsheaf left it, relative to the run's directory."""
+    if not folder.is_dir() or folder.is_symlink():
+        return [VEHICLES] if folder.exists() or folder.is_symlink() else []
+    try:
+        known = set((folder / CHECKSUMS).read_text().splitlines())
+    except (OSError, ValueError):
+        known = set()
+    strange = []
+    for path in sorted(folder.rglob("*")):
+        name = str(path.relative_to(folder))
+        folder_of_files = path.is_dir() and not path.is_symlink()
+        if not folder_of_files and name != CHECKSUMS and f"{_digest(path)}  {name}" not in known:
+            strange.append(f"{VEHICLES}/{name}")
+    return strange
+
+
+def _digest(path: Path) -> str:
+    """SHA-256 of a file; empty for what is none, such as a link to nowhere."""
+    return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
 
 
 def holds_run(directory: Path) -> bool:

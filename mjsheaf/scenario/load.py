@@ -1,7 +1,7 @@
 """Loading scenarios: by name or path, with overrides, checked as a whole."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,14 @@ from mjsheaf.scenario.schema import Scenario
 from mjsheaf.scenario.schema_team import EDGE_FIELDS, edge_from_pair
 
 _SUFFIXES = (".yaml", ".yml")
+_VEHICLE_PLACES = (
+    ("vehicles", "agents"),
+    ("vehicles", "targets"),
+    ("agents", "*", "vehicle"),
+    ("targets", "*", "vehicle"),
+    ("swarm", "vehicle"),
+)
+"""Fields that name a vehicle; * is any item of a list."""
 
 
 def list_scenarios() -> dict[str, Path]:
@@ -47,7 +55,7 @@ def read_scenario(source: str | Path) -> dict[str, Any]:
     """
     path = find_scenario(source)
     try:
-        raw = _anchor_paths(read_yaml(path), path.parent)
+        raw = map_vehicles(read_yaml(path), lambda name: str(confined(name, path.parent)))
     except ScenarioError:
         raise
     except InputError as error:
@@ -85,29 +93,32 @@ def parse_override(text: str) -> tuple[str, Any]:
     return path, parse_yaml(value, f"--set {path}")
 
 
-def _anchor_paths(raw: dict[str, Any], directory: Path) -> dict[str, Any]:
-    """Make paths of vehicle descriptions absolute: they are meant relative to the scenario's own file.
+def map_vehicles(node: Any, change: Callable[[str], str], path: tuple[str, ...] = ()) -> Any:
+    """A copy of a scenario, or of the value of one of its fields, with every path of a vehicle's description changed.
+
+    Args:
+        node: plain values.
+        change: what becomes of a path.
+        path: of the field; none for a whole scenario.
 
     Raises:
-        InputError: one leads out of the file's directory; the message begins with the field.
+        InputError: `change` did; the message begins with the field.
     """
-
-    def anchor(holder: Any, key: str, field: str) -> None:
-        value = holder.get(key) if isinstance(holder, dict) else None
-        if isinstance(value, str) and value.endswith(_SUFFIXES):
-            try:
-                holder[key] = str(confined(value, directory))
-            except InputError as error:
-                raise InputError(f"{field}.{key}: {error}") from None
-
-    for field in ("agents", "targets"):
-        items = raw.get(field)
-        for k, item in enumerate(items if isinstance(items, list) else []):
-            anchor(item, "vehicle", f"{field}.{k}")
-    for key in ("agents", "targets"):
-        anchor(raw.get("vehicles"), key, "vehicles")
-    anchor(raw.get("swarm"), "vehicle", "swarm")
-    return raw
+    if not isinstance(node, str | dict | list):
+        return node
+    places = [place for place in _VEHICLE_PLACES if all(a in ("*", b) for a, b in zip(place, path, strict=False))]
+    if not places:
+        return node
+    if isinstance(node, dict):
+        return {key: map_vehicles(item, change, (*path, key)) for key, item in node.items()}
+    if isinstance(node, list):
+        return [map_vehicles(item, change, (*path, str(k))) for k, item in enumerate(node)]
+    if not node.endswith(_SUFFIXES) or all(len(place) != len(path) for place in places):
+        return node
+    try:
+        return change(node)
+    except InputError as error:
+        raise InputError(f"{'.'.join(path)}: {error}") from None
 
 
 def find_scenario(source: str | Path) -> Path:

@@ -1,17 +1,16 @@
 """A swarm: agents, their graph and their formation, generated from a number and a seed instead of written out.
 
 Places are those of a sunflower (Vogel, Math. Biosci. 44, 1979): any number of them fills a disc evenly. The scenario
-that comes out has every agent and edge in it; nothing else knows that they were generated.
+that comes out has every agent and edge in it; nothing else knows that they were generated. networkx and scipy are
+imported by the graphs that need them, so that commands which make none come at once.
 """
 
 from collections.abc import Callable
 from typing import Annotated, Any, Literal
 
-import networkx
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
-from scipy.spatial import cKDTree
 
 from mjsheaf.errors import InputError
 from mjsheaf.reading import Section
@@ -22,6 +21,7 @@ Edges = set[tuple[int, int]]
 
 _POINT: TypeAdapter[list[float]] = TypeAdapter(Point, config=ConfigDict(strict=True, allow_inf_nan=False))
 _MOST_AGENTS = 100_000
+_AT_A_TIME = 4096  # agents whose neighbours are sought together
 _GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 
 
@@ -112,10 +112,33 @@ def _sunflower(size: int, spacing: float) -> Array:
 
 def _nearest(places: Array, swarm: Swarm, rng: np.random.Generator) -> Edges:
     """Each agent and its nearest ones, half the degree of them among those further in, so that all are connected."""
+    wanted = max(1, swarm.degree // 2)
     edges: Edges = set()
-    for k in range(1, len(places)):
-        distance = ((places[:k] - places[k]) ** 2).sum(axis=1)
-        edges |= {(int(j), k) for j in np.argsort(distance, kind="stable")[: max(1, swarm.degree // 2)]}
+    for begin in range(1, len(places), _AT_A_TIME):
+        agents = np.arange(begin, min(begin + _AT_A_TIME, len(places)))
+        edges |= _nearest_before(places, agents, wanted)
+    return edges
+
+
+def _nearest_before(places: Array, agents: NDArray[np.int64], wanted: int) -> Edges:
+    """Links from some agents to those nearest of the agents before them in number; of two as near, the first."""
+    from scipy.spatial import cKDTree
+
+    tree = cKDTree(places[: agents[-1] + 1])
+    edges: Edges = set()
+    asked = 4 * wanted + 4  # along the spiral, about half of those that are near come before
+    while agents.size:
+        asked = min(asked, tree.n)
+        reach, near = tree.query(places[agents], k=asked)
+        distance = ((places[near] - places[agents][:, None]) ** 2).sum(axis=2)
+        distance[near >= agents[:, None]] = np.inf
+        order = np.lexsort((near, distance), axis=1)[:, :wanted]
+        near, distance = np.take_along_axis(near, order, axis=1), np.take_along_axis(distance, order, axis=1)
+        # Whoever was not found is no nearer than `reach`, but for rounding.
+        certain = (asked == tree.n) | (distance < ((1.0 - 1e-9) * reach[:, -1:]) ** 2).all(axis=1)
+        found = np.isfinite(distance) & certain[:, None]
+        edges |= _ordered(zip(near[found], np.broadcast_to(agents[:, None], near.shape)[found], strict=True))
+        agents, asked = agents[~certain], 2 * asked
     return edges
 
 
@@ -127,6 +150,8 @@ def _ring(places: Array, swarm: Swarm, rng: np.random.Generator) -> Edges:
 
 def _random_geometric(places: Array, swarm: Swarm, rng: np.random.Generator) -> Edges:
     """Agents within a distance of one another, after each has been moved at random by up to its spacing."""
+    from scipy.spatial import cKDTree
+
     moved = places + rng.uniform(-swarm.spacing, swarm.spacing, places.shape)
     reach = swarm.spacing * np.sqrt((swarm.degree + 1) / np.pi)  # a disc that holds so many places
     return _connected(_ordered(cKDTree(moved).query_pairs(reach)), places)
@@ -137,6 +162,8 @@ def _small_world(places: Array, swarm: Swarm, rng: np.random.Generator) -> Edges
     size, degree = len(places), min(swarm.degree, len(places) - 1)
     if degree < 2:
         return _nearest(places, swarm, rng)
+    import networkx
+
     graph = networkx.watts_strogatz_graph(size, degree, 0.1, seed=int(rng.integers(2**31)))
     return _connected(_ordered(graph.edges), places)
 
@@ -148,6 +175,8 @@ def _k_regular(places: Array, swarm: Swarm, rng: np.random.Generator) -> Edges:
         return set()
     if size * degree % 2:
         raise InputError(f"swarm.degree: no graph of {size} agents has {degree} links each; take an even number")
+    import networkx
+
     graph = networkx.random_regular_graph(degree, size, seed=int(rng.integers(2**31)))
     return _connected(_ordered(graph.edges), places)
 
@@ -167,6 +196,9 @@ def _ordered(pairs: Any) -> Edges:
 
 def _connected(edges: Edges, places: Array) -> Edges:
     """With links between the nearest agents of different parts, until there is one part (Assumption 5)."""
+    import networkx
+    from scipy.spatial import cKDTree
+
     graph = networkx.Graph()
     graph.add_nodes_from(range(len(places)))
     graph.add_edges_from(edges)

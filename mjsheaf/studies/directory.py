@@ -24,8 +24,7 @@ from mjsheaf.studies.job import STATUSES, Done
 from mjsheaf.studies.plan import Plan
 from mjsheaf.studies.points import Point
 
-_LOCK, _STUDY, _RUNS, _TRAJECTORIES = ".lock", "study.json", "runs", "trajectories"
-_BEFORE_STUDY = {_LOCK, "scenario.yaml"}
+_LOCK, _STUDY, _SCENARIO, _RUNS, _TRAJECTORIES = ".lock", "study.json", "scenario.yaml", "runs", "trajectories"
 _SHOWN_DIFFERENCES = 3
 
 
@@ -85,13 +84,8 @@ class StudyDirectory:
     @contextmanager
     def writing(self) -> Iterator[None]:
         """Turn an error of the file system into one that names the directory."""
-        try:
+        with _told(self.path, "runs that have ended are kept, the same command goes on"):
             yield
-        except OSError as error:
-            raise PlaceError(
-                f"{self.path}: cannot be written: {error.strerror or error}; runs that have ended are kept, the same "
-                "command goes on"
-            ) from None
 
     def _record(self, point: Point) -> dict[str, Any] | None:
         try:
@@ -114,9 +108,8 @@ def open_directory(path: Path, plan: Plan) -> Iterator[StudyDirectory]:
     """
     _check_place(path)
     missing = [place for place in (path, *path.absolute().parents) if not place.exists()]
-    directory = StudyDirectory(path, plan)
     try:
-        with directory.writing():
+        with _told(path, "choose another --out"):
             path.mkdir(parents=True, exist_ok=True)
             lock = (path / _LOCK).open("a")
     except PlaceError:
@@ -125,9 +118,18 @@ def open_directory(path: Path, plan: Plan) -> Iterator[StudyDirectory]:
     with lock:
         _take(lock, path)
         _check_place(path)  # again: only now does nobody else write
+        directory = StudyDirectory(path, plan)
         with directory.writing():
             _begin(path, plan)
         yield directory
+
+
+@contextmanager
+def _told(path: Path, hint: str) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise PlaceError(f"{path}: cannot be written: {error.strerror or error}; {hint}") from None
 
 
 def _take(lock: IO[str], path: Path) -> None:
@@ -148,44 +150,66 @@ def _check_place(path: Path) -> None:
     if not path.is_dir():
         raise PlaceError(f"{path}: exists and is not a directory; choose another --out")
     if (path / _STUDY).exists():
+        _read(path)
         return
-    strange = sorted(p.name for p in path.iterdir() if p.name not in _BEFORE_STUDY and not _is_part(p))
+    strange = sorted(p.name for p in path.iterdir() if p.name not in (_LOCK, _SCENARIO) and not _is_part(p))
     if strange:
         raise PlaceError(f"{path}: holds {strange[0]!r} and no study; legal is a new directory or that of this study")
 
 
 def _begin(path: Path, plan: Plan) -> None:
-    """Begin the study, or see that it is the one that was begun."""
+    """Begin the study, or see that it is the one that was begun.
+
+    Raises:
+        PlaceError: it is another one.
+    """
+    asked = json.loads(canonical(plan.record()))
+    begun = (path / _STUDY).exists() and _same(path, asked)
     for folder in (path, path / _RUNS, path / _TRAJECTORIES):
         for part in folder.glob(".*.part"):  # of a command that was killed
             part.unlink()
-    asked = json.loads(canonical(plan.record()))
-    if (path / _STUDY).exists():
-        _require_same(path, asked)
+    if not begun:
+        if plan.files:  # which a scenario file could not name from here
+            (path / _SCENARIO).unlink(missing_ok=True)
+        else:
+            write_whole(path / _SCENARIO, dump_yaml(plan.scenario).encode())
+        write_whole(path / _STUDY, canonical(asked))
+    # Only now: a directory with runs and no study is not taken for ours.
     (path / _RUNS).mkdir(exist_ok=True)
     if plan.study.trajectories:
         (path / _TRAJECTORIES).mkdir(exist_ok=True)
-    if not (path / _STUDY).exists():
-        if not plan.files:  # which a scenario file could not name from here
-            write_whole(path / "scenario.yaml", dump_yaml(plan.scenario).encode())
-        write_whole(path / _STUDY, canonical(asked))
     if not (path / "timings.csv").exists():
         (path / "timings.csv").write_text("run,seconds\n")
 
 
-def _require_same(path: Path, asked: dict[str, Any]) -> None:
-    try:
-        before = json.loads((path / _STUDY).read_bytes())
-    except ValueError:
-        before = None
-    if not isinstance(before, dict) or "mjsheaf_version" not in before:
-        raise PlaceError(f"{path / _STUDY}: is no study of mjsheaf; choose another --out")
-    found = differences(before, asked)
-    if found:
+def _same(path: Path, asked: dict[str, Any]) -> bool:
+    """Whether the study that was begun here is the one that is asked for; one of which no run has ended may differ.
+
+    Raises:
+        PlaceError: it is another one.
+    """
+    found = differences(_read(path), asked)
+    if found and any((path / _RUNS).glob("[0-9]*.json")):
         more = f" (and {len(found) - _SHOWN_DIFFERENCES} more)" if len(found) > _SHOWN_DIFFERENCES else ""
         raise PlaceError(
             f"{path}: holds another study: {'; '.join(found[:_SHOWN_DIFFERENCES])}{more}; choose another --out"
         )
+    return not found
+
+
+def _read(path: Path) -> dict[str, Any]:
+    """What the directory's study.json holds.
+
+    Raises:
+        PlaceError: mjsheaf did not write it.
+    """
+    try:
+        study = json.loads((path / _STUDY).read_bytes())
+    except (OSError, ValueError):
+        study = None
+    if not isinstance(study, dict) or "mjsheaf_version" not in study:
+        raise PlaceError(f"{path / _STUDY}: is no study of mjsheaf; choose another --out")
+    return study
 
 
 def write_whole(path: Path, content: bytes) -> None:

@@ -1,5 +1,6 @@
 """Doing runs on a dask cluster: a local one that ends with the command, or one that exists."""
 
+import asyncio
 import logging
 import os
 import re
@@ -151,6 +152,8 @@ def local_engine(workers: int | None = None, *, processes: bool = True) -> Itera
     quiet = {
         "distributed.scheduler.allowed-failures": _DEATHS,
         "distributed.scheduler.worker-saturation": 1.0,  # what waits on a worker would be blamed for its death
+        # A worker that holds on to memory after a run would be paused, for ever; one that takes too much is ended.
+        **{f"distributed.worker.memory.{measure}": False for measure in ("target", "spill", "pause")},
         "distributed.admin.system-monitor.interval": "10s",
         "distributed.comm.timeouts.connect": "60s",  # of a busy machine
         **{f"distributed.nanny.pre-spawn-environ.{name}": 1 for name in ONE_THREAD},
@@ -184,6 +187,7 @@ def engine_at(address: str) -> Iterator[Engine]:
 
     with _quiet():
         try:
+            asyncio.run(_meet(address))  # first, as a client that nobody answers leaves a traceback behind
             client = Client(address, timeout=_CONNECT_S, set_as_default=False)
         except (OSError, ValueError, TypeError) as error:
             reason = " ".join(str(error).split())
@@ -192,6 +196,20 @@ def engine_at(address: str) -> Iterator[Engine]:
             ) from None
         with client:
             yield Engine(client)
+
+
+async def _meet(address: str) -> None:
+    """See that a scheduler answers.
+
+    Raises:
+        OSError, ValueError, TypeError: none does.
+    """
+    from distributed import rpc
+
+    async with rpc(address, timeout=_CONNECT_S) as there:
+        who = await asyncio.wait_for(there.identity(), _CONNECT_S)
+    if who["type"] != "Scheduler":
+        raise ValueError(f"it is a {who['type']}")
 
 
 @contextmanager

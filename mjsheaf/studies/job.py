@@ -30,6 +30,7 @@ SETTLED = (
     "before by at most 1 % of the range that the error went through, or by at most 5 % of both that range and the mean."
 )
 _LONGEST_MESSAGE = 600
+_MOST_WRITES = 5
 
 _OF_RANGE, _OF_BOTH = 0.01, 0.05
 
@@ -47,6 +48,7 @@ class Job:
         source: the scenario's name, for messages.
         scenario: the scenario as read, without overrides.
         overrides: field path to value, for all runs of the study.
+        directory: to which paths of vehicles in overrides are relative.
         backend: 'physics' or 'ideal'.
         trajectories: whether result.nc is wanted.
         version: of the mjsheaf that asks.
@@ -56,6 +58,7 @@ class Job:
     source: str
     scenario: dict[str, Any]
     overrides: dict[str, Any]
+    directory: str
     backend: str
     trajectories: bool = False
     version: str = __version__
@@ -138,9 +141,14 @@ def scenario_of(job: Job) -> "Scenario":
     Raises:
         ScenarioError: the point is not legal.
     """
-    from mjsheaf.scenario import scenario_from_mapping
+    from mjsheaf.scenario.load import map_vehicles, scenario_from_mapping
 
-    return scenario_from_mapping(job.scenario, {**job.overrides, **job.point.overrides}, job.source)
+    directory = Path(job.directory)
+    overrides = {
+        path: map_vehicles(value, lambda name: str(directory / name), tuple(path.split(".")))
+        for path, value in (job.overrides | job.point.overrides).items()
+    }
+    return scenario_from_mapping(job.scenario, overrides, job.source)
 
 
 def settled(tracking: Array) -> bool | None:
@@ -178,9 +186,22 @@ def _finite(value: float | None) -> float | None:
 
 
 def _bytes_of(dataset: "xr.Dataset") -> bytes:
+    """The bytes of result.nc.
+
+    HDF5 has once been seen to lay out a file differently for the same data. Thousands of writes since (other hash
+    seeds, threads side by side, memory filled with other values before, files of other kinds between) gave the same
+    bytes, and a memory checker found nothing that is written without having been set. Two writes that agree keep such
+    an accident out of a study, whose bytes must not depend on what ran it.
+    """
     from mjsheaf.results import write_dataset
 
+    before = b""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "result.nc"
-        write_dataset([dataset], path)
-        return path.read_bytes()
+        for _ in range(_MOST_WRITES):
+            write_dataset([dataset], path)
+            written = path.read_bytes()
+            if written == before:
+                break
+            before = written
+    return written

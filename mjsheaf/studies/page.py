@@ -14,8 +14,10 @@ from mjsheaf.studies.plan import Plan
 if TYPE_CHECKING:
     import pyarrow as pa
 
+_BACKENDS = {"ideal": "on ideal kinematics", "physics": "on MuJoCo bodies"}
 _MOST_ROWS = 2000
 _MOST_VALUES = 24
+_NUMBER = ' class="n"'
 
 _STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 72rem; padding: 0 1rem; color: #1a1a1a; }
@@ -23,11 +25,13 @@ h1 { font-size: 1.5rem; margin-bottom: 0; } h2 { font-size: 1.1rem; margin-top: 
 img { max-width: 100%; } code { background: #f3f3f3; padding: .1em .3em; border-radius: 3px; }
 .scroll { overflow-x: auto; max-height: 40rem; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: 13px; }
-th { text-align: left; position: sticky; top: 0; background: #fff; border-bottom: 2px solid #999; }
-th { padding: .2em .8em .2em 0; }
+th { position: sticky; top: 0; background: #fff; border-bottom: 2px solid #999; }
+th { text-align: left; vertical-align: bottom; padding: .2em .8em .2em 0; } th.n { text-align: right; }
 td { border-bottom: 1px solid #e5e5e5; padding: .15em .8em .15em 0; white-space: nowrap; }
-td.n { text-align: right; } td.message { white-space: normal; min-width: 24rem; }
-tr.bad td { color: #a33; } dt { font-weight: 600; } dd { margin: 0 0 .4em 0; } .note { color: #666; font-size: 13px; }
+td.n { text-align: right; } td.message { white-space: normal; min-width: 20rem; }
+tr.bad td { color: #a33; } .note { color: #666; font-size: 13px; }
+dl { display: grid; grid-template-columns: max-content auto; gap: .2em 1.5em; margin: 0; }
+dt { font-weight: 600; } dd { margin: 0; }
 """
 
 
@@ -68,7 +72,7 @@ def _figure(name: str, png: bytes) -> str:
 
 def _asked(plan: Plan) -> str:
     study = plan.study
-    entries = {"scenario": f"{plan.scenario['name']}, on {study.backend}"}
+    entries = {"scenario": f"{plan.scenario['name']}, {_BACKENDS[study.backend]}"}
     if study.set:
         entries["set"] = "; ".join(f"{path} = {_value(value)}" for path, value in study.set.items())
     if study.points:
@@ -102,15 +106,26 @@ def _note(plan: Plan, rows: int) -> str:
 
 
 def _rows(table: "pa.Table") -> str:
-    names = table.column_names
-    head = "".join(f"<th>{escape(name.replace('_', ' ') if name in MEASURES else name)}</th>" for name in names)
+    # A column without a value only widens the page.
+    names = [name for name in table.column_names if any(map(_is_shown, table.column(name).to_pylist()))]
+    numbers = {name for name in names if table.schema.field(name).type in ("int64", "double")}
+    heads = (
+        f"<th{_NUMBER * (name in numbers)}>{escape(name.replace('_', ' ') if name in MEASURES else name)}</th>"
+        for name in names
+    )
     lines = []
     for row in table.slice(0, _MOST_ROWS).to_pylist():
         cells = "".join(_cell(name, row[name]) for name in names)
         kind = "" if row["status"] == "finished" else ' class="bad"'
         lines.append(f"<tr{kind}>{cells}</tr>")
     body = "\n".join(lines)
-    return f'<div class="scroll"><table><thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody></table></div>'
+    return (
+        f'<div class="scroll"><table><thead><tr>{"".join(heads)}</tr></thead>\n<tbody>\n{body}\n</tbody></table></div>'
+    )
+
+
+def _is_shown(value: Any) -> bool:
+    return value is not None and value != ""
 
 
 def _cell(name: str, value: Any) -> str:
@@ -119,7 +134,7 @@ def _cell(name: str, value: Any) -> str:
     if isinstance(value, bool):
         return f"<td>{'yes' if value else 'no'}</td>"
     if isinstance(value, int | float):
-        return f'<td class="n">{value:.6g}</td>' if isinstance(value, float) else f'<td class="n">{value}</td>'
+        return f"<td{_NUMBER}>{value:.6g}</td>" if isinstance(value, float) else f"<td{_NUMBER}>{value}</td>"
     kind = ' class="message"' if name == "message" else ""
     return f"<td{kind}>{escape(str(value))}</td>"
 

@@ -3,19 +3,21 @@
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
 from mjsheaf._version import __version__
 from mjsheaf.errors import InputError, ScenarioError
-from mjsheaf.reading import describe_validation_error, parse_yaml
+from mjsheaf.reading import parse_yaml
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.build import uses_seed
+from mjsheaf.scenario.load import map_vehicles
 from mjsheaf.simulation import BACKENDS
 from mjsheaf.studies.job import Job, scenario_of
 from mjsheaf.studies.points import Point, points_of
-from mjsheaf.studies.schema import StudyFile, asked_of
+from mjsheaf.studies.schema import StudyFile, asked_of, problem_of
 from mjsheaf.studies.sources import read_source, vehicle_files
 
 _TRIED_POINTS = 20
@@ -31,6 +33,7 @@ class Plan:
         source: what the user called it, for messages.
         study: what is asked.
         scenario: the scenario as read, without overrides.
+        directory: to which paths of vehicles in the study are relative.
         files: SHA-256 of the vehicles' own files.
         points: the runs, in order.
         seed_matters: whether another seed would change anything.
@@ -40,6 +43,7 @@ class Plan:
     source: str
     study: StudyFile
     scenario: dict[str, Any]
+    directory: Path
     files: dict[str, str]
     points: list[Point]
     seed_matters: bool = True
@@ -60,7 +64,8 @@ class Plan:
         study = self.study
         # Messages become part of results: they name the scenario as itself, not by the path that was typed.
         source = str(self.scenario.get("name"))
-        return Job(point, source, self.scenario, study.set, study.backend, study.trajectories)
+        directory = str(self.directory)
+        return Job(point, source, self.scenario, study.set, directory, study.backend, study.trajectories)
 
 
 def load_plan(
@@ -79,7 +84,8 @@ def load_plan(
         source: a name in studies/ or scenarios/, or a path; see `read_source`.
         grid: field path to values, beside the study's own.
         seeds: the first seed and the one after the last, instead of the study's own.
-        overrides: field path to value for all runs; they go before the study's own.
+        overrides: field path to value for all runs; they go before the study's own. Paths of vehicles here and in
+            `grid` are relative to the working directory and may lie anywhere.
         backend: 'physics' or 'ideal', instead of the study's own.
         measure: the error that plots show, instead of the study's own.
         trajectories: whether to keep result.nc of every run, also where the study does not ask for it.
@@ -89,13 +95,16 @@ def load_plan(
     """
     if backend is not None and backend not in BACKENDS:
         raise InputError(f"--backend {backend}: legal are {', '.join(BACKENDS)}")
-    name, study, scenario = read_source(source)
-    twice = sorted(set(grid or {}) & set(study.grid))
+    read = read_source(source)
+    study, here = read.study, Path.cwd()
+    overrides = {path: _anchored(value, path, here) for path, value in (overrides or {}).items()}
+    grid = {path: [_anchored(value, path, here) for value in values] for path, values in (grid or {}).items()}
+    twice = sorted(set(grid) & set(study.grid))
     if twice:
         raise ScenarioError(f"{source}: grid: {twice[0]} is swept by the study itself; set or sweep another field")
     changes: dict[str, Any] = {
-        "grid": {**study.grid, **{path: list(values) for path, values in (grid or {}).items()}},
-        "set": {**study.set, **(overrides or {})},
+        "grid": {**study.grid, **grid},
+        "set": {**study.set, **overrides},
         "trajectories": study.trajectories or trajectories,
     }
     if backend is not None:
@@ -107,10 +116,16 @@ def load_plan(
     try:
         study = StudyFile.model_validate({**study.model_dump(exclude_none=True), **changes})
     except ValidationError as error:
-        raise ScenarioError(f"{source}: {describe_validation_error(error, StudyFile)}") from None
-    plan = Plan(name, source, study, scenario, vehicle_files(scenario), list(points_of(study)))
+        raise ScenarioError(f"{source}: {problem_of(error)}") from None
+    files = vehicle_files(read.scenario, study, read.directory)
+    plan = Plan(read.name, source, study, read.scenario, read.directory, files, list(points_of(study)))
     legal = _a_legal_point(plan)
-    return replace(plan, seed_matters=uses_seed(legal)[study.backend] or "swarm" in scenario)
+    return replace(plan, seed_matters=uses_seed(legal)[study.backend] or "swarm" in read.scenario)
+
+
+def _anchored(value: Any, path: str, directory: Path) -> Any:
+    """A value that a person typed, with paths of vehicles in it absolute: workers may run anywhere."""
+    return map_vehicles(value, lambda name: str(directory / name), tuple(path.split(".")))
 
 
 def parse_grid(text: str) -> tuple[str, list[Any]]:

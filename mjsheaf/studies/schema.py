@@ -1,15 +1,31 @@
 """The schema of a study file: a scenario, what is swept, and how."""
 
+from collections.abc import Iterator
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, JsonValue, model_validator
+from pydantic import AfterValidator, Field, JsonValue, ValidationError, model_validator
 
-from mjsheaf.reading import Section
+from mjsheaf.reading import Section, describe_validation_error
 from mjsheaf.scenario.fields import Number, Positive
 from mjsheaf.simulation import BACKENDS
 
 Measure = Literal["mean_disagreement", "tracking_error", "formation_error", "centering_error"]
-Values = Annotated[list[JsonValue], Field(min_length=1)]
+
+
+def _fits_a_table(value: JsonValue) -> JsonValue:
+    """Refuse whole numbers that no column holds; no field of a scenario takes them."""
+    waiting = [value]
+    while waiting:
+        item = waiting.pop()
+        if isinstance(item, dict | list):
+            waiting += item.values() if isinstance(item, dict) else item
+        elif isinstance(item, int) and abs(item) >= 2**63:
+            raise ValueError(f"a number of {len(str(item))} digits; legal are whole numbers below 2^63 in size")
+    return value
+
+
+Value = Annotated[JsonValue, AfterValidator(_fits_a_table)]
+Values = Annotated[list[Value], Field(min_length=1)]
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
 
 MOST_RUNS = 1_000_000
@@ -104,13 +120,14 @@ class StudyFile(Section):
     summary: str = Field("", description="one line: the question")
     scenario: str = Field(description="a name in scenarios/, or the path of a YAML file from this one's directory")
     backend: Literal[BACKENDS] = "physics"  # type: ignore[valid-type]
-    set: dict[str, JsonValue] = Field(default_factory=dict, description="overrides of all runs: field path to value")
-    points: list[dict[str, JsonValue]] = Field(default_factory=list, description="listed points: field path to value")
+    set: dict[str, Value] = Field(default_factory=dict, description="overrides of all runs: field path to value")
+    points: list[dict[str, Value]] = Field(default_factory=list, description="listed points: field path to value")
     paired: dict[str, Values] = Field(default_factory=dict, description="lists of one length that go together")
     grid: dict[str, Values] = Field(default_factory=dict, description="every value with every other")
     draws: Draws | None = None
     seeds: SeedRange | None = Field(None, description="the scenario's own seed unless given")
     measure: Measure | None = Field(None, description="the error that plots show; all that are defined unless given")
+    labels: dict[str, str] = Field(default_factory=dict, description="what plots call a swept field, with its unit")
     trajectories: bool = Field(False, description="whether to keep result.nc of every run")
 
     @model_validator(mode="after")
@@ -131,6 +148,9 @@ class StudyFile(Section):
             if inside is not None:
                 raise ValueError(f"{path}: would overwrite {inside}, which is swept before it; give it first")
             seen.append(path)
+        unknown = next((path for path in self.labels if path not in seen), None)
+        if unknown is not None:
+            raise ValueError(f"labels: {unknown} is not swept; legal are {', '.join(seen) or 'none'}")
         if self.seeds is not None and ("seed" in seen or "seed" in self.set):
             raise ValueError("seeds: the field seed is given too; give either")
         if self.size > MOST_RUNS:
@@ -153,6 +173,22 @@ class StudyFile(Section):
         return count * (self.seeds.stop - self.seeds.start if self.seeds else 1)
 
 
+def problem_of(error: ValidationError) -> str:
+    """What is wrong with a study, in one line; what concerns several fields begins with the one that is wrong."""
+    return describe_validation_error(error, StudyFile).removeprefix("file: ")
+
+
+def values_of(study: StudyFile) -> Iterator[tuple[str, JsonValue]]:
+    """Every value that a study file gives to a field of the scenario, with the field's path."""
+    for point in [study.set, *study.points]:
+        yield from point.items()
+    draws = study.draws.values if study.draws else {}
+    choices = {path: how.values for path, how in draws.items() if isinstance(how, Choice)}
+    for columns in (study.paired, study.grid, choices):
+        for path, values in columns.items():
+            yield from ((path, value) for value in values)
+
+
 def asked_of(study: StudyFile) -> dict[str, Any]:
     """What a study file asks for, in canonical form, but for the scenario and what only says how results are shown."""
-    return study.model_dump(mode="json", exclude={"summary", "scenario", "measure"}, exclude_none=True)
+    return study.model_dump(mode="json", exclude={"summary", "scenario", "measure", "labels"}, exclude_none=True)

@@ -1,43 +1,51 @@
 """Where a study comes from: a study file or a scenario, by name or path."""
 
 import hashlib
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
+from mjsheaf.confining import confined
 from mjsheaf.errors import InputError, ScenarioError
-from mjsheaf.reading import describe_validation_error, read_yaml
-from mjsheaf.resources import resource_directory
-from mjsheaf.scenario import list_scenarios, load
-from mjsheaf.studies.schema import StudyFile
+from mjsheaf.reading import read_yaml
+from mjsheaf.resources import list_studies
+from mjsheaf.scenario.load import list_scenarios, map_vehicles, read_scenario
+from mjsheaf.studies.schema import StudyFile, problem_of, values_of
 
 _SUFFIXES = (".yaml", ".yml")
-_VEHICLE_FIELDS = ("vehicle", "agents", "targets")  # of an agent, a target, a swarm, and of `vehicles`
-_INSTALLED = Path(__file__).resolve().parent / "shipped"
 
 
-def list_studies() -> dict[str, Path]:
-    """The study files that come with mjsheaf: name to file."""
-    folder = _INSTALLED if _INSTALLED.is_dir() else resource_directory("scenarios").parent / "studies"
-    return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
+@dataclass(frozen=True)
+class Source:
+    """A study file as read.
+
+    Attributes:
+        name: of the study.
+        study: what it asks; paths of vehicles in it are relative to `directory`.
+        scenario: the scenario as read, with paths of vehicles absolute.
+        directory: of the file, absolute.
+    """
+
+    name: str
+    study: StudyFile
+    scenario: dict[str, Any]
+    directory: Path
 
 
-def read_source(source: str) -> tuple[str, StudyFile, dict[str, Any]]:
+def read_source(source: str) -> Source:
     """Read a study file, or a scenario as a study of one run.
 
     Args:
         source: a name in studies/ or scenarios/, or the path of a YAML file; one with a field `scenario` is a study.
 
-    Returns:
-        The study's name, what it asks, and its scenario as read, with the paths of vehicles absolute.
-
     Raises:
-        ScenarioError: there is no such file, or it is not valid.
+        ScenarioError: the file does not exist, is not valid, or names what lies outside its directory.
     """
     studies, scenarios = list_studies(), list_scenarios()
     if source in scenarios:
-        return source, StudyFile(scenario=source), read_scenario(source)
+        return Source(source, StudyFile(scenario=source), read_scenario(source), scenarios[source].parent)
     path = studies.get(source, Path(source))
     if path.suffix not in _SUFFIXES and not path.exists():
         raise ScenarioError(
@@ -47,52 +55,59 @@ def read_source(source: str) -> tuple[str, StudyFile, dict[str, Any]]:
     if path.is_dir():
         raise ScenarioError(f"{source}: is a directory; legal is a name or a YAML file")
     raw = read_yaml(path)
+    directory = path.parent.resolve()
     if "scenario" not in raw:
-        return path.stem, StudyFile(scenario=source), read_scenario(source)
+        return Source(path.stem, StudyFile(scenario=source), read_scenario(source), directory)
     try:
         study = StudyFile.model_validate(raw)
     except ValidationError as error:
-        raise ScenarioError(f"{source}: {describe_validation_error(error, StudyFile)}") from None
-    wanted = study.scenario if study.scenario in scenarios else str(path.parent / study.scenario)
-    if wanted not in scenarios and not Path(wanted).is_file():
+        raise ScenarioError(f"{source}: {problem_of(error)}") from None
+    try:
+        for field, value in values_of(study):
+            map_vehicles(value, lambda name: str(confined(name, directory)), tuple(field.split(".")))
+    except InputError as error:
+        raise ScenarioError(f"{source}: {error}") from None
+    if study.scenario in scenarios:
+        return Source(path.stem, study, read_scenario(study.scenario), directory)
+    try:
+        beside = confined(study.scenario, directory)
+    except InputError as error:
+        raise ScenarioError(f"{source}: scenario: {error}") from None
+    if not beside.is_file():
         raise ScenarioError(
             f"{source}: scenario: {study.scenario!r} is neither a file nor one of {', '.join(scenarios)}"
         )
-    return path.stem, study, read_scenario(wanted)
+    return Source(path.stem, study, read_scenario(beside), directory)
 
 
-def read_scenario(source: str) -> dict[str, Any]:
-    """A scenario as a mapping that `scenario_from_mapping` takes anywhere: paths absolute, name given, unchecked.
-
-    Raises:
-        ScenarioError: the file cannot be read, or names a vehicle outside its directory.
-    """
-    path = load.find_scenario(source)
-    raw = read_yaml(path)
-    try:
-        raw = load._anchor_paths(raw, path.parent)
-    except InputError as error:
-        raise ScenarioError(f"{source}: {error}") from None
-    raw.setdefault("name", load._name_from(path))
-    return raw
-
-
-def vehicle_files(raw: dict[str, Any]) -> dict[str, str]:
+def vehicle_files(scenario: dict[str, Any], study: StudyFile, directory: Path) -> dict[str, str]:
     """SHA-256 of the files of vehicles that do not come with mjsheaf: path of description, MJCF file or mesh to digest.
+
+    Args:
+        scenario: as read.
+        study: whose values may name vehicles too.
+        directory: to which paths in the study are relative.
 
     Raises:
         InputError: a vehicle's files cannot be read, or lie outside its directory.
     """
-    holders = [raw.get("vehicles"), raw.get("swarm")]
-    for field in ("agents", "targets"):
-        holders += items if isinstance(items := raw.get(field), list) else []
-    named = [value for h in holders if isinstance(h, dict) for value in (h.get(k) for k in _VEHICLE_FIELDS)]
+    named: dict[Path, None] = {}
+
+    def collect(name: str) -> str:
+        named.setdefault(directory / name)
+        return name
+
+    map_vehicles(scenario, collect)
+    for field, value in values_of(study):
+        map_vehicles(value, collect, tuple(field.split(".")))
     digests: dict[str, str] = {}
-    for name in dict.fromkeys(n for n in named if isinstance(n, str) and n.endswith(_SUFFIXES)):
+    for description in named:
         from mjsheaf.backends.physics.loading import read_description
         from mjsheaf.backends.physics.sources import files_of
 
-        description = Path(name)
         for path in [description, *files_of(description, read_description(description).mjcf)]:
-            digests[str(path)] = hashlib.sha256(path.read_bytes()).hexdigest()
+            try:
+                digests[str(path)] = hashlib.sha256(path.read_bytes()).hexdigest()
+            except OSError as error:
+                raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
     return digests

@@ -71,7 +71,7 @@ def _typed(name: str, values: list[Any]) -> pa.Array:
 
 def _parameter(values: list[Any]) -> pa.Array:
     kinds = {type(value) for value in values if value is not None}
-    if kinds <= {int} and all(value is None or abs(value) < 2**63 for value in values):
+    if kinds <= {int}:
         return pa.array(values, type=pa.int64())
     if kinds <= {int, float}:
         return pa.array([None if value is None else float(value) for value in values], type=pa.float64())

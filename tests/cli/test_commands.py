@@ -20,6 +20,7 @@ import yaml
 
 import mjsheaf as package
 from mjsheaf.cli.main import main
+from mjsheaf.resources import list_studies
 from mjsheaf.results.store import FILES
 from mjsheaf.scenario import list_scenarios, load_scenario
 from mjsheaf.video import available_backend
@@ -184,12 +185,17 @@ def test_list_schema_and_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert call("list") == 0
     listed = capsys.readouterr().out
     assert all(name in listed for name in list_scenarios())
+    assert all(name in listed[listed.index("studies, for mjsheaf sweep") :] for name in list_studies())
     assert call("list", "--vehicles") == 0
     listed = capsys.readouterr().out
     assert all(name in listed for name in ("hull", "aerial", "submersible"))
     assert call("schema") == 0
     schema = json.loads(capsys.readouterr().out)
     for path in list_scenarios().values():
+        jsonschema.validate(yaml.safe_load(path.read_text()), schema)
+    assert call("schema", "--study") == 0
+    schema = json.loads(capsys.readouterr().out)
+    for path in list_studies().values():
         jsonschema.validate(yaml.safe_load(path.read_text()), schema)
     assert call("--version") == 0
     assert capsys.readouterr().out == f"mjsheaf {package.__version__}\n"

@@ -1,6 +1,6 @@
 """The wheel, as a user gets it: built, installed in a clean environment, run from another directory.
 
-Oracle: it ships models and scenarios and gives the same bits as the repository.
+Oracle: it ships models, scenarios and studies and gives the same bits as the repository.
 """
 
 import subprocess
@@ -28,6 +28,8 @@ def test_wheel_installs_and_runs_elsewhere(tmp_path: Path) -> None:
     names = set(zipfile.ZipFile(wheel).namelist())
     for path in [*(REPOSITORY / "models").iterdir(), *(REPOSITORY / "scenarios").iterdir()]:
         assert f"mjsheaf/{path.parent.name}/{path.name}" in names
+    for path in (REPOSITORY / "studies").iterdir():
+        assert f"mjsheaf/studies/shipped/{path.name}" in names
     assert not any(name.startswith("tests") for name in names)
 
     constraints = REPOSITORY / "constraints.txt"
@@ -39,7 +41,10 @@ def test_wheel_installs_and_runs_elsewhere(tmp_path: Path) -> None:
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
     command = tmp_path / "venv" / "bin" / "mjsheaf"
-    assert "paper" in run(command, "list", cwd=elsewhere)
+    listed = run(command, "list", cwd=elsewhere)
+    assert "paper" in listed[: listed.index("studies")]
+    assert "gain" in listed[listed.index("studies") :]
+    run(command, "sweep", "gain", "--set", "time.end=0.5", "--threads", "--out", "study", cwd=elsewhere)
     run(command, "run", "local_frames", "--no-video", "--set", "time.end=0.5", cwd=elsewhere)
     where = run(python, "-c", "import mjsheaf; print(mjsheaf.__file__)", cwd=elsewhere)
     assert str(REPOSITORY) not in where

@@ -218,6 +218,34 @@ def test_a_run_takes_its_vehicles_along(place: Path, tmp_path: Path) -> None:
     assert (tmp_path / "again" / "vehicles" / "raft_2" / "raft.yaml").is_file()
 
 
+@pytest.mark.parametrize("what", ["added", "edited", "linked", "instead"])
+def test_what_a_person_puts_among_a_run_s_vehicles_is_not_lost(
+    place: Path, what: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = place / "out"
+    path = write(place, agents=agent("boats/raft.yaml"))
+    command = ["run", str(path), "--backend", "ideal", "--no-video", "--out", str(out)]
+    for _ in range(2):  # as mjsheaf left it, it is replaced
+        with pytest.raises(SystemExit) as stopped:
+            main(command)
+        assert not stopped.value.code
+    mine = out / "vehicles" / "raft" / {"edited": "raft.xml"}.get(what, "mine.txt")
+    if what == "linked":
+        mine.symlink_to(place / "boats")
+    elif what == "instead":
+        mine = out / "vehicles"
+        shutil.rmtree(mine)
+        mine.write_text("mine")
+    else:
+        mine.write_text("mine")
+    capsys.readouterr()
+    with pytest.raises(SystemExit) as stopped:
+        main(command)
+    assert stopped.value.code == 2
+    assert f"holds '{mine.relative_to(out)}', which mjsheaf did not write; move it" in capsys.readouterr().err
+    assert mine.is_symlink() or mine.read_text() == "mine"
+
+
 def test_what_only_mujoco_finds_is_refused_in_one_line(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """MuJoCo looks for an included file's meshes where the main file says; PyMJCF where the included one does."""
     whole(place)

@@ -15,6 +15,7 @@ from mjsheaf import load_scenario, simulate
 from mjsheaf.errors import ScenarioError
 from mjsheaf.running import dump_scenario
 from mjsheaf.scenario import Scenario
+from mjsheaf.scenario.swarm import Swarm, _nearest, _sunflower
 
 GRAPHS = ("nearest", "ring", "random_geometric", "small_world", "k_regular")
 
@@ -49,6 +50,32 @@ def test_graphs_are_what_they_are_called() -> None:
     assert graph_of(swarm(graph="small_world", size=40, degree=4)).number_of_edges() >= 80
     crowd = graph_of(swarm(graph="random_geometric", size=400, degree=6))
     assert 4.0 < 2.0 * crowd.number_of_edges() / 400 < 8.0
+
+
+@pytest.mark.parametrize(("size", "degree"), [(2, 2), (5, 8), (40, 64), (300, 4), (9000, 5)])
+def test_nearest_is_as_by_brute_force(size: int, degree: int) -> None:
+    """Each agent beside the nearest of those before it; of two as near, the first."""
+    places = _sunflower(size, 6.0)
+    expected = set()
+    for k in range(1, size):
+        distance = ((places[:k] - places[k]) ** 2).sum(axis=1)
+        expected |= {(int(j), k) for j in np.argsort(distance, kind="stable")[: degree // 2]}
+    assert _nearest_links(places, degree) == expected
+
+
+def test_nearest_of_places_on_a_grid_prefers_the_first() -> None:
+    """Where many are as near as each other; in an order in which the nearest come late."""
+    places = np.stack(np.meshgrid(np.arange(30.0), np.arange(30.0)), axis=-1).reshape(-1, 2)
+    places = places[np.random.default_rng(0).permutation(900)]
+    expected = set()
+    for k in range(1, 900):
+        distance = ((places[:k] - places[k]) ** 2).sum(axis=1)
+        expected |= {(int(j), k) for j in np.argsort(distance, kind="stable")[:3]}
+    assert _nearest_links(places, 6) == expected
+
+
+def _nearest_links(places: Any, degree: int) -> set[tuple[int, int]]:
+    return _nearest(places, Swarm(size=len(places), about="T1", degree=degree), np.random.default_rng(0))
 
 
 def test_the_seed_draws_places_and_links() -> None:

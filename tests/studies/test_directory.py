@@ -16,6 +16,7 @@ from mjsheaf.errors import InputError
 from mjsheaf.results.store import PlaceError
 from mjsheaf.studies import Plan, run_study
 from mjsheaf.studies.directory import BusyError, open_directory
+from mjsheaf.studies.engine import SchedulerError
 from tests.studies.small import IN_THREADS, command, contents, small_plan
 
 Runner = Callable[..., "subprocess.CompletedProcess[str]"]
@@ -77,6 +78,35 @@ def test_another_study_is_refused_with_the_difference(study: Path, plan: Callabl
     assert contents(study) == before
 
 
+@pytest.mark.parametrize("last", [".lock", "scenario.yaml", "study.json", "runs"])
+def test_killed_while_it_begins(finished: Path, tmp_path: Path, last: str) -> None:
+    """What a killed command may leave, by the last that it made, is gone on with; also by another study."""
+    for plan in (small_plan(), small_plan(gains=(1.0, 4.0))):
+        out = tmp_path / str(len(list(tmp_path.iterdir())))
+        (out / "runs").mkdir(parents=True)
+        made = [".lock", "scenario.yaml", "study.json", "runs"]
+        for name in made[: made.index(last) + 1]:
+            if name != "runs":
+                shutil.copy(finished / name, out / name)
+        if last != "runs":
+            (out / "runs").rmdir()
+        (out / ".study.json.part").write_text("half")
+        assert run_study(plan, out, IN_THREADS).begun == 4
+        assert (contents(out) == contents(finished)) == (plan.study.grid == small_plan().study.grid)
+
+
+def test_without_a_scheduler_another_may_be_asked_for(tmp_path: Path) -> None:
+    """Nothing has ended, so nothing is lost."""
+
+    def nobody() -> Any:
+        raise SchedulerError("nobody answers")
+
+    with pytest.raises(SchedulerError):
+        run_study(small_plan(), tmp_path / "out", nobody)
+    assert run_study(small_plan(gains=(5.0,)), tmp_path / "out", IN_THREADS).begun == 2
+    assert json.loads((tmp_path / "out" / "study.json").read_text())["runs"] == 2
+
+
 def test_a_changed_scenario_is_refused(tmp_path: Path, mjsheaf: Runner) -> None:
     text = (Path(__file__).parents[2] / "scenarios" / "midpoint.yaml").read_text()
     own, out = tmp_path / "own.yaml", tmp_path / "out"
@@ -106,15 +136,18 @@ def test_a_directory_of_something_else_is_refused(tmp_path: Path, name: str) -> 
     assert [path.name for path in (tmp_path / "x").iterdir()] == [name]
 
 
-def test_strange_places_are_refused(tmp_path: Path, study: Path) -> None:
+def test_strange_places_are_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("mine")
     with pytest.raises(PlaceError, match="not a directory"):
         run_study(small_plan(), tmp_path / "file", never)
     with pytest.raises(PlaceError, match="cannot be written"):
         run_study(small_plan(), tmp_path / "file" / "below", never)
-    (study / "study.json").write_text("[]")
+    (tmp_path / "other").mkdir()
+    for name, text in (("study.json", "[]"), (".mine.part", "mine")):
+        (tmp_path / "other" / name).write_text(text)
     with pytest.raises(PlaceError, match="is no study of mjsheaf"):
-        run_study(small_plan(), study, never)
+        run_study(small_plan(), tmp_path / "other", never)
+    assert {p.name for p in (tmp_path / "other").iterdir()} == {"study.json", ".mine.part"}
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "summary.json").write_text(json.dumps({"mjsheaf_version": "1"}))
     with pytest.raises(PlaceError, match="the directory of a run"):

@@ -1,16 +1,20 @@
 """Clusters: the same bits whatever does the runs, workers that die, schedulers by address that come and go."""
 
+import builtins
+import csv
+import gc
 import json
 import os
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import cast
 
 import psutil
 import pytest
@@ -79,6 +83,60 @@ def test_a_worker_that_dies_of_a_run_is_reported_as_that() -> None:
         found = {d.record["run"]: d.record for d in engine.run(map(plan.job, plan.points), dies_of_the_second)}
     assert [found[k]["status"] for k in range(4)] == ["finished", "lost", "finished", "finished"]
     assert "every worker that began it died, killed by signal 9, most likely for want of memory" in found[1]["message"]
+
+
+def takes_all_memory_of_the_second(job: Job) -> Done:
+    if job.point.number != 1:
+        return run_job(job)
+    taken = []
+    for _ in range(100):  # 5 GB at most, should nobody see it
+        taken.append(bytearray(b"x") * 50_000_000)
+        time.sleep(0.02)
+    raise AssertionError("nobody saw it")
+
+
+class Greedy:
+    """A cluster of which one run takes more memory than its worker has."""
+
+    def __init__(self, engine: Engine) -> None:
+        self._engine = engine
+
+    def run(self, jobs: Iterable[Job]) -> Iterator[Done]:
+        return self._engine.run(jobs, takes_all_memory_of_the_second)
+
+
+def test_a_worker_that_takes_too_much_memory_is_told_of_in_the_table(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("distributed.system.MEMORY_LIMIT", 700_000_000)
+
+    @contextmanager
+    def engine() -> Iterator[Engine]:
+        with local_engine(1) as cluster:
+            yield cast(Engine, Greedy(cluster))
+
+    study = run_study(small_plan(), tmp_path / "out", engine)
+    assert [record["status"] for record in study.records] == ["finished", "lost", "finished", "finished"]
+    with (tmp_path / "out" / "table.csv").open() as file:
+        told = [row["message"] for row in csv.DictReader(file)]
+    assert told[1].startswith("every worker that began it died, as it took more than its share of memory; fewer --work")
+    assert told[0] == told[2] == told[3] == ""
+
+
+def keeps_most_of_the_memory(job: Job) -> Done:
+    kept = vars(builtins).setdefault("kept", [])  # where it outlives the run
+    while psutil.Process().memory_info().rss < 0.87 * 700_000_000:
+        kept.append(bytearray(b"x") * 5_000_000)
+    time.sleep(0.5)  # for the worker to see it
+    return Done(new_record(job.point, 0, "finished"), 0.0)
+
+
+def test_a_worker_that_keeps_most_of_its_memory_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Dask would pause it until it has less."""
+    monkeypatch.setattr("distributed.system.MEMORY_LIMIT", 700_000_000)
+    plan = small_plan()
+    with local_engine(1) as engine:
+        assert len(list(engine.run(map(plan.job, plan.points), keeps_most_of_the_memory))) == 4
 
 
 def test_an_error_around_a_run_is_recorded() -> None:
@@ -152,11 +210,13 @@ def test_a_scheduler_by_address(tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.filterwarnings("error")  # what is left half made and complains when it is collected
 def test_nobody_at_the_address(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("mjsheaf.studies.engine._CONNECT_S", 1)
-    for address in ("tcp://127.0.0.1:9", "nonsense://x", "127.0.0.1"):
+    for address in ("tcp://127.0.0.1:9", "nonsense://x", "nonsense", "127.0.0.1", "tcp://nowhere.invalid:8786", ""):
         with pytest.raises(SchedulerError, match=f"--scheduler {address}: no scheduler answers"), engine_at(address):
             pass
+        gc.collect()
 
 
 def test_a_scheduler_that_dies_ends_the_command_in_order(tmp_path: Path) -> None:

@@ -6,9 +6,9 @@ from typing import Any
 import pytest
 
 from mjsheaf.errors import InputError, ScenarioError
+from mjsheaf.resources import list_studies
 from mjsheaf.studies import load_plan
 from mjsheaf.studies.plan import parse_grid, parse_seeds
-from mjsheaf.studies.sources import list_studies
 
 
 @pytest.mark.parametrize(
@@ -85,6 +85,11 @@ def test_a_study_names_a_scenario_beside_it(tmp_path: Path) -> None:
         ),
         ("scenario: midpoint\ngrid: {controller.gain: [.nan]}\n", "nan"),
         ("scenario: midpoint\ndraws: {count: 2, values: {a: {kind: cauchy}}}\n", "cauchy"),
+        (
+            "scenario: midpoint\ndraws: {count: 2, values: {a: {kind: normal, mean: 0, deviation: 1, low: 2}}}\n",
+            "draws.values.a.low: unknown field; legal are deviation, kind, mean",
+        ),
+        ('scenario: midpoint\ngrid: {summary: ["\\ud800", b]}\n', "line 2, column 18: half of a surrogate pair"),
     ],
 )
 def test_a_bad_study_file_is_one_line(tmp_path: Path, text: str, said: str) -> None:

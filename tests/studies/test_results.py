@@ -77,7 +77,7 @@ def test_columns_have_the_type_of_their_values() -> None:
         scenario="midpoint", points=[{"a": 1, "b": 1, "c": "x", "d": True, "e": [1, 2]}, {"b": 2.5, "e": 3}]
     )
     plan = small_plan()
-    plan = type(plan)("x", "x", study, {"name": "x"}, {}, list(points_of(study)))
+    plan = type(plan)("x", "x", study, {"name": "x"}, Path(), {}, list(points_of(study)))
     table = make_table(plan, [new_record(p, None, "failed", 'a\nb, "c"') for p in plan.points])
     types = {name: str(table.schema.field(name).type) for name in ("a", "b", "c", "d", "e", "seed")}
     assert types == {"a": "int64", "b": "double", "c": "string", "d": "bool", "e": "string", "seed": "int64"}
@@ -111,6 +111,14 @@ def test_a_team_that_is_free_to_drift_is_refused() -> None:
     assert record["status"] == "refused"
     assert "not unique" in record["message"]
     assert record["final"] is None
+
+
+def test_bytes_that_differ_by_accident_are_written_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    layouts = iter(["usual", "odd", "usual", "usual", "never"])
+    monkeypatch.setattr("mjsheaf.results.write_dataset", lambda _, path: path.write_text(next(layouts)))
+    plan = small_plan(gains=(1.0,), seeds=None, trajectories=True)
+    assert run_job(plan.job(plan.points[0])).dataset == b"usual"
+    assert next(layouts) == "never"
 
 
 def test_settled() -> None:
@@ -157,6 +165,7 @@ def made_up(study: StudyFile, failing: bool = False) -> list[dict[str, Any]]:
         {"points": [{"a": 1}, {"a": 2, "b": 3}]},
         {"draws": {"count": 30, "values": {"a": {"kind": "uniform", "low": 0, "high": 1}}}},
         {"grid": {"a": [2]}},
+        {"grid": {"a": ["$\\frac$", "$x", "a" * 60 + ".yaml"]}, "labels": {"a": "what $\\this$ costs (m)"}},
     ],
 )
 def test_every_kind_of_study_is_drawn(fields: dict[str, Any], failing: bool, tmp_path: Path) -> None:
