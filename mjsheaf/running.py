@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from mjsheaf.backends.system import System
+    from mjsheaf.checking.bound import RunBound
 
 __all__ = ["Outcome", "default_directory", "dump_scenario", "execute", "video_entry"]
 
@@ -70,7 +72,6 @@ def execute(
     """
     from mjsheaf.backends.physics import vehicles_of
     from mjsheaf.checking.bound import bound_of_run
-    from mjsheaf.plots import plot_configurations, plot_errors, plot_trajectories
     from mjsheaf.results import check_expectation, open_dataset, staging, summarize, thinned, write_dataset
     from mjsheaf.results.store import save_summary
     from mjsheaf.team.freedom import free_directions
@@ -93,18 +94,11 @@ def execute(
         dataset = held.enter_context(open_dataset(fresh / "result.nc"))
         write_scenario(scenario, fresh)
         theorem = bound_of_run(system, dataset)
-        report("plotting")(0, 3)
         drawn = thinned(dataset)
-        bound = theorem.at(drawn["time"].values)
-        telling = theorem.applies and bound.max() < LARGEST  # a blow-up satisfies any larger bound
-        plot_errors(
-            system.team, drawn, fresh / "errors.png", bound if telling else None, approximate=theorem.approximate
-        )
-        report("plotting")(1, 3)
-        plot_trajectories(system.team, drawn, fresh / "trajectories.png")
-        report("plotting")(2, 3)
-        plot_configurations(system.team, drawn, fresh / "configurations.png")
-        report("plotting")(3, 3)
+        beside = held.enter_context(ThreadPoolExecutor(1))
+        plots = beside.submit(_plot, system, drawn, theorem, fresh, report("plotting"))
+        if video is None:
+            plots.result()
         final = summarize(system.team, drawn)
         status = dataset.attrs["status"]
         simulated = float(dataset["time"][-1] - dataset["time"][0])
@@ -136,9 +130,31 @@ def execute(
                 scenario, system, dataset, fresh / "video.mp4", video, report("drawing video")
             )
             notes += [note] * bool(note)
+        plots.result()
         report("publishing")(0, 1)  # the last moment at which the user can stop it
         save_summary(summary, fresh / "summary.json")
     return Outcome(directory, summary, notes)
+
+
+def _plot(
+    system: "System",
+    drawn: "xr.Dataset",
+    theorem: "RunBound",
+    folder: Path,
+    progress: Callable[[int, int], None],
+) -> None:
+    """Draw the plots of a run; a video is drawn meanwhile, mostly outside the interpreter."""
+    from mjsheaf.plots import plot_configurations, plot_errors, plot_trajectories
+
+    bound = theorem.at(drawn["time"].values)
+    telling = theorem.applies and bound.max() < LARGEST  # a blow-up satisfies any larger bound
+    progress(0, 3)
+    plot_errors(system.team, drawn, folder / "errors.png", bound if telling else None, approximate=theorem.approximate)
+    progress(1, 3)
+    plot_trajectories(system.team, drawn, folder / "trajectories.png")
+    progress(2, 3)
+    plot_configurations(system.team, drawn, folder / "configurations.png")
+    progress(3, 3)
 
 
 class _Timed:

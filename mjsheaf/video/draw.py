@@ -1,6 +1,7 @@
 """A finished run, drawn to a video."""
 
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from copy import copy
 from pathlib import Path
 from types import TracebackType
@@ -103,16 +104,26 @@ class Painter:
         )
 
     def frames(self, progress: Callable[[int, int], None] | None = None) -> Iterator[Frame]:
-        """All frames in turn, each of shape (height, width, 3)."""
-        for number in range(len(self.times)):
-            yield self.paint(number)
-            if progress is not None:
-                progress(number + 1, len(self.times))
+        """All frames in turn, each of shape (height, width, 3); one is written on while the next is drawn."""
+        count, written = len(self.times), None
+        with ThreadPoolExecutor(1) as writer:
+            for number in range(count + 1):
+                last = written
+                written = writer.submit(self._write, *self._draw(number)) if number < count else None
+                if last is not None:
+                    yield last.result()
+                    if progress is not None:
+                        progress(number, count)
 
     def paint(self, number: int) -> Frame:
         """One frame, shape (height, width, 3)."""
+        return self._write(*self._draw(number))
+
+    def _draw(self, number: int) -> tuple[Frame, Moment, View]:
         now, view = self.pose(number)
-        frame = self._renderer.draw(self.data, view, lambda scene: self._decorator.add(scene, now, view))
+        return self._renderer.draw(self.data, view, lambda scene: self._decorator.add(scene, now, view)), now, view
+
+    def _write(self, frame: Frame, now: Moment, view: View) -> Frame:
         if frame.shape[1::-1] != self._size:
             frame = np.array(Image.fromarray(frame).resize(self._size, Image.Resampling.BILINEAR))
         self._overlay.write(frame, now, view)

@@ -14,7 +14,9 @@ from mjsheaf.video.renderer import Frame
 
 QUALITY = 20  # x264's constant rate factor: 18 looks lossless, 23 is its default
 AHEAD = 3  # frames drawn but not yet taken by the encoder
-PRESET = "veryfast"  # the picture is the costly part, and x264 would compete with it for the same cores
+PRESET = "veryfast"  # the picture is the costly part, and x264 competes with it for the same cores
+X264 = "me=dia:subme=1:weightp=0:rc-lookahead=5:threads=2:lookahead-threads=1"
+"""A third less work than the preset's, at the same size of such pictures, on few threads."""
 
 
 def write_mp4(path: Path, frames: Iterable[Frame], width: int, height: int, fps: float) -> int:
@@ -61,7 +63,7 @@ def _encode(part: Path, frames: Iterable[Frame], width: int, height: int, fps: f
         quality=None,
         macro_block_size=1,  # of the size as asked: it is even, which is all that yuv420p needs
         ffmpeg_log_level="quiet",
-        output_params=["-crf", str(QUALITY), "-preset", PRESET, "-movflags", "+faststart"],
+        output_params=["-crf", str(QUALITY), "-preset", PRESET, "-x264-params", X264, "-movflags", "+faststart"],
     )
     count = 0
     sent: deque[Future[None]] = deque()
