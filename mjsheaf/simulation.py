@@ -42,18 +42,20 @@ def simulate(
         InputError: unknown backend, a vehicle that does not fit its agent, or a g that is not of full row rank.
         NotUniqueError: the harmonic extension is not unique, and drift is not allowed.
     """
-    from mjsheaf.results import join
-
     _require_backend(backend)
     system = scenario.system()
     require_full_row_rank(system)
     if not allow_drift:
         require_unique(system.team)
-    return join(stream(system, backend, scenario.seed, progress))
+    return next(stream(system, backend, scenario.seed, progress, system.grid.steps + 1))
 
 
 def stream(
-    system: "System", backend: str, seed: int, progress: Callable[[int, int], None] | None = None
+    system: "System",
+    backend: str,
+    seed: int,
+    progress: Callable[[int, int], None] | None = None,
+    samples: int | None = None,
 ) -> "Iterator[xr.Dataset]":
     """Simulate a system and hand out its data in pieces, of which `simulate` returns the whole.
 
@@ -62,6 +64,7 @@ def stream(
         backend: 'physics' or 'ideal'.
         seed: seed of the scenario.
         progress: called now and then with (samples done, samples in all).
+        samples: in each piece but the last; a few megabytes of them unless given.
     """
     from mjsheaf.backends.trajectory import samples_in_piece
     from mjsheaf.results import make_datasets
@@ -70,7 +73,7 @@ def stream(
         from mjsheaf.backends.ideal import stream_ideal as run
     else:
         from mjsheaf.backends.physics import stream_physics as run
-    return make_datasets(system, run(system, samples_in_piece(system), progress), backend, seed)
+    return make_datasets(system, run(system, samples or samples_in_piece(system), progress), backend, seed)
 
 
 def simulate_many(

@@ -42,9 +42,8 @@ def make_datasets(system: System, pieces: Iterable[Trajectory], backend: str, se
     for piece in pieces:
         if len(piece.time):
             dataset = _gather(system, piece, thrusters)
-            empty = dataset.isel(time=slice(0, 0)).copy(deep=True)
         else:  # the run blew up right after the piece before
-            dataset = empty
+            dataset = dataset.isel(time=slice(0, 0)).copy(deep=True)
         dataset.attrs = attributes | {"status": piece.status, "message": piece.message}
         yield dataset
 
