@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from mjsheaf._version import __version__
-from mjsheaf.cli.signals import Stopped, stoppable
+from mjsheaf.cli.signals import Stopped, raise_if_stopped, stoppable
 from mjsheaf.errors import InputError, MjsheafError
 
 app = typer.Typer(
@@ -313,7 +313,11 @@ def _exit_code(arguments: list[str] | None) -> int:
         with warnings.catch_warnings(), stoppable():
             if not sys.warnoptions:
                 warnings.simplefilter("ignore")
-            code: Any = app(arguments, standalone_mode=False)
+            try:
+                code: Any = app(arguments, standalone_mode=False)
+            except MjsheafError:
+                raise_if_stopped()  # a terminal's signal reaches ffmpeg too, whose end may be noticed first
+                raise
         return code if isinstance(code, int) else 0
     except MjsheafError as error:
         return _complain(str(error), error.exit_code)
