@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from mjsheaf.backends.physics import vehicles_of
-from mjsheaf.backends.physics.capability import capability_of
+from mjsheaf.backends.physics.capability import capability_of, of_each
 from mjsheaf.backends.system import System
 from mjsheaf.checking import record as r
 from mjsheaf.checking.assumptions import decide
@@ -186,14 +186,13 @@ def _margins(system: System, region: Region, constants: Constants, spectrum: Spe
 def time_constants(system: System) -> np.ndarray:
     """Time constant of each agent's body along its most sluggish controlled axis, shape (N,), s."""
     agents = vehicles_of(system)[: len(system.team.agents)]
-    return np.array([vehicle.reduced_model().tau.max() for vehicle in agents])
+    return of_each(agents, lambda vehicle: float(vehicle.reduced_model().tau.max()))
 
 
 def top_speeds(system: System) -> np.ndarray:
     """Speed through the medium that each agent's body can make in every direction, shape (N,), m/s."""
     agents = vehicles_of(system)[: len(system.team.agents)]
-    speed = {id(vehicle): capability_of(vehicle).least_speed for vehicle in agents}
-    return np.array([speed[id(vehicle)] for vehicle in agents])
+    return of_each(agents, lambda vehicle: capability_of(vehicle).least_speed)
 
 
 def _fragility(found: Fragility) -> r.FragilityRecord:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from mjsheaf.backends.physics import Vehicle, run_physics, vehicles_of
-from mjsheaf.backends.physics.capability import capability_of
+from mjsheaf.backends.physics.capability import capability_of, of_each
 from mjsheaf.backends.system import Effects, System
 from mjsheaf.checking.margins import LARGEST_SECOND_ORDER
 from mjsheaf.comparing.inertia import inertial_tau
@@ -197,7 +197,7 @@ def _still(system: System, mode: Mode) -> System:
     gain = np.where(np.arange(V) < N, system.law.gain, 0.0)
     q_star = team.unpack(team.dirichlet.extend(team.pack(system.initial)[None, team.dirichlet.H.shape[0] :])[0])
     asked = system.gain * np.linalg.norm(team.unpack(team.dirichlet.H @ mode.displacement), axis=1)
-    able = np.array([_ability(v) for v in vehicles_of(system)[:N]])
+    able = of_each(vehicles_of(system)[:N], _ability)
     able = np.minimum(able, system.law.limit[:N])
     amplitude = min(_LARGEST_DISPLACEMENT, float((_SHARE_OF_ABILITY * able / np.maximum(asked, 1e-300)).min()))
     initial = system.initial.copy()

@@ -1,5 +1,6 @@
 """What a vehicle can do at best: thrust with its weight carried, and the speed that drag leaves of it."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,6 +41,13 @@ def capability_of(vehicle: Vehicle) -> Capability:
     thrust = np.array([_thrust(vehicle, d) for d in directions])
     speed = np.array([_speed(vehicle, d, F) for d, F in zip(directions, thrust, strict=True)])
     return Capability(float(thrust[0]), float(speed[0]), float(thrust.min()), float(speed.min()))
+
+
+def of_each(vehicles: Sequence[Vehicle], measure: Callable[[Vehicle], float]) -> Array:
+    """A measure of every vehicle, shape (V,), taken once of those that are the same."""
+    known = {id(vehicle): vehicle for vehicle in vehicles}
+    found = {key: measure(vehicle) for key, vehicle in known.items()}
+    return np.array([found[id(vehicle)] for vehicle in vehicles])
 
 
 def _thrust(vehicle: Vehicle, direction: Array) -> float:

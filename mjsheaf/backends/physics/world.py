@@ -108,8 +108,8 @@ class World:
 
     Attributes:
         system: the closed-loop system.
-        arena: where each vehicle is in the model. By name: vehicle A1 has the free joint `A1/`, and all else that is its
-            own has that prefix.
+        arena: where each vehicle is in the model. By name: vehicle A1 has the free joint `A1/`, and all that is its own
+            has that prefix.
         model, data: MuJoCo's own. The state may be read and set between steps; each step overwrites `data.ctrl`,
             `data.qfrc_applied` of the vehicles and `model.actuator_gear`. Forces of your own go to
             `data.xfrc_applied`; of a vehicle with added mass only the rigid body feels them: multiply by
