@@ -17,6 +17,8 @@ from mjsheaf.results.errors import evaluate_errors
 from mjsheaf.team.freedom import free_directions
 
 Array = NDArray[np.float64]
+Variable = tuple[str | tuple[str, ...], NDArray[Any], dict[str, str]]
+"""Dimensions, values and attributes, as xarray takes them."""
 
 
 def make_dataset(system: System, trajectory: Trajectory, backend: str, seed: int) -> xr.Dataset:
@@ -75,17 +77,17 @@ def _gather(system: System, trajectory: Trajectory, thrusters: list[list[str]]) 
     velocity = limited_commands(-system.gain * errors.disagreement, system.law.limit[:N])
     groups = [f.name for f in team.formations]
 
-    ds = xr.Dataset(
-        coords={
-            "time": ("time", trajectory.time, {"long_name": "time", "units": "s"}),
-            "agent": ("agent", np.array(team.agent_ids, dtype=object), {"long_name": "agent"}),
-            "target": ("target", np.array(team.target_ids, dtype=object), {"long_name": "target"}),
-            "axis": ("axis", np.array(["x", "y", "z"], dtype=object), {"long_name": "axis of the world frame"}),
-        }
-    )
+    # Gathered first: a dataset that grows variable by variable aligns all of them each time.
+    variables: dict[str, Variable] = {}
+    coordinates: dict[str, Variable] = {
+        "time": ("time", trajectory.time, {"long_name": "time", "units": "s"}),
+        "agent": _labels("agent", team.agent_ids, "agent"),
+        "target": _labels("target", team.target_ids, "target"),
+        "axis": _labels("axis", ["x", "y", "z"], "axis of the world frame"),
+    }
 
     def add(name: str, dims: tuple[str, ...], values: Array, units: str, long_name: str) -> None:
-        ds[name] = (dims, values, {"units": units, "long_name": long_name})
+        variables[name] = (dims, values, {"units": units, "long_name": long_name})
 
     body = ("time", "agent", "axis")
     add("agent_position", body, padded[:, :N], "m", "controlled position of each agent")
@@ -103,7 +105,7 @@ def _gather(system: System, trajectory: Trajectory, thrusters: list[list[str]]) 
     add("formation_error", ("time",), errors.formation_rms(), "m", "RMS residual over the edges inside formations")
     add("centering_error", ("time",), errors.largest_centering(), "m", "largest distance of a group from its target")
     if groups:
-        ds = ds.assign_coords(group=("group", np.array(groups, dtype=object), {"long_name": "formation group"}))
+        coordinates["group"] = _labels("group", groups, "formation group")
         by_group = ("time", "group")
         add("group_formation_error", by_group, np.column_stack([errors.formation_rms(g) for g in groups]), "m",
             "RMS residual over the edges of a group")  # fmt: skip
@@ -114,8 +116,12 @@ def _gather(system: System, trajectory: Trajectory, thrusters: list[list[str]]) 
         u = inputs(system, trajectory.time, np.nan_to_num(velocity), trajectory.positions)
         add("command", ("time", "agent", "channel"), u, "1", "u_i = g_i^+ (-k1 eta_i), control input of each agent")
     else:
-        _add_body_data(ds, system, trajectory, thrusters)
-    return ds
+        _add_body_data(variables, coordinates, system, trajectory, thrusters)
+    return xr.Dataset(variables, coordinates)
+
+
+def _labels(dimension: str, names: list[str], long_name: str) -> Variable:
+    return dimension, np.array(names, dtype=object), {"long_name": long_name}
 
 
 def _attributes(system: System, backend: str, seed: int) -> dict[str, Any]:
@@ -146,7 +152,13 @@ def _thrusters(system: System) -> list[list[str]]:
     return [list(vehicle.thrusters) for vehicle in vehicles_of(system)]
 
 
-def _add_body_data(ds: xr.Dataset, system: System, trajectory: Trajectory, thrusters: list[list[str]]) -> None:
+def _add_body_data(
+    variables: dict[str, Variable],
+    coordinates: dict[str, Variable],
+    system: System,
+    trajectory: Trajectory,
+    thrusters: list[list[str]],
+) -> None:
     """Attitude, height, thruster commands and saturation of bodies."""
     assert trajectory.quaternions is not None  # all four come together, from bodies
     assert trajectory.heights is not None
@@ -158,37 +170,33 @@ def _add_body_data(ds: xr.Dataset, system: System, trajectory: Trajectory, thrus
     u = np.full((T, len(thrusters), width), np.nan)
     for v, names in enumerate(thrusters):
         u[:, v, : len(names)] = trajectory.thrust[:, first[v] : first[v + 1]]
-    ds["command"] = (
+    variables["command"] = (
         ("time", "agent", "channel"),
         u[:, :N],
         {"units": "N", "long_name": "u_i = W_i^+ [force; moment] + trim, thruster commands of each agent"},
     )
-    ds["target_command"] = (
+    variables["target_command"] = (
         ("time", "target", "channel"),
         u[:, N:],
         {"units": "N", "long_name": "thruster commands of each target"},
     )
-    ds.coords["quaternion"] = (
-        "quaternion",
-        np.array(["w", "x", "y", "z"], dtype=object),
-        {"long_name": "component of the unit quaternion"},
-    )
+    coordinates["quaternion"] = _labels("quaternion", ["w", "x", "y", "z"], "component of the unit quaternion")
     labels = np.array([names + [""] * (width - len(names)) for names in thrusters], dtype=object)
     for name, kind, own in (("thruster", "agent", labels[:N]), ("target_thruster", "target", labels[N:])):
         long_name = f"thruster behind each channel of each {kind}, empty where it has fewer"
-        ds.coords[name] = ((kind, "channel"), own, {"long_name": long_name})
+        coordinates[name] = ((kind, "channel"), own, {"long_name": long_name})
     for kind, part in (("agent", slice(None, N)), ("target", slice(N, None))):
-        ds[f"{kind}_orientation"] = (
+        variables[f"{kind}_orientation"] = (
             ("time", kind, "quaternion"),
             trajectory.quaternions[:, part],
             {"units": "1", "long_name": f"attitude of each {kind}, body to world"},
         )
-        ds[f"{kind}_height"] = (
+        variables[f"{kind}_height"] = (
             ("time", kind),
             trajectory.heights[:, part],
             {"units": "m", "long_name": f"z of each {kind}'s body"},
         )
-        ds[f"{kind}_saturation"] = (
+        variables[f"{kind}_saturation"] = (
             ("time", kind),
             trajectory.saturation[:, part],
             {"units": "1", "long_name": f"share of each {kind}'s thrusters at a limit"},
