@@ -10,6 +10,7 @@ from rich.console import Console
 from mjsheaf.cli.progress import progress_bars
 from mjsheaf.cli.signals import Stopped
 from mjsheaf.errors import InputError
+from mjsheaf.threads import ONE_THREAD
 
 
 def sweep_command(
@@ -34,7 +35,7 @@ def sweep_command(
         raise InputError(f"{given}: has no meaning beside --scheduler, whose workers exist; give either")
     # Workers side by side share the cores: each takes one, also where they are threads of this process, whose numpy is
     # not imported yet.
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    for name in ONE_THREAD:
         os.environ.setdefault(name, "1")
     from mjsheaf.results.summary import MEASURES
     from mjsheaf.scenario.load import parse_override
@@ -60,8 +61,8 @@ def sweep_command(
         trajectories=trajectories,
     )
     if plan.study.seeds is not None and not plan.seed_matters:
-        Console(stderr=True, soft_wrap=True, highlight=False).print(
-            f"note: the seed changes nothing: {plan.scenario['name']} has no spread and no disturbance on backend "
+        _note(
+            f"the seed changes nothing: {plan.scenario['name']} has no spread and no disturbance on backend "
             f"{plan.study.backend}"
         )
     done = 0
@@ -77,7 +78,11 @@ def sweep_command(
             study = run_study(
                 plan,
                 out,
-                lambda: engine_at(scheduler) if scheduler is not None else local_engine(workers, processes=not threads),
+                lambda: (
+                    engine_at(scheduler, _note)
+                    if scheduler is not None
+                    else local_engine(workers, processes=not threads)
+                ),
                 retry_failed=retry_failed,
                 progress=progress,
             )
@@ -92,13 +97,19 @@ def sweep_command(
     console.print(f"{len(study.records)} runs: {told}" + (f" ({before} had ended before)" if before else ""))
     for record in study.records:
         if record["status"] != "finished":
-            console.print(f"  run {record['run']}: {record['status']}: {record['message']}", markup=False)
+            status = record["status"]
+            message = record["message"].removeprefix(f"{status}: ")
+            console.print(f"  run {record['run']}: {status}: {message}", markup=False)
             break
     failed = len(study.records) - counts["finished"]
     if failed > 1:
         console.print(f"  and {failed - 1} more that did not finish; see {out / 'table.csv'}", markup=False)
     for name in study.files:
         console.print(f"  {out / name}", markup=False)
+
+
+def _note(text: str) -> None:
+    Console(stderr=True, soft_wrap=True, highlight=False).print(f"note: {text}", markup=False)
 
 
 def print_schema() -> None:

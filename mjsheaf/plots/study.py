@@ -20,8 +20,16 @@ _LABELS = {
     "formation_error": "final formation error, RMS residual (m)",
     "centering_error": "final distance, centroid to target (m)",
 }
-_SETTLED, _MOVING = "run that has settled", "run that still changes at its end"
 _LINE, _UNSETTLED, _FAILED = "#0072B2", "#D55E00", "#BBBBBB"
+_SETTLED, _MOVING, _UNKNOWN = "run that has settled", "run that still changes at its end", "run too short to tell"
+_UNFINISHED = "run that did not finish"
+_MARKS: dict[str, dict[str, Any]] = {
+    _SETTLED: {"color": _LINE},
+    _UNKNOWN: {"color": "#555555"},
+    _MOVING: {"color": _UNSETTLED, "markerfacecolor": "none"},
+}
+"""How runs that finished are marked, by how they ended."""
+_LETTER = 0.068  # width of one in a legend, inches
 _MOST_AXES = 6  # of the plots with a panel for each swept field
 _MOST_CELLS = 40  # along a side of a heat map
 _WRITTEN_CELLS = 14  # along a side, with their values in them
@@ -38,29 +46,37 @@ def plot_study(study: StudyFile, name: str, records: list[dict[str, Any]]) -> di
 
     Returns:
         PNG by file name: error.png where any run finished, success.png where any did not. One swept field gives a
-        curve with its spread, two give a heat map, more (or random draws) a panel for each field.
+        curve with its spread, two give a heat map, more (or random draws) a panel for each field. Runs that did not
+        finish are marked at the lower edge of a curve.
     """
     axes = swept_axes(study, records)
     finished = np.array([r["status"] == "finished" for r in records])
-    settled = np.array([r["settled"] is not False for r in records])
+    ends = np.array([_end_of(r) for r in records])
     errors = {}
     for measure in [study.measure] if study.measure else MEASURES:
         found = [(r["final"] or {}).get(measure) if r["status"] == "finished" else None for r in records]
         values = np.array([np.nan if x is None else x for x in found], dtype=np.float64)
         if np.isfinite(values).any():
             errors[measure] = values
-    title = f"{plain(name)}   [{study.backend}, {len(records)} runs]"
+    count = f"{len(records)} runs" if finished.all() else f"{finished.sum()} of {len(records)} runs finished"
+    title = f"{plain(name)}   [{study.backend}, {count}]"
     plots = {}
     if errors:
-        plots["error.png"] = _draw(title, axes, {_LABELS[m]: v for m, v in errors.items()}, settled)
+        plots["error.png"] = _draw(title, axes, {_LABELS[m]: v for m, v in errors.items()}, ends)
     if not finished.all():
         rate = {"share of runs that finish": finished.astype(np.float64)}
         plots["success.png"] = _draw(title, axes, rate, None)
     return plots
 
 
-def _draw(title: str, axes: list[SweptAxis], values: dict[str, Array], settled: NDArray[np.bool_] | None) -> bytes:
-    """Panels for each kind of value; without `settled` the values are zeros and ones, whose shares are drawn."""
+def _end_of(record: dict[str, Any]) -> str:
+    if record["status"] != "finished":
+        return _UNFINISHED
+    return {True: _SETTLED, False: _MOVING, None: _UNKNOWN}[record["settled"]]
+
+
+def _draw(title: str, axes: list[SweptAxis], values: dict[str, Array], ends: NDArray[np.str_] | None) -> bytes:
+    """Panels for each kind of value; without `ends` the values are zeros and ones, whose shares are drawn."""
     grid = len(axes) == 2 and _is_grid(axes)
     columns = 1 if grid or len(axes) < 2 else min(len(axes), _MOST_AXES)
     rows = len(values)
@@ -74,22 +90,26 @@ def _draw(title: str, axes: list[SweptAxis], values: dict[str, Array], settled: 
     for k, (label, y) in enumerate(values.items()):
         if flat is None:
             for panel, axis in zip(panels[k], axes, strict=False):
-                _marginal(panel, axis, label, y, settled)
+                _marginal(panel, axis, label, y, ends, " over all other fields and seeds")
         elif grid:
-            _heat_map(figure, flat[k], axes[0], axes[1], label, y, shares=settled is None)
+            _heat_map(figure, flat[k], axes[0], axes[1], label, y, shares=ends is None)
         elif axes:
-            _marginal(flat[k], axes[0], label, y, settled)
+            _marginal(flat[k], axes[0], label, y, ends)
         else:
-            _distribution(flat[k], label, y, shares=settled is None)
+            _distribution(flat[k], label, y, shares=ends is None)
     for panel in flat[len(values) :] if flat is not None else []:
         panel.set_visible(False)
     legends = [panel.get_legend_handles_labels() for panel in panels.ravel()]
     told = {label: handle for legend in legends for handle, label in zip(*legend, strict=True)}
     if not told.keys() - {_SETTLED}:  # which needs no telling where there is nothing else
         told = {}
+    lines = 0
     if told:
-        figure.legend(told.values(), told.keys(), loc="lower center", ncols=len(told), frameon=False, fontsize=9)
-    figure.tight_layout(rect=(0, 0.35 / figure.get_figheight() if told else 0, 1, 0.98))
+        wide = _LETTER * sum(len(label) + 8 for label in told) > figure.get_figwidth()
+        lines = 2 if wide else 1
+        columns = -(-len(told) // lines)
+        figure.legend(told.values(), told.keys(), loc="lower center", ncols=columns, frameon=False, fontsize=9)
+    figure.tight_layout(rect=(0, (0.1 + 0.25 * lines) / figure.get_figheight() if told else 0, 1, 0.98))
     # No metadata: a version or date would make equal studies differ.
     png = io.BytesIO()
     figure.savefig(png, format="png", metadata={"Software": None})
@@ -110,11 +130,12 @@ def _groups(axis: SweptAxis, y: Array) -> list[Array]:
     return [own[np.isfinite(own)] for own in (y[axis.index == k] for k in range(len(axis.places)))]
 
 
-def _marginal(panel: Any, axis: SweptAxis, label: str, y: Array, settled: NDArray[np.bool_] | None) -> None:
+def _marginal(panel: Any, axis: SweptAxis, label: str, y: Array, ends: NDArray[np.str_] | None, over: str = "") -> None:
+    """Values over one field; `over` says of what the band is the spread, where that is not the seeds alone."""
     axis.dress(panel)
     panel.set_ylabel(label)
     panel.grid(True, which="major", alpha=0.3)
-    if settled is None:
+    if ends is None:
         _shares(panel, axis, y)
         return
     known = np.isfinite(y)
@@ -134,17 +155,21 @@ def _marginal(panel: Any, axis: SweptAxis, label: str, y: Array, settled: NDArra
         )  # fmt: skip
         if many and axis.numeric:
             low, high = [groups[k].min() for k in at], [groups[k].max() for k in at]
-            panel.fill_between(places, low, high, color=_LINE, alpha=0.18, linewidth=0, label="smallest to largest")
+            panel.fill_between(
+                places, low, high, color=_LINE, alpha=0.18, linewidth=0, label=f"smallest to largest{over}"
+            )
     size = 5.0 if known.sum() <= 200 else 2.5
-    lasting, moving = known & settled, known & ~settled
-    if lasting.any():
-        solid = 0.55 if many else 1.0
-        panel.plot(x[lasting], y[lasting], "o", color=_LINE, markersize=size, alpha=solid, label=_SETTLED)
-    if moving.any():
-        panel.plot(
-            x[moving], y[moving], "o", color=_UNSETTLED, markerfacecolor="none", markersize=size + 1,
-            label=_MOVING,
-        )  # fmt: skip
+    for end, mark in _MARKS.items():
+        these = known & (ends == end)
+        if these.any():
+            hollow = end == _MOVING
+            faint = 0.55 if many and not hollow else 1.0
+            panel.plot(x[these], y[these], "o", markersize=size + hollow, alpha=faint, label=end, **mark)
+    failed = ends == _UNFINISHED
+    if failed.any():
+        foot = np.full(failed.sum(), 0.02)  # of the panel's height
+        edge = panel.get_xaxis_transform()
+        panel.plot(x[failed], foot, "x", color="black", markersize=size, transform=edge, label=_UNFINISHED)
 
 
 def _shares(panel: Any, axis: SweptAxis, y: Array) -> None:

@@ -21,6 +21,7 @@ Edges = set[tuple[int, int]]
 
 _POINT: TypeAdapter[list[float]] = TypeAdapter(Point, config=ConfigDict(strict=True, allow_inf_nan=False))
 _MOST_AGENTS = 100_000
+_MOST_DRAWS = 100  # of a graph that must be connected: with three links or more, nearly every one is
 _AT_A_TIME = 4096  # agents whose neighbours are sought together
 _GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 
@@ -37,7 +38,9 @@ class Swarm(Section):
     spacing: Positive = Field(6.0, description="between neighbouring places, m")
     scatter: NonNegative = Field(1.0, description="half width of a box about each place in which an agent begins, m")
     graph: Literal["nearest", "ring", "random_geometric", "small_world", "k_regular"] = "nearest"
-    degree: Annotated[int, Field(ge=2, le=64)] = Field(4, description="of an agent in the graph; on average if random")
+    degree: Annotated[int, Field(ge=2, le=64)] = Field(
+        4, description="of an agent in the graph; on average but for k_regular; even for nearest and small_world"
+    )
     sensing: Annotated[float, Field(gt=0, le=1)] = Field(0.1, description="share of the agents that sense the target")
 
 
@@ -48,7 +51,7 @@ def expand_swarm(raw: dict[str, Any]) -> dict[str, Any]:
         raw: a scenario as a mapping; without a swarm it is returned as it is.
 
     Raises:
-        InputError: fields that a swarm makes are given beside it, or its target is missing.
+        InputError: fields that a swarm makes are given beside it, its target is missing, or its degree fits no graph.
     """
     if raw.get("swarm") is None:
         return raw
@@ -69,6 +72,11 @@ def expand_swarm(raw: dict[str, Any]) -> dict[str, Any]:
     seed = raw.get("seed", 0)
     if type(seed) is not int or not 0 <= seed < 2**63:
         raise InputError(f"seed: legal is a whole number from 0 to 2^63 - 1, not {str(seed)[:60]!r}")
+    if swarm.graph in ("nearest", "small_world") and swarm.degree % 2:
+        raise InputError(
+            f"swarm.degree: {swarm.degree} is odd; legal with graph {swarm.graph} are even numbers, as half "
+            "of an agent's links lead each way"
+        )
     rng = np.random.default_rng([seed, 0x5A])
     places = _sunflower(swarm.size, swarm.spacing)
     edges = _GRAPHS[swarm.graph](places, swarm, rng)
@@ -169,16 +177,22 @@ def _small_world(places: Array, swarm: Swarm, rng: np.random.Generator) -> Edges
 
 
 def _k_regular(places: Array, swarm: Swarm, rng: np.random.Generator) -> Edges:
-    """Every agent has the same number of neighbours, drawn at random."""
+    """Every agent has the same number of neighbours, drawn at random: anew until all are connected."""
     size, degree = len(places), min(swarm.degree, len(places) - 1)
     if degree < 1:
         return set()
     if size * degree % 2:
         raise InputError(f"swarm.degree: no graph of {size} agents has {degree} links each; take an even number")
+    if degree == 2:  # of these, only one cycle is connected, which would hardly ever be drawn
+        order = rng.permutation(size)
+        return _ordered(zip(order, np.roll(order, -1), strict=True))
     import networkx
 
-    graph = networkx.random_regular_graph(degree, size, seed=int(rng.integers(2**31)))
-    return _connected(_ordered(graph.edges), places)
+    for _ in range(_MOST_DRAWS):
+        graph = networkx.random_regular_graph(degree, size, seed=int(rng.integers(2**31)))
+        if networkx.is_connected(graph):
+            return _ordered(graph.edges)
+    raise InputError(f"swarm.graph: no graph of {size} agents with {degree} links each was drawn that is connected")
 
 
 _GRAPHS: dict[str, Callable[[Array, Swarm, np.random.Generator], Edges]] = {

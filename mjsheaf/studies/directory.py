@@ -25,7 +25,12 @@ from mjsheaf.studies.plan import Plan
 from mjsheaf.studies.points import Point
 
 _LOCK, _STUDY, _SCENARIO, _RUNS, _TRAJECTORIES = ".lock", "study.json", "scenario.yaml", "runs", "trajectories"
+_TIMINGS = "timings.csv"
+_NUMBER = "[0-9]*"
 _SHOWN_DIFFERENCES = 3
+
+RESULT_FILES = {"table.csv", "table.parquet", "error.png", "success.png", "index.html"}
+"""What is made of the runs once all have ended."""
 
 
 class BusyError(InputError):
@@ -39,9 +44,9 @@ class StudyDirectory:
         path: where.
     """
 
-    def __init__(self, path: Path, plan: Plan) -> None:
+    def __init__(self, path: Path, plan: Plan, made: list[Path]) -> None:
         self.path = path
-        self._plan = plan
+        self._plan, self._made = plan, made
 
     def ended(self) -> dict[int, dict[str, Any]]:
         """Records of the runs that have ended, by number. A file that is no record of its point is not counted."""
@@ -63,7 +68,7 @@ class StudyDirectory:
             if done.dataset is not None:
                 write_whole(self.path / _TRAJECTORIES / f"{name}.nc", done.dataset)
             write_whole(self.path / _RUNS / f"{name}.json", canonical(done.record))
-            with (self.path / "timings.csv").open("a") as file:
+            with (self.path / _TIMINGS).open("a") as file:
                 file.write(f"{done.record['run']},{done.seconds:.6f}\n")
 
     def write(self, name: str, content: bytes) -> None:
@@ -80,6 +85,15 @@ class StudyDirectory:
         with self.writing():
             for name in names:
                 (self.path / name).unlink(missing_ok=True)
+
+    def leave(self) -> None:
+        """Take the directory away again, if it was made for this study and no run has ended."""
+        if self.path not in self._made or any((self.path / _RUNS).glob(f"{_NUMBER}.json")):
+            return
+        for name in (_STUDY, _SCENARIO, _TIMINGS, _LOCK):
+            with suppress(OSError):
+                (self.path / name).unlink(missing_ok=True)
+        _remove_empty([self.path / _RUNS, self.path / _TRAJECTORIES, *self._made])
 
     @contextmanager
     def writing(self) -> Iterator[None]:
@@ -118,7 +132,7 @@ def open_directory(path: Path, plan: Plan) -> Iterator[StudyDirectory]:
     with lock:
         _take(lock, path)
         _check_place(path)  # again: only now does nobody else write
-        directory = StudyDirectory(path, plan)
+        directory = StudyDirectory(path, plan, missing)
         with directory.writing():
             _begin(path, plan)
         yield directory
@@ -145,6 +159,10 @@ def _check_place(path: Path) -> None:
     run = enclosing_run(path)
     if run is not None:
         raise PlaceError(f"{path}: lies inside {run}, the directory of a run; choose another --out")
+    real = Path(os.path.realpath(path))
+    study = next((parent for parent in real.parents if _study_in(parent) is not None), None)
+    if study is not None:
+        raise PlaceError(f"{path}: lies inside {study}, the directory of a study; choose another --out")
     if not path.exists() and not path.is_symlink():
         return
     if not path.is_dir():
@@ -152,7 +170,8 @@ def _check_place(path: Path) -> None:
     if (path / _STUDY).exists():
         _read(path)
         return
-    strange = sorted(p.name for p in path.iterdir() if p.name not in (_LOCK, _SCENARIO) and not _is_part(p))
+    # Without study.json, which is written first, nothing else can be ours.
+    strange = sorted(p.name for p in path.iterdir() if p.name not in (_LOCK, _part(p.with_name(_STUDY)).name))
     if strange:
         raise PlaceError(f"{path}: holds {strange[0]!r} and no study; legal is a new directory or that of this study")
 
@@ -165,21 +184,22 @@ def _begin(path: Path, plan: Plan) -> None:
     """
     asked = json.loads(canonical(plan.record()))
     begun = (path / _STUDY).exists() and _same(path, asked)
-    for folder in (path, path / _RUNS, path / _TRAJECTORIES):
-        for part in folder.glob(".*.part"):  # of a command that was killed
-            part.unlink()
+    _remove_parts(path)
     if not begun:
-        if plan.files:  # which a scenario file could not name from here
+        if (path / _STUDY).exists():  # of another, of which no run had ended
             (path / _SCENARIO).unlink(missing_ok=True)
-        else:
-            write_whole(path / _SCENARIO, dump_yaml(plan.scenario).encode())
+            for stale in (path / _TRAJECTORIES).glob(f"{_NUMBER}.nc"):
+                stale.unlink()
         write_whole(path / _STUDY, canonical(asked))
+    # A scenario file could not name a vehicle's own files from here.
+    if not plan.files and not (path / _SCENARIO).exists():
+        write_whole(path / _SCENARIO, dump_yaml(plan.scenario).encode())
     # Only now: a directory with runs and no study is not taken for ours.
     (path / _RUNS).mkdir(exist_ok=True)
     if plan.study.trajectories:
         (path / _TRAJECTORIES).mkdir(exist_ok=True)
-    if not (path / "timings.csv").exists():
-        (path / "timings.csv").write_text("run,seconds\n")
+    if not (path / _TIMINGS).exists():
+        (path / _TIMINGS).write_text("run,seconds\n")
 
 
 def _same(path: Path, asked: dict[str, Any]) -> bool:
@@ -189,7 +209,7 @@ def _same(path: Path, asked: dict[str, Any]) -> bool:
         PlaceError: it is another one.
     """
     found = differences(_read(path), asked)
-    if found and any((path / _RUNS).glob("[0-9]*.json")):
+    if found and any((path / _RUNS).glob(f"{_NUMBER}.json")):
         more = f" (and {len(found) - _SHOWN_DIFFERENCES} more)" if len(found) > _SHOWN_DIFFERENCES else ""
         raise PlaceError(
             f"{path}: holds another study: {'; '.join(found[:_SHOWN_DIFFERENCES])}{more}; choose another --out"
@@ -203,18 +223,32 @@ def _read(path: Path) -> dict[str, Any]:
     Raises:
         PlaceError: mjsheaf did not write it.
     """
-    try:
-        study = json.loads((path / _STUDY).read_bytes())
-    except (OSError, ValueError):
-        study = None
-    if not isinstance(study, dict) or "mjsheaf_version" not in study:
+    study = _study_in(path)
+    if study is None:
         raise PlaceError(f"{path / _STUDY}: is no study of mjsheaf; choose another --out")
     return study
 
 
+def _study_in(path: Path) -> dict[str, Any] | None:
+    """What the directory's study.json holds; None where there is none that mjsheaf wrote."""
+    try:
+        study = json.loads((path / _STUDY).read_bytes())
+    except (OSError, ValueError):
+        return None
+    return study if isinstance(study, dict) and "mjsheaf_version" in study else None
+
+
+def _remove_parts(path: Path) -> None:
+    """Take away what a command that was killed had half written; other files may be a person's."""
+    parts = [_part(path / name) for name in (_STUDY, _SCENARIO, *RESULT_FILES)]
+    parts += [part for folder in (_RUNS, _TRAJECTORIES) for part in (path / folder).glob(f".{_NUMBER}.part")]
+    for part in parts:
+        part.unlink(missing_ok=True)
+
+
 def write_whole(path: Path, content: bytes) -> None:
     """Write a file by rename: whoever reads it sees all of it, or what was there before."""
-    part = path.with_name(f".{path.name}.part")
+    part = _part(path)
     try:
         part.write_bytes(content)
         part.replace(path)
@@ -229,8 +263,9 @@ def canonical(value: Any) -> bytes:
     return (json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
 
 
-def _is_part(path: Path) -> bool:
-    return path.name.startswith(".") and path.name.endswith(".part")
+def _part(path: Path) -> Path:
+    """Where a file is written before it gets its name."""
+    return path.with_name(f".{path.name}.part")
 
 
 def _name(number: int) -> str:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from mjsheaf.errors import InputError
 from mjsheaf.studies.job import Done, ForeignWorkerError, Job, new_record, run_job, seed_of
+from mjsheaf.threads import ONE_THREAD
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -24,9 +25,6 @@ _LEAST_WAITING = 64
 """Runs that are handed out at a time, at least; more only fill the scheduler's memory."""
 
 _CONNECT_S = 10
-
-ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-"""What keeps BLAS to one thread where it is set before numpy is imported."""
 
 
 class SchedulerError(InputError):
@@ -52,7 +50,7 @@ class Engine:
 
         Raises:
             SchedulerError: the cluster went away.
-            ForeignWorkerError: a worker has another version of mjsheaf.
+            ForeignWorkerError: a worker has another version of mjsheaf or of a library.
         """
         suspects = []
         for job, done in self._stream(jobs, function, max(_LEAST_WAITING, 4 * self.workers)):
@@ -177,8 +175,12 @@ def local_engine(workers: int | None = None, *, processes: bool = True) -> Itera
 
 
 @contextmanager
-def engine_at(address: str) -> Iterator[Engine]:
+def engine_at(address: str, note: Callable[[str], None] | None = None) -> Iterator[Engine]:
     """A cluster that exists, by its scheduler's address, such as tcp://10.0.0.1:8786. Its workers need this mjsheaf.
+
+    Args:
+        address: of the scheduler.
+        note: told where it has no worker yet; runs wait for the first.
 
     Raises:
         SchedulerError: nobody answers there.
@@ -195,7 +197,10 @@ def engine_at(address: str) -> Iterator[Engine]:
                 f"--scheduler {address}: no scheduler answers: {reason}; legal is an address as tcp://HOST:8786"
             ) from None
         with client:
-            yield Engine(client)
+            engine = Engine(client)
+            if note and not engine.workers:
+                note(f"no worker yet at {address}; waiting")
+            yield engine
 
 
 async def _meet(address: str) -> None:

@@ -2,7 +2,9 @@
 
 import tempfile
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cache
+from importlib.metadata import version
 from pathlib import Path
 from textwrap import shorten
 from typing import TYPE_CHECKING, Any
@@ -35,6 +37,12 @@ _MOST_WRITES = 5
 _OF_RANGE, _OF_BOTH = 0.01, 0.05
 
 
+@cache
+def library_versions() -> dict[str, str]:
+    """Versions of the libraries on which the bits of a run depend."""
+    return {name: version(name) for name in ("mujoco", "numpy", "numba")}
+
+
 class ForeignWorkerError(InputError):
     """A worker of an existing scheduler cannot do this study's runs."""
 
@@ -51,7 +59,7 @@ class Job:
         directory: to which paths of vehicles in overrides are relative.
         backend: 'physics' or 'ideal'.
         trajectories: whether result.nc is wanted.
-        version: of the mjsheaf that asks.
+        versions: of the mjsheaf that asks and of its libraries.
     """
 
     point: Point
@@ -61,7 +69,7 @@ class Job:
     directory: str
     backend: str
     trajectories: bool = False
-    version: str = __version__
+    versions: dict[str, str] = field(default_factory=lambda: {"mjsheaf": __version__, **library_versions()})
 
 
 @dataclass(frozen=True)
@@ -95,10 +103,11 @@ def run_job(job: Job) -> Done:
     """Simulate a point. Whatever goes wrong with it is its record's status and message.
 
     Raises:
-        ForeignWorkerError: this worker has another version of mjsheaf.
+        ForeignWorkerError: this worker has another version of mjsheaf or of a library.
     """
-    if job.version != __version__:
-        raise ForeignWorkerError(f"a worker has mjsheaf {__version__}; legal is {job.version}, which asks")
+    for name, here in {"mjsheaf": __version__, **library_versions()}.items():
+        if job.versions[name] != here:
+            raise ForeignWorkerError(f"a worker has {name} {here}; legal is {job.versions[name]}, as who asks has")
     begun = time.perf_counter()
     dataset = None
     try:
@@ -141,14 +150,20 @@ def scenario_of(job: Job) -> "Scenario":
     Raises:
         ScenarioError: the point is not legal.
     """
-    from mjsheaf.scenario.load import map_vehicles, scenario_from_mapping
+    from mjsheaf.scenario.load import scenario_from_mapping
+
+    return scenario_from_mapping(job.scenario, overrides_of(job), job.source)
+
+
+def overrides_of(job: Job) -> dict[str, Any]:
+    """What makes the scenario of a job's point from the one that was read; paths of vehicles in it are absolute."""
+    from mjsheaf.scenario.load import map_vehicles
 
     directory = Path(job.directory)
-    overrides = {
+    return {
         path: map_vehicles(value, lambda name: str(directory / name), tuple(path.split(".")))
         for path, value in (job.overrides | job.point.overrides).items()
     }
-    return scenario_from_mapping(job.scenario, overrides, job.source)
 
 
 def settled(tracking: Array) -> bool | None:
@@ -174,11 +189,10 @@ def settled(tracking: Array) -> bool | None:
 
 
 def seed_of(job: Job) -> int | None:
-    """The seed of a run that has no scenario to ask."""
-    for given in (job.point.seed, job.point.parameters.get("seed"), job.overrides.get("seed")):
-        if given is not None:
-            return given if isinstance(given, int) else None
-    return job.scenario.get("seed", 0)
+    """The seed of a run that has no scenario to ask; None where it is given one that no scenario takes."""
+    overrides = job.overrides | job.point.overrides
+    given = overrides.get("seed", job.scenario.get("seed", 0))
+    return given if type(given) is int and abs(given) < 2**63 else None
 
 
 def _finite(value: float | None) -> float | None:

@@ -2,14 +2,18 @@
 
 import base64
 import json
+import re
+import shlex
 from collections import Counter
 from html import escape
 from typing import TYPE_CHECKING, Any
 
 from mjsheaf._version import __version__
+from mjsheaf.reading import parse_yaml
 from mjsheaf.results.summary import MEASURES
-from mjsheaf.studies.job import SETTLED, STATUSES
+from mjsheaf.studies.job import SETTLED, STATUSES, overrides_of
 from mjsheaf.studies.plan import Plan
+from mjsheaf.studies.points import Point
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -18,6 +22,7 @@ _BACKENDS = {"ideal": "on ideal kinematics", "physics": "on MuJoCo bodies"}
 _MOST_ROWS = 2000
 _MOST_VALUES = 24
 _NUMBER = ' class="n"'
+_WORD = re.compile(r"[\w./][\w./-]*")
 
 _STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 72rem; padding: 0 1rem; color: #1a1a1a; }
@@ -54,7 +59,7 @@ def page_of(plan: Plan, table: "pa.Table", plots: dict[str, bytes]) -> bytes:
         "<h2>What was asked</h2>",
         _asked(plan),
         "<h2>Runs</h2>",
-        _note(plan, table.num_rows),
+        _note(plan, table),
         _rows(table),
     ]
     body = "\n".join(filter(None, parts))
@@ -93,16 +98,33 @@ def _asked(plan: Plan) -> str:
     )
 
 
-def _note(plan: Plan, rows: int) -> str:
+def _note(plan: Plan, table: "pa.Table") -> str:
+    rows = table.num_rows
     shown = f" The first {_MOST_ROWS} of {rows} are shown." if rows > _MOST_ROWS else ""
-    scenario = "SCENARIO" if plan.files else "scenario.yaml"
-    command = f"mjsheaf run {scenario} --backend {plan.study.backend} --set PATH=VALUE --seed N"
+    statuses = table.column("status").to_pylist()
+    example = statuses.index("finished") if "finished" in statuses else 0
     return (
         f'<p class="note">Errors are the team\'s at the last sample, in m. {SETTLED} bound_ratio is the largest '
         f"measured |e| over the bound of Theorem 1, where that applies.{shown} "
         'All are in <a href="table.csv">table.csv</a> and <a href="table.parquet">table.parquet</a>, and with the '
-        f"errors of each group in <code>runs/</code>. Look at one with <code>{escape(command)}</code>.</p>"
+        f"errors of each group in <code>runs/</code>. Look at one, here run {example}, with "
+        f"<code>{escape(command_of(plan, plan.points[example]))}</code>.</p>"
     )
+
+
+def command_of(plan: Plan, point: Point) -> str:
+    """The command that does one run of a study by itself, for a shell in the study's directory."""
+    # The scenario of a study with vehicles' own files is not kept there, as it could not name them.
+    parts = ["mjsheaf", "run", "SCENARIO" if plan.files else "scenario.yaml", "--backend", plan.study.backend]
+    for path, value in overrides_of(plan.job(point)).items():
+        parts += ["--set", f"{path}={_as_yaml(value)}"]
+    return shlex.join(parts)
+
+
+def _as_yaml(value: Any) -> str:
+    """A value as `--set` reads it."""
+    plain = isinstance(value, str) and _WORD.fullmatch(value) and parse_yaml(value, "value") == value
+    return str(value) if plain else json.dumps(value, ensure_ascii=False)
 
 
 def _rows(table: "pa.Table") -> str:

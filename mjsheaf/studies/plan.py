@@ -15,13 +15,15 @@ from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.build import uses_seed
 from mjsheaf.scenario.load import map_vehicles
 from mjsheaf.simulation import BACKENDS
-from mjsheaf.studies.job import Job, scenario_of
+from mjsheaf.studies.job import Job, library_versions, scenario_of
 from mjsheaf.studies.points import Point, points_of
 from mjsheaf.studies.schema import StudyFile, asked_of, problem_of
 from mjsheaf.studies.sources import read_source, vehicle_files
 
 _TRIED_POINTS = 20
 """Points of which one must be legal before anything begins: a field that does not exist fails them all."""
+
+_GOLDEN = 0.6180339887498949
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,7 @@ class Plan:
         """What study.json holds: all on which results depend. Two studies with one record give the same bytes."""
         return {
             "mjsheaf_version": __version__,
+            "versions": library_versions(),
             "study": self.name,
             "runs": len(self.points),
             "asked": asked_of(self.study),
@@ -149,23 +152,38 @@ def parse_seeds(text: str) -> tuple[int, int]:
     Raises:
         ScenarioError: it is not that.
     """
-    match = re.fullmatch(r"([0-9]{1,18}):([0-9]{1,18})", text)
-    if not match or int(match[1]) >= int(match[2]):
-        raise ScenarioError(f"--seeds {text!r}: legal is A:B with 0 <= A < B, the seeds from A up to but without B")
+    match = re.fullmatch(r"([0-9]{1,19}):([0-9]{1,19})", text)
+    if not match or not int(match[1]) < int(match[2]) < 2**63:
+        raise ScenarioError(
+            f"--seeds {text!r}: legal is A:B with 0 <= A < B < 2^63, the seeds from A up to but without B"
+        )
     return int(match[1]), int(match[2])
 
 
 def _a_legal_point(plan: Plan) -> Scenario:
-    """The first of the points that is legal.
+    """The first of the points tried that is legal.
 
     Raises:
-        ScenarioError: none of the first ones is; the message is about the very first.
+        ScenarioError: none of them is; the message is about the very first.
     """
     first: InputError | None = None
-    for point in plan.points[:_TRIED_POINTS]:
+    tried = _tried(plan)
+    for point in tried:
         try:
             return scenario_of(replace(plan.job(point), source=plan.source))
         except InputError as error:
             first = first or error
-    tried = min(len(plan.points), _TRIED_POINTS)
-    raise ScenarioError(str(first) if tried == 1 else f"{first} (and none of the first {tried} points is legal)")
+    which = f"{len(tried)} points" + (" from all over the study" if len(tried) < len(plan.points) else "")
+    raise ScenarioError(str(first) if len(plan.points) == 1 else f"{first} (and none of {which} is legal)")
+
+
+def _tried(plan: Plan) -> list[Point]:
+    """The first point and others from all over the study: with as many different parameters, then seeds, as may be."""
+    seeds = plan.study.seeds.stop - plan.study.seeds.start if plan.study.seeds else 1
+    places = len(plan.points) // seeds
+    # Steps of the golden ratio come near every place and fall in with no period of the grid.
+    steps = (int(places * (k * _GOLDEN % 1.0)) for k in range(_TRIED_POINTS))
+    spread = dict.fromkeys(steps if places > _TRIED_POINTS else range(places))
+    return [plan.points[place * seeds + k] for k in range(min(seeds, _TRIED_POINTS)) for place in spread][
+        :_TRIED_POINTS
+    ]

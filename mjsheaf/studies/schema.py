@@ -1,6 +1,6 @@
 """The schema of a study file: a scenario, what is swept, and how."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, JsonValue, ValidationError, model_validator
@@ -147,7 +147,11 @@ class StudyFile(Section):
             inside = next((other for other in seen if other.startswith(f"{path}.")), None)
             if inside is not None:
                 raise ValueError(f"{path}: would overwrite {inside}, which is swept before it; give it first")
+            inside = next((other for other in self.set if other.startswith(f"{path}.")), None)
+            if inside is not None:
+                raise ValueError(f"{path}: would overwrite {inside}, which is set; give that in the values of {path}")
             seen.append(path)
+        _check_items(self.set, seen)
         unknown = next((path for path in self.labels if path not in seen), None)
         if unknown is not None:
             raise ValueError(f"labels: {unknown} is not swept; legal are {', '.join(seen) or 'none'}")
@@ -171,6 +175,23 @@ class StudyFile(Section):
             count *= len(values)
         count *= self.draws.count if self.draws else 1
         return count * (self.seeds.stop - self.seeds.start if self.seeds else 1)
+
+
+def _check_items(fixed: Mapping[str, Any], swept: Iterable[str]) -> None:
+    """See that swept fields name the items of a list either by number or by id, so that no item has two names.
+
+    Raises:
+        ValueError: one does not.
+    """
+    tree: dict[bool, Any] = {}
+    for path in (*fixed, *swept):
+        at = tree
+        for key in path.split("."):
+            number = key.isdecimal()
+            other = next(iter(at.get(not number, ())), None)
+            if other is not None and path not in fixed:
+                raise ValueError(f"{path}: another field names an item of the same list as {other}; name all one way")
+            at = at.setdefault(number, {}).setdefault(key, {})
 
 
 def problem_of(error: ValidationError) -> str:

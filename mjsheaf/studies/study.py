@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mjsheaf.studies.directory import StudyDirectory, open_directory
-from mjsheaf.studies.engine import Engine
+from mjsheaf.studies.directory import RESULT_FILES, StudyDirectory, open_directory
+from mjsheaf.studies.engine import Engine, SchedulerError
+from mjsheaf.studies.job import ForeignWorkerError
 from mjsheaf.studies.plan import Plan
 
 Progress = Callable[[str, int, int], None]
@@ -50,21 +51,26 @@ def run_study(
     Raises:
         PlaceError: the directory holds something else or cannot be written. Runs that have ended are kept.
         BusyError: another command works on the directory.
-        SchedulerError: the cluster cannot be reached, or went away. Runs that have ended are kept.
+        SchedulerError: the cluster cannot be reached, or went away. Runs that have ended are kept; without any, so is
+            only a directory that was there before.
     """
     with open_directory(directory, plan) as place:
         records = place.ended()
         kept = {n for n, r in records.items() if not retry_failed or r["status"] == "finished"}
         missing = [point for point in plan.points if point.number not in kept]
         if missing:
-            with engine() as cluster:
-                done = len(kept)
-                _report(progress, done, plan)
-                for result in cluster.run(plan.job(point) for point in missing):
-                    place.save(result)
-                    records[result.record["run"]] = result.record
-                    done += 1
+            try:
+                with engine() as cluster:
+                    done = len(kept)
                     _report(progress, done, plan)
+                    for result in cluster.run(plan.job(point) for point in missing):
+                        place.save(result)
+                        records[result.record["run"]] = result.record
+                        done += 1
+                        _report(progress, done, plan)
+            except (SchedulerError, ForeignWorkerError):
+                place.leave()
+                raise
         ordered = [records[point.number] for point in plan.points]
         return Study(directory, ordered, len(missing), _show(place, plan, ordered))
 
@@ -72,10 +78,6 @@ def run_study(
 def _report(progress: Progress | None, done: int, plan: Plan) -> None:
     if progress:
         progress("running", done, len(plan.points))
-
-
-RESULT_FILES = {"table.csv", "table.parquet", "error.png", "success.png", "index.html"}
-"""What is made of the runs once all have ended."""
 
 
 def _show(place: StudyDirectory, plan: Plan, records: list[dict[str, Any]]) -> list[str]:

@@ -389,7 +389,13 @@ def test_signal_that_was_lost_stops_the_work_at_the_next_report() -> None:
         "        print('not here')\n"
         "listing.schema_command = work\nmain(['schema'])"
     )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        capture_output=True,
+        text=True,
+        check=False,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )
     assert done.returncode == 130
     assert done.stdout == "went on\n"
     assert done.stderr == "mjsheaf: interrupted; nothing was written\n"

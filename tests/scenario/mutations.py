@@ -12,7 +12,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from hypothesis import HealthCheck, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from mjsheaf.errors import ScenarioError
@@ -20,7 +20,7 @@ from mjsheaf.reading import read_yaml
 from mjsheaf.scenario import list_scenarios, load_scenario
 
 TREES, TEXTS, RUNS = 460, 160, 12
-"""How many mutated files are tried for each scenario that ships: loaded as trees, loaded as texts, run."""
+"""How many different mutated files, at least, are tried for each scenario that ships: as trees, as texts, run."""
 
 LONGEST = 30.0
 """s; a file takes milliseconds."""
@@ -67,6 +67,21 @@ SNIPPETS = [
 
 class Pairs(list[tuple[Any, Any]]):
     """A mapping that may have a key twice."""
+
+
+def try_files(strategy: st.SearchStrategy[bytes], least: int, check: Callable[[bytes], None]) -> None:
+    """Check files drawn from a strategy, each once, and see that there were as many as promised."""
+    tried: set[bytes] = set()
+
+    @settings(FUZZ, max_examples=least * 3 // 2)  # a good fifth of the mutations come out alike
+    @given(strategy)
+    def each(data: bytes) -> None:
+        if data not in tried:
+            check(data)
+            tried.add(data)  # only now: what fails is checked again, and must fail again
+
+    each()
+    assert len(tried) >= least
 
 
 def load_or_refuse(data: bytes, folder: Path) -> None:

@@ -3,6 +3,7 @@
 Oracle: the contract; files of a secret kind outside the scenario's directory, which nothing may open.
 """
 
+import os
 import shutil
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from mjsheaf.cli.main import main
 from mjsheaf.confining import confined
 from mjsheaf.errors import InputError, ScenarioError
 from mjsheaf.resolving import write_scenario
+from tests.scenario.mutations import in_time
 
 DATA = Path(__file__).parents[1] / "data"
 SCENARIO: dict[str, Any] = {
@@ -115,6 +117,18 @@ def test_what_is_no_path_is_refused_in_few_words(name: str, tmp_path: Path) -> N
     with pytest.raises(InputError) as refused:
         confined(name, tmp_path)
     assert len(str(refused.value)) < 500
+
+
+@pytest.mark.parametrize("suffix", [".yaml", ".xml", ".obj"])
+def test_a_pipe_is_not_waited_on(suffix: str, place: Path) -> None:
+    boats = place / "boats"
+    edit(boats / "raft.xml", "</mujoco>", '<asset><mesh name="m" file="pipe.obj"/></asset></mujoco>')
+    pipe = {".yaml": boats / "raft.yaml", ".xml": boats / "raft.xml", ".obj": boats / "pipe.obj"}[suffix]
+    pipe.unlink(missing_ok=True)
+    os.mkfifo(pipe)
+    with in_time(), pytest.raises(InputError, match="is no regular file") as caught:
+        load_vehicle(str(boats / "raft.yaml"))
+    assert "\n" not in str(caught.value)
 
 
 def test_links_in_a_circle_are_refused(place: Path) -> None:

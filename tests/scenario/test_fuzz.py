@@ -7,17 +7,17 @@ other types, endless or huge numbers, deep nesting, odd text. test_fuzz_text.py 
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
 
 from mjsheaf.reading import dump_yaml
 from mjsheaf.scenario import list_scenarios, load_scenario
 
-from .mutations import FUZZ, RUNS, TEXTS, TREES, base, load_or_refuse, trees
+from .mutations import RUNS, TEXTS, TREES, base, load_or_refuse, trees, try_files
 
 NAMES = list(list_scenarios())
 
 
 def test_ten_thousand_files_are_tried() -> None:
+    """Different ones, by this module and test_fuzz_text.py: each test there sees that it tries as many as it should."""
     assert len(NAMES) * (TREES + TEXTS + RUNS) >= 10_000
 
 
@@ -31,9 +31,4 @@ def test_what_is_mutated_is_valid(name: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_mutated_tree_is_valid_or_refused_in_one_line(name: str, tmp_path: Path) -> None:
-    @settings(FUZZ, max_examples=TREES)
-    @given(trees(name))
-    def each(data: bytes) -> None:
-        load_or_refuse(data, tmp_path)
-
-    each()
+    try_files(trees(name), TREES, lambda data: load_or_refuse(data, tmp_path))

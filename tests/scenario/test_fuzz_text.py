@@ -21,7 +21,7 @@ from mjsheaf.reading import read_yaml
 from mjsheaf.scenario import list_scenarios, load_scenario
 from mjsheaf.simulation import simulate
 
-from .mutations import FUZZ, RUNS, TEXTS, in_time, load_or_refuse, mutated_text, mutated_tree, texts, trees
+from .mutations import FUZZ, RUNS, TEXTS, in_time, load_or_refuse, mutated_text, mutated_tree, texts, trees, try_files
 
 NAMES = list(list_scenarios())
 SHORT = ["time.start=0", "time.end=0.05", "controller.control_period=0.01"]
@@ -33,12 +33,7 @@ LEFT = {"result.nc", "summary.json", "scenario.yaml"}
 
 @pytest.mark.parametrize("name", NAMES)
 def test_mutated_bytes_are_valid_or_refused_in_one_line(name: str, tmp_path: Path) -> None:
-    @settings(FUZZ, max_examples=TEXTS)
-    @given(texts(name))
-    def each(data: bytes) -> None:
-        load_or_refuse(data, tmp_path)
-
-    each()
+    try_files(texts(name), TEXTS, lambda data: load_or_refuse(data, tmp_path))
 
 
 @pytest.fixture(scope="module")
@@ -58,8 +53,6 @@ def test_a_mutated_file_runs_whole_or_leaves_nothing(
     arguments = [part for change in SHORT for part in ("--set", change)]
     runs = iter(range(10 * RUNS))
 
-    @settings(FUZZ, max_examples=RUNS)
-    @given(st.one_of(trees(name), texts(name)))
     def each(data: bytes) -> None:
         folder = tmp_path / str(next(runs))
         folder.mkdir()
@@ -76,7 +69,7 @@ def test_a_mutated_file_runs_whole_or_leaves_nothing(
         if out.exists():
             assert {p.name for p in out.iterdir()} == LEFT
 
-    each()
+    try_files(st.one_of(trees(name), texts(name)), RUNS, each)
 
 
 @pytest.mark.parametrize("suffix", [".yaml", ".xml"])

@@ -15,7 +15,7 @@ from mjsheaf import load_scenario, simulate
 from mjsheaf.errors import ScenarioError
 from mjsheaf.running import dump_scenario
 from mjsheaf.scenario import Scenario
-from mjsheaf.scenario.swarm import Swarm, _nearest, _sunflower
+from mjsheaf.scenario.swarm import Swarm, _k_regular, _nearest, _sunflower
 
 GRAPHS = ("nearest", "ring", "random_geometric", "small_world", "k_regular")
 
@@ -50,6 +50,20 @@ def test_graphs_are_what_they_are_called() -> None:
     assert graph_of(swarm(graph="small_world", size=40, degree=4)).number_of_edges() >= 80
     crowd = graph_of(swarm(graph="random_geometric", size=400, degree=6))
     assert 4.0 < 2.0 * crowd.number_of_edges() / 400 < 8.0
+
+
+@pytest.mark.parametrize(("size", "degree"), [(2, 2), (3, 2), (20, 2), (8, 3), (9, 4), (40, 3)])
+def test_k_regular_is_regular_and_connected_with_every_seed(size: int, degree: int) -> None:
+    drawn = set()
+    for seed in range(60):
+        edges = _k_regular(
+            _sunflower(size, 6.0), Swarm(size=size, about="T1", degree=degree), np.random.default_rng(seed)
+        )
+        graph = networkx.Graph(edges)
+        assert networkx.is_connected(graph)
+        assert Counter(dict(graph.degree).values()) == {min(degree, size - 1): size}
+        drawn.add(frozenset(edges))
+    assert len(drawn) == (1 if degree >= size - 1 else 60)
 
 
 @pytest.mark.parametrize(("size", "degree"), [(2, 2), (5, 8), (40, 64), (300, 4), (9000, 5)])
@@ -118,6 +132,8 @@ def test_the_resolved_swarm_is_written_out_and_runs_alike(tmp_path: Path) -> Non
         ({"swarm.graph": "torus"}, "swarm.graph: input should be 'nearest'"),
         ({"swarm.about": "nobody"}, "swarm.about: 'nobody' is no target with a position"),
         ({"swarm.graph": "k_regular", "swarm.size": 5, "swarm.degree": 3}, "swarm.degree: no graph of 5 agents has 3"),
+        ({"swarm.degree": 5}, "swarm.degree: 5 is odd; legal with graph nearest are even numbers"),
+        ({"swarm.graph": "small_world", "swarm.degree": 3}, "swarm.degree: 3 is odd"),
         ({"agents": [{"id": "A", "position": [0, 0]}]}, "swarm: makes agents itself; give either"),
     ],
 )

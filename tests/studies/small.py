@@ -1,6 +1,7 @@
 """Small studies, and ways to look at what they leave."""
 
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -30,10 +31,21 @@ def command(*arguments: str | Path) -> list[str]:
 
 
 def start(*arguments: str | Path, **options: Any) -> "subprocess.Popen[str]":
-    """Begin a command whose output is read at its end."""
+    """Begin a command whose output is read at its end, with SIGINT as a terminal's shell gives it."""
     return subprocess.Popen(
-        command(*arguments), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=dict(os.environ), **options
+        command(*arguments),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=dict(os.environ),
+        preexec_fn=heed_interrupts,
+        **options,
     )
+
+
+def heed_interrupts() -> None:
+    """In a process that begins: where the tests run in a shell's background, it inherits that SIGINT is ignored."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def contents(directory: Path) -> dict[str, bytes]:

@@ -17,6 +17,7 @@ from mjsheaf.results.store import PlaceError
 from mjsheaf.studies import Plan, run_study
 from mjsheaf.studies.directory import BusyError, open_directory
 from mjsheaf.studies.engine import SchedulerError
+from mjsheaf.studies.job import library_versions
 from tests.studies.small import IN_THREADS, command, contents, small_plan
 
 Runner = Callable[..., "subprocess.CompletedProcess[str]"]
@@ -78,13 +79,13 @@ def test_another_study_is_refused_with_the_difference(study: Path, plan: Callabl
     assert contents(study) == before
 
 
-@pytest.mark.parametrize("last", [".lock", "scenario.yaml", "study.json", "runs"])
+@pytest.mark.parametrize("last", [".lock", "study.json", "scenario.yaml", "runs"])
 def test_killed_while_it_begins(finished: Path, tmp_path: Path, last: str) -> None:
     """What a killed command may leave, by the last that it made, is gone on with; also by another study."""
     for plan in (small_plan(), small_plan(gains=(1.0, 4.0))):
         out = tmp_path / str(len(list(tmp_path.iterdir())))
         (out / "runs").mkdir(parents=True)
-        made = [".lock", "scenario.yaml", "study.json", "runs"]
+        made = [".lock", "study.json", "scenario.yaml", "runs"]
         for name in made[: made.index(last) + 1]:
             if name != "runs":
                 shutil.copy(finished / name, out / name)
@@ -95,14 +96,35 @@ def test_killed_while_it_begins(finished: Path, tmp_path: Path, last: str) -> No
         assert (contents(out) == contents(finished)) == (plan.study.grid == small_plan().study.grid)
 
 
+def test_a_person_s_files_beside_a_study_stay(study: Path) -> None:
+    for name in (".notes.part", "runs/.notes.part"):
+        (study / name).write_text("mine")
+    assert run_study(small_plan(), study, never).begun == 0
+    assert (study / ".notes.part").exists()
+    assert (study / "runs" / ".notes.part").exists()
+
+
+def test_begun_anew_nothing_of_before_stays(finished: Path, tmp_path: Path) -> None:
+    """A trajectory is written before its run's file: a kill between the two leaves it alone."""
+    with open_directory(tmp_path / "out", small_plan(gains=(5.0,), trajectories=True)):
+        (tmp_path / "out" / "trajectories" / "000001.nc").write_text("stale")
+    run_study(small_plan(), tmp_path / "out", IN_THREADS)
+    assert contents(tmp_path / "out") == contents(finished)
+
+
 def test_without_a_scheduler_another_may_be_asked_for(tmp_path: Path) -> None:
     """Nothing has ended, so nothing is lost."""
 
     def nobody() -> Any:
         raise SchedulerError("nobody answers")
 
+    (tmp_path / "out").mkdir()
     with pytest.raises(SchedulerError):
         run_study(small_plan(), tmp_path / "out", nobody)
+    assert (tmp_path / "out" / "study.json").exists()
+    with pytest.raises(SchedulerError):
+        run_study(small_plan(), tmp_path / "deep" / "new", nobody)
+    assert not (tmp_path / "deep").exists()
     assert run_study(small_plan(gains=(5.0,)), tmp_path / "out", IN_THREADS).begun == 2
     assert json.loads((tmp_path / "out" / "study.json").read_text())["runs"] == 2
 
@@ -125,9 +147,13 @@ def test_another_version_is_refused(study: Path, monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr("mjsheaf.studies.plan.__version__", "99.0")
     with pytest.raises(PlaceError, match=r"mjsheaf_version was '.*', is now '99.0'"):
         run_study(small_plan(), study, never)
+    monkeypatch.undo()
+    monkeypatch.setattr("mjsheaf.studies.plan.library_versions", lambda: {**library_versions(), "mujoco": "99.0"})
+    with pytest.raises(PlaceError, match=r"versions.mujoco was '.*', is now '99.0'"):
+        run_study(small_plan(), study, never)
 
 
-@pytest.mark.parametrize("name", ["notes.txt", "result.nc", ".hidden"])
+@pytest.mark.parametrize("name", ["notes.txt", "result.nc", ".hidden", "scenario.yaml", ".mine.part"])
 def test_a_directory_of_something_else_is_refused(tmp_path: Path, name: str) -> None:
     (tmp_path / "x").mkdir()
     (tmp_path / "x" / name).write_text("mine")
@@ -152,6 +178,13 @@ def test_strange_places_are_refused(tmp_path: Path) -> None:
     (tmp_path / "run" / "summary.json").write_text(json.dumps({"mjsheaf_version": "1"}))
     with pytest.raises(PlaceError, match="the directory of a run"):
         run_study(small_plan(), tmp_path / "run" / "study", never)
+
+
+def test_a_study_inside_a_study_is_refused(study: Path) -> None:
+    before = contents(study)
+    with pytest.raises(PlaceError, match=r"lies inside .*/study, the directory of a study"):
+        run_study(small_plan(), study / "runs" / "mine", never)
+    assert contents(study) == before
 
 
 def test_a_second_command_is_refused(study: Path, mjsheaf: Runner) -> None:

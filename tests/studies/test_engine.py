@@ -147,10 +147,12 @@ def test_an_error_around_a_run_is_recorded() -> None:
     assert found[1]["message"] == "LookupError: no such thing at all"
 
 
-def test_a_worker_of_another_version_ends_the_study() -> None:
-    plan = small_plan()
-    with IN_THREADS() as engine, pytest.raises(ForeignWorkerError, match=r"legal is 99\.0, which asks"):
-        list(engine.run(replace(plan.job(point), version="99.0") for point in plan.points))
+@pytest.mark.parametrize("name", ["mjsheaf", "mujoco", "numpy", "numba"])
+def test_a_worker_of_another_version_ends_the_study(name: str) -> None:
+    jobs = [small_plan().job(point) for point in small_plan().points]
+    jobs = [replace(job, versions={**job.versions, name: "99.0"}) for job in jobs]
+    with IN_THREADS() as engine, pytest.raises(ForeignWorkerError, match=rf"a worker has {name} .*; legal is 99\.0"):
+        list(engine.run(jobs))
 
 
 def test_workers_listen_to_this_machine_alone() -> None:
@@ -217,6 +219,19 @@ def test_nobody_at_the_address(monkeypatch: pytest.MonkeyPatch) -> None:
         with pytest.raises(SchedulerError, match=f"--scheduler {address}: no scheduler answers"), engine_at(address):
             pass
         gc.collect()
+
+
+def test_a_scheduler_without_workers_is_waited_on(tmp_path: Path) -> None:
+    with cluster(tmp_path, workers=0) as (address, processes):
+        running = start(*ASKED, "--scheduler", address, "--out", tmp_path / "out")
+        assert running.stderr is not None
+        assert running.stderr.readline() == f"note: no worker yet at {address}; waiting\n"
+        line = ["distributed.cli.dask_worker", address, "--host", "127.0.0.1", "--nthreads", "1", "--no-dashboard"]
+        quiet = subprocess.DEVNULL
+        processes.append(subprocess.Popen([sys.executable, "-m", *line], stdout=quiet, stderr=quiet, cwd=tmp_path))
+        told, errors = running.communicate(timeout=90)
+    assert running.returncode == 0, errors
+    assert "10 runs: 10 finished" in told
 
 
 def test_a_scheduler_that_dies_ends_the_command_in_order(tmp_path: Path) -> None:

@@ -1,10 +1,12 @@
 """Study files as nobody should write them: each is a plan, or refused in one line, and leaves no partial directory.
 
-Oracle: the contract on errors. Mutations are those of scenario files; nothing is run.
+Oracle: the contract on errors. Mutations are those of scenario files; nothing is run, but what is planned is shown with
+made-up records, as no study may fail once all of its runs have ended.
 """
 
 import json
 import warnings
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +15,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mjsheaf.errors import InputError
+from mjsheaf.plots.study import plot_study
+from mjsheaf.plots.study_axis import swept_axes
 from mjsheaf.reading import dump_yaml
-from mjsheaf.studies import load_plan
+from mjsheaf.results.summary import MEASURES
+from mjsheaf.studies import Plan, Point, load_plan
 from mjsheaf.studies.directory import open_directory
-from tests.scenario.mutations import FUZZ, in_time, mutated_text, mutated_tree
+from mjsheaf.studies.job import new_record, seed_of
+from mjsheaf.studies.page import page_of
+from mjsheaf.studies.table import csv_of, make_table, parquet_of
+from tests.scenario.mutations import FUZZ, base, in_time, mutated_text, mutated_tree
 
 FILES = 400
 """Mutated files for each of the studies below, as trees and as texts."""
@@ -57,6 +65,50 @@ STUDIES: dict[str, dict[str, Any]] = {
 }
 
 
+MOST_SHOWN = 30
+"""Runs of a study that is shown."""
+
+_drawn: set[str] = set()
+
+
+def show(plan: Plan) -> None:
+    """Make the table and the page of a plan, and, as that takes longest, one in so many of its plots."""
+    points = plan.points[:MOST_SHOWN]
+    records = []
+    for k, point in enumerate(points):
+        if k % 3 == 1:
+            records.append(new_record(point, seed_of(plan.job(point)), "invalid", "no such thing"))
+        else:
+            final = dict.fromkeys(MEASURES, 1.0 + k)
+            records.append(new_record(point, seed_of(plan.job(point)), "finished", final=final, settled=k % 2 == 0))
+    table = make_table(plan, records)
+    csv_of(table)
+    parquet_of(table)
+    swept_axes(plan.study, records)
+    kind = repr((sorted(plan.study.labels.values()), [str(table.schema.field(p).type) for p in plan.study.paths]))
+    plots = {}
+    if kind not in _drawn:  # what decides how it is drawn
+        _drawn.add(kind)
+        plots = plot_study(plan.study, plan.name, records)
+    page_of(plan, table, plots)
+
+
+@pytest.mark.parametrize(
+    "seeds", [[1, True], [True], [0, "a"], [[1], {"b": 2}], [None, 3], [1.5, 2], [2**62, 10], [2**63 - 1, -(2**63) + 1]]
+)
+def test_odd_seeds_are_shown(seeds: list[Any]) -> None:
+    show(load_plan("midpoint", grid={"seed": [0, *seeds]}, backend="ideal"))
+
+
+@pytest.mark.parametrize("seed", [True, 2**63, "a", None, [1]])
+def test_an_odd_seed_of_the_scenario_is_shown(seed: Any, tmp_path: Path) -> None:
+    """Swept over, it is legal in some of the runs."""
+    path = tmp_path / "own.yaml"
+    path.write_text(dump_yaml({**base("midpoint"), "seed": seed}))
+    plan = load_plan(str(path), backend="ideal", grid={"seed": [0]})
+    show(replace(plan, study=plan.study.model_copy(update={"grid": {}}), points=[Point(0, {}), Point(1, {"seed": 3})]))
+
+
 @pytest.mark.parametrize("name", STUDIES)
 def test_what_is_mutated_is_valid(name: str, tmp_path: Path) -> None:
     """Else every mutation would be refused for the same reason."""
@@ -77,8 +129,10 @@ def test_a_mutated_study_is_planned_or_refused_in_one_line(name: str, tmp_path: 
         with in_time(), warnings.catch_warnings():
             warnings.simplefilter("ignore")
             try:
-                with open_directory(out, load_plan(str(path))):
+                plan = load_plan(str(path))
+                with open_directory(out, plan):
                     assert json.loads((out / "study.json").read_bytes())["runs"] >= 1
+                show(plan)
             except InputError as error:
                 told = str(error)
                 assert 0 < len(told) < 2_500

@@ -54,7 +54,7 @@ def test_killed_ten_times(tmp_path: Path) -> None:
     out, choose = tmp_path / "out", random.Random(6)
     before: dict[str, tuple[int, int]] = {}
     running = start(*ASKED, "--out", out)
-    kills = 0
+    kills, early_ends = 0, 0
     while kills < KILLS:
         known = len(ended(out))
         early = choose.random() < 0.3
@@ -65,6 +65,8 @@ def test_killed_ten_times(tmp_path: Path) -> None:
         time.sleep(choose.random() * (3.0 if early else 0.3))
         if running.poll() is not None:  # it ended before its time came: the last kills are of its end
             assert running.returncode == 0, running.communicate()[1]
+            early_ends += 1
+            assert early_ends == 1, "the study is too short for so many kills"
             print(f"  ended with {len(ended(out))} of {RUNS}; begun again from half of them")
             for path in sorted(out.glob("runs/0*.json"))[::2]:
                 path.unlink()

@@ -32,7 +32,7 @@ def test_a_grid_that_is_none(text: str) -> None:
         parse_grid(text)
 
 
-@pytest.mark.parametrize("text", ["", "3", "3:", ":3", "3:3", "4:3", "-1:3", "0:1.5", "0:" + 30 * "9"])
+@pytest.mark.parametrize("text", ["", "3", "3:", ":3", "3:3", "4:3", "-1:3", "0:1.5", "0:" + 30 * "9", f"0:{2**63}"])
 def test_seeds_that_are_none(text: str) -> None:
     with pytest.raises(ScenarioError, match="--seeds"):
         parse_seeds(text)
@@ -40,6 +40,7 @@ def test_seeds_that_are_none(text: str) -> None:
 
 def test_seeds_are_half_open() -> None:
     assert parse_seeds("3:5") == (3, 5)
+    assert parse_seeds(f"{2**63 - 2}:{2**63 - 1}") == (2**63 - 2, 2**63 - 1)
     assert [p.seed for p in load_plan("midpoint", seeds=(3, 5), backend="ideal").points] == [3, 4]
 
 
@@ -81,7 +82,7 @@ def test_a_study_names_a_scenario_beside_it(tmp_path: Path) -> None:
         ("scenario: 3\n", "scenario"),
         (
             "scenario: midpoint\ngrid: {controller.gian: [1, 2]}\n",
-            "controller.gian: unknown field.*none of the first 2",
+            "controller.gian: unknown field.*none of 2 points is legal",
         ),
         ("scenario: midpoint\ngrid: {controller.gain: [.nan]}\n", "nan"),
         ("scenario: midpoint\ndraws: {count: 2, values: {a: {kind: cauchy}}}\n", "cauchy"),
@@ -109,6 +110,53 @@ def test_unknown_names_tell_the_known_ones(tmp_path: Path) -> None:
 
 def test_a_study_with_one_legal_point_may_begin() -> None:
     assert len(load_plan("midpoint", grid={"controller.gain": [-1, "high", 2]}, backend="ideal").points) == 3
+
+
+@pytest.mark.parametrize(
+    ("grid", "seeds"),
+    [
+        ({"controller.gain": [-1, 1]}, (0, 21)),
+        ({"controller.gain": [-1] * 18 + [1]}, (0, 3)),
+        ({"time.end": [1.0 + k for k in range(300)], "controller.gain": [-1, -2, -3, 1]}, None),
+        ({"controller.gain": [-1, 1], "time.end": [1.0 + k for k in range(300)]}, (0, 50)),
+    ],
+)
+def test_the_points_that_are_tried_come_from_all_over_the_study(
+    grid: dict[str, list[Any]], seeds: tuple[int, int] | None
+) -> None:
+    assert load_plan("midpoint", grid=grid, seeds=seeds, backend="ideal").points
+    with pytest.raises(ScenarioError, match=r"controller.gain.*none of 20 points from all over the study is legal"):
+        load_plan("midpoint", grid={**grid, "controller.gain": [-1, -2]}, seeds=(0, 50), backend="ideal")
+
+
+@pytest.mark.parametrize(
+    ("grid", "overrides", "said"),
+    [
+        ({"agents.A1.heading": [1, 2], "agents.0.heading": [3]}, {}, "agents.0.heading: .* same list as A1; name all"),
+        ({"agents.0": [{}], "agents.A1.heading": [3]}, {}, "agents.A1.heading: .* same list as 0; name all one way"),
+        ({"agents.A1.heading": [1, 2]}, {"agents.0.heading": 3}, "agents.A1.heading: .* same list as 0"),
+        (
+            {"controller": [{"gain": 1}, {"gain": 2}]},
+            {"controller.gain": 5},
+            "controller: would overwrite controller.g",
+        ),
+        (
+            {"controller": [{}], "controller.gain": [1]},
+            {"controller.gain": 5},
+            "controller.gain: is both set and swept|would overwrite",
+        ),
+    ],
+)
+def test_a_field_has_one_value(grid: dict[str, list[Any]], overrides: dict[str, Any], said: str) -> None:
+    with pytest.raises(ScenarioError, match=said):
+        load_plan("midpoint", grid=grid, overrides=overrides, backend="ideal")
+
+
+def test_fields_within_what_is_set_may_be_swept() -> None:
+    overrides = {"controller": {"gain": 5}, "agents.0.heading": 1, "agents.A1.position": [0, 0]}
+    assert (
+        len(load_plan("midpoint", grid={"controller.gain": [1, 2]}, overrides=overrides, backend="ideal").points) == 2
+    )
 
 
 def test_topology_is_swept() -> None:

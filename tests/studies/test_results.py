@@ -3,7 +3,9 @@
 import csv
 import json
 import re
+import shlex
 from collections.abc import Callable
+from html import unescape
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -11,8 +13,10 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from matplotlib.figure import Figure
 from PIL import Image
 
+from mjsheaf.plots.figures import new_figure
 from mjsheaf.plots.study import plot_study
 from mjsheaf.plots.study_axis import swept_axes
 from mjsheaf.results.summary import MEASURES
@@ -183,6 +187,118 @@ def test_every_kind_of_study_is_drawn(fields: dict[str, Any], failing: bool, tmp
             assert len(np.unique(np.asarray(picture.convert("L")))) > 20
 
 
+# What is drawn, read back: known values of known runs.
+
+
+@pytest.fixture
+def figures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
+    """Figures that are drawn, in order."""
+    kept: list[Figure] = []
+
+    def keep(*size: float) -> Figure:
+        kept.append(new_figure(*size))
+        return kept[-1]
+
+    monkeypatch.setattr("mjsheaf.plots.study.new_figure", keep)
+    return kept
+
+
+Ends = Callable[[dict[str, Any], int | None], float | None]
+
+
+def drawn(fields: dict[str, Any], ends: Ends, settled: bool | None = True) -> None:
+    """Draw a study whose runs end with an error of the parameters and seed, or not at all."""
+    study = StudyFile.model_validate({"scenario": "x", "measure": "tracking_error", **fields})
+    records = []
+    for point in points_of(study):
+        error = ends(point.parameters, point.seed)
+        if error is None:
+            records.append(new_record(point, 0, "unstable", "blew up", settled=False))
+        else:
+            records.append(new_record(point, 0, "finished", final={"tracking_error": error}, settled=settled))
+    plot_study(study, "name", records)
+
+
+def panels_of(figure: Figure) -> list[Any]:
+    return list(figure.axes)
+
+
+def lines(panel: Any) -> dict[str, tuple[list[float], list[float]]]:
+    return {line.get_label(): (list(line.get_xdata()), list(line.get_ydata())) for line in panel.lines}
+
+
+def test_a_curve_is_the_median_in_a_band(figures: list[Figure]) -> None:
+    drawn({"grid": {"a": [3, 1, 2]}, "seeds": {"stop": 3}}, lambda p, seed: p["a"] + [0.0, 0.1, 0.7][seed or 0])
+    (panel,) = panels_of(figures[0])
+    found = lines(panel)
+    assert found["median"] == ([1, 2, 3], pytest.approx([1.1, 2.1, 3.1]))
+    assert sorted(found["run that has settled"][1]) == pytest.approx([1, 1.1, 1.7, 2, 2.1, 2.7, 3, 3.1, 3.7])
+    (band,) = panel.collections
+    assert band.get_label() == "smallest to largest"
+    corners = {(round(float(x), 6), round(float(y), 6)) for x, y in band.get_paths()[0].vertices}
+    assert corners == {(1, 1), (2, 2), (3, 3), (1, 1.7), (2, 2.7), (3, 3.7)}
+    assert panel.get_xlabel() == "a"
+
+
+def test_failures_are_seen_beside_errors(figures: list[Figure]) -> None:
+    drawn({"grid": {"a": [1, 2, 3, 9]}}, lambda p, _: None if p["a"] in (3, 9) else p["a"])
+    curve, success = panels_of(figures[0])[0], panels_of(figures[1])[0]
+    assert "2 of 4 runs finished" in str(figures[0].get_suptitle())
+    found = lines(curve)
+    assert found["run that did not finish"] == ([3, 9], [0.02, 0.02])
+    assert curve.get_xlim()[1] > 9
+    assert curve.get_ylim()[0] > 0.5  # the marks are no errors
+    assert next(iter(lines(success).values())) == ([1, 2, 3, 9], [1, 1, 0, 0])
+
+
+@pytest.mark.parametrize(
+    ("settled", "label"),
+    [
+        (True, "run that has settled"),
+        (False, "run that still changes at its end"),
+        (None, "run too short to tell"),
+    ],
+)
+def test_runs_are_told_apart_by_how_they_end(figures: list[Figure], settled: bool | None, label: str) -> None:
+    drawn({"grid": {"a": [1, 2]}}, lambda p, _: p["a"], settled)
+    runs = {name for name in lines(figures[0].axes[0]) if name.startswith("run")}
+    assert runs == {label}
+    assert bool(figures[0].legends) == (settled is not True)
+
+
+def test_the_heat_map_has_the_first_field_across(figures: list[Figure]) -> None:
+    ends: Ends = lambda p, seed: None if (p["a"], p["b"]) == (2, "x") else 10 * p["a"] + (p["b"] == "y") + (seed or 0)  # noqa: E731
+    drawn({"grid": {"a": [3, 1, 2], "b": ["x", "y"]}, "seeds": {"stop": 3}}, ends)
+    for figure, expected in zip(figures, ([[11, np.nan, 31], [12, 22, 32]], [[1, 0, 1], [1, 1, 1]]), strict=True):
+        panel = panels_of(figure)[0]
+        (mesh,) = panel.collections
+        cells = np.ma.filled(mesh.get_array(), np.nan).reshape(2, 3)
+        np.testing.assert_array_equal(cells, expected)
+        assert [label.get_text() for label in panel.get_xticklabels()] == ["1", "2", "3"]
+        assert [label.get_text() for label in panel.get_yticklabels()] == ["x", "y"]
+        assert (panel.get_xlabel(), panel.get_ylabel()) == ("a", "b")
+        corner = next(text for text in panel.texts if text.get_position() == (2.5, 1.5))
+        assert corner.get_text() == ("32" if figure is figures[0] else "100%")
+
+
+def test_shares_are_of_all_runs_at_a_place(figures: list[Figure]) -> None:
+    drawn(
+        {"grid": {"a": ["p", "q"]}, "seeds": {"stop": 4}}, lambda p, seed: 1.0 if p["a"] == "p" or seed == 0 else None
+    )
+    bars = panels_of(figures[1])[0].patches
+    assert [(bar.get_x() + bar.get_width() / 2, bar.get_height()) for bar in bars] == [(0, 1), (1, 0.25)]
+
+
+def test_of_three_fields_the_band_is_over_the_others_too(figures: list[Figure]) -> None:
+    drawn({"grid": {"a": [1, 2], "b": [1, 2], "c": [10, 20]}}, lambda p, _: p["a"] + p["b"] + p["c"])
+    panels = panels_of(figures[0])
+    assert [panel.get_xlabel() for panel in panels] == ["a", "b", "c"]
+    assert lines(panels[0])["median"] == ([1, 2], pytest.approx([17.5, 18.5]))
+    assert lines(panels[2])["median"] == ([10, 20], pytest.approx([13, 23]))
+    labels = [text.get_text() for text in figures[0].legends[0].get_texts()]
+    assert "smallest to largest over all other fields and seeds" in labels
+
+
 def test_axes_are_logarithmic_where_values_span_decades() -> None:
     study = StudyFile(
         scenario="x", grid={"a": [0.1, 1, 10], "b": [1, 2, 3], "c": [-1, 1, 100], "d": ["p", "q"], "e": [1]}
@@ -219,6 +335,38 @@ def test_the_page_stands_alone(mixed: Path) -> None:
     assert "4 finished, 4 unstable, 4 invalid" in text
     assert [link[:22] for link in page.links] == 2 * ["data:image/png;base64,"] + ["table.csv", "table.parquet"]
     assert not re.search(r"https?://|<script", text)
+
+
+def test_the_report_names_the_first_that_did_not_finish(tmp_path: Path, mjsheaf: Callable[..., Any]) -> None:
+    asked = ["--backend", "ideal", "--set", "time.end=1", "--grid", "controller.gain=1,1e7,2e7", "--threads"]
+    done = mjsheaf("sweep", "midpoint", *asked, "--workers", "1", "--out", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    told = done.stdout.splitlines()
+    assert told[0] == "3 runs: 1 finished, 2 unstable"
+    assert told[1].startswith("  run 1: unstable: A1 at t = ")
+    assert told[2].startswith("  and 1 more that did not finish; see ")
+
+
+def test_the_command_of_the_page_does_the_run(tmp_path: Path, mjsheaf: Callable[..., Any]) -> None:
+    """With what is set for all runs, text that YAML would take for something else, lists and a seed."""
+    (tmp_path / "own.yaml").write_text(
+        "scenario: midpoint\nbackend: ideal\nset: {time.end: 0.5, summary: \"it's 'no' & <b>\", name: 'null0'}\n"
+        "points: [{controller.gain: -1}, {controller.gain: 3, spread.position: 1.5, agents.A1.position: [1, 2.5]}]\n"
+        "seeds: {start: 7, stop: 8}\n"
+    )
+    out = tmp_path / "out"
+    run_study(load_plan(str(tmp_path / "own.yaml")), out, IN_THREADS)
+    page = unescape((out / "index.html").read_text())
+    found = re.search(r"here run (\d+), with <code>(mjsheaf .*?)</code>\.</p>", page)
+    assert found
+    assert found[1] == "1"
+    words = shlex.split(found[2])
+    done = mjsheaf(*words[1:], "--no-video", "--out", tmp_path / "alone", cwd=out)
+    assert done.returncode == 0, done.stderr
+    record = json.loads((out / "runs" / "000001.json").read_text())
+    summary = json.loads((tmp_path / "alone" / "summary.json").read_text())
+    for measure in MEASURES:
+        assert summary["final"][measure] == record["final"][measure]
 
 
 def test_the_page_shows_text_as_text(tmp_path: Path) -> None:

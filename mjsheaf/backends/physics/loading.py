@@ -1,5 +1,6 @@
 """Loading a vehicle: its description and its MJCF file, checked against each other."""
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -59,8 +60,10 @@ def read_description(path: Path) -> VehicleDescription:
     """Read a vehicle's description.
 
     Raises:
-        InputError: the file is not valid; the message names it.
+        InputError: the file is not valid, or is no file; the message names it.
     """
+    if os.path.exists(path) and not os.path.isfile(path):  # a pipe would be waited on for ever
+        raise InputError(f"{path}: is no regular file; legal is the description of a vehicle")
     try:
         return VehicleDescription.model_validate(read_yaml(path))
     except ValidationError as error:
