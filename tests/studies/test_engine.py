@@ -29,6 +29,7 @@ ASKED += ["--grid", "spread.position=1.0", "--seeds", "0:5"]
 """10 runs that differ."""
 
 
+@pytest.mark.slow
 def test_the_same_bits_whatever_does_the_runs(tmp_path: Path) -> None:
     """One worker and two, processes and threads, in another order too; every file but the timings."""
     engines: dict[str, Callable[[], AbstractContextManager[Engine]]] = {
@@ -105,6 +106,7 @@ class Greedy:
         return self._engine.run(jobs, takes_all_memory_of_the_second)
 
 
+@pytest.mark.slow
 def test_a_worker_that_takes_too_much_memory_is_told_of_in_the_table(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -195,6 +197,7 @@ def cluster(folder: Path, workers: int = 1) -> Iterator[tuple[str, list["subproc
             process.wait()
 
 
+@pytest.mark.slow
 def test_a_scheduler_by_address(tmp_path: Path) -> None:
     with cluster(tmp_path, workers=2) as (address, _):
         done = subprocess.run(
