@@ -1,8 +1,7 @@
 """Vehicles as records: what the compiled loop knows of them, side by side in memory.
 
 Records, not a tuple of arrays: compiled code passes one pointer on, and a vehicle's numbers share cache lines. What
-all vehicles of a kind have in common is there once: a thousand of them then read it from the fastest cache, where a
-thousand copies would come from memory anew in every step.
+all vehicles of a kind have in common is there once.
 """
 
 from typing import NamedTuple
