@@ -42,8 +42,8 @@ def kernel(function: Callable[..., Any]) -> Any:
     """Compile a function: cached on disk, without the interpreter's lock, division as in C.
 
     It makes no arrays, and counts no references to those it is handed. numba counts one, by an atomic instruction, at
-    every slice, row and field that is taken: that took half of the time of closing the loop about a physics step. Its
-    option for that is not a public one; a numba without it refuses to compile, and does not go wrong silently.
+    every slice, row and field that is taken: that took a third of the time of closing the loop about a physics step.
+    Its option for that is not a public one; a numba without it refuses to compile, and does not go wrong silently.
     """
     return _compile(function, _nrt=False)
 

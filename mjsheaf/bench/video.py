@@ -19,9 +19,6 @@ from mjsheaf.errors import MjsheafError
 WANTED = 1.15
 """Wanted: time of a run with its video, over that of bare drawing."""
 
-LONG = 1000
-"""A run of so many frames is held against that; in a shorter one plots and the like, a second or two, weigh more."""
-
 _BARE_FRAMES = 40  # drawn before the run, and again after it
 
 
@@ -139,9 +136,7 @@ def rows(figures: dict[str, Any]) -> list[Row]:
     frames, run, bare = figures["frames"], figures["run_s"], figures["bare_s"]
     what, note = f"run with {frames} frames, s", "bare mujoco.Renderer"
     return [
-        at_most("video", what, run, bare, figures["ratio"], WANTED, note)
-        if frames >= LONG
-        else informs("video", what, run, bare, f"{note}; wanted of a longer run: --full"),
+        at_most("video", what, run, bare, figures["ratio"], WANTED, note),
         at_most(
             "video", "a frame, drawn and encoded, ms", figures["frame_ms"], figures["bare_ms"], figures["frame_ratio"],
             WANTED, "the same, bare",

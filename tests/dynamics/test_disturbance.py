@@ -79,6 +79,15 @@ def test_compiled_and_vectorised_forms_agree(kind: Disturbance, sizes: list[int]
     np.testing.assert_allclose(one_by_one, expected, atol=1e-13 * max(1.0, kind.bound))
 
 
+@pytest.mark.parametrize("most", [1.0, 1e3, 1e5, 1e7])
+def test_the_sine_of_the_loops_is_the_sine(most: float) -> None:
+    """To a unit in the last place of 1, also at multiples of a quarter turn."""
+    quarters = np.arange(-2000.0, 2000.0) * (np.pi / 2)
+    x = np.concatenate([np.random.default_rng(0).uniform(-most, most, 20_000), quarters])
+    found = np.array([disturbance._sine(value) for value in x])
+    np.testing.assert_allclose(found, np.sin(x), rtol=0, atol=2.3e-16)
+
+
 def test_vehicles_without_a_disturbance_have_none_and_change_no_other() -> None:
     kind = Disturbance(1.0, components=3)
     alone = disturbance.draw([kind], [3], np.random.default_rng(5))
