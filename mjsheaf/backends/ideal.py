@@ -20,11 +20,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mjsheaf.backends.system import System, medium_velocity, velocity_commands
+from mjsheaf.backends.system import MediumArrays, System, medium_velocity, velocity_commands
 from mjsheaf.backends.trajectory import Trajectory, blow_up_message
 from mjsheaf.compiled import kernel, part
 from mjsheaf.dynamics.disturbance import evaluate_sines
-from mjsheaf.dynamics.effectiveness import allocate
+from mjsheaf.dynamics.effectiveness import EffectivenessArrays, allocate
 
 Array = NDArray[np.float64]
 
@@ -59,8 +59,21 @@ class _Scratch(NamedTuple):
     sines: Array
 
 
+def scratch(medium: MediumArrays, effectiveness: EffectivenessArrays) -> _Scratch:
+    """Work arrays for the vehicles in a medium."""
+    V = len(medium.planar)
+    return _Scratch(
+        residual=np.zeros((V, 3)),
+        command=np.zeros((V, 3)),
+        state=np.zeros((V, 3)),
+        slope=np.zeros((7, V, 3)),
+        input=np.zeros(effectiveness.pinv.shape[1]),
+        sines=np.zeros(len(medium.harmonics.rate)),
+    )
+
+
 @part
-def _slope(follow, medium, effectiveness, t, x, first, last, work, out):
+def drift_and_disturbance(follow, medium, effectiveness, t, x, first, last, work, out):
     """Write x' of the vehicles from first to last into out (V, 3); commands are those held unless there is a law."""
     if follow is not None:
         velocity_commands(follow, t, x, work.residual, work.command)
@@ -96,7 +109,7 @@ def _first_step(follow, medium, effectiveness, t, period, x, first, last, tolera
     for v in range(first, last):
         for i in range(3):
             work.state[v, i] = x[v, i] + trial * work.slope[0, v, i]
-    _slope(follow, medium, effectiveness, t + trial, work.state, first, last, work, work.slope[1])
+    drift_and_disturbance(follow, medium, effectiveness, t + trial, work.state, first, last, work, work.slope[1])
     for v in range(first, last):
         for i in range(3):
             work.slope[1, v, i] -= work.slope[0, v, i]
@@ -109,9 +122,32 @@ def _first_step(follow, medium, effectiveness, t, period, x, first, last, tolera
 
 
 @part
+def take_step(follow, medium, effectiveness, t, h, x, first, last, tolerance, work):
+    """Try a step of the vehicles from first to last from t to t + h; return its error, of which 1 is tolerated.
+
+    work.slope[0] holds x' at t; afterwards work.state holds the positions at t + h and work.slope[6] x' there.
+    """
+    for stage in range(1, 7):
+        for v in range(first, last):
+            for i in range(3):
+                total = 0.0
+                for k in range(stage):
+                    total += _A[stage, k] * work.slope[k, v, i]
+                work.state[v, i] = x[v, i] + h * total
+        drift_and_disturbance(follow, medium, effectiveness, t + _C[stage] * h, work.state, first, last, work, work.slope[stage])
+    for v in range(first, last):
+        for i in range(3):
+            total = 0.0
+            for k in range(7):
+                total += _ERROR[k] * work.slope[k, v, i]
+            work.slope[1, v, i] = h * total  # no later stage reads this slope
+    return _norm(work.slope[1], x, work.state, first, last, tolerance)
+
+
+@part
 def _advance(follow, medium, effectiveness, t, period, x, first, last, tolerance, work):
     """Integrate the vehicles from first to last over one period, in place; False where the solution blows up."""
-    _slope(follow, medium, effectiveness, t, x, first, last, work, work.slope[0])
+    drift_and_disturbance(follow, medium, effectiveness, t, x, first, last, work, work.slope[0])
     step = _first_step(follow, medium, effectiveness, t, period, x, first, last, tolerance, work)
     done, rejected, steps = 0.0, False, 0
     while done < period:
@@ -119,31 +155,7 @@ def _advance(follow, medium, effectiveness, t, period, x, first, last, tolerance
         if steps > _MOST_STEPS or not step > _SMALLEST_STEP * period:  # also where it is NaN
             return False
         h = min(step, period - done)
-        for stage in range(1, 7):
-            for v in range(first, last):
-                for i in range(3):
-                    total = 0.0
-                    for k in range(stage):
-                        total += _A[stage, k] * work.slope[k, v, i]
-                    work.state[v, i] = x[v, i] + h * total
-            _slope(
-                follow,
-                medium,
-                effectiveness,
-                t + done + _C[stage] * h,
-                work.state,
-                first,
-                last,
-                work,
-                work.slope[stage],
-            )
-        for v in range(first, last):
-            for i in range(3):
-                total = 0.0
-                for k in range(7):
-                    total += _ERROR[k] * work.slope[k, v, i]
-                work.slope[1, v, i] = h * total  # no later stage reads this slope
-        error = _norm(work.slope[1], x, work.state, first, last, tolerance)
+        error = take_step(follow, medium, effectiveness, t + done, h, x, first, last, tolerance, work)
         if not np.isfinite(error):
             return False
         if error < 1.0:
@@ -217,15 +229,7 @@ def stream_ideal(
     """
     grid = system.grid
     x = np.array(system.initial)
-    V, width = len(x), system.effectiveness.pinv.shape[1]
-    work = _Scratch(
-        residual=np.zeros((V, 3)),
-        command=np.zeros((V, 3)),
-        state=np.zeros((V, 3)),
-        slope=np.zeros((7, V, 3)),
-        input=np.zeros(width),
-        sines=np.zeros(len(system.medium.harmonics.rate)),
-    )
+    V, work = len(x), scratch(system.medium, system.effectiveness)
     steps = grid.steps if targets is None else min(grid.steps, len(targets) - 1)
     for begin in range(0, steps + 1, samples):
         end = min(begin + samples, steps + 1)

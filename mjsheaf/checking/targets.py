@@ -1,123 +1,329 @@
-"""The targets' trajectories by themselves, sampled finely enough that nothing along them is missed."""
+"""The targets' path over the span of a run: integrated once, by itself, and covered by cells that hold all of it.
 
-from collections.abc import Callable
+Targets do not react to agents, so their path is known before a run. It is followed under the law that the run has: held
+commands where the run holds them. No step passes over anything that moves a target: it is a fraction of a turn of every
+motion and disturbance, of the time constants of consensus, pull and flow, and of the length over which the flow changes
+there (`flow_scale`).
+
+Each step from t to t + h gives a cell. With V and D bounds on |p'| and |f_p'| over it, and W on |omega'|,
+
+    |p(t + s) - chord(s)| <= h^2 (D + W) / 8,       |f_p(t + s) - mean of both ends| <= h D / 2,
+
+the first by the second derivative p'' = f_p' + omega', the second by the first. V and D hold by continuity: while
+|p'| <= V, the path stays within h V of its start, where D follows from V and the flow's largest slope, and then
+|p'| <= |p'(t)| + h (D + W). Where that is at most V the assumption was right; a step for which it is not is halved.
+
+The integration's own error is controlled: the path is integrated a second time with half the steps and a tenth of the
+tolerance. Cells are widened by `error`, and a path that differs by more than half of that is not claimed to be known.
+"""
+
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import solve_ivp
 
-from mjsheaf.backends.system import System
-from mjsheaf.checking.drift import target_drift
-from mjsheaf.dynamics.disturbance import evaluate
-from mjsheaf.dynamics.flow import FlowField
+from mjsheaf.backends.ideal import drift_and_disturbance, scratch, take_step
+from mjsheaf.backends.system import ControlArrays, MediumArrays, System, velocity_commands
+from mjsheaf.compiled import kernel, part
+from mjsheaf.dynamics import disturbance
+from mjsheaf.dynamics.disturbance import disturbance_velocity
+from mjsheaf.dynamics.flow import flow_scale, flow_slope
+from mjsheaf.dynamics.motion import reference_bounds
 
 Array = NDArray[np.float64]
 
-_MOST_NUMBERS = 4_000_000  # of all harmonic extensions together
-_FEWEST_SAMPLES = 400
-_SAMPLES_PER_TURN = 64  # of the fastest motion or disturbance
-_SHARE_OF_KERNEL = 0.5  # of the smallest kernel's size: how far a point may move between samples
-_TOLERANCE = 1e-9
-_MOST_EVALUATIONS = 400_000
+MOST_STEPS = 1_500_000
+"""Steps of the integrator times targets: a path that takes more is too long or too stiff to follow."""
+
+_BLOCK = 1 << 16  # steps times targets that are recorded between two looks at the count
+_SAMPLED = 2000  # instants at which the path is also kept as it is, for pictures and estimates
+_MOST_NUMBERS = 4_000_000  # of the harmonic extensions there, and of the samples kept to compare with a run
+_TOLERANCE = 1e-10  # of the integrator for each step, relative and absolute
+_SHARE_OF_TURN = 0.125  # rad of the fastest motion or disturbance
+_SHARE_OF_DECAY = 0.25  # of the fastest time constant
+_SHARE_OF_SCALE = 0.125  # of the length over which the flow changes
+_SLACK = 1.05  # of V over what it takes
+_ERROR, _RELATIVE_ERROR = 1e-6, 1e-8  # of the path: m, and relative to its farthest position
+
+_DONE, _FULL, _STUCK = 0, 1, 2
+
+
+class Cells(NamedTuple):
+    """Cells that cover the path of M targets, n of them in the order of time.
+
+    In a cell positions lie within `bend` of the segment centre -+ half, and drifts f_p within `spread` of `drift`.
+    begin, end (n,) s; centre, half (n, M, 3) m; bend (n, M) m; drift (n, M, 3) m/s; spread (n, M) m/s.
+    """
+
+    begin: Array
+    end: Array
+    centre: Array
+    half: Array
+    bend: Array
+    drift: Array
+    spread: Array
 
 
 @dataclass(frozen=True)
 class TargetPath:
-    """Targets of a system over the span of its run, under the continuous law of their own.
+    """Targets of a system over the span of its run; where the path is not known, they stand still and drift is NaN.
 
     Attributes:
-        time: shape (T,), s.
-        positions: padded over all vehicles, agents at their initial positions, shape (T, V, 3), m.
-        q_star: harmonic extension, stacked, shape (T, n_q), m.
-        complaint: empty, or what is wrong with it.
+        time: instants at which the path is kept as it is, shape (T,), s.
+        positions: of all vehicles there, agents at their initial positions, shape (T, V, 3), m.
+        drift: f_p there, reference, consensus and flow without disturbance, shape (T, M, 3), m/s.
+        q_star: harmonic extension there, stacked, shape (T, n_q), m.
+        cells: what covers the path; None where it is not known.
+        error: largest error of the path, for which the cells allow, m.
+        samples: positions of the targets at each stride-th sample of the run, shape (S, M, 3), m.
+        stride: see samples.
+        complaint: why the path is not known, or empty.
     """
 
     time: Array
     positions: Array
+    drift: Array
     q_star: Array
+    cells: Cells | None
+    error: float
+    samples: Array
+    stride: int
     complaint: str
 
 
-class _TooLongError(Exception):
-    pass
+class _Rates(NamedTuple):
+    """What moves M targets by themselves.
+
+    acceleration, shake (M,): sup |v'| of references and sup |omega'|, m/s^2; speed (M,): sup |v|, m/s; turn: step that is
+    short beside the fastest motion and disturbance, s; decay: rate of the fastest time constant of consensus and pull,
+    1/s.
+    """
+
+    acceleration: Array
+    shake: Array
+    speed: Array
+    turn: float
+    decay: float
+
+
+@part
+def _bound_speeds(law, motion, medium, rates, continuous, h, x, bound):
+    """Find V and D for a step h from x, see the module; bound (4, M) holds V, D, the slope of f_p, and |p'| at x."""
+    M = x.shape[0]
+    for v in range(M):
+        bound[0, v] = bound[3, v]
+    for _ in range(6):
+        right = True
+        for v in range(M):
+            V = bound[0, v]
+            table = medium.kernels[medium.rows[v, 0] : medium.rows[v, 1]]
+            slope = flow_slope(table, x[v, 0], x[v, 1], x[v, 2], h * V)
+            D = slope * V if V > 0.0 else 0.0
+            moved, moving = 0.0, 0.0  # |L p'| and |L| of this target's rows
+            for row in range(3 * v, 3 * v + 3):
+                a, b = 0.0, 0.0
+                for k in range(law.start[row], law.start[row + 1]):
+                    a += abs(law.value[k]) * bound[0, law.column[k] // 3]
+                    b += abs(law.value[k])
+                moved += a * a
+                moving += b * b
+            if continuous:
+                D += rates.acceleration[v] + motion.pull[v] * (rates.speed[v] + V) + law.gain[v] * np.sqrt(moved)
+            bound[1, v] = D
+            bound[2, v] = slope + motion.pull[v] + law.gain[v] * np.sqrt(moving)
+            right = right and bound[3, v] + h * (D + rates.shake[v]) <= V
+        if right:
+            return True
+        for v in range(M):
+            bound[0, v] = _SLACK * (bound[3, v] + h * (bound[1, v] + rates.shake[v]))
+    return False
+
+
+@kernel
+def _follow(
+    control, follow, medium, effectiveness, rates, share, allowed, tolerance, times, period, place, x, work, bound, cells,
+    samples, stride,
+):  # fmt: skip
+    """Follow the targets from a place in the run until the cells are full; return what ended it, and how many are.
+
+    `follow` is `control` where the law is continuous, None where it is held. place (3,): sample, time since then and next
+    step, in s. share: of the usual steps. allowed: the error for which cells are widened, m.
+    """
+    M = x.shape[0]
+    sample, done, step = int(place[0]), place[1], place[2]
+    count = 0
+    while sample < len(times) - 1:
+        if done == 0.0 and follow is None:
+            velocity_commands(control, times[sample], x, work.residual, work.command)
+        while done < period:
+            t = times[sample] + done
+            drift_and_disturbance(follow, medium, effectiveness, t, x, 0, M, work, work.slope[0])
+            h = min(min(step, share * rates.turn), period - done)
+            for v in range(M):
+                p = work.slope[0, v]
+                bound[3, v] = np.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
+                table = medium.kernels[medium.rows[v, 0] : medium.rows[v, 1]]
+                reach = share * _SHARE_OF_SCALE * flow_scale(table, x[v, 0], x[v, 1], x[v, 2])
+                rate = 0.0 if follow is None else rates.decay
+                if reach < np.inf:
+                    rate += flow_slope(table, x[v, 0], x[v, 1], x[v, 2], reach)
+                    h = min(h, reach / (bound[3, v] + 1e-300))
+                h = min(h, share * _SHARE_OF_DECAY / (rate + 1e-300))
+            if count == len(cells.begin):
+                place[0], place[1], place[2] = sample, done, step
+                return _FULL, count
+            for v in range(M):  # f_p at t, while the sines are those of t
+                wx, wy, wz = disturbance_velocity(medium.harmonics, work.sines, v)
+                cells.drift[count, v, 0] = 0.5 * (work.slope[0, v, 0] - wx)
+                cells.drift[count, v, 1] = 0.5 * (work.slope[0, v, 1] - wy)
+                cells.drift[count, v, 2] = 0.5 * (work.slope[0, v, 2] - wz)
+            error = np.inf
+            while not error < 1.0:
+                if not h > 1e-14 * max(period, abs(t)):  # also where it is NaN
+                    place[0], place[1], place[2] = sample, done, h
+                    return _STUCK, count
+                if _bound_speeds(control.law, control.motion, medium, rates, follow is not None, h, x, bound):
+                    error = take_step(follow, medium, effectiveness, t, h, x, 0, M, tolerance, work)
+                    if not error < 1.0:
+                        h *= max(0.2, 0.9 * error**-0.2) if error < 1e300 else 0.2
+                else:
+                    h *= 0.5
+            step = h * (10.0 if error == 0.0 else min(10.0, 0.9 * error**-0.2))
+            last = h >= period - done
+            cells.begin[count] = t
+            cells.end[count] = times[sample + 1] if last else t + h
+            for v in range(M):
+                wx, wy, wz = disturbance_velocity(medium.harmonics, work.sines, v)  # those of t + h
+                cells.drift[count, v, 0] += 0.5 * (work.slope[6, v, 0] - wx)
+                cells.drift[count, v, 1] += 0.5 * (work.slope[6, v, 1] - wy)
+                cells.drift[count, v, 2] += 0.5 * (work.slope[6, v, 2] - wz)
+                cells.bend[count, v] = 0.125 * h * h * (bound[1, v] + rates.shake[v]) + allowed
+                cells.spread[count, v] = 0.5 * h * bound[1, v] + allowed * bound[2, v]
+                for i in range(3):
+                    cells.centre[count, v, i] = 0.5 * (x[v, i] + work.state[v, i])
+                    cells.half[count, v, i] = 0.5 * (work.state[v, i] - x[v, i])
+                    x[v, i] = work.state[v, i]
+            count += 1
+            done = period if last else done + h
+        sample, done = sample + 1, 0.0
+        if sample % stride == 0:
+            for v in range(M):
+                for i in range(3):
+                    samples[sample // stride, v, i] = x[v, i]
+    return _DONE, count
+
+
+class _UnknownPathError(Exception):
+    """The path cannot be followed; the message says why."""
 
 
 def follow_targets(system: System) -> TargetPath:
-    """Integrate the targets alone (Dormand and Prince's 8(5,3) pair, 1e-9) and sample them.
-
-    Samples are so close that neither a target nor any q*_i moves by more than half the size of the smallest kernel,
-    and that the fastest motion has 64 of them in a turn; a complaint says where that would be too many.
-    """
-    start, end = float(system.grid.samples[0]), float(system.grid.samples[-1])
-    fastest = _fastest_rate(system)
-    path, complaint = _integrate(system, start, end, fastest)
-    n_q = system.team.dirichlet.H.shape[0]
-    most = max(_MOST_NUMBERS // max(n_q, 3 * len(system.team.members)), 50)
-    count = int(min(max(_FEWEST_SAMPLES, (end - start) * fastest / (2 * np.pi) * _SAMPLES_PER_TURN), most))
-    size = min(_kernel_size(flow) for flow in system.flows)
-    while True:
-        time = np.linspace(start, end, count + 1)
-        positions = np.repeat(system.initial[None], len(time), axis=0)
-        positions[:, len(system.team.agents) :] = path(time)
-        q_star = system.team.dirichlet.extend(system.team.pack(positions)[:, n_q:])
-        moves = [np.diff(positions[:, len(system.team.agents) :], axis=0), np.diff(system.team.unpack(q_star), axis=0)]
-        farthest = max(float(np.linalg.norm(m, axis=2).max(initial=0.0)) for m in moves)
-        if farthest <= _SHARE_OF_KERNEL * size:
-            return TargetPath(time, positions, q_star, complaint)
-        wanted = int(count * 1.1 * farthest / (_SHARE_OF_KERNEL * size)) + 1
-        if count >= most:
-            note = "; targets are sampled too coarsely for the smallest kernel of the flow"
-            return TargetPath(time, positions, q_star, complaint + note)
-        count = min(max(wanted, count + 1), most)
-
-
-def _integrate(system: System, start: float, end: float, fastest: float) -> tuple[Callable[[Array], Array], str]:
-    N, V = len(system.team.agents), len(system.team.members)
-    evaluations = 0
-
-    def slope(t: float, p: Array) -> Array:
-        nonlocal evaluations
-        evaluations += 1
-        if evaluations > _MOST_EVALUATIONS:
-            raise _TooLongError
-        x = np.array(system.initial)
-        x[N:] = p.reshape(-1, 3)
-        instant = np.array([t])
-        return (target_drift(system, instant, x[None])[0] + evaluate(system.harmonics, instant)[0, N:]).ravel()
-
-    initial = system.initial[N:].ravel()
+    """Follow the targets alone over the span of a run, by Dormand and Prince's pair of order 5(4); see the module."""
+    N, M = len(system.team.agents), len(system.team.targets)
+    problem = system.team.dirichlet
     try:
-        solution = solve_ivp(
-            slope,
-            (start, end),
-            initial,
-            method="DOP853",
-            dense_output=True,
-            rtol=_TOLERANCE,
-            atol=_TOLERANCE,
-            max_step=(end - start) if fastest == 0.0 else min(end - start, 1.0 / fastest),
-        )
-    except (_TooLongError, ValueError):  # a singular field: the solution cannot be followed
-        solution = None
-    if solution is None or not solution.success:
-        return lambda t: np.tile(initial, (len(t), 1)).reshape(-1, V - N, 3), "; the targets' path cannot be followed"
-    return lambda t: solution.sol(t).T.reshape(-1, V - N, 3), ""
+        finer, _ = _integrate(system, share=0.5, tolerance=0.1 * _TOLERANCE, allowed=0.0, keep=False)
+        error = _ERROR + _RELATIVE_ERROR * float(np.abs(finer).max())
+        samples, cells = _integrate(system, share=1.0, tolerance=_TOLERANCE, allowed=error, keep=True)
+        apart = float(np.abs(samples - finer).max())
+        if apart > 0.5 * error:
+            raise _UnknownPathError(f"two integrations of their path end {apart:.2g} m apart: it is too sensitive")
+    except _UnknownPathError as problem_found:
+        still = np.repeat(system.initial[None], 2, axis=0)
+        at_rest = problem.extend(system.team.pack(still)[:, problem.H.shape[0] :])
+        span = system.grid.span(0, system.grid.steps + 1)[[0, -1]]
+        return TargetPath(span, still, np.full((2, M, 3), np.nan), at_rest, None, np.inf, still[:0, N:], 1,
+                          str(problem_found))  # fmt: skip
+    most = max(50, _MOST_NUMBERS // max(problem.H.shape[0], 3 * len(system.team.members)))
+    kept = np.unique(np.linspace(0, len(cells.begin) - 1, min(_SAMPLED, most)).astype(np.int64))
+    positions = np.repeat(system.initial[None], len(kept), axis=0)
+    positions[:, N:] = cells.centre[kept] - cells.half[kept]
+    q_star = problem.extend(system.team.pack(positions)[:, problem.H.shape[0] :])
+    return TargetPath(
+        cells.begin[kept], positions, cells.drift[kept], q_star, cells, error, samples, _stride(system), ""
+    )
 
 
-def _fastest_rate(system: System) -> float:
-    """Largest angular frequency of motions and disturbances, rad/s; of waypoint paths, one turn in each piece."""
-    rates = [float(np.abs(system.motion.rate).max(initial=0.0))]
-    rates.append(float(np.abs(system.harmonics[..., 3]).max(initial=0.0)))
-    pieces = np.diff(system.motion.knots)
-    if (pieces > 0.0).any():
-        rates.append(2.0 * np.pi / float(pieces[pieces > 0.0].min()))
-    return max(rates)
+def _integrate(system: System, share: float, tolerance: float, allowed: float, keep: bool) -> tuple[Array, Cells]:
+    """The targets' positions at each stride-th sample, shape (S, M, 3), and the cells; none of them unless kept."""
+    control, medium, x = _targets_alone(system)
+    grid, M, stride = system.grid, len(x), _stride(system)
+    samples = np.empty((grid.steps // stride + 1, M, 3))
+    samples[0] = x
+    place, work, bound = np.array([0.0, 0.0, grid.period]), scratch(medium, system.effectiveness), np.zeros((4, M))
+    rates, times, blocks, total = _rates(system, control), grid.samples, [], 0
+    block = _blank(max(1, _BLOCK // M), M)
+    while True:
+        ended, count = _follow(
+            control, control if grid.continuous else None, medium, system.effectiveness, rates, share, allowed,
+            (tolerance, tolerance), times, grid.period, place, x, work, bound, block, samples, stride,
+        )  # fmt: skip
+        total += count
+        if keep:
+            blocks.append(Cells(*(part[:count].copy() for part in block)))
+        if ended == _DONE:
+            return samples, Cells(*(np.concatenate(parts) for parts in zip(*blocks, strict=True))) if keep else block
+        now = times[int(place[0])] + place[1]
+        if ended == _STUCK:
+            fastest = system.team.target_ids[int(np.argmax(np.nan_to_num(bound[3], nan=np.inf)))]
+            raise _UnknownPathError(f"{fastest} runs into a singularity of the flow at t = {now:.6g} s")
+        if total * M * share > MOST_STEPS:
+            raise _UnknownPathError(
+                f"their path is too long or too stiff to follow: {total} steps lead to t = {now:.4g} s "
+                f"of {times[-1]:.4g} s"
+            )
 
 
-def _kernel_size(field: FlowField) -> float:
-    """Core radius or smallest channel width, m; infinite for a uniform field, and 1 mm where a core is 0."""
-    sizes = [float(min(channel[-2:])) for channel in field.channels]
-    if len(field.sources) or len(field.vortices):
-        sizes.append(max(float(field.core or 0.0), 1e-3))
-    return min(sizes, default=np.inf)
+def _blank(count: int, M: int) -> Cells:
+    shapes = (count,), (count,), (count, M, 3), (count, M, 3), (count, M), (count, M, 3), (count, M)
+    return Cells(*(np.empty(shape) for shape in shapes))
+
+
+def _stride(system: System) -> int:
+    return max(1, -(-3 * len(system.team.targets) * system.grid.steps // _MOST_NUMBERS))
+
+
+def _targets_alone(system: System) -> tuple[ControlArrays, MediumArrays, Array]:
+    """Law, references, medium and initial positions of the targets by themselves; they hear nobody else."""
+    N, law, motion, medium = len(system.team.agents), system.law, system.motion, system.medium
+    first = law.start[3 * N]
+    alone = law._replace(
+        start=law.start[3 * N :] - first,
+        column=law.column[first:] - 3 * N,
+        value=law.value[first:],
+        c=law.c[3 * N :],
+        gain=law.gain[N:],
+        limit=law.limit[N:],
+    )
+    own = {name: getattr(motion, name)[N:] for name in motion._fields if name not in ("knots", "coefficients")}
+    around = medium._replace(
+        agents=0, planar=medium.planar[N:], rows=medium.rows[N:], harmonics=disturbance.pack(system.harmonics[N:])
+    )
+    return ControlArrays(alone, motion._replace(**own)), around, system.initial[N:].copy()
+
+
+def _rates(system: System, control: ControlArrays) -> _Rates:
+    speed, acceleration = reference_bounds(control.motion)
+    harmonics = system.harmonics[len(system.team.agents) :]
+    shake = (np.linalg.norm(harmonics[..., :3], axis=2) * np.abs(harmonics[..., 3])).sum(axis=1)
+    fastest = max(float(np.abs(control.motion.rate).max(initial=0.0)), float(np.abs(harmonics[..., 3]).max(initial=0.0)))
+    pieces = np.diff(control.motion.knots)
+    if (pieces > 0.0).any():  # one turn in each piece of a path through waypoints
+        fastest = max(fastest, 2.0 * np.pi / float(pieces[pieces > 0.0].min()))
+    turn = _SHARE_OF_TURN / fastest if fastest > 0.0 else np.inf
+    return _Rates(acceleration, shake, speed, turn, own_rate(system))
+
+
+def own_rate(system: System) -> float:
+    """A bound on the rate at which targets follow one another and their paths, lambda_max(k_T L_T + pull), 1/s.
+
+    It is a sum over rows (Gershgorin) where there are many targets.
+    """
+    N = len(system.team.agents)
+    L = system.team.target_sheaf.laplacian()
+    if L.shape[0] <= 600:
+        fastest = float(np.linalg.eigvalsh(L.toarray())[-1])
+    else:
+        fastest = float(abs(L).sum(axis=1).max())
+    return float(system.law.gain[N:].max()) * max(fastest, 0.0) + float(system.motion.pull[N:].max())

@@ -20,7 +20,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mjsheaf.compiled import kernel
+from mjsheaf.compiled import kernel, part
 from mjsheaf.errors import InputError
 
 Array = NDArray[np.float64]
@@ -30,6 +30,7 @@ Array = NDArray[np.float64]
 # axis or direction (3), strength, and two parameters. One array is what compiled code passes on most cheaply.
 SOURCE, VORTEX, CHANNEL = 0.0, 1.0, 2.0
 _COLUMNS = 11
+_TWO_OVER_E = 2.0 / np.e
 _NOTHING_LEFT = 600.0  # exp(-600) = 3e-261: beyond it exp underflows, which takes libraries many times as long
 
 
@@ -60,6 +61,64 @@ def flow_velocity(table, x, y, z):
             wy += a * c[6]
             wz += a * c[7]
     return wx, wy, wz
+
+
+@part
+def flow_slope(table, x, y, z, radius):
+    """A bound on the Jacobian's spectral norm over the ball about a point, 1/s: the Lipschitz constant there.
+
+    The sum of the kernels' own bounds, each over the ball: of a pole g M r / s^p with s = |r|^2 + core^2 the norm is at
+    most (2 p - 1) |g M| / s^p, p = 1 (a source in space 1.5), which falls with |r|; of a channel |b| E |q| with
+    E = exp(-A |n|^2 - B l^2) and q its exponent's gradient, E is largest at the nearest point, |q| at the farthest, and
+    with a = A |n|^2 + B l^2 their product is at most 2 (max(A, B) a)^(1/2) exp(-a) <= (2 max(A, B) / e)^(1/2). `bounds` has tighter ones, at a hundred times the cost.
+    """
+    total = 0.0
+    for k in range(1, table.shape[0]):
+        c = table[k]
+        rx, ry, rz = x - c[2], y - c[3], (z - c[4]) * c[1]
+        if c[0] == CHANNEL:
+            along = rx * c[5] + ry * c[6] + rz * c[7]
+            nx, ny, nz = rx - along * c[5], ry - along * c[6], rz - along * c[7]
+            across = np.sqrt(nx * nx + ny * ny + nz * nz)
+            n, l = max(across - radius, 0.0), max(abs(along) - radius, 0.0)
+            strongest = np.exp(-min(n * n * c[9] + l * l * c[10], _NOTHING_LEFT))
+            steepest = 2.0 * np.sqrt((c[9] * (across + radius)) ** 2 + (c[10] * (abs(along) + radius)) ** 2)
+            total += abs(c[8]) * min(strongest * steepest, np.sqrt(max(c[9], c[10]) * _TWO_OVER_E))
+        else:
+            r = max(np.sqrt(rx * rx + ry * ry + rz * rz) - radius, 0.0)
+            s = r * r + c[9]
+            if c[0] == SOURCE:
+                total += 2.0 * abs(c[8]) / (s * np.sqrt(s)) if c[1] else abs(c[8]) / s
+            else:
+                total += abs(c[8]) * np.sqrt(c[5] * c[5] + c[6] * c[6] + c[7] * c[7]) / s
+    return total
+
+
+@part
+def flow_scale(table, x, y, z):
+    """The length over which the field may change about a point, m: what an integrator must not step over.
+
+    Of a pole (|r|^2 + core^2)^(1/2), the distance to its singularity in complex space; of a channel its smaller width, or
+    the distance to where nine widths end, beyond which less than 3e-18 of it is left.
+    """
+    smallest = np.inf
+    for k in range(1, table.shape[0]):
+        c = table[k]
+        rx, ry, rz = x - c[2], y - c[3], (z - c[4]) * c[1]
+        if c[0] == CHANNEL:
+            along = rx * c[5] + ry * c[6] + rz * c[7]
+            nx, ny, nz = rx - along * c[5], ry - along * c[6], rz - along * c[7]
+            widths = np.sqrt(2.0 * (c[9] * (nx * nx + ny * ny + nz * nz) + c[10] * along * along))
+            smallest = min(smallest, max(1.0, widths - 9.0) / np.sqrt(2.0 * max(c[9], c[10])))
+        else:
+            smallest = min(smallest, np.sqrt(rx * rx + ry * ry + rz * rz + c[9]))
+    return smallest
+
+
+@kernel
+def _slopes(table, points, radii, out):
+    for i in range(points.shape[0]):
+        out[i] = flow_slope(table, points[i, 0], points[i, 1], points[i, 2], radii[i])
 
 
 @kernel
@@ -146,6 +205,18 @@ class FlowField:
         w = np.empty_like(x)
         _velocities(self.table, x, w)
         return w.reshape(*shape[:-1], 3)[..., : shape[-1]]
+
+    def slope_bound(self, points: ArrayLike, radius: ArrayLike) -> Array:
+        """A bound on |dw/dx| over the balls about points, 1/s; infinite where a ball holds a kernel without a core.
+
+        Args:
+            points: their centres, shape (..., d), m.
+            radius: shape (...), m.
+        """
+        x, shape = _spatial(points)
+        out = np.empty(len(x))
+        _slopes(self.table, x, np.broadcast_to(radius, shape[:-1]).astype(np.float64).ravel(), out)
+        return out.reshape(shape[:-1])
 
     def jacobian(self, points: ArrayLike) -> Array:
         """Jacobian dw/dx at points of shape (..., d), shape (..., d, d), 1/s."""

@@ -6,7 +6,7 @@ is the paper's: the flow carries the target away from its reference. The consens
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import factorial
+from math import comb, factorial
 from typing import NamedTuple
 
 import numpy as np
@@ -156,6 +156,28 @@ def pack(motions: list[Motion | None], positions: Array, start: float, dimension
     if knots:
         arrays = arrays._replace(knots=np.concatenate(knots), coefficients=np.concatenate(coefficients))
     return arrays
+
+
+def reference_bounds(motion: MotionArrays) -> tuple[Array, Array]:
+    """Bounds on the speed |v(t)| in m/s and the acceleration |v'(t)| in m/s^2 of every reference, shapes (V,), for all t.
+
+    A piece of a path is a polynomial, which lies in the convex hull of its Bernstein coefficients.
+    """
+    swing = np.abs(motion.amplitude * motion.rate)
+    speed, acceleration = np.linalg.norm(swing, axis=1), np.linalg.norm(swing * motion.rate, axis=1)
+    for v, (first, pieces) in enumerate(motion.path):
+        for k in range(first, first + pieces):
+            taylor = motion.coefficients[k, ::-1] * (motion.knots[k + 1] - motion.knots[k]) ** np.arange(_ORDER)[:, None]
+            for bound in (speed, acceleration):
+                taylor = taylor[1:] * np.arange(1, len(taylor))[:, None] / (motion.knots[k + 1] - motion.knots[k])
+                bound[v] = max(bound[v], float(np.linalg.norm(_bernstein(taylor), axis=1).max()))
+    return speed, acceleration
+
+
+def _bernstein(taylor: Array) -> Array:
+    """Bernstein coefficients on [0, 1] of a polynomial with coefficients (n + 1, d), lowest power first."""
+    n = len(taylor) - 1
+    return np.array([sum(comb(i, j) / comb(n, j) * taylor[j] for j in range(i + 1)) for i in range(n + 1)])
 
 
 def _spline(motion: Waypoints, initial: ArrayLike, start: float) -> PPoly:
