@@ -1,39 +1,220 @@
-"""Drift dynamics along a run: f_p of the targets, and f_q of the agents."""
+"""What the law does not command: f_q of the agents, H^-1 B f_p that targets' drift asks of them, and their difference.
+
+f_B = H^-1 B f_p(p, t) - f_q(q*) along the targets' path is what the theorem calls the bounded difference. Its largest
+norm is found by branch and bound in time over the cells that cover the path (see `targets`): over a cell in which p moves
+by at most r about a centre and f_p by at most s, and with |K_ik| the norms of the blocks of K = H^-1 B,
+
+    |q*_i - centre| <= R_i = sum_k |K_ik| r_k,
+    |f_B,i - f_B,i at the centre| <= sum_k |K_ik| s_k + R_i sup |df_i/dq| over that ball.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mjsheaf.backends.system import System, flow_about, velocity_commands
-from mjsheaf.compiled import kernel
+from mjsheaf.backends.system import System
+from mjsheaf.checking.spectrum import Spectrum
+from mjsheaf.checking.targets import Cells, TargetPath
 
 Array = NDArray[np.float64]
 
-
-@kernel
-def _target_drifts(control, medium, time, positions, residual, command, out):
-    N = medium.agents
-    for k in range(len(time)):
-        velocity_commands(control, time[k], positions[k], residual, command)
-        for v in range(N, positions.shape[1]):
-            x = positions[k, v]
-            wx, wy, wz = flow_about(medium, v, x[0], x[1], x[2])
-            out[k, v - N, 0] = command[v, 0] + wx
-            out[k, v - N, 1] = command[v, 1] + wy
-            out[k, v - N, 2] = command[v, 2] + wz
+_DENSE = 200_000  # numbers of K that are held as such
+_MOST_NUMBERS = 8_000_000  # of f_B over cells that are bounded
+_FEWEST_CELLS = 32  # to begin with
+_GAP = 0.02  # wanted between the bound on |f_B| and a value of it, relative
+_BATCH = 64
+_ROUNDING = 1e-9
 
 
-def target_drift(system: System, time: Array, positions: Array) -> Array:
-    """f_p(p, t): reference, consensus and flow of every target, without disturbance; shape (T, M, 3), m/s."""
-    V, N = len(system.team.members), len(system.team.agents)
-    out = np.empty((len(time), V - N, 3))
-    scratch = np.zeros((2, V, 3))
-    _target_drifts(system.control, system.medium, time, np.ascontiguousarray(positions), *scratch, out)
-    return out
+class Carrier:
+    """K = H^-1 B, which carries motions of targets to their harmonic extension.
+
+    Where it is too large to be held, the norms of its blocks are bounded by sigma_max(B) / lambda_min(H).
+    """
+
+    def __init__(self, system: System, spectrum: Spectrum) -> None:
+        self._team = system.team
+        self._problem = system.team.dirichlet
+        n_q, n_p = self._problem.B.shape
+        self._rest = self._problem.extend(np.zeros(n_p))
+        self._norm = np.inf if not spectrum.smallest.size else spectrum.sigma_max_B / float(spectrum.smallest[0])
+        self._K = self._problem.extend(np.eye(n_p)) - self._rest if n_q * n_p <= _DENSE else None  # (n_p, n_q)
+
+    def extend(self, targets: Array) -> Array:
+        """q* of targets at (..., M, 3), stacked, (..., n_q), m."""
+        return self.carry(targets) + self._rest
+
+    def carry(self, motions: Array) -> Array:
+        """K applied to motions of the targets (..., M, 3), stacked, (..., n_q)."""
+        flat = motions.reshape(*motions.shape[:-2], -1)[..., self._own]
+        return flat @ self._K if self._K is not None else self._problem.extend(flat) - self._rest
+
+    def reach(self, radii: Array) -> Array:
+        """How far each agent's q*_i moves at most where targets move by at most `radii` (..., M), (..., N)."""
+        if self._K is not None:
+            return np.asarray(radii @ self._blocks.T)
+        whole = self._norm * np.linalg.norm(radii, axis=-1, keepdims=True)
+        return np.repeat(whole, len(self._team.agents), axis=-1)
+
+    def spread(self, radii: Array, slopes: Array, moves: Array) -> Array:
+        """A bound on |K s + F r|: s within `radii` (..., M), r within `moves` and F within `slopes` (..., N), (...)."""
+        with np.errstate(invalid="ignore"):  # an infinite slope where nothing moves
+            own = np.where(moves > 0.0, slopes * moves, 0.0)
+        if self._K is not None:
+            return np.linalg.norm(radii @ self._blocks.T + own, axis=-1)
+        return self._norm * np.linalg.norm(radii, axis=-1) + np.linalg.norm(own, axis=-1)
+
+    @cached_property
+    def _own(self) -> NDArray[np.int64]:
+        """Places of the stacked p in padded targets (M, 3), flattened."""
+        slots = self._team.slots
+        return slots[self._problem.H.shape[0] :] - 3 * len(self._team.agents)
+
+    @cached_property
+    def _blocks(self) -> Array:
+        """|K_ik|, shape (N, M)."""
+        N, M = len(self._team.agents), len(self._team.targets)
+        padded = np.zeros((3 * M, N, 3))
+        padded[self._own] = self._team.unpack(self._K)
+        return np.linalg.norm(padded.reshape(M, 3, N, 3).transpose(2, 0, 3, 1), ord=2, axis=(2, 3))
+
+
+@dataclass(frozen=True)
+class Difference:
+    """f_B along the targets' path.
+
+    Attributes:
+        bound: never exceeded by |f_B| along the path, m/s; infinite where the path is not known or meets a singularity.
+        time: about when it is largest, s.
+        carried, own, values: H^-1 B f_p, f_q(q*) and f_B at the path's own instants, stacked, shape (T, n_q), m/s.
+    """
+
+    bound: float
+    time: float
+    carried: Array
+    own: Array
+    values: Array
+
+
+def difference_along(system: System, path: TargetPath, carrier: Carrier) -> Difference:
+    """Bound |f_B| along a path, and evaluate f_B at its instants."""
+    carried, own = carrier.carry(np.nan_to_num(path.drift)), agent_drift(system, path.q_star)
+    values = carried - own
+    if path.cells is None:
+        return Difference(np.inf, float(path.time[0]), carried, own, np.full_like(values, np.nan))
+    bound, time = _largest(system, path.cells, carrier)
+    return Difference(bound * (1.0 + _ROUNDING), time, carried, own, values)
+
+
+def _largest(system: System, cells: Cells, carrier: Carrier) -> tuple[float, float]:
+    """A bound on |f_B| over cells, and a time near which it is attained."""
+    n_q = system.team.dirichlet.H.shape[0]
+    levels = [cells]
+    while len(levels[-1].begin) > _FEWEST_CELLS:
+        levels.append(_pairs(levels[-1]))
+    level = np.full(len(levels[-1].begin), len(levels) - 1)
+    index, now = np.arange(len(level)), levels[-1]
+    upper, seen = _bound(system, carrier, now)
+    closed, most, time, done = 0.0, float(seen.max()), float(now.begin[np.argmax(seen)]), 0
+    while True:
+        # A cell of one step whose segment is short beside how far the path may leave it gains nothing by being cut.
+        whole = (level == 0) & np.all(np.linalg.norm(now.half, axis=2) <= now.bend, axis=1)
+        over = (upper > (1.0 + _GAP) * most) & ~whole
+        closed = max(closed, float(upper[~over].max(initial=0.0)))
+        now, level, index, upper = Cells(*(x[over] for x in now)), level[over], index[over], upper[over]
+        done += 2 * _BATCH
+        if not len(upper) or done * n_q > _MOST_NUMBERS:
+            return max(closed, float(upper.max(initial=0.0))), time
+        order = np.argsort(-upper, kind="stable")
+        first, rest = order[:_BATCH], order[_BATCH:]
+        parts = [_children(levels, level[k], index[k], Cells(*(x[k] for x in now))) for k in first]
+        fresh = Cells(*(np.concatenate(x) for x in zip(*(p[2] for p in parts), strict=True)))
+        bounds, values = _bound(system, carrier, fresh)
+        parents = np.repeat(upper[first], [len(p[0]) for p in parts])
+        if values.max() > most:
+            most, time = float(values.max()), float(fresh.begin[np.argmax(values)])
+        now = Cells(*(np.concatenate([old[rest], new]) for old, new in zip(now, fresh, strict=True)))
+        level = np.concatenate([level[rest], *(p[0] for p in parts)])
+        index = np.concatenate([index[rest], *(p[1] for p in parts)])
+        upper = np.concatenate([upper[rest], np.minimum(bounds, parents)])
+
+
+def _bound(system: System, carrier: Carrier, cells: Cells) -> tuple[Array, Array]:
+    """Bounds on |f_B| over cells, and values that it reaches in each at least, shapes (n,), m/s."""
+    moves = carrier.reach(np.linalg.norm(cells.half, axis=2) + cells.bend)
+    q_star = carrier.extend(cells.centre)
+    centre = np.linalg.norm(carrier.carry(cells.drift) - agent_drift(system, q_star), axis=1)
+    spread = carrier.spread(cells.spread, agent_slopes(system, q_star, moves), moves)
+    upper = centre + spread
+    return np.where(np.isnan(upper), np.inf, upper), np.nan_to_num(np.maximum(centre - spread, 0.0))
+
+
+def _children(
+    levels: list[Cells], level: int, index: int, cell: Cells
+) -> tuple[NDArray[np.int64], NDArray[np.int64], Cells]:
+    """The cells of which a cell is made: the pair below it, or both halves of its segment."""
+    if level > 0:
+        below = levels[level - 1]
+        own = slice(2 * index, min(2 * index + 2, len(below.begin)))
+        count = own.stop - own.start
+        return np.full(count, level - 1), np.arange(own.start, own.stop), Cells(*(x[own] for x in below))
+    middle, half = 0.5 * (cell.begin + cell.end), 0.5 * cell.half
+    both = Cells(
+        np.array([cell.begin, middle]),
+        np.array([middle, cell.end]),
+        np.stack([cell.centre - half, cell.centre + half]),
+        np.stack([half, half]),
+        np.stack([cell.bend] * 2),
+        np.stack([cell.drift] * 2),
+        np.stack([cell.spread] * 2),
+    )
+    return np.array([0, 0]), np.array([index, index]), both
+
+
+def _pairs(cells: Cells) -> Cells:
+    """Each two neighbours as one cell, a ball; the last alone where their number is odd."""
+    n = len(cells.begin) // 2 * 2
+    centre, bend = _joined(cells.centre, np.linalg.norm(cells.half, axis=2) + cells.bend, n)
+    drift, spread = _joined(cells.drift, cells.spread, n)
+    ends = np.concatenate([cells.end[1:n:2], cells.end[n:]])
+    return Cells(cells.begin[::2], ends, centre, np.zeros_like(centre), bend, drift, spread)
+
+
+def _joined(centre: Array, radius: Array, n: int) -> tuple[Array, Array]:
+    """The smallest balls about each two of the first n balls, shapes (n / 2, M, 3) and (n / 2, M), and what is left."""
+    a, b, r, s = centre[0:n:2], centre[1:n:2], radius[0:n:2], radius[1:n:2]
+    apart = np.linalg.norm(b - a, axis=2)
+    around = np.maximum(0.5 * (apart + r + s), np.maximum(r, s))
+    share = np.clip(np.divide(around - r, apart, out=np.zeros_like(r), where=apart > 0.0), 0.0, 1.0)
+    middle = a + share[..., None] * (b - a)
+    return np.concatenate([middle, centre[n:]]), np.concatenate([around * (1.0 + _ROUNDING), radius[n:]])
+
+
+def coarser(cells: Cells, most: int) -> Cells:
+    """At most so many cells that cover what the given ones do."""
+    while len(cells.begin) > most:
+        cells = _pairs(cells)
+    return cells
 
 
 def agent_drift(system: System, q: Array) -> Array:
     """f_q at stacked agent states (T, n_q): the flow that agents meet, stacked; shape (T, n_q), m/s."""
     spread = system.team.unpack(q)
-    w = np.stack([system.flow_of(i).velocity(spread[:, i]) for i in range(spread.shape[1])], axis=1)
+    w = np.zeros_like(spread)
+    for field in np.unique(system.field[: spread.shape[1]]):
+        own = np.flatnonzero(system.field[: spread.shape[1]] == field)
+        w[:, own] = system.flows[field].velocity(spread[:, own])
     n_q = system.team.dirichlet.H.shape[0]
     return w.reshape(len(q), -1)[:, system.team.slots[:n_q]]
+
+
+def agent_slopes(system: System, q: Array, radii: Array) -> Array:
+    """Bounds on |df_i/dq| over balls of radii (T, N) about stacked agent states (T, n_q), shape (T, N), 1/s."""
+    spread = system.team.unpack(q)
+    slopes = np.empty(radii.shape)
+    for field in np.unique(system.field[: spread.shape[1]]):
+        own = np.flatnonzero(system.field[: spread.shape[1]] == field)
+        slopes[:, own] = system.flows[field].slope_bound(spread[:, own], radii[:, own])
+    return slopes

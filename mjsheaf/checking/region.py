@@ -1,92 +1,90 @@
-"""The region over which the theorem's constants are taken.
+"""Where agents can be: a tube about the harmonic extension, which holds every run of the theory's law.
 
-Targets do not react to agents, so where they go is known before a run: constants that depend on targets are taken along
-their trajectories. Agents may be anywhere in a box that holds their trajectories and their harmonic extension.
+As long as |e(t)| <= R(t), each agent is within R(t) of its q*_i(t). So bounds on the flow's slope and speed over the tube
+of that radius hold along the run, whatever the run records, and whether there is one or not.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mjsheaf.backends.ideal import run_ideal
 from mjsheaf.backends.system import System
-from mjsheaf.checking.drift import agent_drift
-from mjsheaf.checking.targets import TargetPath, follow_targets
-from mjsheaf.dynamics.disturbance import bounds
+from mjsheaf.checking.drift import Carrier, coarser
+from mjsheaf.checking.targets import TargetPath
+from mjsheaf.dynamics.bounds import Supremum, largest_speed, lipschitz_constant
 
 Array = NDArray[np.float64]
+Radius = Callable[[Array], Array]
+"""A bound on |e| in m at times in s: monotone in time."""
 
-MOST_VEHICLE_STEPS = 3_000_000
-"""Beyond this product of vehicles and samples no run is made, and the box is guessed from the initial condition."""
-
-_MARGIN = 0.05  # of the box's size, added on every side
-_GUESS_MARGIN = 0.5
+_MOST_BOXES = 4096
+_MOST_SPANS = 64  # of time
+_FARTHEST = 1e12  # m: a box that is the whole space
 
 
 @dataclass(frozen=True)
-class Region:
-    """Where a run takes place.
+class Tube:
+    """Boxes that hold the agents over spans of time.
 
     Attributes:
-        path: the targets' trajectories and the harmonic extension along them.
-        low, high: corners of the agents' box, shape (3,), m.
-        source: how it was got.
-        verified: whether the box holds a run and the targets' path was found, or both are only a guess.
+        low, high: corners, shape (S, N, 3), m.
     """
 
-    path: TargetPath
     low: Array
     high: Array
-    source: str
-    verified: bool
+
+    def corners(self) -> tuple[Array, Array]:
+        """The corners of one box that holds all, shape (3,) each, m."""
+        return self.low.min(axis=(0, 1)), self.high.max(axis=(0, 1))
+
+    def slope(self, system: System) -> Supremum:
+        """rho: the largest Lipschitz constant of the flow that agents meet in their boxes, 1/s."""
+        return self._largest(system, lipschitz_constant)
+
+    def speed(self, system: System) -> Supremum:
+        """The largest speed of the flow that agents meet in their boxes, without uniform drift, m/s."""
+        return self._largest(system, lambda *box, planar: largest_speed(*box, planar=planar, drift=False))
+
+    def _largest(self, system: System, of: Callable[..., Supremum]) -> Supremum:
+        members, found = system.team.members, []
+        kinds = [(int(system.field[i]), members[i].dimension == 2) for i in range(self.low.shape[1])]
+        for field, planar in dict.fromkeys(kinds):
+            own = [i for i, kind in enumerate(kinds) if kind == (field, planar)]
+            boxes = [x[:, own].reshape(-1, 3) for x in (self.low, self.high)]
+            found.append(of(system.flows[field], *boxes, planar=planar))
+        return max(found, key=lambda s: s.upper)
 
 
-def region_of_run(system: System, positions: Iterable[Array], source: str) -> Region:
-    """The region of a run that has been made: positions at the system's samples, in pieces of shape (T, V, 3)."""
-    path = follow_targets(system)
-    corners, fastest = [], 0.0
-    for piece in positions:
-        corners += [piece.min(axis=0), piece.max(axis=0)]
-        corners = [np.minimum.reduce(corners), np.maximum.reduce(corners)]
-        fastest = max(fastest, _largest_speed(system, piece))
-    low, high = _box(system, np.array(corners), path.q_star, _MARGIN)
-    between = 0.5 * system.grid.period * fastest
-    spatial = np.array([1.0, 1.0, float(any(agent.dimension == 3 for agent in system.team.agents))])
-    return Region(path, low - between * spatial, high + between * spatial, source + path.complaint, not path.complaint)
+def tube_about(system: System, path: TargetPath, carrier: Carrier, radius: Radius) -> Tube:
+    """The tube of a radius about the harmonic extension of a path that is known, in spans of time."""
+    assert path.cells is not None
+    N = len(system.team.agents)
+    cells = coarser(path.cells, max(1, min(_MOST_SPANS, _MOST_BOXES // N)))
+    centre = system.team.unpack(carrier.extend(cells.centre))
+    wide = np.maximum(radius(cells.begin), radius(cells.end))[:, None]
+    wide = wide + carrier.reach(np.linalg.norm(cells.half, axis=2) + cells.bend)
+    low, high = centre - wide[..., None], centre + wide[..., None]
+    if N > _MOST_BOXES:
+        low, high = low.min(axis=1, keepdims=True), high.max(axis=1, keepdims=True)
+        low, high = (np.repeat(x, N, axis=1) for x in (low, high))
+    planar = np.array([agent.dimension == 2 for agent in system.team.agents])
+    low[:, planar, 2] = high[:, planar, 2] = 0.0
+    return Tube(low, high)
 
 
-def region_of_system(system: System) -> Region:
-    """The region of a system's ideal run, or a guess where there is none."""
-    if not system.team.dirichlet.unique:
-        why = "the harmonic extension is not unique"
-    elif len(system.team.members) * system.grid.steps > MOST_VEHICLE_STEPS:
-        why = "too large for a run"
-    else:
-        run = run_ideal(system)
-        if run.status == "finished":
-            return region_of_run(system, [run.positions], "ideal run of this scenario")
-        why = "the ideal run blows up"
-    path = follow_targets(system)
-    low, high = _box(system, system.initial[None], path.q_star, _GUESS_MARGIN)
-    return Region(path, low, high, f"a guess from initial positions and q*: {why}{path.complaint}", False)
-
-
-def _box(system: System, positions: Array, q_star: Array, margin: float) -> tuple[Array, Array]:
-    both = (positions[:, : len(system.team.agents)], system.team.unpack(q_star))
-    low = np.min([x.min(axis=(0, 1)) for x in both], axis=0)
-    high = np.max([x.max(axis=(0, 1)) for x in both], axis=0)
-    widen = margin * np.maximum(high - low, 1.0)
+def tube_guessed(system: System, path: TargetPath) -> Tube:
+    """A box about initial positions and the harmonic extension, by which nothing is proven."""
+    N = len(system.team.agents)
+    both = np.concatenate([system.initial[None, :N], system.team.unpack(path.q_star)])
+    low, high = both.min(axis=(0, 1)), both.max(axis=(0, 1))
+    widen = 0.5 * np.maximum(high - low, 1.0)
     widen[2] *= any(agent.dimension == 3 for agent in system.team.agents)
-    return low - widen, high + widen
+    return Tube(*(np.tile(x, (1, N, 1)) for x in (low - widen, high + widen)))
 
 
-def _largest_speed(system: System, positions: Array) -> float:
-    """Largest k1 |eta_i| + |f_i| + omega_bar over agents and samples: how fast an agent moves between samples, m/s."""
-    team = system.team
-    x = team.pack(positions)
-    eta = team.disagreement(x)
-    speed = system.gain * np.linalg.norm(team.unpack(eta), axis=2)
-    speed += np.linalg.norm(team.unpack(agent_drift(system, x[:, : eta.shape[1]])), axis=2)
-    return float(np.nan_to_num(speed, posinf=0.0).max() + bounds(system.harmonics).max(initial=0.0))
+def speed_everywhere(system: System) -> float:
+    """A bound on the speed of the flow that agents meet anywhere, without uniform drift, m/s."""
+    whole = np.full((1, len(system.team.agents), 3), _FARTHEST)
+    return Tube(-whole, whole).speed(system).upper

@@ -1,6 +1,6 @@
-"""Suprema of a flow field over a box, its largest speed and its Lipschitz constant: rigorous, up to rounding.
+"""Suprema of a flow field over boxes, its largest speed and its Lipschitz constant: rigorous, up to rounding.
 
-Branch and bound. The box is cut into cells; a bound over each cell limits the supremum from above, the field's value
+Branch and bound. A box is cut into cells; a bound over each cell limits the supremum from above, the field's value
 at points inside limits it from below, and cells whose bound exceeds (1 + tolerance) times the best value seen are
 cut again, those with the largest bounds first.
 
@@ -72,12 +72,12 @@ def largest_speed(
     drift: bool = True,
     most_cells: int = 50_000,
 ) -> Supremum:
-    """Supremum of |w(x)| over a box, in m/s.
+    """Supremum of |w(x)| over a box, or the union of several, in m/s.
 
     Args:
         flow: the field.
-        low: the box's lowest corner, shape (2,) or (3,), m. A planar vehicle needs (2,), and a third is not used; in
-            space (3,) is needed unless the field is planar.
+        low: the box's lowest corner, shape (2,) or (3,), m, or those of k boxes, shape (k, 2) or (k, 3). A planar vehicle
+            needs two numbers, and a third is not used; in space three are needed unless the field is planar.
         high: its highest corner, same shape; a box may be a point.
         planar: whether the vehicle lives in the plane: points are (x, y, 0), and only the x and y of w count.
         tolerance: the gap wanted between upper and seen, relative to seen.
@@ -120,41 +120,55 @@ def _supremum(
     tolerance: float,
     most_cells: int,
 ) -> Supremum:
-    corners = np.array(low, dtype=np.float64), np.array(high, dtype=np.float64)
+    given = np.array(low, dtype=np.float64), np.array(high, dtype=np.float64)
+    corners = np.atleast_2d(given[0]), np.atleast_2d(given[1])
     shapes = {c.shape for c in corners}
-    if shapes not in ({(2,)}, {(3,)}) or (shapes == {(2,)} and not planar and flow.dimension == 3):
-        legal = "two of (2,) or (3,)" if planar or flow.dimension == 2 else "two of (3,) for vehicles in space"
-        raise InputError(f"a box has corners of shapes {corners[0].shape} and {corners[1].shape}; legal are {legal}")
-    if not (np.all(np.isfinite(corners)) and np.all(corners[0] <= corners[1])):
-        raise InputError(f"a box needs finite corners with low <= high, not {corners[0]} and {corners[1]}")
+    width = corners[0].shape[-1]
+    if len(shapes) > 1 or corners[0].ndim != 2 or width not in (2, 3) or (width == 2 and not planar and flow.dimension == 3):
+        expected = "two of (2,) or (3,)" if planar or flow.dimension == 2 else "two of (3,) for vehicles in space"
+        raise InputError(f"a box has corners of shapes {given[0].shape} and {given[1].shape}; expected {expected}")
+    if not (np.all(np.isfinite(corners[0])) and np.all(np.isfinite(corners[1])) and np.all(corners[0] <= corners[1])):
+        raise InputError(f"a box needs finite corners with low <= high, not {given[0]} and {given[1]}")
     if not tolerance >= 0.0:
-        raise InputError(f"tolerance is {tolerance}; legal is zero or more")
+        raise InputError(f"tolerance is {tolerance}; expected zero or more")
     n = 2 if planar or flow.dimension == 2 else 3
-    a, b = (c[:n] for c in corners)
+    a, b = (c[:, :n] for c in corners)
     kernels = _Kernels(flow, n, drift)
 
     def result(upper: float, seen: float, at: Array) -> Supremum:
-        where = np.concatenate([at, 0.5 * (corners[0] + corners[1])[n:]])[: 2 if planar else None]
+        where = np.concatenate([at, 0.5 * (corners[0] + corners[1])[0, n:]])[: 2 if planar else None]
         where.flags.writeable = False
         return Supremum(upper, seen, where, upper <= (1.0 + tolerance) * seen)
 
     if not kernels.count:
         value = 0.0 if slope else float(np.linalg.norm(kernels.drift))
-        return result(value, value, 0.5 * (a + b))
+        return result(value, value, 0.5 * (a + b)[0])
     for centre in kernels.singular:
-        if np.all((a <= centre) & (centre <= b)):
+        if np.any(np.all((a <= centre) & (centre <= b), axis=1)):
             return result(np.inf, np.inf, centre)
 
-    points = np.clip(kernels.candidates(), a, b)
+    points = kernels.candidates()
+    # In one box those outside have their nearest point inside it; in several, only those inside one count.
+    points = np.clip(points, a, b) if len(a) == 1 else _inside(points, a, b)
     values = kernels.values(points, slope)
     seen, at = float(values.max()), points[np.argmax(values)]
-    centres, halves, uppers = 0.5 * (a + b)[None], 0.5 * (b - a)[None], np.array([np.inf])
+    centres, halves, uppers = 0.5 * (a + b), 0.5 * (b - a), np.empty(len(a))
     closed, bounded, batch = 0.0, 0, int(np.clip(_PAIRS / (kernels.count * 2**n), 1, _BATCH))
+
+    def bound(c: Array, h: Array) -> Array:
+        nonlocal seen, at, bounded
+        values, found = kernels.bounds(c, h, slope)
+        if values.max() > seen:
+            seen, at = float(values.max()), c[np.argmax(values)]
+        bounded += len(c)
+        return found
+
+    for first in range(0, len(a), batch):
+        some = slice(first, first + batch)
+        uppers[some] = bound(centres[some], halves[some])
     while True:
         # Cells that need no cut, or are as small as rounding lets them be.
-        done = uppers <= (1.0 + tolerance) * seen
-        if bounded:
-            done |= halves.max(axis=1) <= 1e-14 * np.abs(centres).max(axis=1)
+        done = (uppers <= (1.0 + tolerance) * seen) | (halves.max(axis=1) <= 1e-14 * np.abs(centres).max(axis=1))
         closed = max(closed, float(uppers[done].max(initial=0.0)))
         centres, halves, uppers = centres[~done], halves[~done], uppers[~done]
         if not len(uppers) or bounded >= most_cells:
@@ -162,16 +176,17 @@ def _supremum(
         order = np.argsort(-uppers, kind="stable")
         now, later = order[:batch], order[batch:]
         c, h, parents = centres[now], halves[now], uppers[now]
-        if bounded:
-            for _ in range(n):
-                c, h, parents = _cut(c, h, parents)
-        values, bounds = kernels.bounds(c, h, slope)
-        if values.max() > seen:
-            seen, at = float(values.max()), c[np.argmax(values)]
+        for _ in range(n):
+            c, h, parents = _cut(c, h, parents)
         centres, halves = np.concatenate([centres[later], c]), np.concatenate([halves[later], h])
-        uppers = np.concatenate([uppers[later], np.minimum(bounds, parents)])
-        bounded += len(c)
+        uppers = np.concatenate([uppers[later], np.minimum(bound(c, h), parents)])
     return result(max(closed, seen, float(uppers.max(initial=0.0))), seen, at)
+
+
+def _inside(points: Array, low: Array, high: Array) -> Array:
+    """The points (k, n) that lie in one of the boxes, and the boxes' centres."""
+    held = [p for p in points if np.any(np.all((low <= p) & (p <= high), axis=1))]
+    return np.concatenate([np.array(held).reshape(-1, points.shape[1]), 0.5 * (low + high)])
 
 
 def _cut(centres: Array, halves: Array, uppers: Array) -> tuple[Array, Array, Array]:

@@ -360,13 +360,13 @@ def test_shapes() -> None:
 @pytest.mark.parametrize(
     ("low", "high", "options", "message"),
     [
-        ([0, 0], [1, 1], {"planar": False}, r"legal are two of \(3,\) for vehicles in space"),
-        ([0, 0], [1, 1, 1], {"planar": True}, r"shapes \(2,\) and \(3,\); legal are two of \(2,\) or \(3,\)"),
+        ([0, 0], [1, 1], {"planar": False}, r"expected two of \(3,\) for vehicles in space"),
+        ([0, 0], [1, 1, 1], {"planar": True}, r"shapes \(2,\) and \(3,\); expected two of \(2,\) or \(3,\)"),
         (0.0, 1.0, {"planar": True}, r"shapes \(\) and \(\)"),
         ([0, 2], [1, 1], {"planar": True}, "low <= high"),
         ([0, 0], [1, np.inf], {"planar": True}, "finite corners"),
         ([0, np.nan], [1, 1], {"planar": True}, "finite corners"),
-        ([0, 0], [1, 1], {"planar": True, "tolerance": -0.1}, "tolerance is -0.1; legal is zero or more"),
+        ([0, 0], [1, 1], {"planar": True, "tolerance": -0.1}, "tolerance is -0.1; expected zero or more"),
     ],
 )
 @BOTH
