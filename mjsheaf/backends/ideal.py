@@ -44,6 +44,7 @@ _ERROR = np.array([71 / 57600, 0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 
 
 _HUGE = 1e9  # m; a position beyond this is a blow-up
 _SMALLEST_STEP = 1e-13  # of a period
+_SMALLEST_TRIAL = 1e-9  # of a period
 _MOST_STEPS = 50_000  # of the integrator in a period: more means that the solution runs into a singularity
 _CHUNK = 500  # periods between progress reports
 
@@ -106,6 +107,8 @@ def _first_step(follow, medium, effectiveness, t, period, x, first, last, tolera
     size = _norm(x, x, x, first, last, tolerance)
     speed = _norm(work.slope[0], x, x, first, last, tolerance)
     trial = min(1e-6 if size < 1e-5 or speed < 1e-5 else 0.01 * size / speed, period)
+    if trial < _SMALLEST_TRIAL * period:  # |x| says nothing about the time scale of a vehicle next to the origin
+        trial = _SMALLEST_TRIAL * period
     for v in range(first, last):
         for i in range(3):
             work.state[v, i] = x[v, i] + trial * work.slope[0, v, i]

@@ -1,62 +1,111 @@
 """Theorem 1 of the paper: constants, gain condition, sets, and the bound on |e(t)|.
 
 With e = q* - q the closed loop is e' = -k1 H e + f_B + f~ + Delta, |f_B| <= f_bar, |Delta| <= omega_bar and
-|f~| <= rho(|e|) |e|. Here rho is a constant L, a Lipschitz bound of the agents' own drift over a region: rho_bar = 0,
-chi is infinite, D and S are the whole space, and the gain condition k_min > rho(2 sqrt(mu / lambda_V)) + lambda_V reads
-k_min - lambda_V > L. All of it holds in continuous time and while the run stays inside that region.
+|f~| <= rho(|e|) |e|. With V = |e|^2 / 2, completing the square gives V' <= -(k_min - rho(|e|)) |e|^2 + mu. All of it
+holds in continuous time and while the run stays where rho and f_bar hold.
+
+Where rho is strictly increasing and unbounded this is the paper's theorem word for word (its proof writes rho once
+where it means rho_bar). Here rho need only not decrease. chi is then any radius with rho(chi) <= k_min - lambda_V, the
+largest that can be shown, and the argument survives:
+
+- D = {|e| <= chi} has rho(|e|) <= rho(chi) <= k_min - lambda_V, hence V' <= -2 lambda_V V + mu in it: no inverse, no
+  continuity of rho is used.
+- There |e(t)|^2 is at most the estimate, a mean of |e_0|^2 and r^2 with r^2 = mu / lambda_V. For e_0 in
+  S = {|e_0| <= chi - r} and r > 0 it is below (|e_0| + r)^2 <= chi^2: no solution reaches the boundary of D, so it
+  never leaves. For r = 0, the drive is 0 and V' < 0 on the boundary. (Either way D itself is never left as long as
+  r < chi: the paper's S is smaller than it need be.)
+- The gain condition rho(2 r) < k_min - lambda_V makes chi >= 2 r, so r <= chi - r: U lies in S. Equality, which a jump
+  of rho right at 2 r would allow, is excluded by asking for it at slightly more than 2 r.
+
+A constant rho gives an infinite chi: D and S are the whole space.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mjsheaf.control.rho import ConstantRho, Rho, as_rho
+
 Array = NDArray[np.float64]
 
 # The best rate is the supremum of those that satisfy a strict inequality; this share of it satisfies it.
 _SHARE = 1.0 - 1e-9
+# Radii that rho is asked about, and those taken off chi, are larger by this than computed.
+_OUTWARD = 1.0 + 1e-12
+_ITERATIONS = 1000
 
 
 @dataclass(frozen=True)
 class Theorem:
-    """The constants of Theorem 1.
+    """The constants of Theorem 1, and its sets, which are balls about 0.
 
     Attributes:
         gain: k1, 1/s.
         lambda_min: smallest eigenvalue of H.
         f_bar: bound on |f_B|, m/s.
         omega_bar: bound on |Delta|, m/s.
-        lipschitz: rho, constant, 1/s.
+        rho: bound of the drift's slope.
         k_min: k1 lambda_min / 2, 1/s.
         rate: lambda_V, 1/s; the best one unless given; 0 where none satisfies the gain condition.
         applies: whether the gain condition holds for `rate`.
         mu: (f_bar + omega_bar)^2 / (2 k1 lambda_min), m^2/s.
         radius: of the ultimate set U, sqrt(mu / lambda_V), m; infinite where the condition fails.
+        chi: radius of D, which no solution that starts in S leaves, m; 0 where the condition fails.
+        radius_S: radius of S, chi - sqrt(mu / lambda_V), rounded down, m; 0 where the condition fails.
     """
 
     gain: float
     lambda_min: float
     f_bar: float
     omega_bar: float
-    lipschitz: float
+    rho: Rho
     k_min: float
     rate: float
     applies: bool
     mu: float
     radius: float
+    chi: float
+    radius_S: float
+
+    @property
+    def radius_D(self) -> float:  # noqa: N802 - the paper's symbol
+        """Radius of D, chi, m."""
+        return self.chi
+
+    @property
+    def radius_U(self) -> float:  # noqa: N802
+        """Radius of U, m."""
+        return self.radius
+
+    @property
+    def lipschitz(self) -> float:
+        """rho over all of D, rho(chi), 1/s: the constant itself where rho is one."""
+        return self.rho(self.chi)
+
+    def contains(self, initial_error: float) -> bool:
+        """Whether the theorem speaks of a run that starts with this |e_0| in m: it applies, and e_0 lies in S."""
+        return self.applies and initial_error <= self.radius_S
 
     def bound(self, initial_error: float, elapsed: ArrayLike) -> Array:
-        """The theorem's bound on |e(t)| in m, at times since the start in s; infinite where it does not apply."""
+        """The theorem's bound on |e(t)| in m, at times since the start in s; infinite where it has none."""
         elapsed = np.asarray(elapsed, dtype=np.float64)
-        if not self.applies:
+        if not self.contains(initial_error):
             return np.full(elapsed.shape, np.inf)
         decay = np.exp(-2.0 * self.rate * elapsed)
         return np.sqrt(decay * initial_error**2 + self.mu / self.rate * (1.0 - decay))
 
 
 def theorem_1(
-    gain: float, lambda_min: float, f_bar: float, omega_bar: float, lipschitz: float, rate: float | None = None
+    gain: float,
+    lambda_min: float,
+    f_bar: float,
+    omega_bar: float,
+    rho: float | Rho,
+    rate: float | None = None,
+    initial_error: float | None = None,
 ) -> Theorem:
     """Evaluate Theorem 1.
 
@@ -64,43 +113,116 @@ def theorem_1(
         gain: k1, 1/s.
         lambda_min: smallest eigenvalue of H; 0 where the relative cohomology is not trivial.
         f_bar, omega_bar: bounds on |f_B| and |Delta|, m/s.
-        lipschitz: rho, 1/s.
-        rate: lambda_V, 1/s; None takes the largest that satisfies the gain condition, which also gives the smallest
-            ultimate set.
+        rho: bound of the drift's slope, 1/s; a number is constant.
+        rate: lambda_V, 1/s; None takes the largest that satisfies the gain condition and, where one does, has the
+            initial error in S: that gives the smallest ultimate set. A large rate makes D and S small; without an
+            initial error S may be hardly larger than U.
+        initial_error: |e_0| in m, for the choice of the rate alone.
     """
+    rho = as_rho(rho)
     k_min = 0.5 * gain * lambda_min
-    best = (k_min - lipschitz) * _SHARE if math.isfinite(lipschitz) else -math.inf
-    chosen = best if rate is None else rate
-    applies = 0.0 < chosen <= best and math.isfinite(f_bar)
-    mu = (f_bar + omega_bar) ** 2 / (2.0 * gain * lambda_min) if lambda_min > 0.0 else math.inf
+    mu = (f_bar + omega_bar) ** 2 / (2.0 * gain * lambda_min) if k_min > 0.0 else math.inf
+
+    def allowed(rate: float, start: float | None) -> float:
+        """The rates up to this one satisfy k_min - rate > rho(s), s the largest radius that matters at `rate`."""
+        ultimate = math.sqrt(mu / rate) * _OUTWARD
+        # Slopes over 2 r: the gain condition. Over |e_0| + r: chi reaches that far, which puts e_0 into S.
+        return (k_min - rho(max(2.0 * ultimate, (start or 0.0) * _OUTWARD + ultimate))) * _SHARE
+
+    chosen = rate
+    if rate is None and mu < math.inf:
+        chosen = _largest_fixed_point(lambda x: allowed(x, initial_error), k_min)
+        if chosen is None:  # the gain condition may hold all the same
+            chosen = _largest_fixed_point(lambda x: allowed(x, None), k_min)
+    applies = chosen is not None and chosen > 0.0 and mu < math.inf and chosen <= allowed(chosen, None)
+    if not applies or chosen is None:
+        return Theorem(
+            gain, lambda_min, f_bar, omega_bar, rho, k_min, rate or 0.0, False, mu, math.inf, chi=0.0, radius_S=0.0
+        )
+    radius = math.sqrt(mu / chosen)
+    chi = rho.reach(k_min - chosen) or 0.0
     return Theorem(
-        gain=gain,
-        lambda_min=lambda_min,
-        f_bar=f_bar,
-        omega_bar=omega_bar,
-        lipschitz=lipschitz,
-        k_min=k_min,
-        rate=chosen if applies or rate is not None else 0.0,
-        applies=applies,
-        mu=mu,
-        radius=math.sqrt(mu / chosen) if applies else math.inf,
+        gain, lambda_min, f_bar, omega_bar, rho, k_min, chosen, True, mu, radius, chi, chi - radius * _OUTWARD
     )
 
 
-def gain_for_radius(radius: float, lambda_min: float, f_bar: float, omega_bar: float, lipschitz: float) -> float:
-    """The smallest k1 whose ultimate set, at the best rate, has the given radius.
+def _largest_fixed_point(allowed: Callable[[float], float], most: float) -> float | None:
+    """The largest x in (0, most] with x <= allowed(x), for an `allowed` that does not decrease and is at most `most`.
 
-    With kappa = k1 lambda_min the radius is (f_bar + omega_bar) / sqrt(kappa (kappa - 2 L)); solved for kappa.
-    Infinite where no gain does it.
+    x, allowed(x), ... descends from above to the largest fixed point and never passes a solution (Tarski, Pacific J.
+    Math. 5, 1955). Where it is slow, the rest is bisected down to a solution, perhaps not the largest.
+    """
+    x = most
+    for _ in range(_ITERATIONS):
+        if not x > 0.0:
+            return None
+        following = allowed(x)
+        if following >= x:
+            return x
+        x = following
+    low = next((y for k in range(48, 0, -1) if (y := x * (1.0 - 2.0**-k)) <= allowed(y)), None)
+    if low is None:
+        return None
+    for _ in range(64):
+        middle = 0.5 * (low + x)
+        low, x = (middle, x) if middle <= allowed(middle) else (low, middle)
+    return low
+
+
+def gain_for_radius(
+    radius: float,
+    lambda_min: float,
+    f_bar: float,
+    omega_bar: float,
+    rho: float | Rho,
+    initial_error: float = 0.0,
+) -> float:
+    """The smallest k1 whose ultimate set, at the best rate, has at most the given radius, and whose S holds e_0.
+
+    With kappa = k1 lambda_min, d = f_bar + omega_bar and an ultimate radius r, the rate is d^2 / (2 kappa r^2), and the
+    conditions read kappa / 2 - d^2 / (2 kappa r^2) > rho(max(2 r, |e_0| + r)). The left side grows with kappa: what a
+    gain achieves with some r, every larger gain achieves with that r, so a bisection finds the smallest gain. For a
+    constant rho the largest r is best, and the condition is solved for kappa.
+
+    Infinite where no gain does it: f_bar or omega_bar is infinite, or rho is already at |e_0|. The result does it
+    itself; it exceeds the smallest by at most 1e-9 of itself.
 
     Args:
         radius: wanted, m.
-        lambda_min, f_bar, omega_bar, lipschitz: as in `theorem_1`.
+        lambda_min, f_bar, omega_bar, rho: as in `theorem_1`.
+        initial_error: |e_0| in m.
     """
+    rho = as_rho(rho)
     drive = f_bar + omega_bar
-    if lambda_min <= 0.0 or not math.isfinite(drive + lipschitz):
+    if lambda_min <= 0.0 or not math.isfinite(drive):
         return math.inf
-    return (lipschitz + math.hypot(lipschitz, drive / radius)) / lambda_min
+
+    def enough(slope: float, r: float) -> float:
+        return (slope + math.hypot(slope, drive / r)) / lambda_min
+
+    if isinstance(rho, ConstantRho):
+        return enough(rho.value, radius) if math.isfinite(rho.value) else math.inf
+
+    def achieves(gain: float) -> bool:
+        t = theorem_1(gain, lambda_min, f_bar, omega_bar, rho, initial_error=initial_error)
+        return t.contains(initial_error) and t.radius <= radius
+
+    known = rho.reach(1e300)  # how far rho is finite
+    r = 0.0 if known is None else min(radius, 0.5 * known / _OUTWARD**2, known / _OUTWARD**2 - initial_error)
+    if r <= 0.0:
+        return math.inf
+    low = enough(rho(initial_error), radius)
+    high = enough(rho(max(2.0 * r, initial_error + r) * _OUTWARD**2), r) * (1.0 + 1e-8)
+    for _ in range(64):
+        if high == 0.0 or achieves(high):
+            break
+        low, high = high, 2.0 * high
+    else:
+        return math.inf
+    while high - low > 1e-10 * high:
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if achieves(middle) else (middle, high)
+    return high
 
 
 def disturbance_bound(sigma_max_B: float, lambda_min: float, agents: int, targets: int, largest: float) -> float:

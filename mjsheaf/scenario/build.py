@@ -39,8 +39,11 @@ def build_system(scenario: Scenario) -> System:
     N = len(team.agents)
     rng = np.random.default_rng(scenario.seed)
     initial, heading = _initial_conditions(scenario, dimensions, rng)
+    disturbed = scenario.disturbance
     kinds = _per_vehicle(
-        scenario, _disturbance(scenario.disturbance.agents), _disturbance(scenario.disturbance.targets)
+        scenario,
+        _at("disturbance.agents", lambda: _disturbance(disturbed.agents, scenario.time)),
+        _at("disturbance.targets", lambda: _disturbance(disturbed.targets, scenario.time)),
     )
     agents, targets = scenario.agents, scenario.targets
     vehicles: list[team_schema.Agent | team_schema.Target] = [*agents, *targets]
@@ -299,11 +302,20 @@ def _flow(model: medium_schema.FlowModel | None) -> FlowField:
     )
 
 
-def _disturbance(model: medium_schema.DisturbanceModel | None) -> Disturbance | None:
+def _disturbance(model: medium_schema.DisturbanceModel | None, time: Any) -> Disturbance | None:
     if model is None:
         return None
     low, high = model.frequencies
-    return Disturbance(model.bound, (low, high), model.components)
+    kind = Disturbance(model.bound, (low, high), model.components)
+    last = max(abs(time.start), abs(time.end))
+    if kind.bound > 0.0 and last > kind.longest_time:
+        raise InputError(
+            f"frequencies: {high:g} Hz over {last:g} s is a phase of {2.0 * np.pi * high * last:.2g} rad, which a sine "
+            f"in double precision does not resolve in the loop; expected at most {disturbances.LARGEST_PHASE:.0e} rad: "
+            f"time.end up to {0.99 * kind.longest_time:.3g} s, or up to "
+            f"{0.99 * high * kind.longest_time / last:.3g} Hz"
+        )
+    return kind
 
 
 def _motions(scenario: Scenario, initial: Array, dimensions: list[int]) -> motions.MotionArrays:

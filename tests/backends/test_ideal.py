@@ -18,6 +18,7 @@ from mjsheaf import load_scenario, simulate
 from mjsheaf.backends.ideal import inputs, run_ideal
 from mjsheaf.backends.system import System
 from mjsheaf.backends.trajectory import Trajectory
+from mjsheaf.scenario import Scenario
 
 from .small import FLOW, make, medium, mixed, velocity_commands
 
@@ -302,3 +303,55 @@ def test_targets_that_diverge_are_named_as_the_cause() -> None:
     trajectory = run_ideal(scenario.system())
     assert trajectory.status == "unstable"
     assert "the targets' own held consensus diverges; take target_formation.gain below" in trajectory.message
+
+
+TINY = [0.0, 5e-324, 1e-310, 1e-300, 1e-100, 1e-30, 1e-16, -1e-16, 1e-12, 1e-8, 1e-4]
+
+
+def next_to_the_origin(x: float, period: float, flow: dict[str, Any] | None = None) -> Scenario:
+    """An agent at x on the way to a target 1 m ahead."""
+    return make(
+        {
+            "time": {"end": 1.0},
+            "controller": {"gain": 1.0, "control_period": period},
+            "agents": [{"id": "A", "position": [x, 0]}],
+            "targets": [{"id": "T", "position": [1, 0]}],
+            "sensing": [["A", "T"]],
+            "flow": {"agents": flow} if flow else {},
+        }
+    )
+
+
+@pytest.mark.parametrize("period", [0.0, 0.01], ids=["continuous", "held"])
+@pytest.mark.parametrize("x", TINY)
+def test_a_run_starts_from_any_position(x: float, period: float) -> None:
+    """|x| / |x'| says nothing about the time scale there. Oracle: the closed form."""
+    trajectory = run(next_to_the_origin(x, period).system())
+    t, k = trajectory.time, np.arange(len(trajectory.time))
+    expected = 1.0 - (1.0 - x) * (np.exp(-t) if period == 0.0 else 0.99**k)
+    np.testing.assert_allclose(trajectory.positions[:, 0, 0], expected, rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(trajectory.positions[:, 0, 1:], 0.0)
+
+
+@pytest.mark.parametrize("period", [0.0, 0.01], ids=["continuous", "held"])
+@pytest.mark.parametrize("alpha", [-1.0, 1.0], ids=["sink", "source"])
+def test_a_run_starts_next_to_a_sink(alpha: float, period: float) -> None:
+    """The start matters as little as it should: the flow's slope is at most 1 / core^2 = 11 1/s."""
+    flow = {"dimension": 2, "core": 0.3, "sources": [{"centre": [0, 0], "alpha": alpha}]}
+    ends = [run(next_to_the_origin(x, period, flow).system()).positions[-1, 0] for x in TINY[:-2]]
+    np.testing.assert_allclose(ends, np.tile(ends[0], (len(ends), 1)), rtol=0, atol=1e-6)
+
+
+def test_periods_of_any_length_begin() -> None:
+    """From rest at the origin the first trial step is 1e-6 s, whatever the period."""
+    for period in (1e-6, 1e8):
+        scenario = make(
+            {
+                "time": {"end": 2.0 * period},
+                "controller": {"gain": 0.1 / period, "control_period": period},
+                "agents": [{"id": "A", "position": [0, 0]}],
+                "targets": [{"id": "T", "position": [1, 0]}],
+                "sensing": [["A", "T"]],
+            }
+        )
+        np.testing.assert_allclose(run(scenario.system()).positions[:, 0, 0], [0.0, 0.1, 0.19], atol=1e-12)

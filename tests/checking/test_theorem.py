@@ -165,7 +165,7 @@ def test_the_bound_is_attained_where_it_can_be(seed: int) -> None:
 
 
 def test_sets_and_gain_condition() -> None:
-    t = theorem_1(gain=10, lambda_min=2.0, f_bar=3.0, omega_bar=1.0, lipschitz=4.0)
+    t = theorem_1(gain=10, lambda_min=2.0, f_bar=3.0, omega_bar=1.0, rho=4.0)
     assert t.k_min == 10.0
     assert t.applies
     assert t.rate == pytest.approx(6.0)  # the largest below k_min - L

@@ -88,6 +88,30 @@ def test_the_sine_of_the_loops_is_the_sine(most: float) -> None:
     np.testing.assert_allclose(found, np.sin(x), rtol=0, atol=2.3e-16)
 
 
+@LAWS
+@given(kinds, st.integers(0, 2**31), st.floats(0.0, 1e300), st.floats(0.0, 1e6))
+def test_the_bound_holds_at_any_time_and_both_forms_agree_where_the_loop_may_run(
+    kind: Disturbance, seed: int, late: float, early: float
+) -> None:
+    harmonics = disturbance.draw([kind, kind], [2, 3], np.random.default_rng(seed))
+    packed = disturbance.pack(harmonics)
+    sines = np.zeros(packed.rate.shape)
+    for t in (late, 1e17, 1e9, -1e12):
+        evaluate_sines(packed, t, 0, 2, sines)
+        omega = np.array([disturbance_velocity(packed, sines, v) for v in range(2)])
+        assert np.abs(sines).max(initial=0.0) <= 1.0 + 1e-15
+        assert np.linalg.norm(omega, axis=1).max() <= kind.bound * (1.0 + 1e-12)
+    for t in (min(early, kind.longest_time), kind.longest_time):
+        assert packed.rate.max(initial=0.0) * t + packed.phase.max(initial=0.0) <= disturbance.LARGEST_PHASE * (
+            1.0 + 1e-12
+        )
+        evaluate_sines(packed, t, 0, 2, sines)
+        omega = np.array([disturbance_velocity(packed, sines, v) for v in range(2)])
+        np.testing.assert_allclose(
+            omega, disturbance.evaluate(harmonics, np.array([t]))[0], rtol=0, atol=1e-14 * max(kind.bound, 1e-300)
+        )
+
+
 def test_vehicles_without_a_disturbance_have_none_and_change_no_other() -> None:
     kind = Disturbance(1.0, components=3)
     alone = disturbance.draw([kind], [3], np.random.default_rng(5))

@@ -38,6 +38,10 @@ CASES = {
     "no timestep at all": ("physics", {"timestep": 1e-310}, ["physics.timestep", "0.000000001"]),
     "tiny timestep": ("physics", {"timestep": 1e-30}, ["physics.timestep", "0.000000001"]),
     "yes is text": ("physics", {"contacts": "yes"}, ["physics.contacts", "'yes'"]),
+    "a phase without digits": (
+        "disturbance", {"agents": {"bound": 1, "frequencies": [1, 1e9]}},
+        ["disturbance.agents: frequencies", "1e+09 Hz over 0.1 s", "at most 1e+07 rad", "time.end up to", "Hz"]
+    ),
     "negative weight": ("sensing", [{"between": ["A1", "T1"], "weight": -2}], ["sensing.0.weight: input should be gr"]),
     "text in a weight": (
         "sensing", [{"between": ["A1", "T1"], "weight": [[1, "x"]]}], ["sensing.0.weight.0.1: ", "'x'"]
