@@ -137,7 +137,9 @@ def take_step(follow, medium, effectiveness, t, h, x, first, last, tolerance, wo
                 for k in range(stage):
                     total += _A[stage, k] * work.slope[k, v, i]
                 work.state[v, i] = x[v, i] + h * total
-        drift_and_disturbance(follow, medium, effectiveness, t + _C[stage] * h, work.state, first, last, work, work.slope[stage])
+        drift_and_disturbance(
+            follow, medium, effectiveness, t + _C[stage] * h, work.state, first, last, work, work.slope[stage]
+        )
     for v in range(first, last):
         for i in range(3):
             total = 0.0

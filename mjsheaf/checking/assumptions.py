@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 from mjsheaf.backends.physics import Vehicle, vehicles_of
 from mjsheaf.backends.system import System
 from mjsheaf.checking.cohomology import RelativeCohomology
-from mjsheaf.checking.constants import Constants
-from mjsheaf.checking.region import Region
-from mjsheaf.dynamics.bounds import lipschitz_constant
+from mjsheaf.checking.region import Constants, Region, tube_guessed
+from mjsheaf.dynamics.bounds import singular_points
 from mjsheaf.dynamics.effectiveness import is_rank_deficient
-from mjsheaf.team import Team
+from mjsheaf.team import Edge, Team
 
 Array = NDArray[np.float64]
 Verdict = Literal["holds", "fails", "undecided"]
@@ -44,70 +43,83 @@ class Assumption:
 def decide(system: System, region: Region, constants: Constants, cohomology: RelativeCohomology) -> list[Assumption]:
     """Decide all seven assumptions over a region."""
     vehicles = dict(zip(system.bodies.vehicle, vehicles_of(system), strict=True))
+    smooth = _smooth(system, region, constants)
     return [
-        _smooth(system, region, constants),
+        smooth,
         _full_row_rank(system, vehicles),
         _disturbances(constants),
         _bounded_inverse(system, vehicles),
         _topology(system.team),
         _cohomology(cohomology),
-        _bounded_difference(region, constants),
+        _bounded_difference(region, constants, smooth, cohomology.dimension > 0),
     ]
 
 
 def _smooth(system: System, region: Region, constants: Constants) -> Assumption:
-    name = "f is continuously differentiable"
-    targets = region.path.positions[:, len(system.team.agents) :]
-    low, high = targets.min(axis=(0, 1)), targets.max(axis=(0, 1))
-    met = system.fields_met(len(system.team.agents), len(system.team.members))
-    steepest = constants.lipschitz
-    own = [lipschitz_constant(flow, low, high, planar=planar) for flow, planar in met]
-    for whom, found in (("agents", [steepest]), ("targets", own)):
-        for slope in found:
-            if not np.isfinite(slope.upper):
-                at = ", ".join(f"{x:.3g}" for x in np.atleast_1d(slope.where))
-                witness = f"the field that {whom} meet is singular at ({at}), inside their region: a core radius is 0"
-                return Assumption(1, name, "fails", None, "1/s", witness)
-    at = ", ".join(f"{x:.3g}" for x in np.atleast_1d(steepest.where))
-    witness = "no agent's drift depends on where it is"
-    if steepest.upper > 0.0:
-        witness = f"every kernel is smooth over the region; the agents' field is steepest near ({at})"
-    return Assumption(1, name, "holds", steepest.upper, "1/s", witness)
+    """Kernels with a core are smooth everywhere; of one without, it matters whether anybody can come to its centre."""
+    name, N, V = "f is continuously differentiable", len(system.team.agents), len(system.team.members)
+    rho = constants.rho
+    at = ", ".join(f"{x:.3g}" for x in np.atleast_1d(rho.where))
+    if _has_poles(system, N, V) and region.path.cells is None:
+        witness = (
+            f"a kernel of the flow that targets meet has no core, and their path is not known: {region.path.complaint}"
+        )
+        return Assumption(1, name, "undecided", None, "1/s", witness)
+    if not _has_poles(system, 0, N):
+        steepest = f"every kernel is smooth; the agents' field is steepest near ({at})"
+        witness = steepest if rho.upper > 0.0 else "no agent's drift depends on where it is"
+        return Assumption(1, name, "holds", rho.upper, "1/s", witness)
+    if region.verified and np.isfinite(rho.upper):
+        witness = f"the singular kernels lie outside the agents' region, where the field is steepest near ({at})"
+        return Assumption(1, name, "holds", rho.upper, "1/s", witness)
+    between = tube_guessed(system, region.path, margin=0.0).slope(system)
+    if not np.isfinite(between.upper):
+        at = ", ".join(f"{x:.3g}" for x in np.atleast_1d(between.where))
+        witness = f"the field that agents meet is singular at ({at}), inside their region: a core radius is 0"
+        return Assumption(1, name, "fails", None, "1/s", witness)
+    witness = "a kernel of the flow that agents meet has no core, and nothing proves that they keep away from it"
+    return Assumption(1, name, "undecided", None, "1/s", witness)
+
+
+def _has_poles(system: System, first: int, last: int) -> bool:
+    return any(len(singular_points(flow, planar=planar)) for flow, planar in system.fields_met(first, last))
 
 
 def _full_row_rank(system: System, vehicles: dict[str, Vehicle]) -> Assumption:
     """g = R W with a rotation R: its singular values are those of W, wherever the agent is."""
     name = "g has full row rank"
     where = "the same at every position and heading, as g only turns with them"
-    found, unit = _singular_values(system, vehicles)
-    for who, singular in found:
-        if is_rank_deficient(singular):
-            witness = f"{who} cannot push in every direction of its state space, {where}"
-            return Assumption(2, name, "fails", float(singular[-1]), unit, witness)
-    who, singular = min(found, key=lambda item: item[1][-1])
-    return Assumption(2, name, "holds", float(singular[-1]), unit, f"smallest singular value, that of {who}; {where}")
+    for g in _effectiveness(system, vehicles):
+        if is_rank_deficient(g.singular):
+            witness = f"{g.who} cannot push in every direction of its state space, {where}"
+            return Assumption(2, name, "fails", float(g.singular[-1]), g.unit, witness)
+    least = min(_effectiveness(system, vehicles), key=lambda g: g.singular[-1])
+    witness = f"smallest singular value, that of {least.who}; {where}"
+    return Assumption(2, name, "holds", float(least.singular[-1]), least.unit, witness)
 
 
-def _singular_values(
-    system: System, vehicles: dict[str, Vehicle]
-) -> tuple[list[tuple[str, NDArray[np.floating]]], str]:
-    """Singular values of g, largest first, of each agent or kind of body, and their unit.
+@dataclass(frozen=True)
+class _Effectiveness:
+    """Singular values of the g of an agent or a kind of body, largest first, and the units of g and of g^+."""
 
-    g is what the scenario gives for the ideal backend; where it gives none, that of the bodies' reduced model.
-    """
-    effectiveness = system.effectiveness
-    given = [
-        (agent.id, np.linalg.svd(effectiveness.W[i, : agent.dimension], compute_uv=False))
-        for i, agent in enumerate(system.team.agents)
-        if effectiveness.given[i]
+    who: str
+    singular: NDArray[np.floating]
+    unit: str
+    inverse_unit: str
+
+
+def _effectiveness(system: System, vehicles: dict[str, Vehicle]) -> list[_Effectiveness]:
+    """What the scenario gives for the ideal backend; of agents for which it gives nothing, the reduced model's g."""
+    given, agents = system.effectiveness.given, system.team.agents
+    found = [
+        _Effectiveness(a.id, np.linalg.svd(system.effectiveness.W[i, : a.dimension], compute_uv=False), "", "")
+        for i, a in enumerate(agents)
+        if given[i]
     ]
-    if given:
-        return given, ""
-    bodies = dict.fromkeys(system.bodies.vehicle[: len(system.team.agents)])
-    return [
-        (f"body {name}", np.linalg.svd(vehicles[name].reduced_model().g(np.eye(3)), compute_uv=False))
-        for name in bodies
-    ], "m/s per unit command"
+    for name in dict.fromkeys(name for i, name in enumerate(system.bodies.vehicle[: len(agents)]) if not given[i]):
+        singular = np.linalg.svd(vehicles[name].reduced_model().g(np.eye(3)), compute_uv=False)
+        found.append(_Effectiveness(f"body {name}", singular, "m/s per unit command", "units of command per m/s"))
+    return found
 
 
 def _disturbances(constants: Constants) -> Assumption:
@@ -118,21 +130,22 @@ def _disturbances(constants: Constants) -> Assumption:
 
 def _bounded_inverse(system: System, vehicles: dict[str, Vehicle]) -> Assumption:
     name = "g^+ is continuous and bounded"
-    found, unit = _singular_values(system, vehicles)
-    for who, singular in found:
-        if is_rank_deficient(singular):
-            return Assumption(4, name, "fails", None, "", f"g of {who} loses rank, so that g^+ is not bounded near it")
-    who, singular = min(found, key=lambda item: item[1][-1])
-    unit = "units of command per m/s" if unit else ""
-    return Assumption(4, name, "holds", float(1.0 / singular[-1]), unit, f"largest gain of g^+, that of {who}")
+    for g in _effectiveness(system, vehicles):
+        if is_rank_deficient(g.singular):
+            witness = f"g of {g.who} loses rank, so that g^+ is not bounded near it"
+            return Assumption(4, name, "fails", None, "", witness)
+    least = min(_effectiveness(system, vehicles), key=lambda g: g.singular[-1])
+    witness = f"largest gain of g^+, that of {least.who}"
+    return Assumption(4, name, "holds", float(1.0 / least.singular[-1]), least.inverse_unit, witness)
 
 
 def _topology(team: Team) -> Assumption:
     graph = networkx.Graph()
     graph.add_nodes_from(team.agent_ids)
-    graph.add_edges_from((e.tail, e.head) for e in team.communication)
+    links = [e for e in team.communication if _couples(e)]
+    graph.add_edges_from((e.tail, e.head) for e in links)
     parts = [sorted(part, key=team.agent_ids.index) for part in networkx.connected_components(graph)]
-    sensed = {e.head for e in team.sensing}
+    sensed = {e.head for e in team.sensing if _couples(e)}
     unseen = [t for t in team.target_ids if t not in sensed]
     complaints = []
     if len(parts) > 1:
@@ -140,13 +153,16 @@ def _topology(team: Team) -> Assumption:
         complaints.append(f"the agents fall into {len(parts)} parts: {listed}{'; ...' if len(parts) > 4 else ''}")
     if unseen:
         complaints.append(f"no agent senses {', '.join(unseen[:8])}{', ...' if len(unseen) > 8 else ''}")
-    witness = "; ".join(complaints) or (
-        f"{len(team.communication)} links connect {len(team.agents)} agents; every target is sensed"
-    )
+    witness = "; ".join(complaints) or (f"{len(links)} links connect {len(team.agents)} agents; every target is sensed")
     name = "G_q is connected and every target is sensed"
     return Assumption(
         5, name, "fails" if complaints else "holds", float(len(parts)), "part" if len(parts) == 1 else "parts", witness
     )
+
+
+def _couples(edge: Edge) -> bool:
+    """Whether an edge tells its ends anything of one another: F_i^T K F_j is not zero."""
+    return bool(np.any(edge.F_tail.T @ edge.weight @ edge.F_head))
 
 
 def _cohomology(cohomology: RelativeCohomology) -> Assumption:
@@ -156,12 +172,20 @@ def _cohomology(cohomology: RelativeCohomology) -> Assumption:
     return Assumption(6, "H^0(G, G_p; F) = 0", verdict, float(cohomology.dimension), "", witness)
 
 
-def _bounded_difference(region: Region, constants: Constants) -> Assumption:
-    name = "bounded difference of target and agent dynamics"
-    if not np.isfinite(constants.f_bar) or not np.isfinite(constants.speed.upper):
-        witness = "a field is unbounded inside the region: a core radius is 0 there"
-        return Assumption(7, name, "fails", None, "m/s", witness)
-    where = f"largest at t = {constants.f_bar_time:.4g} s, targets along their trajectories"
-    if not region.verified:
-        return Assumption(7, name, "undecided", constants.f_bar, "m/s", f"{where}; the region is {region.source}")
-    return Assumption(7, name, "holds", constants.f_bar, "m/s", f"{where}; region: {region.source}")
+def _bounded_difference(region: Region, constants: Constants, smooth: Assumption, free: bool) -> Assumption:
+    """Over all p the paper asks for it; here along the path that the targets take, which is what its proof uses."""
+    name = "bounded difference of target and agent dynamics, along the targets' path"
+    bound = constants.difference.bound
+    value = bound if np.isfinite(bound) else None
+    if smooth.verdict == "fails":
+        return Assumption(
+            7, name, "fails", None, "m/s", "a field is unbounded inside the region: a core radius is 0 there"
+        )
+    if region.path.complaint:
+        return Assumption(7, name, "undecided", None, "m/s", f"the path is not known: {region.path.complaint}")
+    if free:
+        return Assumption(7, name, "undecided", value, "m/s", "q* is not unique, so that f_q(q*) is not defined")
+    if value is None:
+        return Assumption(7, name, "undecided", None, "m/s", "q* or a target comes near a singular kernel of the flow")
+    where = f"largest about t = {constants.difference.time:.4g} s"
+    return Assumption(7, name, "holds", value, "m/s", f"{where}; the path is followed to {region.path.error:.1g} m")

@@ -1,19 +1,22 @@
 """Theorem 1 beside a finished run: the bound on |e(t)|, and how much of it the run used."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
 from mjsheaf.backends.system import System
-from mjsheaf.checking.constants import certify, take_constants
-from mjsheaf.checking.region import region_of_run
-from mjsheaf.checking.spectrum import spectrum_of
+from mjsheaf.checking.certificate import Certificate, certify
 from mjsheaf.control.theorem import Theorem
 from mjsheaf.results.file import pieces_of
 
 Array = NDArray[np.float64]
+
+_STEPS = 100.0  # of the integrator, whose tolerance a run's error may be off by
+
+BROKEN = 1.0 + 1e-6
+"""A ratio of measured to bound above this breaks the bound."""
 
 
 @dataclass(frozen=True)
@@ -21,64 +24,111 @@ class RunBound:
     """The bound of a run.
 
     Attributes:
-        applies: whether the gain condition holds over the region of this very run.
-        approximate: whether the theorem's setting is only approached: a held law, or bodies.
-        reason: why it does not apply, or empty.
-        theorem: the theorem with the constants of that region.
+        certificate: what the theory says of the system.
+        bodies: whether the run was one of bodies: their inertia is not in the theorem.
+        departure: largest distance of the run's targets from the path for which the certificate holds, m.
+        accuracy: of the run's own error, by its integrator's tolerance, m; the bound is not held against less.
+        initial_error: measured |e| at the first sample, m.
         start: time of the first sample, s.
-        initial_error: measured |e| there, m.
         ratio: largest measured / bound, after the start, where both are |e(t0)|; None where it does not apply.
         settled_ratio: the same over the second half of the run, where the initial error has less to say.
+        worst: when the ratio is attained, s.
     """
 
-    applies: bool
-    approximate: bool
-    reason: str
-    theorem: Theorem
-    start: float
+    certificate: Certificate
+    bodies: bool
+    departure: float
+    accuracy: float
     initial_error: float
-    ratio: float | None
-    settled_ratio: float | None
+    start: float
+    ratio: float | None = None
+    settled_ratio: float | None = None
+    worst: float | None = None
+
+    @property
+    def theorem(self) -> Theorem:
+        """Theorem 1 with the certificate's constants."""
+        return self.certificate.theorem
+
+    @property
+    def reason(self) -> str:
+        """Why the theorem does not apply, or empty: that of the certificate, or that the run has other targets."""
+        error = self.certificate.region.path.error
+        if self.certificate.reason or self.bodies or self.departure <= error:
+            return self.certificate.reason
+        return f"the run's targets leave the path that was checked by {self.departure:.2g} m, more than {error:.2g} m"
+
+    @property
+    def applies(self) -> bool:
+        """Whether the theorem applies, and the run is one of those it speaks of."""
+        return not self.reason
+
+    @property
+    def approximate(self) -> bool:
+        """Whether the theorem's setting is only approached: a held law, or bodies."""
+        return self.certificate.approximate or self.bodies
 
     def at(self, time: Array) -> Array:
         """The theorem's bound on |e| at times in s, in m; infinite where it does not apply."""
         return self.theorem.bound(self.initial_error, time - self.start)
 
+    def broken(self) -> str:
+        """What to say of a run that exceeds a bound that applies; empty where it does not."""
+        if self.ratio is None or self.ratio <= BROKEN:
+            return ""
+        found = f"|e| reaches {self.ratio:.4g} times the bound of Theorem 1 at t = {self.worst:.6g} s"
+        if self.bodies:
+            return f"{found}: bodies have inertia, which the theorem does not know"
+        if self.approximate:
+            return f"{found}, which a held law only approaches; constants: {self.certificate.told()}"
+        return f"{found}, which proves a constant wrong: please report it; constants: {self.certificate.told()}"
+
 
 def bound_of_run(system: System, dataset: xr.Dataset) -> RunBound:
-    """Evaluate the theorem over the region of a run and compare; the run is read in pieces."""
-    places = ["agent_position", "target_position"]
-    positions = (
-        np.nan_to_num(np.concatenate([piece[name].values for name in places], axis=1))
-        for piece in pieces_of(dataset, places)
-    )
-    region = region_of_run(system, positions, "this run")
-    spectrum = spectrum_of(system.team)
-    constants = take_constants(system, region, spectrum)
-    certificate = certify(system, region, constants, spectrum)
+    """Hold a run against its system's certificate; the run is read in pieces."""
+    certificate, bodies = certify(system), dataset.attrs["backend"] == "physics"
     first = dataset["tracking_error"][0].values
+    start, initial_error = float(dataset["time"][0]), float(np.sqrt((first**2).sum()))
+    farthest, departure = _departure(certificate, dataset)
+    rtol, atol = system.tolerance
     bound = RunBound(
-        applies=certificate.applies,
-        approximate=certificate.approximate or dataset.attrs["backend"] == "physics",
-        reason=certificate.reason,
-        theorem=certificate.theorem,
-        start=float(dataset["time"][0]),
-        initial_error=float(np.sqrt((first**2).sum())),
-        ratio=None,
-        settled_ratio=None,
+        certificate=certificate,
+        bodies=bodies,
+        departure=departure,
+        accuracy=_STEPS * (atol + rtol * farthest),
+        initial_error=initial_error,
+        start=start,
     )
-    if not certificate.applies:
-        return bound
-    ratio, settled, done, half = 0.0, 0.0, 0, dataset.sizes["time"] // 2
+    return bound if bound.reason else _compared(bound, dataset)
+
+
+def _compared(bound: RunBound, dataset: xr.Dataset) -> RunBound:
+    ratio, settled, worst, done, half = 0.0, 0.0, bound.start, 0, dataset.sizes["time"] // 2
     for piece in pieces_of(dataset, ["time", "tracking_error"]):
+        time = piece["time"].values
         error = np.sqrt((piece["tracking_error"].values ** 2).sum(axis=1))
-        allowed = bound.at(piece["time"].values)
-        ratio = max(ratio, _largest_ratio(error[done == 0 :], allowed[done == 0 :]))
-        settled = max(settled, _largest_ratio(error[max(half - done, 0) :], allowed[max(half - done, 0) :]))
+        share = error / (bound.at(time) + bound.accuracy)
+        share[: done == 0] = 0.0
+        if share.max(initial=0.0) > ratio:
+            ratio, worst = float(share.max()), float(time[share.argmax()])
+        settled = max(settled, float(share[max(half - done, 0) :].max(initial=0.0)))
         done += len(error)
-    return replace(bound, ratio=ratio, settled_ratio=settled)
+    return RunBound(
+        bound.certificate, bound.bodies, bound.departure, bound.accuracy, bound.initial_error, bound.start, ratio,
+        settled, worst,
+    )  # fmt: skip
 
 
-def _largest_ratio(error: Array, bound: Array) -> float:
-    positive = bound > 0.0
-    return float(np.max(error[positive] / bound[positive], initial=0.0))
+def _departure(certificate: Certificate, dataset: xr.Dataset) -> tuple[float, float]:
+    """The farthest position of the run, and the largest distance of its targets from the certificate's path, m."""
+    path, departure, farthest, done = certificate.region.path, 0.0, 0.0, 0
+    for piece in pieces_of(dataset, ["agent_position", "target_position"]):
+        targets = np.nan_to_num(piece["target_position"].values)
+        farthest = max(farthest, float(np.abs(targets).max(initial=0.0)))
+        farthest = max(farthest, float(np.nanmax(np.abs(piece["agent_position"].values), initial=0.0)))
+        first = -done % path.stride
+        known = path.samples[(done + first) // path.stride :][: len(targets[first :: path.stride])]
+        apart = np.linalg.norm(targets[first :: path.stride][: len(known)] - known, axis=2)
+        departure = max(departure, float(apart.max(initial=0.0)))
+        done += len(targets)
+    return farthest, departure

@@ -1,31 +1,259 @@
 """Theorem 1 for a system, before any run: its constants, the region over which they hold, and what it says.
 
-The constants are taken over the tube that the theorem's own bound makes about q* (see `region`). That is no circle. Let
-b(t) be the theorem's bound with some rho, and let rho be at least the flow's largest slope over the tube of radius b. As
-|e(t0)| <= b(t0), let t be the last time up to which |e| <= b. Up to t all positions, and the segments from q* to q, lie in
-the tube, so that |f~| <= rho |e| there, and the theorem's proof gives |e| < b (1 + 1e-9) for a moment beyond t: the tube
-is that much wider, and e never leaves it. The smallest such rho is looked for from below.
+The constants are taken over the tube that the theorem's own bound makes about q* (see `region`). That is no circle.
+Let b(t) be the theorem's bound with some rho, and let rho be at least the flow's largest slope over a tube that is a
+little wider than b. As |e(t0)| <= b(t0), e is inside the tube for a while. As long as it is, the segments from q* to q
+are too, |f~| <= rho |e|, and the theorem's proof gives |e| <= b: so e does not come to the tube's boundary, and never
+leaves it. The smallest such rho is looked for from below.
 
-Where the gain condition fails, the same holds of the bound with rho = 0 and f_bar enlarged by 2 sqrt(N) sup |f_i|, which
-needs no slope; its tube is the region then.
+Where the gain condition fails, the same holds of the bound with rho = 0 and f_bar enlarged by 2 sqrt(N) sup |f_i|,
+which needs no slope; its tube is the region then.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mjsheaf.backends.physics import vehicles_of
 from mjsheaf.backends.system import System
 from mjsheaf.checking.assumptions import Assumption, decide
-from mjsheaf.checking.drift import Carrier, Difference, difference_along
-from mjsheaf.checking.region import Tube, speed_everywhere, tube_about, tube_guessed
+from mjsheaf.checking.cohomology import RelativeCohomology, explain
+from mjsheaf.checking.drift import Carrier, difference_along
+from mjsheaf.checking.region import Constants, Region, Tube, speed_everywhere, tube_about, tube_guessed
 from mjsheaf.checking.spectrum import Spectrum, spectrum_of
-from mjsheaf.checking.targets import TargetPath, follow_targets, own_rate
+from mjsheaf.checking.targets import follow_targets, own_rate
+from mjsheaf.control.rho import Rho
 from mjsheaf.control.theorem import Theorem, disturbance_bound, theorem_1
-from mjsheaf.dynamics.bounds import Supremum
 from mjsheaf.dynamics.disturbance import bounds
 from mjsheaf.dynamics.effectiveness import without_full_row_rank
 
 Array = NDArray[np.float64]
+
+_ROUNDS = 30  # of looking for a rho that holds over its own tube
+_STEP = 1.02  # by which the next rho is larger than what the last tube asked for
+_WIDER = 1.0 + 1e-6  # of a tube than its bound
+_ENOUGH = 0.98  # of the weaker bound: its region is not narrowed for less
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """What the theory says of a system.
+
+    Attributes:
+        spectrum: of H and B.
+        cohomology: the relative cohomology, explained.
+        region: where its constants were taken.
+        constants: the constants.
+        assumptions: the paper's seven, decided.
+        theorem: Theorem 1 with these constants; its own `applies` is the gain condition alone.
+        weaker: the bound that holds whatever the slopes: rho = 0, and f_bar enlarged by 2 sqrt(sum_i sup |f_i|^2).
+        applies: whether the gain condition holds, every numbered assumption does, and nothing else stands against it.
+        approximate: whether the law is held over a period: the theorem speaks of a continuous one.
+        reason: why it does not apply, or empty.
+        obstacle: what stands against any bound of continuous time, gain condition or not; or empty.
+    """
+
+    spectrum: Spectrum
+    cohomology: RelativeCohomology
+    region: Region
+    constants: Constants
+    assumptions: list[Assumption]
+    theorem: Theorem
+    weaker: Theorem
+    applies: bool
+    approximate: bool
+    reason: str
+    obstacle: str
+
+    def told(self) -> str:
+        """The constants in a line, for a report of a bound that was broken."""
+        t, c = self.theorem, self.constants
+        return (
+            f"k1 = {t.gain:.6g} 1/s, lambda_min = {t.lambda_min:.6g}, f_bar = {t.f_bar:.6g} m/s, "
+            f"omega_bar = {t.omega_bar:.6g} m/s, rho = {t.lipschitz:.6g} 1/s, lambda_V = {t.rate:.6g} 1/s, "
+            f"|e(t0)| = {c.initial_error:.6g} m"
+        )
+
+
+def certify(system: System, rate: float | None = None, rho: Rho | None = None) -> Certificate:
+    """Decide what the theory says of a system.
+
+    Args:
+        system: the system.
+        rate: lambda_V in 1/s; None takes the best.
+        rho: the user's own bound of the agents' slopes, for all |e|; None takes the flow's over the region.
+    """
+    search = _Search(system, rate, rho)
+    region, constants, theorem = search.region()
+    weaker = search.weaker(constants.speed.upper)
+    cohomology = explain(system.team, search.spectrum)
+    obstacle = _obstacle(system, constants, search.spectrum, theorem if theorem.applies else weaker)
+    region = replace(region, verified=region.verified and not obstacle)
+    assumptions = decide(system, region, constants, cohomology)
+    reason = _gain_condition(region, constants, search.spectrum, theorem, rate) or obstacle or _open(assumptions)
+    return Certificate(
+        spectrum=search.spectrum,
+        cohomology=cohomology,
+        region=region,
+        constants=constants,
+        assumptions=assumptions,
+        theorem=theorem,
+        weaker=weaker,
+        applies=not reason,
+        approximate=not system.grid.continuous,
+        reason=reason,
+        obstacle=obstacle,
+    )
+
+
+class _Search:
+    """The region over which a bound confines the agents to itself, and the constants there."""
+
+    def __init__(self, system: System, rate: float | None, rho: Rho | None) -> None:
+        team = system.team
+        self._system, self._rate, self._rho = system, rate, rho
+        self.spectrum = spectrum_of(team)
+        self._path = follow_targets(system)
+        self._carrier = Carrier(system, self.spectrum)
+        self._difference = difference_along(system, self._path, self._carrier)
+        self._largest = float(bounds(system.harmonics).max(initial=0.0))
+        self._omega_bar = disturbance_bound(
+            self.spectrum.sigma_max_B, self.spectrum.lambda_min, len(team.agents), len(team.targets), self._largest
+        )
+        n_q = team.dirichlet.H.shape[0]
+        self._initial_error = float(np.linalg.norm(self._path.q_star[0] - team.pack(system.initial)[:n_q]))
+
+    def region(self) -> tuple[Region, Constants, Theorem]:
+        """The region, the constants over it, and Theorem 1 with these."""
+        known = self._path.cells is not None
+        if not known or self.spectrum.lambda_min <= 0.0:
+            why = f"the targets' path is not known: {self._path.complaint}"
+            return self._over(tube_guessed(self._system, self._path), self._guess(
+                why if not known else "the harmonic extension is not unique"), False)  # fmt: skip
+        for rate in dict.fromkeys([self._rate, None]):  # without the rate wanted, where that is too fast
+            theorem = self._own_slope(rate)
+            if theorem is not None:
+                region, constants, _ = self._over(self._tube(theorem), "a tube about q* as wide as the bound", True)
+                rho = replace(constants.rho, upper=max(theorem.lipschitz, constants.rho.upper))
+                constants = replace(constants, rho=rho)
+                return region, constants, self._theorem(self._rho or rho.upper, self._rate)
+        weaker = self.weaker(speed_everywhere(self._system))
+        if not weaker.applies:
+            guess = self._guess("no bound confines the agents")
+            return self._over(tube_guessed(self._system, self._path), guess, False)
+        tube = self._tube(weaker).joined()
+        narrower = self.weaker(tube.speed(self._system).upper)
+        if narrower.radius < _ENOUGH * weaker.radius:
+            tube = self._tube(narrower).joined()
+        return self._over(tube, "a tube about q* as wide as the weaker bound", True)
+
+    def weaker(self, speed: float) -> Theorem:
+        """The bound with rho = 0, where f~ = f_q(q*) - f_q(q) is at most twice the flow's speed for each agent."""
+        return self._theorem(0.0, None, 2.0 * np.sqrt(len(self._system.team.agents)) * speed)
+
+    def _theorem(self, rho: float | Rho, rate: float | None, more: float = 0.0) -> Theorem:
+        f_bar = self._difference.bound + more
+        return theorem_1(
+            self._system.gain, self.spectrum.lambda_min, f_bar, self._omega_bar, rho, rate, self._initial_error
+        )
+
+    def _own_slope(self, rate: float | None) -> Theorem | None:
+        """Theorem 1 with a rho that holds over the tube of its own bound, or None."""
+        if self._rho is not None:
+            theorem = self._theorem(self._rho, rate)
+            return theorem if theorem.contains(self._initial_error) else None
+        slope = 0.0
+        for _ in range(_ROUNDS):
+            theorem = self._theorem(slope, rate)
+            if not theorem.applies:
+                return None
+            needed = self._tube(theorem).slope(self._system).upper
+            if needed <= slope:
+                return theorem
+            slope = _STEP * needed
+        return None
+
+    def _tube(self, bound: Theorem) -> Tube:
+        """The tube of a bound.
+
+        Under a hold h with k1 h lambda_max <= 1, |e(t_k + s)| <= (1 - s k1 lambda_min) |e_k| + s (F + rho R) while
+        |e| <= R: no more than R, where R (k1 lambda_min - rho) >= F = f_bar + omega_bar, as of the ultimate radius
+        F / (k1 lambda_min (k1 lambda_min - 2 rho))^(1/2). So the larger of that and |e_0| is never left, though e may
+        reach it faster than the theorem says.
+        """
+        start, system = self._path.time[0], self._system
+
+        def radius(time: Array) -> Array:
+            if system.grid.continuous:
+                return _WIDER * bound.bound(self._initial_error, time - start)
+            return np.full(time.shape, _WIDER * max(self._initial_error, bound.radius))
+
+        return tube_about(system, self._path, self._carrier, radius)
+
+    def _over(self, tube: Tube, source: str, verified: bool) -> tuple[Region, Constants, Theorem]:
+        constants = Constants(
+            difference=self._difference,
+            rho=tube.slope(self._system),
+            speed=tube.speed(self._system),
+            largest_disturbance=self._largest,
+            omega_bar=self._omega_bar,
+            initial_error=self._initial_error,
+        )
+        theorem = self._theorem(self._rho or constants.rho.upper, self._rate)
+        return Region(self._path, tube, source, verified), constants, theorem
+
+    def _guess(self, why: str) -> str:
+        return f"a guess from initial positions and q*: {why}"
+
+
+def _gain_condition(
+    region: Region, constants: Constants, spectrum: Spectrum, theorem: Theorem, rate: float | None
+) -> str:
+    """Why there is no bound by Theorem 1, or an empty string where there is."""
+    if region.path.complaint:
+        return f"the targets' path is not known: {region.path.complaint}"
+    if spectrum.lambda_min <= 0.0:
+        return "lambda_min(H) is 0: the harmonic extension is not unique"
+    rho = theorem.rho(constants.initial_error)
+    if not np.isfinite(constants.difference.bound):
+        return "the targets' drift or the flow at q* is unbounded along the targets' path"
+    if not np.isfinite(rho):
+        return "a field is singular inside the region"
+    if theorem.contains(constants.initial_error):
+        return ""
+    if theorem.applies:
+        outside = f"the initial error of {constants.initial_error:.4g} m is outside S"
+        return f"{outside}, whose radius is {theorem.radius_S:.4g} m"
+    if rate is not None and theorem.k_min > rho:
+        return f"lambda_V = {rate:.4g} 1/s is too fast: it must be below k_min - rho = {theorem.k_min - rho:.4g} 1/s"
+    return (
+        f"k_min = {theorem.k_min:.4g} 1/s does not exceed rho = {rho:.4g} 1/s; "
+        f"that takes a gain above {2.0 * rho / spectrum.lambda_min:.4g} 1/s"
+    )
+
+
+def _obstacle(system: System, constants: Constants, spectrum: Spectrum, bound: Theorem) -> str:
+    """What stands against a bound of the continuous, unlimited law: a g without full rank, a hold, a speed limit."""
+    agents = system.team.agents
+    for i in without_full_row_rank(system.effectiveness, [agent.dimension for agent in agents]):
+        return f"g of {agents[i].id} is not of full row rank: g g^+ is not the identity"
+    if not system.grid.continuous:
+        product = system.gain * system.grid.period * spectrum.lambda_max
+        if product >= 1.0:
+            what = "diverges" if product >= 2.0 else "rings"
+            return f"the held law {what} (k1 h lambda_max = {product:.3g}): a bound of continuous time says nothing"
+        if (product := own_rate(system) * system.grid.period) >= 2.0:
+            return f"the targets' own held consensus and pull diverge (h lambda_max = {product:.3g}, expected below 2)"
+    limit = float(system.law.limit[: len(agents)].min())
+    asked = system.gain * spectrum.lambda_max * max(constants.initial_error, bound.radius)
+    if np.isfinite(limit) and asked > limit:
+        return f"the law may ask for {asked:.3g} m/s, beyond a speed limit of {limit:.3g} m/s"
+    return ""
+
+
+def _open(assumptions: list[Assumption]) -> str:
+    """The first numbered assumption that does not hold, or an empty string."""
+    words = {"fails": "fails", "undecided": "is undecided"}
+    return next(
+        (f"assumption {a.number} {words[a.verdict]}: {a.witness}" for a in assumptions if a.verdict in words), ""
+    )

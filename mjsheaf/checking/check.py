@@ -10,14 +10,13 @@ from mjsheaf.backends.physics import vehicles_of
 from mjsheaf.backends.physics.capability import capability_of, of_each
 from mjsheaf.backends.system import System
 from mjsheaf.checking import record as r
-from mjsheaf.checking.assumptions import decide
-from mjsheaf.checking.cohomology import RelativeCohomology, explain
-from mjsheaf.checking.constants import Constants, certify, take_constants
+from mjsheaf.checking.certificate import Certificate, certify
+from mjsheaf.checking.cohomology import RelativeCohomology
 from mjsheaf.checking.fragility import Fragility, Loss, fragility
 from mjsheaf.checking.margins import body_margin, hold_margin, speed_demands, steady_lag
 from mjsheaf.checking.mending import MendPlan, mend
-from mjsheaf.checking.region import Region, region_of_system
-from mjsheaf.checking.spectrum import Spectrum, spectrum_of
+from mjsheaf.checking.region import Region
+from mjsheaf.control.rho import Rho
 from mjsheaf.control.theorem import gain_for_radius
 from mjsheaf.errors import InputError
 from mjsheaf.scenario import Scenario
@@ -26,53 +25,53 @@ _MOST_ROWS = 20
 _MOST_LOSSES = 50
 
 
-def check(scenario: Scenario, *, rate: float | None = None, radius: float = 1.0) -> dict[str, Any]:
+def check(
+    scenario: Scenario, *, rate: float | None = None, radius: float = 1.0, rho: Rho | None = None
+) -> dict[str, Any]:
     """Check a scenario: the paper's assumptions, Theorem 1, margins and fragility.
 
     Args:
         scenario: from `load_scenario`.
         rate: lambda_V in 1/s; None takes the best.
         radius: ultimate radius of |e| for which the smallest gain is wanted, m.
+        rho: a bound of the agents' slopes that the caller answers for; None takes the flow's over the region.
 
     Returns:
-        The record that `mjsheaf check --json` prints; its schema is `CheckRecord`. `ok` is whether no numbered
-        assumption of the paper fails.
+        The record that `mjsheaf check --json` prints; its schema is `CheckRecord`. `ok` is whether every numbered
+        assumption of the paper holds: none fails, and none is undecided.
 
     Raises:
         InputError: rate or radius is not positive, or a vehicle does not fit its agent.
     """
-    return examine(scenario.system(), rate=rate, radius=radius).record.model_dump(mode="json")
+    return examine(scenario.system(), rate=rate, radius=radius, rho=rho).record.model_dump(mode="json")
 
 
 @dataclass(frozen=True)
 class Examination:
-    """A check with what it was made from: the record, and the region it was taken over."""
+    """A check with what it was made from."""
 
     record: r.CheckRecord
-    region: Region
+    certificate: Certificate
 
 
-def examine(system: System, *, rate: float | None = None, radius: float = 1.0) -> Examination:
-    """`check` of a system, as a typed record with its region."""
+def examine(system: System, *, rate: float | None = None, radius: float = 1.0, rho: Rho | None = None) -> Examination:
+    """`check` of a system, as a typed record with its certificate."""
     for name, value in (("rate", rate), ("radius", radius)):
         if value is not None and not 0.0 < value < math.inf:
             raise InputError(f"{name} is {value}; it must be positive and finite")
-    spectrum = spectrum_of(system.team)
-    cohomology = explain(system.team, spectrum)
-    region = region_of_system(system)
-    constants = take_constants(system, region, spectrum)
-    assumptions = decide(system, region, constants, cohomology)
+    certificate = certify(system, rate, rho)
+    cohomology = certificate.cohomology
     record = r.CheckRecord(
         scenario=system.name,
-        ok=all(a.verdict != "fails" for a in assumptions),
-        region=_region(region),
-        assumptions=[r.AssumptionRecord(**asdict(a) | {"value": _finite(a.value)}) for a in assumptions],
+        ok=all(a.verdict == "holds" for a in certificate.assumptions),
+        region=_region(certificate.region),
+        assumptions=[r.AssumptionRecord(**asdict(a) | {"value": _finite(a.value)}) for a in certificate.assumptions],
         relative_cohomology=_cohomology(cohomology, mend(system.team) if cohomology.dimension else None),
-        theorem=_theorem(system, region, constants, spectrum, rate, radius),
-        margins=_margins(system, region, constants, spectrum),
+        theorem=_theorem(system, certificate, rate, radius, rho),
+        margins=_margins(system, certificate),
         fragility=_fragility(fragility(system.team)),
     )
-    return Examination(record, region)
+    return Examination(record, certificate)
 
 
 def _finite(value: float | None) -> float | None:
@@ -80,14 +79,16 @@ def _finite(value: float | None) -> float | None:
 
 
 def _region(region: Region) -> r.RegionRecord:
+    low, high = region.tube.corners()
     return r.RegionRecord(
         source=region.source,
         verified=region.verified,
-        agents_low=region.low.tolist(),
-        agents_high=region.high.tolist(),
+        agents_low=low.tolist(),
+        agents_high=high.tolist(),
         start=float(region.path.time[0]),
-        end=float(region.path.time[-1]),
-        samples=len(region.path.time),
+        end=float(region.path.time[-1] if region.path.cells is None else region.path.cells.end[-1]),
+        samples=len(region.path.time if region.path.cells is None else region.path.cells.begin),
+        path_error=_finite(region.path.error),
     )
 
 
@@ -123,14 +124,18 @@ def _cohomology(found: RelativeCohomology, plan: MendPlan | None) -> r.Cohomolog
 
 
 def _theorem(
-    system: System, region: Region, constants: Constants, spectrum: Spectrum, rate: float | None, radius: float
+    system: System, certificate: Certificate, rate: float | None, radius: float, rho: Rho | None
 ) -> r.TheoremRecord:
-    certificate = certify(system, region, constants, spectrum, rate)
-    theorem, slope = certificate.theorem, constants.lipschitz
-    gain = gain_for_radius(radius, spectrum.lambda_min, constants.f_bar, constants.omega_bar, slope.upper)
+    theorem, spectrum, constants = certificate.theorem, certificate.spectrum, certificate.constants
+    slope, start = constants.rho, constants.initial_error
+    holds = theorem.applies and not certificate.region.path.complaint
+    gain = gain_for_radius(
+        radius, spectrum.lambda_min, constants.difference.bound, constants.omega_bar, rho or slope.upper, start
+    )
+    source = "largest norm of the Jacobian of the agents' field over their region, by branch and bound"
     return r.TheoremRecord(
         applies=certificate.applies,
-        gain_condition=theorem.applies,
+        gain_condition=holds,
         approximate=certificate.approximate,
         reason=certificate.reason,
         gain=system.gain,
@@ -138,22 +143,23 @@ def _theorem(
         lambda_max=spectrum.lambda_max,
         sigma_max_B=spectrum.sigma_max_B,
         omega_bar=_finite(constants.omega_bar),
-        f_bar=_finite(constants.f_bar),
-        rho=_finite(slope.upper),
+        f_bar=_finite(constants.difference.bound),
+        rho=_finite(slope.upper if rho is None else rho(start)),
         rho_seen=_finite(slope.seen),
-        rho_source="largest norm of the Jacobian of the agents' field over their box, by branch and bound"
-        + ("" if slope.exact else " (stopped early: an upper bound, not tight)"),
+        rho_source=(source + ("" if slope.exact else " (an upper bound, not tight)"))
+        if rho is None
+        else "given by the user, here at the initial error",
         lambda_V=_finite(theorem.rate) or None,
         lambda_V_given=rate is not None,
         k_min=theorem.k_min,
         mu=_finite(theorem.mu),
-        chi=None,
-        chi_infinite=theorem.applies,
-        radius_D=None,
-        radius_S=None,
+        chi=_finite(theorem.chi) if holds else None,
+        chi_infinite=math.isinf(theorem.chi) if holds else None,
+        radius_D=_finite(theorem.radius_D) if holds else None,
+        radius_S=_finite(theorem.radius_S) if holds else None,
         radius_U=_finite(theorem.radius),
-        initial_error=constants.initial_error,
-        initial_error_inside_S=theorem.applies,
+        initial_error=start,
+        initial_error_inside_S=theorem.contains(start) if holds else None,
         wanted_radius=radius,
         gain_for_wanted_radius=_finite(gain) or None,
         weaker=r.WeakerRecord(
@@ -163,10 +169,12 @@ def _theorem(
     )
 
 
-def _margins(system: System, region: Region, constants: Constants, spectrum: Spectrum) -> r.MarginsRecord:
+def _margins(system: System, certificate: Certificate) -> r.MarginsRecord:
+    spectrum, region, difference = certificate.spectrum, certificate.region, certificate.constants.difference
     hold = hold_margin(system, spectrum)
     bodies = body_margin(system, spectrum, time_constants(system))
-    lag = steady_lag(system, constants)
+    lag = steady_lag(system, difference)
+    speeds = speed_demands(system, region.path, difference, top_speeds(system))
     ids = system.team.agent_ids
     return r.MarginsRecord(
         hold=None if hold is None else r.HoldRecord(**asdict(hold)),
@@ -176,7 +184,7 @@ def _margins(system: System, region: Region, constants: Constants, spectrum: Spe
             damping_fastest=_finite(bodies.damping_fastest),
             spectral_radius=bodies.spectral_radius,
         ),
-        speed=[r.SpeedRecord(**asdict(d)) for d in speed_demands(system, region.path, top_speeds(system))[:_MOST_ROWS]],
+        speed=[r.SpeedRecord(**asdict(d)) for d in speeds[:_MOST_ROWS]],
         lag=[
             r.LagRecord(agent=ids[i], lag=_finite(float(lag[i]))) for i in np.argsort(-lag, kind="stable")[:_MOST_ROWS]
         ],

@@ -1,8 +1,8 @@
 """What the law does not command: f_q of the agents, H^-1 B f_p that targets' drift asks of them, and their difference.
 
 f_B = H^-1 B f_p(p, t) - f_q(q*) along the targets' path is what the theorem calls the bounded difference. Its largest
-norm is found by branch and bound in time over the cells that cover the path (see `targets`): over a cell in which p moves
-by at most r about a centre and f_p by at most s, and with |K_ik| the norms of the blocks of K = H^-1 B,
+norm is found by branch and bound in time over the cells that cover the path (see `targets`). Over a cell in which p_k
+moves by at most r_k about a centre and f_p,k by at most s_k, with |K_ik| the norms of the blocks of K = H^-1 B,
 
     |q*_i - centre| <= R_i = sum_k |K_ik| r_k,
     |f_B,i - f_B,i at the centre| <= sum_k |K_ik| s_k + R_i sup |df_i/dq| over that ball.
@@ -17,14 +17,16 @@ from numpy.typing import NDArray
 from mjsheaf.backends.system import System
 from mjsheaf.checking.spectrum import Spectrum
 from mjsheaf.checking.targets import Cells, TargetPath
+from mjsheaf.dynamics.disturbance import evaluate
 
 Array = NDArray[np.float64]
 
 _DENSE = 200_000  # numbers of K that are held as such
-_MOST_NUMBERS = 8_000_000  # of f_B over cells that are bounded
+_MOST_CELLS = 50_000  # that are bounded
+_MOST_NUMBERS = 8_000_000  # of f_B over them
 _FEWEST_CELLS = 32  # to begin with
 _GAP = 0.02  # wanted between the bound on |f_B| and a value of it, relative
-_BATCH = 64
+_BATCH = 256
 _ROUNDING = 1e-9
 
 
@@ -77,6 +79,7 @@ class Carrier:
         """|K_ik|, shape (N, M)."""
         N, M = len(self._team.agents), len(self._team.targets)
         padded = np.zeros((3 * M, N, 3))
+        assert self._K is not None  # what reaches for its blocks
         padded[self._own] = self._team.unpack(self._K)
         return np.linalg.norm(padded.reshape(M, 3, N, 3).transpose(2, 0, 3, 1), ord=2, axis=(2, 3))
 
@@ -110,35 +113,36 @@ def difference_along(system: System, path: TargetPath, carrier: Carrier) -> Diff
 
 def _largest(system: System, cells: Cells, carrier: Carrier) -> tuple[float, float]:
     """A bound on |f_B| over cells, and a time near which it is attained."""
-    n_q = system.team.dirichlet.H.shape[0]
     levels = [cells]
     while len(levels[-1].begin) > _FEWEST_CELLS:
         levels.append(_pairs(levels[-1]))
     level = np.full(len(levels[-1].begin), len(levels) - 1)
     index, now = np.arange(len(level)), levels[-1]
     upper, seen = _bound(system, carrier, now)
-    closed, most, time, done = 0.0, float(seen.max()), float(now.begin[np.argmax(seen)]), 0
+    most, time = float(seen.max()), float(now.begin[np.argmax(seen)])
+    closed, left = 0.0, min(_MOST_CELLS, _MOST_NUMBERS // system.team.dirichlet.H.shape[0])
     while True:
         # A cell of one step whose segment is short beside how far the path may leave it gains nothing by being cut.
         whole = (level == 0) & np.all(np.linalg.norm(now.half, axis=2) <= now.bend, axis=1)
         over = (upper > (1.0 + _GAP) * most) & ~whole
         closed = max(closed, float(upper[~over].max(initial=0.0)))
-        now, level, index, upper = Cells(*(x[over] for x in now)), level[over], index[over], upper[over]
-        done += 2 * _BATCH
-        if not len(upper) or done * n_q > _MOST_NUMBERS:
+        now, level, index, upper = _some(now, over), level[over], index[over], upper[over]
+        if not len(upper) or left <= 0:
             return max(closed, float(upper.max(initial=0.0))), time
         order = np.argsort(-upper, kind="stable")
         first, rest = order[:_BATCH], order[_BATCH:]
-        parts = [_children(levels, level[k], index[k], Cells(*(x[k] for x in now))) for k in first]
-        fresh = Cells(*(np.concatenate(x) for x in zip(*(p[2] for p in parts), strict=True)))
+        parent, levels_below, below, fresh = _children(levels, level[first], index[first], _some(now, first))
         bounds, values = _bound(system, carrier, fresh)
-        parents = np.repeat(upper[first], [len(p[0]) for p in parts])
+        left -= len(bounds)
         if values.max() > most:
             most, time = float(values.max()), float(fresh.begin[np.argmax(values)])
         now = Cells(*(np.concatenate([old[rest], new]) for old, new in zip(now, fresh, strict=True)))
-        level = np.concatenate([level[rest], *(p[0] for p in parts)])
-        index = np.concatenate([index[rest], *(p[1] for p in parts)])
-        upper = np.concatenate([upper[rest], np.minimum(bounds, parents)])
+        level, index = np.concatenate([level[rest], levels_below]), np.concatenate([index[rest], below])
+        upper = np.concatenate([upper[rest], np.minimum(bounds, upper[first][parent])])
+
+
+def _some(cells: Cells, which: NDArray[np.bool_] | NDArray[np.int64]) -> Cells:
+    return Cells(*(x[which] for x in cells))
 
 
 def _bound(system: System, carrier: Carrier, cells: Cells) -> tuple[Array, Array]:
@@ -152,25 +156,28 @@ def _bound(system: System, carrier: Carrier, cells: Cells) -> tuple[Array, Array
 
 
 def _children(
-    levels: list[Cells], level: int, index: int, cell: Cells
-) -> tuple[NDArray[np.int64], NDArray[np.int64], Cells]:
-    """The cells of which a cell is made: the pair below it, or both halves of its segment."""
-    if level > 0:
-        below = levels[level - 1]
-        own = slice(2 * index, min(2 * index + 2, len(below.begin)))
-        count = own.stop - own.start
-        return np.full(count, level - 1), np.arange(own.start, own.stop), Cells(*(x[own] for x in below))
-    middle, half = 0.5 * (cell.begin + cell.end), 0.5 * cell.half
-    both = Cells(
-        np.array([cell.begin, middle]),
-        np.array([middle, cell.end]),
-        np.stack([cell.centre - half, cell.centre + half]),
-        np.stack([half, half]),
-        np.stack([cell.bend] * 2),
-        np.stack([cell.drift] * 2),
-        np.stack([cell.spread] * 2),
-    )
-    return np.array([0, 0]), np.array([index, index]), both
+    levels: list[Cells], level: NDArray[np.int64], index: NDArray[np.int64], cells: Cells
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], Cells]:
+    """The cells of which cells are made, pairs below them or halves of their segments: parent, level, index, cell."""
+    found = []
+    for k in np.unique(level):
+        own = np.flatnonzero(level == k)
+        parent = np.repeat(own, 2)
+        if k == 0:
+            cut = _some(cells, parent)
+            sign = np.tile([-1.0, 1.0], len(own))
+            half, middle = 0.5 * cut.half, 0.5 * (cut.begin + cut.end)
+            ends = np.where(sign < 0, cut.begin, middle), np.where(sign < 0, middle, cut.end)
+            halves = cut._replace(begin=ends[0], end=ends[1], centre=cut.centre + sign[:, None, None] * half, half=half)
+            found.append((parent, np.zeros_like(parent), index[parent], halves))
+            continue
+        below = 2 * index[parent] + np.tile([0, 1], len(own))
+        there = below < len(levels[k - 1].begin)
+        parent, below = parent[there], below[there]
+        found.append((parent, np.full_like(parent, k - 1), below, _some(levels[k - 1], below)))
+    parents, above, places, parts = zip(*found, strict=True)
+    joined = Cells(*(np.concatenate(x) for x in zip(*parts, strict=True)))
+    return np.concatenate(parents), np.concatenate(above), np.concatenate(places), joined
 
 
 def _pairs(cells: Cells) -> Cells:
@@ -197,6 +204,15 @@ def coarser(cells: Cells, most: int) -> Cells:
     while len(cells.begin) > most:
         cells = _pairs(cells)
     return cells
+
+
+def shaken(system: System, path: TargetPath) -> Array:
+    """H^-1 B omega at a path's instants: what the targets' disturbances ask of the agents, stacked (T, n_q), m/s."""
+    team = system.team
+    moved = np.zeros((len(path.time), len(team.members), 3))
+    moved[:, len(team.agents) :] = evaluate(system.harmonics[len(team.agents) :], path.time)
+    n_q, n_p = team.dirichlet.B.shape
+    return team.dirichlet.extend(team.pack(moved)[:, n_q:]) - team.dirichlet.extend(np.zeros(n_p))
 
 
 def agent_drift(system: System, q: Array) -> Array:

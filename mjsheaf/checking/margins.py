@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from mjsheaf.backends.system import System
-from mjsheaf.checking.constants import Constants
-from mjsheaf.checking.drift import agent_drift
+from mjsheaf.checking.drift import Difference, shaken
 from mjsheaf.checking.spectrum import Spectrum
 from mjsheaf.checking.targets import TargetPath
 
@@ -163,17 +162,18 @@ def _radius(sampled: Array, m: int, tau: float) -> float:
     return float(np.abs(_moving(sampled, m, tau)).max())
 
 
-def speed_demands(system: System, path: TargetPath, able: Array) -> list[SpeedDemand]:
+def speed_demands(system: System, path: TargetPath, difference: Difference, able: Array) -> list[SpeedDemand]:
     """The speeds that are asked of each agent, the largest share of its limit first.
 
     Args:
         system: the system.
-        path: the harmonic extension along the run.
+        path: the targets' path.
+        difference: f_B along it.
         able: speed that each agent's body can make, shape (N,), m/s; infinite where it has no limits.
     """
     team = system.team
-    through = np.gradient(path.q_star, path.time, axis=0) - agent_drift(system, path.q_star)
-    steady = np.linalg.norm(team.unpack(through), axis=2).max(axis=0)
+    # q*' - f_q = f_B + H^-1 B omega, at the instants that the path keeps.
+    steady = np.linalg.norm(team.unpack(difference.values + shaken(system, path)), axis=2).max(axis=0)
     eta = team.disagreement(team.pack(system.initial))
     asked = system.gain * np.linalg.norm(team.unpack(eta), axis=1)
     limits = system.law.limit
@@ -188,14 +188,13 @@ def _finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def steady_lag(system: System, constants: Constants) -> Array:
+def steady_lag(system: System, difference: Difference) -> Array:
     """Largest quasi-static lag |(H^-1 f_B)_i| / k1 of each agent along the run, shape (N,), m.
 
     It is what remains of e once e' is small: k1 H e = f_B.
     """
     problem = system.team.dirichlet
-    if not np.isfinite(constants.f_B).all():
+    if not np.isfinite(difference.values).all():
         return np.full(len(system.team.agents), np.nan)
-    thin = constants.f_B[:: max(1, len(constants.f_B) // 2000)]
-    lag = problem.solve(thin) / system.gain
+    lag = problem.solve(difference.values) / system.gain
     return np.linalg.norm(system.team.unpack(lag), axis=2).max(axis=0)

@@ -16,12 +16,15 @@ class RegionRecord(_Part):
     """Where the constants were taken."""
 
     source: str
-    verified: bool = Field(description="whether the region holds a run, and is not only a guess")
-    agents_low: list[float] = Field(description="corner of the box that holds agents and q*, m")
+    verified: bool = Field(
+        description="whether agents of an unlimited law are proven to stay there; else it is a guess"
+    )
+    agents_low: list[float] = Field(description="corner of the box about the agents' region, m")
     agents_high: list[float] = Field(description="opposite corner, m")
     start: float = Field(description="s")
     end: float = Field(description="s")
-    samples: int
+    samples: int = Field(description="cells that cover the targets' path, or instants where it is not known")
+    path_error: float | None = Field(description="of the targets' path, for which the bounds allow, m; null: not known")
 
 
 class AssumptionRecord(_Part):
@@ -92,9 +95,13 @@ class WeakerRecord(_Part):
 class TheoremRecord(_Part):
     """Theorem 1, computed."""
 
-    applies: bool = Field(description="the gain condition holds for lambda_V, and no hold or speed limit is in the way")
-    gain_condition: bool = Field(description="k_min > rho + lambda_V")
-    approximate: bool = Field(description="the law is held over a period, or the region is a guess")
+    applies: bool = Field(
+        description="the gain condition and every numbered assumption hold, and no hold or speed limit is in the way"
+    )
+    gain_condition: bool = Field(
+        description="k_min > rho(2 sqrt(mu / lambda_V)) + lambda_V, over the targets' known path"
+    )
+    approximate: bool = Field(description="the law is held over a period; the theorem's is continuous")
     reason: str = Field(description="why it does not apply, or empty")
     gain: float = Field(description="k1, 1/s")
     lambda_min: float
@@ -102,7 +109,9 @@ class TheoremRecord(_Part):
     sigma_max_B: float
     omega_bar: float | None = Field(description="m/s")
     f_bar: float | None = Field(description="m/s")
-    rho: float | None = Field(description="constant Lipschitz bound, 1/s")
+    rho: float | None = Field(
+        description="constant Lipschitz bound, 1/s; of a user's rho its value at the initial error"
+    )
     rho_seen: float | None = Field(description="largest slope found, 1/s")
     rho_source: str
     lambda_V: float | None = Field(description="rate, 1/s; the best one unless given")
@@ -110,12 +119,14 @@ class TheoremRecord(_Part):
     k_min: float = Field(description="1/s")
     mu: float | None = Field(description="m^2/s")
     chi: float | None = Field(description="m; null where it is infinite: rho is constant over the region")
-    chi_infinite: bool
+    chi_infinite: bool | None = Field(description="null where the gain condition fails")
     radius_D: float | None = Field(description="m; null: the whole space, or the condition fails")
     radius_S: float | None = Field(description="m; null: the whole space, or the condition fails")
     radius_U: float | None = Field(description="m; null where the condition fails")
     initial_error: float = Field(description="|e(t0)|, m")
-    initial_error_inside_S: bool
+    initial_error_inside_S: bool | None = Field(
+        description="null where the gain condition fails, so that there is no S"
+    )
     wanted_radius: float = Field(description="m")
     gain_for_wanted_radius: float | None = Field(description="smallest k1 that meets it, 1/s")
     weaker: WeakerRecord
@@ -188,10 +199,23 @@ class CheckRecord(_Part):
     """A check of a scenario."""
 
     scenario: str
-    ok: bool = Field(description="no numbered assumption fails over the region")
+    ok: bool = Field(description="every numbered assumption holds: none fails, none is undecided")
     region: RegionRecord
     assumptions: list[AssumptionRecord]
     relative_cohomology: CohomologyRecord
     theorem: TheoremRecord
     margins: MarginsRecord
     fragility: FragilityRecord
+
+    def verdict(self) -> str:
+        """The check in a few words: what holds, where, and what does not."""
+        region = f"along the targets' path from {self.region.start:g} to {self.region.end:g} s"
+        counts = [sum(a.verdict == kind for a in self.assumptions) for kind in ("holds", "fails", "undecided")]
+        if counts[0] == len(self.assumptions):
+            return f"all {counts[0]} assumptions hold, the 7th {region}"
+        named = [
+            f"{n} {word}"
+            for n, word in zip(counts[1:], ("FAIL" if counts[1] > 1 else "FAILS", "undecided"), strict=True)
+            if n
+        ]
+        return f"{counts[0]} assumptions hold, {', '.join(named)}; the 7th is taken {region}"

@@ -95,9 +95,8 @@ class TargetPath:
 class _Rates(NamedTuple):
     """What moves M targets by themselves.
 
-    acceleration, shake (M,): sup |v'| of references and sup |omega'|, m/s^2; speed (M,): sup |v|, m/s; turn: step that is
-    short beside the fastest motion and disturbance, s; decay: rate of the fastest time constant of consensus and pull,
-    1/s.
+    acceleration, shake (M,): sup |v'| of references and sup |omega'|, m/s^2; speed (M,): sup |v|, m/s; turn: a step
+    that is short beside the fastest motion and disturbance, s; decay: rate of consensus and pull, 1/s.
     """
 
     acceleration: Array
@@ -142,13 +141,13 @@ def _bound_speeds(law, motion, medium, rates, continuous, h, x, bound):
 
 @kernel
 def _follow(
-    control, follow, medium, effectiveness, rates, share, allowed, tolerance, times, period, place, x, work, bound, cells,
-    samples, stride,
+    control, follow, medium, effectiveness, rates, share, allowed, tolerance, times, period, place, x, work, bound,
+    cells, samples, stride,
 ):  # fmt: skip
     """Follow the targets from a place in the run until the cells are full; return what ended it, and how many are.
 
-    `follow` is `control` where the law is continuous, None where it is held. place (3,): sample, time since then and next
-    step, in s. share: of the usual steps. allowed: the error for which cells are widened, m.
+    `follow` is `control` where the law is continuous, None where it is held. place (3,): sample, time since then and
+    next step, s. share: of the usual steps. allowed: the error for which cells are widened, m.
     """
     M = x.shape[0]
     sample, done, step = int(place[0]), place[1], place[2]
@@ -307,7 +306,9 @@ def _rates(system: System, control: ControlArrays) -> _Rates:
     speed, acceleration = reference_bounds(control.motion)
     harmonics = system.harmonics[len(system.team.agents) :]
     shake = (np.linalg.norm(harmonics[..., :3], axis=2) * np.abs(harmonics[..., 3])).sum(axis=1)
-    fastest = max(float(np.abs(control.motion.rate).max(initial=0.0)), float(np.abs(harmonics[..., 3]).max(initial=0.0)))
+    fastest = max(
+        float(np.abs(control.motion.rate).max(initial=0.0)), float(np.abs(harmonics[..., 3]).max(initial=0.0))
+    )
     pieces = np.diff(control.motion.knots)
     if (pieces > 0.0).any():  # one turn in each piece of a path through waypoints
         fastest = max(fastest, 2.0 * np.pi / float(pieces[pieces > 0.0].min()))

@@ -40,8 +40,8 @@ from mjsheaf.errors import InputError
 Array = NDArray[np.float64]
 
 _BATCH = 1024  # cells that are cut at once: enough to hide numpy's overhead, few enough to stay best-first
-_PAIRS = 500_000  # of a cell and a kernel, at once: some 150 MB
 _NO_CORE = 1e-30  # m; a core smaller than this is none
+_PAIRS = 500_000  # of a cell and a kernel, at once: some 150 MB
 _ROUNDING = 1e-12  # of the sum of all kernels' bounds
 
 
@@ -76,8 +76,8 @@ def largest_speed(
 
     Args:
         flow: the field.
-        low: the box's lowest corner, shape (2,) or (3,), m, or those of k boxes, shape (k, 2) or (k, 3). A planar vehicle
-            needs two numbers, and a third is not used; in space three are needed unless the field is planar.
+        low: the box's lowest corner, shape (2,) or (3,), m, or those of k boxes, shape (k, 2) or (k, 3). A planar
+            vehicle needs two numbers, and a third is not used; in space three are needed unless the field is planar.
         high: its highest corner, same shape; a box may be a point.
         planar: whether the vehicle lives in the plane: points are (x, y, 0), and only the x and y of w count.
         tolerance: the gap wanted between upper and seen, relative to seen.
@@ -110,6 +110,11 @@ def lipschitz_constant(
     return _supremum(flow, low, high, planar, True, False, tolerance, most_cells)
 
 
+def singular_points(flow: FlowField, *, planar: bool) -> Array:
+    """Where the field that a vehicle meets is not C^1, shape (k, 2) or (k, 3), m: centres of kernels without a core."""
+    return _Kernels(flow, 2 if planar or flow.dimension == 2 else 3, drift=False).singular
+
+
 def _supremum(
     flow: FlowField,
     low: ArrayLike,
@@ -124,7 +129,12 @@ def _supremum(
     corners = np.atleast_2d(given[0]), np.atleast_2d(given[1])
     shapes = {c.shape for c in corners}
     width = corners[0].shape[-1]
-    if len(shapes) > 1 or corners[0].ndim != 2 or width not in (2, 3) or (width == 2 and not planar and flow.dimension == 3):
+    if (
+        len(shapes) > 1
+        or corners[0].ndim != 2
+        or width not in (2, 3)
+        or (width == 2 and not planar and flow.dimension == 3)
+    ):
         expected = "two of (2,) or (3,)" if planar or flow.dimension == 2 else "two of (3,) for vehicles in space"
         raise InputError(f"a box has corners of shapes {given[0].shape} and {given[1].shape}; expected {expected}")
     if not (np.all(np.isfinite(corners[0])) and np.all(np.isfinite(corners[1])) and np.all(corners[0] <= corners[1])):

@@ -70,7 +70,8 @@ def flow_slope(table, x, y, z, radius):
     The sum of the kernels' own bounds, each over the ball: of a pole g M r / s^p with s = |r|^2 + core^2 the norm is at
     most (2 p - 1) |g M| / s^p, p = 1 (a source in space 1.5), which falls with |r|; of a channel |b| E |q| with
     E = exp(-A |n|^2 - B l^2) and q its exponent's gradient, E is largest at the nearest point, |q| at the farthest, and
-    with a = A |n|^2 + B l^2 their product is at most 2 (max(A, B) a)^(1/2) exp(-a) <= (2 max(A, B) / e)^(1/2). `bounds` has tighter ones, at a hundred times the cost.
+    with a = A |n|^2 + B l^2 their product is at most 2 (max(A, B) a)^(1/2) exp(-a) <= (2 max(A, B) / e)^(1/2). `bounds`
+    has tighter ones, at a hundred times the cost.
     """
     total = 0.0
     for k in range(1, table.shape[0]):
@@ -80,8 +81,8 @@ def flow_slope(table, x, y, z, radius):
             along = rx * c[5] + ry * c[6] + rz * c[7]
             nx, ny, nz = rx - along * c[5], ry - along * c[6], rz - along * c[7]
             across = np.sqrt(nx * nx + ny * ny + nz * nz)
-            n, l = max(across - radius, 0.0), max(abs(along) - radius, 0.0)
-            strongest = np.exp(-min(n * n * c[9] + l * l * c[10], _NOTHING_LEFT))
+            near, low = max(across - radius, 0.0), max(abs(along) - radius, 0.0)
+            strongest = np.exp(-min(near * near * c[9] + low * low * c[10], _NOTHING_LEFT))
             steepest = 2.0 * np.sqrt((c[9] * (across + radius)) ** 2 + (c[10] * (abs(along) + radius)) ** 2)
             total += abs(c[8]) * min(strongest * steepest, np.sqrt(max(c[9], c[10]) * _TWO_OVER_E))
         else:
@@ -98,8 +99,8 @@ def flow_slope(table, x, y, z, radius):
 def flow_scale(table, x, y, z):
     """The length over which the field may change about a point, m: what an integrator must not step over.
 
-    Of a pole (|r|^2 + core^2)^(1/2), the distance to its singularity in complex space; of a channel its smaller width, or
-    the distance to where nine widths end, beyond which less than 3e-18 of it is left.
+    Of a pole (|r|^2 + core^2)^(1/2), the distance to its singularity in complex space; of a channel its smaller width,
+    or the distance to where nine widths end, beyond which less than 3e-18 of it is left.
     """
     smallest = np.inf
     for k in range(1, table.shape[0]):

@@ -159,7 +159,7 @@ def pack(motions: list[Motion | None], positions: Array, start: float, dimension
 
 
 def reference_bounds(motion: MotionArrays) -> tuple[Array, Array]:
-    """Bounds on the speed |v(t)| in m/s and the acceleration |v'(t)| in m/s^2 of every reference, shapes (V,), for all t.
+    """Bounds for all t on the speed |v(t)|, m/s, and the acceleration |v'(t)|, m/s^2, of every reference, shapes (V,).
 
     A piece of a path is a polynomial, which lies in the convex hull of its Bernstein coefficients.
     """
@@ -167,7 +167,9 @@ def reference_bounds(motion: MotionArrays) -> tuple[Array, Array]:
     speed, acceleration = np.linalg.norm(swing, axis=1), np.linalg.norm(swing * motion.rate, axis=1)
     for v, (first, pieces) in enumerate(motion.path):
         for k in range(first, first + pieces):
-            taylor = motion.coefficients[k, ::-1] * (motion.knots[k + 1] - motion.knots[k]) ** np.arange(_ORDER)[:, None]
+            taylor = (
+                motion.coefficients[k, ::-1] * (motion.knots[k + 1] - motion.knots[k]) ** np.arange(_ORDER)[:, None]
+            )
             for bound in (speed, acceleration):
                 taylor = taylor[1:] * np.arange(1, len(taylor))[:, None] / (motion.knots[k + 1] - motion.knots[k])
                 bound[v] = max(bound[v], float(np.linalg.norm(_bernstein(taylor), axis=1).max()))

@@ -1,6 +1,7 @@
 """The picture of a check: spectrum of H, who is free to drift, and the bounded difference."""
 
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -9,10 +10,9 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from mjsheaf.backends.system import System
+from mjsheaf.checking.certificate import Certificate
 from mjsheaf.checking.check import Examination
-from mjsheaf.checking.constants import difference
 from mjsheaf.checking.record import CheckRecord
-from mjsheaf.checking.region import Region
 from mjsheaf.plots.figures import new_figure, save_figure
 from mjsheaf.plots.palette import group_of_vehicles, palette
 
@@ -26,12 +26,11 @@ def plot_check(system: System, examination: Examination, path: Path) -> None:
     """Draw a check into a PNG."""
     record = examination.record
     figure = new_figure(18.0, 6.6)
-    verdict = "every assumption holds" if record.ok else "an assumption fails"
-    figure.suptitle(f"{record.scenario}: {verdict}")
+    figure.suptitle(f"{record.scenario}: {record.verdict()}")
     panels = figure.subplots(1, 3)
     _spectrum(panels[0], system, record)
     _graph(panels[1], system, record)
-    _difference(panels[2], system, examination.region)
+    _difference(panels[2], system, examination.certificate)
     figure.subplots_adjust(left=0.05, right=0.985, top=0.86, bottom=0.2, wspace=0.2)
     save_figure(figure, path)
 
@@ -107,18 +106,20 @@ def _graph(axis: Any, system: System, record: CheckRecord) -> None:
     _legend_below(axis, handles)
 
 
-def _difference(axis: Any, system: System, region: Region) -> None:
+def _difference(axis: Any, system: System, certificate: Certificate) -> None:
     """The paper's figure of Assumption 7, at the instant at which the difference is largest."""
     team = system.team
-    carried, own, gap = difference(system, region)
-    size = np.linalg.norm(gap, axis=1)
+    path, along = certificate.region.path, certificate.constants.difference
+    size = np.linalg.norm(along.values, axis=1)
     if not np.isfinite(size).all():
-        axis.text(0.5, 0.5, "unbounded: a target meets a singular kernel", transform=axis.transAxes, ha="center")
+        why = path.complaint or "a target or q* meets a singular kernel"
+        axis.text(0.5, 0.5, fill(f"not known: {why}", 50), transform=axis.transAxes, ha="center", va="center")
+        axis.set_title("bounded difference", fontsize=11)
         return
     k = int(np.argmax(size))
     N = len(team.agents)
-    q_star, targets = team.unpack(region.path.q_star[k])[:, :2], region.path.positions[k, N:, :2]
-    arrows = [team.unpack(x[k])[:, :2] for x in (own, carried)]
+    q_star, targets = team.unpack(path.q_star[k])[:, :2], path.positions[k, N:, :2]
+    arrows = [team.unpack(x[k])[:, :2] for x in (along.own, along.carried)]
     longest = max(float(np.linalg.norm(a, axis=1).max()) for a in arrows) or 1.0
     scale = 0.2 * max(float(np.ptp(np.vstack([q_star, targets]), axis=0).max()), 1.0) / longest
     axis.plot(*targets.T, "*", color=palette(0)[-1], markersize=12, zorder=2)
@@ -132,10 +133,8 @@ def _difference(axis: Any, system: System, region: Region) -> None:
     # Arrows do not count for the limits of the axes.
     axis.update_datalim(np.concatenate([*ends, targets]))
     axis.autoscale_view()
-    norm = float(np.linalg.norm(gap[k]))
-    axis.set_title(
-        f"bounded difference, largest at t = {region.path.time[k]:.4g} s: |f_B| = {norm:.3g} m/s", fontsize=11
-    )
+    norm = float(size[k])
+    axis.set_title(f"bounded difference, largest at t = {path.time[k]:.4g} s: |f_B| = {norm:.3g} m/s", fontsize=11)
     axis.set_xlabel("x (m), from above")
     axis.set_ylabel("y (m)")
     axis.set_aspect("equal", adjustable="datalim")

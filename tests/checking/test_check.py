@@ -132,9 +132,9 @@ def test_plot_is_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> No
 
 def test_bad_rate_and_radius() -> None:
     scenario = mjsheaf.load_scenario("midpoint")
-    for changes in ({"rate": -1.0}, {"radius": 0.0}, {"radius": float("nan")}):
+    for rate, radius in ((-1.0, 1.0), (None, 0.0), (None, float("nan"))):
         with pytest.raises(InputError, match="must be positive"):
-            mjsheaf.check(scenario, **changes)
+            mjsheaf.check(scenario, rate=rate, radius=radius)
 
 
 def test_a_bound_is_not_claimed_beside_a_speed_limit_or_an_unstable_hold() -> None:
