@@ -94,6 +94,7 @@ def execute(
         dataset = held.enter_context(open_dataset(fresh / "result.nc"))
         write_scenario(scenario, fresh)
         theorem = bound_of_run(system, dataset)
+        notes += [theorem.broken()] * bool(theorem.broken())
         drawn = thinned(dataset)
         beside = held.enter_context(ThreadPoolExecutor(1))
         plots = beside.submit(_plot, system, drawn, theorem, fresh, report("plotting"))
@@ -122,6 +123,7 @@ def execute(
                 "reason": theorem.reason,
                 "measured_over_bound": theorem.ratio,
                 "measured_over_bound_settled": theorem.settled_ratio,
+                "wrong": theorem.wrong,
             },
             "video": None,
         }

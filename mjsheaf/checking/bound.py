@@ -70,7 +70,12 @@ class RunBound:
 
     def at(self, time: Array) -> Array:
         """The theorem's bound on |e| at times in s, in m; infinite where it does not apply."""
-        return self.theorem.bound(self.initial_error, time - self.start)
+        return self.certificate.bound(self.initial_error, time - self.start)
+
+    @property
+    def wrong(self) -> bool:
+        """Whether the run exceeds a bound that applies, which bodies may and the ideal law cannot."""
+        return bool(self.broken()) and not self.bodies
 
     def broken(self) -> str:
         """What to say of a run that exceeds a bound that applies; empty where it does not."""
@@ -79,8 +84,6 @@ class RunBound:
         found = f"|e| reaches {self.ratio:.4g} times the bound of Theorem 1 at t = {self.worst:.6g} s"
         if self.bodies:
             return f"{found}: bodies have inertia, which the theorem does not know"
-        if self.approximate:
-            return f"{found}, which a held law only approaches; constants: {self.certificate.told()}"
         return f"{found}, which proves a constant wrong: please report it; constants: {self.certificate.told()}"
 
 

@@ -6,6 +6,16 @@ little wider than b. As |e(t0)| <= b(t0), e is inside the tube for a while. As l
 are too, |f~| <= rho |e|, and the theorem's proof gives |e| <= b: so e does not come to the tube's boundary, and never
 leaves it. The smallest such rho is looked for from below.
 
+Under a hold h with k1 h lambda_max <= 1 the bound holds too, but for a floor. Let F = f_bar + omega_bar,
+a = k1 lambda_min and R = F / (a - rho). As I - s k1 H has the norm 1 - s a for s <= h, after a sample e_k
+
+    |e(t_k + s)| <= (1 - s a) |e_k| + s (F + rho E),       E the largest |e| of the period so far.
+
+Where |e_k| <= R, E > R would give E - R <= s rho (E - R) with s rho < 1: so |e| <= R, then and ever after. Where
+|e_k| > R, E > |e_k| is contradicted in the same way, and |e| <= |e_k| - s ((a - rho) |e_k| - F) is below the solution
+of y' = -(a - rho) y + F from |e_k|, which is convex and has this tangent; y is below the theorem's bound, as
+(y^2)' <= -2 lambda_V y^2 + F^2 / a. So |e(t)| <= max(b(t), R), where R is at most the ultimate radius.
+
 Where the gain condition fails, the same holds of the bound with rho = 0 and f_bar enlarged by 2 sqrt(N) sup |f_i|,
 which needs no slope; its tube is the region then.
 """
@@ -64,6 +74,14 @@ class Certificate:
     approximate: bool
     reason: str
     obstacle: str
+
+    def bound(self, initial_error: float, elapsed: Array) -> Array:
+        """The bound on |e(t)| in m from |e(t0)| in m, at times since the start in s; infinite where there is none."""
+        bound = self.theorem.bound(initial_error, elapsed)
+        if not self.approximate or not self.theorem.applies:
+            return bound
+        t = self.theorem
+        return np.maximum(bound, (t.f_bar + t.omega_bar) / (t.gain * t.lambda_min - t.lipschitz))
 
     def told(self) -> str:
         """The constants in a line, for a report of a bound that was broken."""
@@ -174,19 +192,13 @@ class _Search:
         return None
 
     def _tube(self, bound: Theorem) -> Tube:
-        """The tube of a bound.
-
-        Under a hold h with k1 h lambda_max <= 1, |e(t_k + s)| <= (1 - s k1 lambda_min) |e_k| + s (F + rho R) while
-        |e| <= R: no more than R, where R (k1 lambda_min - rho) >= F = f_bar + omega_bar, as of the ultimate radius
-        F / (k1 lambda_min (k1 lambda_min - 2 rho))^(1/2). So the larger of that and |e_0| is never left, though e may
-        reach it faster than the theorem says.
-        """
+        """The tube of a bound; under a hold as wide everywhere as it is at most."""
         start, system = self._path.time[0], self._system
 
         def radius(time: Array) -> Array:
             if system.grid.continuous:
                 return _WIDER * bound.bound(self._initial_error, time - start)
-            return np.full(time.shape, _WIDER * max(self._initial_error, bound.radius))
+            return np.full(time.shape, _WIDER * max(self._initial_error, bound.radius))  # R is at most the radius
 
         return tube_about(system, self._path, self._carrier, radius)
 

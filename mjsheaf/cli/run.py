@@ -24,6 +24,12 @@ class ExpectationMissedError(MjsheafError):
     exit_code = 1
 
 
+class BoundBrokenError(MjsheafError):
+    """A run exceeds a bound that should hold: an error of mjsheaf's, not of the scenario's."""
+
+    exit_code = 1
+
+
 def run_command(
     source: str,
     backend: str,
@@ -69,6 +75,9 @@ def run_command(
     if expect and outcome.summary["expect"]["met"] is False:
         missed = [check for check in outcome.summary["expect"]["checks"] if not check["met"]]
         raise ExpectationMissedError(f"{source}: {', '.join(map(_miss, missed))}")
+
+    if expect and outcome.summary["theorem"]["wrong"]:
+        raise BoundBrokenError(f"{source}: {next(note for note in outcome.notes if 'Theorem 1' in note)}")
 
 
 def _miss(check: dict[str, Any]) -> str:
