@@ -559,7 +559,7 @@ def flung_on_the_way(rng: Rng) -> Raw:
         raw["controller"]["record_period"] = min(raw["controller"]["record_period"], raw["time"]["end"])
     else:
         _set_gain(raw, kappa)
-    return _rotate(rng, raw)
+    return raw  # not turned: a box about a path along x is thin
 
 
 def far_starts(rng: Rng) -> Raw:

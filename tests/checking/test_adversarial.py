@@ -103,7 +103,9 @@ def test_no_team_of_a_family_breaks_its_bound(family: str) -> None:
 @pytest.mark.slow
 def test_soundness_is_not_bought_by_refusing(capsys: pytest.CaptureFixture[str]) -> None:
     rows = [[seed, *row_of(_judgement(seed).before)] for seed in range(TEAMS)]
-    right = {seed for seed, _, exact, ratio in _baseline()["adversarial"] if exact and ratio <= BROKEN}
+    before = _baseline()["adversarial"]
+    assert [seed for seed, *_ in before] == list(range(TEAMS))
+    right = {seed for seed, _, exact, ratio in before if exact and ratio <= BROKEN}
     kept = {seed for seed, _, exact, _ in rows if exact} & right
     by_family = [
         f"{family:26} {len([s for s in kept if family_of(s) == family]):3} of "
@@ -142,13 +144,20 @@ def test_random_teams_keep_their_certificates_at_the_same_gain(capsys: pytest.Ca
 
 @pytest.mark.slow
 def test_shipped_scenarios_keep_their_verdicts() -> None:
-    """But for claims beside an assumption that fails or is undecided: those are gone, and the check is not ok."""
+    """What was undecided may be decided; over a guessed region assumption 1 is undecided as assumption 7 is.
+
+    And nothing is claimed, nor is a check ok, beside an assumption that fails or is undecided.
+    """
     found = record_shipped()
     for name, before in _baseline()["shipped"].items():
-        assert found[name]["verdicts"] == before["verdicts"], name
-        decided = set(before["verdicts"]) == {"holds"}
-        assert found[name]["applies"] == (before["applies"] and decided), name
-        assert found[name]["ok"] == (before["ok"] and "undecided" not in before["verdicts"]), name
+        now, guessed = found[name], before["verdicts"][6] == "undecided"
+        for number, (was, verdict) in enumerate(zip(before["verdicts"], now["verdicts"], strict=True), start=1):
+            decided_later = was == "undecided"
+            undecided_now = number == 1 and guessed and verdict == "undecided"
+            assert verdict == was or decided_later or undecided_now, (name, number, was, verdict)
+        all_hold = set(now["verdicts"]) == {"holds"}
+        assert now["ok"] == all_hold, name
+        assert now["applies"] == (before["applies"] and all_hold), name
 
 
 # -- the oracle itself ---------------------------------------------------------------------------------------------
