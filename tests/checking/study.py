@@ -74,7 +74,7 @@ class Judgement:
         verdicts: of the numbered assumptions.
         status: what happens, from the oracle.
         path_error: largest distance between the targets of the check and those of the oracle, m; None where the check
-            has no path over the whole span.
+            has no path over the whole span, or claims nothing exactly.
     """
 
     before: Claim
@@ -90,6 +90,7 @@ def judge(raw: dict[str, Any], truth: Truth | None = None) -> Judgement:
     truth = truth or solve(raw)
     scenario = scenario_from_mapping(raw)
     record = mjsheaf.check(scenario)
+    theorem = record["theorem"]
     result = mjsheaf.simulate(scenario, "ideal")
     after = None
     if result.attrs["status"] == "finished":
@@ -100,7 +101,7 @@ def judge(raw: dict[str, Any], truth: Truth | None = None) -> Judgement:
         ok=record["ok"],
         verdicts=tuple(a["verdict"] for a in record["assumptions"]),
         status=truth.status,
-        path_error=_path_error(scenario, truth),
+        path_error=_path_error(scenario, truth) if theorem["applies"] and not theorem["approximate"] else None,
     )
 
 
@@ -132,15 +133,12 @@ def _ratio(truth: Truth, bound: Array) -> float:
 
 
 def _path_error(scenario: mjsheaf.Scenario, truth: Truth) -> float | None:
+    if truth.status != "finished":
+        return None
     system = scenario.system()
     path = follow_targets(system)
     start, end = float(system.grid.samples[0]), float(system.grid.samples[-1])
-    if (
-        path.complaint
-        or len(path.time) == 0
-        or path.time[-1] < end - 1e-9 * (end - start)
-        or truth.status != "finished"
-    ):
+    if path.complaint or path.time[-1] < end - 1e-9 * (end - start):
         return None
     targets = path.positions[:, len(system.team.agents) :]
     chosen = np.unique(np.linspace(0, len(path.time) - 1, 2000).astype(int))
