@@ -186,7 +186,8 @@ def _pairs(cells: Cells) -> Cells:
     centre, bend = _joined(cells.centre, np.linalg.norm(cells.half, axis=2) + cells.bend, n)
     drift, spread = _joined(cells.drift, cells.spread, n)
     ends = np.concatenate([cells.end[1:n:2], cells.end[n:]])
-    return Cells(cells.begin[::2], ends, centre, np.zeros_like(centre), bend, drift, spread)
+    slope = np.concatenate([np.maximum(cells.slope[0:n:2], cells.slope[1:n:2]), cells.slope[n:]])
+    return Cells(cells.begin[::2], ends, centre, np.zeros_like(centre), bend, drift, spread, slope)
 
 
 def _joined(centre: Array, radius: Array, n: int) -> tuple[Array, Array]:

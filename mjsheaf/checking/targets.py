@@ -14,7 +14,8 @@ the first by the second derivative p'' = f_p' + omega', the second by the first.
 |p'| <= |p'(t)| + h (D + W). Where that is at most V the assumption was right; a step for which it is not is halved.
 
 The integration's own error is controlled: the path is integrated a second time with half the steps and a tenth of the
-tolerance. Cells are widened by `error`, and a path that differs by more than half of that is not claimed to be known.
+tolerance. Cells are widened by `error`, many times the difference, so that runs of a usual tolerance are covered too; a
+path for which that would be too much is not claimed to be known.
 """
 
 from dataclasses import dataclass
@@ -44,7 +45,10 @@ _SHARE_OF_TURN = 0.125  # rad of the fastest motion or disturbance
 _SHARE_OF_DECAY = 0.25  # of the fastest time constant
 _SHARE_OF_SCALE = 0.125  # of the length over which the flow changes
 _SLACK = 1.05  # of V over what it takes
-_ERROR, _RELATIVE_ERROR = 1e-6, 1e-8  # of the path: m, and relative to its farthest position
+_ERROR, _RELATIVE_ERROR = 1e-6, 1e-8  # at least allowed of the path: m, and relative to its farthest position
+_COMPARED = 2000  # instants of a continuous law at which two integrations are compared, at least about
+_DIFFERENCES = 20.0  # of two integrations, that are allowed
+_LARGEST_ERROR = 1e-4  # relative to its farthest position: what is more is not known
 
 _DONE, _FULL, _STUCK = 0, 1, 2
 
@@ -53,7 +57,8 @@ class Cells(NamedTuple):
     """Cells that cover the path of M targets, n of them in the order of time.
 
     In a cell positions lie within `bend` of the segment centre -+ half, and drifts f_p within `spread` of `drift`.
-    begin, end (n,) s; centre, half (n, M, 3) m; bend (n, M) m; drift (n, M, 3) m/s; spread (n, M) m/s.
+    begin, end (n,) s; centre, half (n, M, 3) m; bend (n, M) m; drift (n, M, 3) m/s; spread (n, M) m/s; slope (n, M)
+    1/s, a bound on how much f_p changes with an error of the positions.
     """
 
     begin: Array
@@ -63,6 +68,7 @@ class Cells(NamedTuple):
     bend: Array
     drift: Array
     spread: Array
+    slope: Array
 
 
 @dataclass(frozen=True)
@@ -141,13 +147,13 @@ def _bound_speeds(law, motion, medium, rates, continuous, h, x, bound):
 
 @kernel
 def _follow(
-    control, follow, medium, effectiveness, rates, share, allowed, tolerance, times, period, place, x, work, bound,
+    control, follow, medium, effectiveness, rates, share, tolerance, times, period, place, x, work, bound,
     cells, samples, stride,
 ):  # fmt: skip
     """Follow the targets from a place in the run until the cells are full; return what ended it, and how many are.
 
     `follow` is `control` where the law is continuous, None where it is held. place (3,): sample, time since then and
-    next step, s. share: of the usual steps. allowed: the error for which cells are widened, m.
+    next step, s. share: of the usual steps. The cells' `slope` bounds how f_p changes with p.
     """
     M = x.shape[0]
     sample, done, step = int(place[0]), place[1], place[2]
@@ -197,8 +203,9 @@ def _follow(
                 cells.drift[count, v, 0] += 0.5 * (work.slope[6, v, 0] - wx)
                 cells.drift[count, v, 1] += 0.5 * (work.slope[6, v, 1] - wy)
                 cells.drift[count, v, 2] += 0.5 * (work.slope[6, v, 2] - wz)
-                cells.bend[count, v] = 0.125 * h * h * (bound[1, v] + rates.shake[v]) + allowed
-                cells.spread[count, v] = 0.5 * h * bound[1, v] + allowed * bound[2, v]
+                cells.bend[count, v] = 0.125 * h * h * (bound[1, v] + rates.shake[v])
+                cells.spread[count, v] = 0.5 * h * bound[1, v]
+                cells.slope[count, v] = bound[2, v]
                 for i in range(3):
                     cells.centre[count, v, i] = 0.5 * (x[v, i] + work.state[v, i])
                     cells.half[count, v, i] = 0.5 * (work.state[v, i] - x[v, i])
@@ -222,12 +229,13 @@ def follow_targets(system: System) -> TargetPath:
     N, M = len(system.team.agents), len(system.team.targets)
     problem = system.team.dirichlet
     try:
-        finer, _ = _integrate(system, share=0.5, tolerance=0.1 * _TOLERANCE, allowed=0.0, keep=False)
-        error = _ERROR + _RELATIVE_ERROR * float(np.abs(finer).max())
-        samples, cells = _integrate(system, share=1.0, tolerance=_TOLERANCE, allowed=error, keep=True)
-        apart = float(np.abs(samples - finer).max())
-        if apart > 0.5 * error:
+        finer, _ = _integrate(system, share=0.5, tolerance=0.1 * _TOLERANCE, keep=False)
+        samples, cells = _integrate(system, share=1.0, tolerance=_TOLERANCE, keep=True)
+        apart, farthest = float(np.abs(samples - finer).max()), float(np.abs(finer).max())
+        error = max(_ERROR + _RELATIVE_ERROR * farthest, _DIFFERENCES * apart)
+        if error > max(_LARGEST_ERROR * farthest, _ERROR):
             raise _UnknownPathError(f"two integrations of their path end {apart:.2g} m apart: it is too sensitive")
+        cells = _widened(cells, error)
     except _UnknownPathError as problem_found:
         still = np.repeat(system.initial[None], 2, axis=0)
         at_rest = problem.extend(system.team.pack(still)[:, problem.H.shape[0] :])
@@ -236,27 +244,28 @@ def follow_targets(system: System) -> TargetPath:
                           str(problem_found))  # fmt: skip
     most = max(50, _MOST_NUMBERS // max(problem.H.shape[0], 3 * len(system.team.members)))
     kept = np.unique(np.linspace(0, len(cells.begin) - 1, min(_SAMPLED, most)).astype(np.int64))
-    positions = np.repeat(system.initial[None], len(kept), axis=0)
-    positions[:, N:] = cells.centre[kept] - cells.half[kept]
+    time, drift = np.append(cells.begin[kept], cells.end[-1]), np.append(cells.drift[kept], cells.drift[-1:], axis=0)
+    positions = np.repeat(system.initial[None], len(time), axis=0)
+    positions[:-1, N:], positions[-1, N:] = cells.centre[kept] - cells.half[kept], cells.centre[-1] + cells.half[-1]
     q_star = problem.extend(system.team.pack(positions)[:, problem.H.shape[0] :])
-    return TargetPath(
-        cells.begin[kept], positions, cells.drift[kept], q_star, cells, error, samples, _stride(system), ""
-    )
+    return TargetPath(time, positions, drift, q_star, cells, error, samples[:: _between(system)], _stride(system), "")
 
 
-def _integrate(system: System, share: float, tolerance: float, allowed: float, keep: bool) -> tuple[Array, Cells]:
-    """The targets' positions at each stride-th sample, shape (S, M, 3), and the cells; none of them unless kept."""
+def _integrate(system: System, share: float, tolerance: float, keep: bool) -> tuple[Array, Cells]:
+    """The targets' positions at each stride-th sample and between, shape (S, M, 3), and the cells; none unless kept."""
     control, medium, x = _targets_alone(system)
-    grid, M, stride = system.grid, len(x), _stride(system)
-    samples = np.empty((grid.steps // stride + 1, M, 3))
+    M, stride, between, grid = len(x), _stride(system), _between(system), system.grid
+    period = grid.period / between
+    times = grid.start + period * np.arange(grid.steps * between + 1)
+    samples = np.empty(((len(times) - 1) // stride + 1, M, 3))
     samples[0] = x
-    place, work, bound = np.array([0.0, 0.0, grid.period]), scratch(medium, system.effectiveness), np.zeros((4, M))
-    rates, times, blocks, total = _rates(system, control), grid.samples, [], 0
+    place, work, bound = np.array([0.0, 0.0, period]), scratch(medium, system.effectiveness), np.zeros((4, M))
+    rates, blocks, total = _rates(system, control), [], 0
     block = _blank(max(1, _BLOCK // M), M)
     while True:
         ended, count = _follow(
-            control, control if grid.continuous else None, medium, system.effectiveness, rates, share, allowed,
-            (tolerance, tolerance), times, grid.period, place, x, work, bound, block, samples, stride,
+            control, control if grid.continuous else None, medium, system.effectiveness, rates, share,
+            (tolerance, tolerance), times, period, place, x, work, bound, block, samples, stride,
         )  # fmt: skip
         total += count
         if keep:
@@ -274,12 +283,23 @@ def _integrate(system: System, share: float, tolerance: float, allowed: float, k
             )
 
 
+def _widened(cells: Cells, error: float) -> Cells:
+    """Cells that hold every path within `error` of the one that they cover, m."""
+    return cells._replace(bend=cells.bend + error, spread=cells.spread + error * cells.slope)
+
+
 def _blank(count: int, M: int) -> Cells:
-    shapes = (count,), (count,), (count, M, 3), (count, M, 3), (count, M), (count, M, 3), (count, M)
+    shapes = (count,), (count,), (count, M, 3), (count, M, 3), (count, M), (count, M, 3), (count, M), (count, M)
     return Cells(*(np.empty(shape) for shape in shapes))
 
 
+def _between(system: System) -> int:
+    """Into how many parts a sample period is cut, so that two integrations are compared at enough instants."""
+    return max(1, _COMPARED // system.grid.steps) if system.grid.continuous else 1
+
+
 def _stride(system: System) -> int:
+    """Each how many samples are kept."""
     return max(1, -(-3 * len(system.team.targets) * system.grid.steps // _MOST_NUMBERS))
 
 
