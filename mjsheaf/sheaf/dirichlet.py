@@ -29,8 +29,9 @@ class HarmonicExtension:
     Attributes:
         x: value of every vertex, boundary included.
         unique: whether H^0(G, U; F) = 0.
-        null_basis: orthonormal basis of H^0(G, U; F), shape (n_W, dimension); any combination may be added to the
-            interior values. Zero columns where the extension is unique.
+        null_basis: basis of H^0(G, U; F), orthonormal in the inner products of the vertex stalks, shape
+            (n_W, dimension); any combination may be added to the interior values. Zero columns where the extension is
+            unique.
         energy: Dirichlet energy 1/2 |delta x - b|_K^2.
     """
 
@@ -138,7 +139,8 @@ class DirichletProblem:
             boundary: stacked boundary values, shape (..., n_U), in the order of `self.boundary`.
 
         Returns:
-            Interior values, shape (..., n_W), in vertex order; of minimum norm where not unique.
+            Interior values, shape (..., n_W), in vertex order; where not unique, of minimum norm in the inner products
+            of the vertex stalks.
 
         Raises:
             SheafError: the boundary vectors have the wrong length, or the solution is not accurate (see `solvers`).
