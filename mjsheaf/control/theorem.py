@@ -154,12 +154,14 @@ def _largest_fixed_point(allowed: Callable[[float], float], most: float) -> floa
     """
     x = most
     for _ in range(_ITERATIONS):
-        if not x > 0.0:
-            return None
-        following = allowed(x)
+        following = allowed(x) if x > 0.0 else 0.0
         if following >= x:
-            return x
+            break
         x = following
+    if not x > 0.0:
+        return None
+    if allowed(x) >= x:
+        return x
     low = next((y for k in range(48, 0, -1) if (y := x * (1.0 - 2.0**-k)) <= allowed(y)), None)
     if low is None:
         return None
