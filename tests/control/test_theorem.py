@@ -117,7 +117,7 @@ def test_reach_at_the_ends_of_the_numbers() -> None:
         lambda: BoundRho(lambda s: 1.0 / (1.0 + s)),
         lambda: BoundRho(lambda s: -1.0),
         lambda: as_rho("steep"),  # type: ignore[arg-type]
-        lambda: as_rho([(1.0, 2.0, 3.0)]),  # type: ignore[list-item]
+        lambda: as_rho([(1.0, 2.0, 3.0)]),  # type: ignore[arg-type]
         lambda: as_rho([(1.0, 2.0), 3.0]),  # type: ignore[arg-type]
         lambda: as_rho([]),
     ],
