@@ -7,6 +7,7 @@ The theorem needs two things of rho: its value, and how far it stays below a lev
 import math
 from bisect import bisect_left
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -166,6 +167,35 @@ class BoundRho(Rho):
         return math.inf if math.isnan(value) else value
 
 
-def as_rho(rho: float | Rho) -> Rho:
-    """A number as a constant; a `Rho` as it is."""
-    return rho if isinstance(rho, Rho) else ConstantRho(rho)
+def as_rho(rho: "float | Sequence[float] | Sequence[tuple[float, float]] | Callable[[float], float] | Rho") -> Rho:
+    """A bound from what a user gives.
+
+    Args:
+        rho: a number L, coefficients (c_0, c_1, ...) of a polynomial, a table of pairs (radius_k, L_k), a function of
+            the radius, or a `Rho`, which stays as it is.
+
+    Raises:
+        InputError: it is none of these, or no bound.
+    """
+    if isinstance(rho, Rho):
+        return rho
+    if callable(rho):
+        return BoundRho(rho)
+    shape = _shape(rho)
+    if shape == ():
+        return ConstantRho(float(rho))  # type: ignore[arg-type]
+    if len(shape) == 1:
+        return PolynomialRho(rho)  # type: ignore[arg-type]
+    if len(shape) == 2 and shape[1] == 2:
+        return StepRho(rho)  # type: ignore[arg-type]
+    raise InputError(
+        f"rho is {rho!r}; expected a number, coefficients c_0, c_1, ..., pairs (radius, L), or a function of the radius"
+    )
+
+
+def _shape(rho: Any) -> tuple[int, ...]:
+    """The shape of numbers, or one that nothing has."""
+    try:
+        return np.asarray(rho, dtype=np.float64).shape
+    except (TypeError, ValueError):
+        return (0, 0)

@@ -154,12 +154,14 @@ def _largest_fixed_point(allowed: Callable[[float], float], most: float) -> floa
     """
     x = most
     for _ in range(_ITERATIONS):
-        if not x > 0.0:
-            return None
-        following = allowed(x)
+        following = allowed(x) if x > 0.0 else 0.0
         if following >= x:
-            return x
+            break
         x = following
+    if not x > 0.0:
+        return None
+    if allowed(x) >= x:
+        return x
     low = next((y for k in range(48, 0, -1) if (y := x * (1.0 - 2.0**-k)) <= allowed(y)), None)
     if low is None:
         return None
@@ -184,8 +186,8 @@ def gain_for_radius(
     gain achieves with some r, every larger gain achieves with that r, so a bisection finds the smallest gain. For a
     constant rho the largest r is best, and the condition is solved for kappa.
 
-    Infinite where no gain does it: f_bar or omega_bar is infinite, or rho is already at |e_0|. The result does it
-    itself; it exceeds the smallest by at most 1e-9 of itself.
+    Infinite where no gain does it: f_bar or omega_bar is infinite, or rho is already at |e_0|. A bisected gain does it
+    itself and exceeds the smallest by at most some 1e-9 of itself, which is what a solved one may miss it by.
 
     Args:
         radius: wanted, m.

@@ -29,8 +29,9 @@ class HarmonicExtension:
     Attributes:
         x: value of every vertex, boundary included.
         unique: whether H^0(G, U; F) = 0.
-        null_basis: orthonormal basis of H^0(G, U; F), shape (n_W, dimension); any combination may be added to the
-            interior values. Zero columns where the extension is unique.
+        null_basis: basis of H^0(G, U; F), orthonormal in the inner products of the vertex stalks, shape
+            (n_W, dimension); any combination may be added to the interior values. Zero columns where the extension is
+            unique.
         energy: Dirichlet energy 1/2 |delta x - b|_K^2.
     """
 
@@ -45,6 +46,10 @@ class DirichletProblem:
 
     The stationary point solves H x_W = B x_U + c, in the paper's symbols (eq. harmonic_equation) with an offset. Blocks
     are assembled when they are asked for, without the whole Laplacian; solving needs none of them.
+
+    H, B and c are derivatives of the energy, blocks of delta^T K delta. Where vertex stalks have inner products M those
+    of the Laplacian are M_W^-1 times them: the same equation, with the same solutions. Which of many solutions is the
+    shortest, and which null basis is orthonormal, depends on M.
 
     Attributes:
         sheaf: the sheaf, as it was when the problem was made.
@@ -68,6 +73,8 @@ class DirichletProblem:
         W = np.flatnonzero(self._free)
         self._columns_U, self._columns_W = sheaf.columns_of(self._U), sheaf.columns_of(W)
         self._problem = FreeProblem(self._table, W, self._columns_W)
+        M = sheaf.vertex_product
+        self._product = None if M is None else M.restricted(self._columns_W)
 
     @cached_property
     def interior(self) -> list[Hashable]:
@@ -76,12 +83,12 @@ class DirichletProblem:
 
     @cached_property
     def H(self) -> sparse.csr_array:  # noqa: N802 - the paper's symbol
-        """L[W, W], shape (n_W, n_W)."""
+        """(delta^T K delta)[W, W], shape (n_W, n_W): L[W, W] where M is the identity."""
         return laplacian_block(self._table, self._problem.vertices, self._problem.vertices)
 
     @cached_property
     def B(self) -> sparse.csr_array:  # noqa: N802 - the paper's symbol
-        """-L[W, U], shape (n_W, n_U)."""
+        """-(delta^T K delta)[W, U], shape (n_W, n_U)."""
         return laplacian_block(self._table, self._problem.vertices, self._U, -1.0)
 
     @cached_property
@@ -90,9 +97,14 @@ class DirichletProblem:
         return self._problem.pulled_back(self._b[:, None])[:, 0]
 
     @cached_property
+    def _kernel(self) -> sparse.csc_array:
+        """A basis of H^0(G, U; F) that is orthonormal in R^{n_W}."""
+        return section_basis(self._plain, self._free, RANK_TOLERANCE)
+
+    @cached_property
     def sparse_null_basis(self) -> sparse.csc_array:
         """Orthonormal basis of H^0(G, U; F), shape (n_W, dimension); inner products on edges do not change it."""
-        return section_basis(self._plain, self._free, RANK_TOLERANCE)
+        return self._kernel if self._product is None else self._product.orthonormal(self._kernel)
 
     @cached_property
     def null_basis(self) -> Array:
@@ -108,7 +120,7 @@ class DirichletProblem:
     @cached_property
     def solver(self) -> Solver:
         """What solves H x = r: a factorisation that is kept, or conjugate gradients; see `solvers`."""
-        return solver_of(self._problem, self.sparse_null_basis, self._grounds, DENSE_COLUMNS)
+        return solver_of(self._problem, self._kernel, self._grounds, DENSE_COLUMNS)
 
     def _grounds(self) -> Array:
         """What makes H regular when added to its diagonal, shape (n_W,).
@@ -117,7 +129,7 @@ class DirichletProblem:
         """
         grounds = np.zeros(self._problem.states)
         if not self.unique:
-            grounds[_singling_out(self.sparse_null_basis)] = np.abs(self._table.F).max(initial=0.0) ** 2 or 1.0
+            grounds[_singling_out(self._kernel)] = np.abs(self._table.F).max(initial=0.0) ** 2 or 1.0
         return grounds
 
     def extend(self, boundary: ArrayLike) -> Array:
@@ -127,7 +139,8 @@ class DirichletProblem:
             boundary: stacked boundary values, shape (..., n_U), in the order of `self.boundary`.
 
         Returns:
-            Interior values, shape (..., n_W), in vertex order; of minimum norm where not unique.
+            Interior values, shape (..., n_W), in vertex order; where not unique, of minimum norm in the inner products
+            of the vertex stalks.
 
         Raises:
             SheafError: the boundary vectors have the wrong length, or the solution is not accurate (see `solvers`).
@@ -143,16 +156,27 @@ class DirichletProblem:
             whole[self._columns_U] = flat.T
             w = product(self._table, whole)
             np.subtract(self._b[:, None], w, out=w)  # in place: a million vertices have enough arrays
-            result[:] = _off(self.sparse_null_basis, self.solver.least_squares(w)).T.reshape(result.shape)
+            result[:] = self._shortest(self.solver.least_squares(w)).T.reshape(result.shape)
         return result
 
+    def _shortest(self, x: Array) -> Array:
+        """The columns of x without their part in the null space: as short as they can be made along it."""
+        x = _off(self._kernel, x)
+        if self._product is None or not self._kernel.shape[1]:
+            return x
+        N = self.sparse_null_basis
+        return np.asarray(x - N @ (N.T @ (self._product.matrix @ x)))
+
     def solve(self, right_hand_side: ArrayLike) -> Array:
-        """H^-1 r for one or many vectors r of shape (..., n_W); of minimum norm where H is singular."""
+        """H^-1 r for one or many vectors r of shape (..., n_W); of minimum norm where H is singular.
+
+        What r has along the null space, where H has no inverse, is left out.
+        """
         r = np.asarray(right_hand_side, dtype=np.float64)
         if not r.size:
             return np.zeros(r.shape)
-        N = self.sparse_null_basis
-        return _off(N, self.solver.solve(_off(N, r.reshape(-1, r.shape[-1]).T))).T.reshape(r.shape)
+        x = self.solver.solve(_off(self._kernel, r.reshape(-1, r.shape[-1]).T))
+        return self._shortest(x).T.reshape(r.shape)
 
     def harmonic_extension(self, boundary: Mapping[Any, ArrayLike]) -> HarmonicExtension:
         """The harmonic extension of one set of boundary values, with its null basis.

@@ -47,6 +47,19 @@ class EdgeBundle:
         begin = len(self.tail) * m * n_tail
         return self.maps[begin:].reshape(-1, m, n) if m * n else np.zeros((len(self.tail), m, n))
 
+    def selected(self, chosen: NDArray[np.bool_], number: Index, row: Index) -> "EdgeBundle":
+        """Some of the edges.
+
+        Args:
+            chosen: which, shape (k,).
+            number: new number of each vertex, shape (V,).
+            row: new first row of each edge, shape (k,).
+        """
+        maps = packed([self.F_tail[chosen]], [self.F_head[chosen]])
+        weight = None if self.weight is None else self.weight[chosen]
+        tail, head = number[self.tail[chosen]], number[self.head[chosen]]
+        return EdgeBundle(tail, head, maps, self.shape, self.offset[chosen], weight, row[chosen])
+
     def whitened(self) -> "EdgeBundle":
         """The same edges in edge coordinates in which the inner product is the identity.
 

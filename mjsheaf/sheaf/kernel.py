@@ -25,6 +25,12 @@ RANK_TOLERANCE = 1e-9
 DENSE_COLUMNS = 1200
 """Largest component that is decomposed densely."""
 
+MOST_CLASSES = 64
+"""Largest dimension of a cokernel that is sought in components of more than DENSE_COLUMNS rows."""
+
+MOST_ENTRIES = 50_000_000
+"""Largest basis of a cokernel, rows times dimension."""
+
 _LANCZOS_VECTORS = 8
 _CERTIFIED_COLUMNS = 60
 _CERTAIN = 0.5  # leaves room for the rounding of the inverse
@@ -61,6 +67,38 @@ def sparse_kernel_basis(
             found += local.shape[1]
     place = (np.concatenate(at), np.concatenate(vectors))
     return sparse.coo_array((np.concatenate(values), place), shape=(columns, found)).tocsc()
+
+
+def cokernel_basis(matrix: sparse.csr_array, dimension: int, rtol: float = RANK_TOLERANCE) -> sparse.csc_array:
+    """Return an orthonormal basis of the complement of the image of a matrix, shape (rows, dimension).
+
+    Args:
+        matrix: the matrix.
+        dimension: of the cokernel, known from the rank.
+        rtol: singular values of at most rtol times the largest count as zero.
+
+    Raises:
+        SheafError: the basis has more than MOST_ENTRIES numbers; a component has more than DENSE_COLUMNS rows while the
+            dimension exceeds MOST_CLASSES; or a singular value is so close to the tolerance that the dimension found
+            is another.
+    """
+    rows = matrix.shape[0]
+    if dimension == 0:
+        return sparse.csc_array((rows, 0))
+    transposed = sparse.csr_array(matrix.T)
+    largest = 0 if dimension <= MOST_CLASSES else max(len(members) for members, _ in components(transposed))
+    if largest > DENSE_COLUMNS or rows * dimension > MOST_ENTRIES:
+        raise SheafError(
+            f"a basis of H^1 of dimension {dimension} over {rows} rows is too large; expected at most {MOST_ENTRIES} "
+            f"numbers, and at most {DENSE_COLUMNS} rows in one component or a dimension of at most {MOST_CLASSES}"
+        )
+    basis = sparse_kernel_basis(transposed, rtol, largest_singular_value(matrix))
+    if basis.shape[1] != dimension:
+        raise SheafError(
+            f"H^1 has dimension {dimension} or {basis.shape[1]}: a singular value is at the tolerance of {rtol:g}; "
+            "expected another rtol"
+        )
+    return basis
 
 
 def components(matrix: sparse.csr_array) -> Iterator[tuple[NDArray[np.int64], sparse.csr_array]]:

@@ -14,7 +14,8 @@ from mjsheaf.errors import SheafError
 from mjsheaf.sheaf.assembly import coboundary_matrix, laplacian_block
 from mjsheaf.sheaf.building import checked_bundle, finite
 from mjsheaf.sheaf.edges import EdgeBundle, EdgeTable, adjoint_product, merge, product, tabulate
-from mjsheaf.sheaf.kernel import DENSE_COLUMNS, RANK_TOLERANCE
+from mjsheaf.sheaf.inner import InnerProduct, checked_inner_product, of_blocks, of_vertices
+from mjsheaf.sheaf.kernel import DENSE_COLUMNS, RANK_TOLERANCE, cokernel_basis
 from mjsheaf.sheaf.sections import proved_sections, section_basis
 from mjsheaf.sheaf.stalks import Cochain, Stalks
 
@@ -25,28 +26,41 @@ Array = NDArray[np.float64]
 
 
 class Sheaf(Stalks):
-    """A cellular sheaf on a graph, with inner products and desired values on its edges.
+    """A cellular sheaf on a graph, with inner products on its stalks and desired values on its edges.
 
     Vertex v has the stalk R^{n_v}; an edge e = (i, j) has the stalk R^{m_e} and restriction maps F_{i,e} (m_e, n_i)
     and F_{j,e} (m_e, n_j). The coboundary is (delta x)_e = F_{i,e} x_i - F_{j,e} x_j. An edge may also carry a desired
     value b_e of that difference (`offset`) and an inner product K_e on its stalk (`weight`, symmetric positive
     definite). Parallel edges are legal, loops are not.
 
+    A vertex stalk has the inner product M_v (`inner_products`), the identity unless given. It decides lengths and
+    angles of 0-cochains: the adjoint delta^* = M^-1 delta^T K, the Laplacian delta^* delta, which basis of sections is
+    orthonormal, which section is the nearest, which of many harmonic extensions the shortest. Kernels, Betti numbers,
+    Dirichlet energies and the set of harmonic extensions do not depend on it; nor does the tolerance of ranks, which is
+    on delta in the given coordinates.
+
     0-cochains are vectors of length n = sum n_v in vertex order, or mappings from vertex to value; 1-cochains are
     vectors of length m = sum m_e in the order in which edges were added.
     """
 
-    def __init__(self, stalks: Mapping[Any, int]) -> None:
+    def __init__(self, stalks: Mapping[Any, int], *, inner_products: Mapping[Any, ArrayLike] | None = None) -> None:
         """Make a sheaf without edges.
 
         Args:
             stalks: dimension of each vertex stalk, in order.
+            inner_products: M_v of some vertices, shape (n_v, n_v), symmetric positive definite, or a positive number
+                times the identity.
 
         Raises:
-            SheafError: a dimension is not a non-negative integer, or there is no vertex.
+            SheafError: a dimension is not a non-negative integer, there is no vertex, or an inner product is of an
+                unknown vertex, of the wrong shape, or not SPD.
         """
         super().__init__(stalks)
+        self._products: dict[int, Array] = {}
+        for vertex, M in (inner_products or {}).items():
+            self.set_inner_product(vertex, M)
         self._bundles: list[EdgeBundle] = []
+        self._numbers: list[Sequence[int]] = []  # of the edges in each bundle
         self._rows = 0
         self._edges = 0
 
@@ -62,7 +76,38 @@ class Sheaf(Stalks):
         """Shape (m, n) of the coboundary."""
         return self._rows, int(self._column[-1])
 
+    def inner_product(self, vertex: Hashable) -> Array:
+        """The inner product M_v of a vertex stalk, shape (n_v, n_v)."""
+        v = self._find(vertex)
+        return self._products[v].copy() if v in self._products else np.eye(int(self._dimension[v]))
+
+    @cached_property
+    def vertex_product(self) -> InnerProduct | None:
+        """The inner product M of C^0; None where it is the identity."""
+        return of_vertices(self._products, self._column) if self._products else None
+
+    @cached_property
+    def edge_product(self) -> InnerProduct | None:
+        """The inner product K of C^1; None where it is the identity."""
+        if not self._weighted:
+            return None
+        return of_blocks([(b.row, b.weight) for b in self._merged if b.weight is not None], self._rows)
+
     # -- building ----------------------------------------------------------------------------------------------
+
+    def set_inner_product(self, vertex: Hashable, M: ArrayLike) -> None:
+        """Give a vertex stalk the inner product M, in place of the one it has.
+
+        Args:
+            vertex: the vertex.
+            M: symmetric positive definite, shape (n_v, n_v), or a positive number times the identity.
+
+        Raises:
+            SheafError: unknown vertex, wrong shape, non-finite entry, or M is not SPD.
+        """
+        v = self._find(vertex)
+        self._products[v] = checked_inner_product(vertex, M, int(self._dimension[v]))
+        self.__dict__.pop("vertex_product", None)
 
     def add_edge(
         self,
@@ -123,7 +168,8 @@ class Sheaf(Stalks):
             raise SheafError(f"{len(tails)} tails but {len(heads)} heads: each edge needs one of both")
         i, j = self.numbers(tails), self.numbers(heads)
         return self._append(
-            [checked_bundle(tails, heads, i, j, self._dimension, F_tails, F_heads, offset, weight, self._rows)]
+            [checked_bundle(tails, heads, i, j, self._dimension, F_tails, F_heads, offset, weight, self._rows)],
+            [range(self._edges, self._edges + len(tails))],
         )
 
     def add_mixed_edges(
@@ -171,17 +217,72 @@ class Sheaf(Stalks):
             bundles.append(
                 checked_bundle(*ends, self._dimension, of(F_tails), of(F_heads), of(offset), of(weight), row[edges])
             )
-        return self._append(bundles)
+        return self._append(bundles, [[self._edges + e for e in edges] for edges in alike.values()])
 
-    def _append(self, bundles: list[EdgeBundle]) -> range:
+    def _append(self, bundles: list[EdgeBundle], numbers: Sequence[Sequence[int]]) -> range:
         first = self._edges
-        for bundle in bundles:
+        for bundle, edges in zip(bundles, numbers, strict=True):
             self._bundles.append(bundle)
+            self._numbers.append(edges)
             self._rows += len(bundle.tail) * bundle.shape[0]
             self._edges += len(bundle.tail)
-        for name in ("_merged", "table", "whitened_table"):
+        for name in ("_merged", "table", "whitened_table", "edge_product"):
             self.__dict__.pop(name, None)
         return range(first, self._edges)
+
+    def restricted(self, vertices: Iterable[Hashable], edges: Iterable[int] | None = None) -> "Sheaf":
+        """The sheaf over a subgraph G' = (V', E'), with the inner products and offsets that it has there.
+
+        Args:
+            vertices: V', in the order that the vertices of the result have.
+            edges: numbers of the edges E', whose ends must be in V'; unless given, all edges between vertices of V'.
+                In the result edges keep their order and are counted anew.
+
+        Raises:
+            SheafError: V' is empty; a vertex is unknown or named twice; an edge is unknown, named twice, or has an end
+                outside of V'.
+        """
+        names = list(vertices)
+        at = self.numbers(names)
+        if len(set(at.tolist())) != len(at):
+            raise SheafError("a vertex of the subgraph is named twice")
+        place = np.full(len(self._dimension), -1)
+        place[at] = np.arange(len(at))
+        numbers = [np.asarray(edges, dtype=np.int64) for edges in self._numbers]
+        kept = np.zeros(self._edges, dtype=bool)
+        size = np.zeros(self._edges, dtype=np.int64)
+        for bundle, of_bundle in zip(self._bundles, numbers, strict=True):
+            kept[of_bundle] = (place[bundle.tail] >= 0) & (place[bundle.head] >= 0)
+            size[of_bundle] = bundle.shape[0]
+        if edges is not None:
+            kept = self._chosen(edges, kept)
+        row, number = np.cumsum(size * kept) - size * kept, np.cumsum(kept) - 1
+        own = {v: M for v, M in self._products.items() if place[v] >= 0}
+        sheaf = Sheaf(
+            dict(zip(names, self._dimension[at].tolist(), strict=True)),
+            inner_products={names[place[v]]: M for v, M in own.items()},
+        )
+        bundles, counted = [], []
+        for bundle, of_bundle in zip(self._bundles, numbers, strict=True):
+            chosen = kept[of_bundle]
+            if chosen.any():
+                bundles.append(bundle.selected(chosen, place, row[of_bundle]))
+                counted.append(number[of_bundle[chosen]].tolist())
+        sheaf._append(bundles, counted)
+        return sheaf
+
+    def _chosen(self, edges: Iterable[int], inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Which edges are named, checked; `inside` tells which have both ends in the subgraph."""
+        chosen = np.zeros(self._edges, dtype=bool)
+        for e in edges:
+            if isinstance(e, bool) or not isinstance(e, int | np.integer) or not 0 <= e < self._edges:
+                raise SheafError(f"unknown edge {e!r}; expected a number from 0 to {self._edges - 1}")
+            if chosen[e]:
+                raise SheafError(f"edge {e} is named twice")
+            if not inside[e]:
+                raise SheafError(f"edge {e} has an end outside of the subgraph's vertices")
+            chosen[e] = True
+        return chosen
 
     # -- operators ---------------------------------------------------------------------------------------------
 
@@ -228,6 +329,15 @@ class Sheaf(Stalks):
         """K^{1/2} delta, whose Gram matrix is the Laplacian, shape (m, n)."""
         return coboundary_matrix(self.whitened_table)
 
+    def adjoint_coboundary(self) -> sparse.csr_array:
+        """The adjoint delta^* = M^-1 delta^T K, shape (n, m): <delta x, y>_K = <x, delta^* y>_M."""
+        adjoint = self.coboundary().T
+        if self.edge_product is not None:
+            adjoint = adjoint @ self.edge_product.matrix
+        if self.vertex_product is not None:
+            adjoint = self.vertex_product.inverse @ adjoint
+        return sparse.csr_array(adjoint)
+
     def offset(self) -> Array:
         """Desired values b as a 1-cochain, shape (m,)."""
         return self._gather_offsets(self._merged)
@@ -244,9 +354,14 @@ class Sheaf(Stalks):
         return b
 
     def laplacian(self) -> sparse.csr_array:
-        """The sheaf Laplacian L = delta^T K delta, shape (n, n), symmetric positive semi-definite."""
+        """The sheaf Laplacian L = delta^* delta = M^-1 delta^T K delta, shape (n, n).
+
+        It is self-adjoint in the inner product M, M L = L^T M, and positive semi-definite there: as a matrix it is
+        symmetric where M is the identity.
+        """
         every = np.arange(len(self._dimension))
-        return laplacian_block(self.whitened_table, every, every)
+        form = laplacian_block(self.whitened_table, every, every)
+        return form if self.vertex_product is None else sparse.csr_array(self.vertex_product.inverse @ form)
 
     def dirichlet_energy(self, x: Cochain) -> float:
         """Half the squared K-norm of the residual delta x - b."""
@@ -267,12 +382,54 @@ class Sheaf(Stalks):
 
     def global_sections(self, *, rtol: float = RANK_TOLERANCE) -> Array:
         """Orthonormal basis of H^0(G; F) = ker delta, shape (n, h0)."""
-        return self._sections([], rtol).toarray()
+        return self._orthonormal_sections([], rtol).toarray()
 
     def _sections(self, boundary: Sequence[Hashable], rtol: float) -> sparse.csc_array:
+        """The sections that vanish on the boundary, orthonormal as if M were the identity."""
         free = np.ones(len(self._dimension), dtype=bool)
         free[self.numbers(boundary)] = False
         return section_basis(self.table, free, rtol)
+
+    def _orthonormal_sections(self, boundary: Sequence[Hashable], rtol: float) -> sparse.csc_array:
+        """The same, orthonormal in the inner products of the other vertices."""
+        sections, M = self._sections(boundary, rtol), self.vertex_product
+        return sections if M is None else M.restricted(self.columns(self.interior(boundary))).orthonormal(sections)
+
+    def local_sections(
+        self, vertices: Iterable[Hashable], edges: Iterable[int] | None = None, *, rtol: float = RANK_TOLERANCE
+    ) -> Array:
+        """Orthonormal basis of Gamma(G'; F): 0-cochains on V' that agree along the edges E' of a subgraph.
+
+        Args:
+            vertices: V'.
+            edges: numbers of the edges E', as `add_edge` returned them, parallel ones each by its own; unless given,
+                the subgraph is the one that V' induces.
+            rtol: relative tolerance, as in `betti`, for the coboundary of the subgraph.
+
+        Returns:
+            Array of shape (n_V', dimension), rows by the vertices in the order given.
+
+        Raises:
+            SheafError: as `restricted`.
+        """
+        return self.restricted(vertices, edges).global_sections(rtol=rtol)
+
+    def cohomology_basis(self, *, rtol: float = RANK_TOLERANCE) -> Array:
+        """Basis of H^1(G; F) = coker delta by its harmonic representatives, orthonormal in K, shape (m, h1).
+
+        They span ker delta^* = {y: delta^T K y = 0}, the orthogonal complement of im delta: each class of C^1 / im
+        delta has one representative there, its shortest.
+
+        Args:
+            rtol: relative tolerance, as in `betti`.
+
+        Raises:
+            SheafError: the basis is too large (see `kernel.cokernel_basis`), or its dimension is not decided at this
+                tolerance.
+        """
+        basis = cokernel_basis(self.coboundary(), self.betti(rtol=rtol)[1], rtol)
+        K = self.edge_product
+        return (basis if K is None else K.orthonormal(sparse.csc_array(K.inverse @ basis))).toarray()
 
     def relative_sections(self, boundary: Iterable[Hashable], *, rtol: float = RANK_TOLERANCE) -> Array:
         """Orthonormal basis of H^0(G, U; F): sections that vanish on the boundary U.
@@ -284,7 +441,7 @@ class Sheaf(Stalks):
         Returns:
             Array of shape (n_W, dimension), rows by the other vertices W in vertex order.
         """
-        return self._sections(list(boundary), rtol).toarray()
+        return self._orthonormal_sections(list(boundary), rtol).toarray()
 
     def harmonic_extension(self, boundary: Mapping[Any, ArrayLike]) -> "HarmonicExtension":
         """The 0-cochain of least Dirichlet energy with the given boundary values.
@@ -302,6 +459,22 @@ class Sheaf(Stalks):
     def nearest_global_section(self, x: Cochain) -> Any:
         """Orthogonal projection of a 0-cochain on H^0; a mapping gives a mapping, a vector a vector."""
         value = self.pack(x)
+        section = (
+            self._projected(value) if self.vertex_product is None else self._projected_in(self.vertex_product, value)
+        )
+        return self.unpack(section) if isinstance(x, Mapping) else section
+
+    def _projected_in(self, M: InnerProduct, value: Array) -> Array:
+        every = np.ones(len(self._dimension), dtype=bool)
+        _, left = proved_sections(self.table, every, RANK_TOLERANCE)
+        if left.any() and len(value) > DENSE_COLUMNS:  # the shortest correction d with delta d = delta x, by U d
+            delta = self.coboundary()
+            d = splinalg.lsmr(delta @ M.root_inverse, delta @ value, atol=1e-14, btol=1e-14, maxiter=10**6)[0]
+            return np.asarray(value - M.root_inverse @ d)
+        sections = self._orthonormal_sections([], RANK_TOLERANCE)
+        return np.asarray(sections @ (sections.T @ (M.matrix @ value)))
+
+    def _projected(self, value: Array) -> Array:
         every = np.ones(len(self._dimension), dtype=bool)
         found, left = proved_sections(self.table, every, RANK_TOLERANCE)
         if left.any() and len(value) > DENSE_COLUMNS:  # the minimum-norm correction d with delta d = delta x
@@ -314,4 +487,4 @@ class Sheaf(Stalks):
             section = np.zeros_like(value)
             for place, basis in found:
                 section[place] = basis @ (basis.T @ value[place])
-        return self.unpack(section) if isinstance(x, Mapping) else section
+        return section

@@ -91,7 +91,12 @@ def wrench(world: World) -> Array:
     return np.asarray(vehicle.W @ world.data.ctrl[thrusters])
 
 
-def wanted_force(vehicle: Vehicle, wanted: Array, measured: Array) -> Array:
-    """d(v_c) + M k_v (v_c - v_r), written as in DESIGN section 2, for (3,) velocities in body axes."""
+def wanted_force(vehicle: Vehicle, R: Array, wanted: Array, measured: Array) -> Array:
+    """d(v_c) + M k_v (v_c - v_r), written as in DESIGN section 2, for an attitude R and (3,) velocities in body axes.
+
+    Surge and sway of a boat make the horizontal part of d alone, whatever it would take along its own z axis.
+    """
     d = vehicle.drag * wanted + vehicle.quadratic_drag[:3] * np.abs(wanted) * wanted
+    if vehicle.dimension == 2:
+        d[:2] = np.linalg.solve(R[:2, :2], (R @ d)[:2])
     return np.asarray(d + (vehicle.mass + vehicle.added_mass[:3]) * vehicle.rate * (wanted - measured))

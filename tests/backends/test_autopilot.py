@@ -45,7 +45,7 @@ def asked_wrenches(world: World, velocity: Array) -> list[Array]:
     vehicle, _, dof, _ = body(world)
     R, c, planar = attitude(world), vehicle.centre_of_mass, vehicle.dimension == 2
     measured, rates = R.T @ world.data.qvel[dof][:3], world.data.qvel[dof][3:]
-    force = wanted_force(vehicle, R.T @ velocity, measured)
+    force = wanted_force(vehicle, R, R.T @ velocity, measured)
     drag = vehicle.drag * measured + vehicle.quadratic_drag[:3] * np.abs(measured) * measured
     lift = R.T @ [0.0, 0.0, 0.0 if planar else vehicle.weight]
     heading = Rotation.from_rotvec([0, 0, world.system.bodies.heading[0]]).as_matrix()
@@ -135,7 +135,7 @@ def test_a_level_vehicle_far_beyond_its_limits_pushes_where_it_is_asked_to(name:
     for _ in range(40):
         velocity = rng.standard_normal(3) * [1, 1, n == 3] * 100.0
         ask(world, velocity)
-        wanted = wanted_force(vehicle, attitude(world).T @ velocity, np.zeros(3))[:n]
+        wanted = wanted_force(vehicle, attitude(world), attitude(world).T @ velocity, np.zeros(3))[:n]
         force = wrench(world)[:n] - [0, 0, vehicle.weight][:n]
         share = force @ wanted / (wanted @ wanted)
         assert 0.0 < share < 1.0

@@ -208,9 +208,24 @@ def test_the_hand_point_moves_at_w_plus_g_u() -> None:
     measured = world.positions()[0, :2] - before
     psi = yaw_of(world)
     R = np.array([[np.cos(psi), -np.sin(psi), 0], [np.sin(psi), np.cos(psi), 0], [0, 0, 1]])
-    # Within .5 %: at its trim of 1.3 degrees the hull is not quite level.
+    # Within .5 %: at its trim of 1.3 degrees the hull is not quite level, which the reduced model neglects.
     np.testing.assert_allclose(measured, w + vehicle.reduced_model().g(R) @ world.data.ctrl[thrusters], atol=5e-3)
-    np.testing.assert_allclose(measured, w + v_c, atol=5e-3)
+    np.testing.assert_allclose(measured, w + v_c, atol=1e-5)
+
+
+@pytest.mark.parametrize("angle", [0, 60])
+def test_a_trimmed_boat_makes_what_it_is_asked_for_at_low_speed(angle: float) -> None:
+    """The Otter floats 1.27 degrees bow down and drags along its own z axis too: left out, that costs .18 % of 0.1 m/s.
+
+    The heading settles with a time constant of hand / v_r, 10 s here: that is physics.
+    """
+    w, v_c = np.array([0.3, 0.2]), 0.1 * np.array([np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))])
+    world = alone("otter", drift=w, timestep=0.005)
+    ask(world, v_c)
+    world.step(30_000)
+    before, began = world.positions()[0, :2], world.time
+    world.step(200)
+    np.testing.assert_allclose((world.positions()[0, :2] - before) / (world.time - began), w + v_c, atol=1e-6)
 
 
 def test_the_hand_point_follows_a_target_while_the_hull_turns() -> None:

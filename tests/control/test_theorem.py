@@ -116,6 +116,10 @@ def test_reach_at_the_ends_of_the_numbers() -> None:
         lambda: StepRho([(1.0, 2.0), (2.0, 1.0)]),
         lambda: BoundRho(lambda s: 1.0 / (1.0 + s)),
         lambda: BoundRho(lambda s: -1.0),
+        lambda: as_rho("steep"),  # type: ignore[arg-type]
+        lambda: as_rho([(1.0, 2.0, 3.0)]),  # type: ignore[arg-type]
+        lambda: as_rho([(1.0, 2.0), 3.0]),  # type: ignore[arg-type]
+        lambda: as_rho([]),
     ],
 )
 def test_what_is_no_bound_is_refused(make: Callable[[], Rho]) -> None:
@@ -176,6 +180,15 @@ def test_the_gain_for_a_radius_is_the_smallest(
         assert not achieves(share * k)
 
 
+def test_a_condition_that_only_just_fails_takes_no_forever() -> None:
+    """Gains about the smallest, where the descent to the best rate crawls through a bottleneck."""
+    rho = PolynomialRho([3.0, 3.0, 1.5042960317804952, 3.0])
+    k = gain_for_radius(2.127333616582725, 1.0, 1.5042960317804952, 0.1, rho, 1.0846284640340216)
+    for share in (1 - 1e-3, 1 - 1e-5, 1 - 1e-7, 1 - 1e-9, 1.0, 1 + 1e-9, 1 + 1e-7):
+        t = theorem_1(share * k, 1.0, 1.5042960317804952, 0.1, rho, initial_error=1.0846284640340216)
+        assert t.contains(1.0846284640340216) is (share >= 1.0)
+
+
 def test_a_constant_and_its_polynomial_and_its_table_say_the_same() -> None:
     kinds: list[float | Rho] = [
         4.0,
@@ -192,6 +205,9 @@ def test_a_constant_and_its_polynomial_and_its_table_say_the_same() -> None:
     gains = [gain_for_radius(0.3, 2.0, 3.0, 1.0, kind) for kind in kinds]
     np.testing.assert_allclose(gains, gains[0], rtol=1e-8)
     assert as_rho(kinds[1]) is kinds[1]
+    assert [type(as_rho(given_)) for given_ in (4, np.float64(4.0), [4.0], (1.0, 2.0), [(1.0, 4.0)], math.exp)] == [
+        ConstantRho, ConstantRho, PolynomialRho, PolynomialRho, StepRho, BoundRho
+    ]  # fmt: skip
 
 
 # -- adversarial loops: every bound of the proof is attained at once ---------------------------------------------------

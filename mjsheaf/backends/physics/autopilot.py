@@ -43,6 +43,11 @@ def drive(kind, thrusters, heading, command, R, quaternion, s, omega, ctrl):
     weight = upward(R, kind.lift)
     K = kind.gain
     force = drag_force(kind, wanted)
+    if kind.planar and R[8] > _TIPPED:
+        # A hull that is not quite level also drags along its own z axis, where it has no thrusters: that part of the
+        # force is replaced, by water that carries the hull and by thrust, with the same horizontal force.
+        upwards = force[2] / R[8]
+        force = (force[0] - upwards * R[6], force[1] - upwards * R[7], force[2])
     force = (
         force[0] + K[0] * (wanted[0] - s[0]),
         force[1] + K[1] * (wanted[1] - s[1]),

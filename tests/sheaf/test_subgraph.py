@@ -1,0 +1,170 @@
+"""Local sections over a subgraph, and a basis of H^1.
+
+Oracles: dense null spaces of coboundaries written block by block in `strategies`, exact ranks, cycles by hand.
+"""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from mjsheaf import Sheaf
+from mjsheaf.errors import SheafError
+
+from .strategies import LAWS, SheafSpec, exact_rank, sheaves
+
+Array = NDArray[np.float64]
+
+
+def same_space(one: Array, other: Array) -> None:
+    """Two orthonormal bases span one space."""
+    assert one.shape == other.shape
+    np.testing.assert_allclose(one @ one.T, other @ other.T, atol=1e-10)
+
+
+def null_space(matrix: Array) -> Array:
+    """Orthonormal basis of the kernel of a matrix of small whole numbers."""
+    if not matrix.size:
+        return np.eye(matrix.shape[1])
+    _, s, V = np.linalg.svd(matrix, full_matrices=True)
+    return V[int(np.sum(s > 1e-9 * s.max())) :].T
+
+
+@LAWS
+@given(sheaves(), st.data())
+def test_local_sections_agree_along_the_edges_of_the_subgraph(spec: SheafSpec, data: st.DataObject) -> None:
+    names = data.draw(st.permutations(list(spec.stalks)))
+    chosen = names[: data.draw(st.integers(1, len(names)))]
+    inside = [k for k, e in enumerate(spec.edges) if e.tail in chosen and e.head in chosen]
+    edges = None
+    if data.draw(st.booleans()):
+        edges = data.draw(st.lists(st.sampled_from(inside), unique=True)) if inside else []
+    kept = sorted(inside if edges is None else edges)
+    part = SheafSpec({v: spec.stalks[v] for v in chosen}, tuple(spec.edges[k] for k in kept))
+    sheaf = spec.build()
+    sections = sheaf.local_sections(chosen, edges)
+    np.testing.assert_allclose(sections.T @ sections, np.eye(sections.shape[1]), atol=1e-12)
+    same_space(sections, null_space(part.delta))
+    restricted = sheaf.restricted(chosen, edges)
+    np.testing.assert_array_equal(restricted.coboundary().toarray(), part.delta)
+    np.testing.assert_array_equal(restricted.offset(), part.b)
+    np.testing.assert_allclose(restricted.laplacian().toarray(), part.delta.T @ part.K @ part.delta, atol=1e-11)
+    assert restricted.vertices == chosen
+    # What is a section on the whole is one here: the restriction of sections.
+    whole = sheaf.global_sections()[spec.columns(chosen)]
+    np.testing.assert_allclose(sections @ (sections.T @ whole), whole, atol=1e-10)
+
+
+@LAWS
+@given(sheaves())
+def test_over_the_whole_graph_local_sections_are_global(spec: SheafSpec) -> None:
+    sheaf = spec.build()
+    np.testing.assert_array_equal(sheaf.local_sections(sheaf.vertices), sheaf.global_sections())
+    every = range(sheaf.number_of_edges)
+    np.testing.assert_array_equal(sheaf.local_sections(sheaf.vertices, every), sheaf.global_sections())
+    assert sheaf.local_sections(sheaf.vertices, []).shape == (spec.n, spec.n)
+
+
+def test_edges_go_by_the_numbers_that_adding_them_gave() -> None:
+    """Parallel edges apart, whatever the order in which shapes were bundled."""
+    sheaf = Sheaf({"a": 2, "b": 2, "c": 1})
+    x, y = np.array([[1.0, 0.0]]), np.array([[0.0, 1.0]])
+    mixed = sheaf.add_mixed_edges(
+        ["a", "a", "b", "a"], ["b", "b", "c", "b"], [x, np.eye(2), x, y], [x, np.eye(2), np.ones((1, 1)), y]
+    )
+    late = sheaf.add_edge("c", "a", np.ones((1, 1)), y)
+    assert [*mixed, late] == [0, 1, 2, 3, 4]
+    dimension = {(): 4, (0,): 3, (3,): 3, (1,): 2, (0, 3): 2, (0, 1, 3): 2}
+    for edges, expected in dimension.items():
+        assert sheaf.local_sections(["a", "b"], edges).shape == (4, expected)
+    section = sheaf.local_sections(["b", "a"], [3])
+    np.testing.assert_allclose(section[1], section[3], atol=1e-14)
+    assert np.abs(section[0] - section[2]).max() > 0.5
+    assert sheaf.local_sections(["a", "b"]).shape == (4, 2)
+    assert sheaf.local_sections(["a", "c"]).shape == (3, 2)
+    assert sheaf.local_sections(["c"]).shape == (1, 1)
+
+
+@pytest.mark.parametrize(
+    ("vertices", "edges", "message"),
+    [
+        ([], None, "at least one vertex"),
+        (["a", "z"], None, "unknown vertex 'z'"),
+        (["a", "a"], None, "named twice"),
+        (["a", "b"], [1], "edge 1 has an end outside"),
+        (["a", "b"], [0, 0], "edge 0 is named twice"),
+        (["a", "b"], [2], "unknown edge 2; expected a number from 0 to 1"),
+        (["a", "b"], [-1], "unknown edge -1"),
+        (["a", "b"], [True], "unknown edge True"),
+        (["a", "b"], [("a", "b")], "unknown edge"),
+    ],
+)
+def test_what_is_no_subgraph_is_refused(vertices: list, edges: list | None, message: str) -> None:
+    sheaf = Sheaf({"a": 1, "b": 1, "c": 1})
+    one = np.ones((1, 1))
+    sheaf.add_edge("a", "b", one, one)
+    sheaf.add_edge("b", "c", one, one)
+    with pytest.raises(SheafError, match=message):
+        sheaf.local_sections(vertices, edges)
+
+
+# -- H^1 ---------------------------------------------------------------------------------------------------------------
+
+
+@LAWS
+@given(sheaves())
+def test_a_basis_of_h1_is_orthonormal_and_complements_the_image(spec: SheafSpec) -> None:
+    sheaf = spec.build()
+    basis = sheaf.cohomology_basis()
+    assert basis.shape == (spec.m, sheaf.betti()[1])
+    assert basis.shape[1] == spec.m - exact_rank(spec.delta)
+    np.testing.assert_allclose(basis.T @ spec.K @ basis, np.eye(basis.shape[1]), atol=1e-10)
+    np.testing.assert_allclose(sheaf.adjoint_coboundary() @ basis, 0.0, atol=1e-10)
+    np.testing.assert_allclose(spec.delta.T @ spec.K @ basis, 0.0, atol=1e-10)
+    if spec.m:
+        assert np.linalg.matrix_rank(np.hstack([spec.delta, basis]), tol=1e-8) == spec.m
+
+
+def test_the_class_of_a_cycle_goes_round_it() -> None:
+    """Edges alternate in direction; weights enter the representative: K y is the same all the way round."""
+    n = 5
+    weight = np.array([1e-3, 1.0, 2.0, 50.0, 1e3])
+    sheaf = Sheaf(dict.fromkeys(range(n), 1))
+    sign = np.array([1.0, -1.0, 1.0, 1.0, -1.0])
+    one = np.ones((1, 1))
+    for v in range(n):
+        tail, head = (v, (v + 1) % n) if sign[v] > 0 else ((v + 1) % n, v)
+        sheaf.add_edge(tail, head, one, one, weight=weight[v])
+    expected = sign / weight
+    expected /= np.sqrt(expected @ (weight * expected))
+    basis = sheaf.cohomology_basis()
+    np.testing.assert_allclose(basis * np.sign(basis[0]), expected[:, None], rtol=1e-10)
+
+
+def test_h1_of_large_sheaves() -> None:
+    """A cycle of 2,000 planes is over what is decomposed densely, with two classes; a large grid has too many."""
+    rng = np.random.default_rng(0)
+    n = 2000
+    F = np.array([[[c, -s], [s, c]] for c, s in ((np.cos(a), np.sin(a)) for a in rng.uniform(0, 6.3, n))])
+    cycle = Sheaf(dict.fromkeys(range(n), 2))
+    cycle.add_edges(list(range(n)), [*range(1, n), 0], F, np.roll(F, -1, axis=0))
+    assert cycle.betti() == (2, 2)
+    basis = cycle.cohomology_basis()
+    np.testing.assert_allclose(basis.T @ basis, np.eye(2), atol=1e-12)
+    np.testing.assert_allclose(cycle.coboundary().T @ basis, 0.0, atol=1e-10)
+
+    side = 60
+    number = np.arange(side * side).reshape(side, side)
+    grid = Sheaf(dict.fromkeys(range(side * side), 1))
+    tails = np.concatenate([number[:, :-1].ravel(), number[:-1].ravel()])
+    heads = np.concatenate([number[:, 1:].ravel(), number[1:].ravel()])
+    ones = np.ones((len(tails), 1, 1))
+    grid.add_edges(tails.tolist(), heads.tolist(), ones, ones)
+    with pytest.raises(SheafError, match=r"basis of H\^1 of dimension 3481 over 7080 rows is too large"):
+        grid.cohomology_basis()
+    tree = Sheaf(dict.fromkeys(range(side * side), 1))
+    tree.add_edges(
+        list(range(side * side - 1)), list(range(1, side * side)), ones[: side * side - 1], ones[: side**2 - 1]
+    )
+    assert tree.cohomology_basis().shape == (side * side - 1, 0)
