@@ -152,9 +152,11 @@ class _Search:
             theorem = self._own_slope(rate)
             if theorem is not None:
                 region, constants, _ = self._over(self._tube(theorem), "a tube about q* as wide as the bound", True)
+                if self._rho is not None:
+                    return region, constants, self._theorem(self._rho, self._rate)
+                # The slope that was assumed may be a little more than what its tube has.
                 rho = replace(constants.rho, upper=max(theorem.lipschitz, constants.rho.upper))
-                constants = replace(constants, rho=rho)
-                return region, constants, self._theorem(self._rho or rho.upper, self._rate)
+                return region, replace(constants, rho=rho), self._theorem(rho.upper, self._rate)
         weaker = self.weaker(speed_everywhere(self._system))
         if not weaker.applies:
             guess = self._guess("no bound confines the agents")

@@ -16,7 +16,7 @@ from mjsheaf.checking.fragility import Fragility, Loss, fragility
 from mjsheaf.checking.margins import body_margin, hold_margin, speed_demands, steady_lag
 from mjsheaf.checking.mending import MendPlan, mend
 from mjsheaf.checking.region import Region
-from mjsheaf.control.rho import Rho
+from mjsheaf.control.rho import Rho, RhoLike, as_rho
 from mjsheaf.control.theorem import gain_for_radius
 from mjsheaf.errors import InputError
 from mjsheaf.scenario import Scenario
@@ -26,7 +26,7 @@ _MOST_LOSSES = 50
 
 
 def check(
-    scenario: Scenario, *, rate: float | None = None, radius: float = 1.0, rho: Rho | None = None
+    scenario: Scenario, *, rate: float | None = None, radius: float = 1.0, rho: RhoLike | None = None
 ) -> dict[str, Any]:
     """Check a scenario: the paper's assumptions, Theorem 1, margins and fragility.
 
@@ -34,16 +34,19 @@ def check(
         scenario: from `load_scenario`.
         rate: lambda_V in 1/s; None takes the best.
         radius: ultimate radius of |e| for which the smallest gain is wanted, m.
-        rho: a bound of the agents' slopes that the caller answers for; None takes the flow's over the region.
+        rho: |f_q(q*) - f_q(q)| <= rho(|e|) |e|, a claim of the caller's: a number, coefficients c_0, c_1, ... of a
+            polynomial, pairs (radius, value) or a function; None takes the flow's largest slope over the region.
 
     Returns:
         The record that `mjsheaf check --json` prints; its schema is `CheckRecord`. `ok` is whether every numbered
         assumption of the paper holds: none fails, and none is undecided.
 
     Raises:
-        InputError: rate or radius is not positive, or a vehicle does not fit its agent.
+        InputError: rate or radius is not positive, rho is no bound, or a vehicle does not fit its agent.
     """
-    return examine(scenario.system(), rate=rate, radius=radius, rho=rho).record.model_dump(mode="json")
+    return examine(
+        scenario.system(), rate=rate, radius=radius, rho=None if rho is None else as_rho(rho)
+    ).record.model_dump(mode="json")
 
 
 @dataclass(frozen=True)

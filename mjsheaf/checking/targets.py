@@ -30,7 +30,7 @@ from mjsheaf.compiled import kernel, part
 from mjsheaf.dynamics import disturbance
 from mjsheaf.dynamics.disturbance import disturbance_velocity
 from mjsheaf.dynamics.flow import flow_scale, flow_slope
-from mjsheaf.dynamics.motion import reference_bounds
+from mjsheaf.dynamics.motion import add_reference, reference_bounds
 
 Array = NDArray[np.float64]
 
@@ -114,7 +114,10 @@ class _Rates(NamedTuple):
 
 @part
 def _bound_speeds(law, motion, medium, rates, continuous, h, x, bound):
-    """Find V and D for a step h from x, see the module; bound (4, M) holds V, D, the slope of f_p, and |p'| at x."""
+    """Find V and D for a step h from x, see the module; False where none is found.
+
+    bound (7, M): V, D, the slope of f_p, |p'| at x, what of D is the flow's, |v - p'| at x, and a place for new ones.
+    """
     M = x.shape[0]
     for v in range(M):
         bound[0, v] = bound[3, v]
@@ -125,6 +128,7 @@ def _bound_speeds(law, motion, medium, rates, continuous, h, x, bound):
             table = medium.kernels[medium.rows[v, 0] : medium.rows[v, 1]]
             slope = flow_slope(table, x[v, 0], x[v, 1], x[v, 2], h * V)
             D = slope * V if V > 0.0 else 0.0
+            bound[4, v] = D
             moved, moving = 0.0, 0.0  # |L p'| and |L| of this target's rows
             for row in range(3 * v, 3 * v + 3):
                 a, b = 0.0, 0.0
@@ -145,15 +149,35 @@ def _bound_speeds(law, motion, medium, rates, continuous, h, x, bound):
     return False
 
 
+@part
+def _tighten(law, motion, rates, h, velocity, bound):
+    """Lower D once, where the law is continuous: consensus and pull act on p' and v - p' at x, changed by h (D + W)."""
+    M = velocity.shape[0]
+    for v in range(M):
+        moved = 0.0
+        for row in range(3 * v, 3 * v + 3):
+            at, change = 0.0, 0.0
+            for k in range(law.start[row], law.start[row + 1]):
+                j = law.column[k] // 3
+                at += law.value[k] * velocity[j, law.column[k] - 3 * j]
+                change += abs(law.value[k]) * (bound[1, j] + rates.shake[j])
+            moved += (abs(at) + h * change) ** 2
+        gap = bound[5, v] + h * (rates.acceleration[v] + bound[1, v] + rates.shake[v])
+        own = rates.acceleration[v] + motion.pull[v] * gap + law.gain[v] * np.sqrt(moved)
+        bound[6, v] = min(bound[1, v], bound[4, v] + own)
+    for v in range(M):
+        bound[1, v] = bound[6, v]
+
+
 @kernel
 def _follow(
-    control, follow, medium, effectiveness, rates, share, tolerance, times, period, place, x, work, bound,
+    control, follow, reference, medium, effectiveness, rates, share, tolerance, times, period, place, x, work, bound,
     cells, samples, stride,
 ):  # fmt: skip
     """Follow the targets from a place in the run until the cells are full; return what ended it, and how many are.
 
-    `follow` is `control` where the law is continuous, None where it is held. place (3,): sample, time since then and
-    next step, s. share: of the usual steps. The cells' `slope` bounds how f_p changes with p.
+    `follow` is `control` where the law is continuous, None where it is held. reference: motions without their pull.
+    place (3,): sample, time since then and next step, s. share: of the usual steps.
     """
     M = x.shape[0]
     sample, done, step = int(place[0]), place[1], place[2]
@@ -194,6 +218,17 @@ def _follow(
                         h *= max(0.2, 0.9 * error**-0.2) if error < 1e300 else 0.2
                 else:
                     h *= 0.5
+            if follow is not None:
+                for v in range(M):
+                    v_ref = work.residual[v]  # taken by nothing now
+                    v_ref[0], v_ref[1], v_ref[2] = 0.0, 0.0, 0.0
+                    add_reference(reference, v, t, x[v], v_ref)
+                    gx, gy, gz = (
+                        v_ref[0] - work.slope[0, v, 0], v_ref[1] - work.slope[0, v, 1], v_ref[2] - work.slope[0, v, 2]
+                    )  # fmt: skip
+                    bound[5, v] = np.sqrt(gx * gx + gy * gy + gz * gz)
+                _tighten(control.law, control.motion, rates, h, work.slope[0], bound)
+                _tighten(control.law, control.motion, rates, h, work.slope[0], bound)
             step = h * (10.0 if error == 0.0 else min(10.0, 0.9 * error**-0.2))
             last = h >= period - done
             cells.begin[count] = t
@@ -259,12 +294,13 @@ def _integrate(system: System, share: float, tolerance: float, keep: bool) -> tu
     times = grid.start + period * np.arange(grid.steps * between + 1)
     samples = np.empty(((len(times) - 1) // stride + 1, M, 3))
     samples[0] = x
-    place, work, bound = np.array([0.0, 0.0, period]), scratch(medium, system.effectiveness), np.zeros((4, M))
+    place, work, bound = np.array([0.0, 0.0, period]), scratch(medium, system.effectiveness), np.zeros((7, M))
     rates, blocks, total = _rates(system, control), [], 0
+    reference = control.motion._replace(pull=np.zeros(M))
     block = _blank(max(1, _BLOCK // M), M)
     while True:
         ended, count = _follow(
-            control, control if grid.continuous else None, medium, system.effectiveness, rates, share,
+            control, control if grid.continuous else None, reference, medium, system.effectiveness, rates, share,
             (tolerance, tolerance), times, period, place, x, work, bound, block, samples, stride,
         )  # fmt: skip
         total += count

@@ -9,6 +9,7 @@ from rich.text import Text
 
 from mjsheaf.checking import CheckRecord, examine
 from mjsheaf.checking.record import SpeedRecord
+from mjsheaf.control.rho import Rho, as_rho
 from mjsheaf.errors import InputError, MjsheafError
 from mjsheaf.scenario import load_scenario
 from mjsheaf.scenario.load import parse_override
@@ -24,14 +25,20 @@ class AssumptionOpenError(MjsheafError):
 
 
 def check_command(
-    source: str, overrides: list[str], as_json: bool, plot: Path | None, rate: float | None, radius: float
+    source: str,
+    overrides: list[str],
+    as_json: bool,
+    plot: Path | None,
+    rate: float | None,
+    radius: float,
+    rho: str | None = None,
 ) -> None:
     """Check a scenario, print the report or the record, and raise where an assumption fails."""
     if plot is not None and (plot.suffix != ".png" or not plot.parent.is_dir()):
         raise InputError(f"--plot {plot}: legal is a name that ends in .png, in a directory that exists")
     scenario = load_scenario(source, dict(parse_override(text) for text in overrides))
     system = scenario.system()
-    examination = examine(system, rate=rate, radius=radius)
+    examination = examine(system, rate=rate, radius=radius, rho=None if rho is None else _polynomial(rho))
     record = examination.record
     if as_json:
         print(json.dumps(record.model_dump(mode="json"), indent=2, allow_nan=False))
@@ -48,6 +55,13 @@ def check_command(
     if open_:
         told = "; ".join(f"assumption {a.number} {words[a.verdict]} ({a.name}): {a.witness}" for a in open_)
         raise AssumptionOpenError(f"{source}: {told}")
+
+
+def _polynomial(text: str) -> Rho:
+    try:
+        return as_rho([float(c) for c in text.split(",")])
+    except (ValueError, InputError):
+        raise InputError(f"--rho {text}: expected coefficients >= 0, separated by commas, such as 0.1,0.02") from None
 
 
 def report(record: CheckRecord) -> Group:

@@ -145,15 +145,23 @@ def check(
     ] = None,
     rate: Annotated[float | None, typer.Option(help="lambda_V of Theorem 1, 1/s; the best one unless given.")] = None,
     radius: Annotated[float, typer.Option(help="Ultimate radius for which the smallest gain is wanted, m.")] = 1.0,
+    rho: Annotated[
+        str | None,
+        typer.Option(
+            metavar="C0[,C1,...]",
+            help="Your own bound of the agents' slopes, C0 + C1 |e| + ..., 1/s; the flow's unless given.",
+        ),
+    ] = None,
 ) -> None:
     """Decide the paper's assumptions for a scenario, and say who is free to drift and what would mend it.
 
-    Computes Theorem 1 over the region of the run, the margins that theory leaves out, and which single loss breaks an
-    assumption. Exit code 1 where a numbered assumption fails; gain condition and margins do not change it.
+    Computes Theorem 1 over the region to which its own bound confines the agents, the margins that theory leaves out,
+    and which single loss breaks an assumption. Exit code 1 where a numbered assumption fails or is undecided; the gain
+    condition does not change it.
     """
     from mjsheaf.cli.check import check_command
 
-    check_command(scenario, overrides or [], as_json, plot, rate, radius)
+    check_command(scenario, overrides or [], as_json, plot, rate, radius, rho)
 
 
 @app.command(epilog="Example: [bold]mjsheaf compare midpoint --no-video[/bold]")

@@ -167,7 +167,11 @@ class BoundRho(Rho):
         return math.inf if math.isnan(value) else value
 
 
-def as_rho(rho: "float | Sequence[float] | Sequence[tuple[float, float]] | Callable[[float], float] | Rho") -> Rho:
+RhoLike = float | Sequence[float] | Sequence[tuple[float, float]] | Callable[[float], float] | Rho
+"""What `as_rho` takes."""
+
+
+def as_rho(rho: RhoLike) -> Rho:
     """A bound from what a user gives.
 
     Args:

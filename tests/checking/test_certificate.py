@@ -1,0 +1,223 @@
+"""The certificate as a whole: the tube that proves itself, the floor under a hold, what a run says of a broken bound.
+
+Oracle: runs of the ideal backend, worst cases in closed form, and a fault that is put into a constant.
+"""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mjsheaf
+from mjsheaf.backends.ideal import run_ideal
+from mjsheaf.checking import certificate as certificates
+from mjsheaf.checking import examine
+from mjsheaf.checking.bound import BROKEN, bound_of_run
+from mjsheaf.checking.certificate import certify
+from mjsheaf.checking.drift import Difference
+from mjsheaf.cli.main import main
+from mjsheaf.scenario import scenario_from_mapping
+
+
+def call(*arguments: str | Path) -> int:
+    with pytest.raises(SystemExit) as stopped:
+        main([str(a) for a in arguments])
+    return int(stopped.value.code or 0)
+
+
+def _verdicts(record: dict[str, Any]) -> str:
+    return "".join(a["verdict"][0] for a in record["assumptions"])
+
+
+@pytest.mark.parametrize("name", ["certified", "surface_tracks_air", "midpoint"])
+def test_a_certified_run_stays_in_its_tube(name: str) -> None:
+    system = mjsheaf.load_scenario(name).system()
+    certificate = certify(system)
+    assert certificate.applies
+    assert certificate.region.verified
+    run, tube = run_ideal(system), certificate.region.tube
+    agents = run.positions[:, : len(system.team.agents)]
+    assert np.all((agents >= tube.low.min(axis=0)) & (agents <= tube.high.max(axis=0)))
+    slope = max(
+        float(np.linalg.norm(system.flow_of(i).jacobian(agents[:, i])[:, :2, :2], ord=2, axis=(1, 2)).max())
+        for i in range(agents.shape[1])
+    )
+    assert slope <= certificate.theorem.lipschitz
+
+
+def test_constants_do_not_depend_on_what_is_recorded() -> None:
+    found = []
+    for period in (0.01, 0.7, 10.0):
+        record = mjsheaf.check(mjsheaf.load_scenario("certified", {"controller.record_period": period}))
+        found.append([record["theorem"][name] for name in ("f_bar", "rho", "radius_U", "initial_error")])
+    np.testing.assert_allclose(found[1:], [found[0]] * 2, rtol=0.03)
+
+
+def _pushed(gain: float, period: float, start: float) -> dict[str, Any]:
+    """One agent that is pushed off a target at rest by a drift of 1 m/s: e' = -k e + 1, from `start`."""
+    return {
+        "name": "pushed",
+        "time": {"end": 5.0},
+        "controller": {"gain": gain, "control_period": period},
+        "agents": [{"id": "A", "position": [-start, 0.0]}],
+        "targets": [{"id": "T", "position": [0.0, 0.0]}],
+        "sensing": [["A", "T"]],
+        "flow": {"agents": {"dimension": 2, "drift": [-1.0, 0.0]}},
+        "physics": {"timestep": 0.05},
+    }
+
+
+@pytest.mark.parametrize("start", [0.0, 0.02, 0.2, 3.0])
+@pytest.mark.parametrize("product", [0.1, 0.5, 0.99])
+def test_under_a_hold_the_floor_is_needed_and_enough(start: float, product: float) -> None:
+    """e_1 = h d from e_0 = 0 is above the theorem's curve where k h is near 1, and below d / k."""
+    scenario = scenario_from_mapping(_pushed(product / 0.1, 0.1, start))
+    run = bound_of_run(scenario.system(), mjsheaf.simulate(scenario, "ideal"))
+    assert run.applies
+    assert run.approximate
+    assert run.ratio is not None
+    assert run.ratio <= BROKEN
+    if start == 0.0 and product == 0.99:
+        error = mjsheaf.simulate(scenario, "ideal")["tracking_error"].values[:, 0]
+        curve = run.theorem.bound(0.0, np.arange(len(error)) * 0.1)
+        assert error[1] > 1.2 * curve[1]  # without the floor the claim would be wrong
+        assert run.ratio > 0.99
+
+
+def test_a_hold_that_rings_is_not_certified() -> None:
+    assert "rings" in certify(scenario_from_mapping(_pushed(11.0, 0.1, 1.0)).system()).reason
+
+
+def test_nothing_is_certified_beside_an_assumption_that_does_not_hold() -> None:
+    for name, number in (("split_team", 5), ("unseen_target", 5)):
+        theorem = mjsheaf.check(mjsheaf.load_scenario(name))["theorem"]
+        assert not theorem["applies"]
+        assert f"assumption {number} fails" in theorem["reason"]
+
+
+def test_links_that_tell_nothing_do_not_connect() -> None:
+    raw = {
+        "name": "deaf",
+        "time": {"end": 1.0},
+        "controller": {"gain": 1.0},
+        "agents": [{"id": "A", "position": [0.0, 0.0]}, {"id": "B", "position": [1.0, 0.0]}],
+        "targets": [{"id": "T", "position": [0.0, 0.0]}],
+        "communication": [{"between": ["A", "B"], "map": {"tail": [[0.0, 0.0]], "head": [[1.0, 0.0]]}}],
+        "sensing": [["A", "T"], ["B", "T"]],
+    }
+    record = mjsheaf.check(scenario_from_mapping(raw))
+    assert _verdicts(record) == "hhhhfhh"
+    assert "fall into 2 parts" in record["assumptions"][4]["witness"]
+
+
+def test_agents_without_an_effectiveness_of_their_own_count_too() -> None:
+    raw = _pushed(1.0, 0.1, 1.0)
+    raw["agents"] += [{"id": "B", "position": [1.0, 0.0], "vehicle": "otter", "effectiveness": None}]
+    raw["agents"][0]["effectiveness"] = {"layout": [[0.5, 0.0], [0.0, 2.0]]}
+    del raw["agents"][1]["effectiveness"]
+    raw["sensing"] += [["B", "T"]]
+    raw["communication"] = [["A", "B"]]
+    found = {a["number"]: a for a in mjsheaf.check(scenario_from_mapping(raw))["assumptions"]}
+    assert "otter" in found[2]["witness"]
+    assert found[2]["value"] < 0.5
+
+
+@pytest.fixture
+def pole() -> dict[str, Any]:
+    """Agents that a strong drift may carry into a pole far away."""
+    raw = _pushed(1.0, 0.0, 0.0)
+    raw["flow"]["agents"] = {
+        "dimension": 2,
+        "core": 0,
+        "drift": [50.0, 0.0],
+        "sources": [{"centre": [30.0, 0.0], "alpha": -1.0}],
+    }
+    return raw
+
+
+def test_an_undecided_assumption_is_not_one_that_holds(
+    pole: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "pole.yaml"
+    path.write_text(json.dumps(pole))
+    assert call("check", path) == 1
+    printed = capsys.readouterr()
+    assert "6 assumptions hold, 1 undecided" in printed.out
+    assert "assumption 1 is undecided" in printed.err
+    record = mjsheaf.check(scenario_from_mapping(pole))
+    assert not record["ok"]
+    assert not record["theorem"]["applies"]
+    assert not record["region"]["verified"]
+
+
+def test_a_pole_that_the_bound_keeps_agents_away_from_is_no_hindrance(pole: dict[str, Any]) -> None:
+    pole["flow"]["agents"]["drift"] = [0.5, 0.0]
+    record = mjsheaf.check(scenario_from_mapping(pole))
+    assert _verdicts(record) == "hhhhhhh"
+    assert record["theorem"]["applies"]
+    assert record["region"]["agents_high"][0] < 30.0
+
+
+def test_a_users_rho_gives_finite_sets() -> None:
+    scenario = mjsheaf.load_scenario("certified")
+    theorem = mjsheaf.check(scenario, rho=[0.05, 0.003])["theorem"]
+    assert theorem["applies"]
+    assert theorem["radius_U"] < theorem["radius_S"] < theorem["radius_D"] == theorem["chi"]
+    assert theorem["initial_error"] <= theorem["radius_S"]
+    assert theorem["chi_infinite"] is False
+    steep = mjsheaf.check(scenario, rho=lambda s: 0.05 + s)["theorem"]
+    assert not steep["applies"]
+    assert steep["initial_error_inside_S"] in (False, None)
+
+
+def test_a_run_whose_targets_go_elsewhere_is_not_certified() -> None:
+    scenario = mjsheaf.load_scenario("certified", {"time.end": 3.0})
+    result = mjsheaf.simulate(scenario, "ideal")
+    result["target_position"] = result["target_position"] + 1e-4
+    run = bound_of_run(scenario.system(), result)
+    assert not run.applies
+    assert "leave the path that was checked" in run.reason
+    assert run.ratio is None
+
+
+def test_a_broken_bound_is_told_with_its_constants(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A constant that is wrong, here f_bar, shows: the run is published, says so, and fails under --expect."""
+    real = certificates.difference_along
+
+    def wrong(*arguments: Any) -> Difference:
+        found = real(*arguments)
+        return replace(found, bound=0.01 * found.bound)
+
+    monkeypatch.setattr(certificates, "difference_along", wrong)
+    options = ("run", "certified", "--backend", "ideal", "--no-video")
+    assert call(*options, "--out", tmp_path / "a") == 0
+    assert call(*options, "--out", tmp_path / "b", "--expect") == 1
+    printed = capsys.readouterr()
+    assert "times the bound of Theorem 1" in printed.err
+    assert "f_bar = " in printed.err
+    summary = json.loads((tmp_path / "b" / "summary.json").read_text())
+    assert summary["status"] == "finished"
+    assert summary["theorem"]["wrong"] is True
+    assert summary["theorem"]["measured_over_bound"] > 1.0
+    monkeypatch.undo()
+    assert call(*options, "--out", tmp_path / "c", "--expect") == 0
+
+
+def test_a_run_at_rest_is_not_held_against_less_than_its_own_accuracy() -> None:
+    raw = _pushed(2.0, 0.0, 1.0)
+    raw.update(flow={}, time={"end": 60.0})  # the bound falls to 1e-26 m
+    scenario = scenario_from_mapping(raw)
+    run = bound_of_run(scenario.system(), mjsheaf.simulate(scenario, "ideal"))
+    assert run.applies
+    assert run.broken() == ""
+
+
+def test_the_examination_has_the_certificate() -> None:
+    system = mjsheaf.load_scenario("certified").system()
+    examination = examine(system)
+    assert examination.certificate.applies is examination.record.theorem.applies

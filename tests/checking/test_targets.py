@@ -1,0 +1,181 @@
+"""The targets' path, the cells that cover it, and the bounds that are taken over them.
+
+Oracle: an independent integrator (tests/checking/oracle.py), whose every step is looked at; dense samples of flows and
+references.
+"""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mjsheaf.checking import targets
+from mjsheaf.checking.drift import Carrier, coarser, difference_along
+from mjsheaf.checking.spectrum import spectrum_of
+from mjsheaf.checking.targets import Cells, follow_targets
+from mjsheaf.dynamics import FlowField, Lissajous, Waypoints
+from mjsheaf.dynamics.disturbance import evaluate
+from mjsheaf.dynamics.motion import Motion, pack, reference_bounds
+from mjsheaf.scenario import scenario_from_mapping
+from tests.checking.adversarial import adversarial_scenario
+from tests.checking.oracle import Truth, solve
+
+SEEDS = [0, 2, 4, 5, 6, 7, 29]  # jets, vortices, small cores, a saddle, corners
+
+
+def _excess(cells: Cells, truth: Truth, drift: np.ndarray) -> tuple[float, float]:
+    """How far the oracle's targets and their drift lie outside the cells at its steps, m and m/s."""
+    k = np.clip(np.searchsorted(cells.begin, truth.time, side="right") - 1, 0, len(cells.begin) - 1)
+    along = (truth.time - cells.begin[k]) / (cells.end[k] - cells.begin[k])
+    chord = cells.centre[k] + (2.0 * along - 1.0)[:, None, None] * cells.half[k]
+    # A merged cell has no segment: its ball is about the centre.
+    away = np.linalg.norm(truth.targets - chord, axis=2) - cells.bend[k]
+    return float(away.max()), float((np.linalg.norm(drift - cells.drift[k], axis=2) - cells.spread[k]).max())
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_cells_hold_the_path_and_the_drift(seed: int) -> None:
+    raw = adversarial_scenario(seed)
+    system, truth = scenario_from_mapping(raw).system(), solve(raw)
+    path = follow_targets(system)
+    assert path.cells is not None
+    N = len(system.team.agents)
+    drift = truth.target_velocities - evaluate(system.harmonics[N:], truth.time)
+    scale = float(np.abs(drift).max())
+    for cells in (path.cells, coarser(path.cells, 20)):
+        away, off = _excess(cells, truth, drift)
+        assert away <= 0.0
+        assert off <= 1e-9 * scale
+    assert path.cells.begin[0] == system.grid.start
+    np.testing.assert_allclose(path.cells.begin[1:], path.cells.end[:-1], rtol=1e-14, atol=1e-14)
+    assert path.cells.end[-1] == pytest.approx(system.grid.samples[-1])
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_the_bound_on_the_difference_is_never_exceeded_and_is_tight(seed: int) -> None:
+    raw = adversarial_scenario(seed)
+    system, truth = scenario_from_mapping(raw).system(), solve(raw)
+    carrier = Carrier(system, spectrum_of(system.team))
+    difference = difference_along(system, follow_targets(system), carrier)
+    drift = truth.target_velocities - evaluate(system.harmonics[len(system.team.agents) :], truth.time)
+    q_star = system.team.unpack(carrier.extend(truth.targets))
+    own = np.stack([system.flow_of(i).velocity(q_star[:, i]) for i in range(q_star.shape[1])], axis=1)
+    n_q = system.team.dirichlet.H.shape[0]
+    f_B = carrier.carry(drift) - own.reshape(len(own), -1)[:, system.team.slots[:n_q]]
+    largest = float(np.linalg.norm(f_B, axis=1).max())
+    assert largest <= difference.bound <= 1.25 * largest + 1e-4
+
+
+def _moving(**changes: Any) -> dict[str, Any]:
+    return {
+        "name": "moving",
+        "time": {"end": 20.0},
+        "controller": {"gain": 1.0, "control_period": 0, "record_period": 0.1},
+        "agents": [{"id": "A", "position": [0.0, 0.0]}],
+        "targets": [{"id": "T", "position": [0.0, 0.0]}],
+        "sensing": [["A", "T"]],
+        **changes,
+    }
+
+
+def test_a_path_that_takes_too_many_steps_is_not_known(monkeypatch: pytest.MonkeyPatch) -> None:
+    fast = {"kind": "lissajous", "amplitude": [1.0, 0.0], "rate": [50.0, 0.0], "phase": [0.0, 0.0]}
+    raw = _moving(targets=[{"id": "T", "position": [0.0, 0.0], "motion": fast}])
+    assert follow_targets(scenario_from_mapping(raw).system()).complaint == ""
+    monkeypatch.setattr(targets, "MOST_STEPS", 1000)
+    monkeypatch.setattr(targets, "_BLOCK", 100)
+    path = follow_targets(scenario_from_mapping(raw).system())
+    assert path.cells is None
+    assert "too long or too stiff" in path.complaint
+    from mjsheaf.checking import examine
+
+    record = examine(scenario_from_mapping(raw).system()).record
+    assert not record.ok
+    assert [a.number for a in record.assumptions if a.verdict == "undecided"] == [7]
+    assert not record.theorem.applies
+    assert not record.theorem.gain_condition
+    assert record.theorem.chi_infinite is None
+    assert record.theorem.initial_error_inside_S is None
+    assert record.theorem.radius_U is None
+    assert "1 undecided" in record.verdict()
+
+
+def test_a_target_that_falls_into_a_pole_is_named_with_the_time() -> None:
+    """x' = -a / x from x = r ends in the pole at r^2 / 2 a."""
+    sink = {"dimension": 2, "core": 0, "sources": [{"centre": [0.3, 0.0], "alpha": -0.1}]}
+    path = follow_targets(scenario_from_mapping(_moving(flow={"targets": sink})).system())
+    assert path.cells is None
+    assert "T runs into a singularity of the flow at t = 0.45" in path.complaint
+
+
+def test_a_sensitive_path_is_not_known() -> None:
+    """A target between two hyperbolic points of a strong flow: the last digit decides where it goes."""
+    vortices = [{"centre": [x, y], "gamma": 40.0 * (-1) ** (x + y)} for x in range(-1, 3) for y in range(-1, 3)]
+    flow = {"dimension": 2, "core": 0.2, "drift": [0.05, 0.03], "vortices": vortices}
+    raw = _moving(flow={"targets": flow}, disturbance={"targets": {"bound": 5.0}}, seed=1)
+    path = follow_targets(scenario_from_mapping(raw).system())
+    assert path.cells is None
+    assert "too sensitive" in path.complaint
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_slopes_over_balls_are_bounds(dimension: int) -> None:
+    rng = np.random.default_rng(dimension)
+    for _ in range(40):
+        axis = rng.standard_normal(3).tolist() if dimension == 3 else []
+        field = FlowField(
+            dimension,
+            core=float(rng.uniform(0.05, 2.0)),
+            drift=rng.standard_normal(dimension).tolist(),
+            sources=[[*rng.standard_normal(dimension), float(rng.normal())]],
+            vortices=[[*rng.standard_normal(dimension), *axis, float(rng.normal())]],
+            channels=[[*rng.standard_normal(2 * dimension), 1.0, *rng.uniform(0.05, 2.0, 2)]],
+        )
+        centre, radius = rng.uniform(-2, 2, dimension), float(rng.uniform(0, 2.0))
+        step = rng.standard_normal((500, dimension))
+        step *= (radius * rng.uniform(0, 1, 500) ** (1 / dimension) / np.linalg.norm(step, axis=1))[:, None]
+        seen = np.linalg.norm(field.jacobian(centre + step), ord=2, axis=(1, 2)).max()
+        assert seen <= field.slope_bound(centre, radius) * (1.0 + 1e-12)
+
+
+def test_a_single_kernel_attains_its_slope_bound() -> None:
+    source = FlowField(3, core=0.5, sources=[[0, 0, 0, 2.0]])
+    assert source.slope_bound([0.0, 0.0, 0.0], 0.0) == pytest.approx(2 * 2.0 / 0.5**3)  # twice that at the centre
+    vortex = FlowField(2, core=0.5, vortices=[[0, 0, 2.0]])
+    assert vortex.slope_bound([0.0, 0.0], 0.0) == pytest.approx(2.0 / 0.25)
+    jet = FlowField(2, channels=[[0, 0, 1, 0, 3.0, 0.5, 1e9]])
+    steepest = 3.0 / 0.5 * np.exp(-0.5)  # at one width
+    assert jet.slope_bound([0.0, 0.5], 0.0) == pytest.approx(steepest)
+    assert jet.slope_bound([0.0, 4.0], 100.0) == pytest.approx(steepest)
+    pole = FlowField(2, core=0.0, vortices=[[0, 0, 2.0]])
+    assert pole.slope_bound([0.5, 0.0], 0.5) == np.inf
+    assert pole.slope_bound([0.5, 0.0], 0.4) == pytest.approx(200.0)
+
+
+def test_bounds_of_references_are_never_exceeded_and_nearly_attained() -> None:
+    rng = np.random.default_rng(4)
+    start = rng.uniform(-3, 3, (4, 3))
+    motions: list[Motion | None] = [
+        Lissajous(*rng.uniform([[0.0], [0.1], [0.0]], [[3.0], [9.0], [6.0]], (3, 3)).tolist()),
+        Waypoints(rng.uniform(-5, 5, (5, 3)).tolist(), speed=3.0),
+        Waypoints(rng.uniform(-5, 5, (4, 3)).tolist(), speed=0.5, closed=True),
+        None,
+    ]
+    packed = pack(motions, start, 2.0, [3, 3, 3, 3])
+    speed, acceleration = reference_bounds(packed)
+    assert speed[3] == acceleration[3] == 0.0
+    amplitude, rate, phase = (x[0] for x in (packed.amplitude, packed.rate, packed.phase))
+    t = np.linspace(0, 200, 400_001)[:, None]
+    assert np.linalg.norm(amplitude * rate * np.cos(rate * t + phase), axis=1).max() <= speed[0]
+    assert np.linalg.norm(amplitude * rate**2 * np.sin(rate * t + phase), axis=1).max() <= acceleration[0]
+    for v in (1, 2):
+        first, pieces = packed.path[v]
+        seen = np.zeros(2)
+        for k in range(first, first + pieces):
+            h = np.linspace(0.0, packed.knots[k + 1] - packed.knots[k], 400)
+            for axis in range(2):
+                rows = [np.polyder(packed.coefficients[k, :, i], axis + 1) for i in range(3)]
+                values = np.stack([np.polyval(row, h) for row in rows])
+                seen[axis] = max(seen[axis], np.linalg.norm(values, axis=0).max())
+        assert seen[0] <= speed[v] <= 3.0 * seen[0]
+        assert seen[1] <= acceleration[v] <= 3.0 * seen[1]
