@@ -184,7 +184,7 @@ def test_thrusters_without_a_name_get_one(tmp_path: Path) -> None:
     vehicle = load_vehicle(altered(tmp_path, "hull", without_names))
     assert vehicle.thrusters == ["thruster_0", "thruster_1_", "thruster_1", "thruster_stern_starboard"]
     model = compose([vehicle], ["A"]).model
-    assert [model.actuator(k).name for k in range(model.nu)] == [f"A.{name}" for name in vehicle.thrusters]
+    assert [model.actuator(k).name for k in range(model.nu)] == [f"A/{name}" for name in vehicle.thrusters]
 
 
 def in_a_frame(root: ElementTree.Element) -> None:

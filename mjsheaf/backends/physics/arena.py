@@ -188,7 +188,7 @@ def _attach(root: mujoco.MjSpec, kind: _Kind, vehicle: Vehicle, name: str, colou
         livery.rgba = [*colour, 1.0]
     for thruster, actuation, gear in zip(vehicle.thrusters, vehicle.actuation, vehicle.gears, strict=True):
         root.add_actuator(
-            name=f"{name}.{thruster}",
+            name=f"{name}/{thruster}",
             target=f"{name}/",
             trntype=mujoco.mjtTrn.mjTRN_JOINT,
             gear=gear,
