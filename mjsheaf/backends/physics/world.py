@@ -111,7 +111,7 @@ class World:
         system: the closed-loop system.
         arena: where each vehicle is in the model. By name: vehicle A1 has the free joint `A1/`, and everything that is
             its own (bodies, geoms, sites, actuators) has that prefix: `A1/thruster_left`. `actuators` gives the
-            actuators of a vehicle by its id.
+            actuators of a vehicle by its id. Vehicles of one kind share the materials of the first.
         model, data: MuJoCo's own. The state may be read and set between steps; each step overwrites `data.ctrl`,
             `data.qfrc_applied` of the vehicles and `model.actuator_gear`. Forces of your own go to
             `data.xfrc_applied`; of a vehicle with added mass only the rigid body feels them: multiply by
