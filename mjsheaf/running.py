@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mjsheaf.errors import InputError, MjsheafError
+from mjsheaf.errors import MjsheafError
 from mjsheaf.resolving import dump_scenario, write_scenario
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.fields import LARGEST
-from mjsheaf.simulation import BACKENDS, require_full_row_rank, require_unique, stream
+from mjsheaf.simulation import require_simulable, stream
 from mjsheaf.video import VideoOptions, available_backend
 
 if TYPE_CHECKING:
@@ -70,19 +70,13 @@ def execute(
         PlaceError: the directory may not be replaced or cannot be written.
         NotUniqueError: the harmonic extension is not unique and drift is not allowed; nothing is written.
     """
-    from mjsheaf.backends.physics import vehicles_of
     from mjsheaf.checking.bound import bound_of_run
     from mjsheaf.results import check_expectation, open_dataset, staging, summarize, thinned, write_dataset
     from mjsheaf.results.store import save_summary
     from mjsheaf.team.freedom import free_directions
 
-    if backend not in BACKENDS:
-        raise InputError(f"unknown backend {backend!r}; legal are {', '.join(BACKENDS)}")
     system = scenario.system()
-    vehicles_of(system)  # a vehicle that does not fit is told before anything is simulated or written
-    require_full_row_rank(system)
-    if not allow_drift:
-        require_unique(system.team)
+    require_simulable(system, backend, allow_drift=allow_drift)
 
     def report(what: str) -> Callable[[int, int], None]:
         return lambda done, total: progress(what, done, total) if progress else None

@@ -22,7 +22,8 @@ from mjsheaf.team import Edge, Formation, Member, Team, anchor, formation, restr
 Array = NDArray[np.float64]
 T = TypeVar("T")
 
-_DEFAULT_VEHICLE = {2: "hull", 3: "aerial"}
+DEFAULT_VEHICLE = {2: "hull", 3: "aerial"}
+"""What an agent or target of each dimension is unless the scenario names something else; takes any effects and tau."""
 _EDGES = ("communication", "sensing", "target_edges")
 _MOST_SAMPLES = 50_000_000
 
@@ -65,7 +66,7 @@ def build_system(scenario: Scenario) -> System:
         tolerance=(scenario.ideal.rtol, scenario.ideal.atol),
         bodies=BodyPlan(
             vehicle=[
-                v.vehicle or default or _DEFAULT_VEHICLE[n]
+                v.vehicle or default or DEFAULT_VEHICLE[n]
                 for v, default, n in zip(
                     vehicles,
                     _per_vehicle(scenario, scenario.vehicles.agents, scenario.vehicles.targets),
