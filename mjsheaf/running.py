@@ -53,6 +53,7 @@ def execute(
     *,
     video: VideoOptions | None,
     allow_drift: bool = False,
+    origin: str | None = None,
     progress: Progress | None = None,
 ) -> Outcome:
     """Run a scenario and publish its directory; a run that blows up is published too, with status 'unstable'.
@@ -63,6 +64,7 @@ def execute(
         directory: where the results go.
         video: how to film it, or None for no video.
         allow_drift: run a team whose harmonic extension is not unique too, and mark the result.
+        origin: where the scenario comes from, as `scenario.load.origin` has it; summary.json keeps it.
         progress: called with (what is being done, done, in all).
 
     Raises:
@@ -72,7 +74,7 @@ def execute(
     """
     from mjsheaf.checking.bound import bound_of_run
     from mjsheaf.results import check_expectation, open_dataset, staging, summarize, thinned, write_dataset
-    from mjsheaf.results.store import save_summary
+    from mjsheaf.results.store import replaced_run, save_summary
     from mjsheaf.team.freedom import free_directions
 
     system = scenario.system()
@@ -81,7 +83,8 @@ def execute(
     def report(what: str) -> Callable[[int, int], None]:
         return lambda done, total: progress(what, done, total) if progress else None
 
-    notes: list[str] = []
+    old = replaced_run(directory)
+    notes = [old] if old else []
     with staging(directory) as fresh, ExitStack() as held:
         pieces = _Timed(stream(system, backend, scenario.seed, report("simulating")))
         write_dataset(pieces, fresh / "result.nc")
@@ -101,6 +104,7 @@ def execute(
         per_period = round(system.grid.period / system.bodies.timestep) if backend == "physics" else 1
         summary: dict[str, Any] = {
             "scenario": scenario.name,
+            "origin": origin,
             "backend": backend,
             "status": status,
             "message": dataset.attrs["message"],

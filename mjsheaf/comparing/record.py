@@ -189,6 +189,7 @@ class CompareRecord(_Part):
 
     mjsheaf_version: str
     scenario: str
+    origin: str | None = Field(None, description="scenario: its name, or its file relative to this directory")
     seed: int
     gain: float = Field(description="k1, 1/s")
     usable_gain: float | None = Field(
