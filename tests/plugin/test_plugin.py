@@ -118,7 +118,7 @@ def test_nothing_else_is_collected(told: str) -> None:
         "it ran, expected is a refusal",
         "expected is a refusal that says 'A is free along z'",
         "scenarios/drifts.yaml on ideal: refused, NOT as expected",
-        "broken.yaml: controller.gian: unknown field; legal are",
+        "broken.yaml: controller.gian: unknown field; expected",
         "garbage.yaml: line 8",
         "scenarios/lost.yaml on physics: cannot be simulated: agents.A.vehicle: ",
         "no `expect:` block; mjsheaf expect silent.yaml --update writes one",

@@ -25,7 +25,7 @@ GOOD = {
 # What is changed, at which path, and what the message must contain.
 CASES = {
     "unknown key": ("gain", 3, ["gain", "unknown field", "controller"]),
-    "unknown key inside": ("controller", {"gian": 3}, ["controller.gian", "unknown field", "gain"]),
+    "unknown key inside": ("controller", {"gian": 3}, ["controller.gian", "unknown field", "; did you mean gain?"]),
     "text for a number": ("controller", {"gain": "ten"}, ["controller.gain", "'ten'"]),
     "bool for a number": ("controller", {"gain": True}, ["controller.gain", "True"]),
     "list for a mapping": ("controller", [1], ["controller"]),
