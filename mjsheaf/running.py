@@ -34,11 +34,13 @@ class Outcome:
         directory: where.
         summary: as summary.json.
         notes: what the user should know beside that.
+        replaced: what is to be told of the run whose place it took; None where there was none.
     """
 
     directory: Path
     summary: dict[str, Any]
     notes: list[str]
+    replaced: str | None = None
 
 
 def default_directory(scenario: Scenario, backend: str) -> Path:
@@ -83,8 +85,8 @@ def execute(
     def report(what: str) -> Callable[[int, int], None]:
         return lambda done, total: progress(what, done, total) if progress else None
 
-    old = replaced_run(directory)
-    notes = [old] if old else []
+    replaced = replaced_run(directory)
+    notes: list[str] = []
     with staging(directory) as fresh, ExitStack() as held:
         pieces = _Timed(stream(system, backend, scenario.seed, report("simulating")))
         write_dataset(pieces, fresh / "result.nc")
@@ -133,7 +135,7 @@ def execute(
         plots.result()
         report("publishing")(0, 1)  # the last moment at which the user can stop it
         save_summary(summary, fresh / "summary.json")
-    return Outcome(directory, summary, notes)
+    return Outcome(directory, summary, notes, replaced)
 
 
 def _plot(

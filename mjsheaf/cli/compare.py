@@ -41,6 +41,8 @@ def compare_command(source: str, overrides: list[str], seed: int | None, out: Pa
     console = Console()
     console.width = max(console.width, WIDTH)
     console.print(report(published.record))
+    if published.replaced:
+        console.print(published.replaced, highlight=False, soft_wrap=True, markup=False)
     for path in sorted(directory.iterdir()):
         console.print(f"  {path}", highlight=False, soft_wrap=True, markup=False)
     for key in ("ideal", "all"):

@@ -116,5 +116,7 @@ def _print_summary(outcome: Outcome) -> None:
     )
     for direction in summary["free_directions"]:
         console.print(f"DRIFTS: {direction}; errors are against the q* of least norm", highlight=False, soft_wrap=True)
+    if outcome.replaced:
+        console.print(outcome.replaced, highlight=False, soft_wrap=True, markup=False)
     for path in sorted(outcome.directory.iterdir()):
         console.print(f"  {path}", highlight=False, soft_wrap=True, markup=False)

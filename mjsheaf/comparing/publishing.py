@@ -29,11 +29,13 @@ class Published:
         directory: where.
         record: as compare.json.
         notes: what the user should know beside that.
+        replaced: what is to be told of the run whose place it took; None where there was none.
     """
 
     directory: Path
     record: CompareRecord
     notes: list[str]
+    replaced: str | None = None
 
 
 def default_directory(scenario: Scenario) -> Path:
@@ -58,8 +60,8 @@ def publish(
         PlaceError: the directory may not be replaced or cannot be written.
         NotUniqueError: the harmonic extension is not unique; nothing is written.
     """
-    old = replaced_run(directory)
-    notes = [old] if old else []
+    replaced = replaced_run(directory)
+    notes: list[str] = []
     with staging(directory) as fresh:
         comparison = compare(scenario, progress)
         record = comparison.record.model_copy(update={"origin": origin})
@@ -73,7 +75,7 @@ def publish(
         if progress:
             progress("publishing", 0, 1)  # the last moment at which the user can stop it
         save_summary(record.model_dump(mode="json"), fresh / "compare.json")
-    return Published(directory, record, notes)
+    return Published(directory, record, notes, replaced)
 
 
 def _plot(comparison: Comparison, folder: Path, progress: Progress | None) -> None:

@@ -47,13 +47,13 @@ def summary(directory: str = "runs/same-ideal") -> dict[str, object]:
 
 def test_a_rerun_replaces_its_own_and_says_so(project: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run("a.yaml") == 0
-    assert "replaced" not in capsys.readouterr().err
+    assert "replaced" not in capsys.readouterr().out
     assert summary()["origin"] == "../../a.yaml"
     for again in (["a.yaml"], ["a.yaml", "--seed", "3"], ["b/../a.yaml"], [str(project / "a.yaml")]):
         assert run(*again) == 0
-        assert "replaced the run of 20" in capsys.readouterr().err
+        assert "replaced the run of 20" in capsys.readouterr().out
     assert run("runs/same-ideal/scenario.yaml") == 0  # the resolved scenario, run again
-    assert "replaced the run of 20" in capsys.readouterr().err
+    assert "replaced the run of 20" in capsys.readouterr().out
 
 
 def test_another_scenario_of_the_same_name_is_left_alone(project: Path, capsys: pytest.CaptureFixture[str]) -> None:
