@@ -29,7 +29,7 @@ from mjsheaf.backends.system import System
 from mjsheaf.checking.assumptions import Assumption, decide
 from mjsheaf.checking.cohomology import RelativeCohomology, explain
 from mjsheaf.checking.drift import Carrier, difference_along
-from mjsheaf.checking.region import Constants, Region, Tube, speed_everywhere, tube_about, tube_guessed
+from mjsheaf.checking.region import FARTHEST, Constants, Region, Tube, speed_everywhere, tube_about, tube_guessed
 from mjsheaf.checking.spectrum import Spectrum, spectrum_of
 from mjsheaf.checking.targets import follow_targets, own_rate
 from mjsheaf.control.rho import Rho
@@ -158,7 +158,7 @@ class _Search:
                 rho = replace(constants.rho, upper=max(theorem.lipschitz, constants.rho.upper))
                 return region, replace(constants, rho=rho), self._theorem(rho.upper, self._rate)
         weaker = self.weaker(speed_everywhere(self._system))
-        if not weaker.applies:
+        if not self._confines(weaker):
             guess = self._guess("no bound confines the agents")
             return self._over(tube_guessed(self._system, self._path), guess, False)
         tube = self._tube(weaker).joined()
@@ -181,17 +181,21 @@ class _Search:
         """Theorem 1 with a rho that holds over the tube of its own bound, or None."""
         if self._rho is not None:
             theorem = self._theorem(self._rho, rate)
-            return theorem if theorem.contains(self._initial_error) else None
+            return theorem if self._confines(theorem) else None
         slope = 0.0
         for _ in range(_ROUNDS):
             theorem = self._theorem(slope, rate)
-            if not theorem.applies:
+            if not self._confines(theorem):
                 return None
             needed = self._tube(theorem).slope(self._system).upper
             if needed <= slope:
                 return theorem
             slope = _STEP * needed
         return None
+
+    def _confines(self, bound: Theorem) -> bool:
+        """Whether a bound keeps the agents in a region that can be looked at."""
+        return bound.contains(self._initial_error) and max(bound.radius, self._initial_error) < FARTHEST
 
     def _tube(self, bound: Theorem) -> Tube:
         """The tube of a bound; under a hold as wide everywhere as it is at most."""

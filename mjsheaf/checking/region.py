@@ -21,7 +21,8 @@ Radius = Callable[[Array], Array]
 
 _MOST_BOXES = 256
 _MOST_SPANS = 32  # of time
-_FARTHEST = 1e12  # m: a box that is the whole space
+FARTHEST = 1e12
+"""m: a box of this size is the whole space."""
 
 
 @dataclass(frozen=True)
@@ -129,5 +130,5 @@ def tube_guessed(system: System, path: TargetPath, margin: float = 0.5) -> Tube:
 
 def speed_everywhere(system: System) -> float:
     """A bound on the speed of the flow that agents meet anywhere, without uniform drift, m/s."""
-    whole = np.full((1, len(system.team.agents), 3), _FARTHEST)
+    whole = np.full((1, len(system.team.agents), 3), FARTHEST)
     return Tube(-whole, whole).speed(system).upper
