@@ -138,7 +138,9 @@ class World:
         # The timestep that divides a period exactly: sample times then agree with the ideal backend's.
         self._timestep = grid.period / self._steps_per_sample
         self.model.opt.timestep = self._timestep
-        self._before_step = BeforeStep(self.system, self.arena, self.data)
+        self._before_step = BeforeStep(
+            self.system.control, self.system.medium, self.arena, self.data, plan.heading, plan.surface_height
+        )
         self._chunk = max(1, min(4000, _CHUNK // len(self.arena.vehicles)))
         self._no_log = new_log(0, len(self.arena.vehicles), self.model.nu)
         self.reset()
