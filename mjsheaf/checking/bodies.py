@@ -3,19 +3,21 @@
 Each vehicle is linearised about the equilibrium in which it holds station in the mean flow that it would meet (see
 `backends.physics.linear`), and all are closed through u = -k1 H e. Where every agent is the same vehicle in the same
 flow, the team falls apart into one small matrix for each eigenvalue of H, whatever its size; else the matrix is that of
-the whole team, up to LARGEST_WHOLE states that act on one another. Beyond that nothing is claimed.
+the whole team, up to LARGEST_WHOLE states that act on one another. Beyond that, vehicles whose answers to a command
+differ by 2 % at most count as the same, and of others nothing is claimed.
 
 It is a statement about small motions: thrusters meet their limits in large ones. Nor does it know how the flow changes
 along the way, or what targets do.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, sparse
+from scipy.integrate import trapezoid
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import eigsh
 
@@ -35,6 +37,7 @@ LARGEST_WHOLE = 400
 _MOST_STATIONS = 200  # vehicles that are linearised one by one; larger teams are represented by some of theirs
 _MOST_SAMPLES = 200  # of the path, for the mean flow
 _GROWTH = 1e-5  # 1/s: rates below it are the rounding of neutral directions
+_OWN = 0.01  # relative: how far the loop must move a mode for it to count as the loop's
 _STILL = 1e-6  # m for 1 rad or 1 m/s of a mode: positions that move less do not take part in it
 _APART = 1e-3  # of a vehicle's response: what it does across axes, or differs by between axes, that is neglected
 _ALIKE = 0.02  # of a vehicle's response, by which the representatives of a large team may differ
@@ -97,8 +100,8 @@ class _Loop(Protocol):
         """All modes, or those at the sampled eigenvalues."""
         ...
 
-    def growth(self, gain: float) -> float:
-        """Logarithm of the largest factor of any mode over a period."""
+    def own_factors(self) -> Array:
+        """Factors of the vehicles' own modes, under a command that does not change."""
         ...
 
     def largest_gain(self, gain: float, most: float) -> float | None:
@@ -132,11 +135,10 @@ def body_loop(system: System, spectrum: Spectrum, medium: Array) -> BodyLoop:
     except (_UndecidedError, InputError) as error:
         return BodyLoop(period, None, None, None, None, str(error))
     none = _GROWTH * period
-    found = list(loop.modes(system.gain))
-    moving = [m for m in found if m.moves or np.log(abs(m.factor)) > none]
+    moving = [m for m in loop.modes(system.gain) if m.moves or np.log(abs(m.factor)) > none]
     radius = max(abs(m.factor) for m in moving)
-    swing = min((_swing(m, period, system) for m in moving), key=lambda s: s.damping)
     stable: bool | None = bool(np.log(radius) < none)
+    swing = _least_damped(moving, loop.own_factors(), period, system)
     reason = ""
     if isinstance(loop, _Split) and not stable and loop.growth_at_ends(system.gain) < none:
         stable, reason = None, "only eigenvalues between the smallest and the largest would swing up, if H has them"
@@ -151,10 +153,13 @@ def mean_medium(system: System, time: Array, q_star: Array) -> Array:
         time: shape (T,), s.
         q_star: harmonic extension, stacked, shape (T, n_q), m.
     """
-    w = agent_drift(system, q_star[:: max(1, len(q_star) // _MOST_SAMPLES)]).mean(axis=0)
+    stride = max(1, len(q_star) // _MOST_SAMPLES)
+    w = agent_drift(system, q_star[::stride])
     span = float(time[-1] - time[0])
-    pace = (q_star[-1] - q_star[0]) / span if span > 0.0 else 0.0
-    return system.team.unpack((w - pace)[None])[0]
+    if span <= 0.0:
+        return system.team.unpack(w)[0]
+    mean = trapezoid(w, time[::stride], axis=0) / float(time[::stride][-1] - time[0])
+    return system.team.unpack((mean - (q_star[-1] - q_star[0]) / span)[None])[0]
 
 
 def _models(system: System, medium: Array, timestep: float, steps: int) -> list[LinearVehicle]:
@@ -165,7 +170,7 @@ def _models(system: System, medium: Array, timestep: float, steps: int) -> list[
     """
     agents = system.team.agents
     if not np.isfinite(medium).all():
-        raise _UndecidedError("the flow along q* has no mean: a field is singular")
+        raise _UndecidedError("the mean flow along q* is not known")
     span = system.grid.period * system.grid.steps
     stations: dict[tuple[int, bytes], Station] = {}
     keys = []
@@ -225,9 +230,7 @@ def _represented(
         _existing(model, system.team.agent_ids[keys.index(key)], stations[key])
         for model, key in zip(found, chosen, strict=True)
     ]
-    period = timestep * steps
-    first = _response(models[0], period)
-    if max(_difference(_response(model, period), first) for model in models[1:]) > _ALIKE:
+    if not _alike(models, timestep * steps):
         raise _UndecidedError("too many vehicles that behave differently in the flows that they meet")
     return [models[0]] * len(keys)
 
@@ -259,11 +262,22 @@ def _close(system: System, spectrum: Spectrum, models: list[LinearVehicle], peri
     Raises:
         _UndecidedError: it is too large.
     """
-    if all(model is models[0] for model in models):
-        parts = _parts(system, spectrum, models[0], period)
-        if parts:
-            return _Split(parts)
-    return _Whole(system, spectrum, models)
+    kinds = list({id(model): model for model in models}.values())
+    if len(kinds) > 1:
+        try:
+            return _Whole(system, spectrum, models)
+        except _UndecidedError:
+            if not _alike(kinds, period):
+                raise
+    parts = _parts(system, spectrum, kinds[0], period)
+    return _Split(parts) if parts else _Whole(system, spectrum, models)
+
+
+def _alike(models: list[LinearVehicle], period: float) -> bool:
+    """Whether vehicles answer a command in nearly the same way."""
+    first = _response(models[0], period)
+    responses = (_response(model, period) for model in models[1:])
+    return all(r.shape == first.shape and _difference(r, first) <= _ALIKE for r in responses)
 
 
 class _Part(NamedTuple):
@@ -348,8 +362,8 @@ class _Split:
             for row, who, moves in zip(factors, part.who, moved, strict=True):
                 yield from (_Mode(complex(f), int(who), bool(m)) for f, m in zip(row, moves, strict=True))
 
-    def growth(self, gain: float) -> float:
-        return max(_largest_growth(part.plant, gain * part.values) for part in self._parts)
+    def own_factors(self) -> Array:
+        return np.concatenate([np.linalg.eigvals(part.plant.A) for part in self._parts])
 
     def growth_at_ends(self, gain: float) -> float:
         """Growth of the modes that are known to be there."""
@@ -391,7 +405,8 @@ def _first_unstable(plant: LinearVehicle, most: float) -> float | None:
     return _bisect(lambda rate: _largest_growth(plant, np.array([rate])) > most, float(low), float(high))
 
 
-def _bisect(unstable, low: float, high: float) -> float:  # type: ignore[no-untyped-def]
+def _bisect(unstable: Callable[[float], bool], low: float, high: float) -> float:
+    """Where a stable rate or gain becomes an unstable one."""
     while high > (1.0 + _GAIN_ACCURACY) * low:
         middle = float(np.sqrt(low * high))
         low, high = (low, middle) if unstable(middle) else (middle, high)
@@ -401,8 +416,8 @@ def _bisect(unstable, low: float, high: float) -> float:  # type: ignore[no-unty
 class _Whole:
     """Unlike vehicles: the matrix of the team on (z, x_1, ...), z the coordinates of what H holds.
 
-    M(k1) = free - k1 pull. It is block triangular over the sets of states that act on one another, whose own blocks have
-    all its eigenvalues.
+    M(k1) = free - k1 pull. It is block triangular over the sets of states that act on one another, whose own blocks
+    have all its eigenvalues.
     """
 
     def __init__(self, system: System, spectrum: Spectrum, models: list[LinearVehicle]) -> None:
@@ -421,6 +436,7 @@ class _Whole:
         self.free = np.block([[np.eye(m), Q.T @ C], [np.zeros((len(A), m)), A]])
         self.pull = np.block([[Q.T @ D @ pulled, np.zeros((m, len(A)))], [B @ pulled, np.zeros_like(A)]])
         self.Q, self.m = Q, m
+        self.own = np.concatenate([np.linalg.eigvals(A) for A in {id(model): model.A for model in models}.values()])
         self.owner = np.repeat(np.arange(len(team.agents)), [a.dimension for a in team.agents])
         acts = (self.free != 0.0) | (self.pull != 0.0)
         count, which = connected_components(sparse.csr_array(acts), directed=True, connection="strong")
@@ -443,20 +459,39 @@ class _Whole:
             for k, factor in enumerate(factors):
                 yield _Mode(complex(factor), int(self.owner[far[:, k].argmax()]) if moved[k] else -1, bool(moved[k]))
 
-    def growth(self, gain: float) -> float:
+    def own_factors(self) -> Array:
+        return self.own
+
+    def _growth(self, gain: float) -> float:
         return max(float(np.log(np.abs(linalg.eigvals(self._block(gain, s))).max())) for s in self.sets)
 
     def largest_gain(self, gain: float, most: float) -> float | None:
         low = high = gain
-        factor = 2.0 if self.growth(gain) < most else 0.5
+        factor = 2.0 if self._growth(gain) < most else 0.5
         for _ in range(_MOST_DOUBLINGS):
             low, high = (high, high * factor) if factor > 1.0 else (low * factor, low)
-            if (self.growth(high if factor > 1.0 else low) < most) == (factor < 1.0):
-                return _bisect(lambda k: self.growth(k) > most, low, high)
+            if (self._growth(high if factor > 1.0 else low) < most) == (factor < 1.0):
+                return _bisect(lambda k: self._growth(k) > most, low, high)
         return None
 
 
-def _swing(mode: _Mode, period: float, system: System) -> Swing:
-    s = np.log(mode.factor if mode.factor != 0.0 else 1e-300) / period
-    who = system.team.agent_ids[mode.agent] if mode.agent >= 0 else None
-    return Swing(float(-s.real / abs(s)) if s != 0.0 else 0.0, float(abs(s)), who)
+def _least_damped(modes: list[_Mode], own: Array, period: float, system: System) -> Swing:
+    """The mode with the smallest damping: of those that the loop moves, where none grows.
+
+    A hull's own rolling or pitching shows in the position a little, is hardly damped, and has nothing to do with the
+    law. A mode is a vehicle's own if its logarithm is within _OWN of one that the vehicle has under a steady command.
+    """
+    s = np.array([_logarithm(m.factor) for m in modes]) / period
+    size = np.maximum(np.abs(s), 1e-300)
+    damping = -s.real / size
+    if damping.min() >= 0.0:
+        alone = np.array([_logarithm(complex(f)) for f in own]) / period
+        moved = np.abs(s[:, None] - alone).min(axis=1) > _OWN * size
+        damping = np.where(moved, damping, np.inf) if moved.any() else damping
+    k = int(damping.argmin())
+    who = system.team.agent_ids[modes[k].agent] if modes[k].agent >= 0 else None
+    return Swing(float(damping[k]), float(size[k]), who)
+
+
+def _logarithm(factor: complex) -> complex:
+    return complex(np.log(factor if factor != 0.0 else 1e-300))

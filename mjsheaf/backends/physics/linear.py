@@ -1,13 +1,13 @@
 """A vehicle's own loop, linearised: from the velocity that the law commands to the position that it controls.
 
-The loop is the one that `World` steps: autopilot, attitude, thruster lag, drag, added mass and MuJoCo's integrator. Each
-vehicle is brought to the equilibrium in which it holds station in a steady, uniform medium, and the map of one physics
-step is differenced there. Its powers give the map of a control period over which the command is held: at an equilibrium
-that is the chain rule, and it takes some hundred steps instead of some thousands.
+The loop is the one that `World` steps: autopilot, attitude, thruster lag, drag, added mass and MuJoCo's integrator.
+Each vehicle is brought to the equilibrium in which it holds station in a steady, uniform medium, and the map of one
+physics step is differenced there. Its powers give the map of a control period over which the command is held: at an
+equilibrium that is the chain rule, and it takes some hundred steps instead of some thousands.
 
 Position does not enter: neither the medium nor the arena changes with it. So it is left out of the state, and what
-moves it is kept apart. A heading that nothing holds (a boat at its hand point in still water) does not enter either, and
-shows as an eigenvalue of 1 that no position sees.
+moves it is kept apart. A heading that nothing holds (a boat at its hand point in still water) does not enter either,
+and shows as an eigenvalue of 1 that no position sees.
 """
 
 from collections.abc import Sequence
@@ -32,8 +32,8 @@ _ROUNDING = 1e-9  # entries of the difference quotients below it are rounding: 1
 _NEUTRAL = 1e-5  # 1/s: a singular value of the rates below it is a direction in which nothing holds or drives
 _STILL = 1e-7  # m/s, m/s^2, ...: rates of an equilibrium
 _NEWTON_STEPS = 20
-_SETTLE_TIME = 30.0  # s, for which a vehicle is simulated before Newton's second attempt
-_MOST_SETTLE_STEPS = 30_000
+_SETTLE_TIME = 20.0  # s, for which a vehicle is simulated before Newton's second attempt
+_MOST_SETTLE_STEPS = 10_000
 
 
 @dataclass(frozen=True)
@@ -54,9 +54,9 @@ class Station:
 class LinearVehicle(NamedTuple):
     """x' = A x + B u, p' = p + C x + D u from one control period to the next, about an equilibrium.
 
-    x (s,) is attitude (world axes, rad), height of a floating vehicle (m), velocity (world axes, m/s), rates (body axes,
-    rad/s), joints of the vehicle's own, and thruster activations over the vehicle's mass; u (n,) the commanded velocity,
-    held over the period, and p (n,) the controlled position, both in world axes.
+    x (s,) is attitude (world axes, rad), height of a floating vehicle (m), joints of the vehicle's own, velocity (world
+    axes, m/s), rates (body axes, rad/s) and those of the joints, and thruster activations over the vehicle's mass;
+    u (n,) is the commanded velocity, held over the period, and p (n,) the controlled position, both in world axes.
     """
 
     A: Array
@@ -85,9 +85,7 @@ def linearise(
     bench = _Bench(stations, control, timestep)
     found = bench.settle()
     models = bench.differentiate()
-    return [
-        _over(model, steps) if not why else why for why, model in zip(found, models, strict=True)
-    ]
+    return [why if why else _over(model, steps) for why, model in zip(found, models, strict=True)]
 
 
 def _over(one: LinearVehicle, steps: int) -> LinearVehicle:
@@ -158,7 +156,7 @@ class _Bench:
 
     def settle(self) -> list[str]:
         """Bring every vehicle to its equilibrium; say for each why there is none, or nothing."""
-        start = self.qpos.copy(), self.qvel.copy(), self.act.copy(), self.command.copy()
+        start = self.qpos, self.qvel, self.act, self.command
         unsettled = self._newton()
         if unsettled.any():
             self.qpos, self.qvel, self.act, self.command = start
