@@ -75,6 +75,7 @@ def execute(
         NotUniqueError: the harmonic extension is not unique and drift is not allowed; nothing is written.
     """
     from mjsheaf.checking.bound import bound_of_run
+    from mjsheaf.checking.ending import ending_of_run
     from mjsheaf.results import check_expectation, open_dataset, staging, summarize, thinned, write_dataset
     from mjsheaf.results.store import replaced_run, save_summary
     from mjsheaf.team.freedom import free_directions
@@ -110,6 +111,7 @@ def execute(
             "backend": backend,
             "status": status,
             "message": dataset.attrs["message"],
+            "ending": ending_of_run(system, drawn) if status == "finished" else None,
             "seed": scenario.seed,
             "steps": periods * per_period,
             "wall_time_s": pieces.seconds,

@@ -10,6 +10,7 @@ from mjsheaf.scenario import scenario_from_mapping
 
 _KICK = 1e-6  # m
 _LINEAR = 1e-2  # m: beyond it thrusters may meet limits, and the measurement ends
+_FAINT = 1e-13  # m: below it all is rounding, and the measurement ends
 
 
 def growth_rate(scenario: Mapping[str, Any], gain: float, *, settle: float, span: float, seed: int = 0) -> float:
@@ -48,7 +49,7 @@ def growth_rate(scenario: Mapping[str, Any], gain: float, *, settle: float, span
     for k in range(samples):
         world.step(per)
         moved[k] = world.positions()[:agents] - rest
-        if not np.abs(moved[k]).max() < _LINEAR:
+        if not _FAINT < np.abs(moved[k]).max() < _LINEAR:
             moved = moved[: k + 1]
             break
     time = world.system.grid.period * np.arange(len(moved))
