@@ -87,7 +87,7 @@ def compare(scenario: Scenario, progress: Progress | None = None) -> Comparison:
     ringing = ringing_of(system)
     if progress:
         progress("letting go", 1, 1)
-    loop = _loop(runs["ideal"])
+    loop = _loop(system, runs["ideal"])
     rungs = [_rung(rung, runs[rung.key], runs["ideal"], middle) for rung in ladder]
     parts = {
         "mjsheaf_version": __version__,
@@ -142,9 +142,8 @@ def _ending(run: Run) -> Ending | None:
     return ending_of(run.system, time, q_star[:, :N], positions, on_bodies=run.rung.setup.agents)
 
 
-def _loop(ideal: Run) -> records.LoopRecord | None:
+def _loop(system: System, ideal: Run) -> records.LoopRecord | None:
     """The loop of the scenario's bodies in the mean flow along the ideal run."""
-    system = ideal.system
     if not ideal.finished:
         return None
     n_q = system.team.dirichlet.H.shape[0]
