@@ -26,6 +26,10 @@ __all__ = ["Outcome", "default_directory", "dump_scenario", "execute", "video_en
 Progress = Callable[[str, int, int], None]
 
 
+_NEVER = {"growing": "its error grows to the end", "circling": "it swings by itself, without end"}
+"""What to say of endings that no longer run mends."""
+
+
 @dataclass(frozen=True)
 class Outcome:
     """What a run left.
@@ -129,6 +133,8 @@ def execute(
             },
             "video": None,
         }
+        if summary["ending"] in _NEVER:
+            notes.append(f"the team does not settle: {_NEVER[summary['ending']]}; see mjsheaf check")
         if video is not None:
             summary["video"], note = _film(
                 scenario, system, dataset, fresh / "video.mp4", video, report("drawing video")

@@ -134,6 +134,8 @@ def body_loop(system: System, spectrum: Spectrum, medium: Array) -> BodyLoop:
         loop = _close(system, spectrum, _models(system, medium, timestep, steps), period)
     except (_UndecidedError, InputError) as error:
         return BodyLoop(period, None, None, None, None, str(error))
+    except np.linalg.LinAlgError as error:  # a vehicle so stiff that its step is not finite
+        return BodyLoop(period, None, None, None, None, f"the vehicles cannot be linearised: {error}")
     none = _GROWTH * period
     moving = [m for m in loop.modes(system.gain) if m.moves or np.log(abs(m.factor)) > none]
     radius = max(abs(m.factor) for m in moving)

@@ -231,7 +231,8 @@ class CheckRecord(_Part):
 
     scenario: str
     ok: bool = Field(
-        description="every numbered assumption holds (none fails, none is undecided), and the vehicles' loop is not unstable"
+        description="every numbered assumption holds (none fails, none is undecided), and the vehicles' loop is not "
+        "unstable"
     )
     region: RegionRecord
     assumptions: list[AssumptionRecord]

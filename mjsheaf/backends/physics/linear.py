@@ -198,15 +198,18 @@ class _Bench:
         for _ in range(_NEWTON_STEPS):
             rates = [r / self.timestep for r in self._step([np.zeros(p.size + p.n) for p in self.places])]
             moving = np.array([not np.abs(r).max() < _STILL for r in rates])
-            if not moving.any() or not all(np.isfinite(r).all() for r in rates):
+            going = moving & np.array([bool(np.isfinite(r).all()) for r in rates])
+            if not going.any():
                 return moving
             corrections = []
-            for rate, model, busy in zip(rates, self.differentiate(), moving, strict=True):
+            for rate, model, busy in zip(rates, self.differentiate(), going, strict=True):
+                if not busy:
+                    corrections.append(np.zeros(len(rate)))
+                    continue
                 slope = np.block([[model.A - np.eye(len(model.A)), model.B], [model.C, model.D]]) / self.timestep
                 U, sigma, V = np.linalg.svd(slope)
                 held = sigma > _NEUTRAL
-                step = V[held].T @ ((U[:, held].T @ rate) / sigma[held])
-                corrections.append(-step if busy else 0.0 * step)
+                corrections.append(-V[held].T @ ((U[:, held].T @ rate) / sigma[held]))
             self._shift(corrections)
         return moving
 
