@@ -215,7 +215,7 @@ def test_what_is_free_does_not_enter() -> None:
     ("scenario", "drift", "why"),
     [
         (chain(["otter"] * 2), [4.0, 0.0], "A0 cannot hold station"),
-        (chain(["quadrotor"] * 2), [np.nan, 0.0], "singular"),
+        (chain(["quadrotor"] * 2), [np.nan, 0.0], "not known"),
         ({**RING, "communication": [], "sensing": []}, None, "nothing is held"),
     ],
 )
