@@ -13,7 +13,7 @@ from mjsheaf.results.summary import MEASURES
 from mjsheaf.studies.plan import Plan
 
 LATE_COLUMNS = tuple(f"late_{measure}" for measure in MEASURES)
-RESULT_COLUMNS = ("seed", "status", *MEASURES, "settled", "bound_ratio", "message", "ending", *LATE_COLUMNS)
+RESULT_COLUMNS = ("seed", "status", *MEASURES, *LATE_COLUMNS, "ending", "settled", "bound_ratio", "message")
 """After `run` and the parameters."""
 
 _TYPES = {

@@ -52,7 +52,7 @@ def test_the_table_has_a_row_a_run_in_order(mixed: Path) -> None:
     found = rows(mixed)
     columns = ["run", "controller.gain", "spread.position", "seed", "status", *MEASURES]
     late = [f"late_{measure}" for measure in MEASURES]
-    assert list(found[0]) == [*columns, "settled", "bound_ratio", "message", "ending", *late]
+    assert list(found[0]) == [*columns, *late, "ending", "settled", "bound_ratio", "message"]
     assert [row["run"] for row in found] == [str(k) for k in range(12)]
     assert [row["seed"] for row in found] == 6 * ["0", "1"]
     assert [row["status"] for row in found] == 4 * ["finished"] + 4 * ["invalid"] + 4 * ["unstable"]
