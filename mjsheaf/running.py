@@ -26,6 +26,10 @@ __all__ = ["Outcome", "default_directory", "dump_scenario", "execute", "video_en
 Progress = Callable[[str, int, int], None]
 
 
+_NEVER = {"growing": "its error grows to the end", "circling": "it swings by itself, without end"}
+"""What to say of endings that no longer run mends."""
+
+
 @dataclass(frozen=True)
 class Outcome:
     """What a run left.
@@ -75,6 +79,7 @@ def execute(
         NotUniqueError: the harmonic extension is not unique and drift is not allowed; nothing is written.
     """
     from mjsheaf.checking.bound import bound_of_run
+    from mjsheaf.checking.ending import ending_of_run
     from mjsheaf.results import check_expectation, open_dataset, staging, summarize, thinned, write_dataset
     from mjsheaf.results.store import replaced_run, save_summary
     from mjsheaf.team.freedom import free_directions
@@ -110,6 +115,7 @@ def execute(
             "backend": backend,
             "status": status,
             "message": dataset.attrs["message"],
+            "ending": ending_of_run(system, drawn) if status == "finished" else None,
             "seed": scenario.seed,
             "steps": periods * per_period,
             "wall_time_s": pieces.seconds,
@@ -127,6 +133,8 @@ def execute(
             },
             "video": None,
         }
+        if summary["ending"] in _NEVER:
+            notes.append(f"the team does not settle: {_NEVER[summary['ending']]}; see mjsheaf check")
         if video is not None:
             summary["video"], note = _film(
                 scenario, system, dataset, fresh / "video.mp4", video, report("drawing video")

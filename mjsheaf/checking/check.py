@@ -5,21 +5,26 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mjsheaf.backends.physics import vehicles_of
 from mjsheaf.backends.physics.capability import capability_of, of_each
 from mjsheaf.backends.system import System
 from mjsheaf.checking import record as r
+from mjsheaf.checking.bodies import body_loop, mean_medium
 from mjsheaf.checking.certificate import Certificate, certify
 from mjsheaf.checking.cohomology import RelativeCohomology
 from mjsheaf.checking.fragility import Fragility, Loss, fragility
 from mjsheaf.checking.margins import body_margin, hold_margin, speed_demands, steady_lag
 from mjsheaf.checking.mending import MendPlan, mend
 from mjsheaf.checking.region import Region
+from mjsheaf.checking.targets import TargetPath
 from mjsheaf.control.rho import Rho, RhoLike, as_rho
 from mjsheaf.control.theorem import gain_for_radius
 from mjsheaf.errors import InputError
 from mjsheaf.scenario import Scenario
+
+Array = NDArray[np.float64]
 
 _MOST_ROWS = 20
 _MOST_LOSSES = 50
@@ -39,7 +44,7 @@ def check(
 
     Returns:
         The record that `mjsheaf check --json` prints; its schema is `CheckRecord`. `ok` is whether every numbered
-        assumption of the paper holds: none fails, and none is undecided.
+        assumption of the paper holds (none fails, and none is undecided) and the vehicles' loop is not unstable.
 
     Raises:
         InputError: rate or radius is not positive, rho is no bound, or a vehicle does not fit its agent.
@@ -64,14 +69,15 @@ def examine(system: System, *, rate: float | None = None, radius: float = 1.0, r
             raise InputError(f"{name} is {value}; it must be positive and finite")
     certificate = certify(system, rate, rho)
     cohomology = certificate.cohomology
+    margins = _margins(system, certificate)
     record = r.CheckRecord(
         scenario=system.name,
-        ok=all(a.verdict == "holds" for a in certificate.assumptions),
+        ok=all(a.verdict == "holds" for a in certificate.assumptions) and margins.bodies.stable is not False,
         region=_region(certificate.region),
         assumptions=[r.AssumptionRecord(**asdict(a) | {"value": _finite(a.value)}) for a in certificate.assumptions],
         relative_cohomology=_cohomology(cohomology, mend(system.team) if cohomology.dimension else None),
         theorem=_theorem(system, certificate, rate, radius, rho),
-        margins=_margins(system, certificate),
+        margins=margins,
         fragility=_fragility(fragility(system.team)),
     )
     return Examination(record, certificate)
@@ -175,23 +181,36 @@ def _theorem(
 def _margins(system: System, certificate: Certificate) -> r.MarginsRecord:
     spectrum, region, difference = certificate.spectrum, certificate.region, certificate.constants.difference
     hold = hold_margin(system, spectrum)
-    bodies = body_margin(system, spectrum, time_constants(system))
+    inertia = body_margin(system, spectrum, time_constants(system))
+    loop = body_loop(system, spectrum, _mean_medium(system, region.path))
     lag = steady_lag(system, difference)
     speeds = speed_demands(system, region.path, difference, top_speeds(system))
     ids = system.team.agent_ids
     return r.MarginsRecord(
         hold=None if hold is None else r.HoldRecord(**asdict(hold)),
         bodies=r.BodyRecord(
-            tau=list(bodies.tau),
-            damping_slowest=_finite(bodies.damping_slowest),
-            damping_fastest=_finite(bodies.damping_fastest),
-            spectral_radius=bodies.spectral_radius,
+            tau=list(inertia.tau),
+            damping_slowest=_finite(inertia.damping_slowest),
+            damping_fastest=_finite(inertia.damping_fastest),
+            stable=loop.stable,
+            spectral_radius=loop.spectral_radius,
+            period=loop.period,
+            largest_gain=loop.largest_gain,
+            least_damped=None if loop.least_damped is None else r.SwingRecord(**asdict(loop.least_damped)),
+            reason=loop.reason,
         ),
         speed=[r.SpeedRecord(**asdict(d)) for d in speeds[:_MOST_ROWS]],
         lag=[
             r.LagRecord(agent=ids[i], lag=_finite(float(lag[i]))) for i in np.argsort(-lag, kind="stable")[:_MOST_ROWS]
         ],
     )
+
+
+def _mean_medium(system: System, path: TargetPath) -> Array:
+    """The mean flow that agents meet relative to q*; NaN where the targets' path is not known."""
+    if path.cells is None:
+        return np.full((len(system.team.agents), 3), np.nan)
+    return mean_medium(system, path.time, path.q_star)
 
 
 def time_constants(system: System) -> np.ndarray:

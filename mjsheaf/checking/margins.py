@@ -38,7 +38,7 @@ class HoldMargin:
 
 @dataclass(frozen=True)
 class BodyMargin:
-    """Inertia: tau q'' + q' = u with tau = m / D. What is free does not enter.
+    """Inertia alone: tau q'' + q' = u with tau = m / D. What is free does not enter, and `bodies` has all the rest.
 
     Attributes:
         tau: smallest and largest time constant of the agents, s.
@@ -46,14 +46,11 @@ class BodyMargin:
             and the largest; infinite where there is none. For unlike bodies -Re s / |s| of the smallest and of the
             largest root s, by |s|, of the second-order system: 1 where that root is real. For unlike bodies of over
             LARGEST_SECOND_ORDER states, a lower bound of the damping ratio of all modes, twice.
-        spectral_radius: of the sampled plant under the held law; below 1 it is stable. None where the law is
-            continuous, nothing is held or the team is too large.
     """
 
     tau: tuple[float, float]
     damping_slowest: float
     damping_fastest: float
-    spectral_radius: float | None
 
 
 @dataclass(frozen=True)
@@ -91,58 +88,37 @@ def hold_margin(system: System, spectrum: Spectrum) -> HoldMargin | None:
 
 
 def body_margin(system: System, spectrum: Spectrum, tau: Array) -> BodyMargin:
-    """The margins of inertia.
+    """The damping that inertia alone leaves.
 
     Args:
         system: the system.
         spectrum: of H.
         tau: time constant m / D of each agent, shape (N,), s.
     """
-    k, h = system.gain, None if system.grid.continuous else system.grid.period
+    k = system.gain
     low, high = float(tau.min()), float(tau.max())
     n = system.team.dirichlet.H.shape[0]
     if not spectrum.smallest.size:  # nothing is held, so nothing swings
-        return BodyMargin((low, high), np.inf, np.inf, None)
+        return BodyMargin((low, high), np.inf, np.inf)
     slowest = float(spectrum.smallest[0])
     if high - low <= 1e-9 * high:
         ratio = [float(1.0 / (2.0 * np.sqrt(k * eigenvalue * low))) for eigenvalue in (slowest, spectrum.lambda_max)]
-        radius = None
-        if h is not None:
-            # The spectral radius is not monotone in lambda: look along the whole interval of the spectrum.
-            modes = np.linspace(slowest, spectrum.lambda_max, 200)
-            if n <= LARGEST_SECOND_ORDER:
-                modes = _held_modes(system, spectrum)[0]
-            radius = max(_radius(_sampled(np.array([m]), np.eye(1), np.array([low]), k, h), 1, low) for m in modes)
-        return BodyMargin((low, high), ratio[0], ratio[1], radius)
+        return BodyMargin((low, high), ratio[0], ratio[1])
     if n > LARGEST_SECOND_ORDER:
         bound = float(1.0 / (2.0 * np.sqrt(k * spectrum.lambda_max * high)))
-        return BodyMargin((low, high), bound, bound, None)
+        return BodyMargin((low, high), bound, bound)
     each = np.concatenate([np.full(a.dimension, t) for a, t in zip(system.team.agents, tau, strict=True)])
     modes, Q = _held_modes(system, spectrum)
     swing = np.block([[np.zeros((len(modes),) * 2), Q.T], [-k / each[:, None] * Q * modes, -np.diag(1.0 / each)]])
     roots = _moving(swing, len(modes), low)
     ratios = (-roots.real / np.abs(roots))[np.argsort(np.abs(roots))]
-    radius = None if h is None else _radius(_sampled(modes, Q, each, k, h), len(modes), low)
-    return BodyMargin((low, high), float(ratios[0]), float(ratios[-1]), radius)
+    return BodyMargin((low, high), float(ratios[0]), float(ratios[-1]))
 
 
 def _held_modes(system: System, spectrum: Spectrum) -> tuple[Array, Array]:
     """Eigenvalues of H above zero, ascending, and their vectors, shape (n, m); what is free is left out."""
     values, vectors = linalg.eigh(system.team.dirichlet.H.toarray())
     return np.maximum(values[spectrum.nullity :], spectrum.smallest[0]), vectors[:, spectrum.nullity :]
-
-
-def _sampled(modes: Array, Q: Array, tau: Array, k: float, h: float) -> Array:
-    """One period of tau v' = u - v, z' = Q^T v with u = -k Q modes z held, exactly: the matrix on (z, v)."""
-    decay = np.exp(-h / tau)
-    reach = tau * (1.0 - decay)
-    push = k * Q * modes
-    return np.block(
-        [
-            [np.eye(len(modes)) - Q.T @ ((h - reach)[:, None] * push), Q.T * reach],
-            [-(1.0 - decay)[:, None] * push, np.diag(decay)],
-        ]
-    )
 
 
 def _moving(matrix: Array, m: int, tau: float) -> NDArray[np.complex128]:
@@ -156,10 +132,6 @@ def _moving(matrix: Array, m: int, tau: float) -> NDArray[np.complex128]:
     values, vectors = linalg.eig(matrix)
     z, v = np.linalg.norm(vectors[:m], axis=0), np.linalg.norm(vectors[m:], axis=0)
     return values[z > _AT_REST * tau * v]
-
-
-def _radius(sampled: Array, m: int, tau: float) -> float:
-    return float(np.abs(_moving(sampled, m, tau)).max())
 
 
 def speed_demands(system: System, path: TargetPath, difference: Difference, able: Array) -> list[SpeedDemand]:

@@ -141,13 +141,44 @@ class HoldRecord(_Part):
     ringing_gain: float | None = Field(description="1/s; null where H = 0")
 
 
+class SwingRecord(_Part):
+    """A mode of the real vehicles' loop."""
+
+    damping: float = Field(description="damping ratio; negative where the mode grows")
+    frequency: float = Field(description="natural frequency, rad/s")
+    agent: str | None = Field(description="who moves most in it; null where that is not known")
+
+
 class BodyRecord(_Part):
-    """Inertia of the bodies."""
+    """The loop of the real vehicles, for small motions: inertia, attitude, thruster lag, hold, in the mean flow.
+
+    Each vehicle is linearised about the equilibrium in which it holds station in the mean flow that it meets.
+    """
 
     tau: list[float] = Field(description="smallest and largest m / D of the agents, s")
-    damping_slowest: float | None
-    damping_fastest: float | None
-    spectral_radius: float | None = Field(description="of the sampled plant; below 1 it is stable")
+    damping_slowest: float | None = Field(description="of the slowest mode, by inertia alone; null: it does not swing")
+    damping_fastest: float | None = Field(description="of the fastest mode, by inertia alone; null: it does not swing")
+    stable: bool | None = Field(description="whether every mode of the loop decays; null where undecided: see reason")
+    spectral_radius: float | None = Field(
+        description="of the loop from one evaluation of the law to the next; below 1 it is stable; null where undecided"
+    )
+    period: float = Field(description="between evaluations of the law, s: the physics step where the law is continuous")
+    largest_gain: float | None = Field(
+        description="from which on a mode grows, 1/s; null where undecided, or where none is found"
+    )
+    least_damped: SwingRecord | None = Field(
+        description="the mode with the smallest damping ratio; null where undecided"
+    )
+    reason: str = Field(description="why it is undecided, or empty")
+
+    def verdict(self) -> str:
+        """The loop in a few words."""
+        if self.stable is not False:
+            return "the vehicles' loop is " + ("stable" if self.stable else f"undecided: {self.reason}")
+        mode = self.least_damped
+        who = "" if mode is None or mode.agent is None else f" (about {mode.agent})"
+        limit = "" if self.largest_gain is None else f": stable below a gain of {self.largest_gain:.3g} 1/s"
+        return f"the vehicles' loop is unstable{who}{limit}"
 
 
 class SpeedRecord(_Part):
@@ -199,7 +230,10 @@ class CheckRecord(_Part):
     """A check of a scenario."""
 
     scenario: str
-    ok: bool = Field(description="every numbered assumption holds: none fails, none is undecided")
+    ok: bool = Field(
+        description="every numbered assumption holds (none fails, none is undecided), and the vehicles' loop is not "
+        "unstable"
+    )
     region: RegionRecord
     assumptions: list[AssumptionRecord]
     relative_cohomology: CohomologyRecord
@@ -211,11 +245,12 @@ class CheckRecord(_Part):
         """The check in a few words: what holds, where, and what does not."""
         region = f"along the targets' path from {self.region.start:g} to {self.region.end:g} s"
         counts = [sum(a.verdict == kind for a in self.assumptions) for kind in ("holds", "fails", "undecided")]
+        loop = "; " + self.margins.bodies.verdict() if self.margins.bodies.stable is False else ""
         if counts[0] == len(self.assumptions):
-            return f"all {counts[0]} assumptions hold, the 7th {region}"
+            return f"all {counts[0]} assumptions hold, the 7th {region}{loop}"
         named = [
             f"{n} {word}"
             for n, word in zip(counts[1:], ("FAIL" if counts[1] > 1 else "FAILS", "undecided"), strict=True)
             if n
         ]
-        return f"{counts[0]} assumptions hold, {', '.join(named)}; the 7th is taken {region}"
+        return f"{counts[0]} assumptions hold, {', '.join(named)}; the 7th is taken {region}{loop}"

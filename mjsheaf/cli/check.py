@@ -8,7 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from mjsheaf.checking import CheckRecord, examine
-from mjsheaf.checking.record import SpeedRecord
+from mjsheaf.checking.record import BodyRecord, SpeedRecord
 from mjsheaf.control.rho import Rho, as_rho
 from mjsheaf.errors import InputError, MjsheafError
 from mjsheaf.scenario import load_scenario
@@ -19,7 +19,7 @@ _MARKS = {"holds": ("holds", "green"), "fails": ("FAILS", "bold red"), "undecide
 
 
 class AssumptionOpenError(MjsheafError):
-    """A numbered assumption of the paper fails, or is undecided."""
+    """A numbered assumption of the paper fails or is undecided, or the loop of the vehicles is unstable."""
 
     exit_code = 1
 
@@ -52,9 +52,11 @@ def check_command(
             print(plot)
     words = {"fails": "fails", "undecided": "is undecided"}
     open_ = [a for a in record.assumptions if a.verdict in words]
-    if open_:
-        told = "; ".join(f"assumption {a.number} {words[a.verdict]} ({a.name}): {a.witness}" for a in open_)
-        raise AssumptionOpenError(f"{source}: {told}")
+    told = [f"assumption {a.number} {words[a.verdict]} ({a.name}): {a.witness}" for a in open_]
+    if record.margins.bodies.stable is False:
+        told.append(record.margins.bodies.verdict())
+    if told:
+        raise AssumptionOpenError(f"{source}: {'; '.join(told)}")
 
 
 def _polynomial(text: str) -> Rho:
@@ -191,15 +193,12 @@ def _margins(record: CheckRecord) -> Table:
     slow, fast = _number(m.bodies.damping_slowest), _number(m.bodies.damping_fastest)
     rows.append(
         (
-            "damping on bodies",
+            "damping by inertia",
             f"{slow}, {fast}",
-            f"slowest and fastest mode, tau = {tau} s; compare measures lag and turning too",
+            f"slowest and fastest mode, tau = {tau} s, without attitude, lag and hold",
         )
     )
-    if m.bodies.spectral_radius is not None:
-        radius = m.bodies.spectral_radius
-        word = "stable" if radius < 1.0 else "marginal" if radius < 1.0 + 1e-9 else "UNSTABLE"
-        rows.append(("sampled bodies", f"{m.bodies.spectral_radius:.6g}", f"spectral radius: {word}"))
+    rows += _bodies(m.bodies)
     first = max(m.speed, key=lambda s: s.asked / (s.limit or 1e300))
     limit = "no limit" if first.limit is None else f"limit {first.limit:.4g} m/s"
     beyond = sum(s.limit is not None and s.asked > s.limit for s in m.speed)
@@ -208,6 +207,22 @@ def _margins(record: CheckRecord) -> Table:
     rows += [_speed_of_bodies(m.speed), *_speed_of_limits(m.speed)]
     rows.append(("steady lag", _number(m.lag[0].lag, "m"), f"largest, of {m.lag[0].agent}"))
     return _pairs("margins in practice", rows)
+
+
+def _bodies(bodies: BodyRecord) -> list[tuple[str, str, str]]:
+    """The loop of the vehicles."""
+    if bodies.stable is None or bodies.spectral_radius is None:
+        return [("loop on bodies", "undecided", bodies.reason)]
+    word = "stable" if bodies.stable else "UNSTABLE"
+    rows = [("loop on bodies", word, f"spectral radius {bodies.spectral_radius:.6g} over {bodies.period:g} s")]
+    rows.append(
+        ("largest gain on bodies", _number(bodies.largest_gain, "1/s"), "beyond it the vehicles swing up, or circle")
+    )
+    if bodies.least_damped is not None:
+        mode = bodies.least_damped
+        about = "" if mode.agent is None else f", about {mode.agent}"
+        rows.append(("least damped mode", f"{mode.damping:.3g}", f"damping ratio at {mode.frequency:.3g} rad/s{about}"))
+    return rows
 
 
 def _speed_of_bodies(speeds: list[SpeedRecord]) -> tuple[str, str, str]:

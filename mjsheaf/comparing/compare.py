@@ -10,6 +10,9 @@ import numpy as np
 
 from mjsheaf._version import __version__
 from mjsheaf.backends.system import System
+from mjsheaf.checking.bodies import body_loop, mean_medium
+from mjsheaf.checking.ending import Ending, ending_of, settling_time
+from mjsheaf.checking.spectrum import spectrum_of
 from mjsheaf.comparing import record as records
 from mjsheaf.comparing.budget import budget_of
 from mjsheaf.comparing.climbing import Run, climb
@@ -31,7 +34,6 @@ from mjsheaf.comparing.measures import (
     root_mean_square,
     saturation_shares,
     series_of,
-    settling_time,
 )
 from mjsheaf.comparing.ringing import Ringing, ringing_of
 from mjsheaf.comparing.velocity_limit import VelocityLimit, examine_limit
@@ -85,13 +87,15 @@ def compare(scenario: Scenario, progress: Progress | None = None) -> Comparison:
     ringing = ringing_of(system)
     if progress:
         progress("letting go", 1, 1)
+    loop = _loop(system, runs["ideal"])
     rungs = [_rung(rung, runs[rung.key], runs["ideal"], middle) for rung in ladder]
     parts = {
         "mjsheaf_version": __version__,
         "scenario": scenario.name,
         "seed": scenario.seed,
         "gain": system.gain,
-        "usable_gain": usable_gain(system, ringing),
+        "usable_gain": _least(usable_gain(system, ringing), loop.largest_gain if loop else None),
+        "loop": loop,
         "time_s": grid.period * grid.steps,
         "formation_size_m": _plain(formation_size(system)),
         "ladder": rungs,
@@ -113,6 +117,7 @@ def _rung(rung: Rung, run: Run, ideal: Run, middle: float) -> records.RungRecord
     start, team = run.system.grid.start, run.series[TEAM]
     telling = team.tracking_error if np.isnan(team.formation_error).all() else team.formation_error
     bodies = rung.setup.agents or rung.setup.targets
+    ending = _ending(run) if run.finished else None
     return records.RungRecord(
         key=rung.key,
         label=rung.label,
@@ -122,11 +127,29 @@ def _rung(rung: Rung, run: Run, ideal: Run, middle: float) -> records.RungRecord
         message=run.trajectory.message,
         timestep_s=run.system.bodies.timestep if bodies else None,
         errors=_errors(run, run.series),
-        settling_time_s=settling_time(run.trajectory.time, telling) if run.finished else None,
+        ending=ending,
+        settling_time_s=settling_time(run.trajectory.time, telling) if ending == "settled" else None,
         distance=_distance(distance_between(run.system, run.trajectory, ideal.trajectory, start)),
         distance_late=_distance(distance_between(run.system, run.trajectory, ideal.trajectory, middle)),
         saturation=_saturation(run),
     )
+
+
+def _ending(run: Run) -> Ending | None:
+    q_star = positions_at_q_star(run.system, run.trajectory.positions)
+    N = len(run.system.team.agents)
+    time, positions = run.trajectory.time, run.trajectory.positions[:, :N]
+    return ending_of(run.system, time, q_star[:, :N], positions, on_bodies=run.rung.setup.agents)
+
+
+def _loop(system: System, ideal: Run) -> records.LoopRecord | None:
+    """The loop of the scenario's bodies in the mean flow along the ideal run."""
+    if not ideal.finished:
+        return None
+    n_q = system.team.dirichlet.H.shape[0]
+    path = system.team.pack(positions_at_q_star(system, ideal.trajectory.positions))[:, :n_q]
+    found = body_loop(system, spectrum_of(system.team), mean_medium(system, ideal.trajectory.time, path))
+    return records.LoopRecord(stable=found.stable, largest_gain=found.largest_gain, reason=found.reason)
 
 
 def _errors_at_q_star(ideal: Run) -> dict[str, records.ScopeRecord]:
@@ -149,6 +172,10 @@ def _errors(run: Run, series_by_scope: dict[str, Series]) -> dict[str, records.S
             ),
         )
     return found
+
+
+def _least(*gains: float | None) -> float | None:
+    return min((gain for gain in gains if gain is not None), default=None)
 
 
 def _distance(found: Distance | None) -> records.DistanceRecord | None:

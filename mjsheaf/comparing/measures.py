@@ -1,4 +1,4 @@
-"""What is measured of a run: errors, distance to the ideal run, time to settle, saturation."""
+"""What is measured of a run: errors, distance to the ideal run, saturation."""
 
 from dataclasses import dataclass
 
@@ -14,8 +14,6 @@ Array = NDArray[np.float64]
 TRACKING, FORMATION, CENTERING = "tracking_error", "formation_error", "centering_error"
 TEAM = "team"
 """The scope of an error that is the whole team's; the other scopes are names of groups."""
-
-_BAND, _RESIDUE, _TREND = 1.25, 0.02, 2.0
 
 
 @dataclass(frozen=True)
@@ -89,32 +87,6 @@ def late(system: System, time: Array) -> NDArray[np.bool_]:
 def root_mean_square(values: Array, chosen: NDArray[np.bool_]) -> float:
     """RMS over the chosen samples; NaN where there are none, or the values have no meaning."""
     return float(np.sqrt((values[chosen] ** 2).mean())) if chosen.any() else float("nan")
-
-
-def settling_time(time: Array, error: Array) -> float | None:
-    """When a run has settled, s after its start.
-
-    Settled is the first sample from which on the error stays below 1.25 times the largest of the run's last half plus
-    2% of its largest of all: what is left of the transient is then small beside what remains, be that a constant, an
-    oscillation or noise.
-
-    Args:
-        time: shape (T,), s.
-        error: of the team, shape (T,), m.
-
-    Returns:
-        None where it never does: the RMS of the last quarter differs by more than a factor of 2, and by more than 2% of
-        the largest error, from that of the quarter before; the error is still falling, or grows.
-    """
-    if len(time) < 8 or not np.isfinite(error).all():
-        return None
-    half, quarter = len(error) // 2, len(error) // 4
-    largest = float(error.max())
-    before, last = (float(np.sqrt((x**2).mean())) for x in (error[half:-quarter], error[-quarter:]))
-    if max(before, last) > _TREND * min(before, last) and abs(last - before) > _RESIDUE * largest:
-        return None
-    outside = np.flatnonzero(error > _BAND * error[half:].max() + _RESIDUE * largest)
-    return float(time[int(outside[-1]) + 1 if outside.size else 0] - time[0])
 
 
 def distance_between(system: System, one: Trajectory, other: Trajectory, start: float) -> Distance | None:

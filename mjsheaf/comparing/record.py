@@ -55,10 +55,15 @@ class RungRecord(_Part):
     message: str
     timestep_s: float | None = Field(description="of the physics; null on ideal kinematics")
     errors: dict[str, ScopeRecord] = Field(description="by scope: 'team', then the groups by name")
+    ending: Literal["settled", "moving", "growing", "circling"] | None = Field(
+        None,
+        description="how it ends, by the team's tracking error: at a level; still changing; growing; or swinging by "
+        "itself without end; null where it blew up or has fewer than 8 samples",
+    )
     settling_time_s: float | None = Field(
         description="first time after the start from which the team's formation error (or that of tracking, in a "
         "team without formations) stays below 1.25 times the largest of the last half plus 2% of the largest of "
-        "all; null where it still falls or grows by a factor of 2 in the end"
+        "all; null where it is not level in the end, or the run has not settled"
     )
     distance: DistanceRecord | None = Field(description="from the ideal run, over all time")
     distance_late: DistanceRecord | None = Field(
@@ -184,6 +189,14 @@ class FastestRecord(_Part):
     speed_m_s: float
 
 
+class LoopRecord(_Part):
+    """The loop of the scenario's vehicles, for small motions, as `check` has it."""
+
+    stable: bool | None = Field(description="null where undecided")
+    largest_gain: float | None = Field(description="from which on it is unstable, 1/s")
+    reason: str = Field(description="why it is undecided, or empty")
+
+
 class CompareRecord(_Part):
     """Ideal kinematics against bodies."""
 
@@ -195,6 +208,7 @@ class CompareRecord(_Part):
     usable_gain: float | None = Field(
         description="k1 up to which neither hold nor bodies ring, 1/s, from the least damped mode; null: any will do"
     )
+    loop: LoopRecord | None = Field(None, description="null where the ideal run blew up")
     time_s: float = Field(description="length of the run")
     formation_size_m: float | None = Field(description="RMS over edges inside groups of the distance they ask for")
     ladder: list[RungRecord]

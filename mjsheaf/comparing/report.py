@@ -74,7 +74,7 @@ def _ladder(record: CompareRecord) -> Group:
         table.add_row(
             rung.label,
             *(_late_and_final(rung, name) for name in ("tracking_error", "formation_error")),
-            _number(rung.settling_time_s),
+            _number(rung.settling_time_s) if rung.ending in ("settled", None) else rung.ending,
             "" if ideal else _number(far.distance_m if far else None),
             "" if ideal else _number(near.distance_m if near else None),
             "" if ideal or near is None else f"{near.agent}, {near.time_s:.4g}",
@@ -86,7 +86,8 @@ def _ladder(record: CompareRecord) -> Group:
     finer = ", ".join(r.label for r in record.ladder if r.timestep_s not in (None, usual))
     telling = record.measure.removesuffix("_error")
     notes = [
-        f"settles: since when the team's {telling} error stays within a quarter above its largest of the last half",
+        f"settles: since when the team's {telling} error stays within a quarter above its largest of the last half;",
+        "moving: not yet; growing: it only gets worse; circling: the team swings by itself, without end",
         "limited: time share of agents' thrusters at a limit",
     ]
     notes += [f"with a tenth of the timestep, else it blows up: {finer}"] if finer else []

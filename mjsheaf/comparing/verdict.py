@@ -48,7 +48,8 @@ def verdict_of(record: CompareRecord) -> list[str]:
     """The sentences, the most telling first."""
     whole = _of_the_whole(record)
     return (
-        whole
+        _unsettled(record)
+        + whole
         + _groups(record)
         + _tracking(record)
         + _velocity_limit(record)
@@ -56,6 +57,23 @@ def verdict_of(record: CompareRecord) -> list[str]:
         + _saturation(record)
         + _ringing(record.ringing)
     )
+
+
+def _unsettled(record: CompareRecord) -> list[str]:
+    """That the team as it stands does not settle, or its loop is unstable."""
+    ending, loop = record.rung("all").ending, record.loop
+    own = ending in ("growing", "circling")
+    if not own and (loop is None or loop.stable is not False):
+        return []
+    what = {"growing": "its error GROWS to the end", "circling": "it swings by itself without end"}.get(
+        ending or "", "its vehicles' loop is unstable"
+    )
+    if loop is None or loop.stable is not False:
+        return [f"the team never settles: {what}"]
+    limit = (
+        "" if loop.largest_gain is None else f" from a gain of {loop.largest_gain:.3g} 1/s on: lower controller.gain"
+    )
+    return [f"the team never settles: {what}; the loop of its vehicles is unstable{limit}"]
 
 
 def _of_the_whole(record: CompareRecord) -> list[str]:

@@ -51,6 +51,9 @@ def _spectrum(axis: Any, system: System, record: CheckRecord) -> None:
     if record.margins.hold is not None:
         limit = 2.0 / (t.gain * record.margins.hold.period)
         axis.axhline(limit, color=_GAP, linestyle="--", label=f"2 / (k1 h) = {limit:.3g}: the held law diverges above")
+    if record.margins.bodies.largest_gain is not None:
+        limit = t.lambda_max * record.margins.bodies.largest_gain / t.gain
+        axis.axhline(limit, color=_FREE, linestyle=":", label=f"{limit:.3g}: vehicles swing up above")
     axis.set_title(f"spectrum of H: {t.lambda_min:.3g} to {t.lambda_max:.3g}", fontsize=11)
     axis.set_xlabel("number of the eigenvalue")
     axis.set_ylabel("eigenvalue")

@@ -40,6 +40,21 @@ def summarize(team: Team, dataset: xr.Dataset) -> dict[str, Any]:
     return {"time": float(dataset["time"][-1]), **everyone, "groups": groups}
 
 
+def late_errors(team: Team, dataset: xr.Dataset) -> dict[str, float | None]:
+    """RMS of the team's errors over the last half of a run, in m; None where a measure has no meaning."""
+    time = dataset["time"].values
+    late = dataset.isel(time=slice(int(np.searchsorted(time, 0.5 * (time[0] + time[-1]) - 1e-9)), None))
+    positions = np.concatenate([np.nan_to_num(late[n].values) for n in ("agent_position", "target_position")], axis=1)
+    errors = evaluate_errors(team, positions)
+    values = (
+        np.linalg.norm(np.nan_to_num(errors.disagreement), axis=2).mean(axis=1),
+        np.sqrt((errors.tracking**2).mean(axis=1)),
+        errors.formation_rms(),
+        errors.largest_centering(),
+    )
+    return {name: _plain(np.sqrt((x**2).mean())) for name, x in zip(MEASURES, values, strict=True)}
+
+
 def check_expectation(expect: "Expect", backend: str, status: str, final: dict[str, Any]) -> dict[str, Any]:
     """Compare final errors with the scenario's `expect:` block for a backend.
 

@@ -10,7 +10,6 @@ from textwrap import shorten
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mjsheaf._version import __version__
 from mjsheaf.errors import InputError, NotUniqueError
@@ -21,20 +20,12 @@ if TYPE_CHECKING:
 
     from mjsheaf.scenario import Scenario
 
-Array = NDArray[np.float64]
-
 STATUSES = ("finished", "unstable", "refused", "invalid", "failed", "lost")
 """How a run may end: well; blown up; with a team that is free to drift; before it began, its point being no legal
 scenario; with an error that mjsheaf did not expect; with its worker, which died of it."""
 
-SETTLED = (
-    "A run has settled if the mean of its RMS tracking error over the last quarter differs from that over the quarter "
-    "before by at most 1 % of the range that the error went through, or by at most 5 % of both that range and the mean."
-)
 _LONGEST_MESSAGE = 600
 _MOST_WRITES = 5
-
-_OF_RANGE, _OF_BOTH = 0.01, 0.05
 
 
 @cache
@@ -88,7 +79,11 @@ class Done:
 
 
 def new_record(point: Point, seed: int | None, status: str, message: str = "", **found: Any) -> dict[str, Any]:
-    """A run's record: run, parameters, seed, status, message, final (as summary.json), settled and bound_ratio."""
+    """A run's record.
+
+    Its run, parameters, seed, status, message; final (as summary.json), late (the same measures, RMS over the last
+    half), ending, settled (whether that is it), and bound_ratio.
+    """
     record = {
         "run": point.number,
         "parameters": point.parameters,
@@ -96,7 +91,7 @@ def new_record(point: Point, seed: int | None, status: str, message: str = "", *
         "status": status,
         "message": shorten(message, _LONGEST_MESSAGE, placeholder=" ..."),
     }
-    return {**record, "final": None, "settled": None, "bound_ratio": None, **found}
+    return {**record, "final": None, "late": None, "settled": None, "ending": None, "bound_ratio": None, **found}
 
 
 def run_job(job: Job) -> Done:
@@ -125,20 +120,25 @@ def run_job(job: Job) -> Done:
 
 def _run(job: Job) -> tuple[dict[str, Any], bytes | None]:
     from mjsheaf.checking.bound import bound_of_run
+    from mjsheaf.checking.ending import ending_of_run
     from mjsheaf.results import summarize
+    from mjsheaf.results.summary import late_errors
     from mjsheaf.simulation import simulate
 
     scenario = scenario_of(job)
     dataset = simulate(scenario, job.backend)
     system = scenario.system()
     finished = dataset.attrs["status"] == "finished"
+    ending = ending_of_run(system, dataset) if finished else None
     record = new_record(
         job.point,
         scenario.seed,
         dataset.attrs["status"],
         dataset.attrs["message"],
         final=summarize(system.team, dataset),
-        settled=settled(dataset["tracking_error"].values) if finished else False,
+        late=late_errors(system.team, dataset) if finished else None,
+        settled=None if finished and ending is None else ending == "settled",
+        ending=ending,
         bound_ratio=_finite(bound_of_run(system, dataset).ratio) if finished else None,
     )
     return record, _bytes_of(dataset) if job.trajectories else None
@@ -164,28 +164,6 @@ def overrides_of(job: Job) -> dict[str, Any]:
         path: map_vehicles(value, lambda name: str(directory / name), tuple(path.split(".")))
         for path, value in (job.overrides | job.point.overrides).items()
     }
-
-
-def settled(tracking: Array) -> bool | None:
-    """Whether the final error of a run is a lasting one and not a moment of a transient.
-
-    E(t) is the RMS over agents of |q*_i - q_i|. See SETTLED: an error that decays as exp(-r t) to nothing has settled
-    where r T is above 7.3; one that decays to a level once it hardly changes beside that; one that swings about a level
-    where a quarter holds some of its periods; one that grows, or has hardly moved yet, has not.
-
-    Args:
-        tracking: |q*_i - q_i|, shape (T, N), m.
-
-    Returns:
-        None where a run of fewer than 8 samples leaves it open.
-    """
-    if len(tracking) < 8:
-        return None
-    error = np.sqrt((tracking**2).mean(axis=1))
-    quarter = len(error) // 4
-    last, before = error[-quarter:].mean(), error[-2 * quarter : -quarter].mean()
-    through = error.max() - error.min()
-    return bool(abs(last - before) <= max(_OF_RANGE * through, _OF_BOTH * min(through, last)))
 
 
 def seed_of(job: Job) -> int | None:

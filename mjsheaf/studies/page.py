@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from mjsheaf._version import __version__
 from mjsheaf.reading import parse_yaml
 from mjsheaf.results.summary import MEASURES
-from mjsheaf.studies.job import SETTLED, STATUSES, overrides_of
+from mjsheaf.studies.job import STATUSES, overrides_of
 from mjsheaf.studies.plan import Plan
 from mjsheaf.studies.points import Point
 
@@ -99,12 +99,15 @@ def _asked(plan: Plan) -> str:
 
 
 def _note(plan: Plan, table: "pa.Table") -> str:
+    from mjsheaf.checking.ending import LEVEL
+
     rows = table.num_rows
     shown = f" The first {_MOST_ROWS} of {rows} are shown." if rows > _MOST_ROWS else ""
     statuses = table.column("status").to_pylist()
     example = statuses.index("finished") if "finished" in statuses else 0
     return (
-        f'<p class="note">Errors are the team\'s at the last sample, in m. {SETTLED} bound_ratio is the largest '
+        '<p class="note">Errors are the team\'s at the last sample, in m; those called late_ are the RMS over the last '
+        f"half. {LEVEL} bound_ratio is the largest "
         f"measured |e| over the bound of Theorem 1, where that applies.{shown} "
         'All are in <a href="table.csv">table.csv</a> and <a href="table.parquet">table.parquet</a>, and with the '
         f"errors of each group in <code>runs/</code>. Look at one, here run {example}, with "

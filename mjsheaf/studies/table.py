@@ -12,7 +12,8 @@ import pyarrow.parquet as pq
 from mjsheaf.results.summary import MEASURES
 from mjsheaf.studies.plan import Plan
 
-RESULT_COLUMNS = ("seed", "status", *MEASURES, "settled", "bound_ratio", "message")
+LATE_COLUMNS = tuple(f"late_{measure}" for measure in MEASURES)
+RESULT_COLUMNS = ("seed", "status", *MEASURES, *LATE_COLUMNS, "ending", "settled", "bound_ratio", "message")
 """After `run` and the parameters."""
 
 _TYPES = {
@@ -23,15 +24,17 @@ _TYPES = {
     "settled": pa.bool_(),
     "bound_ratio": pa.float64(),
     "message": pa.string(),
+    "ending": pa.string(),
+    **{column: pa.float64() for column in LATE_COLUMNS},
 }
 
 
 def make_table(plan: Plan, records: Iterable[dict[str, Any]]) -> pa.Table:
     """The table: run, a column for each swept field named by its path, then RESULT_COLUMNS.
 
-    Errors are the team's at the last sample, m; nothing stands where a measure has no meaning or a run did not get that
-    far, and for a parameter that a listed point leaves as it is. A parameter's column is of numbers where all its
-    values are, of text where all are text, else of JSON.
+    Errors are the team's at the last sample and, under `late_`, their RMS over the last half, m; nothing stands where a
+    measure has no meaning or a run did not get that far, and for a parameter that a listed point leaves as it is. A
+    parameter's column is of numbers where all its values are, of text where all are text, else of JSON.
 
     Args:
         plan: the study.
@@ -43,9 +46,16 @@ def make_table(plan: Plan, records: Iterable[dict[str, Any]]) -> pa.Table:
         if path != "seed":
             columns[path] = _parameter([row["parameters"].get(path) for row in rows])
     for name in RESULT_COLUMNS:
-        values = [(row["final"] or {}).get(name) if name in MEASURES else row[name] for row in rows]
-        columns[name] = _typed(name, values)
+        columns[name] = _typed(name, [_result(row, name) for row in rows])
     return pa.table(columns)
+
+
+def _result(row: dict[str, Any], name: str) -> Any:
+    if name in MEASURES:
+        return (row["final"] or {}).get(name)
+    if name in LATE_COLUMNS:
+        return (row["late"] or {}).get(name.removeprefix("late_"))
+    return row[name]
 
 
 def csv_of(table: pa.Table) -> bytes:

@@ -1,4 +1,4 @@
-"""Settling, distances, budgets: on curves whose answer is known.
+"""Spans and budgets: on curves whose answer is known.
 
 Oracle: closed forms, and the identity that a budget must satisfy.
 """
@@ -10,35 +10,8 @@ from hypothesis import strategies as st
 
 from mjsheaf.comparing.budget import budget_of
 from mjsheaf.comparing.ladder import ladder_of
-from mjsheaf.comparing.measures import late, root_mean_square, settling_time
+from mjsheaf.comparing.measures import late, root_mean_square
 from tests.comparing.small import pair
-
-TIME = np.linspace(0.0, 20.0, 2001)
-
-
-def test_an_exponential_settles_when_two_percent_are_left() -> None:
-    found = settling_time(TIME, 5.0 * np.exp(-TIME))
-    assert found == pytest.approx(np.log(50.0), abs=0.02)
-
-
-def test_an_oscillation_that_never_was_worse_has_settled_at_once() -> None:
-    assert settling_time(TIME, 1.0 + 0.3 * np.sin(3.0 * TIME)) == 0.0
-
-
-def test_a_transient_over_an_oscillation() -> None:
-    steady = 0.2 + 0.1 * np.sin(3.0 * TIME)
-    found = settling_time(TIME, steady + 10.0 * np.exp(-TIME))
-    assert found is not None
-    assert 2.0 < found < 5.0
-
-
-@pytest.mark.parametrize("curve", [np.exp(0.2 * TIME), np.exp(-0.2 * TIME), TIME**3])
-def test_what_grows_or_still_falls_never_settles(curve: np.ndarray) -> None:
-    assert settling_time(TIME, curve) is None
-
-
-def test_what_is_not_finite_never_settles() -> None:
-    assert settling_time(TIME, np.where(TIME > 10.0, np.nan, 1.0)) is None
 
 
 def test_late_is_the_last_half_of_the_run_that_was_asked_for() -> None:

@@ -21,7 +21,7 @@ from mjsheaf.plots.study import plot_study
 from mjsheaf.plots.study_axis import swept_axes
 from mjsheaf.results.summary import MEASURES
 from mjsheaf.studies import load_plan, run_study
-from mjsheaf.studies.job import new_record, run_job, settled
+from mjsheaf.studies.job import new_record, run_job
 from mjsheaf.studies.points import points_of
 from mjsheaf.studies.schema import StudyFile
 from mjsheaf.studies.table import csv_of, make_table, parquet_of
@@ -51,7 +51,8 @@ def rows(directory: Path) -> list[dict[str, str]]:
 def test_the_table_has_a_row_a_run_in_order(mixed: Path) -> None:
     found = rows(mixed)
     columns = ["run", "controller.gain", "spread.position", "seed", "status", *MEASURES]
-    assert list(found[0]) == [*columns, "settled", "bound_ratio", "message"]
+    late = [f"late_{measure}" for measure in MEASURES]
+    assert list(found[0]) == [*columns, *late, "ending", "settled", "bound_ratio", "message"]
     assert [row["run"] for row in found] == [str(k) for k in range(12)]
     assert [row["seed"] for row in found] == 6 * ["0", "1"]
     assert [row["status"] for row in found] == 4 * ["finished"] + 4 * ["invalid"] + 4 * ["unstable"]
@@ -61,11 +62,14 @@ def test_the_table_has_a_row_a_run_in_order(mixed: Path) -> None:
         assert row["message"] == record["message"]
         if row["status"] == "finished":
             assert float(row["tracking_error"]) == record["final"]["tracking_error"]
-            assert row["settled"] in ("true", "false")
+            assert row["settled"] == str(row["ending"] == "settled").lower()
+            assert row["ending"] in ("settled", "moving", "growing", "circling")
+            assert float(row["late_tracking_error"]) == record["late"]["tracking_error"]
             assert row["formation_error"] == ""  # one boat has no formation
     assert "greater than 0" in found[4]["message"]
     assert found[8]["message"]
     assert found[8]["settled"] == "false"
+    assert found[8]["ending"] == found[8]["late_tracking_error"] == ""
 
 
 def test_parquet_and_csv_are_one_table(mixed: Path) -> None:
@@ -123,20 +127,6 @@ def test_bytes_that_differ_by_accident_are_written_again(monkeypatch: pytest.Mon
     plan = small_plan(gains=(1.0,), seeds=None, trajectories=True)
     assert run_job(plan.job(plan.points[0])).dataset == b"usual"
     assert next(layouts) == "never"
-
-
-def test_settled() -> None:
-    t = np.linspace(0, 1, 1001)[:, None]
-    yes: list[Callable[[Any], Any]] = [
-        lambda t: np.exp(-9 * t),
-        lambda t: 3 + np.exp(-6 * t),
-        lambda t: 3 + np.exp(-20 * t) + 0.1 * np.sin(60 * t),
-        lambda t: 2 + 0 * t,
-    ]
-    no: list[Callable[[Any], Any]] = [lambda t: np.exp(-3 * t), lambda t: 1 + t, lambda t: 100 - 0.01 * t, np.sqrt]
-    assert [settled(f(t)) for f in yes] == 4 * [True]
-    assert [settled(f(t)) for f in no] == 4 * [False]
-    assert settled(t[:7]) is None
 
 
 # -- plots and page --------------------------------------------------------------------------------------------------

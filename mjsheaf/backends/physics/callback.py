@@ -14,7 +14,7 @@ from mjsheaf.backends.physics.autopilot import drive
 from mjsheaf.backends.physics.bodies import pack_fleet
 from mjsheaf.backends.physics.forces import measure, push
 from mjsheaf.backends.physics.vectors import rotation, to_world, triple
-from mjsheaf.backends.system import System, velocity_commands
+from mjsheaf.backends.system import ControlArrays, MediumArrays, velocity_commands
 from mjsheaf.compiled import kernel
 from mjsheaf.dynamics.disturbance import evaluate_sines
 from mjsheaf.engine import mujoco
@@ -87,12 +87,27 @@ class BeforeStep:
             `state.residual` the disagreements (V, 3) in m of the last evaluation of the law.
     """
 
-    def __init__(self, system: System, arena: Arena, data: mujoco.MjData) -> None:
-        """Pack the system for the vehicles of an arena, and take views of the arrays that are read and written."""
+    def __init__(
+        self,
+        control: ControlArrays,
+        medium: MediumArrays,
+        arena: Arena,
+        data: mujoco.MjData,
+        heading: Array,
+        level: float,
+    ) -> None:
+        """Pack the vehicles of an arena, and take views of the arrays that are read and written.
+
+        Args:
+            control, medium: the same as the attributes.
+            arena, data: the vehicles and their state.
+            heading: that each vehicle holds, shape (V,), rad.
+            level: height of the water, m.
+        """
         V = len(arena.vehicles)
-        self.control = system.control
-        self.medium = system.medium
-        self.fleet = pack_fleet(arena, system.bodies.heading, system.bodies.surface_height)
+        self.control = control
+        self.medium = medium
+        self.fleet = pack_fleet(arena, heading, level)
         self.state = LoopState(
             qpos=data.qpos,
             qvel=data.qvel,
@@ -103,7 +118,7 @@ class BeforeStep:
             x=np.zeros((V, 3)),
             residual=np.zeros((V, 3)),
             command=np.zeros((V, 3)),
-            sines=np.zeros(len(system.medium.harmonics.rate)),
+            sines=np.zeros(len(medium.harmonics.rate)),
         )
 
     def __call__(self, time: float, sample: bool) -> None:

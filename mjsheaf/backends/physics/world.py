@@ -133,12 +133,14 @@ class World:
         self.model: mujoco.MjModel = self.arena.model
         self.data: mujoco.MjData = mujoco.MjData(self.model)
         plan, grid = self.system.bodies, self.system.grid
-        self._steps_per_sample = _whole_ratio(grid.period, plan.timestep)
+        self._steps_per_sample = whole_ratio(grid.period, plan.timestep)
         self._steps_per_law = 1 if grid.continuous else self._steps_per_sample
         # The timestep that divides a period exactly: sample times then agree with the ideal backend's.
         self._timestep = grid.period / self._steps_per_sample
         self.model.opt.timestep = self._timestep
-        self._before_step = BeforeStep(self.system, self.arena, self.data)
+        self._before_step = BeforeStep(
+            self.system.control, self.system.medium, self.arena, self.data, plan.heading, plan.surface_height
+        )
         self._chunk = max(1, min(4000, _CHUNK // len(self.arena.vehicles)))
         self._no_log = new_log(0, len(self.arena.vehicles), self.model.nu)
         self.reset()
@@ -310,7 +312,7 @@ class World:
         return np.add.reduceat(at_limit.astype(float), first[:-1]) / np.diff(first)
 
 
-def _whole_ratio(period: float, timestep: float) -> int:
+def whole_ratio(period: float, timestep: float) -> int:
     """How many physics steps make a period.
 
     Raises:

@@ -1,0 +1,158 @@
+"""How a run ends: settled, still moving, growing, or circling. `compare`, `sweep` and `run` all judge by this.
+
+It is judged by the team's tracking error E(t), the RMS over agents of |q*_i - q_i|, over the last quarters of a run.
+
+    settled    E keeps its level; what may still swing is driven: by targets that move, or by disturbances
+    growing    E, or the swing of a team that nothing drives, grows, and does not grow more slowly
+    circling   E keeps its level, but the team drives itself: nothing else moves, and the errors swing on undecayed; or
+               the loop of its vehicles is unstable (see `bodies`), and only their limits keep it where it is
+    moving     anything else: E still changes
+
+Whether an oscillation is the team's own cannot be seen where targets move. There the loop of the vehicles decides.
+"""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjsheaf.backends.system import System
+from mjsheaf.checking.bodies import body_loop, mean_medium
+from mjsheaf.checking.spectrum import spectrum_of
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Array = NDArray[np.float64]
+Ending = Literal["settled", "moving", "growing", "circling"]
+
+LEVEL = (
+    "A run has settled if the mean of its RMS tracking error over the last quarter differs from that over the quarter "
+    "before by at most 1 % of the range that the error went through, or by at most 5 % of both that range and the "
+    "mean, or by what the unfinished periods of an oscillation make, and if the team does not swing by itself."
+)
+
+_FEWEST_SAMPLES = 8
+_LEVEL_OF_RANGE, _LEVEL_OF_BOTH = 0.01, 0.05  # by which the mean error of two quarters may differ
+_STEADY_SWING = 0.05  # by which the swing of two quarters may differ, relative, and be neither growth nor decay
+_FAINT_SWING = 1e-4  # of the range of the error: a swing below it is over
+_ROUNDING = 1e-9  # m: a swing below it is rounding
+_FEWEST_REVERSALS = 3  # sign changes in a quarter that make a swing of a drift
+_STILL_SHARE = 0.01  # of the swing of the errors, by which q* may swing and count as at rest
+_SLOWING = 0.9  # of the growth of one quarter over the last: a rise that slows down by more is a transient
+_SETTLED_BAND, _SETTLED_RESIDUE = 1.25, 0.02  # of the late largest error, and of the largest of all: see settling_time
+
+
+def ending_of_run(system: System, dataset: "xr.Dataset") -> Ending | None:
+    """How a finished run ended; None for fewer than 8 samples.
+
+    Args:
+        system: the system that ran.
+        dataset: its result, as `simulate` gives it.
+    """
+    q_star, positions = (np.nan_to_num(dataset[name].values) for name in ("harmonic_extension", "agent_position"))
+    return ending_of(system, dataset["time"].values, q_star, positions, on_bodies=dataset.attrs["backend"] == "physics")
+
+
+def ending_of(system: System, time: Array, q_star: Array, positions: Array, *, on_bodies: bool) -> Ending | None:
+    """How a run ended, from the agents' positions and harmonic extension, padded with 0, shape (T, N, 3), m."""
+    offsets = q_star - positions
+    error = np.sqrt((offsets**2).sum(axis=2).mean(axis=1))
+
+    def unstable() -> bool:
+        team = system.team
+        padded = np.zeros((len(time), len(team.members), 3))
+        padded[:, : q_star.shape[1]] = q_star
+        path = team.pack(padded)[:, : team.dirichlet.H.shape[0]]
+        return body_loop(system, spectrum_of(team), mean_medium(system, time, path)).stable is False
+
+    still = _swing(_quarters(q_star)[-1]) <= _STILL_SHARE * _swing(_quarters(offsets)[-1])
+    alone = still and not system.harmonics[..., :3].any()
+    return judge(error, offsets if alone else None, unstable if on_bodies else None)
+
+
+def judge(error: Array, offsets: Array | None = None, unstable: Callable[[], bool] | None = None) -> Ending | None:
+    """How a run ended.
+
+    Args:
+        error: of the team, shape (T,), m.
+        offsets: of every agent from where it should be, shape (T, N, 3), m, where nothing drives the team; else None.
+        unstable: whether the loop of its vehicles is unstable; asked only where that decides.
+
+    Returns:
+        None for fewer than 8 samples, or where the error is not finite.
+    """
+    if len(error) < _FEWEST_SAMPLES or not np.isfinite(error).all():
+        return None
+    if offsets is not None and (own := _own_swing(error, offsets)) is not None:
+        return own
+    if is_level(error):
+        return "circling" if unstable is not None and unstable() else "settled"
+    first, before, last = (float(q.mean()) for q in _quarters(error))
+    return "growing" if before > first and last - before > _SLOWING * (before - first) else "moving"
+
+
+def _own_swing(error: Array, offsets: Array) -> Ending | None:
+    """The ending of a team that nothing drives, where it swings without decaying; None where it does not."""
+    before, last = _quarters(offsets)[-2:]
+    size = _swing(last)
+    if size <= max(_FAINT_SWING * float(np.ptp(error)), _ROUNDING) or _reversals(last) < _FEWEST_REVERSALS:
+        return None
+    ratio = size / max(_swing(before), 1e-300)
+    if ratio < 1.0 - _STEADY_SWING:
+        return None
+    return "circling" if ratio <= 1.0 + _STEADY_SWING else "growing"
+
+
+def is_level(error: Array) -> bool:
+    """Whether the mean error of the last quarter is that of the quarter before: see LEVEL. Shape (T,), m.
+
+    An error that decays as exp(-r t) to nothing is level where r T is above 7.3; one that decays to a level once it
+    hardly changes beside that; one that swings about a level where a quarter holds a period of it or more.
+    """
+    before, last = _quarters(error)[-2:]
+    through, level = float(np.ptp(error)), float(last.mean())
+    reversals = _reversals(last)
+    # a sine of n half periods and a part of one has a mean of at most its swing over n pi
+    unfinished = float(np.ptp(last)) / reversals / np.pi * 2.0 if reversals >= 2 else 0.0
+    allowed = max(_LEVEL_OF_RANGE * through, _LEVEL_OF_BOTH * min(through, level), unfinished)
+    return abs(level - float(before.mean())) <= allowed
+
+
+def settling_time(time: Array, error: Array) -> float | None:
+    """When an error has become level, s after its start; None where it never does.
+
+    It is the first sample from which on the error stays below 1.25 times the largest of the run's last half plus 2 % of
+    its largest of all: what is left of the transient is then small beside what remains, be that a constant, an
+    oscillation or noise.
+
+    Args:
+        time: shape (T,), s.
+        error: of the team, shape (T,), m.
+    """
+    if len(time) < _FEWEST_SAMPLES or not np.isfinite(error).all() or not is_level(error):
+        return None
+    limit = _SETTLED_BAND * error[len(error) // 2 :].max() + _SETTLED_RESIDUE * float(error.max())
+    outside = np.flatnonzero(error > limit)
+    return float(time[int(outside[-1]) + 1 if outside.size else 0] - time[0])
+
+
+def _quarters(values: Array) -> list[Array]:
+    """The last three quarters of a series, of equal length."""
+    n = len(values) // 4
+    return [values[len(values) - k * n : len(values) - (k - 1) * n] for k in (3, 2, 1)]
+
+
+def _swing(offsets: Array) -> float:
+    """RMS over time and agents of the distance from the mean, (T, N, 3), m."""
+    return float(np.sqrt(offsets.var(axis=0).sum(axis=-1).mean())) if len(offsets) else 0.0
+
+
+def _reversals(values: Array) -> int:
+    """How often the component that varies most crosses its mean, (T, ...)."""
+    flat = values.reshape(len(values), -1)
+    own = flat[:, int(flat.var(axis=0).argmax())]
+    sign = np.sign(own - own.mean())
+    sign = sign[sign != 0.0]
+    return int((sign[1:] != sign[:-1]).sum())

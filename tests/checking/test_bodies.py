@@ -1,0 +1,250 @@
+"""The loop of the vehicles against simulation.
+
+Oracle: the gain at which a disturbance of a simulated team begins to grow (see `growth`), which knows nothing of the
+linearisation; and the two ways of closing the loop against each other.
+"""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mjsheaf
+from mjsheaf.backends.system import System
+from mjsheaf.checking import bodies
+from mjsheaf.checking.bodies import BodyLoop, body_loop
+from mjsheaf.checking.spectrum import spectrum_of
+from mjsheaf.cli.main import main
+from mjsheaf.scenario import scenario_from_mapping
+from tests.checking.growth import growth_rate
+
+RAFT = str(Path(__file__).resolve().parent.parent / "data" / "raft.yaml")
+PLANAR = {"wamv", "otter", "hull", RAFT}
+WITHIN = 0.03  # of the largest gain: where a simulation must have begun to grow; 5 % is what is promised
+RING = {
+    "name": "ring",
+    "time": {"end": 60},
+    "controller": {"gain": 4.0},
+    "agents": [
+        {"id": "Q1", "position": [0, 0, 10], "vehicle": "quadrotor"},
+        {"id": "Q2", "position": [0, 5, 10], "vehicle": "quadrotor"},
+    ],
+    "targets": [{"id": "T", "position": [3, 0, 12], "motion": {"kind": "static"}}],
+    "communication": [["Q1", "Q2"]],
+    "sensing": [["Q1", "T"], ["Q2", "T"]],
+}
+
+
+def chain(
+    vehicles: list[str], drift: list[float] | None = None, period: float = 0.02, **changes: Any
+) -> dict[str, Any]:
+    """A chain of vehicles, both ends of which see a static target, in a uniform flow."""
+    ideal = bool({"hull", "aerial", "submersible"} & set(vehicles))
+    found: dict[str, Any] = {
+        "name": "chain",
+        "time": {"end": 60},
+        "controller": {"gain": 0.2, "control_period": period},
+        "agents": [
+            {"id": f"A{i}", "position": [12.0 * i, 3.0 * (i % 2)] + [10.0] * (name not in PLANAR), "vehicle": name}
+            for i, name in enumerate(vehicles)
+        ],
+        "targets": [{"id": "T", "position": [3.0, 1.0, 12.0], "motion": {"kind": "static"}}],
+        "communication": [[f"A{i}", f"A{i + 1}"] for i in range(len(vehicles) - 1)],
+        "sensing": [["A0", "T"], [f"A{len(vehicles) - 1}", "T"]],
+        "physics": {"timestep": 0.002 if ideal else 0.005},
+    }
+    if set(vehicles) <= PLANAR:
+        found["targets"][0]["position"] = [3.0, 1.0]
+    for agent, heading in zip(found["agents"], changes.pop("headings", []), strict=False):
+        agent["heading"] = heading
+    if drift is not None:
+        found["flow"] = {"agents": {"dimension": len(drift), "drift": drift}, "targets": {"dimension": len(drift)}}
+    if period == 0.0:
+        found["controller"]["record_period"] = found["physics"]["timestep"]
+    return found
+
+
+def loop_of(scenario: dict[str, Any], gain: float | None = None, drift: list[float] | None = None) -> BodyLoop:
+    system = system_of(scenario, gain)
+    medium = np.zeros((len(system.team.agents), 3))
+    medium[:, : len(drift or [])] = drift or []
+    return body_loop(system, spectrum_of(system.team), medium)
+
+
+def system_of(scenario: dict[str, Any], gain: float | None = None) -> System:
+    controller = {**scenario["controller"], **({} if gain is None else {"gain": gain})}
+    return scenario_from_mapping({**scenario, "controller": controller}).system()
+
+
+def hold_against_simulation(scenario: dict[str, Any], drift: list[float] | None = None) -> None:
+    """The largest gain is where a simulated disturbance ceases to decay, and the loop there is marginal."""
+    loop = loop_of(scenario, drift=drift)
+    assert loop.stable is True
+    largest = loop.largest_gain
+    assert largest is not None
+    marginal = loop_of(scenario, largest, drift).least_damped
+    assert marginal is not None
+    assert abs(marginal.damping) < 0.01
+    settling = {**scenario, "controller": {**scenario["controller"], "gain": 0.3 * largest}}
+    span = max(60 * 2 * np.pi / marginal.frequency, 10.0)
+    assert growth_rate(settling, (1.0 - WITHIN) * largest, settle=150.0, span=span) < 0.0
+    assert growth_rate(settling, (1.0 + WITHIN) * largest, settle=150.0, span=span) > 0.0
+
+
+def call(arguments: list[str]) -> int:
+    with pytest.raises(SystemExit) as stopped:
+        main(arguments)
+    return int(stopped.value.code or 0)
+
+
+def test_two_quadrotors_swing_up_where_check_says() -> None:
+    coarse = {"controller": {"gain": 1.0, "control_period": 0.01}, "physics": {"timestep": 0.005}}
+    hold_against_simulation({**RING, **coarse})
+
+
+def test_check_refuses_the_ring(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "ring.yaml"
+    path.write_text(json.dumps(RING))
+    assert call(["check", str(path), "--json"]) == 1
+    captured = capsys.readouterr()
+    record = json.loads(captured.out)
+    found = record["margins"]["bodies"]
+    assert record["ok"] is False
+    assert all(a["verdict"] == "holds" for a in record["assumptions"])
+    assert found["stable"] is False
+    assert found["spectral_radius"] > 1.0
+    assert 1.5 < found["largest_gain"] < 2.0
+    assert found["least_damped"]["damping"] < 0.0
+    assert found["least_damped"]["agent"] in ("Q1", "Q2")
+    assert "unstable" in captured.err
+    assert call(["check", str(path), "--set", "controller.gain=1.5"]) == 0
+    assert "stable" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("vehicles", "drift", "headings"),
+    [
+        (["otter", "wamv", "quadrotor"], [0.5, 0.3, 0.0], [120, 60, 0]),
+        (["otter", "x500", "otter"], None, [0, 0, 90]),
+    ],
+)
+def test_mixed_teams_swing_up_where_check_says(
+    vehicles: list[str], drift: list[float] | None, headings: list[float]
+) -> None:
+    hold_against_simulation(chain(vehicles, drift, headings=headings), drift)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("period", [0.02, 0.1, 0.0])
+@pytest.mark.parametrize(
+    "vehicle", ["hexarotor", "quadrotor", "x500", "wamv", "otter", "hull", "aerial", "submersible", RAFT]
+)
+def test_every_vehicle_swings_up_where_check_says(vehicle: str, period: float) -> None:
+    hold_against_simulation(chain([vehicle] * 2, period=period))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("vehicles", "drift", "headings"),
+    [
+        (["quadrotor"] * 2, [4.0, 2.0, 0.5], []),
+        (["hexarotor", "x500", "hexarotor"], [2.0, -1.0, 0.0], [0, 50, -70]),
+        (["otter"] * 3, [0.5, 0.3], [0, 0, 120]),
+        (["wamv"] * 2, [0.8, 0.5], [0, 60]),
+        (["wamv", RAFT, "otter"], [0.3, 0.0], [10, 20, 30]),
+        (["otter", "wamv", "quadrotor", "hull"], None, [30, -40, 0, 90]),
+        (["quadrotor", "hexarotor", "wamv"], None, []),
+    ],
+)
+def test_teams_in_a_flow_swing_up_where_check_says(
+    vehicles: list[str], drift: list[float] | None, headings: list[float]
+) -> None:
+    hold_against_simulation(chain(vehicles, drift, headings=headings), drift)
+
+
+@pytest.mark.parametrize("vehicle", ["quadrotor", "wamv"])
+def test_apart_by_modes_or_whole_is_the_same(vehicle: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    scenario = chain([vehicle] * 4, headings=[0, 0, 0, 0])
+    apart = [loop_of(scenario, gain) for gain in (0.2, 5.0)]
+    monkeypatch.setattr(bodies, "_parts", lambda *_: [])
+    whole = [loop_of(scenario, gain) for gain in (0.2, 5.0)]
+    assert [x.stable for x in apart] == [x.stable for x in whole] == [True, False]
+    for one, other in zip(apart, whole, strict=True):
+        assert one.spectral_radius == pytest.approx(other.spectral_radius, rel=1e-7)
+        assert one.largest_gain == pytest.approx(other.largest_gain, rel=2e-3)
+        assert one.least_damped is not None
+        assert other.least_damped is not None
+        assert one.least_damped.damping == pytest.approx(other.least_damped.damping, rel=1e-3)
+
+
+def test_a_large_team_is_decided_over_the_interval_of_its_spectrum(monkeypatch: pytest.MonkeyPatch) -> None:
+    scenario = chain(["quadrotor"] * 6)
+    exact = loop_of(scenario)
+    monkeypatch.setattr(bodies, "DENSE_STATES", 1)
+    rough = loop_of(scenario)
+    assert rough.stable is exact.stable is True
+    assert rough.largest_gain == pytest.approx(exact.largest_gain, rel=2e-3)
+    assert rough.spectral_radius == pytest.approx(exact.spectral_radius, rel=1e-6)
+    assert loop_of(scenario, 5.0).stable is False
+
+
+def test_a_thousand_hexarotors_are_decided() -> None:
+    record = mjsheaf.check(mjsheaf.load_scenario("swarm", {"swarm.size": 1000, "time.end": 1}))["margins"]["bodies"]
+    assert record["stable"] is True
+    assert record["largest_gain"] > 0.5
+
+
+def test_headings_that_nothing_holds_are_no_instability() -> None:
+    """Otters in still water keep whatever heading they have; turned all together, nothing else changes."""
+    loops = [loop_of(chain(["otter"] * 3, headings=[angle, angle + 40, angle - 100])) for angle in (0, 77)]
+    assert [loop.stable for loop in loops] == [True, True]
+    assert loops[0].largest_gain == pytest.approx(loops[1].largest_gain, rel=2e-3)
+    assert loops[0].spectral_radius == pytest.approx(loops[1].spectral_radius, rel=1e-6)
+
+
+def test_what_is_free_does_not_enter() -> None:
+    """Nothing holds the drones' common height, whose factor of 1 is no mode of the law."""
+    record = mjsheaf.check(mjsheaf.load_scenario("air_tracks_surface"))["margins"]["bodies"]
+    assert record["stable"] is True
+    assert record["spectral_radius"] < 1.0 - 1e-4
+
+
+@pytest.mark.parametrize(
+    ("scenario", "drift", "why"),
+    [
+        (chain(["otter"] * 2), [4.0, 0.0], "A0 cannot hold station"),
+        (chain(["quadrotor"] * 2), [np.nan, 0.0], "not known"),
+        ({**RING, "communication": [], "sensing": []}, None, "nothing is held"),
+    ],
+)
+def test_what_cannot_be_said_is_undecided(scenario: dict[str, Any], drift: list[float] | None, why: str) -> None:
+    loop = loop_of(scenario, drift=drift)
+    assert (loop.stable, loop.spectral_radius, loop.largest_gain, loop.least_damped) == (None, None, None, None)
+    assert why in loop.reason
+
+
+def test_a_large_team_of_unlike_vehicles_is_undecided(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bodies, "LARGEST_WHOLE", 20)
+    loop = loop_of(chain(["otter", "wamv", "otter"]))
+    assert loop.stable is None
+    assert "too many unlike vehicles" in loop.reason
+
+
+def test_a_velocity_limit_below_the_current_is_undecided() -> None:
+    scenario = chain(["wamv"] * 2)
+    scenario["controller"]["velocity_limit"] = 0.5
+    assert loop_of(scenario, drift=[0.4, 0.0]).stable is True
+    assert "velocity limit" in loop_of(scenario, drift=[0.6, 0.0]).reason
+
+
+def test_mean_medium_is_relative_to_what_the_team_follows() -> None:
+    """In a drift of (1, 0) a target that goes at (0, 1) leaves agents a mean flow of (1, -1)."""
+    scenario = chain(["wamv"] * 2, drift=[1.0, 0.0])
+    scenario["targets"][0]["position"] = [0.0, 0.0]
+    system = system_of(scenario)
+    time = np.linspace(0.0, 10.0, 50)
+    start = system.team.pack(system.initial)[: system.team.dirichlet.H.shape[0]]
+    q_star = start + np.outer(time, np.tile([0.0, 1.0], 2))
+    assert bodies.mean_medium(system, time, q_star) == pytest.approx(np.tile([1.0, -1.0, 0.0], (2, 1)))

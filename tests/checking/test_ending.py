@@ -1,0 +1,137 @@
+"""How runs end: on curves whose answer is known, and on simulated teams whose loop is known.
+
+Oracle: closed forms; `check`'s loop, which was held against simulation.
+"""
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mjsheaf
+from mjsheaf.checking.ending import ending_of_run, is_level, judge, settling_time
+from mjsheaf.scenario import scenario_from_mapping
+from mjsheaf.studies.job import run_job
+from mjsheaf.studies.plan import load_plan
+from tests.checking.test_bodies import RING
+
+TIME = np.linspace(0.0, 20.0, 2001)
+UNIT = np.linspace(0.0, 1.0, 1001)
+Curve = Callable[[Any], Any]
+
+
+@pytest.mark.parametrize(
+    "curve",
+    [
+        lambda t: np.exp(-9 * t),
+        lambda t: 3 + np.exp(-6 * t),
+        lambda t: 3 + np.exp(-20 * t) + 0.1 * np.sin(60 * t),
+        lambda t: 2 + 0 * t,
+        lambda t: 1 + 0.5 * np.sin(31 * t),
+        lambda t: 0 * t,
+    ],
+)
+def test_what_keeps_its_level_has_settled(curve: Curve) -> None:
+    assert judge(curve(UNIT)) == "settled"
+
+
+@pytest.mark.parametrize("curve", [lambda t: np.exp(-3 * t), lambda t: 100 - 0.01 * t, np.sqrt, lambda t: 1 / (1 + t)])
+def test_what_still_changes_is_moving(curve: Curve) -> None:
+    assert judge(curve(UNIT)) == "moving"
+
+
+@pytest.mark.parametrize("curve", [lambda t: 1 + t, lambda t: np.exp(3 * t), lambda t: np.exp(-9 * t) + t**3])
+def test_what_gets_worse_and_worse_grows(curve: Curve) -> None:
+    assert judge(curve(UNIT)) == "growing"
+
+
+def test_little_is_said_of_little() -> None:
+    assert judge(UNIT[:7]) is None
+    assert judge(np.where(UNIT > 0.5, np.nan, 1.0)) is None
+    assert settling_time(UNIT, np.where(UNIT > 0.5, np.nan, 1.0)) is None
+
+
+def circle(radius: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Error and offsets of an agent on a circle of a radius: its error alone shows nothing of the circling."""
+    offsets = np.stack([radius * np.cos(40 * UNIT), radius * np.sin(40 * UNIT), 0 * UNIT], axis=1)[:, None]
+    return np.linalg.norm(offsets, axis=2).mean(axis=1), offsets
+
+
+def test_circling_where_nothing_drives() -> None:
+    error, offsets = circle(1.0 + 0 * UNIT)
+    assert judge(error) == "settled"
+    assert judge(error, offsets) == "circling"
+    assert judge(*circle(np.exp(2 * UNIT))) == "growing"
+    assert judge(*circle(np.exp(0.5 * UNIT) / 100 + (UNIT < 0.1))) == "growing"  # faint beside the start, but it grows
+    assert judge(*circle(np.exp(-12 * UNIT))) == "settled"
+    assert judge(*circle(np.exp(-2 * UNIT))) == "moving"
+    assert judge(*circle(np.exp(-50 * UNIT) + 1e-12)) == "settled"  # rounding
+
+
+def test_a_slow_drift_is_no_circling() -> None:
+    offsets = np.stack([np.exp(-0.01 * UNIT), 0 * UNIT, 0 * UNIT], axis=1)[:, None]
+    assert judge(np.linalg.norm(offsets, axis=2).mean(axis=1), offsets) == "moving"
+
+
+def test_a_driven_team_circles_where_its_loop_is_unstable() -> None:
+    error, _ = circle(1.0 + 0 * UNIT)
+    assert judge(error, None, lambda: True) == "circling"
+    assert judge(error, None, lambda: False) == "settled"
+    assert judge(1 + UNIT, None, lambda: pytest.fail("asked where it does not matter")) == "growing"
+
+
+def test_an_exponential_settles_when_two_percent_are_left() -> None:
+    found = settling_time(TIME, 5.0 * np.exp(-TIME))
+    assert found == pytest.approx(np.log(50.0), abs=0.02)
+
+
+def test_an_oscillation_that_never_was_worse_has_settled_at_once() -> None:
+    assert settling_time(TIME, 1.0 + 0.3 * np.sin(3.0 * TIME)) == 0.0
+
+
+def test_a_transient_over_an_oscillation() -> None:
+    steady = 0.2 + 0.1 * np.sin(3.0 * TIME)
+    found = settling_time(TIME, steady + 10.0 * np.exp(-TIME))
+    assert found is not None
+    assert 2.0 < found < 5.0
+
+
+@pytest.mark.parametrize("curve", [np.exp(0.2 * TIME), np.exp(-0.2 * TIME), TIME**3])
+def test_what_grows_or_still_falls_never_settles(curve: np.ndarray) -> None:
+    assert not is_level(curve)
+    assert settling_time(TIME, curve) is None
+
+
+@pytest.mark.parametrize(("gain", "expected"), [(1.5, "settled"), (2.0, "circling"), (3.0, "circling")])
+def test_the_ring_ends_as_check_says(gain: float, expected: str, capsys: pytest.CaptureFixture[str]) -> None:
+    changes = {"controller": {"gain": gain, "control_period": 0.02}, "physics": {"timestep": 0.005}}
+    scenario = scenario_from_mapping({**RING, **changes})
+    run = mjsheaf.simulate(scenario, "physics")
+    assert ending_of_run(scenario.system(), run) == expected
+    stable = mjsheaf.check(scenario)["margins"]["bodies"]["stable"]
+    assert stable is (expected == "settled")
+    assert ending_of_run(scenario.system(), mjsheaf.simulate(scenario, "ideal")) == "settled"
+
+
+def test_a_driven_ring_ends_as_check_says() -> None:
+    """With a target that swings only the loop tells a forced oscillation from the team's own."""
+    moving = {
+        **RING["targets"][0],  # type: ignore[index]
+        "motion": {"kind": "lissajous", "amplitude": [1, 0, 0], "rate": [1.5, 0, 0], "phase": [0, 0, 0], "pull": 0.0},
+    }
+    for gain, expected in ((1.2, "settled"), (3.0, "circling")):
+        changes = {"controller": {"gain": gain, "control_period": 0.02}, "physics": {"timestep": 0.005}}
+        scenario = scenario_from_mapping({**RING, **changes, "targets": [moving]})
+        assert ending_of_run(scenario.system(), mjsheaf.simulate(scenario, "physics")) == expected
+
+
+def test_a_sweep_says_the_same(tmp_path: Any) -> None:
+    path = tmp_path / "ring.yaml"
+    path.write_text(json.dumps({**RING, "physics": {"timestep": 0.005}}))
+    plan = load_plan(str(path), grid={"controller.gain": [1.5, 3.0]}, backend="physics")
+    records = [run_job(plan.job(point)).record for point in plan.points]
+    assert [record["settled"] for record in records] == [True, False]
+    assert [record["ending"] for record in records] == ["settled", "circling"]
+    assert records[1]["late"]["tracking_error"] == pytest.approx(1.23, rel=0.1)
