@@ -4,8 +4,11 @@ Only typer is imported here; each command imports what it needs, so that help co
 """
 
 import logging
+import os
+import signal
 import sys
 import warnings
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,6 +16,7 @@ import typer
 
 from mjsheaf._version import __version__
 from mjsheaf.cli.signals import Stopped, raise_if_stopped, stoppable
+from mjsheaf.cli.streams import open_streams
 from mjsheaf.errors import InputError, MjsheafError
 
 app = typer.Typer(
@@ -306,6 +310,7 @@ def schema(
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line and exit."""
+    open_streams()
     sys.exit(_exit_code(arguments))
 
 
@@ -326,16 +331,19 @@ def _exit_code(arguments: list[str] | None) -> int:
             except MjsheafError:
                 raise_if_stopped()  # a terminal's signal reaches ffmpeg too, whose end may be noticed first
                 raise
+            except SystemExit as stop:
+                if isinstance(stop.__context__, BrokenPipeError):  # which the command-line library turns into this
+                    return _end_of_pipe()
+                raise
         return code if isinstance(code, int) else 0
     except MjsheafError as error:
         return _complain(str(error), error.exit_code)
     except Stopped as stopped:
         return _complain(stopped.message, int(stopped.code or 1))
     except BrokenPipeError:
-        sys.stderr.close()  # the reader went away: there is no one to tell
-        return 0
+        return _end_of_pipe()
     except OSError as error:
-        return _complain(f"{error.filename or 'input or output'}: {error.strerror or error}", InputError.exit_code)
+        return _complain(f"{_place_of(error)}: {error.strerror or error}", InputError.exit_code)
     except MemoryError as error:
         return _complain(f"not enough memory: {error}; ask for fewer samples or vehicles", InputError.exit_code)
     except Exception as error:
@@ -353,6 +361,25 @@ class _Notes(logging.Handler):
         print(f"note: {record.getMessage()}", file=sys.stderr)
 
 
+def _end_of_pipe() -> int:
+    """The reader of the output went away, as `head` does: the code of what SIGPIPE ends."""
+    with suppress(OSError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for what is still to be flushed
+    return 128 + signal.SIGPIPE
+
+
+def _place_of(error: OSError) -> str:
+    """What an error of the operating system is about."""
+    if error.filename is not None:
+        return os.fsdecode(error.filename)
+    try:
+        os.getcwd()
+    except OSError:
+        return "the working directory is gone"
+    return "input or output"
+
+
 def _complain(message: str, code: int) -> int:
-    print(f"mjsheaf: {' '.join(message.split())}", file=sys.stderr)
+    with suppress(OSError):  # a terminal that has hung up
+        print(f"mjsheaf: {' '.join(message.split())}", file=sys.stderr)
     return code

@@ -1,7 +1,8 @@
-"""Ctrl-C and SIGTERM end a command in order: what is half done is taken away.
+"""Ctrl-C, SIGTERM and SIGHUP end a command in order: what is half done is taken away.
 
 Each is raised where it arrives, as an exception. Inside a callback of a library, or a hook of fork, Python prints what
-is raised and goes on. So the signal is also remembered, and whoever reports progress calls `raise_if_stopped`.
+is raised and goes on. So the signal is also remembered, and whoever reports progress calls `raise_if_stopped`. One that
+arrives while an earlier one is being obeyed changes nothing: what is taken away then would be taken away by half.
 """
 
 import signal
@@ -12,7 +13,7 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
-_WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
+_WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated", signal.SIGHUP: "hung up"}
 _received: int | None = None
 
 
@@ -63,5 +64,15 @@ def stoppable() -> Iterator[None]:
 
 def _stop(number: int, _frame: FrameType | None) -> None:
     global _received
+    if _obeying():
+        return
     _received = number
     raise Stopped(number)
+
+
+def _obeying() -> bool:
+    """Whether this thread is on its way out because of a signal: in an `except`, `finally` or `with` on that way."""
+    error = sys.exception()
+    while error is not None and not isinstance(error, Stopped):
+        error = error.__context__
+    return error is not None

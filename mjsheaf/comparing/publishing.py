@@ -65,7 +65,7 @@ def publish(scenario: Scenario, directory: Path, *, video: bool, progress: Progr
             reason = _film(scenario, comparison, fresh / "compare.mp4", progress)
             notes += [f"no video: {reason}"] if reason else []
             record = record.model_copy(update={"video": None if reason else "compare.mp4"})
-        (fresh / "report.txt").write_text(report_text(record))
+        (fresh / "report.txt").write_text(report_text(record), encoding="utf-8")
         if progress:
             progress("publishing", 0, 1)  # the last moment at which the user can stop it
         save_summary(record.model_dump(mode="json"), fresh / "compare.json")

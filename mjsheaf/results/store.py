@@ -4,8 +4,6 @@ import hashlib
 import json
 import math
 import os
-import shutil
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -16,6 +14,7 @@ import xarray as xr
 from mjsheaf._version import __version__
 from mjsheaf.errors import InputError
 from mjsheaf.results.file import open_dataset
+from mjsheaf.whole import is_part_of, put_in_place, whole_directory, write_whole
 
 FILES = (
     "result.nc",
@@ -72,7 +71,9 @@ def check_replaceable(directory: Path) -> None:
     entries = {path.name for path in directory.iterdir()}
     if not entries:
         return
-    strange = sorted(entries - {*FILES, *COMPARISON_FILES, VEHICLES}) + _strange_vehicles(directory / VEHICLES)
+    ours = {*FILES, *COMPARISON_FILES, VEHICLES}
+    strange = sorted(name for name in entries - ours if not is_part_of(name, ours))
+    strange += _strange_vehicles(directory / VEHICLES)
     if strange:
         raise PlaceError(
             f"{directory}: holds {strange[0]!r}, which mjsheaf did not write; move it or choose another with --out"
@@ -84,7 +85,7 @@ def check_replaceable(directory: Path) -> None:
 def write_checksums(folder: Path) -> None:
     """Note what mjsheaf has put into the folder of vehicles' files."""
     lines = [f"{_digest(path)}  {path.relative_to(folder)}\n" for path in sorted(folder.rglob("*")) if path.is_file()]
-    (folder / CHECKSUMS).write_text("".join(lines))
+    (folder / CHECKSUMS).write_text("".join(lines), encoding="utf-8")
 
 
 def _strange_vehicles(folder: Path) -> list[str]:
@@ -92,7 +93,7 @@ def _strange_vehicles(folder: Path) -> list[str]:
     if not folder.is_dir() or folder.is_symlink():
         return [VEHICLES] if folder.exists() or folder.is_symlink() else []
     try:
-        known = set((folder / CHECKSUMS).read_text().splitlines())
+        known = set((folder / CHECKSUMS).read_text(encoding="utf-8").splitlines())
     except (OSError, ValueError):
         known = set()
     strange = []
@@ -113,7 +114,7 @@ def holds_run(directory: Path) -> bool:
     """Whether a directory is that of a run or of a comparison."""
     for name in _RECORDS:
         try:
-            record = json.loads((directory / name).read_text())
+            record = json.loads((directory / name).read_bytes())
         except (OSError, ValueError):
             continue
         if isinstance(record, dict) and "mjsheaf_version" in record:
@@ -138,52 +139,25 @@ def staging(directory: Path) -> Iterator[Path]:
     """
     check_replaceable(directory)
     place = Path(os.path.abspath(directory))
-    fresh: Path | None = None
     missing = [parent for parent in place.parents if not parent.exists()]  # the deepest first
     try:
         place.parent.mkdir(parents=True, exist_ok=True)
-        # Beside its final place: a rename is atomic only within one file system.
-        fresh = Path(tempfile.mkdtemp(prefix=f".{place.name}.", dir=place.parent))
-        fresh.chmod(0o777 & ~_umask())
-        yield fresh
-        _swap(fresh, place)
+        with whole_directory(place) as fresh:
+            yield fresh
+            check_replaceable(place)  # again: somebody may have put something there meanwhile
+            put_in_place(fresh, place)
     except OSError as error:
         raise PlaceError(f"{directory}: cannot be written: {error.strerror or error}") from error
     finally:
-        if fresh is not None:
-            shutil.rmtree(fresh, ignore_errors=True)
         for parent in missing:
             with suppress(OSError):  # it holds what was published
                 parent.rmdir()
 
 
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
-
-
-def _swap(fresh: Path, directory: Path) -> None:
-    old = fresh.with_name(fresh.name + ".old")
-    try:
-        if directory.exists():
-            directory.rename(old)
-        fresh.rename(directory)
-    finally:
-        if old.exists() and not directory.exists():
-            old.rename(directory)
-        shutil.rmtree(old, ignore_errors=True)
-
-
 def save_summary(summary: dict[str, Any], path: Path) -> None:
     """Write summary.json, at once; numbers that are not finite become null."""
     text = json.dumps({"mjsheaf_version": __version__, **_finite(summary)}, indent=2, allow_nan=False)
-    part = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        part.write_text(text + "\n")
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
+    write_whole(path, f"{text}\n".encode())
 
 
 def _finite(value: Any) -> Any:
@@ -215,7 +189,7 @@ def open_run(directory: Path) -> Iterator[tuple[xr.Dataset, dict[str, Any]]]:
         if not (directory / name).is_file():
             raise InputError(f"{directory}: holds no {name}; legal is the directory of a finished run")
     try:
-        summary = json.loads((directory / "summary.json").read_text())
+        summary = json.loads((directory / "summary.json").read_bytes())
         dataset = open_dataset(directory / "result.nc")
     except (OSError, ValueError, KeyError) as error:
         raise InputError(f"{directory}: cannot be read: {' '.join(str(error).split())}") from None

@@ -1,6 +1,5 @@
 """Frames in, an MP4 out: H.264, yuv420p, which plays everywhere."""
 
-import os
 from collections import deque
 from collections.abc import Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -11,10 +10,12 @@ import imageio_ffmpeg
 
 from mjsheaf.errors import InputError, MjsheafError
 from mjsheaf.video.renderer import Frame
+from mjsheaf.whole import whole_file
 
 QUALITY = 20  # x264's constant rate factor: 18 looks lossless, 23 is its default
 AHEAD = 3  # frames drawn but not yet taken by the encoder
 PRESET = "veryfast"  # the picture is the costly part, and x264 competes with it for the same cores
+CONTAINER = ("-movflags", "+faststart", "-f", "mp4")  # named: the file's own name says it only in the end
 X264 = "me=dia:subme=1:weightp=0:rc-lookahead=5:threads=2:lookahead-threads=1"
 """A third less work than the preset's, at the same size of such pictures, on few threads."""
 
@@ -36,18 +37,13 @@ def write_mp4(path: Path, frames: Iterable[Frame], width: int, height: int, fps:
         InputError: the file cannot be written.
         MjsheafError: ffmpeg is missing or fails.
     """
-    # Beside the target, as a rename is atomic only within one file system.
-    part = path.with_name(f".{path.stem}.{os.getpid()}.mp4")
     try:
-        part.touch()  # for a clear reason where the folder is missing or closed to us
-        count = _encode(part, frames, width, height, fps)
-        if abs(_duration(part) - count / fps) > 1 / fps + 0.01:  # ffmpeg gives hundredths of a second
-            raise MjsheafError(f"ffmpeg did not finish {path} ({count} frames); is the disk full?")
-        part.replace(path)
+        with whole_file(path) as part:
+            count = _encode(part, frames, width, height, fps)
+            if abs(_duration(part) - count / fps) > 1 / fps + 0.01:  # ffmpeg gives hundredths of a second
+                raise MjsheafError(f"ffmpeg did not finish {path} ({count} frames); is the disk full?")
     except OSError as error:
         raise InputError(f"cannot write {path}: {error.strerror or error}") from error
-    finally:
-        part.unlink(missing_ok=True)
     return count
 
 
@@ -63,7 +59,7 @@ def _encode(part: Path, frames: Iterable[Frame], width: int, height: int, fps: f
         quality=None,
         macro_block_size=1,  # of the size as asked: it is even, which is all that yuv420p needs
         ffmpeg_log_level="quiet",
-        output_params=["-crf", str(QUALITY), "-preset", PRESET, "-x264-params", X264, "-movflags", "+faststart"],
+        output_params=["-crf", str(QUALITY), "-preset", PRESET, "-x264-params", X264, *CONTAINER],
     )
     count = 0
     sent: deque[Future[None]] = deque()
