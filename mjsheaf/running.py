@@ -73,7 +73,7 @@ def execute(
     from mjsheaf.backends.physics import vehicles_of
     from mjsheaf.checking.bound import bound_of_run
     from mjsheaf.results import check_expectation, open_dataset, staging, summarize, thinned, write_dataset
-    from mjsheaf.results.store import save_summary
+    from mjsheaf.results.store import RESULT_DIGEST, digest, save_summary
     from mjsheaf.team.freedom import free_directions
 
     if backend not in BACKENDS:
@@ -126,6 +126,7 @@ def execute(
                 "wrong": theorem.wrong,
             },
             "video": None,
+            RESULT_DIGEST: digest(fresh / "result.nc"),
         }
         if video is not None:
             summary["video"], note = _film(
@@ -199,8 +200,11 @@ def _film(
     if backend is None:
         return None, f"no video: {reason}"
     from mjsheaf.filming import film_run
+    from mjsheaf.video.encode import UnwritableError
 
     try:
         return video_entry(film_run(scenario, dataset, path, options, progress, system), options), ""
+    except UnwritableError:
+        raise
     except MjsheafError as error:
         return None, f"no video: {error}"

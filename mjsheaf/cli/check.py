@@ -49,8 +49,11 @@ def check_command(
     if plot is not None:
         from mjsheaf.plots.check import plot_check
 
-        with whole_file(plot) as part:
-            plot_check(system, examination, part)
+        try:
+            with whole_file(plot) as part:
+                plot_check(system, examination, part)
+        except OSError as error:
+            raise InputError(f"--plot {plot}: cannot be written: {error.strerror or error}") from None
         if not as_json:
             print(plot)
     words = {"fails": "fails", "undecided": "is undecided"}

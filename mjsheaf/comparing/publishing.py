@@ -105,6 +105,7 @@ def _film(scenario: Scenario, comparison: Comparison, path: Path, progress: Prog
     if backend is None:
         return reason
     from mjsheaf.comparing.filming import film_side_by_side
+    from mjsheaf.video.encode import UnwritableError
 
     runs = comparison.runs
     try:
@@ -115,6 +116,8 @@ def _film(scenario: Scenario, comparison: Comparison, path: Path, progress: Prog
             path,
             lambda done, total: progress("drawing video", done, total) if progress else None,
         )
+    except UnwritableError:
+        raise
     except MjsheafError as error:
         return str(error)
     return ""

@@ -44,6 +44,9 @@ VEHICLES = "vehicles"
 CHECKSUMS = "SHA256SUMS"
 """The file in that folder by which mjsheaf knows what it put there, as sha256sum writes it."""
 
+RESULT_DIGEST = "result_sha256"
+"""The field of summary.json by which a result.nc that was damaged or changed is known."""
+
 _RECORDS = ("summary.json", "compare.json")
 
 
@@ -84,7 +87,7 @@ def check_replaceable(directory: Path) -> None:
 
 def write_checksums(folder: Path) -> None:
     """Note what mjsheaf has put into the folder of vehicles' files."""
-    lines = [f"{_digest(path)}  {path.relative_to(folder)}\n" for path in sorted(folder.rglob("*")) if path.is_file()]
+    lines = [f"{digest(path)}  {path.relative_to(folder)}\n" for path in sorted(folder.rglob("*")) if path.is_file()]
     (folder / CHECKSUMS).write_text("".join(lines), encoding="utf-8")
 
 
@@ -100,14 +103,17 @@ def _strange_vehicles(folder: Path) -> list[str]:
     for path in sorted(folder.rglob("*")):
         name = str(path.relative_to(folder))
         folder_of_files = path.is_dir() and not path.is_symlink()
-        if not folder_of_files and name != CHECKSUMS and f"{_digest(path)}  {name}" not in known:
+        if not folder_of_files and name != CHECKSUMS and f"{digest(path)}  {name}" not in known:
             strange.append(f"{VEHICLES}/{name}")
     return strange
 
 
-def _digest(path: Path) -> str:
+def digest(path: Path) -> str:
     """SHA-256 of a file; empty for what is none, such as a link to nowhere."""
-    return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
+    if not path.is_file():
+        return ""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def holds_run(directory: Path) -> bool:
@@ -115,7 +121,7 @@ def holds_run(directory: Path) -> bool:
     for name in _RECORDS:
         try:
             record = json.loads((directory / name).read_bytes())
-        except (OSError, ValueError):
+        except (OSError, ValueError, RecursionError):
             continue
         if isinstance(record, dict) and "mjsheaf_version" in record:
             return True
@@ -190,10 +196,15 @@ def open_run(directory: Path) -> Iterator[tuple[xr.Dataset, dict[str, Any]]]:
             raise InputError(f"{directory}: holds no {name}; legal is the directory of a finished run")
     try:
         summary = json.loads((directory / "summary.json").read_bytes())
+        if not isinstance(summary, dict):
+            raise InputError(f"{directory}: summary.json holds no mapping; expected is the directory of a finished run")
+        # First: HDF5 reads much that is damaged without a word.
+        if RESULT_DIGEST in summary and summary[RESULT_DIGEST] != digest(directory / "result.nc"):
+            raise InputError(f"{directory}: result.nc is not as the run wrote it; run the scenario again")
         dataset = open_dataset(directory / "result.nc")
-    except (OSError, ValueError, KeyError) as error:
+    except InputError:
+        raise
+    except (OSError, ValueError, KeyError, RecursionError) as error:
         raise InputError(f"{directory}: cannot be read: {' '.join(str(error).split())}") from None
     with dataset:
-        if not isinstance(summary, dict):
-            raise InputError(f"{directory}: summary.json holds no mapping; legal is the directory of a finished run")
         yield dataset, summary

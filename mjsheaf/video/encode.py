@@ -20,6 +20,13 @@ X264 = "me=dia:subme=1:weightp=0:rc-lookahead=5:threads=2:lookahead-threads=1"
 """A third less work than the preset's, at the same size of such pictures, on few threads."""
 
 
+_BLOCK = 1 << 20  # bytes; more than ffmpeg writes at a time
+
+
+class UnwritableError(InputError):
+    """A video's place cannot be written, or its disk is full."""
+
+
 def write_mp4(path: Path, frames: Iterable[Frame], width: int, height: int, fps: float) -> int:
     """Encode frames as they come. The file appears under its name only when it is complete.
 
@@ -34,17 +41,33 @@ def write_mp4(path: Path, frames: Iterable[Frame], width: int, height: int, fps:
         How many frames were written.
 
     Raises:
-        InputError: the file cannot be written.
+        UnwritableError: the file cannot be written.
         MjsheafError: ffmpeg is missing or fails.
     """
     try:
         with whole_file(path) as part:
-            count = _encode(part, frames, width, height, fps)
-            if abs(_duration(part) - count / fps) > 1 / fps + 0.01:  # ffmpeg gives hundredths of a second
-                raise MjsheafError(f"ffmpeg did not finish {path} ({count} frames); is the disk full?")
+            try:
+                count = _encode(part, frames, width, height, fps)
+                if abs(_duration(part) - count / fps) > 1 / fps + 0.01:  # ffmpeg gives hundredths of a second
+                    raise MjsheafError(f"ffmpeg did not finish {path} ({count} frames)")
+            except MjsheafError:
+                _require_room(part)
+                raise
     except OSError as error:
-        raise InputError(f"cannot write {path}: {error.strerror or error}") from error
+        raise UnwritableError(f"{path}: cannot be written: {error.strerror or error}") from error
     return count
+
+
+def _require_room(part: Path) -> None:
+    """See whether the disk is why ffmpeg failed, which does not tell.
+
+    Raises:
+        OSError: it takes no more.
+    """
+    with part.open("ab", buffering=0) as file:
+        room = bytes(_BLOCK)
+        while room:
+            room = room[file.write(room) :]
 
 
 def _encode(part: Path, frames: Iterable[Frame], width: int, height: int, fps: float) -> int:
