@@ -63,5 +63,3 @@ def leftovers(directory: Path) -> list[str]:
 def command_line(*arguments: str | Path) -> list[str]:
     """A command in a process of its own."""
     return [sys.executable, "-m", "mjsheaf", *map(str, arguments)]
-
-
