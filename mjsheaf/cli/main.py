@@ -328,8 +328,10 @@ def _exit_code(arguments: list[str] | None) -> int:
                 warnings.simplefilter("ignore")
             try:
                 code: Any = app(arguments, standalone_mode=False)
-            except MjsheafError:
-                raise_if_stopped()  # a terminal's signal reaches ffmpeg too, whose end may be noticed first
+            except Exception:
+                # A terminal's signal reaches ffmpeg too, whose end may be noticed first; and what is raised while a
+                # library is loaded comes out as an error of that.
+                raise_if_stopped()
                 raise
             except SystemExit as stop:
                 if isinstance(stop.__context__, BrokenPipeError):  # which the command-line library turns into this

@@ -37,7 +37,10 @@ def raise_if_stopped() -> None:
 
 @contextmanager
 def stoppable() -> Iterator[None]:
-    """Let the signals raise `Stopped` inside the block. A signal that the process was told to ignore stays ignored."""
+    """Let the signals raise `Stopped` inside the block. A signal that the process was told to ignore stays ignored.
+
+    After one that was obeyed they are ignored: the process is about to end, and libraries tidy up as it does.
+    """
     global _received
     _received = None
     if threading.current_thread() is not threading.main_thread():  # only there may handlers be set
@@ -58,7 +61,7 @@ def stoppable() -> Iterator[None]:
         yield
     finally:
         for number, handler in before.items():
-            signal.signal(number, handler)
+            signal.signal(number, handler if _received is None else signal.SIG_IGN)
         sys.unraisablehook = hook
 
 
