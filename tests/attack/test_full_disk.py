@@ -21,8 +21,8 @@ from mjsheaf.video import available_backend
 from tests.attack.commands import IDEAL, SMALL, call, command_line, contents, files_of_at_most, is_refusal, leftovers
 
 CAN_DRAW = available_backend()[0] is not None
-STUDY = ("sweep", "midpoint", "--backend", "ideal", "--set", "time.end=0.2", "--grid", "controller.gain=1,2,3")
-STUDY += ("--trajectories", "--threads", "--workers", "1", "--out")
+STUDY = ["sweep", "midpoint", "--backend", "ideal", "--set", "time.end=0.2", "--grid", "controller.gain=1,2,3"]
+STUDY += ["--trajectories", "--threads", "--workers", "1", "--out"]
 
 
 def piece(samples: int, begin: int = 0) -> xr.Dataset:
@@ -103,7 +103,7 @@ def test_video_keeps_the_one_that_was_there(tmp_path: Path) -> None:
 
 def test_a_study_goes_on(tmp_path: Path) -> None:
     assert call(*STUDY, tmp_path / "whole").code == 0
-    for k, size in enumerate((0, 1500, 20_000, 40_000, 60_000)):
+    for k, size in enumerate((0, 20_000, 60_000)):
         out = tmp_path / str(k)
         with files_of_at_most(size):
             answer = call(*STUDY, out)

@@ -10,6 +10,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -92,9 +93,12 @@ def test_something_else_in_the_place_of_a_file(name: str, run: Path, films: list
     def link(path: Path) -> None:
         path.symlink_to(path)
 
+    def fill(text: bytes, path: Path) -> None:
+        path.write_bytes(text)
+
     makers: list[Callable[[Path], Any]] = [Path.mkdir, os.mkfifo, link, lambda path: path.symlink_to("/dev/zero")]
     makers += [lambda path: None, Path.touch]
-    makers += [lambda path, text=text: path.write_bytes(text) for text in (b"[" * 100_000, b"{}", b"\xff\xfe", b"null")]
+    makers += [partial(fill, text) for text in (b"[" * 100_000, b"{}", b"\xff\xfe", b"null")]
     for k, make in enumerate(makers):
         directory = tmp_path / str(k)
         shutil.copytree(run, directory)
@@ -130,13 +134,13 @@ def test_damaged_result_without_a_checksum(run: Path, tmp_path: Path) -> None:
     del summary["result_sha256"]
     (directory / "summary.json").write_text(json.dumps(summary))
     for seed in range(2):
-        command = [sys.executable, "-c", FUZZ, directory, str(seed), "150"]
+        command = [sys.executable, "-c", FUZZ, str(directory), str(seed), "150"]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr[-2000:]
 
 
-STUDY = ("sweep", "midpoint", "--backend", "ideal", "--set", "time.end=0.2", "--grid", "controller.gain=1,2,3,4")
-STUDY += ("--trajectories", "--threads", "--workers", "1", "--out")
+STUDY = ["sweep", "midpoint", "--backend", "ideal", "--set", "time.end=0.2", "--grid", "controller.gain=1,2,3,4"]
+STUDY += ["--trajectories", "--threads", "--workers", "1", "--out"]
 
 
 @pytest.fixture(scope="module")

@@ -32,7 +32,8 @@ def test_a_world_that_blew_up_leaves_the_others_alone() -> None:
 
 
 def test_worlds_on_two_threads() -> None:
-    alone, found = bits(), []
+    alone = bits()
+    found: list[tuple[bytes, bytes]] = []
     threads = [threading.Thread(target=lambda: found.extend(bits() for _ in range(3))) for _ in range(2)]
     for thread in threads:
         thread.start()
