@@ -9,8 +9,8 @@ from rich.text import Text
 
 from mjsheaf.checking import CheckRecord, examine
 from mjsheaf.checking.record import SpeedRecord
-from mjsheaf.control.rho import Rho, as_rho
 from mjsheaf.cli.console import make_console
+from mjsheaf.control.rho import Rho, as_rho
 from mjsheaf.errors import InputError, MjsheafError
 from mjsheaf.scenario import load_scenario
 from mjsheaf.scenario.load import parse_override

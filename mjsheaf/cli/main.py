@@ -328,6 +328,7 @@ def _exit_code(arguments: list[str] | None) -> int:
                 warnings.simplefilter("ignore")
             try:
                 code: Any = app(arguments, standalone_mode=False)
+                sys.stdout.flush()  # here what it cannot say still has an exit code
             except Exception:
                 # A terminal's signal reaches ffmpeg too, whose end may be noticed first; and what is raised while a
                 # library is loaded comes out as an error of that.
