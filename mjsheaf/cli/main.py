@@ -3,6 +3,7 @@
 Only typer is imported here; each command imports what it needs, so that help comes at once.
 """
 
+import atexit
 import logging
 import os
 import signal
@@ -10,12 +11,12 @@ import sys
 import warnings
 from contextlib import suppress
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NoReturn
 
 import typer
 
 from mjsheaf._version import __version__
-from mjsheaf.cli.signals import Stopped, raise_if_stopped, stoppable
+from mjsheaf.cli.signals import Stopped, raise_if_stopped, stoppable, was_stopped
 from mjsheaf.cli.streams import open_streams
 from mjsheaf.errors import InputError, MjsheafError
 
@@ -311,7 +312,22 @@ def schema(
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line and exit."""
     open_streams()
-    sys.exit(_exit_code(arguments))
+    code = _exit_code(arguments)
+    if was_stopped():
+        _leave(code)
+    sys.exit(code)
+
+
+def _leave(code: int) -> NoReturn:
+    """End the process where a signal has stopped its work, without taking the interpreter down.
+
+    Threads may still be inside MuJoCo or OpenGL, which crash when what they use is freed.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError):
+            stream.flush()
+    atexit._run_exitfuncs()  # which end processes that libraries began
+    os._exit(code)
 
 
 def _exit_code(arguments: list[str] | None) -> int:

@@ -35,6 +35,11 @@ def raise_if_stopped() -> None:
         raise Stopped(_received)
 
 
+def was_stopped() -> bool:
+    """Whether a signal has asked this process to stop."""
+    return _received is not None
+
+
 @contextmanager
 def stoppable() -> Iterator[None]:
     """Let the signals raise `Stopped` inside the block. A signal that the process was told to ignore stays ignored.

@@ -151,39 +151,26 @@ def test_little_memory(megabytes: int, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("what", ["removed", "read-only"])
-def test_output_directory_that_changes_meanwhile(what: str, tmp_path: Path) -> None:
+def test_output_directory_that_is_removed_meanwhile(tmp_path: Path) -> None:
     parent = tmp_path / "parent"
     parent.mkdir()
     arguments = [a if a != "time.end=0.2" else "time.end=3000" for a in SHORT]
-    user = () if os.geteuid() or what == "removed" else ("setpriv", "--reuid=65534", "--clear-groups")
-    if what == "read-only":
-        if user and shutil.which("setpriv") is None:
-            pytest.skip("root may write everywhere, and setpriv is not here")
-        os.chmod(parent, 0o777)
-        for place in (*tmp_path.parents, tmp_path):
-            if place.stat().st_uid == os.geteuid() and str(place).startswith("/tmp/"):
-                place.chmod(place.stat().st_mode | 0o055)
     with subprocess.Popen(
-        [*user, *command_line(*arguments, "--out", parent / "out")],
-        env={**BARE, "NUMBA_CACHE_DIR": str(tmp_path / "cache")} if user else BARE,
-        cwd="/",
+        command_line(*arguments, "--out", parent / "out"),
+        env=BARE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
     ) as process:
         while process.poll() is None and not list(parent.iterdir()):
             pass
-        if what == "removed":
-            shutil.rmtree(parent)
-        else:
-            parent.chmod(0o555)
+        shutil.rmtree(parent)
         _, error = process.communicate()
     assert process.returncode == 2, error
     assert error.startswith("mjsheaf: ")
     assert "cannot be written" in error
     assert error.count("\n") == 1
-    assert not (parent / "out").exists()
+    assert not parent.exists()
 
 
 def test_two_commands_on_one_place(tmp_path: Path) -> None:
