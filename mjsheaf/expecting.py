@@ -11,7 +11,7 @@ from typing import Any
 from mjsheaf.errors import MjsheafError
 from mjsheaf.results.summary import MEASURES, check_expectation, summarize
 from mjsheaf.scenario import Scenario
-from mjsheaf.simulation import require_full_row_rank, require_unique, simulate
+from mjsheaf.simulation import require_full_row_rank, require_unique, require_vehicles, simulate
 
 BACKEND_ORDER = ("ideal", "physics")
 """As they stand in an `expect:` block."""
@@ -53,10 +53,8 @@ def try_scenario(scenario: Scenario, backend: str, *, progress: Callable[[int, i
     Raises:
         InputError: the scenario cannot be simulated for any other reason, such as a vehicle that does not fit.
     """
-    from mjsheaf.backends.physics import vehicles_of
-
     system = scenario.system()
-    vehicles_of(system)
+    require_vehicles(system)
     try:
         require_full_row_rank(system)
         require_unique(system.team)

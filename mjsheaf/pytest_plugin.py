@@ -1,8 +1,9 @@
 """A pytest plugin that turns scenarios into tests: `pytest --mjsheaf scenarios/`.
 
 Every YAML file with an `expect:` block gives a test for each backend that has bounds in it, or one test, `refused`. It
-passes where the runs are as expected. Without --mjsheaf nothing is collected, and nothing of mjsheaf but this module is
-imported.
+passes where the runs are as expected. In a directory, scenarios without the block are skipped and other files left
+alone; a file that is named itself fails where it is broken or expects nothing. Without --mjsheaf nothing is collected,
+and nothing of mjsheaf but this module is imported.
 """
 
 import re
@@ -54,7 +55,7 @@ def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> "ScenarioF
     if expects is None and not named:
         return None
     collected: ScenarioFile = ScenarioFile.from_parent(parent, path=file_path)
-    collected.expects = bool(expects)
+    collected.expects, collected.named = bool(expects), named
     return collected
 
 
@@ -80,16 +81,18 @@ class ScenarioFile(pytest.File):
 
     Attributes:
         expects: whether it has an `expect:` block.
+        named: whether the user named this very file: then it fails where a file that was only found is skipped.
     """
 
     expects = True
+    named = False
 
     def collect(self) -> Iterator[pytest.Item]:
         """One test for each backend with bounds, or one for a refusal, or one that tells what is wrong."""
         from mjsheaf.errors import MjsheafError
         from mjsheaf.expecting import expected_backends
 
-        if not self.expects:
+        if not self.expects and not self.named:
             yield Nothing.from_parent(self, name="expect")
             return
         try:
@@ -103,7 +106,9 @@ class ScenarioFile(pytest.File):
             return
         for backend in backends:
             yield Expectation.from_parent(self, name=backend, backends=[backend])
-        if not backends:
+        if not backends and self.named:
+            yield Broken.from_parent(self, name="expect", reason=f"{self.path}: {nothing(self.path)}")
+        elif not backends:
             yield Nothing.from_parent(self, name="expect")
 
     def load(self) -> "Scenario":
@@ -180,15 +185,20 @@ class Expectation(_Item):
 
 
 class Nothing(_Item):
-    """Is skipped: a scenario without an `expect:` block is no test."""
+    """Is skipped: a scenario without an `expect:` block that lies beside others is no test."""
 
     def runtest(self) -> None:
         """Say so."""
-        pytest.skip(f"no `expect:` block; mjsheaf expect {self.path.name} --update writes one into a scenario")
+        pytest.skip(nothing(self.path))
+
+
+def nothing(path: Path) -> str:
+    """What is said of a scenario that expects nothing."""
+    return f"no `expect:` block; mjsheaf expect {path.name} --update writes one into a scenario"
 
 
 class Broken(_Item):
-    """Fails: a scenario that says what it expects but cannot be read."""
+    """Fails: a file that cannot be read and says what it expects, or was named; a named one that expects nothing."""
 
     def __init__(self, *, reason: str, **kwargs: Any) -> None:
         super().__init__(**kwargs)

@@ -11,6 +11,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from mjsheaf.errors import ScenarioError
+from mjsheaf.expected import suggestion
 
 _LARGEST_FILE = 20_000_000  # bytes
 _DEEPEST = 50  # collections within one another; a scenario has six
@@ -79,7 +80,7 @@ class _Loader(yaml.SafeLoader):
     def construct_integer(self, node: yaml.ScalarNode) -> int:
         """Read an integer of YAML 1.2; the one of 1.1 takes a leading 0 for octal."""
         if len(node.value) > _LONGEST_INTEGER:
-            problem = f"a number of {len(node.value)} digits; legal are up to {_LONGEST_INTEGER}"
+            problem = f"a number of {len(node.value)} digits; expected up to {_LONGEST_INTEGER}"
             raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark)
         return int(node.value, {"0o": 8, "0x": 16}.get(node.value[:2], 10))
 
@@ -116,16 +117,16 @@ def read_yaml(path: Path) -> dict[str, Any]:
     except (OSError, ValueError) as error:
         raise ScenarioError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
     if len(data) > _LARGEST_FILE:
-        raise ScenarioError(f"{path}: larger than {_LARGEST_FILE // 10**6} MB; legal is a file that a person wrote")
+        raise ScenarioError(f"{path}: larger than {_LARGEST_FILE // 10**6} MB; expected a file that a person wrote")
     try:
         text = data.decode("utf-8")
     except UnicodeDecodeError:
         raise ScenarioError(f"{path}: not a text file in UTF-8") from None
     raw = parse_yaml(text, str(path))
     if raw is None:
-        raise ScenarioError(f"{path}: empty; legal is a mapping of fields to values")
+        raise ScenarioError(f"{path}: empty; expected a mapping of fields to values")
     if not isinstance(raw, dict):
-        raise ScenarioError(f"{path}: holds a {type(raw).__name__}; legal is a mapping of fields to values")
+        raise ScenarioError(f"{path}: holds a {type(raw).__name__}; expected a mapping of fields to values")
     return raw
 
 
@@ -200,7 +201,7 @@ class _Problem(NamedTuple):
         kind: pydantic's name of it.
         path: of the field, as an override takes it.
         value: path of the value that may be of several kinds, of which this error is about one; else `path`.
-        text: what is wrong and what is legal.
+        text: what is wrong and what is expected.
     """
 
     kind: str
@@ -219,8 +220,8 @@ class _Problem(NamedTuple):
         shown = repr(detail["input"])
         shown = shown if len(shown) <= 60 else shown[:57] + "..."
         if unknown:
-            legal = {name for node in _variants(nodes, schema) for name in node.get("properties", {})}
-            text = f"unknown field; legal are {', '.join(sorted(legal))}"
+            known = sorted({name for node in _variants(nodes, schema) for name in node.get("properties", {})})
+            text = f"unknown field; expected {', '.join(known)}{suggestion(str(unknown[0]), known)}"
         elif kind in ("union_tag_invalid", "union_tag_not_found"):
             path += (context["discriminator"].strip("'"),)
             missing = kind == "union_tag_not_found"

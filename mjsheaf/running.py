@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mjsheaf.errors import InputError, MjsheafError
+from mjsheaf.errors import MjsheafError
 from mjsheaf.resolving import dump_scenario, write_scenario
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.fields import LARGEST
-from mjsheaf.simulation import BACKENDS, require_full_row_rank, require_unique, stream
+from mjsheaf.simulation import require_simulable, stream
 from mjsheaf.video import VideoOptions, available_backend
 
 if TYPE_CHECKING:
@@ -34,11 +34,13 @@ class Outcome:
         directory: where.
         summary: as summary.json.
         notes: what the user should know beside that.
+        replaced: what is to be told of the run whose place it took; None where there was none.
     """
 
     directory: Path
     summary: dict[str, Any]
     notes: list[str]
+    replaced: str | None = None
 
 
 def default_directory(scenario: Scenario, backend: str) -> Path:
@@ -53,6 +55,7 @@ def execute(
     *,
     video: VideoOptions | None,
     allow_drift: bool = False,
+    origin: str | None = None,
     progress: Progress | None = None,
 ) -> Outcome:
     """Run a scenario and publish its directory; a run that blows up is published too, with status 'unstable'.
@@ -63,6 +66,7 @@ def execute(
         directory: where the results go.
         video: how to film it, or None for no video.
         allow_drift: run a team whose harmonic extension is not unique too, and mark the result.
+        origin: where the scenario comes from, as `scenario.load.origin` has it; summary.json keeps it.
         progress: called with (what is being done, done, in all).
 
     Raises:
@@ -70,23 +74,18 @@ def execute(
         PlaceError: the directory may not be replaced or cannot be written.
         NotUniqueError: the harmonic extension is not unique and drift is not allowed; nothing is written.
     """
-    from mjsheaf.backends.physics import vehicles_of
     from mjsheaf.checking.bound import bound_of_run
     from mjsheaf.results import check_expectation, open_dataset, staging, summarize, thinned, write_dataset
-    from mjsheaf.results.store import RESULT_DIGEST, digest, save_summary
+    from mjsheaf.results.store import RESULT_DIGEST, digest, replaced_run, save_summary
     from mjsheaf.team.freedom import free_directions
 
-    if backend not in BACKENDS:
-        raise InputError(f"unknown backend {backend!r}; legal are {', '.join(BACKENDS)}")
     system = scenario.system()
-    vehicles_of(system)  # a vehicle that does not fit is told before anything is simulated or written
-    require_full_row_rank(system)
-    if not allow_drift:
-        require_unique(system.team)
+    require_simulable(system, backend, allow_drift=allow_drift)
 
     def report(what: str) -> Callable[[int, int], None]:
         return lambda done, total: progress(what, done, total) if progress else None
 
+    replaced = replaced_run(directory)
     notes: list[str] = []
     with staging(directory) as fresh, ExitStack() as held:
         pieces = _Timed(stream(system, backend, scenario.seed, report("simulating")))
@@ -107,6 +106,7 @@ def execute(
         per_period = round(system.grid.period / system.bodies.timestep) if backend == "physics" else 1
         summary: dict[str, Any] = {
             "scenario": scenario.name,
+            "origin": origin,
             "backend": backend,
             "status": status,
             "message": dataset.attrs["message"],
@@ -136,7 +136,7 @@ def execute(
         plots.result()
         report("publishing")(0, 1)  # the last moment at which the user can stop it
         save_summary(summary, fresh / "summary.json")
-    return Outcome(directory, summary, notes)
+    return Outcome(directory, summary, notes, replaced)
 
 
 def _plot(

@@ -7,6 +7,7 @@ from threading import Event
 from typing import TYPE_CHECKING
 
 from mjsheaf.errors import InputError, MjsheafError, NotUniqueError
+from mjsheaf.expected import expected
 from mjsheaf.scenario import Scenario
 from mjsheaf.team import Team
 
@@ -42,11 +43,8 @@ def simulate(
         InputError: unknown backend, a vehicle that does not fit its agent, or a g that is not of full row rank.
         NotUniqueError: the harmonic extension is not unique, and drift is not allowed.
     """
-    _require_backend(backend)
     system = scenario.system()
-    require_full_row_rank(system)
-    if not allow_drift:
-        require_unique(system.team)
+    require_simulable(system, backend, allow_drift=allow_drift)
     return next(stream(system, backend, scenario.seed, progress, system.grid.steps + 1))
 
 
@@ -60,7 +58,7 @@ def stream(
     """Simulate a system and hand out its data in pieces, of which `simulate` returns the whole.
 
     Args:
-        system: what to simulate; that it can be is for the caller to see to.
+        system: what to simulate; must have passed `require_simulable`.
         backend: 'physics' or 'ideal'.
         seed: seed of the scenario.
         progress: called now and then with (samples done, samples in all).
@@ -105,7 +103,7 @@ def simulate_many(
     """
     _require_backend(backend)
     if workers is not None and workers < 1:
-        raise InputError(f"workers is {workers}; legal is 1 or more, or None")
+        raise InputError(f"workers is {workers}; expected 1 or more, or None")
     todo = list(scenarios)
     stop = Event()
 
@@ -143,7 +141,43 @@ def usable_processors() -> int:
 
 def _require_backend(backend: str) -> None:
     if backend not in BACKENDS:
-        raise InputError(f"unknown backend {backend!r}; legal are {', '.join(BACKENDS)}")
+        raise InputError(f"unknown backend {backend!r}; {expected(backend, BACKENDS)}")
+
+
+def require_simulable(system: "System", backend: str, *, allow_drift: bool = False) -> None:
+    """Refuse what cannot be simulated; the same on both backends, before anything is simulated or written.
+
+    Args:
+        system: of a scenario.
+        backend: 'physics' or 'ideal'.
+        allow_drift: whether the harmonic extension need not be unique.
+
+    Raises:
+        InputError: unknown backend; a vehicle that is unknown or does not fit its agent or target, which matters to the
+            ideal backend too, as a scenario that only one backend takes is not one to compare; or a g that is not of
+            full row rank.
+        NotUniqueError: the harmonic extension is not unique, and drift is not allowed.
+    """
+    _require_backend(backend)
+    require_vehicles(system)
+    require_full_row_rank(system)
+    if not allow_drift:
+        require_unique(system.team)
+
+
+def require_vehicles(system: "System") -> None:
+    """Refuse a vehicle that is unknown or does not fit its agent or target.
+
+    Raises:
+        InputError: naming the field.
+    """
+    from mjsheaf.scenario.build import DEFAULT_VEHICLE
+
+    named = zip(system.team.members, system.bodies.vehicle, strict=True)
+    if any(name != DEFAULT_VEHICLE[member.dimension] for member, name in named):
+        from mjsheaf.backends.physics import vehicles_of  # imports MuJoCo, which plain kinematics can do without
+
+        vehicles_of(system)
 
 
 def require_full_row_rank(system: "System") -> None:

@@ -163,7 +163,7 @@ def _radius(sampled: Array, m: int, tau: float) -> float:
 
 
 def speed_demands(system: System, path: TargetPath, difference: Difference, able: Array) -> list[SpeedDemand]:
-    """The speeds that are asked of each agent, the largest share of its limit first.
+    """The speeds that are asked of each agent, at the start or along q*, the largest share of its limit first.
 
     Args:
         system: the system.
@@ -176,8 +176,9 @@ def speed_demands(system: System, path: TargetPath, difference: Difference, able
     steady = np.linalg.norm(team.unpack(difference.values + shaken(system, path)), axis=2).max(axis=0)
     eta = team.disagreement(team.pack(system.initial))
     asked = system.gain * np.linalg.norm(team.unpack(eta), axis=1)
-    limits = system.law.limit
-    order = np.argsort(-asked / np.where(np.isfinite(limits[: len(asked)]), limits[: len(asked)], 1e300), kind="stable")
+    limits = system.law.limit[: len(asked)]
+    most = np.fmax(asked, steady)  # a singular field leaves no steady speed
+    order = np.argsort(-most / np.where(np.isfinite(limits), limits, 1e300), kind="stable")
     return [
         SpeedDemand(team.agents[i].id, *(_finite(x[i]) for x in (asked, limits, steady, able)))  # type: ignore[arg-type]
         for i in order

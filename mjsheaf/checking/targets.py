@@ -45,6 +45,7 @@ _SHARE_OF_TURN = 0.125  # rad of the fastest motion or disturbance
 _SHARE_OF_DECAY = 0.25  # of the fastest time constant
 _SHARE_OF_SCALE = 0.125  # of the length over which the flow changes
 _SLACK = 1.05  # of V over what it takes
+_NEARLY = 1.0 - 1e-6  # of what is left of a period: taken for all of it
 _ERROR, _RELATIVE_ERROR = 1e-6, 1e-8  # at least allowed of the path: m, and relative to its farthest position
 _COMPARED = 2000  # instants of a continuous law at which two integrations are compared, at least about
 _DIFFERENCES = 20.0  # of two integrations, that are allowed
@@ -207,6 +208,8 @@ def _follow(
                 cells.drift[count, v, 0] = 0.5 * (work.slope[0, v, 0] - wx)
                 cells.drift[count, v, 1] = 0.5 * (work.slope[0, v, 1] - wy)
                 cells.drift[count, v, 2] = 0.5 * (work.slope[0, v, 2] - wz)
+            if h > _NEARLY * (period - done):  # so that no sliver is left
+                h = period - done
             error = np.inf
             while not error < 1.0:
                 if not h > 1e-14 * max(period, abs(t)):  # also where it is NaN
@@ -311,7 +314,7 @@ def _integrate(system: System, share: float, tolerance: float, keep: bool) -> tu
         now = times[int(place[0])] + place[1]
         if ended == _STUCK:
             fastest = system.team.target_ids[int(np.argmax(np.nan_to_num(bound[3], nan=np.inf)))]
-            raise _UnknownPathError(f"{fastest} runs into a singularity of the flow at t = {now:.6g} s")
+            raise _UnknownPathError(f"{fastest} cannot be followed beyond t = {now:.6g} s: it runs into a singularity")
         if total * M * share > MOST_STEPS:
             raise _UnknownPathError(
                 f"their path is too long or too stiff to follow: {total} steps lead to t = {now:.4g} s "

@@ -206,12 +206,12 @@ def _margins(record: CheckRecord) -> Table:
         radius = m.bodies.spectral_radius
         word = "stable" if radius < 1.0 else "marginal" if radius < 1.0 + 1e-9 else "UNSTABLE"
         rows.append(("sampled bodies", f"{m.bodies.spectral_radius:.6g}", f"spectral radius: {word}"))
-    first = m.speed[0]
+    first = max(m.speed, key=lambda s: s.asked / (s.limit or 1e300))
     limit = "no limit" if first.limit is None else f"limit {first.limit:.4g} m/s"
     beyond = sum(s.limit is not None and s.asked > s.limit for s in m.speed)
     exceeded = f", exceeded by {beyond} agents" if beyond else ""
     rows.append(("speed asked at start", _number(first.asked, "m/s"), f"of {first.agent}; {limit}{exceeded}"))
-    rows.append(_speed_of_bodies(m.speed))
+    rows += [_speed_of_bodies(m.speed), *_speed_of_limits(m.speed)]
     rows.append(("steady lag", _number(m.lag[0].lag, "m"), f"largest, of {m.lag[0].agent}"))
     return _pairs("margins in practice", rows)
 
@@ -229,6 +229,23 @@ def _speed_of_bodies(speeds: list[SpeedRecord]) -> tuple[str, str, str]:
         _number(first.steady, "m/s"),
         f"of {first.agent}; {able}" + (f", TOO SLOW, as are {short} of {len(known)}" if short else ""),
     )
+
+
+def _speed_of_limits(speeds: list[SpeedRecord]) -> list[tuple[str, str, str]]:
+    """What following q* takes, against the limits that the law keeps, where these are too low."""
+    short = [s for s in speeds if s.limit is not None and s.steady is not None and s.steady > s.limit]
+    if not short:
+        return []
+    first = max(short, key=lambda s: (s.steady or 0.0) - (s.limit or 0.0))
+    others = f", as are those of {len(short) - 1} more" if len(short) > 1 else ""
+    return [
+        (
+            "velocity limit",
+            _number(first.limit, "m/s"),
+            f"of {first.agent}, BELOW the {first.steady:.4g} m/s that q* takes{others}: the error cannot stay at zero; "
+            f"it takes a limit above {max(s.steady or 0.0 for s in short):.4g} m/s plus the disturbance",
+        )
+    ]
 
 
 def _fragility(record: CheckRecord) -> list[Text]:

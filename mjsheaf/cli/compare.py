@@ -9,10 +9,10 @@ from mjsheaf.comparing.publishing import default_directory, publish
 from mjsheaf.comparing.record import CompareRecord
 from mjsheaf.comparing.report import WIDTH, report
 from mjsheaf.errors import MjsheafError, UnstableError
-from mjsheaf.results.store import PlaceError
+from mjsheaf.results.store import PlaceError, require_same_origin
 from mjsheaf.scenario import load_scenario
 from mjsheaf.scenario.build import uses_seed
-from mjsheaf.scenario.load import parse_override
+from mjsheaf.scenario.load import origin, parse_override
 
 
 def compare_command(source: str, overrides: list[str], seed: int | None, out: Path | None, video: bool) -> None:
@@ -25,9 +25,12 @@ def compare_command(source: str, overrides: list[str], seed: int | None, out: Pa
     if "seed" in changes and not uses_seed(scenario)["physics"]:
         notes.print(f"note: the seed changes nothing: {scenario.name} has no spread and no disturbance")
     directory = default_directory(scenario) if out is None else out
+    where = origin(source, directory)
+    if out is None:
+        require_same_origin(directory, where)
     try:
         with progress_bars() as progress:
-            published = publish(scenario, directory, video=video, progress=progress)
+            published = publish(scenario, directory, video=video, origin=where, progress=progress)
     except PlaceError:
         raise
     except MjsheafError as error:
@@ -37,6 +40,8 @@ def compare_command(source: str, overrides: list[str], seed: int | None, out: Pa
     console = make_console()
     console.width = max(console.width, WIDTH)
     console.print(report(published.record))
+    if published.replaced:
+        console.print(published.replaced, highlight=False, soft_wrap=True, markup=False)
     for path in sorted(directory.iterdir()):
         console.print(f"  {path}", highlight=False, soft_wrap=True, markup=False)
     for key in ("ideal", "all"):

@@ -9,12 +9,12 @@ from mjsheaf.cli.console import make_console
 from mjsheaf.cli.progress import progress_bars
 from mjsheaf.errors import InputError, MjsheafError, UnstableError
 from mjsheaf.filming import video_options
-from mjsheaf.results.store import PlaceError
+from mjsheaf.results.store import PlaceError, require_same_origin
 from mjsheaf.results.summary import MEASURES
 from mjsheaf.running import Outcome, default_directory, execute
 from mjsheaf.scenario import load_scenario
 from mjsheaf.scenario.build import uses_seed
-from mjsheaf.scenario.load import parse_override
+from mjsheaf.scenario.load import origin, parse_override
 from mjsheaf.simulation import BACKENDS
 
 
@@ -57,9 +57,14 @@ def run_command(
         )
     options = video_options(scenario, quality=quality) if video else None
     directory = default_directory(scenario, backend) if out is None else out
+    where = origin(source, directory)
+    if out is None:
+        require_same_origin(directory, where)
     try:
         with progress_bars() as progress:
-            outcome = execute(scenario, backend, directory, video=options, allow_drift=allow_drift, progress=progress)
+            outcome = execute(
+                scenario, backend, directory, video=options, allow_drift=allow_drift, origin=where, progress=progress
+            )
     except PlaceError:
         raise
     except MjsheafError as error:
@@ -111,5 +116,7 @@ def _print_summary(outcome: Outcome) -> None:
     )
     for direction in summary["free_directions"]:
         console.print(f"DRIFTS: {direction}; errors are against the q* of least norm", highlight=False, soft_wrap=True)
+    if outcome.replaced:
+        console.print(outcome.replaced, highlight=False, soft_wrap=True, markup=False)
     for path in sorted(outcome.directory.iterdir()):
         console.print(f"  {path}", highlight=False, soft_wrap=True, markup=False)

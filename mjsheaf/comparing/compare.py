@@ -34,6 +34,7 @@ from mjsheaf.comparing.measures import (
     settling_time,
 )
 from mjsheaf.comparing.ringing import Ringing, ringing_of
+from mjsheaf.comparing.velocity_limit import VelocityLimit, examine_limit
 from mjsheaf.comparing.verdict import verdict_of
 from mjsheaf.results.errors import evaluate_errors
 from mjsheaf.scenario import Scenario
@@ -77,6 +78,7 @@ def compare(scenario: Scenario, progress: Progress | None = None) -> Comparison:
     runs = climb(system, ladder, progress)
     grid = system.grid
     middle = grid.start + 0.5 * grid.period * grid.steps
+    limit = examine_limit(system, runs)
     convergence = converge(system, progress)
     if progress:
         progress("letting go", 0, 1)
@@ -96,6 +98,7 @@ def compare(scenario: Scenario, progress: Progress | None = None) -> Comparison:
         "budgets": _budgets(ladder, rungs, _errors_at_q_star(runs["ideal"])),
         "ringing": None if ringing is None else _ringing(ringing),
         "convergence": _convergence(convergence),
+        "velocity_limit": None if limit is None else _velocity_limit(limit),
         "demands": [d for key in ("ideal", "all") for d in _demands(system, runs[key], middle)],
         "fastest": [
             records.FastestRecord(moves_in=_DOMAIN[f.dimension], vehicle=f.vehicle, speed_m_s=f.speed)
@@ -221,6 +224,25 @@ def _ringing(ringing: Ringing) -> records.RingingRecord:
                 status=r.status,
             )
             for r in ringing.releases
+        ],
+    )
+
+
+def _velocity_limit(found: VelocityLimit) -> records.VelocityLimitRecord:
+    keys: tuple[Literal["ideal", "all"], ...] = ("ideal", "all")
+    return records.VelocityLimitRecord(
+        lowest_m_s=found.lowest,
+        highest_m_s=found.highest,
+        asked_m_s=found.asked,
+        who=found.who,
+        runs=[
+            records.UnlimitedRecord(
+                run=key,
+                share_at_limit=found.shares[key],
+                status_without=found.without[key].trajectory.status,
+                errors_without=_errors(found.without[key], found.without[key].series),
+            )
+            for key in keys
         ],
     )
 

@@ -12,6 +12,7 @@ from mjsheaf.filming import film_of, video_options
 from mjsheaf.scenario import Scenario
 from mjsheaf.video import Film, VideoOptions
 from mjsheaf.video.camera import CameraPath
+from mjsheaf.video.curve import error_range
 from mjsheaf.video.draw import Painter
 from mjsheaf.video.encode import write_mp4
 from mjsheaf.video.renderer import Frame
@@ -49,17 +50,26 @@ def film_side_by_side(
         MjsheafError: no offscreen OpenGL works here, or ffmpeg failed.
     """
     options = half_options(scenario)
+    (left, left_model), (right, right_model) = both_films(scenario, ideal, physics)
+    both = _together(left, right)
+    with _Half(left, left_model, options, both) as one, _Half(right, right_model, options, both) as other:
+        return write_mp4(path, _frames(one, other, progress), 2 * options.width + _GAP, options.height, options.fps)
+
+
+def both_films(
+    scenario: Scenario, ideal: Run, physics: Run
+) -> tuple[tuple[Film, mujoco.MjModel], tuple[Film, mujoco.MjModel]]:
+    """The films of both runs, each with its model: of one length, and with one axis for the curves of their errors."""
     (left, left_model), (right, right_model) = (
         film_of(scenario, run.dataset(backend, scenario.seed))
         for run, backend in ((ideal, "ideal"), (physics, "physics"))
     )
     left, right = left.loaded(), right.loaded()
     times = max(left.time, right.time, key=len)
-    left = replace(_lasting(left, times), name=f"{scenario.name}: ideal")
-    right = replace(_lasting(right, times), name=f"{scenario.name}: bodies")
-    both = _together(left, right)
-    with _Half(left, left_model, options, both) as one, _Half(right, right_model, options, both) as other:
-        return write_mp4(path, _frames(one, other, progress), 2 * options.width + _GAP, options.height, options.fps)
+    axis = error_range(left.error[:], right.error[:])
+    left = replace(_lasting(left, times), name=f"{scenario.name}: ideal", error_range=axis)
+    right = replace(_lasting(right, times), name=f"{scenario.name}: bodies", error_range=axis)
+    return (left, left_model), (right, right_model)
 
 
 class _Half(Painter):

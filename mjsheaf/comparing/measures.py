@@ -25,7 +25,8 @@ class Series:
     Attributes:
         tracking_error: RMS over the agents of |q*_i - q_i|, shape (T,), m.
         formation_error: RMS over the edges inside groups, shape (T,), m; NaN where there is none.
-        centering_error: largest distance of a group from its target, shape (T,), m; NaN where there is none.
+        centering_error: largest distance of a group's centroid from where its formation wants it, shape (T,), m; NaN
+            where there is none.
     """
 
     tracking_error: Array

@@ -13,7 +13,7 @@ from mjsheaf.comparing.record import CompareRecord
 from mjsheaf.comparing.report import report_text
 from mjsheaf.errors import MjsheafError
 from mjsheaf.resolving import write_scenario
-from mjsheaf.results.store import save_summary, staging
+from mjsheaf.results.store import replaced_run, save_summary, staging
 from mjsheaf.scenario import Scenario
 from mjsheaf.video import available_backend
 
@@ -29,11 +29,13 @@ class Published:
         directory: where.
         record: as compare.json.
         notes: what the user should know beside that.
+        replaced: what is to be told of the run whose place it took; None where there was none.
     """
 
     directory: Path
     record: CompareRecord
     notes: list[str]
+    replaced: str | None = None
 
 
 def default_directory(scenario: Scenario) -> Path:
@@ -41,13 +43,16 @@ def default_directory(scenario: Scenario) -> Path:
     return Path("runs") / f"{scenario.name}-compare"
 
 
-def publish(scenario: Scenario, directory: Path, *, video: bool, progress: Progress | None = None) -> Published:
+def publish(
+    scenario: Scenario, directory: Path, *, video: bool, origin: str | None = None, progress: Progress | None = None
+) -> Published:
     """Compare a scenario's ideal kinematics with its bodies and publish what came out, also where bodies blow up.
 
     Args:
         scenario: the scenario.
         directory: where the results go.
         video: whether to film ideal and physics side by side.
+        origin: where the scenario comes from, as `scenario.load.origin` has it; compare.json keeps it.
         progress: called with (what is being done, done, in all).
 
     Raises:
@@ -55,10 +60,11 @@ def publish(scenario: Scenario, directory: Path, *, video: bool, progress: Progr
         PlaceError: the directory may not be replaced or cannot be written.
         NotUniqueError: the harmonic extension is not unique; nothing is written.
     """
+    replaced = replaced_run(directory)
     notes: list[str] = []
     with staging(directory) as fresh:
         comparison = compare(scenario, progress)
-        record = comparison.record
+        record = comparison.record.model_copy(update={"origin": origin})
         write_scenario(scenario, fresh)
         _plot(comparison, fresh, progress)
         if video:
@@ -69,7 +75,7 @@ def publish(scenario: Scenario, directory: Path, *, video: bool, progress: Progr
         if progress:
             progress("publishing", 0, 1)  # the last moment at which the user can stop it
         save_summary(record.model_dump(mode="json"), fresh / "compare.json")
-    return Published(directory, record, notes)
+    return Published(directory, record, notes, replaced)
 
 
 def _plot(comparison: Comparison, folder: Path, progress: Progress | None) -> None:

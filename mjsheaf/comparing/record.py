@@ -138,6 +138,29 @@ class ConvergenceRecord(_Part):
     reason: str = Field(description="why there is none, or empty")
 
 
+class UnlimitedRecord(_Part):
+    """A run with the law's velocity limit, and the same without."""
+
+    run: Literal["ideal", "all"]
+    share_at_limit: float = Field(description="of agents and samples in the last half of the run with the limit")
+    status_without: str
+    errors_without: dict[str, ScopeRecord] = Field(description="by scope, as in the ladder")
+
+
+class VelocityLimitRecord(_Part):
+    """The law's velocity limit (controller.velocity_limit, or that of single agents) and what it costs."""
+
+    lowest_m_s: float
+    highest_m_s: float
+    asked_m_s: float = Field(description="largest speed in the last half of the ideal run without it: it would do")
+    who: str
+    runs: list[UnlimitedRecord]
+
+    def run(self, key: str) -> UnlimitedRecord:
+        """The ideal run ('ideal') or that of the scenario as it stands ('all')."""
+        return next(run for run in self.runs if run.run == key)
+
+
 class DemandRecord(_Part):
     """What the vehicles of one kind are asked for in the last half of a run, relative to the medium."""
 
@@ -166,6 +189,7 @@ class CompareRecord(_Part):
 
     mjsheaf_version: str
     scenario: str
+    origin: str | None = Field(None, description="scenario: its name, or its file relative to this directory")
     seed: int
     gain: float = Field(description="k1, 1/s")
     usable_gain: float | None = Field(
@@ -177,6 +201,7 @@ class CompareRecord(_Part):
     budgets: list[BudgetRecord]
     ringing: RingingRecord | None = Field(description="null for teams of too many states")
     convergence: ConvergenceRecord
+    velocity_limit: VelocityLimitRecord | None = Field(None, description="null where no agent has one")
     demands: list[DemandRecord]
     fastest: list[FastestRecord]
     verdict: list[str] = Field(description="what to change, the most telling sentence first")
@@ -191,6 +216,20 @@ class CompareRecord(_Part):
         """The budget of one error."""
         wanted = (scope, measure, statistic)
         return next(b for b in self.budgets if (b.scope, b.measure, b.statistic) == wanted)
+
+    def limit_costs(self, scope: str, measure: str, run: str) -> float | None:
+        """What an error would lose without the velocity limit, RMS over the last half, m; None where it is not known.
+
+        Args:
+            scope: 'team' or a group.
+            measure: of ErrorsRecord.
+            run: 'ideal' or 'all'.
+        """
+        if self.velocity_limit is None:
+            return None
+        now = getattr(self.rung(run).errors[scope].late, measure)
+        without = getattr(self.velocity_limit.run(run).errors_without[scope].late, measure)
+        return None if now is None or without is None else now - without
 
     @property
     def measure(self) -> Literal["tracking_error", "formation_error"]:

@@ -22,6 +22,7 @@ _RINGS = 0.2  # damping ratio
 _FLOOR = 0.5  # of the error, from which on q* itself is to blame
 _FAR = 0.1  # tracking error, of the formation's size
 _ROOM = 1.05  # of the gain, above which it is worth raising
+_SELDOM = 0.01  # of the time at the velocity limit, below which it is no matter
 _MOST_GROUPS = 6  # that are told apart
 
 
@@ -47,7 +48,13 @@ def verdict_of(record: CompareRecord) -> list[str]:
     """The sentences, the most telling first."""
     whole = _of_the_whole(record)
     return (
-        whole + _groups(record) + _tracking(record) + _speeds(record) + _saturation(record) + _ringing(record.ringing)
+        whole
+        + _groups(record)
+        + _tracking(record)
+        + _velocity_limit(record)
+        + _speeds(record)
+        + _saturation(record)
+        + _ringing(record.ringing)
     )
 
 
@@ -88,9 +95,13 @@ def _lever(record: CompareRecord, scope: str) -> _Lever | None:
             f"q* itself is {floor:.3g} m out of formation (now {budget.all_m:.3g} m)",
             "give the edges between groups an `offset`, or weigh sensing and formation edges more against them",
         )
+    known = sorted(((item.give_back_m or 0.0, item.effect) for item in budget.effects), reverse=True)
+    limit = record.limit_costs(scope, record.measure, "all") or 0.0
+    if limit >= _TELLING * budget.all_m and (not known or limit >= known[0][0]):
+        less = f"without it the error would be {limit:.2g} m less ({now})"
+        return _Lever("the velocity limit", less, _raise_limit(record))
     if cost <= _SMALL * budget.all_m:
         return _Lever("the law, not the vehicles", now, _law(record, "more agents that sense", "slower targets"))
-    known = sorted(((item.give_back_m or 0.0, item.effect) for item in budget.effects), reverse=True)
     if known and known[0][0] >= _TELLING * cost:
         (most, effect), others = known[0], known[1:2]
         then = "".join(f"; then {words(e)} with {x:.2g} m: {_CHANGE[e]}" for x, e in others if x >= 0.5 * most)
@@ -153,12 +164,61 @@ def _tracking(record: CompareRecord) -> list[str]:
         return []
     told = f"tracking error {now:.3g} m, {min(ideal, now):.3g} m of it in the ideal run"
     if own:
+        limit = record.limit_costs(TEAM, "tracking_error", "ideal") or 0.0
+        if limit >= _TELLING * ideal:
+            return [
+                f"{told}: {limit:.2g} m of that by the velocity limit, the rest by the law's own lag; "
+                f"{_law(record, 'slower targets')}"
+            ]
         return [f"{told}: the law's own lag; {_law(record, 'slower targets')}"]
     known = sorted(((item.give_back_m or 0.0, item.effect) for item in budget.effects), reverse=True)
     if known and known[0][0] > 0.0:
         most, effect = known[0]
         return [f"{told}: the bodies'; {words(effect)} first, without which it would be {most:.2g} m less"]
     return [f"{told}: the bodies'"]
+
+
+def _velocity_limit(record: CompareRecord) -> list[str]:
+    """How much of the time agents are at the law's velocity limit, and what the errors are without it."""
+    limit = record.velocity_limit
+    if limit is None or max(run.share_at_limit for run in limit.runs) < _SELDOM:
+        return []
+    ideal, whole = limit.run("ideal"), limit.run("all")
+    measures = dict.fromkeys((record.measure, "tracking_error"))
+    errors = [text for measure in measures for text in _with_and_without(record, measure)]
+    costs = [record.limit_costs(TEAM, measure, run.run) or 0.0 for measure in measures for run in limit.runs]
+    told = (
+        f"agents are at their velocity limit ({_limits(record)}) {100 * ideal.share_at_limit:.0f}% of the last half of "
+        f"the ideal run, {100 * whole.share_at_limit:.0f}% as it stands"
+    )
+    if errors:
+        told += f"; without it {', '.join(errors)}" + (f": {_raise_limit(record)}" if max(costs) > 0.0 else "")
+    return [told]
+
+
+def _with_and_without(record: CompareRecord, measure: str) -> list[str]:
+    """One error with and without the velocity limit, where it differs notably."""
+    told, notably = [], False
+    for run, name in (("ideal", "ideal"), ("all", "as it stands")):
+        now, less = getattr(record.rung(run).errors[TEAM].late, measure), record.limit_costs(TEAM, measure, run)
+        if now is not None and less is not None:
+            told.append(f"{now:.3g} -> {now - less:.3g} m {name}")
+            notably = notably or abs(less) > _SMALL * now
+    return [f"{measure.replace('_', ' ')} {' and '.join(told)}"] if notably else []
+
+
+def _raise_limit(record: CompareRecord) -> str:
+    """The limit that does: the largest speed that the last half of the ideal run asks for without one."""
+    limit = record.velocity_limit
+    assert limit is not None  # somebody has one
+    return f"raise velocity_limit to {limit.asked_m_s:.3g} m/s, the most that the ideal run asks for ({limit.who})"
+
+
+def _limits(record: CompareRecord) -> str:
+    limit = record.velocity_limit
+    assert limit is not None  # somebody has one
+    low, high = f"{limit.lowest_m_s:.3g}", f"{limit.highest_m_s:.3g}"
+    return f"{low} m/s" if low == high else f"{low} to {high} m/s"
 
 
 def _speeds(record: CompareRecord) -> list[str]:

@@ -81,7 +81,7 @@ def plot_errors(
         {k: formation[:, k] for k in by_group}, "all edges inside groups",
     )  # fmt: skip
     draw(
-        panels[1, 1], "centering error", "centroid to target (m)", dataset["centering_error"].values[keep],
+        panels[1, 1], "centering error", "centroid off its place (m)", dataset["centering_error"].values[keep],
         {k: centering[:, k] for k in by_group}, "largest",
     )  # fmt: skip
     for axis in panels[1]:

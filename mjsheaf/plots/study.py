@@ -18,7 +18,7 @@ _LABELS = {
     "mean_disagreement": "final disagreement, mean |η| (m)",
     "tracking_error": "final tracking error, RMS |q* − q| (m)",
     "formation_error": "final formation error, RMS residual (m)",
-    "centering_error": "final distance, centroid to target (m)",
+    "centering_error": "final centering error, largest (m)",
 }
 _LINE, _UNSETTLED, _FAILED = "#0072B2", "#D55E00", "#BBBBBB"
 _SETTLED, _MOVING, _UNKNOWN = "run that has settled", "run that still changes at its end", "run too short to tell"

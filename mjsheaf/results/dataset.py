@@ -103,14 +103,15 @@ def _gather(system: System, trajectory: Trajectory, thrusters: list[list[str]]) 
     add("tracking_error", ("time", "agent"), errors.tracking, "m", "|q*_i - q_i|")
     add("velocity_command", body, velocity, "m s-1", "-k1 eta_i, limited: commanded velocity relative to the medium")
     add("formation_error", ("time",), errors.formation_rms(), "m", "RMS residual over the edges inside formations")
-    add("centering_error", ("time",), errors.largest_centering(), "m", "largest distance of a group from its target")
+    add("centering_error", ("time",), errors.largest_centering(), "m",
+        "largest distance of a group's centroid from where its formation wants it")  # fmt: skip
     if groups:
         coordinates["group"] = _labels("group", groups, "formation group")
         by_group = ("time", "group")
         add("group_formation_error", by_group, np.column_stack([errors.formation_rms(g) for g in groups]), "m",
             "RMS residual over the edges of a group")  # fmt: skip
         add("group_centering_error", by_group, np.column_stack([errors.centering[g] for g in groups]), "m",
-            "distance of a group's centroid from its target's projection")  # fmt: skip
+            "distance of each centroid from its place: target's projection plus mean displacement")  # fmt: skip
 
     if trajectory.thrust is None:
         u = inputs(system, trajectory.time, np.nan_to_num(velocity), trajectory.positions)

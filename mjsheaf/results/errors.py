@@ -9,6 +9,8 @@ from mjsheaf.team import Formation, Team
 
 Array = NDArray[np.float64]
 
+_ROUNDING = 1e-12  # share of the largest displacement below which a mean displacement is zero
+
 
 @dataclass(frozen=True)
 class Errors:
@@ -19,8 +21,9 @@ class Errors:
         disagreement: eta as padded vectors with NaN, shape (T, N, 3).
         tracking: |q*_i - q_i|, shape (T, N).
         formation: residual norm |F_i x_i - F_j x_j - b_e| of each edge inside a formation, for each group, (T, edges).
-        centering: distance of each group's centroid from its target's projection, for each group, (T,); NaN where
-            the group is about no target.
+        centering: distance of each group's centroid from where its formation wants it, for each group, (T,): from
+            its target's projection plus the mean of the members' wanted displacements. NaN where the group is about no
+            target.
     """
 
     harmonic_extension: Array
@@ -71,12 +74,19 @@ def _residuals(team: Team, formation: Formation, positions: Array) -> Array:
 
 
 def _centering(team: Team, formation: Formation, positions: Array) -> Array:
-    """Distance of the centroid from the target's projection, in the coordinates that group and target share."""
+    """Distance of the centroid from the target's projection plus the mean wanted displacement, shape (T,), m.
+
+    Only the coordinates that all members and the target have in common count. An explicit `offset` of an edge changes
+    what the law does, not where the formation wants its members.
+    """
     if formation.about is None:
         return np.full(len(positions), np.nan)
     number = {m.id: v for v, m in enumerate(team.members)}
     members = [number[m] for m in formation.members]
     target = number[formation.about]
     shared = min(team.members[v].dimension for v in [*members, target])
+    wanted = np.array([o[:shared] for o in formation.displacements])
+    mean = wanted.mean(axis=0)
+    mean[np.abs(mean) <= _ROUNDING * np.abs(wanted).max()] = 0.0  # a polygon's corners cancel up to rounding only
     centroid = positions[:, members, :shared].mean(axis=1)
-    return np.linalg.norm(centroid - positions[:, target, :shared], axis=1)
+    return np.linalg.norm(centroid - positions[:, target, :shared] - mean, axis=1)

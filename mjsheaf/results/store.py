@@ -6,6 +6,7 @@ import math
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +49,7 @@ RESULT_DIGEST = "result_sha256"
 """The field of summary.json by which a result.nc that was damaged or changed is known."""
 
 _RECORDS = ("summary.json", "compare.json")
+_FILES_OF_PEOPLE = (".yaml", ".yml")
 
 
 class PlaceError(InputError):
@@ -118,14 +120,46 @@ def digest(path: Path) -> str:
 
 def holds_run(directory: Path) -> bool:
     """Whether a directory is that of a run or of a comparison."""
+    return _record(directory) is not None
+
+
+def _record(directory: Path) -> dict[str, Any] | None:
+    """summary.json or compare.json of a directory, as mjsheaf wrote it; None where there is neither."""
     for name in _RECORDS:
         try:
             record = json.loads((directory / name).read_bytes())
         except (OSError, ValueError, RecursionError):
             continue
         if isinstance(record, dict) and "mjsheaf_version" in record:
-            return True
-    return False
+            return record
+    return None
+
+
+def require_same_origin(directory: Path, origin: str) -> None:
+    """Refuse a directory that was not asked for by name and holds the run of another scenario with the same name.
+
+    Raises:
+        PlaceError: naming both.
+    """
+    before = (_record(directory) or {}).get("origin")
+    if before is None or origin in (before, "scenario.yaml"):  # the latter is this very run's, run again
+        return
+
+    def shown(of: str) -> str:
+        return of if os.sep not in of and not of.endswith(_FILES_OF_PEOPLE) else os.path.relpath(directory / of)
+
+    raise PlaceError(
+        f"{directory}: holds the run of {shown(before)}, another scenario of the same name as {shown(origin)}; choose "
+        "another directory with --out, or change the name in one of them"
+    )
+
+
+def replaced_run(directory: Path) -> str | None:
+    """What is to be told of the run or comparison that a new one would replace; None where there is none."""
+    if _record(directory) is None:
+        return None
+    data = next((path for name in ("result.nc", *_RECORDS) if (path := directory / name).exists()), directory)
+    return f"replaced the run of {datetime.fromtimestamp(data.stat().st_mtime):%Y-%m-%d %H:%M:%S} in {directory}"
 
 
 def enclosing_run(path: Path) -> Path | None:

@@ -1,6 +1,6 @@
 """From a scenario to the closed-loop system that it describes."""
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, TypeVar
 
@@ -14,16 +14,19 @@ from mjsheaf.dynamics import disturbance as disturbances
 from mjsheaf.dynamics import effectiveness as effectivenesses
 from mjsheaf.dynamics import motion as motions
 from mjsheaf.errors import InputError
+from mjsheaf.expected import expected
 from mjsheaf.scenario import schema_medium as medium_schema
 from mjsheaf.scenario import schema_team as team_schema
 from mjsheaf.scenario.schema import Scenario
-from mjsheaf.team import Edge, Formation, Member, Team, anchor, formation, restriction_maps
+from mjsheaf.team import GROUND, Edge, Formation, Member, Team, anchor, formation, restriction_maps
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
 
-_DEFAULT_VEHICLE = {2: "hull", 3: "aerial"}
-_EDGES = ("communication", "sensing", "target_edges")
+DEFAULT_VEHICLE = {2: "hull", 3: "aerial"}
+"""What an agent or target of each dimension is unless the scenario names something else; takes any effects and tau."""
+_EDGES = {"communication": ("agent", "agent"), "sensing": ("agent", "target"), "target_edges": ("target", "target")}
+"""The fields that hold edges, and what their tails and heads are."""
 _MOST_SAMPLES = 50_000_000
 
 
@@ -65,7 +68,7 @@ def build_system(scenario: Scenario) -> System:
         tolerance=(scenario.ideal.rtol, scenario.ideal.atol),
         bodies=BodyPlan(
             vehicle=[
-                v.vehicle or default or _DEFAULT_VEHICLE[n]
+                v.vehicle or default or DEFAULT_VEHICLE[n]
                 for v, default, n in zip(
                     vehicles,
                     _per_vehicle(scenario, scenario.vehicles.agents, scenario.vehicles.targets),
@@ -94,8 +97,17 @@ def build_team(scenario: Scenario) -> Team:
             raise InputError(f"agents, targets: id {member.id!r} is used twice; each needs its own")
         dimension[member.id] = member.dimension
     attitude = {a.id: _attitude(a) for a in scenario.agents}
-    edges = {field: _each(field, getattr(scenario, field), lambda e: _edge(e, dimension, attitude)) for field in _EDGES}
     agent_ids, target_ids = [m.id for m in agents], [m.id for m in targets]
+    role = dict.fromkeys(agent_ids, "agent") | dict.fromkeys(target_ids, "target")
+    edges = {
+        field: _each(field, getattr(scenario, field), partial(_edge, dimension=dimension, attitude=attitude,
+                                                              role=role, wanted=wanted))
+        for field, wanted in _EDGES.items()
+    }  # fmt: skip
+    for field, made in edges.items():
+        _require_different(field, made, [model.parallel for model in getattr(scenario, field)])
+    anchors = _each("anchors", scenario.anchors, lambda a: _anchor(a, dimension, agent_ids))
+    _require_different("anchors", anchors, [model.parallel for model in scenario.anchors])
     groups = _each("formations", scenario.formations, lambda g: _formation(g, dimension, agent_ids, target_ids))
     names = [g.name for g in groups]
     if len(set(names)) != len(names):
@@ -114,7 +126,7 @@ def build_team(scenario: Scenario) -> Team:
             edges["target_edges"],
             groups,
             target_formation,
-            _each("anchors", scenario.anchors, lambda a: _anchor(a, dimension, agent_ids)),
+            anchors,
         ),
     )
 
@@ -124,11 +136,6 @@ def uses_seed(scenario: Scenario) -> dict[str, bool]:
     drawn = [d for d in (scenario.disturbance.agents, scenario.disturbance.targets) if d is not None and d.bound > 0.0]
     ideal = bool(drawn) or scenario.spread.position > 0.0
     return {"ideal": ideal, "physics": ideal or scenario.spread.heading > 0.0}
-
-
-def _listed(ids: Collection[str]) -> str:
-    """Ids as an error lists them: the first of them."""
-    return ", ".join(list(ids)[:20]) + (f", ... ({len(ids)} in all)" if len(ids) > 20 else "")
 
 
 def _at(field: str, make: Callable[[], T]) -> T:
@@ -158,7 +165,7 @@ def _time_grid(scenario: Scenario) -> TimeGrid:
     # A span that is a whole number of periods up to rounding keeps its last sample.
     steps = (scenario.time.end - scenario.time.start) / period + 1e-6
     if not 1.0 <= steps <= _MOST_SAMPLES:
-        raise InputError(f"end: gives {steps:.3g} control periods; legal are 1 to {_MOST_SAMPLES}")
+        raise InputError(f"end: gives {steps:.3g} control periods; expected 1 to {_MOST_SAMPLES}")
     return TimeGrid(scenario.time.start, period, int(steps), continuous=control == 0.0)
 
 
@@ -182,20 +189,73 @@ def _attitude(agent: team_schema.Agent) -> tuple[float, float, float]:
     return tuple(float(np.deg2rad(x)) for x in (agent.frame.roll, agent.frame.pitch, agent.frame.yaw))  # type: ignore[return-value]
 
 
+def _require_different(field: str, edges: Sequence[Edge], parallel: Sequence[bool]) -> None:
+    """Refuse an edge that another one repeats, in either direction, unless one of them says that it is parallel.
+
+    Each is legal, as two sensors may see the same; but together they count double, and most are written by mistake.
+
+    Raises:
+        InputError: naming both.
+    """
+    first: dict[tuple[Any, ...], int] = {}
+    for k, edge in enumerate(edges):
+        key = _equation(edge)
+        if key not in first:
+            first[key] = k
+        elif not (parallel[k] or parallel[first[key]]):
+            one, other = (_ends(edges[j]) for j in (first[key], k))
+            raise InputError(
+                f"{field}.{k}: {other} says the same as {field}.{first[key]}, {one}, and would count double; leave one "
+                f"out, give it another weight, map or offset, or write parallel: true if there are two sensors"
+            )
+
+
+def _ends(edge: Edge) -> str:
+    return f"the anchor of {edge.tail}" if edge.head == GROUND else f"[{edge.tail}, {edge.head}]"
+
+
+def _equation(edge: Edge) -> tuple[Any, ...]:
+    """What an edge says, the same in either direction: F_tail x_tail - F_head x_head = b, weighted by K."""
+    ends, sign = [(edge.tail, edge.F_tail), (edge.head, edge.F_head)], 1.0
+    if edge.head < edge.tail:
+        ends, sign = ends[::-1], -1.0
+    b = None if edge.offset is None else (sign * edge.offset + 0.0).tobytes()  # + 0.0: no negative zeros
+    return (*((name, F.shape, (F + 0.0).tobytes()) for name, F in ends), (edge.weight + 0.0).tobytes(), b)
+
+
 def _edge(
-    edge: team_schema.EdgeModel, dimension: dict[str, int], attitude: dict[str, tuple[float, float, float]]
+    edge: team_schema.EdgeModel,
+    dimension: dict[str, int],
+    attitude: dict[str, tuple[float, float, float]],
+    role: dict[str, str],
+    wanted: tuple[str, str],
 ) -> Edge:
+    """Build an edge.
+
+    Args:
+        edge: as written.
+        dimension: of every member, by id.
+        attitude: roll, pitch, yaw of every agent's local frame, by id.
+        role: 'agent' or 'target', by id.
+        wanted: roles of tail and head.
+    """
     tail, head = edge.between
     for end in edge.between:
         if end not in dimension:
-            raise InputError(f"unknown id {end!r}; legal are {_listed(dimension)}")
+            raise InputError(f"unknown id {end!r}; {expected(end, [i for i in role if role[i] in wanted])}")
+    found = role[tail], role[head]
+    if found != wanted:
+        article = {"agent": "an agent", "target": "a target"}
+        words = [f"{end} is {article[kind]}" for end, kind in zip(edge.between, found, strict=True)]
+        swapped = f"; write [{head}, {tail}]" if found[::-1] == wanted else ""
+        raise InputError(f"[{tail}, {head}]: expected [{', '.join(wanted)}], but {' and '.join(words)}{swapped}")
     if tail == head:
         raise InputError(f"({tail}, {head}) is a loop; the ends of an edge must differ")
     if isinstance(edge.map, team_schema.ExplicitMaps):
         F_tail, F_head = _matrix(edge.map.tail, "map.tail"), _matrix(edge.map.head, "map.head")
         for name, F, n in (("tail", F_tail, dimension[tail]), ("head", F_head, dimension[head])):
             if F.shape[1] != n:
-                raise InputError(f"map.{name} has shape {F.shape}; legal is (m, {n})")
+                raise InputError(f"map.{name} has shape {F.shape}; expected (m, {n})")
         if len(F_tail) != len(F_head):
             raise InputError(f"map.tail has {len(F_tail)} rows and map.head {len(F_head)}; they must be equal")
     else:
@@ -212,12 +272,12 @@ def _edge(
 
 def _anchor(model: team_schema.AnchorModel, dimension: dict[str, int], agents: list[str]) -> Edge:
     if model.agent not in agents:
-        raise InputError(f"agent: unknown id {model.agent!r}; legal are {_listed(agents)}")
+        raise InputError(f"agent: unknown id {model.agent!r}; {expected(model.agent, agents)}")
     n = dimension[model.agent]
     if model.map is not None:
         F = _matrix(model.map, "map")
         if F.shape[1] != n:
-            raise InputError(f"map has shape {F.shape}; legal is (m, {n})")
+            raise InputError(f"map has shape {F.shape}; expected (m, {n})")
     else:
         rows = ["xyz".index(axis) for axis in model.axes or []]
         if max(rows) >= n or len(set(rows)) != len(rows):
@@ -233,7 +293,7 @@ def _weight(weight: float | Sequence[Sequence[float]] | None, m: int) -> Array:
         return (1.0 if weight is None else weight) * np.eye(m)
     K = _matrix(weight, "weight")
     if K.shape != (m, m):
-        raise InputError(f"weight has shape {K.shape}; legal is ({m}, {m}) or a positive number")
+        raise InputError(f"weight has shape {K.shape}; expected ({m}, {m}) or a positive number")
     return K
 
 
@@ -247,12 +307,12 @@ def _formation(group: Any, dimension: dict[str, int], members: list[str], target
     known, named = set(members), set()
     for member in group.members:
         if member not in known:
-            raise InputError(f"members: unknown id {member!r}; legal are {_listed(members)}")
+            raise InputError(f"members: unknown id {member!r}; {expected(member, members)}")
         if member in named:
             raise InputError(f"members: {member!r} is named twice")
         named.add(member)
     if group.about is not None and group.about not in targets:
-        raise InputError(f"about: {group.about!r} is not a target; legal are {_listed(targets)}")
+        raise InputError(f"about: {group.about!r} is not a target; {expected(group.about, targets)}")
     sizes = [dimension[m] for m in group.members]
     if isinstance(group, team_schema.ExplicitGroup):
         places = formation.explicit(group.displacements, sizes)

@@ -1,5 +1,6 @@
 """Loading scenarios: by name or path, with overrides, checked as a whole."""
 
+import os
 import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -10,6 +11,7 @@ from pydantic import ValidationError
 
 from mjsheaf.confining import confined
 from mjsheaf.errors import InputError, ScenarioError
+from mjsheaf.expected import expected, suggestion
 from mjsheaf.reading import describe_validation_error, parse_yaml, read_yaml
 from mjsheaf.resources import resource_directory
 from mjsheaf.scenario.schema import Scenario
@@ -31,19 +33,24 @@ def list_scenarios() -> dict[str, Path]:
     return {path.stem: path for path in sorted(resource_directory("scenarios").glob("*.yaml"))}
 
 
-def load_scenario(source: str | Path, overrides: Mapping[str, Any] | None = None) -> Scenario:
+def load_scenario(source: str | Path | Mapping[str, Any], overrides: Mapping[str, Any] | None = None) -> Scenario:
     """Read a scenario.
 
     Args:
         source: a name in scenarios/, or the path of a YAML file. The paths of vehicles in it are relative to its
-            directory and stay inside it.
+            directory and stay inside it. Or a mapping, as the file would give: its name is 'scenario' unless it has
+            one, and paths of vehicles are relative to the working directory.
         overrides: field path to value, as `--set`; for example {"controller.gain": 30, "agents.A1.heading": 90}. Paths
             of vehicles here are relative to the working directory and may lie anywhere.
 
     Raises:
         ScenarioError: the file cannot be read, is not valid, or an override does not fit. The message names file and
-            field and says what would be legal.
+            field and says what is expected.
     """
+    if isinstance(source, Mapping):
+        return scenario_from_mapping({"name": "scenario", **source}, overrides)
+    if not isinstance(source, str | Path):
+        raise ScenarioError(f"expected a scenario's name, the path of a file or a mapping, not {type(source).__name__}")
     return scenario_from_mapping(read_scenario(source), overrides, str(source))
 
 
@@ -89,7 +96,7 @@ def parse_override(text: str) -> tuple[str, Any]:
     """
     path, equals, value = text.partition("=")
     if not equals or not path:
-        raise ScenarioError(f"--set {text!r}: legal is PATH=VALUE, for example controller.gain=30")
+        raise ScenarioError(f"--set {text!r}: expected PATH=VALUE, for example controller.gain=30")
     return path, parse_yaml(value, f"--set {path}")
 
 
@@ -132,10 +139,21 @@ def find_scenario(source: str | Path) -> Path:
     if str(source) in known:
         return known[str(source)]
     if path.is_dir():
-        raise ScenarioError(f"{source}: is a directory; legal is a scenario's name or a YAML file")
+        raise ScenarioError(f"{source}: is a directory; expected a scenario's name or a YAML file")
     if path.suffix in _SUFFIXES or path.exists():
         return path
-    raise ScenarioError(f"{source}: no such scenario; legal are {', '.join(known)}, or the path of a YAML file")
+    close = suggestion(str(source), known)
+    raise ScenarioError(f"{source}: no such scenario; expected {', '.join(known)}, or the path of a YAML file{close}")
+
+
+def origin(source: str | Path, directory: Path) -> str:
+    """Where a scenario comes from: its name in scenarios/, else its file's path relative to the run's directory.
+
+    Two runs of one file have one origin, also when the project that holds both is moved.
+    """
+    real, own = os.path.realpath(find_scenario(source)), os.path.realpath(directory)
+    names = [name for name, path in list_scenarios().items() if os.path.realpath(path) == real]
+    return names[0] if names else os.path.relpath(real, own)
 
 
 def _name_from(path: Path) -> str:
@@ -164,8 +182,8 @@ def _with(node: Any, keys: list[str], value: Any, path: str) -> Any:
         names = [item.get("id", item.get("name")) if isinstance(item, dict) else None for item in node]
         numbers = [str(k) for k in range(len(node))]
         if key not in names and key not in numbers:
-            legal = ", ".join(str(name) for name in names if name) or f"0 to {len(node) - 1}"
-            raise ScenarioError(f"--set {path}: no item {key!r}; legal are {legal}")
+            known = [str(name) for name in names if name] or [f"0 to {len(node) - 1}"]
+            raise ScenarioError(f"--set {path}: no item {key!r}; {expected(key, known)}")
         index = names.index(key) if key in names else numbers.index(key)
         copy = list(node)
         copy[index] = _with(node[index], rest, value, path) if rest else value

@@ -73,6 +73,7 @@ class EdgeModel(Section):
     map: Literal["shared", "identity", "local_frame"] | ExplicitMaps = "shared"
     weight: Positive | Matrix | None = Field(None, description="inner product of the edge stalk; a number times I")
     offset: list[Number] | None = Field(None, description="desired F_tail x_tail - F_head x_head; from formations")
+    parallel: bool = Field(False, description="a second sensor: it may repeat another edge, and counts beside it")
 
 
 Edge = Annotated[EdgeModel, BeforeValidator(edge_from_pair, json_schema_input_type=EdgeModel | _Ends)]
@@ -88,6 +89,7 @@ class AnchorModel(Section):
     map: Matrix | None = Field(None, description="F, one row for each measured number")
     value: Annotated[list[Number], Field(min_length=1)] = Field(description="desired F q, m")
     weight: Positive | Matrix | None = Field(None, description="inner product of the edge stalk; a number times I")
+    parallel: bool = Field(False, description="a second sensor: it may repeat another anchor, and counts beside it")
 
     @model_validator(mode="after")
     def _one(self) -> "AnchorModel":

@@ -74,17 +74,29 @@ def number(value: float) -> str:
     return f"{value:.{max(0, 2 - int(np.floor(np.log10(abs(value)))))}f}"
 
 
+def error_range(*errors: FloatArray) -> tuple[float, float] | None:
+    """The lowest and highest value of an axis that shows all of these errors, at most DECADES apart.
+
+    None where none of them is finite and positive.
+    """
+    sizes = np.abs(np.concatenate([np.ravel(error) for error in errors]))
+    shown = sizes[np.isfinite(sizes) & (sizes > 0.0)]
+    if not len(shown):
+        return None
+    high = float(shown.max())
+    return max(float(shown.min()), high / 10.0**DECADES), high
+
+
 def _rows(film: Film, columns: int, top: int, bottom: int) -> tuple[FloatArray, float, float]:
     """Return the curve's row in each column, NaN where it has none, and the values at its bottom and top."""
     times = np.linspace(film.time[0], film.time[-1], max(columns, 1))
-    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        values = np.log10(np.abs(between(film, film.error, times)))
-    finite = values[np.isfinite(values)]
-    if not len(finite):
+    values = np.abs(between(film, film.error, times))
+    axis = film.error_range or error_range(values)
+    if axis is None:
         return np.full(len(times), np.nan), np.nan, np.nan
-    high = float(finite.max())
-    low = max(float(finite.min()), high - DECADES)
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        low, high, values = np.log10(axis[0]), np.log10(axis[1]), np.log10(values)
     # An error of zero has no logarithm, and lies on the floor with the smallest.
     values = np.where(np.isneginf(values), low, values)
     share = (np.clip(values, low, high) - low) / max(high - low, 1e-3)
-    return np.where(np.isfinite(values), bottom - share * (bottom - top), np.nan), 10**low, 10**high
+    return np.where(np.isfinite(values), bottom - share * (bottom - top), np.nan), *axis

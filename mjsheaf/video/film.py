@@ -38,6 +38,7 @@ class Film:
         error_name: the error shown beside the picture, such as "mean |eta|".
         error: that error over time. Shape (T,), in error_unit.
         error_unit: its unit, such as "m".
+        error_range: lowest and highest value of the curve's axis, above 0; None takes them from the error.
         surface: the plane that the model has, if any; what is off it gets a stem to it.
         surface_height: z of that plane, in m.
     """
@@ -61,6 +62,7 @@ class Film:
     error_unit: str
     surface: Literal["water", "ground", "none"] = "none"
     surface_height: float = 0.0
+    error_range: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         """Check that the arrays fit together.

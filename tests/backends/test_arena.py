@@ -6,6 +6,7 @@ Oracle: the file compiled alone by MuJoCo.
 import inspect
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import mujoco
@@ -184,7 +185,7 @@ def test_thrusters_without_a_name_get_one(tmp_path: Path) -> None:
     vehicle = load_vehicle(altered(tmp_path, "hull", without_names))
     assert vehicle.thrusters == ["thruster_0", "thruster_1_", "thruster_1", "thruster_stern_starboard"]
     model = compose([vehicle], ["A"]).model
-    assert [model.actuator(k).name for k in range(model.nu)] == [f"A.{name}" for name in vehicle.thrusters]
+    assert [model.actuator(k).name for k in range(model.nu)] == [f"A/{name}" for name in vehicle.thrusters]
 
 
 def in_a_frame(root: ElementTree.Element) -> None:
@@ -204,3 +205,64 @@ def test_what_pymjcf_cannot_read_is_refused(edit: Edit, tmp_path: Path) -> None:
     vehicle = load_vehicle(altered(tmp_path, "hull", edit))
     with pytest.raises(InputError, match=r"hull\.xml: PyMJCF cannot read it: "):
         compose([vehicle], ["A"])
+
+
+# -- looks -------------------------------------------------------------------------------------------------------------
+
+
+def with_looks(root: ElementTree.Element) -> None:
+    """A textured sail, a site and a second body with materials, a livery geom with a colour of its own."""
+    assets = find(root, "asset")
+    ElementTree.SubElement(
+        assets, "texture", name="cloth", type="2d", builtin="checker", width="8", height="8", rgb1="1 0 0"
+    )
+    ElementTree.SubElement(assets, "material", name="sail", texture="cloth", shininess=".7")
+    body = find(root, ".//body")
+    shape: dict[str, Any] = {"contype": "0", "conaffinity": "0", "mass": "0", "size": ".1"}
+    ElementTree.SubElement(body, "geom", name="sail", material="sail", **shape)
+    ElementTree.SubElement(body, "geom", name="own", material="livery", rgba="0 1 0 .4", **shape)
+    ElementTree.SubElement(body, "site", name="lamp", material="livery")
+    second = ElementTree.SubElement(find(root, "worldbody"), "body", name="second", pos="1 0 .5")
+    ElementTree.SubElement(second, "geom", name="ball", material="livery", **shape)
+
+
+def look(model: mujoco.MjModel, kind: str, k: int) -> tuple[np.ndarray, list[float], list[int]]:
+    """What MuJoCo draws: the colour, which a geom's own overrides; shine; whether there is a texture."""
+    rgba, material = getattr(model, f"{kind}_rgba")[k], int(getattr(model, f"{kind}_matid")[k])
+    if material < 0:
+        return rgba, [], []
+    own = not np.array_equal(rgba, np.array([0.5, 0.5, 0.5, 1.0], np.float32))
+    shine = [float(getattr(model, f"mat_{name}")[material]) for name in ("emission", "specular", "shininess")]
+    return rgba if own else model.mat_rgba[material], shine, (model.mat_texid[material] >= 0).tolist()
+
+
+@pytest.mark.parametrize("edit", [None, with_looks], ids=["hull", "with looks"])
+def test_vehicles_look_as_in_their_file_and_share_materials(edit: Edit | None, tmp_path: Path) -> None:
+    """MuJoCo draws at most 999 materials: their number is that of the kinds' files, however many vehicles there are."""
+    vehicle, other = load_vehicle(altered(tmp_path, "hull", edit)), load_vehicle("aerial")
+    alone = mujoco.MjModel.from_xml_path(str(vehicle.path))
+    livery = alone.material("livery").id
+    sizes = []
+    for copies in (2, 30):
+        names = [f"V{k}" for k in range(copies)]
+        colours = np.random.default_rng(copies).uniform(size=(copies + 1, 3))
+        model = compose([other, *[vehicle] * copies], ["A", *names], colours=colours).model
+        sizes.append((model.nmat, model.ntex))
+        for v, name in enumerate(names, 1):
+            for kind, count in (("geom", alone.ngeom), ("site", alone.nsite)):
+                first = [k for k in range(getattr(model, f"n{kind}")) if owner(model, kind, k) == name]
+                assert len(first) == count
+                for here, there in zip(first, range(count), strict=True):
+                    colour, *rest = look(model, kind, here)
+                    expected, *as_alone = look(alone, kind, there)
+                    if getattr(alone, f"{kind}_matid")[there] == livery and expected[3] == 1.0:
+                        expected = np.array([*colours[v], 1.0])
+                    np.testing.assert_allclose(colour, expected, atol=1e-6)
+                    assert rest == as_alone
+    assert sizes[0] == sizes[1]
+    assert sizes[0][0] < 20
+
+
+def owner(model: mujoco.MjModel, kind: str, k: int) -> str:
+    """The vehicle that a geom or site belongs to, by its body's name."""
+    return str(model.body(getattr(model, f"{kind}_bodyid")[k]).name.split("/")[0])

@@ -79,7 +79,7 @@ def test_an_interrupted_set_of_runs_ends_soon() -> None:
 
 def test_nothing_to_run_and_bad_arguments() -> None:
     assert simulate_many([], "ideal") == []
-    with pytest.raises(InputError, match="workers is 0; legal is 1 or more"):
+    with pytest.raises(InputError, match="workers is 0; expected 1 or more"):
         simulate_many([mixed()], workers=0)
-    with pytest.raises(InputError, match="unknown backend 'real'; legal are physics, ideal"):
+    with pytest.raises(InputError, match="unknown backend 'real'; expected one of physics, ideal"):
         simulate_many([mixed()], "real")

@@ -262,6 +262,50 @@ def test_every_command_has_the_name_of_its_thruster(tmp_path: Path) -> None:
         assert read["quaternion"].attrs["long_name"]
 
 
+@pytest.mark.parametrize("visible", [True, False])
+def test_all_that_a_vehicle_has_carries_its_prefix(visible: bool) -> None:
+    """Every shipped vehicle: its free joint, bodies, sites and actuators, and nobody else's. Oracle: MuJoCo's names."""
+    planar = {"hull", "otter", "wamv"}
+    kinds = [*sorted(planar), "aerial", "hexarotor", "quadrotor", "x500", "submersible"]
+    ids = [f"V{k}" for k in range(len(kinds))]
+    places = [[10.0 * k, 0.0, 20.0][: 2 if kind in planar else 3] for k, kind in enumerate(kinds)]
+    agents = [{"id": i, "position": x, "vehicle": k} for i, x, k in zip(ids, places, kinds, strict=True)]
+    scenario = make(
+        {"agents": agents, "targets": [{"id": "V", "position": [0, 0, 5]}], "sensing": [[i, "V"] for i in ids]}
+    )
+    world = World(scenario, visible=visible)
+    model, seen = world.model, 0
+    for name, vehicle in zip([*ids, "V"], world.arena.vehicles, strict=True):
+        own = world.actuators(name)
+        assert [model.actuator(k).name for k in own] == [f"{name}/{thruster}" for thruster in vehicle.thrusters]
+        root = model.joint(f"{name}/").bodyid[0]
+        assert all(model.actuator_trnid[own, 0] == model.joint(f"{name}/").id)
+        bodies = np.flatnonzero(model.body_rootid == root)
+        sites = np.flatnonzero(np.isin(model.site_bodyid, bodies))
+        assert len(bodies) >= 1
+        assert len(sites) >= len(vehicle.thrusters)
+        assert all(model.body(b).name.startswith(f"{name}/") for b in bodies)
+        assert all(model.site(s).name.startswith(f"{name}/") for s in sites)
+        seen += len(own)
+    assert seen == model.nu
+    with pytest.raises(InputError, match=r"unknown vehicle 'v1'; expected one of V0, .*did you mean V1\?"):
+        world.actuators("v1")
+
+
+def test_thrusters_found_by_id_can_be_stopped() -> None:
+    """As README has it: the drone goes elsewhere; a target, which sees no agent, goes where it goes anyway."""
+    world, other = World(mixed()), World(mixed())
+    own = world.actuators("front")
+    world.model.actuator_gainprm[own, 0] = 0.0
+    world.step(1000)
+    other.step(1000)
+    np.testing.assert_array_equal(world.data.actuator_force[own], 0.0)
+    assert other.data.actuator_force[own].any()
+    apart = dict(zip([m.id for m in world.system.team.members], other.heights() - world.heights(), strict=True))
+    assert abs(apart["front"]) > 0.2
+    assert apart["diver"] == 0.0
+
+
 # -- contacts --------------------------------------------------------------------------------------------------------
 
 

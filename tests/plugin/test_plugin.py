@@ -32,6 +32,7 @@ FILES = {
     "garbage.yaml": TINY + "expect: [\n",
     "lost.yaml": TINY.replace("[0, 0]", "[0, 0], vehicle: none.yaml") + "expect: {physics: {tracking_error: 1}}\n",
     "silent.yaml": TINY,
+    "empty.yaml": TINY + "expect: {}\n",
     "others.yaml": "expect: 100-continue\nservices: [1, 2]\n",
     "odd.yaml": "? [\n",
     "vehicle.yaml": (REPOSITORY / "models" / "hull.yaml").read_text(),
@@ -92,6 +93,7 @@ def told(run: Run) -> str:
         ("garbage.yaml::load", "FAILED"),
         ("lost.yaml::physics", "FAILED"),
         ("silent.yaml::expect", "SKIPPED"),
+        ("empty.yaml::expect", "SKIPPED"),
         ("test_other.py::test_something", "PASSED"),
     ],
 )
@@ -100,7 +102,7 @@ def test_each_scenario_and_backend_is_a_test(test: str, verdict: str, told: str)
 
 
 def test_nothing_else_is_collected(told: str) -> None:
-    assert "7 failed, 4 passed, 1 skipped" in told
+    assert "7 failed, 4 passed, 2 skipped" in told
     for other in ("others.yaml", "odd.yaml", "vehicle.yaml", "run/scenario.yaml"):
         assert other not in told
 
@@ -116,7 +118,7 @@ def test_nothing_else_is_collected(told: str) -> None:
         "it ran, expected is a refusal",
         "expected is a refusal that says 'A is free along z'",
         "scenarios/drifts.yaml on ideal: refused, NOT as expected",
-        "broken.yaml: controller.gian: unknown field; legal are",
+        "broken.yaml: controller.gian: unknown field; expected",
         "garbage.yaml: line 8",
         "scenarios/lost.yaml on physics: cannot be simulated: agents.A.vehicle: ",
         "no `expect:` block; mjsheaf expect silent.yaml --update writes one",
@@ -137,10 +139,23 @@ def test_tests_are_chosen_by_name_and_spread_over_processes(run: Run) -> None:
 
 
 def test_a_file_that_is_named_is_never_passed_over_in_silence(run: Run) -> None:
-    code, told = run("--mjsheaf", "scenarios/vehicle.yaml", "scenarios/run/scenario.yaml", "-v")
+    """Broken, no scenario, or without expectations: it fails, where a directory's walk would leave it alone."""
+    named = ("vehicle.yaml", "odd.yaml", "others.yaml", "silent.yaml", "empty.yaml", "run/scenario.yaml", "met.yaml")
+    code, told = run("--mjsheaf", *(f"scenarios/{name}" for name in named), "-v", "-p", "no:cacheprovider")
     assert code == 1
-    assert "vehicle.yaml::expect SKIPPED" in told
-    assert "run/scenario.yaml::ideal FAILED" in told
+    for test, verdict, why in (
+        ("vehicle.yaml::load", "FAILED", "vehicle.yaml: "),
+        ("odd.yaml::load", "FAILED", "odd.yaml: line 2"),
+        ("others.yaml::load", "FAILED", "others.yaml: services: unknown field"),
+        ("silent.yaml::expect", "FAILED", "silent.yaml: no `expect:` block; mjsheaf expect silent.yaml --update"),
+        ("empty.yaml::expect", "FAILED", "empty.yaml: no `expect:` block"),
+        ("run/scenario.yaml::ideal", "FAILED", "tracking_error is 0.6079"),
+        ("met.yaml::ideal", "PASSED", ""),
+    ):
+        assert f"{test} {verdict}" in told
+        assert why in told
+    assert "Traceback" not in told
+    assert "6 failed, 2 passed" in told
 
 
 def test_bounds_may_have_to_be_tight(run: Run) -> None:

@@ -25,7 +25,7 @@ GOOD = {
 # What is changed, at which path, and what the message must contain.
 CASES = {
     "unknown key": ("gain", 3, ["gain", "unknown field", "controller"]),
-    "unknown key inside": ("controller", {"gian": 3}, ["controller.gian", "unknown field", "gain"]),
+    "unknown key inside": ("controller", {"gian": 3}, ["controller.gian", "unknown field", "; did you mean gain?"]),
     "text for a number": ("controller", {"gain": "ten"}, ["controller.gain", "'ten'"]),
     "bool for a number": ("controller", {"gain": True}, ["controller.gain", "True"]),
     "list for a mapping": ("controller", [1], ["controller"]),
@@ -67,7 +67,9 @@ CASES = {
     "strange id": ("targets", [{"id": "a/b", "position": [0, 0]}], ["targets.0.id", "pattern"]),
     "four dimensions": ("targets", [{"id": "T1", "position": [0, 0, 0, 0]}], ["targets.0.position", "3"]),
     "edge to unknown id": ("sensing", [["A1", "T9"]], ["sensing.0", "'T9'", "A1, A2, T1"]),
-    "edge of the wrong kind": ("sensing", [["A1", "A2"]], ["sensing edge", "'A2'"]),
+    "edge of the wrong kind": (
+        "sensing", [["A1", "A2"]], ["sensing.0: [A1, A2]: expected [agent, target]", "A2 is an agent"]
+    ),
     "loop": ("communication", [["A1", "A1"]], ["communication.0", "loop"]),
     "map of the wrong shape": (
         "sensing",

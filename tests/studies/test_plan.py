@@ -88,7 +88,7 @@ def test_a_study_names_a_scenario_beside_it(tmp_path: Path) -> None:
         ("scenario: midpoint\ndraws: {count: 2, values: {a: {kind: cauchy}}}\n", "cauchy"),
         (
             "scenario: midpoint\ndraws: {count: 2, values: {a: {kind: normal, mean: 0, deviation: 1, low: 2}}}\n",
-            "draws.values.a.low: unknown field; legal are deviation, kind, mean",
+            "draws.values.a.low: unknown field; expected deviation, kind, mean",
         ),
         ('scenario: midpoint\ngrid: {summary: ["\\ud800", b]}\n', "line 2, column 18: half of a surrogate pair"),
     ],

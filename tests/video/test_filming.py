@@ -1,5 +1,6 @@
 """From a run's data to what is drawn."""
 
+from copy import copy
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +12,10 @@ from mjsheaf import simulate
 from mjsheaf.backends import trajectory
 from mjsheaf.filming import film_of, film_run, video_options
 from mjsheaf.results import open_dataset, write_dataset
-from mjsheaf.scenario import Scenario, scenario_from_mapping
+from mjsheaf.scenario import Scenario, load_scenario, scenario_from_mapping
 from mjsheaf.simulation import stream
 from mjsheaf.video import Film, VideoOptions
+from mjsheaf.video.draw import Painter
 from mjsheaf.video.sampling import moment
 
 
@@ -83,3 +85,19 @@ def test_draft_is_of_the_same_size_with_fewer_pixels_and_frames() -> None:
     assert video_options(chase(quality="draft")).fps == 15
     assert video_options(chase(fps=10), quality="draft").fps == 10
     assert video_options(chase(), quality="draft", fps=60).fps == 60
+
+
+def test_a_swarm_of_hundreds_can_be_drawn() -> None:
+    """With five materials a vehicle, 199 of them were more than MuJoCo draws. Oracle: the picture is full of them."""
+    backend, reason = mjsheaf.video.available_backend()
+    if backend is None:
+        pytest.skip(reason)
+    scenario = load_scenario("swarm", {"swarm.size": 210, "time.end": 0.02, "video.width": 320, "video.height": 180})
+    film, model = film_of(scenario, simulate(scenario, backend="ideal"))
+    with Painter(film, model, video_options(scenario, quality="draft", trail=0.0)) as painter:
+        frame = painter.paint(0)
+    bare = copy(model)
+    bare.geom_rgba[np.isin(bare.geom_bodyid, film.body_id), 3] = 0.0  # vehicles that cannot be seen
+    with Painter(film, bare, video_options(scenario, quality="draft", trail=0.0)) as painter:
+        without = painter.paint(0)
+    assert (frame != without).any(axis=2).sum() > 210

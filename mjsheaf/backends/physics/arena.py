@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from threading import Lock
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,8 @@ from mjsheaf.resources import resource_directory
 Array = NDArray[np.float64]
 
 SURFACES = ("water", "ground", "none")
+
+_NO_COLOUR = np.array([0.5, 0.5, 0.5, 1.0], dtype=np.float32)  # MuJoCo's default: the material's colour counts
 
 
 @dataclass(frozen=True)
@@ -93,12 +95,17 @@ def compose(
         root.assets = {**root.assets, **kind.spec.assets}
     # Attaching looks at all that is there already: in groups of sqrt(V), a thousand take one second, not ten.
     size = int(np.ceil(np.sqrt(len(vehicles))))
+    first_of_kind: dict[int, str] = {}
     for first in range(0, len(vehicles), size):
         group = mujoco.MjSpec()
         group.copy_during_attach = True
+        looks: dict[str, _Look] = {}
         for v in range(first, min(first + size, len(vehicles))):
-            colour = None if colours is None else colours[v]
-            _attach(group, kinds[id(vehicles[v])], vehicles[v], ids[v], colour)
+            key, name = id(vehicles[v]), ids[v]
+            owner = first_of_kind.setdefault(key, name)
+            looks[name] = _Look(owner, None if colours is None else colours[v])
+            _attach(group, kinds[key].spec if owner == name else kinds[key].bare, kinds[key].alone, vehicles[v], name)
+        _paint(group, looks)
         with _quiet():
             root.attach(group, prefix="", frame=root.worldbody.add_frame())
     try:
@@ -147,11 +154,14 @@ class _Kind:
 
     Attributes:
         spec: MuJoCo's.
+        bare: the same without materials and textures, which the first vehicle of a kind shares with the others: MuJoCo
+            draws no model with a thousand of them.
         alone: whether it is one body, which can be on the free joint itself: a step is then a quarter quicker than with
             a body made to hold what the file has. Without joints of its own, at the origin, level, nothing beside it.
     """
 
     spec: mujoco.MjSpec
+    bare: mujoco.MjSpec
     alone: bool
 
     @classmethod
@@ -165,7 +175,10 @@ class _Kind:
             for geom in list(spec.geoms):
                 if geom.contype == 0 and geom.conaffinity == 0:  # their mass, if any, is in the bodies' inertia already
                     spec.delete(geom)
-        return cls(spec, alone)
+        bare = spec.copy()
+        for asset in [*bare.materials, *bare.textures]:
+            bare.delete(asset)
+        return cls(spec, bare, alone)
 
 
 def _is_at_origin(body: mujoco.MjsBody) -> bool:
@@ -173,22 +186,41 @@ def _is_at_origin(body: mujoco.MjsBody) -> bool:
     return not (turned or body.joints or np.any(body.pos))
 
 
-def _attach(root: mujoco.MjSpec, kind: _Kind, vehicle: Vehicle, name: str, colour: Array | None) -> None:
+class _Look(NamedTuple):
+    """How a vehicle looks: the vehicle whose materials it shares, and the RGB of its livery, (3,) or None."""
+
+    owner: str
+    colour: Array | None
+
+
+def _paint(group: mujoco.MjSpec, looks: dict[str, _Look]) -> None:
+    """Give every vehicle in a group its owner's materials and its own colour.
+
+    The colour stands in the geoms: there it overrides that of their material and keeps its shine.
+    """
+    for element in (*group.geoms, *group.sites, *group.tendons, *group.skins):
+        if not element.material:
+            continue
+        name, material = element.material.split("/", 1)
+        owner, colour = looks[name]
+        element.material = f"{owner}/{material}"
+        if material == "livery" and colour is not None and np.array_equal(element.rgba, _NO_COLOUR):
+            element.rgba = [*colour, 1.0]
+
+
+def _attach(root: mujoco.MjSpec, spec: mujoco.MjSpec, alone: bool, vehicle: Vehicle, name: str) -> None:
     try:
-        if kind.alone:  # the whole of a kind would bring a copy of its default classes too, at ten times the cost
-            body = root.worldbody.add_frame().attach_body(kind.spec.worldbody.bodies[0], f"{name}/", "")
+        if alone:  # the whole of a kind would bring a copy of its default classes too, at ten times the cost
+            body = root.worldbody.add_frame().attach_body(spec.worldbody.bodies[0], f"{name}/", "")
         else:
             body = root.worldbody.add_body(name=f"{name}/")
-            root.attach(kind.spec, prefix=f"{name}/", frame=body.add_frame())
+            root.attach(spec, prefix=f"{name}/", frame=body.add_frame())
     except ValueError as error:
         raise InputError(f"{vehicle.path}: cannot be put into the arena: {' '.join(str(error).split())}") from None
     body.add_freejoint(name=f"{name}/")
-    livery = root.material(f"{name}/livery")
-    if colour is not None and livery is not None:
-        livery.rgba = [*colour, 1.0]
     for thruster, actuation, gear in zip(vehicle.thrusters, vehicle.actuation, vehicle.gears, strict=True):
         root.add_actuator(
-            name=f"{name}.{thruster}",
+            name=f"{name}/{thruster}",
             target=f"{name}/",
             trntype=mujoco.mjtTrn.mjTRN_JOINT,
             gear=gear,

@@ -23,6 +23,7 @@ from mjsheaf.backends.trajectory import blow_up_message
 from mjsheaf.compiled import kernel, part
 from mjsheaf.engine import mujoco
 from mjsheaf.errors import InputError, UnstableError
+from mjsheaf.expected import expected
 
 Array = NDArray[np.float64]
 
@@ -108,8 +109,9 @@ class World:
 
     Attributes:
         system: the closed-loop system.
-        arena: where each vehicle is in the model. By name: vehicle A1 has the free joint `A1/`, and all that is its own
-            has that prefix.
+        arena: where each vehicle is in the model. By name: vehicle A1 has the free joint `A1/`, and everything that is
+            its own (bodies, geoms, sites, actuators) has that prefix: `A1/thruster_left`. `actuators` gives the
+            actuators of a vehicle by its id. Vehicles of one kind share the materials of the first.
         model, data: MuJoCo's own. The state may be read and set between steps; each step overwrites `data.ctrl`,
             `data.qfrc_applied` of the vehicles and `model.actuator_gear`. Forces of your own go to
             `data.xfrc_applied`; of a vehicle with added mass only the rigid body feels them: multiply by
@@ -266,6 +268,23 @@ class World:
         detail = f" (body '{self.arena.vehicles[vehicle].name}', speed {speed:.3g} m/s)"
         period = self._timestep * self._steps_per_law
         return blow_up_message(self.system, vehicle, self.time, period, detail)
+
+    def actuators(self, id: str) -> NDArray[np.int64]:
+        """Indices of a vehicle's actuators in `model` and in `data.ctrl`, in the order of `result.nc`'s thrusters.
+
+        For example `world.model.actuator_gainprm[world.actuators("A1"), 0] = 0` stops all thrusters of A1.
+
+        Args:
+            id: of an agent or a target.
+
+        Raises:
+            InputError: there is no such vehicle.
+        """
+        ids = [m.id for m in self.system.team.members]
+        if id not in ids:
+            raise InputError(f"unknown vehicle {id!r}; {expected(id, ids)}")
+        first, end = self.arena.thruster[ids.index(id) :][:2]
+        return np.arange(first, end)
 
     def positions(self) -> Array:
         """Controlled positions, padded: agents then targets, z = 0 for planar ones; shape (V, 3), m."""

@@ -1,0 +1,81 @@
+"""What is refused before a run is refused by every command, on both backends, in the same words.
+
+Oracle: each way in against the others.
+"""
+
+import itertools
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mjsheaf import load_scenario, simulate, simulate_many
+from mjsheaf.backends.physics import vehicles_of
+from mjsheaf.cli.main import main
+from mjsheaf.errors import InputError
+from mjsheaf.expecting import try_scenario
+from mjsheaf.reading import dump_yaml
+from mjsheaf.simulation import require_simulable
+from mjsheaf.studies import load_plan
+from mjsheaf.studies.job import run_job
+
+from .small import make, mixed
+
+BACKENDS = ("ideal", "physics")
+BAD = {
+    "unknown": ("agents.A.vehicle", "nonsense", "nonsense"),
+    "of another dimension": ("agents.A.vehicle", "quadrotor", "3 dimensions"),
+    "a target's": ("targets.T.vehicle", "nonsense", "nonsense"),
+    "too slow": ("vehicles", {"agents": "otter", "tau": 30.0}, "time constant"),
+}
+ONE: dict[str, Any] = {
+    "name": "one",
+    "time": {"end": 0.1},
+    "agents": [{"id": "A", "position": [0, 0]}],
+    "targets": [{"id": "T", "position": [3, 0]}],
+    "sensing": [["A", "T"]],
+}
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("case", BAD)
+def test_a_vehicle_that_does_not_fit_is_refused_everywhere(
+    case: str, backend: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, value, word = BAD[case]
+    file = tmp_path / "one.yaml"
+    file.write_text(dump_yaml(ONE))
+    scenario = load_scenario(file, {path: value})
+    with pytest.raises(InputError, match=word) as refused:
+        simulate(scenario, backend)
+    reason = str(refused.value)
+    (of_many,) = simulate_many([scenario], backend)
+    assert isinstance(of_many, InputError)
+    assert str(of_many) == reason
+    with pytest.raises(InputError) as of_trial:
+        try_scenario(scenario, backend)
+    assert str(of_trial.value) == reason
+    plan = load_plan(str(file), overrides={path: value}, backend=backend)
+    record = run_job(plan.job(plan.points[0])).record
+    assert (record["status"], record["message"]) == ("invalid", reason)
+    with pytest.raises(SystemExit) as stopped:
+        main(["run", str(file), "--backend", backend, "--set", f"{path}={value}", "--out", str(tmp_path / "out")])
+    assert stopped.value.code == 2
+    assert reason in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_what_may_run_may_run_on_both(backend: str) -> None:
+    require_simulable(mixed().system(), backend)
+
+
+@pytest.mark.parametrize("tau", [None, 1e-3, 0.05, 10.0])
+def test_what_vehicles_are_unless_named_fits_whatever_the_effects(tau: float | None) -> None:
+    """The guard does not look at them."""
+    names = ("inertia", "drag_law", "limits", "lag", "underactuation")
+    for flags in itertools.product([True, False], repeat=len(names)):
+        effects = dict(zip(names, flags, strict=True))
+        fields: dict[str, Any] = {"physics": {"effects": effects}, "vehicles": {"tau": tau}}
+        assert len(vehicles_of(make({**ONE, **fields}).system())) == 2
+        assert len(vehicles_of(mixed(**fields).system())) == 5

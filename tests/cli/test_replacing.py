@@ -1,0 +1,121 @@
+"""What a rerun replaces: the run of the same scenario, and says so; never another scenario's unless told where.
+
+Oracle: the contract on DIR; what lies on the disk afterwards.
+"""
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mjsheaf import load_scenario
+from mjsheaf.cli.main import main
+from mjsheaf.errors import ScenarioError
+
+TINY = """\
+name: same
+time: {end: 0.1}
+agents: [{id: A, position: [0, 0]}]
+targets: [{id: T, position: [3, 4]}]
+sensing: [[A, T]]
+"""
+
+
+@pytest.fixture
+def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A directory with two files of one name."""
+    home = tmp_path / "project"
+    (home / "b").mkdir(parents=True)
+    (home / "a.yaml").write_text(TINY)
+    (home / "b" / "other.yaml").write_text(TINY.replace("3, 4", "5, 6"))
+    monkeypatch.chdir(home)
+    return home
+
+
+def run(*arguments: str) -> int:
+    with pytest.raises(SystemExit) as stopped:
+        main(["run", *arguments, "--backend", "ideal", "--no-video"])
+    return int(stopped.value.code or 0)
+
+
+def summary(directory: str = "runs/same-ideal") -> dict[str, object]:
+    loaded: dict[str, object] = json.loads((Path(directory) / "summary.json").read_text())
+    return loaded
+
+
+def test_a_rerun_replaces_its_own_and_says_so(project: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("a.yaml") == 0
+    assert "replaced" not in capsys.readouterr().out
+    assert summary()["origin"] == "../../a.yaml"
+    for again in (["a.yaml"], ["a.yaml", "--seed", "3"], ["b/../a.yaml"], [str(project / "a.yaml")]):
+        assert run(*again) == 0
+        assert "replaced the run of 20" in capsys.readouterr().out
+    assert run("runs/same-ideal/scenario.yaml") == 0  # the resolved scenario, run again
+    assert "replaced the run of 20" in capsys.readouterr().out
+
+
+def test_another_scenario_of_the_same_name_is_left_alone(project: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("a.yaml") == 0
+    kept = {path.name: path.read_bytes() for path in Path("runs/same-ideal").iterdir()}
+    capsys.readouterr()
+    assert run("b/other.yaml") == 2
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1
+    for word in ("runs/same-ideal", "a.yaml", "b/other.yaml", "--out"):
+        assert word in told
+    assert {path.name: path.read_bytes() for path in Path("runs/same-ideal").iterdir()} == kept
+    assert run("b/other.yaml", "--out", "runs/same-ideal") == 0  # the user says so
+    assert summary()["origin"] == "../../b/other.yaml"
+
+
+def test_a_name_of_mjsheafs_own_is_no_file(project: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("midpoint", "--set", "time.end=0.1") == 0
+    assert summary("runs/midpoint-ideal")["origin"] == "midpoint"
+    (project / "mine.yaml").write_text(TINY.replace("same", "midpoint"))
+    assert run("mine.yaml") == 2
+    assert "holds the run of midpoint, another scenario of the same name as mine.yaml" in capsys.readouterr().err
+
+
+def test_a_project_may_be_moved(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert run("a.yaml") == 0
+    monkeypatch.chdir(project.parent)
+    moved = project.rename(project.parent / "moved")
+    monkeypatch.chdir(moved)
+    assert run("a.yaml") == 0
+
+
+def test_a_run_from_before_origins_were_kept_is_replaced(project: Path) -> None:
+    assert run("a.yaml") == 0
+    old = summary()
+    del old["origin"]
+    Path("runs/same-ideal/summary.json").write_text(json.dumps(old))
+    assert run("b/other.yaml") == 0
+
+
+def test_a_comparison_keeps_its_place_likewise(project: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Without the cost of two comparisons: what a run of another scenario left stands in the way."""
+    assert run("a.yaml") == 0
+    shutil.move("runs/same-ideal", "runs/same-compare")
+    with pytest.raises(SystemExit) as stopped:
+        main(["compare", "b/other.yaml", "--no-video"])
+    assert stopped.value.code == 2
+    assert "another scenario of the same name as b/other.yaml" in capsys.readouterr().err
+
+
+def test_a_mapping_is_a_scenario() -> None:
+    fields: dict[str, Any] = {
+        "agents": [{"id": "A", "position": (0, 0)}],
+        "targets": [{"id": "T", "position": [1, 1]}],
+        "sensing": [["A", "T"]],
+    }
+    scenario = load_scenario(fields, {"controller.gain": 3})
+    assert (scenario.name, scenario.controller.gain) == ("scenario", 3.0)
+    assert load_scenario({**fields, "name": "mine"}).name == "mine"
+    assert "name" not in fields
+    with pytest.raises(ScenarioError, match="gian: unknown field"):
+        load_scenario({**fields, "gian": 3})
+    for wrong in (None, 3, [fields], b"paper", scenario):
+        with pytest.raises(ScenarioError, match=f"a mapping, not {type(wrong).__name__}"):
+            load_scenario(wrong)  # type: ignore[arg-type]

@@ -1,0 +1,77 @@
+"""What the law's velocity limit costs.
+
+Oracles: plain runs with and without it, bit for bit; the limit that is said to do, tried.
+"""
+
+import numpy as np
+import pytest
+
+from mjsheaf import simulate
+from mjsheaf.comparing import CompareRecord, compare
+from mjsheaf.comparing.measures import root_mean_square
+from mjsheaf.scenario import Scenario
+from tests.comparing.small import approx, pair
+
+
+def limited(limit: float | None) -> Scenario:
+    """A target on a circle at 0.6 m/s, and boats that may do so much."""
+    controller = {"gain": 1.0, "control_period": 0.02} | ({} if limit is None else {"velocity_limit": limit})
+    return pair("hull", "hull", time={"end": 24.0}, controller=controller)
+
+
+def late_tracking(scenario: Scenario, backend: str) -> float:
+    data = simulate(scenario, backend)
+    error = np.sqrt((data["tracking_error"].values ** 2).mean(axis=1))
+    grid = scenario.system().grid
+    return root_mean_square(error, data["time"].values >= grid.start + 0.5 * grid.period * grid.steps)
+
+
+@pytest.fixture(scope="module")
+def record() -> CompareRecord:
+    return compare(limited(0.4)).record
+
+
+def test_the_runs_without_it_are_plain_runs(record: CompareRecord) -> None:
+    found = record.velocity_limit
+    assert found is not None
+    assert found.lowest_m_s == found.highest_m_s == 0.4
+    for run, backend in (("ideal", "ideal"), ("all", "physics")):
+        free = late_tracking(limited(None), backend)
+        assert approx(found.run(run).errors_without["team"].late.tracking_error, rel=1e-12) == free
+        cost = late_tracking(limited(0.4), backend) - free
+        assert approx(record.limit_costs("team", "tracking_error", run), rel=1e-9) == cost
+        assert cost > 0.5  # boats at 0.4 m/s behind a target at 0.6
+
+
+def test_the_share_at_the_limit_is_that_of_the_commands(record: CompareRecord) -> None:
+    speed = np.linalg.norm(np.nan_to_num(simulate(limited(0.4), "ideal")["velocity_command"].values), axis=2)
+    half = speed[-(len(speed) // 2 + 1) :]
+    found = record.velocity_limit
+    assert found is not None
+    assert found.run("ideal").share_at_limit == pytest.approx((half >= 0.4 * (1 - 1e-9)).mean(), abs=2e-3)
+    assert found.run("ideal").share_at_limit > 0.5
+
+
+def test_the_limit_that_is_said_to_do_does(record: CompareRecord) -> None:
+    found = record.velocity_limit
+    assert found is not None
+    free = late_tracking(limited(None), "ideal")
+    assert late_tracking(limited(found.asked_m_s), "ideal") == pytest.approx(free, rel=0.02)
+    assert late_tracking(limited(0.8 * found.asked_m_s), "ideal") > 1.1 * free
+
+
+def test_the_verdict_names_it(record: CompareRecord) -> None:
+    (told,) = [s for s in record.verdict if s.startswith("agents are at their velocity limit (0.4 m/s)")]
+    assert record.velocity_limit is not None
+    assert f"raise velocity_limit to {record.velocity_limit.asked_m_s:.3g} m/s" in told
+    assert "tracking error" in told
+    assert not any("lag; " in s and "velocity limit" not in s for s in record.verdict)
+
+
+def test_a_limit_that_is_not_met_costs_nothing_and_is_not_spoken_of() -> None:
+    record = compare(limited(30.0)).record
+    assert record.velocity_limit is not None
+    assert record.velocity_limit.run("ideal").share_at_limit == 0.0
+    assert record.limit_costs("team", "tracking_error", "ideal") == pytest.approx(0.0, abs=1e-12)
+    assert "velocity" not in " ".join(record.verdict)
+    assert compare(limited(None)).record.velocity_limit is None
