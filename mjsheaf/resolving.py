@@ -47,7 +47,7 @@ def write_scenario(scenario: Scenario, directory: Path) -> Path:
     if copies:
         write_checksums(directory / VEHICLES)
     path = directory / "scenario.yaml"
-    path.write_text(dump_yaml(raw))
+    path.write_text(dump_yaml(raw), encoding="utf-8")
     return path
 
 

@@ -81,7 +81,7 @@ def execute(
     from mjsheaf.checking.bound import bound_of_run
     from mjsheaf.checking.ending import ending_of_run
     from mjsheaf.results import check_expectation, open_dataset, staging, summarize, thinned, write_dataset
-    from mjsheaf.results.store import replaced_run, save_summary
+    from mjsheaf.results.store import RESULT_DIGEST, digest, replaced_run, save_summary
     from mjsheaf.team.freedom import free_directions
 
     system = scenario.system()
@@ -132,6 +132,7 @@ def execute(
                 "wrong": theorem.wrong,
             },
             "video": None,
+            RESULT_DIGEST: digest(fresh / "result.nc"),
         }
         if summary["ending"] in _NEVER:
             notes.append(f"the team does not settle: {_NEVER[summary['ending']]}; see mjsheaf check")
@@ -207,8 +208,11 @@ def _film(
     if backend is None:
         return None, f"no video: {reason}"
     from mjsheaf.filming import film_run
+    from mjsheaf.video.encode import UnwritableError
 
     try:
         return video_entry(film_run(scenario, dataset, path, options, progress, system), options), ""
+    except UnwritableError:
+        raise
     except MjsheafError as error:
         return None, f"no video: {error}"

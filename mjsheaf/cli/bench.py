@@ -2,10 +2,10 @@
 
 import json
 
-from rich.console import Console
 from rich.table import Table
 
 from mjsheaf.bench.table import run_bench
+from mjsheaf.cli.console import make_console
 from mjsheaf.cli.progress import progress_bars
 
 _WIDTH = 150  # columns, where the output is no terminal
@@ -32,7 +32,7 @@ def bench_command(topics: list[str], as_json: bool, full: bool) -> None:
             "" if row["topic"] == topic else row["topic"], row["what"], *numbers, row["wanted"], met, row["note"]
         )
         topic = row["topic"]
-    console = Console()
+    console = make_console()
     if not console.is_terminal:
         console.width = _WIDTH
     console.print(table, highlight=False)

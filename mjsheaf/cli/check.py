@@ -3,16 +3,18 @@
 import json
 from pathlib import Path
 
-from rich.console import Console, Group
+from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
 from mjsheaf.checking import CheckRecord, examine
 from mjsheaf.checking.record import BodyRecord, SpeedRecord
+from mjsheaf.cli.console import make_console
 from mjsheaf.control.rho import Rho, as_rho
 from mjsheaf.errors import InputError, MjsheafError
 from mjsheaf.scenario import load_scenario
 from mjsheaf.scenario.load import parse_override
+from mjsheaf.whole import whole_file
 
 _INSIDE = {True: "inside S", False: "OUTSIDE S", None: "no set S"}
 _MARKS = {"holds": ("holds", "green"), "fails": ("FAILS", "bold red"), "undecided": ("undecided", "yellow")}
@@ -43,11 +45,15 @@ def check_command(
     if as_json:
         print(json.dumps(record.model_dump(mode="json"), indent=2, allow_nan=False))
     else:
-        Console().print(report(record))
+        make_console().print(report(record))
     if plot is not None:
         from mjsheaf.plots.check import plot_check
 
-        plot_check(system, examination, plot)
+        try:
+            with whole_file(plot) as part:
+                plot_check(system, examination, part)
+        except OSError as error:
+            raise InputError(f"--plot {plot}: cannot be written: {error.strerror or error}") from None
         if not as_json:
             print(plot)
     words = {"fails": "fails", "undecided": "is undecided"}

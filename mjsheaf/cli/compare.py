@@ -3,8 +3,7 @@
 import json
 from pathlib import Path
 
-from rich.console import Console
-
+from mjsheaf.cli.console import make_console
 from mjsheaf.cli.progress import progress_bars
 from mjsheaf.comparing.publishing import default_directory, publish
 from mjsheaf.comparing.record import CompareRecord
@@ -22,7 +21,7 @@ def compare_command(source: str, overrides: list[str], seed: int | None, out: Pa
     if seed is not None:
         changes["seed"] = seed
     scenario = load_scenario(source, changes)
-    notes = Console(stderr=True, soft_wrap=True)
+    notes = make_console(stderr=True, soft_wrap=True)
     if "seed" in changes and not uses_seed(scenario)["physics"]:
         notes.print(f"note: the seed changes nothing: {scenario.name} has no spread and no disturbance")
     directory = default_directory(scenario) if out is None else out
@@ -38,7 +37,7 @@ def compare_command(source: str, overrides: list[str], seed: int | None, out: Pa
         raise type(error)(f"{source}: {error}") from None
     for note in published.notes:
         notes.print(f"note: {note}", markup=False, highlight=False)
-    console = Console()
+    console = make_console()
     console.width = max(console.width, WIDTH)
     console.print(report(published.record))
     if published.replaced:

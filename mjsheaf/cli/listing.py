@@ -2,9 +2,9 @@
 
 import json
 
-from rich.console import Console
 from rich.table import Table
 
+from mjsheaf.cli.console import make_console
 from mjsheaf.reading import read_yaml
 from mjsheaf.resources import list_studies
 from mjsheaf.scenario import Scenario, list_scenarios
@@ -25,7 +25,7 @@ def list_scenarios_command() -> None:
     for name, path in list_studies().items():
         study = read_yaml(path)
         studies.add_row(name, study["scenario"], study.get("summary", ""))
-    Console().print(table, "", studies)
+    make_console().print(table, "", studies)
 
 
 def list_vehicles_command() -> None:
@@ -54,7 +54,7 @@ def list_vehicles_command() -> None:
         "thrust and speed are forward, at constant height; tau is that of the commanded velocity along the "
         "body's axes (of a boat at its hand point: of surge and yaw)"
     )
-    Console().print(table, "", summaries, "", note, highlight=False)
+    make_console().print(table, "", summaries, "", note, highlight=False)
 
 
 def _limit(value: float) -> str:

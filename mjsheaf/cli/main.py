@@ -3,16 +3,21 @@
 Only typer is imported here; each command imports what it needs, so that help comes at once.
 """
 
+import atexit
 import logging
+import os
+import signal
 import sys
 import warnings
+from contextlib import suppress
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NoReturn
 
 import typer
 
 from mjsheaf._version import __version__
-from mjsheaf.cli.signals import Stopped, raise_if_stopped, stoppable
+from mjsheaf.cli.signals import Stopped, raise_if_stopped, stoppable, was_stopped
+from mjsheaf.cli.streams import open_streams
 from mjsheaf.errors import InputError, MjsheafError
 
 app = typer.Typer(
@@ -306,7 +311,23 @@ def schema(
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line and exit."""
-    sys.exit(_exit_code(arguments))
+    open_streams()
+    code = _exit_code(arguments)
+    if was_stopped():
+        _leave(code)
+    sys.exit(code)
+
+
+def _leave(code: int) -> NoReturn:
+    """End the process where a signal has stopped its work, without taking the interpreter down.
+
+    Threads may still be inside MuJoCo or OpenGL, which crash when what they use is freed.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError):
+            stream.flush()
+    atexit._run_exitfuncs()  # which end processes that libraries began
+    os._exit(code)
 
 
 def _exit_code(arguments: list[str] | None) -> int:
@@ -323,8 +344,15 @@ def _exit_code(arguments: list[str] | None) -> int:
                 warnings.simplefilter("ignore")
             try:
                 code: Any = app(arguments, standalone_mode=False)
-            except MjsheafError:
-                raise_if_stopped()  # a terminal's signal reaches ffmpeg too, whose end may be noticed first
+                sys.stdout.flush()  # here what it cannot say still has an exit code
+            except Exception:
+                # A terminal's signal reaches ffmpeg too, whose end may be noticed first; and what is raised while a
+                # library is loaded comes out as an error of that.
+                raise_if_stopped()
+                raise
+            except SystemExit as stop:
+                if isinstance(stop.__context__, BrokenPipeError):  # which the command-line library turns into this
+                    return _end_of_pipe()
                 raise
         return code if isinstance(code, int) else 0
     except MjsheafError as error:
@@ -332,10 +360,9 @@ def _exit_code(arguments: list[str] | None) -> int:
     except Stopped as stopped:
         return _complain(stopped.message, int(stopped.code or 1))
     except BrokenPipeError:
-        sys.stderr.close()  # the reader went away: there is no one to tell
-        return 0
+        return _end_of_pipe()
     except OSError as error:
-        return _complain(f"{error.filename or 'input or output'}: {error.strerror or error}", InputError.exit_code)
+        return _complain(f"{_place_of(error)}: {error.strerror or error}", InputError.exit_code)
     except MemoryError as error:
         return _complain(f"not enough memory: {error}; ask for fewer samples or vehicles", InputError.exit_code)
     except Exception as error:
@@ -353,6 +380,25 @@ class _Notes(logging.Handler):
         print(f"note: {record.getMessage()}", file=sys.stderr)
 
 
+def _end_of_pipe() -> int:
+    """The reader of the output went away, as `head` does: the code of what SIGPIPE ends."""
+    with suppress(OSError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for what is still to be flushed
+    return 128 + signal.SIGPIPE
+
+
+def _place_of(error: OSError) -> str:
+    """What an error of the operating system is about."""
+    if error.filename is not None:
+        return os.fsdecode(error.filename)
+    try:
+        os.getcwd()
+    except OSError:
+        return "the working directory is gone"
+    return "input or output"
+
+
 def _complain(message: str, code: int) -> int:
-    print(f"mjsheaf: {' '.join(message.split())}", file=sys.stderr)
+    with suppress(OSError):  # a terminal that has hung up
+        print(f"mjsheaf: {' '.join(message.split())}", file=sys.stderr)
     return code

@@ -3,9 +3,9 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from mjsheaf.cli.console import make_console
 from mjsheaf.cli.signals import raise_if_stopped
 
 
@@ -15,7 +15,7 @@ def progress_bars() -> Iterator[Callable[[str, int, int], None]]:
 
     Where stderr is not a terminal nothing is drawn. Each call ends the work if a signal has asked for that.
     """
-    console = Console(stderr=True)
+    console = make_console(stderr=True)
     bars = Progress(
         TextColumn("{task.description}"),
         BarColumn(),

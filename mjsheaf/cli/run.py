@@ -3,9 +3,9 @@
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
 from rich.table import Table
 
+from mjsheaf.cli.console import make_console
 from mjsheaf.cli.progress import progress_bars
 from mjsheaf.errors import InputError, MjsheafError, UnstableError
 from mjsheaf.filming import video_options
@@ -50,7 +50,7 @@ def run_command(
     scenario = load_scenario(source, changes)
     if expect and getattr(scenario.expect, backend) is None and scenario.expect.refused is None:
         raise InputError(f"{source}: expect.{backend}: missing; --expect needs bounds for this backend")
-    notes = Console(stderr=True, soft_wrap=True)
+    notes = make_console(stderr=True, soft_wrap=True)
     if "seed" in changes and not uses_seed(scenario)[backend]:
         notes.print(
             f"note: the seed changes nothing: {scenario.name} has no spread and no disturbance on backend {backend}"
@@ -97,7 +97,7 @@ def _number(value: float | None) -> str:
 
 def _print_summary(outcome: Outcome) -> None:
     summary, final = outcome.summary, outcome.summary["final"]
-    console = Console()
+    console = make_console()
     title = f"{summary['scenario']} on {summary['backend']}, errors in m at t = {final['time']:.6g} s"
     table = Table(title=title, title_justify="left", header_style="")
     table.add_column("")

@@ -5,8 +5,7 @@ import os
 from collections import Counter
 from pathlib import Path
 
-from rich.console import Console
-
+from mjsheaf.cli.console import make_console
 from mjsheaf.cli.progress import progress_bars
 from mjsheaf.cli.signals import Stopped
 from mjsheaf.errors import InputError
@@ -91,7 +90,7 @@ def sweep_command(
             stopped.message = stopped.message.replace("nothing was written", kept)
             raise
     counts = Counter(record["status"] for record in study.records)
-    console = Console(soft_wrap=True, highlight=False)
+    console = make_console(soft_wrap=True, highlight=False)
     told = ", ".join(f"{count} {status}" for status, count in counts.items())
     before = len(study.records) - study.begun
     console.print(f"{len(study.records)} runs: {told}" + (f" ({before} had ended before)" if before else ""))
@@ -109,7 +108,7 @@ def sweep_command(
 
 
 def _note(text: str) -> None:
-    Console(stderr=True, soft_wrap=True, highlight=False).print(f"note: {text}", markup=False)
+    make_console(stderr=True, soft_wrap=True, highlight=False).print(f"note: {text}", markup=False)
 
 
 def print_schema() -> None:

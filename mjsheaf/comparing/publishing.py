@@ -71,7 +71,7 @@ def publish(
             reason = _film(scenario, comparison, fresh / "compare.mp4", progress)
             notes += [f"no video: {reason}"] if reason else []
             record = record.model_copy(update={"video": None if reason else "compare.mp4"})
-        (fresh / "report.txt").write_text(report_text(record))
+        (fresh / "report.txt").write_text(report_text(record), encoding="utf-8")
         if progress:
             progress("publishing", 0, 1)  # the last moment at which the user can stop it
         save_summary(record.model_dump(mode="json"), fresh / "compare.json")
@@ -111,6 +111,7 @@ def _film(scenario: Scenario, comparison: Comparison, path: Path, progress: Prog
     if backend is None:
         return reason
     from mjsheaf.comparing.filming import film_side_by_side
+    from mjsheaf.video.encode import UnwritableError
 
     runs = comparison.runs
     try:
@@ -121,6 +122,8 @@ def _film(scenario: Scenario, comparison: Comparison, path: Path, progress: Prog
             path,
             lambda done, total: progress("drawing video", done, total) if progress else None,
         )
+    except UnwritableError:
+        raise
     except MjsheafError as error:
         return str(error)
     return ""

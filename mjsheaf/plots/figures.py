@@ -212,4 +212,4 @@ def _legend(groups: NDArray[np.int64], names: list[str], colours: Array, *, edge
 def save_figure(figure: Figure, path: Path) -> None:
     """Write a figure as PNG; equal figures give equal bytes."""
     # No metadata: a version or date would make equal runs differ.
-    figure.savefig(path, metadata={"Software": None})
+    figure.savefig(path, format="png", metadata={"Software": None})

@@ -1,15 +1,17 @@
 """result.nc: written piece by piece as a run goes on, and read where it is looked at."""
 
-from collections.abc import Iterable, Iterator
-from itertools import chain
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from io import BytesIO, RawIOBase
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import h5netcdf
 import numpy as np
 import xarray as xr
 
 from mjsheaf.results.dataset import join
+from mjsheaf.results.enduring import EnduringFile
 
 _MOST_SAMPLES = 4000  # of a thinned run: more cannot be seen in a plot
 _MOST_POSITIONS = 400_000  # of agents in a thinned run, which bounds its memory where there are many
@@ -22,32 +24,72 @@ def write_dataset(pieces: Iterable[xr.Dataset], path: Path) -> None:
     Args:
         pieces: as `make_datasets` gives them: alike but for `time`, all of one length but for the last.
         path: the file.
+
+    Raises:
+        OSError: it cannot be written, as on a full disk; what was written of it remains.
     """
-    iterator = iter(pieces)
-    first = next(iterator)
-    samples = first.sizes["time"]
-    encoding: dict[str, Any] = {}
-    for name, variable in first.variables.items():
-        if variable.dtype.kind == "f" and variable.ndim > 0:
-            encoding[str(name)] = {"zlib": True, "complevel": 3, "shuffle": True}
-            if "time" in variable.dims and variable.size:
-                encoding[str(name)]["chunksizes"] = variable.shape
-    first.to_netcdf(path, engine="h5netcdf", encoding=encoding, unlimited_dims=["time"])
-    second = next(iterator, None)
-    if second is None:
-        return
-    growing = [str(name) for name, variable in first.variables.items() if "time" in variable.dims]
-    del first
-    with h5netcdf.File(path, "a") as file:
-        for piece in chain([second], iterator):
-            new = samples + piece.sizes["time"]
-            file.resize_dimension("time", new)
-            for name in growing:
-                file.variables[name][samples:new] = piece[name].values
-            samples = new
-            for name in ("status", "message"):
-                if file.attrs[name] != piece.attrs[name]:
-                    file.attrs[name] = piece.attrs[name]
+    with EnduringFile(path) as file:
+        _write(pieces, file, file.raise_refusal)
+    file.raise_refusal()
+
+
+def dataset_bytes(dataset: xr.Dataset) -> bytes:
+    """What `write_dataset` writes of a run in one piece."""
+    file = BytesIO()
+    _write([dataset], file, lambda: None)
+    return file.getvalue()
+
+
+def _write(pieces: Iterable[xr.Dataset], file: IO[bytes] | RawIOBase, check: Callable[[], None]) -> None:
+    """Write pieces in a thread beside, where no signal gets between HDF5 and the file; check after each of them."""
+    growing = _GrowingFile(file)
+    with ThreadPoolExecutor(1) as beside:
+        try:
+            for piece in pieces:
+                beside.submit(growing.append, piece).result()
+                check()
+        finally:
+            beside.submit(growing.close).result()
+
+
+class _GrowingFile:
+    """A netCDF-4 file to which pieces of a run are appended."""
+
+    def __init__(self, file: IO[bytes] | RawIOBase) -> None:
+        self._file = file
+        self._netcdf: h5netcdf.File | None = None
+        self._samples = 0
+        self._growing: list[str] = []
+
+    def append(self, piece: xr.Dataset) -> None:
+        if self._netcdf is None:
+            self._begin(piece)
+        elif piece.sizes["time"]:
+            samples = self._samples + piece.sizes["time"]
+            self._netcdf.resize_dimension("time", samples)
+            for name in self._growing:
+                self._netcdf.variables[name][self._samples : samples] = piece[name].values
+            self._samples = samples
+        assert self._netcdf is not None
+        for name in ("status", "message"):
+            if self._netcdf.attrs[name] != piece.attrs[name]:
+                self._netcdf.attrs[name] = piece.attrs[name]
+
+    def _begin(self, first: xr.Dataset) -> None:
+        encoding: dict[str, Any] = {}
+        for name, variable in first.variables.items():
+            if variable.dtype.kind == "f" and variable.ndim > 0:
+                encoding[str(name)] = {"zlib": True, "complevel": 3, "shuffle": True}
+                if "time" in variable.dims and variable.size:
+                    encoding[str(name)]["chunksizes"] = variable.shape
+        self._netcdf = h5netcdf.File(self._file, "w")
+        first.dump_to_store(xr.backends.H5NetCDFStore(self._netcdf), encoding=encoding, unlimited_dims=["time"])
+        self._growing = [str(name) for name, variable in first.variables.items() if "time" in variable.dims]
+        self._samples = first.sizes["time"]
+
+    def close(self) -> None:
+        if self._netcdf is not None:
+            self._netcdf.close()
 
 
 def open_dataset(path: Path) -> xr.Dataset:

@@ -4,8 +4,6 @@ import hashlib
 import json
 import math
 import os
-import shutil
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from datetime import datetime
@@ -17,6 +15,7 @@ import xarray as xr
 from mjsheaf._version import __version__
 from mjsheaf.errors import InputError
 from mjsheaf.results.file import open_dataset
+from mjsheaf.whole import is_part_of, put_in_place, whole_directory, write_whole
 
 FILES = (
     "result.nc",
@@ -46,6 +45,9 @@ VEHICLES = "vehicles"
 CHECKSUMS = "SHA256SUMS"
 """The file in that folder by which mjsheaf knows what it put there, as sha256sum writes it."""
 
+RESULT_DIGEST = "result_sha256"
+"""The field of summary.json by which a result.nc that was damaged or changed is known."""
+
 _RECORDS = ("summary.json", "compare.json")
 _FILES_OF_PEOPLE = (".yaml", ".yml")
 
@@ -74,7 +76,9 @@ def check_replaceable(directory: Path) -> None:
     entries = {path.name for path in directory.iterdir()}
     if not entries:
         return
-    strange = sorted(entries - {*FILES, *COMPARISON_FILES, VEHICLES}) + _strange_vehicles(directory / VEHICLES)
+    ours = {*FILES, *COMPARISON_FILES, VEHICLES}
+    strange = sorted(name for name in entries - ours if not is_part_of(name, ours))
+    strange += _strange_vehicles(directory / VEHICLES)
     if strange:
         raise PlaceError(
             f"{directory}: holds {strange[0]!r}, which mjsheaf did not write; move it or choose another with --out"
@@ -85,8 +89,8 @@ def check_replaceable(directory: Path) -> None:
 
 def write_checksums(folder: Path) -> None:
     """Note what mjsheaf has put into the folder of vehicles' files."""
-    lines = [f"{_digest(path)}  {path.relative_to(folder)}\n" for path in sorted(folder.rglob("*")) if path.is_file()]
-    (folder / CHECKSUMS).write_text("".join(lines))
+    lines = [f"{digest(path)}  {path.relative_to(folder)}\n" for path in sorted(folder.rglob("*")) if path.is_file()]
+    (folder / CHECKSUMS).write_text("".join(lines), encoding="utf-8")
 
 
 def _strange_vehicles(folder: Path) -> list[str]:
@@ -94,21 +98,24 @@ def _strange_vehicles(folder: Path) -> list[str]:
     if not folder.is_dir() or folder.is_symlink():
         return [VEHICLES] if folder.exists() or folder.is_symlink() else []
     try:
-        known = set((folder / CHECKSUMS).read_text().splitlines())
+        known = set((folder / CHECKSUMS).read_text(encoding="utf-8").splitlines())
     except (OSError, ValueError):
         known = set()
     strange = []
     for path in sorted(folder.rglob("*")):
         name = str(path.relative_to(folder))
         folder_of_files = path.is_dir() and not path.is_symlink()
-        if not folder_of_files and name != CHECKSUMS and f"{_digest(path)}  {name}" not in known:
+        if not folder_of_files and name != CHECKSUMS and f"{digest(path)}  {name}" not in known:
             strange.append(f"{VEHICLES}/{name}")
     return strange
 
 
-def _digest(path: Path) -> str:
+def digest(path: Path) -> str:
     """SHA-256 of a file; empty for what is none, such as a link to nowhere."""
-    return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
+    if not path.is_file():
+        return ""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def holds_run(directory: Path) -> bool:
@@ -120,8 +127,8 @@ def _record(directory: Path) -> dict[str, Any] | None:
     """summary.json or compare.json of a directory, as mjsheaf wrote it; None where there is neither."""
     for name in _RECORDS:
         try:
-            record = json.loads((directory / name).read_text())
-        except (OSError, ValueError):
+            record = json.loads((directory / name).read_bytes())
+        except (OSError, ValueError, RecursionError):
             continue
         if isinstance(record, dict) and "mjsheaf_version" in record:
             return record
@@ -172,52 +179,25 @@ def staging(directory: Path) -> Iterator[Path]:
     """
     check_replaceable(directory)
     place = Path(os.path.abspath(directory))
-    fresh: Path | None = None
     missing = [parent for parent in place.parents if not parent.exists()]  # the deepest first
     try:
         place.parent.mkdir(parents=True, exist_ok=True)
-        # Beside its final place: a rename is atomic only within one file system.
-        fresh = Path(tempfile.mkdtemp(prefix=f".{place.name}.", dir=place.parent))
-        fresh.chmod(0o777 & ~_umask())
-        yield fresh
-        _swap(fresh, place)
+        with whole_directory(place) as fresh:
+            yield fresh
+            check_replaceable(place)  # again: somebody may have put something there meanwhile
+            put_in_place(fresh, place)
     except OSError as error:
         raise PlaceError(f"{directory}: cannot be written: {error.strerror or error}") from error
     finally:
-        if fresh is not None:
-            shutil.rmtree(fresh, ignore_errors=True)
         for parent in missing:
             with suppress(OSError):  # it holds what was published
                 parent.rmdir()
 
 
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
-
-
-def _swap(fresh: Path, directory: Path) -> None:
-    old = fresh.with_name(fresh.name + ".old")
-    try:
-        if directory.exists():
-            directory.rename(old)
-        fresh.rename(directory)
-    finally:
-        if old.exists() and not directory.exists():
-            old.rename(directory)
-        shutil.rmtree(old, ignore_errors=True)
-
-
 def save_summary(summary: dict[str, Any], path: Path) -> None:
     """Write summary.json, at once; numbers that are not finite become null."""
     text = json.dumps({"mjsheaf_version": __version__, **_finite(summary)}, indent=2, allow_nan=False)
-    part = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        part.write_text(text + "\n")
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
+    write_whole(path, f"{text}\n".encode())
 
 
 def _finite(value: Any) -> Any:
@@ -249,11 +229,18 @@ def open_run(directory: Path) -> Iterator[tuple[xr.Dataset, dict[str, Any]]]:
         if not (directory / name).is_file():
             raise InputError(f"{directory}: holds no {name}; legal is the directory of a finished run")
     try:
-        summary = json.loads((directory / "summary.json").read_text())
+        summary = json.loads((directory / "summary.json").read_bytes())
+        if not isinstance(summary, dict):
+            raise InputError(f"{directory}: summary.json holds no mapping; expected is the directory of a finished run")
+        # First: HDF5 reads much that is damaged without a word.
+        if RESULT_DIGEST in summary and summary[RESULT_DIGEST] != digest(directory / "result.nc"):
+            raise InputError(f"{directory}: result.nc is not as the run wrote it; run the scenario again")
         dataset = open_dataset(directory / "result.nc")
-    except (OSError, ValueError, KeyError) as error:
+        if RESULT_DIGEST not in summary:  # of an earlier version: it is trusted when all of it can be read
+            dataset.load()
+    except InputError:
+        raise
+    except Exception as error:  # what a damaged file does to HDF5 and its readers has no class of its own
         raise InputError(f"{directory}: cannot be read: {' '.join(str(error).split())}") from None
     with dataset:
-        if not isinstance(summary, dict):
-            raise InputError(f"{directory}: summary.json holds no mapping; legal is the directory of a finished run")
         yield dataset, summary

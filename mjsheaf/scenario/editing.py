@@ -10,6 +10,7 @@ import yaml
 
 from mjsheaf.errors import InputError, ScenarioError
 from mjsheaf.reading import compose_yaml, dump_yaml, parse_yaml
+from mjsheaf.whole import whole_file
 
 
 def with_field(text: str, key: str, value: dict[str, Any], source: str, comment: str = "") -> str:
@@ -72,20 +73,16 @@ def replace_file(path: Path, data: bytes, *, expected: bytes) -> None:
         InputError: the file has changed meanwhile, or cannot be written.
     """
     real = path.resolve()
-    part = real.with_name(f".{real.name}.{os.getpid()}")
     require_writable(path)
     try:
         if real.read_bytes() != expected:
             raise InputError(f"{path}: has changed meanwhile; nothing is written")
-        try:
+        with whole_file(real) as part:
             with part.open("wb") as file:
                 file.write(data)
                 file.flush()
                 os.fsync(file.fileno())
             part.chmod(real.stat().st_mode & 0o7777)
-            part.replace(real)
-        finally:
-            part.unlink(missing_ok=True)
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
 

@@ -9,6 +9,7 @@
 """
 
 import fcntl
+import hashlib
 import json
 import os
 from collections.abc import Iterator
@@ -18,7 +19,7 @@ from typing import IO, Any
 
 from mjsheaf.errors import InputError
 from mjsheaf.reading import dump_yaml
-from mjsheaf.results.store import PlaceError, enclosing_run
+from mjsheaf.results.store import PlaceError, digest, enclosing_run
 from mjsheaf.studies.differences import differences
 from mjsheaf.studies.job import STATUSES, Done
 from mjsheaf.studies.plan import Plan
@@ -28,6 +29,7 @@ _LOCK, _STUDY, _SCENARIO, _RUNS, _TRAJECTORIES = ".lock", "study.json", "scenari
 _TIMINGS = "timings.csv"
 _NUMBER = "[0-9]*"
 _SHOWN_DIFFERENCES = 3
+_SEALS = ("result_sha256", "record_sha256")
 
 RESULT_FILES = {"table.csv", "table.parquet", "error.png", "success.png", "index.html"}
 """What is made of the runs once all have ended."""
@@ -67,7 +69,7 @@ class StudyDirectory:
         with self.writing():
             if done.dataset is not None:
                 write_whole(self.path / _TRAJECTORIES / f"{name}.nc", done.dataset)
-            write_whole(self.path / _RUNS / f"{name}.json", canonical(done.record))
+            write_whole(self.path / _RUNS / f"{name}.json", canonical(_sealed(done)))
             with (self.path / _TIMINGS).open("a") as file:
                 file.write(f"{done.record['run']},{done.seconds:.6f}\n")
 
@@ -102,12 +104,28 @@ class StudyDirectory:
             yield
 
     def _record(self, point: Point) -> dict[str, Any] | None:
+        """The record of a run; None where there is none, or it or its result.nc is not as it was written."""
+        name = _name(point.number)
         try:
-            record = json.loads((self.path / _RUNS / f"{_name(point.number)}.json").read_bytes())
-        except (OSError, ValueError):
+            record = json.loads((self.path / _RUNS / f"{name}.json").read_bytes())
+        except (OSError, ValueError, RecursionError):
             return None
         known = isinstance(record, dict) and record.get("status") in STATUSES and record.get("run") == point.number
-        return record if known and record.get("parameters") == point.parameters else None
+        if not known or record.get("parameters") != point.parameters:
+            return None
+        found = {key: record.pop(key, None) for key in _SEALS}
+        kept = digest(self.path / _TRAJECTORIES / f"{name}.nc") or None if found["result_sha256"] else None
+        return record if found == {"result_sha256": kept, "record_sha256": _digest(record)} else None
+
+
+def _sealed(done: Done) -> dict[str, Any]:
+    """A record with checksums of itself and of its result.nc: one that was damaged or edited is not taken for a run."""
+    kept = None if done.dataset is None else hashlib.sha256(done.dataset).hexdigest()
+    return {**done.record, "result_sha256": kept, "record_sha256": _digest(done.record)}
+
+
+def _digest(record: dict[str, Any]) -> str:
+    return hashlib.sha256(canonical(record)).hexdigest()
 
 
 @contextmanager
@@ -233,7 +251,7 @@ def _study_in(path: Path) -> dict[str, Any] | None:
     """What the directory's study.json holds; None where there is none that mjsheaf wrote."""
     try:
         study = json.loads((path / _STUDY).read_bytes())
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return None
     return study if isinstance(study, dict) and "mjsheaf_version" in study else None
 

@@ -1,6 +1,5 @@
 """One run of a study, as a worker does it: from a point to a record of plain values."""
 
-import tempfile
 import time
 from dataclasses import dataclass, field
 from functools import cache
@@ -185,15 +184,12 @@ def _bytes_of(dataset: "xr.Dataset") -> bytes:
     bytes, and a memory checker found nothing that is written without having been set. Two writes that agree keep such
     an accident out of a study, whose bytes must not depend on what ran it.
     """
-    from mjsheaf.results import write_dataset
+    from mjsheaf.results import dataset_bytes
 
     before = b""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "result.nc"
-        for _ in range(_MOST_WRITES):
-            write_dataset([dataset], path)
-            written = path.read_bytes()
-            if written == before:
-                break
-            before = written
+    for _ in range(_MOST_WRITES):
+        written = dataset_bytes(dataset)
+        if written == before:
+            break
+        before = written
     return written

@@ -1,6 +1,5 @@
 """Frames in, an MP4 out: H.264, yuv420p, which plays everywhere."""
 
-import os
 from collections import deque
 from collections.abc import Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -11,12 +10,21 @@ import imageio_ffmpeg
 
 from mjsheaf.errors import InputError, MjsheafError
 from mjsheaf.video.renderer import Frame
+from mjsheaf.whole import whole_file
 
 QUALITY = 20  # x264's constant rate factor: 18 looks lossless, 23 is its default
 AHEAD = 3  # frames drawn but not yet taken by the encoder
 PRESET = "veryfast"  # the picture is the costly part, and x264 competes with it for the same cores
+CONTAINER = ("-movflags", "+faststart", "-f", "mp4")  # named: the file's own name says it only in the end
 X264 = "me=dia:subme=1:weightp=0:rc-lookahead=5:threads=2:lookahead-threads=1"
 """A third less work than the preset's, at the same size of such pictures, on few threads."""
+
+
+_BLOCK = 1 << 20  # bytes; more than ffmpeg writes at a time
+
+
+class UnwritableError(InputError):
+    """A video's place cannot be written, or its disk is full."""
 
 
 def write_mp4(path: Path, frames: Iterable[Frame], width: int, height: int, fps: float) -> int:
@@ -33,22 +41,33 @@ def write_mp4(path: Path, frames: Iterable[Frame], width: int, height: int, fps:
         How many frames were written.
 
     Raises:
-        InputError: the file cannot be written.
+        UnwritableError: the file cannot be written.
         MjsheafError: ffmpeg is missing or fails.
     """
-    # Beside the target, as a rename is atomic only within one file system.
-    part = path.with_name(f".{path.stem}.{os.getpid()}.mp4")
     try:
-        part.touch()  # for a clear reason where the folder is missing or closed to us
-        count = _encode(part, frames, width, height, fps)
-        if abs(_duration(part) - count / fps) > 1 / fps + 0.01:  # ffmpeg gives hundredths of a second
-            raise MjsheafError(f"ffmpeg did not finish {path} ({count} frames); is the disk full?")
-        part.replace(path)
+        with whole_file(path) as part:
+            try:
+                count = _encode(part, frames, width, height, fps)
+                if abs(_duration(part) - count / fps) > 1 / fps + 0.01:  # ffmpeg gives hundredths of a second
+                    raise MjsheafError(f"ffmpeg did not finish {path} ({count} frames)")
+            except MjsheafError:
+                _require_room(part)
+                raise
     except OSError as error:
-        raise InputError(f"cannot write {path}: {error.strerror or error}") from error
-    finally:
-        part.unlink(missing_ok=True)
+        raise UnwritableError(f"{path}: cannot be written: {error.strerror or error}") from error
     return count
+
+
+def _require_room(part: Path) -> None:
+    """See whether the disk is why ffmpeg failed, which does not tell.
+
+    Raises:
+        OSError: it takes no more.
+    """
+    with part.open("ab", buffering=0) as file:
+        room = bytes(_BLOCK)
+        while room:
+            room = room[file.write(room) :]
 
 
 def _encode(part: Path, frames: Iterable[Frame], width: int, height: int, fps: float) -> int:
@@ -63,7 +82,7 @@ def _encode(part: Path, frames: Iterable[Frame], width: int, height: int, fps: f
         quality=None,
         macro_block_size=1,  # of the size as asked: it is even, which is all that yuv420p needs
         ffmpeg_log_level="quiet",
-        output_params=["-crf", str(QUALITY), "-preset", PRESET, "-x264-params", X264, "-movflags", "+faststart"],
+        output_params=["-crf", str(QUALITY), "-preset", PRESET, "-x264-params", X264, *CONTAINER],
     )
     count = 0
     sent: deque[Future[None]] = deque()

@@ -76,7 +76,7 @@ def _compile(path: Path) -> mujoco.MjModel:
         spec = mujoco.MjSpec.from_file(str(path))
         spec.compiler.fusestatic = False  # would make all of it part of the world, which has no mass
         model = spec.compile()
-    except (ValueError, mujoco.FatalError) as error:
+    except (ValueError, RuntimeError, MemoryError, mujoco.FatalError) as error:  # RuntimeError: no memory for it
         raise InputError(f"{path}: {' '.join(str(error).split())}") from None
     # Of the world they have no mass, but once that is a vehicle's frame they would have.
     plate = (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)

@@ -1,0 +1,56 @@
+"""The same bits, whatever the machine does beside: threads of BLAS, hash seeds, numpy's own instructions.
+
+They do depend on the processor for which OpenBLAS chooses its kernels; between two of those they agree to rounding.
+Oracle: the run in a process as it comes.
+"""
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+CODE = """
+import hashlib, json, mjsheaf, numpy as np
+found = {}
+for name, backend in (("paper", "ideal"), ("harbour", "physics")):
+    run = mjsheaf.simulate(mjsheaf.load_scenario(name, {"time.end": 0.5}), backend)
+    for variable in ("agent_position", "harmonic_extension", "disagreement", "command"):
+        found[f"{name} {variable}"] = np.nan_to_num(run[variable].values).ravel().tolist()
+check = json.dumps(mjsheaf.check(mjsheaf.load_scenario("midpoint")), sort_keys=True, default=str)
+print(json.dumps([found, hashlib.sha256(check.encode()).hexdigest()]))
+"""
+
+
+def found(**environment: str) -> tuple[dict[str, list[float]], str]:
+    done = subprocess.run(
+        [sys.executable, "-c", CODE], env={**os.environ, **environment}, capture_output=True, text=True, check=True
+    )
+    data, check = json.loads(done.stdout.splitlines()[-1])
+    return data, check
+
+
+@pytest.mark.slow
+def test_bits_do_not_depend_on_threads_seeds_or_numpys_instructions() -> None:
+    usual = found()
+    for environment in (
+        {"OPENBLAS_NUM_THREADS": "1"},
+        {"OPENBLAS_NUM_THREADS": "2"},
+        {"PYTHONHASHSEED": "1"},
+        {"PYTHONHASHSEED": "2"},
+        {"NPY_DISABLE_CPU_FEATURES": "AVX2 FMA3 AVX512F AVX512CD AVX512_SKX"},
+        {"NUMBA_NUM_THREADS": "1"},
+    ):
+        assert found(**environment) == usual, environment
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("environment", [{"OPENBLAS_CORETYPE": "Nehalem"}, {"NUMBA_CPU_NAME": "generic"}])
+def test_another_processor_changes_no_more_than_rounding(environment: dict[str, str]) -> None:
+    usual, _ = found()
+    other, _ = found(**environment)
+    for name, values in usual.items():
+        scale = max(np.abs(values).max(), 1.0)
+        np.testing.assert_allclose(other[name], values, rtol=0, atol=1e-9 * scale, err_msg=name)

@@ -1,0 +1,187 @@
+"""A disk that is full: one line, exit code 2, nothing half written, nothing left; what was there before stays.
+
+A limit on the size of files stands for it where a real one, a small tmpfs, cannot be mounted.
+Oracles: the contract; the same command on a disk with room.
+"""
+
+import errno
+import io
+import os
+import shutil
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from mjsheaf.results import dataset_bytes, write_dataset
+from mjsheaf.results.enduring import EnduringFile
+from mjsheaf.video import available_backend
+from tests.attack.commands import IDEAL, SMALL, call, command_line, contents, files_of_at_most, is_refusal, leftovers
+
+CAN_DRAW = available_backend()[0] is not None
+STUDY = ["sweep", "midpoint", "--backend", "ideal", "--set", "time.end=0.2", "--grid", "controller.gain=1,2,3"]
+STUDY += ["--trajectories", "--threads", "--workers", "1", "--out"]
+
+
+def piece(samples: int, begin: int = 0) -> xr.Dataset:
+    values = np.random.default_rng(begin).normal(size=(samples, 50))
+    return xr.Dataset(
+        {"x": (("time", "agent"), values)},
+        {"time": ("time", begin + np.arange(samples, dtype=float))},
+        {"status": "finished", "message": ""},
+    )
+
+
+@pytest.mark.parametrize("size", [0, 1, 96, 1000, 4096, 20_000, 100_000, 500_000])
+def test_result_is_refused_by_an_error_and_not_by_a_crash(size: int, tmp_path: Path) -> None:
+    pieces = [piece(400, 400 * k) for k in range(4)]  # 160 kB each
+    with files_of_at_most(size), pytest.raises(OSError, match="File too large") as raised:
+        write_dataset(pieces, tmp_path / "a.nc")
+    assert raised.value.errno == errno.EFBIG
+    assert raised.value.filename == str(tmp_path / "a.nc")
+    write_dataset(pieces, tmp_path / "a.nc")
+    with xr.open_dataset(tmp_path / "a.nc", engine="h5netcdf") as found:
+        xr.testing.assert_identical(found.load(), xr.concat(pieces, "time", combine_attrs="override"))
+
+
+def test_bytes_in_memory_are_those_on_disk(tmp_path: Path) -> None:
+    write_dataset([piece(100)], tmp_path / "a.nc")
+    assert dataset_bytes(piece(100)) == (tmp_path / "a.nc").read_bytes()
+
+
+def test_a_file_that_endures_reads_back_what_the_disk_refused(tmp_path: Path) -> None:
+    """As a file in memory does, at random places, with the limit met half-way."""
+    random, memory = np.random.default_rng(3), io.BytesIO()
+    with EnduringFile(tmp_path / "a") as file, files_of_at_most(3000):
+        for _ in range(300):
+            data, place = random.bytes(int(random.integers(0, 400))), int(random.integers(0, 6000))
+            for each in (file, memory):
+                each.seek(place)
+                assert each.write(data) == len(data)
+            begin, length = int(random.integers(0, 6500)), int(random.integers(0, 800))
+            found, wanted = bytearray(length), bytearray(length)
+            for each, buffer in ((file, found), (memory, wanted)):
+                each.seek(begin)
+                count = each.readinto(buffer)
+                assert count == max(min(length, len(memory.getvalue()) - begin), 0)
+            assert found == wanted
+            assert file.seek(0, os.SEEK_END) == memory.seek(0, os.SEEK_END)
+        assert file.refusal is not None
+        assert (tmp_path / "a").stat().st_size <= 3000
+
+
+@pytest.mark.parametrize("kilobytes", [0, 2, 20, 60])
+def test_run_leaves_nothing(kilobytes: int, tmp_path: Path) -> None:
+    run = ("run", "midpoint", *IDEAL, "--out", tmp_path / "a" / "out")
+    assert call(*run).code == 0  # compiles, which writes files too
+    shutil.rmtree(tmp_path / "a")
+    with files_of_at_most(1000 * kilobytes):
+        assert is_refusal(call(*run), "out: cannot be written: File too large")
+    assert list(tmp_path.iterdir()) == []
+    assert call(*run).code == 0
+    before = contents(tmp_path)
+    with files_of_at_most(1000 * kilobytes):
+        assert is_refusal(call(*run), "File too large")
+    assert contents(tmp_path) == before
+
+
+def test_plot_of_a_check_leaves_nothing(tmp_path: Path) -> None:
+    with files_of_at_most(10_000):
+        assert is_refusal(call("check", "midpoint", "--plot", tmp_path / "a.png"), "a.png: cannot be written: File too")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.skipif(not CAN_DRAW, reason="no offscreen OpenGL")
+def test_video_keeps_the_one_that_was_there(tmp_path: Path) -> None:
+    assert call("run", "midpoint", *IDEAL, *SMALL, "--video", "--out", tmp_path / "run").code == 0
+    before = contents(tmp_path)
+    for out in ((), ("--out", tmp_path / "new.mp4")):
+        with files_of_at_most(3000):
+            assert is_refusal(call("video", tmp_path / "run", *out), ".mp4: cannot be written: File too large")
+        assert contents(tmp_path) == before
+
+
+def test_a_study_goes_on(tmp_path: Path) -> None:
+    assert call(*STUDY, tmp_path / "whole").code == 0
+    for k, size in enumerate((0, 20_000, 60_000)):
+        out = tmp_path / str(k)
+        with files_of_at_most(size):
+            answer = call(*STUDY, out)
+        assert is_refusal(answer, "cannot be written: File too large"), answer
+        assert call(*STUDY, out).code == 0
+        assert without_times(out) == without_times(tmp_path / "whole")
+
+
+def without_times(directory: Path) -> dict[str, bytes]:
+    return {name: data for name, data in contents(directory).items() if name != "timings.csv"}
+
+
+@pytest.mark.slow
+def test_the_interpreter_survives(tmp_path: Path) -> None:
+    """The crash came when it ended: only a process of its own shows it."""
+    command = command_line("run", "paper", "--backend", "ideal", "--no-video", "--out", "small")
+    with files_of_at_most(500_000):
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (2, "mjsheaf: small: cannot be written: File too large\n")
+    assert list(tmp_path.iterdir()) == []
+
+
+class SmallDisk:
+    """A tmpfs."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def resize(self, kilobytes: int) -> None:
+        subprocess.run(["mount", "-o", f"remount,size={kilobytes}k", self.path], check=True)
+
+
+@pytest.fixture
+def disk(tmp_path: Path) -> Iterator[SmallDisk]:
+    place = tmp_path / "disk"
+    place.mkdir()
+    try:
+        subprocess.run(["mount", "-t", "tmpfs", "-o", "size=8k", "tmpfs", place], check=True, capture_output=True)
+    except (OSError, subprocess.CalledProcessError):
+        pytest.skip("no tmpfs can be mounted here")
+    yield SmallDisk(place)
+    subprocess.run(["umount", place], check=True)
+
+
+@pytest.mark.slow
+def test_every_command_on_a_disk_that_is_really_full(disk: SmallDisk) -> None:
+    out = disk.path / "out"
+    small = ("midpoint", "--set", "time.end=0.2", *SMALL)
+    commands = {
+        "run": (("run", *small, "--out", out), (8, 40, 80, 120, 160, 200)),
+        "compare": (("compare", *small, "--out", out), (8, 80, 160)),
+        "check": (("check", "midpoint", "--plot", disk.path / "a.png"), (8, 40)),
+    }
+    for arguments, sizes in commands.values():
+        for size in sizes:
+            disk.resize(size)
+            answer = call(*arguments)
+            assert is_refusal(answer, "cannot be written: No space left on device"), (arguments, size, answer)
+            assert list(disk.path.iterdir()) == []
+        disk.resize(4000)
+        assert call(*arguments).code in (0, 3)
+        assert leftovers(disk.path) == []
+        for path in sorted(disk.path.rglob("*"), reverse=True):
+            path.rmdir() if path.is_dir() else path.unlink()
+
+
+@pytest.mark.slow
+def test_a_study_on_a_disk_that_is_really_full(disk: SmallDisk, tmp_path: Path) -> None:
+    assert call(*STUDY, tmp_path / "whole").code == 0
+    for size in (12, 60, 100, 140):
+        out = disk.path / str(size)
+        disk.resize(size)
+        assert is_refusal(call(*STUDY, out), "No space left on device"), size
+        disk.resize(4000)
+        assert call(*STUDY, out).code == 0
+        assert without_times(out) == without_times(tmp_path / "whole")
+        for path in sorted(disk.path.rglob("*"), reverse=True):
+            path.rmdir() if path.is_dir() else path.unlink()

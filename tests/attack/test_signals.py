@@ -1,0 +1,236 @@
+"""Signals at random moments of every command: what is there afterwards is whole, and nothing else is left.
+
+What SIGKILL leaves is hidden, is told from what another command is writing, and goes with the next command there.
+Oracles: the contract on directories and exit codes; every file of a directory read to its end.
+"""
+
+import collections
+import contextlib
+import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import imageio_ffmpeg
+import pytest
+import xarray as xr
+from PIL import Image
+
+from mjsheaf import whole
+from mjsheaf.results import load_run
+from mjsheaf.results.store import FILES
+from mjsheaf.video import available_backend
+from mjsheaf.whole import put_in_place, whole_directory, whole_file, write_whole
+from tests.attack.commands import IDEAL, SMALL, call, command_line, leftovers
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+CAN_DRAW = available_backend()[0] is not None
+CODES = {"SIGKILL": -9, "SIGTERM": 143, "SIGHUP": 129, "SIGINT": 130, "SIGINT twice": 130}
+
+
+def abandoned(path: Path, suffix: str = "part", directory: bool = True) -> Path:
+    """What a killed command leaves."""
+    part = path.with_name(f".{path.name}.abcd_123.{suffix}")
+    if directory:
+        part.mkdir()
+        (part / "result.nc").write_text("half")
+    else:
+        part.write_text("half")
+    return part
+
+
+def test_the_next_command_removes_what_a_killed_one_left(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    stale = abandoned(out)
+    other = [abandoned(tmp_path / "outer"), abandoned(tmp_path / "out.b"), tmp_path / ".out.mine.part"]
+    other[-1].mkdir()
+    assert call("run", "midpoint", *IDEAL, "--out", out).code == 0
+    assert not stale.exists()
+    assert all(path.exists() for path in other)
+    for name in ("video.mp4", "summary.json"):  # of a killed `video`: they are ours, and the run can be replaced
+        abandoned(out / name, directory=False)
+    assert call("run", "midpoint", *IDEAL, "--out", out).code == 0
+    assert {path.name for path in out.iterdir()} <= set(FILES)
+
+
+def test_what_another_command_is_writing_is_left_alone(tmp_path: Path) -> None:
+    with whole_directory(tmp_path / "a") as one, whole_file(tmp_path / "b") as two:
+        with whole_directory(tmp_path / "a") as other, whole_file(tmp_path / "b"):
+            assert one.is_dir()
+            assert two.is_file()
+            (other / "x").touch()
+            put_in_place(other, tmp_path / "a")
+        (one / "y").touch()
+        put_in_place(one, tmp_path / "a")
+    assert sorted(p.name for p in tmp_path.rglob("*")) == ["a", "b", "y"]
+
+
+@pytest.mark.parametrize("exchange", [True, False])
+def test_a_directory_is_replaced_in_one_step_or_put_back(
+    exchange: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place = tmp_path / "a"
+    if not exchange:
+        monkeypatch.setattr(whole, "_exchange", lambda one, other: False)
+    for word in ("first", "second"):
+        with whole_directory(place) as fresh:
+            (fresh / word).touch()
+            put_in_place(fresh, place)
+        assert [p.name for p in tmp_path.rglob("*")] == ["a", word]
+    place.rename(abandoned(place, "old").with_suffix(".old2"))  # killed between two renames
+    shutil.rmtree(tmp_path / ".a.abcd_123.old")
+    (tmp_path / ".a.abcd_123.old2").rename(tmp_path / ".a.abcd_123.old")
+    write_whole(place.with_name("other"), b"")
+    assert not place.exists()
+    whole.remove_stale(place)
+    assert sorted(p.name for p in tmp_path.rglob("*")) == ["a", "other", "second"]
+
+
+OBEYING = """
+import os, signal, sys, time
+from mjsheaf.cli import listing, main
+def work(of_check):
+    try:
+        os.kill(os.getpid(), {first})
+        time.sleep(60)
+    finally:
+        for _ in range(20):
+            os.kill(os.getpid(), {second})
+        print("cleaned")
+listing.schema_command = work
+main(["schema"])
+"""
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "code", "word"),
+    [
+        ("SIGINT", "SIGINT", 130, "interrupted"),
+        ("SIGTERM", "SIGINT", 143, "terminated"),
+        ("SIGHUP", "SIGTERM", 129, "hung up"),
+    ],
+)
+def test_signals_while_one_is_obeyed_change_nothing(first: str, second: str, code: int, word: str) -> None:
+    numbers = {"first": int(signal.Signals[first]), "second": int(signal.Signals[second])}
+    done = subprocess.run(
+        [sys.executable, "-c", OBEYING.format(**numbers)],
+        capture_output=True, text=True, check=False, preexec_fn=heed,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout) == (code, "cleaned\n")
+    assert done.stderr == f"mjsheaf: {word}; nothing was written\n"
+
+
+def heed() -> None:
+    """As a shell begins a command, whatever these tests inherit."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_DFL)
+
+
+class Attack:
+    """A directory with a run, a scenario of our own, and commands that are to be killed in it."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.run = folder, folder / "run"
+        self.scenario = folder / "mine.yaml"
+        shutil.copy(REPOSITORY / "scenarios" / "midpoint.yaml", self.scenario)
+        small = ["midpoint", "--set", "time.end=1", *SMALL]
+        assert call("run", *small, "--out", self.run).code == 0
+        self.commands: dict[str, list[str | Path]] = {
+            "run": ["run", *small, "--out", folder / "out"],
+            "run again": ["run", *small, "--out", self.run],
+            "compare": ["compare", *small, "--out", folder / "out"],
+            "check": ["check", "midpoint", "--plot", folder / "check.png"],
+            "expect": ["expect", self.scenario, "--update", "--margin", "0.07"],
+            "sweep": ["sweep", "midpoint", "--backend", "ideal", "--set", "time.end=1", "--workers", "1", "--out",
+                      folder / "study", "--grid", "controller.gain=1,2,3"],
+        }  # fmt: skip
+        if CAN_DRAW:
+            self.commands["video"] = ["video", self.run, "--out", folder / "video.mp4", "--fps", "20"]
+            self.commands["video in place"] = ["video", self.run, "--fps", "20"]
+
+    def start(self, kind: str) -> "subprocess.Popen[str]":
+        return subprocess.Popen(
+            command_line(*self.commands[kind]), cwd=self.folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+            text=True, start_new_session=True, preexec_fn=heed,
+        )  # fmt: skip
+
+    def check(self) -> None:
+        """Read all that is there to its end."""
+        for directory in (self.run, self.folder / "out"):
+            if directory.exists():
+                self._check_directory(directory)
+        study = self.folder / "study"
+        for path in study.glob("*.json") if study.exists() else ():
+            json.loads(path.read_bytes())
+        for path in study.glob("runs/0*.json") if study.exists() else ():
+            json.loads(path.read_bytes())
+        assert "sensing" in self.scenario.read_text()
+        for path in self.folder.glob("*.png"):
+            Image.open(path).load()
+        for path in self.folder.glob("*.mp4"):
+            assert imageio_ffmpeg.count_frames_and_secs(str(path))[0] > 0
+
+    def _check_directory(self, directory: Path) -> None:
+        names = {path.name for path in directory.iterdir() if not path.name.startswith(".")}
+        if "compare.json" in names:
+            json.loads((directory / "compare.json").read_bytes())
+            assert {"scenario.yaml", "report.txt", "errors.png", "budget.png", "convergence.png"} <= names
+        else:
+            dataset, summary = load_run(directory)
+            assert isinstance(dataset, xr.Dataset)
+            assert names == set(FILES) - (set() if summary["video"] else {"video.mp4"})
+        for path in directory.glob("[!.]*.png"):
+            Image.open(path).load()
+        for path in directory.glob("[!.]*.mp4"):
+            assert imageio_ffmpeg.count_frames_and_secs(str(path))[0] > 0
+
+    def left(self) -> list[str]:
+        return leftovers(self.folder) + leftovers(self.run)
+
+
+@pytest.mark.slow
+def test_random_signals_at_random_moments(tmp_path: Path) -> None:
+    attack, choose = Attack(tmp_path), random.Random(int(os.environ.get("MJSHEAF_ATTACK_SEED", "1")))
+    lasting: dict[str, float] = {}
+    for kind in attack.commands:
+        begun = time.monotonic()
+        assert attack.start(kind).wait() in (0, 1, 3), kind
+        lasting[kind] = time.monotonic() - begun
+        shutil.rmtree(tmp_path / "out", ignore_errors=True)
+        shutil.rmtree(tmp_path / "study", ignore_errors=True)
+    tried: collections.Counter[tuple[str, str]] = collections.Counter()
+    for _ in range(int(os.environ.get("MJSHEAF_ATTACKS", "40"))):
+        kind, how = choose.choice(list(attack.commands)), choose.choice(list(CODES))
+        process = attack.start(kind)
+        time.sleep(choose.random() * lasting[kind])
+        send = os.killpg if choose.random() < 0.5 else os.kill
+        with contextlib.suppress(ProcessLookupError):
+            for _ in range(2 if how.endswith("twice") else 1):
+                send(process.pid, signal.Signals[how.split()[0]])
+                time.sleep(choose.choice([0.0, 0.001, 0.03]))
+        _, error = process.communicate(timeout=120)
+        tried[kind, how] += 1
+        said = (kind, how, process.returncode, error[-1000:])
+        early = -int(signal.Signals[how.split()[0]])  # before Python listens, the system ends it
+        assert process.returncode in (CODES[how], early, 0), said
+        if process.returncode == CODES[how] and how != "SIGKILL":
+            assert error.count("\n") == 1, said
+        if how != "SIGKILL":
+            assert attack.left() == [], said
+        else:  # which the next command, or this, removes
+            for place in (tmp_path / "out", attack.run, attack.scenario, *(attack.run / name for name in FILES)):
+                whole.remove_stale(place)
+            for place in (tmp_path / "check.png", tmp_path / "video.mp4"):
+                whole.remove_stale(place)
+            assert attack.left() == [], said
+        attack.check()
+        if choose.random() < 0.5:
+            shutil.rmtree(tmp_path / "out", ignore_errors=True)
+            shutil.rmtree(tmp_path / "study", ignore_errors=True)
+    print(dict(tried))

@@ -1,0 +1,202 @@
+"""Strange machines: no home, no locale, no terminal, no working directory, closed streams, little memory, no asserts.
+
+Oracle: the contract on exit codes and on errors; the bits of a run in usual surroundings.
+"""
+
+import os
+import resource
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tests.attack.commands import IDEAL, call, command_line, is_refusal
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+SHORT = ("run", "midpoint", *IDEAL)
+DATA = {"result.nc", "summary.json", "scenario.yaml", "errors.png", "trajectories.png", "configurations.png"}
+BARE = {name: value for name, value in os.environ.items() if name == "PATH" or name.startswith("OPENBLAS_")}
+BARE["PYTHONPATH"] = str(REPOSITORY)
+"""Next to nothing; but bits depend on the kernels that OpenBLAS takes."""
+
+
+def run(*arguments: str | Path, cwd: Path, **options: object) -> "subprocess.CompletedProcess[str]":
+    """A command in a process of its own, with its output as text."""
+    given = {"env": BARE, "capture_output": True, "text": True, "errors": "replace", "check": False, **options}
+    return subprocess.run(command_line(*arguments), cwd=cwd, **given)  # type: ignore[call-overload]
+
+
+@pytest.fixture(scope="module")
+def usual(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    directory = tmp_path_factory.mktemp("usual") / "out"
+    assert call(*SHORT, "--out", directory).code == 0
+    return (directory / "result.nc").read_bytes()
+
+
+SURROUNDINGS = {
+    "no home": {},
+    "home that is none": {"HOME": "/nonexistent", "MPLCONFIGDIR": "/nonexistent/x", "TMPDIR": "/nonexistent/y"},
+    "C": {"LANG": "C", "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"},
+    "ASCII": {"PYTHONIOENCODING": "ascii:strict"},
+    "one column": {"COLUMNS": "1", "LINES": "1"},
+    "no column": {"COLUMNS": "0"},
+    "columns that are no number": {"COLUMNS": "wide", "TERM": ""},
+    "no asserts": {"PYTHONOPTIMIZE": "2"},
+    "warnings are errors": {"PYTHONWARNINGS": "error"},
+    "no cache of compiled code": {"NUMBA_CACHE_DIR": "/proc/nonexistent", "PYTHONDONTWRITEBYTECODE": "1"},
+    "bogus GL": {"MUJOCO_GL": "crystal_ball"},
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SURROUNDINGS)
+def test_strange_surroundings_change_no_bit(name: str, usual: bytes, tmp_path: Path) -> None:
+    done = run(*SHORT, "--out", "où", cwd=tmp_path, env={**BARE, **SURROUNDINGS[name]})
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "finished" in "".join(done.stdout.split())
+    assert (tmp_path / "où" / "result.nc").read_bytes() == usual
+    assert {p.name for p in (tmp_path / "où").iterdir()} == DATA
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("value", ["crystal_ball", "off"])
+def test_a_machine_that_cannot_draw_keeps_its_data(value: str, tmp_path: Path) -> None:
+    arguments = [a for a in SHORT if a != "--no-video"]
+    done = run(*arguments, "--out", "out", cwd=tmp_path, env={**BARE, "MUJOCO_GL": value})
+    assert done.returncode == 0
+    assert done.stderr.startswith("note: no video: ")
+    assert done.stderr.count("\n") == 1
+    assert {p.name for p in (tmp_path / "out").iterdir()} == DATA
+    done = run("video", "out", cwd=tmp_path, env={**BARE, "MUJOCO_GL": value})
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+
+
+@pytest.mark.slow
+def test_names_that_are_no_text(tmp_path: Path) -> None:
+    for encoding in ("utf-8:strict", "ascii:strict"):
+        env = {**BARE, "PYTHONIOENCODING": encoding}
+        out = os.fsdecode(b"o\xff\xfe")
+        assert run(*SHORT, "--out", out, cwd=tmp_path, env=env).returncode == 0
+        assert {p.name for p in (tmp_path / out).iterdir()} == DATA
+        shutil.copy(REPOSITORY / "scenarios" / "midpoint.yaml", tmp_path / os.fsdecode(b"m\xff.yaml"))
+        assert run("check", os.fsdecode(b"m\xff.yaml"), cwd=tmp_path, env=env).returncode == 0
+        done = run("run", os.fsdecode(b"none\xff.yaml"), cwd=tmp_path, env=env)
+        assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+
+
+CLOSED = {"stdin": "<&-", "stdout": ">&-", "stderr": "2>&-", "all": "<&- >&- 2>&-"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CLOSED)
+def test_closed_streams(name: str, usual: bytes, tmp_path: Path) -> None:
+    """No file that is opened takes their numbers: what a library prints would go into it."""
+    script = f'"$0" "$@" {CLOSED[name]}'
+    for arguments, code in ((SHORT, 0), (("run", "nonsense"), 2), (("run", "air_tracks_surface"), 1)):
+        command = ["sh", "-c", script, *command_line(*arguments, "--out", "out")]
+        done = subprocess.run(command, cwd=tmp_path, env=BARE, capture_output=True, check=False)
+        assert done.returncode == code
+    assert (tmp_path / "out" / "result.nc").read_bytes() == usual
+    assert {p.name for p in tmp_path.iterdir()} == {"out"}
+
+
+@pytest.mark.slow
+def test_readers_that_go_away(tmp_path: Path) -> None:
+    """As shells expect of what SIGPIPE ends: 141, and nothing on stderr."""
+    for arguments in (("schema",), ("check", "midpoint", "--json"), (*SHORT, "--out", tmp_path / "out"), ("--help",)):
+        with subprocess.Popen(
+            command_line(*arguments), env=BARE, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        ) as process:
+            assert process.stdout is not None
+            assert process.stderr is not None
+            process.stdout.close()
+            assert process.stderr.read() == b""
+        assert process.returncode == 141, arguments
+    assert {p.name for p in (tmp_path / "out").iterdir()} == DATA
+    if Path("/dev/full").exists():
+        with open("/dev/full", "w") as full:
+            done = run("schema", cwd=tmp_path, stdout=full, stderr=subprocess.PIPE, capture_output=False)
+        assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+
+
+def test_working_directory_that_is_gone(tmp_path: Path) -> None:
+    here, gone = Path.cwd(), tmp_path / "gone"
+    gone.mkdir()
+    os.chdir(gone)
+    gone.rmdir()
+    try:
+        for command in (SHORT, ("run", "midpoint"), ("check", "nothing.yaml"), ("sweep", "midpoint", "--out", "s")):
+            answer = call(*command)
+            assert is_refusal(answer), answer
+    finally:
+        os.chdir(here)
+
+
+def limited(megabytes: int) -> Callable[[], None]:
+    return lambda: resource.setrlimit(resource.RLIMIT_AS, (megabytes << 20, megabytes << 20))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("megabytes", [300, 500, 700, 900, 1200])
+def test_little_memory(megabytes: int, tmp_path: Path) -> None:
+    """Whatever gives way first: no half of a directory, and where Python still works one line."""
+    done = run(*SHORT, "--out", "out", cwd=tmp_path, preexec_fn=limited(megabytes))
+    assert done.returncode in (0, 2), done.stderr[-2000:]
+    if done.returncode:
+        assert done.stderr.count("\n") == 1, done.stderr[-2000:]
+        assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.slow
+def test_output_directory_that_is_removed_meanwhile(tmp_path: Path) -> None:
+    parent = tmp_path / "parent"
+    parent.mkdir()
+    arguments = [a if a != "time.end=0.2" else "time.end=3000" for a in SHORT]
+    with subprocess.Popen(
+        command_line(*arguments, "--out", parent / "out"),
+        env=BARE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        while process.poll() is None and not list(parent.iterdir()):
+            pass
+        shutil.rmtree(parent)
+        _, error = process.communicate()
+    assert process.returncode == 2, error
+    assert error.startswith("mjsheaf: ")
+    assert "cannot be written" in error
+    assert error.count("\n") == 1
+    assert not parent.exists()
+
+
+def test_two_commands_on_one_place(tmp_path: Path) -> None:
+    """Each publishes whole; the later one stays."""
+    commands = [command_line(*SHORT, "--seed", str(k), "--out", tmp_path / "out") for k in range(2)]
+    processes = [subprocess.Popen(c, env=BARE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) for c in commands]
+    assert [process.wait() for process in processes] == [0, 0]
+    assert {p.name for p in tmp_path.iterdir()} == {"out"}
+    assert {p.name for p in (tmp_path / "out").iterdir()} == DATA
+
+
+@pytest.mark.slow
+def test_asserts_are_no_checks_of_what_users_write(tmp_path: Path) -> None:
+    """Under -O nothing that is refused otherwise passes."""
+    bad = {
+        "controller.gain=-1": 2,
+        "time.end=-1": 2,
+        "agents.A1.position=[1]": 2,
+        "sensing.0.map=nonsense": 2,
+        "agents.A1.vehicle=rocket": 2,
+        "physics.timestep=0": 2,
+    }
+    for override, code in bad.items():
+        done = subprocess.run(
+            [sys.executable, "-O", "-m", "mjsheaf", *SHORT, "--backend", "physics", "--set", override, "--out", "out"],
+            cwd=tmp_path, env=BARE, capture_output=True, text=True, check=False,
+        )  # fmt: skip
+        assert (done.returncode, done.stderr.count("\n")) == (code, 1), (override, done.stderr)
+    assert list(tmp_path.iterdir()) == []

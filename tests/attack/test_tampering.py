@@ -1,0 +1,188 @@
+"""Files of a run or a study that were damaged or edited: refused in one line, or done again; never wrong data.
+
+Oracles: the contract on errors; the bytes of the study that nobody touched.
+"""
+
+import json
+import os
+import random
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.attack.commands import IDEAL, SMALL, call, contents, is_refusal
+
+Damage = Callable[[bytes, random.Random], bytes]
+
+
+def truncated(data: bytes, choose: random.Random) -> bytes:
+    return data[: choose.randrange(len(data))]
+
+
+def flipped(data: bytes, choose: random.Random) -> bytes:
+    place = choose.randrange(len(data))
+    return data[:place] + bytes([data[place] ^ 1 << choose.randrange(8)]) + data[place + 1 :]
+
+
+def blanked(data: bytes, choose: random.Random) -> bytes:
+    begin = choose.randrange(len(data))
+    end = min(begin + choose.randrange(1, 2000), len(data))
+    return data[:begin] + bytes(end - begin) + data[end:]
+
+
+def swapped(data: bytes, choose: random.Random) -> bytes:
+    a, b = sorted(choose.sample(range(len(data)), 2))
+    return data[b:] + data[a:b] + data[:a]
+
+
+def extended(data: bytes, choose: random.Random) -> bytes:
+    return data + choose.randbytes(choose.randrange(1, 100))
+
+
+DAMAGES: list[Damage] = [truncated, flipped, blanked, swapped, extended]
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    directory = tmp_path_factory.mktemp("tampering") / "run"
+    assert call("run", "midpoint", *IDEAL, *SMALL, "--out", directory).code == 0
+    return directory
+
+
+@pytest.fixture
+def films(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """What would be drawn is read in whole and not drawn."""
+    drawn: list[Any] = []
+
+    def read(film: Any, model: Any, path: Path, *_: Any) -> int:
+        drawn.append(film.loaded())
+        path.write_bytes(b"")
+        return 1
+
+    monkeypatch.setattr("mjsheaf.video.draw_video", read)
+    monkeypatch.setattr("mjsheaf.cli.video.available_backend", lambda: ("egl", ""))
+    return drawn
+
+
+@pytest.mark.parametrize("name", ["result.nc", "summary.json", "scenario.yaml"])
+def test_damaged_file_of_a_run(name: str, run: Path, films: list[Any], tmp_path: Path) -> None:
+    choose = random.Random(name)
+    for k in range(30):
+        directory = tmp_path / str(k)
+        shutil.copytree(run, directory)
+        file = directory / name
+        before = file.read_bytes()
+        file.write_bytes(DAMAGES[k % len(DAMAGES)](before, choose))
+        if file.read_bytes() == before:  # zeros in the place of zeros
+            continue
+        answer = call("video", directory)
+        if name == "result.nc":
+            assert is_refusal(answer, "result.nc is not as the run wrote it"), k
+        else:  # a text may be another and still make sense
+            assert answer.code == 0 or is_refusal(answer), (k, answer)
+
+
+@pytest.mark.parametrize("name", ["result.nc", "summary.json", "scenario.yaml"])
+def test_something_else_in_the_place_of_a_file(name: str, run: Path, films: list[Any], tmp_path: Path) -> None:
+    def link(path: Path) -> None:
+        path.symlink_to(path)
+
+    def fill(text: bytes, path: Path) -> None:
+        path.write_bytes(text)
+
+    makers: list[Callable[[Path], Any]] = [Path.mkdir, os.mkfifo, link, lambda path: path.symlink_to("/dev/zero")]
+    makers += [lambda path: None, Path.touch]
+    makers += [partial(fill, text) for text in (b"[" * 100_000, b"{}", b"\xff\xfe", b"null")]
+    for k, make in enumerate(makers):
+        directory = tmp_path / str(k)
+        shutil.copytree(run, directory)
+        (directory / name).unlink()
+        make(directory / name)
+        answer = call("video", directory)
+        assert is_refusal(answer) or (name, k) == ("summary.json", 7), (k, answer)
+
+
+FUZZ = """
+import random, shutil, sys
+from pathlib import Path
+from tests.attack.test_tampering import DAMAGES
+from tests.attack.commands import call, is_refusal
+import mjsheaf.video, mjsheaf.cli.video
+mjsheaf.video.draw_video = lambda film, *_: film.loaded() and 1
+mjsheaf.cli.video.available_backend = lambda: ("egl", "")
+run, choose = Path(sys.argv[1]), random.Random(sys.argv[2])
+data = (run / "result.nc").read_bytes()
+for k in range(int(sys.argv[3])):
+    (run / "result.nc").write_bytes(choose.choice(DAMAGES)(data, choose))
+    answer = call("video", run, "--out", run.parent / "x.mp4")
+    assert answer.code == 0 or is_refusal(answer), answer
+"""
+
+
+@pytest.mark.slow
+def test_damaged_result_without_a_checksum(run: Path, tmp_path: Path) -> None:
+    """As versions before 0.2 left it. HDF5 may not crash, and what it says is one line."""
+    directory = tmp_path / "run"
+    shutil.copytree(run, directory)
+    summary = json.loads((directory / "summary.json").read_text())
+    del summary["result_sha256"]
+    (directory / "summary.json").write_text(json.dumps(summary))
+    for seed in range(2):
+        command = [sys.executable, "-c", FUZZ, str(directory), str(seed), "150"]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr[-2000:]
+
+
+STUDY = ["sweep", "midpoint", "--backend", "ideal", "--set", "time.end=0.2", "--grid", "controller.gain=1,2,3,4"]
+STUDY += ["--trajectories", "--threads", "--workers", "1", "--out"]
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    directory = tmp_path_factory.mktemp("tampering") / "study"
+    assert call(*STUDY, directory).code == 0
+    return directory
+
+
+def test_damaged_study_ends_as_the_one_that_nobody_touched(study: Path, tmp_path: Path) -> None:
+    choose, before = random.Random(5), contents(study)
+    names = [name for name in before if name not in (".lock", "timings.csv", "study.json", "scenario.yaml")]
+    for k in range(2):
+        directory = tmp_path / str(k)
+        shutil.copytree(study, directory)
+        for name in names:
+            data = (directory / name).read_bytes()
+            (directory / name).write_bytes(choose.choice(DAMAGES)(data, choose))
+        assert call(*STUDY, directory).code == 0
+        after = contents(directory)
+        assert {n: after[n] for n in names} == {n: before[n] for n in names}
+
+
+def test_edited_record_is_run_again(study: Path, tmp_path: Path) -> None:
+    directory = tmp_path / "study"
+    shutil.copytree(study, directory)
+    path = directory / "runs" / "000002.json"
+    record = json.loads(path.read_text())
+    record["final"]["tracking_error"] = 0.0
+    path.write_text(json.dumps(record))
+    (directory / "trajectories" / "000003.nc").unlink()
+    assert call(*STUDY, directory).code == 0
+    times = (directory / "timings.csv").read_text().splitlines()[1:]
+    assert sorted(int(line.split(",")[0]) for line in times) == [0, 1, 2, 2, 3, 3]
+    assert (directory / "table.csv").read_bytes() == (study / "table.csv").read_bytes()
+
+
+@pytest.mark.parametrize("text", [b"", b"{", b"[]", b"null", b"{}", b"\xff", b"[" * 100_000])
+def test_damaged_study_file(text: bytes, study: Path, tmp_path: Path) -> None:
+    directory = tmp_path / "study"
+    shutil.copytree(study, directory)
+    (directory / "study.json").write_bytes(text)
+    before = contents(directory)
+    assert is_refusal(call(*STUDY, directory), "is no study of mjsheaf")
+    assert contents(directory) == before
