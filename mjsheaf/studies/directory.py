@@ -69,7 +69,7 @@ class StudyDirectory:
         with self.writing():
             if done.dataset is not None:
                 write_whole(self.path / _TRAJECTORIES / f"{name}.nc", done.dataset)
-            write_whole(self.path / _RUNS / f"{name}.json", canonical(_sealed(done)))
+            write_whole(self.path / _RUNS / f"{name}.json", canonical(sealed(done)))
             with (self.path / _TIMINGS).open("a") as file:
                 file.write(f"{done.record['run']},{done.seconds:.6f}\n")
 
@@ -118,7 +118,7 @@ class StudyDirectory:
         return record if found == {"result_sha256": kept, "record_sha256": _digest(record)} else None
 
 
-def _sealed(done: Done) -> dict[str, Any]:
+def sealed(done: Done) -> dict[str, Any]:
     """A record with checksums of itself and of its result.nc: one that was damaged or edited is not taken for a run."""
     kept = None if done.dataset is None else hashlib.sha256(done.dataset).hexdigest()
     return {**done.record, "result_sha256": kept, "record_sha256": _digest(done.record)}

@@ -21,7 +21,8 @@ from mjsheaf.plots.study import plot_study
 from mjsheaf.plots.study_axis import swept_axes
 from mjsheaf.results.summary import MEASURES
 from mjsheaf.studies import load_plan, run_study
-from mjsheaf.studies.job import new_record, run_job
+from mjsheaf.studies.directory import sealed
+from mjsheaf.studies.job import Done, new_record, run_job
 from mjsheaf.studies.points import points_of
 from mjsheaf.studies.schema import StudyFile
 from mjsheaf.studies.table import csv_of, make_table, parquet_of
@@ -105,7 +106,8 @@ def test_only_what_did_not_finish_is_retried(tmp_path: Path) -> None:
     path = out / "runs" / "000000.json"
     good = path.read_bytes()
     record = json.loads(good)
-    path.write_text(json.dumps(new_record(plan.points[0], 0, "lost", "its worker died")))
+    lost = Done(new_record(plan.points[0], 0, "lost", "its worker died"), 0.0)
+    path.write_text(json.dumps(sealed(lost)))
     assert record["status"] == "finished"
     assert run_study(plan, out, IN_THREADS).begun == 0
     assert rows(out)[0]["status"] == "lost"
