@@ -94,6 +94,7 @@ def test_plot_of_a_check_leaves_nothing(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not CAN_DRAW, reason="no offscreen OpenGL")
 def test_video_keeps_the_one_that_was_there(tmp_path: Path) -> None:
     assert call("run", "midpoint", *IDEAL, *SMALL, "--video", "--out", tmp_path / "run").code == 0
@@ -104,6 +105,7 @@ def test_video_keeps_the_one_that_was_there(tmp_path: Path) -> None:
         assert contents(tmp_path) == before
 
 
+@pytest.mark.slow
 def test_a_study_goes_on(tmp_path: Path) -> None:
     assert call(*STUDY, tmp_path / "whole").code == 0
     for k, size in enumerate((0, 20_000, 60_000)):

@@ -173,6 +173,7 @@ def test_output_directory_that_is_removed_meanwhile(tmp_path: Path) -> None:
     assert not parent.exists()
 
 
+@pytest.mark.slow
 def test_two_commands_on_one_place(tmp_path: Path) -> None:
     """Each publishes whole; the later one stays."""
     commands = [command_line(*SHORT, "--seed", str(k), "--out", tmp_path / "out") for k in range(2)]

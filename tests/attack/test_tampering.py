@@ -150,6 +150,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return directory
 
 
+@pytest.mark.slow
 def test_damaged_study_ends_as_the_one_that_nobody_touched(study: Path, tmp_path: Path) -> None:
     choose, before = random.Random(5), contents(study)
     names = [name for name in before if name not in (".lock", "timings.csv", "study.json", "scenario.yaml")]

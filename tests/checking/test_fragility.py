@@ -102,6 +102,7 @@ def test_fragility_is_what_trying_each_loss_shows(team: Team) -> None:
     ordered(team, found)
 
 
+@pytest.mark.slow
 @LAWS
 @given(whole_number_teams())
 def test_fragility_with_any_maps(team: Team) -> None:

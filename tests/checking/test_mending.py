@@ -63,6 +63,7 @@ def check(plan: MendPlan, team: Team) -> None:
         assert np.linalg.eigvalsh(mended.dirichlet.H.toarray())[0] <= plan.lambda_min * (1.0 + 1e-8)
 
 
+@pytest.mark.slow
 @settings(LAWS, max_examples=80)
 @given(shared_teams(most_agents=3))
 def test_no_smaller_set_mends(team: Team) -> None:

@@ -37,8 +37,18 @@ def call(*arguments: str | Path) -> int:
     return int(stopped.value.code or 0)
 
 
-@pytest.mark.parametrize("backend", ["ideal", "physics"])
-@pytest.mark.parametrize("name", list_scenarios())
+SOME = [("certified", "ideal"), ("midpoint", "physics"), ("harbour", "physics")]
+"""Runs of scenarios that are filmed in the quick tests too."""
+
+
+@pytest.mark.parametrize(
+    ("name", "backend"),
+    [
+        pytest.param(name, backend, marks=[] if (name, backend) in SOME else [pytest.mark.slow])
+        for name in list_scenarios()
+        for backend in ("ideal", "physics")
+    ],
+)
 def test_run_and_video_of_every_scenario(
     name: str, backend: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -327,6 +337,7 @@ def test_a_run_that_is_refused_leaves_no_parents(tmp_path: Path, capsys: pytest.
     assert {p.name for p in out.iterdir()} >= DATA
 
 
+@pytest.mark.slow
 def test_a_run_that_blows_up_prints_one_line(tmp_path: Path, mjsheaf: Callable) -> None:
     for backend, gain in (("ideal", "1e9"), ("physics", "1e9"), ("ideal", "400"), ("physics", "400")):
         out = tmp_path / "out"
@@ -354,7 +365,7 @@ def test_warnings_of_libraries_are_not_shown(capsys: pytest.CaptureFixture[str])
 @pytest.mark.parametrize(
     ("number", "code", "word"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")]
 )
-@pytest.mark.parametrize("backend", ["ideal", "physics"])
+@pytest.mark.parametrize("backend", [pytest.param("ideal", marks=pytest.mark.slow), "physics"])
 def test_signal_stops_a_run_and_leaves_nothing(
     number: signal.Signals, code: int, word: str, backend: str, tmp_path: Path
 ) -> None:
@@ -371,6 +382,7 @@ def test_signal_stops_a_run_and_leaves_nothing(
 
 
 @pytest.mark.skipif(not CAN_DRAW, reason="no offscreen OpenGL")
+@pytest.mark.slow
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_signal_stops_a_film_and_keeps_the_old_one(number: signal.Signals, code: int, tmp_path: Path) -> None:
     run = tmp_path / "run"

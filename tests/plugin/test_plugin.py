@@ -129,6 +129,7 @@ def test_what_is_wrong_is_said(words: str, told: str) -> None:
     assert "Traceback" not in told
 
 
+@pytest.mark.slow
 def test_tests_are_chosen_by_name_and_spread_over_processes(run: Run) -> None:
     code, told = run("--mjsheaf", "scenarios", "-k", "met and ideal or refused.yaml", "-n", "2", "-v")
     assert code == 0, told
@@ -158,6 +159,7 @@ def test_a_file_that_is_named_is_never_passed_over_in_silence(run: Run) -> None:
     assert "6 failed, 2 passed" in told
 
 
+@pytest.mark.slow
 def test_bounds_may_have_to_be_tight(run: Run) -> None:
     code, told = run("--mjsheaf", "scenarios/met.yaml", "-v", "-o", "mjsheaf_tight=1.1")
     assert code == 1

@@ -31,6 +31,7 @@ LEFT = {"result.nc", "summary.json", "scenario.yaml"}
 """Of what a run leaves, all but the plots, which are not drawn here."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_mutated_bytes_are_valid_or_refused_in_one_line(name: str, tmp_path: Path) -> None:
     try_files(texts(name), TEXTS, lambda data: load_or_refuse(data, tmp_path))

@@ -133,6 +133,7 @@ def keeps_most_of_the_memory(job: Job) -> Done:
     return Done(new_record(job.point, 0, "finished"), 0.0)
 
 
+@pytest.mark.slow
 def test_a_worker_that_keeps_most_of_its_memory_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
     """Dask would pause it until it has less."""
     monkeypatch.setattr("distributed.system.MEMORY_LIMIT", 700_000_000)
@@ -215,6 +216,7 @@ def test_a_scheduler_by_address(tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("error")  # what is left half made and complains when it is collected
 def test_nobody_at_the_address(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("mjsheaf.studies.engine._CONNECT_S", 1)
@@ -224,6 +226,7 @@ def test_nobody_at_the_address(monkeypatch: pytest.MonkeyPatch) -> None:
         gc.collect()
 
 
+@pytest.mark.slow
 def test_a_scheduler_without_workers_is_waited_on(tmp_path: Path) -> None:
     with cluster(tmp_path, workers=0) as (address, processes):
         running = start(*ASKED, "--scheduler", address, "--out", tmp_path / "out")
@@ -237,6 +240,7 @@ def test_a_scheduler_without_workers_is_waited_on(tmp_path: Path) -> None:
     assert "10 runs: 10 finished" in told
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_dies_ends_the_command_in_order(tmp_path: Path) -> None:
     slow = ["midpoint", "--backend", "ideal", "--set", "time.end=20", "--grid", "controller.gain=1.0,3.0"]
     slow += ["--seeds", "0:30", "--out", str(tmp_path / "out")]

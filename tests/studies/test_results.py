@@ -329,6 +329,7 @@ def test_the_page_stands_alone(mixed: Path) -> None:
     assert not re.search(r"https?://|<script", text)
 
 
+@pytest.mark.slow
 def test_the_report_names_the_first_that_did_not_finish(tmp_path: Path, mjsheaf: Callable[..., Any]) -> None:
     asked = ["--backend", "ideal", "--set", "time.end=1", "--grid", "controller.gain=1,1e7,2e7", "--threads"]
     done = mjsheaf("sweep", "midpoint", *asked, "--workers", "1", "--out", tmp_path / "out")
@@ -339,6 +340,7 @@ def test_the_report_names_the_first_that_did_not_finish(tmp_path: Path, mjsheaf:
     assert told[2].startswith("  and 1 more that did not finish; see ")
 
 
+@pytest.mark.slow
 def test_the_command_of_the_page_does_the_run(tmp_path: Path, mjsheaf: Callable[..., Any]) -> None:
     """With what is set for all runs, text that YAML would take for something else, lists and a seed."""
     (tmp_path / "own.yaml").write_text(
