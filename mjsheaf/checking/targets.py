@@ -49,7 +49,7 @@ _NEARLY = 1.0 - 1e-6  # of what is left of a period: taken for all of it
 _ERROR, _RELATIVE_ERROR = 1e-6, 1e-8  # at least allowed of the path: m, and relative to its farthest position
 _COMPARED = 2000  # instants of a continuous law at which two integrations are compared, at least about
 _DIFFERENCES = 20.0  # of two integrations, that are allowed
-_LARGEST_ERROR = 1e-4  # relative to its farthest position: what is more is not known
+_LARGEST_ERROR = 1e-4  # relative to its farthest position: a path that may be farther off is not known
 
 _DONE, _FULL, _STUCK = 0, 1, 2
 
@@ -79,7 +79,8 @@ class TargetPath:
     Attributes:
         time: instants at which the path is kept as it is, shape (T,), s.
         positions: of all vehicles there, agents at their initial positions, shape (T, V, 3), m.
-        drift: f_p there, reference, consensus and flow without disturbance, shape (T, M, 3), m/s.
+        drift: f_p about there (reference, consensus and flow without disturbance): the mean of both ends of the cell
+            that begins there, shape (T, M, 3), m/s.
         q_star: harmonic extension there, stacked, shape (T, n_q), m.
         cells: what covers the path; None where it is not known.
         error: largest error of the path, for which the cells allow, m.
@@ -271,7 +272,7 @@ def follow_targets(system: System) -> TargetPath:
         samples, cells = _integrate(system, share=1.0, tolerance=_TOLERANCE, keep=True)
         apart, farthest = float(np.abs(samples - finer).max()), float(np.abs(finer).max())
         error = max(_ERROR + _RELATIVE_ERROR * farthest, _DIFFERENCES * apart)
-        if error > max(_LARGEST_ERROR * farthest, _ERROR):
+        if _DIFFERENCES * apart > max(_LARGEST_ERROR * farthest, _ERROR):
             raise _UnknownPathError(f"two integrations of their path end {apart:.2g} m apart: it is too sensitive")
         cells = _widened(cells, error)
     except _UnknownPathError as problem_found:

@@ -108,6 +108,13 @@ def test_a_target_that_falls_into_a_pole_is_named_with_the_time() -> None:
     assert "T cannot be followed beyond t = 0.45 s: it runs into a singularity" in path.complaint
 
 
+@pytest.mark.parametrize("place", [0.0, 1e-9, 0.005, 3.0])
+def test_a_target_at_rest_is_known_however_near_the_origin(place: float) -> None:
+    path = follow_targets(scenario_from_mapping(_moving(targets=[{"id": "T", "position": [place, 0.0]}])).system())
+    assert path.complaint == ""
+    assert path.cells is not None
+
+
 def test_a_sensitive_path_is_not_known() -> None:
     """A target between two hyperbolic points of a strong flow: the last digit decides where it goes."""
     vortices = [{"centre": [x, y], "gamma": 40.0 * (-1) ** (x + y)} for x in range(-1, 3) for y in range(-1, 3)]
