@@ -111,7 +111,8 @@ def _compared(bound: RunBound, dataset: xr.Dataset) -> RunBound:
         time = piece["time"].values
         error = np.sqrt((piece["tracking_error"].values ** 2).sum(axis=1))
         share = error / (bound.at(time) + bound.accuracy)
-        share[: done == 0] = 0.0
+        if done == 0:
+            share[0] = 0.0  # where both are |e(t0)|
         if share.max(initial=0.0) > ratio:
             ratio, worst = float(share.max()), float(time[share.argmax()])
         settled = max(settled, float(share[max(half - done, 0) :].max(initial=0.0)))

@@ -261,7 +261,10 @@ def _obstacle(system: System, constants: Constants, spectrum: Spectrum, bound: T
             what = "diverges" if product >= 2.0 else "rings"
             return f"the held law {what} (k1 h lambda_max = {product:.3g}): a bound of continuous time says nothing"
         if (product := own_rate(system) * system.grid.period) >= 2.0:
-            return f"the targets' own held consensus and pull diverge (h lambda_max = {product:.3g}, expected below 2)"
+            return (
+                "the targets' own held consensus and pull may diverge "
+                f"(h times a bound on their rate is {product:.3g}, expected below 2)"
+            )
     limit = float(system.law.limit[: len(agents)].min())
     asked = system.gain * spectrum.lambda_max * max(constants.initial_error, bound.radius)
     if np.isfinite(limit) and asked > limit:

@@ -221,8 +221,9 @@ def _bodies(bodies: BodyRecord) -> list[tuple[str, str, str]]:
         return [("loop on bodies", "undecided", bodies.reason)]
     word = "stable" if bodies.stable else "UNSTABLE"
     rows = [("loop on bodies", word, f"spectral radius {bodies.spectral_radius:.6g} over {bodies.period:g} s")]
+    beyond = "at no gain that was tried" if bodies.largest_gain is None else "beyond it"
     rows.append(
-        ("largest gain on bodies", _number(bodies.largest_gain, "1/s"), "beyond it the vehicles swing up, or circle")
+        ("largest gain on bodies", _number(bodies.largest_gain, "1/s"), f"{beyond} the vehicles swing up, or circle")
     )
     if bodies.least_damped is not None:
         mode = bodies.least_damped

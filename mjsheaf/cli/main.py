@@ -161,8 +161,8 @@ def check(
     """Decide the paper's assumptions for a scenario, and say who is free to drift and what would mend it.
 
     Computes Theorem 1 over the region to which its own bound confines the agents, the margins that theory leaves out,
-    and which single loss breaks an assumption. Exit code 1 where a numbered assumption fails or is undecided; the gain
-    condition does not change it.
+    and which single loss breaks an assumption. Exit code 1 where a numbered assumption fails or is undecided, or the
+    loop of the vehicles is unstable; the gain condition does not change it.
     """
     from mjsheaf.cli.check import check_command
 
