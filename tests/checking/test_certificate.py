@@ -87,6 +87,58 @@ def test_under_a_hold_the_floor_is_needed_and_enough(start: float, product: floa
         assert run.ratio > 0.99
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_no_held_team_exceeds_its_bound(seed: int) -> None:
+    """Boats in the projection of a flow in space, about pulled targets that cross a narrow jet, under a hold."""
+    rng = np.random.default_rng(seed)
+    h = float(rng.choice([0.02, 0.05, 0.2]))
+
+    def target() -> dict[str, Any]:
+        amplitude, rate = rng.uniform(-1, 1, 3).tolist(), rng.uniform(0, 3, 3).tolist()
+        motion = {"kind": "lissajous", "amplitude": amplitude, "rate": rate, "phase": [0.0, 0.0, 0.0]}
+        return {
+            "position": rng.uniform(-5, 5, 3).tolist(),
+            "motion": {**motion, "pull": float(rng.uniform(0, 0.95 / h))},
+        }
+
+    vortex = {"centre": [0.0, 0.0, 2.0], "axis": rng.standard_normal(3).tolist(), "gamma": 0.3}
+    wide = {"centre": [0.0, 0.0, 1.0], "direction": rng.standard_normal(3).tolist(), "width": 2.0, "length": 5.0}
+    jet = {"centre": [1.0, 1.0, 0.0], "direction": [0.0, 1.0, 0.0], "width": 0.3, "length": 20.0}
+    raw = {
+        "name": "held",
+        "time": {"end": 12.0},
+        "controller": {"gain": float(rng.uniform(0.15, 0.24) / h), "control_period": h},
+        "agents": [{"id": f"A{i}", "position": rng.uniform(-5, 5, 2).tolist()} for i in range(3)],
+        "targets": [{"id": f"T{i}", **target()} for i in range(2)],
+        "communication": [["A0", "A1"], ["A1", "A2"]],
+        "sensing": [["A0", "T0"], ["A1", "T1"], ["A2", "T1"]],
+        "target_edges": [["T0", "T1"]],
+        "flow": {
+            "agents": {
+                "dimension": 3,
+                "core": 1.0,
+                "drift": [0.3, 0.1, 0.2],
+                "vortices": [vortex],
+                "channels": [{**wide, "beta": 1.0}],
+            },
+            "targets": {
+                "dimension": 3,
+                "core": 0.5,
+                "vortices": [{"centre": [0.0, 0.0, 0.0], "axis": [0.0, 0.0, 1.0], "gamma": 2.0}],
+                "channels": [{**jet, "beta": 3.0}],
+            },
+        },
+        "disturbance": {"agents": {"bound": 0.05}, "targets": {"bound": 0.05}},
+        "physics": {"timestep": h / 10},
+    }
+    scenario = scenario_from_mapping(raw)
+    run = bound_of_run(scenario.system(), mjsheaf.simulate(scenario, "ideal"))
+    assert run.applies
+    assert run.approximate
+    assert run.ratio is not None
+    assert 0.3 < run.ratio <= BROKEN
+
+
 def test_a_hold_that_rings_is_not_certified() -> None:
     assert "rings" in certify(scenario_from_mapping(_pushed(11.0, 0.1, 1.0)).system()).reason
 
