@@ -31,7 +31,7 @@ def confined(name: str, directory: Path, root: Path | None = None) -> Path:
         reason = getattr(error, "strerror", None) or error
         raise InputError(f"{_short(name)} is no path: {reason}") from None
     if path != within and within not in path.parents:
-        raise InputError(f"{_short(name)} lies outside {root}; legal is a file in that directory or below it")
+        raise InputError(f"{_short(name)} lies outside {root}; expected a file in that directory or below it")
     return path
 
 

@@ -48,6 +48,6 @@ def pymjcf() -> Any:
             from dm_control import mjcf
     except ModuleNotFoundError as error:
         raise InputError(
-            f"bodies need PyMJCF, but {error.name} is not installed; legal is 'pip install --no-deps dm-control'"
+            f"bodies need PyMJCF, but {error.name} is not installed: run 'pip install --no-deps dm-control'"
         ) from None
     return mjcf

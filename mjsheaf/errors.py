@@ -12,7 +12,7 @@ class MjsheafError(Exception):
 
 
 class InputError(MjsheafError, ValueError):
-    """The input is wrong; the message names the place and what would be legal."""
+    """The input is wrong; the message names the place and what is expected."""
 
     exit_code = 2
 

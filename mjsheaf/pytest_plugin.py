@@ -41,7 +41,7 @@ def pytest_configure(config: pytest.Config) -> None:
     except ValueError:
         legal = False
     if not legal:
-        raise pytest.UsageError(f"mjsheaf_tight is {text!r}; legal is a number of at least 1, such as 1.1")
+        raise pytest.UsageError(f"mjsheaf_tight is {text!r}; expected a number of at least 1, such as 1.1")
 
 
 def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> "ScenarioFile | None":

@@ -35,7 +35,7 @@ def run_bench(
     """
     for topic in topics or ():
         if topic not in TOPICS:
-            raise InputError(f"unknown topic {topic!r}; legal are {', '.join(TOPICS)}")
+            raise InputError(f"unknown topic {topic!r}; expected {', '.join(TOPICS)}")
     chosen = [topic for topic in TOPICS if not topics or topic in topics]
     figures: dict[str, Any] = {}
     table: list[Row] = []

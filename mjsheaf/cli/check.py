@@ -37,7 +37,7 @@ def check_command(
 ) -> None:
     """Check a scenario, print the report or the record, and raise where an assumption fails."""
     if plot is not None and (plot.suffix != ".png" or not plot.parent.is_dir()):
-        raise InputError(f"--plot {plot}: legal is a name that ends in .png, in a directory that exists")
+        raise InputError(f"--plot {plot}: expected a name that ends in .png, in a directory that exists")
     scenario = load_scenario(source, dict(parse_override(text) for text in overrides))
     system = scenario.system()
     examination = examine(system, rate=rate, radius=radius, rho=None if rho is None else _polynomial(rho))

@@ -25,9 +25,9 @@ def expect_command(source: str, update: bool, backends: list[str], margin: float
     """Run a scenario, print what it expects and what is found, and raise what the exit code says."""
     for backend in backends:
         if backend not in BACKENDS:
-            raise InputError(f"--backend {backend}: legal are {', '.join(BACKENDS)}")
+            raise InputError(f"--backend {backend}: expected {', '.join(BACKENDS)}")
     if not 0.0 <= margin <= 10.0:
-        raise InputError(f"--margin {margin:g}: legal is 0 to 10; 0.05 is 5 %")
+        raise InputError(f"--margin {margin:g}: expected 0 to 10; 0.05 is 5 %")
     scenario = load_scenario(source)
     path = find_scenario(source)
     data = path.read_bytes() if update else b""

@@ -43,7 +43,7 @@ def run_command(
 ) -> None:
     """Run a scenario, tell what came out, and raise what the exit code says."""
     if backend not in BACKENDS:
-        raise InputError(f"--backend {backend}: legal are {', '.join(BACKENDS)}")
+        raise InputError(f"--backend {backend}: expected {', '.join(BACKENDS)}")
     changes = dict(parse_override(text) for text in overrides)
     if seed is not None:
         changes["seed"] = seed

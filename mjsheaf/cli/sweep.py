@@ -28,7 +28,7 @@ def sweep_command(
 ) -> None:
     """Do a study, or what is left of it, and tell what came out."""
     if workers is not None and workers < 1:
-        raise InputError(f"--workers {workers}: legal is 1 or more")
+        raise InputError(f"--workers {workers}: expected 1 or more")
     if scheduler is not None and (workers is not None or threads):
         given = "--workers" if workers is not None else "--threads"
         raise InputError(f"{given}: has no meaning beside --scheduler, whose workers exist; give either")
@@ -43,7 +43,7 @@ def sweep_command(
     from mjsheaf.studies.study import run_study
 
     if measure is not None and measure not in MEASURES:
-        raise InputError(f"--measure {measure}: legal are {', '.join(MEASURES)}")
+        raise InputError(f"--measure {measure}: expected {', '.join(MEASURES)}")
     swept: dict[str, list[object]] = {}
     for text in grid:
         path, values = parse_grid(text)

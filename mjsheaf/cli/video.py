@@ -42,12 +42,12 @@ def video_command(directory: Path, out: Path | None, changes: dict[str, float | 
 def _check_place(path: Path, own: Path) -> None:
     """Refuse a place where the video cannot lie, before it is drawn."""
     if path.suffix != ".mp4" or path.is_dir():
-        raise InputError(f"--out {path}: legal is a file whose name ends in .mp4")
+        raise InputError(f"--out {path}: expected a file whose name ends in .mp4")
     if not path.parent.is_dir():
         raise InputError(f"--out {path}: there is no directory {path.parent}")
     run = enclosing_run(path)
     if run is not None and path.resolve() != own.resolve():
-        raise InputError(f"--out {path}: lies in {run}, a run's directory; legal is {own}, or a place outside of runs")
+        raise InputError(f"--out {path}: lies in {run}, a run's directory; expected {own}, or a place outside of runs")
 
 
 def _require_match(directory: Path, scenario: Scenario, dataset: xr.Dataset) -> None:

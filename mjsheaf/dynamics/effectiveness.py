@@ -106,7 +106,7 @@ def pack(models: list[ControlEffectiveness | None], dimensions: list[int]) -> Ef
         arrays.heading[i, 0], arrays.heading[i, 4] = g.heading, g.heading_rate
         if g.heading_gradient is not None:
             if len(g.heading_gradient) != n:
-                raise InputError(f"heading gradient has {len(g.heading_gradient)} entries; legal is {n}")
+                raise InputError(f"heading gradient has {len(g.heading_gradient)} entries; expected {n}")
             arrays.heading[i, 1 : 1 + n] = g.heading_gradient
     return arrays
 

@@ -248,14 +248,14 @@ class FlowField:
 def _rows(rows: Sequence[ArrayLike], width: int, name: str) -> Array:
     for k, row in enumerate(rows):
         if np.shape(row) != (width,):
-            raise InputError(f"{name} {k} has {np.size(row)} numbers; legal are {width}")
+            raise InputError(f"{name} {k} has {np.size(row)} numbers; expected {width}")
     return np.array(rows, dtype=np.float64).reshape(-1, width)
 
 
 def _spatial(points: ArrayLike) -> tuple[Array, tuple[int, ...]]:
     x = np.asarray(points, dtype=np.float64)
     if x.ndim == 0 or x.shape[-1] not in (2, 3):
-        raise InputError(f"points have shape {x.shape}; legal is (..., 2) or (..., 3)")
+        raise InputError(f"points have shape {x.shape}; expected (..., 2) or (..., 3)")
     flat = np.zeros((x.size // x.shape[-1], 3))
     flat[:, : x.shape[-1]] = x.reshape(-1, x.shape[-1])
     return flat, x.shape

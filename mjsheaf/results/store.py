@@ -227,7 +227,7 @@ def open_run(directory: Path) -> Iterator[tuple[xr.Dataset, dict[str, Any]]]:
     """
     for name in ("result.nc", "summary.json", "scenario.yaml"):
         if not (directory / name).is_file():
-            raise InputError(f"{directory}: holds no {name}; legal is the directory of a finished run")
+            raise InputError(f"{directory}: holds no {name}; expected the directory of a finished run")
     try:
         summary = json.loads((directory / "summary.json").read_bytes())
         if not isinstance(summary, dict):

@@ -32,7 +32,7 @@ def with_field(text: str, key: str, value: dict[str, Any], source: str, comment:
     old = parse_yaml(text, source)
     root = compose_yaml(text, source)
     if not isinstance(root, yaml.MappingNode) or not isinstance(old, dict):
-        raise ScenarioError(f"{source}: legal is a mapping of fields to values")
+        raise ScenarioError(f"{source}: expected a mapping of fields to values")
     newline = "\r\n" if "\r\n" in text else "\n"
     nodes = {name.value: node for name, node in root.value}
     if key in nodes:

@@ -71,10 +71,10 @@ def expand_swarm(raw: dict[str, Any]) -> dict[str, Any]:
         raise InputError(f"swarm.about: {swarm.about!r} is no target with a position of two or three numbers") from None
     seed = raw.get("seed", 0)
     if type(seed) is not int or not 0 <= seed < 2**63:
-        raise InputError(f"seed: legal is a whole number from 0 to 2^63 - 1, not {str(seed)[:60]!r}")
+        raise InputError(f"seed: expected a whole number from 0 to 2^63 - 1, not {str(seed)[:60]!r}")
     if swarm.graph in ("nearest", "small_world") and swarm.degree % 2:
         raise InputError(
-            f"swarm.degree: {swarm.degree} is odd; legal with graph {swarm.graph} are even numbers, as half "
+            f"swarm.degree: {swarm.degree} is odd; expected an even number with graph {swarm.graph}, as half "
             "of an agent's links lead each way"
         )
     rng = np.random.default_rng([seed, 0x5A])

@@ -1,4 +1,4 @@
-"""Checks of what a user gives for the edges of a sheaf; their messages say what would have been legal."""
+"""Checks of what a user gives for the edges of a sheaf; their messages say what is expected."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -46,14 +46,14 @@ def checked_bundle(
     F_tail, F_head = _of_edges(F_tails, "F_tail", tails, heads), _of_edges(F_heads, "F_head", tails, heads)
     for name, F, vertices, at in (("tail", F_tail, tails, tail), ("head", F_head, heads, head)):
         if F.ndim != 3 or F.shape[0] != k:
-            raise SheafError(f"maps of the {name}s have shape {F.shape}; legal is ({k}, m, n)")
+            raise SheafError(f"maps of the {name}s have shape {F.shape}; expected ({k}, m, n)")
         wrong = np.flatnonzero(dimension[at] != F.shape[2])
         if wrong.size:
             e = wrong[0]
             raise SheafError(
                 f"edge ({tails[e]!r}, {heads[e]!r}): the map of {name} {vertices[e]!r} has shape "
                 f"{F.shape[1:]}, but the stalk has dimension {dimension[at[e]]}; "
-                f"legal is (m, {dimension[at[e]]})"
+                f"expected (m, {dimension[at[e]]})"
             )
     m = F_tail.shape[1]
     if F_head.shape[1] != m:
@@ -64,7 +64,7 @@ def checked_bundle(
     # No memory for zeros: a million edges have enough to store.
     b = np.broadcast_to(0.0, (k, m)) if offset is None else np.array(_of_edges(offset, "offset", tails, heads))
     if b.shape != (k, m):
-        raise SheafError(f"offset has shape {b.shape}; legal is ({k}, {m})")
+        raise SheafError(f"offset has shape {b.shape}; expected ({k}, {m})")
     K = None if weight is None else _inner_products(weight, k, m, tails, heads)
     rows = row + m * np.arange(k) if np.ndim(row) == 0 else row
     return EdgeBundle(tail, head, packed([F_tail], [F_head]), (m, F_tail.shape[2], F_head.shape[2]), b, K, rows)
@@ -75,7 +75,7 @@ def _inner_products(weight: Any, k: int, m: int, tails: Sequence, heads: Sequenc
     if K.shape == (k,):
         K = K[:, None, None] * np.eye(m)
     if K.shape != (k, m, m):
-        raise SheafError(f"weight has shape {K.shape}; legal is ({k}, {m}, {m}) or ({k},)")
+        raise SheafError(f"weight has shape {K.shape}; expected ({k}, {m}, {m}) or ({k},)")
     scale = np.abs(K).max(axis=(1, 2), initial=0.0)
     asymmetry = np.abs(K - K.transpose(0, 2, 1)).max(axis=(1, 2), initial=0.0)
     smallest = np.linalg.eigvalsh(K).min(axis=1, initial=np.inf)

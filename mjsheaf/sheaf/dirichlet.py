@@ -148,7 +148,7 @@ class DirichletProblem:
         y = np.asarray(boundary, dtype=np.float64)
         n_W, n_U = self._problem.states, len(self._columns_U)
         if y.shape[-1:] != (n_U,):
-            raise SheafError(f"boundary values have shape {y.shape}; legal is (..., {n_U})")
+            raise SheafError(f"boundary values have shape {y.shape}; expected (..., {n_U})")
         result = np.zeros((*y.shape[:-1], n_W))
         if result.size:
             flat = y.reshape(result.size // n_W, n_U)

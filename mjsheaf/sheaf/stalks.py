@@ -111,5 +111,5 @@ class Stalks:
         """A value in the stalk of a vertex, checked."""
         x = np.atleast_1d(finite(value, f"value of vertex {vertex!r}"))
         if x.shape != (self.dimension(vertex),):
-            raise SheafError(f"value of vertex {vertex!r} has shape {x.shape}; legal is ({self.dimension(vertex)},)")
+            raise SheafError(f"value of vertex {vertex!r} has shape {x.shape}; expected ({self.dimension(vertex)},)")
         return x

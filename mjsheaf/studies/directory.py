@@ -191,7 +191,7 @@ def _check_place(path: Path) -> None:
     # Without study.json, which is written first, nothing else can be ours.
     strange = sorted(p.name for p in path.iterdir() if p.name not in (_LOCK, _part(p.with_name(_STUDY)).name))
     if strange:
-        raise PlaceError(f"{path}: holds {strange[0]!r} and no study; legal is a new directory or that of this study")
+        raise PlaceError(f"{path}: holds {strange[0]!r} and no study; expected a new directory or that of this study")
 
 
 def _begin(path: Path, plan: Plan) -> None:

@@ -194,7 +194,7 @@ def engine_at(address: str, note: Callable[[str], None] | None = None) -> Iterat
         except (OSError, ValueError, TypeError) as error:
             reason = " ".join(str(error).split())
             raise SchedulerError(
-                f"--scheduler {address}: no scheduler answers: {reason}; legal is an address as tcp://HOST:8786"
+                f"--scheduler {address}: no scheduler answers: {reason}; expected an address as tcp://HOST:8786"
             ) from None
         with client:
             engine = Engine(client)

@@ -101,7 +101,7 @@ def run_job(job: Job) -> Done:
     """
     for name, here in {"mjsheaf": __version__, **library_versions()}.items():
         if job.versions[name] != here:
-            raise ForeignWorkerError(f"a worker has {name} {here}; legal is {job.versions[name]}, as who asks has")
+            raise ForeignWorkerError(f"a worker has {name} {here}; expected {job.versions[name]}, as who asks has")
     begun = time.perf_counter()
     dataset = None
     try:

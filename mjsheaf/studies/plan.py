@@ -97,7 +97,7 @@ def load_plan(
         ScenarioError: a file is not valid, fields clash, or no point is legal.
     """
     if backend is not None and backend not in BACKENDS:
-        raise InputError(f"--backend {backend}: legal are {', '.join(BACKENDS)}")
+        raise InputError(f"--backend {backend}: expected {', '.join(BACKENDS)}")
     read = read_source(source)
     study, here = read.study, Path.cwd()
     overrides = {path: _anchored(value, path, here) for path, value in (overrides or {}).items()}
@@ -139,10 +139,10 @@ def parse_grid(text: str) -> tuple[str, list[Any]]:
     """
     path, equals, values = text.partition("=")
     if not equals or not path or not values.strip():
-        raise ScenarioError(f"--grid {text!r}: legal is PATH=V1,V2,..., for example controller.gain=0.1,1,10")
+        raise ScenarioError(f"--grid {text!r}: expected PATH=V1,V2,..., for example controller.gain=0.1,1,10")
     found = parse_yaml(f"[{values}]", f"--grid {path}")  # a flow sequence: commas inside brackets or quotes are kept
     if not isinstance(found, list) or not found:
-        raise ScenarioError(f"--grid {text!r}: legal is PATH=V1,V2,..., for example controller.gain=0.1,1,10")
+        raise ScenarioError(f"--grid {text!r}: expected PATH=V1,V2,..., for example controller.gain=0.1,1,10")
     return path, found
 
 
@@ -155,7 +155,7 @@ def parse_seeds(text: str) -> tuple[int, int]:
     match = re.fullmatch(r"([0-9]{1,19}):([0-9]{1,19})", text)
     if not match or not int(match[1]) < int(match[2]) < 2**63:
         raise ScenarioError(
-            f"--seeds {text!r}: legal is A:B with 0 <= A < B < 2^63, the seeds from A up to but without B"
+            f"--seeds {text!r}: expected A:B with 0 <= A < B < 2^63, the seeds from A up to but without B"
         )
     return int(match[1]), int(match[2])
 

@@ -20,7 +20,7 @@ def _fits_a_table(value: JsonValue) -> JsonValue:
         if isinstance(item, dict | list):
             waiting += item.values() if isinstance(item, dict) else item
         elif isinstance(item, int) and abs(item) >= 2**63:
-            raise ValueError(f"a number of {len(str(item))} digits; legal are whole numbers below 2^63 in size")
+            raise ValueError(f"a number of {len(str(item))} digits; expected whole numbers below 2^63 in size")
     return value
 
 
@@ -154,11 +154,11 @@ class StudyFile(Section):
         _check_items(self.set, seen)
         unknown = next((path for path in self.labels if path not in seen), None)
         if unknown is not None:
-            raise ValueError(f"labels: {unknown} is not swept; legal are {', '.join(seen) or 'none'}")
+            raise ValueError(f"labels: {unknown} is not swept; expected {', '.join(seen) or 'none'}")
         if self.seeds is not None and ("seed" in seen or "seed" in self.set):
             raise ValueError("seeds: the field seed is given too; give either")
         if self.size > MOST_RUNS:
-            raise ValueError(f"{self.size} runs are asked for; legal are at most {MOST_RUNS}")
+            raise ValueError(f"{self.size} runs are asked for; expected at most {MOST_RUNS}")
         return self
 
     @property

@@ -49,11 +49,11 @@ def read_source(source: str) -> Source:
     path = studies.get(source, Path(source))
     if path.suffix not in _SUFFIXES and not path.exists():
         raise ScenarioError(
-            f"{source}: no such study or scenario; legal are {', '.join([*studies, *scenarios])}, "
+            f"{source}: no such study or scenario; expected {', '.join([*studies, *scenarios])}, "
             "or the path of a YAML file"
         )
     if path.is_dir():
-        raise ScenarioError(f"{source}: is a directory; legal is a name or a YAML file")
+        raise ScenarioError(f"{source}: is a directory; expected a name or a YAML file")
     raw = read_yaml(path)
     directory = path.parent.resolve()
     if "scenario" not in raw:

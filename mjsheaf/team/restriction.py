@@ -61,4 +61,4 @@ def restriction_maps(
     if name == "local_frame":
         R = rotation_to_local(*attitude, dimension=m)
         return R @ tail, R @ head
-    raise InputError(f"unknown restriction map {name!r}; legal are {', '.join(NAMES)}")
+    raise InputError(f"unknown restriction map {name!r}; expected {', '.join(NAMES)}")

@@ -208,7 +208,7 @@ class Team:
                 if np.shape(o) != displacement[member].shape:
                     raise InputError(
                         f"formation {formation.name!r}: displacement of {member!r} has shape {np.shape(o)}; "
-                        f"legal is {displacement[member].shape}"
+                        f"expected {displacement[member].shape}"
                     )
                 placed[member] = formation.name
                 displacement[member] = o
@@ -231,7 +231,7 @@ class Team:
             if [np.shape(e.F_tail), np.shape(e.F_head)] != legal_shapes:
                 raise SheafError(
                     f"{kind} edge ({e.tail}, {e.head}): the maps have shapes {np.shape(e.F_tail)} and "
-                    f"{np.shape(e.F_head)}; legal are {legal_shapes[0]} and {legal_shapes[1]}"
+                    f"{np.shape(e.F_head)}; expected {legal_shapes[0]} and {legal_shapes[1]}"
                 )
             b = e.offset
             if b is None:

@@ -165,7 +165,7 @@ class VideoOptions:
         """Check every option.
 
         Raises:
-            InputError: naming the option and what would be legal.
+            InputError: naming the option and what is expected.
         """
         for name in ("width", "height"):
             value = getattr(self, name)

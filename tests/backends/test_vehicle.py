@@ -243,7 +243,7 @@ def flat(root: ElementTree.Element) -> None:
         ("hull", on_a_body, {}, r"hull\.xml: every actuator must act on a site"),
         ("hull", with_bias, {}, r"hull\.xml: every actuator must have a fixed gain and no bias"),
         ("hull", with_muscle, {}, r"dyntype must be one of none, filter, filterexact"),
-        ("hull", weightless, {}, r"hull\.xml: its mass is 0 kg; legal is a positive one"),
+        ("hull", weightless, {}, r"hull\.xml: its mass is 0 kg; expected a positive one"),
         ("hull", heavy_world, {}, r"hull\.xml: geom 'ballast' with mass stands in <worldbody> itself; put it into a"),
         ("hull", broken, {}, r"hull\.xml: .*unrecognized attribute: 'colour'"),
         (
@@ -274,7 +274,7 @@ def test_wrong_vehicle_files_are_refused(
 
 
 def test_unknown_vehicles_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"no vehicle 'boat'; legal are aerial, .*hull.*, or the path of a descript"):
+    with pytest.raises(InputError, match=r"no vehicle 'boat'; expected aerial, .*hull.*, or the path of a descript"):
         load_vehicle("boat")
     with pytest.raises(InputError, match=r"nowhere\.yaml: cannot be read"):
         load_vehicle(str(tmp_path / "nowhere.yaml"))

@@ -45,5 +45,5 @@ def test_json_has_figures_rows_and_machine(full: bool, capsys: pytest.CaptureFix
 def test_an_unknown_topic_is_bad_input(capsys: pytest.CaptureFixture[str]) -> None:
     assert call("speed") == 2
     printed = capsys.readouterr().err
-    assert "unknown topic 'speed'; legal are startup, ideal, loop" in printed
+    assert "unknown topic 'speed'; expected startup, ideal, loop" in printed
     assert printed.count("\n") == 1

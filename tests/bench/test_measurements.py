@@ -153,5 +153,5 @@ def test_the_table_gathers_topics_in_order() -> None:
         module = import_module(f"mjsheaf.bench.{topic}")
         assert callable(module.measure)
         assert callable(module.rows)
-    with pytest.raises(InputError, match="unknown topic 'speed'; legal are startup, ideal"):
+    with pytest.raises(InputError, match="unknown topic 'speed'; expected startup, ideal"):
         run_bench(["speed"])

@@ -297,7 +297,7 @@ def test_video_that_cannot_be_written(tmp_path: Path, capsys: pytest.CaptureFixt
     (tmp_path / "folder.mp4").mkdir()
     for out, told in (
         ("/proc/x.mp4", "/proc/x.mp4: cannot be written" if CAN_DRAW else "no video"),
-        (tmp_path / "folder.mp4", "folder.mp4: legal is a file"),
+        (tmp_path / "folder.mp4", "folder.mp4: expected a file"),
         (tmp_path / "none" / "x.mp4", "no directory"),
         (tmp_path / "x.avi", "ends in .mp4"),
     ):

@@ -68,7 +68,7 @@ def test_the_layout_turns_with_position_and_time() -> None:
         (ControlEffectiveness([[1, 0], [0]]), "must have 2 rows of equal length"),
         (
             ControlEffectiveness([[1, 0], [0, 1]], heading_gradient=[1, 0, 0]),
-            "heading gradient has 3 entries; legal is 2",
+            "heading gradient has 3 entries; expected 2",
         ),
     ],
 )

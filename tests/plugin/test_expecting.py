@@ -225,8 +225,8 @@ def test_a_refusal_is_written_as_one(tmp_path: Path, capsys: pytest.CaptureFixtu
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--backend", "real"], "--backend real: legal are physics, ideal"),
-        (["--margin", "-1"], "--margin -1: legal is 0 to 10"),
+        (["--backend", "real"], "--backend real: expected physics, ideal"),
+        (["--margin", "-1"], "--margin -1: expected 0 to 10"),
         (["--margin", "nan", "--update"], "--margin nan"),
     ],
 )

@@ -169,7 +169,7 @@ def test_bounds_may_have_to_be_tight(run: Run) -> None:
     for wrong in ("x", "0.5"):
         code, told = run("--mjsheaf", "scenarios/met.yaml", "-o", f"mjsheaf_tight={wrong}")
         assert code == 4
-        assert f"mjsheaf_tight is '{wrong}'; legal is a number of at least 1" in told
+        assert f"mjsheaf_tight is '{wrong}'; expected a number of at least 1" in told
 
 
 def test_other_peoples_tests_are_left_alone(run: Run) -> None:

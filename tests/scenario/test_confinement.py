@@ -92,7 +92,7 @@ def test_a_vehicle_outside_is_refused(
         assert stopped.value.code == 2
         assert told.count("\n") == 1
         assert f"{path}: {field}: " in told
-        assert f"lies outside {place}; legal is a file in that directory or below it" in told
+        assert f"lies outside {place}; expected a file in that directory or below it" in told
     assert not (place / "out").exists()
 
 

@@ -132,7 +132,7 @@ def test_the_resolved_swarm_is_written_out_and_runs_alike(tmp_path: Path) -> Non
         ({"swarm.graph": "torus"}, "swarm.graph: input should be 'nearest'"),
         ({"swarm.about": "nobody"}, "swarm.about: 'nobody' is no target with a position"),
         ({"swarm.graph": "k_regular", "swarm.size": 5, "swarm.degree": 3}, "swarm.degree: no graph of 5 agents has 3"),
-        ({"swarm.degree": 5}, "swarm.degree: 5 is odd; legal with graph nearest are even numbers"),
+        ({"swarm.degree": 5}, "swarm.degree: 5 is odd; expected an even number with graph nearest"),
         ({"swarm.graph": "small_world", "swarm.degree": 3}, "swarm.degree: 3 is odd"),
         ({"agents": [{"id": "A", "position": [0, 0]}]}, "swarm: makes agents itself; give either"),
     ],

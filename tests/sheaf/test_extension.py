@@ -196,11 +196,11 @@ def test_wrong_boundaries_are_refused() -> None:
         DirichletProblem(sheaf, ["a", "a"])
     with pytest.raises(SheafError, match="unknown vertex 'c'; the vertices are 'a', 'b'"):
         sheaf.harmonic_extension({"c": [0, 0]})
-    with pytest.raises(SheafError, match=r"value of vertex 'b' has shape \(3,\); legal is \(2,\)"):
+    with pytest.raises(SheafError, match=r"value of vertex 'b' has shape \(3,\); expected \(2,\)"):
         sheaf.harmonic_extension({"b": [0, 0, 0]})
     with pytest.raises(SheafError, match="value of vertex 'b': an entry is not finite"):
         sheaf.harmonic_extension({"b": [0, np.nan]})
     with pytest.raises(SheafError, match="unknown vertex 'c'"):
         sheaf.relative_sections(["c"])
-    with pytest.raises(SheafError, match=r"boundary values have shape \(5, 3\); legal is \(\.\.\., 2\)"):
+    with pytest.raises(SheafError, match=r"boundary values have shape \(5, 3\); expected \(\.\.\., 2\)"):
         DirichletProblem(sheaf, ["b"]).extend(np.zeros((5, 3)))

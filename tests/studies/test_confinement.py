@@ -46,7 +46,7 @@ def vehicles(source: str, **given: Any) -> list[str]:
 @pytest.mark.parametrize("scenario", ["../outside/team.yaml", "link.yaml", "/etc/passwd", "~/../../team.yaml"])
 def test_a_scenario_outside_is_refused(place: Path, scenario: str) -> None:
     (place / "link.yaml").symlink_to(place.parent / "outside" / "team.yaml")
-    with pytest.raises(ScenarioError, match=r"study.yaml: scenario: .* lies outside .*; legal is a file in that dir"):
+    with pytest.raises(ScenarioError, match=r"study.yaml: scenario: .* lies outside .*; expected a file in that dir"):
         load_plan(write(place, scenario=scenario))
 
 

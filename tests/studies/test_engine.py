@@ -154,7 +154,7 @@ def test_an_error_around_a_run_is_recorded() -> None:
 def test_a_worker_of_another_version_ends_the_study(name: str) -> None:
     jobs = [small_plan().job(point) for point in small_plan().points]
     jobs = [replace(job, versions={**job.versions, name: "99.0"}) for job in jobs]
-    with IN_THREADS() as engine, pytest.raises(ForeignWorkerError, match=rf"a worker has {name} .*; legal is 99\.0"):
+    with IN_THREADS() as engine, pytest.raises(ForeignWorkerError, match=rf"a worker has {name} .*; expected 99\.0"):
         list(engine.run(jobs))
 
 

@@ -112,7 +112,7 @@ def test_draws_follow_their_distributions() -> None:
         ({"draws": {"count": 2, "values": {"a": {"kind": "normal", "mean": 0, "deviation": 0}}}}, "greater than 0"),
         ({"draws": {"count": 2, "values": {"a": {"kind": "integers", "low": 3, "high": 2}}}}, "must not be below"),
         ({"grid": {"a": [1, [10**30]]}}, "number of 31 digits"),
-        ({"grid": {"a": [1]}, "labels": {"b": "B (m)"}}, "b is not swept; legal are a"),
+        ({"grid": {"a": [1]}, "labels": {"b": "B (m)"}}, "b is not swept; expected a"),
         ({"backend": "real"}, "'physics' or 'ideal'"),
     ],
 )

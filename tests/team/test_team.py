@@ -217,7 +217,7 @@ A, T = members("B1", "U1"), members("S")
         ),
         (
             lambda: Team(A, T, [], [], (), [Formation("g", ("U1",), (np.zeros(2),))]),
-            r"displacement of 'U1' has shape \(2,\); legal is \(3,\)",
+            r"displacement of 'U1' has shape \(2,\); expected \(3,\)",
         ),
         (lambda: Team(A, T, [], [], (), [Formation("g", ("U1",), ())]), "each member needs one displacement"),
     ],

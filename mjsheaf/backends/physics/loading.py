@@ -48,7 +48,7 @@ def load_vehicle(source: str, directory: Path | None = None) -> Vehicle:
     path = known.get(source) or (directory or Path()) / source
     if source not in known and path.suffix not in (".yaml", ".yml"):
         shown = source if len(source) <= 100 else source[:97] + "..."
-        raise InputError(f"no vehicle {shown!r}; legal are {', '.join(known)}, or the path of a description file")
+        raise InputError(f"no vehicle {shown!r}; expected {', '.join(known)}, or the path of a description file")
     description = read_description(path)
     mjcf = path.parent / description.mjcf
     if source not in known:
@@ -63,7 +63,7 @@ def read_description(path: Path) -> VehicleDescription:
         InputError: the file is not valid, or is no file; the message names it.
     """
     if os.path.exists(path) and not os.path.isfile(path):  # a pipe would be waited on for ever
-        raise InputError(f"{path}: is no regular file; legal is the description of a vehicle")
+        raise InputError(f"{path}: is no regular file; expected the description of a vehicle")
     try:
         return VehicleDescription.model_validate(read_yaml(path))
     except ValidationError as error:
@@ -111,7 +111,7 @@ def _from_model(name: str, description: VehicleDescription, path: Path, model: m
     W = (np.hstack([force, moment]) * model.actuator_gainprm[:, :1]).T
 
     if not model.body_mass.sum() > 0.0:
-        raise InputError(f"{path}: its mass is 0 kg; legal is a positive one")
+        raise InputError(f"{path}: its mass is 0 kg; expected a positive one")
     mass, centre, inertia = mass_properties(model, data, slice(None))
     carried = float((model.body_mass * model.body_gravcomp).sum())
     drag, steering = description.drag, description.steering

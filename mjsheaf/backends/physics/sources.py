@@ -105,7 +105,7 @@ def _read(path: Path, names: _Names) -> None:
     def begin(tag: str, attributes: dict[str, str]) -> None:
         nonlocal depth
         if depth == 0 and tag not in ("mujoco", "mujocoinclude"):
-            raise InputError(f"{path}: its root is <{tag}>; legal is <mujoco>")
+            raise InputError(f"{path}: its root is <{tag}>; expected <mujoco>")
         depth += 1
         if depth > _DEEPEST:
             raise InputError(f"{path}: line {parser.CurrentLineNumber}: nested more than {_DEEPEST} deep")
