@@ -27,8 +27,9 @@ from numpy.typing import NDArray
 
 from mjsheaf.backends.system import System
 from mjsheaf.checking.assumptions import Assumption, decide
+from mjsheaf.checking.carrier import Carrier
 from mjsheaf.checking.cohomology import RelativeCohomology, explain
-from mjsheaf.checking.drift import Carrier, difference_along
+from mjsheaf.checking.drift import difference_along
 from mjsheaf.checking.region import FARTHEST, Constants, Region, Tube, speed_everywhere, tube_about, tube_guessed
 from mjsheaf.checking.spectrum import Spectrum, spectrum_of
 from mjsheaf.checking.targets import follow_targets, own_rate
@@ -131,8 +132,8 @@ class _Search:
         team = system.team
         self._system, self._rate, self._rho = system, rate, rho
         self.spectrum = spectrum_of(team)
-        self._path = follow_targets(system)
         self._carrier = Carrier(system, self.spectrum)
+        self._path = follow_targets(system, self._carrier.extend)
         self._difference = difference_along(system, self._path, self._carrier)
         self._largest = float(bounds(system.harmonics).max(initial=0.0))
         self._omega_bar = disturbance_bound(

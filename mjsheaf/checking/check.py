@@ -184,7 +184,7 @@ def _margins(system: System, certificate: Certificate) -> r.MarginsRecord:
     inertia = body_margin(system, spectrum, time_constants(system))
     loop = body_loop(system, spectrum, _mean_medium(system, region.path))
     lag = steady_lag(system, difference)
-    speeds = speed_demands(system, region.path, difference, top_speeds(system))
+    speeds = speed_demands(system, difference, top_speeds(system))
     ids = system.team.agent_ids
     return r.MarginsRecord(
         hold=None if hold is None else r.HoldRecord(**asdict(hold)),

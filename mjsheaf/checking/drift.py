@@ -9,79 +9,23 @@ moves by at most r_k about a centre and f_p,k by at most s_k, with |K_ik| the no
 """
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mjsheaf.backends.system import System
-from mjsheaf.checking.spectrum import Spectrum
+from mjsheaf.checking.carrier import Carrier
 from mjsheaf.checking.targets import Cells, TargetPath
 from mjsheaf.dynamics.disturbance import evaluate
 
 Array = NDArray[np.float64]
 
-_DENSE = 200_000  # numbers of K that are held as such
 _MOST_CELLS = 50_000  # that are bounded
 _MOST_NUMBERS = 8_000_000  # of f_B over them
 _FEWEST_CELLS = 32  # to begin with
 _GAP = 0.02  # wanted between the bound on |f_B| and a value of it, relative
 _BATCH = 256
 _ROUNDING = 1e-9
-
-
-class Carrier:
-    """K = H^-1 B, which carries motions of targets to their harmonic extension.
-
-    Where it is too large to be held, the norms of its blocks are bounded by sigma_max(B) / lambda_min(H).
-    """
-
-    def __init__(self, system: System, spectrum: Spectrum) -> None:
-        self._team = system.team
-        self._problem = system.team.dirichlet
-        n_q, n_p = self._problem.B.shape
-        self._rest = self._problem.extend(np.zeros(n_p))
-        self._norm = np.inf if not spectrum.smallest.size else spectrum.sigma_max_B / float(spectrum.smallest[0])
-        self._K = self._problem.extend(np.eye(n_p)) - self._rest if n_q * n_p <= _DENSE else None  # (n_p, n_q)
-
-    def extend(self, targets: Array) -> Array:
-        """q* of targets at (..., M, 3), stacked, (..., n_q), m."""
-        return self.carry(targets) + self._rest
-
-    def carry(self, motions: Array) -> Array:
-        """K applied to motions of the targets (..., M, 3), stacked, (..., n_q)."""
-        flat = motions.reshape(*motions.shape[:-2], -1)[..., self._own]
-        return flat @ self._K if self._K is not None else self._problem.extend(flat) - self._rest
-
-    def reach(self, radii: Array) -> Array:
-        """How far each agent's q*_i moves at most where targets move by at most `radii` (..., M), (..., N)."""
-        if self._K is not None:
-            return np.asarray(radii @ self._blocks.T)
-        whole = self._norm * np.linalg.norm(radii, axis=-1, keepdims=True)
-        return np.repeat(whole, len(self._team.agents), axis=-1)
-
-    def spread(self, radii: Array, slopes: Array, moves: Array) -> Array:
-        """A bound on |K s + F r|: s within `radii` (..., M), r within `moves` and F within `slopes` (..., N), (...)."""
-        with np.errstate(invalid="ignore"):  # an infinite slope where nothing moves
-            own = np.where(moves > 0.0, slopes * moves, 0.0)
-        if self._K is not None:
-            return np.linalg.norm(radii @ self._blocks.T + own, axis=-1)
-        return self._norm * np.linalg.norm(radii, axis=-1) + np.linalg.norm(own, axis=-1)
-
-    @cached_property
-    def _own(self) -> NDArray[np.int64]:
-        """Places of the stacked p in padded targets (M, 3), flattened."""
-        slots = self._team.slots
-        return slots[self._problem.H.shape[0] :] - 3 * len(self._team.agents)
-
-    @cached_property
-    def _blocks(self) -> Array:
-        """|K_ik|, shape (N, M)."""
-        N, M = len(self._team.agents), len(self._team.targets)
-        padded = np.zeros((3 * M, N, 3))
-        assert self._K is not None  # what reaches for its blocks
-        padded[self._own] = self._team.unpack(self._K)
-        return np.linalg.norm(padded.reshape(M, 3, N, 3).transpose(2, 0, 3, 1), ord=2, axis=(2, 3))
 
 
 @dataclass(frozen=True)
@@ -92,6 +36,7 @@ class Difference:
         bound: never exceeded by |f_B| along the path, m/s; infinite where the path is not known or meets a singularity.
         time: about when it is largest, s.
         carried, own, values: H^-1 B f_p, f_q(q*) and f_B at the path's own instants, stacked, shape (T, n_q), m/s.
+        shaken: H^-1 B omega_p there, what the targets' disturbances ask of the agents, m/s.
     """
 
     bound: float
@@ -99,16 +44,17 @@ class Difference:
     carried: Array
     own: Array
     values: Array
+    shaken: Array
 
 
 def difference_along(system: System, path: TargetPath, carrier: Carrier) -> Difference:
     """Bound |f_B| along a path, and evaluate f_B at its instants."""
     carried, own = carrier.carry(np.nan_to_num(path.drift)), agent_drift(system, path.q_star)
-    values = carried - own
+    values, shaken = carried - own, carrier.carry(evaluate(system.harmonics[len(system.team.agents) :], path.time))
     if path.cells is None:
-        return Difference(np.inf, float(path.time[0]), carried, own, np.full_like(values, np.nan))
+        return Difference(np.inf, float(path.time[0]), carried, own, np.full_like(values, np.nan), shaken)
     bound, time = _largest(system, path.cells, carrier)
-    return Difference(bound * (1.0 + _ROUNDING), time, carried, own, values)
+    return Difference(bound * (1.0 + _ROUNDING), time, carried, own, values, shaken)
 
 
 def _largest(system: System, cells: Cells, carrier: Carrier) -> tuple[float, float]:
@@ -205,15 +151,6 @@ def coarser(cells: Cells, most: int) -> Cells:
     while len(cells.begin) > most:
         cells = _pairs(cells)
     return cells
-
-
-def shaken(system: System, path: TargetPath) -> Array:
-    """H^-1 B omega at a path's instants: what the targets' disturbances ask of the agents, stacked (T, n_q), m/s."""
-    team = system.team
-    moved = np.zeros((len(path.time), len(team.members), 3))
-    moved[:, len(team.agents) :] = evaluate(system.harmonics[len(team.agents) :], path.time)
-    n_q, n_p = team.dirichlet.B.shape
-    return team.dirichlet.extend(team.pack(moved)[:, n_q:]) - team.dirichlet.extend(np.zeros(n_p))
 
 
 def agent_drift(system: System, q: Array) -> Array:

@@ -7,13 +7,14 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from mjsheaf.backends.system import System
-from mjsheaf.checking.drift import Difference, shaken
+from mjsheaf.checking.drift import Difference
 from mjsheaf.checking.spectrum import Spectrum
-from mjsheaf.checking.targets import TargetPath
 
 Array = NDArray[np.float64]
 
 _AT_REST = 1e-6  # share of z, against tau v, under which z is at rest
+
+_MOST_NUMBERS = 1_000_000  # of lags that are solved for
 
 LARGEST_SECOND_ORDER = 600
 """Largest n_q for which eigenvalues of the second-order system of unlike bodies are computed."""
@@ -134,18 +135,17 @@ def _moving(matrix: Array, m: int, tau: float) -> NDArray[np.complex128]:
     return values[z > _AT_REST * tau * v]
 
 
-def speed_demands(system: System, path: TargetPath, difference: Difference, able: Array) -> list[SpeedDemand]:
+def speed_demands(system: System, difference: Difference, able: Array) -> list[SpeedDemand]:
     """The speeds that are asked of each agent, at the start or along q*, the largest share of its limit first.
 
     Args:
         system: the system.
-        path: the targets' path.
-        difference: f_B along it.
+        difference: f_B along the targets' path.
         able: speed that each agent's body can make, shape (N,), m/s; infinite where it has no limits.
     """
     team = system.team
     # q*' - f_q = f_B + H^-1 B omega, at the instants that the path keeps.
-    steady = np.linalg.norm(team.unpack(difference.values + shaken(system, path)), axis=2).max(axis=0)
+    steady = np.linalg.norm(team.unpack(difference.values + difference.shaken), axis=2).max(axis=0)
     eta = team.disagreement(team.pack(system.initial))
     asked = system.gain * np.linalg.norm(team.unpack(eta), axis=1)
     limits = system.law.limit[: len(asked)]
@@ -169,5 +169,6 @@ def steady_lag(system: System, difference: Difference) -> Array:
     problem = system.team.dirichlet
     if not np.isfinite(difference.values).all():
         return np.full(len(system.team.agents), np.nan)
-    lag = problem.solve(difference.values) / system.gain
+    few = max(20, _MOST_NUMBERS // difference.values.shape[1])  # an estimate: some of the instants do where H is large
+    lag = problem.solve(difference.values[:: -(-len(difference.values) // few)]) / system.gain
     return np.linalg.norm(system.team.unpack(lag), axis=2).max(axis=0)

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjsheaf.backends.system import System
-from mjsheaf.checking.drift import Carrier, Difference, coarser
+from mjsheaf.checking.carrier import Carrier
+from mjsheaf.checking.drift import Difference, coarser
 from mjsheaf.checking.targets import TargetPath
 from mjsheaf.dynamics.bounds import Supremum, largest_speed, lipschitz_constant
 

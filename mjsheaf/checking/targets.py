@@ -18,6 +18,7 @@ tolerance. Cells are widened by `error`, many times the difference, so that runs
 path for which that would be too much is not claimed to be known.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -26,6 +27,7 @@ from numpy.typing import NDArray
 
 from mjsheaf.backends.ideal import drift_and_disturbance, scratch, take_step
 from mjsheaf.backends.system import ControlArrays, MediumArrays, System, velocity_commands
+from mjsheaf.checking.carrier import Carrier
 from mjsheaf.compiled import kernel, part
 from mjsheaf.dynamics import disturbance
 from mjsheaf.dynamics.disturbance import disturbance_velocity
@@ -263,10 +265,15 @@ class _UnknownPathError(Exception):
     """The path cannot be followed; the message says why."""
 
 
-def follow_targets(system: System) -> TargetPath:
-    """Follow the targets alone over the span of a run, by Dormand and Prince's pair of order 5(4); see the module."""
-    N, M = len(system.team.agents), len(system.team.targets)
-    problem = system.team.dirichlet
+def follow_targets(system: System, extend: Callable[[Array], Array] | None = None) -> TargetPath:
+    """Follow the targets alone over the span of a run, by Dormand and Prince's pair of order 5(4); see the module.
+
+    Args:
+        system: the system.
+        extend: `Carrier.extend` of the system's team, where the caller has one.
+    """
+    N, M, n_q = len(system.team.agents), len(system.team.targets), int(system.team.first_state[-1])
+    extend = extend or Carrier(system).extend
     try:
         finer, _ = _integrate(system, share=0.5, tolerance=0.1 * _TOLERANCE, keep=False)
         samples, cells = _integrate(system, share=1.0, tolerance=_TOLERANCE, keep=True)
@@ -275,18 +282,18 @@ def follow_targets(system: System) -> TargetPath:
         if _DIFFERENCES * apart > max(_LARGEST_ERROR * farthest, _ERROR):
             raise _UnknownPathError(f"two integrations of their path end {apart:.2g} m apart: it is too sensitive")
         cells = _widened(cells, error)
-    except _UnknownPathError as problem_found:
+    except _UnknownPathError as unknown:
         still = np.repeat(system.initial[None], 2, axis=0)
-        at_rest = problem.extend(system.team.pack(still)[:, problem.H.shape[0] :])
         span = system.grid.span(0, system.grid.steps + 1)[[0, -1]]
-        return TargetPath(span, still, np.full((2, M, 3), np.nan), at_rest, None, np.inf, still[:0, N:], 1,
-                          str(problem_found))  # fmt: skip
-    most = max(50, _MOST_NUMBERS // max(problem.H.shape[0], 3 * len(system.team.members)))
+        return TargetPath(
+            span, still, np.full((2, M, 3), np.nan), extend(still[:, N:]), None, np.inf, still[:0, N:], 1, str(unknown)
+        )
+    most = max(50, _MOST_NUMBERS // max(n_q, 3 * len(system.team.members)))
     kept = np.unique(np.linspace(0, len(cells.begin) - 1, min(_SAMPLED, most)).astype(np.int64))
     time, drift = np.append(cells.begin[kept], cells.end[-1]), np.append(cells.drift[kept], cells.drift[-1:], axis=0)
     positions = np.repeat(system.initial[None], len(time), axis=0)
     positions[:-1, N:], positions[-1, N:] = cells.centre[kept] - cells.half[kept], cells.centre[-1] + cells.half[-1]
-    q_star = problem.extend(system.team.pack(positions)[:, problem.H.shape[0] :])
+    q_star = extend(positions[:, N:])
     return TargetPath(time, positions, drift, q_star, cells, error, samples[:: _between(system)], _stride(system), "")
 
 
