@@ -98,7 +98,7 @@ def execute(
         dataset = held.enter_context(open_dataset(fresh / "result.nc"))
         write_scenario(scenario, fresh)
         theorem = bound_of_run(system, dataset)
-        notes += [theorem.broken()] * bool(theorem.broken())
+        notes += [theorem.violation()] * bool(theorem.violation())
         drawn = thinned(dataset)
         beside = held.enter_context(ThreadPoolExecutor(1))
         plots = beside.submit(_plot, system, drawn, theorem, fresh, report("plotting"))

@@ -1,6 +1,6 @@
 """Theorem 1 beside a finished run: the bound on |e(t)|, and how much of it the run used."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
@@ -14,6 +14,7 @@ from mjsheaf.results.file import pieces_of
 Array = NDArray[np.float64]
 
 _STEPS = 100.0  # of the integrator, whose tolerance a run's error may be off by
+_SHARE_ON_BODIES = 0.01  # of the initial error: below it inertia is all that is seen
 
 BROKEN = 1.0 + 1e-6
 """A ratio of measured to bound above this breaks the bound."""
@@ -27,7 +28,9 @@ class RunBound:
         certificate: what the theory says of the system.
         bodies: whether the run was one of bodies: their inertia is not in the theorem.
         departure: largest distance of the run's targets from the path for which the certificate holds, m.
-        accuracy: of the run's own error, by its integrator's tolerance, m; the bound is not held against less.
+        accuracy: errors below it do not count, m: the run's own accuracy, by its integrator's tolerance, and on bodies
+            a share of the initial error.
+        blew_up: whether the run ended before its time.
         initial_error: measured |e| at the first sample, m.
         start: time of the first sample, s.
         ratio: largest measured / bound, after the start, where both are |e(t0)|; None where it does not apply.
@@ -39,6 +42,7 @@ class RunBound:
     bodies: bool
     departure: float
     accuracy: float
+    blew_up: bool
     initial_error: float
     start: float
     ratio: float | None = None
@@ -75,16 +79,22 @@ class RunBound:
     @property
     def wrong(self) -> bool:
         """Whether the run exceeds a bound that applies, which bodies may and the ideal law cannot."""
-        return bool(self.broken()) and not self.bodies
+        return bool(self.violation()) and not self.bodies
 
-    def broken(self) -> str:
+    def violation(self) -> str:
         """What to say of a run that exceeds a bound that applies; empty where it does not."""
-        if self.ratio is None or self.ratio <= BROKEN:
+        if self.ratio is None:
+            return ""
+        if self.blew_up and not self.bodies:
+            why = "the run blows up, which Theorem 1 excludes: please report it"
+            return f"{why}; constants: {self.certificate.describe_constants()}"
+        if self.ratio <= BROKEN:
             return ""
         found = f"|e| reaches {self.ratio:.4g} times the bound of Theorem 1 at t = {self.worst:.6g} s"
         if self.bodies:
             return f"{found}: bodies have inertia, which the theorem does not know"
-        return f"{found}, which proves a constant wrong: please report it; constants: {self.certificate.told()}"
+        constants = self.certificate.describe_constants()
+        return f"{found}, which proves a constant wrong: please report it; constants: {constants}"
 
 
 def bound_of_run(system: System, dataset: xr.Dataset) -> RunBound:
@@ -98,7 +108,8 @@ def bound_of_run(system: System, dataset: xr.Dataset) -> RunBound:
         certificate=certificate,
         bodies=bodies,
         departure=departure,
-        accuracy=_STEPS * (atol + rtol * farthest),
+        accuracy=max(_STEPS * (atol + rtol * farthest), _SHARE_ON_BODIES * initial_error * bodies),
+        blew_up=dataset.attrs["status"] == "unstable",
         initial_error=initial_error,
         start=start,
     )
@@ -117,10 +128,7 @@ def _compared(bound: RunBound, dataset: xr.Dataset) -> RunBound:
             ratio, worst = float(share.max()), float(time[share.argmax()])
         settled = max(settled, float(share[max(half - done, 0) :].max(initial=0.0)))
         done += len(error)
-    return RunBound(
-        bound.certificate, bound.bodies, bound.departure, bound.accuracy, bound.initial_error, bound.start, ratio,
-        settled, worst,
-    )  # fmt: skip
+    return replace(bound, ratio=ratio, settled_ratio=settled, worst=worst)
 
 
 def _departure(certificate: Certificate, dataset: xr.Dataset) -> tuple[float, float]:

@@ -58,6 +58,7 @@ class Certificate:
         assumptions: the paper's seven, decided.
         theorem: Theorem 1 with these constants; its own `applies` is the gain condition alone.
         weaker: the bound that holds whatever the slopes: rho = 0, and f_bar enlarged by 2 sqrt(sum_i sup |f_i|^2).
+        proven: whether a bound confines an unlimited law to the region; from a guess nothing follows.
         applies: whether the gain condition holds, every numbered assumption does, and nothing else stands against it.
         approximate: whether the law is held over a period: the theorem speaks of a continuous one.
         reason: why it does not apply, or empty.
@@ -71,6 +72,7 @@ class Certificate:
     assumptions: list[Assumption]
     theorem: Theorem
     weaker: Theorem
+    proven: bool
     applies: bool
     approximate: bool
     reason: str
@@ -84,7 +86,7 @@ class Certificate:
         t = self.theorem
         return np.maximum(bound, (t.f_bar + t.omega_bar) / (t.gain * t.lambda_min - t.lipschitz))
 
-    def told(self) -> str:
+    def describe_constants(self) -> str:
         """The constants in a line, for a report of a bound that was broken."""
         t, c = self.theorem, self.constants
         return (
@@ -107,9 +109,13 @@ def certify(system: System, rate: float | None = None, rho: Rho | None = None) -
     weaker = search.weaker(constants.speed.upper)
     cohomology = explain(system.team, search.spectrum)
     obstacle = _obstacle(system, constants, search.spectrum, theorem if theorem.applies else weaker)
-    region = replace(region, verified=region.verified and not obstacle)
+    proven = region.verified
+    region = replace(region, verified=proven and not obstacle)
     assumptions = decide(system, region, constants, cohomology)
-    reason = _gain_condition(region, constants, search.spectrum, theorem, rate) or obstacle or _open(assumptions)
+    reason = _gain_condition(region, constants, search.spectrum, theorem, rate)
+    if not reason and not proven:
+        reason = region.source
+    reason = reason or obstacle or _open(assumptions)
     return Certificate(
         spectrum=search.spectrum,
         cohomology=cohomology,
@@ -118,6 +124,7 @@ def certify(system: System, rate: float | None = None, rho: Rho | None = None) -
         assumptions=assumptions,
         theorem=theorem,
         weaker=weaker,
+        proven=proven,
         applies=not reason,
         approximate=not system.grid.continuous,
         reason=reason,

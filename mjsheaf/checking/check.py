@@ -137,7 +137,7 @@ def _theorem(
 ) -> r.TheoremRecord:
     theorem, spectrum, constants = certificate.theorem, certificate.spectrum, certificate.constants
     slope, start = constants.rho, constants.initial_error
-    holds = theorem.applies and not certificate.region.path.complaint
+    holds = theorem.applies and certificate.proven
     gain = gain_for_radius(
         radius, spectrum.lambda_min, constants.difference.bound, constants.omega_bar, rho or slope.upper, start
     )
@@ -158,7 +158,7 @@ def _theorem(
         rho_source=(source + ("" if slope.exact else " (an upper bound, not tight)"))
         if rho is None
         else "given by the user, here at the initial error",
-        lambda_V=_finite(theorem.rate) or None,
+        lambda_V=_finite(theorem.rate) or None if holds or rate is not None else None,
         lambda_V_given=rate is not None,
         k_min=theorem.k_min,
         mu=_finite(theorem.mu),
@@ -166,14 +166,14 @@ def _theorem(
         chi_infinite=math.isinf(theorem.chi) if holds else None,
         radius_D=_finite(theorem.radius_D) if holds else None,
         radius_S=_finite(theorem.radius_S) if holds else None,
-        radius_U=_finite(theorem.radius),
+        radius_U=_finite(theorem.radius) if holds else None,
         initial_error=start,
         initial_error_inside_S=theorem.contains(start) if holds else None,
         wanted_radius=radius,
         gain_for_wanted_radius=_finite(gain) or None,
         weaker=r.WeakerRecord(
-            f_bar=_finite(certificate.weaker.f_bar),
-            radius=None if certificate.obstacle else _finite(certificate.weaker.radius),
+            f_bar=_finite(certificate.weaker.f_bar) if certificate.proven else None,
+            radius=_finite(certificate.weaker.radius) if certificate.proven and not certificate.obstacle else None,
         ),
     )
 

@@ -36,6 +36,7 @@ LEVEL = (
 _FEWEST_SAMPLES = 8
 _LEVEL_OF_RANGE, _LEVEL_OF_BOTH = 0.01, 0.05  # by which the mean error of two quarters may differ
 _STEADY_SWING = 0.05  # by which the swing of two quarters may differ, relative, and be neither growth nor decay
+_STEADY_LOOP = 0.01  # by which a swing may fall in a quarter and not be said to decay, though the loop is stable
 _FAINT_SWING = 1e-4  # of the range of the error: a swing below it is over
 _ROUNDING = 1e-9  # m: a swing below it is rounding
 _FEWEST_REVERSALS = 3  # sign changes in a quarter that make a swing of a drift
@@ -85,16 +86,19 @@ def judge(error: Array, offsets: Array | None = None, unstable: Callable[[], boo
     """
     if len(error) < _FEWEST_SAMPLES or not np.isfinite(error).all():
         return None
-    if offsets is not None and (own := _own_swing(error, offsets)) is not None:
+    if offsets is not None and (own := _own_swing(error, offsets, unstable)) is not None:
         return own
     if is_level(error):
         return "circling" if unstable is not None and unstable() else "settled"
-    first, before, last = (float(q.mean()) for q in _quarters(error))
+    first, before, last = (_mean(q)[0] for q in _quarters(error))
     return "growing" if before > first and last - before > _SLOWING * (before - first) else "moving"
 
 
-def _own_swing(error: Array, offsets: Array) -> Ending | None:
-    """The ending of a team that nothing drives, where it swings without decaying; None where it does not."""
+def _own_swing(error: Array, offsets: Array, unstable: Callable[[], bool] | None) -> Ending | None:
+    """The ending of a team that nothing drives, where it swings without decaying; None where it does not.
+
+    A swing that seems to decay a little is one that does where the loop of the vehicles is known to be stable.
+    """
     before, last = _quarters(offsets)[-2:]
     size = _swing(last)
     if size <= max(_FAINT_SWING * float(np.ptp(error)), _ROUNDING) or _reversals(last) < _FEWEST_REVERSALS:
@@ -102,6 +106,8 @@ def _own_swing(error: Array, offsets: Array) -> Ending | None:
     ratio = size / max(_swing(before), 1e-300)
     if ratio < 1.0 - _STEADY_SWING:
         return None
+    if ratio < 1.0 - _STEADY_LOOP and unstable is not None and not unstable():
+        return "moving"
     return "circling" if ratio <= 1.0 + _STEADY_SWING else "growing"
 
 
@@ -111,13 +117,15 @@ def is_level(error: Array) -> bool:
     An error that decays as exp(-r t) to nothing is level where r T is above 7.3; one that decays to a level once it
     hardly changes beside that; one that swings about a level where a quarter holds a period of it or more.
     """
-    before, last = _quarters(error)[-2:]
-    through, level = float(np.ptp(error)), float(last.mean())
-    reversals = _reversals(last)
-    # a sine of n half periods and a part of one has a mean of at most its swing over n pi
-    unfinished = float(np.ptp(last)) / reversals / np.pi * 2.0 if reversals >= 2 else 0.0
-    allowed = max(_LEVEL_OF_RANGE * through, _LEVEL_OF_BOTH * min(through, level), unfinished)
-    return abs(level - float(before.mean())) <= allowed
+    quarters = _quarters(error)
+    (first, _), (before, _), (level, _) = means = [_mean(quarter) for quarter in quarters]
+    trend = (level - before) * (before - first) > 0.0 and all(whole for _, whole in means)
+    through, reversals = float(np.ptp(error)), _reversals(quarters[-1])
+    allowed = max(_LEVEL_OF_RANGE * through, _LEVEL_OF_BOTH * min(through, level))
+    if reversals >= 2 and not trend:
+        # A sine of n half periods and a part of one has a mean of at most its swing over n pi.
+        allowed = max(allowed, 2.0 * float(np.ptp(quarters[-1])) / reversals / np.pi)
+    return abs(level - before) <= allowed
 
 
 def settling_time(time: Array, error: Array) -> float | None:
@@ -142,6 +150,16 @@ def _quarters(values: Array) -> list[Array]:
     """The last three quarters of a series, of equal length."""
     n = len(values) // 4
     return [values[len(values) - k * n : len(values) - (k - 1) * n] for k in (3, 2, 1)]
+
+
+def _mean(quarter: Array) -> tuple[float, bool]:
+    """The mean of a quarter over the whole periods that it holds, or over all of it where there is none; and which."""
+    trend = np.linspace(-0.5, 0.5, len(quarter))
+    level = quarter - quarter.mean() - 12.0 * (trend @ quarter) / len(quarter) * trend
+    rising = np.flatnonzero((level[:-1] < 0.0) & (level[1:] >= 0.0))
+    if len(rising) < 2:
+        return float(quarter.mean()), False
+    return float(quarter[rising[0] : rising[-1]].mean()), True
 
 
 def _swing(offsets: Array) -> float:

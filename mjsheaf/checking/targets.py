@@ -116,40 +116,57 @@ class _Rates(NamedTuple):
     decay: float
 
 
+class _Step(NamedTuple):
+    """Bounds over one step, and what they are made of, (M,) each.
+
+    V and D bound |p'|, m/s, and |f_p'|, m/s^2; slope is that of f_p, 1/s; flow is the flow's part of D; speed is |p'|,
+    gap |v - p'| and lead v where the step begins, m/s, lead (M, 3); lower is a place for a new D.
+    """
+
+    V: Array
+    D: Array
+    slope: Array
+    flow: Array
+    speed: Array
+    gap: Array
+    lead: Array
+    lower: Array
+
+
 @part
-def _bound_speeds(law, motion, medium, rates, continuous, h, x, bound):
+def _bound_speeds(law, motion, medium, rates, continuous, h, margin, x, bound):
     """Find V and D for a step h from x, see the module; False where none is found.
 
-    bound (7, M): V, D, the slope of f_p, |p'| at x, what of D is the flow's, |v - p'| at x, and a place for new ones.
+    Slopes are those over the ball that the step stays in, and `margin` about it, m.
     """
     M = x.shape[0]
     for v in range(M):
-        bound[0, v] = bound[3, v]
+        bound.V[v] = bound.speed[v]
     for _ in range(6):
         right = True
         for v in range(M):
-            V = bound[0, v]
+            V = bound.V[v]
             table = medium.kernels[medium.rows[v, 0] : medium.rows[v, 1]]
-            slope = flow_slope(table, x[v, 0], x[v, 1], x[v, 2], h * V)
+            slope = flow_slope(table, x[v, 0], x[v, 1], x[v, 2], h * V + margin)
             D = slope * V if V > 0.0 else 0.0
-            bound[4, v] = D
+            bound.flow[v] = D
             moved, moving = 0.0, 0.0  # |L p'| and |L| of this target's rows
             for row in range(3 * v, 3 * v + 3):
                 a, b = 0.0, 0.0
                 for k in range(law.start[row], law.start[row + 1]):
-                    a += abs(law.value[k]) * bound[0, law.column[k] // 3]
+                    a += abs(law.value[k]) * bound.V[law.column[k] // 3]
                     b += abs(law.value[k])
                 moved += a * a
                 moving += b * b
             if continuous:
                 D += rates.acceleration[v] + motion.pull[v] * (rates.speed[v] + V) + law.gain[v] * np.sqrt(moved)
-            bound[1, v] = D
-            bound[2, v] = slope + motion.pull[v] + law.gain[v] * np.sqrt(moving)
-            right = right and bound[3, v] + h * (D + rates.shake[v]) <= V
+            bound.D[v] = D
+            bound.slope[v] = slope + motion.pull[v] + law.gain[v] * np.sqrt(moving)
+            right = right and bound.speed[v] + h * (D + rates.shake[v]) <= V
         if right:
             return True
         for v in range(M):
-            bound[0, v] = _SLACK * (bound[3, v] + h * (bound[1, v] + rates.shake[v]))
+            bound.V[v] = _SLACK * (bound.speed[v] + h * (bound.D[v] + rates.shake[v]))
     return False
 
 
@@ -164,24 +181,24 @@ def _tighten(law, motion, rates, h, velocity, bound):
             for k in range(law.start[row], law.start[row + 1]):
                 j = law.column[k] // 3
                 at += law.value[k] * velocity[j, law.column[k] - 3 * j]
-                change += abs(law.value[k]) * (bound[1, j] + rates.shake[j])
+                change += abs(law.value[k]) * (bound.D[j] + rates.shake[j])
             moved += (abs(at) + h * change) ** 2
-        gap = bound[5, v] + h * (rates.acceleration[v] + bound[1, v] + rates.shake[v])
+        gap = bound.gap[v] + h * (rates.acceleration[v] + bound.D[v] + rates.shake[v])
         own = rates.acceleration[v] + motion.pull[v] * gap + law.gain[v] * np.sqrt(moved)
-        bound[6, v] = min(bound[1, v], bound[4, v] + own)
+        bound.lower[v] = min(bound.D[v], bound.flow[v] + own)
     for v in range(M):
-        bound[1, v] = bound[6, v]
+        bound.D[v] = bound.lower[v]
 
 
 @kernel
 def _follow(
-    control, follow, reference, medium, effectiveness, rates, share, tolerance, times, period, place, x, work, bound,
-    cells, samples, stride,
+    control, follow, reference, medium, effectiveness, rates, share, margin, tolerance, times, period, place, x, work,
+    bound, cells, samples, stride,
 ):  # fmt: skip
     """Follow the targets from a place in the run until the cells are full; return what ended it, and how many are.
 
     `follow` is `control` where the law is continuous, None where it is held. reference: motions without their pull.
-    place (3,): sample, time since then and next step, s. share: of the usual steps.
+    place (3,): sample, time since then and next step, s. share: of the usual steps. margin: see `_bound_speeds`.
     """
     M = x.shape[0]
     sample, done, step = int(place[0]), place[1], place[2]
@@ -195,13 +212,13 @@ def _follow(
             h = min(min(step, share * rates.turn), period - done)
             for v in range(M):
                 p = work.slope[0, v]
-                bound[3, v] = np.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
+                bound.speed[v] = np.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
                 table = medium.kernels[medium.rows[v, 0] : medium.rows[v, 1]]
                 reach = share * _SHARE_OF_SCALE * flow_scale(table, x[v, 0], x[v, 1], x[v, 2])
                 rate = 0.0 if follow is None else rates.decay
                 if reach < np.inf:
                     rate += flow_slope(table, x[v, 0], x[v, 1], x[v, 2], reach)
-                    h = min(h, reach / (bound[3, v] + 1e-300))
+                    h = min(h, reach / (bound.speed[v] + 1e-300))
                 h = min(h, share * _SHARE_OF_DECAY / (rate + 1e-300))
             if count == len(cells.begin):
                 place[0], place[1], place[2] = sample, done, step
@@ -218,7 +235,7 @@ def _follow(
                 if not h > 1e-14 * max(period, abs(t)):  # also where it is NaN
                     place[0], place[1], place[2] = sample, done, h
                     return _STUCK, count
-                if _bound_speeds(control.law, control.motion, medium, rates, follow is not None, h, x, bound):
+                if _bound_speeds(control.law, control.motion, medium, rates, follow is not None, h, margin, x, bound):
                     error = take_step(follow, medium, effectiveness, t, h, x, 0, M, tolerance, work)
                     if not error < 1.0:
                         h *= max(0.2, 0.9 * error**-0.2) if error < 1e300 else 0.2
@@ -226,13 +243,13 @@ def _follow(
                     h *= 0.5
             if follow is not None:
                 for v in range(M):
-                    v_ref = work.residual[v]  # taken by nothing now
-                    v_ref[0], v_ref[1], v_ref[2] = 0.0, 0.0, 0.0
-                    add_reference(reference, v, t, x[v], v_ref)
-                    gx, gy, gz = (
-                        v_ref[0] - work.slope[0, v, 0], v_ref[1] - work.slope[0, v, 1], v_ref[2] - work.slope[0, v, 2]
-                    )  # fmt: skip
-                    bound[5, v] = np.sqrt(gx * gx + gy * gy + gz * gz)
+                    lead = bound.lead[v]
+                    lead[0], lead[1], lead[2] = 0.0, 0.0, 0.0
+                    add_reference(reference, v, t, x[v], lead)
+                    total = 0.0
+                    for i in range(3):
+                        total += (lead[i] - work.slope[0, v, i]) ** 2
+                    bound.gap[v] = np.sqrt(total)
                 _tighten(control.law, control.motion, rates, h, work.slope[0], bound)
                 _tighten(control.law, control.motion, rates, h, work.slope[0], bound)
             step = h * (10.0 if error == 0.0 else min(10.0, 0.9 * error**-0.2))
@@ -244,9 +261,9 @@ def _follow(
                 cells.drift[count, v, 0] += 0.5 * (work.slope[6, v, 0] - wx)
                 cells.drift[count, v, 1] += 0.5 * (work.slope[6, v, 1] - wy)
                 cells.drift[count, v, 2] += 0.5 * (work.slope[6, v, 2] - wz)
-                cells.bend[count, v] = 0.125 * h * h * (bound[1, v] + rates.shake[v])
-                cells.spread[count, v] = 0.5 * h * bound[1, v]
-                cells.slope[count, v] = bound[2, v]
+                cells.bend[count, v] = 0.125 * h * h * (bound.D[v] + rates.shake[v])
+                cells.spread[count, v] = 0.5 * h * bound.D[v]
+                cells.slope[count, v] = bound.slope[v]
                 for i in range(3):
                     cells.centre[count, v, i] = 0.5 * (x[v, i] + work.state[v, i])
                     cells.half[count, v, i] = 0.5 * (work.state[v, i] - x[v, i])
@@ -275,12 +292,16 @@ def follow_targets(system: System, extend: Callable[[Array], Array] | None = Non
     N, M, n_q = len(system.team.agents), len(system.team.targets), int(system.team.first_state[-1])
     extend = extend or Carrier(system).extend
     try:
-        finer, _ = _integrate(system, share=0.5, tolerance=0.1 * _TOLERANCE, keep=False)
-        samples, cells = _integrate(system, share=1.0, tolerance=_TOLERANCE, keep=True)
-        apart, farthest = float(np.abs(samples - finer).max()), float(np.abs(finer).max())
-        error = max(_ERROR + _RELATIVE_ERROR * farthest, _DIFFERENCES * apart)
-        if _DIFFERENCES * apart > max(_LARGEST_ERROR * farthest, _ERROR):
+        finer, _ = _integrate(system, share=0.5, tolerance=0.1 * _TOLERANCE, margin=None)
+        farthest = float(np.abs(finer).max())
+        error = _ERROR + _RELATIVE_ERROR * farthest
+        samples, cells = _integrate(system, share=1.0, tolerance=_TOLERANCE, margin=error)
+        apart = float(np.abs(samples - finer).max())
+        if _DIFFERENCES * apart > max(_LARGEST_ERROR * farthest, _LARGEST_ERROR):
             raise _UnknownPathError(f"two integrations of their path end {apart:.2g} m apart: it is too sensitive")
+        if _DIFFERENCES * apart > error:
+            error = _DIFFERENCES * apart
+            samples, cells = _integrate(system, share=1.0, tolerance=_TOLERANCE, margin=error)
         cells = _widened(cells, error)
     except _UnknownPathError as unknown:
         still = np.repeat(system.initial[None], 2, axis=0)
@@ -297,31 +318,38 @@ def follow_targets(system: System, extend: Callable[[Array], Array] | None = Non
     return TargetPath(time, positions, drift, q_star, cells, error, samples[:: _between(system)], _stride(system), "")
 
 
-def _integrate(system: System, share: float, tolerance: float, keep: bool) -> tuple[Array, Cells]:
-    """The targets' positions at each stride-th sample and between, shape (S, M, 3), and the cells; none unless kept."""
+def _integrate(system: System, share: float, tolerance: float, margin: float | None) -> tuple[Array, Cells]:
+    """The targets' positions at each stride-th sample and between, shape (S, M, 3), and the cells.
+
+    Args:
+        system: the system.
+        share: of the usual steps.
+        tolerance: of the integrator for each step, relative and absolute.
+        margin: error of the positions for which the cells' slopes hold, m; None where cells are not wanted.
+    """
     control, medium, x = _targets_alone(system)
     M, stride, between, grid = len(x), _stride(system), _between(system), system.grid
     period = grid.period / between
     times = grid.start + period * np.arange(grid.steps * between + 1)
     samples = np.empty(((len(times) - 1) // stride + 1, M, 3))
     samples[0] = x
-    place, work, bound = np.array([0.0, 0.0, period]), scratch(medium, system.effectiveness), np.zeros((7, M))
+    place, work, bound = np.array([0.0, 0.0, period]), scratch(medium, system.effectiveness), _step(M)
     rates, blocks, total = _rates(system, control), [], 0
     reference = control.motion._replace(pull=np.zeros(M))
     block = _blank(max(1, _BLOCK // M), M)
     while True:
         ended, count = _follow(
             control, control if grid.continuous else None, reference, medium, system.effectiveness, rates, share,
-            (tolerance, tolerance), times, period, place, x, work, bound, block, samples, stride,
+            margin or 0.0, (tolerance, tolerance), times, period, place, x, work, bound, block, samples, stride,
         )  # fmt: skip
         total += count
-        if keep:
+        if margin is not None:
             blocks.append(Cells(*(part[:count].copy() for part in block)))
         if ended == _DONE:
-            return samples, Cells(*(np.concatenate(parts) for parts in zip(*blocks, strict=True))) if keep else block
+            return samples, Cells(*(np.concatenate(parts) for parts in zip(*blocks, strict=True))) if blocks else block
         now = times[int(place[0])] + place[1]
         if ended == _STUCK:
-            fastest = system.team.target_ids[int(np.argmax(np.nan_to_num(bound[3], nan=np.inf)))]
+            fastest = system.team.target_ids[int(np.argmax(np.nan_to_num(bound.speed, nan=np.inf)))]
             raise _UnknownPathError(f"{fastest} cannot be followed beyond t = {now:.6g} s: it runs into a singularity")
         if total * M * share > MOST_STEPS:
             raise _UnknownPathError(
@@ -333,6 +361,10 @@ def _integrate(system: System, share: float, tolerance: float, keep: bool) -> tu
 def _widened(cells: Cells, error: float) -> Cells:
     """Cells that hold every path within `error` of the one that they cover, m."""
     return cells._replace(bend=cells.bend + error, spread=cells.spread + error * cells.slope)
+
+
+def _step(M: int) -> _Step:
+    return _Step(*(np.zeros((M, 3) if name == "lead" else M) for name in _Step._fields))
 
 
 def _blank(count: int, M: int) -> Cells:

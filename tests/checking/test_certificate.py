@@ -266,10 +266,44 @@ def test_a_run_at_rest_is_not_held_against_less_than_its_own_accuracy() -> None:
     scenario = scenario_from_mapping(raw)
     run = bound_of_run(scenario.system(), mjsheaf.simulate(scenario, "ideal"))
     assert run.applies
-    assert run.broken() == ""
+    assert run.violation() == ""
 
 
 def test_the_examination_has_the_certificate() -> None:
     system = mjsheaf.load_scenario("certified").system()
     examination = examine(system)
     assert examination.certificate.applies is examination.record.theorem.applies
+
+
+def _far_channel(gain: float) -> dict[str, Any]:
+    """The weaker bound is of the size of the earth's orbit: it confines nobody."""
+    raw = _pushed(gain, 0.0, 0.0)
+    raw["time"] = {"end": 300.0}
+    raw["flow"]["agents"] = {
+        "dimension": 2,
+        "drift": [1.0, 0.0],
+        "channels": [{"centre": [200.0, 0.0], "direction": [0.0, 1.0], "beta": 1e6, "width": 10.0, "length": 1e6}],
+    }
+    return raw
+
+
+def test_nothing_follows_from_a_guess(pole: dict[str, Any]) -> None:
+    for raw in (_far_channel(1e-6), pole):
+        record = mjsheaf.check(scenario_from_mapping(raw))
+        theorem = record["theorem"]
+        assert not record["region"]["verified"]
+        assert not theorem["applies"]
+        assert not theorem["gain_condition"]
+        for name in ("radius_U", "radius_S", "radius_D", "chi", "chi_infinite", "initial_error_inside_S", "lambda_V"):
+            assert theorem[name] is None, name
+        assert theorem["weaker"] == {"f_bar": None, "radius": None}
+        assert "guess" in record["region"]["source"]
+
+
+def test_a_certified_run_that_blows_up_is_an_error_of_ours() -> None:
+    scenario = mjsheaf.load_scenario("certified", {"time.end": 3.0})
+    result = mjsheaf.simulate(scenario, "ideal")
+    result.attrs["status"] = "unstable"
+    run = bound_of_run(scenario.system(), result)
+    assert run.wrong
+    assert "blows up" in run.violation()

@@ -135,3 +135,23 @@ def test_a_sweep_says_the_same(tmp_path: Any) -> None:
     assert [record["settled"] for record in records] == [True, False]
     assert [record["ending"] for record in records] == ["settled", "circling"]
     assert records[1]["late"]["tracking_error"] == pytest.approx(1.23, rel=0.1)
+
+
+def test_a_trend_is_seen_beside_an_oscillation() -> None:
+    t = np.linspace(0.0, 60.0, 6001)
+    for period in (1.7, 5.3, 7.4, 11.0):
+        swing = np.sin(2.0 * np.pi * t / period)
+        assert judge(1.0 + 0.5 * swing) == "settled", period
+        if period > 7.5:  # a quarter may hold no whole period: a trend cannot be told from it
+            continue
+        assert judge(1.0 + 0.01 * t + 0.5 * swing) == "growing", period
+        assert judge(np.exp(0.02 * t) * (1.0 + 0.3 * swing)) == "growing", period
+
+
+def test_a_swing_that_decays_slowly_is_not_circling_where_the_loop_is_stable() -> None:
+    t = np.linspace(0.0, 60.0, 6001)
+    offsets = np.zeros((len(t), 1, 3))
+    offsets[:, 0, 0] = np.exp(-0.002 * t) * np.sin(4.0 * t)  # by 3 % in a quarter
+    error = np.abs(offsets[:, 0, 0])
+    assert judge(error, offsets, lambda: False) == "moving"
+    assert judge(error, offsets, lambda: True) == "circling"

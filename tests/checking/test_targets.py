@@ -118,7 +118,7 @@ def test_a_target_at_rest_is_known_however_near_the_origin(place: float) -> None
 
 def test_a_sensitive_path_is_not_known() -> None:
     """A target between two hyperbolic points of a strong flow: the last digit decides where it goes."""
-    vortices = [{"centre": [x, y], "gamma": 40.0 * (-1) ** (x + y)} for x in range(-1, 3) for y in range(-1, 3)]
+    vortices = [{"centre": [x, y], "gamma": 100.0 * (-1) ** (x + y)} for x in range(-1, 3) for y in range(-1, 3)]
     flow = {"dimension": 2, "core": 0.2, "drift": [0.05, 0.03], "vortices": vortices}
     raw = _moving(flow={"targets": flow}, disturbance={"targets": {"bound": 5.0}}, seed=1)
     path = follow_targets(scenario_from_mapping(raw).system())
