@@ -27,6 +27,7 @@ from mjsheaf.backends.physics.world import whole_ratio
 from mjsheaf.backends.system import System
 from mjsheaf.checking.drift import agent_drift
 from mjsheaf.checking.spectrum import DENSE_STATES, Spectrum
+from mjsheaf.checking.threads import one_thread
 from mjsheaf.errors import InputError
 
 Array = NDArray[np.float64]
@@ -113,6 +114,7 @@ class _UndecidedError(Exception):
     """The loop cannot be said; the message says why."""
 
 
+@one_thread
 def body_loop(system: System, spectrum: Spectrum, medium: Array) -> BodyLoop:
     """Close the loop of the team's vehicles.
 

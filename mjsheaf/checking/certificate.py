@@ -33,6 +33,7 @@ from mjsheaf.checking.drift import difference_along
 from mjsheaf.checking.region import FARTHEST, Constants, Region, Tube, speed_everywhere, tube_about, tube_guessed
 from mjsheaf.checking.spectrum import Spectrum, spectrum_of
 from mjsheaf.checking.targets import follow_targets, own_rate
+from mjsheaf.checking.threads import one_thread
 from mjsheaf.control.rho import Rho
 from mjsheaf.control.theorem import Theorem, disturbance_bound, theorem_1
 from mjsheaf.dynamics.disturbance import bounds
@@ -96,6 +97,7 @@ class Certificate:
         )
 
 
+@one_thread
 def certify(system: System, rate: float | None = None, rho: Rho | None = None) -> Certificate:
     """Decide what the theory says of a system.
 

@@ -19,6 +19,7 @@ from mjsheaf.checking.margins import body_margin, hold_margin, speed_demands, st
 from mjsheaf.checking.mending import MendPlan, mend
 from mjsheaf.checking.region import Region
 from mjsheaf.checking.targets import TargetPath
+from mjsheaf.checking.threads import one_thread
 from mjsheaf.control.rho import Rho, RhoLike, as_rho
 from mjsheaf.control.theorem import gain_for_radius
 from mjsheaf.errors import InputError
@@ -62,6 +63,7 @@ class Examination:
     certificate: Certificate
 
 
+@one_thread
 def examine(system: System, *, rate: float | None = None, radius: float = 1.0, rho: Rho | None = None) -> Examination:
     """`check` of a system, as a typed record with its certificate."""
     for name, value in (("rate", rate), ("radius", radius)):
