@@ -26,6 +26,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import exprel
 
 from mjsheaf.control.rho import ConstantRho, Rho, as_rho
 
@@ -95,7 +96,7 @@ class Theorem:
         if not self.contains(initial_error):
             return np.full(elapsed.shape, np.inf)
         decay = np.exp(-2.0 * self.rate * elapsed)
-        grown = -np.expm1(-2.0 * self.rate * elapsed) / self.rate  # before mu, so that nothing is lost at a small rate
+        grown = 2.0 * elapsed * exprel(-2.0 * self.rate * elapsed)  # (1 - decay) / rate, also where the rate is tiny
         return np.sqrt(decay * initial_error**2 + self.mu * grown)
 
 
