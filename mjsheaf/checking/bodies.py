@@ -139,7 +139,7 @@ def body_loop(system: System, spectrum: Spectrum, medium: Array) -> BodyLoop:
     except np.linalg.LinAlgError as error:  # a vehicle so stiff that its step is not finite
         return BodyLoop(period, None, None, None, None, f"the vehicles cannot be linearised: {error}")
     none = _GROWTH * period
-    moving = [m for m in loop.modes(system.gain) if m.moves or np.log(abs(m.factor)) > none]
+    moving = [m for m in loop.modes(system.gain) if m.moves or abs(m.factor) > np.exp(none)]
     radius = max(abs(m.factor) for m in moving)
     stable: bool | None = bool(np.log(radius) < none)
     swing = _least_damped(moving, loop.own_factors(), period, system)

@@ -24,6 +24,7 @@ EIGENVALUE_TOLERANCE = 1e-8
 """Relative accuracy of the eigenvalues of larger components."""
 
 _ACCURATE = 1e-6  # eigenvalues of H itself are good to about 1e-14 of the largest: above this ratio to 1e-8
+_MIXED = 1e-10  # below this ratio errors of eigenvectors of H, squared, show in their eigenvalues: D has better ones
 
 
 @dataclass(frozen=True)
@@ -144,7 +145,10 @@ def _of_component(D: sparse.csr_array, known: Array, count: int) -> tuple[Array,
     gram = D.T @ D
     n, r = known.shape
     if n <= DENSE_STATES:
-        candidates = linalg.eigh(gram.toarray(), subset_by_index=(0, r + count - 1))[1]
+        values, candidates = linalg.eigh(gram.toarray(), subset_by_index=(0, r + count - 1))
+        if values[r] < _MIXED * gram.diagonal().sum():
+            R = np.linalg.qr(D.toarray(), mode="r") if D.shape[0] > n else D.toarray()
+            candidates = linalg.svd(R)[2][: -(r + count) - 1 : -1].T
     else:
         candidates = _lanczos(gram, known, count)
     if r:

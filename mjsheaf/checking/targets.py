@@ -350,7 +350,10 @@ def _integrate(system: System, share: float, tolerance: float, margin: float | N
         now = times[int(place[0])] + place[1]
         if ended == _STUCK:
             fastest = system.team.target_ids[int(np.argmax(np.nan_to_num(bound.speed, nan=np.inf)))]
-            raise _UnknownPathError(f"{fastest} cannot be followed beyond t = {now:.6g} s: it runs into a singularity")
+            raise _UnknownPathError(
+                f"{fastest} cannot be followed beyond t = {now:.6g} s: it runs into a singularity, "
+                "or moves too fast for what numbers resolve so late"
+            )
         if total * M * share > MOST_STEPS:
             raise _UnknownPathError(
                 f"their path is too long or too stiff to follow: {total} steps lead to t = {now:.4g} s "

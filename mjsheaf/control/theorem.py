@@ -26,6 +26,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import exprel
 
 from mjsheaf.control.rho import ConstantRho, Rho, as_rho
 
@@ -95,7 +96,8 @@ class Theorem:
         if not self.contains(initial_error):
             return np.full(elapsed.shape, np.inf)
         decay = np.exp(-2.0 * self.rate * elapsed)
-        return np.sqrt(decay * initial_error**2 + self.mu / self.rate * (1.0 - decay))
+        grown = 2.0 * elapsed * exprel(-2.0 * self.rate * elapsed)  # (1 - decay) / rate, also where the rate is tiny
+        return np.sqrt(decay * initial_error**2 + self.mu * grown)
 
 
 def theorem_1(
@@ -141,9 +143,8 @@ def theorem_1(
         )
     radius = math.sqrt(mu / chosen)
     chi = rho.reach(k_min - chosen) or 0.0
-    return Theorem(
-        gain, lambda_min, f_bar, omega_bar, rho, k_min, chosen, True, mu, radius, chi, chi - radius * _OUTWARD
-    )
+    radius_S = chi if math.isinf(chi) else chi - radius * _OUTWARD  # a tiny rate makes the radius infinite, too
+    return Theorem(gain, lambda_min, f_bar, omega_bar, rho, k_min, chosen, True, mu, radius, chi, radius_S)
 
 
 def _largest_fixed_point(allowed: Callable[[float], float], most: float) -> float | None:

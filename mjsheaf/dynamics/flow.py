@@ -31,6 +31,7 @@ Array = NDArray[np.float64]
 SOURCE, VORTEX, CHANNEL = 0.0, 1.0, 2.0
 _COLUMNS = 11
 _TWO_OVER_E = 2.0 / np.e
+_NARROWEST = 1e-100  # m, of a channel: the square of its inverse must be finite
 _NOTHING_LEFT = 600.0  # exp(-600) = 3e-261: beyond it exp underflows, which takes libraries many times as long
 
 
@@ -169,8 +170,10 @@ class FlowField:
         vortices = _rows(self.vortices, 3 if n == 2 else 7, "vortex")
         channels = _rows(self.channels, 2 * n + 3, "channel")
         length = np.linalg.norm(channels[:, n : 2 * n], axis=1)
-        if np.any(length == 0.0) or np.any(channels[:, 2 * n + 1 :] <= 0.0):
-            raise InputError("a channel needs a non-zero direction and a positive width and length")
+        if np.any(length == 0.0) or not np.all(channels[:, 2 * n + 1 :] >= _NARROWEST):
+            raise InputError(
+                f"a channel needs a non-zero direction and a positive width and length, of {_NARROWEST:g} m at least"
+            )
         # A kernel without strength is no kernel: left in, it would be 0 / 0 at a centre without a core.
         sources, vortices = sources[sources[:, n] != 0.0], vortices[vortices[:, -1] != 0.0]
         channels, length = channels[channels[:, 2 * n] != 0.0], length[channels[:, 2 * n] != 0.0]

@@ -5,6 +5,7 @@ linearisation; and the two ways of closing the loop against each other.
 """
 
 import json
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -188,6 +189,16 @@ def test_a_large_team_is_decided_over_the_interval_of_its_spectrum(monkeypatch: 
     assert rough.largest_gain == pytest.approx(exact.largest_gain, rel=2e-3)
     assert rough.spectral_radius == pytest.approx(exact.spectral_radius, rel=1e-6)
     assert loop_of(scenario, 5.0).stable is False
+
+
+def test_a_hold_of_hours_leaves_no_trace_of_what_a_vehicle_does_by_itself() -> None:
+    """Its modes decay to a factor of exactly 0 within a period: no warning, and no growth."""
+    scenario = chain(["hull"] * 2, period=2e4)
+    scenario["time"]["end"] = 1e5
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert loop_of(scenario, 1e-5).stable is True
+        assert loop_of(scenario, 1e-3).stable is False
 
 
 def test_a_thousand_hexarotors_are_decided() -> None:

@@ -1,7 +1,11 @@
 """The spectrum of H, by the dense path and by Lanczos.
 
-Oracle: dense eigenvalues and singular values of the same matrices; values known by hand where H is nearly singular.
+Oracle: dense eigenvalues and singular values of the same matrices; values known by hand, and an inverse in rational
+numbers, where H is nearly singular.
 """
+
+from fractions import Fraction
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -15,7 +19,7 @@ from mjsheaf.checking.spectrum import (
     smallest_eigenvalue,
     spectrum_of,
 )
-from mjsheaf.team import Team, anchor
+from mjsheaf.team import Edge, Team, anchor
 
 from .teams import LAWS, coboundary, edge, hold, shared_teams, team, whole_number_teams
 
@@ -108,6 +112,44 @@ def test_a_nearly_singular_h_is_right_to_the_last_digits(weight: float) -> None:
     # Two boats that agree on y, one of them held weakly: half the weight, to first order.
     assert spectrum_of(pair).lambda_min == pytest.approx(0.5 * weight, rel=0.3 if weight == 1.0 else 2e-4)
     assert smallest_eigenvalue(agent_coboundary(pair)) == pytest.approx(spectrum_of(pair).lambda_min, rel=1e-9)
+
+
+def exact_inverse(H: list[list[Fraction]]) -> np.ndarray:
+    """H^-1 by Gauss and Jordan in rational numbers, rounded once."""
+    n = len(H)
+    rows = [[*row, *(Fraction(int(i == j)) for j in range(n))] for i, row in enumerate(H)]
+    for k in range(n):  # H is positive definite: no pivot is 0
+        rows[k] = [x / rows[k][k] for x in rows[k]]
+        for i in range(n):
+            if i != k and rows[i][k]:
+                rows[i] = [x - rows[i][k] * y for x, y in zip(rows[i], rows[k], strict=True)]
+    return np.array([[float(x) for x in row[n:]] for row in rows])
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_many_weak_edges_beside_a_stiff_one(seed: int) -> None:
+    """Weights over 15 decades: eigenvectors of H mix all that is weak, and lambda_min must not come out too large."""
+    rng = np.random.default_rng([seed, 5])
+    names = [f"B{k}" for k in range(7)]
+    weights = [1e9, *(1e-6 * rng.uniform(1, 10, 2 * len(names)))]
+
+    def some(tail: str, head: str) -> Edge:
+        F_tail, F_head = rng.standard_normal((2, 2, 2))
+        return Edge(tail, head, F_tail, F_head, weights.pop(0) * np.eye(2))
+
+    links = [some(a, b) for a, b in pairwise(names)]
+    large = team(" ".join(names), "S1", links, [some(name, "S1") for name in names])
+    H = [[Fraction(0)] * 14 for _ in range(14)]
+    for e in [*links, *large.sensing]:
+        for F_tail, F_head in zip(e.F_tail, e.F_head, strict=True):
+            ends = [(e.tail, F_tail), (e.head, -F_head)]
+            row = {2 * names.index(v) + k: Fraction(F[k]) for v, F in ends if v in names for k in range(2)}
+            for a in row:
+                for b in row:
+                    H[a][b] += Fraction(e.weight[0, 0]) * row[a] * row[b]
+    expected = 1.0 / np.linalg.norm(exact_inverse(H), 2)
+    assert spectrum_of(large).lambda_min == pytest.approx(expected, rel=1e-9)
+    assert smallest_eigenvalue(agent_coboundary(large)) == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize("gain", [1e-8, 2e-9, 0.5e-9, 1e-14])

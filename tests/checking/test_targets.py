@@ -116,6 +116,23 @@ def test_a_target_at_rest_is_known_however_near_the_origin(place: float) -> None
     assert path.cells is not None
 
 
+def test_a_motion_that_is_too_fast_for_so_late_a_time_is_not_known() -> None:
+    """At 1e6 s the phase of 1000 rad/s is good to 1e-7 rad; there is no singularity anywhere."""
+    scenario: dict[str, Any] = {
+        "name": "late",
+        "time": {"start": 1e6, "end": 1e6 + 1.0},
+        "controller": {"gain": 4.0, "control_period": 0, "record_period": 0.05},
+        "agents": [{"id": "A", "position": [0.0, 0.0]}],
+        "targets": [{"id": "T", "position": [0.0, 0.0]}],
+        "sensing": [["A", "T"]],
+    }
+    motion = {"kind": "lissajous", "amplitude": [1.0, 0.5], "rate": [1e3, 1.3e3], "phase": [0.3, 1.0]}
+    scenario["targets"][0]["motion"] = motion
+    path = follow_targets(scenario_from_mapping(scenario).system())
+    assert path.cells is None
+    assert "moves too fast for what numbers resolve so late" in path.complaint
+
+
 def test_a_sensitive_path_is_not_known() -> None:
     """A target between two hyperbolic points of a strong flow: the last digit decides where it goes."""
     vortices = [{"centre": [x, y], "gamma": 100.0 * (-1) ** (x + y)} for x in range(-1, 3) for y in range(-1, 3)]

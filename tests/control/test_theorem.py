@@ -261,6 +261,18 @@ def test_no_loop_leaves_d_or_exceeds_the_bound(
             assert (error <= t.bound(size, run.t) * (1 + 1e-8) + 1e-10).all()
 
 
+@pytest.mark.parametrize("rate", [0.2, 1e-6, 1e-12, 1e-300, 5e-324])
+def test_the_bound_grows_from_the_first_moment(rate: float) -> None:
+    """e' = -e + 1 from rest is 1 - exp(-t), however slow the rate is beside the time: V' <= mu gives 2 mu t."""
+    t, time = theorem_1(1.0, 1.0, 1.0, 0.0, 0.0, rate), np.geomspace(1e-15, 1.0, 40)
+    assert t.contains(0.0)
+    assert t.contains(1e3)
+    assert np.all(t.bound(0.0, time) >= -np.expm1(-time))
+    short = rate * time < 1e-9
+    np.testing.assert_allclose(t.bound(0.0, time[short]), np.sqrt(2.0 * t.mu * time[short]), rtol=1e-8)
+    assert t.bound(2.0, 0.0) == 2.0
+
+
 def test_the_sets_are_not_vacuous() -> None:
     """An error not far outside of D blows up in finite time; a drive past the gain condition has no ultimate set."""
     t = theorem_1(20.0, 1.0, 0.5, 0.5, PolynomialRho([0.5, 1.0]), rate=1.0)
