@@ -34,7 +34,7 @@ from mjsheaf.checking.region import FARTHEST, Constants, Region, Tube, speed_eve
 from mjsheaf.checking.spectrum import Spectrum, spectrum_of
 from mjsheaf.checking.targets import follow_targets, own_rate
 from mjsheaf.checking.threads import one_thread
-from mjsheaf.control.rho import Rho
+from mjsheaf.control.rho import ConstantRho, Rho
 from mjsheaf.control.theorem import Theorem, disturbance_bound, theorem_1
 from mjsheaf.dynamics.disturbance import bounds
 from mjsheaf.dynamics.effectiveness import without_full_row_rank
@@ -246,7 +246,9 @@ def _gain_condition(
     if not np.isfinite(constants.difference.bound):
         return "the targets' drift or the flow at q* is unbounded along the targets' path"
     if not np.isfinite(rho):
-        return "a field is singular inside the region"
+        at = f"the initial error of {constants.initial_error:.4g} m"
+        given = not isinstance(theorem.rho, ConstantRho)
+        return f"rho is infinite at {at}" if given else "a field is singular inside the region"
     if theorem.contains(constants.initial_error):
         return ""
     if theorem.applies:

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import asdict, dataclass
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -67,8 +68,8 @@ class Examination:
 def examine(system: System, *, rate: float | None = None, radius: float = 1.0, rho: Rho | None = None) -> Examination:
     """`check` of a system, as a typed record with its certificate."""
     for name, value in (("rate", rate), ("radius", radius)):
-        if value is not None and not 0.0 < value < math.inf:
-            raise InputError(f"{name} is {value}; it must be positive and finite")
+        if value is not None and not (isinstance(value, Real) and 0.0 < value < math.inf):
+            raise InputError(f"{name} is {value!r}; it must be positive and finite")
     certificate = certify(system, rate, rho)
     cohomology = certificate.cohomology
     margins = _margins(system, certificate)

@@ -135,6 +135,8 @@ def test_bad_rate_and_radius() -> None:
     for rate, radius in ((-1.0, 1.0), (None, 0.0), (None, float("nan"))):
         with pytest.raises(InputError, match="must be positive"):
             mjsheaf.check(scenario, rate=rate, radius=radius)
+    with pytest.raises(InputError, match="must be positive"):
+        mjsheaf.check(scenario, rate="fast")  # type: ignore[arg-type]
 
 
 def test_a_bound_is_not_claimed_beside_a_speed_limit_or_an_unstable_hold() -> None:
