@@ -2,9 +2,11 @@
 
 A description names an MJCF file, which may include others and name meshes, textures and height fields. They are looked
 through before MuJoCo or PyMJCF open any of them. MuJoCo loads no code by MJCF, but a plugin that it has already loaded
-may do anything: plugins are refused.
+may do anything: plugins are refused. So is what MuJoCo would not survive: copies of copies without end, pictures larger
+than any memory, and numbers that are none, with which it goes on after a warning.
 """
 
+import math
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.parsers import expat
@@ -14,6 +16,12 @@ from mjsheaf.errors import InputError
 
 _LARGEST_FILE = 20_000_000  # bytes, of one XML file
 _DEEPEST = 100  # elements within one another
+_MOST_COPIES = 1000  # that one element asks for, by elements within one another
+_LARGEST_GRID = 4096**2  # pixels of a texture, points of a height field
+_LARGEST_NUMBER = 1e12
+_COPYING = ("replicate", "composite", "flexcomp")
+_GRIDS = {"texture": ("width", "height"), "hfield": ("nrow", "ncol")}
+_WORDS = ("name", "class", "childclass")  # attributes that are words, whatever they look like
 _DIRECTORIES = ("meshdir", "texturedir", "assetdir")
 _IN_MESHDIR = ("mesh", "hfield", "skin")
 
@@ -100,10 +108,23 @@ def _read(path: Path, names: _Names) -> None:
         InputError: it cannot be read, is not MJCF, declares a document type, or has a plugin.
     """
     parser = expat.ParserCreate("utf-8")
-    depth = 0
+    depth, copies = 0, [1.0]
 
     def begin(tag: str, attributes: dict[str, str]) -> None:
         nonlocal depth
+        numbers = {key: _numbers(value) for key, value in attributes.items() if key not in _WORDS}
+        for key, found in numbers.items():
+            if not all(abs(x) <= _LARGEST_NUMBER for x in found):
+                where = f"{path}: line {parser.CurrentLineNumber}: <{tag}>: {key}"
+                raise InputError(f"{where} is {attributes[key][:50]}; expected numbers of at most {_LARGEST_NUMBER:g}")
+        copies.append(copies[-1] * math.prod(numbers.get("count", [1.0]) if tag in _COPYING else [1.0]))
+        if copies[-1] > _MOST_COPIES:
+            what = f"{path}: line {parser.CurrentLineNumber}: <{tag}>"
+            raise InputError(f"{what} asks for {copies[-1]:g} copies; expected at most {_MOST_COPIES}")
+        size = math.prod(numbers.get(key, [1.0])[0] for key in _GRIDS.get(tag, ()) if numbers.get(key, [1.0]))
+        if size > _LARGEST_GRID:
+            what = f"{path}: line {parser.CurrentLineNumber}: <{tag}>"
+            raise InputError(f"{what} has {size:g} points; expected at most {_LARGEST_GRID}")
         if depth == 0 and tag not in ("mujoco", "mujocoinclude"):
             raise InputError(f"{path}: its root is <{tag}>; expected <mujoco>")
         depth += 1
@@ -120,6 +141,7 @@ def _read(path: Path, names: _Names) -> None:
     def end(tag: str) -> None:
         nonlocal depth
         depth -= 1
+        copies.pop()
 
     def doctype(*_: Any) -> None:
         raise InputError(f"{path}: a document type is not allowed; leave <!DOCTYPE out")
@@ -137,3 +159,11 @@ def _read(path: Path, names: _Names) -> None:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
     except expat.ExpatError as error:
         raise InputError(f"{path}: not XML: {error}") from None
+
+
+def _numbers(value: str) -> list[float]:
+    """The numbers of which an attribute is made, or none where one of its words is no number."""
+    try:
+        return [float(word) for word in value.split()]
+    except ValueError:
+        return []
