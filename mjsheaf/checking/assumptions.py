@@ -40,15 +40,25 @@ class Assumption:
     witness: str
 
 
+@dataclass(frozen=True)
+class _Effectiveness:
+    """Singular values of the g of an agent or a kind of body, largest first, and the units of g and of g^+."""
+
+    who: str
+    singular: NDArray[np.floating]
+    unit: str
+    inverse_unit: str
+
+
 def decide(system: System, region: Region, constants: Constants, cohomology: RelativeCohomology) -> list[Assumption]:
     """Decide all seven assumptions over a region."""
     vehicles = dict(zip(system.bodies.vehicle, vehicles_of(system), strict=True))
-    smooth = _smooth(system, region, constants)
+    smooth, effectiveness = _smooth(system, region, constants), _effectiveness(system, vehicles)
     return [
         smooth,
-        _full_row_rank(system, vehicles),
+        _full_row_rank(effectiveness),
         _disturbances(constants),
-        _bounded_inverse(system, vehicles),
+        _bounded_inverse(effectiveness),
         _topology(system.team),
         _cohomology(cohomology),
         _bounded_difference(region, constants, smooth, cohomology.dimension > 0),
@@ -72,7 +82,7 @@ def _smooth(system: System, region: Region, constants: Constants) -> Assumption:
     if region.verified and np.isfinite(rho.upper):
         witness = f"the singular kernels lie outside the agents' region, where the field is steepest near ({at})"
         return Assumption(1, name, "holds", rho.upper, "1/s", witness)
-    between = tube_guessed(system, region.path, margin=0.0).slope(system)
+    between = tube_guessed(system, region.path, margin=0.0).slope
     if not np.isfinite(between.upper):
         at = ", ".join(f"{x:.3g}" for x in np.atleast_1d(between.where))
         witness = f"the field that agents meet is singular at ({at}), inside their region: a core radius is 0"
@@ -85,27 +95,17 @@ def _has_poles(system: System, first: int, last: int) -> bool:
     return any(len(singular_points(flow, planar=planar)) for flow, planar in system.fields_met(first, last))
 
 
-def _full_row_rank(system: System, vehicles: dict[str, Vehicle]) -> Assumption:
+def _full_row_rank(effectiveness: list[_Effectiveness]) -> Assumption:
     """g = R W with a rotation R: its singular values are those of W, wherever the agent is."""
     name = "g has full row rank"
     where = "the same at every position and heading, as g only turns with them"
-    for g in _effectiveness(system, vehicles):
+    for g in effectiveness:
         if is_rank_deficient(g.singular):
             witness = f"{g.who} cannot push in every direction of its state space, {where}"
             return Assumption(2, name, "fails", float(g.singular[-1]), g.unit, witness)
-    least = min(_effectiveness(system, vehicles), key=lambda g: g.singular[-1])
+    least = min(effectiveness, key=lambda g: g.singular[-1])
     witness = f"smallest singular value, that of {least.who}; {where}"
     return Assumption(2, name, "holds", float(least.singular[-1]), least.unit, witness)
-
-
-@dataclass(frozen=True)
-class _Effectiveness:
-    """Singular values of the g of an agent or a kind of body, largest first, and the units of g and of g^+."""
-
-    who: str
-    singular: NDArray[np.floating]
-    unit: str
-    inverse_unit: str
 
 
 def _effectiveness(system: System, vehicles: dict[str, Vehicle]) -> list[_Effectiveness]:
@@ -128,13 +128,13 @@ def _disturbances(constants: Constants) -> Assumption:
     return Assumption(3, "disturbances are continuous and bounded", "holds", largest, "m/s", witness)
 
 
-def _bounded_inverse(system: System, vehicles: dict[str, Vehicle]) -> Assumption:
+def _bounded_inverse(effectiveness: list[_Effectiveness]) -> Assumption:
     name = "g^+ is continuous and bounded"
-    for g in _effectiveness(system, vehicles):
+    for g in effectiveness:
         if is_rank_deficient(g.singular):
             witness = f"g of {g.who} loses rank, so that g^+ is not bounded near it"
             return Assumption(4, name, "fails", None, "", witness)
-    least = min(_effectiveness(system, vehicles), key=lambda g: g.singular[-1])
+    least = min(effectiveness, key=lambda g: g.singular[-1])
     witness = f"largest gain of g^+, that of {least.who}"
     return Assumption(4, name, "holds", float(1.0 / least.singular[-1]), least.inverse_unit, witness)
 

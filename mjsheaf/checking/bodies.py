@@ -27,8 +27,8 @@ from mjsheaf.backends.physics.world import whole_ratio
 from mjsheaf.backends.system import System
 from mjsheaf.checking.drift import agent_drift
 from mjsheaf.checking.spectrum import DENSE_STATES, Spectrum
-from mjsheaf.checking.threads import one_thread
 from mjsheaf.errors import InputError
+from mjsheaf.threads import one_thread
 
 Array = NDArray[np.float64]
 

@@ -33,11 +33,11 @@ from mjsheaf.checking.drift import difference_along
 from mjsheaf.checking.region import FARTHEST, Constants, Region, Tube, speed_everywhere, tube_about, tube_guessed
 from mjsheaf.checking.spectrum import Spectrum, spectrum_of
 from mjsheaf.checking.targets import follow_targets, own_rate
-from mjsheaf.checking.threads import one_thread
 from mjsheaf.control.rho import ConstantRho, Rho
 from mjsheaf.control.theorem import Theorem, disturbance_bound, theorem_1
 from mjsheaf.dynamics.disturbance import bounds
 from mjsheaf.dynamics.effectiveness import without_full_row_rank
+from mjsheaf.threads import one_thread
 
 Array = NDArray[np.float64]
 
@@ -159,20 +159,20 @@ class _Search:
             return self._over(tube_guessed(self._system, self._path), self._guess(
                 why if not known else "the harmonic extension is not unique"), False)  # fmt: skip
         for rate in dict.fromkeys([self._rate, None]):  # without the rate wanted, where that is too fast
-            theorem = self._own_slope(rate)
-            if theorem is not None:
-                region, constants, _ = self._over(self._tube(theorem), "a tube about q* as wide as the bound", True)
+            theorem, tube = self._own_slope(rate)
+            if tube is not None:
+                region, constants, found = self._over(tube, "a tube about q* as wide as the bound", True)
                 if self._rho is not None:
-                    return region, constants, self._theorem(self._rho, self._rate)
+                    return region, constants, found
                 # The slope that was assumed may be a little more than what its tube has.
-                rho = replace(constants.rho, upper=max(theorem.lipschitz, constants.rho.upper))
+                rho = replace(constants.rho, upper=theorem.lipschitz)
                 return region, replace(constants, rho=rho), self._theorem(rho.upper, self._rate)
         weaker = self.weaker(speed_everywhere(self._system))
         if not self._confines(weaker):
             guess = self._guess("no bound confines the agents")
             return self._over(tube_guessed(self._system, self._path), guess, False)
         tube = self._tube(weaker).joined()
-        narrower = self.weaker(tube.speed(self._system).upper)
+        narrower = self.weaker(tube.speed.upper)
         if narrower.radius < _ENOUGH * weaker.radius:
             tube = self._tube(narrower).joined()
         return self._over(tube, "a tube about q* as wide as the weaker bound", True)
@@ -187,21 +187,20 @@ class _Search:
             self._system.gain, self.spectrum.lambda_min, f_bar, self._omega_bar, rho, rate, self._initial_error
         )
 
-    def _own_slope(self, rate: float | None) -> Theorem | None:
-        """Theorem 1 with a rho that holds over the tube of its own bound, or None."""
+    def _own_slope(self, rate: float | None) -> tuple[Theorem, Tube | None]:
+        """Theorem 1 with a rho that holds over the tube of its own bound, and that tube; None where there is none."""
         if self._rho is not None:
             theorem = self._theorem(self._rho, rate)
-            return theorem if self._confines(theorem) else None
-        slope = 0.0
+            return theorem, self._tube(theorem) if self._confines(theorem) else None
+        theorem = self._theorem(0.0, rate)
         for _ in range(_ROUNDS):
-            theorem = self._theorem(slope, rate)
             if not self._confines(theorem):
-                return None
-            needed = self._tube(theorem).slope(self._system).upper
-            if needed <= slope:
-                return theorem
-            slope = _STEP * needed
-        return None
+                break
+            tube = self._tube(theorem)
+            if tube.slope.upper <= theorem.lipschitz:
+                return theorem, tube
+            theorem = self._theorem(_STEP * tube.slope.upper, rate)
+        return theorem, None
 
     def _confines(self, bound: Theorem) -> bool:
         """Whether a bound keeps the agents in a region that can be looked at."""
@@ -221,8 +220,8 @@ class _Search:
     def _over(self, tube: Tube, source: str, verified: bool) -> tuple[Region, Constants, Theorem]:
         constants = Constants(
             difference=self._difference,
-            rho=tube.slope(self._system),
-            speed=tube.speed(self._system),
+            rho=tube.slope,
+            speed=tube.speed,
             largest_disturbance=self._largest,
             omega_bar=self._omega_bar,
             initial_error=self._initial_error,

@@ -20,11 +20,11 @@ from mjsheaf.checking.margins import body_margin, hold_margin, speed_demands, st
 from mjsheaf.checking.mending import MendPlan, mend
 from mjsheaf.checking.region import Region
 from mjsheaf.checking.targets import TargetPath
-from mjsheaf.checking.threads import one_thread
 from mjsheaf.control.rho import Rho, RhoLike, as_rho
 from mjsheaf.control.theorem import gain_for_radius
 from mjsheaf.errors import InputError
 from mjsheaf.scenario import Scenario
+from mjsheaf.threads import one_thread
 
 Array = NDArray[np.float64]
 

@@ -6,6 +6,7 @@ tube of that radius hold along the run, whatever the run records, and whether th
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,14 +27,16 @@ FARTHEST = 1e12
 """m: a box of this size is the whole space."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Tube:
-    """Boxes that hold the agents over spans of time.
+    """Boxes that hold the agents of a system over spans of time.
 
     Attributes:
+        system: the system.
         low, high: corners, shape (S, N, 3), m.
     """
 
+    system: System
     low: Array
     high: Array
 
@@ -43,18 +46,21 @@ class Tube:
 
     def joined(self) -> "Tube":
         """One box that holds all, for every agent."""
-        return Tube(*(np.tile(corner, (1, self.low.shape[1], 1)) for corner in self.corners()))
+        low, high = (np.tile(corner, (1, self.low.shape[1], 1)) for corner in self.corners())
+        return Tube(self.system, low, high)
 
-    def slope(self, system: System) -> Supremum:
+    @cached_property
+    def slope(self) -> Supremum:
         """rho: the largest Lipschitz constant of the flow that agents meet in their boxes, 1/s."""
-        return self._largest(system, lipschitz_constant)
+        return self._largest(lipschitz_constant)
 
-    def speed(self, system: System) -> Supremum:
+    @cached_property
+    def speed(self) -> Supremum:
         """The largest speed of the flow that agents meet in their boxes, without uniform drift, m/s."""
-        return self._largest(system, lambda *box, planar: largest_speed(*box, planar=planar, drift=False))
+        return self._largest(lambda *box, planar: largest_speed(*box, planar=planar, drift=False))
 
-    def _largest(self, system: System, of: Callable[..., Supremum]) -> Supremum:
-        members, found = system.team.members, []
+    def _largest(self, of: Callable[..., Supremum]) -> Supremum:
+        system, members, found = self.system, self.system.team.members, []
         kinds = [(int(system.field[i]), members[i].dimension == 2) for i in range(self.low.shape[1])]
         for field, planar in dict.fromkeys(kinds):
             own = [i for i, kind in enumerate(kinds) if kind == (field, planar)]
@@ -115,7 +121,7 @@ def tube_about(system: System, path: TargetPath, carrier: Carrier, radius: Radiu
     low, high = centre - wide[..., None], centre + wide[..., None]
     planar = np.array([agent.dimension == 2 for agent in system.team.agents])
     low[:, planar, 2] = high[:, planar, 2] = 0.0
-    tube = Tube(low, high)
+    tube = Tube(system, low, high)
     return tube if N <= _MOST_BOXES else tube.joined()
 
 
@@ -126,10 +132,10 @@ def tube_guessed(system: System, path: TargetPath, margin: float = 0.5) -> Tube:
     low, high = both.min(axis=(0, 1)), both.max(axis=(0, 1))
     widen = margin * np.maximum(high - low, 1.0)
     widen[2] *= any(agent.dimension == 3 for agent in system.team.agents)
-    return Tube(*(np.tile(x, (1, N, 1)) for x in (low - widen, high + widen)))
+    return Tube(system, *(np.tile(x, (1, N, 1)) for x in (low - widen, high + widen)))
 
 
 def speed_everywhere(system: System) -> float:
     """A bound on the speed of the flow that agents meet anywhere, without uniform drift, m/s."""
     whole = np.full((1, len(system.team.agents), 3), FARTHEST)
-    return Tube(-whole, whole).speed(system).upper
+    return Tube(system, -whole, whole).speed.upper

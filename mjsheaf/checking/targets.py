@@ -51,7 +51,7 @@ _NEARLY = 1.0 - 1e-6  # of what is left of a period: taken for all of it
 _ERROR, _RELATIVE_ERROR = 1e-6, 1e-8  # at least allowed of the path: m, and relative to its farthest position
 _COMPARED = 2000  # instants of a continuous law at which two integrations are compared, at least about
 _DIFFERENCES = 20.0  # of two integrations, that are allowed
-_LARGEST_ERROR = 1e-4  # relative to its farthest position: a path that may be farther off is not known
+_LARGEST_ERROR = 1e-4  # m, and relative to its farthest position: a path that may be farther off is not known
 
 _DONE, _FULL, _STUCK = 0, 1, 2
 

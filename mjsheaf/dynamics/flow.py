@@ -65,6 +65,14 @@ def flow_velocity(table, x, y, z):
 
 
 @part
+def _channel_place(c, rx, ry, rz):
+    """Where an offset (rx, ry, rz) from its centre lies in a channel: l along it, and |n|^2 across."""
+    along = rx * c[5] + ry * c[6] + rz * c[7]
+    nx, ny, nz = rx - along * c[5], ry - along * c[6], rz - along * c[7]
+    return along, nx * nx + ny * ny + nz * nz
+
+
+@part
 def flow_slope(table, x, y, z, radius):
     """A bound on the Jacobian's spectral norm over the ball about a point, 1/s: the Lipschitz constant there.
 
@@ -79,9 +87,8 @@ def flow_slope(table, x, y, z, radius):
         c = table[k]
         rx, ry, rz = x - c[2], y - c[3], (z - c[4]) * c[1]
         if c[0] == CHANNEL:
-            along = rx * c[5] + ry * c[6] + rz * c[7]
-            nx, ny, nz = rx - along * c[5], ry - along * c[6], rz - along * c[7]
-            across = np.sqrt(nx * nx + ny * ny + nz * nz)
+            along, across2 = _channel_place(c, rx, ry, rz)
+            across = np.sqrt(across2)
             near, low = max(across - radius, 0.0), max(abs(along) - radius, 0.0)
             strongest = np.exp(-min(near * near * c[9] + low * low * c[10], _NOTHING_LEFT))
             steepest = 2.0 * np.sqrt((c[9] * (across + radius)) ** 2 + (c[10] * (abs(along) + radius)) ** 2)
@@ -108,9 +115,8 @@ def flow_scale(table, x, y, z):
         c = table[k]
         rx, ry, rz = x - c[2], y - c[3], (z - c[4]) * c[1]
         if c[0] == CHANNEL:
-            along = rx * c[5] + ry * c[6] + rz * c[7]
-            nx, ny, nz = rx - along * c[5], ry - along * c[6], rz - along * c[7]
-            widths = np.sqrt(2.0 * (c[9] * (nx * nx + ny * ny + nz * nz) + c[10] * along * along))
+            along, across2 = _channel_place(c, rx, ry, rz)
+            widths = np.sqrt(2.0 * (c[9] * across2 + c[10] * along * along))
             smallest = min(smallest, max(1.0, widths - 9.0) / np.sqrt(2.0 * max(c[9], c[10])))
         else:
             smallest = min(smallest, np.sqrt(rx * rx + ry * ry + rz * rz + c[9]))
