@@ -9,21 +9,22 @@ from typing import TYPE_CHECKING, Any
 from mjsheaf._version import __version__
 
 if TYPE_CHECKING:
-    from mjsheaf.backends.physics import World, load_vehicle
     from mjsheaf.checking import check
     from mjsheaf.scenario import Scenario, load_scenario
     from mjsheaf.sheaf import Sheaf
-    from mjsheaf.simulation import simulate, simulate_many
+    from mjsheaf.simulation.loop import World
+    from mjsheaf.simulation.run import simulate, simulate_many
+    from mjsheaf.vehicles.loading import load_vehicle
 
 _HOME = {
     "Sheaf": "mjsheaf.sheaf",
     "Scenario": "mjsheaf.scenario",
     "load_scenario": "mjsheaf.scenario",
-    "simulate": "mjsheaf.simulation",
-    "simulate_many": "mjsheaf.simulation",
+    "simulate": "mjsheaf.simulation.run",
+    "simulate_many": "mjsheaf.simulation.run",
     "check": "mjsheaf.checking",
-    "World": "mjsheaf.backends.physics",
-    "load_vehicle": "mjsheaf.backends.physics",
+    "World": "mjsheaf.simulation.loop",
+    "load_vehicle": "mjsheaf.vehicles.loading",
 }
 
 __all__ = [

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import xarray as xr
 
-from mjsheaf.plots.palette import group_of_vehicles, palette
+from mjsheaf.plotting import group_of_vehicles, palette
 from mjsheaf.recorded import Recorded
 from mjsheaf.scenario import Scenario
 from mjsheaf.video import Film, VideoOptions
@@ -14,8 +14,8 @@ from mjsheaf.video import Film, VideoOptions
 DRAFT_FPS = 15
 
 if TYPE_CHECKING:
-    from mjsheaf.backends.system import System
     from mjsheaf.engine import mujoco
+    from mjsheaf.system import System
 
 
 def film_run(
@@ -53,7 +53,7 @@ def film_of(scenario: Scenario, dataset: xr.Dataset, system: "System | None" = N
         dataset: its data, in memory or opened: the film reads from it as it is drawn.
         system: the scenario's, where it was built already.
     """
-    from mjsheaf.backends.physics.world import arena_of
+    from mjsheaf.simulation.loop import arena_of
 
     system = scenario.system() if system is None else system
     team = system.team

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
-    from mjsheaf.expecting import Trial
+    from mjsheaf.runs.expecting import Trial
     from mjsheaf.scenario import Scenario
 
 _SUFFIXES = (".yaml", ".yml")
@@ -62,7 +62,7 @@ def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> "ScenarioF
 def _expects(path: Path) -> bool | None:
     """Whether a scenario has an `expect:` block; None for what is no scenario, which is left alone."""
     from mjsheaf.errors import ScenarioError
-    from mjsheaf.reading import read_yaml
+    from mjsheaf.io.yaml import read_yaml
 
     try:
         text = path.read_bytes().decode("utf-8", errors="replace")
@@ -90,7 +90,7 @@ class ScenarioFile(pytest.File):
     def collect(self) -> Iterator[pytest.Item]:
         """One test for each backend with bounds, or one for a refusal, or one that tells what is wrong."""
         from mjsheaf.errors import MjsheafError
-        from mjsheaf.expecting import expected_backends
+        from mjsheaf.runs.expecting import expected_backends
 
         if not self.expects and not self.named:
             yield Nothing.from_parent(self, name="expect")
@@ -150,7 +150,7 @@ class Expectation(_Item):
     def runtest(self) -> None:
         """Run the scenario and compare."""
         from mjsheaf.errors import MjsheafError
-        from mjsheaf.expecting import describe, loose, miss, missed, try_scenario
+        from mjsheaf.runs.expecting import describe, loose, miss, missed, try_scenario
 
         scenario = self.parent.load()
         place = self._place()

@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from mjsheaf.results.file import length_of_piece
+from mjsheaf.results.netcdf import length_of_piece
 from mjsheaf.video.series import KEPT, Blocks
 
 Array = NDArray[np.float64]

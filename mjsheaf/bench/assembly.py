@@ -3,9 +3,9 @@
 from time import perf_counter
 from typing import Any
 
-from mjsheaf.backends.physics import World
 from mjsheaf.bench.rows import Row, at_most
 from mjsheaf.bench.swarm import swarm
+from mjsheaf.simulation.loop import World
 
 WANTED_S = 6.0
 

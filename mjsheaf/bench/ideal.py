@@ -3,9 +3,9 @@
 from typing import Any
 
 import mjsheaf
-from mjsheaf.backends.ideal import run_ideal
 from mjsheaf.bench.clock import best_cpu
 from mjsheaf.bench.rows import Row, at_most, informs
+from mjsheaf.simulation.ideal import run_ideal
 
 WANTED_S = 0.3
 

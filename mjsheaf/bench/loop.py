@@ -4,12 +4,12 @@ from statistics import median
 from typing import Any
 
 import mjsheaf
-from mjsheaf.backends.physics import World
 from mjsheaf.bench.clock import cpu_time
 from mjsheaf.bench.rows import Row, at_most
 from mjsheaf.bench.swarm import swarm
 from mjsheaf.engine import mujoco
 from mjsheaf.scenario import Scenario
+from mjsheaf.simulation.loop import World
 
 OVERHEAD = 1.25
 """Wanted: time of a step with the loop closed, over that of a bare step."""

@@ -56,9 +56,9 @@ def measure_peers(sizes: tuple[int, ...] = SIZES, repetitions: int = 5) -> dict[
 
 def our_rates(size: int, repetitions: int) -> tuple[float, float]:
     """Vehicle-steps per second of `World.step`, and of bare `mj_step`: quadrotors that follow another in wind."""
-    from mjsheaf.backends.physics import World
     from mjsheaf.bench.swarm import swarm
     from mjsheaf.engine import mujoco
+    from mjsheaf.simulation.loop import World
 
     # The target is a vehicle too. No disturbance, as peers have none; wind there is.
     rates = {"physics__timestep": 0.002, "controller__control_period": 0.01}

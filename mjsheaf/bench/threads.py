@@ -6,7 +6,7 @@ from typing import Any
 
 import mjsheaf
 from mjsheaf.bench.rows import Row, at_least, informs
-from mjsheaf.simulation import usable_processors
+from mjsheaf.simulation.run import usable_processors
 
 WANTED = 0.9
 """Wanted: the speed-up over the number of threads; 1.8 on two cores."""

@@ -58,7 +58,7 @@ def child(end: float) -> None:
     """Measure in this process and print JSON."""
     import mjsheaf
     from mjsheaf.filming import film_of, video_options
-    from mjsheaf.running import execute
+    from mjsheaf.runs.publish import execute
     from mjsheaf.video.draw import Painter
 
     scenario = mjsheaf.load_scenario("paper", {"time.end": min(end, 49.99)})

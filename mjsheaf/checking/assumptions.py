@@ -7,13 +7,14 @@ import networkx
 import numpy as np
 from numpy.typing import NDArray
 
-from mjsheaf.backends.physics import Vehicle, vehicles_of
-from mjsheaf.backends.system import System
+from mjsheaf.checking.certificate import Constants, Region, tube_guessed
 from mjsheaf.checking.cohomology import RelativeCohomology
-from mjsheaf.checking.region import Constants, Region, tube_guessed
 from mjsheaf.dynamics.bounds import singular_points
 from mjsheaf.dynamics.effectiveness import is_rank_deficient
+from mjsheaf.simulation.loop import vehicles_of
+from mjsheaf.system import System
 from mjsheaf.team import Edge, Team
+from mjsheaf.vehicles.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 Verdict = Literal["holds", "fails", "undecided"]

@@ -1,7 +1,7 @@
 """The loop of the real vehicles: whether the team is stable on bodies, and up to which gain.
 
 Each vehicle is linearised about the equilibrium in which it holds station in the mean flow that it would meet (see
-`backends.physics.linear`), and all are closed through u = -k1 H e. Where every agent is the same vehicle in the same
+`simulation.linear`), and all are closed through u = -k1 H e. Where every agent is the same vehicle in the same
 flow, the team falls apart into one small matrix for each eigenvalue of H, whatever its size; else the matrix is that of
 the whole team, up to LARGEST_WHOLE states that act on one another. Beyond that, vehicles whose answers to a command
 differ by 2 % at most count as the same, and of others nothing is claimed.
@@ -21,14 +21,14 @@ from scipy.integrate import trapezoid
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import eigsh
 
-from mjsheaf.backends.physics import Vehicle, vehicles_of
-from mjsheaf.backends.physics.linear import LinearVehicle, Station, linearise
-from mjsheaf.backends.physics.world import whole_ratio
-from mjsheaf.backends.system import System
+from mjsheaf.checking.cohomology import DENSE_STATES, Spectrum
 from mjsheaf.checking.drift import agent_drift
-from mjsheaf.checking.spectrum import DENSE_STATES, Spectrum
 from mjsheaf.errors import InputError
+from mjsheaf.simulation.linear import LinearVehicle, Station, linearise
+from mjsheaf.simulation.loop import vehicles_of, whole_ratio
+from mjsheaf.system import System
 from mjsheaf.threads import one_thread
+from mjsheaf.vehicles.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 

@@ -6,10 +6,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from mjsheaf.backends.system import System
 from mjsheaf.checking.certificate import Certificate, certify
 from mjsheaf.control.theorem import Theorem
-from mjsheaf.results.file import pieces_of
+from mjsheaf.results.netcdf import pieces_of
+from mjsheaf.system import System
 
 Array = NDArray[np.float64]
 

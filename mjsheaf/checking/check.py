@@ -8,23 +8,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mjsheaf.backends.physics import vehicles_of
-from mjsheaf.backends.physics.capability import capability_of, of_each
-from mjsheaf.backends.system import System
 from mjsheaf.checking import record as r
 from mjsheaf.checking.bodies import body_loop, mean_medium
-from mjsheaf.checking.certificate import Certificate, certify
+from mjsheaf.checking.certificate import Certificate, Region, certify
 from mjsheaf.checking.cohomology import RelativeCohomology
 from mjsheaf.checking.fragility import Fragility, Loss, fragility
 from mjsheaf.checking.margins import body_margin, hold_margin, speed_demands, steady_lag
 from mjsheaf.checking.mending import MendPlan, mend
-from mjsheaf.checking.region import Region
 from mjsheaf.checking.targets import TargetPath
-from mjsheaf.control.rho import Rho, RhoLike, as_rho
-from mjsheaf.control.theorem import gain_for_radius
+from mjsheaf.control.theorem import Rho, RhoLike, as_rho, gain_for_radius
 from mjsheaf.errors import InputError
 from mjsheaf.scenario import Scenario
+from mjsheaf.simulation.loop import vehicles_of
+from mjsheaf.system import System
 from mjsheaf.threads import one_thread
+from mjsheaf.vehicles.effects import capability_of, of_each
 
 Array = NDArray[np.float64]
 

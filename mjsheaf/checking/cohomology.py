@@ -1,14 +1,183 @@
-"""The relative cohomology H^0(G, G_p; F) in the words of the team: who is free to drift, and who is barely held."""
+"""The spectrum of H, which sets the speed of the law, and sigma_max(B), which sets how hard targets pull.
+
+Everything is taken on D = K^{1/2} delta on the agents, H = D^T D, rather than on H: eigenvalues are squares of singular
+values of D and cannot come out negative. What is zero is said by the relative cohomology, the kernel of delta itself,
+which inner products do not change. Connected components of D are treated apart.
+
+The relative cohomology H^0(G, G_p; F) in the words of the team: who is free to drift, and who is barely held.
+"""
 
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg, sparse
+from scipy.sparse import linalg as splinalg
 
-from mjsheaf.checking.spectrum import Spectrum, spectrum_of
 from mjsheaf.sheaf import RANK_TOLERANCE
-from mjsheaf.sheaf.kernel import DENSE_COLUMNS
+from mjsheaf.sheaf.sections import DENSE_COLUMNS, components, largest_singular_value, sparse_kernel_basis
 from mjsheaf.team import Team
-from mjsheaf.team.freedom import Motion, describe, describe_nearly, free_motions, motion_of
+from mjsheaf.team.null_modes import Motion, describe, describe_nearly, free_motions, motion_of
+
+Array = NDArray[np.float64]
+
+DENSE_STATES = 600
+"""Largest component of H whose eigenvalues are found densely."""
+
+EIGENVALUE_TOLERANCE = 1e-8
+"""Relative accuracy of the eigenvalues of larger components."""
+
+_ACCURATE = 1e-6  # eigenvalues of H itself are good to about 1e-14 of the largest: above this ratio to 1e-8
+_MIXED = 1e-10  # below this ratio errors of eigenvectors of H, squared, show in their eigenvalues: D has better ones
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """Eigenvalues of H (n, n) and the largest singular value of B. The maps have no unit, so neither do these.
+
+    Attributes:
+        lambda_min: smallest eigenvalue of H; exactly 0 where the relative cohomology is not trivial.
+        lambda_max: largest eigenvalue of H.
+        sigma_max_B: largest singular value of B; 0 where nothing is sensed.
+        nullity: how many eigenvalues are zero, the dimension of the relative cohomology.
+        smallest: the smallest eigenvalues above zero, ascending, shape (k,).
+        vectors: their orthonormal eigenvectors in the order of the stacked q, shape (n, k).
+        method: how they were found, in words.
+    """
+
+    lambda_min: float
+    lambda_max: float
+    sigma_max_B: float
+    nullity: int
+    smallest: Array
+    vectors: Array
+    method: str
+
+
+def spectrum_of(team: Team, count: int = 6) -> Spectrum:
+    """The spectrum of a team.
+
+    Args:
+        team: the team.
+        count: how many of the smallest eigenvalues above zero are wanted; fewer where H has fewer. Beyond
+            DENSE_STATES a further copy of a multiple eigenvalue of one component may be missing.
+    """
+    D, null = agent_coboundary(team).whitened, team.dirichlet.sparse_null_basis
+    smallest, vectors, largest_component = _above_zero(D, null, count)
+    nullity = null.shape[1]
+    return Spectrum(
+        lambda_min=0.0 if nullity or not smallest.size else float(smallest[0]),
+        lambda_max=largest_singular_value(D) ** 2,
+        sigma_max_B=largest_singular_value(team.dirichlet.B),
+        nullity=nullity,
+        smallest=smallest,
+        vectors=vectors,
+        method="dense"
+        if largest_component <= DENSE_STATES
+        else f"shift-invert Lanczos to {EIGENVALUE_TOLERANCE:g} on components over {DENSE_STATES} states "
+        f"(the largest has {largest_component}), dense on the others",
+    )
+
+
+@dataclass(frozen=True)
+class AgentCoboundary:
+    """The coboundary on the agents, rows in the order of the sheaf's edges, columns in that of the stacked q.
+
+    Attributes:
+        plain: delta, shape (m, n); its kernel is the relative cohomology.
+        whitened: D = K^{1/2} delta, shape (m, n); H = D^T D.
+    """
+
+    plain: sparse.csr_array
+    whitened: sparse.csr_array
+
+    def kept(self, rows: NDArray[np.bool_], columns: NDArray[np.bool_]) -> "AgentCoboundary":
+        """The same without some edges and agents."""
+        return AgentCoboundary(self.plain[rows][:, columns], self.whitened[rows][:, columns])
+
+    def extended(self, rows: sparse.csr_array) -> "AgentCoboundary":
+        """The same with further edges of inner product I."""
+        return AgentCoboundary(*(sparse.vstack([x, rows]).tocsr() for x in (self.plain, self.whitened)))
+
+
+def agent_coboundary(team: Team) -> AgentCoboundary:
+    """The coboundary of a team on its agents."""
+    columns = team.sheaf.columns(team.dirichlet.interior)
+    return AgentCoboundary(team.sheaf.coboundary()[:, columns], team.sheaf.whitened_coboundary()[:, columns])
+
+
+def smallest_eigenvalue(coboundary: AgentCoboundary) -> float:
+    """Smallest eigenvalue of H; exactly 0 where the kernel of delta is not trivial."""
+    D = coboundary.whitened
+    n = D.shape[1]
+    if n <= DENSE_STATES:
+        values = np.linalg.eigvalsh((D.T @ D).toarray())
+        if values[0] > _ACCURATE * values[-1]:  # delta is injective then, unless inner products span 12 decades
+            return float(values[0])
+    null = sparse_kernel_basis(coboundary.plain)
+    return 0.0 if null.shape[1] else float(_above_zero(D, null, 1)[0][0])
+
+
+def _above_zero(D: sparse.csr_array, null: sparse.csc_array, count: int) -> tuple[Array, Array, int]:
+    """The smallest eigenvalues of D^T D above zero, their vectors, and the size of the largest component.
+
+    Args:
+        D: shape (m, n).
+        null: orthonormal basis of the kernel of delta, shape (n, r).
+        count: how many.
+    """
+    null_rows = null.tocsr()
+    found: list[tuple[float, NDArray[np.int64], Array]] = []
+    largest = 0
+    for members, part in components(D):
+        largest = max(largest, len(members))
+        known = null_rows[members]
+        known = known[:, np.unique(known.indices)].toarray()
+        wanted = min(count, len(members) - known.shape[1])
+        if wanted:
+            values, vectors = _of_component(part, known, wanted)
+            found += [(float(value), members, vector) for value, vector in zip(values, vectors.T, strict=True)]
+    found = sorted(found, key=lambda pair: pair[0])[:count]
+    vectors = np.zeros((D.shape[1], len(found)))
+    for k, (_, members, vector) in enumerate(found):
+        vectors[members, k] = vector
+    return np.array([value for value, _, _ in found]), vectors, largest
+
+
+def _of_component(D: sparse.csr_array, known: Array, count: int) -> tuple[Array, Array]:
+    """The `count` smallest eigenvalues of D^T D off its kernel `known`, with orthonormal vectors."""
+    gram = D.T @ D
+    n, r = known.shape
+    if n <= DENSE_STATES:
+        values, candidates = linalg.eigh(gram.toarray(), subset_by_index=(0, r + count - 1))
+        if values[r] < _MIXED * gram.diagonal().sum():
+            R = np.linalg.qr(D.toarray(), mode="r") if D.shape[0] > n else D.toarray()
+            candidates = linalg.svd(R)[2][: -(r + count) - 1 : -1].T
+    else:
+        candidates = _lanczos(gram, known, count)
+    if r:
+        # Eigenvectors of H mix its kernel with what is close to it; the kernel itself was found on D, exactly.
+        candidates = np.linalg.svd(candidates - known @ (known.T @ candidates), full_matrices=False)[0][:, :count]
+    # Squaring lost what is under 1e-8 of the largest singular value; D still has it.
+    _, singular, turn = np.linalg.svd(np.linalg.qr(D @ candidates, mode="r"), full_matrices=True)
+    singular = np.append(singular, np.zeros(count - len(singular)))  # a component of fewer rows than columns
+    return singular[::-1] ** 2, (candidates @ turn.T)[:, ::-1]
+
+
+def _lanczos(gram: sparse.csr_array, known: Array, count: int) -> Array:
+    n = gram.shape[0]
+    # The Gershgorin bound serves as scale; the shift keeps the factorisation regular and far under what matters.
+    shift = 1e-10 * float(abs(gram).sum(axis=1).max())
+    factor = splinalg.splu((gram + shift * sparse.eye_array(n)).tocsc())
+
+    def inverse(x: Array) -> Array:
+        y = factor.solve(x - known @ (known.T @ x))
+        return y - known @ (known.T @ y)
+
+    start = inverse(np.random.default_rng(0).standard_normal(n))  # the same in every run
+    operator = splinalg.LinearOperator((n, n), matvec=inverse, dtype=np.float64)
+    return splinalg.eigsh(operator, k=count, which="LM", v0=start, tol=EIGENVALUE_TOLERANCE)[1]
+
 
 NEARLY = 1e-3
 """A direction is barely held when its eigenvalue is at most this much of the largest."""

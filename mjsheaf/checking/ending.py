@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mjsheaf.backends.system import System
 from mjsheaf.checking.bodies import body_loop, mean_medium
-from mjsheaf.checking.spectrum import spectrum_of
+from mjsheaf.checking.cohomology import spectrum_of
+from mjsheaf.system import System
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from mjsheaf.checking.spectrum import AgentCoboundary, agent_coboundary, smallest_eigenvalue
-from mjsheaf.sheaf.kernel import sparse_kernel_basis
+from mjsheaf.checking.cohomology import AgentCoboundary, agent_coboundary, smallest_eigenvalue
+from mjsheaf.sheaf.sections import sparse_kernel_basis
 from mjsheaf.team import GROUND, Edge, Team
 
 Index = NDArray[np.int64]

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from mjsheaf.backends.system import System
+from mjsheaf.checking.cohomology import Spectrum
 from mjsheaf.checking.drift import Difference
-from mjsheaf.checking.spectrum import Spectrum
+from mjsheaf.system import System
 
 Array = NDArray[np.float64]
 

@@ -25,14 +25,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mjsheaf.backends.ideal import drift_and_disturbance, scratch, take_step
-from mjsheaf.backends.system import ControlArrays, MediumArrays, System, velocity_commands
-from mjsheaf.checking.carrier import Carrier
-from mjsheaf.compiled import kernel, part
+from mjsheaf.checking.drift import Carrier
 from mjsheaf.dynamics import disturbance
 from mjsheaf.dynamics.disturbance import disturbance_velocity
 from mjsheaf.dynamics.flow import flow_scale, flow_slope
 from mjsheaf.dynamics.motion import add_reference, reference_bounds
+from mjsheaf.jit import kernel, part
+from mjsheaf.simulation.ideal import drift_and_disturbance, scratch, take_step
+from mjsheaf.system import ControlArrays, MediumArrays, System, velocity_commands
 
 Array = NDArray[np.float64]
 

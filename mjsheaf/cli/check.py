@@ -10,11 +10,11 @@ from rich.text import Text
 from mjsheaf.checking import CheckRecord, examine
 from mjsheaf.checking.record import BodyRecord, SpeedRecord
 from mjsheaf.cli.console import make_console
-from mjsheaf.control.rho import Rho, as_rho
+from mjsheaf.control.theorem import Rho, as_rho
 from mjsheaf.errors import InputError, MjsheafError
+from mjsheaf.io.files import whole_file
 from mjsheaf.scenario import load_scenario
 from mjsheaf.scenario.load import parse_override
-from mjsheaf.whole import whole_file
 
 _INSIDE = {True: "inside S", False: "OUTSIDE S", None: "no set S"}
 _MARKS = {"holds": ("holds", "green"), "fails": ("FAILS", "bold red"), "undecided": ("undecided", "yellow")}
@@ -47,7 +47,7 @@ def check_command(
     else:
         make_console().print(report(record))
     if plot is not None:
-        from mjsheaf.plots.check import plot_check
+        from mjsheaf.checking.figures import plot_check
 
         try:
             with whole_file(plot) as part:

@@ -5,9 +5,8 @@ from pathlib import Path
 
 from mjsheaf.cli.console import make_console
 from mjsheaf.cli.progress import progress_bars
-from mjsheaf.comparing.publishing import default_directory, publish
 from mjsheaf.comparing.record import CompareRecord
-from mjsheaf.comparing.report import WIDTH, report
+from mjsheaf.comparing.report import WIDTH, default_directory, publish, report
 from mjsheaf.errors import MjsheafError, UnstableError
 from mjsheaf.results.store import PlaceError, require_same_origin
 from mjsheaf.scenario import load_scenario

@@ -5,7 +5,7 @@ from pathlib import Path
 from mjsheaf.cli.progress import progress_bars
 from mjsheaf.cli.run import ExpectationMissedError
 from mjsheaf.errors import InputError, UnstableError
-from mjsheaf.expecting import (
+from mjsheaf.runs.expecting import (
     BACKEND_ORDER,
     Trial,
     describe,
@@ -18,7 +18,7 @@ from mjsheaf.expecting import (
 from mjsheaf.scenario import Scenario, load_scenario
 from mjsheaf.scenario.editing import replace_file, require_writable, with_field
 from mjsheaf.scenario.load import find_scenario
-from mjsheaf.simulation import BACKENDS
+from mjsheaf.simulation.run import BACKENDS
 
 
 def expect_command(source: str, update: bool, backends: list[str], margin: float) -> None:

@@ -5,8 +5,8 @@ import json
 from rich.table import Table
 
 from mjsheaf.cli.console import make_console
-from mjsheaf.reading import read_yaml
-from mjsheaf.resources import list_studies
+from mjsheaf.io.files import list_studies
+from mjsheaf.io.yaml import read_yaml
 from mjsheaf.scenario import Scenario, list_scenarios
 from mjsheaf.scenario.load import read_scenario
 
@@ -30,8 +30,8 @@ def list_scenarios_command() -> None:
 
 def list_vehicles_command() -> None:
     """Print the vehicles with mass, thrust, time constant and speed."""
-    from mjsheaf.backends.physics import list_vehicles, load_vehicle
-    from mjsheaf.backends.physics.capability import capability_of
+    from mjsheaf.vehicles.effects import capability_of
+    from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 
     table = Table(title="vehicles", title_justify="left", header_style="", box=None, padding=(0, 1))
     for heading in ("name", "moves in", "mass\n(kg)", "thrusters", "thrust\n(N)", "tau\n(s)", "speed\n(m/s)"):

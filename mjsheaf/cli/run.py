@@ -9,13 +9,13 @@ from mjsheaf.cli.console import make_console
 from mjsheaf.cli.progress import progress_bars
 from mjsheaf.errors import InputError, MjsheafError, UnstableError
 from mjsheaf.filming import video_options
+from mjsheaf.results.metrics import MEASURES
 from mjsheaf.results.store import PlaceError, require_same_origin
-from mjsheaf.results.summary import MEASURES
-from mjsheaf.running import Outcome, default_directory, execute
+from mjsheaf.runs.publish import Outcome, default_directory, execute
 from mjsheaf.scenario import load_scenario
 from mjsheaf.scenario.build import uses_seed
 from mjsheaf.scenario.load import origin, parse_override
-from mjsheaf.simulation import BACKENDS
+from mjsheaf.simulation.run import BACKENDS
 
 
 class ExpectationMissedError(MjsheafError):

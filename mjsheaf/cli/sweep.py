@@ -36,7 +36,7 @@ def sweep_command(
     # not imported yet.
     for name in ONE_THREAD:
         os.environ.setdefault(name, "1")
-    from mjsheaf.results.summary import MEASURES
+    from mjsheaf.results.metrics import MEASURES
     from mjsheaf.scenario.load import parse_override
     from mjsheaf.studies.engine import engine_at, local_engine
     from mjsheaf.studies.plan import load_plan, parse_grid, parse_seeds

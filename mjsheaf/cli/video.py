@@ -10,7 +10,7 @@ from mjsheaf.errors import InputError
 from mjsheaf.filming import film_run, video_options
 from mjsheaf.results import open_run
 from mjsheaf.results.store import enclosing_run, save_summary
-from mjsheaf.running import video_entry
+from mjsheaf.runs.publish import video_entry
 from mjsheaf.scenario import Scenario, load_scenario
 from mjsheaf.video import available_backend
 

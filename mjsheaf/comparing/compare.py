@@ -9,24 +9,21 @@ from typing import Literal
 import numpy as np
 
 from mjsheaf._version import __version__
-from mjsheaf.backends.system import System
 from mjsheaf.checking.bodies import body_loop, mean_medium
+from mjsheaf.checking.cohomology import spectrum_of
 from mjsheaf.checking.ending import Ending, ending_of, settling_time
-from mjsheaf.checking.spectrum import spectrum_of
 from mjsheaf.comparing import record as records
-from mjsheaf.comparing.budget import budget_of
-from mjsheaf.comparing.climbing import Run, climb
-from mjsheaf.comparing.convergence import Convergence, converge
-from mjsheaf.comparing.demands import demands_of, fastest_vehicles
-from mjsheaf.comparing.gain import usable_gain
-from mjsheaf.comparing.ladder import Rung, ladder_of
+from mjsheaf.comparing.demands import VelocityLimit, demands_of, examine_limit, fastest_vehicles
+from mjsheaf.comparing.ladder import Run, Rung, climb, ladder_of
 from mjsheaf.comparing.measures import (
     CENTERING,
     FORMATION,
     TEAM,
     TRACKING,
+    Convergence,
     Distance,
     Series,
+    converge,
     distance_between,
     formation_size,
     late,
@@ -35,12 +32,12 @@ from mjsheaf.comparing.measures import (
     saturation_shares,
     series_of,
 )
-from mjsheaf.comparing.ringing import Ringing, ringing_of
-from mjsheaf.comparing.velocity_limit import VelocityLimit, examine_limit
-from mjsheaf.comparing.verdict import verdict_of
-from mjsheaf.results.errors import evaluate_errors
+from mjsheaf.comparing.ringing import Ringing, ringing_of, usable_gain
+from mjsheaf.comparing.verdict import budget_of, verdict_of
+from mjsheaf.results.metrics import evaluate_errors
 from mjsheaf.scenario import Scenario
-from mjsheaf.simulation import require_full_row_rank, require_unique
+from mjsheaf.simulation.run import require_full_row_rank, require_unique
+from mjsheaf.system import System
 
 Progress = Callable[[str, int, int], None]
 Statistic = Literal["late", "final"]

@@ -7,7 +7,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from mjsheaf.comparing.climbing import Run
+from mjsheaf.comparing.ladder import Run
 from mjsheaf.filming import film_of, video_options
 from mjsheaf.scenario import Scenario
 from mjsheaf.video import Film, VideoOptions

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from mjsheaf.compiled import part
+from mjsheaf.jit import part
 from mjsheaf.team import Team
 
 Array = NDArray[np.float64]

@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mjsheaf.compiled import part
 from mjsheaf.errors import InputError
+from mjsheaf.jit import part
 
 Array = NDArray[np.float64]
 

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mjsheaf.compiled import kernel
 from mjsheaf.errors import InputError
+from mjsheaf.jit import kernel
 
 Array = NDArray[np.float64]
 

@@ -20,8 +20,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mjsheaf.compiled import kernel, part
 from mjsheaf.errors import InputError
+from mjsheaf.jit import kernel, part
 
 Array = NDArray[np.float64]
 

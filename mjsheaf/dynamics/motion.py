@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import PPoly, make_interp_spline
 
-from mjsheaf.compiled import part
 from mjsheaf.errors import InputError
+from mjsheaf.jit import part
 
 Array = NDArray[np.float64]
 

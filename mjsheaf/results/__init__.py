@@ -1,9 +1,9 @@
 """Runs as data: errors, datasets, summaries, and the directory that a run leaves behind."""
 
 from mjsheaf.results.dataset import join, make_dataset, make_datasets
-from mjsheaf.results.file import dataset_bytes, open_dataset, thinned, write_dataset
+from mjsheaf.results.metrics import check_expectation, summarize
+from mjsheaf.results.netcdf import dataset_bytes, open_dataset, thinned, write_dataset
 from mjsheaf.results.store import load_run, open_run, staging
-from mjsheaf.results.summary import check_expectation, summarize
 
 __all__ = [
     "check_expectation",

@@ -9,12 +9,12 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from mjsheaf._version import __version__
-from mjsheaf.backends.ideal import inputs
-from mjsheaf.backends.system import System
-from mjsheaf.backends.trajectory import Trajectory
 from mjsheaf.control.law import limited_commands
-from mjsheaf.results.errors import evaluate_errors
-from mjsheaf.team.freedom import free_directions
+from mjsheaf.results.metrics import evaluate_errors
+from mjsheaf.simulation.ideal import inputs
+from mjsheaf.simulation.trajectory import Trajectory
+from mjsheaf.system import System
+from mjsheaf.team.null_modes import free_directions
 
 Array = NDArray[np.float64]
 Variable = tuple[str | tuple[str, ...], NDArray[Any], dict[str, str]]
@@ -148,7 +148,7 @@ def _attributes(system: System, backend: str, seed: int) -> dict[str, Any]:
 
 def _thrusters(system: System) -> list[list[str]]:
     """Names of every vehicle's thrusters, those of stand-ins where underactuation is off; length V."""
-    from mjsheaf.backends.physics import vehicles_of
+    from mjsheaf.simulation.loop import vehicles_of
 
     return [list(vehicle.thrusters) for vehicle in vehicles_of(system)]
 

@@ -14,8 +14,8 @@ import xarray as xr
 
 from mjsheaf._version import __version__
 from mjsheaf.errors import InputError
-from mjsheaf.results.file import open_dataset
-from mjsheaf.whole import is_part_of, put_in_place, whole_directory, write_whole
+from mjsheaf.io.files import is_part_of, put_in_place, whole_directory, write_whole
+from mjsheaf.results.netcdf import open_dataset
 
 FILES = (
     "result.nc",

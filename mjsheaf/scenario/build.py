@@ -7,17 +7,16 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from mjsheaf.backends.system import BodyPlan, Effects, System, TimeGrid
 from mjsheaf.control import pack_law
 from mjsheaf.dynamics import ControlEffectiveness, Disturbance, FlowField, Lissajous, Waypoints
 from mjsheaf.dynamics import disturbance as disturbances
 from mjsheaf.dynamics import effectiveness as effectivenesses
 from mjsheaf.dynamics import motion as motions
-from mjsheaf.errors import InputError
-from mjsheaf.expected import expected
-from mjsheaf.scenario import schema_medium as medium_schema
-from mjsheaf.scenario import schema_team as team_schema
-from mjsheaf.scenario.schema import Scenario
+from mjsheaf.errors import InputError, expected
+from mjsheaf.scenario import scenario as medium_schema
+from mjsheaf.scenario import scenario as team_schema
+from mjsheaf.scenario.scenario import Scenario
+from mjsheaf.system import BodyPlan, Effects, System, TimeGrid
 from mjsheaf.team import GROUND, Edge, Formation, Member, Team, anchor, formation, restriction_maps
 
 Array = NDArray[np.float64]

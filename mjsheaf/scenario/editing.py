@@ -9,8 +9,8 @@ from typing import Any
 import yaml
 
 from mjsheaf.errors import InputError, ScenarioError
-from mjsheaf.reading import compose_yaml, dump_yaml, parse_yaml
-from mjsheaf.whole import whole_file
+from mjsheaf.io.files import whole_file
+from mjsheaf.io.yaml import compose_yaml, dump_yaml, parse_yaml
 
 
 def with_field(text: str, key: str, value: dict[str, Any], source: str, comment: str = "") -> str:

@@ -9,13 +9,10 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from mjsheaf.confining import confined
-from mjsheaf.errors import InputError, ScenarioError
-from mjsheaf.expected import expected, suggestion
-from mjsheaf.reading import describe_validation_error, parse_yaml, read_yaml
-from mjsheaf.resources import resource_directory
-from mjsheaf.scenario.schema import Scenario
-from mjsheaf.scenario.schema_team import EDGE_FIELDS, edge_from_pair
+from mjsheaf.errors import InputError, ScenarioError, expected, suggestion
+from mjsheaf.io.files import confined, resource_directory
+from mjsheaf.io.yaml import describe_validation_error, parse_yaml, read_yaml
+from mjsheaf.scenario.scenario import EDGE_FIELDS, Scenario, edge_from_pair
 
 _SUFFIXES = (".yaml", ".yml")
 _VEHICLE_PLACES = (

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
 from mjsheaf.errors import InputError
-from mjsheaf.reading import Section
-from mjsheaf.scenario.fields import Id, NonNegative, Number, Point, Positive
+from mjsheaf.io.yaml import Section
+from mjsheaf.scenario.scenario import Id, NonNegative, Number, Point, Positive
 
 Array = NDArray[np.float64]
 Edges = set[tuple[int, int]]

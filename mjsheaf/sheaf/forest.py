@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mjsheaf.compiled import allocating_kernel, kernel
+from mjsheaf.jit import allocating_kernel, kernel
 from mjsheaf.sheaf.edges import EdgeTable
 
 Array = NDArray[np.float64]

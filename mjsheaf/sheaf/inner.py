@@ -10,7 +10,7 @@ from scipy import linalg, sparse
 from scipy.sparse import csgraph
 
 from mjsheaf.errors import SheafError
-from mjsheaf.sheaf.building import finite
+from mjsheaf.sheaf.edges import finite
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

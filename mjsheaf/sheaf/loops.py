@@ -7,7 +7,7 @@ delta^T delta; an inner product enters through whitened maps.
 
 import numpy as np
 
-from mjsheaf.compiled import allocating_kernel, kernel
+from mjsheaf.jit import allocating_kernel, kernel
 
 
 @allocating_kernel

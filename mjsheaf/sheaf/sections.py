@@ -1,4 +1,12 @@
-"""Sections that vanish on some vertices: proved along a forest where that can be, decomposed where it cannot.
+"""Kernels and ranks of sparse matrices, with a stated tolerance.
+
+A singular value counts as zero when it is at most `rtol` times the largest one. Each connected component of the
+matrix is treated apart: exactly, by a dense singular value decomposition, up to DENSE_COLUMNS columns; beyond, by
+shift-invert Lanczos on A^T A, repeated on the complement of what was found until nothing more is null, which also
+finds every copy of a multiple eigenvalue. Rows that meet the same columns are first rotated among themselves, so that
+what a rotated frame only seems to connect is apart.
+
+Sections that vanish on some vertices: proved along a forest where that can be, decomposed where it cannot.
 
 The sections of a sheaf are those P r (see `forest`) that all edges accept: a small problem instead of a large one. That
 none was missed is proved: delta x >= |x| / |G| for x orthogonal to P, so that delta has at most dim r singular values
@@ -6,23 +14,228 @@ under 1 / |G|, which is compared with the tolerance of the rank. Rotations give 
 from any tolerance. Components for which the bound is too weak are left to the general method of `kernel`.
 """
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
+from scipy import linalg, sparse
+from scipy.sparse import csgraph
+from scipy.sparse import linalg as splinalg
 
-from mjsheaf.sheaf.assembly import coboundary_matrix
-from mjsheaf.sheaf.edges import EdgeTable, product
+from mjsheaf.errors import SheafError
+from mjsheaf.sheaf.edges import EdgeTable, coboundary_matrix, product
 from mjsheaf.sheaf.forest import Forest, grow, propagate
-from mjsheaf.sheaf.kernel import DENSE_COLUMNS, largest_singular_value, sparse_kernel_basis
 
 Array = NDArray[np.float64]
+
+RANK_TOLERANCE = 1e-9
+"""Default relative tolerance under which a singular value counts as zero."""
+
+DENSE_COLUMNS = 1200
+"""Largest component that is decomposed densely."""
+
+MOST_CLASSES = 64
+"""Largest dimension of a cokernel that is sought in components of more than DENSE_COLUMNS rows."""
+
+MOST_ENTRIES = 50_000_000
+"""Largest basis of a cokernel, rows times dimension."""
+
+_LANCZOS_VECTORS = 8
+_CERTIFIED_COLUMNS = 60
+_CERTAIN = 0.5  # leaves room for the rounding of the inverse
+_ROUNDING = 64 * np.finfo(np.float64).eps
+
+
+def sparse_kernel_basis(
+    matrix: sparse.csr_array, rtol: float = RANK_TOLERANCE, scale: float | None = None
+) -> sparse.csc_array:
+    """Return an orthonormal basis of the kernel of a matrix, shape (columns, dimension).
+
+    It is stored sparse, as each vector lives on one connected component: with a thousand small free components among
+    ten thousand vertices, the dense array would not be small.
+
+    Args:
+        matrix: the matrix.
+        rtol: singular values of at most rtol times the scale count as zero.
+        scale: the scale, where that is not the matrix's own largest singular value.
+    """
+    columns = matrix.shape[1]
+    if scale is None:
+        scale = largest_singular_value(matrix)
+    at, vectors, values, found = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)], [np.zeros(0)], 0
+    for members, part in components(matrix):
+        local = (
+            _dense_kernel(part.toarray(), scale, rtol)
+            if len(members) <= DENSE_COLUMNS
+            else _lanczos_kernel(part, scale, rtol)
+        )
+        if local.shape[1]:
+            at.append(np.repeat(members, local.shape[1]))
+            vectors.append(np.tile(found + np.arange(local.shape[1]), len(members)))
+            values.append(local.ravel())
+            found += local.shape[1]
+    place = (np.concatenate(at), np.concatenate(vectors))
+    return sparse.coo_array((np.concatenate(values), place), shape=(columns, found)).tocsc()
+
+
+def cokernel_basis(matrix: sparse.csr_array, dimension: int, rtol: float = RANK_TOLERANCE) -> sparse.csc_array:
+    """Return an orthonormal basis of the complement of the image of a matrix, shape (rows, dimension).
+
+    Args:
+        matrix: the matrix.
+        dimension: of the cokernel, known from the rank.
+        rtol: singular values of at most rtol times the largest count as zero.
+
+    Raises:
+        SheafError: the basis has more than MOST_ENTRIES numbers; a component has more than DENSE_COLUMNS rows while the
+            dimension exceeds MOST_CLASSES; or a singular value is so close to the tolerance that the dimension found
+            is another.
+    """
+    rows = matrix.shape[0]
+    if dimension == 0:
+        return sparse.csc_array((rows, 0))
+    transposed = sparse.csr_array(matrix.T)
+    largest = 0 if dimension <= MOST_CLASSES else max(len(members) for members, _ in components(transposed))
+    if largest > DENSE_COLUMNS or rows * dimension > MOST_ENTRIES:
+        raise SheafError(
+            f"a basis of H^1 of dimension {dimension} over {rows} rows is too large; expected at most {MOST_ENTRIES} "
+            f"numbers, and at most {DENSE_COLUMNS} rows in one component or a dimension of at most {MOST_CLASSES}"
+        )
+    basis = sparse_kernel_basis(transposed, rtol, largest_singular_value(matrix))
+    if basis.shape[1] != dimension:
+        raise SheafError(
+            f"H^1 has dimension {dimension} or {basis.shape[1]}: a singular value is at the tolerance of {rtol:g}; "
+            "expected another rtol"
+        )
+    return basis
+
+
+def components(matrix: sparse.csr_array) -> Iterator[tuple[NDArray[np.int64], sparse.csr_array]]:
+    """Yield the columns of each connected component, in order, and a matrix for it alone.
+
+    The rows of that matrix may be rotated among themselves: its singular values and right vectors are those of
+    the component.
+    """
+    matrix = _sparser_rows(matrix)
+    pattern = matrix.copy()
+    pattern.data[:] = 1.0  # so that nothing cancels
+    parts, label = csgraph.connected_components(pattern.T @ pattern, directed=False)
+    matrix = matrix[np.diff(matrix.indptr) > 0]
+    row_label = label[matrix.indices[matrix.indptr[:-1]]]
+    by_column, by_row = np.argsort(label, kind="stable"), np.argsort(row_label, kind="stable")
+    column_end, row_end = (np.cumsum(np.bincount(x, minlength=parts)) for x in (label, row_label))
+    ordered = matrix[by_row][:, by_column]
+    first_column, first_row = 0, 0
+    for last_column, last_row in zip(column_end.tolist(), row_end.tolist(), strict=True):
+        yield by_column[first_column:last_column], ordered[first_row:last_row, first_column:last_column]
+        first_column, first_row = last_column, last_row
+
+
+def _sparser_rows(matrix: sparse.csr_array) -> sparse.csr_array:
+    """Rotate rows that meet the same columns among themselves, so that each meets as few as possible.
+
+    An edge measured in a rotated frame, R [I -I], connects each coordinate with every other; R^T undoes it and leaves
+    the axes apart. Entries at the level of rounding are zeros here: that moves no singular value by more.
+    """
+    matrix = sparse.csr_array(matrix, copy=True)
+    matrix.sort_indices()
+    length = np.diff(matrix.indptr)
+    values, place = matrix.data, matrix.indptr[:-1]
+    for width in np.unique(length[length > 1]):
+        rows = np.flatnonzero(length == width)
+        meets = matrix.indices[place[rows][:, None] + np.arange(width)]
+        first = np.ones(len(rows), dtype=bool)  # of a run of neighbours that meet the same columns
+        first[1:] = (np.diff(rows) > 1) | np.any(meets[1:] != meets[:-1], axis=1)
+        start = np.flatnonzero(first)
+        size = np.diff(np.append(start, len(rows)))
+        for count in np.unique(size[size > 1]):
+            at = place[rows[start[size == count]]][:, None, None] + width * np.arange(count)[:, None] + np.arange(width)
+            block = values[at]
+            upper = np.asarray(np.linalg.qr(block, mode="r"))
+            upper[np.abs(upper) <= _ROUNDING * np.abs(block).max(axis=(1, 2), keepdims=True)] = 0.0
+            values[at] = 0.0
+            values[at[:, : upper.shape[1]]] = upper
+    matrix.eliminate_zeros()  # also those of a stored map such as [I 0], which connect nothing
+    return matrix
+
+
+def largest_singular_value(matrix: sparse.csr_array) -> float:
+    """Return the largest singular value of a matrix; 0 where it has no entries."""
+    if matrix.nnz == 0:
+        return 0.0
+    if min(matrix.shape) <= DENSE_COLUMNS:
+        gram = matrix.T @ matrix if matrix.shape[1] <= matrix.shape[0] else matrix @ matrix.T
+        return float(np.sqrt(np.linalg.eigvalsh(gram.toarray())[-1]))  # of the largest value, squaring loses nothing
+    start = np.ones(min(matrix.shape))  # a fixed start vector keeps the answer the same in every run
+    return float(splinalg.svds(matrix, k=1, v0=start, return_singular_vectors=False)[0])
+
+
+def _dense_kernel(matrix: Array, scale: float, rtol: float) -> Array:
+    if matrix.shape[0] == 0:
+        return np.eye(matrix.shape[1])
+    matrix = _with_few_rows(matrix)
+    if _surely_injective(matrix, rtol * scale):
+        return np.zeros((matrix.shape[1], 0))
+    _, singular, rows = np.linalg.svd(matrix, full_matrices=True)
+    rank = int(np.sum(singular > rtol * scale))
+    return rows[rank:].T
+
+
+def _surely_injective(upper: Array, tolerance: float) -> bool:
+    """Whether a triangular inverse alone shows it: the smallest singular value is at least 1 / |R^-1|_F.
+
+    That costs a fraction of the decomposition, which only a matrix with a kernel, or nearly one, then needs.
+    """
+    if upper.shape[0] < upper.shape[1] or upper.shape[1] < _CERTIFIED_COLUMNS:
+        return False
+    inverse, singular = linalg.lapack.dtrtri(np.asfortranarray(upper))
+    norm = float(np.linalg.norm(inverse))
+    return singular == 0 and np.isfinite(norm) and norm * tolerance < _CERTAIN
+
+
+def _with_few_rows(matrix: Array) -> Array:
+    """A matrix of the same singular values and right vectors: upper triangular unless there are fewer rows still."""
+    return np.asarray(np.linalg.qr(matrix, mode="r")) if len(matrix) >= matrix.shape[1] else matrix
+
+
+def _lanczos_kernel(matrix: sparse.csr_array, scale: float, rtol: float) -> Array:
+    n = matrix.shape[1]
+    shift = 1e-10 * scale**2
+    gram = (matrix.T @ matrix).tocsc()
+    factor = splinalg.splu(gram + shift * sparse.eye_array(n, format="csc"))
+    found = np.zeros((n, 0))
+    start = np.random.default_rng(0).standard_normal(n)
+    count = _LANCZOS_VECTORS
+
+    while True:
+        known = found
+
+        def inverse(x: Array, known: Array = known) -> Array:
+            y = factor.solve(x - known @ (known.T @ x))
+            return y - known @ (known.T @ y)
+
+        operator = splinalg.LinearOperator((n, n), matvec=inverse, dtype=np.float64)
+        _, vectors = splinalg.eigsh(operator, k=count, which="LM", v0=inverse(start))
+        # Lanczos on the square sees singular values only down to 1e-8 of the largest; the candidates' own
+        # singular values, taken on A itself, are exact to machine precision.
+        vectors, _ = np.linalg.qr(vectors - found @ (found.T @ vectors))
+        image = _with_few_rows(matrix @ vectors)
+        _, singular, rows = np.linalg.svd(image, full_matrices=True)
+        null = np.append(singular, np.zeros(len(rows) - len(singular))) <= rtol * scale  # fewer rows than vectors
+        if not null.any():
+            return found
+        found, _ = np.linalg.qr(np.hstack([found, vectors @ rows[null].T]))
+        count = max(count, min(2 * count, n // 4))  # where there is one batch there are often many
+        if found.shape[1] > n // 2:
+            raise SheafError(f"the kernel of this {matrix.shape} map has dimension over {n // 2}: too large")
+
+
 Index = NDArray[np.int64]
 
 _SINGLE_DIRECTIONS = 64  # free directions of one component; with more of them the small problem is not small
 _ENTRIES = 30_000_000  # of P
 _MARGIN = 2.0  # for the rounding of the bounds
 _ACCURATE = 1e-7  # relative: sections are then good to rounding over this
-_ROUNDING = 64 * np.finfo(np.float64).eps
 
 
 def section_basis(t: EdgeTable, free: NDArray[np.bool_], rtol: float) -> sparse.csc_array:

@@ -1,4 +1,15 @@
-"""Solvers of H x = r, H = D^T D, for the free vertices of a sheaf: three of them, each where it is the best.
+"""Cholesky's factorisation of a band, by compiled loops.
+
+LAPACK's would be as fast on narrow bands and faster on wide ones, but its bits depend on the number of threads.
+
+Conjugate gradients for a matrix I + U + U^T of which only the strict upper triangle U is stored.
+
+The preconditioner is symmetric successive over-relaxation, M = (I/w + U^T) w (I/w + U) for any 0 < w < 2, which is
+positive definite. With Eisenstat's trick (SIAM J. Sci. Stat. Comput. 2, 1981) an iteration costs one pass over U
+backwards and one forwards, as much as without a preconditioner: A = (I/w + U^T) + (I/w + U) + (1 - 2/w) I, so that of
+the product with A between the two triangular solutions little is left to do.
+
+Solvers of H x = r, H = D^T D, for the free vertices of a sheaf: three of them, each where it is the best.
 
 | solver             | used                                                  | why                                     |
 |--------------------|-------------------------------------------------------|-----------------------------------------|
@@ -20,10 +31,122 @@ from scipy import linalg, sparse
 from scipy.sparse import csgraph
 
 from mjsheaf.errors import SheafError
-from mjsheaf.sheaf.band import factor_band, solve_band
+from mjsheaf.jit import allocating_kernel, kernel
 from mjsheaf.sheaf.edges import EdgeTable, adjoint_product, product
-from mjsheaf.sheaf.iteration import conjugate_gradients, scale_symmetrically
 from mjsheaf.sheaf.loops import bandwidth, block_row_lengths, fill_band, fill_block, neighbours
+
+
+@kernel
+def factor_band(band):
+    """Factor A = C C^T in place; return whether A is positive definite to rounding.
+
+    Args:
+        band: A[i, j], i >= j, is band[j, i - j]; then so is C. Shape (n, bandwidth + 1).
+    """
+    n, width = band.shape
+    for j in range(n):
+        if not band[j, 0] > 0.0:
+            return False
+        count = min(width, n - j)
+        root = np.sqrt(band[j, 0])
+        for i in range(count):
+            band[j, i] /= root
+        for i in range(1, count):
+            factor = band[j, i]
+            if factor != 0.0:
+                for k in range(count - i):
+                    band[j + i, k] -= factor * band[j, i + k]
+    return True
+
+
+@kernel
+def solve_band(band, x):
+    """Solve C C^T x = b in place, for b of shape (n, k)."""
+    n, width = band.shape
+    columns = x.shape[1]
+    for j in range(n):
+        for c in range(columns):
+            x[j, c] /= band[j, 0]
+        for i in range(1, min(width, n - j)):
+            factor = band[j, i]
+            for c in range(columns):
+                x[j + i, c] -= factor * x[j, c]
+    for j in range(n - 1, -1, -1):
+        for i in range(1, min(width, n - j)):
+            factor = band[j, i]
+            for c in range(columns):
+                x[j, c] -= factor * x[j + i, c]
+        for c in range(columns):
+            x[j, c] /= band[j, 0]
+
+
+@kernel
+def scale_symmetrically(indptr, indices, values, diagonal):
+    """Turn the diagonal d into 1 / sqrt(d), and U into that on both sides of it; a zero of d has no row, and becomes 1.
+
+    Args:
+        indptr, indices, values: compressed rows of U.
+        diagonal: shape (n,).
+    """
+    for i in range(len(diagonal)):
+        diagonal[i] = 1.0 / np.sqrt(diagonal[i]) if diagonal[i] > 0.0 else 1.0
+    for i in range(len(diagonal)):
+        for k in range(indptr[i], indptr[i + 1]):
+            values[k] *= diagonal[i] * diagonal[indices[k]]
+
+
+@allocating_kernel
+def conjugate_gradients(indptr, indices, values, b, relaxation, tolerance, most):
+    """Solve (I + U + U^T) x = b from x = 0.
+
+    Args:
+        indptr, indices, values: compressed rows of U.
+        b: right-hand side, shape (n,), in the range of the matrix.
+        relaxation: w.
+        tolerance: by how much to shrink the norm of the preconditioned residual.
+        most: most iterations.
+
+    Returns:
+        x and the number of iterations.
+    """
+    n = len(b)
+    x, p, w, q = np.zeros(n), np.zeros(n), np.empty(n), np.empty(n)
+    # Everything is multiplied by w once, so that the triangles have unit diagonals: r = (I + w U^T)^-1 w b.
+    r = relaxation * b
+    for i in range(n):
+        value = relaxation * r[i]
+        for k in range(indptr[i], indptr[i + 1]):
+            r[indices[k]] -= values[k] * value
+    square = 0.0
+    for i in range(n):
+        square += r[i] * r[i]
+    enough, beta, iterations = tolerance * tolerance * square, 0.0, 0
+    while iterations < most and square > enough:
+        iterations += 1
+        for i in range(n - 1, -1, -1):  # w = (I + w U)^-1 p
+            p[i] = r[i] + beta * p[i]
+            total = 0.0
+            for k in range(indptr[i], indptr[i + 1]):
+                total += values[k] * w[indices[k]]
+            w[i] = p[i] - relaxation * total
+            q[i] = p[i] + (relaxation - 2.0) * w[i]
+        curvature = 0.0
+        for i in range(n):  # q = w + (I + w U^T)^-1 (p + (w - 2) w)
+            value = relaxation * q[i]
+            for k in range(indptr[i], indptr[i + 1]):
+                q[indices[k]] -= values[k] * value
+            q[i] += w[i]
+            curvature += p[i] * q[i]
+        if not curvature > 0.0:  # b was not in the range, or rounding is all that is left
+            break
+        alpha, new = square / curvature, 0.0
+        for i in range(n):
+            x[i] += alpha * w[i]
+            r[i] -= alpha * q[i]
+            new += r[i] * r[i]
+        beta, square = new / square, new
+    return x, iterations
+
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from mjsheaf.errors import InputError
-from mjsheaf.reading import dump_yaml
+from mjsheaf.io.yaml import dump_yaml
 from mjsheaf.results.store import PlaceError, digest, enclosing_run
 from mjsheaf.studies.differences import differences
 from mjsheaf.studies.job import STATUSES, Done

@@ -121,8 +121,8 @@ def _run(job: Job) -> tuple[dict[str, Any], bytes | None]:
     from mjsheaf.checking.bound import bound_of_run
     from mjsheaf.checking.ending import ending_of_run
     from mjsheaf.results import summarize
-    from mjsheaf.results.summary import late_errors
-    from mjsheaf.simulation import simulate
+    from mjsheaf.results.metrics import late_errors
+    from mjsheaf.simulation.run import simulate
 
     scenario = scenario_of(job)
     dataset = simulate(scenario, job.backend)

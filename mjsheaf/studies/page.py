@@ -9,8 +9,8 @@ from html import escape
 from typing import TYPE_CHECKING, Any
 
 from mjsheaf._version import __version__
-from mjsheaf.reading import parse_yaml
-from mjsheaf.results.summary import MEASURES
+from mjsheaf.io.yaml import parse_yaml
+from mjsheaf.results.metrics import MEASURES
 from mjsheaf.studies.job import STATUSES, overrides_of
 from mjsheaf.studies.plan import Plan
 from mjsheaf.studies.points import Point

@@ -10,11 +10,11 @@ from pydantic import ValidationError
 
 from mjsheaf._version import __version__
 from mjsheaf.errors import InputError, ScenarioError
-from mjsheaf.reading import parse_yaml
+from mjsheaf.io.yaml import parse_yaml
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.build import uses_seed
 from mjsheaf.scenario.load import map_vehicles
-from mjsheaf.simulation import BACKENDS
+from mjsheaf.simulation.run import BACKENDS
 from mjsheaf.studies.job import Job, library_versions, scenario_of
 from mjsheaf.studies.points import Point, points_of
 from mjsheaf.studies.schema import StudyFile, asked_of, problem_of

@@ -5,9 +5,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, JsonValue, ValidationError, model_validator
 
-from mjsheaf.reading import Section, describe_validation_error
-from mjsheaf.scenario.fields import Number, Positive
-from mjsheaf.simulation import BACKENDS
+from mjsheaf.io.yaml import Section, describe_validation_error
+from mjsheaf.scenario.scenario import Number, Positive
+from mjsheaf.simulation.run import BACKENDS
 
 Measure = Literal["mean_disagreement", "tracking_error", "formation_error", "centering_error"]
 

@@ -7,10 +7,9 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from mjsheaf.confining import confined
 from mjsheaf.errors import InputError, ScenarioError
-from mjsheaf.reading import read_yaml
-from mjsheaf.resources import list_studies
+from mjsheaf.io.files import confined, list_studies
+from mjsheaf.io.yaml import read_yaml
 from mjsheaf.scenario.load import list_scenarios, map_vehicles, read_scenario
 from mjsheaf.studies.schema import StudyFile, problem_of, values_of
 
@@ -102,8 +101,7 @@ def vehicle_files(scenario: dict[str, Any], study: StudyFile, directory: Path) -
         map_vehicles(value, collect, tuple(field.split(".")))
     digests: dict[str, str] = {}
     for description in named:
-        from mjsheaf.backends.physics.loading import read_description
-        from mjsheaf.backends.physics.sources import files_of
+        from mjsheaf.vehicles.loading import files_of, read_description
 
         for path in [description, *files_of(description, read_description(description).mjcf)]:
             try:

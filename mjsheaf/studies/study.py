@@ -81,7 +81,7 @@ def _report(progress: Progress | None, done: int, plan: Plan) -> None:
 
 
 def _show(place: StudyDirectory, plan: Plan, records: list[dict[str, Any]]) -> list[str]:
-    from mjsheaf.plots.study import plot_study
+    from mjsheaf.studies.figures import plot_study
     from mjsheaf.studies.page import page_of
     from mjsheaf.studies.table import csv_of, make_table, parquet_of
 

@@ -9,7 +9,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from mjsheaf.results.summary import MEASURES
+from mjsheaf.results.metrics import MEASURES
 from mjsheaf.studies.plan import Plan
 
 LATE_COLUMNS = tuple(f"late_{measure}" for measure in MEASURES)

@@ -4,9 +4,17 @@ This layer turns a team into a sheaf. It knows nothing of dynamics.
 """
 
 from mjsheaf.team.formation import Formation
-from mjsheaf.team.measurement import range_bearing, relative_state
-from mjsheaf.team.restriction import restriction_maps, rotation_to_local
-from mjsheaf.team.team import GROUND, Edge, Member, Team, anchor
+from mjsheaf.team.team import (
+    GROUND,
+    Edge,
+    Member,
+    Team,
+    anchor,
+    range_bearing,
+    relative_state,
+    restriction_maps,
+    rotation_to_local,
+)
 
 __all__ = [
     "GROUND",

@@ -9,8 +9,8 @@ from pathlib import Path
 import imageio_ffmpeg
 
 from mjsheaf.errors import InputError, MjsheafError
+from mjsheaf.io.files import whole_file
 from mjsheaf.video.renderer import Frame
-from mjsheaf.whole import whole_file
 
 QUALITY = 20  # x264's constant rate factor: 18 looks lossless, 23 is its default
 AHEAD = 3  # frames drawn but not yet taken by the encoder

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
-from mjsheaf.compiled import kernel
+from mjsheaf.jit import kernel
 from mjsheaf.video.renderer import Frame
 
 Colour = tuple[int, int, int]  # RGB in 0..255

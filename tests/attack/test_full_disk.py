@@ -17,7 +17,7 @@ import pytest
 import xarray as xr
 
 from mjsheaf.results import dataset_bytes, write_dataset
-from mjsheaf.results.enduring import EnduringFile
+from mjsheaf.results.netcdf import EnduringFile
 from mjsheaf.video import available_backend
 from tests.attack.commands import IDEAL, SMALL, call, command_line, contents, files_of_at_most, is_refusal, leftovers
 

@@ -21,11 +21,11 @@ import pytest
 import xarray as xr
 from PIL import Image
 
-from mjsheaf import whole
+from mjsheaf.io import files as whole
+from mjsheaf.io.files import put_in_place, whole_directory, whole_file, write_whole
 from mjsheaf.results import load_run
 from mjsheaf.results.store import FILES
 from mjsheaf.video import available_backend
-from mjsheaf.whole import put_in_place, whole_directory, whole_file, write_whole
 from tests.attack.commands import IDEAL, SMALL, call, command_line, leftovers
 
 REPOSITORY = Path(__file__).resolve().parents[2]

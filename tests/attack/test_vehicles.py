@@ -14,8 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from mjsheaf.backends.physics import load_vehicle
 from mjsheaf.errors import InputError
+from mjsheaf.vehicles.loading import load_vehicle
 
 DATA = Path(__file__).resolve().parent.parent / "data"
 BODY = (DATA / "raft.xml").read_text()

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from mjsheaf import World
-from mjsheaf.backends.physics import Vehicle, load_vehicle
+from mjsheaf.vehicles.loading import load_vehicle
+from mjsheaf.vehicles.vehicle import Vehicle
 
 from .small import make
 

@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mjsheaf.backends.system import System
 from mjsheaf.dynamics import disturbance
 from mjsheaf.dynamics.motion import add_reference
 from mjsheaf.scenario import Scenario, scenario_from_mapping
+from mjsheaf.system import System
 
 Array = NDArray[np.float64]
 

@@ -13,11 +13,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjsheaf.backends.physics import arena as arena_module
-from mjsheaf.backends.physics import compose, load_vehicle
-from mjsheaf.backends.physics.vehicle import GRAVITY
 from mjsheaf.errors import InputError
-from mjsheaf.resources import resource_directory
+from mjsheaf.io.files import resource_directory
+from mjsheaf.simulation import arena as arena_module
+from mjsheaf.simulation.arena import compose
+from mjsheaf.vehicles.loading import load_vehicle
+from mjsheaf.vehicles.vehicle import GRAVITY
 
 from .alone import alone, ask
 from .vehicles import Edit, altered, find

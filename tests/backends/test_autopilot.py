@@ -15,8 +15,8 @@ from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
 
 from mjsheaf import World
-from mjsheaf.backends.physics import Vehicle
-from mjsheaf.backends.physics.autopilot import drive
+from mjsheaf.simulation.autopilot import drive
+from mjsheaf.vehicles.vehicle import Vehicle
 
 from .alone import MULTIROTORS, REAL, alone, ask, attitude, body, place, wanted_force, wrench, yaw_of
 from .vehicles import altered

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from mjsheaf.backends.physics import list_vehicles, load_vehicle
-from mjsheaf.backends.physics.capability import capability_of
-from mjsheaf.backends.physics.effects import embody
-from mjsheaf.backends.system import Effects
+from mjsheaf.system import Effects
+from mjsheaf.vehicles.effects import capability_of, embody
+from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 
 from .alone import REAL, alone, ask, body
 

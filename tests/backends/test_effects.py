@@ -12,9 +12,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from mjsheaf.backends.physics import Vehicle, list_vehicles, load_vehicle
-from mjsheaf.backends.physics.effects import embody, has_effects
-from mjsheaf.backends.system import Effects
+from mjsheaf.system import Effects
+from mjsheaf.vehicles.effects import embody, has_effects
+from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
+from mjsheaf.vehicles.vehicle import Vehicle
 
 from .alone import BOATS, MULTIROTORS, REAL, alone, ask, attitude, body, place, yaw_of
 

@@ -16,8 +16,9 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from mjsheaf import World
-from mjsheaf.backends.physics import load_vehicle, run_physics
-from mjsheaf.backends.physics import vehicle as vehicle_module
+from mjsheaf.simulation.loop import run_physics
+from mjsheaf.vehicles import vehicle as vehicle_module
+from mjsheaf.vehicles.loading import load_vehicle
 
 from .small import make, medium, mixed, velocity_commands
 from .vehicles import altered, find, xml_of

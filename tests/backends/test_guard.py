@@ -10,12 +10,12 @@ from typing import Any
 import pytest
 
 from mjsheaf import load_scenario, simulate, simulate_many
-from mjsheaf.backends.physics import vehicles_of
 from mjsheaf.cli.main import main
 from mjsheaf.errors import InputError
-from mjsheaf.expecting import try_scenario
-from mjsheaf.reading import dump_yaml
-from mjsheaf.simulation import require_simulable
+from mjsheaf.io.yaml import dump_yaml
+from mjsheaf.runs.expecting import try_scenario
+from mjsheaf.simulation.loop import vehicles_of
+from mjsheaf.simulation.run import require_simulable
 from mjsheaf.studies import load_plan
 from mjsheaf.studies.job import run_job
 

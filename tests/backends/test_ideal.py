@@ -15,10 +15,10 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from mjsheaf import load_scenario, simulate
-from mjsheaf.backends.ideal import inputs, run_ideal
-from mjsheaf.backends.system import System
-from mjsheaf.backends.trajectory import Trajectory
 from mjsheaf.scenario import Scenario
+from mjsheaf.simulation.ideal import inputs, run_ideal
+from mjsheaf.simulation.trajectory import Trajectory
+from mjsheaf.system import System
 
 from .small import FLOW, make, medium, mixed, velocity_commands
 

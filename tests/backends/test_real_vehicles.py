@@ -14,7 +14,8 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from mjsheaf import World
-from mjsheaf.backends.physics import list_vehicles, load_vehicle, run_physics
+from mjsheaf.simulation.loop import run_physics
+from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 
 from .alone import BOATS, LAG, MULTIROTORS, REAL, alone, ask, attitude, body, place, step_unpowered, yaw_of
 from .small import make

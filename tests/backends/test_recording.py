@@ -7,10 +7,10 @@ import pytest
 from numpy.typing import NDArray
 
 from mjsheaf import World
-from mjsheaf.backends.ideal import run_ideal, stream_ideal
-from mjsheaf.backends.physics import run_physics, world
-from mjsheaf.backends.physics.running import stream_physics
-from mjsheaf.backends.system import System
+from mjsheaf.simulation import loop as world
+from mjsheaf.simulation.ideal import run_ideal, stream_ideal
+from mjsheaf.simulation.loop import run_physics, stream_physics
+from mjsheaf.system import System
 
 from .small import mixed
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mjsheaf.backends.ideal import run_ideal
-from mjsheaf.backends.physics import run_physics
 from mjsheaf.scenario import Scenario
+from mjsheaf.simulation.ideal import run_ideal
+from mjsheaf.simulation.loop import run_physics
 
 from .small import FLOW, make, mixed
 

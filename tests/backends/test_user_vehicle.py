@@ -16,9 +16,9 @@ import xarray as xr
 import yaml
 
 from mjsheaf import load_scenario, simulate
-from mjsheaf.backends.physics import load_vehicle
 from mjsheaf.cli.main import main
 from mjsheaf.errors import InputError
+from mjsheaf.vehicles.loading import load_vehicle
 
 from .alone import alone, ask, body
 from .vehicles import Edit, altered, find

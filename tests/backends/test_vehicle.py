@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mjsheaf.backends.physics import Vehicle, list_vehicles, load_vehicle
 from mjsheaf.errors import InputError
+from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
+from mjsheaf.vehicles.vehicle import Vehicle
 
 from .vehicles import Edit, altered, attitudes, find, xml_of, yaws
 

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from mjsheaf import World, load_scenario, simulate
-from mjsheaf.backends.physics import load_vehicle, run_physics
 from mjsheaf.errors import InputError, UnstableError
+from mjsheaf.simulation.loop import run_physics
+from mjsheaf.vehicles.loading import load_vehicle
 
 from .small import make, mixed
 from .vehicles import altered, find

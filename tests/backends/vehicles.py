@@ -10,7 +10,7 @@ import yaml
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from mjsheaf.backends.physics import list_vehicles
+from mjsheaf.vehicles.loading import list_vehicles
 
 Array = NDArray[np.float64]
 Edit = Callable[[ElementTree.Element], None]

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 import mjsheaf
-from mjsheaf.backends.ideal import run_ideal
 from mjsheaf.checking.bound import bound_of_run
 from mjsheaf.dynamics.flow import FlowField
 from mjsheaf.scenario import scenario_from_mapping
+from mjsheaf.simulation.ideal import run_ideal
 from tests.checking import oracle
 from tests.checking.adversarial import FAMILIES, REPORTED, TEAMS, adversarial_scenario, family_of
 from tests.checking.study import BASELINE, BROKEN, Judgement, judge, record_shipped, row_of, table

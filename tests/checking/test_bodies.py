@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 
 import mjsheaf
-from mjsheaf.backends.system import System
 from mjsheaf.checking import bodies
 from mjsheaf.checking.bodies import BodyLoop, body_loop
-from mjsheaf.checking.spectrum import spectrum_of
+from mjsheaf.checking.cohomology import spectrum_of
 from mjsheaf.cli.main import main
 from mjsheaf.scenario import scenario_from_mapping
+from mjsheaf.system import System
 from tests.checking.growth import growth_rate
 
 RAFT = str(Path(__file__).resolve().parent.parent / "data" / "raft.yaml")

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 import mjsheaf
-from mjsheaf.backends.ideal import run_ideal
 from mjsheaf.checking import certificate as certificates
 from mjsheaf.checking import examine
 from mjsheaf.checking.bound import BROKEN, bound_of_run
@@ -20,6 +19,7 @@ from mjsheaf.checking.certificate import certify
 from mjsheaf.checking.drift import Difference
 from mjsheaf.cli.main import main
 from mjsheaf.scenario import scenario_from_mapping
+from mjsheaf.simulation.ideal import run_ideal
 
 
 def call(*arguments: str | Path) -> int:

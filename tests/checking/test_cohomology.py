@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 from mjsheaf.checking.cohomology import explain
 from mjsheaf.sheaf import RANK_TOLERANCE
 from mjsheaf.team import Edge, Team
-from mjsheaf.team.freedom import sparsified
+from mjsheaf.team.null_modes import sparsified
 
 from ..sheaf.strategies import exact_rank
 from .teams import LAWS, Array, coboundary, edge, hold, shared_teams, team, turn, whole_number_teams

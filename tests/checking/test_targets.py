@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 from mjsheaf.checking import targets
-from mjsheaf.checking.carrier import Carrier
-from mjsheaf.checking.drift import coarser, difference_along
-from mjsheaf.checking.spectrum import spectrum_of
+from mjsheaf.checking.cohomology import spectrum_of
+from mjsheaf.checking.drift import Carrier, coarser, difference_along
 from mjsheaf.checking.targets import Cells, follow_targets
 from mjsheaf.dynamics import FlowField, Lissajous, Waypoints
 from mjsheaf.dynamics.disturbance import evaluate

@@ -20,7 +20,7 @@ import yaml
 
 import mjsheaf as package
 from mjsheaf.cli.main import main
-from mjsheaf.resources import list_studies
+from mjsheaf.io.files import list_studies
 from mjsheaf.results.store import FILES
 from mjsheaf.scenario import list_scenarios, load_scenario
 from mjsheaf.video import available_backend

@@ -16,9 +16,8 @@ import yaml
 from mjsheaf import simulate
 from mjsheaf.cli.main import main
 from mjsheaf.comparing import CompareRecord, compare
-from mjsheaf.comparing.climbing import climb
 from mjsheaf.comparing.filming import both_films
-from mjsheaf.comparing.ladder import ladder_of
+from mjsheaf.comparing.ladder import climb, ladder_of
 from mjsheaf.comparing.report import WIDTH, report_text
 from mjsheaf.results import summarize
 from mjsheaf.results.store import COMPARISON_FILES

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from mjsheaf import simulate
-from mjsheaf.backends.physics import run_physics
-from mjsheaf.comparing.climbing import climb
-from mjsheaf.comparing.ladder import EFFECTS, effects_of, ladder_of
+from mjsheaf.comparing.ladder import EFFECTS, climb, effects_of, ladder_of
 from mjsheaf.scenario import Scenario
+from mjsheaf.simulation.loop import run_physics
 from tests.comparing.small import pair, swarm
 
 OFF = {name: False for name in EFFECTS if name != "contacts"}

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjsheaf.comparing.budget import budget_of
 from mjsheaf.comparing.ladder import ladder_of
 from mjsheaf.comparing.measures import late, root_mean_square
+from mjsheaf.comparing.verdict import budget_of
 from tests.comparing.small import pair
 
 

@@ -11,19 +11,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjsheaf.backends.ideal import run_ideal
-from mjsheaf.backends.physics import load_vehicle
 from mjsheaf.comparing import CompareRecord, compare
-from mjsheaf.comparing.gain import usable_gain
-from mjsheaf.comparing.inertia import inertial_tau
+from mjsheaf.comparing.figures import choose_rungs, log_ticks
+from mjsheaf.comparing.ladder import inertial_tau
 from mjsheaf.comparing.measures import formation_size, late, positions_at_q_star, root_mean_square, series_of
 from mjsheaf.comparing.record import ItemRecord
 from mjsheaf.comparing.report import report_text
-from mjsheaf.comparing.ringing import ringing_of
+from mjsheaf.comparing.ringing import ringing_of, usable_gain
 from mjsheaf.comparing.verdict import verdict_of
-from mjsheaf.plots.compare import choose_rungs, log_ticks
-from mjsheaf.results.errors import evaluate_errors
+from mjsheaf.results.metrics import evaluate_errors
 from mjsheaf.scenario import Scenario
+from mjsheaf.simulation.ideal import run_ideal
+from mjsheaf.vehicles.loading import load_vehicle
 from tests.comparing.small import approx, pair
 
 

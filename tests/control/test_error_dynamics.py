@@ -11,11 +11,11 @@ import pytest
 from numpy.typing import NDArray
 
 import mjsheaf
-from mjsheaf.backends.ideal import inputs, run_ideal
-from mjsheaf.backends.system import System
 from mjsheaf.checking.bound import bound_of_run
 from mjsheaf.dynamics import disturbance
 from mjsheaf.scenario import scenario_from_mapping
+from mjsheaf.simulation.ideal import inputs, run_ideal
+from mjsheaf.system import System
 
 from ..backends.small import velocity_commands
 from ..checking.test_theorem import random_scenario

@@ -17,8 +17,17 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from scipy.stats import ortho_group
 
-from mjsheaf.control.rho import BoundRho, ConstantRho, PolynomialRho, Rho, StepRho, as_rho
-from mjsheaf.control.theorem import Theorem, gain_for_radius, theorem_1
+from mjsheaf.control.theorem import (
+    BoundRho,
+    ConstantRho,
+    PolynomialRho,
+    Rho,
+    StepRho,
+    Theorem,
+    as_rho,
+    gain_for_radius,
+    theorem_1,
+)
 from mjsheaf.errors import InputError
 
 LAWS = settings(deadline=None, derandomize=True, max_examples=80)

@@ -11,7 +11,7 @@ import pytest
 
 from mjsheaf import simulate
 from mjsheaf.results import summarize
-from mjsheaf.results.errors import evaluate_errors
+from mjsheaf.results.metrics import evaluate_errors
 from mjsheaf.scenario import scenario_from_mapping
 from mjsheaf.scenario.build import build_team
 from mjsheaf.team import Team

@@ -13,12 +13,12 @@ import pytest
 import xarray as xr
 
 from mjsheaf import simulate
-from mjsheaf.backends import trajectory
-from mjsheaf.backends.physics import run_physics, vehicles_of
 from mjsheaf.results import join, make_dataset, open_dataset, thinned, write_dataset
-from mjsheaf.results.file import pieces_of
+from mjsheaf.results.netcdf import pieces_of
 from mjsheaf.scenario import Scenario, scenario_from_mapping
-from mjsheaf.simulation import stream
+from mjsheaf.simulation import trajectory
+from mjsheaf.simulation.loop import run_physics, vehicles_of
+from mjsheaf.simulation.run import stream
 
 BACKENDS = ("ideal", "physics")
 

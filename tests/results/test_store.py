@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from mjsheaf import whole
+from mjsheaf.io import files as whole
 from mjsheaf.results import staging
 from mjsheaf.results.store import PlaceError, enclosing_run, holds_run, save_summary
 

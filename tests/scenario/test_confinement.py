@@ -14,9 +14,9 @@ import yaml
 
 from mjsheaf import load_scenario, load_vehicle, simulate
 from mjsheaf.cli.main import main
-from mjsheaf.confining import confined
 from mjsheaf.errors import InputError, ScenarioError
-from mjsheaf.resolving import write_scenario
+from mjsheaf.io.files import confined
+from mjsheaf.runs.publish import write_scenario
 from tests.scenario.mutations import in_time
 
 DATA = Path(__file__).parents[1] / "data"

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from mjsheaf.reading import dump_yaml
+from mjsheaf.io.yaml import dump_yaml
 from mjsheaf.scenario import list_scenarios, load_scenario
 
 from .mutations import RUNS, TEXTS, TREES, base, load_or_refuse, trees, try_files

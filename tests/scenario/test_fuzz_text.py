@@ -14,12 +14,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mjsheaf import load_vehicle
-from mjsheaf.backends.physics.attachment import attachable
 from mjsheaf.cli.main import main
 from mjsheaf.errors import InputError
-from mjsheaf.reading import read_yaml
+from mjsheaf.io.yaml import read_yaml
 from mjsheaf.scenario import list_scenarios, load_scenario
-from mjsheaf.simulation import simulate
+from mjsheaf.simulation.arena import attachable
+from mjsheaf.simulation.run import simulate
 
 from .mutations import FUZZ, RUNS, TEXTS, in_time, load_or_refuse, mutated_text, mutated_tree, texts, trees, try_files
 

@@ -14,12 +14,12 @@ import xarray as xr
 
 import mjsheaf
 from mjsheaf.errors import NotUniqueError
-from mjsheaf.reading import parse_yaml, read_yaml
+from mjsheaf.io.yaml import parse_yaml, read_yaml
 from mjsheaf.results import summarize
 from mjsheaf.scenario import Scenario, list_scenarios, load_scenario, scenario_from_mapping
 from mjsheaf.scenario.build import uses_seed
 from mjsheaf.scenario.load import parse_override
-from mjsheaf.scenario.schema_team import ExplicitMaps
+from mjsheaf.scenario.scenario import ExplicitMaps
 
 BACKENDS = ("ideal", "physics")
 RUNNABLE = [name for name in list_scenarios() if load_scenario(name).expect.refused is None]
@@ -97,7 +97,7 @@ def test_same_scenario_same_bits(backend: str) -> None:
 
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_resolved_scenario_runs_to_the_same_bits(backend: str, tmp_path: Path) -> None:
-    from mjsheaf.running import dump_scenario
+    from mjsheaf.runs.publish import dump_scenario
 
     changes = {"time.end": 1, "seed": 11, "controller.gain": 2.5, "summary": "1e3"}  # text that looks like a number
     scenario = load_scenario("local_frames", changes)
@@ -176,7 +176,7 @@ def test_overrides_may_be_values_of_numpy_and_tuples() -> None:
 
 @pytest.mark.parametrize("name", list_scenarios())
 def test_schema_accepts_what_ships(name: str, tmp_path: Path) -> None:
-    from mjsheaf.running import dump_scenario
+    from mjsheaf.runs.publish import dump_scenario
 
     schema = Scenario.model_json_schema()
     jsonschema.validate(read_yaml(list_scenarios()[name]), schema)
@@ -249,8 +249,8 @@ def test_scenario_from_a_mapping() -> None:
 
 
 def test_paths_of_vehicles_are_relative_to_the_scenario(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from mjsheaf.resources import resource_directory
-    from mjsheaf.running import dump_scenario
+    from mjsheaf.io.files import resource_directory
+    from mjsheaf.runs.publish import dump_scenario
 
     inner = tmp_path / "inner"
     inner.mkdir()

@@ -13,7 +13,7 @@ import pytest
 
 from mjsheaf import load_scenario, simulate
 from mjsheaf.errors import ScenarioError
-from mjsheaf.running import dump_scenario
+from mjsheaf.runs.publish import dump_scenario
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.swarm import Swarm, _k_regular, _nearest, _sunflower
 

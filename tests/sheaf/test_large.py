@@ -12,7 +12,9 @@ from scipy.stats import ortho_group
 
 from mjsheaf import Sheaf
 from mjsheaf.errors import SheafError
-from mjsheaf.sheaf import dirichlet, kernel, sections, sheaf, solvers
+from mjsheaf.sheaf import harmonic as dirichlet
+from mjsheaf.sheaf import sections, sheaf, solvers
+from mjsheaf.sheaf import sections as kernel
 
 Array = np.ndarray
 

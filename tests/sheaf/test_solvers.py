@@ -16,9 +16,8 @@ from scipy import linalg
 from mjsheaf import Sheaf
 from mjsheaf.errors import SheafError
 from mjsheaf.sheaf import DirichletProblem, solvers
-from mjsheaf.sheaf.band import factor_band, solve_band
-from mjsheaf.sheaf.iteration import conjugate_gradients
 from mjsheaf.sheaf.loops import block_row_lengths, fill_block
+from mjsheaf.sheaf.solvers import conjugate_gradients, factor_band, solve_band
 
 from .strategies import LAWS, SheafSpec, sheaves, vectors
 from .test_sections import grid

@@ -15,12 +15,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mjsheaf.errors import InputError
-from mjsheaf.plots.study import plot_study
-from mjsheaf.plots.study_axis import swept_axes
-from mjsheaf.reading import dump_yaml
-from mjsheaf.results.summary import MEASURES
+from mjsheaf.io.yaml import dump_yaml
+from mjsheaf.results.metrics import MEASURES
 from mjsheaf.studies import Plan, Point, load_plan
 from mjsheaf.studies.directory import open_directory
+from mjsheaf.studies.figure_axis import swept_axes
+from mjsheaf.studies.figures import plot_study
 from mjsheaf.studies.job import new_record, seed_of
 from mjsheaf.studies.page import page_of
 from mjsheaf.studies.table import csv_of, make_table, parquet_of

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from mjsheaf.errors import InputError, ScenarioError
-from mjsheaf.resources import list_studies
+from mjsheaf.io.files import list_studies
 from mjsheaf.studies import load_plan
 from mjsheaf.studies.plan import parse_grid, parse_seeds
 
@@ -65,7 +65,7 @@ def test_a_study_file_and_what_is_given_beside_it(tmp_path: Path) -> None:
 
 
 def test_a_study_names_a_scenario_beside_it(tmp_path: Path) -> None:
-    from mjsheaf.running import dump_scenario
+    from mjsheaf.runs.publish import dump_scenario
     from mjsheaf.scenario import load_scenario
 
     (tmp_path / "team.yaml").write_text(dump_scenario(load_scenario("midpoint")))

@@ -16,12 +16,12 @@ import pytest
 from matplotlib.figure import Figure
 from PIL import Image
 
-from mjsheaf.plots.figures import new_figure
-from mjsheaf.plots.study import plot_study
-from mjsheaf.plots.study_axis import swept_axes
-from mjsheaf.results.summary import MEASURES
+from mjsheaf.plotting import new_figure
+from mjsheaf.results.metrics import MEASURES
 from mjsheaf.studies import load_plan, run_study
 from mjsheaf.studies.directory import sealed
+from mjsheaf.studies.figure_axis import swept_axes
+from mjsheaf.studies.figures import plot_study
 from mjsheaf.studies.job import Done, new_record, run_job
 from mjsheaf.studies.points import points_of
 from mjsheaf.studies.schema import StudyFile
@@ -191,7 +191,7 @@ def figures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
         kept.append(new_figure(*size))
         return kept[-1]
 
-    monkeypatch.setattr("mjsheaf.plots.study.new_figure", keep)
+    monkeypatch.setattr("mjsheaf.studies.figures.new_figure", keep)
     return kept
 
 

@@ -15,7 +15,7 @@ from scipy.sparse import csr_array
 
 from mjsheaf.errors import InputError, SheafError
 from mjsheaf.team import Edge, Formation, Member, Team, restriction_maps
-from mjsheaf.team.freedom import free_directions, sparsified
+from mjsheaf.team.null_modes import free_directions, sparsified
 
 LAWS = settings(deadline=None, derandomize=True, max_examples=60)
 

@@ -9,11 +9,11 @@ import pytest
 
 import mjsheaf.video
 from mjsheaf import simulate
-from mjsheaf.backends import trajectory
 from mjsheaf.filming import film_of, film_run, video_options
 from mjsheaf.results import open_dataset, write_dataset
 from mjsheaf.scenario import Scenario, load_scenario, scenario_from_mapping
-from mjsheaf.simulation import stream
+from mjsheaf.simulation import trajectory
+from mjsheaf.simulation.run import stream
 from mjsheaf.video import Film, VideoOptions
 from mjsheaf.video.draw import Painter
 from mjsheaf.video.sampling import moment

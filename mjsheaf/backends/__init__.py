@@ -1,1 +1,0 @@
-"""How the same team, law and flow become trajectories: ideal kinematics, or MuJoCo bodies."""

@@ -1,0 +1,156 @@
+"""The picture of a check: spectrum of H, who is free to drift, and the bounded difference."""
+
+from pathlib import Path
+from textwrap import fill
+from typing import Any
+
+import numpy as np
+from matplotlib.collections import LineCollection
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
+
+from mjsheaf.checking.certificate import Certificate
+from mjsheaf.checking.check import Examination
+from mjsheaf.checking.record import CheckRecord
+from mjsheaf.plotting import group_of_vehicles, new_figure, palette, save_figure
+from mjsheaf.system import System
+
+Array = NDArray[np.float64]
+
+_LARGEST_SPECTRUM = 2000  # eigenvalues; beyond, only the extremes are drawn
+_FREE, _CARRIED, _OWN, _GAP = "#D62728", "#0072B2", "#E69F00", "#4B5563"
+
+
+def plot_check(system: System, examination: Examination, path: Path) -> None:
+    """Draw a check into a PNG."""
+    record = examination.record
+    figure = new_figure(18.0, 6.6)
+    figure.suptitle(f"{record.scenario}: {record.verdict()}")
+    panels = figure.subplots(1, 3)
+    _spectrum(panels[0], system, record)
+    _graph(panels[1], system, record)
+    _difference(panels[2], system, examination.certificate)
+    figure.subplots_adjust(left=0.05, right=0.985, top=0.86, bottom=0.2, wspace=0.2)
+    save_figure(figure, path)
+
+
+def _spectrum(axis: Any, system: System, record: CheckRecord) -> None:
+    H = system.team.dirichlet.H
+    t = record.theorem
+    values = np.array([t.lambda_min, t.lambda_max])
+    if H.shape[0] <= _LARGEST_SPECTRUM:
+        values = np.linalg.eigvalsh(H.toarray())
+    floor = max(t.lambda_max * 1e-12, 1e-300)
+    null = values <= record.relative_cohomology.tolerance**2 * t.lambda_max + floor
+    index = np.arange(1, len(values) + 1)
+    shown = np.where(null, t.lambda_max * 1e-4, values)
+    axis.semilogy(index[~null], shown[~null], "o", color=_CARRIED, markersize=5, label="eigenvalues of H")
+    if null.any():
+        axis.semilogy(index[null], shown[null], "v", color=_FREE, markersize=9, label="zero: free directions")
+    if record.margins.hold is not None:
+        limit = 2.0 / (t.gain * record.margins.hold.period)
+        axis.axhline(limit, color=_GAP, linestyle="--", label=f"2 / (k1 h) = {limit:.3g}: the held law diverges above")
+    if record.margins.bodies.largest_gain is not None:
+        limit = t.lambda_max * record.margins.bodies.largest_gain / t.gain
+        axis.axhline(limit, color=_FREE, linestyle=":", label=f"{limit:.3g}: vehicles swing up above")
+    axis.set_title(f"spectrum of H: {t.lambda_min:.3g} to {t.lambda_max:.3g}", fontsize=11)
+    axis.set_xlabel("number of the eigenvalue")
+    axis.set_ylabel("eigenvalue")
+    axis.grid(True, alpha=0.3)
+    _legend_below(axis)
+
+
+def _graph(axis: Any, system: System, record: CheckRecord) -> None:
+    team = system.team
+    place = system.initial[:, :2]
+    number = {m.id: v for v, m in enumerate(team.members)}
+    for edges, colour, style in ((team.communication, "#8A94A6", "-"), (team.sensing, "#B45309", ":")):
+        lines = [place[[number[e.tail], number[e.head]]] for e in edges]
+        axis.add_collection(LineCollection(lines, colors=colour, linestyles=style, linewidths=1.0, zorder=1))
+    groups, _ = group_of_vehicles(team)
+    colours = palette(len(team.formations))
+    few = len(place) <= 60
+    for v, member in enumerate(team.members):
+        target = v >= len(team.agents)
+        size = (13 if target else 9) if few else 3
+        axis.plot(*place[v], "*" if target else "o", markersize=size, color=colours[groups[v]], zorder=3)
+        if few:
+            axis.annotate(member.id, place[v], xytext=(6, 6), textcoords="offset points", fontsize=8, zorder=5)
+    reach = 0.12 * max(float(np.ptp(place, axis=0).max()), 1.0)
+    for direction in record.relative_cohomology.basis:
+        for agent, motion in direction.motion.items():
+            start, step = place[number[agent]], np.array(motion[:2])
+            if np.linalg.norm(step) > 1e-6:
+                for sign in (1.0, -1.0):
+                    axis.annotate("", start + sign * reach * step / np.linalg.norm(step), start,
+                                  arrowprops={"arrowstyle": "-|>", "color": _FREE, "lw": 2}, zorder=4)  # fmt: skip
+            if len(motion) > 2 and abs(motion[2]) > 1e-6:  # up and down: a ring with a dot, as arrows seen head-on
+                axis.plot(*start, "o", markersize=20, markerfacecolor="none", markeredgecolor=_FREE, mew=2, zorder=4)
+                axis.plot(*start, ".", color=_FREE, markersize=6, zorder=4)
+    dimension = record.relative_cohomology.dimension
+    axis.set_title(f"who is free to drift: dimension {dimension}" + ("" if dimension else ", nobody"), fontsize=11)
+    axis.set_xlabel("x (m), initial configuration from above")
+    axis.set_ylabel("y (m)")
+    axis.set_aspect("equal", adjustable="datalim")
+    axis.margins(0.15)
+    axis.grid(True, alpha=0.3)
+    handles = [
+        Line2D([], [], color="#8A94A6", label="communication"),
+        Line2D([], [], color="#B45309", linestyle=":", label="sensing"),
+        Line2D([], [], color=palette(0)[-1], marker="*", linestyle="", label="target"),
+    ]
+    if dimension:
+        handles += [
+            Line2D([], [], color=_FREE, marker="o", markerfacecolor="none", markersize=12, mew=2, linestyle="",
+                   label="free along z"),
+            Line2D([], [], color=_FREE, lw=2, label="free in the plane"),
+        ]  # fmt: skip
+    _legend_below(axis, handles)
+
+
+def _difference(axis: Any, system: System, certificate: Certificate) -> None:
+    """The paper's figure of Assumption 7, at the instant at which the difference is largest."""
+    team = system.team
+    path, along = certificate.region.path, certificate.constants.difference
+    size = np.linalg.norm(along.values, axis=1)
+    if not np.isfinite(size).all():
+        why = path.complaint or "a target or q* meets a singular kernel"
+        axis.text(0.5, 0.5, fill(f"not known: {why}", 50), transform=axis.transAxes, ha="center", va="center")
+        axis.set_title("bounded difference", fontsize=11)
+        return
+    k = int(np.argmax(size))
+    N = len(team.agents)
+    q_star, targets = team.unpack(path.q_star[k])[:, :2], path.positions[k, N:, :2]
+    arrows = [team.unpack(x[k])[:, :2] for x in (along.own, along.carried)]
+    longest = max(float(np.linalg.norm(a, axis=1).max()) for a in arrows) or 1.0
+    scale = 0.2 * max(float(np.ptp(np.vstack([q_star, targets]), axis=0).max()), 1.0) / longest
+    axis.plot(*targets.T, "*", color=palette(0)[-1], markersize=12, zorder=2)
+    axis.plot(*q_star.T, "x", color="black", markersize=7, zorder=3)
+    for a, colour in zip(arrows, (_OWN, _CARRIED), strict=True):
+        axis.quiver(
+            *q_star.T, *(scale * a).T, angles="xy", scale_units="xy", scale=1, color=colour, width=5e-3, zorder=4
+        )
+    ends = [[q + scale * a, q + scale * b] for q, a, b in zip(q_star, *arrows, strict=True)]
+    axis.add_collection(LineCollection(ends, colors=_GAP, linestyles="--", linewidths=1.4, zorder=5))
+    # Arrows do not count for the limits of the axes.
+    axis.update_datalim(np.concatenate([*ends, targets]))
+    axis.autoscale_view()
+    norm = float(size[k])
+    axis.set_title(f"bounded difference, largest at t = {path.time[k]:.4g} s: |f_B| = {norm:.3g} m/s", fontsize=11)
+    axis.set_xlabel("x (m), from above")
+    axis.set_ylabel("y (m)")
+    axis.set_aspect("equal", adjustable="datalim")
+    axis.margins(0.1)
+    axis.grid(True, alpha=0.3)
+    handles = [
+        Line2D([], [], color="black", marker="x", linestyle="", label="q*"),
+        Line2D([], [], color=palette(0)[-1], marker="*", linestyle="", label="target"),
+        Line2D([], [], color=_CARRIED, lw=2, label="targets' drift, extended: $H^{-1} B f_p$"),
+        Line2D([], [], color=_OWN, lw=2, label="agents' own drift $f_q(q^*)$"),
+        Line2D([], [], color=_GAP, linestyle="--", label="the gap $f_B$"),
+    ]
+    _legend_below(axis, handles)
+
+
+def _legend_below(axis: Any, handles: list[Line2D] | None = None) -> None:
+    axis.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=2, frameon=False, fontsize=9)

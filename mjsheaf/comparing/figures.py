@@ -1,0 +1,260 @@
+"""The figures of a comparison: errors of the rungs over time, the error budget, convergence in the time constant."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+from numpy.typing import NDArray
+
+from mjsheaf.comparing.ladder import words
+from mjsheaf.comparing.measures import TEAM
+from mjsheaf.comparing.record import BudgetRecord, CompareRecord, RungRecord
+from mjsheaf.plotting import new_figure, palette, save_figure
+
+Array = NDArray[np.float64]
+
+_IDEAL, _ALL, _BASE, _GREY = "black", "#D62728", "#8A94A6", "#C4CAD4"
+_MOST_LINES, _MOST_POINTS, _MOST_PANELS = 10, 2000, 4
+
+
+@dataclass(frozen=True)
+class RungCurves:
+    """What is drawn of a rung over time.
+
+    Attributes:
+        time: shape (T,), s.
+        tracking, formation: errors of the team, shape (T,), m; NaN where they have no meaning.
+        distance: largest over the agents from where they were in the ideal run, shape (T,), m.
+    """
+
+    time: Array
+    tracking: Array
+    formation: Array
+    distance: Array
+
+
+def plot_rungs(record: CompareRecord, curves: dict[str, RungCurves], path: Path) -> None:
+    """Tracking and formation error of the team and distance to the ideal run over time, a line a rung.
+
+    Args:
+        record: the comparison.
+        curves: by key of the rung.
+        path: the PNG.
+    """
+    drawn = [
+        ("tracking", "tracking error (m)\nRMS over agents"),
+        ("formation", "formation error (m)\nRMS over edges in groups"),
+        ("distance", "distance to the ideal run (m)\nof the agent farthest from it"),
+    ]
+    if np.isnan(curves["ideal"].formation).all():  # a team without formations
+        del drawn[1]
+    figure = new_figure(11.0, 1.5 + 2.6 * len(drawn))
+    figure.suptitle(f"{record.scenario}: what each effect does, gain {record.gain:g} 1/s", y=0.98)
+    panels = figure.subplots(len(drawn), 1, sharex=True)
+    told, footnote = choose_rungs(record)
+    colours = palette(_MOST_LINES)
+    for axis, (name, label) in zip(panels, drawn, strict=True):
+        values = []
+        for k, rung in enumerate(told):
+            curve = curves[rung.key]
+            keep = np.unique(np.linspace(0, len(curve.time) - 1, min(len(curve.time), _MOST_POINTS)).astype(int))
+            y = getattr(curve, name)[keep]
+            y = np.where(y > 0.0, y, np.nan)  # zero has no place on a logarithmic axis
+            if rung.status == "finished":
+                values.append(y)
+            axis.plot(curve.time[keep], y, label=_label(rung), **_style(rung, colours[k]))
+        _logarithmic(axis, values)
+        axis.set_ylabel(label)
+        axis.grid(True, which="major", alpha=0.3)
+        end = float(curves["ideal"].time[0]) + record.time_s
+        axis.axvspan(end - record.time_s / 2, end, color="black", alpha=0.04, linewidth=0)
+    panels[-1].set_xlabel("time (s); the shaded half is what the error budget counts")
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="upper right", bbox_to_anchor=(0.995, 0.94), frameon=False, fontsize=9)
+    figure.align_ylabels(panels)
+    figure.subplots_adjust(left=0.11, right=0.77, top=0.94, bottom=0.09, hspace=0.08)
+    if footnote:
+        figure.text(0.11, 0.012, footnote, fontsize=9, color="dimgrey")
+    save_figure(figure, path)
+
+
+def plot_budget(record: CompareRecord, path: Path) -> None:
+    """Bars: what each effect adds alone and gives back when it is removed, for the team and its groups."""
+    known = list(record.rung("ideal").errors)
+    scopes = known[:1] if len(known) == 2 else known[: _MOST_PANELS + 1]  # an only group is the team over again
+    budgets = [record.budget(scope, record.measure, "late") for scope in scopes]
+    order = sorted(budgets[0].effects, key=lambda item: abs(item.give_back_m or 0.0))
+    names = ["targets become bodies", "agents become bodies", "interaction of effects"]
+    rows = ["at q* already", *names, *(words(item.effect) for item in order)]
+    figure = new_figure(max(9.0, 3.4 + 3.3 * len(scopes)), 2.8 + 0.48 * len(rows))
+    measure = record.measure.replace("_", " ")
+    figure.suptitle(f"{record.scenario}: what makes the {measure} (RMS over the last half of the run)", y=0.98)
+    panels = np.atleast_1d(figure.subplots(1, len(scopes), sharey=True))
+    for axis, scope, budget in zip(panels, scopes, budgets, strict=True):
+        _bars(axis, scope, budget, [item.effect for item in order])
+    panels[0].set_yticks(range(len(rows)), rows)
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="lower center", ncols=2, frameon=False, fontsize=9)
+    width, height = figure.get_size_inches()
+    figure.subplots_adjust(
+        left=2.3 / width, right=1 - 0.25 / width, top=1 - 1.0 / height, bottom=1.1 / height, wspace=0.12
+    )
+    save_figure(figure, path)
+
+
+def plot_convergence(record: CompareRecord, path: Path) -> None:
+    """Distance to the ideal run against the time constant, on logarithmic axes, with fitted and predicted slope."""
+    figure = new_figure(7.0, 5.5)
+    axis: Any = figure.add_subplot()
+    found = record.convergence
+    known = [(p.tau_s, p.distance_m) for p in found.points if p.distance_m]
+    axis.set_title(
+        f"{record.scenario}: bodies converge to the ideal run as their time constant tau shrinks", fontsize=11
+    )
+    if known and found.slope is not None and found.constant is not None:
+        tau, distance = np.array(known).T
+        span = np.array([tau.min() / 1.3, tau.max() * 1.3])
+        first = distance[-1] / tau[-1]
+        axis.loglog(span, first * span, color=_GREY, linewidth=5, label="slope 1, as theory has it")
+        axis.loglog(span, found.constant * span**found.slope, color=_ALL, label=f"fitted slope {found.slope:.3f}")
+        axis.loglog(tau, distance, "o", color="black", label="bodies with inertia alone")
+        axis.set_xticks(tau, [f"{t:.2g}" for t in tau])
+        axis.set_yticks(distance, [f"{d:.2g}" for d in distance])
+        axis.minorticks_off()
+        axis.legend(frameon=False)
+    else:
+        axis.text(0.5, 0.5, found.reason or "too few runs came to their end", transform=axis.transAxes, ha="center")
+    axis.set_xlabel("time constant tau of every vehicle (s)")
+    axis.set_ylabel(
+        "largest distance of an agent to its ideal run (m)\n"
+        f"both begun at q*, from {found.start_s:.2g} s to {found.end_s:.2g} s"
+    )
+    axis.grid(True, which="both", alpha=0.3)
+    figure.tight_layout()
+    save_figure(figure, path)
+
+
+def choose_rungs(record: CompareRecord) -> tuple[list[RungRecord], str]:
+    """The rungs that are drawn, and a footnote on those that are not.
+
+    All with one effect are drawn but those whose line is that of ideal thrusters, and, beyond 10 lines, those that do
+    least.
+    """
+    base, fixed = record.rung("base"), ("targets", "agents", "base", "all", "ideal")
+    alone = [rung for rung in record.ladder if rung.kind == "alone"]
+    same = [r for r in alone if (r.status, r.errors, r.distance) == (base.status, base.errors, base.distance)]
+    others = [rung for rung in alone if rung not in same]
+
+    def weight(rung: RungRecord) -> float:
+        return np.inf if rung.distance is None or rung.status != "finished" else rung.distance.distance_m
+
+    kept = sorted(others, key=weight, reverse=True)[: _MOST_LINES - len(fixed)]
+    small = [rung for rung in others if rung not in kept]
+    told = [*(record.rung(key) for key in fixed[:3]), *(rung for rung in others if rung in kept)]
+    groups = [(same, "as ideal thrusters"), (small, "little")]
+    missing = [f"{', '.join(words(r.effect or '') for r in rungs)} ({why})" for rungs, why in groups if rungs]
+    missing += ["all but one"] if any(rung.kind == "without" for rung in record.ladder) else []
+    footnote = f"not drawn: {'; '.join(missing)}" if missing else ""
+    return [*told, record.rung("all"), record.rung("ideal")], footnote
+
+
+def log_ticks(low: float, high: float) -> list[float]:
+    """Ticks of a logarithmic axis: powers of 10 where three or more are seen, else as few between as make it three.
+
+    Two at least are seen where the axis spans a factor of 2.
+    """
+    ticks: list[float] = []
+    first, last = int(np.floor(np.log10(low))), int(np.ceil(np.log10(high)))
+    for steps in ((1,), (1, 2, 5), (1, 1.5, 2, 3, 4, 5, 6, 7, 8, 9)):
+        ticks = [float(f"{step}e{power}") for power in range(first, last + 1) for step in steps]
+        ticks = [tick for tick in ticks if low <= tick <= high]
+        if len(ticks) >= 3:
+            break
+    return ticks
+
+
+def _label(rung: RungRecord) -> str:
+    return rung.label + (" (BLOWS UP)" if rung.status != "finished" else "")
+
+
+def _style(rung: RungRecord, colour: Array) -> dict[str, Any]:
+    if rung.kind == "ideal":
+        return {"color": _IDEAL, "linewidth": 1.6, "linestyle": (0, (4, 2))}
+    if rung.kind == "all":
+        return {"color": _ALL, "linewidth": 1.8}
+    if rung.kind == "part":
+        dots = (0, (1, 1.5)) if rung.key == "targets" else (0, (5, 1.5, 1, 1.5))
+        return {"color": "#5B6472", "linewidth": 1.1, "linestyle": dots, "alpha": 0.85}
+    return {"color": _BASE if rung.kind == "base" else colour, "linewidth": 1.1, "alpha": 0.85}
+
+
+def _logarithmic(axis: Any, values: list[Array]) -> None:
+    positive = np.concatenate([*values, np.zeros(0)])
+    positive = positive[np.isfinite(positive) & (positive > 0)]
+    if positive.size:
+        axis.set_yscale("log")
+        axis.set_ylim(max(positive.min() / 1.5, positive.max() * 1e-4), positive.max() * 1.5)
+        low, high = axis.get_ylim()
+        axis.yaxis.set_major_locator(FixedLocator(log_ticks(low, high)))
+        axis.yaxis.set_minor_locator(NullLocator())
+        axis.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    else:
+        axis.text(0.5, 0.5, "not defined for this team", transform=axis.transAxes, ha="center", color="grey")
+
+
+def _bars(axis: Any, scope: str, budget: BudgetRecord, order: list[str]) -> None:
+    by_name = {item.effect: item for item in budget.effects}
+    single = [None, budget.targets_m, budget.agents_m, budget.interaction_m]
+    for y, value in enumerate(single[1:], start=1):
+        _bar(axis, y, value, 0.5, _BASE, None)
+    floor = "blew up" if budget.at_q_star_m is None else f"{1000.0 * budget.at_q_star_m:.0f} mm (no bar)"
+    axis.annotate(  # no bar: it would dwarf the others
+        floor, (0.0, 0), xytext=(4, 0), textcoords="offset points", va="center", fontsize=8
+    )
+    axis.axhline(0.5, color=_GREY, linewidth=0.8)
+    for k, effect in enumerate(order):
+        y, item = len(single) + k, by_name[effect]
+        last = k == len(order) - 1
+        _bar(axis, y + 0.2, item.alone_m, 0.36, "#0072B2", "added to ideal thrusters, alone" if last else None)
+        _bar(
+            axis,
+            y - 0.2,
+            item.give_back_m,
+            0.36,
+            _ALL,
+            "given back when it is removed from all (below 0: worse without it)" if last else None,
+        )
+    axis.axvline(0.0, color="black", linewidth=0.8)
+    axis.axhline(len(single) - 0.5, color=_GREY, linewidth=0.8)
+    ideal, whole = ("blew up" if v is None else f"{v:.3g} m" for v in (budget.ideal_m, budget.all_m))
+    title = "the whole team" if scope == TEAM else f"group {scope}"
+    axis.set_title(f"{title}\nideal {ideal}, as it stands {whole}", fontsize=10)
+    axis.set_xlabel("part of the error (mm)")
+    low, high = axis.get_xlim()
+    reach = max(abs(low), abs(high), 1.0)
+    axis.set_xlim(-1.35 * reach if low < -0.02 * reach else -0.3 * reach, 1.35 * reach)
+    axis.set_ylim(-0.6, len(single) + len(order) - 0.4)
+    axis.locator_params(axis="x", nbins=5)
+    axis.grid(True, axis="x", alpha=0.3)
+
+
+def _bar(axis: Any, y: float, value: float | None, height: float, colour: str, label: str | None) -> None:
+    """One bar with its value, m; drawn in mm."""
+    length = 1000.0 * (value or 0.0)
+    axis.barh(y, length, height=height, color=colour, label=label)
+    text = (
+        "blew up"
+        if value is None
+        else "0"
+        if abs(length) < 0.05
+        else f"{length:+.1f}"
+        if abs(length) < 10
+        else f"{length:+.0f}"
+    )
+    right = length >= 0.0
+    axis.annotate(
+        text, (length, y), xytext=(4 if right else -4, 0), textcoords="offset points",
+        ha="left" if right else "right", va="center", fontsize=8,
+    )  # fmt: skip

@@ -1,0 +1,217 @@
+"""Files and directories that appear whole or not at all.
+
+Each is made beside its place, as a rename is atomic only within one file system, under a name such as
+`.summary.json.k3x_90ab.part`, and locked for as long as its process lives. The kernel gives the lock back however that
+process ends, so what a killed one left can be told from what another is writing, and is removed by the next.
+
+Paths that stand in files: they stay inside the directory of the file that names them.
+
+A person who types a path, on the command line or in Python, may name any file. A file, which may come from anywhere,
+may name only what lies beside or below it; links are followed before that is decided.
+
+Where models, scenarios and studies are: inside an installed package, or at the top of the repository.
+"""
+
+import ctypes
+import errno
+import fcntl
+import os
+import re
+import shutil
+import tempfile
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from mjsheaf.errors import InputError
+
+_RANDOM = "[a-z0-9_]{8}"  # as tempfile makes it
+_AT_FDCWD, _RENAME_EXCHANGE = -100, 2  # of Linux: fcntl.h, linux/fs.h
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """Yield the place of a new, empty file that takes the place of `path` when the block ends without an exception.
+
+    Raises:
+        OSError: it cannot be written; nothing is left, and what was there before still is.
+    """
+    with _part(path, directory=False) as part:
+        yield part
+        part.replace(path)
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file whole or not at all.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    with whole_file(path) as part:
+        part.write_bytes(content)
+
+
+@contextmanager
+def whole_directory(path: Path) -> Iterator[Path]:
+    """Yield a fresh directory beside `path`, for `put_in_place`; it is removed with the end of the block.
+
+    Raises:
+        OSError: it cannot be made.
+    """
+    with _part(path, directory=True) as fresh:
+        yield fresh
+
+
+def put_in_place(fresh: Path, path: Path) -> None:
+    """Give a directory its final name; one that is there goes to the fresh one's, at the same moment where possible.
+
+    Raises:
+        OSError: it cannot be renamed; what was there before still is.
+    """
+    if not path.exists() or not _exchange(fresh, path):
+        old = fresh.with_suffix(".old")
+        try:
+            if path.exists():
+                path.rename(old)
+            fresh.rename(path)
+        finally:
+            _restore(old, path)
+
+
+def remove_stale(path: Path) -> None:
+    """Remove what killed processes have left beside a file or directory that they were writing."""
+    pattern = re.compile(rf"\.{re.escape(path.name)}\.{_RANDOM}\.(part|old)")
+    with suppress(OSError):
+        for name in filter(pattern.fullmatch, os.listdir(path.parent)):
+            part = path.parent / name
+            with suppress(OSError), _locked(part, wait=False):
+                if part.suffix == ".old":
+                    _restore(part, path)
+                else:
+                    _remove(part)
+
+
+def is_part_of(name: str, names: Iterable[str]) -> bool:
+    """Whether a file's name is that of a part of one of these files."""
+    return any(re.fullmatch(rf"\.{re.escape(of)}\.{_RANDOM}\.part", name) for of in names)
+
+
+def _restore(old: Path, path: Path) -> None:
+    """Put back what a rename has moved away, unless something has taken its place."""
+    if old.exists() and not path.exists():
+        old.rename(path)
+    shutil.rmtree(old, ignore_errors=True)
+
+
+@contextmanager
+def _part(path: Path, *, directory: bool) -> Iterator[Path]:
+    """A new file or directory beside a path, locked; what is left of it at the end is removed."""
+    remove_stale(path)
+    affixes = f".{path.name}.", ".part"
+    while True:
+        if directory:
+            part = Path(tempfile.mkdtemp(affixes[1], affixes[0], path.parent))
+        else:
+            descriptor, name = tempfile.mkstemp(affixes[1], affixes[0], path.parent)
+            os.close(descriptor)
+            part = Path(name)
+        try:
+            with _locked(part, wait=True):
+                if not part.exists():  # another command has taken it for stale before it was locked
+                    continue
+                part.chmod((0o777 if directory else 0o666) & ~_umask())
+                yield part
+                return
+        finally:
+            _remove(part)
+
+
+@contextmanager
+def _locked(path: Path, *, wait: bool) -> Iterator[None]:
+    """Lock a file while the block lasts; where locks do not work, one that waits goes without."""
+    descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            if not wait:
+                raise
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        with suppress(OSError):
+            path.unlink(missing_ok=True)
+
+
+def _exchange(one: Path, other: Path) -> bool:
+    """Exchange two names in one step; False where this system or file system cannot."""
+    rename = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None)
+    if rename is None:
+        return False
+    if rename(_AT_FDCWD, os.fsencode(one), _AT_FDCWD, os.fsencode(other), _RENAME_EXCHANGE) == 0:
+        return True
+    number = ctypes.get_errno()
+    if number in (errno.ENOSYS, errno.EINVAL, errno.ENOTSUP, errno.ENOENT):
+        return False
+    raise OSError(number, os.strerror(number), str(other))
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def confined(name: str, directory: Path, root: Path | None = None) -> Path:
+    """The file that a path in a file names.
+
+    Args:
+        name: as written; relative to `directory`, or absolute.
+        directory: of the file in which it stands.
+        root: the directory in which it must lie; None takes `directory`.
+
+    Returns:
+        Its absolute path, links resolved; it need not exist.
+
+    Raises:
+        InputError: it lies outside, or is no path.
+    """
+    root = directory if root is None else root
+    try:
+        within, path = root.resolve(), (directory / name).resolve()
+        path.exists()
+    except (OSError, ValueError, RuntimeError) as error:  # a NUL, a name too long, links in a circle
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"{_short(name)} is no path: {reason}") from None
+    if path != within and within not in path.parents:
+        raise InputError(f"{_short(name)} lies outside {root}; expected a file in that directory or below it")
+    return path
+
+
+def _short(name: str) -> str:
+    return repr(name if len(name) <= 100 else name[:97] + "...")
+
+
+_PACKAGE = Path(__file__).resolve().parents[1]
+_INSTALLED = {"studies": "studies/shipped"}  # mjsheaf/studies is a package of its own
+
+
+def resource_directory(name: str) -> Path:
+    """Directory of the files that come with mjsheaf.
+
+    Args:
+        name: 'models', 'scenarios' or 'studies'.
+    """
+    installed = _PACKAGE / _INSTALLED.get(name, name)
+    return installed if installed.is_dir() else _PACKAGE.parent / name
+
+
+def list_studies() -> dict[str, Path]:
+    """The study files that come with mjsheaf: name to file."""
+    return {path.stem: path for path in sorted(resource_directory("studies").glob("*.yaml"))}

@@ -1,0 +1,168 @@
+"""Error norms of a run, sample by sample: how far the team is from where theory wants it.
+
+The final errors of a run, and whether they are what the scenario expects.
+"""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from mjsheaf.team import Formation, Team
+
+if TYPE_CHECKING:
+    from mjsheaf.scenario.scenario import Expect
+
+Array = NDArray[np.float64]
+
+_ROUNDING = 1e-12  # share of the largest displacement below which a mean displacement is zero
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors of a run of T samples, in m.
+
+    Attributes:
+        harmonic_extension: q*, padded with NaN, shape (T, N, 3).
+        disagreement: eta as padded vectors with NaN, shape (T, N, 3).
+        tracking: |q*_i - q_i|, shape (T, N).
+        formation: residual norm |F_i x_i - F_j x_j - b_e| of each edge inside a formation, for each group, (T, edges).
+        centering: distance of each group's centroid from where its formation wants it, for each group, (T,): from
+            its target's projection plus the mean of the members' wanted displacements. NaN where the group is about no
+            target.
+    """
+
+    harmonic_extension: Array
+    disagreement: Array
+    tracking: Array
+    formation: dict[str, Array]
+    centering: dict[str, Array]
+
+    def formation_rms(self, group: str | None = None) -> Array:
+        """Root mean square over the edges of a group, or of all groups, shape (T,); NaN where there is no edge."""
+        residuals = self.formation.values() if group is None else [self.formation[group]]
+        r = np.concatenate([np.zeros((len(self.tracking), 0)), *residuals], axis=1)
+        if r.shape[1] == 0:
+            return np.full(len(r), np.nan)
+        return np.sqrt((r**2).mean(axis=1))
+
+    def largest_centering(self) -> Array:
+        """Largest centering error over the groups that are about a target, shape (T,); NaN where there is none."""
+        distances = [d for d in self.centering.values() if not np.isnan(d).all()]
+        return np.max(distances, axis=0) if distances else np.full(len(self.tracking), np.nan)
+
+
+def evaluate_errors(team: Team, positions: Array) -> Errors:
+    """Compute all errors from positions (T, V, 3)."""
+    x = team.pack(positions)
+    problem = team.dirichlet
+    n_q = problem.H.shape[0]
+    q, p = x[:, :n_q], x[:, n_q:]
+    eta = team.disagreement(x)
+    q_star = problem.extend(p)
+    return Errors(
+        harmonic_extension=team.unpack(q_star, np.nan),
+        disagreement=team.unpack(eta, np.nan),
+        tracking=np.linalg.norm(team.unpack(q_star - q), axis=2),
+        formation={f.name: _residuals(team, f, positions) for f in team.formations},
+        centering={f.name: _centering(team, f, positions) for f in team.formations},
+    )
+
+
+def _residuals(team: Team, formation: Formation, positions: Array) -> Array:
+    number = {m.id: v for v, m in enumerate(team.members)}
+    columns = []
+    for e in team.formation_edges(formation):
+        tail = positions[:, number[e.tail], : e.F_tail.shape[1]] @ e.F_tail.T
+        head = positions[:, number[e.head], : e.F_head.shape[1]] @ e.F_head.T
+        columns.append(np.linalg.norm(tail - head - e.b, axis=1))
+    return np.column_stack(columns) if columns else np.zeros((len(positions), 0))
+
+
+def _centering(team: Team, formation: Formation, positions: Array) -> Array:
+    """Distance of the centroid from the target's projection plus the mean wanted displacement, shape (T,), m.
+
+    Only the coordinates that all members and the target have in common count. An explicit `offset` of an edge changes
+    what the law does, not where the formation wants its members.
+    """
+    if formation.about is None:
+        return np.full(len(positions), np.nan)
+    number = {m.id: v for v, m in enumerate(team.members)}
+    members = [number[m] for m in formation.members]
+    target = number[formation.about]
+    shared = min(team.members[v].dimension for v in [*members, target])
+    wanted = np.array([o[:shared] for o in formation.displacements])
+    mean = wanted.mean(axis=0)
+    mean[np.abs(mean) <= _ROUNDING * np.abs(wanted).max()] = 0.0  # a polygon's corners cancel up to rounding only
+    centroid = positions[:, members, :shared].mean(axis=1)
+    return np.linalg.norm(centroid - positions[:, target, :shared] - mean, axis=1)
+
+
+MEASURES = ("mean_disagreement", "tracking_error", "formation_error", "centering_error")
+
+
+def summarize(team: Team, dataset: xr.Dataset) -> dict[str, Any]:
+    """Errors at the last sample, of the team and of each group, in m; None where a measure has no meaning."""
+    positions = np.concatenate(
+        [np.nan_to_num(dataset[name].values[-1:]) for name in ("agent_position", "target_position")], axis=1
+    )
+    errors = evaluate_errors(team, positions)
+    eta = np.linalg.norm(np.nan_to_num(errors.disagreement[0]), axis=1)
+    number = {a: i for i, a in enumerate(team.agent_ids)}
+
+    def measures(members: list[int], formation: float, centering: float) -> dict[str, float | None]:
+        values = (
+            eta[members].mean(),
+            np.sqrt((errors.tracking[0, members] ** 2).mean()),
+            formation,
+            centering,
+        )
+        return {name: _plain(value) for name, value in zip(MEASURES, values, strict=True)}
+
+    groups = {
+        f.name: measures([number[m] for m in f.members], errors.formation_rms(f.name)[0], errors.centering[f.name][0])
+        for f in team.formations
+    }
+    everyone = measures(list(number.values()), errors.formation_rms()[0], errors.largest_centering()[0])
+    return {"time": float(dataset["time"][-1]), **everyone, "groups": groups}
+
+
+def late_errors(team: Team, dataset: xr.Dataset) -> dict[str, float | None]:
+    """RMS of the team's errors over the last half of a run, in m; None where a measure has no meaning."""
+    time = dataset["time"].values
+    late = dataset.isel(time=slice(int(np.searchsorted(time, 0.5 * (time[0] + time[-1]) - 1e-9)), None))
+    positions = np.concatenate([np.nan_to_num(late[n].values) for n in ("agent_position", "target_position")], axis=1)
+    errors = evaluate_errors(team, positions)
+    values = (
+        np.linalg.norm(np.nan_to_num(errors.disagreement), axis=2).mean(axis=1),
+        np.sqrt((errors.tracking**2).mean(axis=1)),
+        errors.formation_rms(),
+        errors.largest_centering(),
+    )
+    return {name: _plain(np.sqrt((x**2).mean())) for name, x in zip(MEASURES, values, strict=True)}
+
+
+def check_expectation(expect: "Expect", backend: str, status: str, final: dict[str, Any]) -> dict[str, Any]:
+    """Compare final errors with the scenario's `expect:` block for a backend.
+
+    Returns:
+        {"met": True, False, or None where nothing is expected; "checks": one record for each bound}. A run that should
+        have been refused misses that, by having run.
+    """
+    bounds = getattr(expect, backend)
+    checks: list[dict[str, Any]] = []
+    if expect.refused is not None:
+        checks.append({"measure": "refused", "bound": expect.refused, "found": None, "met": False})
+    if bounds is not None:
+        for name in MEASURES:
+            bound, found = getattr(bounds, name), final[name]
+            if bound is not None:
+                met = status == "finished" and found is not None and found <= bound
+                checks.append({"measure": name, "bound": bound, "found": found, "met": met})
+    return {"met": all(c["met"] for c in checks) if checks else None, "checks": checks}
+
+
+def _plain(value: Any) -> float | None:
+    return float(value) if np.isfinite(value) else None

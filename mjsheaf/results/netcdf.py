@@ -1,0 +1,236 @@
+"""A file that HDF5 can write to on a disk that is full.
+
+result.nc: written piece by piece as a run goes on, and read where it is looked at.
+"""
+
+import io
+import os
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from io import BytesIO, RawIOBase
+from pathlib import Path
+from typing import IO, Any
+
+import h5netcdf
+import numpy as np
+import xarray as xr
+
+from mjsheaf.results.dataset import join
+
+
+class EnduringFile(io.RawIOBase):
+    """A file whose writes never fail as far as HDF5 can see.
+
+    HDF5 does not survive a write that fails while it closes a file: it frees what it goes on to use, and the
+    interpreter crashes. So this file accepts everything, keeps in memory what the disk refuses, where HDF5 may read it
+    back, and remembers why. The caller asks for that after each piece (`raise_refusal`), before memory fills.
+
+    Use it from a thread other than the main one: there no signal raises an exception inside HDF5's callbacks.
+
+    Attributes:
+        refusal: the first error of the disk; None while it holds all that was written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o666)
+        self._place = self._size = 0
+        self._refused: list[tuple[int, bytes]] = []
+        self.refusal: OSError | None = None
+
+    def raise_refusal(self) -> None:
+        """Raise what the disk said.
+
+        Raises:
+            OSError: something could not be written, or read back.
+        """
+        if self.refusal is not None:
+            raise OSError(self.refusal.errno, self.refusal.strerror, str(self._path))
+
+    def write(self, data: Any, /) -> int:
+        """Write all of `data`, or keep what the disk refuses."""
+        rest, place = memoryview(data).cast("B"), self._place
+        length = len(rest)
+        self._place += length
+        self._size = max(self._size, self._place)
+        while rest and self.refusal is None:
+            try:
+                written = os.pwrite(self._descriptor, rest, place)
+            except OSError as error:
+                self.refusal = error
+            else:
+                rest, place = rest[written:], place + written
+        if rest:
+            self._refused.append((place, bytes(rest)))
+        return length
+
+    def readinto(self, buffer: Any, /) -> int:
+        """Read back what was written, wherever it is; returns how many bytes there were."""
+        view = memoryview(buffer).cast("B")
+        begin, end = self._place, min(self._place + len(view), max(self._size, self._place))
+        try:
+            found = os.pread(self._descriptor, end - begin, begin)
+        except OSError as error:
+            self.refusal, found = self.refusal or error, b""
+        view[: len(found)] = found
+        view[len(found) : end - begin] = bytes(end - begin - len(found))  # beyond what the disk took
+        for place, kept in self._refused:
+            first, last = max(begin, place), min(end, place + len(kept))
+            if first < last:
+                view[first - begin : last - begin] = kept[first - place : last - place]
+        self._place = end
+        return end - begin
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET, /) -> int:
+        """Move to a place."""
+        self._place = offset + {os.SEEK_SET: 0, os.SEEK_CUR: self._place, os.SEEK_END: self._size}[whence]
+        return self._place
+
+    def tell(self) -> int:
+        """The place."""
+        return self._place
+
+    def truncate(self, size: int | None = None, /) -> int:
+        """Change the length."""
+        self._size = self._place if size is None else size
+        try:
+            os.ftruncate(self._descriptor, self._size)
+        except OSError as error:
+            self.refusal = self.refusal or error
+        return self._size
+
+    def readable(self) -> bool:
+        """It is."""
+        return True
+
+    def writable(self) -> bool:
+        """It is."""
+        return True
+
+    def seekable(self) -> bool:
+        """It is."""
+        return True
+
+    def close(self) -> None:
+        """Close it; a network's disk may refuse only now."""
+        if not self.closed:
+            super().close()
+            try:
+                os.close(self._descriptor)
+            except OSError as error:
+                self.refusal = self.refusal or error
+
+
+_MOST_SAMPLES = 4000  # of a thinned run: more cannot be seen in a plot
+_MOST_POSITIONS = 400_000  # of agents in a thinned run, which bounds its memory where there are many
+_FEWEST_SAMPLES = 200
+
+
+def write_dataset(pieces: Iterable[xr.Dataset], path: Path) -> None:
+    """Write a run as netCDF-4, compressed, one piece in memory at a time; equal runs give equal bytes.
+
+    Args:
+        pieces: as `make_datasets` gives them: alike but for `time`, all of one length but for the last.
+        path: the file.
+
+    Raises:
+        OSError: it cannot be written, as on a full disk; what was written of it remains.
+    """
+    with EnduringFile(path) as file:
+        _write(pieces, file, file.raise_refusal)
+    file.raise_refusal()
+
+
+def dataset_bytes(dataset: xr.Dataset) -> bytes:
+    """What `write_dataset` writes of a run in one piece."""
+    file = BytesIO()
+    _write([dataset], file, lambda: None)
+    return file.getvalue()
+
+
+def _write(pieces: Iterable[xr.Dataset], file: IO[bytes] | RawIOBase, check: Callable[[], None]) -> None:
+    """Write pieces in a thread beside, where no signal gets between HDF5 and the file; check after each of them."""
+    growing = _GrowingFile(file)
+    with ThreadPoolExecutor(1) as beside:
+        try:
+            for piece in pieces:
+                beside.submit(growing.append, piece).result()
+                check()
+        finally:
+            beside.submit(growing.close).result()
+
+
+class _GrowingFile:
+    """A netCDF-4 file to which pieces of a run are appended."""
+
+    def __init__(self, file: IO[bytes] | RawIOBase) -> None:
+        self._file = file
+        self._netcdf: h5netcdf.File | None = None
+        self._samples = 0
+        self._growing: list[str] = []
+
+    def append(self, piece: xr.Dataset) -> None:
+        if self._netcdf is None:
+            self._begin(piece)
+        elif piece.sizes["time"]:
+            samples = self._samples + piece.sizes["time"]
+            self._netcdf.resize_dimension("time", samples)
+            for name in self._growing:
+                self._netcdf.variables[name][self._samples : samples] = piece[name].values
+            self._samples = samples
+        assert self._netcdf is not None
+        for name in ("status", "message"):
+            if self._netcdf.attrs[name] != piece.attrs[name]:
+                self._netcdf.attrs[name] = piece.attrs[name]
+
+    def _begin(self, first: xr.Dataset) -> None:
+        encoding: dict[str, Any] = {}
+        for name, variable in first.variables.items():
+            if variable.dtype.kind == "f" and variable.ndim > 0:
+                encoding[str(name)] = {"zlib": True, "complevel": 3, "shuffle": True}
+                if "time" in variable.dims and variable.size:
+                    encoding[str(name)]["chunksizes"] = variable.shape
+        self._netcdf = h5netcdf.File(self._file, "w")
+        first.dump_to_store(xr.backends.H5NetCDFStore(self._netcdf), encoding=encoding, unlimited_dims=["time"])
+        self._growing = [str(name) for name, variable in first.variables.items() if "time" in variable.dims]
+        self._samples = first.sizes["time"]
+
+    def close(self) -> None:
+        if self._netcdf is not None:
+            self._netcdf.close()
+
+
+def open_dataset(path: Path) -> xr.Dataset:
+    """A run's dataset of which values are read from the file each time that they are asked for."""
+    return xr.open_dataset(path, engine="h5netcdf", cache=False)
+
+
+def pieces_of(dataset: xr.Dataset, names: Iterable[str]) -> Iterator[xr.Dataset]:
+    """Some of a dataset's variables, in memory, in pieces of consecutive samples."""
+    chosen = dataset[list(names)]
+    step = length_of_piece(dataset)
+    for begin in range(0, dataset.sizes["time"], step):
+        yield chosen.isel(time=slice(begin, begin + step)).load()
+
+
+def length_of_piece(dataset: xr.Dataset) -> int:
+    """How many samples are read at a time: those that lie together in the file, or all that are in memory already."""
+    variable = dataset["agent_position"]
+    chunks = variable.encoding.get("chunksizes")
+    return int(chunks[0]) if chunks else max(1, min(2048, dataset.sizes["time"]))
+
+
+def thinned(dataset: xr.Dataset) -> xr.Dataset:
+    """At most a few thousand samples of a run, in memory, the first and the last among them; fewer of a large team."""
+    samples = dataset.sizes["time"]
+    most = max(_FEWEST_SAMPLES, min(_MOST_SAMPLES, _MOST_POSITIONS // dataset.sizes["agent"]))
+    kept = np.unique(np.linspace(0, samples - 1, min(samples, most)).round().astype(np.int64))
+    if len(kept) == samples:
+        return dataset.load()
+    step = length_of_piece(dataset)
+    parts = []
+    for begin in range(0, samples, step):
+        here = kept[(kept >= begin) & (kept < begin + step)]
+        if len(here):
+            parts.append(dataset.isel(time=slice(begin, begin + step)).load().isel(time=here - begin))
+    return join(parts)

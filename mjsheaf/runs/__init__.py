@@ -1,0 +1,1 @@
+"""One run as a directory: data, figures, video, expectations."""

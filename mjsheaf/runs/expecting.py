@@ -1,0 +1,186 @@
+"""Runs held against what their scenario expects of them, and expectations made from runs.
+
+Tests (the pytest plugin) and the command `mjsheaf expect` are both made of this.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from mjsheaf.errors import MjsheafError
+from mjsheaf.results.metrics import MEASURES, check_expectation, summarize
+from mjsheaf.scenario import Scenario
+from mjsheaf.simulation.run import require_full_row_rank, require_unique, require_vehicles, simulate
+
+BACKEND_ORDER = ("ideal", "physics")
+"""As they stand in an `expect:` block."""
+
+SMALLEST_BOUND = 1e-9
+"""m; what is found below is rounding, which differs between machines."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One scenario run on one backend and held against its `expect:` block.
+
+    Attributes:
+        backend: 'ideal' or 'physics'.
+        status: 'finished', 'unstable' or 'refused'.
+        message: why it was refused or blew up; else empty.
+        final: the final errors, m, by measure; empty where it was refused.
+        checks: as in summary.json, one record for each thing expected: measure, bound, found, met.
+    """
+
+    backend: str
+    status: str
+    message: str
+    final: Mapping[str, float | None] = field(default_factory=dict)
+    checks: list[dict[str, Any]] = field(default_factory=list)
+
+    @property
+    def met(self) -> bool | None:
+        """Whether all that is expected is met; None where nothing is."""
+        return all(check["met"] for check in self.checks) if self.checks else None
+
+
+def try_scenario(scenario: Scenario, backend: str, *, progress: Callable[[int, int], None] | None = None) -> Trial:
+    """Run a scenario on a backend and compare it with what it expects.
+
+    A team that the theory's assumptions refuse (free to drift, or g not of full row rank) is refused before anything
+    runs, which may be just what is expected.
+
+    Raises:
+        InputError: the scenario cannot be simulated for any other reason, such as a vehicle that does not fit.
+    """
+    system = scenario.system()
+    require_vehicles(system)
+    try:
+        require_full_row_rank(system)
+        require_unique(system.team)
+    except MjsheafError as error:
+        return _refused(scenario, backend, str(error))
+    dataset = simulate(scenario, backend, progress=progress)
+    status = dataset.attrs["status"]
+    final = summarize(system.team, dataset)
+    checks = check_expectation(scenario.expect, backend, status, final)["checks"]
+    return Trial(backend, status, dataset.attrs["message"], {name: final[name] for name in MEASURES}, checks)
+
+
+def _refused(scenario: Scenario, backend: str, reason: str) -> Trial:
+    """A trial that ended before it began: bounds are missed, as there is nothing to hold against them."""
+    nothing: dict[str, float | None] = dict.fromkeys(MEASURES)
+    checks = [
+        {**check, "met": check["bound"] in reason, "found": reason} if check["measure"] == "refused" else check
+        for check in check_expectation(scenario.expect, backend, "refused", nothing)["checks"]
+    ]
+    return Trial(backend, "refused", reason, {}, checks)
+
+
+def expected_backends(scenario: Scenario) -> list[str]:
+    """The backends for which a scenario expects something; a refusal is expected on both."""
+    if scenario.expect.refused is not None:
+        return list(BACKEND_ORDER)
+    expect = scenario.expect.model_dump(exclude_none=True)
+    return [name for name in BACKEND_ORDER if expect.get(name)]
+
+
+def loose(trial: Trial, factor: float) -> list[dict[str, Any]]:
+    """The checks of a trial whose bound is more than `factor` times what was found: they would miss a regression."""
+    return [
+        check
+        for check in trial.checks
+        if check["measure"] in MEASURES
+        and check["met"]
+        and check["bound"] > max(factor * check["found"], SMALLEST_BOUND)
+    ]
+
+
+def bounds_from(trial: Trial, margin: float) -> dict[str, float]:
+    """Bounds that a trial meets with a margin, such as 0.05, rounded up to three significant digits, m."""
+    return {
+        name: round_up(max(found * (1.0 + margin), SMALLEST_BOUND))
+        for name, found in trial.final.items()
+        if found is not None
+    }
+
+
+def expectation_from(trials: Sequence[Trial], margin: float, old: Mapping[str, Any]) -> dict[str, Any]:
+    """An `expect:` block that runs meet.
+
+    Args:
+        trials: of one scenario, on one backend each.
+        margin: by which bounds lie above what was found.
+        old: the block that there was, as a mapping; it keeps its bounds for backends that were not tried, and the
+            words of a refusal that still fit.
+
+    Returns:
+        {"refused": ...} where the team is refused, else bounds by backend.
+    """
+    refusals = [trial.message for trial in trials if trial.status == "refused"]
+    if refusals:
+        text = old.get("refused")
+        return {"refused": text if text is not None and all(text in why for why in refusals) else refusals[0]}
+    found = {trial.backend: bounds_from(trial, margin) for trial in trials}
+    kept = {name: old[name] for name in BACKEND_ORDER if old.get(name)}
+    return {name: {**kept, **found}[name] for name in BACKEND_ORDER if name in found or name in kept}
+
+
+def round_up(value: float) -> float:
+    """The least number of three significant digits that is not below a positive one."""
+    exponent = math.floor(math.log10(value)) - 2
+    steps = math.ceil(float(f"{value / 10.0**exponent:.9g}"))  # 184.00000000000003 is 184
+    rounded = float(f"{steps}e{exponent}")
+    return rounded if rounded >= value else float(f"{steps + 1}e{exponent}")
+
+
+def missed(trial: Trial) -> list[dict[str, Any]]:
+    """The checks of a trial that are not met."""
+    return [check for check in trial.checks if not check["met"]]
+
+
+def miss(check: Mapping[str, Any]) -> str:
+    """A check that is not met, in a few words."""
+    measure, bound, found = check["measure"], check["bound"], check["found"]
+    if measure == "refused":
+        return f"{'it ran' if found is None else 'its refusal says another thing'}, expected is a refusal"
+    if found is None:
+        return f"{measure} has no value, expected at most {bound:g}"
+    return f"{measure} is {found:.4g}, expected at most {bound:g}"
+
+
+def describe(trial: Trial, name: str, watch: str) -> str:
+    """What was expected and found, line by line, and the command that shows the run.
+
+    Args:
+        trial: the trial.
+        name: of the scenario, as the reader knows it.
+        watch: what stands for the scenario in a command.
+    """
+    verdict = {True: "as expected", False: "NOT as expected", None: "nothing is expected"}[trial.met]
+    lines = [f"{name} on {trial.backend}: {trial.status}, {verdict}"]
+    if trial.message:
+        lines.append(f"  {trial.message}")
+    bounds = {check["measure"]: check for check in trial.checks}
+    refusal = bounds.pop("refused", None)
+    if refusal is not None:
+        lines.append(f"  expected is a refusal that says {refusal['bound']!r}")
+    measures = [m for m in MEASURES if m in bounds or trial.final.get(m) is not None]
+    if measures:
+        lines.append(f"  {'measure (m)':<18}{'expected':>12}{'found':>12}")
+    lines += [_line(m, bounds.get(m), trial.final.get(m), trial.status) for m in measures]
+    lines.append(f"  watch it: mjsheaf run {watch} --backend {trial.backend}")
+    return "\n".join(lines)
+
+
+def _line(measure: str, check: dict[str, Any] | None, found: float | None, status: str) -> str:
+    expected = "-" if check is None else f"<= {check['bound']:g}"
+    line = f"  {measure:<18}{expected:>12}{'-' if found is None else f'{found:.4g}':>12}"
+    if check is None or check["met"]:
+        return line
+    if found is None:
+        return f"{line}  has no value"
+    if found <= check["bound"]:
+        return f"{line}  but the run is {status}"
+    more = f"{100.0 * (found / check['bound'] - 1.0):.3g} % above" if check["bound"] > 0.0 else "above"
+    return f"{line}  {more}"

@@ -1,0 +1,336 @@
+"""A vehicle's MJCF made fit for the arena, where it must mean what it means when MuJoCo compiles it alone.
+
+PyMJCF merges the compiler settings and options of what it attaches into those of the arena: a file in degrees would be
+read in radians, and one with another gravity refused. So everything that such settings decide is written out.
+
+The arena: every vehicle's MJCF composed into one model, each on a free joint.
+
+PyMJCF makes each kind of vehicle fit for it (see attachment), MjSpec puts in as many copies as there are.
+
+Thrusters become actuators on their vehicle's free joint. MuJoCo's site transmission builds a dense Jacobian for each
+actuator, which makes a step quadratic in the number of vehicles; on the free joint the gear is the thruster's wrench
+itself, force in world axes and moment in body axes, and the forces are the same. As the force part turns with the
+body, it is written before every step (see forces).
+"""
+
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from threading import Lock
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjsheaf.engine import mujoco, pymjcf
+from mjsheaf.errors import InputError
+from mjsheaf.io.files import resource_directory
+from mjsheaf.vehicles.loading import LAGS, mass_properties
+from mjsheaf.vehicles.vehicle import GRAVITY, Vehicle
+
+_OF_THE_ARENA = ("compiler", "option", "size", "statistic", "visual")
+
+
+def attachable(vehicle: Vehicle) -> mujoco.MjSpec:
+    """Read a vehicle's file, fit to be attached.
+
+    Orientations are in radians or quaternions, every body has the inertia of the compiled file, and what a vehicle
+    cannot decide is gone: compiler settings, options, statistics, sizes and visuals, which are the arena's; keyframes,
+    whose state has no free joint; and actuators with the sensors on them, as thrusters are made anew.
+
+    Raises:
+        InputError: PyMJCF cannot read the file, or not all of it.
+    """
+    mjcf = pymjcf()
+    try:
+        root = mjcf.from_path(str(vehicle.path))
+    except (AttributeError, KeyError, OSError, RuntimeError, TypeError, ValueError) as error:  # its parser's own
+        reason = error if isinstance(error, OSError) or not error.args else error.args[0]
+        raise InputError(f"{vehicle.path}: PyMJCF cannot read it: {' '.join(str(reason).split())}") from None
+    _write_orientations(root)
+    _write_inertia(root, vehicle)
+    for name in _OF_THE_ARENA:
+        getattr(root, name).remove()
+    on_actuators = [s for s in root.sensor.all_children() if "actuator" in s.get_attributes()]
+    for element in [*on_actuators, *root.actuator.all_children(), *root.keyframe.all_children()]:
+        element.remove()
+    root.compiler.angle = "radian"
+    kind = mujoco.MjSpec.from_string(root.to_xml_string(), assets=root.get_assets())
+    for geom in kind.geoms:
+        if "//unnamed" in geom.name:  # PyMJCF's own; a thousand vehicles compile faster without
+            geom.name = ""
+    return kind
+
+
+def _write_orientations(root: Any) -> None:
+    """Write angles in radians, and Euler angles, whose order of axes is a setting too, as quaternions."""
+    unit = 1.0 if root.compiler.angle == "radian" else np.pi / 180.0  # MJCF's default is degrees
+    sequence = root.compiler.eulerseq or "xyz"
+    for element in _elements(root):
+        attributes = element.get_attributes()
+        if "axisangle" in attributes:
+            element.axisangle = np.asarray(element.axisangle) * [1.0, 1.0, 1.0, unit]
+        if "euler" in attributes:
+            quaternion = np.empty(4)
+            mujoco.mju_euler2Quat(quaternion, np.asarray(element.euler) * unit, sequence)
+            del element.euler
+            element.quat = quaternion
+
+
+def _write_inertia(root: Any, vehicle: Vehicle) -> None:
+    """Give every body the inertia that it has in the compiled file, from wherever it has it there."""
+    bodies = root.find_all("body")  # in MuJoCo's order: depth first
+    if len(bodies) != len(vehicle.inertials):
+        raise InputError(
+            f"{vehicle.path}: PyMJCF reads {len(bodies)} bodies of {len(vehicle.inertials)}; write each one out"
+        )
+    for body, inertial in zip(bodies, vehicle.inertials, strict=True):
+        if body.inertial is not None:
+            body.inertial.remove()
+        body.add("inertial", **inertial)
+
+
+def _elements(element: Any) -> Iterator[Any]:
+    yield element
+    for child in element.all_children():
+        yield from _elements(child)
+
+
+Array = NDArray[np.float64]
+
+SURFACES = ("water", "ground", "none")
+
+_NO_COLOUR = np.array([0.5, 0.5, 0.5, 1.0], dtype=np.float32)  # MuJoCo's default: the material's colour counts
+
+
+@dataclass(frozen=True)
+class Arena:
+    """A compiled model and where each vehicle is in it.
+
+    Attributes:
+        model: MuJoCo's model.
+        vehicles: what each vehicle is, length V.
+        qpos: address of each vehicle's free joint in qpos, shape (V,).
+        dof: the same in qvel.
+        body: the body on the free joint, shape (V,): the vehicle's own if it has but one, else one made to hold all.
+        thruster: first actuator of each vehicle, then the number of actuators, shape (V + 1,).
+    """
+
+    model: mujoco.MjModel
+    vehicles: list[Vehicle]
+    qpos: NDArray[np.int64]
+    dof: NDArray[np.int64]
+    body: NDArray[np.int64]
+    thruster: NDArray[np.int64]
+
+
+def compose(
+    vehicles: Sequence[Vehicle],
+    ids: Sequence[str],
+    *,
+    timestep: float = 0.001,
+    contacts: bool = False,
+    surface: str = "none",
+    surface_height: float = 0.0,
+    colours: Array | None = None,
+    visible: bool = True,
+) -> Arena:
+    """Put vehicles into one arena.
+
+    Args:
+        vehicles: what each is.
+        ids: their names, unique.
+        timestep: physics step in s.
+        contacts: whether vehicles collide with one another.
+        surface: one of SURFACES.
+        surface_height: z of the surface, m.
+        colours: RGB of each vehicle's livery, shape (V, 3), or None.
+        visible: False leaves out what is only to be seen: geoms that have no mass and touch nothing. The physics is the
+            same to the bit; a step is about a sixth quicker.
+
+    Raises:
+        InputError: a vehicle's file does not go into one model with the others, or means something else in it.
+    """
+    root = mujoco.MjSpec.from_file(str(resource_directory("models") / "arena.xml"))
+    root.option.timestep = timestep
+    root.option.gravity = [0.0, 0.0, -GRAVITY]
+    if not contacts:
+        root.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    if surface != "none":
+        root.worldbody.add_geom(
+            name=surface, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], pos=[0, 0, surface_height],
+            material=surface, contype=0, conaffinity=0,
+        )  # fmt: skip
+    kinds = {key: _Kind.of(vehicle, visible) for key, vehicle in {id(vehicle): vehicle for vehicle in vehicles}.items()}
+    for kind in kinds.values():
+        root.assets = {**root.assets, **kind.spec.assets}
+    # Attaching looks at all that is there already: in groups of sqrt(V), a thousand take one second, not ten.
+    size = int(np.ceil(np.sqrt(len(vehicles))))
+    first_of_kind: dict[int, str] = {}
+    for first in range(0, len(vehicles), size):
+        group = mujoco.MjSpec()
+        group.copy_during_attach = True
+        looks: dict[str, _Look] = {}
+        for v in range(first, min(first + size, len(vehicles))):
+            key, name = id(vehicles[v]), ids[v]
+            owner = first_of_kind.setdefault(key, name)
+            looks[name] = _Look(owner, None if colours is None else colours[v])
+            _attach(group, kinds[key].spec if owner == name else kinds[key].bare, kinds[key].alone, vehicles[v], name)
+        _paint(group, looks)
+        with _quiet():
+            root.attach(group, prefix="", frame=root.worldbody.add_frame())
+    try:
+        with _quiet():
+            model = root.compile()
+    except ValueError as error:
+        raise InputError(f"the vehicles do not compile into one model: {' '.join(str(error).split())}") from None
+    joint = np.array([model.joint(f"{name}/").id for name in ids])
+    arena = Arena(
+        model=model,
+        vehicles=list(vehicles),
+        qpos=model.jnt_qposadr[joint].astype(np.int64),
+        dof=model.jnt_dofadr[joint].astype(np.int64),
+        body=model.jnt_bodyid[joint].astype(np.int64),
+        thruster=np.concatenate([[0], np.cumsum([len(v.thrusters) for v in vehicles])]).astype(np.int64),
+    )
+    for v, vehicle in enumerate(vehicles):
+        if vehicle.joint_damps(timestep):
+            at = arena.dof[v]
+            model.dof_damping[at : at + 3] = vehicle.drag.max()
+            model.dof_damping[at + 3 : at + 6] = vehicle.angular_drag
+    _check_masses(arena)
+    return arena
+
+
+_ALONE = Lock()  # handlers of warnings belong to the process, not to a thread
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """No word of MuJoCo's that parts attached without a prefix may make a model that cannot be written as a file."""
+    with _ALONE:
+        handler = mujoco.get_mju_user_warning()
+        mujoco.set_mju_user_warning(lambda _: None)
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                yield
+        finally:
+            mujoco.set_mju_user_warning(handler)
+
+
+@dataclass(frozen=True)
+class _Kind:
+    """A vehicle's file, fit to be attached.
+
+    Attributes:
+        spec: MuJoCo's.
+        bare: the same without materials and textures, which the first vehicle of a kind shares with the others: MuJoCo
+            draws no model with a thousand of them.
+        alone: whether it is one body, which can be on the free joint itself: a step is then a quarter quicker than with
+            a body made to hold what the file has. Without joints of its own, at the origin, level, nothing beside it.
+    """
+
+    spec: mujoco.MjSpec
+    bare: mujoco.MjSpec
+    alone: bool
+
+    @classmethod
+    def of(cls, vehicle: Vehicle, visible: bool) -> "_Kind":
+        """Read it; unless it is to be visible, without the geoms that are only to be seen."""
+        spec = attachable(vehicle)
+        world = spec.worldbody
+        beside = world.geoms or world.sites or world.cameras or world.lights
+        alone = not beside and len(world.bodies) == 1 and _is_at_origin(world.bodies[0])
+        if not visible:
+            for geom in list(spec.geoms):
+                if geom.contype == 0 and geom.conaffinity == 0:  # their mass, if any, is in the bodies' inertia already
+                    spec.delete(geom)
+        bare = spec.copy()
+        for asset in [*bare.materials, *bare.textures]:
+            bare.delete(asset)
+        return cls(spec, bare, alone)
+
+
+def _is_at_origin(body: mujoco.MjsBody) -> bool:
+    turned = body.alt.type != mujoco.mjtOrientation.mjORIENTATION_QUAT or not np.array_equal(body.quat, [1, 0, 0, 0])
+    return not (turned or body.joints or np.any(body.pos))
+
+
+class _Look(NamedTuple):
+    """How a vehicle looks: the vehicle whose materials it shares, and the RGB of its livery, (3,) or None."""
+
+    owner: str
+    colour: Array | None
+
+
+def _paint(group: mujoco.MjSpec, looks: dict[str, _Look]) -> None:
+    """Give every vehicle in a group its owner's materials and its own colour.
+
+    The colour stands in the geoms: there it overrides that of their material and keeps its shine.
+    """
+    for element in (*group.geoms, *group.sites, *group.tendons, *group.skins):
+        if not element.material:
+            continue
+        name, material = element.material.split("/", 1)
+        owner, colour = looks[name]
+        element.material = f"{owner}/{material}"
+        if material == "livery" and colour is not None and np.array_equal(element.rgba, _NO_COLOUR):
+            element.rgba = [*colour, 1.0]
+
+
+def _attach(root: mujoco.MjSpec, spec: mujoco.MjSpec, alone: bool, vehicle: Vehicle, name: str) -> None:
+    try:
+        if alone:  # the whole of a kind would bring a copy of its default classes too, at ten times the cost
+            body = root.worldbody.add_frame().attach_body(spec.worldbody.bodies[0], f"{name}/", "")
+        else:
+            body = root.worldbody.add_body(name=f"{name}/")
+            root.attach(spec, prefix=f"{name}/", frame=body.add_frame())
+    except ValueError as error:
+        raise InputError(f"{vehicle.path}: cannot be put into the arena: {' '.join(str(error).split())}") from None
+    body.add_freejoint(name=f"{name}/")
+    for thruster, actuation, gear in zip(vehicle.thrusters, vehicle.actuation, vehicle.gears, strict=True):
+        root.add_actuator(
+            name=f"{name}/{thruster}",
+            target=f"{name}/",
+            trntype=mujoco.mjtTrn.mjTRN_JOINT,
+            gear=gear,
+            gaintype=mujoco.mjtGain.mjGAIN_FIXED,
+            biastype=mujoco.mjtBias.mjBIAS_NONE,
+            **_typed(actuation),
+        )
+
+
+def _typed(actuation: dict[str, Any]) -> dict[str, Any]:
+    """MJCF attributes of an actuator as MjSpec takes them."""
+    typed = {"dyntype": LAGS[actuation["dyntype"]], "actearly": actuation["actearly"] == "true"}
+    for name in ("dynprm", "gainprm"):
+        typed[name] = np.concatenate([actuation[name], np.zeros(10 - len(actuation[name]))])
+    for name in ("ctrl", "force", "act"):
+        typed[f"{name}limited"] = int(actuation[f"{name}limited"] == "true")
+        if f"{name}range" in actuation:
+            typed[f"{name}range"] = actuation[f"{name}range"]
+    return typed
+
+
+def _check_masses(arena: Arena) -> None:
+    """Compare every vehicle in the arena with its file compiled alone: the allocation stands on the latter.
+
+    Raises:
+        InputError: mass, centre of mass or inertia differ.
+    """
+    data = mujoco.MjData(arena.model)
+    mujoco.mj_kinematics(arena.model, data)  # every frame at the origin, level
+    ends = [*arena.body[1:], arena.model.nbody]
+    for vehicle, first, end in zip(arena.vehicles, arena.body, ends, strict=True):
+        mass, centre, inertia = mass_properties(arena.model, data, slice(first, end))
+        size = np.sqrt(np.trace(vehicle.inertia) / vehicle.mass)
+        for what, here, alone, scale in (
+            ("mass", mass, vehicle.mass, vehicle.mass),
+            ("centre of mass", centre, vehicle.centre_of_mass, size),
+            ("inertia", inertia, vehicle.inertia, vehicle.mass * size**2),
+        ):
+            if not np.allclose(here, alone, rtol=0.0, atol=1e-9 * scale):
+                values = f"{what} is {here} in the arena, but {alone} when compiled alone"
+                raise InputError(f"{vehicle.path}: its {' '.join(values.split())}")

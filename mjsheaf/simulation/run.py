@@ -1,0 +1,212 @@
+"""Simulating a scenario, or many at once: from what a person wrote to data."""
+
+import os
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from threading import Event
+from typing import TYPE_CHECKING
+
+from mjsheaf.errors import InputError, MjsheafError, NotUniqueError, expected
+from mjsheaf.scenario import Scenario
+from mjsheaf.team import Team
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from mjsheaf.system import System
+
+BACKENDS = ("physics", "ideal")
+
+
+def simulate(
+    scenario: Scenario,
+    backend: str = "physics",
+    *,
+    allow_drift: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+) -> "xr.Dataset":
+    """Run a scenario and return its data, as result.nc holds them.
+
+    Args:
+        scenario: from `load_scenario`.
+        backend: 'physics' or 'ideal'.
+        allow_drift: simulate a team whose harmonic extension is not unique too, against the q* of minimum norm; the
+            result's attrs['free_directions'] then say what is free.
+        progress: called now and then with (samples done, samples in all).
+
+    Returns:
+        The whole dataset, in memory; `mjsheaf run` writes it piece by piece. Where the run blew up, attrs['status'] is
+        'unstable', attrs['message'] says why, and the data end with the last good sample.
+
+    Raises:
+        InputError: unknown backend, a vehicle that does not fit its agent, or a g that is not of full row rank.
+        NotUniqueError: the harmonic extension is not unique, and drift is not allowed.
+    """
+    system = scenario.system()
+    require_simulable(system, backend, allow_drift=allow_drift)
+    return next(stream(system, backend, scenario.seed, progress, system.grid.steps + 1))
+
+
+def stream(
+    system: "System",
+    backend: str,
+    seed: int,
+    progress: Callable[[int, int], None] | None = None,
+    samples: int | None = None,
+) -> "Iterator[xr.Dataset]":
+    """Simulate a system and hand out its data in pieces, of which `simulate` returns the whole.
+
+    Args:
+        system: what to simulate; must have passed `require_simulable`.
+        backend: 'physics' or 'ideal'.
+        seed: seed of the scenario.
+        progress: called now and then with (samples done, samples in all).
+        samples: in each piece but the last; a few megabytes of them unless given.
+    """
+    from mjsheaf.results import make_datasets
+    from mjsheaf.simulation.trajectory import samples_in_piece
+
+    if backend == "ideal":
+        from mjsheaf.simulation.ideal import stream_ideal as run
+    else:
+        from mjsheaf.simulation.loop import stream_physics as run
+    return make_datasets(system, run(system, samples or samples_in_piece(system), progress), backend, seed)
+
+
+def simulate_many(
+    scenarios: Iterable[Scenario],
+    backend: str = "physics",
+    *,
+    workers: int | None = None,
+    allow_drift: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+) -> "list[xr.Dataset | MjsheafError]":
+    """Run independent scenarios side by side on threads of this process.
+
+    The compiled loops run without the interpreter's lock, so that threads do what processes would, without starting
+    any or copying results. What comes out is bit for bit what `simulate` gives one by one.
+
+    Args:
+        scenarios: for example one scenario with many seeds or gains.
+        backend: 'physics' or 'ideal'.
+        workers: how many run at a time; None takes one for each processor that this process may use.
+        allow_drift: as for `simulate`.
+        progress: called from the calling thread with (runs done, runs in all).
+
+    Returns:
+        What `simulate` returns for each scenario, in their order. A scenario that it would refuse does not lose the
+        others: its place holds the error, a MjsheafError. A run that blew up is a dataset with status 'unstable'.
+
+    Raises:
+        InputError: unknown backend, or workers below 1.
+    """
+    _require_backend(backend)
+    if workers is not None and workers < 1:
+        raise InputError(f"workers is {workers}; expected 1 or more, or None")
+    todo = list(scenarios)
+    stop = Event()
+
+    def check(done: int, of: int) -> None:
+        if stop.is_set():
+            raise _Abandoned
+
+    def one(scenario: Scenario) -> "xr.Dataset | MjsheafError":
+        try:
+            check(0, 0)
+            return simulate(scenario, backend, allow_drift=allow_drift, progress=check)
+        except MjsheafError as error:
+            return error
+
+    with ThreadPoolExecutor(workers or usable_processors()) as pool:
+        futures = [pool.submit(one, scenario) for scenario in todo]
+        try:
+            for done, future in enumerate(as_completed(futures), 1):
+                future.result()  # raises what is not a refusal: the others are abandoned
+                if progress:
+                    progress(done, len(todo))
+        finally:
+            stop.set()
+    return [future.result() for future in futures]
+
+
+class _Abandoned(Exception):  # noqa: N818
+    """Ends a run whose siblings were interrupted."""
+
+
+def usable_processors() -> int:
+    """How many processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _require_backend(backend: str) -> None:
+    if backend not in BACKENDS:
+        raise InputError(f"unknown backend {backend!r}; {expected(backend, BACKENDS)}")
+
+
+def require_simulable(system: "System", backend: str, *, allow_drift: bool = False) -> None:
+    """Refuse what cannot be simulated; the same on both backends, before anything is simulated or written.
+
+    Args:
+        system: of a scenario.
+        backend: 'physics' or 'ideal'.
+        allow_drift: whether the harmonic extension need not be unique.
+
+    Raises:
+        InputError: unknown backend; a vehicle that is unknown or does not fit its agent or target, which matters to the
+            ideal backend too, as a scenario that only one backend takes is not one to compare; or a g that is not of
+            full row rank.
+        NotUniqueError: the harmonic extension is not unique, and drift is not allowed.
+    """
+    _require_backend(backend)
+    require_vehicles(system)
+    require_full_row_rank(system)
+    if not allow_drift:
+        require_unique(system.team)
+
+
+def require_vehicles(system: "System") -> None:
+    """Refuse a vehicle that is unknown or does not fit its agent or target.
+
+    Raises:
+        InputError: naming the field.
+    """
+    from mjsheaf.scenario.build import DEFAULT_VEHICLE
+
+    named = zip(system.team.members, system.bodies.vehicle, strict=True)
+    if any(name != DEFAULT_VEHICLE[member.dimension] for member, name in named):
+        from mjsheaf.simulation.loop import vehicles_of  # imports MuJoCo, which plain kinematics can do without
+
+        vehicles_of(system)
+
+
+def require_full_row_rank(system: "System") -> None:
+    """Refuse an agent whose given control effectiveness makes g g^+ = I impossible (Assumption 2).
+
+    Raises:
+        InputError: naming the agent.
+    """
+    from mjsheaf.dynamics.effectiveness import without_full_row_rank
+
+    agents = system.team.agents
+    for i in without_full_row_rank(system.effectiveness, [a.dimension for a in agents]):
+        raise InputError(
+            f"agents.{agents[i].id}.effectiveness: g is not of full row rank {agents[i].dimension} (Assumption 2): "
+            "no input makes every velocity"
+        )
+
+
+def require_unique(team: Team) -> None:
+    """Refuse a team whose harmonic extension is not unique (the paper's assumption on relative cohomology).
+
+    Raises:
+        NotUniqueError: with the free directions in the words of the team.
+    """
+    if team.dirichlet.unique:
+        return
+    from mjsheaf.team.null_modes import free_directions
+
+    free = free_directions(team)
+    raise NotUniqueError(
+        f"the harmonic extension is not unique: H^0(G, G_p; F) has dimension {len(free)}: "
+        f"{'; '.join(free[:4])}{'; ...' if len(free) > 4 else ''}; sense or share the free coordinates"
+    )

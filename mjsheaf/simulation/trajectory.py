@@ -1,0 +1,91 @@
+"""What a backend returns, and what it says when a simulation blows up."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjsheaf.system import System
+
+Array = NDArray[np.float64]
+
+_PIECE = 2**16  # of vehicles and samples, their product: a few megabytes of results
+
+
+def samples_in_piece(system: System) -> int:
+    """How many samples of a run are handled at a time, so that memory does not grow with its length."""
+    return max(16, min(2048, _PIECE // len(system.team.members)))
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Samples of a run.
+
+    Attributes:
+        time: sample times, shape (T,), s.
+        positions: controlled positions, agents then targets, shape (T, V, 3), m.
+        status: 'finished' or 'unstable'.
+        message: what went wrong, where and when; empty where nothing did.
+        quaternions: attitudes of bodies, shape (T, V, 4), or None on ideal kinematics.
+        heights: z of every body, shape (T, V), m, or None.
+        thrust: thruster commands, shape (T, A), or None.
+        saturation: share of each vehicle's thrusters at a limit, shape (T, V), or None.
+    """
+
+    time: Array
+    positions: Array
+    status: str
+    message: str
+    quaternions: Array | None = None
+    heights: Array | None = None
+    thrust: Array | None = None
+    saturation: Array | None = None
+
+
+def blow_up_message(system: System, vehicle: int, time: float, law_period: float, detail: str = "") -> str:
+    """Name the vehicle, the time and the likely cause of a blow-up.
+
+    Args:
+        system: the system.
+        vehicle: number of the vehicle that blew up.
+        time: s.
+        law_period: time between evaluations of a held law, s; 0 where it is continuous.
+        detail: what was seen of it.
+    """
+    name = system.team.members[vehicle].id
+    return f"unstable: {name}{detail} at t = {time:.6g} s; {likely_cause(system, law_period)}"
+
+
+def likely_cause(system: System, law_period: float) -> str:
+    """The first stability margin that the system violates, with the field that would mend it.
+
+    Args:
+        system: the system.
+        law_period: time between evaluations of the law, s; 0 where it is inside the integrator.
+    """
+    period_field = "physics.timestep" if system.grid.continuous else "controller.control_period"
+    margin = system.gain * law_period * system.largest_eigenvalue
+    if margin >= 2.0:
+        legal = 2.0 / (law_period * system.largest_eigenvalue)
+        return (
+            f"likely cause: the held law diverges, as k1 h lambda_max = {margin:.3g} is not below 2; "
+            f"take controller.gain below {legal:.4g} or a shorter {period_field}"
+        )
+    target_gain = float(np.max(system.law.gain[len(system.team.agents) :], initial=0.0))
+    if target_gain > 0.0:
+        fastest = np.linalg.eigvalsh(system.team.target_sheaf.laplacian().toarray())[-1]
+        if target_gain * law_period * fastest >= 2.0:
+            return (
+                "likely cause: the targets' own held consensus diverges; take target_formation.gain below "
+                f"{2.0 / (law_period * fastest):.4g} or a shorter {period_field}"
+            )
+    pull = float(np.max(system.motion.pull, initial=0.0))
+    if pull * law_period >= 2.0:
+        return (
+            "likely cause: a target's held pull to its path diverges; take its motion.pull below "
+            f"{2.0 / law_period:.4g} or a shorter {period_field}"
+        )
+    return (
+        "likely cause: a flow or a motion too strong to integrate; look at flow (strengths, core radii) and "
+        "target motions, and on bodies shorten physics.timestep"
+    )

@@ -1,0 +1,217 @@
+"""The closed-loop system that both backends turn into trajectories: team, law, flow, motions and disturbances."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjsheaf.control import LawArrays, disagreement
+from mjsheaf.control.law import limit_speed
+from mjsheaf.dynamics import disturbance
+from mjsheaf.dynamics.disturbance import HarmonicArrays, disturbance_velocity
+from mjsheaf.dynamics.effectiveness import EffectivenessArrays
+from mjsheaf.dynamics.flow import FlowField, flow_velocity
+from mjsheaf.dynamics.motion import MotionArrays, add_reference
+from mjsheaf.jit import part
+from mjsheaf.team import Team
+
+Array = NDArray[np.float64]
+
+
+class ControlArrays(NamedTuple):
+    """What onboard computers know, for compiled code: the law and the targets' references."""
+
+    law: LawArrays
+    motion: MotionArrays
+
+
+class MediumArrays(NamedTuple):
+    """What surrounds the vehicles, for compiled code; V vehicles, the first `agents` of them agents.
+
+    planar (V,): whether a vehicle lives in the plane; kernels: tables of all flow fields, one below the other, of which
+    each vehicle meets the rows from rows[v, 0] to rows[v, 1]; harmonics: of the disturbances.
+    """
+
+    agents: int
+    planar: NDArray[np.bool_]
+    kernels: Array
+    rows: NDArray[np.int64]
+    harmonics: HarmonicArrays
+
+
+@part
+def velocity_commands(control, t, x, residual, command):
+    """Sample every onboard computer at time t.
+
+    Writes the residuals and the commanded velocities -gain * residual + reference, limited, for positions x; all of
+    shape (V, 3), m and m/s.
+    """
+    law = control.law
+    disagreement(law, x, residual)
+    for v in range(x.shape[0]):
+        for i in range(3):
+            command[v, i] = -law.gain[v] * residual[v, i]
+        add_reference(control.motion, v, t, x[v], command[v])
+        limit_speed(law.limit[v], command[v])
+
+
+@part
+def flow_about(medium, v, x, y, z):
+    """Velocity of the flow that vehicle v meets at a point, as three numbers."""
+    wx, wy, wz = flow_velocity(medium.kernels[medium.rows[v, 0] : medium.rows[v, 1]], x, y, z)
+    return wx, wy, 0.0 if medium.planar[v] else wz
+
+
+@part
+def medium_velocity(medium, sines, v, x, y, z):
+    """Velocity of the medium about vehicle v at a point, as three numbers: its flow and its disturbance.
+
+    `sines` (V K,) holds those of the disturbances at the present time: see `evaluate_sines`.
+    """
+    wx, wy, wz = flow_about(medium, v, x, y, z)
+    dx, dy, dz = disturbance_velocity(medium.harmonics, sines, v)
+    return wx + dx, wy + dy, wz + dz
+
+
+@dataclass(frozen=True)
+class TimeGrid:
+    """Sample times.
+
+    Attributes:
+        start: time of the initial condition, s.
+        period: time between samples, s.
+        steps: number of periods.
+        continuous: whether the law is evaluated between samples too (control period 0) instead of being held.
+    """
+
+    start: float
+    period: float
+    steps: int
+    continuous: bool
+
+    @property
+    def samples(self) -> Array:
+        """Sample times, shape (steps + 1,), s."""
+        return self.span(0, self.steps + 1)
+
+    def span(self, first: int, end: int) -> Array:
+        """Times of the samples from `first` up to but without `end`, shape (end - first,), s."""
+        return np.asarray(self.start + self.period * np.arange(first, end), dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class Effects:
+    """Which of the effects that make bodies real are on.
+
+    Attributes:
+        inertia: mass, and the autopilot's loop on velocity; off, m / D is `massless_tau`.
+        drag_law: quadratic drag.
+        limits: of thrusters, and of a multirotor's tilt.
+        lag: of thrusters.
+        underactuation: off, every vehicle has thrusters along every axis in which it is controlled.
+        massless_tau: s.
+    """
+
+    inertia: bool = True
+    drag_law: bool = True
+    limits: bool = True
+    lag: bool = True
+    underactuation: bool = True
+    massless_tau: float = 0.02
+
+
+@dataclass(frozen=True)
+class BodyPlan:
+    """What the physics backend needs beside the system; the ideal backend ignores it.
+
+    Attributes:
+        vehicle: name of each vehicle's description in models/, or path of a description file, length V.
+        time_constant: that of every vehicle, s, instead of its own; or None.
+        effects: which effects are on.
+        heading: initial heading of each vehicle in rad, shape (V,).
+        timestep: physics step in s.
+        contacts: whether vehicles collide.
+        surface: 'water', 'ground' or 'none'; drawn, and where floating vehicles float.
+        surface_height: its height in m.
+    """
+
+    vehicle: list[str]
+    time_constant: float | None
+    effects: Effects
+    heading: Array
+    timestep: float
+    contacts: bool
+    surface: str
+    surface_height: float
+
+
+@dataclass(frozen=True)
+class System:
+    """A team under the law, ready to be integrated.
+
+    Attributes:
+        name: of the scenario.
+        team: agents, targets and the sheaf.
+        initial: initial positions, padded, shape (V, 3), m; planar vehicles have z = 0.
+        grid: sample times.
+        gain: k1, 1/s.
+        law, motion, effectiveness: packed parts.
+        harmonics: of the disturbances, shape (V, K, 5).
+        flows: the flow fields.
+        field: number of the flow field that each vehicle meets, shape (V,).
+        tolerance: relative and absolute error of the ideal backend's integrator for each step.
+        bodies: how the physics backend embodies it.
+    """
+
+    name: str
+    team: Team
+    initial: Array
+    grid: TimeGrid
+    gain: float
+    law: LawArrays
+    motion: MotionArrays
+    harmonics: Array
+    effectiveness: EffectivenessArrays
+    flows: list[FlowField]
+    field: NDArray[np.int64]
+    tolerance: tuple[float, float]
+    bodies: BodyPlan
+
+    @cached_property
+    def control(self) -> ControlArrays:
+        """The law and the references for compiled code."""
+        return ControlArrays(self.law, self.motion)
+
+    @cached_property
+    def medium(self) -> MediumArrays:
+        """The medium for compiled code."""
+        ends = np.cumsum([0, *(len(flow.table) for flow in self.flows)])
+        return MediumArrays(
+            len(self.team.agents),
+            np.array([m.dimension == 2 for m in self.team.members]),
+            np.vstack([flow.table for flow in self.flows]),
+            np.column_stack([ends[self.field], ends[self.field + 1]]).astype(np.int64),
+            disturbance.pack(self.harmonics),
+        )
+
+    def flow_of(self, v: int) -> FlowField:
+        """The flow field that vehicle v meets."""
+        return self.flows[int(self.field[v])]
+
+    def fields_met(self, first: int, last: int) -> list[tuple[FlowField, bool]]:
+        """Each flow field that vehicles from first to last meet, and whether in the plane, every pair once."""
+        members = self.team.members
+        met = dict.fromkeys((int(self.field[v]), members[v].dimension == 2) for v in range(first, last))
+        return [(self.flows[k], planar) for k, planar in met]
+
+    @cached_property
+    def largest_eigenvalue(self) -> float:
+        """lambda_max(H), which bounds the gain under a held law: k1 h lambda_max < 2."""
+        H = self.team.dirichlet.H
+        if H.shape[0] <= 600:
+            return float(np.linalg.eigvalsh(H.toarray())[-1])
+        from scipy.sparse.linalg import eigsh
+
+        return float(eigsh(H, k=1, which="LA", v0=np.ones(H.shape[0]), return_eigenvectors=False)[0])

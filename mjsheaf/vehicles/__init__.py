@@ -1,0 +1,1 @@
+"""Vehicles: what a vehicle file says, its MJCF, and its reduced model."""

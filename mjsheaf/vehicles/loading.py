@@ -1,0 +1,384 @@
+"""The files that a vehicle is made of, none of which may lie outside its description's directory.
+
+A description names an MJCF file, which may include others and name meshes, textures and height fields. They are looked
+through before MuJoCo or PyMJCF open any of them. MuJoCo loads no code by MJCF, but a plugin that it has already loaded
+may do anything: plugins are refused. So is what MuJoCo would not survive: copies of copies without end, pictures larger
+than any memory, and numbers that are none, with which it goes on after a warning.
+
+Loading a vehicle: its description and its MJCF file, checked against each other.
+"""
+
+import math
+import os
+from pathlib import Path
+from typing import Any, NamedTuple
+from xml.parsers import expat
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from mjsheaf.engine import mujoco
+from mjsheaf.errors import InputError
+from mjsheaf.io.files import confined, resource_directory
+from mjsheaf.io.yaml import describe_validation_error, read_yaml
+from mjsheaf.vehicles.vehicle import GRAVITY, ROW_NAMES, Control, Vehicle, VehicleDescription
+
+_LARGEST_FILE = 20_000_000  # bytes, of one XML file
+_DEEPEST = 100  # elements within one another
+_MOST_COPIES = 1000  # that one element asks for, by elements within one another
+_LARGEST_GRID = 4096**2  # pixels of a texture, points of a height field
+_LARGEST_NUMBER = 1e12
+_COPYING = ("replicate", "composite", "flexcomp")
+_GRIDS = {"texture": ("width", "height"), "hfield": ("nrow", "ncol")}
+_WORDS = ("name", "class", "childclass")  # attributes that are words, whatever they look like
+_DIRECTORIES = ("meshdir", "texturedir", "assetdir")
+_IN_MESHDIR = ("mesh", "hfield", "skin")
+
+
+class _Reference(NamedTuple):
+    """A file that an element of an MJCF file names."""
+
+    tag: str
+    name: str
+    within: Path  # the directory of the file in which it stands
+
+
+class _Names(NamedTuple):
+    """What the elements of an MJCF file and of those that it includes name."""
+
+    references: list[_Reference]
+    directories: dict[str, set[str]]
+
+
+def files_of(description: Path, mjcf: str) -> list[Path]:
+    """The files of a vehicle.
+
+    Args:
+        description: its description's file.
+        mjcf: what that says of the MJCF file, relative to its directory.
+
+    Returns:
+        The MJCF file first, then all that exist of those that it leads to; absolute, links resolved.
+
+    Raises:
+        InputError: one lies outside the directory of the description, an MJCF file is none, or has a plugin.
+    """
+    root = description.parent.resolve()
+    try:
+        main = confined(mjcf, root)
+    except InputError as error:
+        raise InputError(f"{description}: mjcf: {error}") from None
+    names = _Names([], {name: set() for name in _DIRECTORIES})
+    files, waiting = {main: None}, [main]
+    while waiting:
+        path = waiting.pop()
+        first = len(names.references)
+        _read(path, names)
+        for reference in names.references[first:]:
+            if reference.tag in ("include", "model"):
+                inner = [f for f in _places(reference, main, names, root) if f not in files]
+                files |= dict.fromkeys(inner)
+                waiting += inner
+    for reference in names.references:  # the directories of meshes are known when every file is read
+        files |= dict.fromkeys(_places(reference, main, names, root))
+    return list(files)
+
+
+def _places(reference: _Reference, main: Path, names: _Names, root: Path) -> list[Path]:
+    """Every file that MuJoCo or PyMJCF may take a reference for, where it exists.
+
+    Raises:
+        InputError: one is outside the root, or is no file.
+    """
+    tag, name, within = reference
+    own = "texturedir" if tag == "texture" else "meshdir"
+    directories = names.directories[own] | names.directories["assetdir"] or {""}
+    if tag not in ("texture", *_IN_MESHDIR):
+        directories = directories | {""}
+    found = []
+    for base in sorted({main.parent, within}):
+        for directory in sorted(directories):
+            for file in sorted({name, Path(name).name}):  # the latter by <compiler strippath="true"/>
+                try:
+                    path = confined(file, base / directory, root)
+                except InputError as error:
+                    raise InputError(f"{main}: <{tag}>: {error}") from None
+                if path.is_file():
+                    found.append(path)
+                elif path.exists() and not path.is_dir():
+                    raise InputError(f"{main}: <{tag}>: {name!r} is no regular file")
+    return found
+
+
+def _read(path: Path, names: _Names) -> None:
+    """Note what the elements of one MJCF file name.
+
+    Raises:
+        InputError: it cannot be read, is not MJCF, declares a document type, or has a plugin.
+    """
+    parser = expat.ParserCreate("utf-8")
+    depth, copies = 0, [1.0]
+
+    def begin(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal depth
+        numbers = {key: _numbers(value) for key, value in attributes.items() if key not in _WORDS}
+        for key, found in numbers.items():
+            if not all(abs(x) <= _LARGEST_NUMBER for x in found):
+                where = f"{path}: line {parser.CurrentLineNumber}: <{tag}>: {key}"
+                raise InputError(f"{where} is {attributes[key][:50]}; expected numbers of at most {_LARGEST_NUMBER:g}")
+        copies.append(copies[-1] * math.prod(numbers.get("count", [1.0]) if tag in _COPYING else [1.0]))
+        if copies[-1] > _MOST_COPIES:
+            what = f"{path}: line {parser.CurrentLineNumber}: <{tag}>"
+            raise InputError(f"{what} asks for {copies[-1]:g} copies; expected at most {_MOST_COPIES}")
+        size = math.prod(numbers.get(key, [1.0])[0] for key in _GRIDS.get(tag, ()) if numbers.get(key, [1.0]))
+        if size > _LARGEST_GRID:
+            what = f"{path}: line {parser.CurrentLineNumber}: <{tag}>"
+            raise InputError(f"{what} has {size:g} points; expected at most {_LARGEST_GRID}")
+        if depth == 0 and tag not in ("mujoco", "mujocoinclude"):
+            raise InputError(f"{path}: its root is <{tag}>; expected <mujoco>")
+        depth += 1
+        if depth > _DEEPEST:
+            raise InputError(f"{path}: line {parser.CurrentLineNumber}: nested more than {_DEEPEST} deep")
+        if tag in ("extension", "plugin"):
+            raise InputError(f"{path}: line {parser.CurrentLineNumber}: <{tag}> is not allowed: plugins are code")
+        for key, value in attributes.items():
+            if key.startswith("file"):
+                names.references.append(_Reference(tag, value, path.parent))
+            elif tag == "compiler" and key in _DIRECTORIES:
+                names.directories[key].add(value)
+
+    def end(tag: str) -> None:
+        nonlocal depth
+        depth -= 1
+        copies.pop()
+
+    def doctype(*_: Any) -> None:
+        raise InputError(f"{path}: a document type is not allowed; leave <!DOCTYPE out")
+
+    parser.StartElementHandler, parser.EndElementHandler, parser.StartDoctypeDeclHandler = begin, end, doctype
+    if path.exists() and not path.is_file():
+        raise InputError(f"{path}: is no regular file")
+    try:
+        with path.open("rb") as file:
+            data = file.read(_LARGEST_FILE + 1)
+        if len(data) > _LARGEST_FILE:
+            raise InputError(f"{path}: larger than {_LARGEST_FILE // 10**6} MB")
+        parser.Parse(data, True)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except expat.ExpatError as error:
+        raise InputError(f"{path}: not XML: {error}") from None
+
+
+def _numbers(value: str) -> list[float]:
+    """The numbers of which an attribute is made, or none where one of its words is no number."""
+    try:
+        return [float(word) for word in value.split()]
+    except ValueError:
+        return []
+
+
+Array = NDArray[np.float64]
+
+LAGS = {
+    "none": mujoco.mjtDyn.mjDYN_NONE,
+    "filter": mujoco.mjtDyn.mjDYN_FILTER,
+    "filterexact": mujoco.mjtDyn.mjDYN_FILTEREXACT,
+}
+"""How a thruster may follow its command: MJCF's dyntype."""
+
+_LAG_NAMES = {int(lag): name for name, lag in LAGS.items()}
+
+
+def list_vehicles() -> dict[str, Path]:
+    """The vehicles that come with mjsheaf: name to description file."""
+    return {path.stem: path for path in sorted(resource_directory("models").glob("*.yaml"))}
+
+
+def load_vehicle(source: str, directory: Path | None = None) -> Vehicle:
+    """Load a vehicle.
+
+    Args:
+        source: a name in models/, or the path of a description file, which may lie anywhere; what it names may not: all
+            its files lie in its directory or below it.
+        directory: what a relative path is relative to; None takes the working directory.
+
+    Raises:
+        InputError: no such vehicle, or its files are not valid; the message names the file.
+    """
+    known = list_vehicles()
+    path = known.get(source) or (directory or Path()) / source
+    if source not in known and path.suffix not in (".yaml", ".yml"):
+        shown = source if len(source) <= 100 else source[:97] + "..."
+        raise InputError(f"no vehicle {shown!r}; expected {', '.join(known)}, or the path of a description file")
+    description = read_description(path)
+    mjcf = path.parent / description.mjcf
+    if source not in known:
+        files_of(path, description.mjcf)  # refuses what lies outside, before anything opens it
+    return _from_model(path.stem, description, mjcf, _compile(mjcf))
+
+
+def read_description(path: Path) -> VehicleDescription:
+    """Read a vehicle's description.
+
+    Raises:
+        InputError: the file is not valid, or is no file; the message names it.
+    """
+    if os.path.exists(path) and not os.path.isfile(path):  # a pipe would be waited on for ever
+        raise InputError(f"{path}: is no regular file; expected the description of a vehicle")
+    try:
+        return VehicleDescription.model_validate(read_yaml(path))
+    except ValidationError as error:
+        raise InputError(f"{path}: {describe_validation_error(error, VehicleDescription)}") from None
+
+
+def _compile(path: Path) -> mujoco.MjModel:
+    """Compile a vehicle's file alone."""
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+        spec.compiler.fusestatic = False  # would make all of it part of the world, which has no mass
+        model = spec.compile()
+    except (ValueError, RuntimeError, MemoryError, mujoco.FatalError) as error:  # RuntimeError: no memory for it
+        raise InputError(f"{path}: {' '.join(str(error).split())}") from None
+    # Of the world they have no mass, but once that is a vehicle's frame they would have.
+    plate = (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)
+    for geom in spec.worldbody.geoms:
+        heavy = geom.density > 0.0 if np.isnan(geom.mass) else geom.mass > 0.0
+        if heavy and geom.type not in plate:
+            name = f"geom {geom.name!r}" if geom.name else "a geom"
+            raise InputError(
+                f'{path}: {name} with mass stands in <worldbody> itself; put it into a <body>, or mass="0"'
+            )
+    return model
+
+
+def _from_model(name: str, description: VehicleDescription, path: Path, model: mujoco.MjModel) -> Vehicle:
+    if model.nq:
+        raise InputError(f"{path}: must have no joints; mjsheaf gives the vehicle its free joint")
+    if not (model.actuator_trntype == mujoco.mjtTrn.mjTRN_SITE).all():
+        raise InputError(f"{path}: every actuator must act on a site")
+    if not (
+        (model.actuator_gaintype == mujoco.mjtGain.mjGAIN_FIXED).all()
+        and (model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE).all()
+    ):
+        raise InputError(f"{path}: every actuator must have a fixed gain and no bias")
+    if not np.isin(model.actuator_dyntype, list(_LAG_NAMES)).all():
+        raise InputError(f"{path}: every actuator's dyntype must be one of {', '.join(LAGS)}")
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    site = model.actuator_trnid[:, 0]
+    axes = data.site_xmat[site].reshape(-1, 3, 3)
+    force = np.einsum("kij,kj->ki", axes, model.actuator_gear[:, :3])
+    moment = np.cross(data.site_xpos[site], force) + np.einsum("kij,kj->ki", axes, model.actuator_gear[:, 3:])
+    W = (np.hstack([force, moment]) * model.actuator_gainprm[:, :1]).T
+
+    if not model.body_mass.sum() > 0.0:
+        raise InputError(f"{path}: its mass is 0 kg; expected a positive one")
+    mass, centre, inertia = mass_properties(model, data, slice(None))
+    carried = float((model.body_mass * model.body_gravcomp).sum())
+    drag, steering = description.drag, description.steering
+    linear = np.full(3, mass / drag.time_constant) if drag.time_constant else np.array(drag.linear, dtype=np.float64)
+    control: Control = "full"
+    if steering is not None:
+        control = "hand_point" if steering.hand_point is not None else "thrust_vector"
+    vehicle = Vehicle(
+        name=name,
+        description=description,
+        path=path,
+        control=control,
+        mass=mass,
+        weight=(mass - carried) * GRAVITY,
+        ballast=0.0,
+        centre_of_mass=centre,
+        inertia=inertia,
+        inertials=[_inertial(model, b) for b in range(1, model.nbody)],
+        thrusters=_thruster_names(model),
+        actuation=[_actuation(model, k) for k in range(model.nu)],
+        W=W,
+        drag=linear,
+        angular_drag=np.array(drag.angular, dtype=np.float64),
+        quadratic_drag=np.array([*drag.quadratic, *drag.angular_quadratic], dtype=np.float64),
+        added_mass=np.array(description.added_mass or [0.0] * 6, dtype=np.float64),
+        rate=description.autopilot.rate if description.autopilot else 0.0,
+        hand=(steering.hand_point or 0.0) if steering else 0.0,
+        tilt=(steering.largest_tilt or 0.0) if steering else 0.0,
+    )
+    _check(vehicle)
+    return vehicle
+
+
+def _check(vehicle: Vehicle) -> None:
+    """Refuse a vehicle whose thrusters cannot do what its way of control asks of them.
+
+    Raises:
+        InputError: naming what is lacking.
+    """
+    rows, path = vehicle.controlled_rows, vehicle.path
+    if np.linalg.matrix_rank(vehicle.W[rows]) < len(rows):
+        left = np.linalg.svd(vehicle.W[rows])[0][:, -1]
+        lacking = ROW_NAMES[rows[int(np.argmax(np.abs(left)))]]
+        steering = "" if vehicle.control != "full" else "; an underactuated vehicle needs `steering` in its description"
+        raise InputError(
+            f"{path}: the thrusters cannot produce every wanted wrench; lacking is {lacking} (Assumption 2){steering}"
+        )
+    if vehicle.control == "hand_point" and not vehicle.angular_drag[2] > 0.0:
+        raise InputError(f"{path}: a hand point needs a positive drag.angular in yaw, as g divides by it")
+    trim, (low, high) = vehicle.trim, vehicle.limits.T
+    short = np.flatnonzero((trim < low) | (trim > high))
+    if short.size:
+        k = short[0]
+        raise InputError(
+            f"{path}: cannot carry its own weight: {vehicle.thrusters[k]} would need a command of {trim[k]:.4g}, "
+            f"its range is {low[k]:.4g} to {high[k]:.4g}"
+        )
+
+
+def mass_properties(model: mujoco.MjModel, data: mujoco.MjData, bodies: slice) -> tuple[float, Array, Array]:
+    """Mass in kg, centre of mass (3,) in m and inertia about the origin (3, 3) in kg m^2 of a slice of the bodies.
+
+    World axes, for the bodies where `data` has them.
+    """
+    m, r, axes = model.body_mass[bodies], data.xipos[bodies], data.ximat[bodies].reshape(-1, 3, 3)
+    mass, second = float(m.sum()), np.einsum("b,bi,bj->ij", m, r, r)
+    inertia = np.einsum("bij,bj,bkj->ik", axes, model.body_inertia[bodies], axes)
+    return mass, m @ r / mass, inertia + np.trace(second) * np.eye(3) - second
+
+
+def _inertial(model: mujoco.MjModel, b: int) -> dict[str, Any]:
+    return {
+        "pos": model.body_ipos[b].copy(),
+        "quat": model.body_iquat[b].copy(),
+        "mass": model.body_mass[b],
+        "diaginertia": model.body_inertia[b].copy(),
+    }
+
+
+def _thruster_names(model: mujoco.MjModel) -> list[str]:
+    names = [model.actuator(k).name for k in range(model.nu)]
+    for k in range(model.nu):
+        if not names[k]:
+            name = f"thruster_{k}"
+            while name in names:
+                name += "_"
+            names[k] = name
+    return names
+
+
+def _actuation(model: mujoco.MjModel, k: int) -> dict[str, Any]:
+    """What the arena must be told of actuator k beside where it acts, read from the compiled file.
+
+    The file's own elements would not do: most of it may stand in their default class.
+    """
+    attributes: dict[str, Any] = {
+        "dyntype": _LAG_NAMES[int(model.actuator_dyntype[k])],
+        "dynprm": model.actuator_dynprm[k].copy(),
+        "gainprm": model.actuator_gainprm[k].copy(),
+        "actearly": "true" if model.actuator_actearly[k] else "false",
+    }
+    for name in ("ctrl", "force", "act"):
+        limited = bool(getattr(model, f"actuator_{name}limited")[k])
+        attributes[f"{name}limited"] = "true" if limited else "false"
+        if limited:
+            attributes[f"{name}range"] = getattr(model, f"actuator_{name}range")[k].copy()
+    return attributes
