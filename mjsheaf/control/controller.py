@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -330,8 +330,8 @@ def load_controller(source: str) -> Controller:
         if not hasattr(module, name):
             public = [n for n, value in vars(module).items() if callable(value) and not n.startswith("_")]
             raise InputError(f"there is no {name!r} in it; {expected(name, public)}")
-        law = getattr(module, name)
-        return Controller(law() if inspect.isclass(law) else law, source)
+        law: Any = getattr(module, name)
+        return Controller(cast(Law, law() if inspect.isclass(law) else law), source)
     except InputError as error:
         raise InputError(f"--controller {source}: {error}") from None
     except Exception as error:

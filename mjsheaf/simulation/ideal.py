@@ -25,7 +25,7 @@ from mjsheaf.control.law import Memory, new_memory, sample
 from mjsheaf.dynamics.disturbance import evaluate_sines
 from mjsheaf.dynamics.effectiveness import EffectivenessArrays, allocate
 from mjsheaf.jit import kernel, part
-from mjsheaf.simulation.trajectory import Log, Trajectory, blow_up_message, pieces_of
+from mjsheaf.simulation.trajectory import Trajectory, blow_up_message, new_log, pieces_of
 from mjsheaf.system import MediumArrays, Phase, System, medium_velocity, phases_of
 
 Array = NDArray[np.float64]
@@ -297,7 +297,7 @@ def stream_ideal(
             control = control._replace(law=supplied(control.law, N))
         memory = new_memory(control.law, len(x))
         integrator = new_integrator(system.medium, system.effectiveness, system.tolerance, grid.period, memory)
-        log = _new_log(system, end - begin)
+        log = new_log(end - begin, len(x), inputs=(N, system.effectiveness.pinv.shape[1]))
         done, broken = 0, -1
         while done < end - begin and broken < 0:
             if controller:
@@ -336,10 +336,3 @@ def _attitudes(heading: Array) -> Array:
     """Quaternions (w, x, y, z) of headings (N,) in rad, shape (N, 4)."""
     zero = np.zeros_like(heading)
     return np.column_stack([np.cos(heading / 2), zero, zero, np.sin(heading / 2)])
-
-
-def _new_log(system: System, T: int) -> Log:
-    V, N = len(system.team.members), len(system.team.agents)
-    vectors = (np.empty((T, V, 3)) for _ in range(5))
-    inputs = np.empty((T, N, system.effectiveness.pinv.shape[1]))
-    return Log(*vectors, inputs, np.empty((0, V, 3)), np.empty((0, V, 4)), *(np.empty((0, 0)) for _ in range(3)))

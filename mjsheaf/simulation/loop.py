@@ -24,7 +24,7 @@ from mjsheaf.jit import kernel, part
 from mjsheaf.simulation.arena import Arena, compose
 from mjsheaf.simulation.autopilot import Fleet, drive, pack_fleet
 from mjsheaf.simulation.forces import measure, push, rotation, to_world, triple
-from mjsheaf.simulation.trajectory import Log, Trajectory, blow_up_message, pieces_of
+from mjsheaf.simulation.trajectory import Log, Trajectory, blow_up_message, new_log, pieces_of
 from mjsheaf.system import MediumArrays, Phase, System, medium_velocity, phases_of
 from mjsheaf.vehicles.effects import embody
 from mjsheaf.vehicles.loading import load_vehicle
@@ -133,7 +133,7 @@ def close_loop(loop, t, due):
             row[0], row[1], row[2] = gear
 
 
-@part
+@kernel
 def place_targets(fleet, recorder, state):
     """Put every target where its controlled position is wanted at this sample, with its attitude and speed."""
     k, bodies = recorder.written[0], fleet.bodies
@@ -147,7 +147,7 @@ def place_targets(fleet, recorder, state):
             state.qpos[body.qpos + i] += recorder.placed[k, v - agents, i] - x[i]
 
 
-@part
+@kernel
 def record(loop, recorder):
     """Write the present state, and the commands just made for it, as the next sample."""
     fleet, state, log, k = loop.fleet, loop.state, recorder.log, recorder.written[0]
@@ -377,10 +377,9 @@ class World:
         self.data.act[self.model.actuator_actadr[lags]] = trim[lags]
         self._enter_phase()
         self._loop.state.memory.flat[:] = 0.0
-        self._consulted = -1
-        if self._controller:
+        if self._controller:  # it is called at the first step, and asks for nothing until then
             self._controller.reset(self.system.team)
-        self.close_loop(sample=True)
+        close_loop(self._loop, self.time, True)
         if _first_bad(self.data.ctrl) < 0:
             mujoco.mj_forward(self.model, self.data)
         else:  # MuJoCo would warn and take others; `step` raises
@@ -419,7 +418,6 @@ class World:
                 "as get_state gives it for this scenario"
             )
         self._loop.state.memory.flat[:] = values[size:]
-        self._consulted = -1
         mujoco.mj_fwdPosition(self.model, self.data)
 
     def close_loop(self, sample: bool | None = None) -> None:
@@ -434,8 +432,8 @@ class World:
         self._enter_phase()
         if sample is None:
             sample = self._step % self._loop.per_law == 0
-        if sample:
-            self._consult()
+        if sample and self._controller:
+            self._consult(self._controller)
         close_loop(self._loop, self.time, sample)
 
     def step(self, n: int = 1) -> None:
@@ -455,7 +453,9 @@ class World:
         ahead = (phase.start * loop.per_sample - step for phase in self._phases)
         count = min([count, *(steps for steps in ahead if steps > 0)])
         if self._controller:
-            self._consult()
+            if step % loop.per_law == 0:
+                place_targets(loop.fleet, recorder, loop.state)
+                self._consult(self._controller)
             count = min(count, loop.per_law - step % loop.per_law)
         _, bad = _advance(loop, step, count, recorder)
         if bad >= 0:
@@ -482,16 +482,12 @@ class World:
             control = control._replace(law=supplied(control.law, len(self.system.team.agents)))
         return control
 
-    def _consult(self) -> None:
-        """Ask a law in Python, once at each sample."""
-        if self._controller is None or self._consulted == self._step:
-            return
-        self._consulted, N = self._step, len(self.system.team.agents)
+    def _consult(self, controller: Controller) -> None:
+        """Let a law in Python say what it wants now."""
+        N, memory = len(self.system.team.agents), self._loop.state.memory
         velocity = self.data.qvel[self.arena.dof[:N, None] + np.arange(3)]
-        memory = self._loop.state.memory
-        self._controller.supply(
-            self._loop.control.law, self.time, self.positions(), memory, velocity, self.quaternions()[:N]
-        )
+        attitude = self.quaternions()[:N]
+        controller.supply(self._loop.control.law, self.time, self.positions(), memory, velocity, attitude)
 
     def record(
         self, samples: int, targets: Array | None, progress: Callable[[int, int], None] | None
@@ -530,10 +526,7 @@ class World:
 
     def _recorder(self, T: int, placed: Array | None = None) -> Recorder:
         """A place for T samples; 0 records nothing."""
-        V, A = len(self.arena.vehicles), self.model.nu
-        vectors = [np.empty((T, V, 3)) for _ in range(6)]
-        attitudes, actuators = np.empty((T, V, 4)), (np.empty((T, A)), np.empty((T, A)))
-        log = Log(*vectors[:5], np.empty((0, 0, 0)), vectors[5], attitudes, *actuators, np.empty((T, V)))
+        log = new_log(T, len(self.arena.vehicles), actuators=self.model.nu)
         none = np.empty((0, 0, 3))
         return Recorder(log, none if placed is None else np.ascontiguousarray(placed), np.zeros(1, dtype=np.int64))
 

@@ -53,6 +53,24 @@ class Log(NamedTuple):
         return Log(*(values[begin:end] for values in self))
 
 
+def new_log(T: int, V: int, *, inputs: tuple[int, int] | None = None, actuators: int | None = None) -> Log:
+    """A log for T samples of V vehicles, of ideal kinematics with `inputs` (N, s), or of bodies with `actuators`."""
+    ideal, bodies = T * (inputs is not None), T * (actuators is not None)
+    return Log(
+        positions=np.empty((T, V, 3)),
+        residual=np.empty((T, V, 3)),
+        command=np.empty((T, V, 3)),
+        velocity=np.empty((T, V, 3)),
+        medium=np.empty((T, V, 3)),
+        inputs=np.empty((ideal, *(inputs or (0, 0)))),
+        origin=np.empty((bodies, V, 3)),
+        quaternions=np.empty((bodies, V, 4)),
+        thruster_command=np.empty((bodies, actuators or 0)),
+        thruster_output=np.empty((bodies, actuators or 0)),
+        saturation=np.empty((bodies, V)),
+    )
+
+
 @dataclass(frozen=True)
 class Trajectory:
     """Samples of a run under one system.
