@@ -210,7 +210,7 @@ def _advance(follow, run, t, x, first, last):
 
 @part
 def _record(run, t, x, k, log):
-    """Write sample k at time t: positions x (V, 3), what the law has just made of them, and x', kept in run.slope[0]."""
+    """Write sample k at time t: positions x (V, 3), commands just made, and x', kept in run.slope[0]."""
     medium, memory, slope = run.medium, run.memory, run.slope[0]
     evaluate_sines(medium.harmonics, t, 0, x.shape[0], run.sines)
     for v in range(x.shape[0]):
