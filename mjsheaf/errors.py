@@ -3,7 +3,8 @@
 What errors say about a name that is not known: the names that are expected, and the closest of them.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
 from difflib import get_close_matches
 
 
@@ -41,6 +42,15 @@ class UnstableError(MjsheafError):
     """A simulation blew up; the message names the vehicle, the time and the likely cause."""
 
     exit_code = 3
+
+
+@contextmanager
+def in_field(field: str) -> Iterator[None]:
+    """Put the name of a field before the message of an InputError."""
+    try:
+        yield
+    except InputError as error:
+        raise type(error)(f"{field}: {error}") from None
 
 
 _MOST = 20

@@ -70,7 +70,7 @@ def compare(scenario: Scenario, progress: Progress | None = None) -> Comparison:
         NotUniqueError: the harmonic extension is not unique.
     """
     begun = time.perf_counter()
-    system = scenario.system()
+    system = scenario.system
     require_full_row_rank(system)
     require_unique(system.team)
     ladder = ladder_of(system)
@@ -103,7 +103,7 @@ def compare(scenario: Scenario, progress: Progress | None = None) -> Comparison:
         "demands": [d for key in ("ideal", "all") for d in _demands(system, runs[key], middle)],
         "fastest": [
             records.FastestRecord(moves_in=_DOMAIN[f.dimension], vehicle=f.vehicle, speed_m_s=f.speed)
-            for f in fastest_vehicles()
+            for f in fastest_vehicles(system)
         ],
     }
     draft = records.CompareRecord(**parts, verdict=[], wall_time_s=time.perf_counter() - begun, video=None)

@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 
 from mjsheaf.comparing.ladder import Run, climb, ladder_of
 from mjsheaf.comparing.measures import late
-from mjsheaf.simulation.loop import vehicles_of
 from mjsheaf.system import System, velocity_commands
 from mjsheaf.vehicles.effects import capability_of
-from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
+from mjsheaf.vehicles.loading import list_vehicles
 
 Array = NDArray[np.float64]
 
@@ -92,7 +91,7 @@ def demands_of(system: System, time: Array, positions: Array, start: float) -> l
     if not chosen.size:
         return []
     speed = commanded_speeds(system, time[chosen], positions[chosen])
-    vehicles, members, N = vehicles_of(system), system.team.members, len(system.team.agents)
+    vehicles, members, N = system.vehicles, system.team.members, len(system.team.agents)
     kinds = dict.fromkeys(("agents" if v < N else "targets", system.bodies.vehicle[v]) for v in range(len(members)))
     found = []
     for role, name in kinds:
@@ -116,9 +115,9 @@ def demands_of(system: System, time: Array, positions: Array, start: float) -> l
     return found
 
 
-def fastest_vehicles() -> list[Fastest]:
-    """The fastest real vehicle of mjsheaf on the surface, then in the air."""
-    able = {name: load_vehicle(name) for name in list_vehicles()}
+def fastest_vehicles(system: System) -> list[Fastest]:
+    """The fastest real vehicle of mjsheaf on the surface, then in the air; a system has some of them already."""
+    able = {name: system.described_vehicle(name) for name in list_vehicles()}
     found = []
     for dimension in (2, 3):
         speeds = {n: capability_of(v).least_speed for n, v in able.items() if v.dimension == dimension}

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from mjsheaf.comparing.ladder import inertial_tau
 from mjsheaf.results.metrics import Errors
 from mjsheaf.simulation.ideal import run_ideal
-from mjsheaf.simulation.loop import run_physics, vehicles_of
+from mjsheaf.simulation.loop import run_physics
 from mjsheaf.simulation.trajectory import Trajectory
-from mjsheaf.system import Effects, System
+from mjsheaf.system import System
+from mjsheaf.vehicles.effects import Effects
 
 Array = NDArray[np.float64]
 
@@ -186,7 +187,7 @@ def converge(system: System, progress: Callable[[str, int, int], None] | None = 
         progress: called with ('converging', runs done, runs in all).
     """
     system = _at_rest_in_place(_with_inertia(system, None))
-    grid, own = system.grid, min(float(inertial_tau(v).min()) for v in vehicles_of(system))
+    grid, own = system.grid, min(float(inertial_tau(v).min()) for v in system.vehicles)
     fastest = system.gain * system.largest_eigenvalue
     largest = min(_SHARE_OF_OWN * own, _SHARE_OF_LAW / fastest if fastest > 0.0 else np.inf)
     start = grid.start + _JUMP * largest

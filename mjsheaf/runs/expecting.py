@@ -53,7 +53,7 @@ def try_scenario(scenario: Scenario, backend: str, *, progress: Callable[[int, i
     Raises:
         InputError: the scenario cannot be simulated for any other reason, such as a vehicle that does not fit.
     """
-    system = scenario.system()
+    system = scenario.system
     require_vehicles(system)
     try:
         require_full_row_rank(system)

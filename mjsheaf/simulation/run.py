@@ -42,7 +42,7 @@ def simulate(
         InputError: unknown backend, a vehicle that does not fit its agent, or a g that is not of full row rank.
         NotUniqueError: the harmonic extension is not unique, and drift is not allowed.
     """
-    system = scenario.system()
+    system = scenario.system
     require_simulable(system, backend, allow_drift=allow_drift)
     return next(stream(system, backend, scenario.seed, progress, system.grid.steps + 1))
 
@@ -170,13 +170,11 @@ def require_vehicles(system: "System") -> None:
     Raises:
         InputError: naming the field.
     """
-    from mjsheaf.scenario.build import DEFAULT_VEHICLE
+    from mjsheaf.system import DEFAULT_VEHICLE
 
     named = zip(system.team.members, system.bodies.vehicle, strict=True)
     if any(name != DEFAULT_VEHICLE[member.dimension] for member, name in named):
-        from mjsheaf.simulation.loop import vehicles_of  # imports MuJoCo, which plain kinematics can do without
-
-        vehicles_of(system)
+        _ = system.vehicles
 
 
 def require_full_row_rank(system: "System") -> None:

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from mjsheaf import load_scenario
 from mjsheaf.control import LawArrays, LocalLaw, disagreement, pack_law
 from mjsheaf.control.law import limit_speed, limited_commands
-from mjsheaf.team import Edge, Formation, Member, Team, range_bearing, relative_state
+from mjsheaf.team import Edge, Member, Team, range_bearing, relative_state
+from mjsheaf.team.formation import Explicit
 
 Array = NDArray[np.float64]
 
@@ -32,6 +33,11 @@ class Case:
     team: Team
     x: Array
     rng: np.random.Generator
+
+
+def formation(name: str, members: list[Member], rng: np.random.Generator) -> Explicit:
+    places = [rng.standard_normal(m.dimension).tolist() for m in members]
+    return Explicit(name=name, members=[m.id for m in members], displacements=places)
 
 
 @st.composite
@@ -54,10 +60,10 @@ def cases(draw: st.DrawFn) -> Case:
         return made
 
     inside = [a for a in agents if draw(st.booleans())]
-    group = Formation("g", tuple(a.id for a in inside), tuple(rng.standard_normal(a.dimension) for a in inside))
-    shape = Formation("t", tuple(t.id for t in targets), tuple(rng.standard_normal(t.dimension) for t in targets))
+    groups = [formation("g", inside, rng)] if inside else []
+    shape = formation("t", targets, rng)
     team = Team(
-        agents, targets, edges(agents, agents, 8), edges(agents, targets, 6), edges(targets, targets, 4), [group], shape
+        agents, targets, edges(agents, agents, 8), edges(agents, targets, 6), edges(targets, targets, 4), groups, shape
     )
     x = team.unpack(rng.integers(-50, 50, team.sheaf.shape[1]).astype(float))
     return Case(team, x, rng)
@@ -193,7 +199,7 @@ def test_range_zero_gives_the_command_of_the_offset_alone() -> None:
 
 @pytest.fixture(scope="module")
 def published() -> Team:
-    return load_scenario("paper").system().team
+    return load_scenario("paper").system.team
 
 
 def test_spectrum_of_the_published_team(published: Team) -> None:
@@ -205,7 +211,7 @@ def test_spectrum_of_the_published_team(published: Team) -> None:
 
 
 def test_disagreement_of_the_published_start() -> None:
-    system = load_scenario("paper").system()
+    system = load_scenario("paper").system
     residual = np.zeros_like(system.initial)
     disagreement(system.law, np.array(system.initial), residual)
     mean = np.linalg.norm(residual[:13], axis=1).mean()

@@ -17,7 +17,7 @@ from mjsheaf.results import summarize
 def run(backend: str) -> tuple[Any, dict[str, Any]]:
     scenario = load_scenario("harbour")
     dataset = simulate(scenario, backend)
-    return dataset, summarize(scenario.system().team, dataset)["groups"]
+    return dataset, summarize(scenario.system.team, dataset)["groups"]
 
 
 @pytest.mark.parametrize(("group", "formation"), [("air", 0.5), ("water", 1.5)])
@@ -38,7 +38,7 @@ def test_targets_move_fast_and_apart() -> None:
 
 
 def test_the_team_is_tied_together_and_sees_little() -> None:
-    team = load_scenario("harbour").system().team
+    team = load_scenario("harbour").system.team
     kinds = {agent.id: agent.dimension for agent in team.agents}
     across = [e for e in team.communication if kinds[e.tail] != kinds[e.head]]
     assert len(across) >= 2
