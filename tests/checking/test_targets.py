@@ -11,15 +11,15 @@ import pytest
 
 from mjsheaf.checking import targets
 from mjsheaf.checking.cohomology import spectrum_of
-from mjsheaf.checking.drift import Carrier, coarser, difference_along
-from mjsheaf.checking.targets import Cells, follow_targets
+from mjsheaf.checking.drift import coarser, difference_along
+from mjsheaf.checking.targets import Carrier, Cells, follow_targets
 from mjsheaf.dynamics import Lissajous, Waypoints
 from mjsheaf.dynamics.disturbance import evaluate
 from mjsheaf.dynamics.motion import Motion, pack, reference_bounds
 from mjsheaf.scenario import scenario_from_mapping
+from tests.builders import field_of
 from tests.checking.adversarial import adversarial_scenario
 from tests.checking.oracle import Truth, solve
-from tests.dynamics.rows import field_of
 
 SEEDS = [0, 2, 4, 5, 6, 7, 29]  # jets, vortices, small cores, a saddle, corners
 

@@ -4,27 +4,24 @@ Oracles: the field itself at thousands of random points, half of them gathered a
 peaks are known in closed form; the paper's field on a fine grid.
 """
 
-import json
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from mjsheaf.dynamics import FlowField
 from mjsheaf.dynamics.bounds import Supremum, _Kernels, largest_speed, lipschitz_constant
 from mjsheaf.errors import InputError
-from tests.dynamics.rows import field_of, of_facts
+from tests.builders import FACTS, field_of, of_facts
+from tests.strategies import examples
 
 Array = NDArray[np.float64]
 
-LAWS = settings(deadline=None, derandomize=True, max_examples=150)
-FACTS = json.loads((Path(__file__).parents[1] / "data" / "paper_facts.json").read_text())
 BOTH = pytest.mark.parametrize("supremum", [largest_speed, lipschitz_constant], ids=["speed", "slope"])
 SPACES = st.sampled_from(
     [(2, True), (2, False), (3, True), (3, False)]
@@ -60,9 +57,7 @@ def random_box(rng: np.random.Generator, n: int) -> tuple[Array, Array]:
 
 def centres_of(field: FlowField) -> Array:
     n = field.dimension
-    return np.array([k.centre for kernels in (field.sources, field.vortices, field.channels) for k in kernels]).reshape(
-        -1, n
-    )
+    return np.array([k.centre for kind in (field.sources, field.vortices, field.channels) for k in kind]).reshape(-1, n)
 
 
 def points_in(field: FlowField, low: Array, high: Array, rng: np.random.Generator, count: int = 3000) -> Array:
@@ -86,7 +81,7 @@ def value(supremum: Callable[..., Supremum], field: FlowField, points: Array, pl
 
 
 @BOTH
-@LAWS
+@examples(150)
 @given(seed=SEEDS, space=SPACES)
 def test_nothing_in_the_box_exceeds_the_bound(
     supremum: Callable[..., Supremum], seed: int, space: tuple[int, bool]
@@ -106,7 +101,7 @@ def test_nothing_in_the_box_exceeds_the_bound(
 
 
 @pytest.mark.parametrize("slope", [False, True], ids=["speed", "slope"])
-@LAWS
+@examples(150)
 @given(seed=SEEDS, space=SPACES)
 def test_the_bound_of_one_cell_holds(slope: bool, seed: int, space: tuple[int, bool]) -> None:
     """Each bound by itself: of each kernel over a cell, and of its second derivative, by differences."""
@@ -306,7 +301,7 @@ def test_a_drift_alone_is_exact(planar: bool) -> None:
             assert none.exact
 
 
-@LAWS
+@examples(150)
 @given(seed=SEEDS, space=SPACES)
 def test_leaving_out_the_drift(seed: int, space: tuple[int, bool]) -> None:
     (n, planar), rng = space, np.random.default_rng(seed)

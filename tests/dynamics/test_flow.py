@@ -4,25 +4,21 @@ Oracles: the kernels of the published run written out in numpy, with its own num
 central differences for the Jacobian.
 """
 
-import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from mjsheaf.dynamics import FlowField
 from mjsheaf.dynamics.flow import Source
 from mjsheaf.errors import InputError
-from tests.dynamics.rows import field_of, of_facts
+from tests.builders import FACTS, field_of, of_facts
 
 Array = NDArray[np.float64]
 
-LAWS = settings(deadline=None, derandomize=True, max_examples=60)
-FACTS = json.loads((Path(__file__).parents[1] / "data" / "paper_facts.json").read_text())
 SETS = ("agent_field", "target_field")
 
 
@@ -101,7 +97,6 @@ def test_jacobian_is_the_derivative(name: str, distance: float) -> None:
             np.testing.assert_allclose(field.jacobian(x), expected, atol=3e-6 * size)
 
 
-@LAWS
 @given(st.integers(0, 2**31), st.sampled_from([2, 3]), st.sampled_from([2, 3]))
 def test_any_field_has_its_derivative(seed: int, dimension: int, of_points: int) -> None:
     """Random kernels, axes that are not unit vectors, and points of either dimension."""
@@ -168,7 +163,7 @@ def test_kernels_add() -> None:
     facts = FACTS["target_field"]
     channels = [[*c, *d, *rest] for c, d, *rest in facts["gaussian_channels"]]
     parts = [
-        field_of(3, drift=facts["drift"]),
+        FlowField(dimension=3, drift=facts["drift"]),
         *(field_of(3, facts["core"], sources=[row]) for row in facts["sources"]),
         *(field_of(3, facts["core"], vortices=[row]) for row in facts["vortices"]),
         *(field_of(3, channels=[row]) for row in channels),
@@ -197,10 +192,7 @@ def test_direction_of_a_channel_is_normalised() -> None:
         (lambda: field_of(4), "dimension: .*not 4"),
         (lambda: field_of(2, sources=[[0, 0, 1]]), "give a 'core' radius"),
         (lambda: field_of(3, -1.0, vortices=[[0, 0, 0, 0, 0, 1, 1]]), "core: .*not -1.0"),
-        (
-            lambda: FlowField(dimension=3, core=0.1, sources=[Source(centre=[0, 0], alpha=1)]),
-            "sources.0.centre has 2 numbers; expected 3",
-        ),
+        (lambda: FlowField(dimension=3, core=0, sources=[Source(centre=[0, 0], alpha=1)]), "sources.0.centre has 2"),
         (lambda: field_of(2, 0.1, vortices=[[0, 0, 1], [0, 0, 0, 0, 1, 1]]), "vortices: in the plane the axis is z"),
         (lambda: field_of(2, drift=[1, 2, 3]), "drift has 3 numbers; expected 2"),
         (lambda: field_of(2, channels=[[0, 0, 0, 0, 1, 1, 1]]), "non-zero direction and a positive width and length"),

@@ -4,7 +4,6 @@ That each runs as its `expect:` block says, with bounds at most a tenth above wh
 pytest collects scenarios/ through mjsheaf's own plugin. Oracle here: the published run, and what the README says.
 """
 
-from functools import cache
 from pathlib import Path
 
 import jsonschema
@@ -19,16 +18,11 @@ from mjsheaf.results import summarize
 from mjsheaf.scenario import Scenario, list_scenarios, load_scenario, scenario_from_mapping
 from mjsheaf.scenario.load import parse_override
 from mjsheaf.team.edges import ExplicitMaps
+from tests.builders import Simulated
 
 BACKENDS = ("ideal", "physics")
 RUNNABLE = [name for name in list_scenarios() if load_scenario(name).expect.refused is None]
 REFUSED = [name for name in list_scenarios() if load_scenario(name).expect.refused is not None]
-
-
-@cache
-def run(name: str, backend: str) -> tuple[Scenario, xr.Dataset]:
-    scenario = load_scenario(name)
-    return scenario, mjsheaf.simulate(scenario, backend)
 
 
 @pytest.mark.parametrize("name", RUNNABLE)
@@ -62,16 +56,15 @@ def test_a_free_team_is_refused_or_drifts_and_says_so(backend: str) -> None:
     assert float(result["tracking_error"][-1].max()) < 25.0
 
 
-def test_paper_centering_matches_the_published_account() -> None:
-    scenario, dataset = run("paper", "ideal")
-    final = summarize(scenario.system.team, dataset)
+def test_paper_centering_matches_the_published_account(simulated: Simulated) -> None:
+    final = summarize(load_scenario("paper").system.team, simulated("paper", "ideal"))
     assert 7.2 < final["centering_error"] < 7.4  # "up to 7.3 m from their targets"
     assert final["mean_disagreement"] == pytest.approx(1.433368287835867, abs=1e-8)
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_dataset_holds_what_the_contract_names(backend: str) -> None:
-    _, ds = run("local_frames", backend)
+def test_dataset_holds_what_the_contract_names(backend: str, simulated: Simulated) -> None:
+    ds = simulated("local_frames", backend)
     assert ds["agent_position"].dims == ("time", "agent", "axis")
     assert ds["target_position"].dims == ("time", "target", "axis")
     assert ds["disagreement"].dims == ds["tracking_error"].dims == ("time", "agent")
@@ -121,15 +114,9 @@ def test_seed_draws_places_headings_and_disturbances() -> None:
 
 
 def test_a_seed_that_changes_nothing_is_known() -> None:
-    assert {b: load_scenario("paper").uses_seed(b) for b in ("ideal", "physics")} == {"ideal": False, "physics": False}
-    assert {b: load_scenario("paper", {"spread.heading": 10}).uses_seed(b) for b in ("ideal", "physics")} == {
-        "ideal": False,
-        "physics": True,
-    }
-    assert {b: load_scenario("surface_tracks_air").uses_seed(b) for b in ("ideal", "physics")} == {
-        "ideal": True,
-        "physics": True,
-    }
+    assert [load_scenario("paper").uses_seed(b) for b in BACKENDS] == [False, False]
+    assert [load_scenario("paper", {"spread.heading": 10}).uses_seed(b) for b in BACKENDS] == [False, True]
+    assert [load_scenario("surface_tracks_air").uses_seed(b) for b in BACKENDS] == [True, True]
 
 
 def test_overrides_reach_any_field() -> None:
