@@ -32,6 +32,10 @@ class ScenarioError(InputError):
     """A scenario file, or an override of it, is not valid."""
 
 
+class RankError(InputError):
+    """A control effectiveness is not of full row rank: no input makes every velocity (Assumption 2 fails)."""
+
+
 class NotUniqueError(MjsheafError):
     """The harmonic extension is not unique: some agents are free to drift (Assumption 6 fails)."""
 

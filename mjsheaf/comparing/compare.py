@@ -35,7 +35,7 @@ from mjsheaf.comparing.ringing import Ringing, ringing_of, usable_gain
 from mjsheaf.comparing.verdict import budget_of, verdict_of
 from mjsheaf.results.metrics import evaluate_errors
 from mjsheaf.scenario import Scenario
-from mjsheaf.simulation.run import require_full_row_rank, require_unique
+from mjsheaf.simulation.run import require_simulable
 from mjsheaf.system import System
 
 Progress = Callable[[str, int, int], None]
@@ -70,8 +70,7 @@ def compare(scenario: Scenario, progress: Progress | None = None) -> Comparison:
     """
     begun = time.perf_counter()
     system = scenario.system
-    require_full_row_rank(system)
-    require_unique(system.team)
+    require_simulable(system, "physics")
     ladder = ladder_of(system)
     runs = climb(system, ladder, progress)
     grid = system.grid

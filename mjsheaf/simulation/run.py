@@ -6,7 +6,7 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from threading import Event
 from typing import TYPE_CHECKING
 
-from mjsheaf.errors import InputError, MjsheafError, NotUniqueError, expected
+from mjsheaf.errors import InputError, MjsheafError, NotUniqueError, RankError, expected
 from mjsheaf.scenario import Scenario
 from mjsheaf.team import Team
 
@@ -187,7 +187,7 @@ def require_full_row_rank(system: "System") -> None:
 
     agents = system.team.agents
     for i in without_full_row_rank(system.effectiveness, [a.dimension for a in agents]):
-        raise InputError(
+        raise RankError(
             f"agents.{agents[i].id}.effectiveness: g is not of full row rank {agents[i].dimension} (Assumption 2): "
             "no input makes every velocity"
         )

@@ -16,9 +16,9 @@ from mjsheaf.errors import InputError
 
 kinds = st.builds(
     Disturbance,
-    st.floats(0.0, 100.0),
-    st.tuples(st.floats(0.01, 1.0), st.floats(1.0, 5.0)),
-    st.integers(1, 9),
+    bound=st.floats(0.0, 100.0),
+    frequencies=st.tuples(st.floats(0.01, 1.0), st.floats(1.0, 5.0)),
+    components=st.integers(1, 9),
 )
 dimensions = st.lists(st.sampled_from([2, 3]), min_size=1, max_size=4)
 
