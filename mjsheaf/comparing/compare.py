@@ -141,8 +141,7 @@ def _loop(system: System, ideal: Run) -> records.LoopRecord | None:
     """The loop of the scenario's bodies in the mean flow along the ideal run."""
     if not ideal.finished:
         return None
-    n_q = system.team.dirichlet.H.shape[0]
-    path = system.team.pack(positions_at_q_star(system, ideal.trajectory.positions))[:, :n_q]
+    path, _ = system.team.split(positions_at_q_star(system, ideal.trajectory.positions))
     found = body_loop(system, spectrum_of(system.team), mean_medium(system, ideal.trajectory.time, path))
     return records.LoopRecord(stable=found.stable, largest_gain=found.largest_gain, reason=found.reason)
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mjsheaf.comparing.ladder import inertial_tau
-from mjsheaf.comparing.measures import distance_between
+from mjsheaf.comparing.measures import distance_between, positions_at_q_star
 from mjsheaf.simulation.ideal import run_ideal
 from mjsheaf.simulation.loop import run_physics
 from mjsheaf.system import System
@@ -101,11 +101,7 @@ def converge(system: System, progress: Callable[[str, int, int], None] | None = 
 
 def _at_rest_in_place(system: System) -> System:
     """The system with its agents at q*."""
-    problem, team = system.team.dirichlet, system.team
-    initial = system.initial.copy()
-    targets = team.pack(system.initial)[problem.H.shape[0] :]
-    initial[: len(team.agents)] = team.unpack(problem.extend(targets[None])[0])
-    return replace(system, initial=initial)
+    return replace(system, initial=positions_at_q_star(system, system.initial))
 
 
 def _with_inertia(system: System, tau: float | None) -> System:

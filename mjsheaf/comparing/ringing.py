@@ -20,6 +20,7 @@ from scipy import linalg
 
 from mjsheaf.checking.margins import LARGEST_SECOND_ORDER
 from mjsheaf.comparing.ladder import effects_of, inertial_tau
+from mjsheaf.comparing.measures import positions_at_q_star
 from mjsheaf.dynamics import FlowField
 from mjsheaf.simulation.loop import run_physics
 from mjsheaf.system import System
@@ -198,7 +199,7 @@ def _still(system: System, mode: Mode) -> System:
         pull=np.zeros(V), amplitude=np.zeros((V, 3)), path=np.zeros((V, 2), dtype=np.int64)
     )
     gain = np.where(np.arange(V) < N, system.law.gain, 0.0)
-    q_star = team.unpack(team.dirichlet.extend(team.pack(system.initial)[None, team.dirichlet.H.shape[0] :])[0])
+    q_star = team.harmonic_extension(system.initial)
     asked = system.gain * np.linalg.norm(team.unpack(team.dirichlet.H @ mode.displacement), axis=1)
     able = of_each(system.vehicles[:N], _ability)
     able = np.minimum(able, system.law.limit[:N])
@@ -243,21 +244,19 @@ def _variants(system: System, effects: Effects) -> list[tuple[str, Effects]]:
 def _release(system: System, mode: Mode, label: str) -> Release:
     """Let the agents go; where a thruster meets a limit, again from half as far."""
     team, N = system.team, len(system.team.agents)
-    problem = team.dirichlet
-    n = problem.H.shape[0]
     targets = np.broadcast_to(system.initial[N:], (system.grid.steps + 1, len(team.targets), 3)).copy()
-    q_star = problem.extend(team.pack(system.initial)[None, n:])[0]
-    offset = system.initial[:N] - team.unpack(q_star)
+    settled = positions_at_q_star(system, system.initial)
+    offset = system.initial[:N] - settled[:N]
     for attempt in range(_TRIES):
         initial = system.initial.copy()
-        initial[:N] = team.unpack(q_star) + offset / 2.0**attempt
+        initial[:N] = settled[:N] + offset / 2.0**attempt
         here = replace(system, initial=initial)
         run = run_physics(here, targets=targets)
         assert run.saturation is not None  # bodies have it
         saturated = float(run.saturation[:, :N].mean())
         if saturated == 0.0 or run.status != "finished":
             break
-    e = team.pack(run.positions)[:, :n] - q_star
+    e = team.split(run.positions)[0] - team.split(settled)[0]
     amplitude = float(np.linalg.norm(offset, axis=1).max()) / 2.0**attempt
     damping, frequency = None, None
     if run.status == "finished":

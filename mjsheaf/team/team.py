@@ -107,6 +107,11 @@ class Team:
         flat = np.asarray(positions).reshape(*np.shape(positions)[:-2], -1)
         return flat[..., self.slots]
 
+    def split(self, positions: Array) -> tuple[Array, Array]:
+        """The stacked q (..., n_q) of the agents and p (..., n_p) of the targets in padded positions (..., V, 3)."""
+        x, n_q = self.pack(positions), self.first_state[-1]
+        return x[..., :n_q], x[..., n_q:]
+
     def unpack(self, x: Array, fill: float = 0.0) -> Array:
         """Spread stacked states (..., n) over padded positions (..., V, 3); `fill` where there is no state.
 
@@ -128,6 +133,10 @@ class Team:
         """The harmonic extension of the targets to the agents: H q* = B p + c."""
         return DirichletProblem(self.sheaf, self.target_ids + ([GROUND] if self.anchors else []))
 
+    def harmonic_extension(self, positions: Array) -> Array:
+        """Padded q* (..., N, 3) of the targets in padded positions (..., V, 3), m; 0 in z for planar agents."""
+        return self.unpack(self.dirichlet.extend(self.split(positions)[1]))
+
     @cached_property
     def target_sheaf(self) -> Sheaf:
         """The sheaf of the targets alone, whose Laplacian drives their own formation."""
@@ -137,7 +146,7 @@ class Team:
         """eta = H q - B p - c for stacked states (q, p) of shape (..., n), stacked over agents, (..., n_q), m."""
         problem = self.dirichlet
         flat = x.reshape(-1, x.shape[-1]).T
-        n_q = problem.H.shape[0]
+        n_q = self.first_state[-1]
         eta = problem.H @ flat[:n_q] - problem.B @ flat[n_q:] - problem.c[:, None]
         return eta.T.reshape(*x.shape[:-1], n_q)
 

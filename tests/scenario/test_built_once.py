@@ -4,7 +4,6 @@ Oracle: counts of the calls that build and compile, by what they are called with
 """
 
 from collections import Counter
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -46,7 +45,7 @@ class Counts:
 
 
 @pytest.fixture
-def counts(monkeypatch: pytest.MonkeyPatch) -> Iterator[Counts]:
+def counts(monkeypatch: pytest.MonkeyPatch) -> Counts:
     found, team, compile_vehicle = Counts(), building.Team, loading._compile
 
     def build(*arguments: Any) -> Any:
