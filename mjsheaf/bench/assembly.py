@@ -25,7 +25,7 @@ def measure(short: bool = False, size: int = 1000) -> dict[str, Any]:
     clock = [perf_counter()]
     scenario = swarm(size)
     clock.append(perf_counter())
-    system = scenario.system()
+    system = scenario.system
     clock.append(perf_counter())
     world = World(system)
     clock.append(perf_counter())

@@ -25,7 +25,7 @@ def measure(short: bool = False, end: float | None = None) -> dict[str, Any]:
         Both in s of processor time.
     """
     scenario = mjsheaf.load_scenario("paper", {} if end is None else {"time.end": end})
-    system = scenario.system()
+    system = scenario.system
     mjsheaf.simulate(scenario, backend="ideal")
     repetitions = 5 if short else 20
     return {

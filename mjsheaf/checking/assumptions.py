@@ -11,7 +11,6 @@ from mjsheaf.checking.cohomology import RelativeCohomology
 from mjsheaf.checking.region import Constants, Region, tube_guessed
 from mjsheaf.dynamics.bounds import singular_points
 from mjsheaf.dynamics.effectiveness import is_rank_deficient
-from mjsheaf.simulation.loop import vehicles_of
 from mjsheaf.system import System
 from mjsheaf.team import Edge, Team
 from mjsheaf.vehicles.vehicle import Vehicle
@@ -53,7 +52,7 @@ class _Effectiveness:
 
 def decide(system: System, region: Region, constants: Constants, cohomology: RelativeCohomology) -> list[Assumption]:
     """Decide all seven assumptions over a region."""
-    vehicles = dict(zip(system.bodies.vehicle, vehicles_of(system), strict=True))
+    vehicles = dict(zip(system.bodies.vehicle, system.vehicles, strict=True))
     smooth, effectiveness = _smooth(system, region, constants), _effectiveness(system, vehicles)
     return [
         smooth,

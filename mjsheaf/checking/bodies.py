@@ -25,7 +25,7 @@ from mjsheaf.checking.cohomology import DENSE_STATES, Spectrum
 from mjsheaf.checking.drift import agent_drift
 from mjsheaf.errors import InputError
 from mjsheaf.simulation.linear import LinearVehicle, Station, linearise
-from mjsheaf.simulation.loop import vehicles_of, whole_ratio
+from mjsheaf.simulation.loop import whole_ratio
 from mjsheaf.system import System
 from mjsheaf.threads import one_thread
 from mjsheaf.vehicles.vehicle import Vehicle
@@ -178,7 +178,7 @@ def _models(system: System, medium: Array, timestep: float, steps: int) -> list[
     span = system.grid.period * system.grid.steps
     stations: dict[tuple[int, bytes], Station] = {}
     keys = []
-    for i, vehicle in enumerate(vehicles_of(system)[: len(agents)]):
+    for i, vehicle in enumerate(system.vehicles[: len(agents)]):
         speed = float(np.linalg.norm(medium[i]))
         if speed > system.law.limit[i]:
             raise _UndecidedError(

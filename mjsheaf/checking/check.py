@@ -20,7 +20,6 @@ from mjsheaf.checking.targets import TargetPath
 from mjsheaf.control.theorem import Rho, RhoLike, as_rho, gain_for_radius
 from mjsheaf.errors import InputError
 from mjsheaf.scenario import Scenario
-from mjsheaf.simulation.loop import vehicles_of
 from mjsheaf.system import System
 from mjsheaf.threads import one_thread
 from mjsheaf.vehicles.effects import capability_of, of_each
@@ -51,7 +50,7 @@ def check(
         InputError: rate or radius is not positive, rho is no bound, or a vehicle does not fit its agent.
     """
     return examine(
-        scenario.system(), rate=rate, radius=radius, rho=None if rho is None else as_rho(rho)
+        scenario.system, rate=rate, radius=radius, rho=None if rho is None else as_rho(rho)
     ).record.model_dump(mode="json")
 
 
@@ -217,13 +216,13 @@ def _mean_medium(system: System, path: TargetPath) -> Array:
 
 def time_constants(system: System) -> np.ndarray:
     """Time constant of each agent's body along its most sluggish controlled axis, shape (N,), s."""
-    agents = vehicles_of(system)[: len(system.team.agents)]
+    agents = system.vehicles[: len(system.team.agents)]
     return of_each(agents, lambda vehicle: float(vehicle.reduced_model().tau.max()))
 
 
 def top_speeds(system: System) -> np.ndarray:
     """Speed through the medium that each agent's body can make in every direction, shape (N,), m/s."""
-    agents = vehicles_of(system)[: len(system.team.agents)]
+    agents = system.vehicles[: len(system.team.agents)]
     return of_each(agents, lambda vehicle: capability_of(vehicle).least_speed)
 
 

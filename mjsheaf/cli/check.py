@@ -39,7 +39,7 @@ def check_command(
     if plot is not None and (plot.suffix != ".png" or not plot.parent.is_dir()):
         raise InputError(f"--plot {plot}: expected a name that ends in .png, in a directory that exists")
     scenario = load_scenario(source, dict(parse_override(text) for text in overrides))
-    system = scenario.system()
+    system = scenario.system
     examination = examine(system, rate=rate, radius=radius, rho=None if rho is None else _polynomial(rho))
     record = examination.record
     if as_json:

@@ -10,7 +10,6 @@ from mjsheaf.comparing.report import WIDTH, default_directory, publish, report
 from mjsheaf.errors import MjsheafError, UnstableError
 from mjsheaf.results.store import PlaceError, require_same_origin
 from mjsheaf.scenario import load_scenario
-from mjsheaf.scenario.build import uses_seed
 from mjsheaf.scenario.load import origin, parse_override
 
 
@@ -21,7 +20,7 @@ def compare_command(source: str, overrides: list[str], seed: int | None, out: Pa
         changes["seed"] = seed
     scenario = load_scenario(source, changes)
     notes = make_console(stderr=True, soft_wrap=True)
-    if "seed" in changes and not uses_seed(scenario)["physics"]:
+    if "seed" in changes and not scenario.uses_seed("physics"):
         notes.print(f"note: the seed changes nothing: {scenario.name} has no spread and no disturbance")
     directory = default_directory(scenario) if out is None else out
     where = origin(source, directory)

@@ -13,7 +13,6 @@ from mjsheaf.results.metrics import MEASURES
 from mjsheaf.results.store import PlaceError, require_same_origin
 from mjsheaf.runs.publish import Outcome, default_directory, execute
 from mjsheaf.scenario import load_scenario
-from mjsheaf.scenario.build import uses_seed
 from mjsheaf.scenario.load import origin, parse_override
 from mjsheaf.simulation.run import BACKENDS
 
@@ -51,7 +50,7 @@ def run_command(
     if expect and getattr(scenario.expect, backend) is None and scenario.expect.refused is None:
         raise InputError(f"{source}: expect.{backend}: missing; --expect needs bounds for this backend")
     notes = make_console(stderr=True, soft_wrap=True)
-    if "seed" in changes and not uses_seed(scenario)[backend]:
+    if "seed" in changes and not scenario.uses_seed(backend):
         notes.print(
             f"note: the seed changes nothing: {scenario.name} has no spread and no disturbance on backend {backend}"
         )

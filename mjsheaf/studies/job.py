@@ -126,7 +126,7 @@ def _run(job: Job) -> tuple[dict[str, Any], bytes | None]:
 
     scenario = scenario_of(job)
     dataset = simulate(scenario, job.backend)
-    system = scenario.system()
+    system = scenario.system
     finished = dataset.attrs["status"] == "finished"
     ending = ending_of_run(system, dataset) if finished else None
     record = new_record(

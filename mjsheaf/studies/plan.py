@@ -12,7 +12,6 @@ from mjsheaf._version import __version__
 from mjsheaf.errors import InputError, ScenarioError
 from mjsheaf.io.yaml import parse_yaml
 from mjsheaf.scenario import Scenario
-from mjsheaf.scenario.build import uses_seed
 from mjsheaf.scenario.load import map_vehicles
 from mjsheaf.simulation.run import BACKENDS
 from mjsheaf.studies.job import Job, library_versions, scenario_of
@@ -123,7 +122,7 @@ def load_plan(
     files = vehicle_files(read.scenario, study, read.directory)
     plan = Plan(read.name, source, study, read.scenario, read.directory, files, list(points_of(study)))
     legal = _a_legal_point(plan)
-    return replace(plan, seed_matters=uses_seed(legal)[study.backend] or "swarm" in read.scenario)
+    return replace(plan, seed_matters=legal.uses_seed(study.backend) or "swarm" in read.scenario)
 
 
 def _anchored(value: Any, path: str, directory: Path) -> Any:

@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, JsonValue, ValidationError, model_validator
 
-from mjsheaf.io.yaml import Number, Positive, Section, describe_validation_error
+from mjsheaf.io.section import Number, Positive, Section, describe_validation_error
 from mjsheaf.simulation.run import BACKENDS
 
 Measure = Literal["mean_disagreement", "tracking_error", "formation_error", "centering_error"]

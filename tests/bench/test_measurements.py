@@ -135,7 +135,7 @@ def test_sheaf_rows() -> None:
 
 
 def test_a_swarm_has_the_size_and_the_fields_that_are_asked_for() -> None:
-    system = swarm(10, "quadrotor", physics__timestep=0.004).system()
+    system = swarm(10, "quadrotor", physics__timestep=0.004).system
     assert system.bodies.vehicle == ["quadrotor"] * 10 + ["x500"]
     assert system.bodies.timestep == 0.004
     assert system.team.dirichlet.unique

@@ -41,7 +41,7 @@ def stream(limits: tuple[float | None, float | None]) -> Scenario:
 def told(scenario: Scenario) -> str:
     console = Console(width=400)
     with console.capture() as captured:
-        console.print(report(examine(scenario.system()).record))
+        console.print(report(examine(scenario.system).record))
     return captured.get()
 
 

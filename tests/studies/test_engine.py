@@ -59,7 +59,7 @@ def test_a_run_of_a_study_is_the_run_of_its_scenario() -> None:
     record = run_job(plan.job(plan.points[0])).record
     overrides = {"time.end": 0.5, "spread.position": 1.0, "controller.gain": 2.0, "seed": 7}
     scenario = mjsheaf.load_scenario("midpoint", overrides)
-    assert record["final"] == summarize(scenario.system().team, mjsheaf.simulate(scenario, "ideal"))
+    assert record["final"] == summarize(scenario.system.team, mjsheaf.simulate(scenario, "ideal"))
     assert (record["run"], record["seed"], record["status"], record["message"]) == (0, 7, "finished", "")
 
 
