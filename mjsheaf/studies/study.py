@@ -185,7 +185,7 @@ def page_of(plan: Plan, table: "pd.DataFrame", plots: dict[str, bytes]) -> bytes
         {name: _cell(value) for name, value in row.items() if pd.notna(value)}
         for row in table.head(_MOST_ROWS).to_dict("records")
     ]
-    page = environment.from_string(Path(__file__).with_name("page.html").read_text()).render(
+    page = environment.from_string(Path(__file__).with_name("page.html").read_text(encoding="utf-8")).render(
         plan=plan,
         study=plan.study,
         version=__version__,
