@@ -8,9 +8,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import xarray as xr
+from pydantic import BaseModel, BeforeValidator, ConfigDict
 
 from mjsheaf._version import __version__
 from mjsheaf.errors import InputError
@@ -201,11 +202,22 @@ def save_summary(summary: dict[str, Any], path: Path) -> None:
 
 
 def _finite(value: Any) -> Any:
+    """A value with None in place of every float that is infinite or NaN."""
     if isinstance(value, dict):
         return {key: _finite(item) for key, item in value.items()}
     if isinstance(value, list):
         return [_finite(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+class Record(BaseModel):
+    """Base of a result that a JSON file holds as it is: frozen, and of known fields only."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+Finite = Annotated[float | None, BeforeValidator(_finite)]
+"""A number of a `Record` that becomes None where it is infinite or NaN."""
 
 
 def load_run(directory: Path) -> tuple[xr.Dataset, dict[str, Any]]:

@@ -12,12 +12,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mjsheaf.comparing import CompareRecord, compare
+from mjsheaf.comparing.experiments import ringing_of, usable_gain
 from mjsheaf.comparing.figures import choose_rungs, log_ticks
 from mjsheaf.comparing.ladder import inertial_tau
-from mjsheaf.comparing.measures import formation_size, late, positions_at_q_star, root_mean_square, series_of
-from mjsheaf.comparing.record import ItemRecord
+from mjsheaf.comparing.measures import (
+    ItemRecord,
+    error_series,
+    formation_size,
+    late,
+    positions_at_q_star,
+    root_mean_square,
+)
 from mjsheaf.comparing.report import report_text
-from mjsheaf.comparing.ringing import ringing_of, usable_gain
 from mjsheaf.comparing.verdict import verdict_of
 from mjsheaf.results.metrics import evaluate_errors
 from mjsheaf.scenario import Scenario
@@ -66,10 +72,10 @@ def test_agents_at_q_star_do_not_err_in_tracking() -> None:
 def test_budgets_know_the_errors_at_q_star(torn: CompareRecord) -> None:
     system = two_groups(["T11", "T21"]).system()
     run = run_ideal(system)
-    series = series_of(system, evaluate_errors(system.team, positions_at_q_star(system, run.positions)))
+    series = error_series(system, positions_at_q_star(system, run.positions))
     chosen = late(system, run.time)
     for budget in torn.budgets:
-        values = getattr(series[budget.scope], budget.measure)
+        values = series[budget.scope][budget.measure]
         expected = {"late": root_mean_square(values, chosen), "final": values[-1]}[budget.statistic]
         assert approx(budget.at_q_star_m, abs=1e-9) == expected
 
@@ -118,7 +124,7 @@ def test_usable_gain_of_alike_bodies_is_the_closed_form_at_any_gain(gain: float)
     assert approx(usable_gain(system, None), rel=1e-9) == expected
     ringing = ringing_of(replace(system, grid=replace(system.grid, continuous=False)))
     assert ringing is not None
-    bare = replace(ringing, releases=[replace(ringing.releases[0], damping=None)])
+    bare = ringing.model_copy(update={"measured": [ringing.measured[0].model_copy(update={"damping_ratio": None})]})
     assert approx(usable_gain(system, bare), rel=1e-9) == expected
     assert approx(usable_gain(system, ringing), rel=0.1) == expected  # as measured
 
