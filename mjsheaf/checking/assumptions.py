@@ -7,8 +7,8 @@ import networkx
 import numpy as np
 from numpy.typing import NDArray
 
-from mjsheaf.checking.certificate import Constants, Region, tube_guessed
 from mjsheaf.checking.cohomology import RelativeCohomology
+from mjsheaf.checking.region import Constants, Region, tube_guessed
 from mjsheaf.dynamics.bounds import singular_points
 from mjsheaf.dynamics.effectiveness import is_rank_deficient
 from mjsheaf.simulation.loop import vehicles_of

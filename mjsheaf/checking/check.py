@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from mjsheaf.checking import record as r
 from mjsheaf.checking.bodies import body_loop, mean_medium
-from mjsheaf.checking.certificate import Certificate, Region, certify
+from mjsheaf.checking.certificate import Certificate, certify
 from mjsheaf.checking.cohomology import RelativeCohomology
 from mjsheaf.checking.fragility import Fragility, Loss, fragility
 from mjsheaf.checking.margins import body_margin, hold_margin, speed_demands, steady_lag
 from mjsheaf.checking.mending import MendPlan, mend
+from mjsheaf.checking.region import Region
 from mjsheaf.checking.targets import TargetPath
 from mjsheaf.control.theorem import Rho, RhoLike, as_rho, gain_for_radius
 from mjsheaf.errors import InputError

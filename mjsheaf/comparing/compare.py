@@ -7,8 +7,8 @@ from typing import Literal
 from mjsheaf._version import __version__
 from mjsheaf.checking.bodies import body_loop, mean_medium
 from mjsheaf.checking.cohomology import spectrum_of
+from mjsheaf.comparing.convergence import converge
 from mjsheaf.comparing.demands import JUDGED, demands_of, examine_limit, fastest_vehicles
-from mjsheaf.comparing.experiments import converge, ringing_of, usable_gain
 from mjsheaf.comparing.ladder import Progress, Run, RungRecord, ladder_of, no_progress, run_ablation
 from mjsheaf.comparing.measures import (
     FORMATION,
@@ -22,6 +22,7 @@ from mjsheaf.comparing.measures import (
     positions_at_q_star,
 )
 from mjsheaf.comparing.record import CompareRecord, LoopRecord
+from mjsheaf.comparing.ringing import ringing_of, usable_gain
 from mjsheaf.comparing.verdict import verdict_of
 from mjsheaf.scenario import Scenario
 from mjsheaf.simulation.run import require_full_row_rank, require_unique

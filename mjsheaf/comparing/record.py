@@ -6,10 +6,11 @@ run that blew up is null. Each part is defined by the module that computes it.
 
 from pydantic import Field
 
+from mjsheaf.comparing.convergence import ConvergenceRecord
 from mjsheaf.comparing.demands import DemandRecord, FastestRecord, VelocityLimitRecord
-from mjsheaf.comparing.experiments import ConvergenceRecord, RingingRecord
 from mjsheaf.comparing.ladder import RungRecord
 from mjsheaf.comparing.measures import FORMATION, TEAM, TRACKING, BudgetRecord, Measure
+from mjsheaf.comparing.ringing import RingingRecord
 from mjsheaf.results.store import Finite, Record
 
 

@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 
 from mjsheaf.comparing.ladder import ladder_of
 from mjsheaf.comparing.measures import budget_of, late, root_mean_square
-from tests.comparing.small import pair
+from tests.builders import two_boats
 
 
 def test_late_is_the_last_half_of_the_run_that_was_asked_for() -> None:
-    system = pair("hull", "hull").system()
+    system = two_boats("hull", "hull").system()
     time = system.grid.samples
     chosen = late(system, time)
     assert time[chosen][0] == pytest.approx(1.5)
@@ -25,7 +25,7 @@ def test_late_is_the_last_half_of_the_run_that_was_asked_for() -> None:
 @given(st.integers(0, 2**32 - 1))
 def test_a_budget_sums_to_the_whole(seed: int) -> None:
     """Ideal + targets + agents + together + every effect alone + interaction = all, whatever the errors."""
-    ladder = ladder_of(pair("otter", "hull").system())
+    ladder = ladder_of(two_boats("otter", "hull").system())
     values = np.random.default_rng(seed).uniform(0.0, 10.0, len(ladder))
     error = {rung.key: float(x) for rung, x in zip(ladder, values, strict=True)}
     budget = budget_of(("team", "tracking_error", "late"), error, None)
@@ -39,7 +39,7 @@ def test_a_budget_sums_to_the_whole(seed: int) -> None:
 
 
 def test_a_rung_that_blew_up_leaves_a_hole_in_the_budget() -> None:
-    ladder = ladder_of(pair("otter", "hull").system())
+    ladder = ladder_of(two_boats("otter", "hull").system())
     error = {variant.key: None if variant.key == "+lag" else 1.0 for variant in ladder}
     budget = budget_of(("team", "tracking_error", "late"), error, None)
     assert next(item for item in budget.effects if item.effect == "lag").alone_m is None

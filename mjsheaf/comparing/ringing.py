@@ -1,14 +1,14 @@
-"""Experiments on bodies in place of the scenario's own run: convergence to the ideal run, and free decay.
+"""Ringing: the damping ratio that inertia predicts, against the one that bodies show in a free-decay test.
 
-Convergence: bodies whose time constant shrinks, whose distance to the ideal run is of first order in it.
-
-Free decay: the damping ratio that inertia predicts, against the one that displaced bodies show. A body that follows its
-commanded velocity with time constants T = M / (M k_v + D) turns q' = -k1 H e into T e'' + e' + k1 H e = 0. Its least
-damped mode has the predicted damping ratio. For the measured one everything else is still (no flow, no disturbance,
-targets at rest), the agents start at rest, displaced from q* along that mode, and a second-order response is fitted.
+A body that follows its commanded velocity with time constants T = M / (M k_v + D) turns q' = -k1 H e into
+T e'' + e' + k1 H e = 0. Its least damped mode has the predicted damping ratio. For the measured one everything else is
+still (no flow, no disturbance, targets at rest), the agents start at rest, displaced from q* along that mode, and a
+second-order response is fitted.
 
 The prediction knows inertia alone, and beside that the hold of the law. Thrusters that lag, and attitudes that must
-turn first, come on top: so the experiment is repeated without them, where prediction and measurement must meet.
+turn first, come on top: so the test is repeated without them, where prediction and measurement must meet.
+
+How far the gain may be raised before bodies, lag or the law's hold make the team ring.
 """
 
 from dataclasses import dataclass, replace
@@ -20,11 +20,10 @@ from pydantic import Field
 from scipy import linalg
 
 from mjsheaf.checking.margins import LARGEST_SECOND_ORDER
-from mjsheaf.comparing.ladder import Progress, effects_of, inertial_tau, no_progress
-from mjsheaf.comparing.measures import largest_distance, positions_at_q_star
+from mjsheaf.comparing.ladder import effects_of, inertial_tau
+from mjsheaf.comparing.measures import positions_at_q_star
 from mjsheaf.dynamics import FlowField
 from mjsheaf.results.store import Record
-from mjsheaf.simulation.ideal import run_ideal
 from mjsheaf.simulation.loop import run_physics, vehicles_of
 from mjsheaf.system import Effects, System
 from mjsheaf.vehicles.effects import capability_of, of_each
@@ -32,13 +31,6 @@ from mjsheaf.vehicles.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-
-_TAU_COUNT, _TAU_RATIO = 4, 2.0
-_SHARE_OF_OWN_TAU, _SHARE_OF_LAW_TIME = 0.5, 0.25
-_STEPS_PER_TAU = 10
-_SPAN = 6.0  # s; runs at short steps cost
-_CATCH_UP = 10.0  # time constants over which bodies catch up with the flow
-_SHORTEST_STEP = 1e-5  # s
 
 _SHARE_OF_ABILITY = 0.2  # of speed or thrust that the displacement may ask for
 _LARGEST_DISPLACEMENT = 0.5  # m
@@ -48,25 +40,6 @@ _LONGEST = 300.0  # s
 _POINTS_PER_PERIOD = 12  # of the fitted recurrence
 _REAL_ROOT = 1e-6  # imaginary part of a root, relative, below which it is real
 _LEAST_DAMPING = 0.3  # of a usable gain
-
-
-class PointRecord(Record):
-    """Bodies with one time constant tau."""
-
-    tau_s: float
-    timestep_s: float
-    distance_m: float | None
-
-
-class ConvergenceRecord(Record):
-    """Largest distance to the ideal run, both from q*, against the time constant tau of all bodies."""
-
-    points: list[PointRecord]
-    start_s: float
-    end_s: float
-    slope: float | None = Field(description="log-log, by least squares; theory: 1")
-    constant: float | None = Field(description="distance = constant tau^slope, m and s")
-    reason: str = Field(description="why there is none, or empty")
 
 
 class ReleaseRecord(Record):
@@ -93,69 +66,6 @@ class RingingRecord(Record):
     predicted_overshoot: float = Field(description="in the same experiment, of the displacement")
     overdamped: bool = Field(description="whether no mode is predicted to swing")
     measured: list[ReleaseRecord]
-
-
-def converge(system: System, progress: Progress = no_progress) -> ConvergenceRecord:
-    """Run bodies with inertia as their only effect, at time constants halved from one to the next.
-
-    Agents start at q*, in the scenario's flow and behind its targets: from anywhere else the law's first command is a
-    jump, whose kick lets boats pitch and roll however small tau is.
-
-    The largest is half of the quickest vehicle's own, and at most a quarter of the time 1 / (k1 lambda_max) in which
-    the law's fastest mode moves: beyond that, first order has not begun. Underactuated vehicles have thrusters along
-    every axis. The timestep is at most a tenth of tau, and a whole number of them makes a period.
-
-    Args:
-        system: the scenario's system.
-        progress: called with ('converging', runs done, runs in all).
-    """
-    system = _with_inertia(replace(system, initial=positions_at_q_star(system, system.initial[None])[0]), None)
-    grid, own = system.grid, min(float(inertial_tau(v).min()) for v in vehicles_of(system))
-    fastest = system.gain * system.largest_eigenvalue
-    largest = min(_SHARE_OF_OWN_TAU * own, _SHARE_OF_LAW_TIME / fastest if fastest > 0.0 else np.inf)
-    start = grid.start + _CATCH_UP * largest
-    steps = min(grid.steps, int(np.ceil((_CATCH_UP * largest + _SPAN) / grid.period)))
-    end = grid.start + steps * grid.period
-    taus = [largest / _TAU_RATIO**k for k in range(_TAU_COUNT)]
-
-    def record(points: list[PointRecord], reason: str = "") -> ConvergenceRecord:
-        slope, constant = _fit_line([(p.tau_s, p.distance_m) for p in points if p.distance_m])
-        return ConvergenceRecord(points=points, start_s=start, end_s=end, slope=slope, constant=constant, reason=reason)
-
-    smallest = taus[-1] / _STEPS_PER_TAU
-    if smallest < _SHORTEST_STEP:
-        return record([], f"it would take timesteps of {smallest:.2g} s, as bodies or law are so fast")
-    system = replace(system, grid=replace(grid, steps=steps))
-    ideal = run_ideal(system)
-    if ideal.status != "finished" or end <= start:
-        return record([], ideal.message or "the run is too short")
-    points = []
-    for k, tau in enumerate(taus):
-        progress("converging", k, _TAU_COUNT)
-        timestep = grid.period / np.ceil(grid.period / min(tau / _STEPS_PER_TAU, system.bodies.timestep) - 1e-9)
-        here = _with_inertia(system, tau)
-        run = run_physics(replace(here, bodies=replace(here.bodies, timestep=float(timestep))))
-        apart = largest_distance(system, run, ideal, start) if run.status == "finished" else None
-        points.append(PointRecord(tau_s=tau, timestep_s=timestep, distance_m=apart.distance_m if apart else None))
-    progress("converging", _TAU_COUNT, _TAU_COUNT)
-    return record(points)
-
-
-def _with_inertia(system: System, tau: float | None) -> System:
-    """The system on bodies whose only effect is inertia, with a time constant of their own unless given, s."""
-    plan = system.bodies
-    only = Effects(inertia=True, drag_law=False, limits=False, lag=False, underactuation=False)
-    constant = plan.time_constant if tau is None else tau
-    return replace(system, bodies=replace(plan, effects=only, time_constant=constant, contacts=False))
-
-
-def _fit_line(points: list[tuple[float, float]]) -> tuple[float | None, float | None]:
-    """Slope and constant of the line through the logarithms; None with fewer than two points."""
-    if len(points) < 2:
-        return None, None
-    tau, distance = np.log(np.array(points)).T
-    slope, constant = np.polyfit(tau, distance, 1)
-    return float(slope), float(np.exp(constant))
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,102 @@
+"""Bodies whose time constant shrinks: their distance to the ideal run is of first order in it."""
+
+from dataclasses import replace
+
+import numpy as np
+from pydantic import Field
+
+from mjsheaf.comparing.ladder import Progress, inertial_tau, no_progress
+from mjsheaf.comparing.measures import largest_distance, positions_at_q_star
+from mjsheaf.results.store import Record
+from mjsheaf.simulation.ideal import run_ideal
+from mjsheaf.simulation.loop import run_physics, vehicles_of
+from mjsheaf.system import Effects, System
+
+_COUNT, _RATIO = 4, 2.0
+_SHARE_OF_OWN, _SHARE_OF_LAW = 0.5, 0.25
+_STEPS_PER_TAU = 10
+_SPAN = 6.0  # s; runs at short steps cost
+_CATCH_UP = 10.0  # time constants over which bodies catch up with the flow
+_SHORTEST_STEP = 1e-5  # s
+
+
+class PointRecord(Record):
+    """Bodies with one time constant tau."""
+
+    tau_s: float
+    timestep_s: float
+    distance_m: float | None
+
+
+class ConvergenceRecord(Record):
+    """Largest distance to the ideal run, both from q*, against the time constant tau of all bodies."""
+
+    points: list[PointRecord]
+    start_s: float
+    end_s: float
+    slope: float | None = Field(description="log-log, by least squares; theory: 1")
+    constant: float | None = Field(description="distance = constant tau^slope, m and s")
+    reason: str = Field(description="why there is none, or empty")
+
+
+def converge(system: System, progress: Progress = no_progress) -> ConvergenceRecord:
+    """Run bodies with inertia as their only effect, at time constants halved from one to the next.
+
+    Agents start at q*, in the scenario's flow and behind its targets: from anywhere else the law's first command is a
+    jump, whose kick lets boats pitch and roll however small tau is.
+
+    The largest is half of the quickest vehicle's own, and at most a quarter of the time 1 / (k1 lambda_max) in which
+    the law's fastest mode moves: beyond that, first order has not begun. Underactuated vehicles have thrusters along
+    every axis. The timestep is at most a tenth of tau, and a whole number of them makes a period.
+
+    Args:
+        system: the scenario's system.
+        progress: called with ('converging', runs done, runs in all).
+    """
+    system = _with_inertia(replace(system, initial=positions_at_q_star(system, system.initial[None])[0]), None)
+    grid, own = system.grid, min(float(inertial_tau(v).min()) for v in vehicles_of(system))
+    fastest = system.gain * system.largest_eigenvalue
+    largest = min(_SHARE_OF_OWN * own, _SHARE_OF_LAW / fastest if fastest > 0.0 else np.inf)
+    start = grid.start + _CATCH_UP * largest
+    steps = min(grid.steps, int(np.ceil((_CATCH_UP * largest + _SPAN) / grid.period)))
+    end = grid.start + steps * grid.period
+    taus = [largest / _RATIO**k for k in range(_COUNT)]
+
+    def record(points: list[PointRecord], reason: str = "") -> ConvergenceRecord:
+        slope, constant = _fit_line([(p.tau_s, p.distance_m) for p in points if p.distance_m])
+        return ConvergenceRecord(points=points, start_s=start, end_s=end, slope=slope, constant=constant, reason=reason)
+
+    smallest = taus[-1] / _STEPS_PER_TAU
+    if smallest < _SHORTEST_STEP:
+        return record([], f"it would take timesteps of {smallest:.2g} s, as bodies or law are so fast")
+    system = replace(system, grid=replace(grid, steps=steps))
+    ideal = run_ideal(system)
+    if ideal.status != "finished" or end <= start:
+        return record([], ideal.message or "the run is too short")
+    points = []
+    for k, tau in enumerate(taus):
+        progress("converging", k, _COUNT)
+        timestep = grid.period / np.ceil(grid.period / min(tau / _STEPS_PER_TAU, system.bodies.timestep) - 1e-9)
+        here = _with_inertia(system, tau)
+        run = run_physics(replace(here, bodies=replace(here.bodies, timestep=float(timestep))))
+        apart = largest_distance(system, run, ideal, start) if run.status == "finished" else None
+        points.append(PointRecord(tau_s=tau, timestep_s=timestep, distance_m=apart.distance_m if apart else None))
+    progress("converging", _COUNT, _COUNT)
+    return record(points)
+
+
+def _with_inertia(system: System, tau: float | None) -> System:
+    """The system on bodies whose only effect is inertia, with a time constant of their own unless given, s."""
+    plan = system.bodies
+    only = Effects(inertia=True, drag_law=False, limits=False, lag=False, underactuation=False)
+    constant = plan.time_constant if tau is None else tau
+    return replace(system, bodies=replace(plan, effects=only, time_constant=constant, contacts=False))
+
+
+def _fit_line(points: list[tuple[float, float]]) -> tuple[float | None, float | None]:
+    """Slope and constant of the line through the logarithms; None with fewer than two points."""
+    if len(points) < 2:
+        return None, None
+    tau, distance = np.log(np.array(points)).T
+    slope, constant = np.polyfit(tau, distance, 1)
+    return float(slope), float(np.exp(constant))
