@@ -1,7 +1,6 @@
 """`mjsheaf run`."""
 
 from pathlib import Path
-from typing import Any
 
 from rich.table import Table
 
@@ -11,6 +10,7 @@ from mjsheaf.errors import InputError, MjsheafError, UnstableError
 from mjsheaf.filming import video_options
 from mjsheaf.results.metrics import MEASURES
 from mjsheaf.results.store import PlaceError, require_same_origin
+from mjsheaf.runs.expecting import miss
 from mjsheaf.runs.publish import Outcome, default_directory, execute
 from mjsheaf.scenario import load_scenario
 from mjsheaf.scenario.build import uses_seed
@@ -79,16 +79,10 @@ def run_command(
         raise UnstableError(f"{outcome.summary['message']}; what was recorded is in {outcome.directory}")
     if expect and outcome.summary["expect"]["met"] is False:
         missed = [check for check in outcome.summary["expect"]["checks"] if not check["met"]]
-        raise ExpectationMissedError(f"{source}: {', '.join(map(_miss, missed))}")
+        raise ExpectationMissedError(f"{source}: {', '.join(map(miss, missed))}")
 
     if expect and outcome.summary["theorem"]["wrong"]:
         raise BoundBrokenError(f"{source}: {next(note for note in outcome.notes if 'Theorem 1' in note)}")
-
-
-def _miss(check: dict[str, Any]) -> str:
-    if check["measure"] == "refused":
-        return f"it ran, expected is a refusal that says {check['bound']!r}"
-    return f"{check['measure']} is {_number(check['found'])}, expected at most {check['bound']:g}"
 
 
 def _number(value: float | None) -> str:

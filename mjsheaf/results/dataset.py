@@ -55,18 +55,16 @@ def join(pieces: Iterable[xr.Dataset]) -> xr.Dataset:
     parts = list(pieces)
     if len(parts) == 1:
         return parts[0]
-    whole = parts[-1].isel(time=slice(0, 0))
-    joined = {
-        name: (variable.dims, np.concatenate([part[name].values for part in parts]), variable.attrs)
-        for name, variable in whole.variables.items()
-        if "time" in variable.dims
-    }
-    rest = whole.drop_dims("time")
-    return xr.Dataset(
-        {str(n): joined[n] if n in joined else rest[n] for n in whole.data_vars},
-        {str(n): joined[n] if n in joined else rest[n] for n in whole.coords},
-        whole.attrs,
+    whole = xr.concat(
+        parts,
+        "time",
+        data_vars="minimal",
+        coords="minimal",
+        compat="override",
+        join="override",
+        combine_attrs="override",
     )
+    return whole.assign_attrs(parts[-1].attrs)
 
 
 def _gather(system: System, trajectory: Trajectory, thrusters: list[list[str]]) -> xr.Dataset:

@@ -144,7 +144,7 @@ def test_run_that_should_have_been_refused(tmp_path: Path, capsys: pytest.Captur
     checks = json.loads((out / "summary.json").read_text())["expect"]["checks"]
     assert checks[0] == {"measure": "refused", "bound": "free to drift", "found": None, "met": False}
     error = capsys.readouterr().err
-    assert error == "mjsheaf: midpoint: it ran, expected is a refusal that says 'free to drift'\n"
+    assert error == "mjsheaf: midpoint: it ran, expected a refusal that says 'free to drift'\n"
 
 
 def test_run_refused_for_another_reason(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
