@@ -37,11 +37,11 @@ def plot_rungs(record: CompareRecord, runs: dict[str, Run], path: Path) -> None:
     figure = new_figure(11.0, 1.5 + 2.6 * len(drawn))
     figure.suptitle(f"{record.scenario}: what each effect does, gain {record.gain:g} 1/s", y=0.98)
     panels = figure.subplots(len(drawn), 1, sharex=True)
-    told, footnote = choose_rungs(record)
+    drawn_rungs, footnote = choose_rungs(record)
     colours = palette(_MOST_LINES)
     for axis, (name, label) in zip(panels, drawn.items(), strict=True):
         values = []
-        for k, rung in enumerate(told):
+        for k, rung in enumerate(drawn_rungs):
             run = runs[rung.key]
             apart = distances(run.system, run.trajectory, ideal.trajectory).max(axis=1)
             keep = np.unique(np.linspace(0, len(apart) - 1, min(len(apart), _MOST_POINTS)).astype(int))
@@ -138,12 +138,12 @@ def choose_rungs(record: CompareRecord) -> tuple[list[RungRecord], str]:
 
     kept = sorted(others, key=weight, reverse=True)[: _MOST_LINES - len(fixed)]
     small = [rung for rung in others if rung not in kept]
-    told = [*(record.rung(key) for key in fixed[:3]), *(rung for rung in others if rung in kept)]
+    shown = [*(record.rung(key) for key in fixed[:3]), *(rung for rung in others if rung in kept)]
     groups = [(same, "as ideal thrusters"), (small, "little")]
     missing = [f"{', '.join(display_name(r.effect or '') for r in rungs)} ({why})" for rungs, why in groups if rungs]
     missing += ["all but one"] if any(rung.kind == "without" for rung in record.ladder) else []
     footnote = f"not drawn: {'; '.join(missing)}" if missing else ""
-    return [*told, record.rung("all"), record.rung("ideal")], footnote
+    return [*shown, record.rung("all"), record.rung("ideal")], footnote
 
 
 def log_ticks(low: float, high: float) -> list[float]:
@@ -230,15 +230,8 @@ def _bar(axis: Any, y: float, value: float | None, height: float, colour: str, l
     """One bar with its value, m; drawn in mm."""
     length = 1000.0 * (value or 0.0)
     axis.barh(y, length, height=height, color=colour, label=label)
-    text = (
-        "blew up"
-        if value is None
-        else "0"
-        if abs(length) < 0.05
-        else f"{length:+.1f}"
-        if abs(length) < 10
-        else f"{length:+.0f}"
-    )
+    text = f"{length:+.1f}" if abs(length) < 10 else f"{length:+.0f}"
+    text = "blew up" if value is None else "0" if abs(length) < 0.05 else text
     right = length >= 0.0
     axis.annotate(
         text, (length, y), xytext=(4 if right else -4, 0), textcoords="offset points",

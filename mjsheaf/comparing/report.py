@@ -16,11 +16,9 @@ from mjsheaf.comparing.compare import Comparison, compare
 from mjsheaf.comparing.ladder import Progress, RungRecord, display_name, no_progress
 from mjsheaf.comparing.measures import FORMATION, TEAM, TRACKING, BudgetRecord, ItemRecord
 from mjsheaf.comparing.record import CompareRecord
-from mjsheaf.errors import MjsheafError
 from mjsheaf.results.store import replaced_run, save_summary, staging
-from mjsheaf.runs.publish import write_scenario
+from mjsheaf.runs.publish import draw_video, write_scenario
 from mjsheaf.scenario import Scenario
-from mjsheaf.video import available_backend
 
 WIDTH = 120  # of report.txt, and the least on a terminal, as numbers must not be cut
 
@@ -202,7 +200,7 @@ def _ringing(record: CompareRecord) -> Group | Text:
         + "; no mode is predicted to swing" * r.overdamped
     )
     return _under(
-        f"ringing: the least damped mode (about {r.agent}), let go from rest with all else still", table, note
+        f"ringing: the least damped mode (about {r.agent}), released from rest with all else still", table, note
     )
 
 
@@ -285,8 +283,8 @@ def publish(
         _plot(comparison, fresh)
         progress("plotting", 1, 1)
         if video:
-            reason = _film(scenario, comparison, fresh / "compare.mp4", progress)
-            notes += [f"no video: {reason}"] if reason else []
+            _, reason = draw_video(partial(_film, scenario, comparison, fresh / "compare.mp4", progress))
+            notes += [reason] * bool(reason)
             record = record.model_copy(update={"video": None if reason else "compare.mp4"})
         (fresh / "report.txt").write_text(report_text(record), encoding="utf-8")
         progress("publishing", 0, 1)  # the last moment at which the user can stop it
@@ -302,19 +300,8 @@ def _plot(comparison: Comparison, folder: Path) -> None:
     plot_convergence(comparison.record, folder / "convergence.png")
 
 
-def _film(scenario: Scenario, comparison: Comparison, path: Path, progress: Progress) -> str:
-    """Draw the video, or say why there is none: a machine that cannot draw still gets its data."""
-    backend, reason = available_backend()
-    if backend is None:
-        return reason
+def _film(scenario: Scenario, comparison: Comparison, path: Path, progress: Progress) -> int:
     from mjsheaf.comparing.filming import film_side_by_side
-    from mjsheaf.video.encode import UnwritableError
 
     ideal, physics = comparison.runs["ideal"], comparison.runs["all"]
-    try:
-        film_side_by_side(scenario, ideal, physics, path, partial(progress, "drawing video"))
-    except UnwritableError:
-        raise
-    except MjsheafError as error:
-        return str(error)
-    return ""
+    return film_side_by_side(scenario, ideal, physics, path, partial(progress, "drawing video"))

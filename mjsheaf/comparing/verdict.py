@@ -25,7 +25,7 @@ _LARGEST_MULTIPLE = 1000.0  # what is larger has next to no ideal error
 _RINGING_DAMPING = 0.2  # damping ratio, below which the team rings
 _LARGE_TRACKING = 0.1  # tracking error, of the formation's size
 _GAIN_ROOM = 1.05  # of the gain, above which it is worth raising
-_MOST_GROUPS = 6  # that are told apart
+_MOST_GROUPS = 6  # with sentences of their own
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ def _lever(record: CompareRecord, scope: str) -> _Lever | None:
         )
     known = _ranked(budget)
     limit = record.limit_costs(scope, record.measure, "all") or 0.0
-    if limit >= _LEAST_CAUSE_SHARE * budget.all_m and (not known or limit >= known[0][0]):
+    if 0.0 < limit >= _LEAST_CAUSE_SHARE * budget.all_m and (not known or limit >= known[0][0]):
         less = f"without it the error would be {limit:.2g} m less ({now})"
         return _Lever("the velocity limit", less, _raise_limit(record))
     if cost <= _LEAST_BODY_SHARE * budget.all_m:

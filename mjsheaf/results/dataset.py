@@ -55,16 +55,9 @@ def join(pieces: Iterable[xr.Dataset]) -> xr.Dataset:
     parts = list(pieces)
     if len(parts) == 1:
         return parts[0]
-    whole = xr.concat(
-        parts,
-        "time",
-        data_vars="minimal",
-        coords="minimal",
-        compat="override",
-        join="override",
-        combine_attrs="override",
-    )
-    return whole.assign_attrs(parts[-1].attrs)
+    alike: dict[str, Any] = dict.fromkeys(("data_vars", "coords"), "minimal")
+    alike |= dict.fromkeys(("compat", "join", "combine_attrs"), "override")
+    return xr.concat(parts, "time", **alike).assign_attrs(parts[-1].attrs)
 
 
 def _gather(system: System, trajectory: Trajectory, thrusters: list[list[str]]) -> xr.Dataset:

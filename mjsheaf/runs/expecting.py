@@ -155,7 +155,7 @@ def describe(trial: Trial, name: str, watch: str) -> str:
 
     Args:
         trial: the trial.
-        name: of the scenario, as the reader knows it.
+        name: of the scenario, as it is printed.
         watch: what stands for the scenario in a command.
     """
     verdict = {True: "as expected", False: "NOT as expected", None: "nothing is expected"}[trial.met]

@@ -89,7 +89,7 @@ def _resolved(scenario: Scenario) -> dict[str, Any]:
     return scenario.model_dump(mode="json", exclude_none=True)
 
 
-__all__ = ["Outcome", "default_directory", "dump_scenario", "execute", "publish", "video_entry"]
+__all__ = ["Outcome", "default_directory", "draw_video", "dump_scenario", "execute", "publish", "video_entry"]
 
 Progress = Callable[[str, int, int], None]
 
@@ -226,9 +226,9 @@ def publish(
         if summary["ending"] in _NEVER_SETTLES:
             notes.append(f"the team does not settle: {_NEVER_SETTLES[summary['ending']]}; see mjsheaf check")
         if video is not None:
-            path = fresh / "video.mp4"
-            summary["video"], note = _film(scenario, system, dataset, path, video, partial(report, "drawing video"))
-            notes += [note] * bool(note)
+            frames, reason = draw_video(partial(_film, scenario, system, dataset, fresh / "video.mp4", video, report))
+            notes += [reason] * bool(reason)
+            summary["video"] = video_entry(frames, video) if not reason else None
         plots.result()
         report("publishing", 0, 1)  # the last moment at which the user can stop it
         save_summary(summary, fresh / "summary.json")
@@ -300,29 +300,39 @@ def _plot(system: "System", drawn: "xr.Dataset", theorem: "RunBound", folder: Pa
     progress("plotting", 3, 3)
 
 
+def _film(
+    scenario: Scenario, system: "System", dataset: "xr.Dataset", path: Path, options: VideoOptions, progress: Progress
+) -> int:
+    from mjsheaf.filming import film_run
+
+    return film_run(scenario, dataset, path, options, partial(progress, "drawing video"), system)
+
+
 def video_entry(frames: int, options: VideoOptions) -> dict[str, Any]:
     """What summary.json says about a video."""
     return {"frames": frames, "width": options.width, "height": options.height, "fps": options.fps}
 
 
-def _film(
-    scenario: Scenario,
-    system: "System",
-    dataset: "xr.Dataset",
-    path: Path,
-    options: VideoOptions,
-    progress: Callable[[int, int], None],
-) -> tuple[dict[str, Any] | None, str]:
-    """Draw the video, or say why there is none: a machine that cannot draw still gets its data."""
+def draw_video(film: Callable[[], int]) -> tuple[int, str]:
+    """Draw a video, or say why there is none: a machine that cannot draw still gets its data.
+
+    Args:
+        film: draws it and returns the number of frames.
+
+    Returns:
+        The number of frames and ''; or 0 and the reason.
+
+    Raises:
+        UnwritableError: the file cannot be written.
+    """
     backend, reason = available_backend()
     if backend is None:
-        return None, f"no video: {reason}"
-    from mjsheaf.filming import film_run
+        return 0, f"no video: {reason}"
     from mjsheaf.video.encode import UnwritableError
 
     try:
-        return video_entry(film_run(scenario, dataset, path, options, progress, system), options), ""
+        return film(), ""
     except UnwritableError:
         raise
     except MjsheafError as error:
-        return None, f"no video: {error}"
+        return 0, f"no video: {error}"

@@ -150,6 +150,25 @@ def test_inertia_is_the_reduced_model_without_lag() -> None:
         assert (vehicle.reduced_model().tau >= inertial_tau(vehicle) - 1e-12).all()
 
 
+@pytest.mark.parametrize(
+    ("ideal", "whole", "words"),
+    [
+        (2.0, 2.5, "(+25.0%)"),
+        (2.0, 1.5, "(-25.0%)"),
+        (0.1, 1.2, "(12 times the ideal)"),
+        (1e-15, 1.2, "(nearly all of it)"),
+        (0.0, 0.0, "(+0.0%)"),
+    ],
+)
+def test_what_bodies_add_reads_well_beside_any_ideal_error(
+    ideal: float, whole: float, words: str, torn: CompareRecord
+) -> None:
+    changed = [b.model_copy(update={"ideal_m": ideal, "all_m": whole}) for b in torn.budgets]
+    told = verdict_of(torn.model_copy(update={"budgets": changed}))
+    (cost,) = [sentence for sentence in told if sentence.startswith("formation error, RMS")]
+    assert cost.endswith(words)
+
+
 def test_the_page_says_why_something_is_worse_without_an_effect(torn: CompareRecord) -> None:
 
     def with_item(share: float) -> CompareRecord:

@@ -18,8 +18,8 @@ TIMES = ("wall_time_s", "realtime_factor")
 
 @pytest.mark.parametrize("backend", ["ideal", "physics"])
 def test_data_in_memory_leave_what_a_run_leaves(backend: str, tmp_path: Path) -> None:
-    """Over 2,300 samples, which a run writes in two pieces."""
-    scenario = load_scenario("midpoint", {"time.end": 23.0})
+    """Over 2,048 samples, which a run writes in two pieces."""
+    scenario = load_scenario("midpoint", {"time.end": 21.0})
     execute(scenario, backend, tmp_path / "run", video=None)
     saved = publish(simulate(scenario, backend), scenario, scenario.system(), tmp_path / "saved")
     assert saved.replaced is None
