@@ -8,6 +8,7 @@ from scipy import linalg
 
 from mjsheaf.checking.cohomology import Spectrum
 from mjsheaf.checking.drift import Difference
+from mjsheaf.control import disagreement
 from mjsheaf.system import System
 
 Array = NDArray[np.float64]
@@ -146,8 +147,7 @@ def speed_demands(system: System, difference: Difference, able: Array) -> list[S
     team = system.team
     # q*' - f_q = f_B + H^-1 B omega, at the instants that the path keeps.
     steady = np.linalg.norm(team.unpack(difference.values + difference.shaken), axis=2).max(axis=0)
-    eta = team.disagreement(team.pack(system.initial))
-    asked = system.gain * np.linalg.norm(team.unpack(eta), axis=1)
+    asked = system.gain * np.linalg.norm(disagreement(system.law, system.initial)[: len(team.agents)], axis=1)
     limits = system.law.limit[: len(asked)]
     most = np.fmax(asked, steady)  # a singular field leaves no steady speed
     order = np.argsort(-most / np.where(np.isfinite(limits), limits, 1e300), kind="stable")

@@ -14,7 +14,7 @@ from mjsheaf.comparing.ladder import Run, ladder_of, run_ablation
 from mjsheaf.comparing.measures import Role, ScopeRecord, late, middle_of, vehicles_by_role
 from mjsheaf.results.store import Finite, Record
 from mjsheaf.simulation.loop import vehicles_of
-from mjsheaf.system import System, velocity_commands
+from mjsheaf.system import System
 from mjsheaf.vehicles.effects import capability_of
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 
@@ -167,11 +167,5 @@ def _thinned(chosen: NDArray[np.bool_]) -> NDArray[np.int64]:
 
 
 def _commanded_speeds(run: Run, chosen: NDArray[np.int64]) -> Array:
-    """|v_c| of every vehicle relative to the medium, limited as the law limits it, shape (chosen, V), m/s."""
-    positions, V = run.trajectory.positions, run.trajectory.positions.shape[1]
-    residual, command, speed = np.empty((V, 3)), np.empty((V, 3)), np.empty((len(chosen), V))
-    for k, sample in enumerate(chosen):
-        time, here = float(run.trajectory.time[sample]), np.ascontiguousarray(positions[sample])
-        velocity_commands(run.system.control, time, here, residual, command)
-        speed[k] = np.linalg.norm(command, axis=1)
-    return speed
+    """|v_c| of every vehicle relative to the medium, as the law commanded it, shape (chosen, V), m/s."""
+    return np.asarray(np.linalg.norm(run.trajectory.log.command[chosen], axis=2))

@@ -170,7 +170,7 @@ class Run:
 
     def dataset(self, backend: str, seed: int) -> xr.Dataset:
         """The run as `simulate` would return it."""
-        return make_dataset(self.system, self.trajectory, backend, seed)
+        return make_dataset(self.trajectory, backend, seed)
 
     def record(self, ideal: "Run") -> RungRecord:
         """The run as compare.json has it.
@@ -307,7 +307,7 @@ def _simulate(system: System, setup: Setup, other: Callable[[Setup], Trajectory]
     source = other(replace(setup, agents=setup.targets))
     targets = source.positions[:, len(system.team.agents) :]
     if len(targets) < 2:
-        return replace(source, quaternions=None, heights=None, thrust=None, saturation=None)
+        return source
     found = run_physics(system, targets=targets) if setup.agents else run_ideal(system, targets=targets)
     if source.status != "finished" and found.status == "finished":
         return replace(found, status=source.status, message=f"the run that gives its targets ends: {source.message}")

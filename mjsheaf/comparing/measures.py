@@ -154,9 +154,9 @@ def vehicles_by_role(system: System) -> dict[tuple[Role, str], list[int]]:
 
 def saturation_of(system: System, trajectory: Trajectory, roles: list[Role]) -> list[SaturationRecord]:
     """Time share of thrusters at a limit: of all agents, then by role and vehicle; only of roles that are bodies."""
-    if trajectory.saturation is None:
+    if not trajectory.log.saturation.size:  # ideal kinematics
         return []
-    share, N = trajectory.saturation.mean(axis=0), len(system.team.agents)
+    share, N = trajectory.log.saturation.mean(axis=0), len(system.team.agents)
     thrusters = [len(vehicle.thrusters) for vehicle in vehicles_of(system)[:N]]
     found: dict[tuple[Role, str], float] = {("agents", ""): np.average(share[:N], weights=thrusters)}
     found |= {kind: share[members].mean() for kind, members in vehicles_by_role(system).items()}

@@ -240,8 +240,7 @@ def _release(system: System, mode: Mode, bodies: str) -> ReleaseRecord:
         initial = q_star.copy()
         initial[:N] += offset / 2.0**attempt
         run = run_physics(replace(system, initial=initial), targets=targets)
-        assert run.saturation is not None  # bodies have it
-        saturated = float(run.saturation[:, :N].mean())
+        saturated = float(run.log.saturation[:, :N].mean())
         if saturated == 0.0 or run.status != "finished":
             break
     e = (team.pack(run.positions) - team.pack(q_star))[:, : len(mode.displacement)]
