@@ -16,7 +16,7 @@ import yaml
 from mjsheaf import simulate
 from mjsheaf.comparing import CompareRecord, compare
 from mjsheaf.comparing.filming import both_films
-from mjsheaf.comparing.ladder import climb, ladder_of
+from mjsheaf.comparing.ladder import ladder_of, run_ablation
 from mjsheaf.comparing.report import WIDTH, report_text
 from mjsheaf.results import summarize
 from mjsheaf.results.store import COMPARISON_FILES
@@ -149,7 +149,7 @@ def test_video_has_both_side_by_side(tmp_path: Path) -> None:
 def test_both_curves_of_the_video_have_one_axis() -> None:
     """Equal errors lie in equal rows. Oracle: the curves' rows at the values that both axes name."""
     scenario = two_boats("otter", "hull", time={"end": 4.0})
-    runs = climb(scenario.system, [rung for rung in ladder_of(scenario.system) if rung.key in ("ideal", "all")])
+    runs = run_ablation(scenario.system, [rung for rung in ladder_of(scenario.system) if rung.key in ("ideal", "all")])
     films = [film for film, _ in both_films(scenario, runs["ideal"], runs["all"])]
     low, high = films[0].error_range or (0.0, 0.0)
     assert films[1].error_range == (low, high)
