@@ -11,8 +11,10 @@ from typing import Any
 import pytest
 
 from mjsheaf import load_scenario
-from mjsheaf.cli.main import main
 from mjsheaf.errors import ScenarioError
+from tests.commands import call
+
+pytestmark = pytest.mark.usefixtures("without_plots")
 
 TINY = """\
 name: same
@@ -35,9 +37,7 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def run(*arguments: str) -> int:
-    with pytest.raises(SystemExit) as stopped:
-        main(["run", *arguments, "--backend", "ideal", "--no-video"])
-    return int(stopped.value.code or 0)
+    return call("run", *arguments, "--backend", "ideal", "--no-video")
 
 
 def summary(directory: str = "runs/same-ideal") -> dict[str, object]:
@@ -98,9 +98,7 @@ def test_a_comparison_keeps_its_place_likewise(project: Path, capsys: pytest.Cap
     """Without the cost of two comparisons: what a run of another scenario left stands in the way."""
     assert run("a.yaml") == 0
     shutil.move("runs/same-ideal", "runs/same-compare")
-    with pytest.raises(SystemExit) as stopped:
-        main(["compare", "b/other.yaml", "--no-video"])
-    assert stopped.value.code == 2
+    assert call("compare", "b/other.yaml", "--no-video") == 2
     assert "another scenario of the same name as b/other.yaml" in capsys.readouterr().err
 
 
