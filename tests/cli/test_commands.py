@@ -5,6 +5,7 @@ Oracle: the contract (exit codes, files left, fields of summary.json).
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -22,7 +23,7 @@ import mjsheaf as package
 from mjsheaf.io.files import list_studies
 from mjsheaf.results.store import FILES
 from mjsheaf.scenario import list_scenarios, load_scenario
-from tests.commands import CAN_DRAW, DATA_FILES, RUN_FILES, SMALL, call, heed_interrupts, start
+from tests.commands import CAN_DRAW, DATA_FILES, RUN_FILES, SMALL, call, heed_interrupts, one_line, start
 
 QUICK = ["--backend", "ideal", "--no-video"]
 
@@ -151,7 +152,7 @@ def test_run_that_should_have_been_refused(tmp_path: Path, capsys: pytest.Captur
     checks = json.loads((out / "summary.json").read_text())["expect"]["checks"]
     assert checks[0] == {"measure": "refused", "bound": "free to drift", "found": None, "met": False}
     error = capsys.readouterr().err
-    assert error == "mjsheaf: midpoint: it ran, expected is a refusal that says 'free to drift'\n"
+    assert one_line(error, "midpoint", "ran", "'free to drift'")
 
 
 @pytest.mark.usefixtures("without_plots")
@@ -162,9 +163,7 @@ def test_run_refused_for_another_reason(tmp_path: Path, capsys: pytest.CaptureFi
         assert "expected" not in capsys.readouterr().err
         assert call(*arguments, "--set", "expect.refused=too windy") == code
         error = capsys.readouterr().err
-        assert error.startswith(f"mjsheaf: {name}: ")
-        assert "NOT as expected: expect.refused is 'too windy'" in error
-        assert error.count("\n") == 1
+        assert one_line(error, name, "expect.refused", "'too windy'")
 
 
 @pytest.mark.usefixtures("without_plots")
@@ -180,14 +179,14 @@ def test_missed_expectation_of_what_is_not_measured(tmp_path: Path, capsys: pyte
         tmp_path / "o",
     ]
     assert call(*arguments, "--set", "expect.ideal.formation_error=1") == 1
-    assert "formation_error is -, expected at most 1" in capsys.readouterr().err
+    assert one_line(capsys.readouterr().err, "midpoint", "formation_error", 1)
 
 
 @pytest.mark.usefixtures("without_plots")
 @pytest.mark.parametrize("way", [["--seed", "5"], ["--set", "seed=5"]])
 def test_seed_that_changes_nothing_is_said(way: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert call("run", "midpoint", *QUICK, "--set", "time.end=0.1", *way, "--out", tmp_path / "out") == 0
-    assert "the seed changes nothing" in capsys.readouterr().err
+    assert re.search(r"\bnote: .*\bseed\b", capsys.readouterr().err)
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["seed"] == 5
 
 
@@ -240,7 +239,7 @@ def test_table_fits_a_narrow_terminal(
     assert call("run", "paper", *QUICK, "--set", "time.end=0.1", "--out", tmp_path / "out") == 0
     printed = capsys.readouterr().out
     table = printed[: printed.index("finished")].splitlines()
-    assert table[0].rstrip() == "paper on ideal, errors in m at t = 0.1 s"
+    assert {"paper", "ideal", "m", "0.1"} <= set(re.findall(r"[\w.]+", table[0]))
     assert max(map(len, table)) <= 80
     assert len(table) == 1 + 4 + 1 + len(load_scenario("paper").formations)  # title, rules and headings, team, groups
 
@@ -383,7 +382,7 @@ def test_signal_stops_a_run_and_leaves_nothing(
         process.send_signal(number)
         _, error = process.communicate(timeout=60)
     assert process.returncode == code
-    assert error == f"mjsheaf: {word}; nothing was written\n"
+    assert one_line(error, word)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -421,7 +420,7 @@ def test_signal_that_was_lost_stops_the_work_at_the_next_report() -> None:
     )
     assert done.returncode == 130
     assert done.stdout == "went on\n"
-    assert done.stderr == "mjsheaf: interrupted; nothing was written\n"
+    assert one_line(done.stderr, "interrupted")
 
 
 def _wait_for(condition: Callable[[], bool], seconds: float = 120.0) -> None:

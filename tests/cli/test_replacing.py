@@ -12,7 +12,8 @@ import pytest
 
 from mjsheaf import load_scenario
 from mjsheaf.errors import ScenarioError
-from tests.commands import call
+from tests.builders import refused
+from tests.commands import call, one_line
 
 pytestmark = pytest.mark.usefixtures("without_plots")
 
@@ -75,7 +76,7 @@ def test_a_name_of_mjsheafs_own_is_no_file(project: Path, capsys: pytest.Capture
     assert summary("runs/midpoint-ideal")["origin"] == "midpoint"
     (project / "mine.yaml").write_text(TINY.replace("same", "midpoint"))
     assert run("mine.yaml") == 2
-    assert "holds the run of midpoint, another scenario of the same name as mine.yaml" in capsys.readouterr().err
+    assert one_line(capsys.readouterr().err, "midpoint", "mine.yaml")
 
 
 def test_a_project_may_be_moved(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -99,7 +100,7 @@ def test_a_comparison_keeps_its_place_likewise(project: Path, capsys: pytest.Cap
     assert run("a.yaml") == 0
     shutil.move("runs/same-ideal", "runs/same-compare")
     assert call("compare", "b/other.yaml", "--no-video") == 2
-    assert "another scenario of the same name as b/other.yaml" in capsys.readouterr().err
+    assert one_line(capsys.readouterr().err, "b/other.yaml", "--out")
 
 
 def test_a_mapping_is_a_scenario() -> None:
@@ -112,8 +113,8 @@ def test_a_mapping_is_a_scenario() -> None:
     assert (scenario.name, scenario.controller.gain) == ("scenario", 3.0)
     assert load_scenario({**fields, "name": "mine"}).name == "mine"
     assert "name" not in fields
-    with pytest.raises(ScenarioError, match="gian: unknown field"):
+    with refused(ScenarioError, "gian"):
         load_scenario({**fields, "gian": 3})
     for wrong in (None, 3, [fields], b"paper", scenario):
-        with pytest.raises(ScenarioError, match=f"a mapping, not {type(wrong).__name__}"):
+        with refused(ScenarioError, "mapping", type(wrong).__name__):
             load_scenario(wrong)  # type: ignore[arg-type]
