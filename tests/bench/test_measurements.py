@@ -73,6 +73,7 @@ def test_ideal() -> None:
     assert "4998" in ideal.rows(with_default_end)[0].what
 
 
+@pytest.mark.slow
 def test_threads() -> None:
     figures = threads.measure(short=True, ends=(0.11, 0.11))
     assert [b["backend"] for b in figures["backends"]] == ["ideal", "physics"]
