@@ -1,8 +1,9 @@
 """Scenarios, vehicles, teams, sheaves, studies and films that tests share, and plain forms to compare results with."""
 
 import json
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
+import re
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -568,7 +569,20 @@ def make_film(model: mujoco.MjModel, duration: float = 2.0, samples: int = 41, *
     return replace(film, **changes)
 
 
-# -- numbers -----------------------------------------------------------------------------------------------------------
+# -- errors and numbers ----------------------------------------------------------------------------------------------
+
+
+@contextmanager
+def refused(error: type[Exception], *named: object) -> Iterator[pytest.ExceptionInfo[Exception]]:
+    """Expect an error whose message names all of these: the field, what was given, what fits. The words are free."""
+    with pytest.raises(error) as caught:
+        yield caught
+    assert names(str(caught.value), *named), f"{str(caught.value)!r} does not name all of {named}"
+
+
+def names(text: str, *named: object) -> bool:
+    """Whether a text contains all of these as whole words or numbers."""
+    return all(re.search(rf"(?<!\w){re.escape(str(each))}(?!\w)", text) for each in named)
 
 
 def approx(value: float | None, rel: float | None = None, abs: float | None = None) -> Any:
