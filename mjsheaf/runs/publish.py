@@ -304,7 +304,7 @@ def _plot(system: "System", drawn: "xr.Dataset", theorem: "RunBound", folder: Pa
 def _film(
     scenario: Scenario, system: "System", dataset: "xr.Dataset", path: Path, options: VideoOptions, progress: Progress
 ) -> int:
-    from mjsheaf.filming import film_run
+    from mjsheaf.video.from_run import film_run
 
     return film_run(scenario, dataset, path, options, partial(progress, "drawing video"), system)
 
@@ -329,7 +329,7 @@ def draw_video(film: Callable[[], int]) -> tuple[int, str]:
     backend, reason = available_backend()
     if backend is None:
         return 0, f"no video: {reason}"
-    from mjsheaf.video.encode import UnwritableError
+    from mjsheaf.video.draw import UnwritableError
 
     try:
         return film(), ""
