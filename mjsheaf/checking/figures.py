@@ -10,8 +10,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from mjsheaf.checking.certificate import Certificate
-from mjsheaf.checking.check import Examination
-from mjsheaf.checking.record import CheckRecord
+from mjsheaf.checking.check import CheckRecord, Examination
 from mjsheaf.plotting import group_of_vehicles, new_figure, palette, save_figure
 from mjsheaf.system import System
 
@@ -114,7 +113,7 @@ def _difference(axis: Any, system: System, certificate: Certificate) -> None:
     path, along = certificate.region.path, certificate.constants.difference
     size = np.linalg.norm(along.values, axis=1)
     if not np.isfinite(size).all():
-        why = path.complaint or "a target or q* meets a singular kernel"
+        why = path.warning or "a target or q* meets a singular kernel"
         axis.text(0.5, 0.5, fill(f"not known: {why}", 50), transform=axis.transAxes, ha="center", va="center")
         axis.set_title("bounded difference", fontsize=11)
         return

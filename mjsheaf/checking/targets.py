@@ -18,14 +18,14 @@ tolerance. Cells are widened by `error`, many times the difference, so that runs
 path for which that would be too much is not claimed to be known.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mjsheaf.checking.drift import Carrier
+from mjsheaf.checking.cohomology import Spectrum
 from mjsheaf.dynamics import disturbance
 from mjsheaf.dynamics.disturbance import disturbance_velocity
 from mjsheaf.dynamics.flow import flow_scale, flow_slope
@@ -39,6 +39,7 @@ Array = NDArray[np.float64]
 MOST_STEPS = 1_500_000
 """Steps of the integrator times targets: a path that takes more is too long or too stiff to follow."""
 
+_DENSE = 200_000  # numbers of K = H^-1 B that are held as a matrix
 _BLOCK = 1 << 16  # steps times targets that are recorded between two looks at the count
 _SAMPLED = 2000  # instants at which the path is also kept as it is, for pictures and estimates
 _MOST_NUMBERS = 4_000_000  # of the harmonic extensions there, and of the samples kept to compare with a run
@@ -54,6 +55,63 @@ _DIFFERENCES = 20.0  # of two integrations, that are allowed
 _LARGEST_ERROR = 1e-4  # m, and relative to its farthest position: a path that may be farther off is not known
 
 _DONE, _FULL, _STUCK = 0, 1, 2
+
+
+class Carrier:
+    """K = H^-1 B, which carries motions of targets to their harmonic extension.
+
+    Where it is too large to be held, the norms of its blocks are bounded by sigma_max(B) / lambda_min(H), for which a
+    spectrum is needed.
+    """
+
+    def __init__(self, system: System, spectrum: Spectrum | None = None) -> None:
+        self._team = system.team
+        self._problem = system.team.dirichlet
+        n_q, n_p = self._problem.B.shape
+        self._rest = self._problem.extend(np.zeros(n_p))
+        self._norm = np.inf
+        if spectrum is not None and spectrum.smallest.size:
+            self._norm = spectrum.sigma_max_B / float(spectrum.smallest[0])
+        self._K = self._problem.extend(np.eye(n_p)) - self._rest if n_q * n_p <= _DENSE else None  # (n_p, n_q)
+
+    def extend(self, targets: Array) -> Array:
+        """q* of targets at (..., M, 3), stacked, (..., n_q), m."""
+        return self.carry(targets) + self._rest
+
+    def carry(self, motions: Array) -> Array:
+        """K applied to motions of the targets (..., M, 3), stacked, (..., n_q)."""
+        flat = motions.reshape(*motions.shape[:-2], -1)[..., self._own]
+        return flat @ self._K if self._K is not None else self._problem.extend(flat) - self._rest
+
+    def reach(self, radii: Array) -> Array:
+        """How far each agent's q*_i moves at most where targets move by at most `radii` (..., M), (..., N)."""
+        if self._K is not None:
+            return np.asarray(radii @ self._blocks.T)
+        whole = self._norm * np.linalg.norm(radii, axis=-1, keepdims=True)
+        return np.repeat(whole, len(self._team.agents), axis=-1)
+
+    def spread(self, radii: Array, slopes: Array, moves: Array) -> Array:
+        """A bound on |K s + F r|: s within `radii` (..., M), r within `moves` and F within `slopes` (..., N), (...)."""
+        with np.errstate(invalid="ignore"):  # an infinite slope where nothing moves
+            own = np.where(moves > 0.0, slopes * moves, 0.0)
+        if self._K is not None:
+            return np.linalg.norm(radii @ self._blocks.T + own, axis=-1)
+        return self._norm * np.linalg.norm(radii, axis=-1) + np.linalg.norm(own, axis=-1)
+
+    @cached_property
+    def _own(self) -> NDArray[np.int64]:
+        """Places of the stacked p in padded targets (M, 3), flattened."""
+        slots = self._team.slots
+        return slots[self._problem.H.shape[0] :] - 3 * len(self._team.agents)
+
+    @cached_property
+    def _blocks(self) -> Array:
+        """|K_ik|, shape (N, M)."""
+        N, M = len(self._team.agents), len(self._team.targets)
+        padded = np.zeros((3 * M, N, 3))
+        assert self._K is not None  # what reaches for its blocks
+        padded[self._own] = self._team.unpack(self._K)
+        return np.linalg.norm(padded.reshape(M, 3, N, 3).transpose(2, 0, 3, 1), ord=2, axis=(2, 3))
 
 
 class Cells(NamedTuple):
@@ -88,7 +146,7 @@ class TargetPath:
         error: largest error of the path, for which the cells allow, m.
         samples: positions of the targets at each stride-th sample of the run, shape (S, M, 3), m.
         stride: see samples.
-        complaint: why the path is not known, or empty.
+        warning: why the path is not known, or empty.
     """
 
     time: Array
@@ -99,7 +157,7 @@ class TargetPath:
     error: float
     samples: Array
     stride: int
-    complaint: str
+    warning: str
 
 
 class _Rates(NamedTuple):
@@ -282,15 +340,15 @@ class _UnknownPathError(Exception):
     """The path cannot be followed; the message says why."""
 
 
-def follow_targets(system: System, extend: Callable[[Array], Array] | None = None) -> TargetPath:
+def follow_targets(system: System, carrier: Carrier | None = None) -> TargetPath:
     """Follow the targets alone over the span of a run, by Dormand and Prince's pair of order 5(4); see the module.
 
     Args:
         system: the system.
-        extend: `Carrier.extend` of the system's team, where the caller has one.
+        carrier: of the system, where the caller has one.
     """
     N, M, n_q = len(system.team.agents), len(system.team.targets), int(system.team.first_state[-1])
-    extend = extend or Carrier(system).extend
+    extend = (carrier or Carrier(system)).extend
     try:
         finer, _ = _integrate(system, share=0.5, tolerance=0.1 * _TOLERANCE, margin=None)
         farthest = float(np.abs(finer).max())

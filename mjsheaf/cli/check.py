@@ -8,7 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from mjsheaf.checking import CheckRecord, examine
-from mjsheaf.checking.record import BodyRecord, SpeedRecord
+from mjsheaf.checking.margins import BodyMargins, SpeedDemand
 from mjsheaf.cli.console import make_console
 from mjsheaf.control.theorem import Rho, as_rho
 from mjsheaf.errors import InputError, MjsheafError
@@ -112,7 +112,7 @@ def _cohomology(record: CheckRecord) -> list[Text | Table]:
             )
             lines += [
                 Text(
-                    f"  {x.description}: holds {x.removes} of {found.dimension} directions by itself, "
+                    f"  {x.description}: holds {x.nullity_reduction} of {found.dimension} directions by itself, "
                     f"lambda_min {x.lambda_min_alone:.3g}"
                 )
                 for x in plan.repairs
@@ -215,7 +215,7 @@ def _margins(record: CheckRecord) -> Table:
     return _pairs("margins in practice", rows)
 
 
-def _bodies(bodies: BodyRecord) -> list[tuple[str, str, str]]:
+def _bodies(bodies: BodyMargins) -> list[tuple[str, str, str]]:
     """The loop of the vehicles."""
     if bodies.stable is None or bodies.spectral_radius is None:
         return [("loop on bodies", "undecided", bodies.reason)]
@@ -232,7 +232,7 @@ def _bodies(bodies: BodyRecord) -> list[tuple[str, str, str]]:
     return rows
 
 
-def _speed_of_bodies(speeds: list[SpeedRecord]) -> tuple[str, str, str]:
+def _speed_of_bodies(speeds: list[SpeedDemand]) -> tuple[str, str, str]:
     """What following q* takes, against what bodies can make."""
     known = [s for s in speeds if s.steady is not None]
     if not known:
@@ -247,7 +247,7 @@ def _speed_of_bodies(speeds: list[SpeedRecord]) -> tuple[str, str, str]:
     )
 
 
-def _speed_of_limits(speeds: list[SpeedRecord]) -> list[tuple[str, str, str]]:
+def _speed_of_limits(speeds: list[SpeedDemand]) -> list[tuple[str, str, str]]:
     """What following q* takes, against the limits that the law keeps, where these are too low."""
     short = [s for s in speeds if s.limit is not None and s.steady is not None and s.steady > s.limit]
     if not short:

@@ -64,7 +64,7 @@ def _limit(value: float) -> str:
 def schema_command(of_check: bool) -> None:
     """Print the JSON Schema of a scenario, or of the record of a check."""
     if of_check:
-        from mjsheaf.checking.record import CheckRecord
+        from mjsheaf.checking import CheckRecord
 
         print(json.dumps(CheckRecord.model_json_schema(), indent=2))
     else:

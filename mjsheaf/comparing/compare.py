@@ -9,9 +9,9 @@ from typing import Literal
 import numpy as np
 
 from mjsheaf._version import __version__
-from mjsheaf.checking.bodies import body_loop, mean_medium
 from mjsheaf.checking.cohomology import spectrum_of
-from mjsheaf.checking.ending import Ending, ending_of, settling_time
+from mjsheaf.checking.finished import Ending, ending_of, settling_time
+from mjsheaf.checking.margins import body_loop, mean_medium
 from mjsheaf.comparing import record as records
 from mjsheaf.comparing.demands import VelocityLimit, demands_of, examine_limit, fastest_vehicles
 from mjsheaf.comparing.ladder import Run, Rung, climb, ladder_of

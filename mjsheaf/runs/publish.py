@@ -23,7 +23,7 @@ from mjsheaf.video import VideoOptions, available_backend
 if TYPE_CHECKING:
     import xarray as xr
 
-    from mjsheaf.checking.bound import RunBound
+    from mjsheaf.checking.finished import RunBound
     from mjsheaf.system import System
 
 
@@ -150,11 +150,10 @@ def execute(
         PlaceError: the directory may not be replaced or cannot be written.
         NotUniqueError: the harmonic extension is not unique and drift is not allowed; nothing is written.
     """
-    from mjsheaf.checking.bound import bound_of_run
-    from mjsheaf.checking.ending import ending_of_run
+    from mjsheaf.checking.finished import bound_of_run, ending_of_run
     from mjsheaf.results import check_expectation, open_dataset, staging, summarize, thinned, write_dataset
     from mjsheaf.results.store import RESULT_DIGEST, digest, replaced_run, save_summary
-    from mjsheaf.team.null_modes import free_directions
+    from mjsheaf.team.null_modes import describe_null_modes
 
     system = scenario.system()
     require_simulable(system, backend, allow_drift=allow_drift)
@@ -194,7 +193,7 @@ def execute(
             "realtime_factor": simulated / pieces.seconds,
             "expect": check_expectation(scenario.expect, backend, status, final),
             "final": final,
-            "free_directions": free_directions(system.team),
+            "free_directions": describe_null_modes(system.team),
             "theorem": {
                 "applies": theorem.applies,
                 "approximate": theorem.approximate,

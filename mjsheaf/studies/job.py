@@ -118,8 +118,7 @@ def run_job(job: Job) -> Done:
 
 
 def _run(job: Job) -> tuple[dict[str, Any], bytes | None]:
-    from mjsheaf.checking.bound import bound_of_run
-    from mjsheaf.checking.ending import ending_of_run
+    from mjsheaf.checking.finished import bound_of_run, ending_of_run
     from mjsheaf.results import summarize
     from mjsheaf.results.metrics import late_errors
     from mjsheaf.simulation.run import simulate

@@ -99,7 +99,7 @@ def _asked(plan: Plan) -> str:
 
 
 def _note(plan: Plan, table: "pa.Table") -> str:
-    from mjsheaf.checking.ending import LEVEL
+    from mjsheaf.checking.finished import LEVEL
 
     rows = table.num_rows
     shown = f" The first {_MOST_ROWS} of {rows} are shown." if rows > _MOST_ROWS else ""

@@ -27,7 +27,7 @@ _ALIKE = 0.94  # cosine over which two steps are said to be one
 
 
 @dataclass(frozen=True)
-class Motion:
+class NullMode:
     """How agents move together.
 
     Attributes:
@@ -138,25 +138,25 @@ def _exchanged(pivots: Index, block: Array, owner: Index) -> Index:
 # -- in words --------------------------------------------------------------------------------------------------
 
 
-def free_directions(team: Team) -> list[str]:
+def describe_null_modes(team: Team) -> list[str]:
     """Say, one line for each basis vector of H^0(G, G_p; F), which agents are free along what."""
-    return [describe(team, motion) for motion in free_motions(team)]
+    return [describe(team, motion) for motion in null_modes(team)]
 
 
-def free_motions(team: Team) -> list[Motion]:
+def null_modes(team: Team) -> list[NullMode]:
     """A sparse basis of H^0(G, G_p; F), each vector with largest entry 1."""
-    basis = free_basis(team)
+    basis = null_mode_basis(team)
     spans = itertools.starmap(slice, itertools.pairwise(basis.indptr.tolist()))
-    return [motion_of(team, basis.data[span], basis.indices[span]) for span in spans]
+    return [null_mode_of(team, basis.data[span], basis.indices[span]) for span in spans]
 
 
-def free_basis(team: Team) -> sparse.csc_array:
+def null_mode_basis(team: Team) -> sparse.csc_array:
     """A sparse basis of H^0(G, G_p; F), shape (n, dimension), rows in the order of the stacked q."""
     basis = team.dirichlet.sparse_null_basis
     return sparsified(basis.tocsr(), team.slots[: basis.shape[0]] // 3)
 
 
-def motion_of(team: Team, values: Array, rows: Index | None = None) -> Motion:
+def null_mode_of(team: Team, values: Array, rows: Index | None = None) -> NullMode:
     """A vector of the agents as a motion.
 
     Args:
@@ -168,15 +168,15 @@ def motion_of(team: Team, values: Array, rows: Index | None = None) -> Motion:
     agents, place = np.unique(agent, return_inverse=True)
     steps = np.zeros((len(agents), 3))
     steps[place, axis] = values
-    return Motion(agents, steps)
+    return NullMode(agents, steps)
 
 
-def describe(team: Team, motion: Motion) -> str:
+def describe(team: Team, motion: NullMode) -> str:
     """Say who is free along what, of a motion that no edge or anchor notices."""
     return _say(team, motion, "free")
 
 
-def describe_nearly(team: Team, motion: Motion) -> str:
+def describe_nearly(team: Team, motion: NullMode) -> str:
     """Say who is nearly free along what, of a motion that edges and anchors notice little.
 
     Only agents that move at least half as far as the one that moves furthest are named, and their directions are
@@ -187,7 +187,7 @@ def describe_nearly(team: Team, motion: Motion) -> str:
     steps = motion.steps[much] / far[much, None]
     steps[np.abs(steps) < _TILT] = 0.0
     steps *= np.sign(steps[0, np.argmax(np.abs(steps[0]))])  # an eigenvector has no sign of its own
-    return _say(team, Motion(motion.agents[much], _in_few_directions(steps)), "nearly free")
+    return _say(team, NullMode(motion.agents[much], _in_few_directions(steps)), "nearly free")
 
 
 def _in_few_directions(steps: Array) -> Array:
@@ -202,7 +202,7 @@ def _in_few_directions(steps: Array) -> Array:
     return steps
 
 
-def _say(team: Team, motion: Motion, free: str) -> str:
+def _say(team: Team, motion: NullMode, free: str) -> str:
     _, first, kind = np.unique(np.round(motion.steps / _SAME), axis=0, return_index=True, return_inverse=True)
     names = [team.agents[a].id for a in motion.agents]
     if len(first) == 1:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import mjsheaf
-from mjsheaf.checking.bound import bound_of_run
+from mjsheaf.checking.finished import bound_of_run
 from mjsheaf.dynamics.flow import FlowField
 from mjsheaf.scenario import scenario_from_mapping
 from mjsheaf.simulation.ideal import run_ideal
@@ -38,7 +38,7 @@ def _baseline() -> dict[str, Any]:
     return dict(json.loads(BASELINE.read_text()))
 
 
-def _complaints(seed: int, found: Judgement, raw: dict[str, Any]) -> list[str]:
+def _warnings(seed: int, found: Judgement, raw: dict[str, Any]) -> list[str]:
     """What of a judgement must not be."""
     name, wrong = f"{seed} ({family_of(seed)})", []
     for which, claim in (("check", found.before), ("run", found.after)):
@@ -70,7 +70,7 @@ def _held_targets_diverge(raw: dict[str, Any]) -> bool:
 
 @pytest.mark.parametrize("seed", FAST)
 def test_what_is_certified_is_so(seed: int) -> None:
-    assert not _complaints(seed, _judgement(seed), adversarial_scenario(seed))
+    assert not _warnings(seed, _judgement(seed), adversarial_scenario(seed))
 
 
 @pytest.mark.parametrize("case", [k for k in REPORTED if k != 6])
@@ -96,7 +96,7 @@ def test_no_team_of_a_family_breaks_its_bound(family: str) -> None:
     wrong = []
     for seed in range(TEAMS):
         if family_of(seed) == family:
-            wrong += _complaints(seed, _judgement(seed), adversarial_scenario(seed))
+            wrong += _warnings(seed, _judgement(seed), adversarial_scenario(seed))
     assert not wrong, "\n".join(wrong)
 
 
