@@ -13,6 +13,7 @@ from mjsheaf.checking.cohomology import spectrum_of
 from mjsheaf.checking.finished import Ending, ending_of, settling_time
 from mjsheaf.checking.margins import body_loop, mean_medium
 from mjsheaf.comparing import record as records
+from mjsheaf.comparing.convergence import Convergence, converge
 from mjsheaf.comparing.demands import VelocityLimit, demands_of, examine_limit, fastest_vehicles
 from mjsheaf.comparing.ladder import Run, Rung, climb, ladder_of
 from mjsheaf.comparing.measures import (
@@ -20,10 +21,8 @@ from mjsheaf.comparing.measures import (
     FORMATION,
     TEAM,
     TRACKING,
-    Convergence,
     Distance,
     Series,
-    converge,
     distance_between,
     formation_size,
     late,

@@ -5,10 +5,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import yaml
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from mjsheaf.errors import ScenarioError, suggestion
 
@@ -278,3 +278,15 @@ def _tags(node: dict[str, Any]) -> set[str]:
     """The values of the field that chooses this branch of a tagged union."""
     fields = node.get("properties", {}).values()
     return {str(v) for field in fields for v in field.get("enum", [field["const"]] if "const" in field else [])}
+
+
+Id = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", max_length=100, description="letters, digits, _ and -")]
+LARGEST = 1e9
+"""Of every number in a file: a blow-up begins here, and products of what is larger would overflow."""
+
+Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
+Positive = Annotated[float, Field(gt=0, le=LARGEST)]
+NonNegative = Annotated[float, Field(ge=0, le=LARGEST)]
+Duration = Annotated[float, Field(ge=1e-9, le=LARGEST)]
+Point = Annotated[list[Number], Field(min_length=2, max_length=3)]
+Matrix = Annotated[list[Annotated[list[Number], Field(min_length=1)]], Field(min_length=1)]

@@ -13,10 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mjsheaf.errors import MjsheafError
-from mjsheaf.io.yaml import dump_yaml
+from mjsheaf.io.yaml import LARGEST, dump_yaml
 from mjsheaf.results.store import CHECKSUMS, VEHICLES, write_checksums
 from mjsheaf.scenario import Scenario
-from mjsheaf.scenario.scenario import LARGEST
 from mjsheaf.simulation.run import require_simulable, stream
 from mjsheaf.video import VideoOptions, available_backend
 

@@ -1,6 +1,4 @@
-"""Types of single fields of a scenario file: ids, bounded numbers, points, matrices.
-
-The part of the schema that moves vehicles: target motions, flow, disturbances.
+"""The part of the schema that moves vehicles: target motions, flow, disturbances.
 
 The part of the schema that is the team: agents, targets, edges, anchors, formations.
 
@@ -14,22 +12,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 
-from mjsheaf.io.yaml import Section
+from mjsheaf.io.yaml import Duration, Id, Matrix, NonNegative, Number, Point, Positive, Section
 from mjsheaf.scenario.swarm import Swarm, expand_swarm
 
 if TYPE_CHECKING:
     from mjsheaf.system import System
-
-Id = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", max_length=100, description="letters, digits, _ and -")]
-LARGEST = 1e9
-"""Of every number in a file: a blow-up begins here, and products of what is larger would overflow."""
-
-Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
-Positive = Annotated[float, Field(gt=0, le=LARGEST)]
-NonNegative = Annotated[float, Field(ge=0, le=LARGEST)]
-Duration = Annotated[float, Field(ge=1e-9, le=LARGEST)]
-Point = Annotated[list[Number], Field(min_length=2, max_length=3)]
-Matrix = Annotated[list[Annotated[list[Number], Field(min_length=1)]], Field(min_length=1)]
 
 
 class LissajousMotion(Section):

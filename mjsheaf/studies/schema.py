@@ -5,8 +5,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, JsonValue, ValidationError, model_validator
 
-from mjsheaf.io.yaml import Section, describe_validation_error
-from mjsheaf.scenario.scenario import Number, Positive
+from mjsheaf.io.yaml import Number, Positive, Section, describe_validation_error
 from mjsheaf.simulation.run import BACKENDS
 
 Measure = Literal["mean_disagreement", "tracking_error", "formation_error", "centering_error"]

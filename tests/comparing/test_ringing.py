@@ -8,7 +8,7 @@ import pytest
 
 from mjsheaf.checking.cohomology import spectrum_of
 from mjsheaf.checking.margins import body_margin
-from mjsheaf.comparing.measures import converge
+from mjsheaf.comparing.convergence import converge
 from mjsheaf.comparing.ringing import fit_roots, least_damped, ringing_of, second_order
 from mjsheaf.scenario import Scenario
 from tests.comparing.small import approx, pair, swarm
