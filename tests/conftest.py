@@ -1,14 +1,21 @@
 """Shared fixtures."""
 
+import fcntl
+import hashlib
 import os
+import pickle
 import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+import xarray as xr
+from hypothesis import settings
 
-REPOSITORY = Path(__file__).resolve().parent.parent
+settings.register_profile("fast", deadline=None, derandomize=True, max_examples=20)
+settings.register_profile("ci", deadline=None, derandomize=True, max_examples=60)
+settings.load_profile("fast")  # `make test-all` asks for --hypothesis-profile=ci
 
 
 @pytest.fixture(autouse=True)
@@ -32,5 +39,32 @@ def mjsheaf() -> Callable[..., subprocess.CompletedProcess[str]]:
             timeout=280,
             check=False,
         )
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def simulated(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., xr.Dataset]:
+    """`simulated(name, backend, overrides)`: what `simulate` returns for a scenario that ships.
+
+    Each is simulated once in a session, by the first test and process that asks; it is kept on the disk.
+    """
+    from mjsheaf import load_scenario, simulate
+
+    own = tmp_path_factory.getbasetemp()
+    folder = (own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "simulated"
+    folder.mkdir(exist_ok=True)
+
+    def run(name: str, backend: str, overrides: dict[str, object] | None = None) -> xr.Dataset:
+        digest = hashlib.sha256(repr(sorted((overrides or {}).items())).encode()).hexdigest()[:12]
+        path = folder / f"{name}-{backend}-{digest}.pickle"
+        with path.with_suffix(".lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not path.exists():
+                half = path.with_suffix(".half")
+                half.write_bytes(pickle.dumps(simulate(load_scenario(name, overrides), backend)))
+                half.rename(path)
+        data: xr.Dataset = pickle.loads(path.read_bytes())
+        return data
 
     return run

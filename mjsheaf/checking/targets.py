@@ -54,6 +54,8 @@ _COMPARED = 2000  # instants of a continuous law at which two integrations are c
 _DIFFERENCES = 20.0  # of two integrations, that are allowed
 _LARGEST_ERROR = 1e-4  # m, and relative to its farthest position: a path that may be farther off is not known
 
+_DENSE = 200_000  # numbers of K that are held as such
+
 _DONE, _FULL, _STUCK = 0, 1, 2
 
 

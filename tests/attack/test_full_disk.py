@@ -18,10 +18,19 @@ import xarray as xr
 
 from mjsheaf.results import dataset_bytes, write_dataset
 from mjsheaf.results.netcdf import EnduringFile
-from mjsheaf.video import available_backend
-from tests.attack.commands import IDEAL, SMALL, call, command_line, contents, files_of_at_most, is_refusal, leftovers
+from tests.commands import (
+    CAN_DRAW,
+    IDEAL,
+    SMALL,
+    all_contents,
+    answer_of,
+    command_line,
+    contents,
+    files_of_at_most,
+    is_refusal,
+    leftovers,
+)
 
-CAN_DRAW = available_backend()[0] is not None
 STUDY = ["sweep", "midpoint", "--backend", "ideal", "--set", "time.end=0.2", "--grid", "controller.gain=1,2,3"]
 STUDY += ["--trajectories", "--threads", "--workers", "1", "--out"]
 
@@ -76,49 +85,47 @@ def test_a_file_that_endures_reads_back_what_the_disk_refused(tmp_path: Path) ->
 @pytest.mark.parametrize("kilobytes", [0, 2, 20, 60])
 def test_run_leaves_nothing(kilobytes: int, tmp_path: Path) -> None:
     run = ("run", "midpoint", *IDEAL, "--out", tmp_path / "a" / "out")
-    assert call(*run).code == 0  # compiles, which writes files too
+    assert answer_of(*run).code == 0  # compiles, which writes files too
     shutil.rmtree(tmp_path / "a")
     with files_of_at_most(1000 * kilobytes):
-        assert is_refusal(call(*run), "out: cannot be written: File too large")
+        assert is_refusal(answer_of(*run), "out: cannot be written: File too large")
     assert list(tmp_path.iterdir()) == []
-    assert call(*run).code == 0
-    before = contents(tmp_path)
+    assert answer_of(*run).code == 0
+    before = all_contents(tmp_path)
     with files_of_at_most(1000 * kilobytes):
-        assert is_refusal(call(*run), "File too large")
-    assert contents(tmp_path) == before
+        assert is_refusal(answer_of(*run), "File too large")
+    assert all_contents(tmp_path) == before
 
 
 def test_plot_of_a_check_leaves_nothing(tmp_path: Path) -> None:
     with files_of_at_most(10_000):
-        assert is_refusal(call("check", "midpoint", "--plot", tmp_path / "a.png"), "a.png: cannot be written: File too")
+        assert is_refusal(
+            answer_of("check", "midpoint", "--plot", tmp_path / "a.png"), "a.png: cannot be written: File too"
+        )
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(not CAN_DRAW, reason="no offscreen OpenGL")
 def test_video_keeps_the_one_that_was_there(tmp_path: Path) -> None:
-    assert call("run", "midpoint", *IDEAL, *SMALL, "--video", "--out", tmp_path / "run").code == 0
-    before = contents(tmp_path)
+    assert answer_of("run", "midpoint", *IDEAL, *SMALL, "--video", "--out", tmp_path / "run").code == 0
+    before = all_contents(tmp_path)
     for out in ((), ("--out", tmp_path / "new.mp4")):
         with files_of_at_most(3000):
-            assert is_refusal(call("video", tmp_path / "run", *out), ".mp4: cannot be written: File too large")
-        assert contents(tmp_path) == before
+            assert is_refusal(answer_of("video", tmp_path / "run", *out), ".mp4: cannot be written: File too large")
+        assert all_contents(tmp_path) == before
 
 
 @pytest.mark.slow
 def test_a_study_goes_on(tmp_path: Path) -> None:
-    assert call(*STUDY, tmp_path / "whole").code == 0
+    assert answer_of(*STUDY, tmp_path / "whole").code == 0
     for k, size in enumerate((0, 20_000, 60_000)):
         out = tmp_path / str(k)
         with files_of_at_most(size):
-            answer = call(*STUDY, out)
+            answer = answer_of(*STUDY, out)
         assert is_refusal(answer, "cannot be written: File too large"), answer
-        assert call(*STUDY, out).code == 0
-        assert without_times(out) == without_times(tmp_path / "whole")
-
-
-def without_times(directory: Path) -> dict[str, bytes]:
-    return {name: data for name, data in contents(directory).items() if name != "timings.csv"}
+        assert answer_of(*STUDY, out).code == 0
+        assert contents(out) == contents(tmp_path / "whole")
 
 
 @pytest.mark.slow
@@ -165,11 +172,11 @@ def test_every_command_on_a_disk_that_is_really_full(disk: SmallDisk) -> None:
     for arguments, sizes in commands.values():
         for size in sizes:
             disk.resize(size)
-            answer = call(*arguments)
+            answer = answer_of(*arguments)
             assert is_refusal(answer, "cannot be written: No space left on device"), (arguments, size, answer)
             assert list(disk.path.iterdir()) == []
         disk.resize(4000)
-        assert call(*arguments).code in (0, 3)
+        assert answer_of(*arguments).code in (0, 3)
         assert leftovers(disk.path) == []
         for path in sorted(disk.path.rglob("*"), reverse=True):
             path.rmdir() if path.is_dir() else path.unlink()
@@ -177,13 +184,13 @@ def test_every_command_on_a_disk_that_is_really_full(disk: SmallDisk) -> None:
 
 @pytest.mark.slow
 def test_a_study_on_a_disk_that_is_really_full(disk: SmallDisk, tmp_path: Path) -> None:
-    assert call(*STUDY, tmp_path / "whole").code == 0
+    assert answer_of(*STUDY, tmp_path / "whole").code == 0
     for size in (12, 60, 100, 140):
         out = disk.path / str(size)
         disk.resize(size)
-        assert is_refusal(call(*STUDY, out), "No space left on device"), size
+        assert is_refusal(answer_of(*STUDY, out), "No space left on device"), size
         disk.resize(4000)
-        assert call(*STUDY, out).code == 0
-        assert without_times(out) == without_times(tmp_path / "whole")
+        assert answer_of(*STUDY, out).code == 0
+        assert contents(out) == contents(tmp_path / "whole")
         for path in sorted(disk.path.rglob("*"), reverse=True):
             path.rmdir() if path.is_dir() else path.unlink()

@@ -25,11 +25,9 @@ from mjsheaf.io import files as whole
 from mjsheaf.io.files import put_in_place, whole_directory, whole_file, write_whole
 from mjsheaf.results import load_run
 from mjsheaf.results.store import FILES
-from mjsheaf.video import available_backend
-from tests.attack.commands import IDEAL, SMALL, call, command_line, leftovers
+from tests.builders import REPOSITORY
+from tests.commands import CAN_DRAW, IDEAL, SMALL, answer_of, command_line, heed_interrupts, leftovers
 
-REPOSITORY = Path(__file__).resolve().parents[2]
-CAN_DRAW = available_backend()[0] is not None
 CODES = {"SIGKILL": -9, "SIGTERM": 143, "SIGHUP": 129, "SIGINT": 130, "SIGINT twice": 130}
 
 
@@ -49,12 +47,12 @@ def test_the_next_command_removes_what_a_killed_one_left(tmp_path: Path) -> None
     stale = abandoned(out)
     other = [abandoned(tmp_path / "outer"), abandoned(tmp_path / "out.b"), tmp_path / ".out.mine.part"]
     other[-1].mkdir()
-    assert call("run", "midpoint", *IDEAL, "--out", out).code == 0
+    assert answer_of("run", "midpoint", *IDEAL, "--out", out).code == 0
     assert not stale.exists()
     assert all(path.exists() for path in other)
     for name in ("video.mp4", "summary.json"):  # of a killed `video`: they are ours, and the run can be replaced
         abandoned(out / name, directory=False)
-    assert call("run", "midpoint", *IDEAL, "--out", out).code == 0
+    assert answer_of("run", "midpoint", *IDEAL, "--out", out).code == 0
     assert {path.name for path in out.iterdir()} <= set(FILES)
 
 
@@ -119,17 +117,10 @@ def test_signals_while_one_is_obeyed_change_nothing(first: str, second: str, cod
     numbers = {"first": int(signal.Signals[first]), "second": int(signal.Signals[second])}
     done = subprocess.run(
         [sys.executable, "-c", OBEYING.format(**numbers)],
-        capture_output=True, text=True, check=False, preexec_fn=heed,
+        capture_output=True, text=True, check=False, preexec_fn=heed_interrupts,
     )  # fmt: skip
     assert (done.returncode, done.stdout) == (code, "cleaned\n")
     assert done.stderr == f"mjsheaf: {word}; nothing was written\n"
-
-
-def heed() -> None:
-    """As a shell begins a command, whatever these tests inherit."""
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-    for number in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, signal.SIG_DFL)
 
 
 class Attack:
@@ -140,7 +131,7 @@ class Attack:
         self.scenario = folder / "mine.yaml"
         shutil.copy(REPOSITORY / "scenarios" / "midpoint.yaml", self.scenario)
         small = ["midpoint", "--set", "time.end=1", *SMALL]
-        assert call("run", *small, "--out", self.run).code == 0
+        assert answer_of("run", *small, "--out", self.run).code == 0
         self.commands: dict[str, list[str | Path]] = {
             "run": ["run", *small, "--out", folder / "out"],
             "run again": ["run", *small, "--out", self.run],
@@ -157,7 +148,7 @@ class Attack:
     def start(self, kind: str) -> "subprocess.Popen[str]":
         return subprocess.Popen(
             command_line(*self.commands[kind]), cwd=self.folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-            text=True, start_new_session=True, preexec_fn=heed,
+            text=True, start_new_session=True, preexec_fn=heed_interrupts,
         )  # fmt: skip
 
     def check(self) -> None:

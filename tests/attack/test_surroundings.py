@@ -14,11 +14,10 @@ from pathlib import Path
 
 import pytest
 
-from tests.attack.commands import IDEAL, call, command_line, is_refusal
+from tests.builders import REPOSITORY
+from tests.commands import IDEAL, RUN_FILES, answer_of, command_line, is_refusal
 
-REPOSITORY = Path(__file__).resolve().parents[2]
 SHORT = ("run", "midpoint", *IDEAL)
-DATA = {"result.nc", "summary.json", "scenario.yaml", "errors.png", "trajectories.png", "configurations.png"}
 BARE = {name: value for name, value in os.environ.items() if name == "PATH" or name.startswith("OPENBLAS_")}
 BARE["PYTHONPATH"] = str(REPOSITORY)
 """Next to nothing; but bits depend on the kernels that OpenBLAS takes."""
@@ -33,7 +32,7 @@ def run(*arguments: str | Path, cwd: Path, **options: object) -> "subprocess.Com
 @pytest.fixture(scope="module")
 def usual(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     directory = tmp_path_factory.mktemp("usual") / "out"
-    assert call(*SHORT, "--out", directory).code == 0
+    assert answer_of(*SHORT, "--out", directory).code == 0
     return (directory / "result.nc").read_bytes()
 
 
@@ -59,7 +58,7 @@ def test_strange_surroundings_change_no_bit(name: str, usual: bytes, tmp_path: P
     assert (done.returncode, done.stderr) == (0, "")
     assert "finished" in "".join(done.stdout.split())
     assert (tmp_path / "où" / "result.nc").read_bytes() == usual
-    assert {p.name for p in (tmp_path / "où").iterdir()} == DATA
+    assert {p.name for p in (tmp_path / "où").iterdir()} == RUN_FILES
 
 
 @pytest.mark.slow
@@ -70,7 +69,7 @@ def test_a_machine_that_cannot_draw_keeps_its_data(value: str, tmp_path: Path) -
     assert done.returncode == 0
     assert done.stderr.startswith("note: no video: ")
     assert done.stderr.count("\n") == 1
-    assert {p.name for p in (tmp_path / "out").iterdir()} == DATA
+    assert {p.name for p in (tmp_path / "out").iterdir()} == RUN_FILES
     done = run("video", "out", cwd=tmp_path, env={**BARE, "MUJOCO_GL": value})
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
 
@@ -81,7 +80,7 @@ def test_names_that_are_no_text(tmp_path: Path) -> None:
         env = {**BARE, "PYTHONIOENCODING": encoding}
         out = os.fsdecode(b"o\xff\xfe")
         assert run(*SHORT, "--out", out, cwd=tmp_path, env=env).returncode == 0
-        assert {p.name for p in (tmp_path / out).iterdir()} == DATA
+        assert {p.name for p in (tmp_path / out).iterdir()} == RUN_FILES
         shutil.copy(REPOSITORY / "scenarios" / "midpoint.yaml", tmp_path / os.fsdecode(b"m\xff.yaml"))
         assert run("check", os.fsdecode(b"m\xff.yaml"), cwd=tmp_path, env=env).returncode == 0
         done = run("run", os.fsdecode(b"none\xff.yaml"), cwd=tmp_path, env=env)
@@ -116,7 +115,7 @@ def test_readers_that_go_away(tmp_path: Path) -> None:
             process.stdout.close()
             assert process.stderr.read() == b""
         assert process.returncode == 141, arguments
-    assert {p.name for p in (tmp_path / "out").iterdir()} == DATA
+    assert {p.name for p in (tmp_path / "out").iterdir()} == RUN_FILES
     if Path("/dev/full").exists():
         with open("/dev/full", "w") as full:
             done = run("schema", cwd=tmp_path, stdout=full, stderr=subprocess.PIPE, capture_output=False)
@@ -130,7 +129,7 @@ def test_working_directory_that_is_gone(tmp_path: Path) -> None:
     gone.rmdir()
     try:
         for command in (SHORT, ("run", "midpoint"), ("check", "nothing.yaml"), ("sweep", "midpoint", "--out", "s")):
-            answer = call(*command)
+            answer = answer_of(*command)
             assert is_refusal(answer), answer
     finally:
         os.chdir(here)
@@ -188,7 +187,7 @@ def test_two_commands_on_one_place(tmp_path: Path) -> None:
     processes = [subprocess.Popen(c, env=BARE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) for c in commands]
     assert [process.wait() for process in processes] == [0, 0]
     assert {p.name for p in tmp_path.iterdir()} == {"out"}
-    assert {p.name for p in (tmp_path / "out").iterdir()} == DATA
+    assert {p.name for p in (tmp_path / "out").iterdir()} == RUN_FILES
 
 
 @pytest.mark.slow

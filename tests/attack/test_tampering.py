@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 
-from tests.attack.commands import IDEAL, SMALL, call, contents, is_refusal
+from tests.commands import IDEAL, SMALL, all_contents, answer_of, is_refusal
 
 Damage = Callable[[bytes, random.Random], bytes]
 
@@ -51,7 +51,7 @@ DAMAGES: list[Damage] = [truncated, flipped, blanked, swapped, extended]
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     directory = tmp_path_factory.mktemp("tampering") / "run"
-    assert call("run", "midpoint", *IDEAL, *SMALL, "--out", directory).code == 0
+    assert answer_of("run", "midpoint", *IDEAL, *SMALL, "--out", directory).code == 0
     return directory
 
 
@@ -81,7 +81,7 @@ def test_damaged_file_of_a_run(name: str, run: Path, films: list[Any], tmp_path:
         file.write_bytes(DAMAGES[k % len(DAMAGES)](before, choose))
         if file.read_bytes() == before:  # zeros in the place of zeros
             continue
-        answer = call("video", directory)
+        answer = answer_of("video", directory)
         if name == "result.nc":
             assert is_refusal(answer, "result.nc is not as the run wrote it"), k
         else:  # a text may be another and still make sense
@@ -104,7 +104,7 @@ def test_something_else_in_the_place_of_a_file(name: str, run: Path, films: list
         shutil.copytree(run, directory)
         (directory / name).unlink()
         make(directory / name)
-        answer = call("video", directory)
+        answer = answer_of("video", directory)
         assert is_refusal(answer) or (name, k) == ("summary.json", 7), (k, answer)
 
 
@@ -112,7 +112,6 @@ FUZZ = """
 import random, shutil, sys
 from pathlib import Path
 from tests.attack.test_tampering import DAMAGES
-from tests.attack.commands import call, is_refusal
 import mjsheaf.video, mjsheaf.cli.video
 mjsheaf.video.draw_video = lambda film, *_: film.loaded() and 1
 mjsheaf.cli.video.available_backend = lambda: ("egl", "")
@@ -120,7 +119,7 @@ run, choose = Path(sys.argv[1]), random.Random(sys.argv[2])
 data = (run / "result.nc").read_bytes()
 for k in range(int(sys.argv[3])):
     (run / "result.nc").write_bytes(choose.choice(DAMAGES)(data, choose))
-    answer = call("video", run, "--out", run.parent / "x.mp4")
+    answer = answer_of("video", run, "--out", run.parent / "x.mp4")
     assert answer.code == 0 or is_refusal(answer), answer
 """
 
@@ -146,13 +145,13 @@ STUDY += ["--trajectories", "--threads", "--workers", "1", "--out"]
 @pytest.fixture(scope="module")
 def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
     directory = tmp_path_factory.mktemp("tampering") / "study"
-    assert call(*STUDY, directory).code == 0
+    assert answer_of(*STUDY, directory).code == 0
     return directory
 
 
 @pytest.mark.slow
 def test_damaged_study_ends_as_the_one_that_nobody_touched(study: Path, tmp_path: Path) -> None:
-    choose, before = random.Random(5), contents(study)
+    choose, before = random.Random(5), all_contents(study)
     names = [name for name in before if name not in (".lock", "timings.csv", "study.json", "scenario.yaml")]
     for k in range(2):
         directory = tmp_path / str(k)
@@ -160,8 +159,8 @@ def test_damaged_study_ends_as_the_one_that_nobody_touched(study: Path, tmp_path
         for name in names:
             data = (directory / name).read_bytes()
             (directory / name).write_bytes(choose.choice(DAMAGES)(data, choose))
-        assert call(*STUDY, directory).code == 0
-        after = contents(directory)
+        assert answer_of(*STUDY, directory).code == 0
+        after = all_contents(directory)
         assert {n: after[n] for n in names} == {n: before[n] for n in names}
 
 
@@ -173,7 +172,7 @@ def test_edited_record_is_run_again(study: Path, tmp_path: Path) -> None:
     record["final"]["tracking_error"] = 0.0
     path.write_text(json.dumps(record))
     (directory / "trajectories" / "000003.nc").unlink()
-    assert call(*STUDY, directory).code == 0
+    assert answer_of(*STUDY, directory).code == 0
     times = (directory / "timings.csv").read_text().splitlines()[1:]
     assert sorted(int(line.split(",")[0]) for line in times) == [0, 1, 2, 2, 3, 3]
     assert (directory / "table.csv").read_bytes() == (study / "table.csv").read_bytes()
@@ -184,6 +183,6 @@ def test_damaged_study_file(text: bytes, study: Path, tmp_path: Path) -> None:
     directory = tmp_path / "study"
     shutil.copytree(study, directory)
     (directory / "study.json").write_bytes(text)
-    before = contents(directory)
-    assert is_refusal(call(*STUDY, directory), "is no study of mjsheaf")
-    assert contents(directory) == before
+    before = all_contents(directory)
+    assert is_refusal(answer_of(*STUDY, directory), "is no study of mjsheaf")
+    assert all_contents(directory) == before

@@ -16,8 +16,8 @@ import pytest
 
 from mjsheaf.errors import InputError
 from mjsheaf.vehicles.loading import load_vehicle
+from tests.builders import DATA
 
-DATA = Path(__file__).resolve().parent.parent / "data"
 BODY = (DATA / "raft.xml").read_text()
 LOL = "".join(f'<!ENTITY l{k} "{f"&l{k - 1};" * 10}">' for k in range(1, 10))
 

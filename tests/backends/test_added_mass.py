@@ -16,9 +16,7 @@ from scipy.spatial.transform import Rotation
 from mjsheaf import World
 from mjsheaf.vehicles.loading import load_vehicle
 from mjsheaf.vehicles.vehicle import Vehicle
-
-from .alone import REAL, alone, attitude, body, place, step_unpowered
-from .vehicles import altered, find
+from tests.builders import REAL, alone, altered, attitude, body, find, place, step_unpowered
 
 Array = NDArray[np.float64]
 

@@ -19,11 +19,7 @@ from mjsheaf.simulation import arena as arena_module
 from mjsheaf.simulation.arena import compose
 from mjsheaf.vehicles.loading import load_vehicle
 from mjsheaf.vehicles.vehicle import GRAVITY
-
-from .alone import alone, ask
-from .vehicles import Edit, altered, find
-
-TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+from tests.builders import TETRAHEDRON, Edit, alone, altered, ask, find
 
 
 def turned_in_degrees(root: ElementTree.Element) -> None:

@@ -17,9 +17,7 @@ from scipy.spatial.transform import Rotation
 from mjsheaf import World
 from mjsheaf.simulation.autopilot import drive
 from mjsheaf.vehicles.vehicle import Vehicle
-
-from .alone import MULTIROTORS, REAL, alone, ask, attitude, body, place, wanted_force, wrench, yaw_of
-from .vehicles import altered
+from tests.builders import MULTIROTORS, REAL, alone, altered, ask, attitude, body, place, wanted_force, wrench, yaw_of
 
 Array = NDArray[np.float64]
 

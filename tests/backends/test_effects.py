@@ -16,8 +16,7 @@ from mjsheaf.system import Effects
 from mjsheaf.vehicles.effects import embody, has_effects
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 from mjsheaf.vehicles.vehicle import Vehicle
-
-from .alone import BOATS, MULTIROTORS, REAL, alone, ask, attitude, body, place, yaw_of
+from tests.builders import BOATS, MULTIROTORS, REAL, alone, ask, attitude, body, place, yaw_of
 
 Array = NDArray[np.float64]
 

@@ -19,9 +19,7 @@ from mjsheaf import World
 from mjsheaf.simulation.loop import run_physics
 from mjsheaf.vehicles import vehicle as vehicle_module
 from mjsheaf.vehicles.loading import load_vehicle
-
-from .small import make, medium, mixed, velocity_commands
-from .vehicles import altered, find, xml_of
+from tests.builders import altered, find, make_scenario, medium, mixed_scenario, velocity_commands, xml_of
 
 Array = NDArray[np.float64]
 
@@ -62,11 +60,11 @@ def tumble(world: World, seed: int) -> None:
 @pytest.fixture
 def world(tmp_path: Path) -> World:
     """The mixed team; the aircraft drag unlike along each axis, one with its mass off the origin of its frame."""
-    scenario = mixed()
+    scenario = mixed_scenario()
     agents = [a.model_dump(exclude_none=True) for a in scenario.agents]
     agents[1]["vehicle"] = altered(tmp_path / "drag", "aerial", drag=LINEAR)
     agents[2]["vehicle"] = altered(tmp_path / "shift", "aerial", shift_mass, drag=LINEAR)
-    return World(mixed(agents=agents, disturbance={"agents": {"bound": 0.5}}))
+    return World(mixed_scenario(agents=agents, disturbance={"agents": {"bound": 0.5}}))
 
 
 # -- at one instant ------------------------------------------------------------------------------------------------
@@ -153,7 +151,9 @@ def test_gears_on_the_joint_are_thrusters_on_sites(name: str, tmp_path: Path) ->
     """Step by step, tumbling, the trajectory of the file's own site transmissions under the same commands."""
     agents = [{"id": "A", "position": [0, 0] if name == "hull" else [0, 0, 0], "vehicle": name, "heading": 50}]
     targets = [{"id": "T", "position": [40, 30, 20]}]
-    scenario = make({"agents": agents, "targets": targets, "sensing": [["A", "T"]], "controller": {"gain": 0.3}})
+    scenario = make_scenario(
+        {"agents": agents, "targets": targets, "sensing": [["A", "T"]], "controller": {"gain": 0.3}}
+    )
     world = World(scenario)
     rng = np.random.default_rng(4)
     turn(world, 0, Rotation.from_rotvec(0.8 * rng.standard_normal(3)).as_matrix())
@@ -186,7 +186,7 @@ def drifting(tmp_path: Path, timestep: float, flow: dict[str, Any], **vehicle: A
     target = {"id": "T", "position": [1, 2, -3], "heading": 35}
     target["vehicle"] = altered(tmp_path, "submersible", **vehicle)
     return World(
-        make(
+        make_scenario(
             {
                 "agents": [{"id": "A", "position": [9, 9]}],
                 "targets": [target],
@@ -244,7 +244,7 @@ def test_drag_is_taken_once(tau: float, period: float) -> None:
     agents = [{"id": "A", "position": [0, 0]}, {"id": "B", "position": [0, 0, 0]}]
     scenario = {"agents": agents, "targets": [{"id": "T", "position": [1, 2, 3]}], "vehicles": {"tau": tau}}
     scenario |= {"sensing": [["A", "T"], ["B", "T"]], "physics": {"timestep": timestep}}
-    world = World(make({**scenario, "controller": {"gain": 1.0, "control_period": steps * timestep}}))
+    world = World(make_scenario({**scenario, "controller": {"gain": 1.0, "control_period": steps * timestep}}))
     fleet = world._before_step.fleet
     for v, vehicle in enumerate(world.arena.vehicles):
         kind, damping = fleet.kinds[fleet.bodies[v]["kind"]], world.model.dof_damping[parts(world, v)[1]]
@@ -302,7 +302,9 @@ def test_an_eccentric_aircraft_hovers_level(tmp_path: Path) -> None:
     """Thrusters carry the weight through the centre of mass, wherever it is."""
     path = altered(tmp_path, "aerial", shift_mass)
     agents = [{"id": "A", "position": [1, 2, 3], "heading": 70, "vehicle": path}]
-    world = World(make({"agents": agents, "targets": [{"id": "T", "position": [1, 2, 3]}], "sensing": [["A", "T"]]}))
+    world = World(
+        make_scenario({"agents": agents, "targets": [{"id": "T", "position": [1, 2, 3]}], "sensing": [["A", "T"]]})
+    )
     world.step(3000)
     np.testing.assert_allclose(world.positions()[0], [1, 2, 3], atol=1e-6)
     np.testing.assert_allclose(attitude(world, 0), Rotation.from_euler("z", 70, degrees=True).as_matrix(), atol=1e-6)
@@ -314,7 +316,7 @@ def test_an_eccentric_aircraft_hovers_level(tmp_path: Path) -> None:
 def boat(height: float = 0.0) -> World:
     agents = [{"id": "A", "position": [0, 0], "heading": 20}]
     seen = {"targets": [{"id": "T", "position": [0, 0]}], "sensing": [["A", "T"]]}
-    return World(make({"agents": agents, **seen, "scene": {"surface": "water", "height": height}}))
+    return World(make_scenario({"agents": agents, **seen, "scene": {"surface": "water", "height": height}}))
 
 
 @pytest.mark.parametrize("height", [0.0, 2.5])
@@ -366,7 +368,9 @@ def test_limits_and_lag_of_the_file_survive_the_assembly(tmp_path: Path) -> None
     path = altered(tmp_path, "hull", limited)
     agents = [{"id": "A", "position": [0, 0], "vehicle": path}, {"id": "B", "position": [50, 0]}]
     targets = [{"id": "T", "position": [50, 0]}]
-    scenario = make({"agents": agents, "targets": targets, "sensing": [["A", "T"], ["B", "T"]], "time": {"end": 0.5}})
+    scenario = make_scenario(
+        {"agents": agents, "targets": targets, "sensing": [["A", "T"], ["B", "T"]], "time": {"end": 0.5}}
+    )
     world = World(scenario)
     own = mujoco.MjModel.from_xml_path(str(Path(path).with_suffix(".xml")))
     for name in ("ctrlrange", "ctrllimited", "forcerange", "forcelimited", "dyntype", "dynprm", "gainprm"):
@@ -401,7 +405,7 @@ def test_saturation_sees_every_limit(limits: dict[str, str], bound: float | None
         find(root, "default/default[@class='thruster']/general").attrib.update(limits)
 
     agents = [{"id": "A", "position": [0, 0], "vehicle": altered(tmp_path, "hull", edit)}]
-    scenario = make({"agents": agents, "targets": [{"id": "T", "position": [50, 0]}], "sensing": [["A", "T"]]})
+    scenario = make_scenario({"agents": agents, "targets": [{"id": "T", "position": [50, 0]}], "sensing": [["A", "T"]]})
     world = World(scenario)
     world.step(200)
     world.close_loop()

@@ -18,8 +18,7 @@ from mjsheaf.simulation.loop import vehicles_of
 from mjsheaf.simulation.run import require_simulable
 from mjsheaf.studies import load_plan
 from mjsheaf.studies.job import run_job
-
-from .small import make, mixed
+from tests.builders import make_scenario, mixed_scenario
 
 BACKENDS = ("ideal", "physics")
 BAD = {
@@ -67,7 +66,7 @@ def test_a_vehicle_that_does_not_fit_is_refused_everywhere(
 
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_what_may_run_may_run_on_both(backend: str) -> None:
-    require_simulable(mixed().system(), backend)
+    require_simulable(mixed_scenario().system(), backend)
 
 
 @pytest.mark.parametrize("tau", [None, 1e-3, 0.05, 10.0])
@@ -77,5 +76,5 @@ def test_what_vehicles_are_unless_named_fits_whatever_the_effects(tau: float | N
     for flags in itertools.product([True, False], repeat=len(names)):
         effects = dict(zip(names, flags, strict=True))
         fields: dict[str, Any] = {"physics": {"effects": effects}, "vehicles": {"tau": tau}}
-        assert len(vehicles_of(make({**ONE, **fields}).system())) == 2
-        assert len(vehicles_of(mixed(**fields).system())) == 5
+        assert len(vehicles_of(make_scenario({**ONE, **fields}).system())) == 2
+        assert len(vehicles_of(mixed_scenario(**fields).system())) == 5

@@ -4,8 +4,6 @@ Oracles: the checkpoints of the published run (tests/data/paper_facts.json); sci
 plain numpy; the matrix exponential where the loop is linear.
 """
 
-import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,12 +17,10 @@ from mjsheaf.scenario import Scenario
 from mjsheaf.simulation.ideal import inputs, run_ideal
 from mjsheaf.simulation.trajectory import Trajectory
 from mjsheaf.system import System
-
-from .small import FLOW, make, medium, mixed, velocity_commands
+from tests.builders import FACTS, FLOW, Simulated, make_scenario, medium, mixed_scenario, velocity_commands
 
 Array = NDArray[np.float64]
 
-FACTS = json.loads((Path(__file__).parents[1] / "data" / "paper_facts.json").read_text())
 
 DISTURBED = {"agents": {"bound": 0.5}, "targets": {"bound": 0.3}}
 MOTION = {"kind": "lissajous", "amplitude": [2, 1, 1], "rate": [1, 2, 1], "phase": [1.5, 0, 0]}
@@ -45,12 +41,8 @@ def run(system: System) -> Trajectory:
 # -- the published run ---------------------------------------------------------------------------------------------
 
 
-@pytest.fixture(scope="module")
-def published() -> Any:
-    return simulate(load_scenario("paper"), backend="ideal")
-
-
-def test_published_checkpoints(published: Any) -> None:
+def test_published_checkpoints(simulated: Simulated) -> None:
+    published = simulated("paper", "ideal")
     assert published.sizes["time"] == 4999
     np.testing.assert_allclose(published.time[[0, -1]], [0.01, 49.99], rtol=1e-14)
     points = FACTS["checkpoints_gain_10"]
@@ -88,7 +80,7 @@ def still(period: float, drift: list[float], **fields: Any) -> System:
     """The mixed team with targets that stand still and a uniform flow about the agents: a linear loop."""
     flow = {"agents": {"dimension": 3, "drift": drift}}
     control = {"gain": 3.0, "control_period": period, "record_period": 0.01}
-    return mixed(controller=control, flow=flow, target_formation=None, **fields).system()
+    return mixed_scenario(controller=control, flow=flow, target_formation=None, **fields).system()
 
 
 def test_held_control_is_a_matrix_power() -> None:
@@ -138,7 +130,7 @@ def test_a_short_hold_comes_near_the_continuous_law() -> None:
 def test_everything_together_against_scipy(period: float) -> None:
     """Flow, disturbances, Lissajous and waypoint targets and their own consensus, mixed dimensions."""
     control = {"gain": 3.0, "control_period": period, "record_period": 0.1}
-    system = mixed(controller=control, disturbance=DISTURBED, targets=TARGETS, ideal={"rtol": 1e-11}).system()
+    system = mixed_scenario(controller=control, disturbance=DISTURBED, targets=TARGETS, ideal={"rtol": 1e-11}).system()
     trajectory = run(system)
     x, V = np.array(system.initial), 5
 
@@ -162,7 +154,7 @@ def test_the_tolerance_is_honoured() -> None:
         physics = {"timestep": 0.5}
         flow = {"agents": {**FLOW, "core": 0.3}, "targets": FLOW}
         ideal = {"rtol": rtol, "atol": 1e-3 * rtol}
-        system = mixed(
+        system = mixed_scenario(
             controller=control, time={"end": 5.0}, flow=flow, targets=TARGETS, ideal=ideal, physics=physics
         ).system()
         return run(system).positions[-1]
@@ -194,11 +186,11 @@ FIVE_IN_SPACE: dict[str, Any] = {
 def test_any_full_rank_effectiveness_gives_the_trajectory_of_the_identity(period: float) -> None:
     """g g^+ = I: with more inputs than states and a g that turns with position and time nothing else changes."""
     control = {"gain": 3.0, "control_period": period}
-    plain = mixed(controller=control, disturbance=DISTURBED)
+    plain = mixed_scenario(controller=control, disturbance=DISTURBED)
     agents = [a.model_dump(exclude_none=True) for a in plain.agents]
     for agent, g in zip(agents, (FOUR_IN_THE_PLANE, FIVE_IN_SPACE, FIVE_IN_SPACE), strict=True):
         agent["effectiveness"] = g
-    turned = mixed(controller=control, disturbance=DISTURBED, agents=agents)
+    turned = mixed_scenario(controller=control, disturbance=DISTURBED, agents=agents)
     one, other = run(plain.system()), run(turned.system())
     assert np.any(one.positions != other.positions)  # it did take another way to the same numbers
     np.testing.assert_allclose(other.positions, one.positions, rtol=0, atol=1e-8)
@@ -206,10 +198,10 @@ def test_any_full_rank_effectiveness_gives_the_trajectory_of_the_identity(period
 
 def test_inputs_of_an_effectiveness_produce_the_commanded_velocity() -> None:
     """The recorded u has s channels, and g(q, t) u = -k1 eta at every sample."""
-    plain = mixed()
+    plain = mixed_scenario()
     agents = [a.model_dump(exclude_none=True) for a in plain.agents]
     agents[0]["effectiveness"], agents[2]["effectiveness"] = FOUR_IN_THE_PLANE, FIVE_IN_SPACE
-    system = mixed(agents=agents).system()
+    system = mixed_scenario(agents=agents).system()
     trajectory = run(system)
     x, t = trajectory.positions, trajectory.time
     commands = np.array([velocity_commands(system, *state)[:3] for state in zip(t, x, strict=True)])
@@ -235,7 +227,7 @@ def test_velocity_limits_are_kept(period: float) -> None:
         {"id": "near", "position": [0.1, 0, 0]},
     ]
     seen = [[name, "T"] for name in ("slow", "usual", "near")]
-    scenario = make(
+    scenario = make_scenario(
         {
             "time": {"end": 1.0},
             "controller": {"gain": 5.0, "control_period": period, "velocity_limit": 2.0},
@@ -257,23 +249,24 @@ def test_velocity_limits_are_kept(period: float) -> None:
 def test_one_run_gives_the_bits_of_another(period: float) -> None:
     control = {"gain": 3.0, "control_period": period}
     one, again = (
-        run(mixed(controller=control, disturbance=DISTURBED, targets=TARGETS).system()).positions for _ in range(2)
+        run(mixed_scenario(controller=control, disturbance=DISTURBED, targets=TARGETS).system()).positions
+        for _ in range(2)
     )
     assert one.tobytes() == again.tobytes()
-    other = run(mixed(controller=control, disturbance=DISTURBED, targets=TARGETS, seed=1).system()).positions
+    other = run(mixed_scenario(controller=control, disturbance=DISTURBED, targets=TARGETS, seed=1).system()).positions
     assert np.any(one != other)
 
 
 @pytest.mark.parametrize("period", [0.0, 0.01], ids=["continuous", "held"])
 def test_a_shorter_run_is_the_beginning_of_a_longer_one(period: float) -> None:
     control = {"gain": 3.0, "control_period": period}
-    whole, part = (run(mixed(controller=control, time={"end": end}).system()).positions for end in (1.0, 0.4))
+    whole, part = (run(mixed_scenario(controller=control, time={"end": end}).system()).positions for end in (1.0, 0.4))
     np.testing.assert_array_equal(whole[: len(part)], part)
 
 
 def test_progress_counts_up_to_the_end() -> None:
     seen: list[tuple[int, int]] = []
-    run_ideal(mixed(time={"end": 12.0}).system(), lambda done, of: seen.append((done, of)))
+    run_ideal(mixed_scenario(time={"end": 12.0}).system(), lambda done, of: seen.append((done, of)))
     assert seen == [(500, 1200), (1000, 1200), (1200, 1200)]
 
 
@@ -299,7 +292,7 @@ def test_the_margin_is_where_it_is_said_to_be() -> None:
 
 
 def test_targets_that_diverge_are_named_as_the_cause() -> None:
-    scenario = mixed(target_formation={"gain": 150.0}, time={"end": 5.0})
+    scenario = mixed_scenario(target_formation={"gain": 150.0}, time={"end": 5.0})
     trajectory = run_ideal(scenario.system())
     assert trajectory.status == "unstable"
     assert "the targets' own held consensus diverges; take target_formation.gain below" in trajectory.message
@@ -310,7 +303,7 @@ TINY = [0.0, 5e-324, 1e-310, 1e-300, 1e-100, 1e-30, 1e-16, -1e-16, 1e-12, 1e-8, 
 
 def next_to_the_origin(x: float, period: float, flow: dict[str, Any] | None = None) -> Scenario:
     """An agent at x on the way to a target 1 m ahead."""
-    return make(
+    return make_scenario(
         {
             "time": {"end": 1.0},
             "controller": {"gain": 1.0, "control_period": period},
@@ -345,7 +338,7 @@ def test_a_run_starts_next_to_a_sink(alpha: float, period: float) -> None:
 def test_periods_of_any_length_begin() -> None:
     """From rest at the origin the first trial step is 1e-6 s, whatever the period."""
     for period in (1e-6, 1e8):
-        scenario = make(
+        scenario = make_scenario(
             {
                 "time": {"end": 2.0 * period},
                 "controller": {"gain": 0.1 / period, "control_period": period},

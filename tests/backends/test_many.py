@@ -9,16 +9,15 @@ import xarray as xr
 from mjsheaf import simulate, simulate_many
 from mjsheaf.errors import InputError, MjsheafError, NotUniqueError
 from mjsheaf.scenario import Scenario
-
-from .small import mixed
+from tests.builders import mixed_scenario
 
 DISTURBED = {"agents": {"bound": 0.5}, "targets": {"bound": 0.3}}
 
 
 def runs() -> list[Scenario]:
     control = [{"gain": gain, "control_period": 0.01} for gain in (1.0, 2.0, 3.0)]
-    one = [mixed(controller=c, disturbance=DISTURBED, seed=k) for k, c in enumerate(control)]
-    return [*one, mixed(seed=7, disturbance=DISTURBED, time={"end": 0.3})]
+    one = [mixed_scenario(controller=c, disturbance=DISTURBED, seed=k) for k, c in enumerate(control)]
+    return [*one, mixed_scenario(seed=7, disturbance=DISTURBED, time={"end": 0.3})]
 
 
 def bits(result: "xr.Dataset | MjsheafError") -> dict[str, bytes]:
@@ -41,9 +40,9 @@ def test_threads_give_the_bits_of_one_by_one(backend: str, workers: int | None) 
 
 def test_a_refused_scenario_does_not_lose_the_others() -> None:
     """Refused: nobody senses a target. Blown up: a gain beyond the margin of the hold, which is a result."""
-    wild = mixed(controller={"gain": 1e4, "control_period": 0.01})
-    free = mixed(sensing=[["boat", "ship"]], communication=[["boat", "front"]], formations=[])
-    good, refused, broken, again = simulate_many([mixed(), free, wild, mixed()], "ideal", workers=2)
+    wild = mixed_scenario(controller={"gain": 1e4, "control_period": 0.01})
+    free = mixed_scenario(sensing=[["boat", "ship"]], communication=[["boat", "front"]], formations=[])
+    good, refused, broken, again = simulate_many([mixed_scenario(), free, wild, mixed_scenario()], "ideal", workers=2)
     assert isinstance(refused, NotUniqueError)
     assert isinstance(broken, xr.Dataset)
     assert broken.attrs["status"] == "unstable"
@@ -71,15 +70,15 @@ def test_an_interrupted_set_of_runs_ends_soon() -> None:
     def stop(done: int, of: int) -> None:
         raise KeyboardInterrupt
 
-    long = [mixed(time={"end": 1e5}, controller={"gain": 3.0, "control_period": 0.01}) for _ in range(3)]
+    long = [mixed_scenario(time={"end": 1e5}, controller={"gain": 3.0, "control_period": 0.01}) for _ in range(3)]
     with pytest.raises(KeyboardInterrupt):
-        simulate_many([mixed(), *long], "ideal", workers=2, progress=stop)
+        simulate_many([mixed_scenario(), *long], "ideal", workers=2, progress=stop)
     assert not [thread for thread in threading.enumerate() if thread.name.startswith("ThreadPoolExecutor")]
 
 
 def test_nothing_to_run_and_bad_arguments() -> None:
     assert simulate_many([], "ideal") == []
     with pytest.raises(InputError, match="workers is 0; expected 1 or more"):
-        simulate_many([mixed()], workers=0)
+        simulate_many([mixed_scenario()], workers=0)
     with pytest.raises(InputError, match="unknown backend 'real'; expected one of physics, ideal"):
-        simulate_many([mixed()], "real")
+        simulate_many([mixed_scenario()], "real")

@@ -16,10 +16,22 @@ from scipy.spatial.transform import Rotation
 from mjsheaf import World
 from mjsheaf.simulation.loop import run_physics
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
-
-from .alone import BOATS, LAG, MULTIROTORS, REAL, alone, ask, attitude, body, place, step_unpowered, yaw_of
-from .small import make
-from .vehicles import altered, yaws
+from tests.builders import (
+    BOATS,
+    LAG,
+    MULTIROTORS,
+    REAL,
+    alone,
+    altered,
+    ask,
+    attitude,
+    body,
+    make_scenario,
+    place,
+    step_unpowered,
+    yaw_of,
+    yaws,
+)
 
 Array = NDArray[np.float64]
 
@@ -236,7 +248,7 @@ def test_the_hand_point_follows_a_target_while_the_hull_turns() -> None:
     """
     rate, radius, gain = 0.125, 8.0, 0.5
     motion = {"kind": "lissajous", "amplitude": [radius] * 2, "rate": [rate] * 2, "phase": [0, -np.pi / 2]}
-    system = make(
+    system = make_scenario(
         {
             "time": {"end": 120.0},
             "controller": {"gain": gain, "control_period": 0.05},
@@ -352,7 +364,7 @@ def turned_team(angle: float) -> World:
     vortex = {"centre": place(5, 0, 0), "axis": [0, 0, 1], "gamma": 2.0}
     flow = {"dimension": 3, "core": 1.0, "drift": place(0.3, -0.2, 0.1), "vortices": [vortex]}
     fields: dict[str, Any] = {"agents": agents, "targets": targets, "sensing": sensing, "flow": {"agents": flow}}
-    return World(make({**fields, "controller": {"gain": 0.8}}))
+    return World(make_scenario({**fields, "controller": {"gain": 0.8}}))
 
 
 @pytest.mark.parametrize("angle", [90.0, 137.0])

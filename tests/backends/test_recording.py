@@ -11,8 +11,7 @@ from mjsheaf.simulation import loop as world
 from mjsheaf.simulation.ideal import run_ideal, stream_ideal
 from mjsheaf.simulation.loop import run_physics, stream_physics
 from mjsheaf.system import System
-
-from .small import mixed
+from tests.builders import mixed_scenario
 
 Array = NDArray[np.float64]
 
@@ -50,7 +49,7 @@ def test_samples_are_those_of_the_world_looked_at(
 ) -> None:
     monkeypatch.setattr(world, "_CHUNK", chunk * 5)
     fields: dict[str, Any] = {"time": {"end": 0.2}, "controller": {"gain": 30.0, "control_period": period}}
-    system = mixed(**fields, disturbance={"agents": {"bound": 1.0}}).system()
+    system = mixed_scenario(**fields, disturbance={"agents": {"bound": 1.0}}).system()
     time = np.linspace(0.0, 0.15, 16)[:, None, None]
     path = system.initial[3:] + np.concatenate([np.sin(time), time, 0.0 * time], axis=2)
     targets = path if placed else None
@@ -68,7 +67,7 @@ def test_samples_are_those_of_the_world_looked_at(
 def test_pieces_are_the_run(backend: Any, placed: bool, samples: int) -> None:
     """Bit for bit, whatever their length, also where it divides the run."""
     whole_run, stream = backend
-    system = mixed(time={"end": 0.15}, disturbance={"agents": {"bound": 1.0}}).system()
+    system = mixed_scenario(time={"end": 0.15}, disturbance={"agents": {"bound": 1.0}}).system()
     targets = system.initial[3:] + np.linspace(0.0, 0.15, 16)[:, None, None] * [1.0, -2.0, 0.0] if placed else None
     whole = whole_run(system, targets=targets)
     pieces = list(stream(system, samples, targets=targets))
@@ -81,7 +80,7 @@ def test_pieces_are_the_run(backend: Any, placed: bool, samples: int) -> None:
 def test_progress_ends_at_the_last_sample_and_may_stop_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(world, "_CHUNK", 250)
     seen: list[tuple[int, int]] = []
-    system = mixed(time={"end": 0.2}).system()
+    system = mixed_scenario(time={"end": 0.2}).system()
     run_physics(system, lambda done, of: seen.append((done, of)))
     assert seen[-1] == (20, 20)
     assert [done for done, _ in seen] == sorted(done for done, _ in seen)
@@ -95,7 +94,7 @@ def test_progress_ends_at_the_last_sample_and_may_stop_the_run(monkeypatch: pyte
 
 def test_a_blow_up_between_samples_keeps_the_samples_before_it() -> None:
     """With a huge gain the first command flings bodies away; the start is recorded, and nothing after the blow-up."""
-    system = mixed(controller={"gain": 1e6, "control_period": 0.01}).system()
+    system = mixed_scenario(controller={"gain": 1e6, "control_period": 0.01}).system()
     trajectory = run_physics(system)
     assert trajectory.status == "unstable"
     for name in RECORDED:

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from mjsheaf.scenario import Scenario
 from mjsheaf.simulation.ideal import run_ideal
 from mjsheaf.simulation.loop import run_physics
-
-from .small import FLOW, make, mixed
+from tests.builders import FLOW, make_scenario, mixed_scenario
 
 Array = NDArray[np.float64]
 
@@ -29,7 +28,7 @@ def chase(name: str, tau: float, timestep: float) -> Scenario:
     }
     flow: dict[str, Any] = {"dimension": 2 + len(z), "core": 2.0, "drift": [0.4, -0.3, 0.1][: 2 + len(z)]}
     flow["vortices"] = [{"centre": [1, 2, *z], "gamma": 1.5, **({"axis": [0, 0, 1]} if z else {})}]
-    return make(
+    return make_scenario(
         {
             "time": {"end": 12.0},
             "controller": {"gain": 1.0, "control_period": 0.0, "record_period": 0.1},
@@ -61,7 +60,7 @@ def test_a_fully_actuated_vehicle_comes_to_the_ideal_run_as_tau_goes_to_zero(nam
 @pytest.mark.parametrize("period", [0.01, 0.0])
 def test_given_targets_make_the_same_ideal_run(period: float) -> None:
     """The run's own targets, given back: all as it was, bit for bit; others, and only their followers' runs differ."""
-    system = mixed(controller={"gain": 3.0, "control_period": period, "record_period": 0.01}).system()
+    system = mixed_scenario(controller={"gain": 3.0, "control_period": period, "record_period": 0.01}).system()
     N = len(system.team.agents)
     run = run_ideal(system)
     again = run_ideal(system, targets=run.positions[:, N:])
@@ -74,7 +73,7 @@ def test_given_targets_make_the_same_ideal_run(period: float) -> None:
 
 def test_given_targets_make_the_same_run_on_bodies() -> None:
     """With targets of every kind, one of them at its hand point."""
-    system = mixed(
+    system = mixed_scenario(
         targets=[
             {"id": "diver", "position": [1, 1, -2], "heading": 10},
             {"id": "ship", "position": [-3, 2], "heading": 45, "vehicle": "otter"},
@@ -94,7 +93,7 @@ def test_given_targets_make_the_same_run_on_bodies() -> None:
 
 
 def test_a_run_ends_with_the_last_given_target() -> None:
-    system = mixed().system()
+    system = mixed_scenario().system()
     N = len(system.team.agents)
     whole = run_ideal(system)
     for runner in (run_ideal, run_physics):

@@ -19,12 +19,7 @@ from mjsheaf import load_scenario, simulate
 from mjsheaf.cli.main import main
 from mjsheaf.errors import InputError
 from mjsheaf.vehicles.loading import load_vehicle
-
-from .alone import alone, ask, body
-from .vehicles import Edit, altered, find
-
-DATA = Path(__file__).parents[1] / "data"
-RAFT = DATA / "raft.yaml"
+from tests.builders import RAFT, Edit, alone, altered, ask, body, find
 
 SCENARIO = {
     "name": "rafts",

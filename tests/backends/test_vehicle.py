@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from mjsheaf.errors import InputError
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 from mjsheaf.vehicles.vehicle import Vehicle
-
-from .vehicles import Edit, altered, attitudes, find, xml_of, yaws
+from tests.builders import Edit, altered, attitudes, find, xml_of, yaws
 
 Array = NDArray[np.float64]
 

@@ -18,9 +18,7 @@ from mjsheaf import World, load_scenario, simulate
 from mjsheaf.errors import InputError, UnstableError
 from mjsheaf.simulation.loop import run_physics
 from mjsheaf.vehicles.loading import load_vehicle
-
-from .small import make, mixed
-from .vehicles import altered, find
+from tests.builders import altered, find, make_scenario, mixed_scenario
 
 Array = NDArray[np.float64]
 
@@ -33,7 +31,7 @@ def bits(world: World) -> bytes:
 
 
 def test_the_initial_condition_is_the_scenarios() -> None:
-    world = World(mixed())
+    world = World(mixed_scenario())
     assert world.time == 0.0
     np.testing.assert_array_equal(world.positions(), world.system.initial)
     headings = Rotation.from_quat(world.quaternions(), scalar_first=True).as_euler("ZYX", degrees=True)
@@ -46,7 +44,7 @@ def test_the_initial_condition_is_the_scenarios() -> None:
 
 def test_many_steps_are_single_steps() -> None:
     """Bit for bit, across control periods."""
-    one, many = World(mixed()), World(mixed())
+    one, many = World(mixed_scenario()), World(mixed_scenario())
     for _ in range(237):
         one.step()
     for n in (100, 7, 0, 130):
@@ -58,7 +56,9 @@ def test_many_steps_are_single_steps() -> None:
 @pytest.mark.parametrize("period", [0.01, 0.0], ids=["held", "continuous"])
 def test_steps_by_hand_are_the_loops_own(period: float) -> None:
     """The loop is the user's if they want it: close it, then call MuJoCo; clock and control period go along."""
-    scenario = mixed(controller={"gain": 3.0, "control_period": period}, disturbance={"targets": {"bound": 1.0}})
+    scenario = mixed_scenario(
+        controller={"gain": 3.0, "control_period": period}, disturbance={"targets": {"bound": 1.0}}
+    )
     ours, theirs = World(scenario), World(scenario)
     ours.step(57)
     for k in range(57):
@@ -75,7 +75,7 @@ def test_the_law_is_held_between_its_samples() -> None:
     """With a period of 10 steps the commanded velocity changes at steps 0, 10, 20 and at no other."""
     changes = []
     for period in (0.01, 0.0):
-        world = World(mixed(controller={"gain": 3.0, "control_period": period}, flow={}))
+        world = World(mixed_scenario(controller={"gain": 3.0, "control_period": period}, flow={}))
         world.step(5)
         dof = world.arena.dof[0]
         pushed = []
@@ -88,7 +88,7 @@ def test_the_law_is_held_between_its_samples() -> None:
 
 
 def test_reset_begins_again() -> None:
-    world = World(mixed(disturbance={"agents": {"bound": 1.0}}))
+    world = World(mixed_scenario(disturbance={"agents": {"bound": 1.0}}))
     start = bits(world)
     world.step(120)
     end = bits(world)
@@ -101,7 +101,7 @@ def test_reset_begins_again() -> None:
 
 
 def test_start_time_is_respected() -> None:
-    scenario = mixed(time={"start": 2.5, "end": 3.0})
+    scenario = mixed_scenario(time={"start": 2.5, "end": 3.0})
     world = World(scenario)
     assert world.time == world.data.time == 2.5
     world.step(500)
@@ -111,7 +111,7 @@ def test_start_time_is_respected() -> None:
 
 
 def test_a_run_is_the_world_stepped() -> None:
-    scenario = mixed(time={"end": 0.2})
+    scenario = mixed_scenario(time={"end": 0.2})
     trajectory, world = run_physics(scenario.system()), World(scenario)
     assert trajectory.status == "finished"
     for k in range(21):
@@ -131,7 +131,9 @@ def test_what_is_only_to_be_seen_does_not_matter() -> None:
 
 
 def test_one_run_gives_the_bits_of_another() -> None:
-    scenario = mixed(time={"end": 0.5}, disturbance={"agents": {"bound": 1.0}}, spread={"position": 1.0, "heading": 90})
+    scenario = mixed_scenario(
+        time={"end": 0.5}, disturbance={"agents": {"bound": 1.0}}, spread={"position": 1.0, "heading": 90}
+    )
     one, again = (run_physics(scenario.system()) for _ in range(2))
     for name in ("positions", "quaternions", "heights", "thrust", "saturation"):
         assert getattr(one, name).tobytes() == getattr(again, name).tobytes(), name
@@ -141,14 +143,14 @@ def test_one_run_gives_the_bits_of_another() -> None:
 
 def test_the_height_of_the_water_does_not_matter_in_the_plane() -> None:
     """A boat meets the flow at z = 0 of the plane that it is controlled in, wherever the scene puts the water."""
-    low, high = (run_physics(mixed(time={"end": 0.3}, scene={"height": z}).system()) for z in (0.0, 30.0))
+    low, high = (run_physics(mixed_scenario(time={"end": 0.3}, scene={"height": z}).system()) for z in (0.0, 30.0))
     np.testing.assert_allclose(high.positions, low.positions, rtol=0, atol=1e-11)
     assert high.heights is not None
     np.testing.assert_allclose(high.heights[:, [0, 4]], 30.0, atol=1e-9)
 
 
 def test_forces_of_the_users_own_are_felt() -> None:
-    pushed, left = World(mixed()), World(mixed())
+    pushed, left = World(mixed_scenario()), World(mixed_scenario())
     body = pushed.arena.body[1]
     pushed.data.xfrc_applied[body, :3] = [0.0, 0.0, 1000.0]
     pushed.step(50)
@@ -160,7 +162,9 @@ def test_forces_of_the_users_own_are_felt() -> None:
 def test_a_vehicle_must_fit_its_agent() -> None:
     agents = [{"id": "A", "position": [0, 0], "vehicle": "aerial"}]
     with pytest.raises(InputError, match=r"agents\.A\.vehicle: 'aerial' moves in 3 dimensions, but A has 2"):
-        World(make({"agents": agents, "targets": [{"id": "T", "position": [0, 0, 0]}], "sensing": [["A", "T"]]}))
+        World(
+            make_scenario({"agents": agents, "targets": [{"id": "T", "position": [0, 0, 0]}], "sensing": [["A", "T"]]})
+        )
 
 
 def test_thrusters_can_be_altered_and_the_trajectory_holds(tmp_path: Path) -> None:
@@ -172,10 +176,10 @@ def test_thrusters_can_be_altered_and_the_trajectory_holds(tmp_path: Path) -> No
         find(root, f".//site[@name='{actuators[1].get('site')}']").set("pos", "0.8 -0.5 0")
         find(root, f".//site[@name='{actuators[2].get('site')}']").set("zaxis", "1 0.3 0")
 
-    scenario = mixed(time={"end": 0.5})
+    scenario = mixed_scenario(time={"end": 0.5})
     agents = [a.model_dump(exclude_none=True) for a in scenario.agents]
     agents[0]["vehicle"] = altered(tmp_path, "hull", edit)
-    one, other = run_physics(scenario.system()), run_physics(mixed(time={"end": 0.5}, agents=agents).system())
+    one, other = run_physics(scenario.system()), run_physics(mixed_scenario(time={"end": 0.5}, agents=agents).system())
     assert one.thrust is not None
     assert other.thrust is not None
     assert other.quaternions is not None
@@ -189,7 +193,7 @@ def test_thrusters_can_be_altered_and_the_trajectory_holds(tmp_path: Path) -> No
 
 
 def test_autoreset_is_off() -> None:
-    world = World(mixed())
+    world = World(mixed_scenario())
     assert world.model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_AUTORESET
 
 
@@ -198,7 +202,7 @@ def test_autoreset_is_off() -> None:
 @pytest.mark.parametrize("array", ["qvel", "qpos"])
 def test_a_bad_state_ends_the_run_and_names_the_vehicle(value: float, name: str, v: int, array: str) -> None:
     """MuJoCo would reset state and time and go on."""
-    world = World(mixed())
+    world = World(mixed_scenario())
     world.step(25)
     at = world.arena.dof[v] if array == "qvel" else world.arena.qpos[v]
     getattr(world.data, array)[at + 1] = value
@@ -213,7 +217,9 @@ def test_a_bad_state_ends_the_run_and_names_the_vehicle(value: float, name: str,
 
 def test_a_run_that_blows_up_keeps_what_was_recorded() -> None:
     """A held gain far over its limit: the law's own divergence is named as the cause."""
-    scenario = mixed(controller={"gain": 500.0, "control_period": 0.01}, time={"end": 5.0}, vehicles={"tau": 0.001})
+    scenario = mixed_scenario(
+        controller={"gain": 500.0, "control_period": 0.01}, time={"end": 5.0}, vehicles={"tau": 0.001}
+    )
     result = simulate(scenario, backend="physics")
     assert result.attrs["status"] == "unstable"
     assert "k1 h lambda_max" in result.attrs["message"]
@@ -226,7 +232,7 @@ def test_a_run_that_blows_up_keeps_what_was_recorded() -> None:
 @pytest.mark.parametrize("factor", [1.0, np.nan])
 def test_a_run_that_is_bad_from_the_start_keeps_its_start(factor: float) -> None:
     """Whether the first commands are huge or not numbers at all; MuJoCo is not given them, and warns of nothing."""
-    system = mixed(controller={"gain": 1e9, "control_period": 0.01}).system()
+    system = mixed_scenario(controller={"gain": 1e9, "control_period": 0.01}).system()
     system = replace(system, law=system.law._replace(gain=factor * system.law.gain))
     world = World(system)
     assert not np.abs(world.data.ctrl).max() < 1e10
@@ -243,7 +249,7 @@ def test_a_run_that_is_bad_from_the_start_keeps_its_start(factor: float) -> None
 
 
 def test_every_command_has_the_name_of_its_thruster(tmp_path: Path) -> None:
-    result = simulate(mixed(time={"end": 0.02}), backend="physics")
+    result = simulate(mixed_scenario(time={"end": 0.02}), backend="physics")
     result.to_netcdf(tmp_path / "result.nc", engine="h5netcdf")
     with xr.open_dataset(tmp_path / "result.nc", engine="h5netcdf") as read:
         for name, kind, command in (
@@ -271,7 +277,7 @@ def test_all_that_a_vehicle_has_carries_its_prefix(visible: bool) -> None:
     ids = [f"V{k}" for k in range(len(kinds))]
     places = [[10.0 * k, 0.0, 20.0][: 2 if kind in planar else 3] for k, kind in enumerate(kinds)]
     agents = [{"id": i, "position": x, "vehicle": k} for i, x, k in zip(ids, places, kinds, strict=True)]
-    scenario = make(
+    scenario = make_scenario(
         {"agents": agents, "targets": [{"id": "V", "position": [0, 0, 5]}], "sensing": [[i, "V"] for i in ids]}
     )
     world = World(scenario, visible=visible)
@@ -295,7 +301,7 @@ def test_all_that_a_vehicle_has_carries_its_prefix(visible: bool) -> None:
 
 def test_thrusters_found_by_id_can_be_stopped() -> None:
     """As README has it: the drone goes elsewhere; a target, which sees no agent, goes where it goes anyway."""
-    world, other = World(mixed()), World(mixed())
+    world, other = World(mixed_scenario()), World(mixed_scenario())
     own = world.actuators("front")
     world.model.actuator_gainprm[own, 0] = 0.0
     world.step(1000)
@@ -312,7 +318,7 @@ def test_thrusters_found_by_id_can_be_stopped() -> None:
 
 def head_on(contacts: bool) -> Array:
     """Two boats that are each told to go where the other comes from; x of both, shape (T, 2)."""
-    scenario = make(
+    scenario = make_scenario(
         {
             "time": {"end": 12.0},
             "controller": {"gain": 0.5},

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from mjsheaf.bench import ideal
-from mjsheaf.cli.main import main
+from tests.commands import call
 
 
 @pytest.fixture(autouse=True)
@@ -19,14 +19,8 @@ def _a_short_run(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ideal, "measure", measure)
 
 
-def call(*arguments: str) -> int:
-    with pytest.raises(SystemExit) as stopped:
-        main(["bench", *arguments])
-    return int(stopped.value.code or 0)
-
-
 def test_the_table_names_what_ours_and_the_bound(capsys: pytest.CaptureFixture[str]) -> None:
-    assert call("ideal") == 0
+    assert call("bench", "ideal") == 0
     printed = capsys.readouterr().out
     for text in ("ideal", "published run, 5 steps, s", "at most 1", "yes", "the authors' code", "processors"):
         assert text in printed
@@ -34,7 +28,7 @@ def test_the_table_names_what_ours_and_the_bound(capsys: pytest.CaptureFixture[s
 
 @pytest.mark.parametrize("full", [False, True])
 def test_json_has_figures_rows_and_machine(full: bool, capsys: pytest.CaptureFixture[str]) -> None:
-    assert call("ideal", "--json", *["--full"] * full) == 0
+    assert call("bench", "ideal", "--json", *["--full"] * full) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["figures"]["ideal"]["steps"] == 5
     assert found["figures"]["ideal"]["short"] is found["short"] is not full
@@ -43,7 +37,7 @@ def test_json_has_figures_rows_and_machine(full: bool, capsys: pytest.CaptureFix
 
 
 def test_an_unknown_topic_is_bad_input(capsys: pytest.CaptureFixture[str]) -> None:
-    assert call("speed") == 2
+    assert call("bench", "speed") == 2
     printed = capsys.readouterr().err
     assert "unknown topic 'speed'; expected startup, ideal, loop" in printed
     assert printed.count("\n") == 1

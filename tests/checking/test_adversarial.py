@@ -17,10 +17,11 @@ from mjsheaf.checking.finished import bound_of_run
 from mjsheaf.dynamics.flow import FlowField
 from mjsheaf.scenario import scenario_from_mapping
 from mjsheaf.simulation.ideal import run_ideal
+from tests.builders import random_scenario
 from tests.checking import oracle
 from tests.checking.adversarial import FAMILIES, REPORTED, TEAMS, adversarial_scenario, family_of
 from tests.checking.study import BASELINE, BROKEN, Judgement, judge, record_shipped, row_of, table
-from tests.checking.test_theorem import CERTIFIED, random_scenario
+from tests.checking.test_theorem import CERTIFIED
 
 FAST = [k for k in range(40) if k not in (8, 9, 10, 19, 23, 24, 25, 28, 29, 30, 39)]  # those that are quick
 KEPT_OF_RANDOM = 0.95

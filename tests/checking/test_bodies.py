@@ -16,26 +16,16 @@ import mjsheaf
 from mjsheaf.checking import margins as bodies
 from mjsheaf.checking.cohomology import spectrum_of
 from mjsheaf.checking.margins import BodyLoop, body_loop
-from mjsheaf.cli.main import main
 from mjsheaf.scenario import scenario_from_mapping
 from mjsheaf.system import System
+from tests import builders
+from tests.builders import QUADROTOR_PAIR
 from tests.checking.growth import growth_rate
+from tests.commands import call
 
-RAFT = str(Path(__file__).resolve().parent.parent / "data" / "raft.yaml")
+RAFT = str(builders.RAFT)
 PLANAR = {"wamv", "otter", "hull", RAFT}
 WITHIN = 0.03  # of the largest gain: where a simulation must have begun to grow; 5 % is what is promised
-RING = {
-    "name": "ring",
-    "time": {"end": 60},
-    "controller": {"gain": 4.0},
-    "agents": [
-        {"id": "Q1", "position": [0, 0, 10], "vehicle": "quadrotor"},
-        {"id": "Q2", "position": [0, 5, 10], "vehicle": "quadrotor"},
-    ],
-    "targets": [{"id": "T", "position": [3, 0, 12], "motion": {"kind": "static"}}],
-    "communication": [["Q1", "Q2"]],
-    "sensing": [["Q1", "T"], ["Q2", "T"]],
-}
 
 
 def chain(
@@ -94,21 +84,15 @@ def hold_against_simulation(scenario: dict[str, Any], drift: list[float] | None 
     assert growth_rate(settling, (1.0 + WITHIN) * largest, settle=150.0, span=span) > 0.0
 
 
-def call(arguments: list[str]) -> int:
-    with pytest.raises(SystemExit) as stopped:
-        main(arguments)
-    return int(stopped.value.code or 0)
-
-
 def test_two_quadrotors_swing_up_where_check_says() -> None:
     coarse = {"controller": {"gain": 1.0, "control_period": 0.01}, "physics": {"timestep": 0.005}}
-    hold_against_simulation({**RING, **coarse})
+    hold_against_simulation({**QUADROTOR_PAIR, **coarse})
 
 
 def test_check_refuses_the_ring(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "ring.yaml"
-    path.write_text(json.dumps(RING))
-    assert call(["check", str(path), "--json"]) == 1
+    path.write_text(json.dumps(QUADROTOR_PAIR))
+    assert call("check", str(path), "--json") == 1
     captured = capsys.readouterr()
     record = json.loads(captured.out)
     found = record["margins"]["bodies"]
@@ -120,7 +104,7 @@ def test_check_refuses_the_ring(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert found["least_damped"]["damping"] < 0.0
     assert found["least_damped"]["agent"] in ("Q1", "Q2")
     assert "unstable" in captured.err
-    assert call(["check", str(path), "--set", "controller.gain=1.5"]) == 0
+    assert call("check", str(path), "--set", "controller.gain=1.5") == 0
     assert "stable" in capsys.readouterr().out
 
 
@@ -227,7 +211,7 @@ def test_what_is_free_does_not_enter() -> None:
     [
         (chain(["otter"] * 2), [4.0, 0.0], "A0 cannot hold station"),
         (chain(["quadrotor"] * 2), [np.nan, 0.0], "not known"),
-        ({**RING, "communication": [], "sensing": []}, None, "nothing is held"),
+        ({**QUADROTOR_PAIR, "communication": [], "sensing": []}, None, "nothing is held"),
     ],
 )
 def test_what_cannot_be_said_is_undecided(scenario: dict[str, Any], drift: list[float] | None, why: str) -> None:

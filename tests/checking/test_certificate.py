@@ -17,15 +17,9 @@ from mjsheaf.checking import examine
 from mjsheaf.checking.certificate import certify
 from mjsheaf.checking.constants import Difference
 from mjsheaf.checking.finished import BROKEN, bound_of_run
-from mjsheaf.cli.main import main
 from mjsheaf.scenario import scenario_from_mapping
 from mjsheaf.simulation.ideal import run_ideal
-
-
-def call(*arguments: str | Path) -> int:
-    with pytest.raises(SystemExit) as stopped:
-        main([str(a) for a in arguments])
-    return int(stopped.value.code or 0)
+from tests.commands import call
 
 
 def _verdicts(record: dict[str, Any]) -> str:

@@ -12,9 +12,10 @@ import pytest
 
 import mjsheaf
 from mjsheaf.checking import CheckRecord
-from mjsheaf.cli.main import main
 from mjsheaf.errors import InputError
 from mjsheaf.scenario import list_scenarios
+from tests.builders import Simulated
+from tests.commands import call
 
 FAILING = {
     "air_tracks_surface": {6},
@@ -23,12 +24,6 @@ FAILING = {
     "split_team": {5},
     "unseen_target": {5},
 }
-
-
-def call(*arguments: str | Path) -> int:
-    with pytest.raises(SystemExit) as stopped:
-        main([str(a) for a in arguments])
-    return int(stopped.value.code or 0)
 
 
 @pytest.mark.parametrize("name", list_scenarios())
@@ -106,7 +101,7 @@ def test_run_compares_with_the_bound(tmp_path: Path, capsys: pytest.CaptureFixtu
             assert "does not exceed rho" in theorem["reason"]
 
 
-def test_margins_speak_of_this_team() -> None:
+def test_margins_speak_of_this_team(simulated: Simulated) -> None:
     record = mjsheaf.check(mjsheaf.load_scenario("paper", {"controller.velocity_limit": 20}))
     hold = record["margins"]["hold"]
     assert hold["product"] == pytest.approx(10 * 0.01 * 6.269324221144499)
@@ -116,7 +111,7 @@ def test_margins_speak_of_this_team() -> None:
     assert fastest["limit"] == 20
     result = mjsheaf.simulate(mjsheaf.load_scenario("paper", {"time.end": 0.05}), "ideal")
     assert fastest["asked"] == pytest.approx(float(10 * result["disagreement"][0].max()), rel=1e-9)
-    settled = mjsheaf.simulate(mjsheaf.load_scenario("paper"), "ideal")["tracking_error"][500:].max("time")
+    settled = simulated("paper", "ideal")["tracking_error"][500:].max("time")
     lag = {x["agent"]: x["lag"] for x in record["margins"]["lag"]}
     for agent in lag:  # a quasi-static estimate of what the run shows
         assert lag[agent] == pytest.approx(float(settled.sel(agent=agent)), rel=0.5)

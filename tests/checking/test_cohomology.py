@@ -19,9 +19,8 @@ from mjsheaf.checking.cohomology import explain
 from mjsheaf.sheaf import RANK_TOLERANCE
 from mjsheaf.team import Edge, Team
 from mjsheaf.team.null_modes import sparsified
-
-from ..sheaf.strategies import exact_rank
-from .teams import LAWS, Array, coboundary, edge, hold, shared_teams, team, turn, whole_number_teams
+from tests.builders import Array, coboundary, hold, make_edge, make_team, turn
+from tests.strategies import exact_rank, shared_teams, whole_number_teams
 
 
 def stacked(team: Team, motion: dict[str, list[float]]) -> Array:
@@ -32,7 +31,6 @@ def said(team: Team) -> list[str]:
     return [direction.description for direction in explain(team).basis]
 
 
-@LAWS
 @given(st.one_of(whole_number_teams(), shared_teams()))
 def test_the_dimension_is_exact_and_the_basis_is_one(team: Team) -> None:
     found, delta = explain(team), coboundary(team)
@@ -53,12 +51,12 @@ def test_the_dimension_is_exact_and_the_basis_is_one(team: Team) -> None:
 
 def test_the_failing_example_of_the_paper() -> None:
     """Aircraft that talk and track boats: all of them together are free in height, whatever their number."""
-    found = explain(team("U1 U2 U3", "S1 S2", [("U1", "U2"), ("U2", "U3")], [("U1", "S1"), ("U3", "S2")]))
+    found = explain(make_team("U1 U2 U3", "S1 S2", [("U1", "U2"), ("U2", "U3")], [("U1", "S1"), ("U3", "S2")]))
     assert found.dimension == 1
     assert found.basis[0].description == "U1, U2, U3 are free along z together"
     assert found.basis[0].motion == {"U1": [0.0, 0.0, 1.0], "U2": [0.0, 0.0, 1.0], "U3": [0.0, 0.0, 1.0]}
     crowd = [f"U{k}" for k in range(30)]
-    everyone = team(" ".join(crowd), "S1", list(itertools.pairwise(crowd)), [("U0", "S1")])
+    everyone = make_team(" ".join(crowd), "S1", list(itertools.pairwise(crowd)), [("U0", "S1")])
     assert said(everyone) == ["U0, U1, U2, U3, U4, U5, U6, U7 and 22 more are free along z together"]
     assert list(explain(everyone).basis[0].motion) == crowd
 
@@ -66,12 +64,12 @@ def test_the_failing_example_of_the_paper() -> None:
 def test_two_groups_in_the_air_are_named_apart() -> None:
     """Also where boats link them: those have no height to share."""
     links = [("U1", "U2"), ("U3", "U4"), ("U1", "B1"), ("B1", "U3")]
-    groups = team("U1 U2 B1 U3 U4", "S1", links, [("U2", "S1"), ("B1", "S1"), ("U4", "S1")])
+    groups = make_team("U1 U2 B1 U3 U4", "S1", links, [("U2", "S1"), ("B1", "S1"), ("U4", "S1")])
     assert said(groups) == ["U1, U2 are free along z together", "U3, U4 are free along z together"]
 
 
 def test_agents_that_have_nothing_to_do_with_one_another_are_named_alone() -> None:
-    alone = team("U1 B1 U2 B2", "S1 V1", [("B1", "B2")], [("U1", "S1"), ("B1", "S1")])
+    alone = make_team("U1 B1 U2 B2", "S1 V1", [("B1", "B2")], [("U1", "S1"), ("B1", "S1")])
     assert said(alone) == [
         "U1 is free along z",
         "U2 is free along x",
@@ -84,7 +82,7 @@ def test_independent_freedoms_come_apart_within_one_connected_component() -> Non
     """Two boats held by a third, each along one oblique line only: the free lines are theirs alone."""
     rows = [np.array([[0.8, -0.6]]), np.array([[0.28, -0.96]])]
     links = [Edge(b, "B3", F, F, np.eye(1)) for b, F in zip(("B1", "B2"), rows, strict=True)]
-    assert said(team("B1 B2 B3", "S1", links, [("B3", "S1")])) == [
+    assert said(make_team("B1 B2 B3", "S1", links, [("B3", "S1")])) == [
         "B1 is free along (0.6, 0.8)",
         "B2 is free along (0.96, 0.28)",
     ]
@@ -93,20 +91,20 @@ def test_independent_freedoms_come_apart_within_one_connected_component() -> Non
 def test_a_drift_along_an_oblique_line() -> None:
     across = np.array([[0.8, -0.6]])
     blind = Edge("B1", "S1", across, across, np.eye(1))
-    assert said(team("B1 B4", "S1", [("B1", "B4")], [blind])) == ["B1 and B4 can drift together along (0.6, 0.8)"]
-    air = team("B1 U4 B5", "S1", [("B1", "U4"), ("U4", "B5")], [blind], [hold("U4", "z")])
+    assert said(make_team("B1 B4", "S1", [("B1", "B4")], [blind])) == ["B1 and B4 can drift together along (0.6, 0.8)"]
+    air = make_team("B1 U4 B5", "S1", [("B1", "U4"), ("U4", "B5")], [blind], [hold("U4", "z")])
     assert said(air) == ["B1, U4 and B5 can drift together along (0.6, 0.8, 0)"]
 
 
 def test_agents_that_move_differently_are_described_apart() -> None:
     quarter, double = turn(np.pi / 2), 2.0 * np.eye(2)
     turned = Edge("B1", "B2", quarter, np.eye(2), np.eye(2))
-    assert said(team("B1 B2 B3", "S1", [turned, ("B2", "B3")], [])) == [
+    assert said(make_team("B1 B2 B3", "S1", [turned, ("B2", "B3")], [])) == [
         "B1 along x, B2 and B3 along y, moving together",
         "B1 along y, B2 and B3 along -x, moving together",
     ]
     scaled = Edge("B1", "B2", np.eye(2), double, np.eye(2))
-    assert said(team("B1 B2", "S1", [scaled], [], [hold("B1", "y")])) == [
+    assert said(make_team("B1 B2", "S1", [scaled], [], [hold("B1", "y")])) == [
         "B1 along x, B2 along x (0.5 times as far), moving together"
     ]
 
@@ -118,14 +116,14 @@ def test_local_frames_do_not_tilt_what_is_free(roll: float) -> None:
 
     def local(a: str, b: str) -> Edge:
         k = next(angles)
-        return edge(a, b, name="local_frame", attitude=(roll * k, 0.3 * roll, 0.7 * k))
+        return make_edge(a, b, name="local_frame", attitude=(roll * k, 0.3 * roll, 0.7 * k))
 
     links = [local("U1", "U2"), local("U2", "B1"), local("B1", "U3"), local("U3", "U4")]
-    assert said(team("U1 U2 B1 U3 U4", "S1", links, [local("B1", "S1")])) == [
+    assert said(make_team("U1 U2 B1 U3 U4", "S1", links, [local("B1", "S1")])) == [
         "U1, U2 are free along z together",
         "U3, U4 are free along z together",
     ]
-    assert said(team("U1 U2 B1", "S1", links[:2], [])) == [
+    assert said(make_team("U1 U2 B1", "S1", links[:2], [])) == [
         "U1, U2, B1 are free along x together",
         "U1, U2, B1 are free along y together",
         "U1, U2 are free along z together",
@@ -134,19 +132,19 @@ def test_local_frames_do_not_tilt_what_is_free(roll: float) -> None:
 
 def test_barely_held_directions_are_told() -> None:
     """Two aircraft whose height is held by a faint altimeter alone; the ratio is to the largest eigenvalue."""
-    held = team("U1 U2 B1", "S1", [("U1", "U2")], [("U1", "S1"), ("B1", "S1")], [hold("U2", "z", 1e-4)])
+    held = make_team("U1 U2 B1", "S1", [("U1", "U2")], [("U1", "S1"), ("B1", "S1")], [hold("U2", "z", 1e-4)])
     found = explain(held)
     assert found.dimension == 0
     assert [d.description for d in found.near_null] == ["U1, U2 are nearly free along z together"]
     values = np.linalg.eigvalsh(held.dirichlet.H.toarray())
     assert found.near_null[0].eigenvalue == pytest.approx(values[0], rel=1e-6)
     assert found.near_null[0].ratio == pytest.approx(values[0] / values[-1], rel=1e-6)
-    firm = team("U1 U2 B1", "S1", [("U1", "U2")], [("U1", "S1"), ("B1", "S1")], [hold("U2", "z", 1e-2)])
+    firm = make_team("U1 U2 B1", "S1", [("U1", "U2")], [("U1", "S1"), ("B1", "S1")], [hold("U2", "z", 1e-2)])
     assert explain(firm).near_null == []
 
 
 def test_free_directions_do_not_count_as_barely_held() -> None:
-    both = team("U1 U2", "S1", [], [("U1", "S1"), ("U2", "S1")], [hold("U2", "z", 1e-5)])
+    both = make_team("U1 U2", "S1", [], [("U1", "S1"), ("U2", "S1")], [hold("U2", "z", 1e-5)])
     found = explain(both)
     assert [d.description for d in found.basis] == ["U1 is free along z"]
     assert [d.description for d in found.near_null] == ["U2 is nearly free along z"]
@@ -156,14 +154,13 @@ def test_free_directions_do_not_count_as_barely_held() -> None:
 def test_at_most_three_barely_held_directions() -> None:
     names = [f"U{k}" for k in range(5)]
     faint = [hold(v, "z", 1e-5 * (k + 1)) for k, v in enumerate(names)]
-    found = explain(team(" ".join(names), "S1", [], [(v, "S1") for v in names], faint))
+    found = explain(make_team(" ".join(names), "S1", [], [(v, "S1") for v in names], faint))
     assert [d.description for d in found.near_null] == [f"U{k} is nearly free along z" for k in range(3)]
 
 
 # -- sparse bases ----------------------------------------------------------------------------------------------
 
 
-@LAWS
 @given(st.integers(0, 2**31), st.lists(st.integers(1, 4), min_size=1, max_size=4))
 def test_disjoint_motions_are_found_again(seed: int, sizes: list[int]) -> None:
     """Motions of disjoint groups of coordinates, mixed at random, come out as they were."""
@@ -207,9 +204,9 @@ def test_hundreds_of_vehicles(name: str) -> None:
     seen = [(names[i], target) for target in ("S1", "V1") for i in rng.choice(count, 30, replace=False).tolist()]
 
     def turned(a: str, b: str) -> Edge:
-        return edge(a, b, name=name, attitude=tuple(rng.uniform(-3.0, 3.0, 3)))
+        return make_edge(a, b, name=name, attitude=tuple(rng.uniform(-3.0, 3.0, 3)))
 
-    found = explain(team(" ".join(names), "S1 V1", [turned(*e) for e in links], [turned(*e) for e in seen]))
+    found = explain(make_team(" ".join(names), "S1 V1", [turned(*e) for e in links], [turned(*e) for e in seen]))
     expected = []
     for kinds in ("BUSV", "BUSV", "UV"):  # who has x, y, z
         graph = nx.Graph()

@@ -15,7 +15,7 @@ from mjsheaf.checking.finished import ending_of_run, is_level, judge, settling_t
 from mjsheaf.scenario import scenario_from_mapping
 from mjsheaf.studies.job import run_job
 from mjsheaf.studies.plan import load_plan
-from tests.checking.test_bodies import RING
+from tests.builders import QUADROTOR_PAIR
 
 TIME = np.linspace(0.0, 20.0, 2001)
 UNIT = np.linspace(0.0, 1.0, 1001)
@@ -107,7 +107,7 @@ def test_what_grows_or_still_falls_never_settles(curve: np.ndarray) -> None:
 @pytest.mark.parametrize(("gain", "expected"), [(1.5, "settled"), (2.0, "circling"), (3.0, "circling")])
 def test_the_ring_ends_as_check_says(gain: float, expected: str, capsys: pytest.CaptureFixture[str]) -> None:
     changes = {"controller": {"gain": gain, "control_period": 0.02}, "physics": {"timestep": 0.005}}
-    scenario = scenario_from_mapping({**RING, **changes})
+    scenario = scenario_from_mapping({**QUADROTOR_PAIR, **changes})
     run = mjsheaf.simulate(scenario, "physics")
     assert ending_of_run(scenario.system(), run) == expected
     stable = mjsheaf.check(scenario)["margins"]["bodies"]["stable"]
@@ -118,18 +118,18 @@ def test_the_ring_ends_as_check_says(gain: float, expected: str, capsys: pytest.
 def test_a_driven_ring_ends_as_check_says() -> None:
     """With a target that swings only the loop tells a forced oscillation from the team's own."""
     moving = {
-        **RING["targets"][0],  # type: ignore[index]
+        **QUADROTOR_PAIR["targets"][0],
         "motion": {"kind": "lissajous", "amplitude": [1, 0, 0], "rate": [1.5, 0, 0], "phase": [0, 0, 0], "pull": 0.0},
     }
     for gain, expected in ((1.2, "settled"), (3.0, "circling")):
         changes = {"controller": {"gain": gain, "control_period": 0.02}, "physics": {"timestep": 0.005}}
-        scenario = scenario_from_mapping({**RING, **changes, "targets": [moving]})
+        scenario = scenario_from_mapping({**QUADROTOR_PAIR, **changes, "targets": [moving]})
         assert ending_of_run(scenario.system(), mjsheaf.simulate(scenario, "physics")) == expected
 
 
 def test_a_sweep_says_the_same(tmp_path: Any) -> None:
     path = tmp_path / "ring.yaml"
-    path.write_text(json.dumps({**RING, "physics": {"timestep": 0.005}}))
+    path.write_text(json.dumps({**QUADROTOR_PAIR, "physics": {"timestep": 0.005}}))
     plan = load_plan(str(path), grid={"controller.gain": [1.5, 3.0]}, backend="physics")
     records = [run_job(plan.job(point)).record for point in plan.points]
     assert [record["settled"] for record in records] == [True, False]

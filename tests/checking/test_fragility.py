@@ -13,8 +13,8 @@ from hypothesis import given
 
 from mjsheaf.checking.fragility import CONNECTED, MOST_CRITICAL, SENSED, TRIVIAL, Loss, fragility, single_losses
 from mjsheaf.team import Edge, Team
-
-from .teams import LAWS, edge, hold, shared_teams, team, whole_number_teams
+from tests.builders import hold, make_edge, make_team
+from tests.strategies import shared_teams, whole_number_teams
 
 
 def reach(team: Team) -> dict[str, set[str]]:
@@ -98,14 +98,12 @@ def everything_is_as_tried(team: Team) -> None:
     assert found.worst == (harmless[0] if harmless and team.dirichlet.unique else None)
 
 
-@LAWS
 @given(shared_teams())
 def test_fragility_is_what_trying_each_loss_shows(team: Team) -> None:
     everything_is_as_tried(team)
 
 
 @pytest.mark.slow
-@LAWS
 @given(whole_number_teams())
 def test_fragility_with_any_maps(team: Team) -> None:
     everything_is_as_tried(team)
@@ -114,7 +112,6 @@ def test_fragility_with_any_maps(team: Team) -> None:
 RING = [("U1", "U2"), ("U2", "U3"), ("U3", "U1")]
 
 
-@LAWS
 @given(shared_teams(most_agents=6))
 def test_the_large_path_finds_what_trying_shows(team: Team) -> None:
     """Bridges, articulation points and targets seen once, with no word on lambda_min."""
@@ -133,7 +130,7 @@ def test_the_large_path_finds_what_trying_shows(team: Team) -> None:
 
 
 def test_many_losses_take_the_large_path_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    ring = team("U1 U2 U3", "V1", RING, [("U1", "V1")])
+    ring = make_team("U1 U2 U3", "V1", RING, [("U1", "V1")])
     assert fragility(ring).exact
     monkeypatch.setattr("mjsheaf.checking.fragility.EXACT_LOSSES", 6)
     assert [(loss.kind, loss.name, loss.breaks) for loss in single_losses(ring)[0]] == [
@@ -143,7 +140,7 @@ def test_many_losses_take_the_large_path_too(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_a_chain_hangs_on_everything() -> None:
-    chain = team("U1 U2 U3", "V1", RING[:2], [("U1", "V1")])
+    chain = make_team("U1 U2 U3", "V1", RING[:2], [("U1", "V1")])
     found = {loss.name: loss.breaks for loss in single_losses(chain)[0]}
     assert found == {
         "U1 - U2": (CONNECTED, TRIVIAL),
@@ -156,7 +153,7 @@ def test_a_chain_hangs_on_everything() -> None:
 
 
 def test_the_only_altimeter_is_what_the_aircraft_hang_on() -> None:
-    held = team("U1 U2", "S1", [("U1", "U2")], [("U1", "S1"), ("U2", "S1")], [hold("U1", "z")])
+    held = make_team("U1 U2", "S1", [("U1", "U2")], [("U1", "S1"), ("U2", "S1")], [hold("U1", "z")])
     found = fragility(held)
     broken = {loss.name: loss for loss in found.critical}
     assert broken.keys() == {"U1 along z", "U1", "U1 - U2"}
@@ -168,19 +165,19 @@ def test_the_only_altimeter_is_what_the_aircraft_hang_on() -> None:
 
 def test_parallel_edges_are_lost_one_at_a_time() -> None:
     """Losing one of two leaves the other: nothing breaks, and each is named."""
-    double = team("B1 B2", "S1", [("B1", "B2"), ("B2", "B1")], [("B1", "S1"), ("B1", "S1")])
+    double = make_team("B1 B2", "S1", [("B1", "B2"), ("B2", "B1")], [("B1", "S1"), ("B1", "S1")])
     found = {loss.name: loss for loss in single_losses(double)[0]}
     assert found.keys() == {"B1 - B2 (1 of 2)", "B2 - B1 (2 of 2)", "B1 - S1 (1 of 2)", "B1 - S1 (2 of 2)", "B1", "B2"}
     assert all(not loss.breaks for name, loss in found.items() if "of 2" in name)
     assert found["B1"].breaks == (SENSED, TRIVIAL)
-    half = edge("B1", "B2", weight=0.5)
-    uneven = team("B1 B2", "S1", [("B1", "B2"), half], [("B1", "S1")])
+    half = make_edge("B1", "B2", weight=0.5)
+    uneven = make_team("B1 B2", "S1", [("B1", "B2"), half], [("B1", "S1")])
     lost = {loss.name: loss.lambda_min for loss in single_losses(uneven)[0]}
     assert lost["B1 - B2 (1 of 2)"] < lost["B1 - B2 (2 of 2)"]  # type: ignore[operator]
 
 
 def test_the_last_agent_is_not_lost() -> None:
-    found = fragility(team("B1", "S1", [], [("B1", "S1")]))
+    found = fragility(make_team("B1", "S1", [], [("B1", "S1")]))
     assert [(loss.kind, loss.breaks) for loss in found.critical] == [("sensing", (SENSED, TRIVIAL))]
     assert found.worst is None
 
@@ -188,7 +185,9 @@ def test_the_last_agent_is_not_lost() -> None:
 @pytest.mark.parametrize("exact", [True, False])
 def test_what_fails_already_hides_nothing(exact: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """B1 alone senses S1, B2 alone S2, nobody S3; B3, B4 and B5 are a part of their own, free to drift."""
-    split = team("B1 B2 B3 B4 B5", "S1 S2 S3", [("B1", "B2"), ("B3", "B4"), ("B4", "B5")], [("B1", "S1"), ("B2", "S2")])
+    split = make_team(
+        "B1 B2 B3 B4 B5", "S1 S2 S3", [("B1", "B2"), ("B3", "B4"), ("B4", "B5")], [("B1", "S1"), ("B2", "S2")]
+    )
     if not exact:
         monkeypatch.setattr("mjsheaf.checking.fragility.EXACT_STATES", 0)
     found = fragility(split)
@@ -208,9 +207,9 @@ def test_what_fails_already_hides_nothing(exact: bool, monkeypatch: pytest.Monke
 
 def test_what_a_lost_agent_was_free_to_do_is_lost_with_it() -> None:
     """U1, free along x and y, alone keeps U2 at its height: without it fewer directions are free, but a new one."""
-    by_height = edge("U1", "U2")
+    by_height = make_edge("U1", "U2")
     by_height = replace(by_height, F_tail=np.eye(3)[2:], F_head=np.eye(3)[2:], weight=np.eye(1), offset=np.zeros(1))
-    found = single_losses(team("U1 U2", "S1", [by_height], [("U2", "S1")], [hold("U1", "z")]))[0]
+    found = single_losses(make_team("U1 U2", "S1", [by_height], [("U2", "S1")], [hold("U1", "z")]))[0]
     assert {loss.name: loss.breaks for loss in found if loss.kind == "agent"} == {
         "U1": (TRIVIAL,),
         "U2": (SENSED,),
@@ -220,6 +219,6 @@ def test_what_a_lost_agent_was_free_to_do_is_lost_with_it() -> None:
 def test_anchors_with_maps_of_their_own_are_named() -> None:
     skew = replace(hold("U1", "xyz"), F_tail=np.array([[1.0, 1.0, 0.0]]), F_head=np.zeros((1, 0)), weight=np.eye(1))
     skew = replace(skew, offset=np.zeros(1))
-    found = single_losses(team("U1 B1", "S1", [], [("B1", "S1")], [skew, hold("B1", "xy")]))[0]
+    found = single_losses(make_team("U1 B1", "S1", [], [("B1", "S1")], [skew, hold("B1", "xy")]))[0]
     names = {loss.name for loss in found if loss.kind == "anchor"}
     assert names == {"U1 to a fixed value", "B1 along x, y"}

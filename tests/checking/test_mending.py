@@ -8,14 +8,13 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 
 from mjsheaf.checking.cohomology import explain
 from mjsheaf.checking.mending import Augmentation, plan_augmentation
 from mjsheaf.team import Edge, Team, anchor, restriction_maps
-
-from ..sheaf.strategies import exact_rank
-from .teams import LAWS, Array, coboundary, edge, hold, shared_teams, team, turn, whole_number_teams
+from tests.builders import Array, coboundary, hold, make_edge, make_team, turn
+from tests.strategies import exact_rank, examples, shared_teams, whole_number_teams
 
 
 def candidate_rows(team: Team) -> list[Array]:
@@ -93,7 +92,7 @@ def check(plan: Augmentation, team: Team) -> None:
 
 
 @pytest.mark.slow
-@settings(LAWS, max_examples=80)
+@examples(80)
 @given(shared_teams(most_agents=3))
 def test_no_smaller_set_mends(team: Team) -> None:
     plan = plan_augmentation(team)
@@ -105,7 +104,6 @@ def test_no_smaller_set_mends(team: Team) -> None:
     assert plan.candidates == len(useful)
 
 
-@LAWS
 @given(whole_number_teams())
 def test_any_maps_are_mended(team: Team) -> None:
     """Beside an edge with maps of its own, one that compares whole coordinates may be put."""
@@ -132,14 +130,14 @@ def every_smallest_set(team: Team, size: int) -> Iterator[float]:
 def test_among_the_smallest_sets_the_stiffest_is_proposed(
     agents: str, links: list[tuple[str, str]], seen: list[tuple[str, str]]
 ) -> None:
-    loose = team(agents, "S1 V1", links, seen)
+    loose = make_team(agents, "S1 V1", links, seen)
     plan = plan_augmentation(loose)
     assert plan.needed <= 2
     assert plan.lambda_min == pytest.approx(max(every_smallest_set(loose, plan.needed)), rel=1e-9)
 
 
 def test_the_failing_example_of_the_paper_needs_one_altimeter() -> None:
-    chain = team("U1 U2 U3", "S1 S2", [("U1", "U2"), ("U2", "U3")], [("U1", "S1"), ("U3", "S2")])
+    chain = make_team("U1 U2 U3", "S1 S2", [("U1", "U2"), ("U2", "U3")], [("U1", "S1"), ("U3", "S2")])
     plan = plan_augmentation(chain)
     assert (plan.needed, plan.exact, plan.candidates) == (1, True, 3)
     assert plan.repairs[0].model_dump() == {
@@ -161,7 +159,7 @@ def told(plan: Augmentation) -> set[str]:
 
 
 def test_repairs_are_told_in_the_words_of_the_team() -> None:
-    lost = team("B1 B2 B3", "S1 S2", [("B1", "B2")], [("B1", "S1"), ("B2", "S2")])
+    lost = make_team("B1 B2 B3", "S1 S2", [("B1", "B2")], [("B1", "S1"), ("B2", "S2")])
     plan = plan_augmentation(lost)
     assert plan.candidates == 2 + 2 + 2  # position sensors, targets, agents
     assert told(plan) == {
@@ -170,22 +168,22 @@ def test_repairs_are_told_in_the_words_of_the_team() -> None:
         "let B3 sense S1",
         "let B3 sense S2",
     }
-    blind = team("B1", "S1", [], [Edge("B1", "S1", np.array([[1.0, 0]]), np.array([[1.0, 0]]), np.eye(1))])
+    blind = make_team("B1", "S1", [], [Edge("B1", "S1", np.array([[1.0, 0]]), np.array([[1.0, 0]]), np.eye(1))])
     plan = plan_augmentation(blind)
     assert told(plan) == {"let B1 sense S1 and compare x, y", "give B1 a position sensor (anchor along y)"}
     check(plan, blind)
 
 
 def test_local_frames_are_mended_too() -> None:
-    links = [edge(a, b, name="local_frame", attitude=(0.3, 0.2, 1.0)) for a, b in (("U1", "U2"), ("U2", "B1"))]
-    loose = team("U1 U2 B1", "S1", links, [edge("B1", "S1", name="local_frame", attitude=(0.0, 0.0, 2.0))])
+    links = [make_edge(a, b, name="local_frame", attitude=(0.3, 0.2, 1.0)) for a, b in (("U1", "U2"), ("U2", "B1"))]
+    loose = make_team("U1 U2 B1", "S1", links, [make_edge("B1", "S1", name="local_frame", attitude=(0.0, 0.0, 2.0))])
     plan = plan_augmentation(loose)
     assert plan.repairs[0].description in {f"give U{k} an altimeter (anchor along z)" for k in (1, 2)}
     check(plan, loose)
 
 
 def test_a_team_that_holds_needs_nothing() -> None:
-    plan = plan_augmentation(team("B1", "S1", [], [("B1", "S1")]))
+    plan = plan_augmentation(make_team("B1", "S1", [], [("B1", "S1")]))
     assert (plan.needed, plan.exact, plan.candidates, plan.lambda_min) == (0, True, 0, 1.0)
     assert plan.repairs == plan.alternatives == []
 
@@ -194,10 +192,10 @@ def test_a_team_that_holds_needs_nothing() -> None:
 
 
 LARGE = [
-    team("U1 U2 U3 B1", "S1 V1", [("U1", "U2"), ("U3", "B1")], [("U1", "S1")]),
-    team("U1 U2 U3 U4", "S1", [("U1", "U2")], [(f"U{k}", "S1") for k in (1, 2, 3, 4)]),
-    team("B1 B2 B3 B4 B5", "S1", [("B1", "B2"), ("B3", "B4")], []),
-    team("B1 B2", "S1", [Edge("B1", "B2", turn(0.5), np.eye(2), np.eye(2))], []),
+    make_team("U1 U2 U3 B1", "S1 V1", [("U1", "U2"), ("U3", "B1")], [("U1", "S1")]),
+    make_team("U1 U2 U3 U4", "S1", [("U1", "U2")], [(f"U{k}", "S1") for k in (1, 2, 3, 4)]),
+    make_team("B1 B2 B3 B4 B5", "S1", [("B1", "B2"), ("B3", "B4")], []),
+    make_team("B1 B2", "S1", [Edge("B1", "B2", turn(0.5), np.eye(2), np.eye(2))], []),
 ]
 
 
@@ -232,13 +230,13 @@ def test_many_agents_of_one_kind() -> None:
     """Sixty aircraft in a ring over a boat: any altimeter will do, and all of them are counted."""
     names = [f"U{k}" for k in range(60)]
     links = list(itertools.pairwise([*names, names[0]]))
-    plan = plan_augmentation(team(" ".join(names), "S1", links, [(names[0], "S1")]))
+    plan = plan_augmentation(make_team(" ".join(names), "S1", links, [(names[0], "S1")]))
     assert (plan.needed, plan.exact, plan.candidates) == (1, True, 60)
     assert plan.repairs[0].description.endswith("an altimeter (anchor along z)")
 
 
 def test_an_anchor_that_is_there_counts() -> None:
-    held = team("U1 U2", "S1", [], [("U1", "S1"), ("U2", "S1")], [hold("U1", "z")])
+    held = make_team("U1 U2", "S1", [], [("U1", "S1"), ("U2", "S1")], [hold("U1", "z")])
     plan = plan_augmentation(held)
     assert plan.needed == 1
     assert told(plan) == {"let U1 talk to U2", "give U2 an altimeter (anchor along z)"}

@@ -20,8 +20,8 @@ from mjsheaf.checking.cohomology import (
     spectrum_of,
 )
 from mjsheaf.team import Edge, Team, anchor
-
-from .teams import LAWS, coboundary, edge, hold, shared_teams, team, whole_number_teams
+from tests.builders import coboundary, hold, make_edge, make_team
+from tests.strategies import shared_teams, whole_number_teams
 
 
 def check(found: Spectrum, team: Team, rtol: float = 1e-9) -> None:
@@ -41,13 +41,11 @@ def check(found: Spectrum, team: Team, rtol: float = 1e-9) -> None:
     np.testing.assert_allclose(H @ found.vectors, found.vectors * found.smallest, atol=1e-7 * max(values[-1], 1.0))
 
 
-@LAWS
 @given(shared_teams())
 def test_spectrum_of_shared_maps(team: Team) -> None:
     check(spectrum_of(team), team)
 
 
-@LAWS
 @given(whole_number_teams())
 def test_spectrum_of_any_maps(team: Team) -> None:
     found = spectrum_of(team, 20)
@@ -56,7 +54,6 @@ def test_spectrum_of_any_maps(team: Team) -> None:
     assert smallest_eigenvalue(agent_coboundary(team)) == pytest.approx(found.lambda_min, rel=1e-9, abs=1e-13)
 
 
-@LAWS
 @given(whole_number_teams())
 def test_the_coboundary_on_the_agents(team: Team) -> None:
     both = agent_coboundary(team)
@@ -76,11 +73,11 @@ def swarm(seed: int, *, spatial: float = 0.5, weak: float = 1.0, name: str = "sh
         links += [(half + i, half + j) for i, j in cKDTree(place).query_pairs(0.5)]
 
     def turned(tail: str, head: str, weight: float = 1.0):  # type: ignore[no-untyped-def]
-        return edge(tail, head, name=name, weight=weight, attitude=tuple(rng.uniform(-3, 3, 3)))
+        return make_edge(tail, head, name=name, weight=weight, attitude=tuple(rng.uniform(-3, 3, 3)))
 
     edges = [turned(names[i], names[j]) for i, j in links]
     edges.append(turned(names[0], names[20], weak))
-    return team(" ".join(names), f"S0 {top}", edges, [turned(names[0], "S0"), turned(names[1], top)])
+    return make_team(" ".join(names), f"S0 {top}", edges, [turned(names[0], "S0"), turned(names[1], top)])
 
 
 @pytest.mark.parametrize("name", ["shared", "local_frame"])
@@ -106,8 +103,8 @@ def test_lanczos_agrees_with_the_dense_answer(
 @pytest.mark.parametrize("weight", [1.0, 1e-4, 1e-8, 1e-12, 1e-15, 1e-17])
 def test_a_nearly_singular_h_is_right_to_the_last_digits(weight: float) -> None:
     """One boat held along x and y, the latter weakly: lambda_min is that weight, far under the rounding of H."""
-    one = team("B1", "S1", [], [], [hold("B1", "x"), hold("B1", "y", weight)])
-    pair = team("B1 B2", "S1", [("B1", "B2")], [], [hold("B1", "x"), hold("B2", "y", weight)])
+    one = make_team("B1", "S1", [], [], [hold("B1", "x"), hold("B1", "y", weight)])
+    pair = make_team("B1 B2", "S1", [("B1", "B2")], [], [hold("B1", "x"), hold("B2", "y", weight)])
     assert spectrum_of(one).lambda_min == pytest.approx(weight, rel=1e-12)
     # Two boats that agree on y, one of them held weakly: half the weight, to first order.
     assert spectrum_of(pair).lambda_min == pytest.approx(0.5 * weight, rel=0.3 if weight == 1.0 else 2e-4)
@@ -138,7 +135,7 @@ def test_many_weak_edges_beside_a_stiff_one(seed: int) -> None:
         return Edge(tail, head, F_tail, F_head, weights.pop(0) * np.eye(2))
 
     links = [some(a, b) for a, b in pairwise(names)]
-    large = team(" ".join(names), "S1", links, [some(name, "S1") for name in names])
+    large = make_team(" ".join(names), "S1", links, [some(name, "S1") for name in names])
     H = [[Fraction(0)] * 14 for _ in range(14)]
     for e in [*links, *large.sensing]:
         for F_tail, F_head in zip(e.F_tail, e.F_head, strict=True):
@@ -157,7 +154,7 @@ def test_zero_is_what_the_relative_cohomology_says(gain: float) -> None:
     """A singular value of delta of at most 1e-9 of the largest counts as none; inner products do not matter."""
     faint = anchor("B1", np.array([[0.0, gain]]), np.zeros(1), np.eye(1))
     for loud in (1.0, 1e6):
-        one = team("B1", "S1", [], [], [hold("B1", "x", loud), faint])
+        one = make_team("B1", "S1", [], [], [hold("B1", "x", loud), faint])
         found, free = spectrum_of(one), gain < 1e-9
         assert (found.nullity, one.dirichlet.unique) == (int(free), not free)
         assert found.lambda_min == (0.0 if free else pytest.approx(gain**2, rel=1e-9))
@@ -165,7 +162,7 @@ def test_zero_is_what_the_relative_cohomology_says(gain: float) -> None:
 
 
 def test_a_team_without_edges() -> None:
-    found = spectrum_of(team("B1 U1", "S1", [], []))
+    found = spectrum_of(make_team("B1 U1", "S1", [], []))
     assert (found.lambda_min, found.lambda_max, found.sigma_max_B, found.nullity) == (0.0, 0.0, 0.0, 5)
     assert found.smallest.shape == (0,)
     assert found.vectors.shape == (5, 0)

@@ -11,8 +11,8 @@ import pytest
 
 from mjsheaf.checking import targets
 from mjsheaf.checking.cohomology import spectrum_of
-from mjsheaf.checking.constants import Carrier, coarser, difference_along
-from mjsheaf.checking.targets import Cells, follow_targets
+from mjsheaf.checking.constants import coarser, difference_along
+from mjsheaf.checking.targets import Carrier, Cells, follow_targets
 from mjsheaf.dynamics import FlowField, Lissajous, Waypoints
 from mjsheaf.dynamics.disturbance import evaluate
 from mjsheaf.dynamics.motion import Motion, pack, reference_bounds

@@ -3,8 +3,6 @@
 Oracle: the theorem itself. A certified run never exceeds the bound, and cases built to attain it come within 5 %.
 """
 
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -12,104 +10,10 @@ import mjsheaf
 from mjsheaf.checking.finished import RunBound, bound_of_run
 from mjsheaf.control.theorem import disturbance_bound, gain_for_radius, theorem_1
 from mjsheaf.scenario import scenario_from_mapping
+from tests.builders import Simulated, random_scenario
 
 CERTIFIED = 500
 WORKERS = 10  # pieces of the study, so that it spreads over processes
-
-
-def random_scenario(seed: int) -> dict[str, Any]:
-    """A random team: mixed dimensions, random graph and maps, weights, offsets, smooth flow, disturbances."""
-    rng = np.random.default_rng(seed)
-    N, M = int(rng.integers(1, 7)), int(rng.integers(1, 4))
-    agents = [f"A{i}" for i in range(N)]
-    targets = [f"T{k}" for k in range(M)]
-    dimension = {name: int(rng.integers(2, 4)) for name in agents + targets}
-
-    def edge(tail: str, head: str) -> dict[str, Any]:
-        e: dict[str, Any] = {"between": [tail, head], "weight": float(rng.uniform(0.5, 2.0))}
-        kind = rng.choice(["shared", "local_frame", "random"])
-        if kind == "random":  # near a rotation of the shared coordinates, so that nobody is nearly free
-            m = min(dimension[tail], dimension[head])
-            turn = np.linalg.qr(rng.standard_normal((m, m)))[0]
-            F = [turn @ (np.eye(m, dimension[v]) + 0.2 * rng.standard_normal((m, dimension[v]))) for v in (tail, head)]
-            e["map"] = {"tail": F[0].tolist(), "head": F[1].tolist()}
-            e["offset"] = rng.uniform(-2, 2, m).tolist()
-        else:
-            e["map"] = str(kind)
-        return e
-
-    tree = [edge(agents[i], agents[int(rng.integers(i))]) for i in range(1, N)]
-    more = [edge(a, b) for a in agents for b in agents if a < b and rng.random() < 0.3]
-    sensing = [edge(agents[int(rng.integers(N))], t) for t in targets]
-    sensing += [edge(a, t) for a in agents for t in targets if rng.random() < 0.5]
-
-    def motion(n: int) -> dict[str, Any]:
-        if rng.random() < 0.3:
-            points = rng.uniform(-6, 6, (3, n)).tolist()
-            return {"kind": "waypoints", "points": points, "speed": 4.0, "closed": bool(rng.random() < 0.5)}
-        return {
-            "kind": "lissajous",
-            "amplitude": rng.uniform(0, 2, n).tolist(),
-            "rate": rng.uniform(0.1, 6.0, n).tolist(),
-            "phase": rng.uniform(0, 6, n).tolist(),
-        }
-
-    field = int(rng.integers(2, 4))
-
-    def kernels(count: int) -> list[dict[str, Any]]:
-        return [{"centre": rng.uniform(-6, 6, field).tolist()} for _ in range(count)]
-
-    flow = {
-        "dimension": field,
-        "core": float(rng.uniform(2, 5)),
-        "drift": rng.uniform(-0.4, 0.4, field).tolist(),
-        "sources": [{**k, "alpha": float(rng.uniform(-2, 2))} for k in kernels(int(rng.integers(0, 3)))],
-        "vortices": [
-            {
-                **k,
-                "gamma": float(rng.uniform(-2, 2)),
-                **({"axis": rng.standard_normal(3).tolist()} if field == 3 else {}),
-            }
-            for k in kernels(int(rng.integers(0, 3)))
-        ],
-        "channels": [
-            {**k, "direction": rng.standard_normal(field).tolist(), "beta": 0.5, "width": 4.0, "length": 8.0}
-            for k in kernels(int(rng.integers(0, 2)))
-        ],
-    }
-    return {
-        "name": f"random{seed}",
-        "seed": seed,
-        "agents": [
-            {
-                "id": a,
-                "position": rng.uniform(-5, 5, dimension[a]).tolist(),
-                "frame": {"roll": 10.0, "pitch": -20.0, "yaw": float(rng.uniform(-180, 180))},
-            }
-            for a in agents
-        ],
-        "targets": [
-            {
-                "id": t,
-                "position": rng.uniform(-5, 5, dimension[t]).tolist(),
-                "motion": motion(dimension[t]),
-            }
-            for t in targets
-        ],
-        "communication": tree + more,
-        "sensing": sensing,
-        # A planar target leaves spatial agents free along z: anchor every spatial agent.
-        "anchors": [{"agent": a, "axes": ["z"], "value": [1.0]} for a in agents if dimension[a] == 3],
-        "target_edges": [edge(a, b) for a in targets for b in targets if a < b],
-        "target_formation": {"gain": float(rng.uniform(0.05, 1.0))},
-        "flow": {"agents": flow, "targets": flow},
-        "disturbance": {
-            who: {"bound": float(rng.uniform(0, 0.4)), "frequencies": [0.05, 2.0]} for who in ("agents", "targets")
-        },
-        # Recorded finely or coarsely: the constants must not depend on it.
-        "controller": {"gain": 1.0, "control_period": 0, "record_period": float(rng.choice([0.02, 0.1, 0.3]))},
-        "time": {"end": 3.0},
-    }
 
 
 def certified_run(seed: int) -> RunBound:
@@ -196,9 +100,8 @@ def test_disturbance_bound_is_the_papers() -> None:
     assert disturbance_bound(2.0, 0.0, 9, 4, 0.0) == 0.0
 
 
-def test_published_run_fails_the_gain_condition_and_keeps_the_weaker_bound() -> None:
-    scenario = mjsheaf.load_scenario("paper")
-    record = mjsheaf.check(scenario)
+def test_published_run_fails_the_gain_condition_and_keeps_the_weaker_bound(simulated: Simulated) -> None:
+    record = mjsheaf.check(mjsheaf.load_scenario("paper"))
     theorem = record["theorem"]
     assert record["ok"] is True
     assert theorem["applies"] is False
@@ -207,7 +110,7 @@ def test_published_run_fails_the_gain_condition_and_keeps_the_weaker_bound() -> 
     assert "does not exceed rho" in theorem["reason"]
     assert theorem["lambda_min"] == pytest.approx(0.4421094525282422, abs=1e-9)
     assert theorem["lambda_max"] == pytest.approx(6.269324221144499, abs=1e-9)
-    result = mjsheaf.simulate(scenario, "ideal")
+    result = simulated("paper", "ideal")
     error = np.sqrt((result["tracking_error"].values ** 2).sum(axis=1))
     settled = error[result["time"].values > 10.0]
     assert settled.max() <= theorem["weaker"]["radius"]

@@ -19,22 +19,12 @@ import xarray as xr
 import yaml
 
 import mjsheaf as package
-from mjsheaf.cli.main import main
 from mjsheaf.io.files import list_studies
 from mjsheaf.results.store import FILES
 from mjsheaf.scenario import list_scenarios, load_scenario
-from mjsheaf.video import available_backend
+from tests.commands import CAN_DRAW, RUN_FILES, SMALL, call, heed_interrupts, start
 
 QUICK = ["--backend", "ideal", "--no-video"]
-SMALL = ["--set", "video.width=160", "--set", "video.height=120", "--set", "video.fps=5"]
-DATA = {"result.nc", "summary.json", "scenario.yaml", "errors.png", "trajectories.png", "configurations.png"}
-CAN_DRAW = available_backend()[0] is not None
-
-
-def call(*arguments: str | Path) -> int:
-    with pytest.raises(SystemExit) as stopped:
-        main([str(a) for a in arguments])
-    return int(stopped.value.code or 0)
 
 
 SOME = [("certified", "ideal"), ("midpoint", "physics"), ("harbour", "physics")]
@@ -63,7 +53,7 @@ def test_run_and_video_of_every_scenario(
         assert not out.exists()
         return
     assert code == 0, printed.err
-    assert {p.name for p in out.iterdir()} == (set(FILES) if CAN_DRAW else DATA)
+    assert {p.name for p in out.iterdir()} == (set(FILES) if CAN_DRAW else RUN_FILES)
     summary = json.loads((out / "summary.json").read_text())
     for field in (
         "scenario",
@@ -128,7 +118,7 @@ def test_unstable_run_is_published_and_exits_3(tmp_path: Path, capsys: pytest.Ca
             assert word in printed.err
         summary = json.loads((out / "summary.json").read_text())
         assert summary["status"] == "unstable"
-        assert {p.name for p in out.iterdir()} == (set(FILES) if CAN_DRAW else DATA)
+        assert {p.name for p in out.iterdir()} == (set(FILES) if CAN_DRAW else RUN_FILES)
         with xr.open_dataset(out / "result.nc", engine="h5netcdf") as ds:
             assert 1 < len(ds["time"]) < 4999
             assert ds.attrs["status"] == "unstable"
@@ -259,7 +249,7 @@ def test_without_opengl_the_run_finishes_and_says_why(tmp_path: Path, mjsheaf: C
     done = mjsheaf("run", "midpoint", "--set", "time.end=0.2", "--out", out, MUJOCO_GL="nonsense")
     assert done.returncode == 0, done.stderr
     assert "note: no video:" in done.stderr
-    assert {p.name for p in out.iterdir()} == DATA
+    assert {p.name for p in out.iterdir()} == RUN_FILES
     assert json.loads((out / "summary.json").read_text())["video"] is None
 
 
@@ -334,7 +324,7 @@ def test_a_run_that_is_refused_leaves_no_parents(tmp_path: Path, capsys: pytest.
     assert call(*arguments, "--set", "vehicles.agents=rocket") == 2  # found when the bodies are made
     assert list(tmp_path.iterdir()) == []
     assert call(*arguments) == 0
-    assert {p.name for p in out.iterdir()} >= DATA
+    assert {p.name for p in out.iterdir()} >= RUN_FILES
 
 
 @pytest.mark.slow
@@ -371,7 +361,7 @@ def test_signal_stops_a_run_and_leaves_nothing(
 ) -> None:
     out = tmp_path / "deep" / "out"
     arguments = ["run", "paper", "--backend", backend, "--no-video", "--set", "time.end=40000", "--out", str(out)]
-    with _command(*arguments) as process:
+    with start(*arguments, process_group=0) as process:
         _wait_for(lambda: out.parent.is_dir() and any(out.parent.iterdir()))
         time.sleep(1.0)
         process.send_signal(number)
@@ -388,7 +378,7 @@ def test_signal_stops_a_film_and_keeps_the_old_one(number: signal.Signals, code:
     run = tmp_path / "run"
     assert call("run", "midpoint", "--backend", "ideal", "--set", "time.end=0.5", *SMALL, "--out", run) == 0
     before = {p.name: p.read_bytes() for p in run.iterdir()}
-    with _command("video", str(run), "--fps", "240", "--speed", "0.001") as process:
+    with start("video", str(run), "--fps", "240", "--speed", "0.001", process_group=0) as process:
         _wait_for(lambda: any(p.name.startswith(".video.") and p.stat().st_size > 0 for p in run.iterdir()))
         os.killpg(process.pid, number)  # as a terminal does: ffmpeg is told to stop too
         _, error = process.communicate(timeout=60)
@@ -411,23 +401,11 @@ def test_signal_that_was_lost_stops_the_work_at_the_next_report() -> None:
         capture_output=True,
         text=True,
         check=False,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+        preexec_fn=heed_interrupts,
     )
     assert done.returncode == 130
     assert done.stdout == "went on\n"
     assert done.stderr == "mjsheaf: interrupted; nothing was written\n"
-
-
-def _command(*arguments: str) -> subprocess.Popen[str]:
-    """The command in a process group of its own, with the signals as a shell gives them."""
-    return subprocess.Popen(
-        [sys.executable, "-m", "mjsheaf", *arguments],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        process_group=0,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
-    )
 
 
 def _wait_for(condition: Callable[[], bool], seconds: float = 120.0) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-REPOSITORY = Path(__file__).resolve().parents[2]
+from tests.builders import REPOSITORY
 
 
 def stand_in(folder: Path, name: str, script: str) -> None:

@@ -11,8 +11,7 @@ from pathlib import Path
 import pytest
 
 import mjsheaf
-
-REPOSITORY = Path(__file__).resolve().parents[2]
+from tests.builders import REPOSITORY
 
 
 @pytest.mark.slow

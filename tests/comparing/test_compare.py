@@ -14,7 +14,6 @@ import pytest
 import yaml
 
 from mjsheaf import simulate
-from mjsheaf.cli.main import main
 from mjsheaf.comparing import CompareRecord, compare
 from mjsheaf.comparing.filming import both_films
 from mjsheaf.comparing.ladder import climb, ladder_of
@@ -24,25 +23,20 @@ from mjsheaf.results.store import COMPARISON_FILES
 from mjsheaf.scenario import load_scenario
 from mjsheaf.video import available_backend
 from mjsheaf.video.curve import ErrorCurve, _rows
-from tests.comparing.small import approx, pair
+from tests.builders import approx, two_boats
+from tests.commands import call
 
 DATA = set(COMPARISON_FILES) - {"compare.mp4"}
 SHORT = ["--set", "time.end=1"]
 
 
-def call(*arguments: str | Path) -> int:
-    with pytest.raises(SystemExit) as stopped:
-        main([str(a) for a in arguments])
-    return int(stopped.value.code or 0)
-
-
 @pytest.fixture(scope="module")
 def record() -> CompareRecord:
-    return compare(pair("otter", "hull")).record
+    return compare(two_boats("otter", "hull")).record
 
 
 def test_errors_of_a_rung_are_those_of_a_run(record: CompareRecord) -> None:
-    scenario = pair("otter", "hull")
+    scenario = two_boats("otter", "hull")
     for key, backend in (("ideal", "ideal"), ("all", "physics")):
         expected = summarize(scenario.system().team, simulate(scenario, backend))
         found = record.rung(key).errors
@@ -89,7 +83,7 @@ def test_no_real_vehicle_follows_what_is_too_fast() -> None:
 
 def test_a_vehicle_that_is_too_slow_is_named() -> None:
     fast = {"kind": "lissajous", "amplitude": [40, 40], "rate": [0.3, 0.3], "phase": [1.57, 0]}
-    scenario = pair("otter", "otter", targets=[{"id": "T1", "position": [0, 0], "motion": fast}])
+    scenario = two_boats("otter", "otter", targets=[{"id": "T1", "position": [0, 0], "motion": fast}])
     told = [s for s in compare(scenario).record.verdict if "beyond their" in s]
     assert len(told) == 1 or len(told) == 2
     assert "otter" in told[0]
@@ -154,7 +148,7 @@ def test_video_has_both_side_by_side(tmp_path: Path) -> None:
 
 def test_both_curves_of_the_video_have_one_axis() -> None:
     """Equal errors lie in equal rows. Oracle: the curves' rows at the values that both axes name."""
-    scenario = pair("otter", "hull", time={"end": 4.0})
+    scenario = two_boats("otter", "hull", time={"end": 4.0})
     runs = climb(scenario.system(), [rung for rung in ladder_of(scenario.system()) if rung.key in ("ideal", "all")])
     films = [film for film, _ in both_films(scenario, runs["ideal"], runs["all"])]
     low, high = films[0].error_range or (0.0, 0.0)

@@ -11,12 +11,12 @@ from mjsheaf.checking.margins import body_margin
 from mjsheaf.comparing.convergence import converge
 from mjsheaf.comparing.ringing import fit_roots, least_damped, ringing_of, second_order
 from mjsheaf.scenario import Scenario
-from tests.comparing.small import approx, pair, swarm
+from tests.builders import approx, two_aircraft, two_boats
 
 
 def with_tau(tau: float, gain: float) -> Scenario:
     vehicles = {"agents": "hull", "targets": "hull", "tau": tau}
-    return pair("hull", "hull", vehicles=vehicles, controller={"gain": gain, "control_period": 0.002},
+    return two_boats("hull", "hull", vehicles=vehicles, controller={"gain": gain, "control_period": 0.002},
                 physics={"timestep": 0.002})  # fmt: skip
 
 
@@ -66,7 +66,7 @@ def test_real_vehicles_without_lag_ring_as_predicted(name: str) -> None:
     """Within 15% without lag and underactuation, and less damped with them, which the prediction does not know."""
     controller = {"gain": 1.0, "control_period": 0.02}
     afloat = name in ("wamv", "otter")
-    scenario = pair(name, "hull", controller=controller) if afloat else swarm(name, controller=controller)
+    scenario = two_boats(name, "hull", controller=controller) if afloat else two_aircraft(name, controller=controller)
     ringing = ringing_of(scenario.system())
     assert ringing is not None
     as_it_stands, ideal = ringing.releases[0], ringing.releases[-1]
@@ -78,7 +78,7 @@ def test_real_vehicles_without_lag_ring_as_predicted(name: str) -> None:
 
 
 def test_distance_to_the_ideal_run_is_of_first_order_in_tau() -> None:
-    for scenario in (pair("wamv", "hull"), pair("otter", "hull")):
+    for scenario in (two_boats("wamv", "hull"), two_boats("otter", "hull")):
         system = scenario.system()
         found = converge(system)
         assert approx(found.slope, abs=0.1) == 1.0

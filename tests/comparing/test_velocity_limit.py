@@ -10,13 +10,13 @@ from mjsheaf import simulate
 from mjsheaf.comparing import CompareRecord, compare
 from mjsheaf.comparing.measures import root_mean_square
 from mjsheaf.scenario import Scenario
-from tests.comparing.small import approx, pair
+from tests.builders import approx, two_boats
 
 
 def limited(limit: float | None) -> Scenario:
     """A target on a circle at 0.6 m/s, and boats that may do so much."""
     controller = {"gain": 1.0, "control_period": 0.02} | ({} if limit is None else {"velocity_limit": limit})
-    return pair("hull", "hull", time={"end": 24.0}, controller=controller)
+    return two_boats("hull", "hull", time={"end": 24.0}, controller=controller)
 
 
 def late_tracking(scenario: Scenario, backend: str) -> float:

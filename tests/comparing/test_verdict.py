@@ -23,7 +23,7 @@ from mjsheaf.results.metrics import evaluate_errors
 from mjsheaf.scenario import Scenario
 from mjsheaf.simulation.ideal import run_ideal
 from mjsheaf.vehicles.loading import load_vehicle
-from tests.comparing.small import approx, pair
+from tests.builders import approx, two_boats
 
 
 def two_groups(link: Any, **fields: Any) -> Scenario:
@@ -31,7 +31,7 @@ def two_groups(link: Any, **fields: Any) -> Scenario:
     places = {"T1": (0, 0), "T2": (20, 0), "T3": (0, 30)}
     slow = {"kind": "lissajous", "amplitude": [1, 1], "rate": [0.1, 0.1], "phase": [1.57, 0]}
     agents = [{"id": f"{t}{k}", "position": [x + 3, y + 2 * k]} for t, (x, y) in places.items() for k in (1, 2)]
-    return pair(
+    return two_boats(
         "hull", "hull",
         name="groups",
         agents=agents,
@@ -95,7 +95,7 @@ def test_a_link_with_the_targets_offset_blames_nobody_for_the_sheaf() -> None:
 def test_where_the_law_lags_the_tracking_error_is_told() -> None:
     """A target in uniform motion is followed at a distance of v / (k1 w), which the ideal run has too."""
     motion = {"kind": "lissajous", "amplitude": [3, 3], "rate": [0.5, 0.5], "phase": [1.57, 0]}
-    record = compare(pair("hull", "hull", targets=[{"id": "T1", "position": [0, 0], "motion": motion}])).record
+    record = compare(two_boats("hull", "hull", targets=[{"id": "T1", "position": [0, 0], "motion": motion}])).record
     (told,) = [s for s in record.verdict if s.startswith("tracking error")]
     assert "the law's own lag; a higher controller.gain (up to" in told
     assert record.usable_gain is not None
@@ -111,7 +111,7 @@ def test_usable_gain_of_alike_bodies_is_the_closed_form_at_any_gain(gain: float)
     """1 / (4 zeta^2 lambda tau) where the law is continuous: no hold, no lag; and it does not depend on k1."""
     tau = 0.2
     vehicles = {"agents": "hull", "targets": "hull", "tau": tau}
-    system = pair("hull", "hull", vehicles=vehicles, controller={"gain": gain, "control_period": 0.002},
+    system = two_boats("hull", "hull", vehicles=vehicles, controller={"gain": gain, "control_period": 0.002},
                   physics={"timestep": 0.002}).system()  # fmt: skip
     system = replace(system, grid=replace(system.grid, continuous=True))
     expected = 1.0 / (4.0 * 0.3**2 * system.largest_eigenvalue * tau)
@@ -125,7 +125,7 @@ def test_usable_gain_of_alike_bodies_is_the_closed_form_at_any_gain(gain: float)
 
 @given(st.floats(0.002, 0.2), st.floats(0.1, 20.0))
 def test_usable_gain_neither_rings_under_the_hold_nor_grows_with_it(period: float, gain: float) -> None:
-    system = pair("hull", "hull").system()
+    system = two_boats("hull", "hull").system()
     held = replace(system, gain=gain, grid=replace(system.grid, period=period, continuous=False))
     longer = replace(held, grid=replace(held.grid, period=1.5 * period))
     found, less = usable_gain(held, None), usable_gain(longer, None)
@@ -160,7 +160,7 @@ def test_the_page_says_why_something_is_worse_without_an_effect(torn: CompareRec
 
 
 def test_every_rung_is_drawn_or_named() -> None:
-    record = compare(pair("otter", "hull", time={"end": 1.0})).record
+    record = compare(two_boats("otter", "hull", time={"end": 1.0})).record
     told, note = choose_rungs(record)
     keys = [rung.key for rung in told]
     assert {"ideal", "targets", "agents", "base", "all"} <= set(keys)

@@ -16,9 +16,7 @@ from mjsheaf.dynamics import disturbance
 from mjsheaf.scenario import scenario_from_mapping
 from mjsheaf.simulation.ideal import inputs, run_ideal
 from mjsheaf.system import System
-
-from ..backends.small import velocity_commands
-from ..checking.test_theorem import random_scenario
+from tests.builders import random_scenario, velocity_commands
 
 Array = NDArray[np.float64]
 

@@ -4,13 +4,11 @@ Oracles: the definitions eta = (delta^T K (delta x - b)) on the agents and d = -
 harmonic extension; and the spectrum of the published run.
 """
 
-import json
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -18,11 +16,9 @@ from mjsheaf import load_scenario
 from mjsheaf.control import LawArrays, LocalLaw, disagreement, pack_law
 from mjsheaf.control.law import limit_speed, limited_commands
 from mjsheaf.team import Edge, Formation, Member, Team, range_bearing, relative_state
+from tests.builders import FACTS
 
 Array = NDArray[np.float64]
-
-LAWS = settings(deadline=None, derandomize=True, max_examples=60)
-FACTS = json.loads((Path(__file__).parents[1] / "data" / "paper_facts.json").read_text())
 
 
 @dataclass(frozen=True)
@@ -85,7 +81,6 @@ def neighbours(team: Team, agent: str) -> set[str]:
     return {v for e in team.incident_edges(agent) for v in (e.tail, e.head)} | {agent}
 
 
-@LAWS
 @given(cases())
 def test_local_law_is_the_ensemble_law(case: Case) -> None:
     team = case.team
@@ -102,7 +97,6 @@ def test_local_law_is_the_ensemble_law(case: Case) -> None:
         np.testing.assert_allclose(local.command(measured, g_pinv), g_pinv @ local.command(measured), rtol=1e-15)
 
 
-@LAWS
 @given(cases())
 def test_ensemble_disagreement_is_its_definition(case: Case) -> None:
     """eta = H q - B p - c on the agents, L_T p - c_T on the targets; nothing in z for those in the plane."""
@@ -128,7 +122,6 @@ def test_ensemble_disagreement_is_its_definition(case: Case) -> None:
     np.testing.assert_array_equal(residual[planar, 2], 0.0)
 
 
-@LAWS
 @given(cases())
 def test_disagreement_is_minus_h_times_the_tracking_error(case: Case) -> None:
     """Eta = -H e with e = q* - q, also where H is singular."""
@@ -141,7 +134,6 @@ def test_disagreement_is_minus_h_times_the_tracking_error(case: Case) -> None:
     np.testing.assert_allclose(eta, -(team.dirichlet.H @ e), atol=1e-10 * size)
 
 
-@LAWS
 @given(cases())
 def test_vehicles_that_are_no_neighbours_do_not_change_a_bit(case: Case) -> None:
     team = case.team
@@ -161,7 +153,6 @@ def test_vehicles_that_are_no_neighbours_do_not_change_a_bit(case: Case) -> None
         np.testing.assert_array_equal(ensemble(team, lost)[i], before[i])
 
 
-@LAWS
 @given(cases())
 def test_a_neighbour_does_matter(case: Case) -> None:
     """The other half of locality: an agent does feel each vehicle that it shares an edge with."""
@@ -219,7 +210,6 @@ def test_packed_law_keeps_gains_and_limits(published: Team) -> None:
     np.testing.assert_array_equal(law.limit, limits)
 
 
-@LAWS
 @given(st.integers(0, 2**31))
 def test_speed_limits_shorten_and_never_turn(seed: int) -> None:
     rng = np.random.default_rng(seed)

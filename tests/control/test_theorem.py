@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
@@ -29,8 +29,7 @@ from mjsheaf.control.theorem import (
     theorem_1,
 )
 from mjsheaf.errors import InputError
-
-LAWS = settings(deadline=None, derandomize=True, max_examples=80)
+from tests.strategies import examples
 
 number = st.floats(0.01, 5.0)
 polynomials = st.lists(st.one_of(st.just(0.0), number), min_size=1, max_size=4).map(PolynomialRho)
@@ -46,7 +45,7 @@ rhos = st.one_of(polynomials, tables, functions, number.map(ConstantRho))
 drives = st.one_of(st.just(0.0), number)
 
 
-@LAWS
+@examples(80)
 @given(rhos, st.floats(1.0, 1e3), number, drives, drives, st.one_of(st.none(), st.floats(0.0, 5.0)), st.data())
 def test_sets_are_nested_where_the_gain_condition_holds(
     rho: Rho, gain: float, lambda_min: float, f_bar: float, omega_bar: float, start: float | None, data: st.DataObject
@@ -74,7 +73,7 @@ def test_sets_are_nested_where_the_gain_condition_holds(
         assert t.bound(t.radius_S, times)[-1] == pytest.approx(t.radius_U, rel=1e-3, abs=1e-3 * t.chi)
 
 
-@LAWS
+@examples(80)
 @given(st.lists(number, min_size=2, max_size=4), st.floats(1e-3, 1e6))
 def test_chi_is_the_root_of_rho(coefficients: list[float], above: float) -> None:
     rho = PolynomialRho(coefficients)
@@ -87,7 +86,7 @@ def test_chi_is_the_root_of_rho(coefficients: list[float], above: float) -> None
     assert rho.reach(0.999 * coefficients[0]) is None
 
 
-@LAWS
+@examples(80)
 @given(rhos, st.floats(0.0, 20.0))
 def test_reach_never_goes_too_far_and_hardly_falls_short(rho: Rho, level: float) -> None:
     s = rho.reach(level)
@@ -136,7 +135,7 @@ def test_what_is_no_bound_is_refused(make: Callable[[], Rho]) -> None:
         make()
 
 
-@LAWS
+@examples(80)
 @given(rhos, st.floats(1.0, 300.0), number, drives, st.one_of(st.none(), st.floats(0.0, 3.0)))
 def test_the_best_rate_is_the_largest(
     rho: Rho, gain: float, lambda_min: float, f_bar: float, start: float | None
@@ -156,7 +155,7 @@ def test_the_best_rate_is_the_largest(
     assert t.rate >= max(possible) * (1 - 1e-8)
 
 
-@LAWS
+@examples(80)
 @given(st.lists(number, min_size=2, max_size=4), number, drives, st.floats(0.0, 100.0))
 def test_the_result_is_semi_global(coefficients: list[float], lambda_min: float, f_bar: float, start: float) -> None:
     """chi grows without bound with k1 at a fixed rate; any initial error lies in S for a large enough gain."""
@@ -169,7 +168,7 @@ def test_the_result_is_semi_global(coefficients: list[float], lambda_min: float,
     assert theorem_1(1e15, lambda_min, f_bar, 0.5, PolynomialRho(coefficients), initial_error=start).contains(start)
 
 
-@LAWS
+@examples(80)
 @given(rhos, number, drives, number, st.floats(0.0, 2.0))
 def test_the_gain_for_a_radius_is_the_smallest(
     rho: Rho, lambda_min: float, f_bar: float, radius: float, start: float
@@ -238,7 +237,7 @@ def worst_loop(t: Theorem, H: np.ndarray, start: np.ndarray, end: float) -> Any:
     return solve_ivp(slope, (0.0, end), start, rtol=1e-10, atol=1e-12, events=escaped)
 
 
-@settings(deadline=None, derandomize=True, max_examples=30)
+@examples(30)
 @given(
     st.one_of(st.lists(number, min_size=2, max_size=4).map(PolynomialRho), tables),
     st.floats(5.0, 100.0),

@@ -4,26 +4,24 @@ Oracles: the field itself at thousands of random points, half of them gathered a
 peaks are known in closed form; the paper's field on a fine grid.
 """
 
-import json
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from mjsheaf.dynamics import FlowField
 from mjsheaf.dynamics.bounds import Supremum, _Kernels, largest_speed, lipschitz_constant
 from mjsheaf.errors import InputError
+from tests.builders import FACTS
+from tests.strategies import examples
 
 Array = NDArray[np.float64]
 
-LAWS = settings(deadline=None, derandomize=True, max_examples=150)
-FACTS = json.loads((Path(__file__).parents[1] / "data" / "paper_facts.json").read_text())
 BOTH = pytest.mark.parametrize("supremum", [largest_speed, lipschitz_constant], ids=["speed", "slope"])
 SPACES = st.sampled_from(
     [(2, True), (2, False), (3, True), (3, False)]
@@ -85,7 +83,7 @@ def value(supremum: Callable[..., Supremum], field: FlowField, points: Array, pl
 
 
 @BOTH
-@LAWS
+@examples(150)
 @given(seed=SEEDS, space=SPACES)
 def test_nothing_in_the_box_exceeds_the_bound(
     supremum: Callable[..., Supremum], seed: int, space: tuple[int, bool]
@@ -105,7 +103,7 @@ def test_nothing_in_the_box_exceeds_the_bound(
 
 
 @pytest.mark.parametrize("slope", [False, True], ids=["speed", "slope"])
-@LAWS
+@examples(150)
 @given(seed=SEEDS, space=SPACES)
 def test_the_bound_of_one_cell_holds(slope: bool, seed: int, space: tuple[int, bool]) -> None:
     """Each bound by itself: of each kernel over a cell, and of its second derivative, by differences."""
@@ -305,7 +303,7 @@ def test_a_drift_alone_is_exact(planar: bool) -> None:
             assert none.exact
 
 
-@LAWS
+@examples(150)
 @given(seed=SEEDS, space=SPACES)
 def test_leaving_out_the_drift(seed: int, space: tuple[int, bool]) -> None:
     (n, planar), rng = space, np.random.default_rng(seed)

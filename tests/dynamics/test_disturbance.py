@@ -5,14 +5,12 @@ Oracle: the bound and the Lipschitz constant 2 pi f_max bound that follow from t
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from mjsheaf.dynamics import Disturbance, disturbance
 from mjsheaf.dynamics.disturbance import disturbance_velocity, evaluate_sines
 from mjsheaf.errors import InputError
-
-LAWS = settings(deadline=None, derandomize=True, max_examples=60)
 
 kinds = st.builds(
     Disturbance,
@@ -23,7 +21,6 @@ kinds = st.builds(
 dimensions = st.lists(st.sampled_from([2, 3]), min_size=1, max_size=4)
 
 
-@LAWS
 @given(kinds, dimensions, st.integers(0, 2**31))
 def test_disturbances_are_bounded_and_continuous(kind: Disturbance, sizes: list[int], seed: int) -> None:
     harmonics = disturbance.draw([kind] * len(sizes), sizes, np.random.default_rng(seed))
@@ -40,7 +37,6 @@ def test_disturbances_are_bounded_and_continuous(kind: Disturbance, sizes: list[
         assert np.linalg.norm(change, axis=2).max() <= steepest * h * slack + 1e-9 * kind.bound
 
 
-@LAWS
 @given(st.integers(0, 2**31))
 def test_disturbances_do_disturb(seed: int) -> None:
     """The bound is not a fiction: over a long time each vehicle sees a good part of it, in every direction it has."""
@@ -53,7 +49,6 @@ def test_disturbances_do_disturb(seed: int) -> None:
     assert np.abs(omega.mean(axis=0)).max() < 0.1
 
 
-@LAWS
 @given(kinds, dimensions, st.integers(0, 2**31))
 def test_the_same_seed_gives_the_same_bits(kind: Disturbance, sizes: list[int], seed: int) -> None:
     one, again = (disturbance.draw([kind] * len(sizes), sizes, np.random.default_rng(seed)) for _ in range(2))
@@ -63,7 +58,6 @@ def test_the_same_seed_gives_the_same_bits(kind: Disturbance, sizes: list[int], 
         assert np.any(one != other)
 
 
-@LAWS
 @given(kinds, dimensions, st.integers(0, 2**31), st.floats(0.0, 1e3))
 def test_compiled_and_vectorised_forms_agree(kind: Disturbance, sizes: list[int], seed: int, t: float) -> None:
     harmonics = disturbance.draw([kind] * len(sizes), sizes, np.random.default_rng(seed))
@@ -88,7 +82,6 @@ def test_the_sine_of_the_loops_is_the_sine(most: float) -> None:
     np.testing.assert_allclose(found, np.sin(x), rtol=0, atol=2.3e-16)
 
 
-@LAWS
 @given(kinds, st.integers(0, 2**31), st.floats(0.0, 1e300), st.floats(0.0, 1e6))
 def test_the_bound_holds_at_any_time_and_both_forms_agree_where_the_loop_may_run(
     kind: Disturbance, seed: int, late: float, early: float

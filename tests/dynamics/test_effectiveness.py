@@ -7,13 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from mjsheaf.dynamics import ControlEffectiveness, effectiveness
 from mjsheaf.errors import InputError
-
-LAWS = settings(deadline=None, derandomize=True, max_examples=60)
 
 
 @st.composite
@@ -30,7 +28,6 @@ def models(draw: st.DrawFn) -> tuple[list[ControlEffectiveness | None], list[int
     return made, sizes, rng
 
 
-@LAWS
 @given(models())
 def test_allocation_is_the_pseudo_inverse_and_gives_the_velocity_back(case: tuple) -> None:
     """U = g^+ v with g of `matrix`; then g u = v, as g g^+ = I: full row rank, whatever s."""

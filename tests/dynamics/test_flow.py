@@ -4,23 +4,20 @@ Oracles: the kernels of the published run written out in numpy, with its own num
 central differences for the Jacobian.
 """
 
-import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from mjsheaf.dynamics import FlowField
 from mjsheaf.errors import InputError
+from tests.builders import FACTS
 
 Array = NDArray[np.float64]
 
-LAWS = settings(deadline=None, derandomize=True, max_examples=60)
-FACTS = json.loads((Path(__file__).parents[1] / "data" / "paper_facts.json").read_text())
 SETS = ("agent_field", "target_field")
 
 
@@ -104,7 +101,6 @@ def test_jacobian_is_the_derivative(name: str, distance: float) -> None:
             np.testing.assert_allclose(field.jacobian(x), expected, atol=3e-6 * size)
 
 
-@LAWS
 @given(st.integers(0, 2**31), st.sampled_from([2, 3]), st.sampled_from([2, 3]))
 def test_any_field_has_its_derivative(seed: int, dimension: int, of_points: int) -> None:
     """Random kernels, axes that are not unit vectors, and points of either dimension."""

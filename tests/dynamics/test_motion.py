@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -17,8 +17,6 @@ from mjsheaf.dynamics import Lissajous, Motion, Waypoints, motion
 from mjsheaf.errors import InputError
 
 Array = NDArray[np.float64]
-
-LAWS = settings(deadline=None, derandomize=True, max_examples=60)
 
 
 class Target:
@@ -63,7 +61,6 @@ def knots(path: Waypoints, initial: Array, start: float) -> tuple[Array, Array]:
     return start + np.concatenate([[0.0], np.cumsum(legs)]) / path.speed, points
 
 
-@LAWS
 @given(st.integers(0, 2**31), st.sampled_from([2, 3]), st.floats(0.0, 5.0), st.floats(0.0, 100.0))
 def test_lissajous_is_the_papers(seed: int, n: int, start: float, after: float) -> None:
     rng = np.random.default_rng(seed)
@@ -87,7 +84,6 @@ def test_lissajous_of_the_published_run() -> None:
         np.testing.assert_allclose(target.velocity(t), expected, atol=1e-13)
 
 
-@LAWS
 @given(paths())
 def test_paths_pass_through_their_points_at_mean_speed(case: tuple[Waypoints, Array, float]) -> None:
     target = Target(*case)
@@ -98,7 +94,6 @@ def test_paths_pass_through_their_points_at_mean_speed(case: tuple[Waypoints, Ar
         assert target.position(times.mean())[2] == target.velocity(times.mean())[2] == 0.0
 
 
-@LAWS
 @given(paths(), st.floats(0.01, 0.99))
 def test_velocity_along_a_path_is_the_derivative_of_position(case: tuple[Waypoints, Array, float], s: float) -> None:
     target = Target(*case)
@@ -110,7 +105,6 @@ def test_velocity_along_a_path_is_the_derivative_of_position(case: tuple[Waypoin
     np.testing.assert_allclose(target.velocity(t), difference, atol=1e-4 * scale)
 
 
-@LAWS
 @given(paths())
 def test_position_and_velocity_are_continuous_at_the_knots(case: tuple[Waypoints, Array, float]) -> None:
     """C^1 (in fact C^4 inside): both sides of a knot agree up to what the motion itself makes of a tiny time."""
@@ -129,7 +123,6 @@ def test_position_and_velocity_are_continuous_at_the_knots(case: tuple[Waypoints
         np.testing.assert_allclose(target.velocity(after), target.velocity(before), atol=20 * gap * bend + 1e-8)
 
 
-@LAWS
 @given(paths(closed=True), st.floats(0.0, 1.0), st.integers(1, 5))
 def test_closed_paths_go_round(case: tuple[Waypoints, Array, float], s: float, rounds: int) -> None:
     target = Target(*case)
@@ -141,7 +134,6 @@ def test_closed_paths_go_round(case: tuple[Waypoints, Array, float], s: float, r
     np.testing.assert_allclose(target.velocity(t + rounds * period), target.velocity(t), atol=1e-8 * size)
 
 
-@LAWS
 @given(paths(closed=False))
 def test_open_paths_begin_and_end_at_rest_and_stay(case: tuple[Waypoints, Array, float]) -> None:
     target = Target(*case)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from mjsheaf.cli.main import main
@@ -18,8 +18,8 @@ from mjsheaf.io.yaml import parse_yaml
 from mjsheaf.runs.expecting import Trial, bounds_from, describe, expectation_from, loose, missed, round_up, try_scenario
 from mjsheaf.scenario import load_scenario, scenario_from_mapping
 from mjsheaf.scenario.editing import replace_file, with_field
+from tests.strategies import examples
 
-LAWS = settings(deadline=None, derandomize=True, max_examples=200)
 TINY = """\
 # A boat goes to a buoy.
 time: {end: 1}
@@ -38,7 +38,7 @@ FOUND = 5.0 * (1.0 - 2.0 * 0.01) ** 100  # a held first-order loop: the error sh
 # -- numbers ----------------------------------------------------------------------------------------------------------
 
 
-@LAWS
+@examples(200)
 @given(st.floats(1e-12, 1e9))
 def test_rounding_goes_up_to_three_digits_and_no_further(value: float) -> None:
     rounded = round_up(value)

@@ -7,11 +7,11 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 
-REPOSITORY = Path(__file__).resolve().parents[2]
+from tests.builders import REPOSITORY
+
 TINY = """\
 time: {end: 1}
 controller: {gain: 2, control_period: 0.05}

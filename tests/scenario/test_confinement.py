@@ -17,18 +17,8 @@ from mjsheaf.cli.main import main
 from mjsheaf.errors import InputError, ScenarioError
 from mjsheaf.io.files import confined
 from mjsheaf.runs.publish import write_scenario
+from tests.builders import DATA, ONE_BOAT, TETRAHEDRON
 from tests.scenario.mutations import in_time
-
-DATA = Path(__file__).parents[1] / "data"
-SCENARIO: dict[str, Any] = {
-    "time": {"end": 0.2},
-    "controller": {"control_period": 0.05},
-    "agents": [{"id": "A1", "position": [0, 0]}],
-    "targets": [{"id": "T1", "position": [5, 5]}],
-    "sensing": [["A1", "T1"]],
-    "physics": {"timestep": 0.005},
-}
-TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 
 
 @pytest.fixture
@@ -44,7 +34,7 @@ def place(tmp_path: Path) -> Path:
 
 def write(place: Path, **fields: Any) -> Path:
     path = place / "mine.yaml"
-    path.write_text(yaml.safe_dump({**SCENARIO, **fields}))
+    path.write_text(yaml.safe_dump({**ONE_BOAT, **fields}))
     return path
 
 
@@ -82,7 +72,7 @@ def test_a_vehicle_outside_is_refused(
     name = vehicle.replace("{tmp}", str(place.parent))
     section = field.split(".")[0]
     swarm = {"size": 2, "about": "T1", "vehicle": name}
-    path = write(place, **{"agents": agent(name) if section == "agents" else SCENARIO["agents"]}
+    path = write(place, **{"agents": agent(name) if section == "agents" else ONE_BOAT["agents"]}
                  | ({"vehicles": {field.split(".")[1]: name}} if section == "vehicles" else {})
                  | ({"swarm": swarm, "agents": [], "sensing": []} if section == "swarm" else {}))  # fmt: skip
     for backend in ("ideal", "physics"):

@@ -20,12 +20,12 @@ from mjsheaf.io.yaml import read_yaml
 from mjsheaf.scenario import list_scenarios, load_scenario
 from mjsheaf.simulation.arena import attachable
 from mjsheaf.simulation.run import simulate
+from tests.builders import RAFT
 
 from .mutations import FUZZ, RUNS, TEXTS, in_time, load_or_refuse, mutated_text, mutated_tree, texts, trees, try_files
 
 NAMES = list(list_scenarios())
 SHORT = ["time.start=0", "time.end=0.05", "controller.control_period=0.01"]
-RAFT = Path(__file__).parents[1] / "data" / "raft.yaml"
 VEHICLES = 250
 LEFT = {"result.nc", "summary.json", "scenario.yaml"}
 """Of what a run leaves, all but the plots, which are not drawn here."""

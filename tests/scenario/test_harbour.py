@@ -3,32 +3,26 @@
 Oracle: the bounds that were set before it was built, on each group and on the scenario itself.
 """
 
-from functools import cache
-from typing import Any
-
 import numpy as np
 import pytest
 
-from mjsheaf import load_scenario, simulate
+from mjsheaf import load_scenario
 from mjsheaf.results import summarize
-
-
-@cache
-def run(backend: str) -> tuple[Any, dict[str, Any]]:
-    scenario = load_scenario("harbour")
-    dataset = simulate(scenario, backend)
-    return dataset, summarize(scenario.system().team, dataset)["groups"]
+from tests.builders import Simulated
 
 
 @pytest.mark.parametrize(("group", "formation"), [("air", 0.5), ("water", 1.5)])
-def test_groups_do_on_bodies_nearly_what_they_do_ideally(group: str, formation: float) -> None:
-    ideal, bodies = run("ideal")[1][group], run("physics")[1][group]
+def test_groups_do_on_bodies_nearly_what_they_do_ideally(group: str, formation: float, simulated: Simulated) -> None:
+    team = load_scenario("harbour").system().team
+    ideal, bodies = (
+        summarize(team, simulated("harbour", backend))["groups"][group] for backend in ("ideal", "physics")
+    )
     assert bodies["tracking_error"] <= 1.15 * ideal["tracking_error"] + 0.3
     assert bodies["formation_error"] <= ideal["formation_error"] + formation
 
 
-def test_targets_move_fast_and_apart() -> None:
-    dataset = run("physics")[0]
+def test_targets_move_fast_and_apart(simulated: Simulated) -> None:
+    dataset = simulated("harbour", "physics")
     position = dataset["target_position"].values.copy()
     position[..., 2] = np.nan_to_num(position[..., 2])
     speed = np.linalg.norm(np.gradient(position, dataset["time"].values, axis=0), axis=2)

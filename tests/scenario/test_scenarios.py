@@ -4,7 +4,6 @@ That each runs as its `expect:` block says, with bounds at most a tenth above wh
 pytest collects scenarios/ through mjsheaf's own plugin. Oracle here: the published run, and what the README says.
 """
 
-from functools import cache
 from pathlib import Path
 
 import jsonschema
@@ -20,16 +19,11 @@ from mjsheaf.scenario import Scenario, list_scenarios, load_scenario, scenario_f
 from mjsheaf.scenario.build import uses_seed
 from mjsheaf.scenario.load import parse_override
 from mjsheaf.scenario.scenario import ExplicitMaps
+from tests.builders import Simulated
 
 BACKENDS = ("ideal", "physics")
 RUNNABLE = [name for name in list_scenarios() if load_scenario(name).expect.refused is None]
 REFUSED = [name for name in list_scenarios() if load_scenario(name).expect.refused is not None]
-
-
-@cache
-def run(name: str, backend: str) -> tuple[Scenario, xr.Dataset]:
-    scenario = load_scenario(name)
-    return scenario, mjsheaf.simulate(scenario, backend)
 
 
 @pytest.mark.parametrize("name", RUNNABLE)
@@ -63,16 +57,15 @@ def test_a_free_team_is_refused_or_drifts_and_says_so(backend: str) -> None:
     assert float(result["tracking_error"][-1].max()) < 25.0
 
 
-def test_paper_centering_matches_the_published_account() -> None:
-    scenario, dataset = run("paper", "ideal")
-    final = summarize(scenario.system().team, dataset)
+def test_paper_centering_matches_the_published_account(simulated: Simulated) -> None:
+    final = summarize(load_scenario("paper").system().team, simulated("paper", "ideal"))
     assert 7.2 < final["centering_error"] < 7.4  # "up to 7.3 m from their targets"
     assert final["mean_disagreement"] == pytest.approx(1.433368287835867, abs=1e-8)
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_dataset_holds_what_the_contract_names(backend: str) -> None:
-    _, ds = run("local_frames", backend)
+def test_dataset_holds_what_the_contract_names(backend: str, simulated: Simulated) -> None:
+    ds = simulated("local_frames", backend)
     assert ds["agent_position"].dims == ("time", "agent", "axis")
     assert ds["target_position"].dims == ("time", "target", "axis")
     assert ds["disagreement"].dims == ds["tracking_error"].dims == ("time", "agent")

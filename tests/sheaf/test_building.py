@@ -13,8 +13,7 @@ from hypothesis import given
 
 from mjsheaf import Sheaf
 from mjsheaf.errors import InputError, SheafError
-
-from .strategies import LAWS, SheafSpec, sheaves
+from tests.strategies import SheafSpec, sheaves
 
 Build = Callable[[Sheaf], Any]
 I2, FLAT = np.eye(2), np.eye(2, 3)
@@ -28,7 +27,6 @@ def pair() -> Sheaf:
     return sheaf
 
 
-@LAWS
 @given(sheaves())
 def test_edges_in_bulk_are_edges_one_at_a_time(spec: SheafSpec) -> None:
     """Runs of edges whose maps have equal shapes are added together; bits, numbers and order are the same."""
@@ -53,7 +51,6 @@ def test_edges_in_bulk_are_edges_one_at_a_time(spec: SheafSpec) -> None:
     np.testing.assert_array_equal(bulk.whitened_offset(), single.whitened_offset())
 
 
-@LAWS
 @given(sheaves())
 def test_mixed_edges_are_edges_one_at_a_time(spec: SheafSpec) -> None:
     """Stalks of all dimensions at once: rows and numbers stay in the order of the edges."""

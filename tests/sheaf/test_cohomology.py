@@ -15,8 +15,6 @@ from hypothesis import strategies as st
 from mjsheaf import Sheaf
 from mjsheaf.sheaf import RANK_TOLERANCE
 
-from .strategies import LAWS
-
 FLAT = np.eye(2, 3)  # R^3 -> R^2, the paper's projection
 
 graphs = st.integers(1, 7).flatmap(
@@ -43,7 +41,6 @@ def constant_sheaf(n: int, edges: Iterable[tuple[int, int]], k: int) -> Sheaf:
     return sheaf
 
 
-@LAWS
 @given(graphs, st.integers(1, 3))
 def test_constant_sheaf_counts_components_and_cycles(graph: tuple[int, list[tuple[int, int]]], k: int) -> None:
     """H^0 is R^k for each component, H^1 is R^k for each independent cycle; parallel edges make cycles."""
@@ -53,7 +50,6 @@ def test_constant_sheaf_counts_components_and_cycles(graph: tuple[int, list[tupl
     assert sheaf.betti() == (k * parts, k * (len(edges) - n + parts))
 
 
-@LAWS
 @given(graphs, st.integers(1, 3), st.data())
 def test_constant_sheaf_relative_to_a_boundary(
     graph: tuple[int, list[tuple[int, int]]], k: int, data: st.DataObject

@@ -11,9 +11,7 @@ from hypothesis import strategies as st
 from mjsheaf import Sheaf
 from mjsheaf.errors import SheafError
 from mjsheaf.sheaf import DirichletProblem
-
-from .strategies import (
-    LAWS,
+from tests.strategies import (
     Array,
     Hashable,
     SheafSpec,
@@ -56,7 +54,6 @@ def test_weights_pull_and_offsets_shift_the_midpoint() -> None:
     np.testing.assert_allclose(sheaf.harmonic_extension({1: 0.0, 3: 10.0}).x[2], 3.5, rtol=1e-14)
 
 
-@LAWS
 @given(sheaves_with_boundary())
 def test_extension_solves_its_equation_and_keeps_the_boundary(case: Case) -> None:
     """(L x - delta^T K b) vanishes on the interior: H q* = B p + c."""
@@ -68,7 +65,6 @@ def test_extension_solves_its_equation_and_keeps_the_boundary(case: Case) -> Non
     np.testing.assert_allclose(gradient[spec.columns(spec.rest(boundary))], 0.0, atol=1e-12 * size)
 
 
-@LAWS
 @given(sheaves_with_boundary())
 def test_blocks_are_those_of_the_laplacian(case: Case) -> None:
     spec, boundary, _ = case
@@ -81,7 +77,6 @@ def test_blocks_are_those_of_the_laplacian(case: Case) -> None:
     assert problem.interior == spec.rest(boundary)
 
 
-@LAWS
 @given(sheaves_with_boundary(), st.data())
 def test_no_change_of_the_interior_lowers_the_energy(case: Case, data: st.DataObject) -> None:
     spec, boundary, _ = case
@@ -94,7 +89,6 @@ def test_no_change_of_the_interior_lowers_the_energy(case: Case, data: st.DataOb
         assert spec.energy(other) >= lowest - 1e-10 * (1.0 + lowest)
 
 
-@LAWS
 @given(sheaves_with_boundary(), st.data())
 def test_extension_is_affine_in_the_boundary(case: Case, data: st.DataObject) -> None:
     """And linear where no edge has an offset: x(s y + t z) = s x(y) + t x(z) for s + t = 1."""
@@ -111,7 +105,6 @@ def test_extension_is_affine_in_the_boundary(case: Case, data: st.DataObject) ->
     )
 
 
-@LAWS
 @given(sheaves_with_boundary())
 def test_what_is_free_is_told_and_left_at_zero(case: Case) -> None:
     """Not unique just where H^0(G, U) is not zero; then the null basis spans it and x_W has minimum norm."""
@@ -135,7 +128,6 @@ def test_what_is_free_is_told_and_left_at_zero(case: Case) -> None:
     np.testing.assert_allclose(extension.energy, spec.energy(x), rtol=1e-9, atol=1e-12)
 
 
-@LAWS
 @given(sheaves_with_boundary(), st.integers(0, 2**31), st.data())
 def test_extension_does_not_depend_on_frames_order_or_direction(case: Case, seed: int, data: st.DataObject) -> None:
     spec, boundary, y = case

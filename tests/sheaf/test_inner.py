@@ -17,9 +17,8 @@ from scipy.linalg import block_diag
 from mjsheaf import Sheaf
 from mjsheaf.errors import SheafError
 from mjsheaf.sheaf import DirichletProblem
-
-from .strategies import LAWS, EdgeSpec, SheafSpec, sheaves, sheaves_with_boundary, split, vectors
-from .test_sections import grid
+from tests.builders import bundle_on_a_grid
+from tests.strategies import EdgeSpec, SheafSpec, sheaves, sheaves_with_boundary, split, vectors
 
 Array = NDArray[np.float64]
 Products = dict[Hashable, Array]
@@ -49,7 +48,6 @@ def dense(spec: SheafSpec, products: Products, vertices: list[Hashable] | None =
     return block_diag(np.zeros((0, 0)), *(products.get(v, np.eye(spec.stalks[v])) for v in names))
 
 
-@LAWS
 @given(sheaves(), st.data())
 def test_adjoint_and_laplacian(spec: SheafSpec, data: st.DataObject) -> None:
     products = draw_products(data, spec)
@@ -70,7 +68,6 @@ def test_adjoint_and_laplacian(spec: SheafSpec, data: st.DataObject) -> None:
     np.testing.assert_allclose(np.sort(values.real), symmetric, atol=1e-6 * scale)
 
 
-@LAWS
 @given(sheaves(), st.data())
 def test_what_an_inner_product_leaves_alone(spec: SheafSpec, data: st.DataObject) -> None:
     products = draw_products(data, spec)
@@ -87,7 +84,6 @@ def test_what_an_inner_product_leaves_alone(spec: SheafSpec, data: st.DataObject
     np.testing.assert_array_equal(same.laplacian().toarray(), plain.laplacian().toarray())
 
 
-@LAWS
 @given(sheaves(), st.data())
 def test_bases_are_orthonormal_and_the_nearest_section_is_nearest(spec: SheafSpec, data: st.DataObject) -> None:
     products = draw_products(data, spec)
@@ -114,7 +110,6 @@ def test_bases_are_orthonormal_and_the_nearest_section_is_nearest(spec: SheafSpe
     np.testing.assert_array_equal(np.concatenate([np.zeros(0), *by_vertex.values()]), nearest)
 
 
-@LAWS
 @given(sheaves_with_boundary(), st.data())
 def test_the_extension_is_the_shortest_of_the_same_ones(problem: Any, data: st.DataObject) -> None:
     spec, boundary, y = problem
@@ -145,7 +140,6 @@ def test_the_extension_is_the_shortest_of_the_same_ones(problem: Any, data: st.D
     assert held.unique is plain.unique
 
 
-@LAWS
 @given(sheaves_with_boundary(), st.data())
 def test_a_change_of_basis_changes_coordinates_alone(problem: Any, data: st.DataObject) -> None:
     """With x = T x': maps F T, inner products T^T M T; every operator and every answer is carried along."""
@@ -215,7 +209,7 @@ def random_spd(n: int, rng: np.random.Generator) -> Array:
 def test_large_sheaves_have_inner_products_too() -> None:
     """A flat bundle (proved along a forest) and planes stacked in space (the iterative projection)."""
     rng = np.random.default_rng(2)
-    sheaf, frames = grid(30)
+    sheaf, frames = bundle_on_a_grid(30)
     M = np.stack([random_spd(3, rng) for _ in range(900)])
     for v in range(900):
         sheaf.set_inner_product(v, M[v])

@@ -8,10 +8,9 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from .strategies import LAWS, EdgeSpec, SheafSpec, exact_rank, orthogonal, sheaves, split, vectors
+from tests.strategies import EdgeSpec, SheafSpec, exact_rank, orthogonal, sheaves, split, vectors
 
 
-@LAWS
 @given(sheaves(), st.data())
 def test_coboundary_is_its_definition(spec: SheafSpec, data: st.DataObject) -> None:
     x = data.draw(vectors(spec.n))
@@ -23,7 +22,6 @@ def test_coboundary_is_its_definition(spec: SheafSpec, data: st.DataObject) -> N
     np.testing.assert_array_equal(sheaf.coboundary() @ x, np.concatenate([np.zeros(0), *by_edge]))
 
 
-@LAWS
 @given(sheaves(), st.data())
 def test_the_adjoint_of_the_coboundary_pulls_edges_back_to_their_ends(spec: SheafSpec, data: st.DataObject) -> None:
     """<delta x, y>_K = <x, delta^T K y>, where vertex i gets F_i^T K y_e from edges that leave it, less from others."""
@@ -40,7 +38,6 @@ def test_the_adjoint_of_the_coboundary_pulls_edges_back_to_their_ends(spec: Shea
     np.testing.assert_array_equal(delta.T @ (spec.K @ y), pulled_back)
 
 
-@LAWS
 @given(sheaves())
 def test_laplacian_is_symmetric_and_delta_transposed_k_delta(spec: SheafSpec) -> None:
     L = spec.build().laplacian().toarray()
@@ -49,7 +46,6 @@ def test_laplacian_is_symmetric_and_delta_transposed_k_delta(spec: SheafSpec) ->
     assert np.linalg.eigvalsh(L).min(initial=0.0) >= -1e-12 * max(1.0, np.abs(L).max(initial=0.0))
 
 
-@LAWS
 @given(sheaves(), st.data())
 def test_dirichlet_energy_is_the_quadratic_form_of_the_residual(spec: SheafSpec, data: st.DataObject) -> None:
     x = data.draw(vectors(spec.n))
@@ -64,7 +60,6 @@ def test_dirichlet_energy_is_the_quadratic_form_of_the_residual(spec: SheafSpec,
     )
 
 
-@LAWS
 @given(sheaves())
 def test_betti_numbers_are_exact(spec: SheafSpec) -> None:
     """h0 = n - rank and h1 = m - rank, so that h0 - h1 = n - m, the Euler characteristic."""
@@ -74,7 +69,6 @@ def test_betti_numbers_are_exact(spec: SheafSpec) -> None:
     assert h0 - h1 == spec.n - spec.m
 
 
-@LAWS
 @given(sheaves())
 def test_global_sections_are_the_kernel_of_the_laplacian(spec: SheafSpec) -> None:
     sheaf = spec.build()
@@ -86,7 +80,6 @@ def test_global_sections_are_the_kernel_of_the_laplacian(spec: SheafSpec) -> Non
     assert np.sum(values > 1e-9 * values.max(initial=0.0)) == spec.n - sections.shape[1]
 
 
-@LAWS
 @given(sheaves(), st.data())
 def test_relative_sections_are_the_sections_that_vanish_on_the_boundary(spec: SheafSpec, data: st.DataObject) -> None:
     names = data.draw(st.permutations(list(spec.stalks)))
@@ -100,7 +93,6 @@ def test_relative_sections_are_the_sections_that_vanish_on_the_boundary(spec: Sh
     np.testing.assert_allclose(spec.delta @ whole, 0.0, atol=1e-12)
 
 
-@LAWS
 @given(sheaves(), st.integers(0, 2**31))
 def test_the_choice_of_edge_frames_does_not_matter(spec: SheafSpec, seed: int) -> None:
     """An orthogonal change of the coordinates of edge stalks: the paper's Remark on range and bearing, (ii)."""
@@ -112,7 +104,6 @@ def test_the_choice_of_edge_frames_does_not_matter(spec: SheafSpec, seed: int) -
     np.testing.assert_allclose(other.dirichlet_energy(x), one.dirichlet_energy(x), rtol=1e-11)
 
 
-@LAWS
 @given(sheaves(), st.data())
 def test_vertex_order_only_permutes(spec: SheafSpec, data: st.DataObject) -> None:
     names = data.draw(st.permutations(list(spec.stalks)))
@@ -124,7 +115,6 @@ def test_vertex_order_only_permutes(spec: SheafSpec, data: st.DataObject) -> Non
     assert other.betti() == one.betti()
 
 
-@LAWS
 @given(sheaves(), st.data())
 def test_edge_order_only_permutes_rows(spec: SheafSpec, data: st.DataObject) -> None:
     edges = data.draw(st.permutations(list(spec.edges)))
@@ -133,7 +123,6 @@ def test_edge_order_only_permutes_rows(spec: SheafSpec, data: st.DataObject) -> 
     np.testing.assert_array_equal(other.coboundary().toarray(), SheafSpec(spec.stalks, tuple(edges)).delta)
 
 
-@LAWS
 @given(sheaves(), st.data())
 def test_reversing_an_edge_flips_its_offset_and_nothing_else(spec: SheafSpec, data: st.DataObject) -> None:
     flip = data.draw(st.lists(st.booleans(), min_size=len(spec.edges), max_size=len(spec.edges)))
@@ -147,7 +136,6 @@ def test_reversing_an_edge_flips_its_offset_and_nothing_else(spec: SheafSpec, da
     np.testing.assert_allclose(other.dirichlet_energy(x), one.dirichlet_energy(x), rtol=1e-12)
 
 
-@LAWS
 @given(sheaves(), sheaves())
 def test_cohomology_of_a_disjoint_union_adds(one: SheafSpec, other: SheafSpec) -> None:
     def tag(spec: SheafSpec, side: int) -> SheafSpec:
@@ -160,7 +148,6 @@ def test_cohomology_of_a_disjoint_union_adds(one: SheafSpec, other: SheafSpec) -
     assert union.betti() == tuple(sums)
 
 
-@LAWS
 @given(sheaves(), st.integers(0, 2**31))
 def test_nearest_global_section_is_the_orthogonal_projection(spec: SheafSpec, seed: int) -> None:
     sheaf = spec.build()

@@ -12,26 +12,10 @@ from scipy.stats import ortho_group
 from mjsheaf import Sheaf
 from mjsheaf.sheaf.forest import grow, propagate
 from mjsheaf.sheaf.sections import proved_sections
-
-from .strategies import LAWS, SheafSpec, sheaves
-
-
-def grid(side: int, seed: int = 0, twist: int | None = None, k: int = 3) -> tuple[Sheaf, np.ndarray]:
-    """A flat bundle on a square grid with its frames; `twist`: one edge is turned by another rotation."""
-    rng = np.random.default_rng(seed)
-    frames = ortho_group.rvs(k, size=side * side, random_state=rng).reshape(-1, k, k)
-    number = np.arange(side * side).reshape(side, side)
-    tails = np.concatenate([number[:, :-1].ravel(), number[:-1].ravel()])
-    heads = np.concatenate([number[:, 1:].ravel(), number[1:].ravel()])
-    F_heads = frames[heads]
-    if twist is not None:
-        F_heads[twist] = ortho_group.rvs(k, random_state=rng) @ F_heads[twist]
-    sheaf = Sheaf(dict.fromkeys(range(side * side), k))
-    sheaf.add_edges(tails.tolist(), heads.tolist(), frames[tails], F_heads)
-    return sheaf, frames
+from tests.builders import bundle_on_a_grid
+from tests.strategies import SheafSpec, sheaves
 
 
-@LAWS
 @given(sheaves(), st.data())
 def test_the_bound_of_a_forest_holds(spec: SheafSpec, data: st.DataObject) -> None:
     """At most dim r singular values of delta on the free vertices are under 1 / |G|; P spans what the forest leaves."""
@@ -56,7 +40,6 @@ def test_the_bound_of_a_forest_holds(spec: SheafSpec, data: st.DataObject) -> No
         assert np.sum(values < 0.999 / G) <= open_directions
 
 
-@LAWS
 @given(sheaves(), st.data())
 def test_proved_sections_are_all_of_their_components(spec: SheafSpec, data: st.DataObject) -> None:
     """Of random maps some components are proved and others not; the former agree with numpy's decomposition."""
@@ -76,7 +59,7 @@ def test_proved_sections_are_all_of_their_components(spec: SheafSpec, data: st.D
 
 def test_a_flat_bundle_is_its_frames() -> None:
     """Sections of a flat bundle are R_v^T r, whatever the graph: 2,500 vertices, over what is decomposed densely."""
-    sheaf, frames = grid(50)
+    sheaf, frames = bundle_on_a_grid(50)
     assert sheaf.betti() == (3, 3 * (2 * 50 * 49) - 3 * 2500 + 3)
     sections = sheaf.global_sections()
     expected = frames.transpose(0, 2, 1).reshape(-1, 3) / 50.0
@@ -89,7 +72,7 @@ def test_a_flat_bundle_is_its_frames() -> None:
 @pytest.mark.parametrize("k", [2, 3])
 def test_a_twisted_edge_leaves_the_axis_of_its_twist(k: int) -> None:
     """Sections are what the holonomy around a face leaves as it is; oracle: dense singular values."""
-    sheaf, _ = grid(25, twist=300, k=k)
+    sheaf, _ = bundle_on_a_grid(25, twist=300, k=k)
     values = np.linalg.svd(sheaf.coboundary().toarray(), compute_uv=False)
     expected = int(np.sum(values <= 1e-9 * values[0])) + max(0, sheaf.shape[1] - len(values))
     sections = sheaf.global_sections()

@@ -18,12 +18,10 @@ from mjsheaf.errors import SheafError
 from mjsheaf.sheaf import DirichletProblem, solvers
 from mjsheaf.sheaf.loops import block_row_lengths, fill_block
 from mjsheaf.sheaf.solvers import conjugate_gradients, factor_band, solve_band
+from tests.builders import bundle_on_a_grid
+from tests.strategies import SheafSpec, sheaves, vectors
 
-from .strategies import LAWS, SheafSpec, sheaves, vectors
-from .test_sections import grid
 
-
-@LAWS
 @given(sheaves(), st.data())
 def test_the_operator_is_the_matrix(spec: SheafSpec, data: st.DataObject) -> None:
     """delta x, delta^T y and blocks of them to the bit (maps are whole numbers), and <delta x, y> = <x, delta^T y>."""
@@ -41,7 +39,7 @@ def test_the_operator_is_the_matrix(spec: SheafSpec, data: st.DataObject) -> Non
 
 
 def test_the_operator_keeps_the_edges_it_was_made_with() -> None:
-    sheaf, _ = grid(4)
+    sheaf, _ = bundle_on_a_grid(4)
     operator, before = sheaf.coboundary_operator(), sheaf.coboundary()
     sheaf.add_edge(0, 15, np.eye(3), np.eye(3))
     x = np.arange(48.0)
@@ -49,7 +47,6 @@ def test_the_operator_keeps_the_edges_it_was_made_with() -> None:
     assert sheaf.coboundary_operator().shape[0] == operator.shape[0] + 3
 
 
-@LAWS
 @given(sheaves(), st.data())
 def test_the_upper_triangle_and_the_diagonal_are_those_of_the_block(spec: SheafSpec, data: st.DataObject) -> None:
     held = data.draw(st.lists(st.sampled_from(list(spec.stalks)), unique=True))
@@ -132,8 +129,8 @@ def test_the_size_decides_who_solves() -> None:
     maps = np.broadcast_to(np.eye(2), (19_999, 2, 2))
     path.add_edges(range(19_999), range(1, 20_000), maps, maps)
     assert kind(path) is solvers.BandCholesky
-    assert kind(grid(10)[0]) is solvers.BandCholesky
-    assert kind(grid(80)[0]) is solvers.ConjugateGradients
+    assert kind(bundle_on_a_grid(10)[0]) is solvers.BandCholesky
+    assert kind(bundle_on_a_grid(80)[0]) is solvers.ConjugateGradients
 
 
 def test_a_path_of_twenty_thousand_is_a_straight_line() -> None:
@@ -149,7 +146,7 @@ def test_a_path_of_twenty_thousand_is_a_straight_line() -> None:
 
 def test_a_grid_without_boundary_is_solved_with_minimum_norm() -> None:
     """Over DIRECT_WORK and singular: conjugate gradients, and what is free is told."""
-    sheaf, frames = grid(80)
+    sheaf, frames = bundle_on_a_grid(80)
     rng = np.random.default_rng(3)
     problem = DirichletProblem(sheaf, [])
     assert type(problem.solver) is solvers.ConjugateGradients
@@ -162,7 +159,7 @@ def test_a_grid_without_boundary_is_solved_with_minimum_norm() -> None:
 
 def test_what_does_not_converge_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(solvers, "MOST_ITERATIONS", 5)
-    sheaf, _ = grid(80)
+    sheaf, _ = bundle_on_a_grid(80)
     with pytest.raises(SheafError, match=r"did not converge: relative residual \S+ after 5 iterations, wanted 1e-08"):
         sheaf.harmonic_extension({0: [1.0, 2.0, 3.0]})
 
@@ -181,9 +178,9 @@ def test_the_bits_do_not_depend_on_the_number_of_threads() -> None:
     """Of an extension by conjugate gradients and of one by a factor."""
     program = (
         "import hashlib, numpy as np\n"
-        "from tests.sheaf.test_sections import grid\n"
+        "from tests.builders import bundle_on_a_grid\n"
         "for side in (40, 80):\n"
-        "    found = grid(side)[0].harmonic_extension({0: [1, 2, 3], 700: [3, 2, 1]})\n"
+        "    found = bundle_on_a_grid(side)[0].harmonic_extension({0: [1, 2, 3], 700: [3, 2, 1]})\n"
         "    print(hashlib.sha256(np.concatenate(list(found.x.values())).tobytes()).hexdigest(), found.energy)\n"
     )
     names = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "NUMBA_NUM_THREADS")

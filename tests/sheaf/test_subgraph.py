@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from mjsheaf import Sheaf
 from mjsheaf.errors import SheafError
-
-from .strategies import LAWS, SheafSpec, exact_rank, sheaves
+from tests.strategies import SheafSpec, exact_rank, sheaves
 
 Array = NDArray[np.float64]
 
@@ -31,7 +30,6 @@ def null_space(matrix: Array) -> Array:
     return V[int(np.sum(s > 1e-9 * s.max())) :].T
 
 
-@LAWS
 @given(sheaves(), st.data())
 def test_local_sections_agree_along_the_edges_of_the_subgraph(spec: SheafSpec, data: st.DataObject) -> None:
     names = data.draw(st.permutations(list(spec.stalks)))
@@ -56,7 +54,6 @@ def test_local_sections_agree_along_the_edges_of_the_subgraph(spec: SheafSpec, d
     np.testing.assert_allclose(sections @ (sections.T @ whole), whole, atol=1e-10)
 
 
-@LAWS
 @given(sheaves())
 def test_over_the_whole_graph_local_sections_are_global(spec: SheafSpec) -> None:
     sheaf = spec.build()
@@ -112,7 +109,6 @@ def test_what_is_no_subgraph_is_refused(vertices: list, edges: list | None, mess
 # -- H^1 ---------------------------------------------------------------------------------------------------------------
 
 
-@LAWS
 @given(sheaves())
 def test_a_basis_of_h1_is_orthonormal_and_complements_the_image(spec: SheafSpec) -> None:
     sheaf = spec.build()

@@ -13,9 +13,7 @@ import yaml
 from mjsheaf.errors import ScenarioError
 from mjsheaf.studies import load_plan
 from mjsheaf.studies.job import scenario_of
-from tests.scenario.test_confinement import SCENARIO
-
-DATA = Path(__file__).parents[1] / "data"
+from tests.builders import DATA, ONE_BOAT
 
 
 @pytest.fixture
@@ -26,7 +24,7 @@ def place(tmp_path: Path) -> Path:
         for suffix in (".yaml", ".xml"):
             shutil.copy(DATA / f"raft{suffix}", folder)
     for folder in (tmp_path / "inside", tmp_path / "outside"):
-        (folder / "team.yaml").write_text(yaml.safe_dump(SCENARIO))
+        (folder / "team.yaml").write_text(yaml.safe_dump(ONE_BOAT))
     return tmp_path / "inside"
 
 

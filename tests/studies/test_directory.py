@@ -18,7 +18,8 @@ from mjsheaf.studies import Plan, run_study
 from mjsheaf.studies.directory import BusyError, open_directory
 from mjsheaf.studies.engine import SchedulerError
 from mjsheaf.studies.job import library_versions
-from tests.studies.small import IN_THREADS, command, contents, small_plan
+from tests.builders import IN_THREADS, small_plan
+from tests.commands import command_line, contents
 
 Runner = Callable[..., "subprocess.CompletedProcess[str]"]
 
@@ -209,7 +210,9 @@ def test_a_full_disk_leaves_what_was_there(study: Path) -> None:
     shutil.rmtree(study)
     arguments = ["--set", "time.end=0.5", "--grid", "controller.gain=" + ",".join(f"{1.0 + k}" for k in range(10))]
     done = subprocess.run(
-        command("midpoint", *arguments, "--seeds", "0:4", "--backend", "ideal", "--threads", "--out", study),
+        command_line(
+            "sweep", "midpoint", *arguments, "--seeds", "0:4", "--backend", "ideal", "--threads", "--out", study
+        ),
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (3000, 3000)),
         capture_output=True,
         text=True,

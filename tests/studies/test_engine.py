@@ -22,7 +22,8 @@ import pytest
 from mjsheaf.studies import run_study
 from mjsheaf.studies.engine import Engine, ForeignWorkerError, SchedulerError, engine_at, local_engine
 from mjsheaf.studies.job import Done, Job, new_record, run_job
-from tests.studies.small import IN_THREADS, command, contents, small_plan, start
+from tests.builders import IN_THREADS, small_plan
+from tests.commands import command_line, contents, start
 
 ASKED = ["midpoint", "--backend", "ideal", "--set", "time.end=0.5", "--grid", "controller.gain=1.0,3.0"]
 ASKED += ["--grid", "spread.position=1.0", "--seeds", "0:5"]
@@ -202,7 +203,7 @@ def cluster(folder: Path, workers: int = 1) -> Iterator[tuple[str, list["subproc
 def test_a_scheduler_by_address(tmp_path: Path) -> None:
     with cluster(tmp_path, workers=2) as (address, _):
         done = subprocess.run(
-            command(*ASKED, "--scheduler", address, "--out", tmp_path / "out"),
+            command_line("sweep", *ASKED, "--scheduler", address, "--out", tmp_path / "out"),
             capture_output=True, text=True, timeout=120, check=False,
         )  # fmt: skip
     assert done.returncode == 0, done.stderr
@@ -229,7 +230,7 @@ def test_nobody_at_the_address(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.slow
 def test_a_scheduler_without_workers_is_waited_on(tmp_path: Path) -> None:
     with cluster(tmp_path, workers=0) as (address, processes):
-        running = start(*ASKED, "--scheduler", address, "--out", tmp_path / "out")
+        running = start("sweep", *ASKED, "--scheduler", address, "--out", tmp_path / "out")
         assert running.stderr is not None
         assert running.stderr.readline() == f"note: no worker yet at {address}; waiting\n"
         line = ["distributed.cli.dask_worker", address, "--host", "127.0.0.1", "--nthreads", "1", "--no-dashboard"]
@@ -245,7 +246,7 @@ def test_a_scheduler_that_dies_ends_the_command_in_order(tmp_path: Path) -> None
     slow = ["midpoint", "--backend", "ideal", "--set", "time.end=20", "--grid", "controller.gain=1.0,3.0"]
     slow += ["--seeds", "0:30", "--out", str(tmp_path / "out")]
     with cluster(tmp_path) as (address, processes):
-        running = start(*slow, "--scheduler", address)
+        running = start("sweep", *slow, "--scheduler", address)
         deadline = time.monotonic() + 90
         while not list((tmp_path / "out").glob("runs/*.json")):
             assert running.poll() is None, running.communicate()

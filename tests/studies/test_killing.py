@@ -14,7 +14,8 @@ import psutil
 import pytest
 
 from mjsheaf.studies import load_plan, run_study
-from tests.studies.small import IN_THREADS, contents, start
+from tests.builders import IN_THREADS
+from tests.commands import contents, start
 
 RUNS, KILLS = 40, 10
 GAINS = [0.5 + 0.25 * k for k in range(RUNS // 4)]
@@ -53,7 +54,7 @@ def test_killed_ten_times(tmp_path: Path) -> None:
     expected = undisturbed(tmp_path / "undisturbed")
     out, choose = tmp_path / "out", random.Random(6)
     before: dict[str, tuple[int, int]] = {}
-    running = start(*ASKED, "--out", out)
+    running = start("sweep", *ASKED, "--out", out)
     kills, early_ends = 0, 0
     while kills < KILLS:
         known = len(ended(out))
@@ -71,7 +72,7 @@ def test_killed_ten_times(tmp_path: Path) -> None:
             for path in sorted(out.glob("runs/0*.json"))[::2]:
                 path.unlink()
                 before.pop(path.name, None)
-            running = start(*ASKED, "--out", out)
+            running = start("sweep", *ASKED, "--out", out)
             continue
         workers = workers_of(running)
         if workers and choose.random() < 0.5:
@@ -90,7 +91,7 @@ def test_killed_ten_times(tmp_path: Path) -> None:
         assert {name: now.get(name) for name in before} == before, "what had ended was run again"
         before = now
         if what == "command":
-            running = start(*ASKED, "--out", out)
+            running = start("sweep", *ASKED, "--out", out)
     _, errors = running.communicate(timeout=200)
     if running.returncode != 0:
         raise AssertionError(errors)
@@ -104,7 +105,7 @@ def test_ctrl_c_keeps_what_has_ended(tmp_path: Path) -> None:
     """As a terminal does it: the signal goes to the command and to its workers."""
     expected = undisturbed(tmp_path / "undisturbed")
     out = tmp_path / "out"
-    running = start(*ASKED, "--out", out, start_new_session=True)
+    running = start("sweep", *ASKED, "--out", out, start_new_session=True)
     deadline = time.monotonic() + 90
     while len(ended(out)) < 3:
         assert running.poll() is None, running.communicate()
@@ -127,7 +128,7 @@ def test_ctrl_c_keeps_what_has_ended(tmp_path: Path) -> None:
 
 
 def run_in_threads(out: Path) -> dict[str, bytes]:
-    running = start(*[a for a in ASKED if a not in ("--workers", "2")], "--threads", "--out", out)
+    running = start("sweep", *[a for a in ASKED if a not in ("--workers", "2")], "--threads", "--out", out)
     _, errors = running.communicate(timeout=120)
     assert running.returncode == 0, errors
     return contents(out)

@@ -26,7 +26,8 @@ from mjsheaf.studies.job import Done, new_record, run_job
 from mjsheaf.studies.points import points_of
 from mjsheaf.studies.schema import StudyFile
 from mjsheaf.studies.table import csv_of, make_table, parquet_of
-from tests.studies.small import IN_THREADS, contents, small_plan
+from tests.builders import IN_THREADS, small_plan
+from tests.commands import contents
 
 
 @pytest.fixture(scope="module")

@@ -4,20 +4,16 @@ Oracles: distances and angles of the shapes, the paper's vertices of a tetrahedr
 published run.
 """
 
-import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from mjsheaf.errors import InputError
 from mjsheaf.team import formation
-
-LAWS = settings(deadline=None, derandomize=True, max_examples=60)
-FACTS = json.loads((Path(__file__).parents[1] / "data" / "paper_facts.json").read_text())
+from tests.builders import FACTS
 
 sizes = st.floats(0.01, 1e3)
 bearings = st.floats(-360.0, 360.0)
@@ -27,7 +23,6 @@ def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
-@LAWS
 @given(st.integers(2, 9), sizes, bearings, st.booleans())
 def test_polygons_are_regular(count: int, side: float, angle: float, clockwise: bool) -> None:
     corners = formation.polygon(count, side=side, angle=angle, clockwise=clockwise)
@@ -49,7 +44,6 @@ def test_triangle_has_the_papers_radius() -> None:
     np.testing.assert_allclose(np.linalg.norm(corners, axis=1), 6.0 / np.sqrt(3.0), rtol=1e-14)
 
 
-@LAWS
 @given(sizes)
 def test_tetrahedron_is_the_papers_about_its_centroid(d: float) -> None:
     s3, s6 = np.sqrt(3.0), np.sqrt(6.0)
@@ -78,7 +72,6 @@ def test_polygons_of_the_published_run() -> None:
     np.testing.assert_allclose(square, given_places[9:], rtol=0, atol=1e-12)
 
 
-@LAWS
 @given(st.integers(1, 9), sizes, bearings)
 def test_lines_are_straight_and_evenly_spaced(count: int, spacing: float, angle: float) -> None:
     places = formation.line(count, spacing=spacing, angle=angle)

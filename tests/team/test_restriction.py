@@ -6,14 +6,13 @@ space), and scipy's Euler angles.
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from mjsheaf.errors import InputError
 from mjsheaf.team import range_bearing, relative_state, restriction_maps, rotation_to_local
 
-LAWS = settings(deadline=None, derandomize=True, max_examples=60)
 angles = st.floats(-10.0, 10.0)
 attitudes = st.tuples(angles, angles, angles)
 
@@ -37,7 +36,6 @@ def test_named_maps_are_the_papers(
         np.testing.assert_array_equal(given_map, wanted)
 
 
-@LAWS
 @given(attitudes)
 def test_local_frames_are_rotations_by_yaw_pitch_and_roll(attitude: tuple[float, float, float]) -> None:
     roll, pitch, yaw = attitude
@@ -50,7 +48,6 @@ def test_local_frames_are_rotations_by_yaw_pitch_and_roll(attitude: tuple[float,
     np.testing.assert_allclose(planar, rotation_to_local(0.0, 0.0, yaw, 3)[:2, :2], atol=0)
 
 
-@LAWS
 @given(attitudes)
 def test_local_frame_maps_are_r_and_r_p(attitude: tuple[float, float, float]) -> None:
     """F_i = R_i on both ends in space; F_i = R_i, F_j = R_i P for an agent in the plane and a target in space."""
@@ -68,7 +65,6 @@ def test_maps_that_do_not_exist_are_refused() -> None:
         restriction_maps("identity", 2, 3)
 
 
-@LAWS
 @given(attitudes, st.integers(0, 2**31), st.sampled_from([(2, 2), (2, 3), (3, 2), (3, 3)]))
 def test_range_and_bearing_rebuild_the_relative_state(
     attitude: tuple[float, float, float], seed: int, dimensions: tuple[int, int]

@@ -5,15 +5,15 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from mjsheaf.video import camera
 from mjsheaf.video.camera import FILL, CameraPath, View, camera_path
 from mjsheaf.video.sanity import Reach
 from mjsheaf.video.series import Blocks, FloatArray, Series
-
-from .small_film import make_film, make_model
+from tests.builders import make_film, make_model
+from tests.strategies import examples
 
 FPS, WIDTH, HEIGHT, FOVY = 30, 1280, 720, 45.0
 
@@ -71,7 +71,7 @@ def test_formation_stays_in_the_picture() -> None:
     assert_all_seen(time, points, frames, path, WIDTH)
 
 
-@settings(max_examples=25, deadline=None)
+@examples(25)
 @given(
     seed=st.integers(0, 10**6),
     azimuth=st.floats(-180, 180),

@@ -13,8 +13,7 @@ from mjsheaf.video import VideoOptions, available_backend, draw_video, gl
 from mjsheaf.video.draw import Painter
 from mjsheaf.video.lines import Lines
 from mjsheaf.video.sampling import moment
-
-from .small_film import make_film, make_model
+from tests.builders import make_film, make_model
 
 SMALL = VideoOptions(width=160, height=120, fps=10)
 

@@ -7,8 +7,7 @@ import pytest
 
 from mjsheaf.errors import InputError
 from mjsheaf.video import VideoOptions
-
-from .small_film import make_film, make_model
+from tests.builders import make_film, make_model
 
 
 @pytest.mark.parametrize(

@@ -18,8 +18,7 @@ from mjsheaf.video.lines import Lines
 from mjsheaf.video.overlay import Overlay
 from mjsheaf.video.sampling import moment
 from mjsheaf.video.sprite import WHITE, Sprite, shorten, text
-
-from .small_film import make_film, make_model
+from tests.builders import make_film, make_model
 
 VIEW = View(np.zeros(3), 80.0, -60.0, -35.0, 45.0)
 SPHERE = mujoco.mjtGeom.mjGEOM_SPHERE.value

@@ -5,8 +5,7 @@ import pytest
 
 from mjsheaf.video import VideoOptions
 from mjsheaf.video.sampling import between, frame_times, moment
-
-from .small_film import make_film, make_model
+from tests.builders import make_film, make_model
 
 
 @pytest.mark.parametrize(

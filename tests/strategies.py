@@ -1,9 +1,10 @@
-"""Random sheaves for the laws, kept as plain lists so that oracles need none of the library.
+"""Random sheaves and teams for the laws; sheaves are kept as plain lists, so that oracles need none of the library.
 
 Maps, offsets and weights have small whole entries: ranks are then exact, kernels are common, and a failing example is
 short. Stalks have mixed dimensions, maps are rectangular, edges may be parallel, graphs may be disconnected.
 """
 
+import itertools
 from collections.abc import Hashable
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -17,10 +18,15 @@ from scipy.linalg import block_diag
 from scipy.stats import ortho_group
 
 from mjsheaf import Sheaf
+from mjsheaf.team import Edge, Member, Team
+from tests.builders import hold, make_edge, make_member, make_team
 
 Array = NDArray[np.float64]
 
-LAWS = settings(deadline=None, derandomize=True, max_examples=60)
+
+def examples(count: int) -> settings:
+    """Settings of a law that needs so many examples with the profile `ci`, and in proportion with another."""
+    return settings(max_examples=count * settings().max_examples // settings.get_profile("ci").max_examples)
 
 
 @dataclass(frozen=True)
@@ -177,3 +183,42 @@ def split(spec: SheafSpec, vertices: list[Hashable], x: Array) -> dict[Hashable,
     """Cut a vector of values of the given vertices into one value for each."""
     ends = np.cumsum([spec.stalks[v] for v in vertices])
     return dict(zip(vertices, np.split(x, ends[:-1]), strict=True)) if vertices else {}
+
+
+@st.composite
+def shared_teams(draw: st.DrawFn, most_agents: int = 4, most_targets: int = 2) -> Team:
+    """A random team with 'shared' maps, often disconnected, sometimes with parallel edges and anchors."""
+    agents = [f"{draw(st.sampled_from('BU'))}{k}" for k in range(draw(st.integers(1, most_agents)))]
+    targets = [f"{draw(st.sampled_from('SV'))}{k}" for k in range(draw(st.integers(1, most_targets)))]
+    pairs = list(itertools.permutations(agents, 2))
+    links = draw(st.lists(st.sampled_from(pairs), max_size=6)) if pairs else []
+    seen = draw(st.lists(st.tuples(st.sampled_from(agents), st.sampled_from(targets)), max_size=5))
+    held = draw(st.lists(st.tuples(st.sampled_from(agents), st.sampled_from("xy")), max_size=2))
+    weights = st.sampled_from([1.0, 0.25, 3.0])
+    return make_team(
+        " ".join(agents),
+        " ".join(targets),
+        [make_edge(*pair, weight=draw(weights)) for pair in links],
+        [make_edge(*pair, weight=draw(weights)) for pair in seen],
+        [hold(agent, axis) for agent, axis in held],
+    )
+
+
+@st.composite
+def whole_number_teams(draw: st.DrawFn) -> Team:
+    """A random team whose maps have small whole entries: ranks are exact, and kernels are common and oblique."""
+    agents = [make_member(f"{draw(st.sampled_from('BU'))}{k}") for k in range(draw(st.integers(1, 4)))]
+    targets = [make_member("S"), make_member("V")]
+
+    def some(tails: list[Member], heads: list[Member], most: int) -> list[Edge]:
+        pairs = [(a, b) for a in tails for b in heads if a is not b]
+        edges = []
+        for a, b in draw(st.lists(st.sampled_from(pairs), max_size=most)) if pairs else []:
+            m = draw(st.integers(1, 3))
+            F_a, F_b = (
+                draw(arrays(np.float64, (m, v.dimension), elements=st.integers(-2, 2).map(float))) for v in (a, b)
+            )
+            edges.append(Edge(a.id, b.id, F_a, F_b, np.eye(m)))
+        return edges
+
+    return Team(agents, targets, some(agents, agents, 5), some(agents, targets, 4))

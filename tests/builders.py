@@ -1,0 +1,569 @@
+"""Scenarios, vehicles, teams, sheaves, studies and films that tests share, and plain forms to compare results with."""
+
+import json
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import mujoco
+import numpy as np
+import pytest
+import xarray as xr
+import yaml
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+from scipy.stats import ortho_group
+
+from mjsheaf import Sheaf, World
+from mjsheaf.dynamics import disturbance
+from mjsheaf.dynamics.motion import add_reference
+from mjsheaf.scenario import Scenario, scenario_from_mapping
+from mjsheaf.studies import Plan, load_plan
+from mjsheaf.studies.engine import Engine, local_engine
+from mjsheaf.system import System
+from mjsheaf.team import Edge, Member, Team, anchor, restriction_maps
+from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
+from mjsheaf.vehicles.vehicle import Vehicle
+from mjsheaf.video import Film
+
+Array = NDArray[np.float64]
+Pair = tuple[str, str]
+Simulated = Callable[..., xr.Dataset]
+Edit = Callable[[ElementTree.Element], None]
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+DATA = REPOSITORY / "tests" / "data"
+FACTS = json.loads((DATA / "paper_facts.json").read_text())
+"""Numbers that were published, or measured before mjsheaf was written, with their sources."""
+
+RAFT = DATA / "raft.yaml"
+"""A user's vehicle."""
+
+TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+"""A mesh, as the text of an .obj file."""
+
+# -- scenarios ---------------------------------------------------------------------------------------------------------
+
+
+FLOW = {
+    "dimension": 3,
+    "core": 0.5,
+    "drift": [0.2, 0.05, -0.1],
+    "sources": [{"centre": [1, 0, 0], "alpha": 1.0}],
+    "vortices": [{"centre": [0, 1, 0], "axis": [0, 0, 1], "gamma": 0.8}],
+}
+
+
+def make_scenario(fields: dict[str, Any]) -> Scenario:
+    """A scenario from a mapping, checked as a file would be."""
+    return scenario_from_mapping({"name": "test", **fields})
+
+
+def mixed_scenario(**fields: Any) -> Scenario:
+    """A boat and two aircraft that track a diver and a boat, in a flow, with a formation; fields replace fields."""
+    return make_scenario(
+        {
+            "time": {"end": 1.0},
+            "controller": {"gain": 3.0, "control_period": 0.01},
+            "agents": [
+                {"id": "boat", "position": [-2, 1], "heading": 30},
+                {"id": "front", "position": [3, 1, 2], "heading": -60},
+                {"id": "back", "position": [0, -3, 5], "heading": 120},
+            ],
+            "targets": [
+                {"id": "diver", "position": [1, 1, -2], "heading": 10},
+                {"id": "ship", "position": [-3, 2], "heading": 45},
+            ],
+            "communication": [["boat", "front"], ["front", "back"]],
+            "sensing": [["boat", "ship"], ["front", "diver"], {"between": ["back", "diver"], "map": "local_frame"}],
+            "target_edges": [["diver", "ship"]],
+            "target_motion": None,
+            "target_formation": {"gain": 0.3},
+            "formations": [
+                {"name": "pair", "shape": "line", "members": ["front", "back"], "about": "diver", "spacing": 3.0}
+            ],
+            "flow": {"agents": FLOW, "targets": FLOW},
+            **fields,
+        }
+    )
+
+
+def two_boats(agents: str, targets: str, /, **fields: Any) -> Scenario:
+    """Two boats in a line behind a third that moves; fields replace fields."""
+    return scenario_from_mapping(
+        {
+            "name": "pair",
+            "time": {"end": 3.0},
+            "controller": {"gain": 1.0, "control_period": 0.02},
+            "agents": [{"id": "A1", "position": [-4, 1], "heading": 20}, {"id": "A2", "position": [-3, -2]}],
+            "targets": [
+                {
+                    "id": "T1",
+                    "position": [0, 0],
+                    "motion": {"kind": "lissajous", "amplitude": [2, 2], "rate": [0.3, 0.3], "phase": [1.57, 0]},
+                }
+            ],
+            "communication": [["A1", "A2"]],
+            "sensing": [["A1", "T1"], ["A2", "T1"]],
+            "formations": [{"name": "line", "shape": "line", "members": ["A1", "A2"], "about": "T1", "spacing": 3}],
+            "vehicles": {"agents": agents, "targets": targets},
+            "physics": {"timestep": 0.005},
+            **fields,
+        }
+    )
+
+
+def two_aircraft(vehicle: str, /, **fields: Any) -> Scenario:
+    """Two aircraft about a third that moves; fields replace fields."""
+    return scenario_from_mapping(
+        {
+            "name": "swarm",
+            "time": {"end": 3.0},
+            "controller": {"gain": 1.0, "control_period": 0.02},
+            "agents": [{"id": "A1", "position": [-4, 1, 5]}, {"id": "A2", "position": [-3, -2, 6]}],
+            "targets": [
+                {
+                    "id": "T1",
+                    "position": [0, 0, 5],
+                    "motion": {
+                        "kind": "lissajous",
+                        "amplitude": [2, 2, 0.5],
+                        "rate": [0.3, 0.3, 0.3],
+                        "phase": [1.57, 0, 0],
+                    },
+                }
+            ],
+            "communication": [["A1", "A2"]],
+            "sensing": [["A1", "T1"], ["A2", "T1"]],
+            "formations": [{"name": "line", "shape": "line", "members": ["A1", "A2"], "about": "T1", "spacing": 3}],
+            "vehicles": {"agents": vehicle, "targets": "aerial"},
+            "physics": {"timestep": 0.002},
+            **fields,
+        }
+    )
+
+
+ONE_BOAT: dict[str, Any] = {
+    "time": {"end": 0.2},
+    "controller": {"control_period": 0.05},
+    "agents": [{"id": "A1", "position": [0, 0]}],
+    "targets": [{"id": "T1", "position": [5, 5]}],
+    "sensing": [["A1", "T1"]],
+    "physics": {"timestep": 0.005},
+}
+
+
+QUADROTOR_PAIR: dict[str, Any] = {
+    "name": "ring",
+    "time": {"end": 60},
+    "controller": {"gain": 4.0},
+    "agents": [
+        {"id": "Q1", "position": [0, 0, 10], "vehicle": "quadrotor"},
+        {"id": "Q2", "position": [0, 5, 10], "vehicle": "quadrotor"},
+    ],
+    "targets": [{"id": "T", "position": [3, 0, 12], "motion": {"kind": "static"}}],
+    "communication": [["Q1", "Q2"]],
+    "sensing": [["Q1", "T"], ["Q2", "T"]],
+}
+
+
+def random_scenario(seed: int) -> dict[str, Any]:
+    """A random team: mixed dimensions, random graph and maps, weights, offsets, smooth flow, disturbances."""
+    rng = np.random.default_rng(seed)
+    N, M = int(rng.integers(1, 7)), int(rng.integers(1, 4))
+    agents = [f"A{i}" for i in range(N)]
+    targets = [f"T{k}" for k in range(M)]
+    dimension = {name: int(rng.integers(2, 4)) for name in agents + targets}
+
+    def edge(tail: str, head: str) -> dict[str, Any]:
+        e: dict[str, Any] = {"between": [tail, head], "weight": float(rng.uniform(0.5, 2.0))}
+        kind = rng.choice(["shared", "local_frame", "random"])
+        if kind == "random":  # near a rotation of the shared coordinates, so that nobody is nearly free
+            m = min(dimension[tail], dimension[head])
+            turn = np.linalg.qr(rng.standard_normal((m, m)))[0]
+            F = [turn @ (np.eye(m, dimension[v]) + 0.2 * rng.standard_normal((m, dimension[v]))) for v in (tail, head)]
+            e["map"] = {"tail": F[0].tolist(), "head": F[1].tolist()}
+            e["offset"] = rng.uniform(-2, 2, m).tolist()
+        else:
+            e["map"] = str(kind)
+        return e
+
+    tree = [edge(agents[i], agents[int(rng.integers(i))]) for i in range(1, N)]
+    more = [edge(a, b) for a in agents for b in agents if a < b and rng.random() < 0.3]
+    sensing = [edge(agents[int(rng.integers(N))], t) for t in targets]
+    sensing += [edge(a, t) for a in agents for t in targets if rng.random() < 0.5]
+
+    def motion(n: int) -> dict[str, Any]:
+        if rng.random() < 0.3:
+            points = rng.uniform(-6, 6, (3, n)).tolist()
+            return {"kind": "waypoints", "points": points, "speed": 4.0, "closed": bool(rng.random() < 0.5)}
+        return {
+            "kind": "lissajous",
+            "amplitude": rng.uniform(0, 2, n).tolist(),
+            "rate": rng.uniform(0.1, 6.0, n).tolist(),
+            "phase": rng.uniform(0, 6, n).tolist(),
+        }
+
+    field = int(rng.integers(2, 4))
+
+    def kernels(count: int) -> list[dict[str, Any]]:
+        return [{"centre": rng.uniform(-6, 6, field).tolist()} for _ in range(count)]
+
+    flow = {
+        "dimension": field,
+        "core": float(rng.uniform(2, 5)),
+        "drift": rng.uniform(-0.4, 0.4, field).tolist(),
+        "sources": [{**k, "alpha": float(rng.uniform(-2, 2))} for k in kernels(int(rng.integers(0, 3)))],
+        "vortices": [
+            {
+                **k,
+                "gamma": float(rng.uniform(-2, 2)),
+                **({"axis": rng.standard_normal(3).tolist()} if field == 3 else {}),
+            }
+            for k in kernels(int(rng.integers(0, 3)))
+        ],
+        "channels": [
+            {**k, "direction": rng.standard_normal(field).tolist(), "beta": 0.5, "width": 4.0, "length": 8.0}
+            for k in kernels(int(rng.integers(0, 2)))
+        ],
+    }
+    return {
+        "name": f"random{seed}",
+        "seed": seed,
+        "agents": [
+            {
+                "id": a,
+                "position": rng.uniform(-5, 5, dimension[a]).tolist(),
+                "frame": {"roll": 10.0, "pitch": -20.0, "yaw": float(rng.uniform(-180, 180))},
+            }
+            for a in agents
+        ],
+        "targets": [
+            {
+                "id": t,
+                "position": rng.uniform(-5, 5, dimension[t]).tolist(),
+                "motion": motion(dimension[t]),
+            }
+            for t in targets
+        ],
+        "communication": tree + more,
+        "sensing": sensing,
+        # A planar target leaves spatial agents free along z: anchor every spatial agent.
+        "anchors": [{"agent": a, "axes": ["z"], "value": [1.0]} for a in agents if dimension[a] == 3],
+        "target_edges": [edge(a, b) for a in targets for b in targets if a < b],
+        "target_formation": {"gain": float(rng.uniform(0.05, 1.0))},
+        "flow": {"agents": flow, "targets": flow},
+        "disturbance": {
+            who: {"bound": float(rng.uniform(0, 0.4)), "frequencies": [0.05, 2.0]} for who in ("agents", "targets")
+        },
+        # Recorded finely or coarsely: the constants must not depend on it.
+        "controller": {"gain": 1.0, "control_period": 0, "record_period": float(rng.choice([0.02, 0.1, 0.3]))},
+        "time": {"end": 3.0},
+    }
+
+
+# -- the closed loop, written plainly: an oracle -----------------------------------------------------------------------
+
+
+def velocity_commands(system: System, t: float, x: Array) -> Array:
+    """-k1 eta on agents, -k_T (L_T p - c_T) + v(t) on targets, shape (V, 3), by dense products."""
+    team, problem = system.team, system.team.dirichlet
+    n_q = problem.H.shape[0]
+    q, p = np.split(team.pack(x), [n_q])
+    targets = team.target_sheaf
+    eta = problem.H @ q - problem.B @ p - problem.c
+    zeta = targets.laplacian() @ p - targets.adjoint_coboundary() @ targets.offset()
+    gain = np.concatenate([np.full(n_q, system.gain), np.full(len(p), system.law.gain[-1])])
+    command = team.unpack(-gain * np.concatenate([eta, zeta]))
+    for v in range(len(x)):
+        add_reference(system.motion, v, t, x[v], command[v])
+    return command
+
+
+def medium(system: System, v: int, t: float, x: Array) -> Array:
+    """Flow and disturbance about vehicle v at x (3,)."""
+    w = system.flow_of(v).velocity(x)
+    w[system.team.members[v].dimension :] = 0.0
+    return w + disturbance.evaluate(system.harmonics, np.array([t]))[0, v]
+
+
+# -- vehicles ----------------------------------------------------------------------------------------------------------
+
+
+REAL = ("hexarotor", "quadrotor", "x500", "wamv", "otter")
+MULTIROTORS, BOATS = REAL[:3], REAL[3:]
+LAG = {"hexarotor": 0.05, "quadrotor": 0.025, "x500": 0.071, "wamv": 0.2, "otter": 0.1}  # s, from reference and MJCF
+
+
+def find(root: ElementTree.Element, path: str) -> ElementTree.Element:
+    """The one element at a path."""
+    element = root.find(path)
+    assert element is not None, path
+    return element
+
+
+def xml_of(name: str) -> ElementTree.Element:
+    """The MJCF of a vehicle in models/."""
+    return ElementTree.parse(list_vehicles()[name].with_suffix(".xml")).getroot()
+
+
+def altered(folder: Path, name: str, edit: Edit | None = None, **description: Any) -> str:
+    """Write a copy of a vehicle with its MJCF edited and fields of its description replaced; give its path."""
+    folder.mkdir(parents=True, exist_ok=True)
+    root = xml_of(name)
+    if edit is not None:
+        edit(root)
+    (folder / f"{name}.xml").write_text(ElementTree.tostring(root, encoding="unicode"))
+    fields = yaml.safe_load(list_vehicles()[name].read_text())
+    path = folder / f"{name}.yaml"
+    path.write_text(yaml.safe_dump({k: v for k, v in {**fields, **description}.items() if v is not None}))
+    return str(path)
+
+
+def attitudes(count: int, seed: int = 0) -> Array:
+    """Random attitudes, body to world, shape (count, 3, 3)."""
+    return Rotation.random(count, random_state=seed).as_matrix()
+
+
+def yaws(count: int, seed: int = 0) -> Array:
+    """Random level attitudes, body to world, shape (count, 3, 3)."""
+    angles = np.random.default_rng(seed).uniform(-4, 4, count)
+    return Rotation.from_rotvec(np.outer(angles, [0.0, 0.0, 1.0])).as_matrix()
+
+
+# -- one vehicle alone, in a medium that is at rest or moves evenly, asked for a constant velocity ---------------------
+
+
+def alone(vehicle: str, *, heading: float = 0.0, drift: Any = None, timestep: float = 0.001, **effects: Any) -> World:
+    """A world with vehicle 0, at the origin with a heading in degrees, in a medium that moves at `drift`, m/s.
+
+    It is asked for no velocity; see `ask`. Effects are switched as in a scenario.
+    """
+    n = load_vehicle(vehicle).dimension
+    flow = {} if drift is None else {"agents": {"dimension": n, "drift": list(drift)[:n]}}
+    world = World(
+        make_scenario(
+            {
+                "agents": [{"id": "A", "position": [0.0] * n, "vehicle": vehicle, "heading": heading}],
+                "targets": [{"id": "T", "position": [50.0] * n}],
+                "sensing": [["A", "T"]],
+                "flow": flow,
+                "controller": {"gain": 1.0, "control_period": 10 * timestep},
+                "physics": {"timestep": timestep, "effects": effects},
+            }
+        )
+    )
+    ask(world, np.zeros(3))
+    world.reset()
+    return world
+
+
+def ask(world: World, velocity: Any) -> None:
+    """From now on vehicle 0 is asked for a velocity (n,) relative to the medium, world axes, in place of the law's."""
+    law = world._before_step.control.law
+    law.value[:] = 0.0  # command = gain c
+    law.c[:3] = 0.0
+    law.c[: len(velocity)] = velocity
+    world.close_loop(sample=True)
+
+
+def body(world: World) -> tuple[Vehicle, slice, slice, slice]:
+    """Vehicle 0, and where it is in qpos, in qvel and among the actuators."""
+    a, d, first = world.arena.qpos[0], world.arena.dof[0], world.arena.thruster
+    return world.arena.vehicles[0], slice(a, a + 7), slice(d, d + 6), slice(first[0], first[1])
+
+
+def attitude(world: World) -> Array:
+    """Attitude of vehicle 0, body to world, shape (3, 3)."""
+    return Rotation.from_quat(world.quaternions()[0], scalar_first=True).as_matrix()
+
+
+def yaw_of(world: World) -> float:
+    """Heading of vehicle 0, rad."""
+    R = attitude(world)
+    return float(np.arctan2(R[1, 0], R[0, 0]))
+
+
+def place(world: World, R: Array, velocity: Any = (0, 0, 0), rates: Any = (0, 0, 0)) -> None:
+    """Give vehicle 0 an attitude, a velocity in world axes and rates in body axes."""
+    _, qpos, dof, _ = body(world)
+    world.data.qpos[qpos][3:] = Rotation.from_matrix(R).as_quat(scalar_first=True)
+    world.data.qvel[dof] = [*velocity, *rates]
+    world.close_loop(sample=True)
+
+
+def step_unpowered(world: World, count: int) -> None:
+    """Step with the thrusters off."""
+    for _ in range(count):
+        world.close_loop(sample=False)
+        world.data.ctrl[:] = 0.0
+        mujoco.mj_step(world.model, world.data)
+
+
+def wrench(world: World) -> Array:
+    """What the commands of vehicle 0 amount to, body axes, shape (6,)."""
+    vehicle, _, _, thrusters = body(world)
+    return np.asarray(vehicle.W @ world.data.ctrl[thrusters])
+
+
+def wanted_force(vehicle: Vehicle, R: Array, wanted: Array, measured: Array) -> Array:
+    """d(v_c) + M k_v (v_c - v_r), written as in DESIGN section 2, for an attitude R and (3,) velocities in body axes.
+
+    Surge and sway of a boat make the horizontal part of d alone, whatever it would take along its own z axis.
+    """
+    d = vehicle.drag * wanted + vehicle.quadratic_drag[:3] * np.abs(wanted) * wanted
+    if vehicle.dimension == 2:
+        d[:2] = np.linalg.solve(R[:2, :2], (R @ d)[:2])
+    return np.asarray(d + (vehicle.mass + vehicle.added_mass[:3]) * vehicle.rate * (wanted - measured))
+
+
+# -- teams: B floats in the plane, U flies in space; S is a target in the plane, V one in space ------------------------
+
+
+def make_member(name: str) -> Member:
+    return Member(name, 3 if name[0] in "UV" else 2)
+
+
+def make_edge(tail: str, head: str, *, name: str = "shared", weight: float = 1.0, **attitude: Any) -> Edge:
+    maps = restriction_maps(name, make_member(tail).dimension, make_member(head).dimension, **attitude)
+    return Edge(tail, head, *maps, weight * np.eye(len(maps[0])))
+
+
+def hold(agent: str, axes: str, weight: float = 1.0) -> Edge:
+    """An anchor of some coordinates at zero."""
+    F = np.eye(make_member(agent).dimension)[["xyz".index(a) for a in axes]]
+    return anchor(agent, F, np.zeros(len(F)), weight * np.eye(len(F)))
+
+
+def make_team(
+    agents: str, targets: str, links: Sequence[Edge | Pair], seen: Sequence[Edge | Pair], anchors: Sequence[Edge] = ()
+) -> Team:
+    """A team of members named in a string; edges as pairs have 'shared' maps."""
+    communication, sensing = ([e if isinstance(e, Edge) else make_edge(*e) for e in kind] for kind in (links, seen))
+    return Team(
+        [make_member(v) for v in agents.split()],
+        [make_member(v) for v in targets.split()],
+        communication,
+        sensing,
+        anchors=anchors,
+    )
+
+
+def turn(angle: float) -> Array:
+    """Rotation in the plane by an angle in rad."""
+    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+
+
+def coboundary(team: Team) -> Array:
+    """The coboundary on the agents, dense, block by block from its definition; for inner products c I alone."""
+    first = dict(zip(team.agent_ids, np.cumsum([0, *(a.dimension for a in team.agents)])[:-1].tolist(), strict=True))
+    rows = []
+    for e in team.communication + team.sensing + team.anchors:
+        row = np.zeros((len(e.F_tail), sum(a.dimension for a in team.agents)))
+        for end, F in ((e.tail, e.F_tail), (e.head, -e.F_head)):
+            if end in first:
+                row[:, first[end] : first[end] + F.shape[1]] += np.sqrt(e.weight[0, 0]) * F
+        rows.append(row)
+    return np.vstack([*rows, np.zeros((1, sum(a.dimension for a in team.agents)))])
+
+
+# -- sheaves -----------------------------------------------------------------------------------------------------------
+
+
+def bundle_on_a_grid(side: int, seed: int = 0, twist: int | None = None, k: int = 3) -> tuple[Sheaf, np.ndarray]:
+    """A flat bundle on a square grid with its frames; `twist`: one edge is turned by another rotation."""
+    rng = np.random.default_rng(seed)
+    frames = ortho_group.rvs(k, size=side * side, random_state=rng).reshape(-1, k, k)
+    number = np.arange(side * side).reshape(side, side)
+    tails = np.concatenate([number[:, :-1].ravel(), number[:-1].ravel()])
+    heads = np.concatenate([number[:, 1:].ravel(), number[1:].ravel()])
+    F_heads = frames[heads]
+    if twist is not None:
+        F_heads[twist] = ortho_group.rvs(k, random_state=rng) @ F_heads[twist]
+    sheaf = Sheaf(dict.fromkeys(range(side * side), k))
+    sheaf.add_edges(tails.tolist(), heads.tolist(), frames[tails], F_heads)
+    return sheaf, frames
+
+
+# -- studies -----------------------------------------------------------------------------------------------------------
+
+
+IN_THREADS: Callable[[], AbstractContextManager[Engine]] = partial(local_engine, 1, processes=False)
+
+
+def small_plan(gains: tuple[float, ...] = (1.0, 3.0), seeds: tuple[int, int] | None = (0, 2), **fields: Any) -> Plan:
+    """Runs of half a second of one boat."""
+    overrides = {"time.end": 0.5, **fields.pop("overrides", {})}
+    return load_plan(
+        "midpoint", grid={"controller.gain": gains}, seeds=seeds, overrides=overrides, backend="ideal", **fields
+    )
+
+
+# -- films -------------------------------------------------------------------------------------------------------------
+
+
+def make_model() -> mujoco.MjModel:
+    """Five free bodies, each a box with a ball on a hinge, over a translucent plane."""
+    bodies = "".join(
+        f"""
+        <body name="vehicle{number}"><freejoint/>
+          <geom name="box{number}" type="box" size="1 .5 .3" rgba="{number % 2} .5 .2 1"/>
+          <body pos="2 0 0"><joint type="hinge"/><geom name="ball{number}" size=".2" pos=".5 0 0"/></body>
+        </body>"""
+        for number in range(5)
+    )
+    return mujoco.MjModel.from_xml_string(
+        f"""
+        <mujoco>
+          <asset><texture type="skybox" builtin="gradient" rgb1=".7 .8 .9" rgb2=".1 .1 .2" width="32" height="192"/></asset>
+          <worldbody>
+            <light directional="true" dir="0 0 -1"/>
+            <geom name="water" type="plane" size="0 0 1" rgba=".1 .4 .6 .5"/>{bodies}
+          </worldbody>
+        </mujoco>"""  # noqa: E501
+    )
+
+
+def make_film(model: mujoco.MjModel, duration: float = 2.0, samples: int = 41, **changes: Any) -> Film:
+    """Agents circle on the water, targets 10 m below them; `changes` replaces fields."""
+    time = np.linspace(0.0, duration, samples)
+    vehicles = 5
+    phase = time[:, None] + 2 * np.pi * np.arange(vehicles) / vehicles
+    positions = np.stack([20 * np.cos(phase), 20 * np.sin(phase), np.zeros_like(phase)], axis=-1)
+    positions[:, 3:, 2] = -10
+    quaternions = np.stack([np.cos(phase / 2), 0 * phase, 0 * phase, np.sin(phase / 2)], axis=-1)
+    bodies = np.array([model.body(f"vehicle{number}").id for number in range(vehicles)])
+    film = Film(
+        name="small",
+        subtitle="made up",
+        time=time,
+        agent_ids=["A1", "A2", "A3"],
+        target_ids=["T1", "T2"],
+        positions=positions,
+        quaternions=quaternions,
+        qpos_address=model.jnt_qposadr[model.body_jntadr[bodies]],
+        body_id=bodies,
+        harmonic_extension=positions[:, :3] + [3.0, 0.0, 0.0],
+        group=np.array([0, 0, 1, 2, 2]),
+        group_names=["pair", "single", "targets"],
+        colours=np.array([[0.2, 0.6, 1.0], [1.0, 0.6, 0.2], [1.0, 0.3, 0.3]]),
+        edges=[(0, 1, "communication"), (1, 2, "communication"), (0, 3, "sensing"), (2, 4, "sensing")],
+        error_name="mean |eta|",
+        error=10.0 * np.exp(-time),
+        error_unit="m",
+        surface="water",
+    )
+    return replace(film, **changes)
+
+
+# -- numbers -----------------------------------------------------------------------------------------------------------
+
+
+def approx(value: float | None, rel: float | None = None, abs: float | None = None) -> Any:
+    """As pytest's, of what must be there."""
+    assert value is not None
+    return pytest.approx(value, rel=rel, abs=abs)

@@ -1,0 +1,102 @@
+"""Commands run in this process, where a call costs milliseconds, or in their own; and what they leave on the disk."""
+
+import contextlib
+import io
+import os
+import resource
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+
+from mjsheaf.cli import main
+from mjsheaf.video import available_backend
+
+IDEAL = ("--backend", "ideal", "--no-video", "--set", "time.end=0.2")
+SMALL = ("--set", "video.width=160", "--set", "video.height=120", "--set", "video.fps=5")
+CAN_DRAW = available_backend()[0] is not None
+RUN_FILES = {"result.nc", "summary.json", "scenario.yaml", "errors.png", "trajectories.png", "configurations.png"}
+"""What `mjsheaf run --no-video` writes."""
+
+
+class Answer(NamedTuple):
+    """What a command said: exit code, stdout, stderr."""
+
+    code: int
+    out: str
+    err: str
+
+
+def call(*arguments: str | Path) -> int:
+    """Run a command and return its exit code; what it prints is for `capsys`."""
+    with pytest.raises(SystemExit) as stopped:
+        main([str(a) for a in arguments])
+    return int(stopped.value.code or 0)
+
+
+def answer_of(*arguments: str | Path) -> Answer:
+    """Run a command and return what it said; an exception that leaves it fails the test."""
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        code = call(*arguments)
+    return Answer(code, out.getvalue(), err.getvalue())
+
+
+def is_refusal(answer: Answer, word: str = "") -> bool:
+    """Whether a command was refused as the contract says: exit code 2, one line that contains a word."""
+    one_line = answer.err.count("\n") == 1 and answer.err.startswith("mjsheaf: ")
+    return answer.code == 2 and one_line and word in answer.err
+
+
+def command_line(*arguments: str | Path) -> list[str]:
+    """A command in a process of its own."""
+    return [sys.executable, "-m", "mjsheaf", *map(str, arguments)]
+
+
+def start(*arguments: str | Path, **options: Any) -> "subprocess.Popen[str]":
+    """Start a command whose output is read at its end, with SIGINT as a terminal's shell gives it."""
+    return subprocess.Popen(
+        command_line(*arguments),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=heed_interrupts,
+        **options,
+    )
+
+
+def heed_interrupts() -> None:
+    """Undo in a new process that SIGINT is ignored, which it inherits where the tests run in a shell's background."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@contextlib.contextmanager
+def files_of_at_most(size: int) -> Iterator[None]:
+    """No file of this process, or of those that it starts, grows beyond so many bytes: as on a full disk."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def contents(directory: Path) -> dict[str, bytes]:
+    """All that equal runs, and equal studies, have alike: every file but a study's timings and lock."""
+    return {
+        name: data for name, data in all_contents(directory).items() if Path(name).name not in ("timings.csv", ".lock")
+    }
+
+
+def all_contents(directory: Path) -> dict[str, bytes]:
+    """Every file below a directory."""
+    return {str(p.relative_to(directory)): p.read_bytes() for p in sorted(directory.rglob("*")) if p.is_file()}
+
+
+def leftovers(directory: Path) -> list[str]:
+    """Hidden files and directories in a directory."""
+    return sorted(name for name in os.listdir(directory) if name.startswith("."))
