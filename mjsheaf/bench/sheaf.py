@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from mjsheaf.bench.rows import Row, at_least, at_most, informs
-from mjsheaf.sheaf import DirichletProblem, Sheaf
+from mjsheaf.sheaf import Sheaf
 
 Array = NDArray[np.float64]
 
@@ -164,7 +164,7 @@ def measure_grid(side: int) -> dict[str, Any]:
     clock.append(perf_counter())
     delta = sheaf.coboundary()
     clock.append(perf_counter())
-    problem = DirichletProblem(sheaf, list(values))
+    problem = sheaf.dirichlet_problem(list(values))
     unique = problem.unique
     proof = perf_counter() - clock[-1]
     solver = problem.solver

@@ -17,7 +17,7 @@ from scipy.sparse import linalg as splinalg
 
 from mjsheaf.checking.record import Record
 from mjsheaf.sheaf import RANK_TOLERANCE
-from mjsheaf.sheaf.sections import DENSE_COLUMNS, components, largest_singular_value, sparse_kernel_basis
+from mjsheaf.sheaf.sections import DENSE_COLUMNS, components, largest_singular_value, sparse_null_space
 from mjsheaf.team import Team
 from mjsheaf.team.null_modes import NullMode, describe, describe_nearly, null_mode_of, null_modes
 
@@ -116,7 +116,7 @@ def smallest_eigenvalue(coboundary: AgentCoboundary) -> float:
         values = np.linalg.eigvalsh((D.T @ D).toarray())
         if values[0] > _ACCURATE * values[-1]:  # delta is injective then, unless inner products span 12 decades
             return float(values[0])
-    null = sparse_kernel_basis(coboundary.plain)
+    null = sparse_null_space(coboundary.plain)
     return 0.0 if null.shape[1] else float(_above_zero(D, null, 1)[0][0])
 
 

@@ -14,7 +14,7 @@ from scipy import sparse
 
 from mjsheaf.checking.cohomology import agent_coboundary, smallest_eigenvalue
 from mjsheaf.checking.record import Record
-from mjsheaf.sheaf.sections import sparse_kernel_basis
+from mjsheaf.sheaf.sections import sparse_null_space
 from mjsheaf.team import GROUND, Edge, Team
 
 Index = NDArray[np.int64]
@@ -124,7 +124,7 @@ def _loss(single: _Single, breaks: tuple[str, ...], lambda_min: float | None) ->
 
 
 def _dimension(plain: sparse.csr_array) -> int:
-    return sparse_kernel_basis(plain).shape[1]
+    return sparse_null_space(plain).shape[1]
 
 
 def _singles(team: Team) -> Iterator[_Single]:

@@ -217,7 +217,7 @@ class Team:
     @cached_property
     def dirichlet(self) -> DirichletProblem:
         """The harmonic extension of the targets to the agents: H q* = B p + c."""
-        return DirichletProblem(self.sheaf, self.target_ids + ([GROUND] if self.anchors else []))
+        return self.sheaf.dirichlet_problem(self.target_ids + ([GROUND] if self.anchors else []))
 
     @cached_property
     def target_sheaf(self) -> Sheaf:
