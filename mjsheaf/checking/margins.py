@@ -10,8 +10,8 @@ The loop is that of small motions: in large ones thrusters meet their limits. It
 the way, and the targets.
 """
 
-from collections.abc import Callable, Iterator
-from typing import NamedTuple, Protocol
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,7 @@ from mjsheaf.vehicles.effects import capability_of, of_each
 from mjsheaf.vehicles.vehicle import Vehicle
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 
 LARGEST_WHOLE = 400
 """Largest number of states that act on one another for which the matrix of a team of unlike vehicles is solved."""
@@ -249,28 +250,18 @@ def _lags(system: System, difference: Difference) -> list[Lag]:
 # -- the loop of the real vehicles -----------------------------------------------------------------------------
 
 
-class _Mode(NamedTuple):
-    """A mode by its factor over a period, the agent that moves most in it (-1: unknown), and if positions move."""
+class _Modes(NamedTuple):
+    """Modes of the closed loop.
 
-    factor: complex
-    agent: int
-    moves: bool
+    Attributes:
+        factor: growth over a period, complex, shape (k,).
+        agent: number of the agent that moves most, -1 where unknown, shape (k,).
+        moves: whether positions take part, shape (k,).
+    """
 
-
-class _Loop(Protocol):
-    """The team's closed loop as a function of the gain."""
-
-    def modes(self, gain: float) -> Iterator[_Mode]:
-        """All modes, or those at the sampled eigenvalues."""
-        ...
-
-    def own_factors(self) -> Array:
-        """Factors of the vehicles' own modes, under a command that does not change."""
-        ...
-
-    def largest_gain(self, gain: float, most: float) -> float | None:
-        """See BodyLoop; `most` is the growth over a period that counts as none."""
-        ...
+    factor: NDArray[np.complex128]
+    agent: Index
+    moves: NDArray[np.bool_]
 
 
 class _UndecidedError(Exception):
@@ -302,19 +293,20 @@ def body_loop(system: System, spectrum: Spectrum, medium: Array) -> BodyLoop:
     except np.linalg.LinAlgError as error:  # a vehicle so stiff that its step is not finite
         return _undecided(period, f"the vehicles cannot be linearised: {error}")
     none = _NEUTRAL_RATE * period
-    moving = [m for m in loop.modes(system.gain) if m.moves or abs(m.factor) > np.exp(none)]
-    radius = max(abs(m.factor) for m in moving)
+    modes = loop.modes(system.gain)
+    size = np.hypot(modes.factor.real, modes.factor.imag)
+    taking_part = modes.moves | (size > np.exp(none))
+    modes, radius = _Modes(*(x[taking_part] for x in modes)), float(size[taking_part].max())
     stable: bool | None = bool(np.log(radius) < none)
-    swing = _least_damped(moving, loop.own_factors(), period, system)
     reason = ""
     if isinstance(loop, _Split) and not stable and loop.growth_at_ends(system.gain) < none:
         stable, reason = None, "only eigenvalues between the smallest and the largest would swing up, if H has them"
     return BodyLoop(
         stable=stable,
-        spectral_radius=float(radius),
+        spectral_radius=radius,
         period=period,
         largest_gain=loop.largest_gain(system.gain, none),
-        least_damped=swing,
+        least_damped=_least_damped(modes, loop.own_factors(), period, system),
         reason=reason,
     )
 
@@ -344,8 +336,10 @@ def mean_medium(system: System, time: Array, q_star: Array) -> Array:
 def _models(system: System, medium: Array, timestep: float, steps: int) -> list[LinearVehicle]:
     """The linear vehicle of every agent; agents that are alike share one.
 
+    Of a large team those that meet the extremes of the flow are linearised, and stand for all where they behave alike.
+
     Raises:
-        _UndecidedError: one has none.
+        _UndecidedError: one has none, or they do not.
     """
     agents = system.team.agents
     if not np.isfinite(medium).all():
@@ -363,11 +357,25 @@ def _models(system: System, medium: Array, timestep: float, steps: int) -> list[
         key = id(vehicle), np.round([*station.medium, station.heading], 4).tobytes()
         stations.setdefault(key, station)
         keys.append(key)
-    chosen = list(stations)
-    if len(chosen) > _MOST_STATIONS:
-        return _represented(system, keys, stations, timestep, steps)
-    models = dict(zip(chosen, linearise(list(stations.values()), system.control, timestep, steps), strict=True))
-    return [_existing(models[key], agents[i].id, stations[key]) for i, key in enumerate(keys)]
+    chosen, many = list(stations), len(stations) > _MOST_STATIONS
+    if many:
+        if len({key[0] for key in keys}) > 1:
+            raise _UndecidedError("too many unlike vehicles")
+        flows = np.array([station.medium for station in stations.values()])
+        extreme = {*flows.argmin(axis=0), *flows.argmax(axis=0), *np.linspace(0, len(flows) - 1, 20).astype(int)}
+        chosen = [chosen[k] for k in sorted(int(k) for k in extreme)]
+    models = {}
+    found = linearise([stations[key] for key in chosen], system.control, timestep, steps)
+    for key, model in zip(chosen, found, strict=True):
+        if isinstance(model, str):
+            flow = f"in a mean flow of {np.linalg.norm(stations[key].medium):.3g} m/s relative to its q*"
+            raise _UndecidedError(f"{agents[keys.index(key)].id} cannot hold station {flow}: {model}")
+        models[key] = model
+    if not many:
+        return [models[key] for key in keys]
+    if not _alike(list(models.values()), timestep * steps):
+        raise _UndecidedError("too many vehicles that behave differently in the flows that they meet")
+    return [models[chosen[0]]] * len(keys)
 
 
 def _station(vehicle: Vehicle, medium: Array, heading: float, span: float) -> Station:
@@ -380,46 +388,11 @@ def _station(vehicle: Vehicle, medium: Array, heading: float, span: float) -> St
     return Station(vehicle, medium, float(np.arctan2(-medium[1], -medium[0])))
 
 
-def _existing(model: LinearVehicle | str, agent: str, station: Station) -> LinearVehicle:
-    if isinstance(model, str):
-        flow = f"in a mean flow of {np.linalg.norm(station.medium):.3g} m/s relative to its q*"
-        raise _UndecidedError(f"{agent} cannot hold station {flow}: {model}")
-    return model
-
-
-def _represented(
-    system: System,
-    keys: list[tuple[int, bytes]],
-    stations: dict[tuple[int, bytes], Station],
-    timestep: float,
-    steps: int,
-) -> list[LinearVehicle]:
-    """One model for all agents of a large team, where those that meet the extremes of the flow behave alike.
-
-    Raises:
-        _UndecidedError: they do not.
-    """
-    if len({key[0] for key in keys}) > 1:
-        raise _UndecidedError("too many unlike vehicles")
-    flows = np.array([station.medium for station in stations.values()])
-    extreme = {*flows.argmin(axis=0), *flows.argmax(axis=0), *np.linspace(0, len(flows) - 1, 20).astype(int)}
-    chosen = [list(stations)[k] for k in sorted(int(k) for k in extreme)]
-    found = linearise([stations[key] for key in chosen], system.control, timestep, steps)
-    models = [
-        _existing(model, system.team.agent_ids[keys.index(key)], stations[key])
-        for model, key in zip(found, chosen, strict=True)
-    ]
-    if not _alike(models, timestep * steps):
-        raise _UndecidedError("too many vehicles that behave differently in the flows that they meet")
-    return [models[0]] * len(keys)
-
-
 def _response(model: LinearVehicle, period: float) -> Array:
     """Positions after a step of the command, less what an ideal vehicle makes, shape (T, n, n), m per m/s."""
-    n = model.D.shape[0]
+    n, s = model.D.shape[0], len(model.A)
     count = int(np.clip(_RESPONSE_TIME / period, 20, 400))
     stride = max(1, round(_RESPONSE_TIME / period / count))
-    s = len(model.A)
     step = np.eye(s + 2 * n)
     step[:s, :s], step[:s, s + n :], step[s : s + n, :s], step[s : s + n, s + n :] = model
     step = np.linalg.matrix_power(step, stride)
@@ -435,7 +408,14 @@ def _difference(one: Array, other: Array) -> float:
     return float(np.abs(one - other).max() / max(np.abs(one).max(), np.abs(other).max()))
 
 
-def _close(system: System, spectrum: Spectrum, models: list[LinearVehicle], period: float) -> _Loop:
+def _alike(models: list[LinearVehicle], period: float) -> bool:
+    """Whether vehicles respond to a command in nearly the same way."""
+    first = _response(models[0], period)
+    responses = (_response(model, period) for model in models[1:])
+    return all(r.shape == first.shape and _difference(r, first) <= _RESPONSE_DIFFERENCE for r in responses)
+
+
+def _close(system: System, spectrum: Spectrum, models: list[LinearVehicle], period: float) -> "_Split | _Whole":
     """The loop of the team, apart by modes of H where that is exact.
 
     Raises:
@@ -452,23 +432,19 @@ def _close(system: System, spectrum: Spectrum, models: list[LinearVehicle], peri
     return _Split(parts) if parts else _Whole(system, spectrum, models)
 
 
-def _alike(models: list[LinearVehicle], period: float) -> bool:
-    """Whether vehicles answer a command in nearly the same way."""
-    first = _response(models[0], period)
-    responses = (_response(model, period) for model in models[1:])
-    return all(r.shape == first.shape and _difference(r, first) <= _RESPONSE_DIFFERENCE for r in responses)
-
-
 class _Part(NamedTuple):
     """Alike vehicles whose loop falls apart into one small matrix for each eigenvalue.
 
-    plant: of each vehicle along the axes of this part; values: eigenvalues above zero, ascending, or a sampling of the
-    interval that holds them, the largest exact; who: the agent that moves most in each one's mode, -1: unknown.
+    Attributes:
+        plant: of each vehicle along the axes of this part.
+        values: eigenvalues above zero, ascending, or a sampling of the interval that holds them, the largest exact.
+        agent: number of the agent that moves most in each one's mode, -1 where unknown.
+        exact: whether the values are the eigenvalues.
     """
 
     plant: LinearVehicle
     values: Array
-    who: NDArray[np.int64]
+    agent: Index
     exact: bool
 
 
@@ -476,55 +452,45 @@ def _parts(system: System, spectrum: Spectrum, model: LinearVehicle, period: flo
     """The parts of a team of alike vehicles; none where they do not fall apart.
 
     Axes that neither the vehicle nor H couples are apart. Within one part, H is the same along all axes and does not
-    couple them; or the vehicle is.
+    couple them; or the vehicle is and does not.
     """
     H, n = sparse.csr_array(system.team.dirichlet.H), model.D.shape[0]
     response = _response(model, period)
-    scale = np.abs(response).max()
-    by_vehicle = np.abs(response).max(axis=0) > _CROSS_RESPONSE * scale
+    by_vehicle = np.abs(response).max(axis=0) > _CROSS_RESPONSE * np.abs(response).max()
     blocks = [[H[a::n, b::n] for b in range(n)] for a in range(n)]
     by_sheaf = np.array([[abs(block).max() > 0.0 for block in row] for row in blocks])
     count, group = connected_components(by_vehicle | by_sheaf, directed=False)
     parts = []
     for g in range(count):
         axes = np.flatnonzero(group == g)
-        inside = np.ix_(axes, axes)
-        off = ~np.eye(len(axes), dtype=bool)
-        first = axes[0]
+        first, inside, off = axes[0], np.ix_(axes, axes), ~np.eye(len(axes), dtype=bool)
         own = [response[:, a, a] for a in axes]
         if not by_sheaf[inside][off].any() and all(abs(blocks[a][a] - blocks[first][first]).max() == 0.0 for a in axes):
-            plant, values, vectors, exact = _along(model, axes), *_eigenvalues(blocks[first][first], spectrum)
-            who = np.abs(vectors).argmax(axis=0) if len(vectors) else None
+            part, agents = blocks[first][first], np.arange(H.shape[0] // n)
         elif not by_vehicle[inside][off].any() and all(_difference(x, own[0]) <= _CROSS_RESPONSE for x in own):
             rows = np.flatnonzero(np.isin(np.arange(H.shape[0]) % n, axes))
-            plant, values, vectors, exact = _along(model, axes[:1]), *_eigenvalues(H[rows][:, rows], spectrum)
-            who = rows[np.abs(vectors).argmax(axis=0)] // n if len(vectors) else None
+            axes, part, agents = axes[:1], H[rows][:, rows], rows // n
         else:
             return []
+        values, agent, exact = _eigenvalues(part, agents, float(spectrum.smallest[0]))
         if len(values):
-            unknown = np.full(len(values), -1)
-            unknown[-1:] = -1 if who is None else who[-1]
-            parts.append(_Part(plant, values, unknown if who is None or len(who) < len(values) else who, exact))
+            plant = LinearVehicle(model.A, model.B[:, axes], model.C[axes], model.D[np.ix_(axes, axes)])
+            parts.append(_Part(plant, values, agent, exact))
     return parts
 
 
-def _along(model: LinearVehicle, axes: NDArray[np.integer]) -> LinearVehicle:
-    return LinearVehicle(model.A, model.B[:, axes], model.C[axes], model.D[np.ix_(axes, axes)])
+def _eigenvalues(H: sparse.csr_array, agents: Index, least: float) -> tuple[Array, Index, bool]:
+    """Values, agents and whether exact as in `_Part`, of a part of H whose rows belong to `agents`.
 
-
-def _eigenvalues(H: sparse.csr_array, spectrum: Spectrum) -> tuple[Array, Array, bool]:
-    """Eigenvalues of a part of H above zero, ascending, with their vectors; of a large part, what holds them all.
-
-    Returns:
-        Values, vectors (n, k) of the last k of them, and whether the values are exact.
+    `least` is the smallest eigenvalue of all H above zero.
     """
-    least = float(spectrum.smallest[0])
     if H.shape[0] <= DENSE_STATES:
         values, vectors = np.linalg.eigh(H.toarray())
         held = values > 0.5 * least
-        return values[held], vectors[:, held], True
+        return values[held], agents[np.abs(vectors[:, held]).argmax(axis=0)], True
     top, vector = eigsh(H, k=1, which="LA", v0=np.ones(H.shape[0]))
-    return np.geomspace(least, max(float(top[0]), least), 200), vector, False
+    values = np.geomspace(least, max(float(top[0]), least), 200)
+    return values, np.append(np.full(len(values) - 1, -1), agents[np.abs(vector[:, 0]).argmax()]), False
 
 
 class _Split:
@@ -533,25 +499,27 @@ class _Split:
     def __init__(self, parts: list[_Part]) -> None:
         self._parts = parts
 
-    def modes(self, gain: float) -> Iterator[_Mode]:
+    def modes(self, gain: float) -> _Modes:
+        """All modes, or those at the sampled eigenvalues."""
+        found = []
         for part in self._parts:
             n = part.plant.D.shape[0]
             factors, vectors = np.linalg.eig(_matrices(part.plant, gain * part.values))
             moved = np.linalg.norm(vectors[:, :n], axis=1) > _MODE_AT_REST * np.linalg.norm(vectors, axis=1)
-            for row, who, moves in zip(factors, part.who, moved, strict=True):
-                yield from (_Mode(complex(f), int(who), bool(m)) for f, m in zip(row, moves, strict=True))
+            found.append((factors.ravel(), np.repeat(part.agent, factors.shape[1]), moved.ravel()))
+        return _Modes(*(np.concatenate(x) for x in zip(*found, strict=True)))
 
     def own_factors(self) -> Array:
+        """Factors of the vehicles' own modes, under a command that does not change."""
         return np.concatenate([np.linalg.eigvals(part.plant.A) for part in self._parts])
 
     def growth_at_ends(self, gain: float) -> float:
-        """Growth of the modes that are known to be there."""
-        return max(
-            _largest_growth(part.plant, gain * (part.values if part.exact else part.values[-1:]))
-            for part in self._parts
-        )
+        """Growth of the modes at eigenvalues that H surely has."""
+        known = ((p.plant, p.values if p.exact else p.values[-1:]) for p in self._parts)
+        return max(float(_growths(plant, gain * values).max()) for plant, values in known)
 
     def largest_gain(self, gain: float, most: float) -> float | None:
+        """See BodyLoop; `most` is the growth over a period that counts as none."""
         found = [_first_unstable(part.plant, most) for part in self._parts]
         gains = [rate / float(p.values[-1]) for rate, p in zip(found, self._parts, strict=True) if rate is not None]
         return min(gains) if gains and min(gains) > 0.0 else None
@@ -567,21 +535,21 @@ def _matrices(plant: LinearVehicle, rates: Array) -> Array:
     return found
 
 
-def _largest_growth(plant: LinearVehicle, rates: Array) -> float:
-    return float(np.log(np.abs(np.linalg.eigvals(_matrices(plant, rates))).max()))
+def _growths(plant: LinearVehicle, rates: Array) -> Array:
+    """Growth over a period of the fastest growing mode at each rate, shape (k,)."""
+    return np.log(np.abs(np.linalg.eigvals(_matrices(plant, rates))).max(axis=1))
 
 
 def _first_unstable(plant: LinearVehicle, most: float) -> float | None:
-    """The smallest rate k1 lambda at which a mode grows, 1/s; None where none does, 0 where the smallest looked at."""
+    """The smallest rate k1 lambda at which a mode grows, 1/s; None where none does, 0 where the smallest tried does."""
     grid = np.geomspace(_LEAST_RATE, _LARGEST_RATE, 200)
-    growth = np.log(np.abs(np.linalg.eigvals(_matrices(plant, grid))).max(axis=1))
-    unstable = np.flatnonzero(growth > most)
+    unstable = np.flatnonzero(_growths(plant, grid) > most)
     if not unstable.size:
         return None
     if unstable[0] == 0:
         return 0.0
     low, high = grid[unstable[0] - 1], grid[unstable[0]]
-    return _bisect(lambda rate: _largest_growth(plant, np.array([rate])) > most, float(low), float(high))
+    return _bisect(lambda rate: bool(_growths(plant, np.array([rate]))[0] > most), float(low), float(high))
 
 
 def _bisect(unstable: Callable[[float], bool], low: float, high: float) -> float:
@@ -627,23 +595,27 @@ class _Whole:
         at = np.ix_(chosen, chosen)
         return np.asarray(self.free[at] - gain * self.pull[at])
 
-    def modes(self, gain: float) -> Iterator[_Mode]:
+    def modes(self, gain: float) -> _Modes:
+        """All modes."""
+        found = []
         for chosen in self.sets:
             factors, vectors = linalg.eig(self._block(gain, chosen))
             held = chosen < self.m
             z = vectors[held]
             moved = np.linalg.norm(z, axis=0) > _MODE_AT_REST * np.linalg.norm(vectors, axis=0)
             far = np.abs(self.Q[:, chosen[held]] @ z)
-            for k, factor in enumerate(factors):
-                yield _Mode(complex(factor), int(self.owner[far[:, k].argmax()]) if moved[k] else -1, bool(moved[k]))
+            found.append((factors, np.where(moved, self.owner[far.argmax(axis=0)], -1), moved))
+        return _Modes(*(np.concatenate(x) for x in zip(*found, strict=True)))
 
     def own_factors(self) -> Array:
+        """As in `_Split`."""
         return self.own
 
     def _growth(self, gain: float) -> float:
         return max(float(np.log(np.abs(linalg.eigvals(self._block(gain, s))).max())) for s in self.sets)
 
     def largest_gain(self, gain: float, most: float) -> float | None:
+        """As in `_Split`."""
         low = high = gain
         factor = 2.0 if self._growth(gain) < most else 0.5
         for _ in range(_MOST_DOUBLINGS):
@@ -653,23 +625,22 @@ class _Whole:
         return None
 
 
-def _least_damped(modes: list[_Mode], own: Array, period: float, system: System) -> Swing:
+def _least_damped(modes: _Modes, own: Array, period: float, system: System) -> Swing:
     """The mode with the smallest damping: of those that the loop moves, where none grows.
 
     A hull's own rolling or pitching shows in the position a little, is hardly damped, and does not depend on the law.
     A mode is a vehicle's own if its logarithm is within _OWN_MODE of one that the vehicle has under a steady command.
     """
-    s = np.array([_logarithm(m.factor) for m in modes]) / period
+    s = _logarithms(modes.factor) / period
     size = np.maximum(np.abs(s), 1e-300)
     damping = -s.real / size
     if damping.min() >= 0.0:
-        alone = np.array([_logarithm(complex(f)) for f in own]) / period
-        moved = np.abs(s[:, None] - alone).min(axis=1) > _OWN_MODE * size
+        moved = np.abs(s[:, None] - _logarithms(own) / period).min(axis=1) > _OWN_MODE * size
         damping = np.where(moved, damping, np.inf) if moved.any() else damping
     k = int(damping.argmin())
-    who = system.team.agent_ids[modes[k].agent] if modes[k].agent >= 0 else None
-    return Swing(damping=float(damping[k]), frequency=float(size[k]), agent=who)
+    agent = system.team.agent_ids[modes.agent[k]] if modes.agent[k] >= 0 else None
+    return Swing(damping=float(damping[k]), frequency=float(size[k]), agent=agent)
 
 
-def _logarithm(factor: complex) -> complex:
-    return complex(np.log(factor if factor != 0.0 else 1e-300))
+def _logarithms(factors: NDArray) -> NDArray[np.complex128]:
+    return np.log(np.where(factors != 0.0, factors, 1e-300).astype(np.complex128))

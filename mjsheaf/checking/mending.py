@@ -12,7 +12,7 @@ N an orthonormal basis of what is free; sets are ranked by it, and the best of t
 
 import itertools
 import math
-from collections.abc import Callable, Container, Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -29,6 +29,7 @@ from mjsheaf.team.null_modes import null_mode_basis
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+Kind = Literal["communication", "sensing", "anchor"]
 
 EXACT_COMBINATIONS = 20_000
 """Sets of one size are tried one by one while there are at most so many."""
@@ -59,33 +60,26 @@ class Candidate:
     """An edge or anchor that could be added.
 
     Attributes:
-        agent: number of the agent.
-        other: number of the other agent of a link, else None.
-        target: number of the target that it would sense, else None.
-        axis: coordinate that an anchor would hold, else None.
+        kind: what it is.
+        agent: number of the agent, of a link the smaller one.
+        end: number of the other agent or of the target that it ends on, or of the coordinate that an anchor would hold.
     """
 
+    kind: Kind
     agent: int
-    other: int | None = None
-    target: int | None = None
-    axis: int | None = None
-
-    @property
-    def kind(self) -> Literal["communication", "sensing", "anchor"]:
-        """What would be added."""
-        return "anchor" if self.axis is not None else "sensing" if self.target is not None else "communication"
+    end: int
 
     @property
     def preference(self) -> int:
-        """Which is told first where all else is equal: an altimeter, a link, a sensor, a fixed place in the plane."""
-        return {"communication": 1, "sensing": 2}.get(self.kind, 0 if self.axis == 2 else 3)
+        """Rank among equals: an altimeter, a link, a sensor, a fixed place in the plane."""
+        return {"communication": 1, "sensing": 2}.get(self.kind, 0 if self.end == 2 else 3)
 
     def edge(self, team: Team) -> Edge:
         """The edge; its offset comes from the team's formations, and an anchor holds the value 0."""
         agent = team.agents[self.agent]
-        if self.axis is not None:
-            return anchor(agent.id, np.eye(agent.dimension)[[self.axis]], np.zeros(1), np.eye(1))
-        end = team.agents[self.other] if self.other is not None else team.targets[self.target or 0]
+        if self.kind == "anchor":
+            return anchor(agent.id, np.eye(agent.dimension)[[self.end]], np.zeros(1), np.eye(1))
+        end = (team.agents if self.kind == "communication" else team.targets)[self.end]
         maps = restriction_maps("shared", agent.dimension, end.dimension)
         return Edge(agent.id, end.id, *maps, np.eye(len(maps[0])))
 
@@ -97,10 +91,10 @@ class Candidate:
             linked: pairs of ids, in the order agent 1, agent 2 or agent, target, that share an edge already.
         """
         edge = self.edge(team)
-        if self.axis is not None:
-            sensor = "an altimeter" if self.axis == 2 else "a position sensor"
-            return f"give {edge.tail} {sensor} (anchor along {_AXES[self.axis]})"
-        verb = "talk to" if self.target is None else "sense"
+        if self.kind == "anchor":
+            sensor = "an altimeter" if self.end == 2 else "a position sensor"
+            return f"give {edge.tail} {sensor} (anchor along {_AXES[self.end]})"
+        verb = "talk to" if self.kind == "communication" else "sense"
         about = f" and compare {', '.join(_AXES[: len(edge.F_tail)])}" if (edge.tail, edge.head) in linked else ""
         return f"let {edge.tail} {verb} {edge.head}{about}"
 
@@ -113,8 +107,8 @@ def edge_rows(team: Team, candidates: Iterable[Candidate]) -> sparse.csr_array:
     for candidate in candidates:
         edge = candidate.edge(team)
         ends = [(candidate.agent, edge.F_tail)]
-        if candidate.other is not None:
-            ends.append((candidate.other, -edge.F_head))
+        if candidate.kind == "communication":
+            ends.append((candidate.end, -edge.F_head))
         for agent, F in ends:
             k, axis = np.nonzero(F)
             row.append(m + k)
@@ -138,16 +132,16 @@ class Group:
     projector: Array
     rank: int
     count: int
-    _makers: list[tuple[Callable[[int, int], Candidate], Sequence[int], Sequence[int]]]
+    _blocks: list[tuple[Kind, Sequence[int], Sequence[int]]]
 
     def members(self, most: int) -> list[Candidate]:
-        """The candidates, those told first first; of each kind at most `most`, spread evenly."""
+        """The candidates by preference; of each block of agents and ends at most `most`, spread evenly."""
         found = []
-        for make, left, right in self._makers:
-            size = len(left) * len(right)
+        for kind, agents, ends in self._blocks:
+            size = len(agents) * len(ends)
             for k in np.unique(np.linspace(0, size - 1, min(size, most)).astype(np.int64)).tolist():
-                a, b = divmod(k, len(right))
-                found.append(make(left[a], right[b]))
+                pair = agents[k // len(ends)], ends[k % len(ends)]
+                found.append(Candidate(kind, *(sorted(pair) if kind == "communication" else pair)))
         return sorted(found, key=lambda candidate: candidate.preference)
 
 
@@ -209,7 +203,7 @@ def group_candidates(
     targets = by_dimension(team.targets, range(len(team.targets)))
     groups: dict[bytes, Group] = {}
 
-    def add(rows: Array, make: Callable[[int, int], Candidate], left: Sequence[int], right: Sequence[int]) -> None:
+    def add(rows: Array, kind: Kind, agents: Sequence[int], ends: Sequence[int]) -> None:
         _, singular, directions = np.linalg.svd(rows, full_matrices=False)
         directions = directions[singular > _RANK]
         if len(directions):
@@ -217,31 +211,20 @@ def group_candidates(
             group = groups.setdefault(
                 (np.round(projector, 6) + 0.0).tobytes(), Group(projector, len(directions), 0, [])
             )
-            group.count += len(left) * len(right)
-            group._makers.append((make, left, right))
+            group.count += len(agents) * len(ends)
+            group._blocks.append((kind, agents, ends))
 
     for c in classes:
         for axis in range(len(c.motion)):
-            add(c.motion[axis : axis + 1], _anchor, c.agents, [axis])
-        for make, ends in ((_link, still), (_sensing, targets)):
-            for dimension, numbers in ends.items():
-                add(c.motion[:dimension], make, c.agents, numbers)
+            add(c.motion[axis : axis + 1], "anchor", c.agents, [axis])
+        for dimension, numbers in still.items():
+            add(c.motion[:dimension], "communication", c.agents, numbers)
+        for dimension, numbers in targets.items():
+            add(c.motion[:dimension], "sensing", c.agents, numbers)
     for a, b in itertools.combinations(classes, 2) if links else ():
         m = min(len(a.motion), len(b.motion))
-        add(a.motion[:m] - b.motion[:m], _link, a.agents, b.agents)
+        add(a.motion[:m] - b.motion[:m], "communication", a.agents, b.agents)
     return sorted(groups.values(), key=lambda group: -group.rank)
-
-
-def _anchor(agent: int, axis: int) -> Candidate:
-    return Candidate(agent, axis=axis)
-
-
-def _sensing(agent: int, target: int) -> Candidate:
-    return Candidate(agent, target=target)
-
-
-def _link(agent: int, other: int) -> Candidate:
-    return Candidate(min(agent, other), other=max(agent, other))
 
 
 Choice = tuple[Candidate, ...]
@@ -250,7 +233,7 @@ Choice = tuple[Candidate, ...]
 class Repair(Record):
     """One edge or anchor to add, with maps [I 0] and inner product I."""
 
-    kind: Literal["communication", "sensing", "anchor"]
+    kind: Kind
     description: str = Field(
         description='such as "give A2 an altimeter (anchor along z)", "let A1 talk to A4", "let A3 sense T2"'
     )
