@@ -218,7 +218,7 @@ def _theorem(
         mu=theorem.mu,
         chi=theorem.chi if holds else None,
         chi_infinite=math.isinf(theorem.chi) if holds else None,
-        radius_D=theorem.radius_D if holds else None,
+        radius_D=theorem.chi if holds else None,
         radius_S=theorem.radius_S if holds else None,
         radius_U=theorem.radius if holds else None,
         initial_error=start,

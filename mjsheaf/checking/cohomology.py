@@ -13,11 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 from scipy import linalg, sparse
-from scipy.sparse import linalg as splinalg
 
 from mjsheaf.checking.record import Record
 from mjsheaf.sheaf import RANK_TOLERANCE
-from mjsheaf.sheaf.sections import DENSE_COLUMNS, components, largest_singular_value, sparse_null_space
+from mjsheaf.sheaf.sections import (
+    DENSE_COLUMNS,
+    components,
+    largest_singular_value,
+    shifted_factor,
+    smallest_eigenvectors,
+    sparse_null_space,
+)
 from mjsheaf.team import Team
 from mjsheaf.team.null_modes import NullMode, describe, describe_nearly, null_mode_of, null_modes
 
@@ -29,8 +35,10 @@ DENSE_STATES = 600
 EIGENVALUE_TOLERANCE = 1e-8
 """Relative accuracy of the eigenvalues of larger components."""
 
-_ACCURATE = 1e-6  # eigenvalues of H itself are good to about 1e-14 of the largest: above this ratio to 1e-8
-_MIXED = 1e-10  # below this ratio errors of eigenvectors of H, squared, show in their eigenvalues: D has better ones
+_SQUARED_IS_ACCURATE = 1e-6  # eigenvalues of H itself are good to about 1e-14 of the largest: above this ratio to 1e-8
+_SQUARED_IS_POOR = (
+    1e-10  # below this ratio errors of eigenvectors of H, squared, show in their eigenvalues: D has better ones
+)
 
 
 @dataclass(frozen=True)
@@ -114,7 +122,9 @@ def smallest_eigenvalue(coboundary: AgentCoboundary) -> float:
     n = D.shape[1]
     if n <= DENSE_STATES:
         values = np.linalg.eigvalsh((D.T @ D).toarray())
-        if values[0] > _ACCURATE * values[-1]:  # delta is injective then, unless inner products span 12 decades
+        if (
+            values[0] > _SQUARED_IS_ACCURATE * values[-1]
+        ):  # delta is injective then, unless inner products span 12 decades
             return float(values[0])
     null = sparse_null_space(coboundary.plain)
     return 0.0 if null.shape[1] else float(_above_zero(D, null, 1)[0][0])
@@ -152,11 +162,13 @@ def _of_component(D: sparse.csr_array, known: Array, count: int) -> tuple[Array,
     n, r = known.shape
     if n <= DENSE_STATES:
         values, candidates = linalg.eigh(gram.toarray(), subset_by_index=(0, r + count - 1))
-        if values[r] < _MIXED * gram.diagonal().sum():
+        if values[r] < _SQUARED_IS_POOR * gram.diagonal().sum():
             R = np.linalg.qr(D.toarray(), mode="r") if D.shape[0] > n else D.toarray()
             candidates = linalg.svd(R)[2][: -(r + count) - 1 : -1].T
     else:
-        candidates = _lanczos(gram, known, count)
+        # The Gershgorin bound serves as scale; the shift keeps the factorisation regular, far below what matters.
+        factor = shifted_factor(gram, 1e-10 * float(abs(gram).sum(axis=1).max()))
+        candidates = smallest_eigenvectors(factor, known, count, EIGENVALUE_TOLERANCE)
     if r:
         # Eigenvectors of H mix its kernel with what is close to it; the kernel itself was found on D, exactly.
         candidates = np.linalg.svd(candidates - known @ (known.T @ candidates), full_matrices=False)[0][:, :count]
@@ -164,21 +176,6 @@ def _of_component(D: sparse.csr_array, known: Array, count: int) -> tuple[Array,
     _, singular, turn = np.linalg.svd(np.linalg.qr(D @ candidates, mode="r"), full_matrices=True)
     singular = np.append(singular, np.zeros(count - len(singular)))  # a component of fewer rows than columns
     return singular[::-1] ** 2, (candidates @ turn.T)[:, ::-1]
-
-
-def _lanczos(gram: sparse.csr_array, known: Array, count: int) -> Array:
-    n = gram.shape[0]
-    # The Gershgorin bound serves as scale; the shift keeps the factorisation regular and far under what matters.
-    shift = 1e-10 * float(abs(gram).sum(axis=1).max())
-    factor = splinalg.splu((gram + shift * sparse.eye_array(n)).tocsc())
-
-    def inverse(x: Array) -> Array:
-        y = factor.solve(x - known @ (known.T @ x))
-        return y - known @ (known.T @ y)
-
-    start = inverse(np.random.default_rng(0).standard_normal(n))  # the same in every run
-    operator = splinalg.LinearOperator((n, n), matvec=inverse, dtype=np.float64)
-    return splinalg.eigsh(operator, k=count, which="LM", v0=start, tol=EIGENVALUE_TOLERANCE)[1]
 
 
 NEARLY = 1e-3

@@ -188,12 +188,7 @@ def _agents_by_field(system: System) -> list[tuple[int, Index]]:
 
 @dataclass(frozen=True, eq=False)
 class Tube:
-    """Boxes that hold the agents of a system over spans of time.
-
-    Attributes:
-        system: the system.
-        low, high: corners, shape (S, N, 3), m.
-    """
+    """Boxes that hold the N agents of a system over S spans of time, by their corners, shape (S, N, 3), m."""
 
     system: System
     low: Array

@@ -59,13 +59,7 @@ class EdgeBundle:
         return self.maps[begin:].reshape(-1, m, n) if m * n else np.zeros((len(self.tail), m, n))
 
     def selected(self, chosen: NDArray[np.bool_], number: Index, row: Index) -> "EdgeBundle":
-        """Some of the edges.
-
-        Args:
-            chosen: which, shape (k,).
-            number: new number of each vertex, shape (V,).
-            row: new first row of each edge, shape (k,).
-        """
+        """The chosen edges (k,), with new numbers of the vertices (V,) and new first rows (k,)."""
         maps = packed([self.F_tail[chosen]], [self.F_head[chosen]])
         weight = None if self.weight is None else self.weight[chosen]
         tail, head = number[self.tail[chosen]], number[self.head[chosen]]
@@ -145,12 +139,7 @@ def _join(group: list[EdgeBundle]) -> EdgeBundle:
 
 
 def tabulate(bundles: list[EdgeBundle], column: Index) -> EdgeTable:
-    """The table of the given bundles, one after the other.
-
-    Args:
-        bundles: the edges; their weights are left out.
-        column: first column of each vertex, and the number of columns at the end.
-    """
+    """The table of the given bundles, one after the other, without their weights; `column` as in `EdgeTable`."""
     tail, head, row = (_joined([getattr(b, name) for b in bundles], np.int64) for name in ("tail", "head", "row"))
     F = _joined([b.maps for b in bundles], np.float64)
     size = _joined([np.full(len(b.tail), b.shape[0]) for b in bundles], np.int64)
@@ -300,12 +289,9 @@ def coboundary_matrix(t: EdgeTable) -> sparse.csr_array:
 
 
 def laplacian_block(t: EdgeTable, rows: Index, columns: Index, sign: float = 1.0) -> sparse.csr_array:
-    """sign * (delta^T delta)[rows, columns].
+    """sign * (delta^T delta)[rows, columns], for vertex numbers that occur at most once.
 
-    Args:
-        t: the edges; of whitened ones this is a block of the Laplacian delta^T K delta.
-        rows, columns: vertex numbers, each at most once.
-        sign: a factor.
+    Of whitened edges this is a block of the Laplacian delta^T K delta.
     """
     dimension = np.diff(t.column)
     place = np.full(len(dimension), -1)

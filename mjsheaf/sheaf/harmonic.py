@@ -79,7 +79,7 @@ class DirichletProblem:
     """Minimise 1/2 |delta x - b|_K^2 over the interior, the boundary held.
 
     The stationary point solves H x_W = B x_U + c, in the paper's symbols (eq. harmonic_equation) with an offset. Blocks
-    are assembled when they are asked for, without the whole Laplacian; solving needs none of them.
+    are assembled on demand, without the whole Laplacian; solving needs none of them.
 
     H, B and c are derivatives of the energy, blocks of delta^T K delta. Where vertex stalks have inner products M those
     of the Laplacian are M_W^-1 times them: the same equation, with the same solutions. Which of many solutions is the
@@ -174,14 +174,9 @@ class DirichletProblem:
         return diagonal
 
     def extend(self, boundary: ArrayLike) -> Array:
-        """Interior values for one or many boundary vectors.
+        """Interior values, shape (..., n_W), in vertex order, for boundary vectors of shape (..., n_U).
 
-        Args:
-            boundary: stacked boundary values, shape (..., n_U), in the order of `self.boundary`.
-
-        Returns:
-            Interior values, shape (..., n_W), in vertex order; where not unique, of minimum norm in the inner products
-            of the vertex stalks.
+        Where they are not unique, those of minimum norm in the inner products of the vertex stalks.
 
         Raises:
             SheafError: the boundary vectors have the wrong length, or the solution is not accurate (see `solver`).
@@ -257,10 +252,10 @@ def _project_out(null_basis: sparse.csc_array, x: Array) -> Array:
 
 @dataclass(frozen=True)
 class FreeProblem:
-    """The free vertices W of a table of edges, and products with D = delta on them.
+    """The free vertices W of a table of whitened edges, and products with D = delta on them.
 
     Attributes:
-        table: all edges, whitened.
+        table: all edges.
         vertices: numbers of the free vertices, ascending, shape (W,).
         columns: their columns, shape (n_W,).
     """
@@ -312,14 +307,7 @@ class BandCholesky:
     """
 
     def __init__(self, problem: FreeProblem, place: Index, band: int, regularisation: Array) -> None:
-        """Factor H + diag(regularisation).
-
-        Args:
-            problem: what is to be solved.
-            place: first row of each free vertex in an order of small bandwidth, by vertex.
-            band: the bandwidth.
-            regularisation: shape (n_W,).
-        """
+        """Factor H + diag(regularisation); `place`: first row of each free vertex in an order of that bandwidth."""
         self._problem, self._regularisation = problem, regularisation
         begin = np.cumsum(problem.dimension) - problem.dimension
         self._to = np.repeat(place[problem.vertices] - begin, problem.dimension) + np.arange(problem.states)
@@ -435,7 +423,7 @@ class ConjugateGradients:
             if not self.residual <= LARGEST_RESIDUAL:
                 raise SheafError(
                     f"the harmonic extension to {len(r)} states did not converge: relative residual "
-                    f"{self.residual:.1e} after {self.iterations} iterations, wanted {LARGEST_RESIDUAL:g}; "
+                    f"{self.residual:.1e} after {self.iterations} iterations, expected {LARGEST_RESIDUAL:g}; "
                     "the maps or weights are too badly conditioned"
                 )
         return x
@@ -453,7 +441,7 @@ def solver_of(problem: FreeProblem, null: sparse.csc_array, regularisation: Call
         regularisation: what to add to the diagonal of H to make it regular without a change to x off the null space.
 
     Raises:
-        SheafError: more states than that, and H is singular to rounding where `null` says that it is not.
+        SheafError: over DENSE_COLUMNS states, and H is singular to rounding where `null` says that it is not.
     """
     t, n = problem.table, problem.states
     free = problem.placed() >= 0
@@ -487,8 +475,7 @@ def _norm(x: Array) -> float:
 def factor_band(band):
     """Factor A = C C^T in place; return whether A is positive definite to rounding.
 
-    Args:
-        band: A[i, j], i >= j, is band[j, i - j]; then so is C. Shape (n, bandwidth + 1).
+    A[i, j], i >= j, is band[j, i - j]; then so is C. Shape (n, bandwidth + 1).
     """
     n, width = band.shape
     for j in range(n):
@@ -529,12 +516,7 @@ def solve_band(band, x):
 
 @kernel
 def scale_symmetrically(indptr, indices, values, diagonal):
-    """Turn the diagonal d into 1 / sqrt(d), and U into that on both sides of it; a zero of d has no row, and becomes 1.
-
-    Args:
-        indptr, indices, values: compressed rows of U.
-        diagonal: shape (n,).
-    """
+    """Turn the diagonal d (n,) into 1 / sqrt(d), 1 for a zero, which has no row; scale U by it, in compressed rows."""
     for i in range(len(diagonal)):
         diagonal[i] = 1.0 / np.sqrt(diagonal[i]) if diagonal[i] > 0.0 else 1.0
     for i in range(len(diagonal)):
@@ -544,17 +526,9 @@ def scale_symmetrically(indptr, indices, values, diagonal):
 
 @allocating_kernel
 def conjugate_gradients(indptr, indices, values, b, relaxation, tolerance, most):
-    """Solve (I + U + U^T) x = b from x = 0.
+    """Solve (I + U + U^T) x = b from x = 0, for b (n,) in the range of the matrix: x and the number of iterations.
 
-    Args:
-        indptr, indices, values: compressed rows of U.
-        b: right-hand side, shape (n,), in the range of the matrix.
-        relaxation: w.
-        tolerance: by how much to shrink the norm of the preconditioned residual.
-        most: most iterations.
-
-    Returns:
-        x and the number of iterations.
+    U is in compressed rows; relaxation is w; tolerance is by how much the norm of the preconditioned residual shrinks.
     """
     n = len(b)
     x, p, w, q = np.zeros(n), np.zeros(n), np.empty(n), np.empty(n)

@@ -180,6 +180,24 @@ def largest_singular_value(matrix: sparse.csr_array) -> float:
     return float(splinalg.svds(matrix, k=1, v0=start, return_singular_vectors=False)[0])
 
 
+def shifted_factor(gram: sparse.csr_array, shift: float) -> splinalg.SuperLU:
+    """The factorisation of gram + shift I."""
+    return splinalg.splu((gram + shift * sparse.eye_array(gram.shape[0])).tocsc())
+
+
+def smallest_eigenvectors(factor: splinalg.SuperLU, known: Array, count: int, tolerance: float = 0.0) -> Array:
+    """Vectors of a few of the smallest eigenvalues off `known`, by shift-invert Lanczos, shape (n, count)."""
+
+    def inverse(x: Array) -> Array:
+        y = factor.solve(x - known @ (known.T @ x))
+        return y - known @ (known.T @ y)
+
+    n = len(known)
+    start = inverse(np.random.default_rng(0).standard_normal(n))  # the same in every run
+    operator = splinalg.LinearOperator((n, n), matvec=inverse, dtype=np.float64)
+    return splinalg.eigsh(operator, k=count, which="LM", v0=start, tol=tolerance)[1]
+
+
 def _dense_null_space(matrix: Array, scale: float, rtol: float) -> Array:
     if matrix.shape[0] == 0:
         return np.eye(matrix.shape[1])
@@ -210,22 +228,10 @@ def _with_few_rows(matrix: Array) -> Array:
 
 def _lanczos_null_space(matrix: sparse.csr_array, scale: float, rtol: float) -> Array:
     n = matrix.shape[1]
-    shift = 1e-10 * scale**2
-    gram = (matrix.T @ matrix).tocsc()
-    factor = splinalg.splu(gram + shift * sparse.eye_array(n, format="csc"))
-    found = np.zeros((n, 0))
-    start = np.random.default_rng(0).standard_normal(n)
-    count = _LANCZOS_VECTORS
-
+    factor = shifted_factor(matrix.T @ matrix, 1e-10 * scale**2)
+    found, count = np.zeros((n, 0)), _LANCZOS_VECTORS
     while True:
-        known = found
-
-        def inverse(x: Array, known: Array = known) -> Array:
-            y = factor.solve(x - known @ (known.T @ x))
-            return y - known @ (known.T @ y)
-
-        operator = splinalg.LinearOperator((n, n), matvec=inverse, dtype=np.float64)
-        _, vectors = splinalg.eigsh(operator, k=count, which="LM", v0=inverse(start))
+        vectors = smallest_eigenvectors(factor, found, count)
         # Lanczos on the square sees singular values only down to 1e-8 of the largest; the candidates' own
         # singular values, taken on A itself, are exact to machine precision.
         vectors, _ = np.linalg.qr(vectors - found @ (found.T @ vectors))

@@ -257,10 +257,7 @@ class Sheaf(Stalks):
         return coboundary_matrix(self.table)
 
     def coboundary_operator(self) -> splinalg.LinearOperator:
-        """delta without its matrix, shape (m, n): `A @ x` is delta x, `A.T @ y` is delta^T y, for one vector or many.
-
-        It reads the maps that the sheaf holds. Edges added later are not in it.
-        """
+        """delta without its matrix, shape (m, n), for one vector or many; edges added later are not in it."""
         t = self.table
         return splinalg.LinearOperator(
             self.shape,
@@ -344,19 +341,9 @@ class Sheaf(Stalks):
     def local_sections(
         self, vertices: Iterable[Hashable], edges: Iterable[int] | None = None, *, rtol: float = RANK_TOLERANCE
     ) -> Array:
-        """Orthonormal basis of Gamma(G'; F): 0-cochains on V' that agree along the edges E' of a subgraph.
+        """Orthonormal basis of Gamma(G'; F), shape (n_V', dimension): 0-cochains on V' that agree along the edges E'.
 
-        Args:
-            vertices: V'.
-            edges: numbers of the edges E', as `add_edge` returned them, parallel ones each by its own; unless given,
-                the subgraph is the one that V' induces.
-            rtol: relative tolerance, as in `betti`, for the coboundary of the subgraph.
-
-        Returns:
-            Array of shape (n_V', dimension), rows by the vertices in the order given.
-
-        Raises:
-            SheafError: as `restricted`.
+        Rows are by the vertices in the order given; vertices, edges and errors as in `restricted`, rtol as in `betti`.
         """
         return self.restricted(vertices, edges).global_sections(rtol=rtol)
 
@@ -366,26 +353,18 @@ class Sheaf(Stalks):
         They span ker delta^* = {y: delta^T K y = 0}, the orthogonal complement of im delta: each class of C^1 / im
         delta has one representative there, its shortest.
 
-        Args:
-            rtol: relative tolerance, as in `betti`.
-
         Raises:
             SheafError: the basis is too large (see `sections.cokernel_basis`), or its dimension is not decided at this
-                tolerance.
+                tolerance, which is as in `betti`.
         """
         basis = cokernel_basis(self.coboundary(), self.betti(rtol=rtol)[1], rtol)
         K = self.edge_product
         return (basis if K is None else K.orthonormal(sparse.csc_array(K.inverse @ basis))).toarray()
 
     def relative_sections(self, boundary: Iterable[Hashable], *, rtol: float = RANK_TOLERANCE) -> Array:
-        """Orthonormal basis of H^0(G, U; F): sections that vanish on the boundary U.
+        """Orthonormal basis of H^0(G, U; F), sections that vanish on the boundary U, shape (n_W, dimension).
 
-        Args:
-            boundary: the vertices U.
-            rtol: relative tolerance, as in `betti`.
-
-        Returns:
-            Array of shape (n_W, dimension), rows by the other vertices W in vertex order.
+        Rows are by the other vertices W in vertex order; rtol is as in `betti`.
         """
         return self._orthonormal_sections(list(boundary), rtol).toarray()
 

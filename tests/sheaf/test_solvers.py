@@ -160,7 +160,7 @@ def test_a_grid_without_boundary_is_solved_with_minimum_norm() -> None:
 def test_what_does_not_converge_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(solvers, "MOST_ITERATIONS", 5)
     sheaf, _ = bundle_on_a_grid(80)
-    with pytest.raises(SheafError, match=r"did not converge: relative residual \S+ after 5 iterations, wanted 1e-08"):
+    with pytest.raises(SheafError, match=r"did not converge: relative residual \S+ after 5 iterations, expected 1e-08"):
         sheaf.harmonic_extension({0: [1.0, 2.0, 3.0]})
 
 
