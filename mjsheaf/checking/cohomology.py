@@ -35,10 +35,9 @@ DENSE_STATES = 600
 EIGENVALUE_TOLERANCE = 1e-8
 """Relative accuracy of the eigenvalues of larger components."""
 
-_SQUARED_IS_ACCURATE = 1e-6  # eigenvalues of H itself are good to about 1e-14 of the largest: above this ratio to 1e-8
-_SQUARED_IS_POOR = (
-    1e-10  # below this ratio errors of eigenvectors of H, squared, show in their eigenvalues: D has better ones
-)
+# Eigenvalues of H itself are good to about 1e-14 of the largest: to 1e-8 above the first of these ratios to it. Below
+# the second, errors of eigenvectors of H, squared, show in their eigenvalues: D has better ones.
+_SQUARED_IS_ACCURATE, _SQUARED_IS_POOR = 1e-6, 1e-10
 
 
 @dataclass(frozen=True)
@@ -122,9 +121,8 @@ def smallest_eigenvalue(coboundary: AgentCoboundary) -> float:
     n = D.shape[1]
     if n <= DENSE_STATES:
         values = np.linalg.eigvalsh((D.T @ D).toarray())
-        if (
-            values[0] > _SQUARED_IS_ACCURATE * values[-1]
-        ):  # delta is injective then, unless inner products span 12 decades
+        # Then delta is injective, unless inner products span 12 decades.
+        if values[0] > _SQUARED_IS_ACCURATE * values[-1]:
             return float(values[0])
     null = sparse_null_space(coboundary.plain)
     return 0.0 if null.shape[1] else float(_above_zero(D, null, 1)[0][0])

@@ -293,15 +293,36 @@ def laplacian_block(t: EdgeTable, rows: Index, columns: Index, sign: float = 1.0
 
     Of whitened edges this is a block of the Laplacian delta^T K delta.
     """
+    values, indices, indptr, _ = block_rows(t, first_rows(t, rows), columns, sign=sign)
     dimension = np.diff(t.column)
-    place = np.full(len(dimension), -1)
-    place[rows] = np.cumsum(dimension[rows]) - dimension[rows]
-    indptr = np.empty(int(dimension[rows].sum()) + 1, dtype=np.int64)
-    block_row_lengths(t, place, columns, False, indptr)
-    kind = np.int32 if indptr[-1] < 2**31 else np.int64
-    indices, values = np.empty(indptr[-1], dtype=kind), np.zeros(indptr[-1])
-    fill_block(t, place, columns, False, sign, indptr, indices, values, np.zeros(0))
+    shape = len(indptr) - 1, int(dimension[columns].sum())
     # Both index arrays of one type: scipy would copy the larger one otherwise.
-    return sparse.csr_array(
-        (values, indices, indptr.astype(kind)), shape=(len(indptr) - 1, int(dimension[columns].sum()))
-    )
+    return sparse.csr_array((values, indices, indptr.astype(indices.dtype)), shape=shape)
+
+
+def first_rows(t: EdgeTable, vertices: Index) -> Index:
+    """First row of each of some vertices, in the order given, by vertex; -1 at the others, shape (V,)."""
+    dimension = t.column[vertices + 1] - t.column[vertices]
+    place = np.full(len(t.column) - 1, -1)
+    place[vertices] = np.cumsum(dimension) - dimension
+    return place
+
+
+def block_rows(
+    t: EdgeTable, place: Index, columns: Index, *, sign: float = 1.0, upper: bool = False
+) -> tuple[Array, Index, Index, Array]:
+    """Compressed rows (values, indices, indptr) of sign * delta^T delta, or of its strict upper triangle.
+
+    Args:
+        t: the edges.
+        place: first row of each vertex, -1 at those without rows, shape (V,).
+        columns: vertices of the columns, in order.
+        sign: a factor.
+        upper: whether to keep only what lies above the diagonal; the diagonal comes last then, else an empty array.
+    """
+    indptr = np.empty(int(np.diff(t.column)[place >= 0].sum()) + 1, dtype=np.int64)
+    block_row_lengths(t, place, columns, upper, indptr)
+    indices = np.empty(indptr[-1], dtype=np.int32 if indptr[-1] < 2**31 else np.int64)
+    values, diagonal = np.zeros(indptr[-1]), np.zeros(len(indptr) - 1 if upper else 0)
+    fill_block(t, place, columns, upper, sign, (indptr, indices, values), diagonal)
+    return values, indices, indptr, diagonal

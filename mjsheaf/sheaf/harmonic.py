@@ -31,8 +31,8 @@ from scipy.sparse import csgraph
 
 from mjsheaf.errors import SheafError
 from mjsheaf.jit import allocating_kernel, kernel
-from mjsheaf.sheaf.edges import EdgeTable, adjoint_product, laplacian_block, product
-from mjsheaf.sheaf.loops import bandwidth, block_row_lengths, fill_band, fill_block, neighbours
+from mjsheaf.sheaf.edges import EdgeTable, adjoint_product, block_rows, first_rows, laplacian_block, product
+from mjsheaf.sheaf.loops import bandwidth, fill_band, neighbours
 from mjsheaf.sheaf.sections import DENSE_COLUMNS, RANK_TOLERANCE, section_basis
 from mjsheaf.sheaf.stalks import Stalks, column_parts, dense_rows
 
@@ -284,19 +284,6 @@ class FreeProblem:
         """D^T y for y of shape (m, k)."""
         return adjoint_product(self.table, y)[self.columns]
 
-    def placed(self, order: Index | None = None) -> Index:
-        """First row of each free vertex, by vertex, -1 at the others, shape (V,).
-
-        Args:
-            order: the free vertices in the order of their rows; ascending unless given.
-        """
-        vertices, dimension = self.vertices, self.dimension
-        if order is not None:
-            vertices, dimension = order, self.table.column[order + 1] - self.table.column[order]
-        place = np.full(len(self.table.column) - 1, -1)
-        place[vertices] = np.cumsum(dimension) - dimension
-        return place
-
 
 class BandCholesky:
     """Cholesky factor of H in band storage, with a refinement by the residual of D x = w itself.
@@ -373,14 +360,10 @@ class ConjugateGradients:
 
     def __init__(self, problem: FreeProblem) -> None:
         self._problem = problem
-        t, n = problem.table, problem.states
-        place = problem.placed()
-        indptr = np.empty(n + 1, dtype=np.int64)
-        block_row_lengths(t, place, problem.vertices, True, indptr)
-        self._indptr, self._indices, self._values = indptr, np.empty(indptr[-1], np.int32), np.zeros(indptr[-1])
-        self._scale = np.zeros(n)
-        fill_block(t, place, problem.vertices, True, 1.0, indptr, self._indices, self._values, self._scale)
-        scale_symmetrically(indptr, self._indices, self._values, self._scale)
+        place = first_rows(problem.table, problem.vertices)
+        values, indices, indptr, self._scale = block_rows(problem.table, place, problem.vertices, upper=True)
+        scale_symmetrically(indptr, indices, values, self._scale)
+        self._rows = indptr, indices, values
         self.iterations, self.residual = 0, 0.0
 
     def least_squares(self, w: Array) -> Array:
@@ -407,9 +390,7 @@ class ConjugateGradients:
                 if self.residual <= RESIDUAL:
                     break
                 step, iterations = conjugate_gradients(
-                    self._indptr,
-                    self._indices,
-                    self._values,
+                    *self._rows,
                     left[:, 0] * self._scale,
                     RELAXATION,
                     0.5 * RESIDUAL / self.residual,
@@ -444,10 +425,10 @@ def solver_of(problem: FreeProblem, null: sparse.csc_array, regularisation: Call
         SheafError: over DENSE_COLUMNS states, and H is singular to rounding where `null` says that it is not.
     """
     t, n = problem.table, problem.states
-    free = problem.placed() >= 0
+    free = first_rows(t, problem.vertices) >= 0
     graph = sparse.csr_array(neighbours(t, free), shape=(len(free), len(free)))
     order = csgraph.reverse_cuthill_mckee(graph, symmetric_mode=True)
-    place = problem.placed(order[free[order]].astype(np.int64))
+    place = first_rows(t, order[free[order]].astype(np.int64))
     band = bandwidth(t, place)
     if n > DENSE_COLUMNS and n * float(band) ** 2 > DIRECT_WORK:
         return ConjugateGradients(problem)

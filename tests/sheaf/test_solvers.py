@@ -16,8 +16,8 @@ from scipy import linalg
 from mjsheaf import Sheaf
 from mjsheaf.errors import SheafError
 from mjsheaf.sheaf import harmonic as solvers
+from mjsheaf.sheaf.edges import block_rows, first_rows
 from mjsheaf.sheaf.harmonic import conjugate_gradients, factor_band, solve_band
-from mjsheaf.sheaf.loops import block_row_lengths, fill_block
 from tests.builders import bundle_on_a_grid
 from tests.strategies import SheafSpec, sheaves, vectors
 
@@ -51,10 +51,8 @@ def test_the_operator_keeps_the_edges_it_was_made_with() -> None:
 def test_the_upper_triangle_and_the_diagonal_are_those_of_the_block(spec: SheafSpec, data: st.DataObject) -> None:
     held = data.draw(st.lists(st.sampled_from(list(spec.stalks)), unique=True))
     problem = spec.build().dirichlet_problem(held)._problem
-    place, indptr = problem.placed(), np.zeros(problem.states + 1, dtype=np.int64)
-    block_row_lengths(problem.table, place, problem.vertices, True, indptr)
-    indices, values, diagonal = np.zeros(indptr[-1], np.int64), np.zeros(indptr[-1]), np.zeros(problem.states)
-    fill_block(problem.table, place, problem.vertices, True, 1.0, indptr, indices, values, diagonal)
+    place = first_rows(problem.table, problem.vertices)
+    values, indices, indptr, diagonal = block_rows(problem.table, place, problem.vertices, upper=True)
     W = spec.columns(spec.rest(held))
     H = (spec.delta.T @ spec.K @ spec.delta)[np.ix_(W, W)]
     upper = np.zeros_like(H)
