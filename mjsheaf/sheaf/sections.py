@@ -570,16 +570,8 @@ def _accepted(
     chosen = np.zeros(len(free), dtype=bool)
     chosen[wanted] = True
     chosen = free & chosen[forest.component]
-    slot = np.full(len(free), -1)
-    slot[chosen] = 0
-    dimension = np.diff(t.column)
-    used = np.zeros(len(free), dtype=np.int64)
-    for v in np.flatnonzero(chosen & (forest.parent == -1)):
-        slot[v] = used[forest.component[v]]
-        used[forest.component[v]] += dimension[v]
-    P = propagate(t, free, forest, slot, int(open_[wanted].max()))
-
-    of_column = np.repeat(np.where(chosen, forest.component, -1), dimension)
+    P = propagate(t, free, forest, _slots(t, forest, chosen), int(open_[wanted].max()))
+    of_column = np.repeat(np.where(chosen, forest.component, -1), np.diff(t.column))
     places = _grouped(of_column, wanted)
     for c, place in zip(wanted, places, strict=True):
         P[place, : open_[c]] = np.linalg.qr(P[place, : open_[c]])[0]
@@ -608,6 +600,16 @@ def _accepted(
             Q = Q @ V[null].T
         found.append((place, Q))
     return found, failed
+
+
+def _slots(t: EdgeTable, forest: Forest, chosen: NDArray[np.bool_]) -> Index:
+    """First column in P of each free root's values, counted in each component apart; 0 at others, -1 if not chosen."""
+    dimension, used = np.diff(t.column), np.zeros(len(chosen), dtype=np.int64)
+    slot = np.where(chosen, 0, -1)
+    for v in np.flatnonzero(chosen & (forest.parent == -1)):
+        slot[v] = used[forest.component[v]]
+        used[forest.component[v]] += dimension[v]
+    return slot
 
 
 def _grouped(label: Index, wanted: Index) -> list[Index]:
