@@ -1,5 +1,6 @@
 """The closed-loop system that both backends turn into trajectories: team, law, flow, motions and disturbances."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -7,24 +8,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mjsheaf.control import LawArrays, disagreement
-from mjsheaf.control.law import limit_speed
+from mjsheaf.control import ControlArrays, LawArrays
 from mjsheaf.dynamics import disturbance
 from mjsheaf.dynamics.disturbance import HarmonicArrays, disturbance_velocity
 from mjsheaf.dynamics.effectiveness import EffectivenessArrays
 from mjsheaf.dynamics.flow import FlowField, flow_velocity
-from mjsheaf.dynamics.motion import MotionArrays, add_reference
+from mjsheaf.dynamics.motion import MotionArrays
+from mjsheaf.errors import InputError
 from mjsheaf.jit import part
 from mjsheaf.team import Team
 
 Array = NDArray[np.float64]
-
-
-class ControlArrays(NamedTuple):
-    """What onboard computers know, for compiled code: the law and the targets' references."""
-
-    law: LawArrays
-    motion: MotionArrays
 
 
 class MediumArrays(NamedTuple):
@@ -39,22 +33,6 @@ class MediumArrays(NamedTuple):
     kernels: Array
     rows: NDArray[np.int64]
     harmonics: HarmonicArrays
-
-
-@part
-def velocity_commands(control, t, x, residual, command):
-    """Sample every onboard computer at time t.
-
-    Writes the residuals and the commanded velocities -gain * residual + reference, limited, for positions x; all of
-    shape (V, 3), m and m/s.
-    """
-    law = control.law
-    disagreement(law, x, residual)
-    for v in range(x.shape[0]):
-        for i in range(3):
-            command[v, i] = -law.gain[v] * residual[v, i]
-        add_reference(control.motion, v, t, x[v], command[v])
-        limit_speed(law.limit[v], command[v])
 
 
 @part
@@ -215,3 +193,33 @@ class System:
         from scipy.sparse.linalg import eigsh
 
         return float(eigsh(H, k=1, which="LA", v0=np.ones(H.shape[0]), return_eigenvectors=False)[0])
+
+
+@dataclass(frozen=True)
+class Phase:
+    """A stretch of a run under one system; its vehicles, grid and medium are those of the whole run.
+
+    Attributes:
+        start: number of the sample at which it begins.
+        system: what runs from there on.
+    """
+
+    start: int
+    system: System
+
+
+def phases_of(run: System | Sequence[Phase]) -> tuple[Phase, ...]:
+    """A run as phases: one for a system alone.
+
+    Raises:
+        InputError: they do not begin with sample 0, do not follow one another, or have unlike vehicles or grids.
+    """
+    phases = (Phase(0, run),) if isinstance(run, System) else tuple(run)
+    starts = [phase.start for phase in phases]
+    if not phases or starts[0] != 0 or starts != sorted(set(starts)) or starts[-1] > phases[0].system.grid.steps:
+        raise InputError(f"phases start at samples {starts}; expected 0 first, then later samples of the run, in order")
+    first = phases[0].system
+    for phase in phases[1:]:
+        if phase.system.team.members != first.team.members or phase.system.grid != first.grid:
+            raise InputError(f"the phase from sample {phase.start} has other vehicles or sample times than the first")
+    return phases

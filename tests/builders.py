@@ -338,6 +338,15 @@ def yaws(count: int, seed: int = 0) -> Array:
 # -- one vehicle alone, in a medium that is at rest or moves evenly, asked for a constant velocity ---------------------
 
 
+class Alone(World):
+    """A world whose law asks vehicle 0 for `wanted` (3,), m/s."""
+
+    wanted = np.zeros(3)
+
+    def __init__(self, scenario: Scenario) -> None:
+        super().__init__(scenario, controller=lambda *_: self.wanted[None])
+
+
 def alone(vehicle: str, *, heading: float = 0.0, drift: Any = None, timestep: float = 0.001, **effects: Any) -> World:
     """A world with vehicle 0, at the origin with a heading in degrees, in a medium that moves at `drift`, m/s.
 
@@ -345,7 +354,7 @@ def alone(vehicle: str, *, heading: float = 0.0, drift: Any = None, timestep: fl
     """
     n = load_vehicle(vehicle).dimension
     flow = {} if drift is None else {"agents": {"dimension": n, "drift": list(drift)[:n]}}
-    world = World(
+    world = Alone(
         make_scenario(
             {
                 "agents": [{"id": "A", "position": [0.0] * n, "vehicle": vehicle, "heading": heading}],
@@ -364,10 +373,8 @@ def alone(vehicle: str, *, heading: float = 0.0, drift: Any = None, timestep: fl
 
 def ask(world: World, velocity: Any) -> None:
     """From now on vehicle 0 is asked for a velocity (n,) relative to the medium, world axes, in place of the law's."""
-    law = world._before_step.control.law
-    law.value[:] = 0.0  # command = gain c
-    law.c[:3] = 0.0
-    law.c[: len(velocity)] = velocity
+    assert isinstance(world, Alone)
+    world.wanted = np.append(velocity, np.zeros(3))[:3]
     world.close_loop(sample=True)
 
 

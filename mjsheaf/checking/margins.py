@@ -25,6 +25,7 @@ from mjsheaf.checking.certificate import Certificate
 from mjsheaf.checking.cohomology import DENSE_STATES, Spectrum
 from mjsheaf.checking.constants import Difference, agent_drift
 from mjsheaf.checking.record import Finite, Record
+from mjsheaf.control import disagreement
 from mjsheaf.errors import InputError
 from mjsheaf.simulation.linear import LinearVehicle, Station, linearise
 from mjsheaf.simulation.loop import vehicles_of, whole_ratio
@@ -224,8 +225,7 @@ def _speed_demands(system: System, difference: Difference, able: Array) -> list[
     team = system.team
     # q*' - f_q = f_B + H^-1 B omega, at the instants that the path keeps.
     steady = np.linalg.norm(team.unpack(difference.values + difference.shaken), axis=2).max(axis=0)
-    eta = team.disagreement(team.pack(system.initial))
-    asked = system.gain * np.linalg.norm(team.unpack(eta), axis=1)
+    asked = system.gain * np.linalg.norm(disagreement(system.law, system.initial)[: len(team.agents)], axis=1)
     limits = system.law.limit[: len(asked)]
     most = np.fmax(asked, steady)  # a singular field leaves no steady speed
     order = np.argsort(-most / np.where(np.isfinite(limits), limits, 1e300), kind="stable")[:MOST_ROWS]

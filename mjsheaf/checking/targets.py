@@ -24,15 +24,17 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from mjsheaf.checking.cohomology import Spectrum
+from mjsheaf.control.law import ControlArrays, new_memory, pack_edges, sample
 from mjsheaf.dynamics import disturbance
 from mjsheaf.dynamics.disturbance import disturbance_velocity
 from mjsheaf.dynamics.flow import flow_scale, flow_slope
 from mjsheaf.dynamics.motion import add_reference, reference_bounds
 from mjsheaf.jit import kernel, part
-from mjsheaf.simulation.ideal import drift_and_disturbance, scratch, take_step
-from mjsheaf.system import ControlArrays, MediumArrays, System, velocity_commands
+from mjsheaf.simulation.ideal import new_integrator, slope_of, take_step
+from mjsheaf.system import MediumArrays, System
 
 Array = NDArray[np.float64]
 
@@ -176,6 +178,15 @@ class _Rates(NamedTuple):
     decay: float
 
 
+class _Consensus(NamedTuple):
+    """The targets' own law -gain (L_T p - c_T): L_T over padded targets by compressed rows, and gain (M,), 1/s."""
+
+    start: NDArray[np.int64]
+    column: NDArray[np.int64]
+    value: Array
+    gain: Array
+
+
 class _Step(NamedTuple):
     """Bounds over one step, and what they are made of, (M,) each.
 
@@ -194,7 +205,7 @@ class _Step(NamedTuple):
 
 
 @part
-def _bound_speeds(law, motion, medium, rates, continuous, h, margin, x, bound):
+def _bound_speeds(consensus, motion, medium, rates, continuous, h, margin, x, bound):
     """Find V and D for a step h from x, see the module; False where none is found.
 
     Slopes are those over the ball that the step stays in, and `margin` about it, m.
@@ -213,15 +224,15 @@ def _bound_speeds(law, motion, medium, rates, continuous, h, margin, x, bound):
             moved, moving = 0.0, 0.0  # |L p'| and |L| of this target's rows
             for row in range(3 * v, 3 * v + 3):
                 a, b = 0.0, 0.0
-                for k in range(law.start[row], law.start[row + 1]):
-                    a += abs(law.value[k]) * bound.V[law.column[k] // 3]
-                    b += abs(law.value[k])
+                for k in range(consensus.start[row], consensus.start[row + 1]):
+                    a += abs(consensus.value[k]) * bound.V[consensus.column[k] // 3]
+                    b += abs(consensus.value[k])
                 moved += a * a
                 moving += b * b
             if continuous:
-                D += rates.acceleration[v] + motion.pull[v] * (rates.speed[v] + V) + law.gain[v] * np.sqrt(moved)
+                D += rates.acceleration[v] + motion.pull[v] * (rates.speed[v] + V) + consensus.gain[v] * np.sqrt(moved)
             bound.D[v] = D
-            bound.slope[v] = slope + motion.pull[v] + law.gain[v] * np.sqrt(moving)
+            bound.slope[v] = slope + motion.pull[v] + consensus.gain[v] * np.sqrt(moving)
             right = right and bound.speed[v] + h * (D + rates.shake[v]) <= V
         if right:
             return True
@@ -231,20 +242,20 @@ def _bound_speeds(law, motion, medium, rates, continuous, h, margin, x, bound):
 
 
 @part
-def _tighten(law, motion, rates, h, velocity, bound):
+def _tighten(consensus, motion, rates, h, velocity, bound):
     """Lower D once, where the law is continuous: consensus and pull act on p' and v - p' at x, changed by h (D + W)."""
     M = velocity.shape[0]
     for v in range(M):
         moved = 0.0
         for row in range(3 * v, 3 * v + 3):
             at, change = 0.0, 0.0
-            for k in range(law.start[row], law.start[row + 1]):
-                j = law.column[k] // 3
-                at += law.value[k] * velocity[j, law.column[k] - 3 * j]
-                change += abs(law.value[k]) * (bound.D[j] + rates.shake[j])
+            for k in range(consensus.start[row], consensus.start[row + 1]):
+                j = consensus.column[k] // 3
+                at += consensus.value[k] * velocity[j, consensus.column[k] - 3 * j]
+                change += abs(consensus.value[k]) * (bound.D[j] + rates.shake[j])
             moved += (abs(at) + h * change) ** 2
         gap = bound.gap[v] + h * (rates.acceleration[v] + bound.D[v] + rates.shake[v])
-        own = rates.acceleration[v] + motion.pull[v] * gap + law.gain[v] * np.sqrt(moved)
+        own = rates.acceleration[v] + motion.pull[v] * gap + consensus.gain[v] * np.sqrt(moved)
         bound.lower[v] = min(bound.D[v], bound.flow[v] + own)
     for v in range(M):
         bound.D[v] = bound.lower[v]
@@ -252,26 +263,26 @@ def _tighten(law, motion, rates, h, velocity, bound):
 
 @kernel
 def _follow(
-    control, follow, reference, medium, effectiveness, rates, share, margin, tolerance, times, period, place, x, work,
-    bound, cells, samples, stride,
+    control, follow, reference, consensus, rates, share, margin, times, place, x, run, bound, cells, samples, stride,
 ):  # fmt: skip
     """Follow the targets from a place in the run until the cells are full; return what ended it, and how many are.
 
     `follow` is `control` where the law is continuous, None where it is held. reference: motions without their pull.
+    consensus: see `_Consensus`. run: the integrator.
     place (3,): sample, time since then and next step, s. share: of the usual steps. margin: see `_bound_speeds`.
     """
-    M = x.shape[0]
-    sample, done, step = int(place[0]), place[1], place[2]
+    M, medium, period = x.shape[0], run.medium, run.period
+    k, done, step = int(place[0]), place[1], place[2]
     count = 0
-    while sample < len(times) - 1:
+    while k < len(times) - 1:
         if done == 0.0 and follow is None:
-            velocity_commands(control, times[sample], x, work.residual, work.command)
+            sample(control, times[k], x, run.memory)
         while done < period:
-            t = times[sample] + done
-            drift_and_disturbance(follow, medium, effectiveness, t, x, 0, M, work, work.slope[0])
+            t = times[k] + done
+            slope_of(follow, run, t, x, 0, M, run.slope[0])
             h = min(min(step, share * rates.turn), period - done)
             for v in range(M):
-                p = work.slope[0, v]
+                p = run.slope[0, v]
                 bound.speed[v] = np.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
                 table = medium.kernels[medium.rows[v, 0] : medium.rows[v, 1]]
                 reach = share * _SHARE_OF_SCALE * flow_scale(table, x[v, 0], x[v, 1], x[v, 2])
@@ -281,22 +292,22 @@ def _follow(
                     h = min(h, reach / (bound.speed[v] + 1e-300))
                 h = min(h, share * _SHARE_OF_DECAY / (rate + 1e-300))
             if count == len(cells.begin):
-                place[0], place[1], place[2] = sample, done, step
+                place[0], place[1], place[2] = k, done, step
                 return _FULL, count
             for v in range(M):  # f_p at t, while the sines are those of t
-                wx, wy, wz = disturbance_velocity(medium.harmonics, work.sines, v)
-                cells.drift[count, v, 0] = 0.5 * (work.slope[0, v, 0] - wx)
-                cells.drift[count, v, 1] = 0.5 * (work.slope[0, v, 1] - wy)
-                cells.drift[count, v, 2] = 0.5 * (work.slope[0, v, 2] - wz)
+                wx, wy, wz = disturbance_velocity(medium.harmonics, run.sines, v)
+                cells.drift[count, v, 0] = 0.5 * (run.slope[0, v, 0] - wx)
+                cells.drift[count, v, 1] = 0.5 * (run.slope[0, v, 1] - wy)
+                cells.drift[count, v, 2] = 0.5 * (run.slope[0, v, 2] - wz)
             if h > _NEARLY * (period - done):  # so that no sliver is left
                 h = period - done
             error = np.inf
             while not error < 1.0:
                 if not h > 1e-14 * max(period, abs(t)):  # also where it is NaN
-                    place[0], place[1], place[2] = sample, done, h
+                    place[0], place[1], place[2] = k, done, h
                     return _STUCK, count
-                if _bound_speeds(control.law, control.motion, medium, rates, follow is not None, h, margin, x, bound):
-                    error = take_step(follow, medium, effectiveness, t, h, x, 0, M, tolerance, work)
+                if _bound_speeds(consensus, control.motion, medium, rates, follow is not None, h, margin, x, bound):
+                    error = take_step(follow, run, t, h, x, 0, M)
                     if not error < 1.0:
                         h *= max(0.2, 0.9 * error**-0.2) if error < 1e300 else 0.2
                 else:
@@ -308,33 +319,33 @@ def _follow(
                     add_reference(reference, v, t, x[v], lead)
                     total = 0.0
                     for i in range(3):
-                        total += (lead[i] - work.slope[0, v, i]) ** 2
+                        total += (lead[i] - run.slope[0, v, i]) ** 2
                     bound.gap[v] = np.sqrt(total)
-                _tighten(control.law, control.motion, rates, h, work.slope[0], bound)
-                _tighten(control.law, control.motion, rates, h, work.slope[0], bound)
+                _tighten(consensus, control.motion, rates, h, run.slope[0], bound)
+                _tighten(consensus, control.motion, rates, h, run.slope[0], bound)
             step = h * (10.0 if error == 0.0 else min(10.0, 0.9 * error**-0.2))
             last = h >= period - done
             cells.begin[count] = t
-            cells.end[count] = times[sample + 1] if last else t + h
+            cells.end[count] = times[k + 1] if last else t + h
             for v in range(M):
-                wx, wy, wz = disturbance_velocity(medium.harmonics, work.sines, v)  # those of t + h
-                cells.drift[count, v, 0] += 0.5 * (work.slope[6, v, 0] - wx)
-                cells.drift[count, v, 1] += 0.5 * (work.slope[6, v, 1] - wy)
-                cells.drift[count, v, 2] += 0.5 * (work.slope[6, v, 2] - wz)
+                wx, wy, wz = disturbance_velocity(medium.harmonics, run.sines, v)  # those of t + h
+                cells.drift[count, v, 0] += 0.5 * (run.slope[6, v, 0] - wx)
+                cells.drift[count, v, 1] += 0.5 * (run.slope[6, v, 1] - wy)
+                cells.drift[count, v, 2] += 0.5 * (run.slope[6, v, 2] - wz)
                 cells.bend[count, v] = 0.125 * h * h * (bound.D[v] + rates.shake[v])
                 cells.spread[count, v] = 0.5 * h * bound.D[v]
                 cells.slope[count, v] = bound.slope[v]
                 for i in range(3):
-                    cells.centre[count, v, i] = 0.5 * (x[v, i] + work.state[v, i])
-                    cells.half[count, v, i] = 0.5 * (work.state[v, i] - x[v, i])
-                    x[v, i] = work.state[v, i]
+                    cells.centre[count, v, i] = 0.5 * (x[v, i] + run.state[v, i])
+                    cells.half[count, v, i] = 0.5 * (run.state[v, i] - x[v, i])
+                    x[v, i] = run.state[v, i]
             count += 1
             done = period if last else done + h
-        sample, done = sample + 1, 0.0
-        if sample % stride == 0:
+        k, done = k + 1, 0.0
+        if k % stride == 0:
             for v in range(M):
                 for i in range(3):
-                    samples[sample // stride, v, i] = x[v, i]
+                    samples[k // stride, v, i] = x[v, i]
     return _DONE, count
 
 
@@ -393,14 +404,16 @@ def _integrate(system: System, share: float, tolerance: float, margin: float | N
     times = grid.start + period * np.arange(grid.steps * between + 1)
     samples = np.empty(((len(times) - 1) // stride + 1, M, 3))
     samples[0] = x
-    place, work, bound = np.array([0.0, 0.0, period]), scratch(medium, system.effectiveness), _step(M)
+    place, bound, consensus = np.array([0.0, 0.0, period]), _step(M), _consensus(system)
+    memory = new_memory(control.law, M)
+    run = new_integrator(medium, system.effectiveness, (tolerance, tolerance), period, memory)
     rates, blocks, total = _rates(system, control), [], 0
     reference = control.motion._replace(pull=np.zeros(M))
     block = _blank(max(1, _BLOCK // M), M)
     while True:
         ended, count = _follow(
-            control, control if grid.continuous else None, reference, medium, system.effectiveness, rates, share,
-            margin or 0.0, (tolerance, tolerance), times, period, place, x, work, bound, block, samples, stride,
+            control, control if grid.continuous else None, reference, consensus, rates, share, margin or 0.0,
+            times, place, x, run, bound, block, samples, stride,
         )  # fmt: skip
         total += count
         if margin is not None:
@@ -448,20 +461,23 @@ def _stride(system: System) -> int:
 def _targets_alone(system: System) -> tuple[ControlArrays, MediumArrays, Array]:
     """Law, references, medium and initial positions of the targets by themselves; they hear nobody else."""
     N, law, motion, medium = len(system.team.agents), system.law, system.motion, system.medium
-    first = law.start[3 * N]
-    alone = law._replace(
-        start=law.start[3 * N :] - first,
-        column=law.column[first:] - 3 * N,
-        value=law.value[first:],
-        c=law.c[3 * N :],
-        gain=law.gain[N:],
-        limit=law.limit[N:],
-    )
+    edges = pack_edges(system.team.targets, [(system.team.target_edges, True)])
+    alone = law._replace(edges=edges, gain=law.gain[N:], limit=law.limit[N:])
     own = {name: getattr(motion, name)[N:] for name in motion._fields if name not in ("knots", "coefficients")}
     around = medium._replace(
         agents=0, planar=medium.planar[N:], rows=medium.rows[N:], harmonics=disturbance.pack(system.harmonics[N:])
     )
     return ControlArrays(alone, motion._replace(**own)), around, system.initial[N:].copy()
+
+
+def _consensus(system: System) -> _Consensus:
+    team, N = system.team, len(system.team.agents)
+    slots = team.slots[team.first_state[-1] :] - 3 * N
+    L = team.target_sheaf.laplacian().tocoo()
+    size = 3 * len(team.targets)
+    padded = sparse.csr_array((L.data, (slots[L.row], slots[L.col])), shape=(size, size))
+    padded.sort_indices()
+    return _Consensus(padded.indptr.astype(np.int64), padded.indices.astype(np.int64), padded.data, system.law.gain[N:])
 
 
 def _rates(system: System, control: ControlArrays) -> _Rates:

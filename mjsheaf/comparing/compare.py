@@ -181,7 +181,7 @@ def _distance(found: Distance | None) -> records.DistanceRecord | None:
 
 
 def _saturation(run: Run) -> list[records.SaturationRecord]:
-    if run.trajectory.saturation is None:
+    if not run.trajectory.log.saturation.size:
         return []
     setup = run.rung.setup
     present = {"agents": setup.agents, "targets": setup.targets}
@@ -286,7 +286,7 @@ def _demands(system: System, run: Run, start: float) -> list[records.DemandRecor
     if not run.finished:
         return []
     found = []
-    for d in demands_of(system, run.trajectory.time, run.trajectory.positions, start):
+    for d in demands_of(system, run.trajectory.time, run.trajectory.log.command, start):
         rest = {k: v for k, v in asdict(d).items() if k in ("role", "vehicle", "who", "share_beyond")}
         found.append(
             records.DemandRecord(

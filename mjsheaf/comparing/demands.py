@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mjsheaf.comparing.ladder import Run, climb, ladder_of
 from mjsheaf.comparing.measures import late
 from mjsheaf.simulation.loop import vehicles_of
-from mjsheaf.system import System, velocity_commands
+from mjsheaf.system import System
 from mjsheaf.vehicles.effects import capability_of
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 
@@ -62,36 +62,20 @@ class Fastest:
     speed: float
 
 
-def commanded_speeds(system: System, time: Array, positions: Array) -> Array:
-    """|v_c| of every vehicle relative to the medium, limited as the law limits it, shape (T, V), m/s.
-
-    Args:
-        system: the system.
-        time: shape (T,), s.
-        positions: shape (T, V, 3), m.
-    """
-    V = positions.shape[1]
-    residual, command, speed = np.empty((V, 3)), np.empty((V, 3)), np.empty((len(time), V))
-    for k, t in enumerate(time):
-        velocity_commands(system.control, float(t), np.ascontiguousarray(positions[k]), residual, command)
-        speed[k] = np.linalg.norm(command, axis=1)
-    return speed
-
-
-def demands_of(system: System, time: Array, positions: Array, start: float) -> list[Demand]:
+def demands_of(system: System, time: Array, commands: Array, start: float) -> list[Demand]:
     """What each kind of vehicle is asked for in a run, from time `start` on, s; agents first.
 
     Args:
         system: the scenario's, whose vehicles must do it.
         time: of the run, shape (T,), s.
-        positions: in the run, shape (T, V, 3), m.
+        commands: velocities that the law asked for in the run, shape (T, V, 3), m/s.
         start: s.
     """
     chosen = np.flatnonzero(time >= start - 1e-9)
     chosen = chosen[:: max(1, len(chosen) // _MOST_SAMPLES)]
     if not chosen.size:
         return []
-    speed = commanded_speeds(system, time[chosen], positions[chosen])
+    speed = np.linalg.norm(commands[chosen], axis=2)
     vehicles, members, N = vehicles_of(system), system.team.members, len(system.team.agents)
     kinds = dict.fromkeys(("agents" if v < N else "targets", system.bodies.vehicle[v]) for v in range(len(members)))
     found = []
@@ -186,7 +170,7 @@ def _share(system: System, run: Run) -> float:
 
 def _late_speeds(system: System, run: Run) -> np.ndarray:
     """|v_c| of every agent in the last half of a run, thinned, shape (T, N), m/s."""
-    time, positions = run.trajectory.time, run.trajectory.positions
+    time = run.trajectory.time
     chosen = np.flatnonzero(late(system, time))
     chosen = chosen[:: max(1, len(chosen) // _MOST_SAMPLES)]
-    return commanded_speeds(system, time[chosen], positions[chosen])[:, : len(system.team.agents)]
+    return np.linalg.norm(run.trajectory.log.command[chosen, : len(system.team.agents)], axis=2)

@@ -187,7 +187,7 @@ class Run:
 
     def dataset(self, backend: str, seed: int) -> xr.Dataset:
         """The run as `simulate` would return it."""
-        return make_dataset(self.system, self.trajectory, backend, seed)
+        return make_dataset(self.trajectory, backend, seed)
 
 
 def climb(system: System, ladder: list[Rung], progress: Progress | None = None) -> dict[str, Run]:
@@ -231,7 +231,7 @@ def _simulate(system: System, setup: Setup, other: Callable[[Setup], Trajectory]
     source = other(replace(setup, agents=setup.targets))
     targets = source.positions[:, len(system.team.agents) :]
     if len(targets) < 2:
-        return replace(source, quaternions=None, heights=None, thrust=None, saturation=None)
+        return source
     found = run_physics(system, targets=targets) if setup.agents else run_ideal(system, targets=targets)
     if source.status != "finished" and found.status == "finished":
         return replace(found, status=source.status, message=f"the run that gives its targets ends: {source.message}")
@@ -240,12 +240,14 @@ def _simulate(system: System, setup: Setup, other: Callable[[Setup], Trajectory]
 
 def _measured(rung: Rung, system: System, trajectory: Trajectory) -> Run:
     # Of the last sample, and of bodies, errors need positions alone.
-    last = Trajectory(trajectory.time[-1:], trajectory.positions[-1:], trajectory.status, trajectory.message)
+    last = replace(
+        trajectory, time=trajectory.time[-1:], log=trajectory.log.span(len(trajectory.time) - 1, len(trajectory.time))
+    )
     return Run(
         rung=rung,
         system=system,
         trajectory=trajectory,
         series=series_of(system, evaluate_errors(system.team, trajectory.positions)),
-        final=summarize(system.team, make_dataset(system, last, "ideal", 0)),
+        final=summarize(system.team, make_dataset(last, "ideal", 0)),
         thrusters=[len(vehicle.thrusters) for vehicle in vehicles_of(system)],
     )

@@ -109,8 +109,7 @@ def saturation_shares(system: System, trajectory: Trajectory, counts: list[int])
         trajectory: of bodies.
         counts: number of thrusters of each vehicle, length V.
     """
-    assert trajectory.saturation is not None  # bodies have it
-    share, N = trajectory.saturation.mean(axis=0), len(system.team.agents)
+    share, N = trajectory.log.saturation.mean(axis=0), len(system.team.agents)
     found = {("agents", ""): float(np.average(share[:N], weights=counts[:N]))}
     for v, name in enumerate(system.bodies.vehicle):
         found.setdefault(("agents" if v < N else "targets", name), 0.0)

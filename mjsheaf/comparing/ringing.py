@@ -253,8 +253,7 @@ def _release(system: System, mode: Mode, label: str) -> Release:
         initial[:N] = team.unpack(q_star) + offset / 2.0**attempt
         here = replace(system, initial=initial)
         run = run_physics(here, targets=targets)
-        assert run.saturation is not None  # bodies have it
-        saturated = float(run.saturation[:, :N].mean())
+        saturated = float(run.log.saturation[:, :N].mean())
         if saturated == 0.0 or run.status != "finished":
             break
     e = team.pack(run.positions)[:, :n] - q_star

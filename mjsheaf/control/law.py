@@ -1,85 +1,166 @@
-"""eq. controller-1: u_i = -k1 g_i^+ eta_i, with eta = H q - B p - c.
+"""The law of a team as stages over its edges: measure, pull back, terms, reference, limit.
 
-`LocalLaw` is what one agent carries: it is handed its own measurements and nothing else. `disagreement` is the same
-law for the whole team at once, as one sparse product whose row i touches only the neighbours of i; the compiled loops
-use it. Targets that hold a formation among themselves follow the same equation on their own sheaf.
+`sample` is the list of stages. Both backends run it once a control period (or inside the integrator, where the control
+period is 0), and what it leaves in `Memory` is what runs record. On an edge e = (i, j) with maps F, weight K and
+desired value b,
+
+    measure     y_e = F_j x_j - F_i x_i
+    pull back   eta_i = sum of -F_i^T K (y_e + b_e) over the edges whose tail is i, F_j^T K (y_e + b_e) where i is head
+    terms       -k1 eta (eq. controller-1), or the velocities that a law in Python asks for
+    reference   targets' own motion
+    limit       largest commanded speed
+
+An edge moves those of its ends that listen: both of a communication edge, the agent of a sensing edge or an anchor,
+both targets of an edge among targets. A vehicle's sums touch its own edges alone, so that what it does depends on its
+neighbours alone, to the bit.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
-from mjsheaf.jit import part
-from mjsheaf.team import Team
+from mjsheaf.dynamics.motion import MotionArrays, add_reference
+from mjsheaf.jit import kernel, part
+from mjsheaf.team import Edge, Member, Team
 
 Array = NDArray[np.float64]
 
 
-class LocalLaw:
-    """The law of one agent.
-
-    On an edge e = (i, j) with measurement y_e = F_j x_j - F_i x_i and desired value b_e, the tail forms
-    d = -F_i^T K (y_e + b_e) and the head d = F_j^T K (y_e + b_e); eta_i is the sum of its d.
+class EdgeArrays(NamedTuple):
+    """The edges of a team of V vehicles: E of them, with m numbers y_e in all.
 
     Attributes:
-        edges: (tail, head) of each edge at the agent, in the order in which measurements are expected.
-        gain: k1 in 1/s.
-        limit: largest commanded speed, m/s.
+        tail, head: vehicles at the ends, shape (E,); an anchor's head is its tail.
+        listens: whether tail and head are moved by the edge, shape (E, 2).
+        first: where each edge's numbers begin in y, and m at the end, shape (E + 1,).
+        F_tail, F_head: restriction maps, padded, shape (m, 3).
+        P_tail, P_head: K F, of which the transpose pulls back, shape (m, 3).
+        b: desired values of F_tail x_tail - F_head x_head, shape (m,), m.
     """
 
-    def __init__(self, team: Team, agent: str, gain: float, limit: float = np.inf) -> None:
-        """Keep what the agent needs to know: its own maps, weights and offsets."""
-        incident = team.incident_edges(agent)
-        self.edges = [(e.tail, e.head) for e in incident]
-        self.gain = gain
-        self.limit = limit
-        self._dimension = team.sheaf.dimension(agent)
-        self._pullback = [-e.F_tail.T @ e.weight if e.tail == agent else e.F_head.T @ e.weight for e in incident]
-        self._offset = [e.b for e in incident]
-
-    def disagreement(self, measurements: list[Array]) -> Array:
-        """eta_i from the measurements y_e of the agent's edges (range times bearing), shape (n_i,), m."""
-        eta = np.zeros(self._dimension)
-        for pullback, y, b in zip(self._pullback, measurements, self._offset, strict=True):
-            eta += pullback @ (y + b)
-        return eta
-
-    def command(self, measurements: list[Array], g_pinv: Array | None = None) -> Array:
-        """u_i = -k1 g_i^+ eta_i, shape (s_i,), limited; g_i^+ is the identity unless given, shape (s_i, n_i)."""
-        velocity = -self.gain * self.disagreement(measurements)
-        speed = float(np.linalg.norm(velocity))
-        if speed > self.limit:
-            velocity *= self.limit / speed
-        return velocity if g_pinv is None else g_pinv @ velocity
+    tail: NDArray[np.int64]
+    head: NDArray[np.int64]
+    listens: NDArray[np.bool_]
+    first: NDArray[np.int64]
+    F_tail: Array
+    F_head: Array
+    P_tail: Array
+    P_head: Array
+    b: Array
 
 
 class LawArrays(NamedTuple):
-    """The law of all vehicles over padded positions x (V, 3).
+    """The law of V vehicles, the first N of them agents.
 
-    Residual r = A x - c: the disagreement eta for agents, (L_T p - c_T) for targets. A is held by compressed rows:
-    start (3V + 1,), column and value (nnz,); c (3V,). gain (V,) 1/s and limit (V,) m/s, infinite where there is none.
+    Attributes:
+        edges: what they compare.
+        gain: of -gain eta, shape (V,), 1/s.
+        limit: largest commanded speed, shape (V,), m/s; infinite where there is none.
+        supplied: how many vehicles, from the first on, take their velocity from `Memory.supplied` instead of -gain eta.
     """
 
-    start: NDArray[np.int64]
-    column: NDArray[np.int64]
-    value: Array
-    c: Array
+    edges: EdgeArrays
     gain: Array
     limit: Array
+    supplied: int
+
+
+class ControlArrays(NamedTuple):
+    """What onboard computers know.
+
+    Attributes:
+        law: the law.
+        motion: references of the targets.
+    """
+
+    law: LawArrays
+    motion: MotionArrays
+
+
+class Memory(NamedTuple):
+    """What onboard computers hold from one sample to the next: views of one array, which is saved with the state.
+
+    Attributes:
+        flat: all of it, shape (m + 9 V,).
+        y: measurements, shape (m,), m.
+        residual: eta of the agents, L_T p - c_T of the targets, padded, shape (V, 3), m.
+        command: commanded velocities, limited, shape (V, 3), m/s.
+        supplied: velocities that a law in Python asks for, shape (V, 3), m/s.
+    """
+
+    flat: Array
+    y: Array
+    residual: Array
+    command: Array
+    supplied: Array
+
+
+def new_memory(law: LawArrays, V: int) -> Memory:
+    """The memory of a law of V vehicles before its first sample: zeros."""
+    m = len(law.edges.b)
+    flat = np.zeros(m + 9 * V)
+    residual, command, supplied = flat[m:].reshape(3, V, 3)
+    return Memory(flat, flat[:m], residual, command, supplied)
 
 
 @part
-def disagreement(law, x, residual):
-    """Write the residual A x - c into residual (V, 3) for positions x (V, 3); a row reads only its neighbours."""
-    flat = x.reshape(-1)
-    out = residual.reshape(-1)
-    for row in range(out.shape[0]):
-        total = -law.c[row]
-        for k in range(law.start[row], law.start[row + 1]):
-            total += law.value[k] * flat[law.column[k]]
-        out[row] = total
+def sample(control, t, x, memory):
+    """Sample every onboard computer at time t, s: write memory.y, residual and command for positions x (V, 3), m."""
+    law = control.law
+    measure(law.edges, x, memory.y)
+    pull_back(law.edges, memory.y, memory.residual)
+    proportional(law, memory.residual, memory.command)
+    supplied(law, memory.supplied, memory.command)
+    for v in range(x.shape[0]):
+        add_reference(control.motion, v, t, x[v], memory.command[v])
+        limit_speed(law.limit[v], memory.command[v])
+
+
+@part
+def measure(edges, x, y):
+    """Write y_e = F_head x_head - F_tail x_tail of every edge into y (m,) for positions x (V, 3)."""
+    for e in range(edges.tail.shape[0]):
+        tail, head = x[edges.tail[e]], x[edges.head[e]]
+        for r in range(edges.first[e], edges.first[e + 1]):
+            F, G = edges.F_head[r], edges.F_tail[r]
+            y[r] = (F[0] * head[0] + F[1] * head[1] + F[2] * head[2]) - (
+                G[0] * tail[0] + G[1] * tail[1] + G[2] * tail[2]
+            )
+
+
+@part
+def pull_back(edges, y, residual):
+    """Write delta^T K (delta x - b), summed at the vehicles that listen, into residual (V, 3), from y (m,)."""
+    for v in range(residual.shape[0]):
+        residual[v, 0], residual[v, 1], residual[v, 2] = 0.0, 0.0, 0.0
+    for e in range(edges.tail.shape[0]):
+        tail, head = residual[edges.tail[e]], residual[edges.head[e]]
+        for r in range(edges.first[e], edges.first[e + 1]):
+            z = y[r] + edges.b[r]
+            if edges.listens[e, 0]:
+                for i in range(3):
+                    tail[i] -= edges.P_tail[r, i] * z
+            if edges.listens[e, 1]:
+                for i in range(3):
+                    head[i] += edges.P_head[r, i] * z
+
+
+@part
+def proportional(law, residual, command):
+    """Write -gain eta of every vehicle into command (V, 3)."""
+    for v in range(residual.shape[0]):
+        for i in range(3):
+            command[v, i] = -law.gain[v] * residual[v, i]
+
+
+@part
+def supplied(law, velocity, command):
+    """Put the velocities (V, 3) of a law in Python in place of those of the first law.supplied vehicles."""
+    for v in range(law.supplied):
+        for i in range(3):
+            command[v, i] = velocity[v, i]
 
 
 @part
@@ -90,13 +171,35 @@ def limit_speed(limit, velocity):
         velocity *= limit / speed
 
 
-def limited_commands(velocity: Array, limit: Array) -> Array:
-    """Shorten velocities (T, V, 3) to each vehicle's limit (V,), as the loops do; NaN stays NaN."""
-    speed = np.linalg.norm(np.nan_to_num(velocity), axis=2)
-    over = speed > limit
-    share = np.ones_like(speed)
-    share[over] = np.broadcast_to(limit, speed.shape)[over] / speed[over]
-    return velocity * share[..., None]
+@kernel
+def observe(law, x, memory):
+    """Write memory.y and memory.residual for positions x (V, 3), m: what a law in Python is shown."""
+    measure(law.edges, x, memory.y)
+    pull_back(law.edges, memory.y, memory.residual)
+
+
+@kernel
+def _disagreements(law, x, y, residual):
+    for k in range(x.shape[0]):
+        measure(law.edges, x[k], y)
+        pull_back(law.edges, y, residual[k])
+
+
+def disagreement(law: LawArrays, positions: Array) -> Array:
+    """eta = delta^T K (delta x - b) of every vehicle, as the loops compute it.
+
+    Args:
+        law: the law.
+        positions: padded, shape (..., V, 3), m.
+
+    Returns:
+        Of the same shape, m; of targets L_T p - c_T, zero in what a vehicle has no coordinate for.
+    """
+    x = np.ascontiguousarray(positions, dtype=np.float64)
+    flat = x.reshape(-1, *x.shape[-2:])
+    residual = np.empty_like(flat)
+    _disagreements(law, flat, np.empty(len(law.edges.b)), residual)
+    return residual.reshape(x.shape)
 
 
 def pack_law(team: Team, gain: float, target_gain: float, limits: Array) -> LawArrays:
@@ -108,22 +211,33 @@ def pack_law(team: Team, gain: float, target_gain: float, limits: Array) -> LawA
         target_gain: gain of the targets' own consensus, 1/s; 0 where they have none.
         limits: largest commanded speed of each vehicle, m/s, shape (V,).
     """
-    problem = team.dirichlet
-    n_q, n_p = problem.B.shape
-    L_T = team.target_sheaf.laplacian()
-    A = sparse.block_array([[problem.H, -problem.B], [sparse.csr_array((n_p, n_q)), L_T]]).tocoo()
-    c_T = team.target_sheaf.whitened_coboundary().T @ team.target_sheaf.whitened_offset()
-    V = len(team.members)
-    padded = sparse.csr_array((A.data, (team.slots[A.row], team.slots[A.col])), shape=(3 * V, 3 * V))
-    padded.sort_indices()
-    c = np.zeros(3 * V)
-    c[team.slots] = np.concatenate([problem.c, c_T])
     gains = np.concatenate([np.full(len(team.agents), gain), np.full(len(team.targets), target_gain)])
-    return LawArrays(
-        padded.indptr.astype(np.int64),
-        padded.indices.astype(np.int64),
-        padded.data,
-        c,
-        gains,
-        limits.astype(float),
+    kinds = [(team.communication, True), (team.sensing, False), (team.target_edges, True), (team.anchors, False)]
+    return LawArrays(pack_edges(team.members, kinds), gains, limits.astype(float), 0)
+
+
+def pack_edges(members: Sequence[Member], kinds: Sequence[tuple[Sequence[Edge], bool]]) -> EdgeArrays:
+    """Edges as arrays.
+
+    Args:
+        members: the vehicles.
+        kinds: edges, and whether their heads listen too.
+    """
+    number = {member.id: v for v, member in enumerate(members)}
+    edges = [(e, both) for kind, both in kinds for e in kind]
+    first = np.cumsum([0, *(len(e.b) for e, _ in edges)])
+    maps = np.zeros((4, first[-1], 3))
+    for (e, _), begin, end in zip(edges, first, first[1:], strict=False):
+        for padded, F in zip(maps, (e.F_tail, e.F_head, e.weight @ e.F_tail, e.weight @ e.F_head), strict=True):
+            padded[begin:end, : F.shape[1]] = F
+    return EdgeArrays(
+        np.array([number[e.tail] for e, _ in edges], dtype=np.int64),
+        np.array([number.get(e.head, number[e.tail]) for e, _ in edges], dtype=np.int64),
+        np.array([(True, both) for _, both in edges], dtype=np.bool_).reshape(-1, 2),
+        first.astype(np.int64),
+        maps[0],
+        maps[1],
+        maps[2],
+        maps[3],
+        np.concatenate([np.zeros(0), *(e.b for e, _ in edges)]),
     )

@@ -9,10 +9,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from mjsheaf._version import __version__
-from mjsheaf.control.law import limited_commands
-from mjsheaf.results.metrics import evaluate_errors
-from mjsheaf.simulation.ideal import inputs
-from mjsheaf.simulation.trajectory import Trajectory
+from mjsheaf.results.metrics import evaluate_errors, separations
+from mjsheaf.simulation.trajectory import Log, Trajectory
 from mjsheaf.system import System
 from mjsheaf.team.null_modes import describe_null_modes
 
@@ -21,11 +19,10 @@ Variable = tuple[str | tuple[str, ...], NDArray[Any], dict[str, str]]
 """Dimensions, values and attributes, as xarray takes them."""
 
 
-def make_dataset(system: System, trajectory: Trajectory, backend: str, seed: int) -> xr.Dataset:
-    """Gather a trajectory, its errors and its commands.
+def make_dataset(trajectory: Trajectory, backend: str, seed: int) -> xr.Dataset:
+    """Gather a trajectory, as it was recorded, and its errors.
 
     Args:
-        system: what was simulated.
         trajectory: what came out, or a piece of it.
         backend: 'ideal' or 'physics'.
         seed: seed of the scenario.
@@ -34,18 +31,15 @@ def make_dataset(system: System, trajectory: Trajectory, backend: str, seed: int
         Variables over the dimensions time, agent, target and axis; see README for the list. Attributes name the
         scenario, backend, status and groups.
     """
-    return next(make_datasets(system, [trajectory], backend, seed))
+    return next(make_datasets([trajectory], backend, seed))
 
 
-def make_datasets(system: System, pieces: Iterable[Trajectory], backend: str, seed: int) -> Iterator[xr.Dataset]:
+def make_datasets(pieces: Iterable[Trajectory], backend: str, seed: int) -> Iterator[xr.Dataset]:
     """Gather a trajectory that comes in pieces, each as `make_dataset` does; the last piece has the run's status."""
-    attributes = _attributes(system, backend, seed)
-    thrusters = _thrusters(system) if backend == "physics" else []
+    attributes: dict[str, Any] = {}
     for piece in pieces:
-        if len(piece.time):
-            dataset = _gather(system, piece, thrusters)
-        else:  # the run blew up right after the piece before
-            dataset = dataset.isel(time=slice(0, 0)).copy(deep=True)
+        attributes = attributes or _attributes(piece.system, backend, seed)
+        dataset = _gather(piece)
         dataset.attrs = attributes | {"status": piece.status, "message": piece.message}
         yield dataset
 
@@ -69,13 +63,11 @@ def join(pieces: Iterable[xr.Dataset]) -> xr.Dataset:
     )
 
 
-def _gather(system: System, trajectory: Trajectory, thrusters: list[list[str]]) -> xr.Dataset:
-    team = system.team
-    N = len(team.agents)
-    errors = evaluate_errors(team, trajectory.positions)
-    padded = team.unpack(team.pack(trajectory.positions), np.nan)
-    velocity = limited_commands(-system.gain * errors.disagreement, system.law.limit[:N])
-    groups = [f.name for f in team.formations]
+def _gather(trajectory: Trajectory) -> xr.Dataset:
+    system, log = trajectory.system, trajectory.log
+    team, N = system.team, len(system.team.agents)
+    errors = evaluate_errors(team, log.positions)
+    has = np.array([[axis < member.dimension for axis in range(3)] for member in team.members])
 
     # Gathered first: a dataset that grows variable by variable aligns all of them each time.
     variables: dict[str, Variable] = {}
@@ -89,22 +81,29 @@ def _gather(system: System, trajectory: Trajectory, thrusters: list[list[str]]) 
     def add(name: str, dims: tuple[str, ...], values: Array, units: str, long_name: str) -> None:
         variables[name] = (dims, values, {"units": units, "long_name": long_name})
 
+    def of_each(name: str, dims: tuple[str, ...], values: Array, units: str, long_name: str) -> None:
+        """Add a variable of agents and one of targets; long_name names whose with {}."""
+        for kind, own in (("agent", values[:, :N]), ("target", values[:, N:])):
+            add(f"{kind}_{name}", ("time", kind, *dims), own, units, long_name.format(f"each {kind}"))
+
+    def padded(values: Array) -> Array:
+        """NaN in what a vehicle has no coordinate for."""
+        return np.where(has, values, np.nan)
+
     body = ("time", "agent", "axis")
-    add("agent_position", body, padded[:, :N], "m", "controlled position of each agent")
-    add("target_position", ("time", "target", "axis"), padded[:, N:], "m", "position of each target")
+    add("agent_position", body, padded(log.positions)[:, :N], "m", "controlled position of each agent")
+    add("target_position", ("time", "target", "axis"), padded(log.positions)[:, N:], "m", "position of each target")
     add("harmonic_extension", body, errors.harmonic_extension, "m", "q*, the harmonic extension of the targets")
-    add(
-        "disagreement",
-        ("time", "agent"),
-        np.linalg.norm(np.nan_to_num(errors.disagreement), axis=2),
-        "m",
-        "|eta_i|, norm of the disagreement",
-    )
+    eta = np.linalg.norm(log.residual[:, :N], axis=2)
+    add("disagreement", ("time", "agent"), eta, "m", "|eta_i|, norm of the disagreement")
+    add("disagreement_vector", body, padded(log.residual)[:, :N], "m", "eta_i, the disagreement, as the law had it")
     add("tracking_error", ("time", "agent"), errors.tracking, "m", "|q*_i - q_i|")
-    add("velocity_command", body, velocity, "m s-1", "-k1 eta_i, limited: commanded velocity relative to the medium")
+    add("velocity_command", body, padded(log.command)[:, :N], "m s-1",
+        "commanded velocity of each agent relative to the medium, as the law gave it: -k1 eta_i, limited")  # fmt: skip
     add("formation_error", ("time",), errors.formation_rms(), "m", "RMS residual over the edges inside formations")
     add("centering_error", ("time",), errors.largest_centering(), "m",
         "largest distance of a group's centroid from where its formation wants it")  # fmt: skip
+    groups = [f.name for f in team.formations]
     if groups:
         coordinates["group"] = _labels("group", groups, "formation group")
         by_group = ("time", "group")
@@ -112,12 +111,22 @@ def _gather(system: System, trajectory: Trajectory, thrusters: list[list[str]]) 
             "RMS residual over the edges of a group")  # fmt: skip
         add("group_centering_error", by_group, np.column_stack([errors.centering[g] for g in groups]), "m",
             "distance of each centroid from its place: target's projection plus mean displacement")  # fmt: skip
-
-    if trajectory.thrust is None:
-        u = inputs(system, trajectory.time, np.nan_to_num(velocity), trajectory.positions)
-        add("command", ("time", "agent", "channel"), u, "1", "u_i = g_i^+ (-k1 eta_i), control input of each agent")
+    bodies = bool(len(log.origin))
+    where = log.origin if bodies else log.positions
+    of_each("velocity", ("axis",), log.velocity if bodies else padded(log.velocity), "m s-1",
+            "velocity over ground of {}" + ("'s body" if bodies else ""))  # fmt: skip
+    of_each("flow", ("axis",), padded(log.medium), "m s-1", "velocity of flow and disturbance about {}")
+    of_each("separation", (), separations(where), "m", "distance from {} to the nearest other vehicle")
+    if bodies:
+        _add_body_data(variables, coordinates, system, log)
+        of_each("body_position", ("axis",), log.origin, "m", "position of {}'s body, its origin")
+        of_each("height", (), log.origin[..., 2], "m", "z of {}'s body")
+        of_each("orientation", ("quaternion",), log.quaternions, "1", "attitude of {}, body to world")
+        of_each("saturation", (), log.saturation, "1", "share of {}'s thrusters at a limit")
     else:
-        _add_body_data(variables, coordinates, system, trajectory, thrusters)
+        used = np.arange(log.inputs.shape[2]) < system.effectiveness.inputs[:, None]
+        add("command", ("time", "agent", "channel"), np.where(used, log.inputs, np.nan), "1",
+            "u_i = g_i^+ (-k1 eta_i), control input of each agent")  # fmt: skip
     return xr.Dataset(variables, coordinates)
 
 
@@ -153,52 +162,24 @@ def _thrusters(system: System) -> list[list[str]]:
     return [list(vehicle.thrusters) for vehicle in vehicles_of(system)]
 
 
-def _add_body_data(
-    variables: dict[str, Variable],
-    coordinates: dict[str, Variable],
-    system: System,
-    trajectory: Trajectory,
-    thrusters: list[list[str]],
-) -> None:
-    """Attitude, height, thruster commands and saturation of bodies."""
-    assert trajectory.quaternions is not None  # all four come together, from bodies
-    assert trajectory.heights is not None
-    assert trajectory.thrust is not None
-    assert trajectory.saturation is not None
-    N = len(system.team.agents)
-    first = np.concatenate([[0], np.cumsum([len(t) for t in thrusters])])
-    T, width = len(trajectory.time), max(len(t) for t in thrusters)
-    u = np.full((T, len(thrusters), width), np.nan)
-    for v, names in enumerate(thrusters):
-        u[:, v, : len(names)] = trajectory.thrust[:, first[v] : first[v + 1]]
-    variables["command"] = (
-        ("time", "agent", "channel"),
-        u[:, :N],
-        {"units": "N", "long_name": "u_i = W_i^+ [force; moment] + trim, thruster commands of each agent"},
-    )
-    variables["target_command"] = (
-        ("time", "target", "channel"),
-        u[:, N:],
-        {"units": "N", "long_name": "thruster commands of each target"},
-    )
+def _add_body_data(variables: dict[str, Variable], coordinates: dict[str, Variable], system: System, log: Log) -> None:
+    """Thruster commands and what lags leave of them."""
+    thrusters, N, T = _thrusters(system), len(system.team.agents), len(log.positions)
+    first = np.cumsum([0, *(len(names) for names in thrusters)])
+    width = max(len(names) for names in thrusters)
+    for name, values, long_name in (
+        ("command", log.thruster_command, "u_i = W_i^+ [force; moment] + trim, thruster commands of {}"),
+        ("thrust", log.thruster_output, "what {}'s thrusters do at the sample: their commands after lag"),
+    ):
+        u = np.full((T, len(thrusters), width), np.nan)
+        for v, names in enumerate(thrusters):
+            u[:, v, : len(names)] = values[:, first[v] : first[v + 1]]
+        agents, targets = (name, f"target_{name}") if name == "command" else (f"agent_{name}", f"target_{name}")
+        for key, kind, own in ((agents, "agent", u[:, :N]), (targets, "target", u[:, N:])):
+            attributes = {"units": "N", "long_name": long_name.format(f"each {kind}")}
+            variables[key] = (("time", kind, "channel"), own, attributes)
     coordinates["quaternion"] = _labels("quaternion", ["w", "x", "y", "z"], "component of the unit quaternion")
     labels = np.array([names + [""] * (width - len(names)) for names in thrusters], dtype=object)
     for name, kind, own in (("thruster", "agent", labels[:N]), ("target_thruster", "target", labels[N:])):
         long_name = f"thruster behind each channel of each {kind}, empty where it has fewer"
         coordinates[name] = ((kind, "channel"), own, {"long_name": long_name})
-    for kind, part in (("agent", slice(None, N)), ("target", slice(N, None))):
-        variables[f"{kind}_orientation"] = (
-            ("time", kind, "quaternion"),
-            trajectory.quaternions[:, part],
-            {"units": "1", "long_name": f"attitude of each {kind}, body to world"},
-        )
-        variables[f"{kind}_height"] = (
-            ("time", kind),
-            trajectory.heights[:, part],
-            {"units": "m", "long_name": f"z of each {kind}'s body"},
-        )
-        variables[f"{kind}_saturation"] = (
-            ("time", kind),
-            trajectory.saturation[:, part],
-            {"units": "1", "long_name": f"share of each {kind}'s thrusters at a limit"},
-        )

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from mjsheaf.team import Formation, Team
 
@@ -26,7 +27,6 @@ class Errors:
 
     Attributes:
         harmonic_extension: q*, padded with NaN, shape (T, N, 3).
-        disagreement: eta as padded vectors with NaN, shape (T, N, 3).
         tracking: |q*_i - q_i|, shape (T, N).
         formation: residual norm |F_i x_i - F_j x_j - b_e| of each edge inside a formation, for each group, (T, edges).
         centering: distance of each group's centroid from where its formation wants it, for each group, (T,): from
@@ -35,7 +35,6 @@ class Errors:
     """
 
     harmonic_extension: Array
-    disagreement: Array
     tracking: Array
     formation: dict[str, Array]
     centering: dict[str, Array]
@@ -60,11 +59,9 @@ def evaluate_errors(team: Team, positions: Array) -> Errors:
     problem = team.dirichlet
     n_q = problem.H.shape[0]
     q, p = x[:, :n_q], x[:, n_q:]
-    eta = team.disagreement(x)
     q_star = problem.extend(p)
     return Errors(
         harmonic_extension=team.unpack(q_star, np.nan),
-        disagreement=team.unpack(eta, np.nan),
         tracking=np.linalg.norm(team.unpack(q_star - q), axis=2),
         formation={f.name: _residuals(team, f, positions) for f in team.formations},
         centering={f.name: _centering(team, f, positions) for f in team.formations},
@@ -100,6 +97,17 @@ def _centering(team: Team, formation: Formation, positions: Array) -> Array:
     return np.linalg.norm(centroid - positions[:, target, :shared] - mean, axis=1)
 
 
+def separations(positions: Array) -> Array:
+    """Distance from every vehicle to the nearest other one, shape (T, V), m, from positions (T, V, 3); else NaN."""
+    T, V, _ = positions.shape
+    found = np.full((T, V), np.nan)
+    if V > 1:
+        for k in range(T):
+            if np.isfinite(positions[k]).all():
+                found[k] = cKDTree(positions[k]).query(positions[k], 2)[0][:, 1]
+    return found
+
+
 MEASURES = ("mean_disagreement", "tracking_error", "formation_error", "centering_error")
 
 
@@ -109,7 +117,7 @@ def summarize(team: Team, dataset: xr.Dataset) -> dict[str, Any]:
         [np.nan_to_num(dataset[name].values[-1:]) for name in ("agent_position", "target_position")], axis=1
     )
     errors = evaluate_errors(team, positions)
-    eta = np.linalg.norm(np.nan_to_num(errors.disagreement[0]), axis=1)
+    eta = dataset["disagreement"].values[-1]
     number = {a: i for i, a in enumerate(team.agent_ids)}
 
     def measures(members: list[int], formation: float, centering: float) -> dict[str, float | None]:
@@ -136,7 +144,7 @@ def late_errors(team: Team, dataset: xr.Dataset) -> dict[str, float | None]:
     positions = np.concatenate([np.nan_to_num(late[n].values) for n in ("agent_position", "target_position")], axis=1)
     errors = evaluate_errors(team, positions)
     values = (
-        np.linalg.norm(np.nan_to_num(errors.disagreement), axis=2).mean(axis=1),
+        late["disagreement"].values.mean(axis=1),
         np.sqrt((errors.tracking**2).mean(axis=1)),
         errors.formation_rms(),
         errors.largest_centering(),

@@ -14,17 +14,19 @@ All within a period is inlined into one function for one vehicle (see `part`): h
 than a slope does.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mjsheaf.control.controller import Controller, supplied
+from mjsheaf.control.law import Memory, new_memory, sample
 from mjsheaf.dynamics.disturbance import evaluate_sines
 from mjsheaf.dynamics.effectiveness import EffectivenessArrays, allocate
 from mjsheaf.jit import kernel, part
-from mjsheaf.simulation.trajectory import Trajectory, blow_up_message
-from mjsheaf.system import MediumArrays, System, medium_velocity, velocity_commands
+from mjsheaf.simulation.trajectory import Trajectory, blow_up_message, new_log, pieces_of
+from mjsheaf.system import MediumArrays, Phase, System, medium_velocity, phases_of
 
 Array = NDArray[np.float64]
 
@@ -49,23 +51,46 @@ _MOST_STEPS = 50_000  # of the integrator in a period: more means that the solut
 _CHUNK = 500  # periods between progress reports
 
 
-class _Scratch(NamedTuple):
-    """Work arrays of one run: residual, command, a stage's state (V, 3); slopes (7, V, 3); input (s,); sines (V K,)."""
+class Integrator(NamedTuple):
+    """What moves V vehicles between samples, and the integrator's work arrays.
 
-    residual: Array
-    command: Array
+    Attributes:
+        medium, effectiveness: what surrounds the vehicles, and how inputs become velocities.
+        tolerance: relative and absolute error of each step.
+        period: over which commands are held, s.
+        memory: of the law.
+        state: positions at a stage, shape (V, 3), m.
+        slope: x' at each stage, shape (7, V, 3), m/s.
+        input: u of an agent, shape (s,).
+        sines: of the disturbances at the present time, shape (V K,).
+    """
+
+    medium: MediumArrays
+    effectiveness: EffectivenessArrays
+    tolerance: tuple[float, float]
+    period: float
+    memory: Memory
     state: Array
     slope: Array
     input: Array
     sines: Array
 
 
-def scratch(medium: MediumArrays, effectiveness: EffectivenessArrays) -> _Scratch:
-    """Work arrays for the vehicles in a medium."""
+def new_integrator(
+    medium: MediumArrays,
+    effectiveness: EffectivenessArrays,
+    tolerance: tuple[float, float],
+    period: float,
+    memory: Memory,
+) -> Integrator:
+    """An integrator for the vehicles in a medium, with the memory of their law."""
     V = len(medium.planar)
-    return _Scratch(
-        residual=np.zeros((V, 3)),
-        command=np.zeros((V, 3)),
+    return Integrator(
+        medium=medium,
+        effectiveness=effectiveness,
+        tolerance=tolerance,
+        period=period,
+        memory=memory,
         state=np.zeros((V, 3)),
         slope=np.zeros((7, V, 3)),
         input=np.zeros(effectiveness.pinv.shape[1]),
@@ -74,17 +99,18 @@ def scratch(medium: MediumArrays, effectiveness: EffectivenessArrays) -> _Scratc
 
 
 @part
-def drift_and_disturbance(follow, medium, effectiveness, t, x, first, last, work, out):
+def slope_of(follow, run, t, x, first, last, out):
     """Write x' of the vehicles from first to last into out (V, 3); commands are those held unless there is a law."""
+    medium, effectiveness = run.medium, run.effectiveness
     if follow is not None:
-        velocity_commands(follow, t, x, work.residual, work.command)
-    evaluate_sines(medium.harmonics, t, first, last, work.sines)
+        sample(follow, t, x, run.memory)
+    evaluate_sines(medium.harmonics, t, first, last, run.sines)
     for v in range(first, last):
         for i in range(3):
-            out[v, i] = work.command[v, i]
+            out[v, i] = run.memory.command[v, i]
         if v < medium.agents and effectiveness.given[v]:
-            allocate(effectiveness, v, x[v], t, out[v], work.input)
-        wx, wy, wz = medium_velocity(medium, work.sines, v, x[v, 0], x[v, 1], x[v, 2])
+            allocate(effectiveness, v, x[v], t, out[v], run.input)
+        wx, wy, wz = medium_velocity(medium, run.sines, v, x[v, 0], x[v, 1], x[v, 2])
         out[v, 0] += wx
         out[v, 1] += wy
         out[v, 2] += wz
@@ -102,21 +128,22 @@ def _norm(values, x, y, first, last, tolerance):
 
 
 @part
-def _first_step(follow, medium, effectiveness, t, period, x, first, last, tolerance, work):
-    """A step for which the method's leading error term is likely to pass; work.slope[0] holds x' at t."""
-    size = _norm(x, x, x, first, last, tolerance)
-    speed = _norm(work.slope[0], x, x, first, last, tolerance)
+def _first_step(follow, run, t, x, first, last):
+    """A step for which the method's leading error term is likely to pass; run.slope[0] holds x' at t."""
+    period = run.period
+    size = _norm(x, x, x, first, last, run.tolerance)
+    speed = _norm(run.slope[0], x, x, first, last, run.tolerance)
     trial = min(1e-6 if size < 1e-5 or speed < 1e-5 else 0.01 * size / speed, period)
     if trial < _SMALLEST_TRIAL * period:  # |x| says nothing about the time scale of a vehicle next to the origin
         trial = _SMALLEST_TRIAL * period
     for v in range(first, last):
         for i in range(3):
-            work.state[v, i] = x[v, i] + trial * work.slope[0, v, i]
-    drift_and_disturbance(follow, medium, effectiveness, t + trial, work.state, first, last, work, work.slope[1])
+            run.state[v, i] = x[v, i] + trial * run.slope[0, v, i]
+    slope_of(follow, run, t + trial, run.state, first, last, run.slope[1])
     for v in range(first, last):
         for i in range(3):
-            work.slope[1, v, i] -= work.slope[0, v, i]
-    bend = _norm(work.slope[1], x, x, first, last, tolerance) / trial
+            run.slope[1, v, i] -= run.slope[0, v, i]
+    bend = _norm(run.slope[1], x, x, first, last, run.tolerance) / trial
     if speed <= 1e-15 and bend <= 1e-15:
         step = max(1e-6, trial * 1e-3)
     else:
@@ -125,42 +152,41 @@ def _first_step(follow, medium, effectiveness, t, period, x, first, last, tolera
 
 
 @part
-def take_step(follow, medium, effectiveness, t, h, x, first, last, tolerance, work):
+def take_step(follow, run, t, h, x, first, last):
     """Try a step of the vehicles from first to last from t to t + h; return its error, of which 1 is tolerated.
 
-    work.slope[0] holds x' at t; afterwards work.state holds the positions at t + h and work.slope[6] x' there.
+    run.slope[0] holds x' at t; afterwards run.state holds the positions at t + h and run.slope[6] x' there.
     """
     for stage in range(1, 7):
         for v in range(first, last):
             for i in range(3):
                 total = 0.0
                 for k in range(stage):
-                    total += _A[stage, k] * work.slope[k, v, i]
-                work.state[v, i] = x[v, i] + h * total
-        drift_and_disturbance(
-            follow, medium, effectiveness, t + _C[stage] * h, work.state, first, last, work, work.slope[stage]
-        )
+                    total += _A[stage, k] * run.slope[k, v, i]
+                run.state[v, i] = x[v, i] + h * total
+        slope_of(follow, run, t + _C[stage] * h, run.state, first, last, run.slope[stage])
     for v in range(first, last):
         for i in range(3):
             total = 0.0
             for k in range(7):
-                total += _ERROR[k] * work.slope[k, v, i]
-            work.slope[1, v, i] = h * total  # no later stage reads this slope
-    return _norm(work.slope[1], x, work.state, first, last, tolerance)
+                total += _ERROR[k] * run.slope[k, v, i]
+            run.slope[1, v, i] = h * total  # no later stage reads this slope
+    return _norm(run.slope[1], x, run.state, first, last, run.tolerance)
 
 
 @part
-def _advance(follow, medium, effectiveness, t, period, x, first, last, tolerance, work):
+def _advance(follow, run, t, x, first, last):
     """Integrate the vehicles from first to last over one period, in place; False where the solution blows up."""
-    drift_and_disturbance(follow, medium, effectiveness, t, x, first, last, work, work.slope[0])
-    step = _first_step(follow, medium, effectiveness, t, period, x, first, last, tolerance, work)
+    slope_of(follow, run, t, x, first, last, run.slope[0])
+    period = run.period
+    step = _first_step(follow, run, t, x, first, last)
     done, rejected, steps = 0.0, False, 0
     while done < period:
         steps += 1
         if steps > _MOST_STEPS or not step > _SMALLEST_STEP * period:  # also where it is NaN
             return False
         h = min(step, period - done)
-        error = take_step(follow, medium, effectiveness, t + done, h, x, first, last, tolerance, work)
+        error = take_step(follow, run, t + done, h, x, first, last)
         if not np.isfinite(error):
             return False
         if error < 1.0:
@@ -170,8 +196,8 @@ def _advance(follow, medium, effectiveness, t, period, x, first, last, tolerance
             rejected = False
             for v in range(first, last):
                 for i in range(3):
-                    x[v, i] = work.state[v, i]
-                    work.slope[0, v, i] = work.slope[6, v, i]
+                    x[v, i] = run.state[v, i]
+                    run.slope[0, v, i] = run.slope[6, v, i]
                     if abs(x[v, i]) > _HUGE:
                         return False
         else:
@@ -180,111 +206,133 @@ def _advance(follow, medium, effectiveness, t, period, x, first, last, tolerance
     return True
 
 
+@part
+def _record(run, t, x, k, log):
+    """Write sample k at time t: positions x (V, 3), and what the law has just made of them."""
+    medium, effectiveness, memory, out = run.medium, run.effectiveness, run.memory, run.slope[0]
+    slope_of(None, run, t, x, 0, x.shape[0], out)
+    for v in range(x.shape[0]):
+        w = medium_velocity(medium, run.sines, v, x[v, 0], x[v, 1], x[v, 2])
+        for i in range(3):
+            log.positions[k, v, i] = x[v, i]
+            log.residual[k, v, i] = memory.residual[v, i]
+            log.command[k, v, i] = memory.command[v, i]
+            log.velocity[k, v, i] = out[v, i]
+            log.medium[k, v, i] = w[i]
+            out[v, i] = memory.command[v, i]
+        if v < medium.agents:
+            allocate(effectiveness, v, x[v], t, out[v], log.inputs[k, v])
+
+
 @kernel
-def _run(control, follow, medium, effectiveness, times, begin, end, period, x, tolerance, work, positions, placed):
-    """Advance from sample `begin` to `end`, recording; return the last sample reached and the vehicle that blew up.
+def _run(control, follow, run, times, advances, x, log, placed):
+    """Record the samples at `times` and advance after the first `advances`: (samples recorded, vehicle that blew up).
 
     `follow` is `control` where the law is inside the integrator and None where it is held: another type, so that the
     two are compiled apart, and only the one that is used.
     """
-    V = x.shape[0]
-    for k in range(begin, end):
-        if follow is None:
-            velocity_commands(control, times[k], x, work.residual, work.command)
-            for v in range(V):
-                if not _advance(None, medium, effectiveness, times[k], period, x, v, v + 1, tolerance, work):
-                    return k, v
-        elif not _advance(follow, medium, effectiveness, times[k], period, x, 0, V, tolerance, work):
-            return k, V
-        for v in range(V):
+    V, M = x.shape[0], placed.shape[1]
+    for k in range(times.shape[0]):
+        for v in range(M):
             for i in range(3):
-                if placed.shape[0] and v >= medium.agents:
-                    x[v, i] = placed[k + 1, v - medium.agents, i]
-                positions[k + 1, v, i] = x[v, i]
-    return end, -1
+                x[V - M + v, i] = placed[k, v, i]
+        sample(control, times[k], x, run.memory)
+        _record(run, times[k], x, k, log)
+        if k == advances:
+            break
+        if follow is None:
+            for v in range(V):
+                if not _advance(None, run, times[k], x, v, v + 1):
+                    return k + 1, v
+        elif not _advance(follow, run, times[k], x, 0, V):
+            return k + 1, V
+    return times.shape[0], -1
 
 
 def run_ideal(
-    system: System, progress: Callable[[int, int], None] | None = None, targets: Array | None = None
+    run: System | Sequence[Phase],
+    progress: Callable[[int, int], None] | None = None,
+    targets: Array | None = None,
+    controller: Controller | None = None,
 ) -> Trajectory:
-    """Integrate a system on ideal kinematics.
-
-    Args:
-        system: the system.
-        progress: called with (samples done, samples in all).
-        targets: where the targets are at each sample, shape (T, V - N, 3), m, whatever their own motion would be; the
-            run ends with the last. None integrates them too.
+    """Integrate a system on ideal kinematics, in one piece; see `stream_ideal`.
 
     Returns:
         The trajectory; its status is 'unstable' and it ends early where the solution blows up.
     """
-    return next(stream_ideal(system, system.grid.steps + 1, progress, targets))
+    return next(stream_ideal(run, phases_of(run)[0].system.grid.steps + 1, progress, targets, controller))
 
 
 def stream_ideal(
-    system: System,
+    run: System | Sequence[Phase],
     samples: int,
     progress: Callable[[int, int], None] | None = None,
     targets: Array | None = None,
+    controller: Controller | None = None,
 ) -> Iterator[Trajectory]:
-    """Integrate as `run_ideal` does, and hand out so many samples at a time; the last piece has what is left.
+    """Integrate on ideal kinematics, and hand out pieces of at most so many samples.
 
-    A piece before the last has the status 'finished'. The last is empty where the solution blows up right after the
-    piece before it.
+    Args:
+        run: the system, or phases of a run.
+        samples: in each piece; the last one, and the last of a phase, may have fewer.
+        progress: called with (samples done, samples in all).
+        targets: where the targets are at each sample, shape (T, V - N, 3), m, whatever their own motion would be; the
+            run ends with the last. None integrates them too.
+        controller: a law in Python in place of the agents' own.
+
+    Yields:
+        Pieces with the status 'finished', but for the last where the solution blows up, which ends there.
     """
-    grid = system.grid
-    x = np.array(system.initial)
-    V, work = len(x), scratch(system.medium, system.effectiveness)
-    steps = grid.steps if targets is None else min(grid.steps, len(targets) - 1)
-    for begin in range(0, steps + 1, samples):
-        end = min(begin + samples, steps + 1)
-        first = max(begin - 1, 0)  # the piece is reached from the last sample of the one before
-        times, positions = grid.span(first, end), np.empty((end - first, V, 3))
-        positions[0] = x
-        placed = np.empty((0, V, 3)) if targets is None else np.ascontiguousarray(targets[first:end])
-        done, broken, new = 0, -1, begin - first
-        while done < end - first - 1:
-            done, broken = _run(
-                system.control,
-                system.control if grid.continuous else None,
-                system.medium,
-                system.effectiveness,
-                times,
-                done,
-                min(done + _CHUNK, end - first - 1),
-                grid.period,
+    phases = phases_of(run)
+    first = phases[0].system
+    x, grid, N = np.array(first.initial), first.grid, len(first.team.agents)
+    before, attitude = x[:N].copy(), _attitudes(first.bodies.heading[:N])
+    if controller:
+        controller.reset(first.team)
+    of = grid.steps + 1 if targets is None else min(grid.steps + 1, len(targets))
+    for system, begin, end in pieces_of(phases, samples, of):
+        control = system.control
+        if controller:
+            controller.enter(system.team)
+            control = control._replace(law=supplied(control.law, N))
+        memory = new_memory(control.law, len(x))
+        integrator = new_integrator(system.medium, system.effectiveness, system.tolerance, grid.period, memory)
+        log = new_log(end - begin, len(x), inputs=(N, system.effectiveness.pinv.shape[1]))
+        done, broken = 0, -1
+        while done < end - begin and broken < 0:
+            if controller:
+                velocity = (x[:N] - before) / grid.period
+                controller.supply(control.law, float(grid.span(begin + done, begin + done + 1)[0]), x,
+                                  memory, velocity, attitude)  # fmt: skip
+                before = x[:N].copy()
+            count = min(1 if controller else _CHUNK, end - begin - done)
+            last = begin + done + count == of
+            new, broken = _run(
+                control,
+                control if grid.continuous else None,
+                integrator,
+                grid.span(begin + done, begin + done + count),
+                count - last,
                 x,
-                system.tolerance,
-                work,
-                positions,
-                placed,
+                log.span(done, done + count),
+                np.empty((count, 0, 3)) if targets is None else targets[begin + done : begin + done + count],
             )
+            done += new
             if progress:
-                progress(first + done, steps)
-            if broken >= 0:
-                if broken == V:  # the team was integrated as one: the largest state names the vehicle
-                    broken = int(np.argmax(np.abs(np.nan_to_num(x, nan=np.inf)).max(axis=1)))
-                message = blow_up_message(system, broken, float(times[done]), 0.0 if grid.continuous else grid.period)
-                yield Trajectory(times[new : done + 1], positions[new : done + 1], "unstable", message)
-                return
-        yield Trajectory(times[new:], positions[new:], "finished", "")
+                progress(min(begin + done, of - 1), of - 1)
+        message = ""
+        if broken >= 0:
+            if broken == len(x):  # the team was integrated as one: the largest state names the vehicle
+                broken = int(np.argmax(np.abs(np.nan_to_num(x, nan=np.inf)).max(axis=1)))
+            time = float(grid.span(begin + done - 1, begin + done)[0])
+            message = blow_up_message(system, broken, time, 0.0 if grid.continuous else grid.period)
+        status = "unstable" if message else "finished"
+        yield Trajectory(system, grid.span(begin, begin + done), log.span(0, done), status, message)
+        if message:
+            return
 
 
-def inputs(system: System, time: Array, commands: Array, positions: Array) -> Array:
-    """u_i = g_i^+(q_i, t) (-k1 eta_i) of every agent at every sample, shape (T, N, s); NaN where an agent has fewer."""
-    effectiveness = system.effectiveness
-    N = len(system.team.agents)
-    u = np.full((len(time), N, effectiveness.pinv.shape[1]), np.nan)
-    for i in range(N):
-        h = effectiveness.heading[i]
-        psi = h[0] + positions[:, i] @ h[1:4] + h[4] * time
-        body = commands[:, i].copy()
-        if effectiveness.given[i]:
-            c, s = np.cos(psi), np.sin(psi)
-            body[:, 0], body[:, 1] = (
-                c * commands[:, i, 0] + s * commands[:, i, 1],
-                c * commands[:, i, 1] - s * commands[:, i, 0],
-            )
-        used = np.arange(effectiveness.inputs[i])
-        u[:, i, used] = body @ effectiveness.pinv[i, used].T
-    return u
+def _attitudes(heading: Array) -> Array:
+    """Quaternions (w, x, y, z) of headings (N,) in rad, shape (N, 4)."""
+    zero = np.zeros_like(heading)
+    return np.column_stack([np.cos(heading / 2), zero, zero, np.sin(heading / 2)])

@@ -17,12 +17,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mjsheaf.control import ControlArrays
 from mjsheaf.dynamics import FlowField
 from mjsheaf.dynamics.disturbance import pack
 from mjsheaf.engine import mujoco
 from mjsheaf.simulation.arena import compose
-from mjsheaf.simulation.loop import BeforeStep, controlled_position
-from mjsheaf.system import ControlArrays, MediumArrays
+from mjsheaf.simulation.loop import close_loop, controlled_position, new_loop
+from mjsheaf.system import MediumArrays
 from mjsheaf.vehicles.vehicle import Vehicle
 
 Array = NDArray[np.float64]
@@ -132,7 +133,7 @@ class _Bench:
             pack(np.zeros((V, 0, 5))),
         )
         heading = np.array([station.heading for station in stations])
-        self.before = BeforeStep(control, medium, arena, self.data, heading, 0.0)
+        self.loop = new_loop(arena, self.data, control, medium, heading, 0.0)
         self.arena, self.vehicles = arena, vehicles
         ends = [*arena.dof[1:], self.model.nv]
         lagging = np.concatenate([[0], np.cumsum(self.model.actuator_actadr >= 0)])
@@ -217,7 +218,7 @@ class _Bench:
         """Let all vehicles fly or sail under their commands, then put them back to where they began."""
         self._place(self.qpos, self.qvel, self.act, self.command)
         for _ in range(min(round(_SETTLE_TIME / self.timestep), _MOST_SETTLE_STEPS)):
-            self.before(0.0, False)
+            close_loop(self.loop, 0.0, False)
             mujoco.mj_step(self.model, self.data)
         self.qpos, self.qvel, self.act = self.data.qpos.copy(), self.data.qvel.copy(), self.data.act.copy()
         self._centre()
@@ -261,10 +262,10 @@ class _Bench:
     def _place(self, qpos: Array, qvel: Array, act: Array, command: Array) -> None:
         self.data.qpos, self.data.qvel, self.data.act = qpos, qvel, act
         self.data.time = 0.0
-        self.before.state.command[:] = command
+        self.loop.state.memory.command[:] = command
 
     def _controlled(self, qpos: Array) -> Array:
-        x, fleet = np.empty((len(self.places), 3)), self.before.fleet
+        x, fleet = np.empty((len(self.places), 3)), self.loop.fleet
         for v in range(len(x)):
             body = fleet.bodies[v]
             controlled_position(fleet.kinds[body["kind"]], body, qpos, x[v])
@@ -275,7 +276,7 @@ class _Bench:
         qpos, *others = self._moved(differences)
         begin = self._controlled(qpos)
         self._place(qpos, *others)
-        self.before(0.0, False)
+        close_loop(self.loop, 0.0, False)
         mujoco.mj_step(self.model, self.data)
         dq = np.empty(self.model.nv)
         mujoco.mj_differentiatePos(self.model, dq, 1.0, self.qpos, self.data.qpos)

@@ -1,18 +1,12 @@
-"""The callback before every physics step: the law if it is due, then flow, drag, buoyancy and thrust.
+"""The loop on bodies: the law at its period, forces before each step, MuJoCo's step, and a look at what came out.
 
-An object of ours that writes into MuJoCo's arrays, not one of MuJoCo's global callbacks: those belong to the whole
-process, and slow down or break whatever else it simulates.
-
-What a run on bodies records of each sample, written inside the compiled loop into arrays allocated once.
-
-The loop: the law at its period, forces before each step, MuJoCo's step, and a look at what came out.
-
-The whole loop is compiled; mj_step is called through its C symbol, which frees it from the interpreter.
-
-A whole run on bodies: in one piece, or in pieces as they come.
+What happens before a step is a function of ours that writes into MuJoCo's arrays, not one of MuJoCo's global callbacks:
+those belong to the whole process, and slow down or break whatever else it simulates. The whole loop is compiled;
+mj_step is called through its C symbol, which frees it from the interpreter. Samples are recorded inside the loop, into
+arrays allocated once.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,15 +15,17 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
+from mjsheaf.control.controller import Controller, Law, controller_of, supplied
+from mjsheaf.control.law import ControlArrays, Memory, new_memory, sample
 from mjsheaf.dynamics.disturbance import evaluate_sines
 from mjsheaf.engine import mujoco
 from mjsheaf.errors import InputError, UnstableError, expected
 from mjsheaf.jit import kernel, part
 from mjsheaf.simulation.arena import Arena, compose
-from mjsheaf.simulation.autopilot import drive, pack_fleet
+from mjsheaf.simulation.autopilot import Fleet, drive, pack_fleet
 from mjsheaf.simulation.forces import measure, push, rotation, to_world, triple
-from mjsheaf.simulation.trajectory import Trajectory, blow_up_message
-from mjsheaf.system import ControlArrays, MediumArrays, System, velocity_commands
+from mjsheaf.simulation.trajectory import Log, Trajectory, blow_up_message, new_log, pieces_of
+from mjsheaf.system import MediumArrays, Phase, System, medium_velocity, phases_of
 from mjsheaf.vehicles.effects import embody
 from mjsheaf.vehicles.loading import load_vehicle
 from mjsheaf.vehicles.vehicle import Vehicle
@@ -38,21 +34,66 @@ Array = NDArray[np.float64]
 
 
 class LoopState(NamedTuple):
-    """Views of MuJoCo's arrays; x, residual, command (V, 3): where the law sees vehicles, eta, what it wants.
+    """Views of MuJoCo's arrays, and what the loop keeps beside them.
 
-    sines (V K,): of the disturbances, now.
+    Attributes:
+        qpos, qvel, qacc, ctrl, act, applied: MuJoCo's own; `applied` is qfrc_applied.
+        gear, gain, lag: of the actuators: actuator_gear, actuator_gainprm, actuator_actadr.
+        x: where the law sees the vehicles, padded, shape (V, 3), m.
+        memory: of the law.
+        sines: of the disturbances, now, shape (V K,).
     """
 
     qpos: Array
     qvel: Array
     qacc: Array
     ctrl: Array
-    gear: Array
+    act: Array
     applied: Array
+    gear: Array
+    gain: Array
+    lag: NDArray[np.int32]
     x: Array
-    residual: Array
-    command: Array
+    memory: Memory
     sines: Array
+
+
+class Loop(NamedTuple):
+    """The closed loop, for compiled code.
+
+    Attributes:
+        control, medium, fleet: what onboard computers know, what surrounds the vehicles, what the vehicles are.
+        state: what changes.
+        start: time of step 0, s.
+        timestep: s.
+        per_law, per_sample: physics steps between evaluations of the law, and between samples.
+        model, data: addresses of MuJoCo's own.
+    """
+
+    control: ControlArrays
+    medium: MediumArrays
+    fleet: Fleet
+    state: LoopState
+    start: float
+    timestep: float
+    per_law: int
+    per_sample: int
+    model: int
+    data: int
+
+
+class Recorder(NamedTuple):
+    """Where samples go.
+
+    Attributes:
+        log: T samples.
+        placed: where targets are put at each sample, shape (T, V - N, 3), m; (0, 0, 3) leaves them to their bodies.
+        written: how many samples are there, shape (1,).
+    """
+
+    log: Log
+    placed: Array
+    written: NDArray[np.int64]
 
 
 @kernel
@@ -68,139 +109,69 @@ def controlled_position(kind, body, qpos, x):
 
 
 @kernel
-def close_loop(control, medium, fleet, t, sample, state):
+def close_loop(loop, t, due):
     """All before a physics step: the law if it is due; then each vehicle measures, is pushed, and drives."""
-    kinds, bodies = fleet.kinds, fleet.bodies
-    if sample:
+    state, medium, kinds, bodies = loop.state, loop.medium, loop.fleet.kinds, loop.fleet.bodies
+    if due:
         for v in range(bodies.shape[0]):
             controlled_position(kinds[bodies[v].kind], bodies[v], state.qpos, state.x[v])
-        velocity_commands(control, t, state.x, state.residual, state.command)
+        sample(loop.control, t, state.x, state.memory)
     evaluate_sines(medium.harmonics, t, 0, bodies.shape[0], state.sines)
     q = state.qpos
     for v in range(bodies.shape[0]):
         body = bodies[v]
         kind, a, first = kinds[body.kind], body.qpos, body.actuator
-        thrusters = fleet.thrusters[kind.thruster : kind.thruster + kind.count]
+        thrusters = loop.fleet.thrusters[kind.thruster : kind.thruster + kind.count]
         ctrl = state.ctrl[first : first + kind.count]
         quaternion = (q[a + 3], q[a + 4], q[a + 5], q[a + 6])
         R = rotation(quaternion[0], quaternion[1], quaternion[2], quaternion[3])
         s, omega = measure(kind, body, medium, state.sines, v, q, state.qvel, R)
         push(kind, body, q, state.qvel, R, s, omega, state.applied)
-        drive(kind, thrusters, body.heading, triple(state.command[v]), R, quaternion, s, omega, ctrl)
+        drive(kind, thrusters, body.heading, triple(state.memory.command[v]), R, quaternion, s, omega, ctrl)
         for k in range(kind.count):
             gear, row = to_world(R, triple(thrusters[k].direction)), state.gear[first + k]
             row[0], row[1], row[2] = gear
 
 
-class BeforeStep:
-    """What happens before a physics step, as one callable.
-
-    Attributes:
-        control, medium: what onboard computers know, and what surrounds the vehicles.
-        fleet: what the vehicles are.
-        state: views of MuJoCo's arrays, and scratch; `state.command` holds the commanded velocities (V, 3) in m/s and
-            `state.residual` the disagreements (V, 3) in m of the last evaluation of the law.
-    """
-
-    def __init__(
-        self,
-        control: ControlArrays,
-        medium: MediumArrays,
-        arena: Arena,
-        data: mujoco.MjData,
-        heading: Array,
-        level: float,
-    ) -> None:
-        """Pack the vehicles of an arena, and take views of the arrays that are read and written.
-
-        Args:
-            control, medium: the same as the attributes.
-            arena, data: the vehicles and their state.
-            heading: that each vehicle holds, shape (V,), rad.
-            level: height of the water, m.
-        """
-        V = len(arena.vehicles)
-        self.control = control
-        self.medium = medium
-        self.fleet = pack_fleet(arena, heading, level)
-        self.state = LoopState(
-            qpos=data.qpos,
-            qvel=data.qvel,
-            qacc=data.qacc,
-            ctrl=data.ctrl,
-            gear=arena.model.actuator_gear,
-            applied=data.qfrc_applied,
-            x=np.zeros((V, 3)),
-            residual=np.zeros((V, 3)),
-            command=np.zeros((V, 3)),
-            sines=np.zeros(len(medium.harmonics.rate)),
-        )
-
-    def __call__(self, time: float, sample: bool) -> None:
-        """Write commands and applied forces for the present state; `sample` says whether the law is evaluated."""
-        close_loop(self.control, self.medium, self.fleet, time, sample, self.state)
-
-
-class Log(NamedTuple):
-    """Samples of a run, T of them, of which the first `written` are there.
-
-    positions (T, V, 3) m: where the law sees the vehicles; quaternions (T, V, 4); heights (T, V) m, of the bodies;
-    thrust (T, A): thruster commands; saturation (T, V): share of thrusters at a limit; placed (T, V - N, 3) m: where
-    targets are put at each sample, or (0, V - N, 3) to leave them to their bodies; written (1,).
-    """
-
-    positions: Array
-    quaternions: Array
-    heights: Array
-    thrust: Array
-    saturation: Array
-    placed: Array
-    written: NDArray[np.int64]
-
-
-def new_log(samples: int, vehicles: int, thrusters: int, placed: Array | None = None) -> Log:
-    """A log for so many samples; 0 samples record nothing."""
-    return Log(
-        positions=np.empty((samples, vehicles, 3)),
-        quaternions=np.empty((samples, vehicles, 4)),
-        heights=np.empty((samples, vehicles)),
-        thrust=np.empty((samples, thrusters)),
-        saturation=np.empty((samples, vehicles)),
-        placed=np.empty((0, 0, 3)) if placed is None else np.ascontiguousarray(placed),
-        written=np.zeros(1, dtype=np.int64),
-    )
-
-
-@part
-def place_targets(fleet, log, state):
-    """Put every target where the log wants its controlled position at this sample, with its attitude and speed."""
-    k, bodies = log.written[0], fleet.bodies
-    agents = bodies.shape[0] - log.placed.shape[1]
-    if k >= log.placed.shape[0]:
+@kernel
+def place_targets(fleet, recorder, state):
+    """Put every target where its controlled position is wanted at this sample, with its attitude and speed."""
+    k, bodies = recorder.written[0], fleet.bodies
+    agents = bodies.shape[0] - recorder.placed.shape[1]
+    if k >= recorder.placed.shape[0]:
         return
     for v in range(agents, bodies.shape[0]):
         x, body, kind = state.x[v], bodies[v], fleet.kinds[bodies[v].kind]
         controlled_position(kind, body, state.qpos, x)
         for i in range(2 if kind.planar else 3):
-            state.qpos[body.qpos + i] += log.placed[k, v - agents, i] - x[i]
+            state.qpos[body.qpos + i] += recorder.placed[k, v - agents, i] - x[i]
 
 
-@part
-def record(fleet, state, log):
+@kernel
+def record(loop, recorder):
     """Write the present state, and the commands just made for it, as the next sample."""
-    k = log.written[0]
-    log.written[0] = k + 1
+    fleet, state, log, k = loop.fleet, loop.state, recorder.log, recorder.written[0]
+    recorder.written[0] = k + 1
     for v in range(fleet.bodies.shape[0]):
         body = fleet.bodies[v]
-        kind, a = fleet.kinds[body.kind], body.qpos
-        controlled_position(kind, body, state.qpos, log.positions[k, v])
-        log.heights[k, v] = state.qpos[a + 2]
+        kind, a, d = fleet.kinds[body.kind], body.qpos, body.dof
+        x, y, z = state.qpos[a], state.qpos[a + 1], state.qpos[a + 2]
+        w = medium_velocity(loop.medium, state.sines, v, x, y, 0.0 if kind.planar else z)
+        for i in range(3):
+            log.positions[k, v, i] = state.x[v, i]
+            log.residual[k, v, i] = state.memory.residual[v, i]
+            log.command[k, v, i] = state.memory.command[v, i]
+            log.velocity[k, v, i] = state.qvel[d + i]
+            log.medium[k, v, i] = w[i]
+            log.origin[k, v, i] = state.qpos[a + i]
         for i in range(4):
             log.quaternions[k, v, i] = state.qpos[a + 3 + i]
         at_limit = 0
         for j in range(kind.count):
-            command, thruster = state.ctrl[body.actuator + j], fleet.thrusters[kind.thruster + j]
-            log.thrust[k, body.actuator + j] = command
+            n, thruster = body.actuator + j, fleet.thrusters[kind.thruster + j]
+            command = state.ctrl[n]
+            log.thruster_command[k, n] = command
+            log.thruster_output[k, n] = state.gain[n, 0] * (state.act[state.lag[n]] if state.lag[n] >= 0 else command)
             at_limit += command <= thruster.low or command >= thruster.high
         log.saturation[k, v] = at_limit / kind.count
 
@@ -210,6 +181,7 @@ for _library in Path(mujoco.__file__).parent.glob("libmujoco*"):
     llvmlite.binding.load_library_permanently(str(_library))
 _mj_step = types.ExternalFunction("mj_step", types.void(types.voidptr, types.voidptr))
 
+_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 _HUGE = 1e10  # beyond this MuJoCo calls a state bad (mjMAXVAL)
 _CHUNK = 200_000  # physics steps times vehicles in one compiled call, after which Ctrl-C is heard
 
@@ -259,34 +231,65 @@ def _owner(bodies, actuator):
 
 
 @kernel
-def _advance(control, medium, fleet, start, timestep, step, count, per_law, per_sample, state, model, data, log):
+def _advance(loop, step, count, recorder):
     """Take `count` steps from step number `step`; return how many were taken, and the vehicle that went bad or -1.
 
-    The law is evaluated every `per_law` steps. While the log has room, a sample is recorded every `per_sample` steps.
+    While the recorder has room, a sample is recorded every `loop.per_sample` steps.
     """
+    fleet, state = loop.fleet, loop.state
     for k in range(step, step + count):
-        sample = k % per_sample == 0 and log.written[0] < log.heights.shape[0]
-        if sample:
-            place_targets(fleet, log, state)
-        close_loop(control, medium, fleet, start + k * timestep, k % per_law == 0, state)
-        if sample:
-            record(fleet, state, log)
+        recorded = k % loop.per_sample == 0 and recorder.written[0] < recorder.log.positions.shape[0]
+        if recorded:
+            place_targets(fleet, recorder, state)
+        close_loop(loop, loop.start + k * loop.timestep, k % loop.per_law == 0)
+        if recorded:
+            record(loop, recorder)
         # MuJoCo sets all commands to zero where one is bad, and goes on: that would be another simulation.
         bad = _first_bad(state.ctrl)
         if bad >= 0:
             return k - step, _owner(fleet.bodies, bad)
-        _mj_step(model, data)
+        _mj_step(loop.model, loop.data)
         bad = _bad_vehicle(fleet.bodies, state)
         if bad >= 0:
             return k + 1 - step, bad
     return count, -1
 
 
+def new_loop(
+    arena: Arena, data: mujoco.MjData, control: ControlArrays, medium: MediumArrays, heading: Array, level: float
+) -> Loop:
+    """The loop about an arena, its times still open.
+
+    Args:
+        arena, data: the vehicles and their state.
+        control, medium: what onboard computers know, and what surrounds the vehicles.
+        heading: that each vehicle holds, shape (V,), rad.
+        level: height of the water, m.
+    """
+    V, model = len(arena.vehicles), arena.model
+    state = LoopState(
+        qpos=data.qpos,
+        qvel=data.qvel,
+        qacc=data.qacc,
+        ctrl=data.ctrl,
+        act=data.act,
+        applied=data.qfrc_applied,
+        gear=model.actuator_gear,
+        gain=model.actuator_gainprm,
+        lag=model.actuator_actadr,
+        x=np.zeros((V, 3)),
+        memory=new_memory(control.law, V),
+        sines=np.zeros(len(medium.harmonics.rate)),
+    )
+    fleet = pack_fleet(arena, heading, level)
+    return Loop(control, medium, fleet, state, 0.0, 0.0, 1, 1, model._address, data._address)
+
+
 class World:
     """A scenario on MuJoCo bodies, with the loop closed.
 
     Attributes:
-        system: the closed-loop system.
+        system: the closed-loop system; of a run with phases, that of the present one.
         arena: where each vehicle is in the model. By name: vehicle A1 has the free joint `A1/`, and everything that is
             its own (bodies, geoms, sites, actuators) has that prefix: `A1/thruster_left`. `actuators` gives the
             actuators of a vehicle by its id. Vehicles of one kind share the materials of the first.
@@ -296,31 +299,38 @@ class World:
             `vehicle.share`.
     """
 
-    def __init__(self, scenario: Any, *, visible: bool = True) -> None:
+    def __init__(self, scenario: Any, *, controller: Law | Controller | None = None, visible: bool = True) -> None:
         """Compose the arena and put every vehicle at its initial position and heading.
 
         Args:
-            scenario: a Scenario, or the System that one describes.
+            scenario: a Scenario, the System that one describes, or the phases of a run.
+            controller: a law in Python in place of the agents' own; see `mjsheaf.control.controller`.
             visible: False for a model without the geoms that are only to be seen: the same motion to the bit, sooner.
 
         Raises:
-            InputError: a vehicle is unknown, or does not fit the dimension of its agent or target.
+            InputError: a vehicle is unknown, or does not fit the dimension of its agent or target; or a law in Python
+                where the control period is 0.
         """
-        self.system: System = scenario if isinstance(scenario, System) else scenario.system()
+        self._phases = phases_of(scenario.system() if hasattr(scenario, "controller") else scenario)
+        self.system: System = self._phases[0].system
         self.arena = arena_of(self.system, visible=visible)
         self.model: mujoco.MjModel = self.arena.model
         self.data: mujoco.MjData = mujoco.MjData(self.model)
         plan, grid = self.system.bodies, self.system.grid
+        self._controller = controller_of(controller, self.system, getattr(scenario, "seed", 0))
         self._steps_per_sample = whole_ratio(grid.period, plan.timestep)
-        self._steps_per_law = 1 if grid.continuous else self._steps_per_sample
         # The timestep that divides a period exactly: sample times then agree with the ideal backend's.
         self._timestep = grid.period / self._steps_per_sample
         self.model.opt.timestep = self._timestep
-        self._before_step = BeforeStep(
-            self.system.control, self.system.medium, self.arena, self.data, plan.heading, plan.surface_height
+        loop = new_loop(self.arena, self.data, self._control(), self.system.medium, plan.heading, plan.surface_height)
+        self._loop = loop._replace(
+            start=grid.start,
+            timestep=self._timestep,
+            per_law=1 if grid.continuous else self._steps_per_sample,
+            per_sample=self._steps_per_sample,
         )
         self._chunk = max(1, min(4000, _CHUNK // len(self.arena.vehicles)))
-        self._no_log = new_log(0, len(self.arena.vehicles), self.model.nu)
+        self._unrecorded = self._recorder(0)
         self.reset()
 
     @property
@@ -337,6 +347,16 @@ class World:
     def steps_per_sample(self) -> int:
         """Physics steps between samples."""
         return self._steps_per_sample
+
+    @property
+    def command(self) -> Array:
+        """Velocities that the law asks for, of its last evaluation, shape (V, 3), m/s; written to at one's own risk."""
+        return self._loop.state.memory.command
+
+    @property
+    def disagreement(self) -> Array:
+        """eta of the agents, L_T p - c_T of the targets, at the law's last evaluation, shape (V, 3), m."""
+        return self._loop.state.memory.residual
 
     def reset(self) -> None:
         """Go back to the initial condition.
@@ -355,11 +375,50 @@ class World:
         trim = np.concatenate([vehicle.trim for vehicle in self.arena.vehicles])
         lags = np.flatnonzero(self.model.actuator_actadr >= 0)  # rotors turn before a multirotor is let go
         self.data.act[self.model.actuator_actadr[lags]] = trim[lags]
-        self.close_loop(sample=True)
+        self._enter_phase()
+        self._loop.state.memory.flat[:] = 0.0
+        if self._controller:  # it is called at the first step, and asks for nothing until then
+            self._controller.reset(self.system.team)
+        close_loop(self._loop, self.time, True)
         if _first_bad(self.data.ctrl) < 0:
             mujoco.mj_forward(self.model, self.data)
         else:  # MuJoCo would warn and take others; `step` raises
             mujoco.mj_fwdPosition(self.model, self.data)
+
+    def get_state(self) -> Array:
+        """All that decides how the run goes on: MuJoCo's state and the law's memory, as one array.
+
+        A law in Python keeps its own state, which is not in it.
+        """
+        state = np.empty(mujoco.mj_stateSize(self.model, _STATE))
+        mujoco.mj_getState(self.model, self.data, state, _STATE)
+        return np.concatenate([state, self._loop.state.memory.flat])
+
+    def set_state(self, state: Array) -> None:
+        """Go on from a state of `get_state`, to the bit as the world did from which it was taken.
+
+        Raises:
+            InputError: the state is of another size: it is not one of this scenario.
+        """
+        size = mujoco.mj_stateSize(self.model, _STATE)
+        values = np.ascontiguousarray(state, dtype=np.float64)
+        known = values.ndim == 1 and len(values) > size
+        if known:
+            before = self.get_state()
+            mujoco.mj_setState(self.model, self.data, values[:size], _STATE)
+            self._enter_phase()
+            known = len(values) == size + len(self._loop.state.memory.flat)
+            if not known:
+                mujoco.mj_setState(self.model, self.data, before[:size], _STATE)
+                self._enter_phase()
+                self._loop.state.memory.flat[:] = before[size:]
+        if not known:
+            raise InputError(
+                f"state has shape {values.shape}; expected ({size + len(self._loop.state.memory.flat)},), "
+                "as get_state gives it for this scenario"
+            )
+        self._loop.state.memory.flat[:] = values[size:]
+        mujoco.mj_fwdPosition(self.model, self.data)
 
     def close_loop(self, sample: bool | None = None) -> None:
         """Write commands and forces for the present state, without stepping.
@@ -370,9 +429,12 @@ class World:
         Args:
             sample: whether the law is evaluated; None evaluates it when its period is due.
         """
+        self._enter_phase()
         if sample is None:
-            sample = self._step % self._steps_per_law == 0
-        self._before_step(self.time, sample)
+            sample = self._step % self._loop.per_law == 0
+        if sample and self._controller:
+            self._consult(self._controller)
+        close_loop(self._loop, self.time, sample)
 
     def step(self, n: int = 1) -> None:
         """Take n physics steps with the loop closed.
@@ -380,74 +442,99 @@ class World:
         Raises:
             UnstableError: the state became bad; the message names vehicle, time and likely cause. `data` holds the
                 bad state.
+            InputError: a law in Python raised an exception, or asked for no velocity.
         """
         while n > 0:
-            n -= self._advance(min(n, self._chunk), self._no_log)
+            n -= self._advance(min(n, self._chunk), self._unrecorded)
 
-    def _advance(self, count: int, log: Log) -> int:
-        """Take `count` steps, recording samples where the log has room; return `count`."""
-        callback = self._before_step
-        _, bad = _advance(
-            callback.control,
-            callback.medium,
-            callback.fleet,
-            self.system.grid.start,
-            self._timestep,
-            self._step,
-            count,
-            self._steps_per_law,
-            self._steps_per_sample,
-            callback.state,
-            self.model._address,
-            self.data._address,
-            log,
-        )
+    def _advance(self, count: int, recorder: Recorder) -> int:
+        """Take up to `count` steps within one phase and, of a law in Python, one period; return how many."""
+        step, loop = self._step, self._enter_phase()
+        ahead = (phase.start * loop.per_sample - step for phase in self._phases)
+        count = min([count, *(steps for steps in ahead if steps > 0)])
+        if self._controller:
+            if step % loop.per_law == 0:
+                place_targets(loop.fleet, recorder, loop.state)
+                self._consult(self._controller)
+            count = min(count, loop.per_law - step % loop.per_law)
+        _, bad = _advance(loop, step, count, recorder)
         if bad >= 0:
             raise UnstableError(self._blow_up(bad))
         return count
 
+    def _enter_phase(self) -> Loop:
+        """The loop of the phase that the present step belongs to."""
+        sample = self._step // self._steps_per_sample
+        system = [phase.system for phase in self._phases if phase.start <= max(sample, 0)][-1]
+        if system is not self.system:
+            self.system = system
+            if self._controller:
+                self._controller.enter(system.team)
+            control, state = self._control(), self._loop.state
+            memory = new_memory(control.law, len(state.x))
+            memory.flat[len(memory.y) :] = state.memory.flat[len(state.memory.y) :]
+            self._loop = self._loop._replace(control=control, state=state._replace(memory=memory))
+        return self._loop
+
+    def _control(self) -> ControlArrays:
+        control = self.system.control
+        if self._controller:
+            control = control._replace(law=supplied(control.law, len(self.system.team.agents)))
+        return control
+
+    def _consult(self, controller: Controller) -> None:
+        """Let a law in Python say what it wants now."""
+        N, memory = len(self.system.team.agents), self._loop.state.memory
+        velocity = self.data.qvel[self.arena.dof[:N, None] + np.arange(3)]
+        attitude = self.quaternions()[:N]
+        controller.supply(self._loop.control.law, self.time, self.positions(), memory, velocity, attitude)
+
     def record(
         self, samples: int, targets: Array | None, progress: Callable[[int, int], None] | None
-    ) -> Iterator[tuple[Log, str]]:
-        """Take a sample now and after each period, up to the end of the system's time or of `targets`.
+    ) -> Iterator[Trajectory]:
+        """Take a sample now and after each period, up to the end of the run's time or of `targets`; in pieces.
 
         Args:
-            samples: how many to hand out at a time; the last piece has what is left.
-            targets: where the targets are put, as for `run_physics`.
+            samples: at most in each piece.
+            targets: where the targets are put, as for `stream_physics`.
             progress: called with (samples done, samples in all).
-
-        Yields:
-            A log, and what went wrong; empty where nothing did.
         """
-        of = self.system.grid.steps + 1 if targets is None else min(self.system.grid.steps + 1, len(targets))
-        for begin in range(0, of, samples):
-            end = min(begin + samples, of)
-            placed = None if targets is None else targets[begin:end]
-            log = new_log(end - begin, len(self.arena.vehicles), self.model.nu, placed)
-            left = (end - begin - (end == of)) * self._steps_per_sample
+        grid = self.system.grid
+        of = grid.steps + 1 if targets is None else min(grid.steps + 1, len(targets))
+        for system, begin, end in pieces_of(self._phases, samples, of):
+            recorder = self._recorder(end - begin, None if targets is None else targets[begin:end])
+            left, message = (end - begin - (end == of)) * self._steps_per_sample, ""
             try:
                 while left > 0:
-                    left -= self._advance(min(left, self._chunk), log)
+                    left -= self._advance(min(left, self._chunk), recorder)
                     if progress:
-                        progress(begin + int(log.written[0]) - 1, of - 1)
+                        progress(begin + int(recorder.written[0]) - 1, of - 1)
             except UnstableError as error:
-                yield log, str(error)
-                return
-            if end == of:
-                before = self._before_step
-                place_targets(before.fleet, log, before.state)
+                message = str(error)
+            if end == of and not message:
+                self._enter_phase()
+                place_targets(self._loop.fleet, recorder, self._loop.state)
                 self.close_loop(sample=True)
-                record(before.fleet, before.state, log)
+                record(self._loop, recorder)
                 if progress:
                     progress(of - 1, of - 1)
-            yield log, ""
+            done = int(recorder.written[0])
+            status = "unstable" if message else "finished"
+            yield Trajectory(system, grid.span(begin, begin + done), recorder.log.span(0, done), status, message)
+            if message:
+                return
+
+    def _recorder(self, T: int, placed: Array | None = None) -> Recorder:
+        """A place for T samples; 0 records nothing."""
+        log = new_log(T, len(self.arena.vehicles), actuators=self.model.nu)
+        none = np.empty((0, 0, 3))
+        return Recorder(log, none if placed is None else np.ascontiguousarray(placed), np.zeros(1, dtype=np.int64))
 
     def _blow_up(self, vehicle: int) -> str:
         at = self.arena.dof[vehicle]
         speed = float(np.linalg.norm(self.data.qvel[at : at + 3]))
         detail = f" (body '{self.arena.vehicles[vehicle].name}', speed {speed:.3g} m/s)"
-        period = self._timestep * self._steps_per_law
-        return blow_up_message(self.system, vehicle, self.time, period, detail)
+        return blow_up_message(self.system, vehicle, self.time, self._timestep * self._loop.per_law, detail)
 
     def actuators(self, id: str) -> NDArray[np.int64]:
         """Indices of a vehicle's actuators in `model` and in `data.ctrl`, in the order of `result.nc`'s thrusters.
@@ -468,7 +555,7 @@ class World:
 
     def positions(self) -> Array:
         """Controlled positions, padded: agents then targets, z = 0 for planar ones; shape (V, 3), m."""
-        x, fleet = np.empty((len(self.arena.vehicles), 3)), self._before_step.fleet
+        x, fleet = np.empty((len(self.arena.vehicles), 3)), self._loop.fleet
         for v in range(len(x)):
             body = fleet.bodies[v]
             controlled_position(fleet.kinds[body["kind"]], body, self.data.qpos, x[v])
@@ -545,43 +632,37 @@ def arena_of(system: System, colours: Array | None = None, visible: bool = True)
 
 
 def run_physics(
-    system: System, progress: Callable[[int, int], None] | None = None, targets: Array | None = None
+    run: System | Sequence[Phase],
+    progress: Callable[[int, int], None] | None = None,
+    targets: Array | None = None,
+    controller: Controller | None = None,
 ) -> Trajectory:
-    """Simulate a system on bodies.
-
-    Args:
-        system: the system.
-        progress: called with (samples done, samples in all).
-        targets: where the targets are at each sample, shape (T, V - N, 3), m, whatever their bodies would do; the run
-            ends with the last. None leaves them to their bodies.
+    """Simulate a system on bodies, in one piece; see `stream_physics`.
 
     Returns:
         The trajectory; its status is 'unstable' and it ends early where the simulation blows up.
     """
-    return next(stream_physics(system, system.grid.steps + 1, progress, targets))
+    return next(stream_physics(run, phases_of(run)[0].system.grid.steps + 1, progress, targets, controller))
 
 
 def stream_physics(
-    system: System,
+    run: System | Sequence[Phase],
     samples: int,
     progress: Callable[[int, int], None] | None = None,
     targets: Array | None = None,
+    controller: Controller | None = None,
 ) -> Iterator[Trajectory]:
-    """Simulate as `run_physics` does, and hand out so many samples at a time; the last piece has what is left.
+    """Simulate on bodies, and hand out pieces of at most so many samples.
 
-    A piece before the last has the status 'finished'.
+    Args:
+        run: the system, or phases of a run.
+        samples: in each piece; the last one, and the last of a phase, may have fewer.
+        progress: called with (samples done, samples in all).
+        targets: where the targets are at each sample, shape (T, V - N, 3), m, whatever their bodies would do; the run
+            ends with the last. None leaves them to their bodies.
+        controller: a law in Python in place of the agents' own.
+
+    Yields:
+        Pieces with the status 'finished', but for the last where the simulation blows up, which ends there.
     """
-    begin = 0
-    for log, message in World(system, visible=False).record(samples, targets, progress):
-        done = int(log.written[0])
-        yield Trajectory(
-            system.grid.span(begin, begin + done),
-            log.positions[:done],
-            "unstable" if message else "finished",
-            message,
-            log.quaternions[:done],
-            log.heights[:done],
-            log.thrust[:done],
-            log.saturation[:done],
-        )
-        begin += done
+    yield from World(run, controller=controller, visible=False).record(samples, targets, progress)

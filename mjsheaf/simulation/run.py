@@ -1,7 +1,7 @@
 """Simulating a scenario, or many at once: from what a person wrote to data."""
 
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from threading import Event
 from typing import TYPE_CHECKING
@@ -13,7 +13,8 @@ from mjsheaf.team import Team
 if TYPE_CHECKING:
     import xarray as xr
 
-    from mjsheaf.system import System
+    from mjsheaf.control.controller import Controller, Law
+    from mjsheaf.system import Phase, System
 
 BACKENDS = ("physics", "ideal")
 
@@ -22,6 +23,7 @@ def simulate(
     scenario: Scenario,
     backend: str = "physics",
     *,
+    controller: "Law | Controller | None" = None,
     allow_drift: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> "xr.Dataset":
@@ -30,6 +32,8 @@ def simulate(
     Args:
         scenario: from `load_scenario`.
         backend: 'physics' or 'ideal'.
+        controller: a law in Python in place of the agents' own, `law(t, sample)` -> velocities (N, 3), m/s, called once
+            a control period; see `mjsheaf.control.controller`.
         allow_drift: simulate a team whose harmonic extension is not unique too, against the q* of minimum norm; the
             result's attrs['free_directions'] then say what is free.
         progress: called now and then with (samples done, samples in all).
@@ -39,38 +43,46 @@ def simulate(
         'unstable', attrs['message'] says why, and the data end with the last good sample.
 
     Raises:
-        InputError: unknown backend, a vehicle that does not fit its agent, or a g that is not of full row rank.
+        InputError: unknown backend, a vehicle that does not fit its agent, or a g that is not of full row rank; or a
+            law in Python raised an exception or returned no velocities: the message names agent and time.
         NotUniqueError: the harmonic extension is not unique, and drift is not allowed.
     """
     system = scenario.system()
     require_simulable(system, backend, allow_drift=allow_drift)
-    return next(stream(system, backend, scenario.seed, progress, system.grid.steps + 1))
+    return next(stream(system, backend, scenario.seed, progress, system.grid.steps + 1, controller))
 
 
 def stream(
-    system: "System",
+    run: "System | Sequence[Phase]",
     backend: str,
     seed: int,
     progress: Callable[[int, int], None] | None = None,
     samples: int | None = None,
+    controller: "Law | Controller | None" = None,
 ) -> "Iterator[xr.Dataset]":
-    """Simulate a system and hand out its data in pieces, of which `simulate` returns the whole.
+    """Yield a run as consecutive Datasets (see `simulate`).
 
     Args:
-        system: what to simulate; must have passed `require_simulable`.
+        run: a system that has passed `require_simulable`, or phases whose systems have.
         backend: 'physics' or 'ideal'.
         seed: seed of the scenario.
         progress: called now and then with (samples done, samples in all).
-        samples: in each piece but the last; a few megabytes of them unless given.
+        samples: at most in each piece; a few megabytes of them unless given.
+        controller: a law in Python.
     """
+    from mjsheaf.control.controller import controller_of
     from mjsheaf.results import make_datasets
     from mjsheaf.simulation.trajectory import samples_in_piece
+    from mjsheaf.system import phases_of
 
     if backend == "ideal":
-        from mjsheaf.simulation.ideal import stream_ideal as run
+        from mjsheaf.simulation.ideal import stream_ideal as simulated
     else:
-        from mjsheaf.simulation.loop import stream_physics as run
-    return make_datasets(system, run(system, samples or samples_in_piece(system), progress), backend, seed)
+        from mjsheaf.simulation.loop import stream_physics as simulated
+    first = phases_of(run)[0].system
+    called = controller_of(controller, first, seed)
+    pieces = simulated(run, samples or samples_in_piece(first), progress, controller=called)
+    return make_datasets(pieces, backend, seed)
 
 
 def simulate_many(

@@ -1,11 +1,13 @@
 """What a backend returns, and what it says when a simulation blows up."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mjsheaf.system import System
+from mjsheaf.system import Phase, System
 
 Array = NDArray[np.float64]
 
@@ -17,29 +19,87 @@ def samples_in_piece(system: System) -> int:
     return max(16, min(2048, _PIECE // len(system.team.members)))
 
 
-@dataclass(frozen=True)
-class Trajectory:
-    """Samples of a run.
+class Log(NamedTuple):
+    """T samples of V vehicles, as they were in the loop; arrays that a backend does not fill have no samples.
 
     Attributes:
-        time: sample times, shape (T,), s.
-        positions: controlled positions, agents then targets, shape (T, V, 3), m.
-        status: 'finished' or 'unstable'.
-        message: what went wrong, where and when; empty where nothing did.
-        quaternions: attitudes of bodies, shape (T, V, 4), or None on ideal kinematics.
-        heights: z of every body, shape (T, V), m, or None.
-        thrust: thruster commands, shape (T, A), or None.
-        saturation: share of each vehicle's thrusters at a limit, shape (T, V), or None.
+        positions: where the law sees the vehicles, padded, shape (T, V, 3), m.
+        residual: eta of the agents, L_T p - c_T of the targets, padded, shape (T, V, 3), m.
+        command: commanded velocities relative to the medium, limited, shape (T, V, 3), m/s.
+        velocity: of the controlled state on ideal kinematics, of the body's origin on bodies, shape (T, V, 3), m/s.
+        medium: velocity of flow and disturbance about each vehicle, shape (T, V, 3), m/s.
+        inputs: u_i = g_i^+ command on ideal kinematics, shape (T, N, s).
+        origin: of bodies, shape (T, V, 3), m.
+        quaternions: attitudes of bodies (w, x, y, z), body to world, shape (T, V, 4).
+        thruster_command: of all actuators, shape (T, A).
+        thruster_output: what lags leave of it: the actuators' forces, shape (T, A).
+        saturation: share of each vehicle's thrusters at a limit, shape (T, V).
     """
 
-    time: Array
     positions: Array
+    residual: Array
+    command: Array
+    velocity: Array
+    medium: Array
+    inputs: Array
+    origin: Array
+    quaternions: Array
+    thruster_command: Array
+    thruster_output: Array
+    saturation: Array
+
+    def span(self, begin: int, end: int) -> "Log":
+        """Views of the samples from `begin` up to but without `end`."""
+        return Log(*(values[begin:end] for values in self))
+
+
+def new_log(T: int, V: int, *, inputs: tuple[int, int] | None = None, actuators: int | None = None) -> Log:
+    """A log for T samples of V vehicles, of ideal kinematics with `inputs` (N, s), or of bodies with `actuators`."""
+    ideal, bodies = T * (inputs is not None), T * (actuators is not None)
+    return Log(
+        positions=np.empty((T, V, 3)),
+        residual=np.empty((T, V, 3)),
+        command=np.empty((T, V, 3)),
+        velocity=np.empty((T, V, 3)),
+        medium=np.empty((T, V, 3)),
+        inputs=np.empty((ideal, *(inputs or (0, 0)))),
+        origin=np.empty((bodies, V, 3)),
+        quaternions=np.empty((bodies, V, 4)),
+        thruster_command=np.empty((bodies, actuators or 0)),
+        thruster_output=np.empty((bodies, actuators or 0)),
+        saturation=np.empty((bodies, V)),
+    )
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Samples of a run under one system.
+
+    Attributes:
+        system: the system; of a run with phases, that of the phase.
+        time: sample times, shape (T,), s.
+        log: the samples.
+        status: 'finished' or 'unstable'.
+        message: what went wrong, where and when; empty where nothing did.
+    """
+
+    system: System
+    time: Array
+    log: Log
     status: str
     message: str
-    quaternions: Array | None = None
-    heights: Array | None = None
-    thrust: Array | None = None
-    saturation: Array | None = None
+
+    @property
+    def positions(self) -> Array:
+        """Controlled positions, agents then targets, shape (T, V, 3), m."""
+        return self.log.positions
+
+
+def pieces_of(phases: Sequence[Phase], samples: int, end: int) -> Iterator[tuple[System, int, int]]:
+    """Cut a run into pieces of at most `samples` samples and one phase each: (system, first sample, end)."""
+    for phase, stop in zip(phases, [*(later.start for later in phases[1:]), end], strict=True):
+        for begin in range(phase.start, min(stop, end), samples):
+            yield phase.system, begin, min(begin + samples, stop, end)
 
 
 def blow_up_message(system: System, vehicle: int, time: float, law_period: float, detail: str = "") -> str:

@@ -224,14 +224,6 @@ class Team:
         """The sheaf of the targets alone, whose Laplacian drives their own formation."""
         return _sheaf_of(self.targets, self.target_edges)
 
-    def disagreement(self, x: Array) -> Array:
-        """eta = H q - B p - c for stacked states (q, p) of shape (..., n), stacked over agents, (..., n_q), m."""
-        problem = self.dirichlet
-        flat = x.reshape(-1, x.shape[-1]).T
-        n_q = problem.H.shape[0]
-        eta = problem.H @ flat[:n_q] - problem.B @ flat[n_q:] - problem.c[:, None]
-        return eta.T.reshape(*x.shape[:-1], n_q)
-
     def incident_edges(self, agent: str) -> list[Edge]:
         """The edges at an agent, in the order of the sheaf: all that it can measure."""
         return [e for e in self.communication + self.sensing + self.anchors if agent in (e.tail, e.head)]

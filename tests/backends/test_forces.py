@@ -245,7 +245,7 @@ def test_drag_is_taken_once(tau: float, period: float) -> None:
     scenario = {"agents": agents, "targets": [{"id": "T", "position": [1, 2, 3]}], "vehicles": {"tau": tau}}
     scenario |= {"sensing": [["A", "T"], ["B", "T"]], "physics": {"timestep": timestep}}
     world = World(make_scenario({**scenario, "controller": {"gain": 1.0, "control_period": steps * timestep}}))
-    fleet = world._before_step.fleet
+    fleet = world._loop.fleet
     for v, vehicle in enumerate(world.arena.vehicles):
         kind, damping = fleet.kinds[fleet.bodies[v]["kind"]], world.model.dof_damping[parts(world, v)[1]]
         assert (kind["implicit"], kind["explicit"]) == ((damping[0], 0.0) if damping.any() else (0.0, 1.0))
@@ -383,9 +383,8 @@ def test_limits_and_lag_of_the_file_survive_the_assembly(tmp_path: Path) -> None
     world.step(1000)
     np.testing.assert_allclose(np.abs(world.data.actuator_force[:4]), 30.0, rtol=1e-2)  # the limit, less the lag
     trajectory = run_physics(scenario.system())
-    assert trajectory.saturation is not None
-    np.testing.assert_array_equal(trajectory.saturation[:, 0], 1.0)
-    np.testing.assert_array_equal(trajectory.saturation[:, 1:], 0.0)
+    np.testing.assert_array_equal(trajectory.log.saturation[:, 0], 1.0)
+    np.testing.assert_array_equal(trajectory.log.saturation[:, 1:], 0.0)
 
 
 @pytest.mark.parametrize(

@@ -13,8 +13,9 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from mjsheaf import load_scenario, simulate
+from mjsheaf.results import make_dataset
 from mjsheaf.scenario import Scenario
-from mjsheaf.simulation.ideal import inputs, run_ideal
+from mjsheaf.simulation.ideal import run_ideal
 from mjsheaf.simulation.trajectory import Trajectory
 from mjsheaf.system import System
 from tests.builders import FACTS, FLOW, Simulated, make_scenario, medium, mixed_scenario, velocity_commands
@@ -205,7 +206,8 @@ def test_inputs_of_an_effectiveness_produce_the_commanded_velocity() -> None:
     trajectory = run(system)
     x, t = trajectory.positions, trajectory.time
     commands = np.array([velocity_commands(system, *state)[:3] for state in zip(t, x, strict=True)])
-    u = inputs(system, t, commands, x)
+    u = make_dataset(trajectory, "ideal", 0)["command"].values
+    np.testing.assert_allclose(trajectory.log.command[:, :3], commands, rtol=1e-12, atol=1e-12)
     assert u.shape == (len(t), 3, 5)
     np.testing.assert_array_equal(np.isnan(u[0]), [[0, 0, 0, 0, 1], [0, 0, 0, 1, 1], [0, 0, 0, 0, 0]])
     np.testing.assert_allclose(u[:, 1, :3], commands[:, 1], rtol=1e-14)

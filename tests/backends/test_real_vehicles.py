@@ -264,8 +264,7 @@ def test_the_hand_point_follows_a_target_while_the_hull_turns() -> None:
     apart = np.linalg.norm(run.positions[late, 0] - run.positions[late, 1], axis=1)
     theory = rate * radius / np.hypot(gain, rate)
     assert np.abs(apart / theory - 1).max() < 0.1
-    assert run.quaternions is not None
-    w, z = run.quaternions[late, 0, 0], run.quaternions[late, 0, 3]
+    w, z = run.log.quaternions[late, 0, 0], run.log.quaternions[late, 0, 3]
     turned = np.ptp(np.unwrap(2 * np.arctan2(z, w)))
     assert turned == pytest.approx(rate * (run.time[late][-1] - run.time[late][0]), rel=0.01)
     assert turned > 2 * np.pi

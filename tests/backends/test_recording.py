@@ -10,12 +10,16 @@ from mjsheaf import World
 from mjsheaf.simulation import loop as world
 from mjsheaf.simulation.ideal import run_ideal, stream_ideal
 from mjsheaf.simulation.loop import run_physics, stream_physics
+from mjsheaf.simulation.trajectory import Log
 from mjsheaf.system import System
 from tests.builders import mixed_scenario
 
 Array = NDArray[np.float64]
 
-RECORDED = ("positions", "quaternions", "heights", "thrust", "saturation")
+RECORDED = (
+    *("positions", "origin", "velocity", "command", "residual"),
+    *("quaternions", "thruster_command", "thruster_output", "saturation"),
+)
 
 
 def looked_at(system: System, targets: Array | None) -> dict[str, Array]:
@@ -30,11 +34,13 @@ def looked_at(system: System, targets: Array | None) -> dict[str, Array]:
                 at, n = body.arena.qpos[v], body.arena.vehicles[v].dimension
                 body.data.qpos[at : at + n] += shift[v - N, :n]
         body.close_loop(sample=True)
-        for name, value in zip(
-            RECORDED,
-            (body.positions(), body.quaternions(), body.heights(), body.data.ctrl.copy(), body.saturation()),
-            strict=True,
-        ):
+        velocity = body.data.qvel[body.arena.dof[:, None] + np.arange(3)]
+        origin = body.data.qpos[body.arena.qpos[:, None] + np.arange(3)]
+        lag = body.model.actuator_actadr
+        output = body.model.actuator_gainprm[:, 0] * np.where(lag < 0, body.data.ctrl, np.append(body.data.act, 0)[lag])
+        now = (body.positions(), origin, velocity, body.command.copy(), body.disagreement.copy())
+        thrust = body.quaternions(), body.data.ctrl.copy(), output, body.saturation()
+        for name, value in zip(RECORDED, (*now, *thrust), strict=True):
             seen[name].append(value)
         if k + 1 < samples:
             body.step(body.steps_per_sample)
@@ -56,7 +62,7 @@ def test_samples_are_those_of_the_world_looked_at(
     trajectory = run_physics(system, targets=targets)
     assert len(trajectory.time) == (16 if placed else 21)
     for name, expected in looked_at(system, targets).items():
-        np.testing.assert_array_equal(getattr(trajectory, name), expected, err_msg=name)
+        np.testing.assert_array_equal(getattr(trajectory.log, name), expected, err_msg=name)
     if placed:
         np.testing.assert_allclose(trajectory.positions[:, 3:], path, rtol=0, atol=1e-14)
 
@@ -72,9 +78,10 @@ def test_pieces_are_the_run(backend: Any, placed: bool, samples: int) -> None:
     whole = whole_run(system, targets=targets)
     pieces = list(stream(system, samples, targets=targets))
     assert [len(piece.time) for piece in pieces[:-1]] == [samples] * (len(pieces) - 1)
-    for name in ("time", "positions"):
-        together = np.concatenate([getattr(piece, name) for piece in pieces])
-        np.testing.assert_array_equal(together, getattr(whole, name), err_msg=name)
+    np.testing.assert_array_equal(np.concatenate([piece.time for piece in pieces]), whole.time)
+    for name in Log._fields:
+        together = np.concatenate([getattr(piece.log, name) for piece in pieces])
+        np.testing.assert_array_equal(together, getattr(whole.log, name), err_msg=name)
 
 
 def test_progress_ends_at_the_last_sample_and_may_stop_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -98,6 +105,6 @@ def test_a_blow_up_between_samples_keeps_the_samples_before_it() -> None:
     trajectory = run_physics(system)
     assert trajectory.status == "unstable"
     for name in RECORDED:
-        values = getattr(trajectory, name)
+        values = getattr(trajectory.log, name)
         assert len(values) == len(trajectory.time)
         assert np.isfinite(values).all(), name

@@ -145,8 +145,7 @@ def test_the_height_of_the_water_does_not_matter_in_the_plane() -> None:
     """A boat meets the flow at z = 0 of the plane that it is controlled in, wherever the scene puts the water."""
     low, high = (run_physics(mixed_scenario(time={"end": 0.3}, scene={"height": z}).system()) for z in (0.0, 30.0))
     np.testing.assert_allclose(high.positions, low.positions, rtol=0, atol=1e-11)
-    assert high.heights is not None
-    np.testing.assert_allclose(high.heights[:, [0, 4]], 30.0, atol=1e-9)
+    np.testing.assert_allclose(high.log.origin[..., 2][:, [0, 4]], 30.0, atol=1e-9)
 
 
 def test_forces_of_the_users_own_are_felt() -> None:
@@ -180,13 +179,9 @@ def test_thrusters_can_be_altered_and_the_trajectory_holds(tmp_path: Path) -> No
     agents = [a.model_dump(exclude_none=True) for a in scenario.agents]
     agents[0]["vehicle"] = altered(tmp_path, "hull", edit)
     one, other = run_physics(scenario.system()), run_physics(mixed_scenario(time={"end": 0.5}, agents=agents).system())
-    assert one.thrust is not None
-    assert other.thrust is not None
-    assert other.quaternions is not None
     np.testing.assert_allclose(other.positions, one.positions, rtol=0, atol=1e-9)
-    assert one.quaternions is not None
-    np.testing.assert_allclose(other.quaternions, one.quaternions, rtol=0, atol=1e-9)
-    assert np.abs(other.thrust[:, :4] - one.thrust[:, :4]).max() > 1000.0
+    np.testing.assert_allclose(other.log.quaternions, one.log.quaternions, rtol=0, atol=1e-9)
+    assert np.abs(other.log.thruster_command[:, :4] - one.log.thruster_command[:, :4]).max() > 1000.0
 
 
 # -- blow-up ---------------------------------------------------------------------------------------------------------

@@ -4,8 +4,11 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 import mjsheaf
+from mjsheaf.control import disagreement
+from mjsheaf.control.controller import Sample
 from mjsheaf.scenario import scenario_from_mapping
 
 _KICK = 1e-6  # m
@@ -28,16 +31,18 @@ def growth_rate(scenario: Mapping[str, Any], gain: float, *, settle: float, span
         span: how long it is watched, s; some periods of the slowest swing must fit into each window.
         seed: of the directions.
     """
-    world = mjsheaf.World(scenario_from_mapping(dict(scenario)), visible=False)
-    law, data, agents = world.system.law, world.data, len(world.system.team.agents)
-    per = world.steps_per_sample
-    world.step(round(settle / world.system.grid.period) * per)
-    x = world.positions().reshape(-1)
-    residual = np.array([law.value[a:b] @ x[law.column[a:b]] for a, b in zip(law.start, law.start[1:], strict=False)])
-    residual -= law.c
-    share = np.repeat(np.where(np.arange(len(law.gain)) < agents, law.gain / gain, 1.0), 3)
-    law.c[:] += residual * (1.0 - share)
-    law.gain[:agents] = gain
+    wanted: dict[str, Any] = {"gain": 0.0, "own": 0.0, "rest": 0.0}  # command = -own rest - gain (eta - rest)
+
+    def law(_: float, sample: Sample) -> NDArray[np.float64]:
+        return -wanted["own"] * wanted["rest"] - wanted["gain"] * (sample.disagreement - wanted["rest"])
+
+    system = scenario_from_mapping(dict(scenario)).system()
+    world = mjsheaf.World(system, controller=law, visible=False)
+    data, agents, per = world.data, len(system.team.agents), world.steps_per_sample
+    wanted["gain"] = system.gain
+    world.reset()
+    world.step(round(settle / system.grid.period) * per)
+    wanted |= {"gain": gain, "own": system.gain, "rest": disagreement(system.law, world.positions())[:agents]}
     rng = np.random.default_rng(seed)
     rest = world.positions()[:agents]
     for v in range(agents):

@@ -19,6 +19,7 @@ from mjsheaf.comparing.record import ItemRecord
 from mjsheaf.comparing.report import report_text
 from mjsheaf.comparing.ringing import ringing_of, usable_gain
 from mjsheaf.comparing.verdict import verdict_of
+from mjsheaf.control import disagreement
 from mjsheaf.results.metrics import evaluate_errors
 from mjsheaf.scenario import Scenario
 from mjsheaf.simulation.ideal import run_ideal
@@ -59,7 +60,7 @@ def test_agents_at_q_star_do_not_err_in_tracking() -> None:
     np.testing.assert_array_equal(placed[:, N:], run.positions[:, N:])
     found = evaluate_errors(system.team, placed)
     np.testing.assert_allclose(found.tracking, 0.0, atol=1e-9)
-    np.testing.assert_allclose(found.disagreement[..., :2], 0.0, atol=1e-9)
+    np.testing.assert_allclose(disagreement(system.law, placed)[:, : len(system.team.agents), :2], 0.0, atol=1e-9)
     assert formation_size(system) == pytest.approx(3.0)
 
 

@@ -135,14 +135,13 @@ def test_thrusters_of_stand_ins_have_their_own_names() -> None:
     )
     system = run.system()
     found = run_physics(system)
-    dataset = make_dataset(system, found, "physics", 0)
+    dataset = make_dataset(found, "physics", 0)
     names = [list(vehicle.thrusters) for vehicle in vehicles_of(system)]
-    assert found.thrust is not None
     first = 0
     for v, own in enumerate(names[:2]):
         here = dataset["thruster"].values[v]
         assert [name for name in here if name] == own
         np.testing.assert_array_equal(
-            dataset["command"].values[:, v, : len(own)], found.thrust[:, first : first + len(own)]
+            dataset["command"].values[:, v, : len(own)], found.log.thruster_command[:, first : first + len(own)]
         )
         first += len(own)

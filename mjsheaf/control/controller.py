@@ -1,0 +1,339 @@
+"""The door for laws in Python: one call a control period, in place of the agents' own law, on both backends.
+
+A law is a callable `law(t, sample)` that returns the agents' velocities relative to the medium, shape (N, 3), m/s; it
+may have a method `reset(team, rng)`, called before the first sample. `sample` holds what agents may know, and apart
+from that, named so, the truth. Targets, references, speed limits and recording are as for the compiled law.
+"""
+
+import importlib.util
+import inspect
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mjsheaf.control.law import LawArrays, Memory, observe
+from mjsheaf.errors import InputError, expected
+from mjsheaf.team import Edge, Team
+
+Array = NDArray[np.float64]
+_STREAM = 0x6C6177  # keeps a law's random numbers apart from others of the same seed
+Law = Callable[[float, "Sample"], ArrayLike]
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What no agent knows; for debugging.
+
+    Attributes:
+        positions: of agents, then targets, padded, shape (V, 3), m.
+        harmonic_extension: q*, padded, shape (N, 3), m.
+    """
+
+    positions: Array
+    harmonic_extension: Array
+
+
+class Sample:
+    """What N agents may know at a sample.
+
+    Attributes:
+        team: the team; `team.agent_ids` names the rows of arrays.
+        edges: those at which agents measure: communication, sensing, anchors.
+        measurements: y_e = F_head x_head - F_tail x_tail of each edge, in its stalk, m.
+        disagreement: eta, padded, shape (N, 3), m.
+        velocity: over ground, shape (N, 3), m/s: of bodies now, on ideal kinematics the mean since the sample before.
+        attitude: quaternions (w, x, y, z), body to world, shape (N, 4).
+    """
+
+    def __init__(self, door: "Controller", x: Array, memory: Memory, velocity: Array, attitude: Array) -> None:
+        team, N = door.team, len(door.team.agents)
+        self.team = team
+        self.edges = door.edges
+        self.measurements = [memory.y[place].copy() for place in door.places]
+        self.disagreement = memory.residual[:N].copy()
+        self.velocity, self.attitude = velocity, attitude
+        self._door, self._x = door, x.copy()
+
+    @cached_property
+    def truth(self) -> Truth:
+        """What no agent knows; for debugging."""
+        problem, x = self.team.dirichlet, self.team.pack(self._x)
+        return Truth(self._x, self.team.unpack(problem.extend(x[problem.H.shape[0] :])))
+
+    def exchange(self, values: ArrayLike) -> list[dict[str, Array]]:
+        """Let every agent send numbers to its neighbours: one round of communication, which is counted.
+
+        Args:
+            values: what each agent sends, shape (N, ...).
+
+        Returns:
+            For each agent what it receives, by the neighbour's id.
+        """
+        sent = np.array(values, dtype=np.float64)
+        if sent.shape[:1] != (len(self.team.agents),):
+            raise InputError(f"exchange: values have shape {sent.shape}; expected ({len(self.team.agents)}, ...)")
+        self._door.rounds += 1
+        self._door.messages += sum(map(len, self._door.neighbours))
+        return [{self.team.agent_ids[j]: sent[j].copy() for j in near} for near in self._door.neighbours]
+
+
+class Controller:
+    """A law in Python, called once a control period.
+
+    Attributes:
+        name: what messages call it.
+        team: the team that it controls now.
+        rounds, messages: of communication so far: calls of `exchange`, and what they sent from agent to agent.
+    """
+
+    def __init__(self, law: Law, name: str = "", seed: int = 0) -> None:
+        """Wrap a law; the seed is that of the random numbers which its `reset` is handed.
+
+        Raises:
+            InputError: it cannot be called.
+        """
+        if not callable(law):
+            raise InputError(f"controller: expected a callable law(t, sample), not {type(law).__name__}")
+        self.law = law
+        self.name = name or getattr(law, "__name__", type(law).__name__)
+        self.seed = seed
+        self.rounds = self.messages = 0
+
+    def reset(self, team: Team) -> None:
+        """Begin a run."""
+        self.rounds = self.messages = 0
+        self.enter(team)
+        reset = getattr(self.law, "reset", None)
+        if reset is not None:
+            rng = np.random.default_rng([self.seed, _STREAM])
+            self._guarded("reset", lambda: reset(team, rng))
+
+    def enter(self, team: Team) -> None:
+        """Control this team from here on: another phase has other edges."""
+        self.team = team
+        self.edges = (*team.communication, *team.sensing, *team.anchors)
+        kinds = (team.communication, team.sensing, team.target_edges, team.anchors)
+        ends = np.cumsum([0, *(len(e.b) for kind in kinds for e in kind)])
+        slices = [slice(begin, end) for begin, end in pairwise(ends)]
+        skipped = len(team.communication) + len(team.sensing)
+        self.places = slices[:skipped] + slices[skipped + len(team.target_edges) :]
+        number = {agent: i for i, agent in enumerate(team.agent_ids)}
+        near: list[dict[int, None]] = [{} for _ in number]
+        for e in team.communication:
+            near[number[e.tail]][number[e.head]] = near[number[e.head]][number[e.tail]] = None
+        self.neighbours = [list(js) for js in near]
+
+    def supply(self, law: LawArrays, t: float, x: Array, memory: Memory, velocity: Array, attitude: Array) -> None:
+        """Call the law at time t, s, for positions x (V, 3), m, and leave in the memory what it asks for.
+
+        Raises:
+            InputError: the law raised an exception, or did not return finite velocities of shape (N, 3).
+        """
+        N = len(self.team.agents)
+        observe(law, x, memory)
+        shown = Sample(self, x, memory, velocity, attitude)
+        wanted = self._guarded(f"t = {t:.6g} s", lambda: np.asarray(self.law(t, shown), dtype=np.float64))
+        if wanted.shape != (N, 3):
+            raise InputError(f"controller {self.name} at t = {t:.6g} s: returned shape {wanted.shape}; "
+                             f"expected ({N}, 3), a velocity in m/s for each agent")  # fmt: skip
+        if not np.isfinite(wanted).all():
+            i = int(np.flatnonzero(~np.isfinite(wanted).all(axis=1))[0])
+            raise InputError(f"controller {self.name} at t = {t:.6g} s: returned {wanted[i]} for "
+                             f"{self.team.agent_ids[i]}; expected finite velocities in m/s")  # fmt: skip
+        for i, agent in enumerate(self.team.agents):
+            memory.supplied[i, : agent.dimension] = wanted[i, : agent.dimension]
+
+    def _guarded(self, when: str, call: Callable[[], Any]) -> Any:
+        try:
+            return call()
+        except Exception as error:
+            who = f"{error.agent}, " if isinstance(error, _AgentError) else ""
+            cause = error.__cause__ if isinstance(error, _AgentError) and error.__cause__ else error
+            place = _place_of(cause)
+            raise InputError(
+                f"controller {self.name}: {who}{when}: {type(cause).__name__}: {' '.join(str(cause).split())}{place}"
+            ) from error
+
+
+def _place_of(error: BaseException) -> str:
+    """Where in the user's file an exception was raised."""
+    frame = error.__traceback__
+    while frame is not None and frame.tb_next is not None:
+        frame = frame.tb_next
+    return f" ({Path(frame.tb_frame.f_code.co_filename).name}, line {frame.tb_lineno})" if frame else ""
+
+
+def controller_of(law: "Law | Controller | None", system: Any, seed: int) -> "Controller | None":
+    """The controller of a run, where it has one.
+
+    Raises:
+        InputError: the control period is 0, so that there is no sample at which to call it.
+    """
+    if law is not None and system.grid.continuous:
+        raise InputError("controller.control_period is 0; expected a positive one with a law in Python, in s")
+    return law if law is None or isinstance(law, Controller) else Controller(law, seed=seed)
+
+
+def supplied(law: LawArrays, agents: int) -> LawArrays:
+    """The law of a team whose agents take their velocities from Python."""
+    return law._replace(supplied=agents)
+
+
+class _AgentError(Exception):
+    """One agent's law raised an exception, its cause."""
+
+    def __init__(self, agent: str) -> None:
+        self.agent = agent
+
+
+@dataclass(frozen=True)
+class LocalSample:
+    """What one agent may know at a sample.
+
+    Attributes:
+        measurements: y_e of each of the agent's edges, in the order of its `Agent.edges`, m.
+        disagreement: eta_i, padded, shape (3,), m.
+        velocity: over ground, shape (3,), m/s.
+        attitude: quaternion (w, x, y, z), body to world, shape (4,).
+    """
+
+    measurements: list[Array]
+    disagreement: Array
+    velocity: Array
+    attitude: Array
+
+
+@dataclass(frozen=True)
+class Agent:
+    """What one agent's law is made from.
+
+    Attributes:
+        id: of the agent.
+        dimension: of its state, 2 or 3.
+        edges: its own edges: communication, sensing, anchors.
+        rng: its own random numbers.
+    """
+
+    id: str
+    dimension: int
+    edges: tuple[Edge, ...]
+    rng: np.random.Generator
+
+
+class PerAgent:
+    """A law made of one object per agent, each handed its own edges only.
+
+    `make(agent)` returns agent i's law, called as `law(t, local)`; it returns the agent's velocity, shape (n_i,) or
+    (3,), m/s. A law that is a generator exchanges numbers with its neighbours: `received = yield values` sends `values`
+    and gets a dict of theirs, by id. Generators advance in rounds together: in a round all agents yield, or all return.
+    """
+
+    def __init__(self, make: Callable[[Agent], Callable[[float, LocalSample], Any]]) -> None:
+        self._make = make
+        self.__name__ = getattr(make, "__name__", type(make).__name__)
+
+    def reset(self, team: Team, rng: np.random.Generator) -> None:
+        """Make the agents' laws."""
+        edges = (*team.communication, *team.sensing, *team.anchors)
+        self._own = [[k for k, e in enumerate(edges) if a.id in (e.tail, e.head)] for a in team.agents]
+        self._laws = []
+        for agent, own, child in zip(team.agents, self._own, rng.spawn(len(team.agents)), strict=True):
+            with _naming(agent.id):
+                self._laws.append(self._make(Agent(agent.id, agent.dimension, tuple(edges[k] for k in own), child)))
+
+    def __call__(self, t: float, sample: Sample) -> Array:
+        """The velocities of all agents, shape (N, 3), m/s."""
+        ids, velocity = sample.team.agent_ids, np.zeros((len(self._laws), 3))
+        running: dict[int, Any] = {}
+        for i, law in enumerate(self._laws):
+            local = LocalSample(
+                [sample.measurements[k].copy() for k in self._own[i]],
+                sample.disagreement[i],
+                sample.velocity[i],
+                sample.attitude[i],
+            )
+            with _naming(ids[i]):
+                found = law(t, local)
+                if inspect.isgenerator(found):
+                    running[i] = found
+                else:
+                    _put(velocity[i], found)
+        received: list[Mapping[str, Array] | None] = [None] * len(ids)
+        while running:
+            sent: dict[int, Array] = {}
+            for i, law in list(running.items()):
+                with _naming(ids[i]):
+                    try:
+                        sent[i] = np.atleast_1d(np.asarray(law.send(received[i]), dtype=np.float64))
+                    except StopIteration as done:
+                        del running[i]
+                        _put(velocity[i], done.value)
+            if sent and len(sent) != len(ids):
+                silent = next(ids[i] for i in range(len(ids)) if i not in sent)
+                raise InputError(f"{silent} has no numbers for a round in which others exchange; all agents must yield")
+            if sent:
+                sizes = {values.shape for values in sent.values()}
+                if len(sizes) > 1:
+                    raise InputError(f"agents exchange values of unlike shapes {sorted(sizes)}")
+                received = list(sample.exchange(np.stack([sent[i] for i in range(len(ids))])))
+        return velocity
+
+
+def _put(row: Array, value: Any) -> None:
+    found = np.asarray(value, dtype=np.float64)
+    if found.ndim != 1 or len(found) not in (2, 3):
+        raise InputError(f"returned shape {found.shape}; expected (2,) or (3,), a velocity in m/s")
+    row[: len(found)] = found
+
+
+class _naming:  # noqa: N801
+    """Names the agent whose law raises."""
+
+    def __init__(self, agent: str) -> None:
+        self._agent = agent
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, _: Any, error: BaseException | None, __: Any) -> None:
+        if isinstance(error, Exception):
+            raise _AgentError(self._agent) from error
+
+
+def load_controller(source: str) -> Controller:
+    """The law FILE.py:NAME, a function, an object or a class that is made without arguments.
+
+    Raises:
+        InputError: there is no such file or name, or the file raises an exception.
+    """
+    file, colon, name = source.rpartition(":")
+    path = Path(file)
+    if not colon or not name.isidentifier() or path.suffix != ".py":
+        raise InputError(f"--controller {source!r}: expected FILE.py:NAME, for example mylaw.py:MyLaw")
+    if not path.is_file():
+        raise InputError(f"--controller {source}: there is no file {file}")
+    module_name = f"mjsheaf_controller_{path.stem}"
+    spec = importlib.util.spec_from_file_location(module_name, path)
+    assert spec is not None  # of a .py file
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[module_name] = module  # dataclasses and pickle look a class's module up
+    try:
+        spec.loader.exec_module(module)
+        if not hasattr(module, name):
+            public = [n for n, value in vars(module).items() if callable(value) and not n.startswith("_")]
+            raise InputError(f"there is no {name!r} in it; {expected(name, public)}")
+        law: Any = getattr(module, name)
+        return Controller(cast(Law, law() if inspect.isclass(law) else law), source)
+    except InputError as error:
+        raise InputError(f"--controller {source}: {error}") from None
+    except Exception as error:
+        why = f"{type(error).__name__}: {' '.join(str(error).split())}{_place_of(error)}"
+        raise InputError(f"--controller {source}: {why}") from error

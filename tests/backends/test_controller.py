@@ -1,0 +1,234 @@
+"""Laws in Python, on both backends: what they are shown, what comes of what they return, and what is said of errors.
+
+Oracles: the compiled law, the team's own maps, and laws written so that the answer is known.
+"""
+
+from collections.abc import Generator
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import mjsheaf
+from mjsheaf.control.controller import Agent, Controller, LocalSample, PerAgent, Sample, load_controller
+from mjsheaf.errors import InputError
+from tests.builders import mixed_scenario
+
+Array = NDArray[np.float64]
+BACKENDS = ("ideal", "physics")
+SHORT = {"time": {"end": 0.3}}
+
+
+class PaperLaw:
+    """-k1 eta_i of one agent, from its own measurements: the tail's and the head's share of each edge."""
+
+    def __init__(self, agent: Agent) -> None:
+        self.agent = agent
+
+    def __call__(self, t: float, local: LocalSample) -> Array:
+        eta = np.zeros(self.agent.dimension)
+        for e, y in zip(self.agent.edges, local.measurements, strict=True):
+            F, sign = (e.F_tail, -1.0) if e.tail == self.agent.id else (e.F_head, 1.0)
+            eta += sign * F.T @ e.weight @ (y + e.b)
+        return -10.0 * eta
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize(
+    "law", [lambda t, sample: -10.0 * sample.disagreement, PerAgent(PaperLaw)], ids=["team", "each"]
+)
+def test_the_papers_law_in_python_is_the_compiled_one(law: Any, backend: str) -> None:
+    scenario = mjsheaf.load_scenario("paper", {"time.end": 0.5 if backend == "physics" else 3.0})
+    own, ours = mjsheaf.simulate(scenario, backend, controller=law), mjsheaf.simulate(scenario, backend)
+    for name in ("agent_position", "target_position"):
+        np.testing.assert_allclose(own[name].values, ours[name].values, rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(own["disagreement"].dims, ours["disagreement"].dims)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_what_a_law_asks_for_is_recorded_and_carried_out(backend: str) -> None:
+    """A term that no metric knows is in result.nc: commands are what was executed, not what eta would give."""
+    scenario = mixed_scenario(**SHORT, controller={"gain": 1.0, "control_period": 0.01})
+    plain = mjsheaf.simulate(scenario, backend)
+    term = np.array([0.3, -0.2, 0.1])
+
+    def law(t: float, sample: Sample) -> Array:
+        return -sample.disagreement + term * np.cos(t)
+
+    found = mjsheaf.simulate(scenario, backend, controller=law)
+    time = found["time"].values
+    eta = found["disagreement_vector"].values
+    wanted = -eta + (term * np.cos(time)[:, None])[:, None, :]
+    np.testing.assert_allclose(found["velocity_command"].values, wanted, rtol=0, atol=1e-12, equal_nan=True)
+    if backend == "ideal":  # q' = command + flow + disturbance
+        moved = np.nan_to_num(found["agent_velocity"].values - found["agent_flow"].values)
+        np.testing.assert_allclose(moved, np.nan_to_num(wanted), rtol=0, atol=1e-12)
+    assert np.abs(np.nan_to_num(found["agent_position"] - plain["agent_position"])).max() > 0.01
+
+
+def test_a_change_of_the_compiled_law_is_in_the_data() -> None:
+    """The wanted value of an edge is changed for the loop alone: recorded eta and commands follow the loop."""
+    from dataclasses import replace
+
+    from mjsheaf.simulation.ideal import run_ideal
+    from mjsheaf.simulation.loop import run_physics
+
+    system = mixed_scenario(**SHORT).system()
+    edges = system.law.edges._replace(b=system.law.edges.b + 0.5)
+    changed = replace(system, law=system.law._replace(edges=edges))
+    for run in (run_ideal, run_physics):
+        log, agents = run(changed).log, len(system.team.agents)
+        x = system.team.pack(log.positions)
+        problem = system.team.dirichlet
+        n = problem.H.shape[0]
+        known = np.array([problem.H @ q[:n] - problem.B @ q[n:] - problem.c for q in x])
+        off = system.team.pack(log.residual)[:, :n] - known
+        assert np.abs(off).max() > 0.1
+        np.testing.assert_allclose(off, off[:1].repeat(len(off), axis=0), rtol=0, atol=1e-9)
+        np.testing.assert_allclose(
+            log.command[:, :agents], -system.gain * log.residual[:, :agents], rtol=1e-12, atol=1e-12
+        )
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_one_call_a_sample_and_what_it_is_shown(backend: str) -> None:
+    scenario = mixed_scenario(**SHORT)
+    seen: list[tuple[float, Sample]] = []
+
+    class Law:
+        def reset(self, team: Any, rng: np.random.Generator) -> None:
+            self.begun = getattr(self, "begun", 0) + 1
+            self.team, self.number = team, rng.random()
+
+        def __call__(self, t: float, sample: Sample) -> Array:
+            seen.append((t, sample))
+            return -sample.disagreement
+
+    law = Law()
+    found = mjsheaf.simulate(scenario, backend, controller=law)
+    np.testing.assert_allclose([t for t, _ in seen], found["time"].values, rtol=0, atol=1e-12)
+    assert law.begun == 1
+    team = scenario.system().team
+    positions = np.nan_to_num(np.concatenate([found["agent_position"], found["target_position"]], axis=1))
+    number = {m.id: v for v, m in enumerate(team.members)}
+    for k in (0, 7, 30):
+        sample = seen[k][1]
+        np.testing.assert_array_equal(sample.truth.positions, positions[k])
+        q_star = np.nan_to_num(found["harmonic_extension"].values[k])
+        np.testing.assert_allclose(sample.truth.harmonic_extension, q_star, atol=1e-9)
+        assert len(sample.edges) == len(sample.measurements) == len(team.communication) + len(team.sensing)
+        for e, y in zip(sample.edges, sample.measurements, strict=True):
+            tail, head = positions[k, number[e.tail]], positions[k, number[e.head]]
+            expected = e.F_head @ head[: e.F_head.shape[1]] - e.F_tail @ tail[: e.F_tail.shape[1]]
+            np.testing.assert_allclose(y, expected, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(np.linalg.norm(sample.attitude, axis=1), 1.0, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(sample.disagreement, np.nan_to_num(found["disagreement_vector"].values[k]))
+    if backend == "physics":
+        np.testing.assert_array_equal(seen[7][1].velocity, found["agent_velocity"].values[7])
+    else:
+        shift = (positions[7] - positions[6])[: len(team.agents)] / scenario.controller.control_period
+        np.testing.assert_allclose(seen[7][1].velocity, shift, rtol=0, atol=1e-9)
+    first = law.number
+    mjsheaf.simulate(scenario, backend, controller=law)
+    assert law.number == first  # the seed's
+    mjsheaf.simulate(scenario.model_copy(update={"seed": 1}), backend, controller=law)
+    assert law.number != first
+
+
+def test_exchange_reaches_neighbours_alone_and_is_counted() -> None:
+    """Repeated averaging over the communication graph, by agents that yield: its limit is the mean of a component."""
+    scenario = mixed_scenario(**SHORT)
+    team = scenario.system().team
+    received: list[set[str]] = []
+
+    class Averaging:
+        def __init__(self, agent: Agent) -> None:
+            self.agent = agent
+            self.near = {e.head if e.tail == agent.id else e.tail for e in agent.edges} & set(team.agent_ids)
+
+        def __call__(self, t: float, local: LocalSample) -> Generator[Any, Any, Array]:
+            value = float(team.agent_ids.index(self.agent.id))
+            for _ in range(40):
+                theirs = yield [value]
+                assert set(theirs) == self.near
+                value += 0.25 * sum(float(x[0]) - value for x in theirs.values())
+            received.append(self.near)
+            return np.full(self.agent.dimension, 1e-3 * value)
+
+    door = Controller(PerAgent(Averaging))
+    found = mjsheaf.simulate(scenario, "ideal", controller=door)
+    samples = found.sizes["time"]
+    assert door.rounds == 40 * samples
+    pairs = {frozenset((e.tail, e.head)) for e in team.communication}
+    assert door.messages == 2 * len(pairs) * 40 * samples
+    command = found["velocity_command"].values[0, :, 0]
+    laplacian = np.zeros((len(team.agents),) * 2)
+    for i, j in (sorted(pair) for pair in pairs):
+        a, b = team.agent_ids.index(i), team.agent_ids.index(j)
+        laplacian[[a, b], [a, b]] += 1.0
+        laplacian[[a, b], [b, a]] -= 1.0
+    step = np.linalg.matrix_power(np.eye(len(team.agents)) - 0.25 * laplacian, 40)
+    np.testing.assert_allclose(command, 1e-3 * step @ np.arange(len(team.agents)), rtol=1e-12)
+
+
+def test_targets_keep_their_own_law() -> None:
+    scenario = mjsheaf.load_scenario("paper", {"time.end": 1.0})
+    still = mjsheaf.simulate(scenario, "ideal", controller=lambda t, sample: np.zeros((13, 3)))
+    ours = mjsheaf.simulate(scenario, "ideal")
+    np.testing.assert_array_equal(still["target_position"].values, ours["target_position"].values)
+
+
+class Failing:
+    """Raises for one agent at one time."""
+
+    def __init__(self, agent: Agent) -> None:
+        self.id = agent.id
+
+    def __call__(self, t: float, local: LocalSample) -> Array:
+        if self.id == "front" and t > 0.1:
+            raise ZeroDivisionError("by nothing")
+        return np.zeros(2)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize(
+    ("law", "said"),
+    [
+        (PerAgent(Failing), ["front", "t = 0.11", "ZeroDivisionError", "by nothing", "test_controller.py"]),
+        (lambda t, sample: np.zeros((2, 3)), ["t = 0 s", "(2, 3)", "(3, 3)"]),
+        (lambda t, sample: np.full((3, 3), np.nan), ["t = 0 s", "boat", "nan"]),
+        (lambda t, sample: sample.nothing, ["t = 0 s", "AttributeError"]),
+        (lambda t, sample: sample.exchange([1.0]), ["t = 0 s", "(1,)"]),
+    ],
+)
+def test_errors_name_agent_and_time(law: Any, said: list[str], backend: str) -> None:
+    with pytest.raises(InputError) as error:
+        mjsheaf.simulate(mixed_scenario(**SHORT), backend, controller=law)
+    assert all(part in str(error.value) for part in said), str(error.value)
+
+
+def test_a_law_in_python_needs_samples() -> None:
+    scenario = mixed_scenario(controller={"gain": 1.0, "control_period": 0.0})
+    for backend in BACKENDS:
+        with pytest.raises(InputError, match=r"controller\.control_period"):
+            mjsheaf.simulate(scenario, backend, controller=lambda t, sample: -sample.disagreement)
+    with pytest.raises(InputError, match="controller"):
+        mjsheaf.simulate(mixed_scenario(**SHORT), "ideal", controller=3)  # type: ignore[arg-type]
+
+
+def test_loading_a_law_from_a_file(tmp_path: Any) -> None:
+    (tmp_path / "mine.py").write_text(
+        "class Mine:\n    def __call__(self, t, sample):\n        return -sample.disagreement\n"
+    )
+    (tmp_path / "broken.py").write_text("x = 1\nraise ValueError('oh no')\n")
+    assert type(load_controller(f"{tmp_path}/mine.py:Mine").law).__name__ == "Mine"
+    for source, said in (
+        ("mine.py:Mine", "no file"),
+        (f"{tmp_path}/mine.py", "FILE.py:NAME"),
+        (f"{tmp_path}/mine.py:mine", "did you mean Mine"),
+        (f"{tmp_path}/broken.py:Law", "ValueError: oh no (broken.py, line 2)"),
+    ):
+        with pytest.raises(InputError) as error:
+            load_controller(source)
+        assert said in str(error.value)
