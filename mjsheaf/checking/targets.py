@@ -436,7 +436,7 @@ def _integrate(system: System, share: float, tolerance: float, margin: float | N
     control, medium, x = _targets_alone(system)
     M, stride, between, grid = len(x), _stride(system), _between(system), system.grid
     period = grid.period / between
-    times: Array = grid.start + period * np.arange(grid.steps * between + 1)
+    times = np.asarray(grid.start + period * np.arange(grid.steps * between + 1), dtype=np.float64)
     samples = np.empty(((len(times) - 1) // stride + 1, M, 3))
     samples[0] = x
     place, bound, blocks, total = np.array([0.0, 0.0, period]), _step(M), [], 0
