@@ -55,7 +55,7 @@ def film_of(scenario: Scenario, dataset: xr.Dataset, system: "System | None" = N
     """
     from mjsheaf.simulation.loop import arena_of
 
-    system = scenario.system() if system is None else system
+    system = scenario.system if system is None else system
     team = system.team
     group, names = group_of_vehicles(team)
     colours = palette(len(team.formations))

@@ -20,6 +20,7 @@ from scipy.stats import ortho_group
 
 from mjsheaf import Sheaf, World
 from mjsheaf.dynamics import disturbance
+from mjsheaf.dynamics.flow import Channel, FlowField, Source, Vortex
 from mjsheaf.dynamics.motion import add_reference
 from mjsheaf.scenario import Scenario, scenario_from_mapping
 from mjsheaf.studies import Plan, load_plan
@@ -574,3 +575,26 @@ def approx(value: float | None, rel: float | None = None, abs: float | None = No
     """As pytest's, of what must be there."""
     assert value is not None
     return pytest.approx(value, rel=rel, abs=abs)
+
+
+def field_of(
+    n: Any, core: float | None = None, drift: Any = None, sources: Any = (), vortices: Any = (), channels: Any = ()
+) -> FlowField:
+    """A field in n dimensions from rows: (centre, alpha); (centre, axis in space, gamma); (centre, direction, ...)."""
+    return FlowField(
+        dimension=n,
+        core=core,
+        drift=drift,
+        sources=[Source(centre=row[:n], alpha=row[n]) for row in sources],
+        vortices=[Vortex(centre=row[:n], axis=list(row[n:-1]) or None, gamma=row[-1]) for row in vortices],
+        channels=[
+            Channel(centre=row[:n], direction=row[n:-3], beta=row[-3], width=row[-2], length=row[-1])
+            for row in channels
+        ],
+    )
+
+
+def of_facts(facts: dict[str, Any]) -> FlowField:
+    """A field of the published run."""
+    channels = [[*centre, *direction, *rest] for centre, direction, *rest in facts["gaussian_channels"]]
+    return field_of(facts["dimension"], facts["core"], facts["drift"], facts["sources"], facts["vortices"], channels)

@@ -12,7 +12,6 @@ from mjsheaf.checking.constants import Constants, Region, tube_guessed
 from mjsheaf.checking.record import Finite, Record
 from mjsheaf.dynamics.bounds import singular_points
 from mjsheaf.dynamics.effectiveness import is_rank_deficient
-from mjsheaf.simulation.loop import vehicles_of
 from mjsheaf.system import System
 from mjsheaf.team import Edge, Team
 
@@ -110,7 +109,7 @@ def _full_row_rank(effectiveness: list[_Effectiveness]) -> Assumption:
 
 def _effectiveness(system: System) -> list[_Effectiveness]:
     """The g that the scenario gives for the ideal backend; for agents without one, that of the reduced model."""
-    vehicles = dict(zip(system.bodies.vehicle, vehicles_of(system), strict=True))
+    vehicles = dict(zip(system.bodies.vehicle, system.vehicles, strict=True))
     given, agents = system.effectiveness.given, system.team.agents
     found = [
         _Effectiveness(a.id, np.linalg.svd(system.effectiveness.W[i, : a.dimension], compute_uv=False), "", "")

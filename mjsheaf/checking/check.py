@@ -137,7 +137,7 @@ def check(
         InputError: rate or radius is not positive, rho is no bound, or a vehicle does not fit its agent.
     """
     own = None if rho is None else as_rho(rho)
-    return examine(scenario.system(), rate=rate, radius=radius, rho=own).record.model_dump(mode="json")
+    return examine(scenario.system, rate=rate, radius=radius, rho=own).record.model_dump(mode="json")
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ from mjsheaf.checking.record import Finite, Record
 from mjsheaf.control import disagreement
 from mjsheaf.errors import InputError
 from mjsheaf.simulation.linear import LinearVehicle, Station, linearise
-from mjsheaf.simulation.loop import vehicles_of, whole_ratio
+from mjsheaf.simulation.loop import whole_ratio
 from mjsheaf.system import System
 from mjsheaf.threads import one_thread
 from mjsheaf.vehicles.effects import capability_of, of_each
@@ -155,7 +155,7 @@ class Margins(Record):
 def margins(system: System, certificate: Certificate) -> Margins:
     """All margins of a system."""
     spectrum, path, difference = certificate.spectrum, certificate.region.path, certificate.constants.difference
-    agents = vehicles_of(system)[: len(system.team.agents)]
+    agents = system.vehicles[: len(system.team.agents)]
     inertia = body_margin(system, spectrum, of_each(agents, lambda vehicle: float(vehicle.reduced_model().tau.max())))
     medium = mean_medium(system, path.time, path.q_star) if path.cells else np.full((len(agents), 3), np.nan)
     loop = body_loop(system, spectrum, medium)
@@ -347,7 +347,7 @@ def _models(system: System, medium: Array, timestep: float, steps: int) -> list[
     span = system.grid.period * system.grid.steps
     stations: dict[tuple[int, bytes], Station] = {}
     keys = []
-    for i, vehicle in enumerate(vehicles_of(system)[: len(agents)]):
+    for i, vehicle in enumerate(system.vehicles[: len(agents)]):
         speed = float(np.linalg.norm(medium[i]))
         if speed > system.law.limit[i]:
             raise _UndecidedError(

@@ -35,7 +35,7 @@ from mjsheaf.comparing.ringing import Ringing, ringing_of, usable_gain
 from mjsheaf.comparing.verdict import budget_of, verdict_of
 from mjsheaf.results.metrics import evaluate_errors
 from mjsheaf.scenario import Scenario
-from mjsheaf.simulation.run import require_full_row_rank, require_unique
+from mjsheaf.simulation.run import require_simulable
 from mjsheaf.system import System
 
 Progress = Callable[[str, int, int], None]
@@ -69,9 +69,8 @@ def compare(scenario: Scenario, progress: Progress | None = None) -> Comparison:
         NotUniqueError: the harmonic extension is not unique.
     """
     begun = time.perf_counter()
-    system = scenario.system()
-    require_full_row_rank(system)
-    require_unique(system.team)
+    system = scenario.system
+    require_simulable(system, "physics")
     ladder = ladder_of(system)
     runs = climb(system, ladder, progress)
     grid = system.grid
@@ -102,7 +101,7 @@ def compare(scenario: Scenario, progress: Progress | None = None) -> Comparison:
         "demands": [d for key in ("ideal", "all") for d in _demands(system, runs[key], middle)],
         "fastest": [
             records.FastestRecord(moves_in=_DOMAIN[f.dimension], vehicle=f.vehicle, speed_m_s=f.speed)
-            for f in fastest_vehicles()
+            for f in fastest_vehicles(system)
         ],
     }
     draft = records.CompareRecord(**parts, verdict=[], wall_time_s=time.perf_counter() - begun, video=None)
@@ -142,8 +141,7 @@ def _loop(system: System, ideal: Run) -> records.LoopRecord | None:
     """The loop of the scenario's bodies in the mean flow along the ideal run."""
     if not ideal.finished:
         return None
-    n_q = system.team.dirichlet.H.shape[0]
-    path = system.team.pack(positions_at_q_star(system, ideal.trajectory.positions))[:, :n_q]
+    path, _ = system.team.split(positions_at_q_star(system, ideal.trajectory.positions))
     found = body_loop(system, spectrum_of(system.team), mean_medium(system, ideal.trajectory.time, path))
     return records.LoopRecord(stable=found.stable, largest_gain=found.largest_gain, reason=found.reason)
 

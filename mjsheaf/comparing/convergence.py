@@ -6,10 +6,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mjsheaf.comparing.ladder import inertial_tau
-from mjsheaf.comparing.measures import distance_between
+from mjsheaf.comparing.measures import distance_between, positions_at_q_star
 from mjsheaf.simulation.ideal import run_ideal
-from mjsheaf.simulation.loop import run_physics, vehicles_of
-from mjsheaf.system import Effects, System
+from mjsheaf.simulation.loop import run_physics
+from mjsheaf.system import System
+from mjsheaf.vehicles.effects import Effects
 
 _COUNT, _RATIO = 4, 2.0
 _SHARE_OF_OWN, _SHARE_OF_LAW = 0.5, 0.25
@@ -69,7 +70,7 @@ def converge(system: System, progress: Callable[[str, int, int], None] | None = 
         progress: called with ('converging', runs done, runs in all).
     """
     system = _at_rest_in_place(_with_inertia(system, None))
-    grid, own = system.grid, min(float(inertial_tau(v).min()) for v in vehicles_of(system))
+    grid, own = system.grid, min(float(inertial_tau(v).min()) for v in system.vehicles)
     fastest = system.gain * system.largest_eigenvalue
     largest = min(_SHARE_OF_OWN * own, _SHARE_OF_LAW / fastest if fastest > 0.0 else np.inf)
     start = grid.start + _JUMP * largest
@@ -100,11 +101,7 @@ def converge(system: System, progress: Callable[[str, int, int], None] | None = 
 
 def _at_rest_in_place(system: System) -> System:
     """The system with its agents at q*."""
-    problem, team = system.team.dirichlet, system.team
-    initial = system.initial.copy()
-    targets = team.pack(system.initial)[problem.H.shape[0] :]
-    initial[: len(team.agents)] = team.unpack(problem.extend(targets[None])[0])
-    return replace(system, initial=initial)
+    return replace(system, initial=positions_at_q_star(system, system.initial))
 
 
 def _with_inertia(system: System, tau: float | None) -> System:

@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 
 from mjsheaf.comparing.ladder import Run, climb, ladder_of
 from mjsheaf.comparing.measures import late
-from mjsheaf.simulation.loop import vehicles_of
 from mjsheaf.system import System
 from mjsheaf.vehicles.effects import capability_of
-from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
+from mjsheaf.vehicles.loading import list_vehicles
 
 Array = NDArray[np.float64]
 
@@ -76,7 +75,7 @@ def demands_of(system: System, time: Array, commands: Array, start: float) -> li
     if not chosen.size:
         return []
     speed = np.linalg.norm(commands[chosen], axis=2)
-    vehicles, members, N = vehicles_of(system), system.team.members, len(system.team.agents)
+    vehicles, members, N = system.vehicles, system.team.members, len(system.team.agents)
     kinds = dict.fromkeys(("agents" if v < N else "targets", system.bodies.vehicle[v]) for v in range(len(members)))
     found = []
     for role, name in kinds:
@@ -100,9 +99,9 @@ def demands_of(system: System, time: Array, commands: Array, start: float) -> li
     return found
 
 
-def fastest_vehicles() -> list[Fastest]:
-    """The fastest real vehicle of mjsheaf on the surface, then in the air."""
-    able = {name: load_vehicle(name) for name in list_vehicles()}
+def fastest_vehicles(system: System) -> list[Fastest]:
+    """The fastest real vehicle of mjsheaf on the surface, then in the air; a system has some of them already."""
+    able = {name: system.described_vehicle(name) for name in list_vehicles()}
     found = []
     for dimension in (2, 3):
         speeds = {n: capability_of(v).least_speed for n, v in able.items() if v.dimension == dimension}

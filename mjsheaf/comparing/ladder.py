@@ -37,11 +37,10 @@ from mjsheaf.comparing.measures import Series, series_of
 from mjsheaf.results import make_dataset, summarize
 from mjsheaf.results.metrics import evaluate_errors
 from mjsheaf.simulation.ideal import run_ideal
-from mjsheaf.simulation.loop import run_physics, vehicles_of
+from mjsheaf.simulation.loop import run_physics
 from mjsheaf.simulation.trajectory import Trajectory
-from mjsheaf.system import Effects, System
-from mjsheaf.vehicles.effects import has_effects
-from mjsheaf.vehicles.loading import load_vehicle
+from mjsheaf.system import System
+from mjsheaf.vehicles.effects import Effects, has_effects
 from mjsheaf.vehicles.vehicle import Vehicle
 
 Array = NDArray[np.float64]
@@ -88,7 +87,7 @@ class Setup:
         """The same with one effect switched."""
         if effect == CONTACTS:
             return replace(self, contacts=on)
-        return replace(self, effects=replace(self.effects, **{effect: on}))
+        return replace(self, effects=self.effects.model_copy(update={effect: on}))
 
 
 @dataclass(frozen=True)
@@ -121,7 +120,7 @@ def effects_of(system: System, names: Iterable[str] | None = None) -> list[str]:
     """
     plan = system.bodies
     names = dict.fromkeys(plan.vehicle if names is None else names)
-    vehicles = [load_vehicle(name).with_time_constant(plan.time_constant) for name in names]
+    vehicles = [system.described_vehicle(name).with_time_constant(plan.time_constant) for name in names]
     found: set[str] = set()
     for vehicle in vehicles:
         own = has_effects(vehicle)
@@ -135,7 +134,7 @@ def effects_of(system: System, names: Iterable[str] | None = None) -> list[str]:
 def ladder_of(system: System) -> list[Rung]:
     """The rungs of a scenario, from ideal to all, then what is left without each effect."""
     plan = system.bodies
-    off = replace(plan.effects, **dict.fromkeys(_OF_VEHICLES, False))
+    off = plan.effects.model_copy(update=dict.fromkeys(_OF_VEHICLES, False))
     base = Setup(agents=True, targets=True, effects=off, contacts=False)
     whole = Setup(agents=True, targets=True, effects=plan.effects, contacts=plan.contacts)
     effects = effects_of(system)
@@ -249,5 +248,5 @@ def _measured(rung: Rung, system: System, trajectory: Trajectory) -> Run:
         trajectory=trajectory,
         series=series_of(system, evaluate_errors(system.team, trajectory.positions)),
         final=summarize(system.team, make_dataset(last, "ideal", 0)),
-        thrusters=[len(vehicle.thrusters) for vehicle in vehicles_of(system)],
+        thrusters=[len(vehicle.thrusters) for vehicle in system.vehicles],
     )

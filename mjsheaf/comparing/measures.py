@@ -49,25 +49,24 @@ class Distance:
 
 def series_of(system: System, errors: Errors) -> dict[str, Series]:
     """Errors over time by scope: the team first, then its groups."""
-    number = {a: i for i, a in enumerate(system.team.agent_ids)}
 
     def tracking(members: list[int]) -> Array:
         return np.sqrt((errors.tracking[:, members] ** 2).mean(axis=1))
 
-    found = {TEAM: Series(tracking(list(number.values())), errors.formation_rms(), errors.largest_centering())}
+    found = {
+        TEAM: Series(tracking(list(range(len(system.team.agents)))), errors.formation_rms(), errors.largest_centering())
+    }
     for f in system.team.formations:
         found[f.name] = Series(
-            tracking([number[m] for m in f.members]), errors.formation_rms(f.name), errors.centering[f.name]
+            tracking([system.team.index[m] for m in f.members]), errors.formation_rms(f.name), errors.centering[f.name]
         )
     return found
 
 
 def positions_at_q_star(system: System, positions: Array) -> Array:
-    """The positions (T, V, 3) of a run with its agents where the harmonic extension of its targets wants them, m."""
-    team, N = system.team, len(system.team.agents)
-    targets = team.pack(positions)[:, team.dirichlet.H.shape[0] :]
+    """Positions (..., V, 3) with the agents where the harmonic extension of its targets wants them, m."""
     placed = positions.copy()
-    placed[:, :N] = team.unpack(team.dirichlet.extend(targets))
+    placed[..., : len(system.team.agents), :] = system.team.harmonic_extension(positions)
     return placed
 
 

@@ -20,10 +20,11 @@ from scipy import linalg
 
 from mjsheaf.checking.margins import LARGEST_SECOND_ORDER
 from mjsheaf.comparing.ladder import effects_of, inertial_tau
+from mjsheaf.comparing.measures import positions_at_q_star
 from mjsheaf.dynamics import FlowField
-from mjsheaf.simulation.loop import run_physics, vehicles_of
-from mjsheaf.system import Effects, System
-from mjsheaf.vehicles.effects import capability_of, of_each
+from mjsheaf.simulation.loop import run_physics
+from mjsheaf.system import System
+from mjsheaf.vehicles.effects import Effects, capability_of, of_each
 from mjsheaf.vehicles.vehicle import Vehicle
 
 Array = NDArray[np.float64]
@@ -129,7 +130,7 @@ def second_order(system: System) -> Array:
     """
     H = system.team.dirichlet.H.toarray()
     blocks = []
-    for v, (agent, vehicle) in enumerate(zip(system.team.agents, vehicles_of(system), strict=False)):
+    for v, (agent, vehicle) in enumerate(zip(system.team.agents, system.vehicles, strict=False)):
         c, s = np.cos(system.bodies.heading[v]), np.sin(system.bodies.heading[v])
         R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])[: agent.dimension, : agent.dimension]
         blocks.append(R / inertial_tau(vehicle) @ R.T)
@@ -198,9 +199,9 @@ def _still(system: System, mode: Mode) -> System:
         pull=np.zeros(V), amplitude=np.zeros((V, 3)), path=np.zeros((V, 2), dtype=np.int64)
     )
     gain = np.where(np.arange(V) < N, system.law.gain, 0.0)
-    q_star = team.unpack(team.dirichlet.extend(team.pack(system.initial)[None, team.dirichlet.H.shape[0] :])[0])
+    q_star = team.harmonic_extension(system.initial)
     asked = system.gain * np.linalg.norm(team.unpack(team.dirichlet.H @ mode.displacement), axis=1)
-    able = of_each(vehicles_of(system)[:N], _ability)
+    able = of_each(system.vehicles[:N], _ability)
     able = np.minimum(able, system.law.limit[:N])
     amplitude = min(_LARGEST_DISPLACEMENT, float((_SHARE_OF_ABILITY * able / np.maximum(asked, 1e-300)).min()))
     initial = system.initial.copy()
@@ -216,7 +217,7 @@ def _still(system: System, mode: Mode) -> System:
         law=system.law._replace(gain=gain),
         motion=nothing,
         harmonics=np.zeros_like(system.harmonics),
-        flows=[FlowField(3)],
+        flows=[FlowField(dimension=3)],
         field=np.zeros(V, dtype=np.int64),
     )
 
@@ -232,10 +233,10 @@ def _variants(system: System, effects: Effects) -> list[tuple[str, Effects]]:
     agents = system.bodies.vehicle[: len(system.team.agents)]
     present, found = effects_of(system, agents), [("as it stands", effects)]
     if "lag" in present:
-        effects = replace(effects, lag=False)
+        effects = effects.model_copy(update={"lag": False})
         found.append(("without lag", effects))
     if "underactuation" in present:
-        effects = replace(effects, underactuation=False)
+        effects = effects.model_copy(update={"underactuation": False})
         found.append(("without lag and underactuation" if "lag" in present else "without underactuation", effects))
     return found
 
@@ -243,20 +244,18 @@ def _variants(system: System, effects: Effects) -> list[tuple[str, Effects]]:
 def _release(system: System, mode: Mode, label: str) -> Release:
     """Let the agents go; where a thruster meets a limit, again from half as far."""
     team, N = system.team, len(system.team.agents)
-    problem = team.dirichlet
-    n = problem.H.shape[0]
     targets = np.broadcast_to(system.initial[N:], (system.grid.steps + 1, len(team.targets), 3)).copy()
-    q_star = problem.extend(team.pack(system.initial)[None, n:])[0]
-    offset = system.initial[:N] - team.unpack(q_star)
+    settled = positions_at_q_star(system, system.initial)
+    offset = system.initial[:N] - settled[:N]
     for attempt in range(_TRIES):
         initial = system.initial.copy()
-        initial[:N] = team.unpack(q_star) + offset / 2.0**attempt
+        initial[:N] = settled[:N] + offset / 2.0**attempt
         here = replace(system, initial=initial)
         run = run_physics(here, targets=targets)
         saturated = float(run.log.saturation[:, :N].mean())
         if saturated == 0.0 or run.status != "finished":
             break
-    e = team.pack(run.positions)[:, :n] - q_star
+    e = team.split(run.positions)[0] - team.split(settled)[0]
     amplitude = float(np.linalg.norm(offset, axis=1).max()) / 2.0**attempt
     damping, frequency = None, None
     if run.status == "finished":
@@ -317,7 +316,7 @@ def usable_gain(system: System, ringing: Ringing | None) -> float | None:
         damping, frequency = ringing.mode.damping, ringing.mode.frequency
         measured = ringing.releases[0].damping
     else:
-        slowest = max(float(inertial_tau(v).max()) for v in vehicles_of(system)[: len(system.team.agents)])
+        slowest = max(float(inertial_tau(v).max()) for v in system.vehicles[: len(system.team.agents)])
         frequency = sqrt(system.gain * stiffest / slowest)
         damping = 0.5 / (frequency * slowest)
     period = 0.0 if system.grid.continuous else system.grid.period

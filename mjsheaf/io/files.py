@@ -30,24 +30,28 @@ _AT_FDCWD, _RENAME_EXCHANGE = -100, 2  # of Linux: fcntl.h, linux/fs.h
 
 
 @contextmanager
-def whole_file(path: Path) -> Iterator[Path]:
+def whole_file(path: Path, *, tidy: bool = True) -> Iterator[Path]:
     """Yield the place of a new, empty file that takes the place of `path` when the block ends without an exception.
+
+    Args:
+        path: of the file.
+        tidy: whether to remove first what killed processes have left of it, which reads the whole directory.
 
     Raises:
         OSError: it cannot be written; nothing is left, and what was there before still is.
     """
-    with _part(path, directory=False) as part:
+    with _part(path, directory=False, tidy=tidy) as part:
         yield part
         part.replace(path)
 
 
-def write_whole(path: Path, content: bytes) -> None:
-    """Write a file whole or not at all.
+def write_whole(path: Path, content: bytes, *, tidy: bool = True) -> None:
+    """Write a file whole or not at all; see `whole_file`.
 
     Raises:
         OSError: it cannot be written.
     """
-    with whole_file(path) as part:
+    with whole_file(path, tidy=tidy) as part:
         part.write_bytes(content)
 
 
@@ -104,9 +108,10 @@ def _restore(old: Path, path: Path) -> None:
 
 
 @contextmanager
-def _part(path: Path, *, directory: bool) -> Iterator[Path]:
+def _part(path: Path, *, directory: bool, tidy: bool = True) -> Iterator[Path]:
     """A new file or directory beside a path, locked; what is left of it at the end is removed."""
-    remove_stale(path)
+    if tidy:
+        remove_stale(path)
     affixes = f".{path.name}.", ".part"
     while True:
         if directory:

@@ -157,9 +157,7 @@ def _attributes(system: System, backend: str, seed: int) -> dict[str, Any]:
 
 def _thrusters(system: System) -> list[list[str]]:
     """Names of every vehicle's thrusters, those of stand-ins where underactuation is off; length V."""
-    from mjsheaf.simulation.loop import vehicles_of
-
-    return [list(vehicle.thrusters) for vehicle in vehicles_of(system)]
+    return [list(vehicle.thrusters) for vehicle in system.vehicles]
 
 
 def _add_body_data(variables: dict[str, Variable], coordinates: dict[str, Variable], system: System, log: Log) -> None:

@@ -8,10 +8,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from mjsheaf.errors import MjsheafError
+from mjsheaf.errors import NotUniqueError, RankError
 from mjsheaf.results.metrics import MEASURES, check_expectation, summarize
 from mjsheaf.scenario import Scenario
-from mjsheaf.simulation.run import require_full_row_rank, require_unique, require_vehicles, simulate
+from mjsheaf.simulation.run import simulate
 
 BACKEND_ORDER = ("ideal", "physics")
 """As they stand in an `expect:` block."""
@@ -53,16 +53,12 @@ def try_scenario(scenario: Scenario, backend: str, *, progress: Callable[[int, i
     Raises:
         InputError: the scenario cannot be simulated for any other reason, such as a vehicle that does not fit.
     """
-    system = scenario.system()
-    require_vehicles(system)
     try:
-        require_full_row_rank(system)
-        require_unique(system.team)
-    except MjsheafError as error:
+        dataset = simulate(scenario, backend, progress=progress)
+    except (NotUniqueError, RankError) as error:
         return _refused(scenario, backend, str(error))
-    dataset = simulate(scenario, backend, progress=progress)
     status = dataset.attrs["status"]
-    final = summarize(system.team, dataset)
+    final = summarize(scenario.team, dataset)
     checks = check_expectation(scenario.expect, backend, status, final)["checks"]
     return Trial(backend, status, dataset.attrs["message"], {name: final[name] for name in MEASURES}, checks)
 

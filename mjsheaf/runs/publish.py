@@ -13,7 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mjsheaf.errors import MjsheafError
-from mjsheaf.io.yaml import LARGEST, dump_yaml
+from mjsheaf.io.section import LARGEST
+from mjsheaf.io.yaml import dump_yaml
 from mjsheaf.results.store import CHECKSUMS, VEHICLES, write_checksums
 from mjsheaf.scenario import Scenario
 from mjsheaf.simulation.run import require_simulable, stream
@@ -154,7 +155,7 @@ def execute(
     from mjsheaf.results.store import RESULT_DIGEST, digest, replaced_run, save_summary
     from mjsheaf.team.null_modes import describe_null_modes
 
-    system = scenario.system()
+    system = scenario.system
     require_simulable(system, backend, allow_drift=allow_drift)
 
     def report(what: str) -> Callable[[int, int], None]:

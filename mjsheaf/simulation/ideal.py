@@ -176,8 +176,10 @@ def take_step(follow, run, t, h, x, first, last):
 
 @part
 def _advance(follow, run, t, x, first, last):
-    """Integrate the vehicles from first to last over one period, in place; False where the solution blows up."""
-    slope_of(follow, run, t, x, first, last, run.slope[0])
+    """Integrate the vehicles from first to last over one period, in place; False where the solution blows up.
+
+    run.slope[0] holds x' at t.
+    """
     period = run.period
     step = _first_step(follow, run, t, x, first, last)
     done, rejected, steps = 0.0, False, 0
@@ -208,20 +210,26 @@ def _advance(follow, run, t, x, first, last):
 
 @part
 def _record(run, t, x, k, log):
-    """Write sample k at time t: positions x (V, 3), and what the law has just made of them."""
-    medium, effectiveness, memory, out = run.medium, run.effectiveness, run.memory, run.slope[0]
-    slope_of(None, run, t, x, 0, x.shape[0], out)
+    """Write sample k at time t: positions x (V, 3), commands just made, and x', kept in run.slope[0]."""
+    medium, memory, slope = run.medium, run.memory, run.slope[0]
+    evaluate_sines(medium.harmonics, t, 0, x.shape[0], run.sines)
     for v in range(x.shape[0]):
         w = medium_velocity(medium, run.sines, v, x[v, 0], x[v, 1], x[v, 2])
         for i in range(3):
+            slope[v, i] = memory.command[v, i]
+        if v < medium.agents:
+            if run.effectiveness.given[v]:
+                allocate(run.effectiveness, v, x[v], t, slope[v], log.inputs[k, v])
+            else:
+                for i in range(3):
+                    log.inputs[k, v, i] = memory.command[v, i]
+        for i in range(3):
+            slope[v, i] += w[i]
             log.positions[k, v, i] = x[v, i]
             log.residual[k, v, i] = memory.residual[v, i]
             log.command[k, v, i] = memory.command[v, i]
-            log.velocity[k, v, i] = out[v, i]
+            log.velocity[k, v, i] = slope[v, i]
             log.medium[k, v, i] = w[i]
-            out[v, i] = memory.command[v, i]
-        if v < medium.agents:
-            allocate(effectiveness, v, x[v], t, out[v], log.inputs[k, v])
 
 
 @kernel

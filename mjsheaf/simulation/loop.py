@@ -26,9 +26,6 @@ from mjsheaf.simulation.autopilot import Fleet, drive, pack_fleet
 from mjsheaf.simulation.forces import measure, push, rotation, to_world, triple
 from mjsheaf.simulation.trajectory import Log, Trajectory, blow_up_message, new_log, pieces_of
 from mjsheaf.system import MediumArrays, Phase, System, medium_velocity, phases_of
-from mjsheaf.vehicles.effects import embody
-from mjsheaf.vehicles.loading import load_vehicle
-from mjsheaf.vehicles.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 
@@ -311,7 +308,7 @@ class World:
             InputError: a vehicle is unknown, or does not fit the dimension of its agent or target; or a law in Python
                 where the control period is 0.
         """
-        self._phases = phases_of(scenario.system() if hasattr(scenario, "controller") else scenario)
+        self._phases = phases_of(scenario.system if hasattr(scenario, "controller") else scenario)
         self.system: System = self._phases[0].system
         self.arena = arena_of(self.system, visible=visible)
         self.model: mujoco.MjModel = self.arena.model
@@ -592,35 +589,11 @@ def whole_ratio(period: float, timestep: float) -> int:
     return round(ratio)
 
 
-def vehicles_of(system: System) -> list[Vehicle]:
-    """The vehicle of every agent and target, in order.
-
-    Raises:
-        InputError: a vehicle is unknown, its files are not valid, or it does not fit the dimension of its agent or
-            target; the message begins with the field.
-    """
-    plan, loaded, vehicles = system.bodies, {}, []
-    for v, (member, name) in enumerate(zip(system.team.members, plan.vehicle, strict=True)):
-        field = f"{'agents' if v < len(system.team.agents) else 'targets'}.{member.id}.vehicle"
-        try:
-            if name not in loaded:
-                loaded[name] = embody(load_vehicle(name).with_time_constant(plan.time_constant), plan.effects)
-        except InputError as error:
-            raise InputError(f"{field}: {error}") from None
-        if loaded[name].dimension != member.dimension:
-            raise InputError(
-                f"{field}: {name!r} moves in {loaded[name].dimension} dimensions, but {member.id} has "
-                f"{member.dimension}; see mjsheaf list --vehicles"
-            )
-        vehicles.append(loaded[name])
-    return vehicles
-
-
 def arena_of(system: System, colours: Array | None = None, visible: bool = True) -> Arena:
     """Compose the arena of a system; colours (V, 3) paint the vehicles, and they need not be visible."""
     plan = system.bodies
     return compose(
-        vehicles_of(system),
+        system.vehicles,
         [m.id for m in system.team.members],
         timestep=plan.timestep,
         contacts=plan.contacts,

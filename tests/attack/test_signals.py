@@ -92,7 +92,7 @@ def test_a_directory_is_replaced_in_one_step_or_put_back(
 OBEYING = """
 import os, signal, sys, time
 from mjsheaf.cli import listing, main
-def work(of_check):
+def work(what):
     try:
         os.kill(os.getpid(), {first})
         time.sleep(60)
@@ -100,7 +100,7 @@ def work(of_check):
         for _ in range(20):
             os.kill(os.getpid(), {second})
         print("cleaned")
-listing.schema_command = work
+listing.schema_of = work
 main(["schema"])
 """
 

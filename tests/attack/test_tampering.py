@@ -66,7 +66,7 @@ def films(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
         return 1
 
     monkeypatch.setattr("mjsheaf.video.draw_video", read)
-    monkeypatch.setattr("mjsheaf.cli.video.available_backend", lambda: ("egl", ""))
+    monkeypatch.setattr("mjsheaf.video.available_backend", lambda: ("egl", ""))
     return drawn
 
 
@@ -112,9 +112,9 @@ FUZZ = """
 import random, shutil, sys
 from pathlib import Path
 from tests.attack.test_tampering import DAMAGES
-import mjsheaf.video, mjsheaf.cli.video
+import mjsheaf.video
 mjsheaf.video.draw_video = lambda film, *_: film.loaded() and 1
-mjsheaf.cli.video.available_backend = lambda: ("egl", "")
+mjsheaf.video.available_backend = lambda: ("egl", "")
 run, choose = Path(sys.argv[1]), random.Random(sys.argv[2])
 data = (run / "result.nc").read_bytes()
 for k in range(int(sys.argv[3])):

@@ -12,8 +12,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from mjsheaf.system import Effects
-from mjsheaf.vehicles.effects import embody, has_effects
+from mjsheaf.vehicles.effects import Effects, embody, has_effects
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 from mjsheaf.vehicles.vehicle import Vehicle
 from tests.builders import BOATS, MULTIROTORS, REAL, alone, ask, attitude, body, place, yaw_of

@@ -94,7 +94,7 @@ def judge(raw: dict[str, Any], truth: Truth | None = None) -> Judgement:
     result = mjsheaf.simulate(scenario, "ideal")
     after = None
     if result.attrs["status"] == "finished":
-        after = _claim_of_run(bound_of_run(scenario.system(), result), truth)
+        after = _claim_of_run(bound_of_run(scenario.system, result), truth)
     return Judgement(
         before=claim_of_check(record, truth),
         after=after,
@@ -135,7 +135,7 @@ def _ratio(truth: Truth, bound: Array) -> float:
 def _path_error(scenario: mjsheaf.Scenario, truth: Truth) -> float | None:
     if truth.status != "finished":
         return None
-    system = scenario.system()
+    system = scenario.system
     path = follow_targets(system)
     start, end = float(system.grid.samples[0]), float(system.grid.samples[-1])
     if path.warning or path.time[-1] < end - 1e-9 * (end - start):

@@ -127,7 +127,7 @@ def test_random_teams_keep_their_certificates_at_the_same_gain(capsys: pytest.Ca
         raw = random_scenario(seed)
         raw["controller"] = {**raw["controller"], "gain": _baseline()["random_gains"][seed]}
         scenario = scenario_from_mapping(raw)
-        run = bound_of_run(scenario.system(), mjsheaf.simulate(scenario, "ideal"))
+        run = bound_of_run(scenario.system, mjsheaf.simulate(scenario, "ideal"))
         if not run.applies or run.approximate:
             refused.append(f"{seed}: {run.reason}")
         elif run.ratio is None or run.ratio > BROKEN:
@@ -194,7 +194,7 @@ def test_the_oracles_flow_is_the_packages(dimension: int) -> None:
         "flow": {"agents": {"dimension": dimension, **kernels}},
     }
     loop, _, _ = oracle.loop_of(raw)
-    field = scenario_from_mapping(raw).system().flow_of(0)
+    field = scenario_from_mapping(raw).system.flow_of(0)
     assert isinstance(field, FlowField)
     w = np.zeros(3)
     for x in rng.uniform(-3, 3, (50, 3)):
@@ -244,7 +244,7 @@ def test_the_oracles_references_pass_through_their_points_with_their_velocities(
 def test_the_oracle_agrees_with_the_ideal_backend(seed: int) -> None:
     raw = adversarial_scenario(seed)
     truth = oracle.solve(raw)
-    system = scenario_from_mapping(raw).system()
+    system = scenario_from_mapping(raw).system
     run = run_ideal(system)
     assert truth.status == run.status == "finished"
     N = len(raw["agents"])
@@ -275,4 +275,4 @@ def test_scenarios_are_functions_of_their_seed_and_legal() -> None:
     for seed in range(2 * len(FAMILIES)):
         raw = adversarial_scenario(seed)
         assert json.dumps(raw) == json.dumps(adversarial_scenario(seed))
-        assert scenario_from_mapping(raw).system().team.dirichlet.unique
+        assert scenario_from_mapping(raw).system.team.dirichlet.unique

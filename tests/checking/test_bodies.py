@@ -66,7 +66,7 @@ def loop_of(scenario: dict[str, Any], gain: float | None = None, drift: list[flo
 
 def system_of(scenario: dict[str, Any], gain: float | None = None) -> System:
     controller = {**scenario["controller"], **({} if gain is None else {"gain": gain})}
-    return scenario_from_mapping({**scenario, "controller": controller}).system()
+    return scenario_from_mapping({**scenario, "controller": controller}).system
 
 
 def hold_against_simulation(scenario: dict[str, Any], drift: list[float] | None = None) -> None:

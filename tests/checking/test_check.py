@@ -203,7 +203,7 @@ def test_ten_thousand_agents() -> None:
             "anchors": [{"agent": "A1", "axes": ["z"], "value": [10.0]}],
         }
     )
-    record = examine(scenario.system()).record
+    record = examine(scenario.system).record
     verdicts = {a.number: a.verdict for a in record.assumptions}
     # Planar agents between spatial ones do not pass heights on: most spatial agents are free along z.
     assert verdicts[6] == "fails"

@@ -38,7 +38,7 @@ def record() -> CompareRecord:
 def test_errors_of_a_rung_are_those_of_a_run(record: CompareRecord) -> None:
     scenario = two_boats("otter", "hull")
     for key, backend in (("ideal", "ideal"), ("all", "physics")):
-        expected = summarize(scenario.system().team, simulate(scenario, backend))
+        expected = summarize(scenario.system.team, simulate(scenario, backend))
         found = record.rung(key).errors
         assert list(found) == ["team", "line"]
         for scope, values in (("team", expected), ("line", expected["groups"]["line"])):
@@ -149,7 +149,7 @@ def test_video_has_both_side_by_side(tmp_path: Path) -> None:
 def test_both_curves_of_the_video_have_one_axis() -> None:
     """Equal errors lie in equal rows. Oracle: the curves' rows at the values that both axes name."""
     scenario = two_boats("otter", "hull", time={"end": 4.0})
-    runs = climb(scenario.system(), [rung for rung in ladder_of(scenario.system()) if rung.key in ("ideal", "all")])
+    runs = climb(scenario.system, [rung for rung in ladder_of(scenario.system) if rung.key in ("ideal", "all")])
     films = [film for film, _ in both_films(scenario, runs["ideal"], runs["all"])]
     low, high = films[0].error_range or (0.0, 0.0)
     assert films[1].error_range == (low, high)

@@ -15,7 +15,7 @@ from tests.builders import two_boats
 
 
 def test_late_is_the_last_half_of_the_run_that_was_asked_for() -> None:
-    system = two_boats("hull", "hull").system()
+    system = two_boats("hull", "hull").system
     time = system.grid.samples
     chosen = late(system, time)
     assert time[chosen][0] == pytest.approx(1.5)
@@ -26,7 +26,7 @@ def test_late_is_the_last_half_of_the_run_that_was_asked_for() -> None:
 @given(st.integers(0, 2**32 - 1))
 def test_a_budget_sums_to_the_whole(seed: int) -> None:
     """Ideal + targets + agents + together + every effect alone + interaction = all, whatever the errors."""
-    ladder = ladder_of(two_boats("otter", "hull").system())
+    ladder = ladder_of(two_boats("otter", "hull").system)
     values = np.random.default_rng(seed).uniform(0.0, 10.0, len(ladder))
     error = {rung.key: float(x) for rung, x in zip(ladder, values, strict=True)}
     budget = budget_of(ladder, error.__getitem__)
@@ -39,7 +39,7 @@ def test_a_budget_sums_to_the_whole(seed: int) -> None:
 
 
 def test_a_rung_that_blew_up_leaves_a_hole_in_the_budget() -> None:
-    ladder = ladder_of(two_boats("otter", "hull").system())
+    ladder = ladder_of(two_boats("otter", "hull").system)
     budget = budget_of(ladder, lambda key: float("nan") if key == "+lag" else 1.0)
     assert next(item for item in budget.items if item.effect == "lag").alone is None
     assert budget.interaction is None

@@ -22,7 +22,7 @@ def limited(limit: float | None) -> Scenario:
 def late_tracking(scenario: Scenario, backend: str) -> float:
     data = simulate(scenario, backend)
     error = np.sqrt((data["tracking_error"].values ** 2).mean(axis=1))
-    grid = scenario.system().grid
+    grid = scenario.system.grid
     return root_mean_square(error, data["time"].values >= grid.start + 0.5 * grid.period * grid.steps)
 
 

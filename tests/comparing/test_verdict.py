@@ -53,7 +53,7 @@ def torn() -> CompareRecord:
 
 
 def test_agents_at_q_star_do_not_err_in_tracking() -> None:
-    system = two_groups(["T11", "T21"]).system()
+    system = two_groups(["T11", "T21"]).system
     run = run_ideal(system)
     placed = positions_at_q_star(system, run.positions)
     N = len(system.team.agents)
@@ -65,7 +65,7 @@ def test_agents_at_q_star_do_not_err_in_tracking() -> None:
 
 
 def test_budgets_know_the_errors_at_q_star(torn: CompareRecord) -> None:
-    system = two_groups(["T11", "T21"]).system()
+    system = two_groups(["T11", "T21"]).system
     run = run_ideal(system)
     series = series_of(system, evaluate_errors(system.team, positions_at_q_star(system, run.positions)))
     chosen = late(system, run.time)
@@ -113,7 +113,7 @@ def test_usable_gain_of_alike_bodies_is_the_closed_form_at_any_gain(gain: float)
     tau = 0.2
     vehicles = {"agents": "hull", "targets": "hull", "tau": tau}
     system = two_boats("hull", "hull", vehicles=vehicles, controller={"gain": gain, "control_period": 0.002},
-                  physics={"timestep": 0.002}).system()  # fmt: skip
+                  physics={"timestep": 0.002}).system  # fmt: skip
     system = replace(system, grid=replace(system.grid, continuous=True))
     expected = 1.0 / (4.0 * 0.3**2 * system.largest_eigenvalue * tau)
     assert approx(usable_gain(system, None), rel=1e-9) == expected
@@ -126,7 +126,7 @@ def test_usable_gain_of_alike_bodies_is_the_closed_form_at_any_gain(gain: float)
 
 @given(st.floats(0.002, 0.2), st.floats(0.1, 20.0))
 def test_usable_gain_neither_rings_under_the_hold_nor_grows_with_it(period: float, gain: float) -> None:
-    system = two_boats("hull", "hull").system()
+    system = two_boats("hull", "hull").system
     held = replace(system, gain=gain, grid=replace(system.grid, period=period, continuous=False))
     longer = replace(held, grid=replace(held.grid, period=1.5 * period))
     found, less = usable_gain(held, None), usable_gain(longer, None)

@@ -225,9 +225,9 @@ def test_a_refusal_is_written_as_one(tmp_path: Path, capsys: pytest.CaptureFixtu
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--backend", "real"], "--backend real: expected physics, ideal"),
-        (["--margin", "-1"], "--margin -1: expected 0 to 10"),
-        (["--margin", "nan", "--update"], "--margin nan"),
+        (["--backend", "real"], "'--backend': 'real' is not one of 'physics', 'ideal'"),
+        (["--margin", "-1"], "'--margin'"),
+        (["--margin", "nan", "--update"], "'--margin'"),
     ],
 )
 def test_wrong_usage(arguments: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -105,7 +105,7 @@ CASES = {
             {"name": "one", "shape": "line", "members": ["A1", "A2"], "spacing": 2},
             {"name": "two", "shape": "line", "members": ["A2"], "spacing": 2},
         ],
-        ["'two'", "'A2'", "'one'"],
+        ["formations.1", "'A2'", "'one'"],
     ),
     "unknown member": (
         "formations",
@@ -140,7 +140,7 @@ CASES = {
     "kernel of the wrong dimension": (
         "flow",
         {"agents": {"dimension": 2, "core": 1, "sources": [{"centre": [0, 0, 0], "alpha": 1}]}},
-        ["flow.agents", "source 0"],
+        ["flow.agents", "sources.0.centre"],
     ),
     "motion of the wrong dimension": (
         "target_motion",

@@ -77,9 +77,9 @@ def test_a_parallel_edge_that_is_meant_counts_beside_the_other(case: str, which:
     field, edges = SAME[case]
     plain = [{"between": edge} if isinstance(edge, list) else edge for edge in edges]
     plain[which] = {**plain[which], "parallel": True}
-    twice = scenario(**{field: plain}).system().team.sheaf.laplacian().toarray()
-    once = scenario(**{field: edges[:-1]}).system().team.sheaf.laplacian().toarray()
-    without = scenario(**{field: edges[1:-1]}).system().team.sheaf.laplacian().toarray()
+    twice = scenario(**{field: plain}).system.team.sheaf.laplacian().toarray()
+    once = scenario(**{field: edges[:-1]}).system.team.sheaf.laplacian().toarray()
+    without = scenario(**{field: edges[1:-1]}).system.team.sheaf.laplacian().toarray()
     np.testing.assert_allclose(twice - once, once - without, atol=1e-14)
 
 

@@ -39,7 +39,7 @@ def test_every_swarm_is_connected_and_unique(graph: str, size: int) -> None:
     scenario = swarm(graph=graph, size=size, degree=2)
     assert len(scenario.agents) == size
     assert networkx.is_connected(graph_of(scenario))
-    assert scenario.system().team.dirichlet.unique
+    assert scenario.system.team.dirichlet.unique
     assert len({tuple(sorted(e.between)) for e in scenario.communication}) == len(scenario.communication)
 
 

@@ -66,7 +66,7 @@ def test_a_film_read_from_a_file_in_pieces_is_that_of_the_data_in_memory(
 ) -> None:
     monkeypatch.setattr(trajectory, "samples_in_piece", lambda system: 37)
     scenario = chase()
-    write_dataset(stream(scenario.system(), backend, 0), tmp_path / "a.nc")
+    write_dataset(stream(scenario.system, backend, 0), tmp_path / "a.nc")
     in_memory = film_of(scenario, simulate(scenario, backend))[0].loaded()
     with open_dataset(tmp_path / "a.nc") as dataset:
         read = film_of(scenario, dataset)[0]
