@@ -137,9 +137,7 @@ def _massless(vehicle: Vehicle, tau: float) -> Vehicle:
     """Shrink the mass; the model's weight shrinks with it, and ballast makes up for that."""
     own = vehicle.mass / vehicle.drag[: vehicle.dimension]  # added mass goes altogether
     scale = min(1.0, tau / float(own.max()))
-    inertials = [
-        x | {"mass": x["mass"] * scale, "diaginertia": np.asarray(x["diaginertia"]) * scale} for x in vehicle.inertials
-    ]
+    inertials = [x._replace(mass=x.mass * scale, diagonal=x.diagonal * scale) for x in vehicle.inertials]
     # What turns keeps its drag in proportion, so that the attitude hold stays what it was. A boat rolls and pitches by
     # its restoring, and yaw at a hand point is a controlled velocity: these keep theirs.
     held = {"hand_point": [], "full": [2] if vehicle.dimension == 2 else [0, 1, 2], "thrust_vector": [0, 1, 2]}

@@ -1,7 +1,7 @@
 """The files that a vehicle is made of, none of which may lie outside its description's directory.
 
 A description names an MJCF file, which may include others and name meshes, textures and height fields. They are looked
-through before MuJoCo or PyMJCF open any of them. MuJoCo loads no code by MJCF, but a plugin that it has already loaded
+through before MuJoCo opens any of them. MuJoCo loads no code by MJCF, but a plugin that it has already loaded
 may do anything: plugins are refused. So is what MuJoCo would not survive: copies of copies without end, pictures larger
 than any memory, and numbers that are none, with which it goes on after a warning.
 
@@ -22,7 +22,7 @@ from mjsheaf.engine import mujoco
 from mjsheaf.errors import InputError
 from mjsheaf.io.files import confined, resource_directory
 from mjsheaf.io.yaml import describe_validation_error, read_yaml
-from mjsheaf.vehicles.vehicle import GRAVITY, ROW_NAMES, Control, Vehicle, VehicleDescription
+from mjsheaf.vehicles.vehicle import GRAVITY, ROW_NAMES, Control, Inertial, Vehicle, VehicleDescription
 
 _LARGEST_FILE = 20_000_000  # bytes, of one XML file
 _DEEPEST = 100  # elements within one another
@@ -86,7 +86,7 @@ def files_of(description: Path, mjcf: str) -> list[Path]:
 
 
 def _places(reference: _Reference, main: Path, names: _Names, root: Path) -> list[Path]:
-    """Every file that MuJoCo or PyMJCF may take a reference for, where it exists.
+    """Every file that MuJoCo may take a reference for, where it exists.
 
     Raises:
         InputError: one is outside the root, or is no file.
@@ -292,7 +292,10 @@ def _from_model(name: str, description: VehicleDescription, path: Path, model: m
         ballast=0.0,
         centre_of_mass=centre,
         inertia=inertia,
-        inertials=[_inertial(model, b) for b in range(1, model.nbody)],
+        inertials=[
+            Inertial(*(x[b].copy() for x in (model.body_ipos, model.body_iquat, model.body_mass, model.body_inertia)))
+            for b in range(1, model.nbody)
+        ],
         thrusters=_thruster_names(model),
         actuation=[_actuation(model, k) for k in range(model.nu)],
         W=W,
@@ -343,15 +346,6 @@ def mass_properties(model: mujoco.MjModel, data: mujoco.MjData, bodies: slice) -
     mass, second = float(m.sum()), np.einsum("b,bi,bj->ij", m, r, r)
     inertia = np.einsum("bij,bj,bkj->ik", axes, model.body_inertia[bodies], axes)
     return mass, m @ r / mass, inertia + np.trace(second) * np.eye(3) - second
-
-
-def _inertial(model: mujoco.MjModel, b: int) -> dict[str, Any]:
-    return {
-        "pos": model.body_ipos[b].copy(),
-        "quat": model.body_iquat[b].copy(),
-        "mass": model.body_mass[b],
-        "diaginertia": model.body_inertia[b].copy(),
-    }
 
 
 def _thruster_names(model: mujoco.MjModel) -> list[str]:

@@ -11,7 +11,7 @@ Wrenches are [force; moment] about the origin of the body frame, in body axes (x
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -131,6 +131,22 @@ _ROWS: dict[tuple[str, Control], list[int]] = {
 }
 
 
+class Inertial(NamedTuple):
+    """Inertia of one body of an MJCF file, as compiled.
+
+    Attributes:
+        position: of the centre of mass in the body's frame, shape (3,), m.
+        quaternion: of the principal axes, shape (4,).
+        mass: kg.
+        diagonal: principal moments of inertia, shape (3,), kg m^2.
+    """
+
+    position: Array
+    quaternion: Array
+    mass: float
+    diagonal: Array
+
+
 @dataclass(frozen=True)
 class Vehicle:
     """A vehicle, ready to be controlled.
@@ -146,7 +162,7 @@ class Vehicle:
         ballast: weight that the body does not have in the model, N; see effects.
         centre_of_mass: in the body frame, shape (3,), m.
         inertia: about the origin of the body frame, body axes, shape (3, 3), kg m^2.
-        inertials: MJCF attributes of the inertia of each body in the file, depth first, as compiled.
+        inertials: of each body in the file, depth first.
         thrusters: names of the actuators; thruster_K where number K, from 0, has none.
         actuation: MJCF attributes of each thruster's actuator: gain, limits and lag, defaults included.
         W: wrench of each thruster for a command of 1, shape (6, s), N and N m.
@@ -168,7 +184,7 @@ class Vehicle:
     ballast: float
     centre_of_mass: Array
     inertia: Array
-    inertials: list[dict[str, Any]]
+    inertials: list[Inertial]
     thrusters: list[str]
     actuation: list[dict[str, Any]]
     W: Array
