@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from threading import Lock
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from mjsheaf.engine import mujoco
 from mjsheaf.errors import InputError
 from mjsheaf.io.files import resource_directory
-from mjsheaf.vehicles.loading import LAGS, mass_properties
+from mjsheaf.vehicles.loading import mass_properties
 from mjsheaf.vehicles.vehicle import GRAVITY, Vehicle
 
 Array = NDArray[np.float64]
@@ -149,7 +149,7 @@ def compose(
         qpos=model.jnt_qposadr[joint].astype(np.int64),
         dof=model.jnt_dofadr[joint].astype(np.int64),
         body=model.jnt_bodyid[joint].astype(np.int64),
-        thruster=np.concatenate([[0], np.cumsum([len(v.thrusters) for v in vehicles])]).astype(np.int64),
+        thruster=np.concatenate([[0], np.cumsum([len(v.channels) for v in vehicles])]).astype(np.int64),
     )
     for v, vehicle in enumerate(vehicles):
         if vehicle.joint_damps(timestep):
@@ -247,28 +247,12 @@ def _attach(root: mujoco.MjSpec, spec: mujoco.MjSpec, alone: bool, vehicle: Vehi
     except ValueError as error:
         raise InputError(f"{vehicle.path}: cannot be put into the arena: {' '.join(str(error).split())}") from None
     body.add_freejoint(name=f"{name}/")
-    for thruster, actuation, gear in zip(vehicle.thrusters, vehicle.actuation, vehicle.gears, strict=True):
-        root.add_actuator(
-            name=f"{name}/{thruster}",
-            target=f"{name}/",
-            trntype=mujoco.mjtTrn.mjTRN_JOINT,
-            gear=gear,
-            gaintype=mujoco.mjtGain.mjGAIN_FIXED,
-            biastype=mujoco.mjtBias.mjBIAS_NONE,
-            **_typed(actuation),
-        )
-
-
-def _typed(actuation: dict[str, Any]) -> dict[str, Any]:
-    """MJCF attributes of an actuator as MjSpec takes them."""
-    typed = {"dyntype": LAGS[actuation["dyntype"]], "actearly": actuation["actearly"] == "true"}
-    for name in ("dynprm", "gainprm"):
-        typed[name] = np.concatenate([actuation[name], np.zeros(10 - len(actuation[name]))])
-    for name in ("ctrl", "force", "act"):
-        typed[f"{name}limited"] = int(actuation[f"{name}limited"] == "true")
-        if f"{name}range" in actuation:
-            typed[f"{name}range"] = actuation[f"{name}range"]
-    return typed
+    first, gears = 0, vehicle.gears
+    for actuator in vehicle.actuators:
+        for channel in actuator.to_mujoco(gears[first:]):
+            own = {"name": f"{name}/{channel['name']}", "target": f"{name}/", "trntype": mujoco.mjtTrn.mjTRN_JOINT}
+            root.add_actuator(**channel | own)
+            first += 1
 
 
 def _check_masses(arena: Arena) -> None:
