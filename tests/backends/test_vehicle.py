@@ -262,7 +262,7 @@ def flat(root: ElementTree.Element) -> None:
             "hull",
             None,
             {"colour": "red"},
-            r"hull\.yaml: colour: unknown field; expected actuators, added_mass, attitude",
+            r"hull\.yaml: colour: unknown field; expected actuators",
         ),
         ("hull", None, {"drag": {}}, r"hull\.yaml: drag: give either time_constant or linear"),
         ("hull", None, {"drag": {"linear": [1, 2, 0]}}, r"drag: linear drag must be positive along each axis"),
