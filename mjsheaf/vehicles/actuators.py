@@ -132,6 +132,14 @@ class Thruster:
         """Commands that make an effort (e,) at rest, shape (e,)."""
         return effort
 
+    def why_rough(self, command: Array, least: float) -> str:
+        """Why it does not follow small changes of effort linearly about commands (e,); empty where it does.
+
+        `least` is what counts as no thrust.
+        """
+        within = all(c.low < value < c.high for c, value in zip(self.channels, command, strict=True))
+        return "" if within else "its thrusters are at their limits"
+
     def without_limits(self) -> "Thruster":
         """The same, pushing as hard as asked."""
         return replace(self, ctrl=None, force=None, act=None)
@@ -239,6 +247,11 @@ class AzimuthThruster(Thruster):
         """Thrust ahead at the effort's angle, or none at the angle nearest to 0."""
         angle = np.arctan2(effort[1], effort[0]) if effort.any() else min(max(0.0, self.low), self.high)
         return np.array([np.hypot(*effort), angle])
+
+    def why_rough(self, command: Array, least: float) -> str:
+        """Without thrust it has no direction: what is small turns it far."""
+        aimless = "" if abs(command[0]) > least else "an azimuth thruster has no direction without thrust"
+        return super().why_rough(command, least) or aimless
 
     def without_limits(self) -> "AzimuthThruster":
         """Neither thrust nor angle nor rate has any."""

@@ -252,9 +252,12 @@ class Vehicle:
     @property
     def trim(self) -> Array:
         """Commands that carry the weight of the level vehicle, shape (s,)."""
-        ends = np.cumsum([len(actuator.channels) for actuator in self.actuators])[:-1]
-        efforts = np.split(self.trim_effort, ends)
+        efforts = self.by_actuator(self.trim_effort)
         return np.concatenate([a.command(effort) for a, effort in zip(self.actuators, efforts, strict=True)])
+
+    def by_actuator(self, values: Array) -> list[Array]:
+        """Efforts or commands (s,) of each actuator."""
+        return np.split(values, np.cumsum([len(actuator.channels) for actuator in self.actuators])[:-1])
 
     @property
     def moving_mass(self) -> Array:
