@@ -44,7 +44,7 @@ def list_vehicles_command() -> None:
             name,
             "plane" if vehicle.dimension == 2 else "space",
             f"{vehicle.mass:g}",
-            str(len(vehicle.thrusters)),
+            str(len(vehicle.actuators)),
             _limit(can.forward_thrust),
             " ".join(f"{x:.3g}" for x in dict.fromkeys(tau.round(3))),
             _limit(can.forward_speed),
