@@ -322,12 +322,9 @@ def _nearest(angle, now, low, high):
     """The angle, give or take whole turns, that is within limits and nearest to `now`; or else the nearer limit."""
     turn = 2.0 * np.pi
     a = angle + turn * np.round((now - angle) / turn)
-    if a > high:
-        b = a - turn * np.ceil((a - high) / turn)
-        a = b if b >= low else (high if a - high <= low - b else low)
-    elif a < low:
-        b = a + turn * np.ceil((low - a) / turn)
-        a = b if b <= high else (low if low - a <= b - high else high)
+    if a > high or a < low:
+        b = high - (high - a) % turn if a > high else low + (a - low) % turn
+        a = b if low <= b <= high else (high if np.cos(high - a) > np.cos(low - a) else low)
     return a
 
 
@@ -342,14 +339,10 @@ def _missed(thrust, angle, x, y):
 @part
 def _strength(thrust, angle, x, y):
     """Largest thrust of an azimuth thruster along (x, y), or of the ways that it has where it cannot turn there."""
-    ahead, astern = np.arctan2(y, x), np.arctan2(-y, -x)
-    with_ahead = np.cos(_nearest(ahead, ahead, angle.low, angle.high) - ahead) > 1.0 - 1e-12
-    with_astern = np.cos(_nearest(astern, astern, angle.low, angle.high) - astern) > 1.0 - 1e-12
-    if with_ahead and not with_astern:
-        return thrust.high
-    if with_astern and not with_ahead:
-        return -thrust.low
-    return max(thrust.high, -thrust.low)
+    a, b = np.arctan2(y, x), np.arctan2(-y, -x)
+    ahead = np.cos(_nearest(a, a, angle.low, angle.high) - a) > 1.0 - 1e-12
+    astern = np.cos(_nearest(b, b, angle.low, angle.high) - b) > 1.0 - 1e-12
+    return max(thrust.high if ahead or not astern else 0.0, -thrust.low if astern or not ahead else 0.0)
 
 
 @kernel

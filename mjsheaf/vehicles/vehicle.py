@@ -224,12 +224,10 @@ class Vehicle:
     @property
     def half_planes(self) -> tuple[Array, Array]:
         """A (r, s) and b (r,) of A u <= b, which efforts u obey beside their bounds."""
-        A, first, found = [np.zeros((0, self.W.shape[1]))], 0, [np.zeros(0)]
-        for actuator in self.actuators:
-            own, b = actuator.half_planes
-            A.append(np.pad(own, ((0, 0), (first, self.W.shape[1] - first - own.shape[1]))))
-            first, found = first + own.shape[1], [*found, b]
-        return np.concatenate(A), np.concatenate(found)
+        from scipy.linalg import block_diag
+
+        A, b = zip(*(actuator.half_planes for actuator in self.actuators), strict=True)
+        return block_diag(*A), np.concatenate(b)
 
     @cached_property
     def allocation(self) -> Array:
