@@ -380,7 +380,7 @@ def _models(system: System, medium: Array, timestep: float, steps: int) -> list[
 
 def _station(vehicle: Vehicle, medium: Array, heading: float, span: float) -> Station:
     """Where a vehicle holds station: one that holds no heading turns into the current, if the run gives it the time."""
-    if vehicle.control != "hand_point":
+    if vehicle.steering.attitude:
         return Station(vehicle, medium, heading)
     speed = float(np.hypot(medium[0], medium[1]))
     if speed * span < _TURNS * vehicle.hand:

@@ -57,7 +57,7 @@ def _list_vehicles() -> None:
             name,
             "plane" if vehicle.dimension == 2 else "space",
             f"{vehicle.mass:g}",
-            str(len(vehicle.thrusters)),
+            str(len(vehicle.actuators)),
             _limit(can.forward_thrust),
             " ".join(f"{x:.3g}" for x in dict.fromkeys(tau.round(3))),
             _limit(can.forward_speed),

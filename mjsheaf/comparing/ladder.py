@@ -218,7 +218,7 @@ def inertial_tau(vehicle: Vehicle) -> Array:
 
     `ReducedModel.tau` has their lag too.
     """
-    rows = [0, 5] if vehicle.control == "hand_point" else [0, 1, 2][: vehicle.dimension]
+    rows = vehicle.steering.velocity_rows[: vehicle.dimension]
     mass, drag = vehicle.moving_mass[rows], np.concatenate([vehicle.drag, vehicle.angular_drag])[rows]
     return np.asarray(mass / (mass * vehicle.rate + drag))
 

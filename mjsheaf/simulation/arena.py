@@ -1,11 +1,6 @@
-"""A vehicle's MJCF made fit for the arena, where it must mean what it means when MuJoCo compiles it alone.
+"""The arena: every vehicle's MJCF composed into one model, each on a free joint.
 
-PyMJCF merges the compiler settings and options of what it attaches into those of the arena: a file in degrees would be
-read in radians, and one with another gravity refused. So everything that such settings decide is written out.
-
-The arena: every vehicle's MJCF composed into one model, each on a free joint.
-
-PyMJCF makes each kind of vehicle fit for it (see attachment), MjSpec puts in as many copies as there are.
+MjSpec attaches the files, and compiles each with its own settings. What belongs to the arena alone is taken out first.
 
 Thrusters become actuators on their vehicle's free joint. MuJoCo's site transmission builds a dense Jacobian for each
 actuator, which makes a step quadratic in the number of vehicles; on the free joint the gear is the thruster's wrench
@@ -18,86 +13,48 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from threading import Lock
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mjsheaf.engine import mujoco, pymjcf
+from mjsheaf.engine import mujoco
 from mjsheaf.errors import InputError
 from mjsheaf.io.files import resource_directory
-from mjsheaf.vehicles.loading import LAGS, mass_properties
+from mjsheaf.vehicles.loading import mass_properties
 from mjsheaf.vehicles.vehicle import GRAVITY, Vehicle
 
-_OF_THE_ARENA = ("compiler", "option", "size", "statistic", "visual")
+Array = NDArray[np.float64]
 
 
 def attachable(vehicle: Vehicle) -> mujoco.MjSpec:
     """Read a vehicle's file, fit to be attached.
 
-    Orientations are in radians or quaternions, every body has the inertia of the compiled file, and what a vehicle
-    cannot decide is gone: compiler settings, options, statistics, sizes and visuals, which are the arena's; keyframes,
-    whose state has no free joint; and actuators with the sensors on them, as thrusters are made anew.
+    Every body has the inertia that `vehicle` has for it, whatever geoms and compiler settings would make of it. Gone
+    are keyframes, whose state has no free joint, and actuators with the sensors on them, as actuators are made anew.
 
     Raises:
-        InputError: PyMJCF cannot read the file, or not all of it.
+        InputError: the file has changed since the vehicle was loaded.
     """
-    mjcf = pymjcf()
     try:
-        root = mjcf.from_path(str(vehicle.path))
-    except (AttributeError, KeyError, OSError, RuntimeError, TypeError, ValueError) as error:  # its parser's own
-        reason = error if isinstance(error, OSError) or not error.args else error.args[0]
-        raise InputError(f"{vehicle.path}: PyMJCF cannot read it: {' '.join(str(reason).split())}") from None
-    _write_orientations(root)
-    _write_inertia(root, vehicle)
-    for name in _OF_THE_ARENA:
-        getattr(root, name).remove()
-    on_actuators = [s for s in root.sensor.all_children() if "actuator" in s.get_attributes()]
-    for element in [*on_actuators, *root.actuator.all_children(), *root.keyframe.all_children()]:
-        element.remove()
-    root.compiler.angle = "radian"
-    kind = mujoco.MjSpec.from_string(root.to_xml_string(), assets=root.get_assets())
-    for geom in kind.geoms:
-        if "//unnamed" in geom.name:  # PyMJCF's own; a thousand vehicles compile faster without
-            geom.name = ""
-    return kind
-
-
-def _write_orientations(root: Any) -> None:
-    """Write angles in radians, and Euler angles, whose order of axes is a setting too, as quaternions."""
-    unit = 1.0 if root.compiler.angle == "radian" else np.pi / 180.0  # MJCF's default is degrees
-    sequence = root.compiler.eulerseq or "xyz"
-    for element in _elements(root):
-        attributes = element.get_attributes()
-        if "axisangle" in attributes:
-            element.axisangle = np.asarray(element.axisangle) * [1.0, 1.0, 1.0, unit]
-        if "euler" in attributes:
-            quaternion = np.empty(4)
-            mujoco.mju_euler2Quat(quaternion, np.asarray(element.euler) * unit, sequence)
-            del element.euler
-            element.quat = quaternion
-
-
-def _write_inertia(root: Any, vehicle: Vehicle) -> None:
-    """Give every body the inertia that it has in the compiled file, from wherever it has it there."""
-    bodies = root.find_all("body")  # in MuJoCo's order: depth first
+        spec = mujoco.MjSpec.from_file(str(vehicle.path))
+    except (ValueError, RuntimeError) as error:
+        raise InputError(f"{vehicle.path}: {' '.join(str(error).split())}") from None
+    on_actuators = [sensor for sensor in spec.sensors if sensor.objtype == mujoco.mjtObj.mjOBJ_ACTUATOR]
+    for element in [*on_actuators, *spec.actuators, *spec.keys]:
+        spec.delete(element)
+    settings = spec.compiler  # all of these are in the inertias already
+    settings.inertiafromgeom, settings.settotalmass, settings.balanceinertia = 2, -1.0, False
+    settings.boundmass = settings.boundinertia = 0.0
+    bodies = spec.bodies[1:]  # in MuJoCo's order: depth first
     if len(bodies) != len(vehicle.inertials):
-        raise InputError(
-            f"{vehicle.path}: PyMJCF reads {len(bodies)} bodies of {len(vehicle.inertials)}; write each one out"
-        )
+        raise InputError(f"{vehicle.path}: has {len(bodies)} bodies, but {len(vehicle.inertials)} when it was loaded")
     for body, inertial in zip(bodies, vehicle.inertials, strict=True):
-        if body.inertial is not None:
-            body.inertial.remove()
-        body.add("inertial", **inertial)
+        body.explicitinertial, body.mass, body.inertia = True, inertial.mass, inertial.diagonal
+        body.ipos, body.iquat = inertial.position, inertial.quaternion
+        body.ialt.type, body.fullinertia = mujoco.mjtOrientation.mjORIENTATION_QUAT, np.full(6, np.nan)
+    return spec
 
-
-def _elements(element: Any) -> Iterator[Any]:
-    yield element
-    for child in element.all_children():
-        yield from _elements(child)
-
-
-Array = NDArray[np.float64]
 
 SURFACES = ("water", "ground", "none")
 
@@ -192,7 +149,7 @@ def compose(
         qpos=model.jnt_qposadr[joint].astype(np.int64),
         dof=model.jnt_dofadr[joint].astype(np.int64),
         body=model.jnt_bodyid[joint].astype(np.int64),
-        thruster=np.concatenate([[0], np.cumsum([len(v.thrusters) for v in vehicles])]).astype(np.int64),
+        thruster=np.concatenate([[0], np.cumsum([len(v.channels) for v in vehicles])]).astype(np.int64),
     )
     for v, vehicle in enumerate(vehicles):
         if vehicle.joint_damps(timestep):
@@ -255,7 +212,7 @@ class _Kind:
 
 def _is_at_origin(body: mujoco.MjsBody) -> bool:
     turned = body.alt.type != mujoco.mjtOrientation.mjORIENTATION_QUAT or not np.array_equal(body.quat, [1, 0, 0, 0])
-    return not (turned or body.joints or np.any(body.pos))
+    return not (turned or body.frame or body.joints or np.any(body.pos))
 
 
 class _Look(NamedTuple):
@@ -290,28 +247,12 @@ def _attach(root: mujoco.MjSpec, spec: mujoco.MjSpec, alone: bool, vehicle: Vehi
     except ValueError as error:
         raise InputError(f"{vehicle.path}: cannot be put into the arena: {' '.join(str(error).split())}") from None
     body.add_freejoint(name=f"{name}/")
-    for thruster, actuation, gear in zip(vehicle.thrusters, vehicle.actuation, vehicle.gears, strict=True):
-        root.add_actuator(
-            name=f"{name}/{thruster}",
-            target=f"{name}/",
-            trntype=mujoco.mjtTrn.mjTRN_JOINT,
-            gear=gear,
-            gaintype=mujoco.mjtGain.mjGAIN_FIXED,
-            biastype=mujoco.mjtBias.mjBIAS_NONE,
-            **_typed(actuation),
-        )
-
-
-def _typed(actuation: dict[str, Any]) -> dict[str, Any]:
-    """MJCF attributes of an actuator as MjSpec takes them."""
-    typed = {"dyntype": LAGS[actuation["dyntype"]], "actearly": actuation["actearly"] == "true"}
-    for name in ("dynprm", "gainprm"):
-        typed[name] = np.concatenate([actuation[name], np.zeros(10 - len(actuation[name]))])
-    for name in ("ctrl", "force", "act"):
-        typed[f"{name}limited"] = int(actuation[f"{name}limited"] == "true")
-        if f"{name}range" in actuation:
-            typed[f"{name}range"] = actuation[f"{name}range"]
-    return typed
+    first, gears = 0, vehicle.gears
+    for actuator in vehicle.actuators:
+        for channel in actuator.to_mujoco(gears[first:]):
+            own = {"name": f"{name}/{channel['name']}", "target": f"{name}/", "trntype": mujoco.mjtTrn.mjTRN_JOINT}
+            root.add_actuator(**channel | own)
+            first += 1
 
 
 def _check_masses(arena: Arena) -> None:

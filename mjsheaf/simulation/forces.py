@@ -1,8 +1,4 @@
-"""Vectors of space as tuples, for compiled code: they live in registers, and no two of them can overlap in memory.
-
-A rotation is a tuple of its nine entries by rows; it turns body axes into world axes.
-
-What the medium does to a vehicle: drag relative to it, buoyancy, added mass; and what the vehicle measures of it.
+"""What the medium does to a vehicle: drag relative to it, buoyancy, added mass; and what the vehicle measures of it.
 
 For a vehicle with attitude R, velocity v and rates omega in a medium that moves at w, with v_r = R^T (v - w):
 
@@ -21,108 +17,23 @@ medium's acceleration is neglected.
 
 from mjsheaf.jit import part
 from mjsheaf.system import medium_velocity
+from mjsheaf.vehicles.steering import drag_force
+from mjsheaf.vehicles.vectors import add, cross, product, subtract, to_body, to_world, triple, upward
 
 
 @part
-def rotation(w, x, y, z):
-    """The rotation of a unit quaternion."""
-    return (
-        1 - 2 * (y * y + z * z),
-        2 * (x * y - w * z),
-        2 * (x * z + w * y),
-        2 * (x * y + w * z),
-        1 - 2 * (x * x + z * z),
-        2 * (y * z - w * x),
-        2 * (x * z - w * y),
-        2 * (y * z + w * x),
-        1 - 2 * (x * x + y * y),
-    )
-
-
-@part
-def to_world(R, a):
-    """R a."""
-    return (
-        R[0] * a[0] + R[1] * a[1] + R[2] * a[2],
-        R[3] * a[0] + R[4] * a[1] + R[5] * a[2],
-        R[6] * a[0] + R[7] * a[1] + R[8] * a[2],
-    )
-
-
-@part
-def to_body(R, a):
-    """R^T a."""
-    return (
-        R[0] * a[0] + R[3] * a[1] + R[6] * a[2],
-        R[1] * a[0] + R[4] * a[1] + R[7] * a[2],
-        R[2] * a[0] + R[5] * a[1] + R[8] * a[2],
-    )
-
-
-@part
-def upward(R, size):
-    """R^T e_z times a size: a vertical vector in body axes."""
-    return R[6] * size, R[7] * size, R[8] * size
-
-
-@part
-def add(a, b):
-    """a + b."""
-    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
-
-
-@part
-def subtract(a, b):
-    """a - b."""
-    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
-
-
-@part
-def cross(a, b):
-    """a x b."""
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@part
-def triple(row):
-    """The first three entries of an array."""
-    return row[0], row[1], row[2]
-
-
-@part
-def product(M, a):
-    """M a for an array M (3, 3)."""
-    return (
-        M[0, 0] * a[0] + M[0, 1] * a[1] + M[0, 2] * a[2],
-        M[1, 0] * a[0] + M[1, 1] * a[1] + M[1, 2] * a[2],
-        M[2, 0] * a[0] + M[2, 1] * a[1] + M[2, 2] * a[2],
-    )
-
-
-@part
-def measure(kind, body, medium, sines, v, qpos, qvel, R):
-    """What vehicle v measures, in body axes: its velocity through the medium and its rates, m/s and rad/s."""
+def velocity_through_medium(kind, body, medium, sines, v, qpos, qvel, R):
+    """Velocity of vehicle v through the medium, in body axes, (3,), m/s; R is its attitude, (9,)."""
     a, d = body.qpos, body.dof
     w = medium_velocity(medium, sines, v, qpos[a], qpos[a + 1], 0.0 if kind.planar else qpos[a + 2])
-    return to_body(R, subtract((qvel[d], qvel[d + 1], qvel[d + 2]), w)), (qvel[d + 3], qvel[d + 4], qvel[d + 5])
+    return to_body(R, subtract((qvel[d], qvel[d + 1], qvel[d + 2]), w))
 
 
 @part
-def drag_force(kind, s):
-    """D s + Q |s| s: the force that moves a vehicle at s (3) through the medium, body axes, N."""
-    D, Q = kind.drag, kind.quadratic
-    return (
-        (D[0] + Q[0] * abs(s[0])) * s[0],
-        (D[1] + Q[1] * abs(s[1])) * s[1],
-        (D[2] + Q[2] * abs(s[2])) * s[2],
-    )
-
-
-@part
-def push(kind, body, qpos, qvel, R, s, omega, applied):
+def apply_medium_wrench(kind, body, qpos, qvel, R, s, omega, applied):
     """Write the medium's wrench into `applied` (qfrc_applied): force in world axes, moment in body axes.
 
-    s and omega are the velocity through the medium and the rates in body axes, (3) each.
+    s and omega are the velocity through the medium and the rates in body axes, (3,) each.
     """
     a, d = body.qpos, body.dof
     D, Q, k = kind.drag, kind.quadratic, kind.explicit
@@ -140,7 +51,7 @@ def push(kind, body, qpos, qvel, R, s, omega, applied):
         moment = moment[0] - kind.restoring[1] * R[7], moment[1] + kind.restoring[2] * R[6], moment[2]
     if kind.ballast > 0.0:
         weight = upward(R, -kind.ballast)
-        force, moment = add(force, weight), add(moment, cross(triple(kind.hung), weight))
+        force, moment = add(force, weight), add(moment, cross(triple(kind.ballast_point), weight))
     if kind.added:
         force, moment = _share_with_medium(kind, R, s, omega, force, moment)
     force = to_world(R, force)
@@ -157,7 +68,7 @@ def _share_with_medium(kind, R, s, omega, force, moment):
     (M_RB + M_A) a + h = F + G + C with C = M_A [omega x v_r; 0] - C_A(v_r) v_r, as a is taken in axes that do not turn.
     Hence Q = S (F + G - h + C) + h - G.
     """
-    m, c, A = kind.mass, triple(kind.arm), kind.added_mass
+    m, c, A = kind.mass, triple(kind.com), kind.added_mass
     weight = upward(R, -kind.weight)
     outward = cross(omega, cross(omega, c))
     own_force = weight[0] - m * outward[0], weight[1] - m * outward[1], weight[2] - m * outward[2]
@@ -169,7 +80,7 @@ def _share_with_medium(kind, R, s, omega, force, moment):
     munk = add(cross(s, P), cross(omega, L))
     f = add(add(force, own_force), coupling)
     n = subtract(add(moment, own_moment), munk)
-    S = kind.share
+    S = kind.rigid_wrench_map
     shared_force = (
         S[0, 0] * f[0] + S[0, 1] * f[1] + S[0, 2] * f[2] + S[0, 3] * n[0] + S[0, 4] * n[1] + S[0, 5] * n[2],
         S[1, 0] * f[0] + S[1, 1] * f[1] + S[1, 2] * f[2] + S[1, 3] * n[0] + S[1, 4] * n[1] + S[1, 5] * n[2],

@@ -29,6 +29,7 @@ from mjsheaf.vehicles.vehicle import Vehicle
 Array = NDArray[np.float64]
 
 _PROBE = 1e-6  # m, rad, m/s, rad/s; and, times the mass, of a thruster's force in N: half of what is differenced
+_LEAST_THRUST = 1e3 * _PROBE  # m/s^2: what differences about a thrust change of it is small above that
 _ROUNDING = 1e-9  # entries of the difference quotients below it are rounding: 1e-16 m over the probe
 _NEUTRAL = 1e-5  # 1/s: a singular value of the rates below it is a direction in which nothing holds or drives
 _STILL = 1e-7  # m/s, m/s^2, ...: rates of an equilibrium
@@ -166,15 +167,10 @@ class _Bench:
         self._step([np.zeros(p.size + p.n) for p in self.places])
         reasons = []
         for v, vehicle in enumerate(self.vehicles):
-            first = self.arena.thruster[v]
-            ctrl = self.data.ctrl[first : self.arena.thruster[v + 1]]
-            low, high = vehicle.limits.T
-            if unsettled[v]:
-                reasons.append("it finds no equilibrium")
-            elif (ctrl <= low).any() or (ctrl >= high).any():
-                reasons.append("its thrusters are at their limits")
-            else:
-                reasons.append("")
+            ctrl = vehicle.by_actuator(self.data.ctrl[self.arena.thruster[v] : self.arena.thruster[v + 1]])
+            least = _LEAST_THRUST * vehicle.mass
+            rough = (a.why_rough(u, least) for a, u in zip(vehicle.actuators, ctrl, strict=True))
+            reasons.append("it finds no equilibrium" if unsettled[v] else next(filter(None, rough), ""))
         return reasons
 
     def differentiate(self) -> list[LinearVehicle]:

@@ -22,10 +22,12 @@ from mjsheaf.engine import mujoco
 from mjsheaf.errors import InputError, UnstableError, expected
 from mjsheaf.jit import kernel, part
 from mjsheaf.simulation.arena import Arena, compose
-from mjsheaf.simulation.autopilot import Fleet, drive, pack_fleet
-from mjsheaf.simulation.forces import measure, push, rotation, to_world, triple
+from mjsheaf.simulation.autopilot import Fleet, Sensed, pack_fleet, thruster_commands
+from mjsheaf.simulation.forces import apply_medium_wrench, velocity_through_medium
 from mjsheaf.simulation.trajectory import Log, Trajectory, blow_up_message, new_log, pieces_of
 from mjsheaf.system import MediumArrays, Phase, System, medium_velocity, phases_of
+from mjsheaf.vehicles.actuators import turn_gears
+from mjsheaf.vehicles.vectors import rotation, to_world, triple
 
 Array = NDArray[np.float64]
 
@@ -122,12 +124,16 @@ def close_loop(loop, t, due):
         ctrl = state.ctrl[first : first + kind.count]
         quaternion = (q[a + 3], q[a + 4], q[a + 5], q[a + 6])
         R = rotation(quaternion[0], quaternion[1], quaternion[2], quaternion[3])
-        s, omega = measure(kind, body, medium, state.sines, v, q, state.qvel, R)
-        push(kind, body, q, state.qvel, R, s, omega, state.applied)
-        drive(kind, thrusters, body.heading, triple(state.memory.command[v]), R, quaternion, s, omega, ctrl)
+        s = velocity_through_medium(kind, body, medium, state.sines, v, q, state.qvel, R)
+        omega = triple(state.qvel[body.dof + 3 :])
+        apply_medium_wrench(kind, body, q, state.qvel, R, s, omega, state.applied)
+        sensed, act = Sensed(R, quaternion, s, omega), state.act[body.state :]
+        thruster_commands(kind, thrusters, body.heading, triple(state.memory.command[v]), sensed, act, ctrl)
         for k in range(kind.count):
             gear, row = to_world(R, triple(thrusters[k].direction)), state.gear[first + k]
             row[0], row[1], row[2] = gear
+        if kind.turning:
+            turn_gears(thrusters, R, act, state.gear[first : first + kind.count])
 
 
 @kernel
@@ -293,7 +299,7 @@ class World:
         model, data: MuJoCo's own. The state may be read and set between steps; each step overwrites `data.ctrl`,
             `data.qfrc_applied` of the vehicles and `model.actuator_gear`. Forces of your own go to
             `data.xfrc_applied`; of a vehicle with added mass only the rigid body feels them: multiply by
-            `vehicle.share`.
+            `vehicle.rigid_wrench_map`.
     """
 
     def __init__(self, scenario: Any, *, controller: Law | Controller | None = None, visible: bool = True) -> None:

@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from mjsheaf.io.section import Duration, Section
+from mjsheaf.vehicles.actuators import Thruster
+from mjsheaf.vehicles.steering import Full
 from mjsheaf.vehicles.vehicle import ROW_NAMES, Vehicle
 
 Array = NDArray[np.float64]
-
-_DIRECTIONS = 24  # of the plane, at which thrust is looked at
 
 
 @dataclass(frozen=True)
@@ -47,12 +47,8 @@ class Capability:
 
 def capability_of(vehicle: Vehicle) -> Capability:
     """Thrust and speed of a vehicle."""
-    if vehicle.control == "full":
-        angles = 2.0 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
-        directions = np.column_stack([np.cos(angles), np.sin(angles)])
-    else:
-        directions = np.array([[1.0, 0.0]])
-    thrust = np.array([_thrust(vehicle, d) for d in directions])
+    directions = vehicle.steering.directions
+    thrust = np.array([vehicle.steering.largest_force(vehicle, d) for d in directions])
     speed = np.array([_speed(vehicle, d, F) for d, F in zip(directions, thrust, strict=True)])
     return Capability(float(thrust[0]), float(speed[0]), float(thrust.min()), float(speed.min()))
 
@@ -62,28 +58,6 @@ def of_each(vehicles: Sequence[Vehicle], measure: Callable[[Vehicle], float]) ->
     known = {id(vehicle): vehicle for vehicle in vehicles}
     found = {key: measure(vehicle) for key, vehicle in known.items()}
     return np.array([found[id(vehicle)] for vehicle in vehicles])
-
-
-def _thrust(vehicle: Vehicle, direction: Array) -> float:
-    """Largest horizontal force along a unit vector of the body's plane, N."""
-    if vehicle.control == "thrust_vector":
-        most = vehicle.usable_lift
-        by_tilt = vehicle.weight * np.tan(np.deg2rad(vehicle.tilt))
-        return float(min(by_tilt, np.sqrt(max(most**2 - vehicle.weight**2, 0.0))))
-    from scipy.optimize import linprog
-
-    # max s over commands u within limits with W u = weight + s direction on the controlled rows
-    rows = vehicle.controlled_rows
-    along = np.array([*direction, 0.0, 0.0, 0.0, 0.0])
-    carried = np.zeros(6) if vehicle.dimension == 2 else vehicle.W @ vehicle.trim
-    equations = np.column_stack([vehicle.W[rows], -along[rows]])
-    found = linprog(
-        np.r_[np.zeros(vehicle.W.shape[1]), -1.0],
-        A_eq=equations,
-        b_eq=carried[rows],
-        bounds=[*vehicle.limits, (0.0, np.inf)],
-    )
-    return float(found.x[-1]) if found.status == 0 else (float("inf") if found.status == 3 else 0.0)
 
 
 def _speed(vehicle: Vehicle, direction: Array, thrust: float) -> float:
@@ -106,20 +80,15 @@ class Effects(Section):
     massless_tau: Duration = Field(0.02, description="s")
 
 
-_LIMITS = ("ctrl", "force", "act")
-_FREE_TILT = 80.0  # degrees
-
-
 def embody(vehicle: Vehicle, effects: Effects) -> Vehicle:
     """The vehicle with the effects that are wanted; see the module for what each is."""
-    if not effects.underactuation and vehicle.control != "full":
+    if not effects.underactuation and vehicle.steering.underactuated:
         vehicle = _fully_actuated(vehicle)
     if not effects.limits:
-        vehicle = _unlimited(vehicle)
+        free = [actuator.without_limits() for actuator in vehicle.actuators]
+        vehicle = replace(vehicle, actuators=free, steering=vehicle.steering.without_limits())
     if not effects.lag:
-        free = {"dyntype": "none", "actlimited": "false"}
-        actuation = [{k: a for k, a in x.items() if k != "actrange"} | free for x in vehicle.actuation]
-        vehicle = replace(vehicle, actuation=actuation)
+        vehicle = replace(vehicle, actuators=[actuator.without_lag() for actuator in vehicle.actuators])
     if not effects.drag_law:
         vehicle = replace(vehicle, quadratic_drag=np.zeros(6))
     if not effects.inertia:
@@ -132,30 +101,20 @@ def has_effects(vehicle: Vehicle) -> Effects:
     return Effects(
         inertia=vehicle.rate > 0.0 or bool(vehicle.added_mass.any()),
         drag_law=bool(vehicle.quadratic_drag.any()),
-        limits=bool(np.isfinite(vehicle.limits).any()),
-        lag=any(a["dyntype"] != "none" for a in vehicle.actuation),
-        underactuation=vehicle.control != "full",
+        limits=any(actuator.limited for actuator in vehicle.actuators),
+        lag=vehicle.lag > 0.0,
+        underactuation=vehicle.steering.underactuated,
     )
-
-
-def _unlimited(vehicle: Vehicle) -> Vehicle:
-    ranges, free = {f"{n}range" for n in _LIMITS}, {f"{n}limited": "false" for n in _LIMITS}
-    actuation = [{k: a for k, a in x.items() if k not in ranges} | free for x in vehicle.actuation]
-    tilt = _FREE_TILT if vehicle.tilt else 0.0
-    return replace(vehicle, actuation=actuation, tilt=tilt)
 
 
 def _massless(vehicle: Vehicle, tau: float) -> Vehicle:
     """Shrink the mass; the model's weight shrinks with it, and ballast makes up for that."""
     own = vehicle.mass / vehicle.drag[: vehicle.dimension]  # added mass goes altogether
     scale = min(1.0, tau / float(own.max()))
-    inertials = [
-        x | {"mass": x["mass"] * scale, "diaginertia": np.asarray(x["diaginertia"]) * scale} for x in vehicle.inertials
-    ]
+    inertials = [x._replace(mass=x.mass * scale, diagonal=x.diagonal * scale) for x in vehicle.inertials]
     # What turns keeps its drag in proportion, so that the attitude hold stays what it was. A boat rolls and pitches by
     # its restoring, and yaw at a hand point is a controlled velocity: these keep theirs.
-    held = {"hand_point": [], "full": [2] if vehicle.dimension == 2 else [0, 1, 2], "thrust_vector": [0, 1, 2]}
-    turning, axes = np.ones(3), held[vehicle.control]
+    turning, axes = np.ones(3), [row - 3 for row in vehicle.controlled_rows if row > 2 and vehicle.steering.attitude]
     turning[axes] = (scale * np.diag(vehicle.inertia) / vehicle.moving_mass[3:])[axes]
     return replace(
         vehicle,
@@ -172,37 +131,20 @@ def _massless(vehicle: Vehicle, tau: float) -> Vehicle:
 
 def _fully_actuated(vehicle: Vehicle) -> Vehicle:
     """Thrusters along every controlled axis: as strong as the vehicle's own together, and as slow as their mean."""
-    rows = [0, 1, 5] if vehicle.dimension == 2 else [0, 1, 2, 3, 4, 5]
-    low, high = np.minimum(vehicle.limits[:, 0], 0.0), vehicle.limits[:, 1]
+    low, high = np.minimum(vehicle.effort_bounds[:, 0], 0.0), vehicle.effort_bounds[:, 1]
     used = vehicle.W != 0.0  # what a thruster without limits does not push at all is no push without limits
     reach = np.where(vehicle.W > 0.0, high, low) * np.where(used, vehicle.W, 1.0)
     strongest = np.where(used, reach, 0.0).sum(axis=1)
-    force = strongest[:3].max()
-    lags = [a for a in vehicle.actuation if a["dyntype"] != "none"]
-    actuation = []
-    for row in rows:
+    force, steering = strongest[:3].max(), Full()
+    actuators: list[Thruster] = []
+    for row in steering.rows[vehicle.dimension]:
         bound = force if row < 3 else strongest[row]
-        limited = "true" if np.isfinite(bound) and bound > 0.0 else "false"
-        own = {
-            "dyntype": "none",
-            "dynprm": vehicle.actuation[0]["dynprm"],
-            "gainprm": np.array([1.0]),
-            "actearly": "false",
-            "ctrllimited": limited,
-            "forcelimited": "false",
-            "actlimited": "false",
-        }
-        if limited == "true":
-            own["ctrlrange"] = np.array([-bound, bound])
-        if lags:
-            own |= {"dyntype": lags[0]["dyntype"], "dynprm": np.array([vehicle.lag])}
-        actuation.append(own)
-    return replace(
-        vehicle,
-        control="full",
-        thrusters=[f"virtual_{ROW_NAMES[row].replace(' ', '_')}" for row in rows],
-        actuation=actuation,
-        W=np.eye(6)[:, rows],
-        hand=0.0,
-        tilt=0.0,
-    )
+        own = Thruster(
+            f"virtual_{ROW_NAMES[row].replace(' ', '_')}",
+            np.eye(6)[row],
+            ctrl=(-bound, bound) if np.isfinite(bound) and bound > 0.0 else None,
+            law="filterexact" if vehicle.lag > 0.0 else "none",
+            time_constant=vehicle.lag,
+        )
+        actuators.append(own)
+    return replace(vehicle, steering=steering, actuators=actuators)

@@ -1,7 +1,7 @@
 """The files that a vehicle is made of, none of which may lie outside its description's directory.
 
 A description names an MJCF file, which may include others and name meshes, textures and height fields. They are looked
-through before MuJoCo or PyMJCF open any of them. MuJoCo loads no code by MJCF, but a plugin that it has already loaded
+through before MuJoCo opens any of them. MuJoCo loads no code by MJCF, but a plugin that it has already loaded
 may do anything: plugins are refused. So is what MuJoCo would not survive: copies of copies without end, pictures larger
 than any memory, and numbers that are none, with which it goes on after a warning.
 
@@ -19,11 +19,13 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from mjsheaf.engine import mujoco
-from mjsheaf.errors import InputError
+from mjsheaf.errors import InputError, expected
 from mjsheaf.io.files import confined, resource_directory
 from mjsheaf.io.section import describe_validation_error
 from mjsheaf.io.yaml import read_yaml
-from mjsheaf.vehicles.vehicle import GRAVITY, ROW_NAMES, Control, Vehicle, VehicleDescription
+from mjsheaf.vehicles.actuators import LAGS, Azimuth, AzimuthThruster, Range, Thruster
+from mjsheaf.vehicles.steering import Full
+from mjsheaf.vehicles.vehicle import GRAVITY, ROW_NAMES, Inertial, Vehicle, VehicleDescription
 
 _LARGEST_FILE = 20_000_000  # bytes, of one XML file
 _DEEPEST = 100  # elements within one another
@@ -87,7 +89,7 @@ def files_of(description: Path, mjcf: str) -> list[Path]:
 
 
 def _places(reference: _Reference, main: Path, names: _Names, root: Path) -> list[Path]:
-    """Every file that MuJoCo or PyMJCF may take a reference for, where it exists.
+    """Every file that MuJoCo may take a reference for, where it exists.
 
     Raises:
         InputError: one is outside the root, or is no file.
@@ -182,13 +184,6 @@ def _numbers(value: str) -> list[float]:
 
 Array = NDArray[np.float64]
 
-LAGS = {
-    "none": mujoco.mjtDyn.mjDYN_NONE,
-    "filter": mujoco.mjtDyn.mjDYN_FILTER,
-    "filterexact": mujoco.mjtDyn.mjDYN_FILTEREXACT,
-}
-"""How a thruster may follow its command: MJCF's dyntype."""
-
 _LAG_NAMES = {int(lag): name for name, lag in LAGS.items()}
 
 
@@ -268,42 +263,32 @@ def _from_model(name: str, description: VehicleDescription, path: Path, model: m
         raise InputError(f"{path}: every actuator's dyntype must be one of {', '.join(LAGS)}")
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    site = model.actuator_trnid[:, 0]
-    axes = data.site_xmat[site].reshape(-1, 3, 3)
-    force = np.einsum("kij,kj->ki", axes, model.actuator_gear[:, :3])
-    moment = np.cross(data.site_xpos[site], force) + np.einsum("kij,kj->ki", axes, model.actuator_gear[:, 3:])
-    W = (np.hstack([force, moment]) * model.actuator_gainprm[:, :1]).T
-
     if not model.body_mass.sum() > 0.0:
         raise InputError(f"{path}: its mass is 0 kg; expected a positive one")
     mass, centre, inertia = mass_properties(model, data, slice(None))
     carried = float((model.body_mass * model.body_gravcomp).sum())
-    drag, steering = description.drag, description.steering
+    drag = description.drag
     linear = np.full(3, mass / drag.time_constant) if drag.time_constant else np.array(drag.linear, dtype=np.float64)
-    control: Control = "full"
-    if steering is not None:
-        control = "hand_point" if steering.hand_point is not None else "thrust_vector"
     vehicle = Vehicle(
         name=name,
         description=description,
         path=path,
-        control=control,
+        steering=description.steering or Full(),
         mass=mass,
         weight=(mass - carried) * GRAVITY,
         ballast=0.0,
         centre_of_mass=centre,
         inertia=inertia,
-        inertials=[_inertial(model, b) for b in range(1, model.nbody)],
-        thrusters=_thruster_names(model),
-        actuation=[_actuation(model, k) for k in range(model.nu)],
-        W=W,
+        inertials=[
+            Inertial(*(x[b].copy() for x in (model.body_ipos, model.body_iquat, model.body_mass, model.body_inertia)))
+            for b in range(1, model.nbody)
+        ],
+        actuators=_actuators(path, model, data, description.actuators),
         drag=linear,
         angular_drag=np.array(drag.angular, dtype=np.float64),
         quadratic_drag=np.array([*drag.quadratic, *drag.angular_quadratic], dtype=np.float64),
         added_mass=np.array(description.added_mass or [0.0] * 6, dtype=np.float64),
         rate=description.autopilot.rate if description.autopilot else 0.0,
-        hand=(steering.hand_point or 0.0) if steering else 0.0,
-        tilt=(steering.largest_tilt or 0.0) if steering else 0.0,
     )
     _check(vehicle)
     return vehicle
@@ -319,12 +304,13 @@ def _check(vehicle: Vehicle) -> None:
     if np.linalg.matrix_rank(vehicle.W[rows]) < len(rows):
         left = np.linalg.svd(vehicle.W[rows])[0][:, -1]
         lacking = ROW_NAMES[rows[int(np.argmax(np.abs(left)))]]
-        steering = "" if vehicle.control != "full" else "; an underactuated vehicle needs `steering` in its description"
+        steered = vehicle.steering.underactuated
+        steering = "" if steered else "; an underactuated vehicle needs `steering` in its description"
         raise InputError(
             f"{path}: the thrusters cannot produce every wanted wrench; lacking is {lacking} (Assumption 2){steering}"
         )
-    if vehicle.control == "hand_point" and not vehicle.angular_drag[2] > 0.0:
-        raise InputError(f"{path}: a hand point needs a positive drag.angular in yaw, as g divides by it")
+    if fault := vehicle.steering.fault(vehicle):
+        raise InputError(f"{path}: {fault}")
     trim, (low, high) = vehicle.trim, vehicle.limits.T
     short = np.flatnonzero((trim < low) | (trim > high))
     if short.size:
@@ -346,15 +332,6 @@ def mass_properties(model: mujoco.MjModel, data: mujoco.MjData, bodies: slice) -
     return mass, m @ r / mass, inertia + np.trace(second) * np.eye(3) - second
 
 
-def _inertial(model: mujoco.MjModel, b: int) -> dict[str, Any]:
-    return {
-        "pos": model.body_ipos[b].copy(),
-        "quat": model.body_iquat[b].copy(),
-        "mass": model.body_mass[b],
-        "diaginertia": model.body_inertia[b].copy(),
-    }
-
-
 def _thruster_names(model: mujoco.MjModel) -> list[str]:
     names = [model.actuator(k).name for k in range(model.nu)]
     for k in range(model.nu):
@@ -366,20 +343,50 @@ def _thruster_names(model: mujoco.MjModel) -> list[str]:
     return names
 
 
-def _actuation(model: mujoco.MjModel, k: int) -> dict[str, Any]:
-    """What the arena must be told of actuator k beside where it acts, read from the compiled file.
+def _actuators(path: Path, model: mujoco.MjModel, data: mujoco.MjData, turning: dict[str, Azimuth]) -> list[Thruster]:
+    """The actuators of a compiled file; its elements would not do: most of them may stand in their default class.
 
-    The file's own elements would not do: most of it may stand in their default class.
+    Raises:
+        InputError: one that is to turn does not exist, or does not push across the vertical.
     """
-    attributes: dict[str, Any] = {
-        "dyntype": _LAG_NAMES[int(model.actuator_dyntype[k])],
-        "dynprm": model.actuator_dynprm[k].copy(),
-        "gainprm": model.actuator_gainprm[k].copy(),
-        "actearly": "true" if model.actuator_actearly[k] else "false",
-    }
-    for name in ("ctrl", "force", "act"):
-        limited = bool(getattr(model, f"actuator_{name}limited")[k])
-        attributes[f"{name}limited"] = "true" if limited else "false"
-        if limited:
-            attributes[f"{name}range"] = getattr(model, f"actuator_{name}range")[k].copy()
-    return attributes
+    names = _thruster_names(model)
+    for name in turning:
+        if name not in names:
+            raise InputError(f"{path}: actuators.{name} of the description is not there; {expected(name, names)}")
+    site, gains = model.actuator_trnid[:, 0], model.actuator_gainprm[:, :1]
+    axes, arms = data.site_xmat[site].reshape(-1, 3, 3), data.site_xpos[site]
+    force = np.einsum("kij,kj->ki", axes, model.actuator_gear[:, :3])
+    torque = np.einsum("kij,kj->ki", axes, model.actuator_gear[:, 3:])
+    wrenches = np.hstack([force, np.cross(arms, force) + torque]) * gains
+    port = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]).T  # turns rows by 90 degrees
+    sideways = np.hstack([force @ port, np.cross(arms, force @ port) + torque @ port]) * gains
+    actuators = []
+    for k, name in enumerate(names):
+        thruster = Thruster(
+            name=name,
+            wrench=wrenches[k],
+            gain=float(gains[k, 0]),
+            ctrl=_range(model, "ctrl", k),
+            force=_range(model, "force", k),
+            act=_range(model, "act", k),
+            law=_LAG_NAMES[int(model.actuator_dyntype[k])],
+            time_constant=float(model.actuator_dynprm[k, 0]),
+            early=bool(model.actuator_actearly[k]),
+        )
+        if name in turning:
+            if not max(abs(wrenches[k, 2]), abs(torque[k, 2])) < 1e-9 * np.hypot(*wrenches[k, :2]):
+                raise InputError(
+                    f"{path}: actuators.{name}: expected a horizontal thrust and no torque about the vertical"
+                )
+            low, high, rate = map(float, np.deg2rad([*turning[name].angle, turning[name].rate]))
+            turn = {"sideways": sideways[k], "low": low, "high": high, "rate": rate, "angle_lag": turning[name].lag}
+            thruster = AzimuthThruster(**vars(thruster), **turn)
+        actuators.append(thruster)
+    return actuators
+
+
+def _range(model: mujoco.MjModel, what: str, k: int) -> Range:
+    if not getattr(model, f"actuator_{what}limited")[k]:
+        return None
+    low, high = getattr(model, f"actuator_{what}range")[k]
+    return float(low), float(high)

@@ -11,14 +11,16 @@ Wrenches are [force; moment] about the origin of the body frame, in body axes (x
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import Discriminator, Field, Tag, model_validator
 
 from mjsheaf.errors import InputError
 from mjsheaf.io.section import Section
+from mjsheaf.vehicles.actuators import Azimuth, Channel, Thruster
+from mjsheaf.vehicles.steering import HandPoint, Steering, ThrustVector
 
 Triple = Annotated[list[Annotated[float, Field(ge=0)]], Field(min_length=3, max_length=3)]
 Six = Annotated[list[Annotated[float, Field(ge=0)]], Field(min_length=6, max_length=6)]
@@ -69,21 +71,10 @@ class Autopilot(Section):
     rate: Annotated[float, Field(gt=0)] = Field(description="k_v, 1/s")
 
 
-class Steering(Section):
-    """How a vehicle that cannot push along every axis makes the velocity that the law wants; give one of them."""
-
-    hand_point: Annotated[float, Field(gt=0)] | None = Field(
-        None, description="a boat with surge and yaw only is controlled at a point this far ahead of its origin, m"
-    )
-    largest_tilt: Annotated[float, Field(gt=0, le=80)] | None = Field(
-        None, description="a multirotor with parallel rotors points its thrust, tilting by at most this, degrees"
-    )
-
-    @model_validator(mode="after")
-    def _one(self) -> "Steering":
-        if (self.hand_point is None) == (self.largest_tilt is None):
-            raise ValueError("give either hand_point or largest_tilt")
-        return self
+def _kind_of_steering(value: Any) -> str | None:
+    """The field that is given, if it is one alone, or the kind."""
+    given = {"hand_point", "largest_tilt"} & set(value if isinstance(value, dict) else type(value).model_fields)
+    return given.pop() if len(given) == 1 else None
 
 
 class VehicleDescription(Section):
@@ -96,7 +87,18 @@ class VehicleDescription(Section):
     drag: Drag
     attitude: AttitudeHold
     autopilot: Autopilot | None = Field(None, description="feedforward of the drag law only unless given")
-    steering: Steering | None = Field(None, description="of an underactuated vehicle")
+    actuators: dict[str, Azimuth] = Field({}, description="thrusters of the MJCF file that turn, by name")
+    steering: (
+        Annotated[
+            Annotated[HandPoint, Tag("hand_point")] | Annotated[ThrustVector, Tag("largest_tilt")],
+            Discriminator(
+                _kind_of_steering,
+                custom_error_type="steering",
+                custom_error_message="give either hand_point or largest_tilt",
+            ),
+        ]
+        | None
+    ) = Field(None, description="how a vehicle that cannot push along every axis makes the velocity that is wanted")
     added_mass: Six | None = Field(None, description="surge, sway, heave, kg; roll, pitch, yaw, kg m^2")
     hydrostatics: Hydrostatics | None = Field(None, description="of a vehicle that floats")
 
@@ -104,31 +106,34 @@ class VehicleDescription(Section):
     def _fits_together(self) -> "VehicleDescription":
         if (self.domain == "surface") != (self.hydrostatics is not None):
             raise ValueError("a surface vehicle needs hydrostatics, and no other has them")
-        if self.steering is not None:
-            own = self.steering.hand_point if self.domain == "surface" else self.steering.largest_tilt
-            if own is None:
-                raise ValueError("steering has a hand_point on the surface, and a largest_tilt in a volume")
+        if isinstance(self.steering, ThrustVector if self.domain == "surface" else HandPoint):
+            raise ValueError("steering has a hand_point on the surface, and a largest_tilt in a volume")
         return self
 
 
 Array = NDArray[np.float64]
-Control = Literal["full", "thrust_vector", "hand_point"]
 
 GRAVITY = 9.81  # m/s^2
 
-_USABLE = (
-    0.9  # of its thrust is what a multirotor that points its thrust may use for its weight and for going somewhere
-)
 _STIFF = 0.01  # share of a velocity that drag takes in a step: as an applied force it is wrong by about this much
-_NO_LIMIT = 1e9  # a range from here on is none: it is there so that a command which diverges is seen
 
 ROW_NAMES = ("surge force", "sway force", "heave force", "roll moment", "pitch moment", "yaw moment")
-_ROWS: dict[tuple[str, Control], list[int]] = {
-    ("surface", "full"): [0, 1, 5],
-    ("surface", "hand_point"): [0, 5],
-    ("volume", "full"): [0, 1, 2, 3, 4, 5],
-    ("volume", "thrust_vector"): [2, 3, 4, 5],
-}
+
+
+class Inertial(NamedTuple):
+    """Inertia of one body of an MJCF file, as compiled.
+
+    Attributes:
+        position: of the centre of mass in the body's frame, shape (3,), m.
+        quaternion: of the principal axes, shape (4,).
+        mass: kg.
+        diagonal: principal moments of inertia, shape (3,), kg m^2.
+    """
+
+    position: Array
+    quaternion: Array
+    mass: float
+    diagonal: Array
 
 
 @dataclass(frozen=True)
@@ -139,46 +144,37 @@ class Vehicle:
         name: of its description.
         description: the description.
         path: its MJCF file.
-        control: how a wanted velocity becomes thrust: along every axis ('full'), by pointing the thrust of parallel
-            rotors ('thrust_vector'), or by surge and yaw at the hand point ('hand_point').
+        steering: how a wanted velocity becomes wrenches.
         mass: kg.
         weight: what thrusters or water must carry, N: m g less what the MJCF compensates (gravcomp).
         ballast: weight that the body does not have in the model, N; see effects.
         centre_of_mass: in the body frame, shape (3,), m.
         inertia: about the origin of the body frame, body axes, shape (3, 3), kg m^2.
-        inertials: MJCF attributes of the inertia of each body in the file, depth first, as compiled.
-        thrusters: names of the actuators; thruster_K where number K, from 0, has none.
-        actuation: MJCF attributes of each thruster's actuator: gain, limits and lag, defaults included.
-        W: wrench of each thruster for a command of 1, shape (6, s), N and N m.
+        inertials: of each body in the file, depth first.
+        actuators: what pushes it.
         drag: linear drag D along the body axes, shape (3,), N s/m.
         angular_drag: the same about them, shape (3,), N m s/rad.
         quadratic_drag: of |v| v along and of |omega| omega about the body axes, shape (6,).
         added_mass: mass of the medium that moves with the body along and about its axes, shape (6,), kg and kg m^2.
         rate: k_v of the autopilot, 1/s; 0 without one.
-        hand: distance of the controlled point ahead of the origin, m.
-        tilt: largest tilt of a vehicle that points its thrust, degrees; 0 for others.
     """
 
     name: str
     description: VehicleDescription
     path: Path
-    control: Control
+    steering: Steering
     mass: float
     weight: float
     ballast: float
     centre_of_mass: Array
     inertia: Array
-    inertials: list[dict[str, Any]]
-    thrusters: list[str]
-    actuation: list[dict[str, Any]]
-    W: Array
+    inertials: list[Inertial]
+    actuators: list[Thruster]
     drag: Array
     angular_drag: Array
     quadratic_drag: Array
     added_mass: Array
     rate: float
-    hand: float
-    tilt: float
 
     @property
     def dimension(self) -> int:
@@ -186,13 +182,56 @@ class Vehicle:
         return 2 if self.description.domain == "surface" else 3
 
     @property
+    def hand(self) -> float:
+        """Distance of the controlled point ahead of the origin, m."""
+        return self.steering.hand
+
+    @property
+    def tilt(self) -> float:
+        """Largest tilt of a vehicle that points its thrust, degrees; 0 for others."""
+        return self.steering.tilt
+
+    @property
     def controlled_rows(self) -> list[int]:
-        """Rows of the wrench that thrusters must produce: those that its way of control commands."""
-        return _ROWS[self.description.domain, self.control]
+        """Rows of the wrench that actuators must produce: those that its steering commands."""
+        return self.steering.rows[self.dimension]
+
+    @cached_property
+    def channels(self) -> list[Channel]:
+        """Its actuators in MuJoCo, length s: names, units and limits of commands."""
+        return [channel for actuator in self.actuators for channel in actuator.channels]
+
+    @property
+    def thrusters(self) -> list[str]:
+        """Names of the channels."""
+        return [channel.name for channel in self.channels]
+
+    @property
+    def limits(self) -> Array:
+        """Lowest and highest useful command of each channel, shape (s, 2)."""
+        return np.array([(channel.low, channel.high) for channel in self.channels]).reshape(-1, 2)
+
+    @cached_property
+    def W(self) -> Array:  # noqa: N802
+        """Wrench for each effort of 1, shape (6, s), N and N m; see `actuators`."""
+        return np.array([wrench for actuator in self.actuators for wrench in actuator.wrenches]).reshape(-1, 6).T
+
+    @property
+    def effort_bounds(self) -> Array:
+        """Lowest and highest of each effort, shape (s, 2)."""
+        return np.concatenate([np.zeros((0, 2)), *(actuator.bounds for actuator in self.actuators)])
+
+    @property
+    def half_planes(self) -> tuple[Array, Array]:
+        """A (r, s) and b (r,) of A u <= b, which efforts u obey beside their bounds."""
+        from scipy.linalg import block_diag
+
+        A, b = zip(*(actuator.half_planes for actuator in self.actuators), strict=True)
+        return block_diag(*A), np.concatenate(b)
 
     @cached_property
     def allocation(self) -> Array:
-        """W^+ on the controlled rows, zero on the others, shape (s, 6): commands that make a wanted wrench.
+        """W^+ on the controlled rows, zero on the others, shape (s, 6): efforts that make a wanted wrench.
 
         The moment rows belong to it: the pseudo-inverse of the force rows alone would spin a free body.
         """
@@ -201,17 +240,22 @@ class Vehicle:
         return P
 
     @property
-    def trim(self) -> Array:
-        """Commands that carry the weight of the level vehicle, shape (s,); zero where water carries it."""
+    def trim_effort(self) -> Array:
+        """Efforts that carry the weight of the level vehicle, shape (s,); zero where water carries it."""
         if self.dimension == 2:
             return np.zeros(self.W.shape[1])
         force = np.array([0.0, 0.0, self.weight])
         return np.asarray(self.allocation @ np.concatenate([force, np.cross(self.centre_of_mass, force)]))
 
     @property
-    def limits(self) -> Array:
-        """Lowest and highest useful command of each thruster, shape (s, 2): what ctrl, act and force ranges leave."""
-        return np.array([_range_of(actuation) for actuation in self.actuation]).reshape(-1, 2)
+    def trim(self) -> Array:
+        """Commands that carry the weight of the level vehicle, shape (s,)."""
+        efforts = self.by_actuator(self.trim_effort)
+        return np.concatenate([a.command(effort) for a, effort in zip(self.actuators, efforts, strict=True)])
+
+    def by_actuator(self, values: Array) -> list[Array]:
+        """Efforts or commands (s,) of each actuator."""
+        return np.split(values, np.cumsum([len(actuator.channels) for actuator in self.actuators])[:-1])
 
     @property
     def moving_mass(self) -> Array:
@@ -220,9 +264,8 @@ class Vehicle:
 
     @property
     def lag(self) -> float:
-        """Mean time constant of the thrusters, s."""
-        lags = [float(np.ravel(a["dynprm"])[0]) if a["dyntype"] != "none" else 0.0 for a in self.actuation]
-        return float(np.mean(lags)) if lags else 0.0
+        """Mean time constant of the actuators, s."""
+        return float(np.mean([actuator.lag for actuator in self.actuators])) if self.actuators else 0.0
 
     @property
     def rigid_mass(self) -> Array:
@@ -232,8 +275,11 @@ class Vehicle:
         return np.block([[self.mass * np.eye(3), -cross], [cross, self.inertia]])
 
     @property
-    def share(self) -> Array:
-        """M_RB (M_RB + M_A)^-1, shape (6, 6): of a wrench, what moves the body alone as all of it moves both."""
+    def rigid_wrench_map(self) -> Array:
+        """M_RB (M_RB + M_A)^-1, shape (6, 6).
+
+        Maps an applied wrench to the one that gives the rigid body alone the same acceleration.
+        """
         if not self.added_mass.any():
             return np.eye(6)
         rigid = self.rigid_mass
@@ -251,22 +297,16 @@ class Vehicle:
 
     @property
     def gears(self) -> Array:
-        """Wrench of each actuator on the free joint for a force of 1, shape (s, 6): zero where the gain is."""
-        gain = np.array([actuation["gainprm"][0] for actuation in self.actuation])  # W holds gain times gear
-        return np.divide(self.W.T @ self.share.T, gain[:, None], out=np.zeros((len(gain), 6)), where=gain[:, None] != 0)
+        """Wrench on the free joint for each effort of 1 / gain, shape (s, 6): zero where the gain is."""
+        gain = np.array([a.gain for a in self.actuators for _ in a.channels])  # W holds gain times gear
+        wrenches = self.W.T @ self.rigid_wrench_map.T
+        return np.divide(wrenches, gain[:, None], out=np.zeros((len(gain), 6)), where=gain[:, None] != 0)
 
     @property
     def turning_inertia(self) -> Array:
         """What a couple must overcome, shape (3, 3), kg m^2: inertia about the centre of mass, and added inertia."""
         c = self.centre_of_mass
         return self.inertia - self.mass * (c @ c * np.eye(3) - np.outer(c, c)) + np.diag(self.added_mass[3:])
-
-    @property
-    def usable_lift(self) -> float:
-        """Thrust along z that a vehicle which points its thrust may use, N: some is left for turning it."""
-        lifting = self.W[2] > 0.0
-        reach = self.W[2, lifting] @ self.limits[lifting, 1]
-        return max(_USABLE * float(reach), 1.01 * self.weight)
 
     def reduced_model(self) -> "ReducedModel":
         """The paper's first-order model of this vehicle: q' = f + g u once its time constants are small."""
@@ -297,10 +337,10 @@ class ReducedModel:
     """q' = f + g u + omega: what is left of a vehicle once its time constants are small against those of the law.
 
     The medium carries it, so that f is the medium's velocity w, and thrust moves it relative to that through linear
-    drag: g = C (R D R^T)^-1 R W_f. What u is depends on how it is controlled: thruster commands of a fully actuated
-    vehicle and of a boat at its hand point, where g = R(psi) diag(1 / D_surge, l / D_yaw) W on the rows surge and yaw
-    is square and of full rank; the thrust vector in world axes (N) of a multirotor with parallel rotors, whose attitude
-    is faster still.
+    drag: g = C (R D R^T)^-1 R W_f. What u is depends on its steering: efforts of a fully actuated vehicle (commands of
+    thrusters, force components of azimuth thrusters) and of a boat at its hand point, where
+    g = R(psi) diag(1 / D_surge, l / D_yaw) W on the rows surge and yaw is square and of full rank; the thrust vector in
+    world axes (N) of a multirotor with parallel rotors, whose attitude is faster still.
 
     Attributes:
         vehicle: the vehicle.
@@ -316,13 +356,9 @@ class ReducedModel:
         lag of the thrusters, or 2 zeta / omega of the attitude that must turn first: inside the autopilot's loop that
         costs l D only.
         """
-        v = self.vehicle
-        mass, drag = v.moving_mass, np.concatenate([v.drag, v.angular_drag])
-        rows = [0, 5] if v.control == "hand_point" else [0, 1, 2][: v.dimension]
-        late = np.full(len(rows), v.lag)
-        if v.control == "thrust_vector":
-            late[:2] = 2.0 * v.description.attitude.damping / v.description.attitude.frequency
-        return np.asarray((mass[rows] + late * drag[rows]) / (mass[rows] * v.rate + drag[rows]))
+        v, rows = self.vehicle, self.vehicle.steering.velocity_rows[: self.vehicle.dimension]
+        mass, drag = v.moving_mass[rows], np.concatenate([v.drag, v.angular_drag])[rows]
+        return np.asarray((mass + v.steering.delays(v) * drag) / (mass * v.rate + drag))
 
     def f(self, w: Array) -> Array:
         """The drift of a vehicle in a medium that moves at w (3,), shape (n,), m/s."""
@@ -334,34 +370,8 @@ class ReducedModel:
         Args:
             R: attitude, body to world, shape (3, 3).
         """
-        v, n = self.vehicle, self.vehicle.dimension
-        if v.control == "thrust_vector":
-            return np.asarray(R / v.drag @ R.T)
-        if v.control == "hand_point":
-            return np.asarray(R[:2, :2] @ (v.W[[0, 5]] * self._hand_gain[:, None]))
-        return np.asarray((R @ (v.W[:3] / v.drag[:, None]))[:n])
+        return self.vehicle.steering.g(self.vehicle, R)
 
     def g_inverse(self, R: Array) -> Array:
         """g^+, the right inverse of g that makes no other motion of the body, shape (s, n)."""
-        v, n = self.vehicle, self.vehicle.dimension
-        if v.control == "thrust_vector":
-            return np.asarray(R * v.drag @ R.T)
-        if v.control == "hand_point":
-            return np.asarray(v.allocation[:, [0, 5]] / self._hand_gain @ R[:2, :2].T)
-        return np.asarray((v.allocation[:, :3] @ (v.drag[:, None] * R.T))[:, :n])
-
-    @property
-    def _hand_gain(self) -> Array:
-        """Velocity of the hand point forward and to port for a surge force and a yaw moment of 1."""
-        return np.array([1.0 / self.vehicle.drag[0], self.vehicle.hand / self.vehicle.angular_drag[2]])
-
-
-def _range_of(actuation: dict[str, Any]) -> tuple[float, float]:
-    """What the ranges of an actuator leave of its command."""
-    low, high = -np.inf, np.inf
-    gain = float(actuation["gainprm"][0]) or 1.0
-    for name, scale in (("ctrlrange", 1.0), ("actrange", 1.0), ("forcerange", gain)):
-        if name in actuation and (name != "actrange" or actuation["dyntype"] != "none"):
-            ends = sorted(float(end) / scale for end in actuation[name])
-            low, high = max(low, ends[0]), min(high, ends[1])
-    return (low if low > -_NO_LIMIT else -np.inf), (high if high < _NO_LIMIT else np.inf)
+        return self.vehicle.steering.g_inverse(self.vehicle, R)

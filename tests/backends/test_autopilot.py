@@ -15,7 +15,7 @@ from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
 
 from mjsheaf import World
-from mjsheaf.simulation.autopilot import drive
+from mjsheaf.simulation.autopilot import Sensed, thruster_commands
 from mjsheaf.vehicles.vehicle import Vehicle
 from tests.builders import MULTIROTORS, REAL, alone, altered, ask, attitude, body, place, wanted_force, wrench, yaw_of
 
@@ -307,8 +307,9 @@ def test_a_multirotor_sinks_with_half_of_its_weight_at_most(name: str) -> None:
 
 
 def test_the_autopilot_is_not_handed_the_medium() -> None:
-    handed = set(inspect.signature(drive.py_func).parameters)
-    assert handed == {"kind", "thrusters", "heading", "command", "R", "quaternion", "s", "omega", "ctrl"}
+    handed = set(inspect.signature(thruster_commands.py_func).parameters)
+    assert handed == {"kind", "thrusters", "heading", "command", "sensed", "act", "ctrl"}
+    assert set(Sensed._fields) == {"R", "quaternion", "velocity", "rates"}
 
 
 @pytest.mark.parametrize("name", REAL)

@@ -12,8 +12,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from mjsheaf.vehicles.actuators import Thruster
 from mjsheaf.vehicles.effects import Effects, embody, has_effects
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
+from mjsheaf.vehicles.steering import Full
 from mjsheaf.vehicles.vehicle import Vehicle
 from tests.builders import BOATS, MULTIROTORS, REAL, alone, ask, attitude, body, place, yaw_of
 
@@ -24,9 +26,9 @@ CHANGES = {
     # Angular drag too, in proportion to the inertia, so that the attitude hold stays what it was.
     "inertia": {"mass", "ballast", "inertia", "inertials", "added_mass", "rate", "angular_drag", "quadratic_drag"},
     "drag_law": {"quadratic_drag"},
-    "limits": {"actuation", "tilt"},
-    "lag": {"actuation"},
-    "underactuation": {"control", "thrusters", "actuation", "W", "hand", "tilt"},
+    "limits": {"actuators", "steering"},
+    "lag": {"actuators"},
+    "underactuation": {"actuators", "steering"},
 }
 HAS = {
     "hexarotor": {"inertia", "drag_law", "limits", "lag"},
@@ -38,10 +40,10 @@ HAS = {
 
 
 def same(one: Any, other: Any) -> bool:
-    if isinstance(one, list):
+    if isinstance(one, list | tuple):
         return len(one) == len(other) and all(same(a, b) for a, b in zip(one, other, strict=True))
-    if isinstance(one, dict):
-        return one.keys() == other.keys() and all(same(one[k], other[k]) for k in one)
+    if isinstance(one, Thruster):
+        return type(one) is type(other) and same(list(vars(one).values()), list(vars(other).values()))
     return bool(np.array_equal(one, other))
 
 
@@ -196,7 +198,7 @@ def test_with_full_actuation_a_quadrotor_goes_sideways_level(name: str) -> None:
 def test_with_full_actuation_an_otter_goes_sideways_without_turning() -> None:
     world = alone("otter", heading=40, underactuation=False)
     vehicle, _, dof, _ = body(world)
-    assert (vehicle.control, vehicle.hand) == ("full", 0.0)
+    assert (vehicle.steering, vehicle.hand) == (Full(), 0.0)
     left = np.deg2rad(130)
     ask(world, 0.5 * np.array([np.cos(left), np.sin(left)]))
     world.step(20_000)
@@ -215,5 +217,5 @@ def test_virtual_thrusters_are_along_every_controlled_axis_as_strong_and_as_slow
     strongest = {"quadrotor": 4 * 13.0, "x500": 4 * 12.13, "otter": 2 * 119.68}[name]
     np.testing.assert_allclose(forces, strongest, rtol=1e-9)
     np.testing.assert_array_equal(vehicle.limits[:, 0], -vehicle.limits[:, 1])
-    lag = [a["dynprm"][0] for a in vehicle.actuation]
-    np.testing.assert_allclose(lag, np.ravel(real.actuation[0]["dynprm"])[0])
+    lag = [actuator.lag for actuator in vehicle.actuators]
+    np.testing.assert_allclose(lag, real.actuators[0].lag)

@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from mjsheaf import World
 from mjsheaf.simulation.loop import run_physics
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
+from mjsheaf.vehicles.steering import HandPoint, ThrustVector
 from tests.builders import (
     BOATS,
     LAG,
@@ -139,11 +140,11 @@ def mean_delay(name: str, axis: int) -> tuple[float, float, float]:
     measured = seconds - float(way @ direction) / end
 
     tau = float(vehicle.reduced_model().tau[axis])
-    turned = vehicle.control == "hand_point" and axis == 1
+    turned = isinstance(vehicle.steering, HandPoint) and axis == 1
     D = vehicle.angular_drag[2] if turned else vehicle.drag[axis]
     M = vehicle.inertia[2, 2] + vehicle.added_mass[5] if turned else vehicle.mass + vehicle.added_mass[axis]
     late = LAG[name]
-    if vehicle.control == "thrust_vector" and axis < 2:
+    if isinstance(vehicle.steering, ThrustVector) and axis < 2:
         hold = vehicle.description.attitude
         late = 2.0 * hold.damping / hold.frequency
     return measured, tau, (M + late * D) / (M * vehicle.rate + D)

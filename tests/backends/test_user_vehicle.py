@@ -19,6 +19,7 @@ from mjsheaf import load_scenario, simulate
 from mjsheaf.cli.main import main
 from mjsheaf.errors import InputError
 from mjsheaf.vehicles.loading import load_vehicle
+from mjsheaf.vehicles.steering import Full
 from tests.builders import RAFT, Edit, alone, altered, ask, body, find, refused
 
 SCENARIO = {
@@ -61,7 +62,7 @@ def test_the_example_is_as_short_as_the_readme_says() -> None:
 def test_a_raft_is_what_its_files_say() -> None:
     """60 kg; thrusters in X at arms of .707 m; tau = (M + l D) / (M k_v + D) = (70 + .1 60) / (70 + 60) s."""
     raft = load_vehicle(str(RAFT))
-    assert (raft.mass, raft.dimension, raft.control, raft.weight) == (60.0, 2, "full", 60.0 * 9.81)
+    assert (raft.mass, raft.dimension, raft.steering, raft.weight) == (60.0, 2, Full(), 60.0 * 9.81)
     c = np.sqrt(0.5)
     np.testing.assert_allclose(raft.W[0], [c, c, c, c], atol=1e-12)
     np.testing.assert_allclose(raft.W[1], [-c, c, c, -c], atol=1e-12)

@@ -258,7 +258,12 @@ def flat(root: ElementTree.Element) -> None:
         ("hull", None, {"hydrostatics": None}, r"a surface vehicle needs hydrostatics"),
         ("aerial", None, {"hydrostatics": {"heave": 1, "roll": 1, "pitch": 1}}, r"needs hydrostatics, and no other"),
         ("hull", None, {"mjcf": "boat.xml"}, r"boat\.xml"),
-        ("hull", None, {"colour": "red"}, r"hull\.yaml: colour: unknown field; expected added_mass, attitude"),
+        (
+            "hull",
+            None,
+            {"colour": "red"},
+            r"hull\.yaml: colour: unknown field; expected actuators",
+        ),
         ("hull", None, {"drag": {}}, r"hull\.yaml: drag: give either time_constant or linear"),
         ("hull", None, {"drag": {"linear": [1, 2, 0]}}, r"drag: linear drag must be positive along each axis"),
         ("hull", None, {"drag": {"time_constant": 0}}, r"drag\.time_constant: input should be greater than 0"),

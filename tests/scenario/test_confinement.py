@@ -252,21 +252,6 @@ def test_what_a_person_puts_among_a_run_s_vehicles_is_not_lost(
     assert mine.is_symlink() or mine.read_text() == "mine"
 
 
-def test_what_only_mujoco_finds_is_refused_in_one_line(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """MuJoCo looks for an included file's meshes where the main file says; PyMJCF where the included one does."""
-    whole(place)
-    boats = place / "boats"
-    edit(boats / "raft.xml", '<mesh name="m" file="hull.obj"/>', "")
-    (boats / "parts" / "assets.xml").write_text('<mujoco><asset><mesh name="m" file="hull.obj"/></asset></mujoco>')
-    with pytest.raises(SystemExit) as stopped:
-        main(["run", str(write(place, agents=agent("boats/raft.yaml"))), "--no-video", "--out", str(place / "out")])
-    assert stopped.value.code == 2
-    told = capsys.readouterr().err
-    assert told.count("\n") == 1
-    assert "raft.xml: PyMJCF cannot read it: " in told
-    assert not (place / "out").exists()
-
-
 def test_a_resolved_scenario_without_own_vehicles_has_no_folder(tmp_path: Path) -> None:
     write_scenario(load_scenario("midpoint"), tmp_path)
     assert [p.name for p in tmp_path.iterdir()] == ["scenario.yaml"]

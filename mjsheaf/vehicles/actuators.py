@@ -1,0 +1,413 @@
+"""Actuators by kind: what each can push, its actuators in MuJoCo, and its branch in the compiled loop.
+
+Allocation is linear in efforts: W maps them to the wrench on the body. A thruster's one effort is its command. An
+azimuth thruster has two, the components of its thrust along its site's direction and to port of that, of which its
+branch makes thrust and angle. Every effort has a channel: an actuator of MuJoCo's, with its command in ctrl.
+
+A new kind subclasses `Thruster` and has a code with a branch in `aim`, `turn_gears`, `all_within` and `room_of`.
+"""
+
+from dataclasses import dataclass, field, replace
+from typing import Annotated, Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from mjsheaf.engine import mujoco
+from mjsheaf.io.section import Section
+from mjsheaf.jit import kernel, part
+from mjsheaf.vehicles.vectors import to_world, triple
+
+Array = NDArray[np.float64]
+Range = tuple[float, float] | None  # of MuJoCo's: lowest and highest, or no limit
+
+LAGS = {
+    "none": mujoco.mjtDyn.mjDYN_NONE,
+    "filter": mujoco.mjtDyn.mjDYN_FILTER,
+    "filterexact": mujoco.mjtDyn.mjDYN_FILTEREXACT,
+}
+"""How a thruster may follow its command: MJCF's dyntype."""
+
+FIXED, AZIMUTH, ANGLE = 0, 1, 2  # codes of channels
+CHANNEL = np.dtype(
+    [
+        ("direction", "f8", 3),  # force on the body for a force of 1, body axes; of an angle, at 90 degrees
+        ("row", "f8", 6),  # of the allocation W^+
+        ("low", "f8"),  # limits of the command
+        ("high", "f8"),
+        ("code", "i8"),  # FIXED, AZIMUTH or, right after that, its ANGLE
+        ("moment", "f8", 3),  # as direction
+        ("reach", "f8"),  # farthest that an angle's command may be from the angle, rad
+        ("state", "i8"),  # place of its activation among those of its vehicle
+    ]
+)
+
+_NO_LIMIT = 1e9  # a range from here on is none: it is there so that a command which diverges is seen
+_NORMALS = 2.0 * np.pi * np.arange(72) / 72  # rad, of the half-planes about what an azimuth thruster can push
+_OVERLAP = 0.2  # share of a force that an azimuth thruster leaves out before it turns round for it
+
+
+class Channel(NamedTuple):
+    """One actuator of MuJoCo's, as recorded.
+
+    Attributes:
+        name: unique in its vehicle.
+        unit: of its command.
+        low, high: limits of its command.
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Thruster:
+    """An actuator on a site of the MJCF file, at rest in the body: its effort is its command.
+
+    Attributes:
+        name: of the actuator.
+        wrench: for a command of 1, body axes about the origin, shape (6,), N and N m.
+        gain: force of MuJoCo's for a command of 1.
+        ctrl, force, act: MuJoCo's ranges.
+        law: how it follows its command, one of LAGS.
+        time_constant: of that, s.
+        early: whether its force is that of the activation after a step.
+    """
+
+    name: str
+    wrench: Array
+    gain: float = 1.0
+    ctrl: Range = None
+    force: Range = None
+    act: Range = None
+    law: str = "none"
+    time_constant: float = 1.0
+    early: bool = False
+
+    @property
+    def wrenches(self) -> Array:
+        """Wrench for each effort of 1, body axes about the origin, shape (e, 6), N and N m."""
+        return self.wrench[None]
+
+    @property
+    def thrust(self) -> tuple[float, float]:
+        """Lowest and highest useful command: what the ranges leave of it."""
+        low, high = -np.inf, np.inf
+        late, scale = self.act if self.law != "none" else None, self.gain or 1.0
+        force = self.force and (self.force[0] / scale, self.force[1] / scale)
+        for limits in (self.ctrl, late, force):
+            if limits:
+                low, high = max(low, min(limits)), min(high, max(limits))
+        return low if low > -_NO_LIMIT else -np.inf, high if high < _NO_LIMIT else np.inf
+
+    @property
+    def bounds(self) -> Array:
+        """Lowest and highest of each effort, shape (e, 2)."""
+        return np.array([self.thrust])
+
+    @property
+    def half_planes(self) -> tuple[Array, Array]:
+        """A (r, e) and b (r,): efforts u also obey A u <= b."""
+        return np.zeros((0, len(self.channels))), np.zeros(0)
+
+    @property
+    def channels(self) -> list[Channel]:
+        """One for each effort, in that order."""
+        return [Channel(self.name, "N", *self.thrust)]
+
+    @property
+    def limited(self) -> bool:
+        """Whether anything limits it."""
+        return bool(np.isfinite([(channel.low, channel.high) for channel in self.channels]).any())
+
+    @property
+    def lag(self) -> float:
+        """Time constant with which efforts follow commands, s."""
+        return self.time_constant if self.law != "none" else 0.0
+
+    def command(self, effort: Array) -> Array:
+        """Commands that make an effort (e,) at rest, shape (e,)."""
+        return effort
+
+    def why_rough(self, command: Array, least: float) -> str:
+        """Why it does not follow small changes of effort linearly about commands (e,); empty where it does.
+
+        `least` is what counts as no thrust.
+        """
+        within = all(c.low < value < c.high for c, value in zip(self.channels, command, strict=True))
+        return "" if within else "its thrusters are at their limits"
+
+    def without_limits(self) -> "Thruster":
+        """The same, pushing as hard as asked."""
+        return replace(self, ctrl=None, force=None, act=None)
+
+    def without_lag(self) -> "Thruster":
+        """The same, following its commands at once."""
+        return replace(self, law="none", act=None)
+
+    def to_mujoco(self, gears: Array) -> list[dict[str, Any]]:
+        """What `MjSpec.add_actuator` is told of each channel; gears (e, 6) for efforts of 1 / gain."""
+        own = _actuator(self.name, gears[0], self.gain, self.law, self.time_constant)
+        own["actearly"] = self.early
+        for name, limits in (("ctrl", self.ctrl), ("force", self.force), ("act", self.act)):
+            own[f"{name}limited"] = int(limits is not None)
+            if limits is not None:
+                own[f"{name}range"] = limits
+        return [own]
+
+    def pack(self, channels: NDArray[np.void], timestep: float) -> None:
+        """Write what the kind has of its own into its CHANNEL records, for a physics step in s."""
+        channels["code"] = FIXED
+
+
+class Azimuth(Section):
+    """How a thruster of the MJCF file turns about the vertical axis through its site."""
+
+    kind: Literal["azimuth"]
+    angle: Annotated[list[float], Field(min_length=2, max_length=2)] = Field(
+        description="lowest and highest angle, degrees; 0 is the site's own direction, positive to port"
+    )
+    rate: Annotated[float, Field(gt=0)] = Field(description="fastest turn, degrees/s")
+    lag: Annotated[float, Field(ge=0)] = Field(0.0, description="time constant with which the angle follows, s")
+
+    @model_validator(mode="after")
+    def _ordered(self) -> "Azimuth":
+        if not -360.0 <= self.angle[0] < self.angle[1] <= 360.0:
+            raise ValueError("angle: expected the lowest, then the highest, from -360 to 360 degrees")
+        return self
+
+
+@dataclass(frozen=True)
+class AzimuthThruster(Thruster):
+    """A thruster that turns about the vertical axis through its site.
+
+    Its thrust is a channel in N, limited and late as in the MJCF file; its angle one in rad, whose activation is the
+    angle: state of MuJoCo's, saved and restored with it.
+
+    Attributes:
+        sideways: wrench for a command of 1 at 90 degrees, shape (6,).
+        low, high: limits of the angle, rad.
+        rate: limit of its change, rad/s.
+        angle_lag: time constant with which it follows its command, s.
+    """
+
+    sideways: Array = field(kw_only=True)
+    low: float = field(kw_only=True)
+    high: float = field(kw_only=True)
+    rate: float = field(kw_only=True)
+    angle_lag: float = field(kw_only=True)
+
+    @property
+    def wrenches(self) -> Array:
+        """Of thrust along the site's direction, and to port of it."""
+        return np.array([self.wrench, self.sideways])
+
+    @property
+    def channels(self) -> list[Channel]:
+        """Thrust and angle."""
+        return [*super().channels, Channel(f"{self.name}_angle", "rad", self.low, self.high)]
+
+    def _reach(self, normals: Array) -> Array:
+        """Largest effort along directions (k,) in rad."""
+        angles = normals + 2.0 * np.pi * np.arange(-2, 3)[:, None]
+        ahead, astern = (((self.low <= a) & (a <= self.high)).any(axis=0) for a in (angles, angles + np.pi))
+        ends = np.cos([self.low - normals, self.high - normals])
+        cosines = np.where(astern, -1.0, ends.min(axis=0)), np.where(ahead, 1.0, ends.max(axis=0))
+        return np.asarray(np.max([thrust * c for thrust in self.thrust for c in cosines], axis=0))
+
+    @property
+    def bounds(self) -> Array:
+        """The box about what it can push."""
+        if not np.isfinite([*self.thrust, self.low, self.high]).all():
+            return np.array([[-np.inf, np.inf]] * 2)
+        ahead, port, astern, starboard = self._reach(np.pi * np.array([0.0, 0.5, 1.0, 1.5]))
+        return np.array([[-astern, ahead], [-starboard, port]])
+
+    @property
+    def half_planes(self) -> tuple[Array, Array]:
+        """Tangents to the convex hull of what it can push, within 0.1 %."""
+        if not np.isfinite(self.bounds).all():
+            return super().half_planes
+        return np.column_stack([np.cos(_NORMALS), np.sin(_NORMALS)]), self._reach(_NORMALS)
+
+    @property
+    def limited(self) -> bool:
+        """Its rate may be."""
+        return super().limited or bool(np.isfinite(self.rate))
+
+    @property
+    def lag(self) -> float:
+        """The slower of thrust and angle."""
+        return max(super().lag, self.angle_lag)
+
+    def command(self, effort: Array) -> Array:
+        """Thrust ahead at the effort's angle, or none at the angle nearest to 0."""
+        angle = np.arctan2(effort[1], effort[0]) if effort.any() else min(max(0.0, self.low), self.high)
+        return np.array([np.hypot(*effort), angle])
+
+    def why_rough(self, command: Array, least: float) -> str:
+        """Without thrust it has no direction: what is small turns it far."""
+        aimless = "" if abs(command[0]) > least else "an azimuth thruster has no direction without thrust"
+        return super().why_rough(command, least) or aimless
+
+    def without_limits(self) -> "AzimuthThruster":
+        """Neither thrust nor angle nor rate has any."""
+        return replace(self, ctrl=None, force=None, act=None, low=-np.inf, high=np.inf, rate=np.inf)
+
+    def without_lag(self) -> "AzimuthThruster":
+        """Both follow at once, the angle as fast as it may turn."""
+        return replace(self, law="none", act=None, angle_lag=0.0)
+
+    def to_mujoco(self, gears: Array) -> list[dict[str, Any]]:
+        """Thrust, and the angle, whose force is the angle and acts on nothing."""
+        angle = _actuator(f"{self.name}_angle", np.zeros(6), 1.0, "filterexact", self.angle_lag)
+        if np.isfinite([self.low, self.high]).all():
+            angle |= {"ctrllimited": 1, "ctrlrange": (self.low, self.high)}
+        return [*super().to_mujoco(gears), angle]
+
+    def pack(self, channels: NDArray[np.void], timestep: float) -> None:
+        """Rate and lag say how far ahead of the angle its command may be."""
+        channels["code"] = AZIMUTH, ANGLE
+        followed = -np.expm1(-timestep / self.angle_lag) if self.angle_lag > 0.0 else 1.0  # in a step
+        channels["reach"] = self.rate * timestep / followed
+
+
+def _actuator(name: str, gear: Array, gain: float, law: str, time_constant: float) -> dict[str, Any]:
+    return {
+        "name": name,
+        "gear": gear,
+        "gaintype": mujoco.mjtGain.mjGAIN_FIXED,
+        "gainprm": [gain, *np.zeros(9)],
+        "biastype": mujoco.mjtBias.mjBIAS_NONE,
+        "dyntype": LAGS[law],
+        "dynprm": [time_constant, *np.zeros(9)],
+    }
+
+
+@kernel
+def aim(channels, act, ctrl):
+    """Turn efforts into commands, in place; both of shape (s,).
+
+    An azimuth thruster takes the angle, of the two at which it makes a force by thrust ahead or astern, that is nearer;
+    or else of the best that it can reach. It turns no faster than it may, and thrusts meanwhile by the force's
+    component along its present angle. No force leaves the angle as it is.
+
+    Args:
+        channels: of one vehicle, shape (s,); see CHANNEL.
+        act: its activations.
+        ctrl: efforts, then commands.
+    """
+    for k in range(ctrl.shape[0] - 1):
+        if channels[k].code == AZIMUTH:
+            x, y, thrust, angle = ctrl[k], ctrl[k + 1], channels[k], channels[k + 1]
+            size, now = np.sqrt(x * x + y * y), act[angle.state]
+            if size < np.inf:  # what is not finite stays, to be seen
+                near = _nearest(np.arctan2(y, x), now, angle.low, angle.high)
+                far = _nearest(np.arctan2(-y, -x), now, angle.low, angle.high)
+                if abs(far - now) < abs(near - now):
+                    near, far = far, near
+                if _missed(thrust, far, x, y) < _missed(thrust, near, x, y) - _OVERLAP * size:
+                    near = far
+                if size == 0.0:
+                    near = now
+                ctrl[k] = at_most(x * np.cos(now) + y * np.sin(now), thrust.low, thrust.high)
+                ctrl[k + 1] = min(max(near, now - angle.reach, angle.low), now + angle.reach, angle.high)
+
+
+@part
+def _nearest(angle, now, low, high):
+    """The angle, give or take whole turns, that is within limits and nearest to `now`; or else the nearer limit."""
+    turn = 2.0 * np.pi
+    a = angle + turn * np.round((now - angle) / turn)
+    if a > high or a < low:
+        b = high - (high - a) % turn if a > high else low + (a - low) % turn
+        a = b if low <= b <= high else (high if np.cos(high - a) > np.cos(low - a) else low)
+    return a
+
+
+@part
+def _missed(thrust, angle, x, y):
+    """How much of a force (x, y) is left out at an angle, in the unit of the force."""
+    c, s = np.cos(angle), np.sin(angle)
+    made = min(max(x * c + y * s, thrust.low), thrust.high)
+    return np.sqrt((x - made * c) ** 2 + (y - made * s) ** 2)
+
+
+@part
+def _strength(thrust, angle, x, y):
+    """Largest thrust of an azimuth thruster along (x, y), or of the ways that it has where it cannot turn there."""
+    a, b = np.arctan2(y, x), np.arctan2(-y, -x)
+    ahead = np.cos(_nearest(a, a, angle.low, angle.high) - a) > 1.0 - 1e-12
+    astern = np.cos(_nearest(b, b, angle.low, angle.high) - b) > 1.0 - 1e-12
+    return max(thrust.high if ahead or not astern else 0.0, -thrust.low if astern or not ahead else 0.0)
+
+
+@kernel
+def all_within(channels, effort):
+    """Whether every actuator of a vehicle can make its efforts (s,)."""
+    within = True
+    for k in range(effort.shape[0]):
+        x = effort[k]
+        if channels[k].code == FIXED:
+            within = within and channels[k].low <= x <= channels[k].high
+        elif channels[k].code == AZIMUTH:
+            y = effort[k + 1]
+            within = within and np.sqrt(x * x + y * y) <= _strength(channels[k], channels[k + 1], x, y)
+    return within
+
+
+@part
+def room_of(channels, k, u, du, v, dv):
+    """The largest share, 0 to 1, of more effort that an actuator can make.
+
+    Args:
+        channels: of one vehicle, shape (s,).
+        k: channel of the actuator.
+        u, du: its effort and what is to be added.
+        v, dv: those of the next channel, which belong to it if it is an azimuth thruster.
+    """
+    room, low, high = 1.0, channels[k].low, channels[k].high
+    if channels[k].code == AZIMUTH:
+        most = _strength(channels[k], channels[k + 1], u + du, v + dv)
+        if not (u + du) ** 2 + (v + dv) ** 2 <= most * most:
+            a, b, c = du * du + dv * dv, u * du + v * dv, u * u + v * v - most * most
+            room = max(0.0, (np.sqrt(b * b - a * c) - b) / a) if c < 0.0 else 0.0
+    elif channels[k].code == FIXED:
+        if u + du > high and du > 0.0:
+            room = max(0.0, (high - u) / du)
+        elif u + du < low and du < 0.0:
+            room = max(0.0, (low - u) / du)
+    return room
+
+
+@part
+def at_most(u, low, high):
+    """A command within its limits, at one if within rounding of it. What is not finite stays, to be seen."""
+    slack = 1e-9 * (high - low)
+    if u > high - slack:
+        return high if u < np.inf else u
+    if u < low + slack:
+        return low if u > -np.inf else u
+    return u
+
+
+@part
+def turn_gears(channels, R, act, gear):
+    """Write the gears (s, 6) of azimuth thrusters for a vehicle with attitude R and activations act."""
+    for k in range(gear.shape[0] - 1):
+        if channels[k].code == AZIMUTH:
+            ahead, aside = channels[k], channels[k + 1]
+            c, s = np.cos(act[aside.state]), np.sin(act[aside.state])
+            force = to_world(R, _turned(triple(ahead.direction), triple(aside.direction), c, s))
+            moment = _turned(triple(ahead.moment), triple(aside.moment), c, s)
+            for i in range(3):
+                gear[k, i], gear[k, 3 + i], gear[k + 1, i] = force[i], moment[i], 0.0
+
+
+@part
+def _turned(a, b, c, s):
+    """c a + s b for vectors a and b."""
+    return c * a[0] + s * b[0], c * a[1] + s * b[1], c * a[2] + s * b[2]

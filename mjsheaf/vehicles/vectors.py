@@ -1,0 +1,82 @@
+"""Vectors of space as tuples, for compiled code: they live in registers, and no two of them can overlap in memory.
+
+A rotation is a tuple of its nine entries by rows; it turns body axes into world axes.
+"""
+
+from mjsheaf.jit import part
+
+
+@part
+def rotation(w, x, y, z):
+    """The rotation of a unit quaternion."""
+    return (
+        1 - 2 * (y * y + z * z),
+        2 * (x * y - w * z),
+        2 * (x * z + w * y),
+        2 * (x * y + w * z),
+        1 - 2 * (x * x + z * z),
+        2 * (y * z - w * x),
+        2 * (x * z - w * y),
+        2 * (y * z + w * x),
+        1 - 2 * (x * x + y * y),
+    )
+
+
+@part
+def to_world(R, a):
+    """R a."""
+    return (
+        R[0] * a[0] + R[1] * a[1] + R[2] * a[2],
+        R[3] * a[0] + R[4] * a[1] + R[5] * a[2],
+        R[6] * a[0] + R[7] * a[1] + R[8] * a[2],
+    )
+
+
+@part
+def to_body(R, a):
+    """R^T a."""
+    return (
+        R[0] * a[0] + R[3] * a[1] + R[6] * a[2],
+        R[1] * a[0] + R[4] * a[1] + R[7] * a[2],
+        R[2] * a[0] + R[5] * a[1] + R[8] * a[2],
+    )
+
+
+@part
+def upward(R, size):
+    """R^T e_z times a size: a vertical vector in body axes."""
+    return R[6] * size, R[7] * size, R[8] * size
+
+
+@part
+def add(a, b):
+    """a + b."""
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+@part
+def subtract(a, b):
+    """a - b."""
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+@part
+def cross(a, b):
+    """a x b."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@part
+def triple(row):
+    """The first three entries of an array."""
+    return row[0], row[1], row[2]
+
+
+@part
+def product(M, a):
+    """M a for an array M (3, 3)."""
+    return (
+        M[0, 0] * a[0] + M[0, 1] * a[1] + M[0, 2] * a[2],
+        M[1, 0] * a[0] + M[1, 1] * a[1] + M[1, 2] * a[2],
+        M[2, 0] * a[0] + M[2, 1] * a[1] + M[2, 2] * a[2],
+    )
