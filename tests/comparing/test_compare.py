@@ -16,7 +16,7 @@ import yaml
 from mjsheaf import simulate
 from mjsheaf.comparing import CompareRecord, compare
 from mjsheaf.comparing.filming import both_films, half_options
-from mjsheaf.comparing.ladder import ladder_of
+from mjsheaf.comparing.ladder import ladder_of, run_ablation
 from mjsheaf.comparing.report import WIDTH, report_text
 from mjsheaf.results import summarize
 from mjsheaf.results.store import COMPARISON_FILES
