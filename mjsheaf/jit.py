@@ -22,13 +22,13 @@ _SOURCES = ("system.py", "sheaf/*.py", "dynamics/*.py", "control/*.py", "simulat
 
 
 class _Announcement(event.Listener):
-    """Tells once in a process that a loop of ours is compiled: a first run takes seconds that later ones do not."""
+    """Logs once in a process that a loop is compiled, which takes seconds that later runs do not."""
 
-    told = False
+    announced = False
 
     def on_start(self, event: Any) -> None:
-        if not self.told and event.data["dispatcher"].py_func.__module__.startswith("mjsheaf."):
-            self.told = True
+        if not self.announced and event.data["dispatcher"].py_func.__module__.startswith("mjsheaf."):
+            self.announced = True
             _logger.info("compiling loops for this machine: some 15 seconds, once")
 
     def on_end(self, _: Any) -> None:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from mjsheaf.bench.rows import Row, at_least, at_most, best, informs
-from mjsheaf.sheaf import DirichletProblem, Sheaf
+from mjsheaf.sheaf import Sheaf
 
 Array = NDArray[np.float64]
 
@@ -144,7 +144,7 @@ def measure_grid(side: int) -> dict[str, Any]:
     sheaf = Sheaf(dict.fromkeys(range(side * side), 3))
     sheaf.add_edges(tails, heads, F_tails, F_heads)
     delta = sheaf.coboundary()
-    problem = DirichletProblem(sheaf, list(values))
+    problem = sheaf.dirichlet_problem(list(values))
     clock.append(perf_counter())
     unique = problem.unique
     clock.append(perf_counter())

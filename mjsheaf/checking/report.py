@@ -4,7 +4,8 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from mjsheaf.checking.record import BodyRecord, CheckRecord, SpeedRecord
+from mjsheaf.checking.check import CheckRecord
+from mjsheaf.checking.margins import BodyMargins, SpeedDemand
 
 Row = tuple[str, str, str]
 """Name, value, remark."""
@@ -54,7 +55,7 @@ def _cohomology(record: CheckRecord) -> list[Text | Table]:
             )
             lines += [
                 Text(
-                    f"  {x.description}: holds {x.removes} of {found.dimension} directions by itself, "
+                    f"  {x.description}: holds {x.nullity_reduction} of {found.dimension} directions by itself, "
                     f"lambda_min {x.lambda_min_alone:.3g}"
                 )
                 for x in plan.repairs
@@ -157,7 +158,7 @@ def _margins(record: CheckRecord) -> Table:
     return _pairs("margins in practice", rows)
 
 
-def _bodies(bodies: BodyRecord) -> list[tuple[str, str, str]]:
+def _bodies(bodies: BodyMargins) -> list[tuple[str, str, str]]:
     """The loop of the vehicles."""
     if bodies.stable is None or bodies.spectral_radius is None:
         return [("loop on bodies", "undecided", bodies.reason)]
@@ -174,7 +175,7 @@ def _bodies(bodies: BodyRecord) -> list[tuple[str, str, str]]:
     return rows
 
 
-def _speed_of_bodies(speeds: list[SpeedRecord]) -> tuple[str, str, str]:
+def _speed_of_bodies(speeds: list[SpeedDemand]) -> tuple[str, str, str]:
     """What following q* takes, against what bodies can make."""
     known = [s for s in speeds if s.steady is not None]
     if not known:
@@ -189,7 +190,7 @@ def _speed_of_bodies(speeds: list[SpeedRecord]) -> tuple[str, str, str]:
     )
 
 
-def _speed_of_limits(speeds: list[SpeedRecord]) -> list[tuple[str, str, str]]:
+def _speed_of_limits(speeds: list[SpeedDemand]) -> list[tuple[str, str, str]]:
     """What following q* takes, against the limits that the law keeps, where these are too low."""
     short = [s for s in speeds if s.limit is not None and s.steady is not None and s.steady > s.limit]
     if not short:

@@ -89,7 +89,7 @@ def schema_of(what: str) -> dict[str, Any]:
 
     module, name = {
         "": ("scenario", "Scenario"),
-        "check": ("checking.record", "CheckRecord"),
+        "check": ("checking", "CheckRecord"),
         "compare": ("comparing.record", "CompareRecord"),
         "study": ("studies.schema", "StudyFile"),
     }[what]

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 from mjsheaf._version import __version__
-from mjsheaf.checking.bodies import body_loop, mean_medium
 from mjsheaf.checking.cohomology import spectrum_of
+from mjsheaf.checking.margins import body_loop, mean_medium
 from mjsheaf.comparing.convergence import converge
 from mjsheaf.comparing.demands import JUDGED, demands_of, examine_limit, fastest_vehicles
 from mjsheaf.comparing.ladder import Progress, Run, RungRecord, ladder_of, no_progress, run_ablation

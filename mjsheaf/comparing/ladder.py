@@ -30,7 +30,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from pydantic import Field
 
-from mjsheaf.checking.ending import Ending, ending_of, settling_time
+from mjsheaf.checking.finished import Ending, ending_of, settling_time
 from mjsheaf.comparing.measures import (
     FORMATION,
     ROLES,

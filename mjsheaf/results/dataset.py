@@ -12,7 +12,7 @@ from mjsheaf._version import __version__
 from mjsheaf.results.metrics import evaluate_errors, separations
 from mjsheaf.simulation.trajectory import Log, Trajectory
 from mjsheaf.system import System
-from mjsheaf.team.null_modes import free_directions
+from mjsheaf.team.null_modes import describe_null_modes
 
 Array = NDArray[np.float64]
 Variable = tuple[str | tuple[str, ...], NDArray[Any], dict[str, str]]
@@ -136,7 +136,7 @@ def _attributes(system: System, backend: str, seed: int) -> dict[str, Any]:
         "backend": backend,
         "status": "",
         "message": "",
-        "free_directions": "; ".join(free_directions(team)),
+        "free_directions": "; ".join(describe_null_modes(team)),
         "seed": seed,
         "gain": system.gain,
         "control_period": 0.0 if system.grid.continuous else system.grid.period,

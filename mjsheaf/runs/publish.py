@@ -21,7 +21,7 @@ from mjsheaf.video import VideoOptions, available_backend
 if TYPE_CHECKING:
     import xarray as xr
 
-    from mjsheaf.checking.bound import RunBound
+    from mjsheaf.checking.finished import RunBound
     from mjsheaf.system import System
 
 
@@ -202,7 +202,7 @@ def publish(
     """
     import xarray as xr
 
-    from mjsheaf.checking.bound import bound_of_run
+    from mjsheaf.checking.finished import bound_of_run
     from mjsheaf.results import open_dataset, staging, thinned, write_dataset
     from mjsheaf.results.netcdf import split
     from mjsheaf.results.store import RESULT_DIGEST, digest, replaced_run, save_summary
@@ -252,10 +252,10 @@ def _summary_of(
         drawn: the run, thinned.
         theorem: the bound on the run.
     """
-    from mjsheaf.checking.ending import ending_of_run
+    from mjsheaf.checking.finished import ending_of_run
     from mjsheaf.results import check_expectation, summarize
     from mjsheaf.results.store import RESULT_DIGEST
-    from mjsheaf.team.null_modes import free_directions
+    from mjsheaf.team.null_modes import describe_null_modes
 
     backend, status = drawn.attrs["backend"], drawn.attrs["status"]
     final = summarize(system.team, drawn)
@@ -272,7 +272,7 @@ def _summary_of(
         "realtime_factor": None,
         "expect": check_expectation(scenario.expect, backend, status, final),
         "final": final,
-        "free_directions": free_directions(system.team),
+        "free_directions": describe_null_modes(system.team),
         "theorem": {
             "applies": theorem.applies,
             "approximate": theorem.approximate,

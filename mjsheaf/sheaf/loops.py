@@ -125,7 +125,7 @@ def block_row_lengths(t, place, columns, upper, indptr):
 
 
 @allocating_kernel
-def fill_block(t, place, columns, upper, sign, indptr, indices, values, diagonal):
+def fill_block(t, place, columns, upper, sign, rows, diagonal):
     """Fill a block of sign * L.
 
     Columns are walked in order and append themselves to the rows that they meet: rows come out sorted without sorting.
@@ -136,12 +136,13 @@ def fill_block(t, place, columns, upper, sign, indptr, indices, values, diagonal
         columns: vertices of the columns, in order.
         upper: whether to keep only what lies above the diagonal, and to put the diagonal into `diagonal`.
         sign: a factor.
-        indptr, indices, values: compressed rows; values are zero before.
+        rows: (indptr, indices, values), compressed rows; values are zero before.
         diagonal: shape (rows,), zero before; not touched unless `upper`.
     """
     column, tail, head, size = t.column, t.tail, t.head, t.size
     F, at_tail, at_head = t.F, t.at_tail, t.at_head
     first, incident = t.first, t.incident
+    indptr, indices, values = rows
     last = np.full(len(place), -1, dtype=np.int64)
     end = indptr[:-1].copy()  # of what each row has so far
     start = indptr[:-1].copy()  # of the row's newest block

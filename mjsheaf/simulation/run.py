@@ -213,9 +213,9 @@ def require_unique(team: Team) -> None:
     """
     if team.dirichlet.unique:
         return
-    from mjsheaf.team.null_modes import free_directions
+    from mjsheaf.team.null_modes import describe_null_modes
 
-    free = free_directions(team)
+    free = describe_null_modes(team)
     raise NotUniqueError(
         f"the harmonic extension is not unique: H^0(G, G_p; F) has dimension {len(free)}: "
         f"{'; '.join(free[:4])}{'; ...' if len(free) > 4 else ''}; sense or share the free coordinates"

@@ -149,8 +149,7 @@ def failed_record(job: Job, error: Exception) -> dict[str, Any]:
 
 
 def _run(job: Job) -> tuple[dict[str, Any], bytes | None]:
-    from mjsheaf.checking.bound import bound_of_run
-    from mjsheaf.checking.ending import ending_of_run
+    from mjsheaf.checking.finished import bound_of_run, ending_of_run
     from mjsheaf.results import summarize
     from mjsheaf.results.metrics import late_errors
     from mjsheaf.simulation.run import simulate

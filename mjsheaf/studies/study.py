@@ -175,7 +175,7 @@ def page_of(plan: Plan, table: "pd.DataFrame", plots: dict[str, bytes]) -> bytes
     import jinja2
     import pandas as pd
 
-    from mjsheaf.checking.ending import LEVEL
+    from mjsheaf.checking.finished import LEVEL
 
     environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
     environment.filters.update(shown=_shown, listed=_listed)

@@ -131,7 +131,7 @@ class Team:
     @cached_property
     def dirichlet(self) -> DirichletProblem:
         """The harmonic extension of the targets to the agents: H q* = B p + c."""
-        return DirichletProblem(self.sheaf, self.target_ids + ([GROUND] if self.anchors else []))
+        return self.sheaf.dirichlet_problem(self.target_ids + ([GROUND] if self.anchors else []))
 
     def harmonic_extension(self, positions: Array) -> Array:
         """Padded q* (..., N, 3) of the targets in padded positions (..., V, 3), m; 0 in z for planar agents."""

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
 import mjsheaf
-from mjsheaf.checking.bound import RunBound, bound_of_run
+from mjsheaf.checking.finished import RunBound, bound_of_run
 from mjsheaf.checking.targets import follow_targets
 from mjsheaf.scenario import scenario_from_mapping
 from tests.checking.adversarial import FAMILIES, TEAMS, adversarial_scenario, family_of
@@ -138,7 +138,7 @@ def _path_error(scenario: mjsheaf.Scenario, truth: Truth) -> float | None:
     system = scenario.system
     path = follow_targets(system)
     start, end = float(system.grid.samples[0]), float(system.grid.samples[-1])
-    if path.complaint or path.time[-1] < end - 1e-9 * (end - start):
+    if path.warning or path.time[-1] < end - 1e-9 * (end - start):
         return None
     targets = path.positions[:, len(system.team.agents) :]
     chosen = np.unique(np.linspace(0, len(path.time) - 1, 2000).astype(int))

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import mjsheaf
-from mjsheaf.checking.bound import bound_of_run
+from mjsheaf.checking.finished import bound_of_run
 from mjsheaf.dynamics.flow import FlowField
 from mjsheaf.scenario import scenario_from_mapping
 from mjsheaf.simulation.ideal import run_ideal
@@ -38,7 +38,7 @@ def _baseline() -> dict[str, Any]:
     return dict(json.loads(BASELINE.read_text()))
 
 
-def _complaints(seed: int, found: Judgement, raw: dict[str, Any]) -> list[str]:
+def _warnings(seed: int, found: Judgement, raw: dict[str, Any]) -> list[str]:
     """What of a judgement must not be."""
     name, wrong = f"{seed} ({family_of(seed)})", []
     for which, claim in (("check", found.before), ("run", found.after)):
@@ -92,7 +92,7 @@ def test_no_team_of_a_family_breaks_its_bound(family: str) -> None:
     wrong = []
     for seed in range(TEAMS):
         if family_of(seed) == family:
-            wrong += _complaints(seed, _judgement(seed), adversarial_scenario(seed))
+            wrong += _warnings(seed, _judgement(seed), adversarial_scenario(seed))
     assert not wrong, "\n".join(wrong)
 
 

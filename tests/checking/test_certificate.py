@@ -14,9 +14,9 @@ import pytest
 import mjsheaf
 from mjsheaf.checking import certificate as certificates
 from mjsheaf.checking import examine
-from mjsheaf.checking.bound import BROKEN, bound_of_run
 from mjsheaf.checking.certificate import certify
-from mjsheaf.checking.drift import Difference
+from mjsheaf.checking.constants import Difference
+from mjsheaf.checking.finished import BROKEN, bound_of_run
 from mjsheaf.scenario import scenario_from_mapping
 from mjsheaf.simulation.ideal import run_ideal
 from tests.commands import call

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import mjsheaf
-from mjsheaf.checking.ending import ending_of_run, is_level, judge, settling_time
+from mjsheaf.checking.finished import ending_of_run, is_level, judge, settling_time
 from mjsheaf.scenario import scenario_from_mapping
 from mjsheaf.studies.job import run_job
 from mjsheaf.studies.plan import load_plan

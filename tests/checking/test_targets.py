@@ -11,7 +11,7 @@ import pytest
 
 from mjsheaf.checking import targets
 from mjsheaf.checking.cohomology import spectrum_of
-from mjsheaf.checking.drift import coarser, difference_along
+from mjsheaf.checking.constants import coarser, difference_along
 from mjsheaf.checking.targets import Carrier, Cells, follow_targets
 from mjsheaf.dynamics import Lissajous, Waypoints
 from mjsheaf.dynamics.disturbance import evaluate
@@ -84,12 +84,12 @@ def _moving(**changes: Any) -> dict[str, Any]:
 def test_a_path_that_takes_too_many_steps_is_not_known(monkeypatch: pytest.MonkeyPatch) -> None:
     fast = {"kind": "lissajous", "amplitude": [1.0, 0.0], "rate": [50.0, 0.0], "phase": [0.0, 0.0]}
     raw = _moving(targets=[{"id": "T", "position": [0.0, 0.0], "motion": fast}])
-    assert follow_targets(scenario_from_mapping(raw).system).complaint == ""
+    assert follow_targets(scenario_from_mapping(raw).system).warning == ""
     monkeypatch.setattr(targets, "MOST_STEPS", 1000)
     monkeypatch.setattr(targets, "_BLOCK", 100)
     path = follow_targets(scenario_from_mapping(raw).system)
     assert path.cells is None
-    assert "too long or too stiff" in path.complaint
+    assert "too long or too stiff" in path.warning
     from mjsheaf.checking import examine
 
     record = examine(scenario_from_mapping(raw).system).record
@@ -108,13 +108,13 @@ def test_a_target_that_falls_into_a_pole_is_named_with_the_time() -> None:
     sink = {"dimension": 2, "core": 0, "sources": [{"centre": [0.3, 0.0], "alpha": -0.1}]}
     path = follow_targets(scenario_from_mapping(_moving(flow={"targets": sink})).system)
     assert path.cells is None
-    assert "T cannot be followed beyond t = 0.45 s: it runs into a singularity" in path.complaint
+    assert "T cannot be followed beyond t = 0.45 s: it runs into a singularity" in path.warning
 
 
 @pytest.mark.parametrize("place", [0.0, 1e-9, 0.005, 3.0])
 def test_a_target_at_rest_is_known_however_near_the_origin(place: float) -> None:
     path = follow_targets(scenario_from_mapping(_moving(targets=[{"id": "T", "position": [place, 0.0]}])).system)
-    assert path.complaint == ""
+    assert path.warning == ""
     assert path.cells is not None
 
 
@@ -132,7 +132,7 @@ def test_a_motion_that_is_too_fast_for_so_late_a_time_is_not_known() -> None:
     scenario["targets"][0]["motion"] = motion
     path = follow_targets(scenario_from_mapping(scenario).system)
     assert path.cells is None
-    assert "moves too fast for what numbers resolve so late" in path.complaint
+    assert "moves too fast for what numbers resolve so late" in path.warning
 
 
 def test_a_sensitive_path_is_not_known() -> None:
@@ -142,7 +142,7 @@ def test_a_sensitive_path_is_not_known() -> None:
     raw = _moving(flow={"targets": flow}, disturbance={"targets": {"bound": 5.0}}, seed=1)
     path = follow_targets(scenario_from_mapping(raw).system)
     assert path.cells is None
-    assert "too sensitive" in path.complaint
+    assert "too sensitive" in path.warning
 
 
 @pytest.mark.parametrize("dimension", [2, 3])

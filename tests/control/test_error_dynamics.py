@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 import mjsheaf
-from mjsheaf.checking.bound import bound_of_run
+from mjsheaf.checking.finished import bound_of_run
 from mjsheaf.dynamics import disturbance
 from mjsheaf.scenario import scenario_from_mapping
 from mjsheaf.simulation.ideal import run_ideal

@@ -16,7 +16,7 @@ from scipy.sparse import csr_array
 from mjsheaf.errors import InputError, SheafError
 from mjsheaf.team import Edge, Formation, LinearEdge, Member, Team, restriction_maps
 from mjsheaf.team.formation import Explicit
-from mjsheaf.team.null_modes import free_directions, sparsified
+from mjsheaf.team.null_modes import describe_null_modes, sparsified
 
 DIMENSION = {"A1": 2, "A2": 3, "A3": 2, "A4": 3, "T1": 3, "T2": 2}
 LINKS = [("A1", "A2"), ("A3", "A2"), ("A3", "A4")]
@@ -152,16 +152,16 @@ def test_free_directions_are_named(
     """The paper's failing case: aircraft that track a boat are free in height."""
     team = Team(members(*agents), members("S"), [edge(*e) for e in links], [edge(v, "S") for v in seen])
     assert team.dirichlet.unique is (not said)
-    assert sorted(free_directions(team)) == said
+    assert sorted(describe_null_modes(team)) == said
 
 
 def test_free_directions_off_the_axes_are_named() -> None:
     across = np.array([[1.0, -1.0]])
     blind = Edge("B1", "S", across, across, np.eye(1))
-    assert free_directions(Team(members("B1"), members("S"), [], [blind])) == ["B1 is free along (0.71, 0.71)"]
+    assert describe_null_modes(Team(members("B1"), members("S"), [], [blind])) == ["B1 is free along (0.71, 0.71)"]
     quarter = np.array([[0.0, -1.0], [1.0, 0.0]])
     turned = Edge("B1", "B2", np.eye(2), quarter, np.eye(2))
-    assert sorted(free_directions(Team(members("B1", "B2"), members("S"), [turned], []))) == [
+    assert sorted(describe_null_modes(Team(members("B1", "B2"), members("S"), [turned], []))) == [
         "B1 along x, B2 along -y, moving together",
         "B1 along y, B2 along x, moving together",
     ]
@@ -171,7 +171,7 @@ def test_a_crowd_is_not_listed_whole() -> None:
     crowd = [f"U{k}" for k in range(11)]
     chain = [edge(a, b) for a, b in itertools.pairwise(crowd)]
     team = Team(members(*crowd), members("S"), chain, [edge("U0", "S")])
-    assert free_directions(team) == ["U0, U1, U2, U3, U4, U5, U6, U7 and 3 more are free along z together"]
+    assert describe_null_modes(team) == ["U0, U1, U2, U3, U4, U5, U6, U7 and 3 more are free along z together"]
 
 
 @given(st.integers(0, 2**31), st.integers(0, 4))

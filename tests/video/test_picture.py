@@ -1,6 +1,7 @@
 """What is added to the picture: decoration in the scene, writing over it, larger vehicles. No GL is needed."""
 
 from dataclasses import replace
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -181,7 +182,7 @@ class TestWriting:
     def test_legend_has_a_row_for_each_thing_and_note(self) -> None:
         film = make_film(make_model())
 
-        def height(film: Film, **options: float) -> int:
+        def height(film: Film, **options: Any) -> int:
             return overlay(film, VideoOptions(**options))._legend.height
 
         plain = height(film)

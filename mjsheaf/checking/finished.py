@@ -1,24 +1,29 @@
-"""How a run ends: settled, still moving, growing, or circling. `compare`, `sweep` and `run` all judge by this.
+"""A finished run: how much of Theorem 1's bound it used, and how it ended.
 
-It is judged by the team's tracking error E(t), the RMS over agents of |q*_i - q_i|, over the last quarters of a run.
+`compare`, `sweep` and `run` judge the ending by the team's tracking error E(t), the RMS over agents of |q*_i - q_i|,
+over the last quarters of a run:
 
-    settled    E keeps its level; what may still swing is driven: by targets that move, or by disturbances
+    settled    E keeps its level; what still swings is driven, by targets that move or by disturbances
     growing    E, or the swing of a team that nothing drives, grows, and does not grow more slowly
     circling   E keeps its level, but the team drives itself: nothing else moves, and the errors swing on undecayed; or
-               the loop of its vehicles is unstable (see `bodies`), and only their limits keep it where it is
+               the loop of its vehicles is unstable (see `margins`), and only their limits keep it where it is
     moving     anything else: E still changes
 
 Whether an oscillation is the team's own cannot be seen where targets move. There the loop of the vehicles decides.
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mjsheaf.checking.bodies import body_loop, mean_medium
+from mjsheaf.checking.certificate import Certificate, certify
 from mjsheaf.checking.cohomology import spectrum_of
+from mjsheaf.checking.margins import body_loop, mean_medium
+from mjsheaf.control.theorem import Theorem
+from mjsheaf.results.netcdf import pieces_of
 from mjsheaf.system import System
 
 if TYPE_CHECKING:
@@ -26,6 +31,136 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Ending = Literal["settled", "moving", "growing", "circling"]
+
+_ACCURACY_IN_TOLERANCES = 100.0  # error of a run over the tolerance of its integrator
+_ACCURACY_ON_BODIES = 0.01  # of the initial error: below it only inertia is seen
+
+BROKEN = 1.0 + 1e-6
+"""A ratio of measured to bound above this breaks the bound."""
+
+
+@dataclass(frozen=True)
+class RunBound:
+    """The bound of a run.
+
+    Attributes:
+        certificate: what the theory says of the system.
+        bodies: whether the run is one of bodies, whose inertia the theorem does not know.
+        departure: largest distance of the run's targets from the certificate's path, m.
+        accuracy: error of the run itself, which does not count, m: from its integrator's tolerance, and on bodies a
+            share of the initial error.
+        blew_up: whether the run ended before its time.
+        initial_error: measured |e| at the first sample, m.
+        start: time of the first sample, s.
+        ratio: largest measured / bound after the start, where both are |e(t0)|; None where no bound applies.
+        settled_ratio: the same over the second half of the run, where the initial error has less to say.
+        worst: when the ratio is attained, s.
+    """
+
+    certificate: Certificate
+    bodies: bool
+    departure: float
+    accuracy: float
+    blew_up: bool
+    initial_error: float
+    start: float
+    ratio: float | None = None
+    settled_ratio: float | None = None
+    worst: float | None = None
+
+    @property
+    def theorem(self) -> Theorem:
+        """Theorem 1 with the certificate's constants."""
+        return self.certificate.theorem
+
+    @property
+    def reason(self) -> str:
+        """Why the theorem does not apply, or empty: the certificate's reason, or that the run has other targets."""
+        error = self.certificate.region.path.error
+        if self.certificate.reason or self.bodies or self.departure <= error:
+            return self.certificate.reason
+        return f"the run's targets leave the path that was checked by {self.departure:.2g} m, more than {error:.2g} m"
+
+    @property
+    def applies(self) -> bool:
+        """Whether the theorem applies to this run."""
+        return not self.reason
+
+    @property
+    def approximate(self) -> bool:
+        """Whether the run only approaches the theorem's setting: a held law, or bodies."""
+        return self.certificate.approximate or self.bodies
+
+    def at(self, time: Array) -> Array:
+        """The theorem's bound on |e| at times in s, in m; infinite where it does not apply."""
+        return self.certificate.bound(self.initial_error, time - self.start)
+
+    @property
+    def wrong(self) -> bool:
+        """Whether the run exceeds a bound that applies, which bodies may and the ideal law cannot."""
+        return bool(self.violation()) and not self.bodies
+
+    def violation(self) -> str:
+        """How the run exceeds a bound that applies, in a sentence; empty where it does not."""
+        if self.ratio is None or (self.ratio <= BROKEN and (self.bodies or not self.blew_up)):
+            return ""
+        if self.blew_up and not self.bodies:
+            found = "the run blows up, which Theorem 1 excludes: please report it"
+        else:
+            found = f"|e| reaches {self.ratio:.4g} times the bound of Theorem 1 at t = {self.worst:.6g} s"
+            if self.bodies:
+                return f"{found}: bodies have inertia, which the theorem does not know"
+            found = f"{found}, which proves a constant wrong: please report it"
+        return f"{found}; constants: {self.certificate.describe_constants()}"
+
+
+def bound_of_run(system: System, dataset: "xr.Dataset") -> RunBound:
+    """Compare a run with its system's certificate; the run is read in pieces."""
+    certificate, bodies = certify(system), dataset.attrs["backend"] == "physics"
+    initial_error = float(np.sqrt((dataset["tracking_error"][0].values ** 2).sum()))
+    farthest, departure = _departure(certificate, dataset)
+    rtol, atol = system.tolerance
+    bound = RunBound(
+        certificate=certificate,
+        bodies=bodies,
+        departure=departure,
+        accuracy=max(_ACCURACY_IN_TOLERANCES * (atol + rtol * farthest), _ACCURACY_ON_BODIES * initial_error * bodies),
+        blew_up=dataset.attrs["status"] == "unstable",
+        initial_error=initial_error,
+        start=float(dataset["time"][0]),
+    )
+    return bound if bound.reason else _compared(bound, dataset)
+
+
+def _compared(bound: RunBound, dataset: "xr.Dataset") -> RunBound:
+    ratio, settled, worst, done, half = 0.0, 0.0, bound.start, 0, dataset.sizes["time"] // 2
+    for piece in pieces_of(dataset, ["time", "tracking_error"]):
+        time = piece["time"].values
+        error = np.sqrt((piece["tracking_error"].values ** 2).sum(axis=1))
+        share = error / (bound.at(time) + bound.accuracy)
+        if done == 0:
+            share[0] = 0.0  # where both are |e(t0)|
+        if share.max(initial=0.0) > ratio:
+            ratio, worst = float(share.max()), float(time[share.argmax()])
+        settled = max(settled, float(share[max(half - done, 0) :].max(initial=0.0)))
+        done += len(error)
+    return replace(bound, ratio=ratio, settled_ratio=settled, worst=worst)
+
+
+def _departure(certificate: Certificate, dataset: "xr.Dataset") -> tuple[float, float]:
+    """The farthest coordinate of the run, and the largest distance of its targets from the certificate's path, m."""
+    path, departure, farthest, done = certificate.region.path, 0.0, 0.0, 0
+    for piece in pieces_of(dataset, ["agent_position", "target_position"]):
+        targets = np.nan_to_num(piece["target_position"].values)
+        farthest = max(farthest, float(np.abs(targets).max(initial=0.0)))
+        farthest = max(farthest, float(np.nanmax(np.abs(piece["agent_position"].values), initial=0.0)))
+        first = -done % path.stride
+        known = path.samples[(done + first) // path.stride :][: len(targets[first :: path.stride])]
+        apart = np.linalg.norm(targets[first :: path.stride][: len(known)] - known, axis=2)
+        departure = max(departure, float(apart.max(initial=0.0)))
+        done += len(targets)
+    return farthest, departure
+
 
 LEVEL = (
     "A run has settled if the mean of its RMS tracking error over the last quarter differs from that over the quarter "
@@ -46,12 +181,7 @@ _SETTLED_BAND, _SETTLED_RESIDUE = 1.25, 0.02  # of the late largest error, and o
 
 
 def ending_of_run(system: System, dataset: "xr.Dataset") -> Ending | None:
-    """How a finished run ended; None for fewer than 8 samples.
-
-    Args:
-        system: the system that ran.
-        dataset: its result, as `simulate` gives it.
-    """
+    """How a finished run, as `simulate` gives it, ended; None for fewer than 8 samples."""
     q_star, positions = (np.nan_to_num(dataset[name].values) for name in ("harmonic_extension", "agent_position"))
     return ending_of(system, dataset["time"].values, q_star, positions, on_bodies=dataset.attrs["backend"] == "physics")
 
@@ -78,8 +208,8 @@ def judge(error: Array, offsets: Array | None = None, unstable: Callable[[], boo
 
     Args:
         error: of the team, shape (T,), m.
-        offsets: of every agent from where it should be, shape (T, N, 3), m, where nothing drives the team; else None.
-        unstable: whether the loop of its vehicles is unstable; asked only where that decides.
+        offsets: of every agent from its q*, shape (T, N, 3), m, where nothing drives the team; else None.
+        unstable: whether the loop of its vehicles is unstable; called only where that decides.
 
     Returns:
         None for fewer than 8 samples, or where the error is not finite.
@@ -97,7 +227,7 @@ def judge(error: Array, offsets: Array | None = None, unstable: Callable[[], boo
 def _own_swing(error: Array, offsets: Array, unstable: Callable[[], bool] | None) -> Ending | None:
     """The ending of a team that nothing drives, where it swings without decaying; None where it does not.
 
-    A swing that seems to decay a little is one that does where the loop of the vehicles is known to be stable.
+    A swing that seems to decay a little does decay where the loop of the vehicles is known to be stable.
     """
     before, last = _quarters(offsets)[-2:]
     size = _swing(last)
