@@ -25,7 +25,7 @@ from mjsheaf.comparing.record import CompareRecord, LoopRecord
 from mjsheaf.comparing.ringing import ringing_of, usable_gain
 from mjsheaf.comparing.verdict import verdict_of
 from mjsheaf.scenario import Scenario
-from mjsheaf.simulation.run import require_full_row_rank, require_unique
+from mjsheaf.simulation.run import require_simulable
 from mjsheaf.system import System
 
 _STATISTICS: tuple[Literal["late"], Literal["final"]] = ("late", "final")
@@ -57,8 +57,7 @@ def compare(scenario: Scenario, progress: Progress = no_progress) -> Comparison:
     """
     begun = time.perf_counter()
     system = scenario.system
-    require_full_row_rank(system)
-    require_unique(system.team)
+    require_simulable(system, "physics")
     runs = run_ablation(system, ladder_of(system), progress)
     ladder = [run.record(runs["ideal"]) for run in runs.values()]
     limit = examine_limit(system, runs)
@@ -83,7 +82,7 @@ def compare(scenario: Scenario, progress: Progress = no_progress) -> Comparison:
         convergence=convergence,
         velocity_limit=limit,
         demands=[demand for key in JUDGED for demand in demands_of(system, key, runs[key])],
-        fastest=fastest_vehicles(),
+        fastest=fastest_vehicles(system),
         verdict=[],
         wall_time_s=time.perf_counter() - begun,
         video=None,

@@ -15,7 +15,7 @@ from mjsheaf.comparing.measures import Role, ScopeRecord, late, middle_of, vehic
 from mjsheaf.results.store import Finite, Record
 from mjsheaf.system import System
 from mjsheaf.vehicles.effects import capability_of
-from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
+from mjsheaf.vehicles.loading import list_vehicles
 
 Array = NDArray[np.float64]
 Domain = Literal["the plane", "space"]
@@ -107,9 +107,9 @@ def demands_of(system: System, key: Literal["ideal", "all"], run: Run) -> list[D
     return found
 
 
-def fastest_vehicles() -> list[FastestRecord]:
+def fastest_vehicles(system: System) -> list[FastestRecord]:
     """The fastest vehicle with limits on the surface, then in the air."""
-    vehicles, found = {name: load_vehicle(name) for name in list_vehicles()}, []
+    vehicles, found = {name: system.described_vehicle(name) for name in list_vehicles()}, []
     for dimension, domain in _DOMAIN.items():
         speeds = {n: capability_of(v).least_speed for n, v in vehicles.items() if v.dimension == dimension}
         limited = {name: speed for name, speed in speeds.items() if np.isfinite(speed)}

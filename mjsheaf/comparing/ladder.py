@@ -54,7 +54,6 @@ from mjsheaf.simulation.loop import run_physics
 from mjsheaf.simulation.trajectory import Trajectory
 from mjsheaf.system import System
 from mjsheaf.vehicles.effects import Effects, has_effects
-from mjsheaf.vehicles.loading import load_vehicle
 from mjsheaf.vehicles.vehicle import Vehicle
 
 Array = NDArray[np.float64]
@@ -234,7 +233,7 @@ def effects_of(system: System, names: Iterable[str] | None = None) -> list[str]:
     """
     plan, found = system.bodies, set[str]()
     for name in dict.fromkeys(plan.vehicle if names is None else names):
-        vehicle = load_vehicle(name).with_time_constant(plan.time_constant)
+        vehicle = system.described_vehicle(name).with_time_constant(plan.time_constant)
         own = has_effects(vehicle)
         found |= {effect for effect in _OF_VEHICLES if getattr(own, effect)}
         if inertial_tau(vehicle).max() > plan.effects.massless_tau * (1.0 + 1e-9):

@@ -94,9 +94,8 @@ def errors_by_scope(system: System, time: Array, series: Series, *, finished: bo
 def positions_at_q_star(system: System, positions: Array) -> Array:
     """The positions (T, V, 3) of a run with its agents at the harmonic extension of its targets, m."""
     team = system.team
-    targets = team.pack(positions)[:, team.dirichlet.H.shape[0] :]
     placed = positions.copy()
-    placed[:, : len(team.agents)] = team.unpack(team.dirichlet.extend(targets))
+    placed[:, : len(team.agents)] = team.harmonic_extension(positions)
     return placed
 
 
