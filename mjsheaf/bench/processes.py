@@ -152,9 +152,9 @@ def time_video(end: float) -> None:
     `frame_s` and, from the mean of some before and after, `bare_s`.
     """
     import mjsheaf
-    from mjsheaf.filming import film_of, video_options
     from mjsheaf.runs.publish import execute
     from mjsheaf.video.draw import Painter
+    from mjsheaf.video.from_run import film_of, video_options
 
     scenario = mjsheaf.load_scenario("paper", {"time.end": min(end, 49.99)})
     film, model = film_of(scenario, mjsheaf.simulate(scenario))

@@ -49,12 +49,12 @@ def run(
     the directory (runs/NAME-BACKEND unless given), all at once when done. Refuses, with exit code 1, a team in which
     some agent is free to drift.
     """
-    from mjsheaf.filming import video_options
     from mjsheaf.results.store import PlaceError, require_same_origin
     from mjsheaf.runs.expecting import miss
     from mjsheaf.runs.publish import default_directory, execute
     from mjsheaf.scenario import load_scenario
     from mjsheaf.scenario.load import origin
+    from mjsheaf.video.from_run import video_options
 
     changes = changes_of(overrides, seed)
     loaded = load_scenario(scenario, changes)
@@ -201,12 +201,12 @@ def video(
     What is not given is taken from the run's scenario.
     """
     changes = {k: v for k, v in locals().items() if k not in ("directory", "out")}
-    from mjsheaf.filming import film_run, video_options
     from mjsheaf.results import open_run
     from mjsheaf.results.store import save_summary
     from mjsheaf.runs.publish import video_entry
     from mjsheaf.scenario import load_scenario
     from mjsheaf.video import available_backend
+    from mjsheaf.video.from_run import film_run, video_options
 
     with open_run(directory) as (dataset, summary):
         scenario = load_scenario(directory / "scenario.yaml")

@@ -2,14 +2,12 @@
 
 Each is made beside its place, as a rename is atomic only within one file system, under a name such as
 `.summary.json.k3x_90ab.part`, and locked for as long as its process lives. The kernel gives the lock back however that
-process ends, so what a killed one left can be told from what another is writing, and is removed by the next.
+process ends: so what a killed process left differs from what another is writing, and the next one removes it.
 
-Paths that stand in files: they stay inside the directory of the file that names them.
+Paths in files are confined: a user may name any file on the command line or in Python; a file, which may come from
+anywhere, may name only what lies beside or below it, with links followed first.
 
-A person who types a path, on the command line or in Python, may name any file. A file, which may come from anywhere,
-may name only what lies beside or below it; links are followed before that is decided.
-
-Where models, scenarios and studies are: inside an installed package, or at the top of the repository.
+Models, scenarios and studies are inside an installed package, or at the top of the repository.
 """
 
 import ctypes

@@ -49,18 +49,9 @@ def join(pieces: Iterable[xr.Dataset]) -> xr.Dataset:
     parts = list(pieces)
     if len(parts) == 1:
         return parts[0]
-    whole = parts[-1].isel(time=slice(0, 0))
-    joined = {
-        name: (variable.dims, np.concatenate([part[name].values for part in parts]), variable.attrs)
-        for name, variable in whole.variables.items()
-        if "time" in variable.dims
-    }
-    rest = whole.drop_dims("time")
-    return xr.Dataset(
-        {str(n): joined[n] if n in joined else rest[n] for n in whole.data_vars},
-        {str(n): joined[n] if n in joined else rest[n] for n in whole.coords},
-        whole.attrs,
-    )
+    alike: dict[str, Any] = dict.fromkeys(("data_vars", "coords"), "minimal")
+    alike |= dict.fromkeys(("compat", "join", "combine_attrs"), "override")
+    return xr.concat(parts, "time", **alike).assign_attrs(parts[-1].attrs)
 
 
 def _gather(trajectory: Trajectory) -> xr.Dataset:

@@ -18,7 +18,7 @@ from mjsheaf import World, load_scenario, simulate
 from mjsheaf.errors import InputError, UnstableError
 from mjsheaf.simulation.loop import run_physics
 from mjsheaf.vehicles.loading import load_vehicle
-from tests.builders import altered, find, make_scenario, mixed_scenario
+from tests.builders import altered, find, make_scenario, mixed_scenario, refused
 
 Array = NDArray[np.float64]
 
@@ -160,7 +160,7 @@ def test_forces_of_the_users_own_are_felt() -> None:
 
 def test_a_vehicle_must_fit_its_agent() -> None:
     agents = [{"id": "A", "position": [0, 0], "vehicle": "aerial"}]
-    with pytest.raises(InputError, match=r"agents\.A\.vehicle: 'aerial' moves in 3 dimensions, but A has 2"):
+    with refused(InputError, "agents.A.vehicle", "aerial", 3, 2):
         World(
             make_scenario({"agents": agents, "targets": [{"id": "T", "position": [0, 0, 0]}], "sensing": [["A", "T"]]})
         )
@@ -201,7 +201,7 @@ def test_a_bad_state_ends_the_run_and_names_the_vehicle(value: float, name: str,
     world.step(25)
     at = world.arena.dof[v] if array == "qvel" else world.arena.qpos[v]
     getattr(world.data, array)[at + 1] = value
-    with pytest.raises(UnstableError, match=rf"^unstable: {name} \(body '.*', speed .*\) at t = 0\.02[56] s; likely"):
+    with pytest.raises(UnstableError, match=rf"\b{name} .*\bt = 0\.02[56] s"):
         world.step(3)
     assert world.time == pytest.approx(0.0255, abs=0.0006)
     assert world.data.time == pytest.approx(world.time)
@@ -232,7 +232,7 @@ def test_a_run_that_is_bad_from_the_start_keeps_its_start(factor: float) -> None
     world = World(system)
     assert not np.abs(world.data.ctrl).max() < 1e10
     np.testing.assert_allclose(world.data.xpos[world.arena.body[1]], [3, 1, 2])
-    with pytest.raises(UnstableError, match=r"at t = 0 s; likely cause: the held law diverges"):
+    with refused(UnstableError, "t = 0 s", "law"):
         world.step()
     trajectory = run_physics(system)
     assert trajectory.status == "unstable"
@@ -290,7 +290,7 @@ def test_all_that_a_vehicle_has_carries_its_prefix(visible: bool) -> None:
         assert all(model.site(s).name.startswith(f"{name}/") for s in sites)
         seen += len(own)
     assert seen == model.nu
-    with pytest.raises(InputError, match=r"unknown vehicle 'v1'; expected one of V0, .*did you mean V1\?"):
+    with refused(InputError, "'v1'", "V0", "V1"):
         world.actuators("v1")
 
 

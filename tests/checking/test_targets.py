@@ -34,6 +34,7 @@ def _excess(cells: Cells, truth: Truth, drift: np.ndarray) -> tuple[float, float
     return float(away.max()), float((np.linalg.norm(drift - cells.drift[k], axis=2) - cells.spread[k]).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_cells_hold_the_path_and_the_drift(seed: int) -> None:
     raw = adversarial_scenario(seed)
@@ -52,6 +53,7 @@ def test_cells_hold_the_path_and_the_drift(seed: int) -> None:
     assert path.cells.end[-1] == pytest.approx(system.grid.samples[-1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_the_bound_on_the_difference_is_never_exceeded_and_is_tight(seed: int) -> None:
     raw = adversarial_scenario(seed)

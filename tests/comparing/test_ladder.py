@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mjsheaf import simulate
-from mjsheaf.comparing.ladder import EFFECTS, climb, effects_of, ladder_of
+from mjsheaf.comparing.ladder import EFFECTS, effects_of, ladder_of, run_ablation
 from mjsheaf.scenario import Scenario
 from mjsheaf.simulation.loop import run_physics
 from tests.builders import two_aircraft, two_boats
@@ -34,7 +34,7 @@ def test_bodies_with_ideal_thrusters_have_no_effect_rungs() -> None:
     ladder = ladder_of(system)
     assert effects_of(system) == []
     assert [rung.key for rung in ladder] == ["ideal", "targets", "agents", "base", "all"]
-    runs = climb(system, ladder)
+    runs = run_ablation(system, ladder)
     np.testing.assert_array_equal(runs["all"].trajectory.positions, runs["base"].trajectory.positions)
 
 
@@ -74,7 +74,7 @@ def test_every_rung_is_the_run_that_it_says() -> None:
     """Ideal, base, one effect alone, all, and all without one, against plain runs, bit for bit."""
     scenario = two_boats("otter", "hull", time={"end": 1.0})
     system = scenario.system
-    runs = climb(system, ladder_of(system))
+    runs = run_ablation(system, ladder_of(system))
     np.testing.assert_array_equal(runs["ideal"].trajectory.positions, positions(simulate(scenario, "ideal")))
     for key, effects in {
         "base": OFF,
@@ -88,7 +88,7 @@ def test_every_rung_is_the_run_that_it_says() -> None:
 
 def test_part_rungs_place_targets_where_the_other_run_had_them() -> None:
     system = two_boats("wamv", "otter", time={"end": 1.0}).system
-    runs = climb(system, ladder_of(system))
+    runs = run_ablation(system, ladder_of(system))
     N = len(system.team.agents)
     targets = {key: run.trajectory.positions[:, N:] for key, run in runs.items()}
     np.testing.assert_allclose(targets["targets"], targets["base"], atol=1e-12)
@@ -99,7 +99,7 @@ def test_part_rungs_place_targets_where_the_other_run_had_them() -> None:
 def test_a_rung_that_blows_up_is_marked_and_the_others_go_on() -> None:
     """Without mass, a hull's step of .02 s under a gain of 200 1/s diverges; the ladder says so of each rung."""
     system = two_boats("hull", "hull", controller={"gain": 200.0, "control_period": 0.02}).system
-    runs = climb(system, ladder_of(system))
+    runs = run_ablation(system, ladder_of(system))
     assert {run.trajectory.status for run in runs.values()} == {"unstable"}
     for run in runs.values():
         assert "unstable" in run.trajectory.message

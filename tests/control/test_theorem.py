@@ -131,7 +131,7 @@ def test_reach_at_the_ends_of_the_numbers() -> None:
     ],
 )
 def test_what_is_no_bound_is_refused(make: Callable[[], Rho]) -> None:
-    with pytest.raises(InputError, match=r"expected"):
+    with pytest.raises(InputError):
         make()
 
 

@@ -104,7 +104,7 @@ def test_thinned_keeps_the_ends_and_reads_what_it_says(piece: Callable[[int], No
     xr.testing.assert_identical(few, whole.sel(time=few["time"]))
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("backend", ["ideal", pytest.param("physics", marks=pytest.mark.slow)])
 def test_memory_does_not_grow_with_the_run(backend: str, piece: Callable[[int], None], tmp_path: Path) -> None:
     piece(100)
 

@@ -12,6 +12,7 @@ from mjsheaf import load_scenario
 from mjsheaf.errors import ScenarioError
 from mjsheaf.scenario import Scenario, scenario_from_mapping
 from mjsheaf.scenario.load import list_scenarios
+from tests.builders import refused
 
 
 def scenario(**fields: Any) -> Scenario:
@@ -63,12 +64,8 @@ DIFFERENT: dict[str, tuple[str, list[Any]]] = {
 @pytest.mark.parametrize("case", SAME)
 def test_the_same_edge_twice_is_refused_and_both_are_named(case: str) -> None:
     field, edges = SAME[case]
-    with pytest.raises(ScenarioError, match="would count double") as refused:
+    with refused(ScenarioError, f"{field}.{len(edges) - 1}", f"{field}.0", "parallel: true"):
         scenario(**{field: edges})
-    told = str(refused.value)
-    assert f"{field}.{len(edges) - 1}: " in told
-    assert f"the same as {field}.0" in told
-    assert "parallel: true" in told
 
 
 @pytest.mark.parametrize("case", SAME)

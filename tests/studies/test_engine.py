@@ -79,6 +79,7 @@ def raises_a_stranger(job: Job) -> JobResult:
     return JobResult(new_record(job.point, 0, "finished"), 0.0)
 
 
+@pytest.mark.slow
 def test_a_worker_that_dies_of_a_run_is_reported_as_that() -> None:
     plan = small_plan()
     with local_engine(1) as engine:

@@ -146,7 +146,7 @@ def made_up(study: StudyFile, failing: bool = False) -> list[dict[str, Any]]:
     return records
 
 
-@pytest.mark.parametrize("failing", [False, True])
+@pytest.mark.parametrize("failing", [False, pytest.param(True, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     "fields",
     [

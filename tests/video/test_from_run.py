@@ -9,14 +9,14 @@ import pytest
 
 import mjsheaf.video
 from mjsheaf import simulate
-from mjsheaf.filming import film_of, film_run, video_options
 from mjsheaf.results import open_dataset, write_dataset
 from mjsheaf.scenario import Scenario, load_scenario, scenario_from_mapping
 from mjsheaf.simulation import trajectory
 from mjsheaf.simulation.run import stream
 from mjsheaf.video import Film, VideoOptions
 from mjsheaf.video.draw import Painter
-from mjsheaf.video.sampling import moment
+from mjsheaf.video.film import Samples
+from mjsheaf.video.from_run import film_of, film_run, video_options
 
 
 @pytest.mark.parametrize("backend", ["ideal", "physics"])
@@ -41,7 +41,7 @@ def test_the_film_knows_where_the_surface_is(backend: str, monkeypatch: pytest.M
     )
     film_run(scenario, simulate(scenario, backend=backend), tmp_path / "video.mp4", VideoOptions())
     assert (films[0].surface, films[0].surface_height) == ("water", 12.0)
-    np.testing.assert_allclose(films[0].positions[:][..., 2], 12.0, atol=1e-6)
+    np.testing.assert_allclose(films[0].run.at(films[0].run.time).positions[..., 2], 12.0, atol=1e-6)
 
 
 def chase(end: float = 3.0, **video: Any) -> Scenario:
@@ -67,14 +67,50 @@ def test_a_film_read_from_a_file_in_pieces_is_that_of_the_data_in_memory(
     monkeypatch.setattr(trajectory, "samples_in_piece", lambda system: 37)
     scenario = chase()
     write_dataset(stream(scenario.system, backend, 0), tmp_path / "a.nc")
-    in_memory = film_of(scenario, simulate(scenario, backend))[0].loaded()
+    in_memory = film_of(scenario, simulate(scenario, backend))[0].run
     with open_dataset(tmp_path / "a.nc") as dataset:
-        read = film_of(scenario, dataset)[0]
-        for time in (0.0, 0.364, 2.9, 0.37, 3.0):  # back and forth, and over the edges of pieces
-            one, other = moment(read, time), moment(in_memory, time)
-            for name in ("positions", "quaternions", "harmonic_extension", "error"):
-                np.testing.assert_allclose(getattr(one, name), getattr(other, name), rtol=0, atol=1e-12, err_msg=name)
-        np.testing.assert_array_equal(read.positions[:], in_memory.positions)
+        read = film_of(scenario, dataset)[0].run
+        assert_same(read.at(read.time), in_memory.at(in_memory.time))
+        for times in ([0.0], [0.364], [2.9, 3.0], [0.365, 0.37, 0.375], [0.5, 2.5, 1.0]):  # over the edges of pieces
+            assert_same(read.at(np.array(times)), in_memory.at(np.array(times)))
+
+
+def assert_same(one: Samples, other: Samples) -> None:
+    for name, values in vars(one).items():
+        np.testing.assert_allclose(values, getattr(other, name), rtol=0, atol=1e-12, err_msg=name)
+
+
+def test_a_body_without_attitude_faces_where_it_goes() -> None:
+    """Oracle: the direction of the recorded velocity of a target on a smooth path."""
+    scenario = chase()
+    run = film_of(scenario, simulate(scenario, "ideal"))[0].run
+    samples = run.at(np.linspace(1.0, 2.0, 7))
+    velocity = (run.at(samples.time + 1e-2).positions - run.at(samples.time - 1e-2).positions)[:, 2, :2]
+    heading = 2 * np.arctan2(samples.quaternions[:, 2, 3], samples.quaternions[:, 2, 0])
+    np.testing.assert_allclose(
+        np.stack([np.cos(heading), np.sin(heading)]).T,
+        velocity / np.linalg.norm(velocity, axis=1, keepdims=True),
+        atol=1e-3,
+    )
+
+
+@pytest.mark.parametrize("surface", ["water", "ground"])
+def test_squares_of_the_surface_have_the_size_that_the_legend_says(surface: str) -> None:
+    """Seen from above, brightness repeats. Oracle: the shift at which the picture is most like itself."""
+    backend, reason = mjsheaf.video.available_backend()
+    if backend is None:
+        pytest.skip(reason)
+    scenario = scenario_from_mapping(chase(0.05).model_dump(exclude_unset=True) | {"scene": {"surface": surface}})
+    options = video_options(scenario, width=640, height=640, elevation=-90.0, azimuth=90.0, distance=200.0, trail=0.0)
+    film, model = film_of(scenario, simulate(scenario, "ideal"))
+    with Painter(film, model, options) as painter:
+        row = painter.paint(0)[470, 240:].astype(float).sum(axis=1)
+        pixel = painter.camera.view(0).metres_per_pixel(640)
+    row -= row.mean()
+    likeness = [row[shift:] @ row[:-shift] / len(row[shift:]) for shift in range(20, 300)]
+    period = (20 + int(np.argmax(likeness))) * pixel
+    assert film.grid is not None
+    assert period == pytest.approx(film.grid * (2 if surface == "ground" else 1), rel=0.05)
 
 
 def test_draft_is_of_the_same_size_with_fewer_pixels_and_frames() -> None:
