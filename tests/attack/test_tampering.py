@@ -112,6 +112,7 @@ FUZZ = """
 import random, shutil, sys
 from pathlib import Path
 from tests.attack.test_tampering import DAMAGES
+from tests.commands import answer_of, is_refusal
 import mjsheaf.video
 mjsheaf.video.draw_video = lambda film, *_: len(film.run.at(film.run.time).time)
 mjsheaf.video.available_backend = lambda: ("egl", "")
