@@ -38,7 +38,7 @@ class _Announcement(event.Listener):
 event.register("numba:compile", _Announcement())
 
 
-def kernel(function: Callable[..., Any]) -> Any:
+def jit(function: Callable[..., Any]) -> Any:
     """Compile a function: cached on disk, without the interpreter's lock, division as in C.
 
     It makes no arrays, and counts no references to those it is handed. numba counts one, by an atomic instruction, at
@@ -48,13 +48,13 @@ def kernel(function: Callable[..., Any]) -> Any:
     return _compile(function, _nrt=False)
 
 
-def allocating_kernel(function: Callable[..., Any]) -> Any:
-    """Compile a function that makes arrays; otherwise as `kernel`."""
+def allocating_jit(function: Callable[..., Any]) -> Any:
+    """Compile a function that makes arrays; otherwise as `jit`."""
     return _compile(function)
 
 
-def part(function: Callable[..., Any]) -> Any:
-    """Compile a part of a kernel: as `kernel`, and always inlined, so that a call costs nothing."""
+def inline_jit(function: Callable[..., Any]) -> Any:
+    """Compile as `jit` does, and always inline, so that a call costs nothing."""
     return _compile(function, _nrt=False, forceinline=True)
 
 

@@ -15,7 +15,7 @@ from mjsheaf.dynamics.effectiveness import EffectivenessArrays
 from mjsheaf.dynamics.flow import FlowField, flow_velocity
 from mjsheaf.dynamics.motion import MotionArrays
 from mjsheaf.errors import InputError, in_field
-from mjsheaf.jit import part
+from mjsheaf.jit import inline_jit
 from mjsheaf.team import Team
 from mjsheaf.vehicles.effects import Effects, embody
 from mjsheaf.vehicles.vehicle import Vehicle
@@ -37,14 +37,14 @@ class MediumArrays(NamedTuple):
     harmonics: HarmonicArrays
 
 
-@part
+@inline_jit
 def flow_about(medium, v, x, y, z):
     """Velocity of the flow that vehicle v meets at a point, as three numbers."""
     wx, wy, wz = flow_velocity(medium.kernels[medium.rows[v, 0] : medium.rows[v, 1]], x, y, z)
     return wx, wy, 0.0 if medium.planar[v] else wz
 
 
-@part
+@inline_jit
 def medium_velocity(medium, sines, v, x, y, z):
     """Velocity of the medium about vehicle v at a point, as three numbers: its flow and its disturbance.
 

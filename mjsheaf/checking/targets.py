@@ -32,7 +32,7 @@ from mjsheaf.dynamics import disturbance
 from mjsheaf.dynamics.disturbance import disturbance_velocity
 from mjsheaf.dynamics.flow import flow_scale, flow_slope
 from mjsheaf.dynamics.motion import MotionArrays, add_reference, reference_bounds
-from mjsheaf.jit import kernel, part
+from mjsheaf.jit import inline_jit, jit
 from mjsheaf.simulation.ideal import new_integrator, slope_of, take_step
 from mjsheaf.system import MediumArrays, System
 
@@ -228,7 +228,7 @@ class _Setting(NamedTuple):
     stride: int
 
 
-@part
+@inline_jit
 def _bound_speeds(setting, medium, continuous, h, x, bound):
     """Find V and D for a step h from x, see the module; False where none is found."""
     consensus, motion, rates = setting.consensus, setting.control.motion, setting.rates
@@ -263,7 +263,7 @@ def _bound_speeds(setting, medium, continuous, h, x, bound):
     return False
 
 
-@part
+@inline_jit
 def _tighten(setting, h, velocity, bound):
     """Lower D once, where the law is continuous: consensus and pull act on p' and v - p' at x, changed by h (D + W)."""
     consensus, motion, rates = setting.consensus, setting.control.motion, setting.rates
@@ -284,7 +284,7 @@ def _tighten(setting, h, velocity, bound):
         bound.D[v] = bound.lower[v]
 
 
-@part
+@inline_jit
 def _shortened(setting, medium, decay, h, x, velocity, bound):
     """The step h, no longer than what resolves flow and law at x; fills the speeds of `bound`."""
     for v in range(x.shape[0]):
@@ -300,7 +300,7 @@ def _shortened(setting, medium, decay, h, x, velocity, bound):
     return h
 
 
-@part
+@inline_jit
 def _lead(setting, t, x, velocity, bound):
     """Fill v and |v - p'| of `bound` at a time."""
     for v in range(x.shape[0]):
@@ -313,7 +313,7 @@ def _lead(setting, t, x, velocity, bound):
         bound.gap[v] = np.sqrt(total)
 
 
-@kernel
+@jit
 def _follow(follow, setting, run, place, x, bound, cells, samples):
     """Follow the targets from a place in the run until the cells are full; return what ended it, and how many are.
 

@@ -14,7 +14,7 @@ from pydantic import Field, model_validator
 
 from mjsheaf.errors import InputError
 from mjsheaf.io.section import NonNegative, Positive, Section
-from mjsheaf.jit import part
+from mjsheaf.jit import inline_jit
 
 Array = NDArray[np.float64]
 
@@ -50,7 +50,7 @@ def pack(harmonics: Array) -> HarmonicArrays:
     return HarmonicArrays(*(np.ascontiguousarray(part) for part in parts))
 
 
-@part
+@inline_jit
 def _sine(x):
     """The sine of x, |x| up to LARGEST_PHASE, to a unit in the last place of 1; beyond, a number in [-1, 1].
 
@@ -67,7 +67,7 @@ def _sine(x):
     return p - 2.0 * odd * p
 
 
-@part
+@inline_jit
 def evaluate_sines(harmonics, t, first, last, sines):
     """Write the sines of the harmonics of the vehicles from first to last at time t into sines (V K,)."""
     K = harmonics.amplitude.shape[1]
@@ -75,7 +75,7 @@ def evaluate_sines(harmonics, t, first, last, sines):
         sines[j] = _sine(harmonics.rate[j] * t + harmonics.phase[j])
 
 
-@part
+@inline_jit
 def disturbance_velocity(harmonics, sines, v):
     """omega_v as three numbers, m/s, at the time for which `evaluate_sines` was called."""
     amplitude, x, y, z = harmonics.amplitude[v], 0.0, 0.0, 0.0

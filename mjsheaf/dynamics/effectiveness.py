@@ -12,7 +12,7 @@ from pydantic import Field
 
 from mjsheaf.errors import InputError
 from mjsheaf.io.section import Matrix, Number, Point, Section
-from mjsheaf.jit import kernel
+from mjsheaf.jit import jit
 
 Array = NDArray[np.float64]
 
@@ -53,7 +53,7 @@ class ControlEffectiveness(Section):
         return R[: len(W), : len(W)] @ W
 
 
-@kernel
+@jit
 def allocate(effectiveness, i, q, t, velocity, u):
     """Write u = g^+(q, t) velocity of agent i into u (s,), then g(q, t) u back into velocity (3,)."""
     h = effectiveness.heading[i]

@@ -23,7 +23,7 @@ from pydantic import Field, model_validator
 
 from mjsheaf.errors import InputError
 from mjsheaf.io.section import NonNegative, Number, Point, Positive, Section
-from mjsheaf.jit import kernel, part
+from mjsheaf.jit import inline_jit, jit
 
 Array = NDArray[np.float64]
 
@@ -37,7 +37,7 @@ _NARROWEST = 1e-100  # m, of a channel: the square of its inverse must be finite
 _NOTHING_LEFT = 600.0  # exp(-600) = 3e-261: beyond it exp underflows, which takes libraries many times as long
 
 
-@kernel
+@jit
 def flow_velocity(table, x, y, z):
     """Velocity of the medium at a point, as three numbers; the first row of the table is the drift."""
     wx, wy, wz = table[0, 2], table[0, 3], table[0, 4]
@@ -66,7 +66,7 @@ def flow_velocity(table, x, y, z):
     return wx, wy, wz
 
 
-@part
+@inline_jit
 def _channel_place(c, rx, ry, rz):
     """Where an offset (rx, ry, rz) from its centre lies in a channel: l along it, and |n|^2 across."""
     along = rx * c[5] + ry * c[6] + rz * c[7]
@@ -74,7 +74,7 @@ def _channel_place(c, rx, ry, rz):
     return along, nx * nx + ny * ny + nz * nz
 
 
-@part
+@inline_jit
 def flow_slope(table, x, y, z, radius):
     """A bound on the Jacobian's spectral norm over the ball about a point, 1/s: the Lipschitz constant there.
 
@@ -105,7 +105,7 @@ def flow_slope(table, x, y, z, radius):
     return total
 
 
-@part
+@inline_jit
 def flow_scale(table, x, y, z):
     """The length over which the field may change about a point, m: what an integrator must not step over.
 
@@ -125,13 +125,13 @@ def flow_scale(table, x, y, z):
     return smallest
 
 
-@kernel
+@jit
 def _slopes(table, points, radii, out):
     for i in range(points.shape[0]):
         out[i] = flow_slope(table, points[i, 0], points[i, 1], points[i, 2], radii[i])
 
 
-@kernel
+@jit
 def _velocities(table, points, out):
     for i in range(points.shape[0]):
         out[i, 0], out[i, 1], out[i, 2] = flow_velocity(table, points[i, 0], points[i, 1], points[i, 2])

@@ -14,7 +14,7 @@ from scipy.interpolate import PPoly, make_interp_spline
 
 from mjsheaf.errors import InputError
 from mjsheaf.io.section import NonNegative, Point, Positive, Section, tagged
-from mjsheaf.jit import part
+from mjsheaf.jit import inline_jit
 
 Array = NDArray[np.float64]
 
@@ -40,7 +40,7 @@ class MotionArrays(NamedTuple):
     coefficients: Array
 
 
-@part
+@inline_jit
 def add_reference(motion, v, t, x, command):
     """Add v(t) + pull (r(t) - x) of vehicle v to command (3,)."""
     pull, first, pieces = motion.pull[v], motion.path[v, 0], motion.path[v, 1]

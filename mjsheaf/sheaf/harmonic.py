@@ -30,7 +30,7 @@ from scipy import linalg, sparse
 from scipy.sparse import csgraph
 
 from mjsheaf.errors import SheafError
-from mjsheaf.jit import allocating_kernel, kernel
+from mjsheaf.jit import allocating_jit, jit
 from mjsheaf.sheaf.edges import EdgeTable, adjoint_product, block_rows, first_rows, laplacian_block, product
 from mjsheaf.sheaf.loops import bandwidth, fill_band, neighbours
 from mjsheaf.sheaf.sections import DENSE_COLUMNS, RANK_TOLERANCE, section_basis
@@ -452,7 +452,7 @@ def _norm(x: Array) -> float:
 # -- compiled loops --------------------------------------------------------------------------------------------
 
 
-@kernel
+@jit
 def factor_band(band):
     """Factor A = C C^T in place; return whether A is positive definite to rounding.
 
@@ -474,7 +474,7 @@ def factor_band(band):
     return True
 
 
-@kernel
+@jit
 def solve_band(band, x):
     """Solve C C^T x = b in place, for b of shape (n, k)."""
     n, width = band.shape
@@ -495,7 +495,7 @@ def solve_band(band, x):
             x[j, c] /= band[j, 0]
 
 
-@kernel
+@jit
 def scale_symmetrically(indptr, indices, values, diagonal):
     """Turn the diagonal d (n,) into 1 / sqrt(d), 1 for a zero, which has no row; scale U by it, in compressed rows."""
     for i in range(len(diagonal)):
@@ -505,7 +505,7 @@ def scale_symmetrically(indptr, indices, values, diagonal):
             values[k] *= diagonal[i] * diagonal[indices[k]]
 
 
-@allocating_kernel
+@allocating_jit
 def conjugate_gradients(indptr, indices, values, b, relaxation, tolerance, most):
     """Solve (I + U + U^T) x = b from x = 0, for b (n,) in the range of the matrix: x and the number of iterations.
 

@@ -27,7 +27,7 @@ from scipy.sparse import csgraph
 from scipy.sparse import linalg as splinalg
 
 from mjsheaf.errors import SheafError
-from mjsheaf.jit import allocating_kernel, kernel
+from mjsheaf.jit import allocating_jit, jit
 from mjsheaf.sheaf.edges import EdgeTable, coboundary_matrix, product
 
 Array = NDArray[np.float64]
@@ -269,7 +269,7 @@ class Forest(NamedTuple):
     norm_high: float
 
 
-@kernel
+@jit
 def _carry(F, at_u, n_u, at_w, n, m, work):
     """Fill M = F_w^+ F_u (n_w, n_u); return bounds (a, b) of |M| and |F_w^+|, or (-1, -1) where F_w is not injective.
 
@@ -338,7 +338,7 @@ def _carry(F, at_u, n_u, at_w, n, m, work):
     return np.sqrt(min(frobenius, rows)), 1.0 / np.sqrt(smallest)
 
 
-@kernel
+@jit
 def _root(up, v):
     while up[v] != v:
         up[v] = up[up[v]]
@@ -346,7 +346,7 @@ def _root(up, v):
     return v
 
 
-@allocating_kernel
+@allocating_jit
 def _grow(t, free, by_dimension, widest):
     """Breadth first from all held vertices at once, then from free roots in the order given; see `Forest`."""
     # The arrays by themselves: reading them from the tuple in a loop costs more than the loop.
@@ -408,7 +408,7 @@ def _grow(t, free, by_dimension, widest):
     return order[held:grown], parent, component, rows, columns
 
 
-@allocating_kernel
+@allocating_jit
 def _norms(t, free):
     """Bounds of the largest singular value of delta on the free vertices: a column's norm, and sqrt(|.|_1 |.|_inf)."""
     one, square = np.zeros(t.column[-1]), np.zeros(t.column[-1])
@@ -433,7 +433,7 @@ def _norms(t, free):
     return np.sqrt(low), np.sqrt(high * infinity)
 
 
-@allocating_kernel
+@allocating_jit
 def _propagate(t, free, order, parent, slot, P):
     """Fill P (n, k): the values everywhere that the free roots determine; vertices whose slot is -1 are left out."""
     widest = 1

@@ -24,7 +24,7 @@ from mjsheaf.control.controller import Controller, supplied
 from mjsheaf.control.law import Memory, new_memory, sample
 from mjsheaf.dynamics.disturbance import evaluate_sines
 from mjsheaf.dynamics.effectiveness import EffectivenessArrays, allocate
-from mjsheaf.jit import kernel, part
+from mjsheaf.jit import inline_jit, jit
 from mjsheaf.simulation.trajectory import Trajectory, blow_up_message, new_log, pieces_of
 from mjsheaf.system import MediumArrays, Phase, System, medium_velocity, phases_of
 
@@ -98,7 +98,7 @@ def new_integrator(
     )
 
 
-@part
+@inline_jit
 def slope_of(follow, run, t, x, first, last, out):
     """Write x' of the vehicles from first to last into out (V, 3); commands are those held unless there is a law."""
     medium, effectiveness = run.medium, run.effectiveness
@@ -116,7 +116,7 @@ def slope_of(follow, run, t, x, first, last, out):
         out[v, 2] += wz
 
 
-@part
+@inline_jit
 def _norm(values, x, y, first, last, tolerance):
     """Root mean square of values relative to atol + rtol max(|x|, |y|), over the vehicles from first to last."""
     total = 0.0
@@ -127,7 +127,7 @@ def _norm(values, x, y, first, last, tolerance):
     return np.sqrt(total / (3 * (last - first)))
 
 
-@part
+@inline_jit
 def _first_step(follow, run, t, x, first, last):
     """A step for which the method's leading error term is likely to pass; run.slope[0] holds x' at t."""
     period = run.period
@@ -151,7 +151,7 @@ def _first_step(follow, run, t, x, first, last):
     return min(100.0 * trial, step, period)
 
 
-@part
+@inline_jit
 def take_step(follow, run, t, h, x, first, last):
     """Try a step of the vehicles from first to last from t to t + h; return its error, of which 1 is tolerated.
 
@@ -174,7 +174,7 @@ def take_step(follow, run, t, h, x, first, last):
     return _norm(run.slope[1], x, run.state, first, last, run.tolerance)
 
 
-@part
+@inline_jit
 def _advance(follow, run, t, x, first, last):
     """Integrate the vehicles from first to last over one period, in place; False where the solution blows up.
 
@@ -208,7 +208,7 @@ def _advance(follow, run, t, x, first, last):
     return True
 
 
-@part
+@inline_jit
 def _record(run, t, x, k, log):
     """Write sample k at time t: positions x (V, 3), commands just made, and x', kept in run.slope[0]."""
     medium, memory, slope = run.medium, run.memory, run.slope[0]
@@ -232,7 +232,7 @@ def _record(run, t, x, k, log):
             log.medium[k, v, i] = w[i]
 
 
-@kernel
+@jit
 def _run(control, follow, run, times, advances, x, log, placed):
     """Record the samples at `times` and advance after the first `advances`: (samples recorded, vehicle that blew up).
 

@@ -20,7 +20,7 @@ from mjsheaf.control.law import ControlArrays, Memory, new_memory, sample
 from mjsheaf.dynamics.disturbance import evaluate_sines
 from mjsheaf.engine import mujoco
 from mjsheaf.errors import InputError, UnstableError, expected
-from mjsheaf.jit import kernel, part
+from mjsheaf.jit import inline_jit, jit
 from mjsheaf.simulation.arena import Arena, compose
 from mjsheaf.simulation.autopilot import Fleet, Sensed, pack_fleet, thruster_commands
 from mjsheaf.simulation.forces import apply_medium_wrench, velocity_through_medium
@@ -95,7 +95,7 @@ class Recorder(NamedTuple):
     written: NDArray[np.int64]
 
 
-@kernel
+@jit
 def controlled_position(kind, body, qpos, x):
     """Write the position of a vehicle that the law controls into x (3,): its hand point, or its origin."""
     a = body.qpos
@@ -107,7 +107,7 @@ def controlled_position(kind, body, qpos, x):
         x[1] += kind.hand * 2.0 * (i * j + w * k)
 
 
-@kernel
+@jit
 def close_loop(loop, t, due):
     """All before a physics step: the law if it is due; then each vehicle measures, is pushed, and drives."""
     state, medium, kinds, bodies = loop.state, loop.medium, loop.fleet.kinds, loop.fleet.bodies
@@ -136,7 +136,7 @@ def close_loop(loop, t, due):
             turn_gears(thrusters, R, act, state.gear[first : first + kind.count])
 
 
-@kernel
+@jit
 def place_targets(fleet, recorder, state):
     """Put every target where its controlled position is wanted at this sample, with its attitude and speed."""
     k, bodies = recorder.written[0], fleet.bodies
@@ -150,7 +150,7 @@ def place_targets(fleet, recorder, state):
             state.qpos[body.qpos + i] += recorder.placed[k, v - agents, i] - x[i]
 
 
-@kernel
+@jit
 def record(loop, recorder):
     """Write the present state, and the commands just made for it, as the next sample."""
     fleet, state, log, k = loop.fleet, loop.state, recorder.log, recorder.written[0]
@@ -189,13 +189,13 @@ _HUGE = 1e10  # beyond this MuJoCo calls a state bad (mjMAXVAL)
 _CHUNK = 200_000  # physics steps times vehicles in one compiled call, after which Ctrl-C is heard
 
 
-@part
+@inline_jit
 def _is_bad(value):
     """Whether MuJoCo would call a number bad: it is not finite, or huge."""
     return not abs(value) < _HUGE
 
 
-@kernel
+@jit
 def _first_bad(values):
     """Index of the first bad entry, or -1."""
     bad = 0
@@ -208,7 +208,7 @@ def _first_bad(values):
     return -1
 
 
-@kernel
+@jit
 def _bad_vehicle(bodies, state):
     """The first vehicle whose position, velocity or acceleration is bad, or -1."""
     if _first_bad(state.qpos) < 0 and _first_bad(state.qvel) < 0 and _first_bad(state.qacc) < 0:
@@ -224,7 +224,7 @@ def _bad_vehicle(bodies, state):
     return -1
 
 
-@kernel
+@jit
 def _owner(bodies, actuator):
     """The vehicle that has an actuator."""
     v = bodies.shape[0] - 1
@@ -233,7 +233,7 @@ def _owner(bodies, actuator):
     return v
 
 
-@kernel
+@jit
 def _advance(loop, step, count, recorder):
     """Take `count` steps from step number `step`; return how many were taken, and the vehicle that went bad or -1.
 

@@ -16,7 +16,7 @@ from pydantic import Field, model_validator
 
 from mjsheaf.engine import mujoco
 from mjsheaf.io.section import Section
-from mjsheaf.jit import kernel, part
+from mjsheaf.jit import inline_jit, jit
 from mjsheaf.vehicles.vectors import to_world, triple
 
 Array = NDArray[np.float64]
@@ -287,7 +287,7 @@ def _actuator(name: str, gear: Array, gain: float, law: str, time_constant: floa
     }
 
 
-@kernel
+@jit
 def aim(channels, act, ctrl):
     """Turn efforts into commands, in place; both of shape (s,).
 
@@ -317,7 +317,7 @@ def aim(channels, act, ctrl):
                 ctrl[k + 1] = min(max(near, now - angle.reach, angle.low), now + angle.reach, angle.high)
 
 
-@part
+@inline_jit
 def _nearest(angle, now, low, high):
     """The angle, give or take whole turns, that is within limits and nearest to `now`; or else the nearer limit."""
     turn = 2.0 * np.pi
@@ -328,7 +328,7 @@ def _nearest(angle, now, low, high):
     return a
 
 
-@part
+@inline_jit
 def _missed(thrust, angle, x, y):
     """How much of a force (x, y) is left out at an angle, in the unit of the force."""
     c, s = np.cos(angle), np.sin(angle)
@@ -336,7 +336,7 @@ def _missed(thrust, angle, x, y):
     return np.sqrt((x - made * c) ** 2 + (y - made * s) ** 2)
 
 
-@part
+@inline_jit
 def _strength(thrust, angle, x, y):
     """Largest thrust of an azimuth thruster along (x, y), or of the ways that it has where it cannot turn there."""
     a, b = np.arctan2(y, x), np.arctan2(-y, -x)
@@ -345,7 +345,7 @@ def _strength(thrust, angle, x, y):
     return max(thrust.high if ahead or not astern else 0.0, -thrust.low if astern or not ahead else 0.0)
 
 
-@kernel
+@jit
 def all_within(channels, effort):
     """Whether every actuator of a vehicle can make its efforts (s,)."""
     within = True
@@ -359,7 +359,7 @@ def all_within(channels, effort):
     return within
 
 
-@part
+@inline_jit
 def room_of(channels, k, u, du, v, dv):
     """The largest share, 0 to 1, of more effort that an actuator can make.
 
@@ -383,7 +383,7 @@ def room_of(channels, k, u, du, v, dv):
     return room
 
 
-@part
+@inline_jit
 def at_most(u, low, high):
     """A command within its limits, at one if within rounding of it. What is not finite stays, to be seen."""
     slack = 1e-9 * (high - low)
@@ -394,7 +394,7 @@ def at_most(u, low, high):
     return u
 
 
-@part
+@inline_jit
 def turn_gears(channels, R, act, gear):
     """Write the gears (s, 6) of azimuth thrusters for a vehicle with attitude R and activations act."""
     for k in range(gear.shape[0] - 1):
@@ -407,7 +407,7 @@ def turn_gears(channels, R, act, gear):
                 gear[k, i], gear[k, 3 + i], gear[k + 1, i] = force[i], moment[i], 0.0
 
 
-@part
+@inline_jit
 def _turned(a, b, c, s):
     """c a + s b for vectors a and b."""
     return c * a[0] + s * b[0], c * a[1] + s * b[1], c * a[2] + s * b[2]
