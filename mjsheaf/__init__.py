@@ -10,6 +10,8 @@ from mjsheaf._version import __version__
 
 if TYPE_CHECKING:
     from mjsheaf.checking import check
+    from mjsheaf.control.controller import Controller, PerAgent
+    from mjsheaf.runs.publish import save
     from mjsheaf.scenario import Scenario, load_scenario
     from mjsheaf.sheaf import Sheaf
     from mjsheaf.simulation.loop import World
@@ -25,9 +27,14 @@ _HOME = {
     "check": "mjsheaf.checking",
     "World": "mjsheaf.simulation.loop",
     "load_vehicle": "mjsheaf.vehicles.loading",
+    "save": "mjsheaf.runs.publish",
+    "Controller": "mjsheaf.control.controller",
+    "PerAgent": "mjsheaf.control.controller",
 }
 
 __all__ = [
+    "Controller",
+    "PerAgent",
     "Scenario",
     "Sheaf",
     "World",
@@ -35,6 +42,7 @@ __all__ = [
     "check",
     "load_scenario",
     "load_vehicle",
+    "save",
     "simulate",
     "simulate_many",
 ]

@@ -35,6 +35,14 @@ SetOption = Annotated[
     ),
 ]
 SeedOption = Annotated[int | None, typer.Option(help="Seed of disturbances and of spread initial conditions.")]
+ControllerOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="FILE.py:NAME",
+        help="A law of your own in Python, a function or class, called once a control period: law(t, sample) returns "
+        "the agents' velocities, shape (N, 3), in m/s.",
+    ),
+]
 OutOption = Annotated[Path | None, typer.Option(metavar="DIR", help="Directory of the results.")]
 VideoOption = Annotated[bool, typer.Option("--video/--no-video", help="Whether to draw the video.")]
 QualityOption = Annotated[

@@ -9,6 +9,7 @@ import typer
 from mjsheaf.cli.options import (
     Backend,
     BackendOption,
+    ControllerOption,
     NotHeldError,
     OutOption,
     QualityOption,
@@ -41,6 +42,7 @@ def run(
     allow_drift: Annotated[
         bool, typer.Option("--allow-drift", help="Run it though agents are free to drift, against the least q*.")
     ] = False,
+    controller: ControllerOption = None,
     quality: QualityOption = None,
 ) -> None:
     """Simulate a scenario and leave data, plots and a video.
@@ -49,6 +51,7 @@ def run(
     the directory (runs/NAME-BACKEND unless given), all at once when done. Refuses, with exit code 1, a team in which
     some agent is free to drift.
     """
+    from mjsheaf.control.controller import load_controller
     from mjsheaf.results.store import PlaceError, require_same_origin
     from mjsheaf.runs.expecting import miss
     from mjsheaf.runs.publish import default_directory, execute
@@ -63,6 +66,7 @@ def run(
         raise InputError(f"{scenario}: expect.{backend}: missing; --expect needs bounds for this backend")
     if "seed" in changes and not loaded.uses_seed(backend):
         print_note(f"the seed changes nothing: {loaded.name} has no spread and no disturbance on backend {backend}")
+    law = load_controller(controller, loaded.seed) if controller else None
     options = video_options(loaded, quality=quality) if video else None
     directory = default_directory(loaded, str(backend)) if out is None else out
     where = origin(scenario, directory)
@@ -71,7 +75,14 @@ def run(
     try:
         with progress_bars() as bars:
             outcome = execute(
-                loaded, str(backend), directory, video=options, allow_drift=allow_drift, origin=where, progress=bars
+                loaded,
+                str(backend),
+                directory,
+                video=options,
+                allow_drift=allow_drift,
+                controller=law,
+                origin=where,
+                progress=bars,
             )
     except PlaceError:
         raise

@@ -307,7 +307,7 @@ class _naming:  # noqa: N801
             raise _AgentError(self._agent) from error
 
 
-def load_controller(source: str) -> Controller:
+def load_controller(source: str, seed: int = 0) -> Controller:
     """The law FILE.py:NAME, a function, an object or a class that is made without arguments.
 
     Raises:
@@ -331,7 +331,7 @@ def load_controller(source: str) -> Controller:
             public = [n for n, value in vars(module).items() if callable(value) and not n.startswith("_")]
             raise InputError(f"there is no {name!r} in it; {expected(name, public)}")
         law: Any = getattr(module, name)
-        return Controller(cast(Law, law() if inspect.isclass(law) else law), source)
+        return Controller(cast(Law, law() if inspect.isclass(law) else law), source, seed)
     except InputError as error:
         raise InputError(f"--controller {source}: {error}") from None
     except Exception as error:

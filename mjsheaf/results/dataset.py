@@ -156,6 +156,7 @@ def _add_body_data(variables: dict[str, Variable], coordinates: dict[str, Variab
     thrusters, N, T = _thrusters(system), len(system.team.agents), len(log.positions)
     first = np.cumsum([0, *(len(names) for names in thrusters)])
     width = max(len(names) for names in thrusters)
+    alike = all(channel.unit == "N" for vehicle in system.vehicles for channel in vehicle.channels)
     for name, values, long_name in (
         ("command", log.thruster_command, "u_i = W_i^+ [force; moment] + trim, thruster commands of {}"),
         ("thrust", log.thruster_output, "what {}'s thrusters do at the sample: their commands after lag"),
@@ -165,10 +166,13 @@ def _add_body_data(variables: dict[str, Variable], coordinates: dict[str, Variab
             u[:, v, : len(names)] = values[:, first[v] : first[v + 1]]
         agents, targets = (name, f"target_{name}") if name == "command" else (f"agent_{name}", f"target_{name}")
         for key, kind, own in ((agents, "agent", u[:, :N]), (targets, "target", u[:, N:])):
-            attributes = {"units": "N", "long_name": long_name.format(f"each {kind}")}
+            unit = "N" if alike else "1"  # of turning thrusters some channels are angles: see thruster_unit
+            attributes = {"units": unit, "long_name": long_name.format(f"each {kind}")}
             variables[key] = (("time", kind, "channel"), own, attributes)
     coordinates["quaternion"] = _labels("quaternion", ["w", "x", "y", "z"], "component of the unit quaternion")
-    labels = np.array([names + [""] * (width - len(names)) for names in thrusters], dtype=object)
-    for name, kind, own in (("thruster", "agent", labels[:N]), ("target_thruster", "target", labels[N:])):
-        long_name = f"thruster behind each channel of each {kind}, empty where it has fewer"
-        coordinates[name] = ((kind, "channel"), own, {"long_name": long_name})
+    units = [[channel.unit for channel in vehicle.channels] for vehicle in system.vehicles]
+    for name, values_of, what in (("thruster", thrusters, "thruster behind"), ("thruster_unit", units, "unit of")):
+        labels = np.array([values + [""] * (width - len(values)) for values in values_of], dtype=object)
+        for key, kind, own in ((name, "agent", labels[:N]), (f"target_{name}", "target", labels[N:])):
+            long_name = f"{what} each channel of each {kind}, empty where it has fewer"
+            coordinates[key] = ((kind, "channel"), own, {"long_name": long_name})

@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mjsheaf.errors import MjsheafError
+from mjsheaf.errors import InputError, MjsheafError
 from mjsheaf.io.section import LARGEST
 from mjsheaf.io.yaml import dump_yaml
 from mjsheaf.results.store import CHECKSUMS, VEHICLES, write_checksums
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from mjsheaf.checking.finished import RunBound
+    from mjsheaf.control.controller import Controller
     from mjsheaf.system import System
 
 
@@ -90,7 +91,7 @@ def _resolved(scenario: Scenario) -> dict[str, Any]:
     return scenario.model_dump(mode="json", exclude_none=True)
 
 
-__all__ = ["Outcome", "default_directory", "draw_video", "dump_scenario", "execute", "publish", "video_entry"]
+__all__ = ["Outcome", "default_directory", "draw_video", "dump_scenario", "execute", "publish", "save", "video_entry"]
 
 Progress = Callable[[str, int, int], None]
 
@@ -149,6 +150,7 @@ def execute(
     *,
     video: VideoOptions | None,
     allow_drift: bool = False,
+    controller: "Controller | None" = None,
     origin: str | None = None,
     progress: Progress | None = None,
 ) -> Outcome:
@@ -160,6 +162,7 @@ def execute(
         directory: of the results.
         video: how to film it, or None for no video.
         allow_drift: run a team whose harmonic extension is not unique too, and mark the result.
+        controller: a law in Python in place of the agents' own.
         origin: where the scenario comes from, as `scenario.load.origin` has it; summary.json keeps it.
         progress: called with (what is being done, done, in all).
 
@@ -171,7 +174,7 @@ def execute(
     system = scenario.system
     require_simulable(system, backend, allow_drift=allow_drift)
     report = progress or _report_nothing
-    pieces = TimedIterator(stream(system, backend, scenario.seed, partial(report, "simulating")))
+    pieces = TimedIterator(stream(system, backend, scenario.seed, partial(report, "simulating"), controller=controller))
     return publish(pieces, scenario, system, directory, video=video, origin=origin, progress=report)
 
 
@@ -236,6 +239,27 @@ def publish(
     return Outcome(directory, summary, notes, replaced)
 
 
+def save(result: "xr.Dataset", directory: str | Path, *, video: bool = True) -> Outcome:
+    """Write all that `mjsheaf run` writes, from a result in memory: data, plots, video, summary, scenario.
+
+    Args:
+        result: from `simulate`; on bodies or ideal, with a law in Python or without.
+        directory: where it goes, whole or not at all; one that mjsheaf did not write is not replaced.
+        video: whether to draw the video.
+
+    Raises:
+        InputError: the result is not one of `simulate`, or has lost its scenario on the way through other functions.
+        PlaceError: the directory may not be replaced or cannot be written.
+    """
+    from mjsheaf.video.from_run import video_options
+
+    scenario = result.encoding.get("scenario")
+    if not isinstance(scenario, Scenario):
+        raise InputError("save: the result does not know its scenario; expected a Dataset as `simulate` returns it")
+    options = video_options(scenario) if video else None
+    return publish(result, scenario, scenario.system, Path(directory), video=options)
+
+
 def _report_nothing(what: str, done: int, total: int) -> None:
     """A `Progress` that reports nothing."""
 
@@ -257,7 +281,7 @@ def _summary_of(
     from mjsheaf.results.store import RESULT_DIGEST
     from mjsheaf.team.null_modes import describe_null_modes
 
-    backend, status = drawn.attrs["backend"], drawn.attrs["status"]
+    backend, status, controller = drawn.attrs["backend"], drawn.attrs["status"], drawn.attrs.get("controller")
     final = summarize(system.team, drawn)
     return {
         "scenario": scenario.name,
@@ -265,7 +289,8 @@ def _summary_of(
         "backend": backend,
         "status": status,
         "message": drawn.attrs["message"],
-        "ending": ending_of_run(system, drawn) if status == "finished" else None,
+        "ending": ending_of_run(system, drawn) if status == "finished" and not controller else None,
+        "controller": controller,
         "seed": scenario.seed,
         "steps": periods * (round(system.grid.period / system.bodies.timestep) if backend == "physics" else 1),
         "wall_time_s": None,

@@ -26,7 +26,7 @@ from mjsheaf.simulation.autopilot import Fleet, Sensed, pack_fleet, thruster_com
 from mjsheaf.simulation.forces import apply_medium_wrench, velocity_through_medium
 from mjsheaf.simulation.trajectory import Log, Trajectory, blow_up_message, new_log, pieces_of
 from mjsheaf.system import MediumArrays, Phase, System, medium_velocity, phases_of
-from mjsheaf.vehicles.actuators import turn_gears
+from mjsheaf.vehicles.actuators import ANGLE, turn_gears
 from mjsheaf.vehicles.vectors import rotation, to_world, triple
 
 Array = NDArray[np.float64]
@@ -174,7 +174,8 @@ def record(loop, recorder):
             n, thruster = body.actuator + j, fleet.thrusters[kind.thruster + j]
             command = state.ctrl[n]
             log.thruster_command[k, n] = command
-            log.thruster_output[k, n] = state.gain[n, 0] * (state.act[state.lag[n]] if state.lag[n] >= 0 else command)
+            late = state.act[state.lag[n]] if state.lag[n] >= 0 else command
+            log.thruster_output[k, n] = late if thruster.code == ANGLE else state.gain[n, 0] * late
             at_limit += command <= thruster.low or command >= thruster.high
         log.saturation[k, v] = at_limit / kind.count
 

@@ -49,7 +49,9 @@ def simulate(
     """
     system = scenario.system
     require_simulable(system, backend, allow_drift=allow_drift)
-    return next(stream(system, backend, scenario.seed, progress, system.grid.steps + 1, controller))
+    result = next(stream(system, backend, scenario.seed, progress, system.grid.steps + 1, controller))
+    result.encoding["scenario"] = scenario  # for `mjsheaf.save`; no file gets it
+    return result
 
 
 def stream(
@@ -82,7 +84,14 @@ def stream(
     first = phases_of(run)[0].system
     called = controller_of(controller, first, seed)
     pieces = simulated(run, samples or samples_in_piece(first), progress, controller=called)
-    return make_datasets(pieces, backend, seed)
+    for dataset in make_datasets(pieces, backend, seed):
+        if called:
+            dataset.attrs |= {
+                "controller": called.name,
+                "exchange_rounds": called.rounds,
+                "messages": called.messages,
+            }
+        yield dataset
 
 
 def simulate_many(

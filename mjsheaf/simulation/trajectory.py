@@ -32,7 +32,7 @@ class Log(NamedTuple):
         origin: of bodies, shape (T, V, 3), m.
         quaternions: attitudes of bodies (w, x, y, z), body to world, shape (T, V, 4).
         thruster_command: of all actuators, shape (T, A).
-        thruster_output: what lags leave of it: the actuators' forces, shape (T, A).
+        thruster_output: what lags leave of it: the actuators' forces, N, or angles, rad, shape (T, A).
         saturation: share of each vehicle's thrusters at a limit, shape (T, V).
     """
 

@@ -3,17 +3,22 @@
 Oracles: the compiled law, the team's own maps, and laws written so that the answer is known.
 """
 
+import json
 from collections.abc import Generator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import xarray as xr
+import yaml
 from numpy.typing import NDArray
 
 import mjsheaf
 from mjsheaf.control.controller import Agent, Controller, LocalSample, PerAgent, Sample, load_controller
 from mjsheaf.errors import InputError
 from tests.builders import mixed_scenario
+from tests.commands import RUN_FILES, answer_of, call
 
 Array = NDArray[np.float64]
 BACKENDS = ("ideal", "physics")
@@ -232,3 +237,63 @@ def test_loading_a_law_from_a_file(tmp_path: Any) -> None:
         with pytest.raises(InputError) as error:
             load_controller(source)
         assert said in str(error.value)
+
+
+PAPERS_LAW = """
+class Paper:
+    \"\"\"-k1 eta of each agent.\"\"\"
+
+    def reset(self, team, rng):
+        self.gain = 3.0
+
+    def __call__(self, t, sample):
+        if t > 0.2 and sample.velocity.shape != (3, 3):
+            raise ValueError("unreachable")
+        return -self.gain * sample.disagreement
+"""
+
+
+def test_a_law_on_the_command_line(tmp_path: Path) -> None:
+    (tmp_path / "law.py").write_text(PAPERS_LAW)
+    (tmp_path / "wrong.py").write_text(
+        "def late(t, sample):\n    return sample.disagreement / (1 if t < 0.1 else 'x')\n"
+    )
+    fields = yaml.safe_dump(mixed_scenario(**SHORT).model_dump(mode="json", exclude_none=True))
+    (tmp_path / "mixed.yaml").write_text(fields)
+    common: list[str | Path] = ["run", tmp_path / "mixed.yaml", "--backend", "ideal", "--no-video"]
+    assert call(*common, "--out", tmp_path / "own", "--controller", f"{tmp_path}/law.py:Paper") == 0
+    assert call(*common, "--out", tmp_path / "ours") == 0
+    own, ours = (xr.load_dataset(tmp_path / name / "result.nc") for name in ("own", "ours"))
+    np.testing.assert_allclose(own["agent_position"].values, ours["agent_position"].values, rtol=0, atol=1e-9)
+    assert own.attrs["controller"].endswith("law.py:Paper")
+    summary = json.loads((tmp_path / "own" / "summary.json").read_text())
+    assert summary["controller"].endswith("law.py:Paper")
+    assert summary["theorem"]["applies"] is False
+    assert "law of its own" in summary["theorem"]["reason"]
+    assert json.loads((tmp_path / "ours" / "summary.json").read_text())["controller"] is None
+    before = sorted(p.name for p in tmp_path.iterdir())
+    for source, said in (
+        ("wrong.py:late", "t = 0.1 s"),
+        ("wrong.py:early", "expected late"),
+        ("law.py", "FILE.py:NAME"),
+    ):
+        answer = answer_of(*common, "--out", tmp_path / "never", "--controller", f"{tmp_path}/{source}")
+        assert answer.code == 2
+        assert said in answer.err
+        assert answer.err.count("\n") == 1
+    assert sorted(p.name for p in tmp_path.iterdir()) == before
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_saving_a_result_writes_what_run_writes(backend: str, tmp_path: Path) -> None:
+    scenario = mixed_scenario(**SHORT)
+    result = mjsheaf.simulate(scenario, backend, controller=lambda t, sample: -3.0 * sample.disagreement)
+    saved = mjsheaf.save(result, tmp_path / "saved", video=False)
+    assert {p.name for p in saved.directory.iterdir()} == RUN_FILES
+    again = xr.load_dataset(tmp_path / "saved" / "result.nc")
+    xr.testing.assert_identical(again, result.drop_attrs(deep=False).assign_attrs(result.attrs))
+    result.to_netcdf(tmp_path / "own.nc", engine="h5netcdf")  # what goes along in memory is no obstacle
+    assert mjsheaf.load_scenario(tmp_path / "saved" / "scenario.yaml").agents == scenario.agents
+    with pytest.raises(InputError, match="scenario"):
+        mjsheaf.save(again, tmp_path / "other")
+    assert not (tmp_path / "other").exists()
