@@ -6,7 +6,7 @@ import pytest
 from mjsheaf.system import Effects
 from mjsheaf.vehicles.effects import capability_of, embody
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
-from tests.builders import REAL, alone, ask, body
+from tests.builders import alone, ask, body
 
 
 def test_an_otter_is_as_fast_as_its_source_says() -> None:
