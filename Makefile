@@ -1,12 +1,12 @@
-# Two commands: `make demo` and `make test`. Both set up .venv first; a second call is quick. `make test-all` adds
-# the tests that take long.
+# Two commands: `make demo` and `make test`. Both set up .venv first; a second call is quick. `make test` runs the tests
+# that are quick, `make test-slow` the others, `make test-all` all of them.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 DEMO := runs/paper-physics
 
-.PHONY: demo test test-all lint clean
+.PHONY: demo test test-slow test-all lint clean
 
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "mjsheaf needs Python 3.11 or later; set PYTHON=")'
@@ -27,14 +27,22 @@ lint: $(STAMP)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-# Two workers, one BLAS thread each: the tests are written for two cores. A module stays on one worker, so that its
-# fixtures are made once.
-test: lint
-	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadscope -m "not slow"
+# Two workers, one BLAS thread each: the tests are written for two cores. EXAMPLES is a profile of hypothesis:
+# `fast`, or `ci` with three times as many examples.
+EXAMPLES := fast
+PYTEST = OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist worksteal --hypothesis-profile $(EXAMPLES)
 
-# The long tests too: studies of hundreds of teams, fuzzing, kills.
+test: lint
+	$(PYTEST) -m "not slow"
+
+# The long ones alone: studies of hundreds of teams, fuzzing, kills, films of every scenario.
+test-slow: EXAMPLES := ci
+test-slow: lint
+	$(PYTEST) -m slow
+
+test-all: EXAMPLES := ci
 test-all: lint
-	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadscope
+	$(PYTEST)
 
 clean:
 	rm -rf $(VENV) runs dist build

@@ -3,7 +3,8 @@
 What errors say about a name that is not known: the names that are expected, and the closest of them.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
 from difflib import get_close_matches
 
 
@@ -31,6 +32,10 @@ class ScenarioError(InputError):
     """A scenario file, or an override of it, is not valid."""
 
 
+class RankError(InputError):
+    """A control effectiveness is not of full row rank: no input makes every velocity (Assumption 2 fails)."""
+
+
 class NotUniqueError(MjsheafError):
     """The harmonic extension is not unique: some agents are free to drift (Assumption 6 fails)."""
 
@@ -41,6 +46,15 @@ class UnstableError(MjsheafError):
     """A simulation blew up; the message names the vehicle, the time and the likely cause."""
 
     exit_code = 3
+
+
+@contextmanager
+def in_field(field: str) -> Iterator[None]:
+    """Put the name of a field before the message of an InputError."""
+    try:
+        yield
+    except InputError as error:
+        raise type(error)(f"{field}: {error}") from None
 
 
 _MOST = 20

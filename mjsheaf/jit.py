@@ -22,13 +22,13 @@ _SOURCES = ("system.py", "sheaf/*.py", "dynamics/*.py", "control/*.py", "vehicle
 
 
 class _Announcement(event.Listener):
-    """Tells once in a process that a loop of ours is compiled: a first run takes seconds that later ones do not."""
+    """Logs once in a process that a loop is compiled, which takes seconds that later runs do not."""
 
-    told = False
+    announced = False
 
     def on_start(self, event: Any) -> None:
-        if not self.told and event.data["dispatcher"].py_func.__module__.startswith("mjsheaf."):
-            self.told = True
+        if not self.announced and event.data["dispatcher"].py_func.__module__.startswith("mjsheaf."):
+            self.announced = True
             _logger.info("compiling loops for this machine: some 15 seconds, once")
 
     def on_end(self, _: Any) -> None:
@@ -38,7 +38,7 @@ class _Announcement(event.Listener):
 event.register("numba:compile", _Announcement())
 
 
-def kernel(function: Callable[..., Any]) -> Any:
+def jit(function: Callable[..., Any]) -> Any:
     """Compile a function: cached on disk, without the interpreter's lock, division as in C.
 
     It makes no arrays, and counts no references to those it is handed. numba counts one, by an atomic instruction, at
@@ -48,13 +48,13 @@ def kernel(function: Callable[..., Any]) -> Any:
     return _compile(function, _nrt=False)
 
 
-def allocating_kernel(function: Callable[..., Any]) -> Any:
-    """Compile a function that makes arrays; otherwise as `kernel`."""
+def allocating_jit(function: Callable[..., Any]) -> Any:
+    """Compile a function that makes arrays; otherwise as `jit`."""
     return _compile(function)
 
 
-def part(function: Callable[..., Any]) -> Any:
-    """Compile a part of a kernel: as `kernel`, and always inlined, so that a call costs nothing."""
+def inline_jit(function: Callable[..., Any]) -> Any:
+    """Compile as `jit` does, and always inline, so that a call costs nothing."""
     return _compile(function, _nrt=False, forceinline=True)
 
 

@@ -11,7 +11,7 @@ from mjsheaf.team import Team
 
 Array = NDArray[np.float64]
 
-# Okabe and Ito's palette (told apart with any colour vision), then Tol's muted scheme for further groups.
+# Okabe and Ito's palette (distinct with any colour vision), then Tol's muted scheme for further groups.
 _COLOURS = (
     *("#E69F00", "#0072B2", "#009E73", "#CC79A7", "#56B4E9", "#D55E00"),
     *("#882255", "#44AA99", "#999933", "#332288", "#AA4499", "#117733"),

@@ -1,8 +1,8 @@
 """A pytest plugin that turns scenarios into tests: `pytest --mjsheaf scenarios/`.
 
 Every YAML file with an `expect:` block gives a test for each backend that has bounds in it, or one test, `refused`. It
-passes where the runs are as expected. In a directory, scenarios without the block are skipped and other files left
-alone; a file that is named itself fails where it is broken or expects nothing. Without --mjsheaf nothing is collected,
+passes where the runs are as expected. In a directory, scenarios without the block are skipped and other files ignored;
+a file that is named itself fails if it is broken or expects nothing. Without --mjsheaf nothing is collected,
 and nothing of mjsheaf but this module is imported.
 """
 
@@ -34,18 +34,18 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Refuse a setting that is no number before anything runs."""
+    """Refuse a setting that is not a number before anything runs."""
     text = config.getini("mjsheaf_tight")
     try:
-        legal = not text or float(text) >= 1.0
+        valid = not text or float(text) >= 1.0
     except ValueError:
-        legal = False
-    if not legal:
+        valid = False
+    if not valid:
         raise pytest.UsageError(f"mjsheaf_tight is {text!r}; expected a number of at least 1, such as 1.1")
 
 
 def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> "ScenarioFile | None":
-    """Collect a scenario: by its text, so that what others keep in YAML is left alone."""
+    """Collect a scenario, recognised by its text: other YAML files are ignored."""
     if not parent.config.getoption("--mjsheaf") or file_path.suffix not in _SUFFIXES:
         return None
     named = parent.session.isinitpath(file_path)
@@ -60,7 +60,7 @@ def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> "ScenarioF
 
 
 def _expects(path: Path) -> bool | None:
-    """Whether a scenario has an `expect:` block; None for what is no scenario, which is left alone."""
+    """Whether a scenario has an `expect:` block; None for other files, which are ignored."""
     from mjsheaf.errors import ScenarioError
     from mjsheaf.io.yaml import read_yaml
 
@@ -88,7 +88,7 @@ class ScenarioFile(pytest.File):
     named = False
 
     def collect(self) -> Iterator[pytest.Item]:
-        """One test for each backend with bounds, or one for a refusal, or one that tells what is wrong."""
+        """One test for each backend with bounds, or one for a refusal, or one that fails with what is wrong."""
         from mjsheaf.errors import MjsheafError
         from mjsheaf.runs.expecting import expected_backends
 
@@ -130,7 +130,7 @@ class _Item(pytest.Item):
         return self.path, None, self.name
 
     def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None) -> Any:
-        """A miss by its own words, anything else as pytest tells it."""
+        """A missed expectation by its own message, anything else as pytest reports it."""
         if isinstance(excinfo.value, _MissedError):
             return str(excinfo.value)
         return super().repr_failure(excinfo, style)
@@ -163,15 +163,15 @@ class Expectation(_Item):
             except MjsheafError as error:
                 raise _MissedError(f"{place} on {backend}: cannot be simulated: {error}") from None
             self._record(trial)
-            told = describe(trial, place, place)
+            table = describe(trial, place, place)
             if not trial.met:
-                raise _MissedError(f"{', '.join(map(miss, missed(trial)))}\n{told}")
+                raise _MissedError(f"{', '.join(map(miss, missed(trial)))}\n{table}")
             slack = loose(trial, float(tight)) if tight else []
             if slack:
                 names = ", ".join(check["measure"] for check in slack)
-                update = f"mjsheaf expect {place} --update"
+                update = f"  tighten them: mjsheaf expect {place} --update"
                 raise _MissedError(
-                    f"loose bounds, of more than {tight} times what is found: {names}\n{told}\n  tighten them: {update}"
+                    f"loose bounds, of more than {tight} times what is found: {names}\n{table}\n{update}"
                 )
 
     def _record(self, trial: "Trial") -> None:
@@ -185,15 +185,15 @@ class Expectation(_Item):
 
 
 class Nothing(_Item):
-    """Is skipped: a scenario without an `expect:` block that lies beside others is no test."""
+    """Skipped: a scenario without an `expect:` block, found in a directory."""
 
     def runtest(self) -> None:
-        """Say so."""
+        """Skip."""
         pytest.skip(nothing(self.path))
 
 
 def nothing(path: Path) -> str:
-    """What is said of a scenario that expects nothing."""
+    """The message for a scenario that expects nothing."""
     return f"no `expect:` block; mjsheaf expect {path.name} --update writes one into a scenario"
 
 
@@ -205,9 +205,9 @@ class Broken(_Item):
         self.reason = reason
 
     def runtest(self) -> None:
-        """Say why."""
+        """Fail with the reason."""
         raise _MissedError(self.reason)
 
 
 class _MissedError(Exception):
-    """What a test's report says."""
+    """A failure whose message is all of the test's report."""

@@ -1,7 +1,7 @@
 """The closed-loop system that both backends turn into trajectories: team, law, flow, motions and disturbances."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
 
@@ -14,9 +14,11 @@ from mjsheaf.dynamics.disturbance import HarmonicArrays, disturbance_velocity
 from mjsheaf.dynamics.effectiveness import EffectivenessArrays
 from mjsheaf.dynamics.flow import FlowField, flow_velocity
 from mjsheaf.dynamics.motion import MotionArrays
-from mjsheaf.errors import InputError
-from mjsheaf.jit import part
+from mjsheaf.errors import InputError, in_field
+from mjsheaf.jit import inline_jit
 from mjsheaf.team import Team
+from mjsheaf.vehicles.effects import Effects, embody
+from mjsheaf.vehicles.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 
@@ -35,14 +37,14 @@ class MediumArrays(NamedTuple):
     harmonics: HarmonicArrays
 
 
-@part
+@inline_jit
 def flow_about(medium, v, x, y, z):
     """Velocity of the flow that vehicle v meets at a point, as three numbers."""
     wx, wy, wz = flow_velocity(medium.kernels[medium.rows[v, 0] : medium.rows[v, 1]], x, y, z)
     return wx, wy, 0.0 if medium.planar[v] else wz
 
 
-@part
+@inline_jit
 def medium_velocity(medium, sines, v, x, y, z):
     """Velocity of the medium about vehicle v at a point, as three numbers: its flow and its disturbance.
 
@@ -79,29 +81,12 @@ class TimeGrid:
         return np.asarray(self.start + self.period * np.arange(first, end), dtype=np.float64)
 
 
-@dataclass(frozen=True)
-class Effects:
-    """Which of the effects that make bodies real are on.
-
-    Attributes:
-        inertia: mass, and the autopilot's loop on velocity; off, m / D is `massless_tau`.
-        drag_law: quadratic drag.
-        limits: of thrusters, and of a multirotor's tilt.
-        lag: of thrusters.
-        underactuation: off, every vehicle has thrusters along every axis in which it is controlled.
-        massless_tau: s.
-    """
-
-    inertia: bool = True
-    drag_law: bool = True
-    limits: bool = True
-    lag: bool = True
-    underactuation: bool = True
-    massless_tau: float = 0.02
+DEFAULT_VEHICLE = {2: "hull", 3: "aerial"}
+"""Vehicle of an agent or target of each dimension unless the scenario names another; it takes any effects and tau."""
 
 
-@dataclass(frozen=True)
-class BodyPlan:
+@dataclass(frozen=True, eq=False)
+class PhysicsOptions:
     """What the physics backend needs beside the system; the ideal backend ignores it.
 
     Attributes:
@@ -113,6 +98,7 @@ class BodyPlan:
         contacts: whether vehicles collide.
         surface: 'water', 'ground' or 'none'; drawn, and where floating vehicles float.
         surface_height: its height in m.
+        compiled: vehicles by name as their files describe them, compiled when first needed and shared by all copies.
     """
 
     vehicle: list[str]
@@ -123,9 +109,10 @@ class BodyPlan:
     contacts: bool
     surface: str
     surface_height: float
+    compiled: dict[str, Vehicle] = field(default_factory=dict, repr=False)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class System:
     """A team under the law, ready to be integrated.
 
@@ -155,7 +142,41 @@ class System:
     flows: list[FlowField]
     field: NDArray[np.int64]
     tolerance: tuple[float, float]
-    bodies: BodyPlan
+    bodies: PhysicsOptions
+
+    def described_vehicle(self, name: str) -> Vehicle:
+        """A vehicle as its files describe it; they are compiled once for a system and all copies of it.
+
+        Raises:
+            InputError: the vehicle is unknown, or its files are not valid.
+        """
+        if name not in self.bodies.compiled:
+            from mjsheaf.vehicles.loading import load_vehicle  # imports MuJoCo, which ideal kinematics can do without
+
+            self.bodies.compiled[name] = load_vehicle(name)
+        return self.bodies.compiled[name]
+
+    @cached_property
+    def vehicles(self) -> list[Vehicle]:
+        """The vehicle of every agent and target, in order, with the effects and the time constant that are wanted.
+
+        Raises:
+            InputError: a vehicle is unknown, its files are not valid, or it does not fit the dimension of its agent or
+                target; the message begins with the field.
+        """
+        plan, made, vehicles = self.bodies, {}, []
+        for v, (member, name) in enumerate(zip(self.team.members, plan.vehicle, strict=True)):
+            with in_field(f"{'agents' if v < len(self.team.agents) else 'targets'}.{member.id}.vehicle"):
+                if name not in made:
+                    own = self.described_vehicle(name).with_time_constant(plan.time_constant)
+                    made[name] = embody(own, plan.effects)
+                if made[name].dimension != member.dimension:
+                    raise InputError(
+                        f"{name!r} moves in {made[name].dimension} dimensions, but {member.id} has {member.dimension}; "
+                        "see mjsheaf list --vehicles"
+                    )
+            vehicles.append(made[name])
+        return vehicles
 
     @cached_property
     def control(self) -> ControlArrays:

@@ -1,9 +1,10 @@
 """Scenarios, vehicles, teams, sheaves, studies and films that tests share, and plain forms to compare results with."""
 
 import json
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
-from dataclasses import replace
+import re
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from scipy.stats import ortho_group
 
 from mjsheaf import Sheaf, World
 from mjsheaf.dynamics import disturbance
+from mjsheaf.dynamics.flow import Channel, FlowField, Source, Vortex
 from mjsheaf.dynamics.motion import add_reference
 from mjsheaf.scenario import Scenario, scenario_from_mapping
 from mjsheaf.studies import Plan, load_plan
@@ -29,6 +31,7 @@ from mjsheaf.team import Edge, Member, Team, anchor, restriction_maps
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 from mjsheaf.vehicles.vehicle import Vehicle
 from mjsheaf.video import Film
+from mjsheaf.video.film import Samples
 
 Array = NDArray[np.float64]
 Pair = tuple[str, str]
@@ -535,42 +538,91 @@ def make_model() -> mujoco.MjModel:
     )
 
 
-def make_film(model: mujoco.MjModel, duration: float = 2.0, samples: int = 41, **changes: Any) -> Film:
-    """Agents circle on the water, targets 10 m below them; `changes` replaces fields."""
+def make_run(duration: float = 2.0, samples: int = 41) -> Samples:
+    """Agents circle on the water, targets 10 m below them."""
     time = np.linspace(0.0, duration, samples)
     vehicles = 5
     phase = time[:, None] + 2 * np.pi * np.arange(vehicles) / vehicles
     positions = np.stack([20 * np.cos(phase), 20 * np.sin(phase), np.zeros_like(phase)], axis=-1)
     positions[:, 3:, 2] = -10
     quaternions = np.stack([np.cos(phase / 2), 0 * phase, 0 * phase, np.sin(phase / 2)], axis=-1)
-    bodies = np.array([model.body(f"vehicle{number}").id for number in range(vehicles)])
+    return Samples(time, positions, quaternions, positions[:, :3] + [3.0, 0.0, 0.0], 10.0 * np.exp(-time))
+
+
+def make_film(model: mujoco.MjModel, duration: float = 2.0, samples: int = 41, **changes: Any) -> Film:
+    """A film of that run; `changes` replaces fields of the film, and of its samples."""
+    bodies = np.array([model.body(f"vehicle{number}").id for number in range(5)])
     film = Film(
         name="small",
         subtitle="made up",
-        time=time,
+        run=make_run(duration, samples),
         agent_ids=["A1", "A2", "A3"],
         target_ids=["T1", "T2"],
-        positions=positions,
-        quaternions=quaternions,
         qpos_address=model.jnt_qposadr[model.body_jntadr[bodies]],
         body_id=bodies,
-        harmonic_extension=positions[:, :3] + [3.0, 0.0, 0.0],
         group=np.array([0, 0, 1, 2, 2]),
         group_names=["pair", "single", "targets"],
         colours=np.array([[0.2, 0.6, 1.0], [1.0, 0.6, 0.2], [1.0, 0.3, 0.3]]),
         edges=[(0, 1, "communication"), (1, 2, "communication"), (0, 3, "sensing"), (2, 4, "sensing")],
         error_name="mean |eta|",
-        error=10.0 * np.exp(-time),
         error_unit="m",
         surface="water",
     )
-    return replace(film, **changes)
+    return change_film(film, **changes)
 
 
-# -- numbers -----------------------------------------------------------------------------------------------------------
+def samples_of(film: Film) -> Samples:
+    """The film's run, which is in memory."""
+    assert isinstance(film.run, Samples)
+    return film.run
+
+
+def change_film(film: Film, **changes: Any) -> Film:
+    """The film with some fields of it, or of its samples, replaced."""
+    of_samples = {field.name: changes.pop(field.name) for field in fields(Samples) if field.name in changes}
+    return replace(film, run=replace(samples_of(film), **of_samples), **changes)
+
+
+# -- errors and numbers ----------------------------------------------------------------------------------------------
+
+
+@contextmanager
+def refused(error: type[Exception], *named: object) -> Iterator[pytest.ExceptionInfo[Exception]]:
+    """Expect an error whose message names all of these: the field, what was given, what fits. The words are free."""
+    with pytest.raises(error) as caught:
+        yield caught
+    assert names(str(caught.value), *named), f"{str(caught.value)!r} does not name all of {named}"
+
+
+def names(text: str, *named: object) -> bool:
+    """Whether a text contains all of these as whole words or numbers."""
+    return all(re.search(rf"(?<!\w){re.escape(str(each))}(?!\w)", text) for each in named)
 
 
 def approx(value: float | None, rel: float | None = None, abs: float | None = None) -> Any:
     """As pytest's, of what must be there."""
     assert value is not None
     return pytest.approx(value, rel=rel, abs=abs)
+
+
+def field_of(
+    n: Any, core: float | None = None, drift: Any = None, sources: Any = (), vortices: Any = (), channels: Any = ()
+) -> FlowField:
+    """A field in n dimensions from rows: (centre, alpha); (centre, axis in space, gamma); (centre, direction, ...)."""
+    return FlowField(
+        dimension=n,
+        core=core,
+        drift=drift,
+        sources=[Source(centre=row[:n], alpha=row[n]) for row in sources],
+        vortices=[Vortex(centre=row[:n], axis=list(row[n:-1]) or None, gamma=row[-1]) for row in vortices],
+        channels=[
+            Channel(centre=row[:n], direction=row[n:-3], beta=row[-3], width=row[-2], length=row[-1])
+            for row in channels
+        ],
+    )
+
+
+def of_facts(facts: dict[str, Any]) -> FlowField:
+    """A field of the published run."""
+    channels = [[*centre, *direction, *rest] for centre, direction, *rest in facts["gaussian_channels"]]
+    return field_of(facts["dimension"], facts["core"], facts["drift"], facts["sources"], facts["vortices"], channels)

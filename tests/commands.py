@@ -15,11 +15,13 @@ import pytest
 
 from mjsheaf.cli import main
 from mjsheaf.video import available_backend
+from tests.builders import names
 
 IDEAL = ("--backend", "ideal", "--no-video", "--set", "time.end=0.2")
 SMALL = ("--set", "video.width=160", "--set", "video.height=120", "--set", "video.fps=5")
 CAN_DRAW = available_backend()[0] is not None
-RUN_FILES = {"result.nc", "summary.json", "scenario.yaml", "errors.png", "trajectories.png", "configurations.png"}
+DATA_FILES = {"result.nc", "summary.json", "scenario.yaml"}
+RUN_FILES = DATA_FILES | {"errors.png", "trajectories.png", "configurations.png"}
 """What `mjsheaf run --no-video` writes."""
 
 
@@ -46,10 +48,14 @@ def answer_of(*arguments: str | Path) -> Answer:
     return Answer(code, out.getvalue(), err.getvalue())
 
 
-def is_refusal(answer: Answer, word: str = "") -> bool:
-    """Whether a command was refused as the contract says: exit code 2, one line that contains a word."""
-    one_line = answer.err.count("\n") == 1 and answer.err.startswith("mjsheaf: ")
-    return answer.code == 2 and one_line and word in answer.err
+def is_refusal(answer: Answer, *named: object) -> bool:
+    """Whether a command was refused as the contract says: exit code 2 and one line that names all of these."""
+    return answer.code == 2 and one_line(answer.err, *named)
+
+
+def one_line(text: str, *named: object) -> bool:
+    """Whether stderr is one line of mjsheaf's that names all of these; the words around them are free."""
+    return text.startswith("mjsheaf: ") and text.count("\n") == 1 and text.endswith("\n") and names(text, *named)
 
 
 def command_line(*arguments: str | Path) -> list[str]:

@@ -25,6 +25,12 @@ def _plain_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "160")
 
 
+@pytest.fixture
+def without_plots(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs draw no plots, which takes longer than a short run does."""
+    monkeypatch.setattr("mjsheaf.runs.publish._plot", lambda *_: None)
+
+
 @pytest.fixture(scope="session")
 def mjsheaf() -> Callable[..., subprocess.CompletedProcess[str]]:
     """Run the command line in a process of its own."""

@@ -24,9 +24,14 @@ from tests.builders import hold, make_edge, make_member, make_team
 Array = NDArray[np.float64]
 
 
+def scaled(count: int) -> int:
+    """So many with hypothesis's profile `ci`, and in proportion with another."""
+    return count * settings().max_examples // settings.get_profile("ci").max_examples
+
+
 def examples(count: int) -> settings:
-    """Settings of a law that needs so many examples with the profile `ci`, and in proportion with another."""
-    return settings(max_examples=count * settings().max_examples // settings.get_profile("ci").max_examples)
+    """Settings of a law that needs so many examples with the profile `ci`."""
+    return settings(max_examples=scaled(count))
 
 
 @dataclass(frozen=True)

@@ -1,12 +1,11 @@
-"""Will it hold, why not, and what to change: the paper's assumptions and Theorem 1, for a team and its scenario.
+"""The paper's assumptions and Theorem 1 for a team and its scenario: whether they hold, why not, and what to change.
 
-spectrum, cohomology, mending and fragility look at the team's sheaf alone. targets follows the targets' path, drift
-bounds f_B along it, region is where agents can be, certificate finds the region that proves itself and says what the
-theorem does; assumptions decides the paper's seven, margins what theory leaves out. check gathers a record, bound
-compares a finished run with the certificate.
+cohomology, mending and fragility look at the team's sheaf alone. targets follows the targets' path, constants takes the
+theorem's constants along it, certificate finds the region that proves itself and says what the theorem does;
+assumptions decides the paper's seven, margins holds what theory leaves out. check gathers all in a record that figures
+draws. finished compares a run with the certificate and says how it ended.
 """
 
-from mjsheaf.checking.check import Examination, check, examine
-from mjsheaf.checking.record import CheckRecord
+from mjsheaf.checking.check import CheckRecord, Examination, check, examine
 
 __all__ = ["CheckRecord", "Examination", "check", "examine"]

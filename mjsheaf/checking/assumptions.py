@@ -8,37 +8,36 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjsheaf.checking.cohomology import RelativeCohomology
-from mjsheaf.checking.region import Constants, Region, tube_guessed
+from mjsheaf.checking.constants import Constants, Region, tube_guessed
+from mjsheaf.checking.record import Finite, Record
 from mjsheaf.dynamics.bounds import singular_points
 from mjsheaf.dynamics.effectiveness import is_rank_deficient
-from mjsheaf.simulation.loop import vehicles_of
 from mjsheaf.system import System
 from mjsheaf.team import Edge, Team
-from mjsheaf.vehicles.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 Verdict = Literal["holds", "fails", "undecided"]
 
 
-@dataclass(frozen=True)
-class Assumption:
-    """One of the paper's assumptions.
-
-    Attributes:
-        number: in the paper.
-        name: what it says, in a few words.
-        verdict: 'holds', 'fails', or 'undecided' where nothing here can decide it.
-        value: the number behind the verdict, or None.
-        unit: of the value.
-        witness: what shows it, in the words of the team.
-    """
+class Assumption(Record):
+    """A numbered assumption of the paper."""
 
     number: int
     name: str
     verdict: Verdict
-    value: float | None
+    value: Finite
     unit: str
     witness: str
+
+    @property
+    def failure(self) -> str:
+        """Why it does not hold, in a sentence; empty where it holds."""
+        word = {"holds": "", "fails": "fails", "undecided": "is undecided"}[self.verdict]
+        return word and f"assumption {self.number} {word}: {self.witness}"
+
+
+def _assumption(number: int, name: str, verdict: Verdict, value: float | None, unit: str, witness: str) -> Assumption:
+    return Assumption(number=number, name=name, verdict=verdict, value=value, unit=unit, witness=witness)
 
 
 @dataclass(frozen=True)
@@ -53,8 +52,7 @@ class _Effectiveness:
 
 def decide(system: System, region: Region, constants: Constants, cohomology: RelativeCohomology) -> list[Assumption]:
     """Decide all seven assumptions over a region."""
-    vehicles = dict(zip(system.bodies.vehicle, vehicles_of(system), strict=True))
-    smooth, effectiveness = _smooth(system, region, constants), _effectiveness(system, vehicles)
+    smooth, effectiveness = _smooth(system, region, constants), _effectiveness(system)
     return [
         smooth,
         _full_row_rank(effectiveness),
@@ -67,29 +65,29 @@ def decide(system: System, region: Region, constants: Constants, cohomology: Rel
 
 
 def _smooth(system: System, region: Region, constants: Constants) -> Assumption:
-    """Kernels with a core are smooth everywhere; of one without, it matters whether anybody can come to its centre."""
+    """A singularity with a core is smooth everywhere; without one it matters where an agent can reach its centre."""
     name, N, V = "f is continuously differentiable", len(system.team.agents), len(system.team.members)
     rho = constants.rho
     at = ", ".join(f"{x:.3g}" for x in np.atleast_1d(rho.where))
     if _has_poles(system, N, V) and region.path.cells is None:
         witness = (
-            f"a kernel of the flow that targets meet has no core, and their path is not known: {region.path.complaint}"
+            f"a kernel of the flow that targets meet has no core, and their path is not known: {region.path.warning}"
         )
-        return Assumption(1, name, "undecided", None, "1/s", witness)
+        return _assumption(1, name, "undecided", None, "1/s", witness)
     if not _has_poles(system, 0, N):
         steepest = f"every kernel is smooth; the agents' field is steepest near ({at})"
         witness = steepest if rho.upper > 0.0 else "no agent's drift depends on where it is"
-        return Assumption(1, name, "holds", rho.upper, "1/s", witness)
+        return _assumption(1, name, "holds", rho.upper, "1/s", witness)
     if region.verified and np.isfinite(rho.upper):
         witness = f"the singular kernels lie outside the agents' region, where the field is steepest near ({at})"
-        return Assumption(1, name, "holds", rho.upper, "1/s", witness)
+        return _assumption(1, name, "holds", rho.upper, "1/s", witness)
     between = tube_guessed(system, region.path, margin=0.0).slope
     if not np.isfinite(between.upper):
         at = ", ".join(f"{x:.3g}" for x in np.atleast_1d(between.where))
         witness = f"the field that agents meet is singular at ({at}), inside their region: a core radius is 0"
-        return Assumption(1, name, "fails", None, "1/s", witness)
+        return _assumption(1, name, "fails", None, "1/s", witness)
     witness = "a kernel of the flow that agents meet has no core, and nothing proves that they keep away from it"
-    return Assumption(1, name, "undecided", None, "1/s", witness)
+    return _assumption(1, name, "undecided", None, "1/s", witness)
 
 
 def _has_poles(system: System, first: int, last: int) -> bool:
@@ -103,14 +101,15 @@ def _full_row_rank(effectiveness: list[_Effectiveness]) -> Assumption:
     for g in effectiveness:
         if is_rank_deficient(g.singular):
             witness = f"{g.who} cannot push in every direction of its state space, {where}"
-            return Assumption(2, name, "fails", float(g.singular[-1]), g.unit, witness)
+            return _assumption(2, name, "fails", float(g.singular[-1]), g.unit, witness)
     least = min(effectiveness, key=lambda g: g.singular[-1])
     witness = f"smallest singular value, that of {least.who}; {where}"
-    return Assumption(2, name, "holds", float(least.singular[-1]), least.unit, witness)
+    return _assumption(2, name, "holds", float(least.singular[-1]), least.unit, witness)
 
 
-def _effectiveness(system: System, vehicles: dict[str, Vehicle]) -> list[_Effectiveness]:
-    """What the scenario gives for the ideal backend; of agents for which it gives nothing, the reduced model's g."""
+def _effectiveness(system: System) -> list[_Effectiveness]:
+    """The g that the scenario gives for the ideal backend; for agents without one, that of the reduced model."""
+    vehicles = dict(zip(system.bodies.vehicle, system.vehicles, strict=True))
     given, agents = system.effectiveness.given, system.team.agents
     found = [
         _Effectiveness(a.id, np.linalg.svd(system.effectiveness.W[i, : a.dimension], compute_uv=False), "", "")
@@ -126,7 +125,7 @@ def _effectiveness(system: System, vehicles: dict[str, Vehicle]) -> list[_Effect
 def _disturbances(constants: Constants) -> Assumption:
     largest = constants.largest_disturbance
     witness = "there is no disturbance" if largest == 0.0 else "sums of sines: continuous, and bounded by construction"
-    return Assumption(3, "disturbances are continuous and bounded", "holds", largest, "m/s", witness)
+    return _assumption(3, "disturbances are continuous and bounded", "holds", largest, "m/s", witness)
 
 
 def _bounded_inverse(effectiveness: list[_Effectiveness]) -> Assumption:
@@ -134,10 +133,10 @@ def _bounded_inverse(effectiveness: list[_Effectiveness]) -> Assumption:
     for g in effectiveness:
         if is_rank_deficient(g.singular):
             witness = f"g of {g.who} loses rank, so that g^+ is not bounded near it"
-            return Assumption(4, name, "fails", None, "", witness)
+            return _assumption(4, name, "fails", None, "", witness)
     least = min(effectiveness, key=lambda g: g.singular[-1])
     witness = f"largest gain of g^+, that of {least.who}"
-    return Assumption(4, name, "holds", float(1.0 / least.singular[-1]), least.inverse_unit, witness)
+    return _assumption(4, name, "holds", float(1.0 / least.singular[-1]), least.inverse_unit, witness)
 
 
 def _topology(team: Team) -> Assumption:
@@ -148,21 +147,21 @@ def _topology(team: Team) -> Assumption:
     parts = [sorted(part, key=team.agent_ids.index) for part in networkx.connected_components(graph)]
     sensed = {e.head for e in team.sensing if _couples(e)}
     unseen = [t for t in team.target_ids if t not in sensed]
-    complaints = []
+    warnings = []
     if len(parts) > 1:
         listed = "; ".join("{" + ", ".join(p[:6]) + (", ..." if len(p) > 6 else "") + "}" for p in parts[:4])
-        complaints.append(f"the agents fall into {len(parts)} parts: {listed}{'; ...' if len(parts) > 4 else ''}")
+        warnings.append(f"the agents fall into {len(parts)} parts: {listed}{'; ...' if len(parts) > 4 else ''}")
     if unseen:
-        complaints.append(f"no agent senses {', '.join(unseen[:8])}{', ...' if len(unseen) > 8 else ''}")
-    witness = "; ".join(complaints) or (f"{len(links)} links connect {len(team.agents)} agents; every target is sensed")
+        warnings.append(f"no agent senses {', '.join(unseen[:8])}{', ...' if len(unseen) > 8 else ''}")
+    witness = "; ".join(warnings) or (f"{len(links)} links connect {len(team.agents)} agents; every target is sensed")
     name = "G_q is connected and every target is sensed"
-    return Assumption(
-        5, name, "fails" if complaints else "holds", float(len(parts)), "part" if len(parts) == 1 else "parts", witness
+    return _assumption(
+        5, name, "fails" if warnings else "holds", float(len(parts)), "part" if len(parts) == 1 else "parts", witness
     )
 
 
 def _couples(edge: Edge) -> bool:
-    """Whether an edge tells its ends anything of one another: F_i^T K F_j is not zero."""
+    """Whether an edge couples its ends: F_i^T K F_j is not zero."""
     return bool(np.any(edge.F_tail.T @ edge.weight @ edge.F_head))
 
 
@@ -170,23 +169,22 @@ def _cohomology(cohomology: RelativeCohomology) -> Assumption:
     free = [direction.description for direction in cohomology.basis]
     witness = "; ".join(free[:4]) + ("; ..." if len(free) > 4 else "") if free else "no agent is free to drift"
     verdict: Verdict = "fails" if free else "holds"
-    return Assumption(6, "H^0(G, G_p; F) = 0", verdict, float(cohomology.dimension), "", witness)
+    return _assumption(6, "H^0(G, G_p; F) = 0", verdict, float(cohomology.dimension), "", witness)
 
 
 def _bounded_difference(region: Region, constants: Constants, smooth: Assumption, free: bool) -> Assumption:
-    """Over all p the paper asks for it; here along the path that the targets take, which is what its proof uses."""
+    """The paper asks for it over all p; its proof uses only the path that the targets take, as here."""
     name = "bounded difference of target and agent dynamics, along the targets' path"
-    bound = constants.difference.bound
-    value = bound if np.isfinite(bound) else None
+    value = constants.difference.bound
     if smooth.verdict == "fails":
-        return Assumption(
+        return _assumption(
             7, name, "fails", None, "m/s", "a field is unbounded inside the region: a core radius is 0 there"
         )
-    if region.path.complaint:
-        return Assumption(7, name, "undecided", None, "m/s", f"the path is not known: {region.path.complaint}")
+    if region.path.warning:
+        return _assumption(7, name, "undecided", None, "m/s", f"the path is not known: {region.path.warning}")
     if free:
-        return Assumption(7, name, "undecided", value, "m/s", "q* is not unique, so that f_q(q*) is not defined")
-    if value is None:
-        return Assumption(7, name, "undecided", None, "m/s", "q* or a target comes near a singular kernel of the flow")
+        return _assumption(7, name, "undecided", value, "m/s", "q* is not unique, so that f_q(q*) is not defined")
+    if not np.isfinite(value):
+        return _assumption(7, name, "undecided", None, "m/s", "q* or a target comes near a singular kernel of the flow")
     where = f"largest about t = {constants.difference.time:.4g} s"
-    return Assumption(7, name, "holds", value, "m/s", f"{where}; the path is followed to {region.path.error:.1g} m")
+    return _assumption(7, name, "holds", value, "m/s", f"{where}; the path is followed to {region.path.error:.1g} m")

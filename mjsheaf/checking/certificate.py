@@ -1,10 +1,10 @@
 """Theorem 1 for a system, before any run: its constants, the region over which they hold, and what it says.
 
-The constants are taken over the tube that the theorem's own bound makes about q* (see `region`). That is no circle.
+The constants are taken over the tube that the theorem's own bound makes about q* (see `constants`). That is no circle.
 Let b(t) be the theorem's bound with some rho, and let rho be at least the flow's largest slope over a tube that is a
 little wider than b. As |e(t0)| <= b(t0), e is inside the tube for a while. As long as it is, the segments from q* to q
 are too, |f~| <= rho |e|, and the theorem's proof gives |e| <= b: so e does not come to the tube's boundary, and never
-leaves it. The smallest such rho is looked for from below.
+leaves it. The search starts with the smallest rho.
 
 Under a hold h with k1 h lambda_max <= 1 the bound holds too, but for a floor. Let F = f_bar + omega_bar,
 a = k1 lambda_min and R = F / (a - rho). As I - s k1 H has the norm 1 - s a for s <= h, after a sample e_k
@@ -27,8 +27,16 @@ from numpy.typing import NDArray
 
 from mjsheaf.checking.assumptions import Assumption, decide
 from mjsheaf.checking.cohomology import RelativeCohomology, Spectrum, explain, spectrum_of
-from mjsheaf.checking.drift import difference_along
-from mjsheaf.checking.region import FARTHEST, Constants, Region, Tube, speed_everywhere, tube_about, tube_guessed
+from mjsheaf.checking.constants import (
+    FARTHEST,
+    Constants,
+    Region,
+    Tube,
+    difference_along,
+    speed_everywhere,
+    tube_about,
+    tube_guessed,
+)
 from mjsheaf.checking.targets import Carrier, follow_targets, own_rate
 from mjsheaf.control.theorem import ConstantRho, Rho, Theorem, disturbance_bound, theorem_1
 from mjsheaf.dynamics.disturbance import bounds
@@ -37,11 +45,10 @@ from mjsheaf.system import System
 from mjsheaf.threads import one_thread
 
 Array = NDArray[np.float64]
-
-_ROUNDS = 30  # of looking for a rho that holds over its own tube
-_STEP = 1.02  # by which the next rho is larger than what the last tube asked for
-_WIDER = 1.0 + 1e-6  # of a tube than its bound
-_ENOUGH = 0.98  # of the weaker bound: its region is not narrowed for less
+_MOST_ROUNDS = 30  # of the search for a rho that holds over its own tube
+_RHO_STEP = 1.02  # the next rho, over the slope in the last tube
+_TUBE_OVER_BOUND = 1.0 + 1e-6
+_WORTH_NARROWING = 0.98  # of the weaker bound's radius: a smaller region is taken below it
 
 
 @dataclass(frozen=True)
@@ -56,11 +63,10 @@ class Certificate:
         assumptions: the paper's seven, decided.
         theorem: Theorem 1 with these constants; its own `applies` is the gain condition alone.
         weaker: the bound that holds whatever the slopes: rho = 0, and f_bar enlarged by 2 sqrt(sum_i sup |f_i|^2).
-        proven: whether a bound confines an unlimited law to the region; from a guess nothing follows.
-        applies: whether the gain condition holds, every numbered assumption does, and nothing else stands against it.
-        approximate: whether the law is held over a period: the theorem speaks of a continuous one.
-        reason: why it does not apply, or empty.
-        obstacle: what stands against any bound of continuous time, gain condition or not; or empty.
+        proven: whether a bound confines an unlimited law to the region; a guess proves nothing.
+        approximate: whether the law is held over a period; the theorem's law is continuous.
+        reason: why it does not apply; empty where the gain condition, every assumption and the rest hold.
+        obstacle: what excludes any bound of continuous time, gain condition or not; or empty.
     """
 
     spectrum: Spectrum
@@ -71,17 +77,21 @@ class Certificate:
     theorem: Theorem
     weaker: Theorem
     proven: bool
-    applies: bool
     approximate: bool
     reason: str
     obstacle: str
 
+    @property
+    def applies(self) -> bool:
+        """Whether the theorem applies."""
+        return not self.reason
+
     def bound(self, initial_error: float, elapsed: Array) -> Array:
         """The bound on |e(t)| in m from |e(t0)| in m, at times since the start in s; infinite where there is none."""
-        bound = self.theorem.bound(initial_error, elapsed)
-        if not self.approximate or not self.theorem.applies:
-            return bound
         t = self.theorem
+        bound = t.bound(initial_error, elapsed)
+        if not self.approximate or not t.applies:
+            return bound
         return np.maximum(bound, (t.f_bar + t.omega_bar) / (t.gain * t.lambda_min - t.lipschitz))
 
     def describe_constants(self) -> str:
@@ -114,7 +124,6 @@ def certify(system: System, rate: float | None = None, rho: Rho | None = None) -
     reason = _gain_condition(region, constants, search.spectrum, theorem, rate)
     if not reason and not proven:
         reason = region.source
-    reason = reason or obstacle or _open(assumptions)
     return Certificate(
         spectrum=search.spectrum,
         cohomology=cohomology,
@@ -124,9 +133,8 @@ def certify(system: System, rate: float | None = None, rho: Rho | None = None) -
         theorem=theorem,
         weaker=weaker,
         proven=proven,
-        applies=not reason,
         approximate=not system.grid.continuous,
-        reason=reason,
+        reason=reason or obstacle or next((a.failure for a in assumptions if a.failure), ""),
         obstacle=obstacle,
     )
 
@@ -139,7 +147,7 @@ class _Search:
         self._system, self._rate, self._rho = system, rate, rho
         self.spectrum = spectrum_of(team)
         self._carrier = Carrier(system, self.spectrum)
-        self._path = follow_targets(system, self._carrier.extend)
+        self._path = follow_targets(system, self._carrier)
         self._difference = difference_along(system, self._path, self._carrier)
         self._largest = float(bounds(system.harmonics).max(initial=0.0))
         self._omega_bar = disturbance_bound(
@@ -150,27 +158,25 @@ class _Search:
 
     def region(self) -> tuple[Region, Constants, Theorem]:
         """The region, the constants over it, and Theorem 1 with these."""
-        known = self._path.cells is not None
-        if not known or self.spectrum.lambda_min <= 0.0:
-            why = f"the targets' path is not known: {self._path.complaint}"
-            return self._over(tube_guessed(self._system, self._path), self._guess(
-                why if not known else "the harmonic extension is not unique"), False)  # fmt: skip
-        for rate in dict.fromkeys([self._rate, None]):  # without the rate wanted, where that is too fast
+        if self._path.cells is None:
+            return self._guess(f"the targets' path is not known: {self._path.warning}")
+        if self.spectrum.lambda_min <= 0.0:
+            return self._guess("the harmonic extension is not unique")
+        for rate in dict.fromkeys([self._rate, None]):  # the best rate, where the wanted one is too fast
             theorem, tube = self._own_slope(rate)
             if tube is not None:
                 region, constants, found = self._over(tube, "a tube about q* as wide as the bound", True)
                 if self._rho is not None:
                     return region, constants, found
-                # The slope that was assumed may be a little more than what its tube has.
+                # The assumed slope may be a little more than the tube's.
                 rho = replace(constants.rho, upper=theorem.lipschitz)
                 return region, replace(constants, rho=rho), self._theorem(rho.upper, self._rate)
         weaker = self.weaker(speed_everywhere(self._system))
         if not self._confines(weaker):
-            guess = self._guess("no bound confines the agents")
-            return self._over(tube_guessed(self._system, self._path), guess, False)
+            return self._guess("no bound confines the agents")
         tube = self._tube(weaker).joined()
         narrower = self.weaker(tube.speed.upper)
-        if narrower.radius < _ENOUGH * weaker.radius:
+        if narrower.radius < _WORTH_NARROWING * weaker.radius:
             tube = self._tube(narrower).joined()
         return self._over(tube, "a tube about q* as wide as the weaker bound", True)
 
@@ -190,13 +196,13 @@ class _Search:
             theorem = self._theorem(self._rho, rate)
             return theorem, self._tube(theorem) if self._confines(theorem) else None
         theorem = self._theorem(0.0, rate)
-        for _ in range(_ROUNDS):
+        for _ in range(_MOST_ROUNDS):
             if not self._confines(theorem):
                 break
             tube = self._tube(theorem)
             if tube.slope.upper <= theorem.lipschitz:
                 return theorem, tube
-            theorem = self._theorem(_STEP * tube.slope.upper, rate)
+            theorem = self._theorem(_RHO_STEP * tube.slope.upper, rate)
         return theorem, None
 
     def _confines(self, bound: Theorem) -> bool:
@@ -209,8 +215,10 @@ class _Search:
 
         def radius(time: Array) -> Array:
             if system.grid.continuous:
-                return _WIDER * bound.bound(self._initial_error, time - start)
-            return np.full(time.shape, _WIDER * max(self._initial_error, bound.radius))  # R is at most the radius
+                return _TUBE_OVER_BOUND * bound.bound(self._initial_error, time - start)
+            return np.full(
+                time.shape, _TUBE_OVER_BOUND * max(self._initial_error, bound.radius)
+            )  # R is at most the radius
 
         return tube_about(system, self._path, self._carrier, radius)
 
@@ -226,16 +234,17 @@ class _Search:
         theorem = self._theorem(self._rho or constants.rho.upper, self._rate)
         return Region(self._path, tube, source, verified), constants, theorem
 
-    def _guess(self, why: str) -> str:
-        return f"a guess from initial positions and q*: {why}"
+    def _guess(self, why: str) -> tuple[Region, Constants, Theorem]:
+        source = f"a guess from initial positions and q*: {why}"
+        return self._over(tube_guessed(self._system, self._path), source, False)
 
 
 def _gain_condition(
     region: Region, constants: Constants, spectrum: Spectrum, theorem: Theorem, rate: float | None
 ) -> str:
     """Why there is no bound by Theorem 1, or an empty string where there is."""
-    if region.path.complaint:
-        return f"the targets' path is not known: {region.path.complaint}"
+    if region.path.warning:
+        return f"the targets' path is not known: {region.path.warning}"
     if spectrum.lambda_min <= 0.0:
         return "lambda_min(H) is 0: the harmonic extension is not unique"
     rho = theorem.rho(constants.initial_error)
@@ -259,7 +268,7 @@ def _gain_condition(
 
 
 def _obstacle(system: System, constants: Constants, spectrum: Spectrum, bound: Theorem) -> str:
-    """What stands against a bound of the continuous, unlimited law: a g without full rank, a hold, a speed limit."""
+    """Why no bound of the continuous, unlimited law holds: g lacks full rank, a hold, a speed limit; or empty."""
     agents = system.team.agents
     for i in without_full_row_rank(system.effectiveness, [agent.dimension for agent in agents]):
         return f"g of {agents[i].id} is not of full row rank: g g^+ is not the identity"
@@ -278,11 +287,3 @@ def _obstacle(system: System, constants: Constants, spectrum: Spectrum, bound: T
     if np.isfinite(limit) and asked > limit:
         return f"the law may ask for {asked:.3g} m/s, beyond a speed limit of {limit:.3g} m/s"
     return ""
-
-
-def _open(assumptions: list[Assumption]) -> str:
-    """The first numbered assumption that does not hold, or an empty string."""
-    words = {"fails": "fails", "undecided": "is undecided"}
-    return next(
-        (f"assumption {a.number} {words[a.verdict]}: {a.witness}" for a in assumptions if a.verdict in words), ""
-    )

@@ -1,8 +1,8 @@
 """The spectrum of H, which sets the speed of the law, and sigma_max(B), which sets how hard targets pull.
 
 Everything is taken on D = K^{1/2} delta on the agents, H = D^T D, rather than on H: eigenvalues are squares of singular
-values of D and cannot come out negative. What is zero is said by the relative cohomology, the kernel of delta itself,
-which inner products do not change. Connected components of D are treated apart.
+values of D and cannot come out negative. The relative cohomology, the null space of delta itself, says
+which are zero; inner products do not change it. Connected components of D are treated apart.
 
 The relative cohomology H^0(G, G_p; F) in the words of the team: who is free to drift, and who is barely held.
 """
@@ -11,13 +11,21 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 from scipy import linalg, sparse
-from scipy.sparse import linalg as splinalg
 
+from mjsheaf.checking.record import Record
 from mjsheaf.sheaf import RANK_TOLERANCE
-from mjsheaf.sheaf.sections import DENSE_COLUMNS, components, largest_singular_value, sparse_kernel_basis
+from mjsheaf.sheaf.sections import (
+    DENSE_COLUMNS,
+    components,
+    largest_singular_value,
+    shifted_factor,
+    smallest_eigenvectors,
+    sparse_null_space,
+)
 from mjsheaf.team import Team
-from mjsheaf.team.null_modes import Motion, describe, describe_nearly, free_motions, motion_of
+from mjsheaf.team.null_modes import NullMode, describe, describe_nearly, null_mode_of, null_modes
 
 Array = NDArray[np.float64]
 
@@ -27,8 +35,9 @@ DENSE_STATES = 600
 EIGENVALUE_TOLERANCE = 1e-8
 """Relative accuracy of the eigenvalues of larger components."""
 
-_ACCURATE = 1e-6  # eigenvalues of H itself are good to about 1e-14 of the largest: above this ratio to 1e-8
-_MIXED = 1e-10  # below this ratio errors of eigenvectors of H, squared, show in their eigenvalues: D has better ones
+# Eigenvalues of H itself are good to about 1e-14 of the largest: to 1e-8 above the first of these ratios to it. Below
+# the second, errors of eigenvectors of H, squared, show in their eigenvalues: D has better ones.
+_SQUARED_IS_ACCURATE, _SQUARED_IS_POOR = 1e-6, 1e-10
 
 
 @dataclass(frozen=True)
@@ -107,14 +116,15 @@ def agent_coboundary(team: Team) -> AgentCoboundary:
 
 
 def smallest_eigenvalue(coboundary: AgentCoboundary) -> float:
-    """Smallest eigenvalue of H; exactly 0 where the kernel of delta is not trivial."""
+    """Smallest eigenvalue of H; exactly 0 where the null space of delta is not trivial."""
     D = coboundary.whitened
     n = D.shape[1]
     if n <= DENSE_STATES:
         values = np.linalg.eigvalsh((D.T @ D).toarray())
-        if values[0] > _ACCURATE * values[-1]:  # delta is injective then, unless inner products span 12 decades
+        # Then delta is injective, unless inner products span 12 decades.
+        if values[0] > _SQUARED_IS_ACCURATE * values[-1]:
             return float(values[0])
-    null = sparse_kernel_basis(coboundary.plain)
+    null = sparse_null_space(coboundary.plain)
     return 0.0 if null.shape[1] else float(_above_zero(D, null, 1)[0][0])
 
 
@@ -150,11 +160,13 @@ def _of_component(D: sparse.csr_array, known: Array, count: int) -> tuple[Array,
     n, r = known.shape
     if n <= DENSE_STATES:
         values, candidates = linalg.eigh(gram.toarray(), subset_by_index=(0, r + count - 1))
-        if values[r] < _MIXED * gram.diagonal().sum():
+        if values[r] < _SQUARED_IS_POOR * gram.diagonal().sum():
             R = np.linalg.qr(D.toarray(), mode="r") if D.shape[0] > n else D.toarray()
             candidates = linalg.svd(R)[2][: -(r + count) - 1 : -1].T
     else:
-        candidates = _lanczos(gram, known, count)
+        # The Gershgorin bound serves as scale; the shift keeps the factorisation regular, far below what matters.
+        factor = shifted_factor(gram, 1e-10 * float(abs(gram).sum(axis=1).max()))
+        candidates = smallest_eigenvectors(factor, known, count, EIGENVALUE_TOLERANCE)
     if r:
         # Eigenvectors of H mix its kernel with what is close to it; the kernel itself was found on D, exactly.
         candidates = np.linalg.svd(candidates - known @ (known.T @ candidates), full_matrices=False)[0][:, :count]
@@ -164,76 +176,38 @@ def _of_component(D: sparse.csr_array, known: Array, count: int) -> tuple[Array,
     return singular[::-1] ** 2, (candidates @ turn.T)[:, ::-1]
 
 
-def _lanczos(gram: sparse.csr_array, known: Array, count: int) -> Array:
-    n = gram.shape[0]
-    # The Gershgorin bound serves as scale; the shift keeps the factorisation regular and far under what matters.
-    shift = 1e-10 * float(abs(gram).sum(axis=1).max())
-    factor = splinalg.splu((gram + shift * sparse.eye_array(n)).tocsc())
-
-    def inverse(x: Array) -> Array:
-        y = factor.solve(x - known @ (known.T @ x))
-        return y - known @ (known.T @ y)
-
-    start = inverse(np.random.default_rng(0).standard_normal(n))  # the same in every run
-    operator = splinalg.LinearOperator((n, n), matvec=inverse, dtype=np.float64)
-    return splinalg.eigsh(operator, k=count, which="LM", v0=start, tol=EIGENVALUE_TOLERANCE)[1]
-
-
 NEARLY = 1e-3
 """A direction is barely held when its eigenvalue is at most this much of the largest."""
 
 MOST_NEARLY = 3
-"""How many barely held directions are told."""
+"""How many barely held directions are listed."""
 
 
-@dataclass(frozen=True)
-class FreeDirection:
-    """A direction in which agents can drift without any edge or anchor noticing.
-
-    Attributes:
-        description: such as "A3 is free along z".
-        motion: how each agent moves, in its own coordinates; agents that do not move are left out. The largest entry
-            is 1.
-    """
+class FreeDirection(Record):
+    """A direction in which agents can drift without any edge or anchor noticing, such as "A3 is free along z"."""
 
     description: str
-    motion: dict[str, list[float]]
+    motion: dict[str, list[float]] = Field(
+        description="how each agent moves, largest entry 1; agents that do not move are left out"
+    )
 
 
-@dataclass(frozen=True)
-class NearNull:
-    """A direction that is held, but barely: it converges slowly and a small disturbance moves it far.
-
-    Attributes:
-        description: such as "A3 is nearly free along z"; only agents that move at least half as far as the one that
-            moves most are named.
-        eigenvalue: of H.
-        ratio: to the largest eigenvalue of H.
-    """
+class NearNull(Record):
+    """A direction that is barely held: it converges slowly, and a small disturbance moves it far."""
 
     description: str
-    eigenvalue: float
-    ratio: float
+    eigenvalue: float = Field(description="of H")
+    ratio: float = Field(description="to the largest eigenvalue of H")
 
 
-@dataclass(frozen=True)
-class RelativeCohomology:
-    """H^0(G, G_p; F), explained.
+class RelativeCohomology(Record):
+    """H^0(G, G_p; F), explained."""
 
-    Attributes:
-        dimension: 0 where the harmonic extension is unique.
-        tolerance: a singular value of the coboundary on the agents counts as zero when it is at most this much of the
-            largest.
-        basis: one direction for each dimension; in each as few agents move as was found.
-        near_null: directions whose eigenvalue is above zero and at most NEARLY of the largest, at most MOST_NEARLY.
-        method: how it was decided, in words.
-    """
-
-    dimension: int
-    tolerance: float
-    basis: list[FreeDirection]
-    near_null: list[NearNull]
+    dimension: int = Field(description="0 where the harmonic extension is unique")
+    tolerance: float = Field(description="of singular values that count as zero, relative to the largest")
     method: str
+    basis: list[FreeDirection] = Field(description="one direction for each dimension, few agents in each")
+    near_null: list[NearNull] = Field(description=f"eigenvalues up to {NEARLY:g} of the largest, at most {MOST_NEARLY}")
 
 
 def explain(team: Team, spectrum: Spectrum | None = None) -> RelativeCohomology:
@@ -244,7 +218,8 @@ def explain(team: Team, spectrum: Spectrum | None = None) -> RelativeCohomology:
         spectrum: its spectrum where that is known already.
     """
     spectrum = spectrum or spectrum_of(team)
-    basis = [FreeDirection(describe(team, motion), _by_agent(team, motion)) for motion in free_motions(team)]
+    modes = null_modes(team)
+    basis = [FreeDirection(description=describe(team, mode), motion=_by_agent(team, mode)) for mode in modes]
     n = team.dirichlet.H.shape[0]
     return RelativeCohomology(
         dimension=len(basis),
@@ -262,16 +237,14 @@ def _near_null(team: Team, spectrum: Spectrum) -> list[NearNull]:
     near = spectrum.smallest[:MOST_NEARLY] <= NEARLY * spectrum.lambda_max
     return [
         NearNull(
-            describe_nearly(team, motion_of(team, spectrum.vectors[:, k])),
-            float(spectrum.smallest[k]),
-            float(spectrum.smallest[k] / spectrum.lambda_max),
+            description=describe_nearly(team, null_mode_of(team, spectrum.vectors[:, k])),
+            eigenvalue=float(spectrum.smallest[k]),
+            ratio=float(spectrum.smallest[k] / spectrum.lambda_max),
         )
         for k in np.flatnonzero(near)
     ]
 
 
-def _by_agent(team: Team, motion: Motion) -> dict[str, list[float]]:
-    moving = [team.agents[a] for a in motion.agents]
-    return {
-        agent.id: step[: agent.dimension].round(9).tolist() for agent, step in zip(moving, motion.steps, strict=True)
-    }
+def _by_agent(team: Team, mode: NullMode) -> dict[str, list[float]]:
+    moving = ((team.agents[a], step) for a, step in zip(mode.agents, mode.steps, strict=True))
+    return {agent.id: step[: agent.dimension].round(9).tolist() for agent, step in moving}

@@ -10,8 +10,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from mjsheaf.checking.certificate import Certificate
-from mjsheaf.checking.check import Examination
-from mjsheaf.checking.record import CheckRecord
+from mjsheaf.checking.check import CheckRecord, Examination
 from mjsheaf.plotting import group_of_vehicles, new_figure, palette, save_figure
 from mjsheaf.system import System
 
@@ -89,11 +88,6 @@ def _graph(axis: Any, system: System, record: CheckRecord) -> None:
                 axis.plot(*start, ".", color=_FREE, markersize=6, zorder=4)
     dimension = record.relative_cohomology.dimension
     axis.set_title(f"who is free to drift: dimension {dimension}" + ("" if dimension else ", nobody"), fontsize=11)
-    axis.set_xlabel("x (m), initial configuration from above")
-    axis.set_ylabel("y (m)")
-    axis.set_aspect("equal", adjustable="datalim")
-    axis.margins(0.15)
-    axis.grid(True, alpha=0.3)
     handles = [
         Line2D([], [], color="#8A94A6", label="communication"),
         Line2D([], [], color="#B45309", linestyle=":", label="sensing"),
@@ -105,7 +99,7 @@ def _graph(axis: Any, system: System, record: CheckRecord) -> None:
                    label="free along z"),
             Line2D([], [], color=_FREE, lw=2, label="free in the plane"),
         ]  # fmt: skip
-    _legend_below(axis, handles)
+    _finish_map(axis, "x (m), initial configuration from above", 0.15, handles)
 
 
 def _difference(axis: Any, system: System, certificate: Certificate) -> None:
@@ -114,7 +108,7 @@ def _difference(axis: Any, system: System, certificate: Certificate) -> None:
     path, along = certificate.region.path, certificate.constants.difference
     size = np.linalg.norm(along.values, axis=1)
     if not np.isfinite(size).all():
-        why = path.complaint or "a target or q* meets a singular kernel"
+        why = path.warning or "a target or q* meets a singular kernel"
         axis.text(0.5, 0.5, fill(f"not known: {why}", 50), transform=axis.transAxes, ha="center", va="center")
         axis.set_title("bounded difference", fontsize=11)
         return
@@ -137,11 +131,6 @@ def _difference(axis: Any, system: System, certificate: Certificate) -> None:
     axis.autoscale_view()
     norm = float(size[k])
     axis.set_title(f"bounded difference, largest at t = {path.time[k]:.4g} s: |f_B| = {norm:.3g} m/s", fontsize=11)
-    axis.set_xlabel("x (m), from above")
-    axis.set_ylabel("y (m)")
-    axis.set_aspect("equal", adjustable="datalim")
-    axis.margins(0.1)
-    axis.grid(True, alpha=0.3)
     handles = [
         Line2D([], [], color="black", marker="x", linestyle="", label="q*"),
         Line2D([], [], color=palette(0)[-1], marker="*", linestyle="", label="target"),
@@ -149,6 +138,15 @@ def _difference(axis: Any, system: System, certificate: Certificate) -> None:
         Line2D([], [], color=_OWN, lw=2, label="agents' own drift $f_q(q^*)$"),
         Line2D([], [], color=_GAP, linestyle="--", label="the gap $f_B$"),
     ]
+    _finish_map(axis, "x (m), from above", 0.1, handles)
+
+
+def _finish_map(axis: Any, x_label: str, margin: float, handles: list[Line2D]) -> None:
+    axis.set_xlabel(x_label)
+    axis.set_ylabel("y (m)")
+    axis.set_aspect("equal", adjustable="datalim")
+    axis.margins(margin)
+    axis.grid(True, alpha=0.3)
     _legend_below(axis, handles)
 
 

@@ -9,58 +9,49 @@ from typing import Literal
 import networkx as nx
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 from scipy import sparse
 
-from mjsheaf.checking.cohomology import AgentCoboundary, agent_coboundary, smallest_eigenvalue
-from mjsheaf.sheaf.sections import sparse_kernel_basis
+from mjsheaf.checking.cohomology import agent_coboundary, smallest_eigenvalue
+from mjsheaf.checking.record import Record
+from mjsheaf.sheaf.sections import sparse_null_space
 from mjsheaf.team import GROUND, Edge, Team
 
 Index = NDArray[np.int64]
 Kind = Literal["sensing", "communication", "anchor", "agent"]
 
 CONNECTED = "agent graph connected"
-SENSED = "every target sensed"
-TRIVIAL = "relative cohomology trivial"
+"""Broken where agents that were connected no longer are."""
 
+SENSED = "every target sensed"
+"""Broken where a target that was sensed no longer is."""
+
+TRIVIAL = "relative cohomology trivial"
+"""Broken where agents have a null mode that they did not have."""
+
+MOST_CRITICAL = 50
 EXACT_STATES = 200
 EXACT_LOSSES = 1000
 """Up to so many states of the agents and single losses, H is decomposed again after each loss."""
 
 
-@dataclass(frozen=True)
-class Loss:
-    """What the loss of one edge or agent does.
-
-    Attributes:
-        kind: what is lost.
-        name: such as "A1 - T2", "A1 - A4 (1 of 2)", "A2 along z" (an anchor), "A3".
-        breaks: what is newly broken, whatever failed before. CONNECTED: agents that were connected no longer are.
-            SENSED: a target that was sensed no longer is. TRIVIAL: agents have a motion free that was not.
-        lambda_min: smallest eigenvalue of H after the loss; None where it was not computed.
-    """
+class Loss(Record):
+    """What the loss of one edge or agent does."""
 
     kind: Kind
-    name: str
-    breaks: tuple[str, ...]
-    lambda_min: float | None
+    name: str = Field(description='such as "A1 - T2", "A1 - A4 (1 of 2)", "A2 along z" (an anchor), "A3"')
+    breaks: tuple[str, ...] = Field(description="what is newly broken, whatever failed before")
+    lambda_min: float | None = Field(description="smallest eigenvalue of H after it; null where not computed")
 
 
-@dataclass(frozen=True)
-class Fragility:
-    """What single losses do.
+class Fragility(Record):
+    """Which single loss breaks an assumption."""
 
-    Attributes:
-        exact: whether every loss was tried out on H; else only losses that break CONNECTED or SENSED are listed.
-        method: the same in words.
-        losses: those that break something first, then by lambda_min.
-        worst: the loss that breaks nothing and leaves the smallest lambda_min; None where there is none, where
-            lambda_min was not computed, or where it is 0 already.
-    """
-
-    exact: bool
+    exact: bool = Field(description="whether H was decomposed after each loss; else lambda_min is not known")
     method: str
-    losses: list[Loss]
-    worst: Loss | None
+    critical: list[Loss] = Field(description=f"losses that break something, at most {MOST_CRITICAL}")
+    critical_count: int
+    worst: Loss | None = Field(description="the loss that breaks nothing with the smallest lambda_min; null if unknown")
 
 
 @dataclass(frozen=True)
@@ -74,21 +65,39 @@ class _Single:
 
 
 def fragility(team: Team) -> Fragility:
-    """Try out, or where the team is large reason about, each single loss.
+    """Which of the losses of `single_losses` break something, and the worst of the others."""
+    losses, exact = single_losses(team)
+    critical = [loss for loss in losses if loss.breaks]
+    method = (
+        f"exact: H decomposed again after each of {len(losses)} losses"
+        if exact
+        else f"over {EXACT_STATES} states or {EXACT_LOSSES} single losses: bridges and articulation points of the "
+        "agent graph, and targets that a single edge or agent senses; lambda_min and the relative cohomology after a "
+        "loss were not computed"
+    )
+    known = exact and team.dirichlet.unique
+    return Fragility(
+        exact=exact,
+        method=method,
+        critical=critical[:MOST_CRITICAL],
+        critical_count=len(critical),
+        worst=next((loss for loss in losses if not loss.breaks), None) if known else None,
+    )
+
+
+def single_losses(team: Team) -> tuple[list[Loss], bool]:
+    """Try out each single loss; of a large team find those that break CONNECTED or SENSED without linear algebra.
 
     The loss of an agent takes its edges along; the last agent is not lost. Parallel edges are lost one at a time.
+
+    Returns:
+        The losses, those that break something first, then by lambda_min; and whether each was tried out on H.
     """
     singles = list(_singles(team))
     breaks = _combinatorial(team, singles)
     states = team.dirichlet.H.shape[0]
     if states > EXACT_STATES or len(singles) > EXACT_LOSSES:
-        losses = [Loss(s.kind, s.name, broken, None) for s, broken in zip(singles, breaks, strict=True) if broken]
-        method = (
-            f"over {EXACT_STATES} states or {EXACT_LOSSES} single losses: bridges and articulation points of the agent "
-            "graph, and targets that a single edge or agent senses; lambda_min and the relative cohomology after a "
-            "loss were not computed"
-        )
-        return Fragility(False, method, losses, None)
+        return [_loss(s, broken, None) for s, broken in zip(singles, breaks, strict=True) if broken], False
 
     coboundary, rows = agent_coboundary(team), _rows_of_edges(team)
     agent_of_state = team.slots[:states] // 3
@@ -101,22 +110,21 @@ def fragility(team: Team) -> Fragility:
         lost = agent_of_state == single.agent
         # What the lost agent alone was free to do is lost with it.
         free_before = free - _dimension(coboundary.plain[:, lost]) if free and lost.any() else free
-        free_after, left = _free_and_lambda_min(coboundary.kept(kept, ~lost))
-        if free_after > free_before:
+        left = coboundary.kept(kept, ~lost)
+        lambda_min = smallest_eigenvalue(left)
+        if lambda_min == 0.0 and _dimension(left.plain) > free_before:
             broken += (TRIVIAL,)
-        losses.append(Loss(single.kind, single.name, broken, left))
+        losses.append(_loss(single, broken, lambda_min))
     losses.sort(key=lambda loss: (not loss.breaks, round(loss.lambda_min or 0.0, 12)))  # rounding does not choose
-    worst = None if free else next((loss for loss in losses if not loss.breaks), None)
-    return Fragility(True, f"exact: H decomposed again after each of {len(losses)} losses", losses, worst)
+    return losses, True
 
 
-def _free_and_lambda_min(coboundary: AgentCoboundary) -> tuple[int, float]:
-    lambda_min = smallest_eigenvalue(coboundary)
-    return (0, lambda_min) if lambda_min > 0.0 else (_dimension(coboundary.plain), 0.0)
+def _loss(single: _Single, breaks: tuple[str, ...], lambda_min: float | None) -> Loss:
+    return Loss(kind=single.kind, name=single.name, breaks=breaks, lambda_min=lambda_min)
 
 
 def _dimension(plain: sparse.csr_array) -> int:
-    return sparse_kernel_basis(plain).shape[1]
+    return sparse_null_space(plain).shape[1]
 
 
 def _singles(team: Team) -> Iterator[_Single]:

@@ -1,78 +1,171 @@
-"""What theory leaves out and practice needs: sampling, inertia, speed limits, lag."""
+"""What theory leaves out and practice needs: sampling, inertia, the loop of the real vehicles, speed limits, lag.
 
-from dataclasses import dataclass
+For the loop of the real vehicles each is linearised about the equilibrium in which it holds station in the mean flow
+that it would meet (see `simulation.linear`), and all are closed through u = -k1 H e. Where every agent is the same
+vehicle in the same flow, the team falls apart into one small matrix for each eigenvalue of H, whatever its size; else
+the matrix is that of the whole team, up to LARGEST_WHOLE states that act on one another. Beyond that, vehicles whose
+responses to a command differ by 2 % at most count as the same, and of others nothing is claimed.
+
+The loop is that of small motions: in large ones thrusters meet their limits. It leaves out how the flow changes along
+the way, and the targets.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg
+from pydantic import Field
+from scipy import linalg, sparse
+from scipy.integrate import trapezoid
+from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import eigsh
 
-from mjsheaf.checking.cohomology import Spectrum
-from mjsheaf.checking.drift import Difference
+from mjsheaf.checking.certificate import Certificate
+from mjsheaf.checking.cohomology import DENSE_STATES, Spectrum
+from mjsheaf.checking.constants import Difference, agent_drift
+from mjsheaf.checking.record import Finite, Record
 from mjsheaf.control import disagreement
+from mjsheaf.errors import InputError
+from mjsheaf.simulation.linear import LinearVehicle, Station, linearise
+from mjsheaf.simulation.loop import whole_ratio
 from mjsheaf.system import System
+from mjsheaf.threads import one_thread
+from mjsheaf.vehicles.effects import capability_of, of_each
+from mjsheaf.vehicles.vehicle import Vehicle
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 
-_AT_REST = 1e-6  # share of z, against tau v, under which z is at rest
-
-_MOST_NUMBERS = 1_000_000  # of lags that are solved for
+LARGEST_WHOLE = 400
+"""Largest number of states that act on one another for which the matrix of a team of unlike vehicles is solved."""
 
 LARGEST_SECOND_ORDER = 600
 """Largest n_q for which eigenvalues of the second-order system of unlike bodies are computed."""
 
+MOST_ROWS = 20
+"""How many agents are listed with their speeds and lags."""
 
-@dataclass(frozen=True)
-class HoldMargin:
-    """A law held over a period h, on ideal kinematics: q grows by (1 - k1 h lambda) in each mode.
+_POSITION_AT_REST = 1e-6  # share of z, against tau v, under which z is at rest
+_MOST_LAG_NUMBERS = 1_000_000  # of lags that are solved for
+_MOST_STATIONS = 200  # vehicles that are linearised one by one; larger teams are represented by some of theirs
+_MOST_SAMPLES = 200  # of the path, for the mean flow
+_NEUTRAL_RATE = 1e-5  # 1/s: rates below it are the rounding of neutral directions
+_OWN_MODE = 0.01  # relative: how far the loop must move a mode for it to count as the loop's
+_MODE_AT_REST = 1e-6  # m for 1 rad or 1 m/s of a mode: positions that move less do not take part in it
+_CROSS_RESPONSE = 1e-3  # of a vehicle's response, across axes or in difference between axes, that is neglected
+_RESPONSE_DIFFERENCE = 0.02  # of a vehicle's response, by which the representatives of a large team may differ
+_TURNS = 3.0  # time constants l / |w| of turning into the current that a run must last for a boat to be turned by it
+_RESPONSE_TIME = 10.0  # s, over which responses are compared
+_GAIN_ACCURACY = 1e-3  # relative, of the largest gain
+_LEAST_RATE, _LARGEST_RATE = 1e-3, 1e5  # 1/s, of k1 lambda: where the first instability is looked for
+_MOST_DOUBLINGS = 40
 
-    Attributes:
-        period: h, s.
-        product: k1 h lambda_max; below 2 the sampled law converges, up to 1 it does not ring.
-        largest_gain: 2 / (h lambda_max), 1/s; None where lambda_max is 0, and any gain will do.
-        ringing_gain: 1 / (h lambda_max): beyond it the fastest mode changes sign at each sample, 1/s; None likewise.
+
+class HoldMargin(Record):
+    """A law held over a period h, on ideal kinematics: q grows by (1 - k1 h lambda) in each mode."""
+
+    period: float = Field(description="h, s")
+    product: float = Field(description="k1 h lambda_max: below 2 it converges, up to 1 it does not ring")
+    largest_gain: float | None = Field(description="2 / (h lambda_max), 1/s; null where H = 0")
+    ringing_gain: float | None = Field(
+        description="1 / (h lambda_max): beyond it the fastest mode changes sign at each sample, 1/s; null where H = 0"
+    )
+
+
+class Inertia(Record):
+    """Inertia alone: tau q'' + q' = u with tau = m / D; what is free does not enter.
+
+    Of unlike bodies the damping is -Re s / |s| of the root s of the second-order system, 1 where that is real; of over
+    LARGEST_SECOND_ORDER states a lower bound of the damping ratio of all modes, twice.
     """
 
-    period: float
-    product: float
-    largest_gain: float | None
-    ringing_gain: float | None
+    tau: list[float] = Field(description="smallest and largest m / D of the agents, s")
+    damping_slowest: Finite = Field(description="ratio of the slowest mode, by inertia alone; null: it does not swing")
+    damping_fastest: Finite = Field(description="ratio of the fastest mode, by inertia alone; null: it does not swing")
 
 
-@dataclass(frozen=True)
-class BodyMargin:
-    """Inertia alone: tau q'' + q' = u with tau = m / D. What is free does not enter, and `bodies` has all the rest.
+class Swing(Record):
+    """A mode of the real vehicles' loop; s is the logarithm of its factor over a period."""
 
-    Attributes:
-        tau: smallest and largest time constant of the agents, s.
-        damping_slowest, damping_fastest: damping ratio 1 / (2 sqrt(k1 lambda tau)) at the smallest lambda above zero
-            and the largest; infinite where there is none. For unlike bodies -Re s / |s| of the smallest and of the
-            largest root s, by |s|, of the second-order system: 1 where that root is real. For unlike bodies of over
-            LARGEST_SECOND_ORDER states, a lower bound of the damping ratio of all modes, twice.
-    """
-
-    tau: tuple[float, float]
-    damping_slowest: float
-    damping_fastest: float
+    damping: float = Field(description="damping ratio -Re s / |s|; negative where the mode grows")
+    frequency: float = Field(description="natural frequency |s|, rad/s")
+    agent: str | None = Field(description="the agent that moves most in it; null where that is not known")
 
 
-@dataclass(frozen=True)
-class SpeedDemand:
-    """How fast an agent must be, and can be, m/s.
+class BodyLoop(Record):
+    """The loop of the real vehicles, for small motions: inertia, attitude, thruster lag, hold, in the mean flow."""
 
-    Attributes:
-        agent: its id.
-        asked: what the law asks of it at the start, k1 |eta_i|.
-        limit: that the law keeps; None without one.
-        steady: largest |q*'_i - f_i(q*)| along the run: what following the harmonic extension takes; None where a
-            field is singular.
-        able: what its body can make through the medium in every direction; None where its thrusters have no limits.
-    """
+    stable: bool | None = Field(
+        description="whether every mode decays, but for what is free; null where undecided: see reason"
+    )
+    spectral_radius: float | None = Field(
+        description="largest factor by which a mode that moves a position grows from one evaluation of the law to the "
+        "next; below 1 it is stable; null where undecided"
+    )
+    period: float = Field(description="between evaluations of the law, s: the physics step where the law is continuous")
+    largest_gain: float | None = Field(
+        description="from which on a mode grows, 1/s; null where undecided, or where none is found"
+    )
+    least_damped: Swing | None = Field(description="the mode with the smallest damping ratio; null where undecided")
+    reason: str = Field(description="why it is undecided, or empty")
+
+    def verdict(self) -> str:
+        """The loop in a few words."""
+        if self.stable is not False:
+            return "the vehicles' loop is " + ("stable" if self.stable else f"undecided: {self.reason}")
+        mode = self.least_damped
+        who = "" if mode is None or mode.agent is None else f" (about {mode.agent})"
+        limit = "" if self.largest_gain is None else f": stable below a gain of {self.largest_gain:.3g} 1/s"
+        return f"the vehicles' loop is unstable{who}{limit}"
+
+
+class BodyMargins(BodyLoop, Inertia):
+    """Inertia alone, and the loop of the real vehicles."""
+
+
+class SpeedDemand(Record):
+    """How fast an agent must be, and can be, m/s."""
 
     agent: str
-    asked: float
-    limit: float | None
-    steady: float | None
-    able: float | None
+    asked: float = Field(description="by the law at the start, k1 |eta_i|")
+    limit: Finite = Field(description="that the law keeps; null without one")
+    steady: Finite = Field(description="largest |q*'_i - f_i(q*)| along the run; null where a field is singular")
+    able: Finite = Field(
+        description="of its body through the medium in every direction; null where its thrusters have no limits"
+    )
+
+
+class Lag(Record):
+    """The largest quasi-static lag |(H^-1 f_B)_i| / k1 of an agent along the run: k1 H e = f_B once e' is small."""
+
+    agent: str
+    lag: Finite = Field(description="m; null where a field is singular")
+
+
+class Margins(Record):
+    """What theory leaves out."""
+
+    hold: HoldMargin | None = Field(description="null where the law is continuous")
+    bodies: BodyMargins
+    speed: list[SpeedDemand] = Field(description=f"the most demanding agents first, at most {MOST_ROWS}")
+    lag: list[Lag] = Field(description=f"the largest first, at most {MOST_ROWS}")
+
+
+def margins(system: System, certificate: Certificate) -> Margins:
+    """All margins of a system."""
+    spectrum, path, difference = certificate.spectrum, certificate.region.path, certificate.constants.difference
+    agents = system.vehicles[: len(system.team.agents)]
+    inertia = body_margin(system, spectrum, of_each(agents, lambda vehicle: float(vehicle.reduced_model().tau.max())))
+    medium = mean_medium(system, path.time, path.q_star) if path.cells else np.full((len(agents), 3), np.nan)
+    loop = body_loop(system, spectrum, medium)
+    able = of_each(agents, lambda vehicle: capability_of(vehicle).least_speed)
+    return Margins(
+        hold=hold_margin(system, spectrum),
+        bodies=BodyMargins(**dict(inertia), **dict(loop)),
+        speed=_speed_demands(system, difference, able),
+        lag=_lags(system, difference),
+    )
 
 
 def hold_margin(system: System, spectrum: Spectrum) -> HoldMargin | None:
@@ -89,86 +182,465 @@ def hold_margin(system: System, spectrum: Spectrum) -> HoldMargin | None:
     )
 
 
-def body_margin(system: System, spectrum: Spectrum, tau: Array) -> BodyMargin:
-    """The damping that inertia alone leaves.
+def body_margin(system: System, spectrum: Spectrum, tau: Array) -> Inertia:
+    """The damping that inertia alone leaves, 1 / (2 sqrt(k1 lambda tau)) where all bodies are alike.
 
     Args:
         system: the system.
-        spectrum: of H.
-        tau: time constant m / D of each agent, shape (N,), s.
+        spectrum: of its H.
+        tau: time constant m / D of each agent along its most sluggish controlled axis, shape (N,), s.
     """
-    k = system.gain
-    low, high = float(tau.min()), float(tau.max())
-    n = system.team.dirichlet.H.shape[0]
+    k, low, high = system.gain, float(tau.min()), float(tau.max())
+
+    def ratios(slowest: float, fastest: float) -> Inertia:
+        return Inertia(tau=[low, high], damping_slowest=slowest, damping_fastest=fastest)
+
     if not spectrum.smallest.size:  # nothing is held, so nothing swings
-        return BodyMargin((low, high), np.inf, np.inf)
-    slowest = float(spectrum.smallest[0])
+        return ratios(np.inf, np.inf)
     if high - low <= 1e-9 * high:
-        ratio = [float(1.0 / (2.0 * np.sqrt(k * eigenvalue * low))) for eigenvalue in (slowest, spectrum.lambda_max)]
-        return BodyMargin((low, high), ratio[0], ratio[1])
-    if n > LARGEST_SECOND_ORDER:
+        ends = float(spectrum.smallest[0]), spectrum.lambda_max
+        return ratios(*(float(1.0 / (2.0 * np.sqrt(k * eigenvalue * low))) for eigenvalue in ends))
+    if system.team.dirichlet.H.shape[0] > LARGEST_SECOND_ORDER:
         bound = float(1.0 / (2.0 * np.sqrt(k * spectrum.lambda_max * high)))
-        return BodyMargin((low, high), bound, bound)
+        return ratios(bound, bound)
     each = np.concatenate([np.full(a.dimension, t) for a, t in zip(system.team.agents, tau, strict=True)])
     modes, Q = _held_modes(system, spectrum)
-    swing = np.block([[np.zeros((len(modes),) * 2), Q.T], [-k / each[:, None] * Q * modes, -np.diag(1.0 / each)]])
-    roots = _moving(swing, len(modes), low)
-    ratios = (-roots.real / np.abs(roots))[np.argsort(np.abs(roots))]
-    return BodyMargin((low, high), float(ratios[0]), float(ratios[-1]))
+    m = len(modes)
+    swing = np.block([[np.zeros((m, m)), Q.T], [-k / each[:, None] * Q * modes, -np.diag(1.0 / each)]])
+    values, vectors = linalg.eig(swing)  # on (z, v): z the held coordinates, v all velocities
+    z, v = np.linalg.norm(vectors[:m], axis=0), np.linalg.norm(vectors[m:], axis=0)
+    roots = values[z > _POSITION_AT_REST * low * v]  # the others coast along what is free
+    damping = (-roots.real / np.abs(roots))[np.argsort(np.abs(roots))]
+    return ratios(float(damping[0]), float(damping[-1]))
 
 
 def _held_modes(system: System, spectrum: Spectrum) -> tuple[Array, Array]:
-    """Eigenvalues of H above zero, ascending, and their vectors, shape (n, m); what is free is left out."""
+    """Eigenvalues of H above zero, ascending, and their vectors, shape (n, m)."""
     values, vectors = linalg.eigh(system.team.dirichlet.H.toarray())
     return np.maximum(values[spectrum.nullity :], spectrum.smallest[0]), vectors[:, spectrum.nullity :]
 
 
-def _moving(matrix: Array, m: int, tau: float) -> NDArray[np.complex128]:
-    """Eigenvalues of a matrix on (z, v), z of length m; not those that leave z at rest, coasting along what is free.
-
-    Args:
-        matrix: square.
-        m: number of modes that are held.
-        tau: a time that makes v comparable to z.
-    """
-    values, vectors = linalg.eig(matrix)
-    z, v = np.linalg.norm(vectors[:m], axis=0), np.linalg.norm(vectors[m:], axis=0)
-    return values[z > _AT_REST * tau * v]
-
-
-def speed_demands(system: System, difference: Difference, able: Array) -> list[SpeedDemand]:
-    """The speeds that are asked of each agent, at the start or along q*, the largest share of its limit first.
-
-    Args:
-        system: the system.
-        difference: f_B along the targets' path.
-        able: speed that each agent's body can make, shape (N,), m/s; infinite where it has no limits.
-    """
+def _speed_demands(system: System, difference: Difference, able: Array) -> list[SpeedDemand]:
+    """The speeds that are asked of agents, at the start or along q*, the largest share of their limit first."""
     team = system.team
     # q*' - f_q = f_B + H^-1 B omega, at the instants that the path keeps.
     steady = np.linalg.norm(team.unpack(difference.values + difference.shaken), axis=2).max(axis=0)
     asked = system.gain * np.linalg.norm(disagreement(system.law, system.initial)[: len(team.agents)], axis=1)
     limits = system.law.limit[: len(asked)]
     most = np.fmax(asked, steady)  # a singular field leaves no steady speed
-    order = np.argsort(-most / np.where(np.isfinite(limits), limits, 1e300), kind="stable")
+    order = np.argsort(-most / np.where(np.isfinite(limits), limits, 1e300), kind="stable")[:MOST_ROWS]
     return [
-        SpeedDemand(team.agents[i].id, *(_finite(x[i]) for x in (asked, limits, steady, able)))  # type: ignore[arg-type]
-        for i in order
+        SpeedDemand(agent=team.agents[i].id, asked=asked[i], limit=limits[i], steady=steady[i], able=able[i])
+        for i in order.tolist()
     ]
 
 
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
+def _lags(system: System, difference: Difference) -> list[Lag]:
+    """The largest lags of agents along the run, in order."""
+    problem, f_B = system.team.dirichlet, difference.values
+    lag = np.full(len(system.team.agents), np.nan)
+    if np.isfinite(f_B).all():
+        few = max(20, _MOST_LAG_NUMBERS // f_B.shape[1])  # an estimate: some of the instants do where H is large
+        solved = problem.solve(f_B[:: -(-len(f_B) // few)]) / system.gain
+        lag = np.linalg.norm(system.team.unpack(solved), axis=2).max(axis=0)
+    order = np.argsort(-lag, kind="stable")[:MOST_ROWS]
+    return [Lag(agent=system.team.agents[i].id, lag=lag[i]) for i in order.tolist()]
 
 
-def steady_lag(system: System, difference: Difference) -> Array:
-    """Largest quasi-static lag |(H^-1 f_B)_i| / k1 of each agent along the run, shape (N,), m.
+# -- the loop of the real vehicles -----------------------------------------------------------------------------
 
-    It is what remains of e once e' is small: k1 H e = f_B.
+
+class _Modes(NamedTuple):
+    """Modes of the closed loop.
+
+    Attributes:
+        factor: growth over a period, complex, shape (k,).
+        agent: number of the agent that moves most, -1 where unknown, shape (k,).
+        moves: whether positions take part, shape (k,).
     """
-    problem = system.team.dirichlet
-    if not np.isfinite(difference.values).all():
-        return np.full(len(system.team.agents), np.nan)
-    few = max(20, _MOST_NUMBERS // difference.values.shape[1])  # an estimate: some of the instants do where H is large
-    lag = problem.solve(difference.values[:: -(-len(difference.values) // few)]) / system.gain
-    return np.linalg.norm(system.team.unpack(lag), axis=2).max(axis=0)
+
+    factor: NDArray[np.complex128]
+    agent: Index
+    moves: NDArray[np.bool_]
+
+
+class _UndecidedError(Exception):
+    """The loop is undecided; the message says why."""
+
+
+@one_thread
+def body_loop(system: System, spectrum: Spectrum, medium: Array) -> BodyLoop:
+    """Close the loop of the team's vehicles.
+
+    Args:
+        system: the system.
+        spectrum: of its H.
+        medium: mean velocity of the medium that each agent meets, relative to its q*, shape (N, 3), m/s: see
+            `mean_medium`.
+    """
+    period, steps = system.grid.period, 1
+    try:
+        ratio = whole_ratio(period, system.bodies.timestep)
+        timestep = period / ratio
+        period, steps = (timestep, 1) if system.grid.continuous else (period, ratio)
+        if system.gain <= 0.0:
+            raise _UndecidedError("the gain is 0")
+        if not spectrum.smallest.size:
+            raise _UndecidedError("nothing is held")
+        loop = _close(system, spectrum, _models(system, medium, timestep, steps), period)
+    except (_UndecidedError, InputError) as error:
+        return _undecided(period, str(error))
+    except np.linalg.LinAlgError as error:  # a vehicle so stiff that its step is not finite
+        return _undecided(period, f"the vehicles cannot be linearised: {error}")
+    none = _NEUTRAL_RATE * period
+    modes = loop.modes(system.gain)
+    size = np.hypot(modes.factor.real, modes.factor.imag)
+    taking_part = modes.moves | (size > np.exp(none))
+    modes, radius = _Modes(*(x[taking_part] for x in modes)), float(size[taking_part].max())
+    stable: bool | None = bool(np.log(radius) < none)
+    reason = ""
+    if isinstance(loop, _Split) and not stable and loop.growth_at_ends(system.gain) < none:
+        stable, reason = None, "only eigenvalues between the smallest and the largest would swing up, if H has them"
+    return BodyLoop(
+        stable=stable,
+        spectral_radius=radius,
+        period=period,
+        largest_gain=loop.largest_gain(system.gain, none),
+        least_damped=_least_damped(modes, loop.own_factors(), period, system),
+        reason=reason,
+    )
+
+
+def _undecided(period: float, reason: str) -> BodyLoop:
+    unknown = dict.fromkeys(("stable", "spectral_radius", "largest_gain", "least_damped"))
+    return BodyLoop(**unknown, period=period, reason=reason)
+
+
+def mean_medium(system: System, time: Array, q_star: Array) -> Array:
+    """Mean velocity of the medium relative to each agent's q*, along its path, shape (N, 3), m/s; no disturbance.
+
+    Args:
+        system: the system.
+        time: shape (T,), s.
+        q_star: harmonic extension, stacked, shape (T, n_q), m.
+    """
+    stride = max(1, len(q_star) // _MOST_SAMPLES)
+    w = agent_drift(system, q_star[::stride])
+    span = float(time[-1] - time[0])
+    if span <= 0.0:
+        return system.team.unpack(w)[0]
+    mean = trapezoid(w, time[::stride], axis=0) / float(time[::stride][-1] - time[0])
+    return system.team.unpack((mean - (q_star[-1] - q_star[0]) / span)[None])[0]
+
+
+def _models(system: System, medium: Array, timestep: float, steps: int) -> list[LinearVehicle]:
+    """The linear vehicle of every agent; agents that are alike share one.
+
+    Of a large team those that meet the extremes of the flow are linearised, and stand for all where they behave alike.
+
+    Raises:
+        _UndecidedError: one has none, or they do not.
+    """
+    agents = system.team.agents
+    if not np.isfinite(medium).all():
+        raise _UndecidedError("the mean flow along q* is not known")
+    span = system.grid.period * system.grid.steps
+    stations: dict[tuple[int, bytes], Station] = {}
+    keys = []
+    for i, vehicle in enumerate(system.vehicles[: len(agents)]):
+        speed = float(np.linalg.norm(medium[i]))
+        if speed > system.law.limit[i]:
+            raise _UndecidedError(
+                f"{agents[i].id}: the mean flow, {speed:.3g} m/s relative to its q*, is beyond its velocity limit"
+            )
+        station = _station(vehicle, medium[i], float(system.bodies.heading[i]), span)
+        key = id(vehicle), np.round([*station.medium, station.heading], 4).tobytes()
+        stations.setdefault(key, station)
+        keys.append(key)
+    chosen, many = list(stations), len(stations) > _MOST_STATIONS
+    if many:
+        if len({key[0] for key in keys}) > 1:
+            raise _UndecidedError("too many unlike vehicles")
+        flows = np.array([station.medium for station in stations.values()])
+        extreme = {*flows.argmin(axis=0), *flows.argmax(axis=0), *np.linspace(0, len(flows) - 1, 20).astype(int)}
+        chosen = [chosen[k] for k in sorted(int(k) for k in extreme)]
+    models = {}
+    found = linearise([stations[key] for key in chosen], system.control, timestep, steps)
+    for key, model in zip(chosen, found, strict=True):
+        if isinstance(model, str):
+            flow = f"in a mean flow of {np.linalg.norm(stations[key].medium):.3g} m/s relative to its q*"
+            raise _UndecidedError(f"{agents[keys.index(key)].id} cannot hold station {flow}: {model}")
+        models[key] = model
+    if not many:
+        return [models[key] for key in keys]
+    if not _alike(list(models.values()), timestep * steps):
+        raise _UndecidedError("too many vehicles that behave differently in the flows that they meet")
+    return [models[chosen[0]]] * len(keys)
+
+
+def _station(vehicle: Vehicle, medium: Array, heading: float, span: float) -> Station:
+    """Where a vehicle holds station: one that holds no heading turns into the current, if the run gives it the time."""
+    if vehicle.steering.attitude:
+        return Station(vehicle, medium, heading)
+    speed = float(np.hypot(medium[0], medium[1]))
+    if speed * span < _TURNS * vehicle.hand:
+        return Station(vehicle, np.zeros(3), heading)
+    return Station(vehicle, medium, float(np.arctan2(-medium[1], -medium[0])))
+
+
+def _response(model: LinearVehicle, period: float) -> Array:
+    """Positions after a step of the command, less what an ideal vehicle makes, shape (T, n, n), m per m/s."""
+    n, s = model.D.shape[0], len(model.A)
+    count = int(np.clip(_RESPONSE_TIME / period, 20, 400))
+    stride = max(1, round(_RESPONSE_TIME / period / count))
+    step = np.eye(s + 2 * n)
+    step[:s, :s], step[:s, s + n :], step[s : s + n, :s], step[s : s + n, s + n :] = model
+    step = np.linalg.matrix_power(step, stride)
+    state, found = np.vstack([np.zeros((s + n, n)), np.eye(n)]), []
+    for k in range(count):
+        state = step @ state
+        found.append(state[s : s + n] - (k + 1) * stride * period * np.eye(n))
+    return np.array(found)
+
+
+def _difference(one: Array, other: Array) -> float:
+    """Largest difference of two responses, as a share of the larger of them."""
+    return float(np.abs(one - other).max() / max(np.abs(one).max(), np.abs(other).max()))
+
+
+def _alike(models: list[LinearVehicle], period: float) -> bool:
+    """Whether vehicles respond to a command in nearly the same way."""
+    first = _response(models[0], period)
+    responses = (_response(model, period) for model in models[1:])
+    return all(r.shape == first.shape and _difference(r, first) <= _RESPONSE_DIFFERENCE for r in responses)
+
+
+def _close(system: System, spectrum: Spectrum, models: list[LinearVehicle], period: float) -> "_Split | _Whole":
+    """The loop of the team, apart by modes of H where that is exact.
+
+    Raises:
+        _UndecidedError: it is too large.
+    """
+    kinds = list({id(model): model for model in models}.values())
+    if len(kinds) > 1:
+        try:
+            return _Whole(system, spectrum, models)
+        except _UndecidedError:
+            if not _alike(kinds, period):
+                raise
+    parts = _parts(system, spectrum, kinds[0], period)
+    return _Split(parts) if parts else _Whole(system, spectrum, models)
+
+
+class _Part(NamedTuple):
+    """Alike vehicles whose loop falls apart into one small matrix for each eigenvalue.
+
+    Attributes:
+        plant: of each vehicle along the axes of this part.
+        values: eigenvalues above zero, ascending, or a sampling of the interval that holds them, the largest exact.
+        agent: number of the agent that moves most in each one's mode, -1 where unknown.
+        exact: whether the values are the eigenvalues.
+    """
+
+    plant: LinearVehicle
+    values: Array
+    agent: Index
+    exact: bool
+
+
+def _parts(system: System, spectrum: Spectrum, model: LinearVehicle, period: float) -> list[_Part]:
+    """The parts of a team of alike vehicles; none where they do not fall apart.
+
+    Axes that neither the vehicle nor H couples are apart. Within one part, H is the same along all axes and does not
+    couple them; or the vehicle is and does not.
+    """
+    H, n = sparse.csr_array(system.team.dirichlet.H), model.D.shape[0]
+    response = _response(model, period)
+    by_vehicle = np.abs(response).max(axis=0) > _CROSS_RESPONSE * np.abs(response).max()
+    blocks = [[H[a::n, b::n] for b in range(n)] for a in range(n)]
+    by_sheaf = np.array([[abs(block).max() > 0.0 for block in row] for row in blocks])
+    count, group = connected_components(by_vehicle | by_sheaf, directed=False)
+    parts = []
+    for g in range(count):
+        axes = np.flatnonzero(group == g)
+        first, inside, off = axes[0], np.ix_(axes, axes), ~np.eye(len(axes), dtype=bool)
+        own = [response[:, a, a] for a in axes]
+        if not by_sheaf[inside][off].any() and all(abs(blocks[a][a] - blocks[first][first]).max() == 0.0 for a in axes):
+            part, agents = blocks[first][first], np.arange(H.shape[0] // n)
+        elif not by_vehicle[inside][off].any() and all(_difference(x, own[0]) <= _CROSS_RESPONSE for x in own):
+            rows = np.flatnonzero(np.isin(np.arange(H.shape[0]) % n, axes))
+            axes, part, agents = axes[:1], H[rows][:, rows], rows // n
+        else:
+            return []
+        values, agent, exact = _eigenvalues(part, agents, float(spectrum.smallest[0]))
+        if len(values):
+            plant = LinearVehicle(model.A, model.B[:, axes], model.C[axes], model.D[np.ix_(axes, axes)])
+            parts.append(_Part(plant, values, agent, exact))
+    return parts
+
+
+def _eigenvalues(H: sparse.csr_array, agents: Index, least: float) -> tuple[Array, Index, bool]:
+    """Values, agents and whether exact as in `_Part`, of a part of H whose rows belong to `agents`.
+
+    `least` is the smallest eigenvalue of all H above zero.
+    """
+    if H.shape[0] <= DENSE_STATES:
+        values, vectors = np.linalg.eigh(H.toarray())
+        held = values > 0.5 * least
+        return values[held], agents[np.abs(vectors[:, held]).argmax(axis=0)], True
+    top, vector = eigsh(H, k=1, which="LA", v0=np.ones(H.shape[0]))
+    values = np.geomspace(least, max(float(top[0]), least), 200)
+    return values, np.append(np.full(len(values) - 1, -1), agents[np.abs(vector[:, 0]).argmax()]), False
+
+
+class _Split:
+    """Alike vehicles: one small matrix for each eigenvalue of H."""
+
+    def __init__(self, parts: list[_Part]) -> None:
+        self._parts = parts
+
+    def modes(self, gain: float) -> _Modes:
+        """All modes, or those at the sampled eigenvalues."""
+        found = []
+        for part in self._parts:
+            n = part.plant.D.shape[0]
+            factors, vectors = np.linalg.eig(_matrices(part.plant, gain * part.values))
+            moved = np.linalg.norm(vectors[:, :n], axis=1) > _MODE_AT_REST * np.linalg.norm(vectors, axis=1)
+            found.append((factors.ravel(), np.repeat(part.agent, factors.shape[1]), moved.ravel()))
+        return _Modes(*(np.concatenate(x) for x in zip(*found, strict=True)))
+
+    def own_factors(self) -> Array:
+        """Factors of the vehicles' own modes, under a command that does not change."""
+        return np.concatenate([np.linalg.eigvals(part.plant.A) for part in self._parts])
+
+    def growth_at_ends(self, gain: float) -> float:
+        """Growth of the modes at eigenvalues that H surely has."""
+        known = ((p.plant, p.values if p.exact else p.values[-1:]) for p in self._parts)
+        return max(float(_growths(plant, gain * values).max()) for plant, values in known)
+
+    def largest_gain(self, gain: float, most: float) -> float | None:
+        """See BodyLoop; `most` is the growth over a period that counts as none."""
+        found = [_first_unstable(part.plant, most) for part in self._parts]
+        gains = [rate / float(p.values[-1]) for rate, p in zip(found, self._parts, strict=True) if rate is not None]
+        return min(gains) if gains and min(gains) > 0.0 else None
+
+
+def _matrices(plant: LinearVehicle, rates: Array) -> Array:
+    """The closed loop of one vehicle on (p, x) under u = -rate p, for each rate; shape (k, n + s, n + s)."""
+    n, s = plant.D.shape[0], len(plant.A)
+    found = np.zeros((len(rates), n + s, n + s))
+    found[:, :n, :n] = np.eye(n) - rates[:, None, None] * plant.D
+    found[:, n:, :n] = -rates[:, None, None] * plant.B
+    found[:, :n, n:], found[:, n:, n:] = plant.C, plant.A
+    return found
+
+
+def _growths(plant: LinearVehicle, rates: Array) -> Array:
+    """Growth over a period of the fastest growing mode at each rate, shape (k,)."""
+    return np.log(np.abs(np.linalg.eigvals(_matrices(plant, rates))).max(axis=1))
+
+
+def _first_unstable(plant: LinearVehicle, most: float) -> float | None:
+    """The smallest rate k1 lambda at which a mode grows, 1/s; None where none does, 0 where the smallest tried does."""
+    grid = np.geomspace(_LEAST_RATE, _LARGEST_RATE, 200)
+    unstable = np.flatnonzero(_growths(plant, grid) > most)
+    if not unstable.size:
+        return None
+    if unstable[0] == 0:
+        return 0.0
+    low, high = grid[unstable[0] - 1], grid[unstable[0]]
+    return _bisect(lambda rate: bool(_growths(plant, np.array([rate]))[0] > most), float(low), float(high))
+
+
+def _bisect(unstable: Callable[[float], bool], low: float, high: float) -> float:
+    """Where a stable rate or gain becomes an unstable one."""
+    while high > (1.0 + _GAIN_ACCURACY) * low:
+        middle = float(np.sqrt(low * high))
+        low, high = (low, middle) if unstable(middle) else (middle, high)
+    return float(np.sqrt(low * high))
+
+
+class _Whole:
+    """Unlike vehicles: the matrix of the team on (z, x_1, ...), z the coordinates of what H holds.
+
+    M(k1) = free - k1 pull. It is block triangular over the sets of states that act on one another, whose own blocks
+    have all its eigenvalues.
+    """
+
+    def __init__(self, system: System, spectrum: Spectrum, models: list[LinearVehicle]) -> None:
+        team, H = system.team, system.team.dirichlet.H
+        states = sum(len(model.A) for model in models)
+        if H.shape[0] + states > 10 * LARGEST_WHOLE:
+            raise _UndecidedError(f"too many unlike vehicles: {H.shape[0] + states} states")
+        H = H.toarray()
+        Q, pulled = np.eye(len(H)), H
+        if spectrum.nullity:
+            values, Q = _held_modes(system, spectrum)
+            pulled = Q * values
+        A, B, C, D = (linalg.block_diag(*(model[k] for model in models)) for k in range(4))
+        m = Q.shape[1]
+        self.free = np.block([[np.eye(m), Q.T @ C], [np.zeros((len(A), m)), A]])
+        self.pull = np.block([[Q.T @ D @ pulled, np.zeros((m, len(A)))], [B @ pulled, np.zeros_like(A)]])
+        self.Q, self.m = Q, m
+        self.own = np.concatenate([np.linalg.eigvals(A) for A in {id(model): model.A for model in models}.values()])
+        self.owner = np.repeat(np.arange(len(team.agents)), [a.dimension for a in team.agents])
+        acts = (self.free != 0.0) | (self.pull != 0.0)
+        count, which = connected_components(sparse.csr_array(acts), directed=True, connection="strong")
+        self.sets = [np.flatnonzero(which == k) for k in range(count)]
+        largest = max(len(s) for s in self.sets)
+        if largest > LARGEST_WHOLE:
+            raise _UndecidedError(f"too many unlike vehicles: {largest} states act on one another")
+
+    def _block(self, gain: float, chosen: NDArray[np.integer]) -> Array:
+        at = np.ix_(chosen, chosen)
+        return np.asarray(self.free[at] - gain * self.pull[at])
+
+    def modes(self, gain: float) -> _Modes:
+        """All modes."""
+        found = []
+        for chosen in self.sets:
+            factors, vectors = linalg.eig(self._block(gain, chosen))
+            held = chosen < self.m
+            z = vectors[held]
+            moved = np.linalg.norm(z, axis=0) > _MODE_AT_REST * np.linalg.norm(vectors, axis=0)
+            far = np.abs(self.Q[:, chosen[held]] @ z)
+            found.append((factors, np.where(moved, self.owner[far.argmax(axis=0)], -1), moved))
+        return _Modes(*(np.concatenate(x) for x in zip(*found, strict=True)))
+
+    def own_factors(self) -> Array:
+        """As in `_Split`."""
+        return self.own
+
+    def _growth(self, gain: float) -> float:
+        return max(float(np.log(np.abs(linalg.eigvals(self._block(gain, s))).max())) for s in self.sets)
+
+    def largest_gain(self, gain: float, most: float) -> float | None:
+        """As in `_Split`."""
+        low = high = gain
+        factor = 2.0 if self._growth(gain) < most else 0.5
+        for _ in range(_MOST_DOUBLINGS):
+            low, high = (high, high * factor) if factor > 1.0 else (low * factor, low)
+            if (self._growth(high if factor > 1.0 else low) < most) == (factor < 1.0):
+                return _bisect(lambda k: self._growth(k) > most, low, high)
+        return None
+
+
+def _least_damped(modes: _Modes, own: Array, period: float, system: System) -> Swing:
+    """The mode with the smallest damping: of those that the loop moves, where none grows.
+
+    A hull's own rolling or pitching shows in the position a little, is hardly damped, and does not depend on the law.
+    A mode is a vehicle's own if its logarithm is within _OWN_MODE of one that the vehicle has under a steady command.
+    """
+    s = _logarithms(modes.factor) / period
+    size = np.maximum(np.abs(s), 1e-300)
+    damping = -s.real / size
+    if damping.min() >= 0.0:
+        moved = np.abs(s[:, None] - _logarithms(own) / period).min(axis=1) > _OWN_MODE * size
+        damping = np.where(moved, damping, np.inf) if moved.any() else damping
+    k = int(damping.argmin())
+    agent = system.team.agent_ids[modes.agent[k]] if modes.agent[k] >= 0 else None
+    return Swing(damping=float(damping[k]), frequency=float(size[k]), agent=agent)
+
+
+def _logarithms(factors: NDArray) -> NDArray[np.complex128]:
+    return np.log(np.where(factors != 0.0, factors, 1e-300).astype(np.complex128))

@@ -1,38 +1,58 @@
-"""The edges and anchors that a team could be given, and what each would hold of what is free.
+"""What would make the relative cohomology trivial: the smallest set of extra edges or anchors.
 
 Every agent may be linked to every other and may sense every target, comparing the coordinates that both have, and may
-be given a position measurement along one axis. A pair that already shares an edge with other maps may get this one
-beside it. All have inner product I.
+be given a position measurement along one axis. A pair that shares an edge with other maps may get this one beside it.
+All have inner product I.
 
-What would mend a team in which agents are free to drift: the smallest set of extra edges or anchors.
-
-A candidate C holds the row space of C T in the r free directions T, so the question is asked of subspaces of R^r: the
-fewest whose sum is all of R^r. Candidates that hold the same subspace are looked at together. Among the smallest sets
-the one with the largest lambda_min is wanted. For a set with rows C that is, to first order, the smallest eigenvalue of
-S = (C N)^T (I + C H^+ C^T)^-1 (C N), N an orthonormal basis of what is free; sets are ranked by it, and the best of
-them compared by lambda_min itself.
+A candidate C holds the row space of C T in the r free directions T: wanted are the fewest subspaces whose sum is R^r.
+Candidates that hold the same subspace form a group. Among the smallest sets the one with the largest lambda_min is
+wanted. For a set with rows C that is, to first order, the smallest eigenvalue of S = (C N)^T (I + C H^+ C^T)^-1 (C N),
+N an orthonormal basis of what is free; sets are ranked by it, and the best of them compared by lambda_min itself.
 """
 
 import itertools
 import math
-from collections.abc import Callable, Container, Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 from scipy import sparse
 from scipy.sparse import csgraph
 
 from mjsheaf.checking.cohomology import agent_coboundary, smallest_eigenvalue, spectrum_of
+from mjsheaf.checking.record import Record
 from mjsheaf.team import Edge, Member, Team, anchor, restriction_maps
-from mjsheaf.team.null_modes import free_basis
+from mjsheaf.team.null_modes import null_mode_basis
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+Kind = Literal["communication", "sensing", "anchor"]
+
+EXACT_COMBINATIONS = 20_000
+"""Sets of one size are tried one by one while there are at most so many."""
+
+JOINT_DIMENSION = 12
+JOINT_CLASSES = 60
+"""Up to so many free directions, and kinds of agents by how they move, all are held together. Beyond, directions in
+which different agents move are held apart."""
+
+RANKED_STATES = 400
+"""Up to so many states of the agents, sets are ranked by lambda_min; beyond, the first one is taken."""
+
+COMPARED = ((150, 32), (RANKED_STATES, 8))
+"""Up to so many states, so many sets are compared by lambda_min itself."""
 
 _AXES = "xyz"
-_RANK = 1e-6  # of vectors whose largest entry is 1
+_RANK = 1e-6  # singular values, of vectors whose largest entry is 1
+_HELD = 1e-9  # eigenvalue above which a sum of projectors holds a direction
+_MOST_COMBINATIONS = 1000  # of groups, ranked by one candidate each
+_COMBINATIONS_KEPT = 16  # of which more candidates are compared
+_MOST_CANDIDATES = 1000  # ranked one by one
+_MOST_SETS = 64  # ranked for each combination that is kept
+_MOST_ALTERNATIVES = 5
 
 
 @dataclass(frozen=True)
@@ -40,33 +60,26 @@ class Candidate:
     """An edge or anchor that could be added.
 
     Attributes:
-        agent: number of the agent.
-        other: number of the other agent of a link, else None.
-        target: number of the target that it would sense, else None.
-        axis: coordinate that an anchor would hold, else None.
+        kind: what it is.
+        agent: number of the agent, of a link the smaller one.
+        end: number of the other agent or of the target that it ends on, or of the coordinate that an anchor would hold.
     """
 
+    kind: Kind
     agent: int
-    other: int | None = None
-    target: int | None = None
-    axis: int | None = None
-
-    @property
-    def kind(self) -> Literal["communication", "sensing", "anchor"]:
-        """What would be added."""
-        return "anchor" if self.axis is not None else "sensing" if self.target is not None else "communication"
+    end: int
 
     @property
     def preference(self) -> int:
-        """Which is told first where all else is equal: an altimeter, a link, a sensor, a fixed place in the plane."""
-        return {"communication": 1, "sensing": 2}.get(self.kind, 0 if self.axis == 2 else 3)
+        """Rank among equals: an altimeter, a link, a sensor, a fixed place in the plane."""
+        return {"communication": 1, "sensing": 2}.get(self.kind, 0 if self.end == 2 else 3)
 
     def edge(self, team: Team) -> Edge:
         """The edge; its offset comes from the team's formations, and an anchor holds the value 0."""
         agent = team.agents[self.agent]
-        if self.axis is not None:
-            return anchor(agent.id, np.eye(agent.dimension)[[self.axis]], np.zeros(1), np.eye(1))
-        end = team.agents[self.other] if self.other is not None else team.targets[self.target or 0]
+        if self.kind == "anchor":
+            return anchor(agent.id, np.eye(agent.dimension)[[self.end]], np.zeros(1), np.eye(1))
+        end = (team.agents if self.kind == "communication" else team.targets)[self.end]
         maps = restriction_maps("shared", agent.dimension, end.dimension)
         return Edge(agent.id, end.id, *maps, np.eye(len(maps[0])))
 
@@ -78,10 +91,10 @@ class Candidate:
             linked: pairs of ids, in the order agent 1, agent 2 or agent, target, that share an edge already.
         """
         edge = self.edge(team)
-        if self.axis is not None:
-            sensor = "an altimeter" if self.axis == 2 else "a position sensor"
-            return f"give {edge.tail} {sensor} (anchor along {_AXES[self.axis]})"
-        verb = "talk to" if self.target is None else "sense"
+        if self.kind == "anchor":
+            sensor = "an altimeter" if self.end == 2 else "a position sensor"
+            return f"give {edge.tail} {sensor} (anchor along {_AXES[self.end]})"
+        verb = "talk to" if self.kind == "communication" else "sense"
         about = f" and compare {', '.join(_AXES[: len(edge.F_tail)])}" if (edge.tail, edge.head) in linked else ""
         return f"let {edge.tail} {verb} {edge.head}{about}"
 
@@ -94,8 +107,8 @@ def edge_rows(team: Team, candidates: Iterable[Candidate]) -> sparse.csr_array:
     for candidate in candidates:
         edge = candidate.edge(team)
         ends = [(candidate.agent, edge.F_tail)]
-        if candidate.other is not None:
-            ends.append((candidate.other, -edge.F_head))
+        if candidate.kind == "communication":
+            ends.append((candidate.end, -edge.F_head))
         for agent, F in ends:
             k, axis = np.nonzero(F)
             row.append(m + k)
@@ -119,16 +132,16 @@ class Group:
     projector: Array
     rank: int
     count: int
-    _makers: list[tuple[Callable[[int, int], Candidate], Sequence[int], Sequence[int]]]
+    _blocks: list[tuple[Kind, Sequence[int], Sequence[int]]]
 
     def members(self, most: int) -> list[Candidate]:
-        """The candidates, those told first first; of each kind at most `most`, spread evenly."""
+        """The candidates by preference; of each block of agents and ends at most `most`, spread evenly."""
         found = []
-        for make, left, right in self._makers:
-            size = len(left) * len(right)
+        for kind, agents, ends in self._blocks:
+            size = len(agents) * len(ends)
             for k in np.unique(np.linspace(0, size - 1, min(size, most)).astype(np.int64)).tolist():
-                a, b = divmod(k, len(right))
-                found.append(make(left[a], right[b]))
+                pair = agents[k // len(ends)], ends[k % len(ends)]
+                found.append(Candidate(kind, *(sorted(pair) if kind == "communication" else pair)))
         return sorted(found, key=lambda candidate: candidate.preference)
 
 
@@ -190,7 +203,7 @@ def group_candidates(
     targets = by_dimension(team.targets, range(len(team.targets)))
     groups: dict[bytes, Group] = {}
 
-    def add(rows: Array, make: Callable[[int, int], Candidate], left: Sequence[int], right: Sequence[int]) -> None:
+    def add(rows: Array, kind: Kind, agents: Sequence[int], ends: Sequence[int]) -> None:
         _, singular, directions = np.linalg.svd(rows, full_matrices=False)
         directions = directions[singular > _RANK]
         if len(directions):
@@ -198,116 +211,62 @@ def group_candidates(
             group = groups.setdefault(
                 (np.round(projector, 6) + 0.0).tobytes(), Group(projector, len(directions), 0, [])
             )
-            group.count += len(left) * len(right)
-            group._makers.append((make, left, right))
+            group.count += len(agents) * len(ends)
+            group._blocks.append((kind, agents, ends))
 
     for c in classes:
         for axis in range(len(c.motion)):
-            add(c.motion[axis : axis + 1], _anchor, c.agents, [axis])
-        for make, ends in ((_link, still), (_sensing, targets)):
-            for dimension, numbers in ends.items():
-                add(c.motion[:dimension], make, c.agents, numbers)
+            add(c.motion[axis : axis + 1], "anchor", c.agents, [axis])
+        for dimension, numbers in still.items():
+            add(c.motion[:dimension], "communication", c.agents, numbers)
+        for dimension, numbers in targets.items():
+            add(c.motion[:dimension], "sensing", c.agents, numbers)
     for a, b in itertools.combinations(classes, 2) if links else ():
         m = min(len(a.motion), len(b.motion))
-        add(a.motion[:m] - b.motion[:m], _link, a.agents, b.agents)
+        add(a.motion[:m] - b.motion[:m], "communication", a.agents, b.agents)
     return sorted(groups.values(), key=lambda group: -group.rank)
-
-
-def _anchor(agent: int, axis: int) -> Candidate:
-    return Candidate(agent, axis=axis)
-
-
-def _sensing(agent: int, target: int) -> Candidate:
-    return Candidate(agent, target=target)
-
-
-def _link(agent: int, other: int) -> Candidate:
-    return Candidate(min(agent, other), other=max(agent, other))
 
 
 Choice = tuple[Candidate, ...]
 
-EXACT_COMBINATIONS = 20_000
-"""Sets of one size are tried one by one while there are at most so many."""
 
-JOINT_DIMENSION = 12
-JOINT_CLASSES = 60
-"""Up to so many free directions, and kinds of agents by how they move, all are mended together. Beyond, directions in
-which different agents move are mended apart."""
+class Repair(Record):
+    """One edge or anchor to add, with maps [I 0] and inner product I."""
 
-RANKED_STATES = 400
-"""Up to so many states of the agents, sets are ranked by lambda_min; beyond, the first one is taken."""
-
-COMPARED = ((150, 32), (RANKED_STATES, 8))
-"""Up to so many states, so many sets are compared by lambda_min itself."""
-
-_COMBINATIONS = 1000  # of groups, ranked by one candidate each
-_COMBINATIONS_KEPT = 16  # of which more candidates are looked at
-_CANDIDATES = 1000  # looked at one by one
-_SETS = 64  # ranked for each combination that is kept
-_ALTERNATIVES = 5
-_FULL = 1e-9  # eigenvalue over which a sum of projectors holds a direction
+    kind: Kind
+    description: str = Field(
+        description='such as "give A2 an altimeter (anchor along z)", "let A1 talk to A4", "let A3 sense T2"'
+    )
+    nullity_reduction: int = Field(alias="removes", description="how many free directions it holds by itself")
+    lambda_min_alone: float = Field(description="of H with this repair alone")
+    lambda_min_without: float = Field(description="of H with all repairs but this one; 0, as none can be spared")
 
 
-@dataclass(frozen=True)
-class Repair:
-    """One edge or anchor to add, with maps [I 0] and inner product I.
-
-    Attributes:
-        kind: what is added.
-        agents: ids of the agents at it, one or two.
-        target: id of the target of a sensing edge, else None.
-        axis: coordinate that an anchor holds, else None.
-        description: such as "give A2 an altimeter (anchor along z)", "let A1 talk to A4", "let A3 sense T2".
-        removes: how many free directions it holds by itself.
-        lambda_min_alone: of H with this repair alone; 0 while something is still free.
-        lambda_min_without: of H with all repairs but this one; always 0, as no repair of a plan can be spared.
-    """
-
-    kind: Literal["communication", "sensing", "anchor"]
-    agents: tuple[str, ...]
-    target: str | None
-    axis: str | None
-    description: str
-    removes: int
-    lambda_min_alone: float
-    lambda_min_without: float
-
-
-@dataclass(frozen=True)
-class MendPlan:
-    """The smallest set of repairs that makes the relative cohomology trivial.
-
-    Attributes:
-        needed: number of repairs; 0 where nothing is free.
-        exact: whether no smaller set exists among the candidates; else the set was built greedily, and only none of
-            its members can be spared.
-        candidates: how many edges and anchors were found that would hold something that is free.
-        repairs: the set; among the smallest sets, the one with the largest lambda_min of those compared.
-        lambda_min: of H with all repairs.
-        alternatives: other sets of the same size among those compared, the best first, at most 5.
-    """
+class Augmentation(Record):
+    """The smallest set of repairs that makes the relative cohomology trivial."""
 
     needed: int
-    exact: bool
-    candidates: int
+    exact: bool = Field(
+        description="whether no smaller set exists among the candidates; else greedy, and none can be spared"
+    )
+    candidates: int = Field(description="how many edges and anchors would hold something that is free")
     repairs: list[Repair]
-    lambda_min: float
-    alternatives: list[list[Repair]]
+    lambda_min: float = Field(description="of H with all repairs")
+    alternatives: list[list[str]] = Field(description="other sets of the same size, described, the best first")
 
 
-def mend(team: Team) -> MendPlan:
+def plan_augmentation(team: Team) -> Augmentation:
     """Find the smallest set of edges and anchors that makes H^0(G, G_p; F) trivial."""
-    free = free_basis(team)
+    free = null_mode_basis(team)
     r = free.shape[1]
     if r == 0:
-        return MendPlan(0, True, 0, [], spectrum_of(team, 1).lambda_min, [])
+        lambda_min = spectrum_of(team, 1).lambda_min
+        return Augmentation(needed=0, exact=True, candidates=0, repairs=[], lambda_min=lambda_min, alternatives=[])
     states = free.shape[0]
     owner, moving_axis = np.divmod(team.slots[:states], 3)
     still = by_dimension(team.agents, np.setdiff1d(np.arange(len(team.agents)), owner[free.indices]).tolist())
-    parts = [free]
-    if r > JOINT_DIMENSION or len(alike(team, free)) > JOINT_CLASSES:
-        parts = _parts(free, owner)
+    joint = r <= JOINT_DIMENSION and len(alike(team, free)) <= JOINT_CLASSES
+    parts = [free] if joint else _parts(free, owner)
     certain, count, choices = len(parts) == 1, 0, list[Choice]()
     for part in parts:
         classes = alike(team, part)
@@ -320,7 +279,7 @@ def mend(team: Team) -> MendPlan:
         else:
             first = tuple(groups[k].members(1)[0] for k in combinations[0])
             choices = [choices[0] + first if choices else first]
-    # Whatever it is, a candidate has one row for each axis, and holds nothing along an axis in which nobody moves.
+    # A candidate has one row for each axis, and holds nothing along an axis in which no agent moves.
     axes = len(np.unique(moving_axis[free.indices]))
     certain |= len(choices[0]) == math.ceil(r / axes)
 
@@ -329,31 +288,29 @@ def mend(team: Team) -> MendPlan:
     compared = [(smallest_eigenvalue(coboundary.extended(edge_rows(team, x))), x) for x in choices[:most]]
     scale = max(value for value, _ in compared) or 1.0
     compared.sort(key=lambda pair: (-round(pair[0] / scale, 9), _preference(pair[1])))
-    repairs = [_repairs(team, free, choice, value) for value, choice in compared[: 1 + _ALTERNATIVES]]
-    return MendPlan(len(repairs[0]), certain, count, repairs[0], compared[0][0], repairs[1:])
+    lambda_min, chosen = compared[0]
+    linked = {pair for e in team.communication + team.sensing for pair in ((e.tail, e.head), (e.head, e.tail))}
+    return Augmentation(
+        needed=len(chosen),
+        exact=certain,
+        candidates=count,
+        repairs=[_repair(team, free, x, lambda_min if len(chosen) == 1 else 0.0, linked) for x in chosen],
+        lambda_min=lambda_min,
+        alternatives=[[x.describe(team, linked) for x in other] for _, other in compared[1 : 1 + _MOST_ALTERNATIVES]],
+    )
 
 
-def repaired(team: Team, repairs: Iterable[Repair]) -> Team:
-    """The team with the edges and anchors that repairs name; anchors hold the value 0."""
-    agents, targets = team.agent_ids, team.target_ids
-    extra: dict[str, list] = {"communication": [], "sensing": [], "anchor": []}
-    for r in repairs:
-        candidate = Candidate(
-            agents.index(r.agents[0]),
-            agents.index(r.agents[1]) if r.kind == "communication" else None,
-            None if r.target is None else targets.index(r.target),
-            None if r.axis is None else "xyz".index(r.axis),
-        )
-        extra[r.kind].append(candidate.edge(team))
-    return Team(
-        team.agents,
-        team.targets,
-        [*team.communication, *extra["communication"]],
-        [*team.sensing, *extra["sensing"]],
-        team.target_edges,
-        team.formations,
-        team.target_formation,
-        [*team.anchors, *extra["anchor"]],
+def _repair(
+    team: Team, free: sparse.csc_array, candidate: Candidate, lambda_min_alone: float, linked: Container
+) -> Repair:
+    held = edge_rows(team, [candidate]) @ free
+    held = held[:, np.unique(held.indices)].toarray()
+    return Repair(
+        kind=candidate.kind,
+        description=candidate.describe(team, linked),
+        nullity_reduction=int(np.linalg.matrix_rank(held, tol=1e-6)),
+        lambda_min_alone=lambda_min_alone,
+        lambda_min_without=0.0,
     )
 
 
@@ -382,7 +339,7 @@ def smallest_combinations(groups: Sequence[Group], r: int) -> tuple[list[tuple[i
     while math.comb(len(groups), size) <= EXACT_COMBINATIONS:
         tried = np.array(list(itertools.combinations(range(len(groups)), size)))
         tried = tried[rank[tried].sum(axis=1) >= r]
-        full = np.linalg.eigvalsh(projectors[tried].sum(axis=1))[:, 0] > _FULL
+        full = np.linalg.eigvalsh(projectors[tried].sum(axis=1))[:, 0] > _HELD
         if full.any():
             return [tuple(combination) for combination in tried[full].tolist()], True
         size += 1
@@ -395,13 +352,13 @@ def _greedy(projectors: Array) -> tuple[int, ...]:
     r = projectors.shape[1]
 
     def held(chosen: Sequence[int]) -> int:
-        return int(np.sum(np.linalg.eigvalsh(projectors[list(chosen)].sum(axis=0)) > _FULL))
+        return int(np.sum(np.linalg.eigvalsh(projectors[list(chosen)].sum(axis=0)) > _HELD))
 
     total, taken = np.zeros((r, r)), list[int]()
     while held(taken) < r:
         values = np.linalg.eigvalsh(total + projectors)
-        rank = np.sum(values > _FULL, axis=1)
-        weakest = np.where(values > _FULL, values, np.inf).min(axis=1)
+        rank = np.sum(values > _HELD, axis=1)
+        weakest = np.where(values > _HELD, values, np.inf).min(axis=1)
         taken.append(int(np.lexsort((-weakest.round(9), -rank))[0]))
         total = total + projectors[taken[-1]]
     for k in tuple(taken):
@@ -431,16 +388,16 @@ def _ranked(
         order = sorted(range(len(choices)), key=lambda k: (-score[k], _preference(choices[k])))
         return [choices[k] for k in order]
 
-    combinations = combinations[:_COMBINATIONS]
+    combinations = combinations[:_MOST_COMBINATIONS]
     if len(combinations) > _COMBINATIONS_KEPT:
         first = {tuple(groups[k].members(1)[0] for k in combination): combination for combination in combinations}
         combinations = [first[choice] for choice in best(list(first))[:_COMBINATIONS_KEPT]]
     used = {k for combination in combinations for k in combination}
     members = {}
     for k in used:
-        found = groups[k].members(max(_CANDIDATES // len(used), 8))
+        found = groups[k].members(max(_MOST_CANDIDATES // len(used), 8))
         members[k] = sorted(found, key=lambda candidate: -round(float(np.trace(held((candidate,)))), 9))
-    width = max(int(_SETS ** (1.0 / len(combinations[0])) + 1e-9), 1)
+    width = max(int(_MOST_SETS ** (1.0 / len(combinations[0])) + 1e-9), 1)
     choices = [
         choice
         for combination in combinations
@@ -451,26 +408,3 @@ def _ranked(
 
 def _preference(choice: Choice) -> int:
     return sum(candidate.preference for candidate in choice)
-
-
-def _repairs(team: Team, free: sparse.csc_array, choice: Choice, lambda_min: float) -> list[Repair]:
-    """A set, none of which can be spared, in the words of the team."""
-    linked = {pair for e in team.communication + team.sensing for pair in ((e.tail, e.head), (e.head, e.tail))}
-    result = []
-    for candidate in choice:
-        agents = [candidate.agent] if candidate.other is None else [candidate.agent, candidate.other]
-        held = edge_rows(team, [candidate]) @ free
-        held = held[:, np.unique(held.indices)].toarray()
-        result.append(
-            Repair(
-                candidate.kind,
-                tuple(team.agents[i].id for i in agents),
-                None if candidate.target is None else team.targets[candidate.target].id,
-                None if candidate.axis is None else "xyz"[candidate.axis],
-                candidate.describe(team, linked),
-                int(np.linalg.matrix_rank(held, tol=1e-6)),
-                lambda_min if len(choice) == 1 else 0.0,
-                0.0,
-            )
-        )
-    return result

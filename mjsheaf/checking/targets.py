@@ -18,7 +18,6 @@ tolerance. Cells are widened by `error`, many times the difference, so that runs
 path for which that would be too much is not claimed to be known.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -32,8 +31,8 @@ from mjsheaf.control.law import ControlArrays, new_memory, pack_edges, sample
 from mjsheaf.dynamics import disturbance
 from mjsheaf.dynamics.disturbance import disturbance_velocity
 from mjsheaf.dynamics.flow import flow_scale, flow_slope
-from mjsheaf.dynamics.motion import add_reference, reference_bounds
-from mjsheaf.jit import kernel, part
+from mjsheaf.dynamics.motion import MotionArrays, add_reference, reference_bounds
+from mjsheaf.jit import inline_jit, jit
 from mjsheaf.simulation.ideal import new_integrator, slope_of, take_step
 from mjsheaf.system import MediumArrays, System
 
@@ -42,6 +41,7 @@ Array = NDArray[np.float64]
 MOST_STEPS = 1_500_000
 """Steps of the integrator times targets: a path that takes more is too long or too stiff to follow."""
 
+_DENSE = 200_000  # numbers of K = H^-1 B that are held as a matrix
 _BLOCK = 1 << 16  # steps times targets that are recorded between two looks at the count
 _SAMPLED = 2000  # instants at which the path is also kept as it is, for pictures and estimates
 _MOST_NUMBERS = 4_000_000  # of the harmonic extensions there, and of the samples kept to compare with a run
@@ -150,7 +150,7 @@ class TargetPath:
         error: largest error of the path, for which the cells allow, m.
         samples: positions of the targets at each stride-th sample of the run, shape (S, M, 3), m.
         stride: see samples.
-        complaint: why the path is not known, or empty.
+        warning: why the path is not known, or empty.
     """
 
     time: Array
@@ -161,7 +161,7 @@ class TargetPath:
     error: float
     samples: Array
     stride: int
-    complaint: str
+    warning: str
 
 
 class _Rates(NamedTuple):
@@ -204,12 +204,34 @@ class _Step(NamedTuple):
     lower: Array
 
 
-@part
-def _bound_speeds(consensus, motion, medium, rates, continuous, h, margin, x, bound):
-    """Find V and D for a step h from x, see the module; False where none is found.
+class _Setting(NamedTuple):
+    """What does not change while the path is followed.
 
-    Slopes are those over the ball that the step stays in, and `margin` about it, m.
+    Attributes:
+        control: law and references of the targets alone.
+        reference: their motions without their pull.
+        consensus: their own law.
+        rates: what moves them.
+        share: of the usual steps.
+        margin: about the ball that a step stays in, over which slopes are taken, m.
+        times: of the samples, s.
+        stride: each how many samples are kept.
     """
+
+    control: ControlArrays
+    reference: MotionArrays
+    consensus: _Consensus
+    rates: _Rates
+    share: float
+    margin: float
+    times: Array
+    stride: int
+
+
+@inline_jit
+def _bound_speeds(setting, medium, continuous, h, x, bound):
+    """Find V and D for a step h from x, see the module; False where none is found."""
+    consensus, motion, rates = setting.consensus, setting.control.motion, setting.rates
     M = x.shape[0]
     for v in range(M):
         bound.V[v] = bound.speed[v]
@@ -218,7 +240,7 @@ def _bound_speeds(consensus, motion, medium, rates, continuous, h, margin, x, bo
         for v in range(M):
             V = bound.V[v]
             table = medium.kernels[medium.rows[v, 0] : medium.rows[v, 1]]
-            slope = flow_slope(table, x[v, 0], x[v, 1], x[v, 2], h * V + margin)
+            slope = flow_slope(table, x[v, 0], x[v, 1], x[v, 2], h * V + setting.margin)
             D = slope * V if V > 0.0 else 0.0
             bound.flow[v] = D
             moved, moving = 0.0, 0.0  # |L p'| and |L| of this target's rows
@@ -241,9 +263,10 @@ def _bound_speeds(consensus, motion, medium, rates, continuous, h, margin, x, bo
     return False
 
 
-@part
-def _tighten(consensus, motion, rates, h, velocity, bound):
+@inline_jit
+def _tighten(setting, h, velocity, bound):
     """Lower D once, where the law is continuous: consensus and pull act on p' and v - p' at x, changed by h (D + W)."""
+    consensus, motion, rates = setting.consensus, setting.control.motion, setting.rates
     M = velocity.shape[0]
     for v in range(M):
         moved = 0.0
@@ -261,16 +284,44 @@ def _tighten(consensus, motion, rates, h, velocity, bound):
         bound.D[v] = bound.lower[v]
 
 
-@kernel
-def _follow(
-    control, follow, reference, consensus, rates, share, margin, times, place, x, run, bound, cells, samples, stride,
-):  # fmt: skip
+@inline_jit
+def _shortened(setting, medium, decay, h, x, velocity, bound):
+    """The step h, no longer than what resolves flow and law at x; fills the speeds of `bound`."""
+    for v in range(x.shape[0]):
+        p = velocity[v]
+        bound.speed[v] = np.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
+        table = medium.kernels[medium.rows[v, 0] : medium.rows[v, 1]]
+        reach = setting.share * _SHARE_OF_SCALE * flow_scale(table, x[v, 0], x[v, 1], x[v, 2])
+        rate = decay
+        if reach < np.inf:
+            rate += flow_slope(table, x[v, 0], x[v, 1], x[v, 2], reach)
+            h = min(h, reach / (bound.speed[v] + 1e-300))
+        h = min(h, setting.share * _SHARE_OF_DECAY / (rate + 1e-300))
+    return h
+
+
+@inline_jit
+def _lead(setting, t, x, velocity, bound):
+    """Fill v and |v - p'| of `bound` at a time."""
+    for v in range(x.shape[0]):
+        lead = bound.lead[v]
+        lead[0], lead[1], lead[2] = 0.0, 0.0, 0.0
+        add_reference(setting.reference, v, t, x[v], lead)
+        total = 0.0
+        for i in range(3):
+            total += (lead[i] - velocity[v, i]) ** 2
+        bound.gap[v] = np.sqrt(total)
+
+
+@jit
+def _follow(follow, setting, run, place, x, bound, cells, samples):
     """Follow the targets from a place in the run until the cells are full; return what ended it, and how many are.
 
-    `follow` is `control` where the law is continuous, None where it is held. reference: motions without their pull.
-    consensus: see `_Consensus`. run: the integrator.
-    place (3,): sample, time since then and next step, s. share: of the usual steps. margin: see `_bound_speeds`.
+    `follow` is the setting's `control` where the law is continuous, None where it is held; run is the integrator; place
+    (3,) is sample, time since then and next step, s.
     """
+    control, rates, share, times, stride = setting.control, setting.rates, setting.share, setting.times, setting.stride
+    decay = 0.0 if follow is None else rates.decay
     M, medium, period = x.shape[0], run.medium, run.period
     k, done, step = int(place[0]), place[1], place[2]
     count = 0
@@ -281,16 +332,7 @@ def _follow(
             t = times[k] + done
             slope_of(follow, run, t, x, 0, M, run.slope[0])
             h = min(min(step, share * rates.turn), period - done)
-            for v in range(M):
-                p = run.slope[0, v]
-                bound.speed[v] = np.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
-                table = medium.kernels[medium.rows[v, 0] : medium.rows[v, 1]]
-                reach = share * _SHARE_OF_SCALE * flow_scale(table, x[v, 0], x[v, 1], x[v, 2])
-                rate = 0.0 if follow is None else rates.decay
-                if reach < np.inf:
-                    rate += flow_slope(table, x[v, 0], x[v, 1], x[v, 2], reach)
-                    h = min(h, reach / (bound.speed[v] + 1e-300))
-                h = min(h, share * _SHARE_OF_DECAY / (rate + 1e-300))
+            h = _shortened(setting, medium, decay, h, x, run.slope[0], bound)
             if count == len(cells.begin):
                 place[0], place[1], place[2] = k, done, step
                 return _FULL, count
@@ -306,23 +348,16 @@ def _follow(
                 if not h > 1e-14 * max(period, abs(t)):  # also where it is NaN
                     place[0], place[1], place[2] = k, done, h
                     return _STUCK, count
-                if _bound_speeds(consensus, control.motion, medium, rates, follow is not None, h, margin, x, bound):
+                if _bound_speeds(setting, medium, follow is not None, h, x, bound):
                     error = take_step(follow, run, t, h, x, 0, M)
                     if not error < 1.0:
                         h *= max(0.2, 0.9 * error**-0.2) if error < 1e300 else 0.2
                 else:
                     h *= 0.5
             if follow is not None:
-                for v in range(M):
-                    lead = bound.lead[v]
-                    lead[0], lead[1], lead[2] = 0.0, 0.0, 0.0
-                    add_reference(reference, v, t, x[v], lead)
-                    total = 0.0
-                    for i in range(3):
-                        total += (lead[i] - run.slope[0, v, i]) ** 2
-                    bound.gap[v] = np.sqrt(total)
-                _tighten(consensus, control.motion, rates, h, run.slope[0], bound)
-                _tighten(consensus, control.motion, rates, h, run.slope[0], bound)
+                _lead(setting, t, x, run.slope[0], bound)
+                _tighten(setting, h, run.slope[0], bound)
+                _tighten(setting, h, run.slope[0], bound)
             step = h * (10.0 if error == 0.0 else min(10.0, 0.9 * error**-0.2))
             last = h >= period - done
             cells.begin[count] = t
@@ -353,15 +388,15 @@ class _UnknownPathError(Exception):
     """The path cannot be followed; the message says why."""
 
 
-def follow_targets(system: System, extend: Callable[[Array], Array] | None = None) -> TargetPath:
+def follow_targets(system: System, carrier: Carrier | None = None) -> TargetPath:
     """Follow the targets alone over the span of a run, by Dormand and Prince's pair of order 5(4); see the module.
 
     Args:
         system: the system.
-        extend: `Carrier.extend` of the system's team, where the caller has one.
+        carrier: of the system, where the caller has one.
     """
     N, M, n_q = len(system.team.agents), len(system.team.targets), int(system.team.first_state[-1])
-    extend = extend or Carrier(system).extend
+    extend = (carrier or Carrier(system)).extend
     try:
         finer, _ = _integrate(system, share=0.5, tolerance=0.1 * _TOLERANCE, margin=None)
         farthest = float(np.abs(finer).max())
@@ -401,20 +436,19 @@ def _integrate(system: System, share: float, tolerance: float, margin: float | N
     control, medium, x = _targets_alone(system)
     M, stride, between, grid = len(x), _stride(system), _between(system), system.grid
     period = grid.period / between
-    times = grid.start + period * np.arange(grid.steps * between + 1)
+    times = np.asarray(grid.start + period * np.arange(grid.steps * between + 1), dtype=np.float64)
     samples = np.empty(((len(times) - 1) // stride + 1, M, 3))
     samples[0] = x
-    place, bound, consensus = np.array([0.0, 0.0, period]), _step(M), _consensus(system)
+    place, bound, blocks, total = np.array([0.0, 0.0, period]), _step(M), [], 0
     memory = new_memory(control.law, M)
     run = new_integrator(medium, system.effectiveness, (tolerance, tolerance), period, memory)
-    rates, blocks, total = _rates(system, control), [], 0
     reference = control.motion._replace(pull=np.zeros(M))
+    rates = _rates(system, control)
+    setting = _Setting(control, reference, _consensus(system), rates, share, margin or 0.0, times, stride)
+    follow = control if grid.continuous else None
     block = _blank(max(1, _BLOCK // M), M)
     while True:
-        ended, count = _follow(
-            control, control if grid.continuous else None, reference, consensus, rates, share, margin or 0.0,
-            times, place, x, run, bound, block, samples, stride,
-        )  # fmt: skip
+        ended, count = _follow(follow, setting, run, place, x, bound, block, samples)
         total += count
         if margin is not None:
             blocks.append(Cells(*(part[:count].copy() for part in block)))

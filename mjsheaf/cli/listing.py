@@ -1,35 +1,48 @@
-"""`mjsheaf list` and `mjsheaf schema`."""
+"""`mjsheaf list`, `mjsheaf schema` and `mjsheaf bench`."""
 
 import json
+from typing import Annotated, Any
 
-from rich.table import Table
+import typer
 
-from mjsheaf.cli.console import make_console
-from mjsheaf.io.files import list_studies
-from mjsheaf.io.yaml import read_yaml
-from mjsheaf.scenario import Scenario, list_scenarios
-from mjsheaf.scenario.load import read_scenario
+from mjsheaf.cli.terminal import make_console, progress_bars
+
+_WIDTH = 150  # columns of the table of `bench`, where the output is no terminal
 
 
-def list_scenarios_command() -> None:
-    """Print the scenarios with their sizes and summaries, and the studies below them."""
+def list_(vehicles: Annotated[bool, typer.Option("--vehicles", help="List vehicles instead.")] = False) -> None:
+    """List the scenarios and studies, or the vehicles, that come with mjsheaf."""
+    if vehicles:
+        _list_vehicles()
+    else:
+        _list_scenarios()
+
+
+def _list_scenarios() -> None:
+    from rich.table import Table
+
+    from mjsheaf.io.files import list_studies
+    from mjsheaf.io.yaml import read_yaml
+    from mjsheaf.scenario import Scenario, list_scenarios
+    from mjsheaf.scenario.load import read_scenario
+
     table = Table(title="scenarios", title_justify="left", header_style="")
     for heading in ("name", "agents", "targets", "seconds", "what it shows"):
         table.add_column(heading, justify="right" if heading in ("agents", "targets", "seconds") else "left")
     for name in list_scenarios():
         s = Scenario.model_validate(read_scenario(name))  # no team is built, which takes longer than all the rest
         table.add_row(name, str(len(s.agents)), str(len(s.targets)), f"{s.time.end - s.time.start:g}", s.summary)
-    studies = Table(title="studies, for mjsheaf sweep", title_justify="left", header_style="")
-    for heading in ("name", "scenario", "what it asks"):
-        studies.add_column(heading)
+    studies = Table("name", "scenario", "what it asks", title_justify="left", header_style="")
+    studies.title = "studies, for mjsheaf sweep"
     for name, path in list_studies().items():
         study = read_yaml(path)
         studies.add_row(name, study["scenario"], study.get("summary", ""))
     make_console().print(table, "", studies)
 
 
-def list_vehicles_command() -> None:
-    """Print the vehicles with mass, thrust, time constant and speed."""
+def _list_vehicles() -> None:
+    from rich.table import Table
+
     from mjsheaf.vehicles.effects import capability_of
     from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 
@@ -54,18 +67,70 @@ def list_vehicles_command() -> None:
         "thrust and speed are forward, at constant height; tau is that of the commanded velocity along the "
         "body's axes (of a boat at its hand point: of surge and yaw)"
     )
-    make_console().print(table, "", summaries, "", note, highlight=False)
+    make_console().print(table, "", summaries, "", note)
 
 
 def _limit(value: float) -> str:
     return f"{float(f'{value:.3g}'):g}" if value < float("inf") else "no limit"
 
 
-def schema_command(of_check: bool) -> None:
-    """Print the JSON Schema of a scenario, or of the record of a check."""
-    if of_check:
-        from mjsheaf.checking.record import CheckRecord
+def schema(
+    check: Annotated[bool, typer.Option("--check", help="Of the record that `check --json` prints instead.")] = False,
+    compare: Annotated[bool, typer.Option("--compare", help="Of compare.json instead.")] = False,
+    study: Annotated[bool, typer.Option("--study", help="Of a study file, for sweep, instead.")] = False,
+) -> None:
+    """Print the JSON Schema of a scenario file."""
+    print(json.dumps(schema_of("study" if study else "compare" if compare else "check" if check else ""), indent=2))
 
-        print(json.dumps(CheckRecord.model_json_schema(), indent=2))
-    else:
-        print(json.dumps(Scenario.model_json_schema(), indent=2))
+
+def schema_of(what: str) -> dict[str, Any]:
+    """The JSON Schema of a scenario file, or of a 'check', a 'compare' or a 'study'."""
+    from importlib import import_module
+
+    module, name = {
+        "": ("scenario", "Scenario"),
+        "check": ("checking", "CheckRecord"),
+        "compare": ("comparing.record", "CompareRecord"),
+        "study": ("studies.schema", "StudyFile"),
+    }[what]
+    found: dict[str, Any] = getattr(import_module(f"mjsheaf.{module}"), name).model_json_schema()
+    return found
+
+
+def bench(
+    topics: Annotated[
+        list[str] | None, typer.Argument(metavar="[TOPIC]...", help="What to measure; everything unless given.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print figures and table as JSON.")] = False,
+    full: Annotated[bool, typer.Option("--full", help="More repetitions and the largest sizes; minutes.")] = False,
+) -> None:
+    """Measure speed on this machine: each figure beside what it is held against, in about a minute.
+
+    Topics: startup, ideal, loop, threads, peers, assembly, sheaf, video, memory.
+    """
+    from rich.table import Table
+
+    from mjsheaf.bench import run_bench
+
+    with progress_bars() as bars:
+        found = run_bench(topics, short=not full, progress=bars)
+    if as_json:
+        print(json.dumps(found, indent=2))
+        return
+    machine = found["machine"]
+    title = f"mjsheaf {machine['mjsheaf']} on {machine['processors']} processors, MuJoCo {machine['mujoco']}"
+    table = Table(title=title, title_justify="left", header_style="", box=None, padding=(0, 1))
+    for heading in ("", "", "ours", "reference", "ratio", "wanted", "met", "reference is"):
+        number = heading in ("ours", "reference", "ratio")
+        table.add_column(heading, justify="right" if number else "left", no_wrap=heading != "reference is")
+    topic = ""
+    for row in found["rows"]:
+        numbers = ("-" if row[name] is None else f"{row[name]:.3g}" for name in ("ours", "reference", "ratio"))
+        met = {True: "yes", False: "NO", None: ""}[row["met"]]
+        first = "" if row["topic"] == topic else row["topic"]
+        table.add_row(first, row["what"], *numbers, row["wanted"], met, row["note"])
+        topic = row["topic"]
+    console = make_console()
+    if not console.is_terminal:
+        console.width = _WIDTH
+    console.print(table)

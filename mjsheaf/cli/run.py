@@ -1,122 +1,261 @@
-"""`mjsheaf run`."""
+"""`mjsheaf run`, `mjsheaf video` and `mjsheaf expect`."""
 
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated
 
-from rich.table import Table
+import typer
 
-from mjsheaf.cli.console import make_console
-from mjsheaf.cli.progress import progress_bars
+from mjsheaf.cli.options import (
+    Backend,
+    BackendOption,
+    NotHeldError,
+    OutOption,
+    QualityOption,
+    ScenarioArgument,
+    SeedOption,
+    SetOption,
+    VideoOption,
+    changes_of,
+)
+from mjsheaf.cli.terminal import make_console, print_lines, print_note, progress_bars
 from mjsheaf.errors import InputError, MjsheafError, UnstableError
-from mjsheaf.filming import video_options
-from mjsheaf.results.metrics import MEASURES
-from mjsheaf.results.store import PlaceError, require_same_origin
-from mjsheaf.runs.publish import Outcome, default_directory, execute
-from mjsheaf.scenario import load_scenario
-from mjsheaf.scenario.build import uses_seed
-from mjsheaf.scenario.load import origin, parse_override
-from mjsheaf.simulation.run import BACKENDS
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from mjsheaf.runs.publish import Outcome
+    from mjsheaf.scenario import Scenario
 
 
-class ExpectationMissedError(MjsheafError):
-    """A run misses its scenario's `expect:` block."""
-
-    exit_code = 1
-
-
-class BoundBrokenError(MjsheafError):
-    """A run exceeds a bound that should hold: an error of mjsheaf's, not of the scenario's."""
-
-    exit_code = 1
-
-
-def run_command(
-    source: str,
-    backend: str,
-    overrides: list[str],
-    seed: int | None,
-    out: Path | None,
-    video: bool,
-    expect: bool,
-    allow_drift: bool,
-    quality: str | None = None,
+def run(
+    scenario: ScenarioArgument,
+    backend: BackendOption = Backend.PHYSICS,
+    overrides: SetOption = None,
+    seed: SeedOption = None,
+    out: OutOption = None,
+    video: VideoOption = True,
+    expect: Annotated[
+        bool, typer.Option("--expect", help="Exit with 1 if the run misses the scenario's `expect:` block.")
+    ] = False,
+    allow_drift: Annotated[
+        bool, typer.Option("--allow-drift", help="Run it though agents are free to drift, against the least q*.")
+    ] = False,
+    quality: QualityOption = None,
 ) -> None:
-    """Run a scenario, tell what came out, and raise what the exit code says."""
-    if backend not in BACKENDS:
-        raise InputError(f"--backend {backend}: expected {', '.join(BACKENDS)}")
-    changes = dict(parse_override(text) for text in overrides)
-    if seed is not None:
-        changes["seed"] = seed
-    scenario = load_scenario(source, changes)
-    if expect and getattr(scenario.expect, backend) is None and scenario.expect.refused is None:
-        raise InputError(f"{source}: expect.{backend}: missing; --expect needs bounds for this backend")
-    notes = make_console(stderr=True, soft_wrap=True)
-    if "seed" in changes and not uses_seed(scenario)[backend]:
-        notes.print(
-            f"note: the seed changes nothing: {scenario.name} has no spread and no disturbance on backend {backend}"
-        )
-    options = video_options(scenario, quality=quality) if video else None
-    directory = default_directory(scenario, backend) if out is None else out
-    where = origin(source, directory)
+    """Simulate a scenario and leave data, plots and a video.
+
+    Writes result.nc, summary.json, scenario.yaml, errors.png, trajectories.png, configurations.png and video.mp4 into
+    the directory (runs/NAME-BACKEND unless given), all at once when done. Refuses, with exit code 1, a team in which
+    some agent is free to drift.
+    """
+    from mjsheaf.results.store import PlaceError, require_same_origin
+    from mjsheaf.runs.expecting import miss
+    from mjsheaf.runs.publish import default_directory, execute
+    from mjsheaf.scenario import load_scenario
+    from mjsheaf.scenario.load import origin
+    from mjsheaf.video.from_run import video_options
+
+    changes = changes_of(overrides, seed)
+    loaded = load_scenario(scenario, changes)
+    refusal = loaded.expect.refused
+    if expect and getattr(loaded.expect, backend) is None and refusal is None:
+        raise InputError(f"{scenario}: expect.{backend}: missing; --expect needs bounds for this backend")
+    if "seed" in changes and not loaded.uses_seed(backend):
+        print_note(f"the seed changes nothing: {loaded.name} has no spread and no disturbance on backend {backend}")
+    options = video_options(loaded, quality=quality) if video else None
+    directory = default_directory(loaded, str(backend)) if out is None else out
+    where = origin(scenario, directory)
     if out is None:
         require_same_origin(directory, where)
     try:
-        with progress_bars() as progress:
+        with progress_bars() as bars:
             outcome = execute(
-                scenario, backend, directory, video=options, allow_drift=allow_drift, origin=where, progress=progress
+                loaded, str(backend), directory, video=options, allow_drift=allow_drift, origin=where, progress=bars
             )
     except PlaceError:
         raise
     except MjsheafError as error:
-        wanted = scenario.expect.refused
-        other = expect and wanted is not None and wanted not in str(error)
-        verdict = f" (NOT as expected: expect.refused is {wanted!r})" if other else ""
-        raise type(error)(f"{source}: {error}{verdict}") from None
+        other = expect and refusal is not None and refusal not in str(error)
+        verdict = f" (NOT as expected: expect.refused is {refusal!r})" if other else ""
+        raise type(error)(f"{scenario}: {error}{verdict}") from None
     for note in outcome.notes:
-        notes.print(f"note: {note}", markup=False, highlight=False)
-    _print_summary(outcome)
-    if outcome.summary["status"] == "unstable":
-        raise UnstableError(f"{outcome.summary['message']}; what was recorded is in {outcome.directory}")
-    if expect and outcome.summary["expect"]["met"] is False:
-        missed = [check for check in outcome.summary["expect"]["checks"] if not check["met"]]
-        raise ExpectationMissedError(f"{source}: {', '.join(map(_miss, missed))}")
-
-    if expect and outcome.summary["theorem"]["wrong"]:
-        raise BoundBrokenError(f"{source}: {next(note for note in outcome.notes if 'Theorem 1' in note)}")
-
-
-def _miss(check: dict[str, Any]) -> str:
-    if check["measure"] == "refused":
-        return f"it ran, expected is a refusal that says {check['bound']!r}"
-    return f"{check['measure']} is {_number(check['found'])}, expected at most {check['bound']:g}"
+        print_note(note)
+    _print_outcome(outcome)
+    summary = outcome.summary
+    if summary["status"] == "unstable":
+        raise UnstableError(f"{summary['message']}; what was recorded is in {directory}")
+    missed = [miss(check) for check in summary["expect"]["checks"] if not check["met"]]
+    if expect and missed:
+        raise NotHeldError(f"{scenario}: {', '.join(missed)}")
+    if expect and summary["theorem"]["wrong"]:  # a bound that should hold: an error of mjsheaf's
+        raise NotHeldError(f"{scenario}: {next(note for note in outcome.notes if 'Theorem 1' in note)}")
 
 
-def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.4g}"
+def _print_outcome(outcome: "Outcome") -> None:
+    from rich.table import Table
 
+    from mjsheaf.results.metrics import MEASURES
 
-def _print_summary(outcome: Outcome) -> None:
     summary, final = outcome.summary, outcome.summary["final"]
-    console = make_console()
     title = f"{summary['scenario']} on {summary['backend']}, errors in m at t = {final['time']:.6g} s"
     table = Table(title=title, title_justify="left", header_style="")
     table.add_column("")
     for measure in MEASURES:
         table.add_column(measure.removeprefix("mean_").removesuffix("_error"), justify="right")
     for name, values in {"team": final, **final["groups"]}.items():
-        table.add_row(name, *(_number(values[measure]) for measure in MEASURES))
-    console.print(table)
-    met = summary["expect"]["met"]
-    verdict = {True: "as expected", False: "NOT as expected", None: "no expectation"}[met]
-    console.print(
+        table.add_row(name, *("-" if values[m] is None else f"{values[m]:.4g}" for m in MEASURES))
+    make_console().print(table)
+    verdict = {True: "as expected", False: "NOT as expected", None: "no expectation"}[summary["expect"]["met"]]
+    print_lines(
         f"{summary['status']}, {verdict}; {summary['steps']} steps in {summary['wall_time_s']:.2f} s "
         f"({summary['realtime_factor']:.3g} x real time)",
-        highlight=False,
-        soft_wrap=True,
+        *(f"DRIFTS: {direction}; errors are against the q* of least norm" for direction in summary["free_directions"]),
+        *([outcome.replaced] if outcome.replaced else []),
+        *(f"  {path}" for path in sorted(outcome.directory.iterdir())),
     )
-    for direction in summary["free_directions"]:
-        console.print(f"DRIFTS: {direction}; errors are against the q* of least norm", highlight=False, soft_wrap=True)
-    if outcome.replaced:
-        console.print(outcome.replaced, highlight=False, soft_wrap=True, markup=False)
-    for path in sorted(outcome.directory.iterdir()):
-        console.print(f"  {path}", highlight=False, soft_wrap=True, markup=False)
+
+
+def expect(
+    scenario: ScenarioArgument,
+    update: Annotated[bool, typer.Option("--update", help="Write the `expect:` block from what is found.")] = False,
+    backend: Annotated[
+        list[Backend] | None,
+        typer.Option(help="May be repeated; both, or those with an expectation, unless given."),
+    ] = None,
+    margin: Annotated[
+        float, typer.Option(min=0.0, max=10.0, help="How far --update puts bounds above what is found, as a share.")
+    ] = 0.05,
+) -> None:
+    """Hold runs of a scenario against its `expect:` block, or write that block from them.
+
+    Writes no directory. Exit code 1 where an expectation is missed. --update keeps the rest of the file as it is; a
+    team that is refused is expected to be refused, and a run that blows up is not written (exit code 3).
+    """
+    from mjsheaf.runs.expecting import (
+        BACKEND_ORDER,
+        describe,
+        expectation_from,
+        expected_backends,
+        miss,
+        missed,
+        try_scenario,
+    )
+    from mjsheaf.scenario import load_scenario
+    from mjsheaf.scenario.editing import replace_file, require_writable, with_field
+    from mjsheaf.scenario.load import find_scenario
+
+    loaded, path = load_scenario(scenario), find_scenario(scenario)
+    data = path.read_bytes() if update else b""
+    wanted = [name for name in BACKEND_ORDER if name in (backend or BACKEND_ORDER)]
+    if update:
+        require_writable(path)
+    else:
+        known = expected_backends(loaded)
+        missing = [name for name in wanted if name not in known]
+        if missing and (backend or not known):
+            raise InputError(f"{scenario}: expect.{missing[0]}: missing; --update writes it from a run")
+        wanted = [name for name in wanted if name in known]
+    trials = []
+    for name in wanted:
+        try:
+            with progress_bars() as bars:
+                what = f"simulating ({name})"
+                trials.append(try_scenario(loaded, name, progress=partial(bars, what)))
+        except InputError as error:
+            raise InputError(f"{scenario}: {error}") from None
+        print(describe(trials[-1], loaded.name, scenario))
+    if not update:
+        misses = [f"{miss(check)} on {trial.backend}" for trial in trials for check in missed(trial)]
+        if misses:
+            raise NotHeldError(f"{scenario}: {', '.join(misses)}")
+        return
+    for trial in trials:
+        if trial.status == "unstable":
+            raise UnstableError(f"{scenario}: blew up on {trial.backend}: {trial.message}; nothing is written")
+    block = expectation_from(trials, margin, loaded.expect.model_dump(exclude_none=True))
+    comment = "" if "refused" in block else f"at most {100.0 * margin:g} % above what was found"
+    text = with_field(data.decode("utf-8"), "expect", block, scenario, comment)
+    replace_file(path, text.encode("utf-8"), expected=data)
+    print(f"wrote expect: of {path}")
+
+
+def video(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Directory of a finished run.")],
+    out: Annotated[Path | None, typer.Option(help="The MP4 to write.", show_default="DIR/video.mp4")] = None,
+    width: Annotated[int | None, typer.Option(help="Frame width in pixels, even.")] = None,
+    height: Annotated[int | None, typer.Option(help="Frame height in pixels, even.")] = None,
+    fps: Annotated[int | None, typer.Option(help="Frames per second.")] = None,
+    speed: Annotated[float | None, typer.Option(help="Simulated seconds per second of video.")] = None,
+    azimuth: Annotated[float | None, typer.Option(help="Bearing of the camera, degrees.")] = None,
+    elevation: Annotated[float | None, typer.Option(help="Elevation of the camera, degrees; -90 from above.")] = None,
+    distance: Annotated[float | None, typer.Option(help="Distance of the camera, m; default follows the team.")] = None,
+    trail: Annotated[float | None, typer.Option(help="Length of the trails, s.")] = None,
+    vehicle_scale: Annotated[
+        float | None, typer.Option("--scale", help="Draw vehicles this many times larger.")
+    ] = None,
+    quality: QualityOption = None,
+) -> None:
+    """Draw the video of a finished run again, without running it.
+
+    What is not given is taken from the run's scenario.
+    """
+    changes = {k: v for k, v in locals().items() if k not in ("directory", "out")}
+    from mjsheaf.results import open_run
+    from mjsheaf.results.store import save_summary
+    from mjsheaf.runs.publish import video_entry
+    from mjsheaf.scenario import load_scenario
+    from mjsheaf.video import available_backend
+    from mjsheaf.video.from_run import film_run, video_options
+
+    with open_run(directory) as (dataset, summary):
+        scenario = load_scenario(directory / "scenario.yaml")
+        _require_match(directory, scenario, dataset)
+        options = video_options(scenario, **changes)
+        own = directory / "video.mp4"
+        path = own if out is None else out
+        _check_place(path, own)
+        backend, reason = available_backend()
+        if backend is None:
+            raise InputError(f"no video can be drawn here: {reason}")
+        with progress_bars() as bars:
+            frames = film_run(scenario, dataset, path, options, lambda done, of: bars("drawing video", done, of))
+    if path.resolve() == own.resolve():
+        save_summary({**summary, "video": video_entry(frames, options)}, directory / "summary.json")
+    print(f"{path}: {frames} frames, {options.width}x{options.height} at {options.fps:g} frames a second")
+
+
+def _check_place(path: Path, own: Path) -> None:
+    """Refuse a place where the video cannot lie, before it is drawn."""
+    from mjsheaf.results.store import enclosing_run
+
+    if path.suffix != ".mp4" or path.is_dir():
+        raise InputError(f"--out {path}: expected a file whose name ends in .mp4")
+    if not path.parent.is_dir():
+        raise InputError(f"--out {path}: there is no directory {path.parent}")
+    run = enclosing_run(path)
+    if run is not None and path.resolve() != own.resolve():
+        raise InputError(f"--out {path}: lies in {run}, a run's directory; expected {own}, or a place outside of runs")
+
+
+def _require_match(directory: Path, scenario: "Scenario", dataset: "xr.Dataset") -> None:
+    """Refuse a run whose data are not those of its scenario.
+
+    Raises:
+        InputError: naming the directory and what differs.
+    """
+    backend = dataset.attrs.get("backend")
+    drawn = {"time", "agent", "target", "agent_position", "target_position", "harmonic_extension", "disagreement"}
+    if backend == "physics":
+        drawn |= {"agent_orientation", "target_orientation", "agent_height", "target_height"}
+    missing = sorted(drawn - set(dataset.variables))
+    if missing or backend not in ("physics", "ideal") or "status" not in dataset.attrs:
+        what = missing[0] if missing else "backend or status"
+        raise InputError(f"{directory}: result.nc is not that of a run: it has no {what}")
+    for kind, members in (("agent", scenario.agents), ("target", scenario.targets)):
+        place = dataset[f"{kind}_position"].isel(time=0).transpose(kind, "axis").notnull()
+        found = dict(zip(map(str, dataset[kind].values), place.sum("axis").values.tolist(), strict=True))
+        if found != {m.id: len(m.position) for m in members}:
+            raise InputError(
+                f"{directory}: result.nc and scenario.yaml do not match: their {kind}s differ; run the scenario again"
+            )

@@ -1,118 +1,106 @@
 """`mjsheaf sweep`."""
 
-import json
 import os
 from collections import Counter
+from functools import partial
 from pathlib import Path
+from typing import Annotated, Literal
 
-from mjsheaf.cli.console import make_console
-from mjsheaf.cli.progress import progress_bars
-from mjsheaf.cli.signals import Stopped
+import typer
+
+from mjsheaf.cli.options import Backend, SetOption, changes_of
+from mjsheaf.cli.terminal import Stopped, print_lines, print_note, progress_bars
 from mjsheaf.errors import InputError
-from mjsheaf.threads import ONE_THREAD
+
+Measure = Literal["mean_disagreement", "tracking_error", "formation_error", "centering_error"]
 
 
-def sweep_command(
-    source: str,
-    grid: list[str],
-    seeds: str | None,
-    overrides: list[str],
-    backend: str | None,
-    workers: int | None,
-    scheduler: str | None,
-    threads: bool,
-    retry_failed: bool,
-    trajectories: bool,
-    measure: str | None,
-    out: Path,
+def sweep(
+    source: Annotated[
+        str, typer.Argument(metavar="STUDY|SCENARIO", help="A study file or a scenario: a name, or a YAML file.")
+    ],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Directory of the study: new, or one to be gone on with.")],
+    grid: Annotated[
+        list[str] | None,
+        typer.Option(metavar="PATH=V1,V2,...", help="Sweep a field that --set reaches; each with every other."),
+    ] = None,
+    seeds: Annotated[str | None, typer.Option(metavar="A:B", help="Every point with the seeds A to B - 1.")] = None,
+    overrides: SetOption = None,
+    backend: Annotated[Backend | None, typer.Option(help="As for run.", show_default="physics")] = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, metavar="N", help="Processes of this machine.", show_default="one a core")
+    ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="A dask scheduler that exists, instead of this machine.")
+    ] = None,
+    threads: Annotated[bool, typer.Option("--threads", help="Threads of one process instead of processes.")] = False,
+    retry_failed: Annotated[
+        bool, typer.Option("--retry-failed", help="Run again what ended otherwise than finished.")
+    ] = False,
+    trajectories: Annotated[
+        bool, typer.Option("--trajectories", help="Keep result.nc of every run in DIR/trajectories.")
+    ] = False,
+    measure: Annotated[Measure | None, typer.Option(help="The error that plots show.", show_default="all")] = None,
 ) -> None:
-    """Do a study, or what is left of it, and tell what came out."""
-    if workers is not None and workers < 1:
-        raise InputError(f"--workers {workers}: expected 1 or more")
+    """Run a scenario many times, on every core or a cluster; killed at any moment, the same command goes on.
+
+    Writes table.csv and table.parquet with a row a run, plots and index.html. The table reports a run that fails, and
+    the others go on; the exit code is then still 0.
+    """
     if scheduler is not None and (workers is not None or threads):
         given = "--workers" if workers is not None else "--threads"
         raise InputError(f"{given}: has no meaning beside --scheduler, whose workers exist; give either")
+    from mjsheaf.threads import ONE_THREAD
+
     # Workers side by side share the cores: each takes one, also where they are threads of this process, whose numpy is
     # not imported yet.
     for name in ONE_THREAD:
         os.environ.setdefault(name, "1")
-    from mjsheaf.results.metrics import MEASURES
-    from mjsheaf.scenario.load import parse_override
+    from mjsheaf.studies import load_plan, run_study
     from mjsheaf.studies.engine import engine_at, local_engine
-    from mjsheaf.studies.plan import load_plan, parse_grid, parse_seeds
-    from mjsheaf.studies.study import run_study
+    from mjsheaf.studies.plan import parse_grid, parse_seeds
 
-    if measure is not None and measure not in MEASURES:
-        raise InputError(f"--measure {measure}: expected {', '.join(MEASURES)}")
-    swept: dict[str, list[object]] = {}
-    for text in grid:
-        path, values = parse_grid(text)
-        if path in swept:
-            raise InputError(f"--grid {path}: is given twice; give all its values once")
-        swept[path] = values
+    swept = [parse_grid(text) for text in grid or ()]
+    twice = [path for path, count in Counter(path for path, _ in swept).items() if count > 1]
+    if twice:
+        raise InputError(f"--grid {twice[0]}: is given twice; give all its values once")
     plan = load_plan(
         source,
-        grid=swept,
+        grid=dict(swept),
         seeds=None if seeds is None else parse_seeds(seeds),
-        overrides=dict(parse_override(text) for text in overrides),
-        backend=backend,
+        overrides=changes_of(overrides),
+        backend=backend and backend.value,
         measure=measure,
         trajectories=trajectories,
     )
     if plan.study.seeds is not None and not plan.seed_matters:
-        _note(
-            f"the seed changes nothing: {plan.scenario['name']} has no spread and no disturbance on backend "
-            f"{plan.study.backend}"
-        )
-    done = 0
-
+        where = f"{plan.scenario['name']} has no spread and no disturbance on backend {plan.study.backend}"
+        print_note(f"the seed changes nothing: {where}")
+    engine = partial(local_engine, workers, processes=not threads)
+    if scheduler is not None:
+        engine = partial(engine_at, scheduler, print_note)
+    ended = 0
     with progress_bars() as bars:
 
-        def progress(what: str, so_far: int, total: int) -> None:
-            nonlocal done
-            done = so_far
-            bars(what, so_far, total)
+        def progress(what: str, done: int, total: int) -> None:
+            nonlocal ended
+            ended = done
+            bars(what, done, total)
 
         try:
-            study = run_study(
-                plan,
-                out,
-                lambda: (
-                    engine_at(scheduler, _note)
-                    if scheduler is not None
-                    else local_engine(workers, processes=not threads)
-                ),
-                retry_failed=retry_failed,
-                progress=progress,
-            )
+            study = run_study(plan, out, engine, retry_failed=retry_failed, progress=progress)
         except Stopped as stopped:
-            kept = f"{done} of {len(plan.points)} runs have ended and are kept in {out}; the same command goes on"
+            kept = f"{ended} of {len(plan.points)} runs have ended and are kept in {out}; the same command goes on"
             stopped.message = stopped.message.replace("nothing was written", kept)
             raise
     counts = Counter(record["status"] for record in study.records)
-    console = make_console(soft_wrap=True, highlight=False)
     told = ", ".join(f"{count} {status}" for status, count in counts.items())
     before = len(study.records) - study.begun
-    console.print(f"{len(study.records)} runs: {told}" + (f" ({before} had ended before)" if before else ""))
-    for record in study.records:
-        if record["status"] != "finished":
-            status = record["status"]
-            message = record["message"].removeprefix(f"{status}: ")
-            console.print(f"  run {record['run']}: {status}: {message}", markup=False)
-            break
-    failed = len(study.records) - counts["finished"]
-    if failed > 1:
-        console.print(f"  and {failed - 1} more that did not finish; see {out / 'table.csv'}", markup=False)
-    for name in study.files:
-        console.print(f"  {out / name}", markup=False)
-
-
-def _note(text: str) -> None:
-    make_console(stderr=True, soft_wrap=True, highlight=False).print(f"note: {text}", markup=False)
-
-
-def print_schema() -> None:
-    """Print the JSON Schema of a study file."""
-    from mjsheaf.studies.schema import StudyFile
-
-    print(json.dumps(StudyFile.model_json_schema(), indent=2))
+    print_lines(f"{len(study.records)} runs: {told}" + (f" ({before} had ended before)" if before else ""))
+    failed = [record for record in study.records if record["status"] != "finished"]
+    for record in failed[:1]:
+        message = record["message"].removeprefix(f"{record['status']}: ")
+        print_lines(f"  run {record['run']}: {record['status']}: {message}")
+    if len(failed) > 1:
+        print_lines(f"  and {len(failed) - 1} more that did not finish; see {out / 'table.csv'}")
+    print_lines(*(f"  {out / name}" for name in study.files))

@@ -2,12 +2,12 @@
 
 Where to look:
 
-- ladder: the rungs, from ideal kinematics to the scenario's own bodies; climbing: their runs;
-- measures: errors, distances, settling and saturation of a run; demands: speeds asked against speeds possible;
-- budget: how much of an error each effect adds; ringing: damping predicted and measured; gain: how far it may be
-  raised; inertia: the time constant that both stand on; convergence: bodies whose time constant shrinks;
+- ladder: the variants of a scenario, from ideal kinematics to its own bodies, and their runs;
+- measures: errors, distances and saturation of a run, and how much of an error each effect adds;
+- demands: speeds asked against speeds possible, and what the velocity limit costs;
+- convergence: bodies whose time constant shrinks; ringing: damping predicted and measured, how far to raise the gain;
 - record: what compare.json holds; compare: all of the above together; verdict: what to change, in sentences;
-- report: the page that a person reads; filming: ideal and physics side by side; publishing: the directory.
+- report: the page and the directory; figures: its plots; filming: ideal and physics side by side.
 """
 
 from mjsheaf.comparing.compare import Comparison, compare

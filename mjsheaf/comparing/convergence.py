@@ -1,60 +1,45 @@
 """Bodies whose time constant shrinks: their distance to the ideal run is of first order in it."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
+from pydantic import Field
 
-from mjsheaf.comparing.ladder import inertial_tau
-from mjsheaf.comparing.measures import distance_between
+from mjsheaf.comparing.ladder import Progress, inertial_tau, no_progress
+from mjsheaf.comparing.measures import largest_distance, positions_at_q_star
+from mjsheaf.results.store import Record
 from mjsheaf.simulation.ideal import run_ideal
-from mjsheaf.simulation.loop import run_physics, vehicles_of
+from mjsheaf.simulation.loop import run_physics
 from mjsheaf.system import Effects, System
 
 _COUNT, _RATIO = 4, 2.0
 _SHARE_OF_OWN, _SHARE_OF_LAW = 0.5, 0.25
 _STEPS_PER_TAU = 10
 _SPAN = 6.0  # s; runs at short steps cost
-_JUMP = 10.0  # time constants over which bodies catch up with the flow
+_CATCH_UP = 10.0  # time constants over which bodies catch up with the flow
 _SHORTEST_STEP = 1e-5  # s
 
 
-@dataclass(frozen=True)
-class Point:
-    """One time constant.
+class PointRecord(Record):
+    """Bodies with one time constant tau."""
 
-    Attributes:
-        tau: of every vehicle, s.
-        timestep: of the physics, s.
-        distance: sup over agents and over the span of the distance to the ideal run, m; None where it blew up.
-    """
-
-    tau: float
-    timestep: float
-    distance: float | None
+    tau_s: float
+    timestep_s: float
+    distance_m: float | None
 
 
-@dataclass(frozen=True)
-class Convergence:
-    """Distance to the ideal run against the time constant; theory says that it is of first order.
+class ConvergenceRecord(Record):
+    """Largest distance to the ideal run, both from q*, against the time constant tau of all bodies."""
 
-    Attributes:
-        points: the largest tau first.
-        start, end: span over which the distance is taken, s.
-        slope: of log distance against log tau, by least squares; None with fewer than two points.
-        constant: distance / tau on the fitted line at tau = 1 s, m/s^slope; None likewise.
-        reason: why there is none, or empty.
-    """
-
-    points: list[Point]
-    start: float
-    end: float
-    slope: float | None
-    constant: float | None
-    reason: str
+    points: list[PointRecord]
+    start_s: float
+    end_s: float
+    slope: float | None = Field(description="log-log, by least squares; theory: 1")
+    constant: float | None = Field(description="distance = constant tau^slope, m and s")
+    reason: str = Field(description="why there is none, or empty")
 
 
-def converge(system: System, progress: Callable[[str, int, int], None] | None = None) -> Convergence:
+def converge(system: System, progress: Progress = no_progress) -> ConvergenceRecord:
     """Run bodies with inertia as their only effect, at time constants halved from one to the next.
 
     Agents start at q*, in the scenario's flow and behind its targets: from anywhere else the law's first command is a
@@ -68,43 +53,36 @@ def converge(system: System, progress: Callable[[str, int, int], None] | None = 
         system: the scenario's system.
         progress: called with ('converging', runs done, runs in all).
     """
-    system = _at_rest_in_place(_with_inertia(system, None))
-    grid, own = system.grid, min(float(inertial_tau(v).min()) for v in vehicles_of(system))
+    system = _with_inertia(replace(system, initial=positions_at_q_star(system, system.initial[None])[0]), None)
+    grid, own = system.grid, min(float(inertial_tau(v).min()) for v in system.vehicles)
     fastest = system.gain * system.largest_eigenvalue
     largest = min(_SHARE_OF_OWN * own, _SHARE_OF_LAW / fastest if fastest > 0.0 else np.inf)
-    start = grid.start + _JUMP * largest
-    steps = min(grid.steps, int(np.ceil((_JUMP * largest + _SPAN) / grid.period)))
+    start = grid.start + _CATCH_UP * largest
+    steps = min(grid.steps, int(np.ceil((_CATCH_UP * largest + _SPAN) / grid.period)))
     end = grid.start + steps * grid.period
-    smallest = largest / _RATIO ** (_COUNT - 1) / _STEPS_PER_TAU
+    taus = [largest / _RATIO**k for k in range(_COUNT)]
+
+    def record(points: list[PointRecord], reason: str = "") -> ConvergenceRecord:
+        slope, constant = _fit_line([(p.tau_s, p.distance_m) for p in points if p.distance_m])
+        return ConvergenceRecord(points=points, start_s=start, end_s=end, slope=slope, constant=constant, reason=reason)
+
+    smallest = taus[-1] / _STEPS_PER_TAU
     if smallest < _SHORTEST_STEP:
-        reason = f"it would take timesteps of {smallest:.2g} s, as bodies or law are so fast"
-        return Convergence([], start, end, None, None, reason)
+        return record([], f"it would take timesteps of {smallest:.2g} s, as bodies or law are so fast")
     system = replace(system, grid=replace(grid, steps=steps))
     ideal = run_ideal(system)
     if ideal.status != "finished" or end <= start:
-        return Convergence([], start, end, None, None, ideal.message or "the run is too short")
+        return record([], ideal.message or "the run is too short")
     points = []
-    for k in range(_COUNT):
-        if progress:
-            progress("converging", k, _COUNT)
-        tau = largest / _RATIO**k
+    for k, tau in enumerate(taus):
+        progress("converging", k, _COUNT)
         timestep = grid.period / np.ceil(grid.period / min(tau / _STEPS_PER_TAU, system.bodies.timestep) - 1e-9)
         here = _with_inertia(system, tau)
         run = run_physics(replace(here, bodies=replace(here.bodies, timestep=float(timestep))))
-        apart = distance_between(here, run, ideal, start) if run.status == "finished" else None
-        points.append(Point(tau, float(timestep), apart.largest if apart else None))
-    if progress:
-        progress("converging", _COUNT, _COUNT)
-    return Convergence(points, start, end, *_fit(points), reason="")
-
-
-def _at_rest_in_place(system: System) -> System:
-    """The system with its agents at q*."""
-    problem, team = system.team.dirichlet, system.team
-    initial = system.initial.copy()
-    targets = team.pack(system.initial)[problem.H.shape[0] :]
-    initial[: len(team.agents)] = team.unpack(problem.extend(targets[None])[0])
-    return replace(system, initial=initial)
+        apart = largest_distance(system, run, ideal, start) if run.status == "finished" else None
+        points.append(PointRecord(tau_s=tau, timestep_s=timestep, distance_m=apart.distance_m if apart else None))
+    progress("converging", _COUNT, _COUNT)
+    return record(points)
 
 
 def _with_inertia(system: System, tau: float | None) -> System:
@@ -115,11 +93,10 @@ def _with_inertia(system: System, tau: float | None) -> System:
     return replace(system, bodies=replace(plan, effects=only, time_constant=constant, contacts=False))
 
 
-def _fit(points: list[Point]) -> tuple[float | None, float | None]:
-    """Slope and constant of the line through the logarithms."""
-    known = [(p.tau, p.distance) for p in points if p.distance]
-    if len(known) < 2:
+def _fit_line(points: list[tuple[float, float]]) -> tuple[float | None, float | None]:
+    """Slope and constant of the line through the logarithms; None with fewer than two points."""
+    if len(points) < 2:
         return None, None
-    tau, distance = np.log(np.array(known)).T
+    tau, distance = np.log(np.array(points)).T
     slope, constant = np.polyfit(tau, distance, 1)
     return float(slope), float(np.exp(constant))

@@ -3,174 +3,168 @@
 What the law's velocity limit costs: the ideal run and the scenario as it stands, run again without it.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
-from mjsheaf.comparing.ladder import Run, climb, ladder_of
-from mjsheaf.comparing.measures import late
-from mjsheaf.simulation.loop import vehicles_of
+from mjsheaf.comparing.ladder import Run, ladder_of, run_ablation
+from mjsheaf.comparing.measures import Role, ScopeRecord, late, middle_of, vehicles_by_role
+from mjsheaf.results.store import Finite, Record
 from mjsheaf.system import System
 from mjsheaf.vehicles.effects import capability_of
-from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
+from mjsheaf.vehicles.loading import list_vehicles
 
 Array = NDArray[np.float64]
+Domain = Literal["the plane", "space"]
 
+JUDGED: tuple[Literal["ideal"], Literal["all"]] = ("ideal", "all")
+"""Keys of the runs whose demands and limits are looked at."""
+
+_DOMAIN: dict[int, Domain] = {2: "the plane", 3: "space"}
 _MOST_SAMPLES = 20_000  # of a run that are looked at
+_AT_LIMIT = 1.0 - 1e-9  # of the limit
 
 
-@dataclass(frozen=True)
-class Demand:
-    """What the vehicles of one kind and role are asked for in a run, from some time on.
+class UnlimitedRecord(Record):
+    """A run with the law's velocity limit, and the same without."""
 
-    Attributes:
-        role: 'agents' or 'targets'.
-        vehicle: name of the vehicle.
-        dimension: 2 on the surface, 3 in a volume.
-        asked: largest |v_c| relative to the medium, m/s.
-        who: which of them was asked for it.
-        time: when, s.
-        share_beyond: time share in which who is asked for more than `least_speed`.
-        least_speed: steady speed that the vehicle can hold in every horizontal direction, m/s; infinite without limits.
-        forward_speed: the same forward.
-    """
+    run: Literal["ideal", "all"]
+    share_at_limit: float = Field(description="of agents and samples in the last half of the run with the limit")
+    status_without: str
+    errors_without: dict[str, ScopeRecord] = Field(description="by scope, as in the ladder")
 
-    role: str
-    vehicle: str
-    dimension: int
-    asked: float
+
+class VelocityLimitRecord(Record):
+    """The law's velocity limit (controller.velocity_limit, or that of single agents) and what it costs."""
+
+    lowest_m_s: float
+    highest_m_s: float
+    asked_m_s: float = Field(description="largest speed in the last half of the ideal run without it: it would do")
     who: str
-    time: float
-    share_beyond: float
-    least_speed: float
-    forward_speed: float
+    runs: list[UnlimitedRecord]
+
+    def run(self, key: str) -> UnlimitedRecord:
+        """The ideal run ('ideal') or that of the scenario as it stands ('all')."""
+        return next(run for run in self.runs if run.run == key)
 
 
-@dataclass(frozen=True)
-class Fastest:
-    """The fastest vehicle with limits that comes with mjsheaf, in one dimension.
+class DemandRecord(Record):
+    """What the vehicles of one kind are asked for in the last half of a run, relative to the medium."""
 
-    Attributes:
-        dimension: 2 on the surface, 3 in a volume.
-        vehicle: its name.
-        speed: m/s through the medium, in every horizontal direction.
-    """
-
-    dimension: int
+    run: Literal["ideal", "all"]
+    role: Role
     vehicle: str
-    speed: float
+    moves_in: Domain
+    asked_m_s: float
+    who: str
+    time_s: float
+    share_beyond: float = Field(description="time share in which who is asked for more than least_speed")
+    least_speed_m_s: Finite = Field(description="in the slowest horizontal direction; null: no limit")
+    forward_speed_m_s: Finite
 
 
-def demands_of(system: System, time: Array, commands: Array, start: float) -> list[Demand]:
-    """What each kind of vehicle is asked for in a run, from time `start` on, s; agents first.
+class FastestRecord(Record):
+    """The fastest vehicle with limits that comes with mjsheaf."""
+
+    moves_in: Domain
+    vehicle: str
+    speed_m_s: float
+
+
+def demands_of(system: System, key: Literal["ideal", "all"], run: Run) -> list[DemandRecord]:
+    """What each kind of vehicle is asked for in the last half of a run, agents first; nothing where it blew up.
 
     Args:
         system: the scenario's, whose vehicles must do it.
-        time: of the run, shape (T,), s.
-        commands: velocities that the law asked for in the run, shape (T, V, 3), m/s.
-        start: s.
+        key: of the run.
+        run: the run.
     """
-    chosen = np.flatnonzero(time >= start - 1e-9)
-    chosen = chosen[:: max(1, len(chosen) // _MOST_SAMPLES)]
-    if not chosen.size:
+    if not run.finished:
         return []
-    speed = np.linalg.norm(commands[chosen], axis=2)
-    vehicles, members, N = vehicles_of(system), system.team.members, len(system.team.agents)
-    kinds = dict.fromkeys(("agents" if v < N else "targets", system.bodies.vehicle[v]) for v in range(len(members)))
-    found = []
-    for role, name in kinds:
-        span = range(N) if role == "agents" else range(N, len(members))
-        alike = [v for v in span if system.bodies.vehicle[v] == name]
-        k, j = np.unravel_index(int(speed[:, alike].argmax()), (len(chosen), len(alike)))
-        v, able = alike[int(j)], capability_of(vehicles[alike[0]])
+    time = run.trajectory.time
+    chosen = _thinned(time >= middle_of(system) - 1e-9)
+    speed, vehicles, found = _commanded_speeds(run, chosen), system.vehicles, []
+    for (role, name), members in vehicles_by_role(system).items():
+        k, j = np.unravel_index(int(speed[:, members].argmax()), (len(chosen), len(members)))
+        v, able = members[int(j)], capability_of(vehicles[members[0]])
         found.append(
-            Demand(
+            DemandRecord(
+                run=key,
                 role=role,
                 vehicle=name,
-                dimension=members[v].dimension,
-                asked=float(speed[k, v]),
-                who=members[v].id,
-                time=float(time[chosen[k]]),
+                moves_in=_DOMAIN[system.team.members[v].dimension],
+                asked_m_s=float(speed[k, v]),
+                who=system.team.members[v].id,
+                time_s=float(time[chosen[k]]),
                 share_beyond=float((speed[:, v] > able.least_speed).mean()),
-                least_speed=able.least_speed,
-                forward_speed=able.forward_speed,
+                least_speed_m_s=able.least_speed,
+                forward_speed_m_s=able.forward_speed,
             )
         )
     return found
 
 
-def fastest_vehicles() -> list[Fastest]:
-    """The fastest real vehicle of mjsheaf on the surface, then in the air."""
-    able = {name: load_vehicle(name) for name in list_vehicles()}
-    found = []
-    for dimension in (2, 3):
-        speeds = {n: capability_of(v).least_speed for n, v in able.items() if v.dimension == dimension}
-        real = {name: speed for name, speed in speeds.items() if np.isfinite(speed)}
-        if real:
-            best = max(real, key=lambda name: real[name])
-            found.append(Fastest(dimension, best, real[best]))
+def fastest_vehicles(system: System) -> list[FastestRecord]:
+    """The fastest vehicle with limits on the surface, then in the air."""
+    vehicles, found = {name: system.described_vehicle(name) for name in list_vehicles()}, []
+    for dimension, domain in _DOMAIN.items():
+        speeds = {n: capability_of(v).least_speed for n, v in vehicles.items() if v.dimension == dimension}
+        limited = {name: speed for name, speed in speeds.items() if np.isfinite(speed)}
+        if limited:
+            best = max(limited, key=lambda name: limited[name])
+            found.append(FastestRecord(moves_in=domain, vehicle=best, speed_m_s=limited[best]))
     return found
 
 
-RUNS = ("ideal", "all")
-_AT_LIMIT = 1.0 - 1e-9
-
-
-@dataclass(frozen=True)
-class VelocityLimit:
-    """The law's limits and what runs without them give.
-
-    Attributes:
-        lowest, highest: limits of the agents that have one, m/s.
-        shares: share of the last half of a run, over samples and agents, at the limit; by key of RUNS.
-        asked: largest speed in the last half of the ideal run without limits, of an agent that has one, m/s.
-        who: that agent.
-        without: runs without limits, by key of RUNS.
-    """
-
-    lowest: float
-    highest: float
-    shares: dict[str, float]
-    asked: float
-    who: str
-    without: dict[str, Run]
-
-
-def examine_limit(system: System, runs: dict[str, Run]) -> VelocityLimit | None:
+def examine_limit(system: System, runs: dict[str, Run]) -> VelocityLimitRecord | None:
     """Run a scenario without its velocity limits; None where no agent has one.
 
     Args:
         system: the scenario's system.
-        runs: of the ladder, by key; those of RUNS are looked at.
+        runs: of the ladder, by key.
     """
-    team, limits = system.team, system.law.limit[: len(system.team.agents)]
+    limits = system.law.limit[: len(system.team.agents)]
     limited = np.flatnonzero(np.isfinite(limits))
     if not limited.size:
         return None
-    free = replace(system, law=system.law._replace(limit=np.full_like(system.law.limit, np.inf)))
-    without = climb(free, [rung for rung in ladder_of(free) if rung.key in RUNS])
-    asked = _late_speeds(free, without["ideal"])[:, limited]
-    most = asked.max(axis=0, initial=0.0)
-    return VelocityLimit(
-        lowest=float(limits[limited].min()),
-        highest=float(limits[limited].max()),
-        shares={key: _share(system, runs[key]) for key in RUNS},
-        asked=float(most.max()),
-        who=team.agent_ids[int(limited[most.argmax()])],
-        without=without,
+    unlimited = replace(system, law=system.law._replace(limit=np.full_like(system.law.limit, np.inf)))
+    without = run_ablation(unlimited, [variant for variant in ladder_of(unlimited) if variant.key in JUDGED])
+    most = _late_speeds(without["ideal"])[:, limited].max(axis=0, initial=0.0)
+    records = []
+    for key in JUDGED:
+        at_limit = _late_speeds(runs[key]) >= _AT_LIMIT * limits
+        records.append(
+            UnlimitedRecord(
+                run=key,
+                share_at_limit=float(at_limit.mean()) if at_limit.size else 0.0,
+                status_without=without[key].trajectory.status,
+                errors_without=without[key].errors,
+            )
+        )
+    return VelocityLimitRecord(
+        lowest_m_s=float(limits[limited].min()),
+        highest_m_s=float(limits[limited].max()),
+        asked_m_s=float(most.max()),
+        who=system.team.agent_ids[int(limited[most.argmax()])],
+        runs=records,
     )
 
 
-def _share(system: System, run: Run) -> float:
-    limits = system.law.limit[: len(system.team.agents)]
-    speeds = _late_speeds(system, run)
-    return float((speeds >= _AT_LIMIT * limits).mean()) if speeds.size else 0.0
-
-
-def _late_speeds(system: System, run: Run) -> np.ndarray:
+def _late_speeds(run: Run) -> Array:
     """|v_c| of every agent in the last half of a run, thinned, shape (T, N), m/s."""
-    time = run.trajectory.time
-    chosen = np.flatnonzero(late(system, time))
-    chosen = chosen[:: max(1, len(chosen) // _MOST_SAMPLES)]
-    return np.linalg.norm(run.trajectory.log.command[chosen, : len(system.team.agents)], axis=2)
+    chosen = _thinned(late(run.system, run.trajectory.time))
+    return _commanded_speeds(run, chosen)[:, : len(run.system.team.agents)]
+
+
+def _thinned(chosen: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Indices of the chosen samples, at most about _MOST_SAMPLES of them."""
+    indices = np.flatnonzero(chosen)
+    return indices[:: max(1, len(indices) // _MOST_SAMPLES)]
+
+
+def _commanded_speeds(run: Run, chosen: NDArray[np.int64]) -> Array:
+    """|v_c| of every vehicle relative to the medium, as the law commanded it, shape (chosen, V), m/s."""
+    return np.asarray(np.linalg.norm(run.trajectory.log.command[chosen], axis=2))

@@ -1,6 +1,5 @@
 """The figures of a comparison: errors of the rungs over time, the error budget, convergence in the time constant."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -8,9 +7,9 @@ import numpy as np
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 from numpy.typing import NDArray
 
-from mjsheaf.comparing.ladder import words
-from mjsheaf.comparing.measures import TEAM
-from mjsheaf.comparing.record import BudgetRecord, CompareRecord, RungRecord
+from mjsheaf.comparing.ladder import Run, RungRecord, display_name
+from mjsheaf.comparing.measures import FORMATION, TEAM, TRACKING, BudgetRecord, distances
+from mjsheaf.comparing.record import CompareRecord
 from mjsheaf.plotting import new_figure, palette, save_figure
 
 Array = NDArray[np.float64]
@@ -19,56 +18,42 @@ _IDEAL, _ALL, _BASE, _GREY = "black", "#D62728", "#8A94A6", "#C4CAD4"
 _MOST_LINES, _MOST_POINTS, _MOST_PANELS = 10, 2000, 4
 
 
-@dataclass(frozen=True)
-class RungCurves:
-    """What is drawn of a rung over time.
-
-    Attributes:
-        time: shape (T,), s.
-        tracking, formation: errors of the team, shape (T,), m; NaN where they have no meaning.
-        distance: largest over the agents from where they were in the ideal run, shape (T,), m.
-    """
-
-    time: Array
-    tracking: Array
-    formation: Array
-    distance: Array
-
-
-def plot_rungs(record: CompareRecord, curves: dict[str, RungCurves], path: Path) -> None:
-    """Tracking and formation error of the team and distance to the ideal run over time, a line a rung.
+def plot_rungs(record: CompareRecord, runs: dict[str, Run], path: Path) -> None:
+    """Tracking and formation error of the team and distance to the ideal run over time, a line for each rung.
 
     Args:
         record: the comparison.
-        curves: by key of the rung.
+        runs: its runs, by key of the rung.
         path: the PNG.
     """
-    drawn = [
-        ("tracking", "tracking error (m)\nRMS over agents"),
-        ("formation", "formation error (m)\nRMS over edges in groups"),
-        ("distance", "distance to the ideal run (m)\nof the agent farthest from it"),
-    ]
-    if np.isnan(curves["ideal"].formation).all():  # a team without formations
-        del drawn[1]
+    ideal = runs["ideal"]
+    drawn = {
+        TRACKING: "tracking error (m)\nRMS over agents",
+        FORMATION: "formation error (m)\nRMS over edges in groups",
+        "distance": "distance to the ideal run (m)\nof the agent farthest from it",
+    }
+    if np.isnan(ideal.series[TEAM][FORMATION]).all():  # a team without formations
+        del drawn[FORMATION]
     figure = new_figure(11.0, 1.5 + 2.6 * len(drawn))
     figure.suptitle(f"{record.scenario}: what each effect does, gain {record.gain:g} 1/s", y=0.98)
     panels = figure.subplots(len(drawn), 1, sharex=True)
-    told, footnote = choose_rungs(record)
+    drawn_rungs, footnote = choose_rungs(record)
     colours = palette(_MOST_LINES)
-    for axis, (name, label) in zip(panels, drawn, strict=True):
+    for axis, (name, label) in zip(panels, drawn.items(), strict=True):
         values = []
-        for k, rung in enumerate(told):
-            curve = curves[rung.key]
-            keep = np.unique(np.linspace(0, len(curve.time) - 1, min(len(curve.time), _MOST_POINTS)).astype(int))
-            y = getattr(curve, name)[keep]
+        for k, rung in enumerate(drawn_rungs):
+            run = runs[rung.key]
+            apart = distances(run.system, run.trajectory, ideal.trajectory).max(axis=1)
+            keep = np.unique(np.linspace(0, len(apart) - 1, min(len(apart), _MOST_POINTS)).astype(int))
+            y = (run.series[TEAM] | {"distance": apart})[name][keep]
             y = np.where(y > 0.0, y, np.nan)  # zero has no place on a logarithmic axis
             if rung.status == "finished":
                 values.append(y)
-            axis.plot(curve.time[keep], y, label=_label(rung), **_style(rung, colours[k]))
+            axis.plot(run.trajectory.time[keep], y, label=_label(rung), **_style(rung, colours[k]))
         _logarithmic(axis, values)
         axis.set_ylabel(label)
         axis.grid(True, which="major", alpha=0.3)
-        end = float(curves["ideal"].time[0]) + record.time_s
+        end = float(ideal.trajectory.time[0]) + record.time_s
         axis.axvspan(end - record.time_s / 2, end, color="black", alpha=0.04, linewidth=0)
     panels[-1].set_xlabel("time (s); the shaded half is what the error budget counts")
     handles, labels = panels[0].get_legend_handles_labels()
@@ -82,15 +67,16 @@ def plot_rungs(record: CompareRecord, curves: dict[str, RungCurves], path: Path)
 
 def plot_budget(record: CompareRecord, path: Path) -> None:
     """Bars: what each effect adds alone and gives back when it is removed, for the team and its groups."""
-    known = list(record.rung("ideal").errors)
+    known = record.scopes
     scopes = known[:1] if len(known) == 2 else known[: _MOST_PANELS + 1]  # an only group is the team over again
     budgets = [record.budget(scope, record.measure, "late") for scope in scopes]
     order = sorted(budgets[0].effects, key=lambda item: abs(item.give_back_m or 0.0))
     names = ["targets become bodies", "agents become bodies", "interaction of effects"]
-    rows = ["at q* already", *names, *(words(item.effect) for item in order)]
+    rows = ["at q* already", *names, *(display_name(item.effect) for item in order)]
     figure = new_figure(max(9.0, 3.4 + 3.3 * len(scopes)), 2.8 + 0.48 * len(rows))
-    measure = record.measure.replace("_", " ")
-    figure.suptitle(f"{record.scenario}: what makes the {measure} (RMS over the last half of the run)", y=0.98)
+    figure.suptitle(
+        f"{record.scenario}: what makes the {display_name(record.measure)} (RMS over the last half of the run)", y=0.98
+    )
     panels = np.atleast_1d(figure.subplots(1, len(scopes), sharey=True))
     for axis, scope, budget in zip(panels, scopes, budgets, strict=True):
         _bars(axis, scope, budget, [item.effect for item in order])
@@ -152,12 +138,12 @@ def choose_rungs(record: CompareRecord) -> tuple[list[RungRecord], str]:
 
     kept = sorted(others, key=weight, reverse=True)[: _MOST_LINES - len(fixed)]
     small = [rung for rung in others if rung not in kept]
-    told = [*(record.rung(key) for key in fixed[:3]), *(rung for rung in others if rung in kept)]
+    shown = [*(record.rung(key) for key in fixed[:3]), *(rung for rung in others if rung in kept)]
     groups = [(same, "as ideal thrusters"), (small, "little")]
-    missing = [f"{', '.join(words(r.effect or '') for r in rungs)} ({why})" for rungs, why in groups if rungs]
+    missing = [f"{', '.join(display_name(r.effect or '') for r in rungs)} ({why})" for rungs, why in groups if rungs]
     missing += ["all but one"] if any(rung.kind == "without" for rung in record.ladder) else []
     footnote = f"not drawn: {'; '.join(missing)}" if missing else ""
-    return [*told, record.rung("all"), record.rung("ideal")], footnote
+    return [*shown, record.rung("all"), record.rung("ideal")], footnote
 
 
 def log_ticks(low: float, high: float) -> list[float]:
@@ -244,15 +230,8 @@ def _bar(axis: Any, y: float, value: float | None, height: float, colour: str, l
     """One bar with its value, m; drawn in mm."""
     length = 1000.0 * (value or 0.0)
     axis.barh(y, length, height=height, color=colour, label=label)
-    text = (
-        "blew up"
-        if value is None
-        else "0"
-        if abs(length) < 0.05
-        else f"{length:+.1f}"
-        if abs(length) < 10
-        else f"{length:+.0f}"
-    )
+    text = f"{length:+.1f}" if abs(length) < 10 else f"{length:+.0f}"
+    text = "blew up" if value is None else "0" if abs(length) < 0.05 else text
     right = length >= 0.0
     axis.annotate(
         text, (length, y), xytext=(4 if right else -4, 0), textcoords="offset points",

@@ -1,6 +1,4 @@
-"""The time constant that inertia alone gives a vehicle.
-
-The ladder of fidelity: from the theory's kinematics to the bodies that a scenario has, one effect at a time.
+"""The ladder: variants of a scenario from ideal kinematics to its own bodies, one effect at a time, and their runs.
 
     ideal      agents and targets move as the theory says
     targets    only targets are bodies, with ideal thrusters; agents are ideal and track where those bodies were
@@ -10,9 +8,9 @@ The ladder of fidelity: from the theory's kinematics to the bodies that a scenar
     all        the scenario as it stands
     -EFFECT    the scenario with one effect switched off
 
-Only effects that some vehicle of the scenario has, and that the scenario has not switched off itself, make rungs.
+The ladder has variants only for effects that some vehicle of the scenario has and that the scenario leaves on.
 
-A scenario may be worse without an effect than with it, as effects are not apart from each other:
+A scenario may be worse without an effect than with it, as effects are not independent:
 
 - -underactuation is no better vehicle but a stand-in: it holds its heading, is controlled at its origin, and has as
   much force abeam as ahead, which makes it only as fast abeam as its sway drag lets it be. A boat that turns its bows
@@ -21,8 +19,6 @@ A scenario may be worse without an effect than with it, as effects are not apart
   of `otters`, whose only quadratic drag is in yaw, loses the larger part of its drag in yaw: with the lag of its
   propellers it swings its bows (yaw rate 0.51 rad/s RMS, not 0.17). Its thrusters are then at a limit 30% of the time;
   that is a consequence, as it swings without limits too, but hardly without lag.
-
-Running the ladder, rung by rung; equal setups run once.
 """
 
 from collections.abc import Callable, Iterable
@@ -32,37 +28,72 @@ from typing import Literal
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
+from pydantic import Field
 
-from mjsheaf.comparing.measures import Series, series_of
-from mjsheaf.results import make_dataset, summarize
-from mjsheaf.results.metrics import evaluate_errors
+from mjsheaf.checking.finished import Ending, ending_of, settling_time
+from mjsheaf.comparing.measures import (
+    FORMATION,
+    ROLES,
+    TEAM,
+    TRACKING,
+    DistanceRecord,
+    SaturationRecord,
+    ScopeRecord,
+    Series,
+    error_series,
+    errors_by_scope,
+    largest_distance,
+    middle_of,
+    positions_at_q_star,
+    saturation_of,
+)
+from mjsheaf.results import make_dataset
+from mjsheaf.results.store import Record
 from mjsheaf.simulation.ideal import run_ideal
-from mjsheaf.simulation.loop import run_physics, vehicles_of
+from mjsheaf.simulation.loop import run_physics
 from mjsheaf.simulation.trajectory import Trajectory
-from mjsheaf.system import Effects, System
-from mjsheaf.vehicles.effects import has_effects
-from mjsheaf.vehicles.loading import load_vehicle
+from mjsheaf.system import System
+from mjsheaf.vehicles.effects import Effects, has_effects
 from mjsheaf.vehicles.vehicle import Vehicle
 
 Array = NDArray[np.float64]
-
-
-def inertial_tau(vehicle: Vehicle) -> Array:
-    """M / (M k_v + D) of the controlled velocity along body axes at low speed, shape (n,), s; thrusters do not lag.
-
-    `ReducedModel.tau` has their lag too.
-    """
-    rows = vehicle.steering.velocity_rows[: vehicle.dimension]
-    mass, drag = vehicle.moving_mass[rows], np.concatenate([vehicle.drag, vehicle.angular_drag])[rows]
-    return np.asarray(mass / (mass * vehicle.rate + drag))
-
-
 Kind = Literal["ideal", "part", "base", "alone", "all", "without"]
+Progress = Callable[[str, int, int], None]
 
 CONTACTS = "contacts"
 _OF_VEHICLES = ("inertia", "drag_law", "limits", "lag", "underactuation")
 EFFECTS = (*_OF_VEHICLES, CONTACTS)
 """What makes bodies real, by the name that the scenario's physics section has for it."""
+
+_TIMESTEP_DIVISOR = 10  # for a second try of bodies that blow up
+
+
+class RungRecord(Record):
+    """One rung of the ladder."""
+
+    key: str
+    label: str
+    kind: Kind
+    effect: str | None = Field(description="what it adds to base ('alone') or takes from all ('without')")
+    status: str
+    message: str
+    timestep_s: float | None = Field(description="of the physics; null on ideal kinematics")
+    errors: dict[str, ScopeRecord] = Field(description="by scope: 'team', then the groups by name")
+    ending: Literal["settled", "moving", "growing", "circling"] | None = Field(
+        None,
+        description="how it ends, by the team's tracking error: at a level; still changing; growing; or swinging by "
+        "itself without end; null where it blew up or has fewer than 8 samples",
+    )
+    settling_time_s: float | None = Field(
+        description="first time after the start from which the team's formation error (or that of tracking, in a "
+        "team without formations) stays below 1.25 times the largest of the last half plus 2% of the largest of "
+        "all; null where it is not level in the end, or the run has not settled"
+    )
+    distance: DistanceRecord | None = Field(description="from the ideal run, over all time")
+    distance_late: DistanceRecord | None = Field(
+        description="the same over the last half of the run, by which a run has settled that ever does"
+    )
+    saturation: list[SaturationRecord]
 
 
 @dataclass(frozen=True)
@@ -88,139 +119,183 @@ class Setup:
         """The same with one effect switched."""
         if effect == CONTACTS:
             return replace(self, contacts=on)
-        return replace(self, effects=replace(self.effects, **{effect: on}))
+        return replace(self, effects=self.effects.model_copy(update={effect: on}))
 
 
 @dataclass(frozen=True)
-class Rung:
-    """One step of the ladder.
+class Variant:
+    """One rung of the ladder, to be run.
 
     Attributes:
         key: short and unique, such as 'base' or '+lag'.
-        label: the same for a person.
+        label: the same, human-readable.
         kind: its place in the ladder.
-        effect: the effect that it adds or takes away, or None.
         setup: who is a body, and what bodies have.
+        effect: the effect that it adds or takes away, or None.
     """
 
     key: str
     label: str
     kind: Kind
-    effect: str | None
     setup: Setup
-
-
-def effects_of(system: System, names: Iterable[str] | None = None) -> list[str]:
-    """The effects that are on in a scenario and that some of its vehicles has, in the order of EFFECTS.
-
-    Inertia is also that of a vehicle without an autopilot whose time constant is beyond `massless_tau`.
-
-    Args:
-        system: the scenario's system.
-        names: of the vehicles to look at; None for all.
-    """
-    plan = system.bodies
-    names = dict.fromkeys(plan.vehicle if names is None else names)
-    vehicles = [load_vehicle(name).with_time_constant(plan.time_constant) for name in names]
-    found: set[str] = set()
-    for vehicle in vehicles:
-        own = has_effects(vehicle)
-        slow = float(inertial_tau(vehicle).max()) > plan.effects.massless_tau * (1.0 + 1e-9)
-        found |= {name for name in _OF_VEHICLES if getattr(own, name)}
-        found |= {"inertia"} if slow else set()
-    found = {name for name in found if getattr(plan.effects, name)} | ({CONTACTS} if plan.contacts else set())
-    return [name for name in EFFECTS if name in found]
-
-
-def ladder_of(system: System) -> list[Rung]:
-    """The rungs of a scenario, from ideal to all, then what is left without each effect."""
-    plan = system.bodies
-    off = replace(plan.effects, **dict.fromkeys(_OF_VEHICLES, False))
-    base = Setup(agents=True, targets=True, effects=off, contacts=False)
-    whole = Setup(agents=True, targets=True, effects=plan.effects, contacts=plan.contacts)
-    effects = effects_of(system)
-    return [
-        Rung("ideal", "ideal kinematics", "ideal", None, replace(base, agents=False, targets=False)),
-        Rung("targets", "only targets are bodies", "part", None, replace(base, agents=False)),
-        Rung("agents", "only agents are bodies", "part", None, replace(base, targets=False)),
-        Rung("base", "bodies, ideal thrusters", "base", None, base),
-        *(Rung(f"+{name}", f"base + {words(name)}", "alone", name, base.having(name, True)) for name in effects),
-        Rung("all", "all: as it stands", "all", None, whole),
-        *(Rung(f"-{name}", f"all - {words(name)}", "without", name, whole.having(name, False)) for name in effects),
-    ]
-
-
-def words(effect: str) -> str:
-    """An effect as a person writes it."""
-    return effect.replace("_", " ")
-
-
-Progress = Callable[[str, int, int], None]
-
-_FINER = 10
+    effect: str | None = None
 
 
 @dataclass(frozen=True)
 class Run:
-    """A rung's run.
+    """The run of a variant.
 
     Attributes:
-        rung: the rung.
+        variant: the variant.
         system: what was simulated.
-        trajectory: what came out.
-        series: errors over time by scope.
-        final: errors at the last sample, as summary.json has them.
-        thrusters: number of thrusters of each vehicle, length V.
+        trajectory: its samples.
+        series: errors over time.
     """
 
-    rung: Rung
+    variant: Variant
     system: System
     trajectory: Trajectory
-    series: dict[str, Series]
-    final: dict[str, object]
-    thrusters: list[int]
+    series: Series
 
     @property
     def finished(self) -> bool:
-        """Whether it came to its end."""
+        """Whether it reached its end."""
         return self.trajectory.status == "finished"
+
+    @property
+    def errors(self) -> dict[str, ScopeRecord]:
+        """Final errors and those of the last half, by scope."""
+        return errors_by_scope(self.system, self.trajectory.time, self.series, finished=self.finished)
 
     def dataset(self, backend: str, seed: int) -> xr.Dataset:
         """The run as `simulate` would return it."""
         return make_dataset(self.trajectory, backend, seed)
 
+    def record(self, ideal: "Run") -> RungRecord:
+        """The run as compare.json has it.
 
-def climb(system: System, ladder: list[Rung], progress: Progress | None = None) -> dict[str, Run]:
-    """Run every rung of a ladder, by key. One that blows up ends early and is marked; the others go on.
+        Args:
+            ideal: the run of ideal kinematics, from which distances are taken.
+        """
+        system, trajectory, setup, team = self.system, self.trajectory, self.variant.setup, self.series[TEAM]
+        settles = team[TRACKING] if np.isnan(team[FORMATION]).all() else team[FORMATION]
+        ending = self._ending() if self.finished else None
+        far, late = (
+            largest_distance(system, trajectory, ideal.trajectory, start)
+            for start in (system.grid.start, middle_of(system))
+        )
+        return RungRecord(
+            key=self.variant.key,
+            label=self.variant.label,
+            kind=self.variant.kind,
+            effect=self.variant.effect,
+            status=trajectory.status,
+            message=trajectory.message,
+            timestep_s=system.bodies.timestep if setup.agents or setup.targets else None,
+            errors=self.errors,
+            ending=ending,
+            settling_time_s=settling_time(trajectory.time, settles) if ending == "settled" else None,
+            distance=far,
+            distance_late=late,
+            saturation=saturation_of(system, trajectory, [role for role in ROLES if getattr(setup, role)]),
+        )
 
-    Bodies without mass can be too stiff for the timestep that suits the scenario's own. So a rung of bodies that blows
-    up, but for the scenario as it stands, is run again with a tenth of it: what blows up then is not the integrator's.
+    def _ending(self) -> Ending | None:
+        positions, N = self.trajectory.positions, len(self.system.team.agents)
+        q_star = positions_at_q_star(self.system, positions)[:, :N]
+        on_bodies = self.variant.setup.agents
+        return ending_of(self.system, self.trajectory.time, q_star, positions[:, :N], on_bodies=on_bodies)
+
+
+def display_name(effect: str) -> str:
+    """Human-readable name of an effect."""
+    return effect.replace("_", " ")
+
+
+def inertial_tau(vehicle: Vehicle) -> Array:
+    """M / (M k_v + D) of the controlled velocity along body axes at low speed, shape (n,), s; thrusters do not lag.
+
+    `ReducedModel.tau` has their lag too.
+    """
+    rows = vehicle.steering.velocity_rows[: vehicle.dimension]
+    mass, drag = vehicle.moving_mass[rows], np.concatenate([vehicle.drag, vehicle.angular_drag])[rows]
+    return np.asarray(mass / (mass * vehicle.rate + drag))
+
+
+def effects_of(system: System, names: Iterable[str] | None = None) -> list[str]:
+    """The effects that are on in a scenario and that some of its vehicles has, in the order of EFFECTS.
+
+    A vehicle without an autopilot has inertia where its time constant exceeds `massless_tau`.
 
     Args:
         system: the scenario's system.
-        ladder: its rungs.
-        progress: called with ('climbing', rungs done, rungs in all).
+        names: of the vehicles to look at; None for all.
+    """
+    plan, found = system.bodies, set[str]()
+    for name in dict.fromkeys(plan.vehicle if names is None else names):
+        vehicle = system.described_vehicle(name).with_time_constant(plan.time_constant)
+        own = has_effects(vehicle)
+        found |= {effect for effect in _OF_VEHICLES if getattr(own, effect)}
+        if inertial_tau(vehicle).max() > plan.effects.massless_tau * (1.0 + 1e-9):
+            found.add("inertia")
+    found = {effect for effect in found if getattr(plan.effects, effect)} | ({CONTACTS} if plan.contacts else set())
+    return [effect for effect in EFFECTS if effect in found]
+
+
+def ladder_of(system: System) -> list[Variant]:
+    """The variants of a scenario, from ideal to all, then those without one effect."""
+    plan, effects = system.bodies, effects_of(system)
+    off = plan.effects.model_copy(update=dict.fromkeys(_OF_VEHICLES, False))
+    base = Setup(agents=True, targets=True, effects=off, contacts=False)
+    whole = replace(base, effects=plan.effects, contacts=plan.contacts)
+    return [
+        Variant("ideal", "ideal kinematics", "ideal", replace(base, agents=False, targets=False)),
+        Variant("targets", "only targets are bodies", "part", replace(base, agents=False)),
+        Variant("agents", "only agents are bodies", "part", replace(base, targets=False)),
+        Variant("base", "bodies, ideal thrusters", "base", base),
+        *(Variant(f"+{e}", f"base + {display_name(e)}", "alone", base.having(e, True), e) for e in effects),
+        Variant("all", "all: as it stands", "all", whole),
+        *(Variant(f"-{e}", f"all - {display_name(e)}", "without", whole.having(e, False), e) for e in effects),
+    ]
+
+
+def no_progress(what: str, done: int, total: int) -> None:
+    """A `Progress` that reports nothing."""
+
+
+def run_ablation(system: System, ladder: list[Variant], progress: Progress = no_progress) -> dict[str, Run]:
+    """Run every variant of a ladder, equal setups once. One that blows up ends early and is marked; the others go on.
+
+    Bodies without mass can be too stiff for the timestep of the scenario's own. So bodies that blow up, except those of
+    the scenario as it stands, are run again with a tenth of it: what blows up then is not the integrator's fault.
+
+    Args:
+        system: the scenario's system.
+        ladder: its variants.
+        progress: called with ('simulating variants', variants done, variants in all).
+
+    Returns:
+        The runs by key.
     """
     done: dict[Setup, tuple[System, Trajectory]] = {}
-    whole = {rung.setup for rung in ladder if rung.kind == "all"}
+    whole = {variant.setup for variant in ladder if variant.kind == "all"}
 
     def run(setup: Setup) -> tuple[System, Trajectory]:
         if setup not in done:
             here = setup.apply(system)
             found = _simulate(here, setup, lambda other: run(other)[1])
             if found.status != "finished" and (setup.agents or setup.targets) and setup not in whole:
-                here = replace(here, bodies=replace(here.bodies, timestep=here.bodies.timestep / _FINER))
+                here = replace(here, bodies=replace(here.bodies, timestep=here.bodies.timestep / _TIMESTEP_DIVISOR))
                 found = _simulate(here, setup, lambda other: run(other)[1])
             done[setup] = here, found
         return done[setup]
 
     runs = {}
-    for k, rung in enumerate(ladder):
-        if progress:
-            progress("climbing", k, len(ladder))
-        runs[rung.key] = _measured(rung, *run(rung.setup))
-    if progress:
-        progress("climbing", len(ladder), len(ladder))
+    for k, variant in enumerate(ladder):
+        progress("simulating variants", k, len(ladder))
+        here, found = run(variant.setup)
+        runs[variant.key] = Run(variant, here, found, error_series(here, found.positions))
+    progress("simulating variants", len(ladder), len(ladder))
     return runs
 
 
@@ -236,18 +311,3 @@ def _simulate(system: System, setup: Setup, other: Callable[[Setup], Trajectory]
     if source.status != "finished" and found.status == "finished":
         return replace(found, status=source.status, message=f"the run that gives its targets ends: {source.message}")
     return found
-
-
-def _measured(rung: Rung, system: System, trajectory: Trajectory) -> Run:
-    # Of the last sample, and of bodies, errors need positions alone.
-    last = replace(
-        trajectory, time=trajectory.time[-1:], log=trajectory.log.span(len(trajectory.time) - 1, len(trajectory.time))
-    )
-    return Run(
-        rung=rung,
-        system=system,
-        trajectory=trajectory,
-        series=series_of(system, evaluate_errors(system.team, trajectory.positions)),
-        final=summarize(system.team, make_dataset(last, "ideal", 0)),
-        thrusters=[len(vehicle.thrusters) for vehicle in vehicles_of(system)],
-    )

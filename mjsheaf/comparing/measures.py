@@ -1,73 +1,101 @@
-"""What is measured of a run: errors, distance to the ideal run, saturation."""
+"""What is measured of a run: errors, distance to the ideal run, saturation; and the budget of an error by effect."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
-from mjsheaf.results.metrics import Errors
+from mjsheaf.results.metrics import evaluate_errors
+from mjsheaf.results.store import Finite, Record
 from mjsheaf.simulation.trajectory import Trajectory
 from mjsheaf.system import System
 
 Array = NDArray[np.float64]
+Role = Literal["agents", "targets"]
+ROLES: tuple[Role, Role] = ("agents", "targets")
 
-TRACKING, FORMATION, CENTERING = "tracking_error", "formation_error", "centering_error"
+Statistic = Literal["late", "final"]
+Measure = Literal["tracking_error", "formation_error"]
+
+TRACKING: Literal["tracking_error"] = "tracking_error"
+FORMATION: Literal["formation_error"] = "formation_error"
 TEAM = "team"
 """The scope of an error that is the whole team's; the other scopes are names of groups."""
 
-
-@dataclass(frozen=True)
-class Series:
-    """Errors of the team or of one group over time.
-
-    Attributes:
-        tracking_error: RMS over the agents of |q*_i - q_i|, shape (T,), m.
-        formation_error: RMS over the edges inside groups, shape (T,), m; NaN where there is none.
-        centering_error: largest distance of a group's centroid from where its formation wants it, shape (T,), m; NaN
-            where there is none.
-    """
-
-    tracking_error: Array
-    formation_error: Array
-    centering_error: Array
+Series = dict[str, dict[str, Array]]
+"""Errors over time, shape (T,), m: by scope, then by field of ErrorsRecord. NaN where they have no meaning."""
 
 
-@dataclass(frozen=True)
-class Distance:
-    """How far agents are from where they were in another run.
+class ErrorsRecord(Record):
+    """Errors of the team or of a group, m."""
 
-    Attributes:
-        largest: m.
-        agent: who was there.
-        time: when, s.
-    """
+    tracking_error: Finite
+    formation_error: Finite
+    centering_error: Finite
 
-    largest: float
+
+class ScopeRecord(Record):
+    """Errors of the team or of a group, at the end and on average."""
+
+    final: ErrorsRecord = Field(description="at the last sample, as summary.json has them")
+    late: ErrorsRecord = Field(description="RMS over the last half of the run")
+
+    def error(self, measure: str, statistic: Statistic = "late") -> float | None:
+        """One error by its field, m."""
+        found: float | None = getattr(getattr(self, statistic), measure)
+        return found
+
+
+class DistanceRecord(Record):
+    """The largest distance of an agent from where it was in the ideal run."""
+
+    distance_m: float
     agent: str
-    time: float
+    time_s: float
 
 
-def series_of(system: System, errors: Errors) -> dict[str, Series]:
-    """Errors over time by scope: the team first, then its groups."""
-    number = {a: i for i, a in enumerate(system.team.agent_ids)}
+class SaturationRecord(Record):
+    """How much of the time thrusters are at a limit."""
 
-    def tracking(members: list[int]) -> Array:
-        return np.sqrt((errors.tracking[:, members] ** 2).mean(axis=1))
+    role: Role
+    vehicle: str = Field(description="empty: all agents")
+    share: float = Field(description="of time and thrusters, 0 to 1")
 
-    found = {TEAM: Series(tracking(list(number.values())), errors.formation_rms(), errors.largest_centering())}
-    for f in system.team.formations:
-        found[f.name] = Series(
-            tracking([number[m] for m in f.members]), errors.formation_rms(f.name), errors.centering[f.name]
+
+def error_series(system: System, positions: Array) -> Series:
+    """Errors of positions (T, V, 3): of the team first, then of its groups."""
+    team = system.team
+    errors, number = evaluate_errors(team, positions), {a: i for i, a in enumerate(team.agent_ids)}
+
+    def series(members: list[int], formation: Array, centering: Array) -> dict[str, Array]:
+        tracking = np.sqrt((errors.tracking[:, members] ** 2).mean(axis=1))
+        return {TRACKING: tracking, FORMATION: formation, "centering_error": centering}
+
+    found = {TEAM: series(list(number.values()), errors.formation_rms(), errors.largest_centering())}
+    for f in team.formations:
+        found[f.name] = series([number[m] for m in f.members], errors.formation_rms(f.name), errors.centering[f.name])
+    return found
+
+
+def errors_by_scope(system: System, time: Array, series: Series, *, finished: bool) -> dict[str, ScopeRecord]:
+    """Final errors and those of the last half; all null for a run that blew up, whose last sample means nothing."""
+    chosen, found = late(system, time), {}
+    for scope, own in series.items():
+        final, rms = {n: x[-1] for n, x in own.items()}, {n: root_mean_square(x, chosen) for n, x in own.items()}
+        found[scope] = ScopeRecord(
+            final=ErrorsRecord(**{name: value if finished else None for name, value in final.items()}),
+            late=ErrorsRecord(**{name: value if finished else None for name, value in rms.items()}),
         )
     return found
 
 
 def positions_at_q_star(system: System, positions: Array) -> Array:
-    """The positions (T, V, 3) of a run with its agents where the harmonic extension of its targets wants them, m."""
-    team, N = system.team, len(system.team.agents)
-    targets = team.pack(positions)[:, team.dirichlet.H.shape[0] :]
+    """The positions (T, V, 3) of a run with its agents at the harmonic extension of its targets, m."""
+    team = system.team
     placed = positions.copy()
-    placed[:, :N] = team.unpack(team.dirichlet.extend(targets))
+    placed[:, : len(team.agents)] = team.harmonic_extension(positions)
     return placed
 
 
@@ -78,10 +106,14 @@ def formation_size(system: System) -> float:
     return float(np.sqrt(np.mean(asked))) if asked else float("nan")
 
 
+def middle_of(system: System) -> float:
+    """The time at which the last half of the requested run begins, s."""
+    return system.grid.start + 0.5 * system.grid.period * system.grid.steps
+
+
 def late(system: System, time: Array) -> NDArray[np.bool_]:
-    """Which samples lie in the last half of the run that was asked for, shape (T,)."""
-    grid = system.grid
-    return np.asarray(time >= grid.start + 0.5 * grid.period * grid.steps)
+    """Which samples lie in the last half of the requested run, shape (T,)."""
+    return np.asarray(time >= middle_of(system))
 
 
 def root_mean_square(values: Array, chosen: NDArray[np.bool_]) -> float:
@@ -89,32 +121,102 @@ def root_mean_square(values: Array, chosen: NDArray[np.bool_]) -> float:
     return float(np.sqrt((values[chosen] ** 2).mean())) if chosen.any() else float("nan")
 
 
-def distance_between(system: System, one: Trajectory, other: Trajectory, start: float) -> Distance | None:
-    """Largest distance of an agent in one run from itself in another, from time `start` on, s; None without samples."""
-    samples = min(len(one.time), len(other.time))
-    chosen = np.flatnonzero(one.time[:samples] >= start - 1e-9)
+def distances(system: System, one: Trajectory, other: Trajectory) -> Array:
+    """Distance of each agent in one run from itself in another, over the samples of both, shape (T, N), m."""
+    N, samples = len(system.team.agents), min(len(one.time), len(other.time))
+    return np.asarray(np.linalg.norm(one.positions[:samples, :N] - other.positions[:samples, :N], axis=2))
+
+
+def largest_distance(system: System, one: Trajectory, other: Trajectory, start: float) -> DistanceRecord | None:
+    """The largest of `distances` from time `start` on, s; None without samples, or where it is not finite."""
+    apart = distances(system, one, other)
+    chosen = np.flatnonzero(one.time[: len(apart)] >= start - 1e-9)
     if not chosen.size:
         return None
-    N = len(system.team.agents)
-    apart = np.linalg.norm(one.positions[chosen, :N] - other.positions[chosen, :N], axis=2)
+    apart = apart[chosen]
     k, i = np.unravel_index(int(apart.argmax()), apart.shape)
-    return Distance(float(apart[k, i]), system.team.agent_ids[int(i)], float(one.time[chosen[k]]))
+    if not np.isfinite(apart[k, i]):
+        return None
+    return DistanceRecord(
+        distance_m=float(apart[k, i]), agent=system.team.agent_ids[i], time_s=float(one.time[chosen[k]])
+    )
 
 
-def saturation_shares(system: System, trajectory: Trajectory, counts: list[int]) -> dict[tuple[str, str], float]:
-    """Time share of thrusters at a limit, by role ('agents' or 'targets') and vehicle; ('agents', '') is all of them.
+def vehicles_by_role(system: System) -> dict[tuple[Role, str], list[int]]:
+    """Numbers of the vehicles of each kind, by role and name; agents first."""
+    found: dict[tuple[Role, str], list[int]] = {}
+    for v, name in enumerate(system.bodies.vehicle):
+        found.setdefault((ROLES[v >= len(system.team.agents)], name), []).append(v)
+    return found
+
+
+def saturation_of(system: System, trajectory: Trajectory, roles: list[Role]) -> list[SaturationRecord]:
+    """Time share of thrusters at a limit: of all agents, then by role and vehicle; only of roles that are bodies."""
+    if not trajectory.log.saturation.size:  # ideal kinematics
+        return []
+    share, N = trajectory.log.saturation.mean(axis=0), len(system.team.agents)
+    thrusters = [len(vehicle.thrusters) for vehicle in system.vehicles[:N]]
+    found: dict[tuple[Role, str], float] = {("agents", ""): np.average(share[:N], weights=thrusters)}
+    found |= {kind: share[members].mean() for kind, members in vehicles_by_role(system).items()}
+    return [SaturationRecord(role=r, vehicle=name, share=value) for (r, name), value in found.items() if r in roles]
+
+
+class ItemRecord(Record):
+    """One effect's part in an error."""
+
+    effect: str
+    alone_m: Finite = Field(description="what it adds to bodies with ideal thrusters")
+    give_back_m: Finite = Field(description="what the scenario as it stands would lose without it")
+
+
+class BudgetRecord(Record):
+    """Where one error comes from: ideal + targets + agents + together + alone of all effects + interaction = all."""
+
+    scope: str
+    measure: Measure
+    statistic: Statistic
+    at_q_star_m: Finite = Field(
+        description="with the agents at q* along the ideal run: no law or vehicle mends that; no part of the sum"
+    )
+    ideal_m: Finite
+    targets_m: Finite = Field(description="what targets add as bodies with ideal thrusters")
+    agents_m: Finite = Field(description="what agents add likewise")
+    together_m: Finite = Field(description="what both have beyond that")
+    effects: list[ItemRecord]
+    interaction_m: Finite = Field(description="what all effects have beyond the sum of each alone")
+    all_m: Finite
+
+
+def budget_of(
+    kind: tuple[str, Measure, Statistic], errors: Mapping[str, float | None], at_q_star: float | None
+) -> BudgetRecord:
+    """The budget of one error. With E(key) the error of a variant of the ladder:
+
+        all = ideal + (targets - ideal) + (agents - ideal) + together + sum over effects (+EFFECT - base) + interaction
+
+    Removing an effect gives back all - (-EFFECT). With interaction that is not what the effect adds alone, and it is
+    what tells the user what to change.
 
     Args:
-        system: the system.
-        trajectory: of bodies.
-        counts: number of thrusters of each vehicle, length V.
+        kind: scope, measure and statistic of the error.
+        errors: of each variant of the ladder by key, m; None where it blew up, which leaves every sum with it null.
+        at_q_star: the same error with the agents at q* along the ideal run, m.
     """
-    share, N = trajectory.log.saturation.mean(axis=0), len(system.team.agents)
-    found = {("agents", ""): float(np.average(share[:N], weights=counts[:N]))}
-    for v, name in enumerate(system.bodies.vehicle):
-        found.setdefault(("agents" if v < N else "targets", name), 0.0)
-    for role, name in list(found)[1:]:
-        span = range(N) if role == "agents" else range(N, len(counts))
-        alike = [v for v in span if system.bodies.vehicle[v] == name]
-        found[role, name] = float(share[alike].mean())
-    return found
+    value = {key: np.nan if error is None else error for key, error in errors.items()}
+    ideal, base, whole = value["ideal"], value["base"], value["all"]
+    targets, agents = value["targets"] - ideal, value["agents"] - ideal
+    alone = {key[1:]: value[key] - base for key in value if key.startswith("+")}
+    scope, measure, statistic = kind
+    return BudgetRecord(
+        scope=scope,
+        measure=measure,
+        statistic=statistic,
+        at_q_star_m=at_q_star,
+        ideal_m=ideal,
+        targets_m=targets,
+        agents_m=agents,
+        together_m=base - ideal - (targets + agents),
+        effects=[ItemRecord(effect=e, alone_m=alone[e], give_back_m=whole - value[f"-{e}"]) for e in alone],
+        interaction_m=whole - base - sum(alone.values()),
+        all_m=whole,
+    )

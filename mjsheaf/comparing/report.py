@@ -1,15 +1,11 @@
-"""The page that a person reads: ladder, budget, ringing, speeds, convergence, and first of all what to change.
-
-The directory that a comparison leaves, published whole.
-"""
+"""A comparison as a page (what to change, then ladder, budget, ringing, speeds, convergence) and as a directory."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.console import Console, Group
 from rich.padding import Padding
@@ -17,23 +13,18 @@ from rich.table import Table
 from rich.text import Text
 
 from mjsheaf.comparing.compare import Comparison, compare
-from mjsheaf.comparing.ladder import Progress, Run, words
-from mjsheaf.comparing.measures import TEAM
-from mjsheaf.comparing.record import BudgetRecord, CompareRecord, RungRecord
-from mjsheaf.errors import MjsheafError
+from mjsheaf.comparing.ladder import Progress, RungRecord, display_name, no_progress
+from mjsheaf.comparing.measures import FORMATION, TEAM, TRACKING, BudgetRecord, ItemRecord
+from mjsheaf.comparing.record import CompareRecord
 from mjsheaf.results.store import replaced_run, save_summary, staging
-from mjsheaf.runs.publish import write_scenario
+from mjsheaf.runs.publish import draw_video, write_scenario
 from mjsheaf.scenario import Scenario
-from mjsheaf.video import available_backend
-
-if TYPE_CHECKING:
-    from mjsheaf.comparing.figures import RungCurves
 
 WIDTH = 120  # of report.txt, and the least on a terminal, as numbers must not be cut
 
 _TEAM_COLUMNS = 62  # characters of the budget's first three columns at their widest
-_NOTABLY = 0.05  # of the error
-_LEAST = 0.0005  # m, below which the page shows 0
+_LEAST_WORSENING = 0.05  # of the error, by which removing an effect must make it worse to be explained
+_RESOLUTION = 0.0005  # m, below which the page shows 0
 _WORSE = {
     "underactuation": "the stand-in holds its heading, is controlled at its origin, and goes only as fast abeam as its "
     "sway drag lets it",
@@ -89,7 +80,7 @@ def _ladder(record: CompareRecord) -> Group:
         ideal = rung.key == "ideal"
         table.add_row(
             rung.label,
-            *(_late_and_final(rung, name) for name in ("tracking_error", "formation_error")),
+            *(_late_and_final(rung, name) for name in (TRACKING, FORMATION)),
             _number(rung.settling_time_s) if rung.ending in ("settled", None) else rung.ending,
             "" if ideal else _number(far.distance_m if far else None),
             "" if ideal else _number(near.distance_m if near else None),
@@ -113,16 +104,14 @@ def _ladder(record: CompareRecord) -> Group:
 
 
 def _late_and_final(rung: RungRecord, measure: str) -> str:
-    errors = rung.errors[TEAM]
-    late, final = getattr(errors.late, measure), getattr(errors.final, measure)
+    late, final = (rung.errors[TEAM].error(measure, statistic) for statistic in ("late", "final"))
     return "-" if late is None else f"{late:.3f} / {_number(final, '.3f')}"
 
 
 def _budget(record: CompareRecord) -> Group:
-    known, name = list(record.rung("ideal").errors), record.measure.replace("_", " ")
     columns = {"team": record.budget(TEAM, record.measure, "late")}
     columns["team, at the end"] = record.budget(TEAM, record.measure, "final")
-    scopes = known[1:]
+    scopes = record.scopes[1:]
     groups = [record.budget(scope, record.measure, "late") for scope in scopes]
     shown = _that_fit(scopes, [max(len(cell) for cell in _cells(b)) for b in groups])
     columns |= {b.scope: b for b in groups if b.scope in shown}
@@ -137,19 +126,16 @@ def _budget(record: CompareRecord) -> Group:
     row("targets become bodies", [b.targets_m for b in budgets])
     row("agents become bodies", [b.agents_m for b in budgets])
     row("both beyond that", [b.together_m for b in budgets], end=True)
-    items = {item.effect: k for k, item in enumerate(budgets[0].effects)}
-    order = sorted(items, key=lambda e: -abs(budgets[0].effects[items[e]].give_back_m or 0.0))
-    for k, effect in enumerate(order):
-        cells = [b.effects[items[effect]] for b in budgets]
-        table.add_row(
-            words(effect),
-            *(f"{_millimetres(c.alone_m)} / {_millimetres(c.give_back_m)}" for c in cells),
-            end_section=k + 1 == len(order),
-        )
-    if order:
+    effects = sorted(zip(*(b.effects for b in budgets), strict=True), key=lambda c: -abs(c[0].give_back_m or 0.0))
+    for cells in effects:
+        table.add_row(display_name(cells[0].effect), *map(_alone_and_back, cells), end_section=cells is effects[-1])
+    if effects:
         row("interaction", [b.interaction_m for b in budgets])
     row("as it stands", [b.all_m for b in budgets], "bold")
-    title = f"error budget in mm: {name}, RMS over the last half: what it adds alone / what removing it gives back"
+    title = (
+        f"error budget in mm: {display_name(record.measure)}, RMS over the last half: what it adds alone / "
+        "what removing it gives back"
+    )
     notes = [
         "at q* already: with the agents of the ideal run at q*; no part of the sum",
         "compare.json has both statistics, over the last half and at the end, of tracking and formation error and of "
@@ -160,8 +146,11 @@ def _budget(record: CompareRecord) -> Group:
 
 def _cells(budget: BudgetRecord) -> list[str]:
     """The widest cells of a column."""
-    pairs = [f"{_millimetres(c.alone_m)} / {_millimetres(c.give_back_m)}" for c in budget.effects]
-    return [*pairs, _millimetres(budget.ideal_m), _millimetres(budget.all_m)]
+    return [*map(_alone_and_back, budget.effects), _millimetres(budget.ideal_m), _millimetres(budget.all_m)]
+
+
+def _alone_and_back(item: ItemRecord) -> str:
+    return f"{_millimetres(item.alone_m)} / {_millimetres(item.give_back_m)}"
 
 
 def _that_fit(scopes: list[str], widths: list[int]) -> list[str]:
@@ -181,11 +170,11 @@ def _worse_without(budgets: list[BudgetRecord]) -> list[str]:
         item.effect
         for b in budgets
         for item in b.effects
-        if b.all_m is not None and item.give_back_m is not None and item.give_back_m < -max(_NOTABLY * b.all_m, _LEAST)
+        if (item.give_back_m or 0.0) < -max(_LEAST_WORSENING * (b.all_m or 0.0), _RESOLUTION)
     }
     if not worse:
         return []
-    reasons = [f"{words(effect)}: {why}" for effect, why in _WORSE.items() if effect in worse]
+    reasons = [f"{display_name(effect)}: {why}" for effect, why in _WORSE.items() if effect in worse]
     return ["given back below 0: worse without it" + "".join(f"; {reason}" for reason in reasons)]
 
 
@@ -211,7 +200,7 @@ def _ringing(record: CompareRecord) -> Group | Text:
         + "; no mode is predicted to swing" * r.overdamped
     )
     return _under(
-        f"ringing: the least damped mode (about {r.agent}), let go from rest with all else still", table, note
+        f"ringing: the least damped mode (about {r.agent}), released from rest with all else still", table, note
     )
 
 
@@ -248,13 +237,13 @@ def _convergence(record: CompareRecord) -> str:
 
 @dataclass(frozen=True)
 class Published:
-    """What a comparison left.
+    """A published comparison.
 
     Attributes:
-        directory: where.
+        directory: where it is.
         record: as compare.json.
-        notes: what the user should know beside that.
-        replaced: what is to be told of the run whose place it took; None where there was none.
+        notes: what else to report.
+        replaced: says which earlier run it replaced; None where there was none.
     """
 
     directory: Path
@@ -264,14 +253,14 @@ class Published:
 
 
 def default_directory(scenario: Scenario) -> Path:
-    """Where a comparison goes unless told otherwise."""
+    """The default directory of a comparison."""
     return Path("runs") / f"{scenario.name}-compare"
 
 
 def publish(
-    scenario: Scenario, directory: Path, *, video: bool, origin: str | None = None, progress: Progress | None = None
+    scenario: Scenario, directory: Path, *, video: bool, origin: str | None = None, progress: Progress = no_progress
 ) -> Published:
-    """Compare a scenario's ideal kinematics with its bodies and publish what came out, also where bodies blow up.
+    """Compare a scenario's ideal kinematics with its bodies and write the directory, also where bodies blow up.
 
     Args:
         scenario: the scenario.
@@ -291,64 +280,28 @@ def publish(
         comparison = compare(scenario, progress)
         record = comparison.record.model_copy(update={"origin": origin})
         write_scenario(scenario, fresh)
-        _plot(comparison, fresh, progress)
+        _plot(comparison, fresh)
+        progress("plotting", 1, 1)
         if video:
-            reason = _film(scenario, comparison, fresh / "compare.mp4", progress)
-            notes += [f"no video: {reason}"] if reason else []
+            _, reason = draw_video(partial(_film, scenario, comparison, fresh / "compare.mp4", progress))
+            notes += [reason] * bool(reason)
             record = record.model_copy(update={"video": None if reason else "compare.mp4"})
         (fresh / "report.txt").write_text(report_text(record), encoding="utf-8")
-        if progress:
-            progress("publishing", 0, 1)  # the last moment at which the user can stop it
+        progress("publishing", 0, 1)  # the last moment at which the user can stop it
         save_summary(record.model_dump(mode="json"), fresh / "compare.json")
     return Published(directory, record, notes, replaced)
 
 
-def _plot(comparison: Comparison, folder: Path, progress: Progress | None) -> None:
+def _plot(comparison: Comparison, folder: Path) -> None:
     from mjsheaf.comparing.figures import plot_budget, plot_convergence, plot_rungs
 
-    ideal = comparison.runs["ideal"]
-    plot_rungs(
-        comparison.record, {key: _curves(run, ideal) for key, run in comparison.runs.items()}, folder / "errors.png"
-    )
+    plot_rungs(comparison.record, comparison.runs, folder / "errors.png")
     plot_budget(comparison.record, folder / "budget.png")
     plot_convergence(comparison.record, folder / "convergence.png")
-    if progress:
-        progress("plotting", 1, 1)
 
 
-def _curves(run: Run, ideal: Run) -> "RungCurves":
-    from mjsheaf.comparing.figures import RungCurves
-
-    N, samples = len(run.system.team.agents), min(len(run.trajectory.time), len(ideal.trajectory.time))
-    apart = run.trajectory.positions[:samples, :N] - ideal.trajectory.positions[:samples, :N]
-    team = run.series[TEAM]
-    return RungCurves(
-        time=run.trajectory.time[:samples],
-        tracking=team.tracking_error[:samples],
-        formation=team.formation_error[:samples],
-        distance=np.linalg.norm(apart, axis=2).max(axis=1),
-    )
-
-
-def _film(scenario: Scenario, comparison: Comparison, path: Path, progress: Progress | None) -> str:
-    """Draw the video, or say why there is none: a machine that cannot draw still gets its data."""
-    backend, reason = available_backend()
-    if backend is None:
-        return reason
+def _film(scenario: Scenario, comparison: Comparison, path: Path, progress: Progress) -> int:
     from mjsheaf.comparing.filming import film_side_by_side
-    from mjsheaf.video.encode import UnwritableError
 
-    runs = comparison.runs
-    try:
-        film_side_by_side(
-            scenario,
-            runs["ideal"],
-            runs["all"],
-            path,
-            lambda done, total: progress("drawing video", done, total) if progress else None,
-        )
-    except UnwritableError:
-        raise
-    except MjsheafError as error:
-        return str(error)
-    return ""
+    ideal, physics = comparison.runs["ideal"], comparison.runs["all"]
+    return film_side_by_side(scenario, ideal, physics, path, partial(progress, "drawing video"))

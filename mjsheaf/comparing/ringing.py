@@ -1,29 +1,32 @@
-"""Ringing: the damping ratio that inertia predicts, against the one that bodies show when they are let go.
+"""Ringing: the damping ratio that inertia predicts, against the one that bodies show in a free-decay test.
 
 A body that follows its commanded velocity with time constants T = M / (M k_v + D) turns q' = -k1 H e into
-T e'' + e' + k1 H e = 0. Its least damped mode has the predicted damping ratio. For the measured one all is still (no
-flow, no disturbance, targets at rest), the agents start at rest, displaced from q* along that mode, and a second-order
-response is fitted to it.
+T e'' + e' + k1 H e = 0. Its least damped mode has the predicted damping ratio. For the measured one everything else is
+still (no flow, no disturbance, targets at rest), the agents start at rest, displaced from q* along that mode, and a
+second-order response is fitted.
 
 The prediction knows inertia alone, and beside that the hold of the law. Thrusters that lag, and attitudes that must
-turn first, come on top: so the experiment is repeated without them, where prediction and measurement must meet.
+turn first, come on top: so the test is repeated without them, where prediction and measurement must meet.
 
 How far the gain may be raised before bodies, lag or the law's hold make the team ring.
 """
 
 from dataclasses import dataclass, replace
-from math import sqrt
+from math import isfinite, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 from scipy import linalg
 
 from mjsheaf.checking.margins import LARGEST_SECOND_ORDER
 from mjsheaf.comparing.ladder import effects_of, inertial_tau
+from mjsheaf.comparing.measures import positions_at_q_star
 from mjsheaf.dynamics import FlowField
-from mjsheaf.simulation.loop import run_physics, vehicles_of
-from mjsheaf.system import Effects, System
-from mjsheaf.vehicles.effects import capability_of, of_each
+from mjsheaf.results.store import Record
+from mjsheaf.simulation.loop import run_physics
+from mjsheaf.system import System
+from mjsheaf.vehicles.effects import Effects, capability_of, of_each
 from mjsheaf.vehicles.vehicle import Vehicle
 
 Array = NDArray[np.float64]
@@ -35,7 +38,34 @@ _TRIES = 4
 _DECAYS = 4.0  # time constants of the mode over which it is watched
 _LONGEST = 300.0  # s
 _POINTS_PER_PERIOD = 12  # of the fitted recurrence
-_REAL = 1e-6  # of a root, relative
+_REAL_ROOT = 1e-6  # imaginary part of a root, relative, below which it is real
+_LEAST_DAMPING = 0.3  # of a usable gain
+
+
+class ReleaseRecord(Record):
+    """One free-decay experiment on bodies."""
+
+    bodies: str
+    damping_ratio: float | None = Field(description="of the fitted second-order response; null: it does not swing")
+    frequency_rad_s: float | None
+    overshoot: float = Field(description="beyond q*, of the displacement")
+    amplitude_m: float = Field(description="displacement of the farthest agent")
+    saturation: float
+    status: str
+
+
+class RingingRecord(Record):
+    """The least damped mode: what inertia predicts, and what bodies do."""
+
+    agent: str = Field(description="who moves most in it")
+    predicted_damping_ratio: float = Field(
+        description="of T e'' + e' + k1 H e = 0, T = M / (M k_v + D); no hold, no lag"
+    )
+    predicted_damping_ratio_held: float = Field(description="the same under the held law")
+    predicted_frequency_rad_s: float
+    predicted_overshoot: float = Field(description="in the same experiment, of the displacement")
+    overdamped: bool = Field(description="whether no mode is predicted to swing")
+    measured: list[ReleaseRecord]
 
 
 @dataclass(frozen=True)
@@ -62,64 +92,29 @@ class Mode:
     who: str
 
 
-@dataclass(frozen=True)
-class Release:
-    """One free-decay experiment.
-
-    Attributes:
-        label: which bodies.
-        damping: ratio of the fitted second-order response; None where it does not swing.
-        frequency: its natural frequency, rad/s; None likewise.
-        overshoot: how far it goes beyond q* along the displacement, of the displacement.
-        amplitude: the farthest agent's displacement, m.
-        saturated: time share of thrusters at a limit.
-        status: 'finished' or 'unstable'.
-    """
-
-    label: str
-    damping: float | None
-    frequency: float | None
-    overshoot: float
-    amplitude: float
-    saturated: float
-    status: str
-
-
-@dataclass(frozen=True)
-class Ringing:
-    """Prediction and experiments.
-
-    Attributes:
-        mode: the predicted least damped mode.
-        held: the least damping ratio of all modes under the held law; that of the mode where the law is continuous.
-        overshoot: what the predicted model goes beyond q* in the same experiment, of the displacement.
-        releases: the experiments: the scenario's bodies, then without lag, then without underactuation too.
-    """
-
-    mode: Mode
-    held: float
-    overshoot: float
-    releases: list[Release]
-
-
-def ringing_of(system: System) -> Ringing | None:
+def ringing_of(system: System) -> RingingRecord | None:
     """Predict and measure; None for teams of too many states, or without a mode."""
     if not 0 < system.team.dirichlet.H.shape[0] <= LARGEST_SECOND_ORDER:
         return None
     matrix = second_order(system)
     mode = least_damped(system, matrix)
-    still = _still(system, mode)
-    effects, releases = system.bodies.effects, []
-    for label, chosen in _variants(system, effects):
-        here = replace(still, bodies=replace(still.bodies, effects=chosen, contacts=False))
-        releases.append(_release(here, mode, label))
-    times = np.arange(still.grid.steps + 1) * still.grid.period
-    start = np.concatenate([mode.displacement, np.zeros_like(mode.displacement)])
-    step, states = linalg.expm(matrix * still.grid.period), [start]
-    for _ in times[1:]:
+    still = _displaced_at_rest(system, mode)
+    step, states = linalg.expm(matrix * still.grid.period), [np.r_[mode.displacement, np.zeros(len(mode.displacement))]]
+    for _ in range(still.grid.steps):
         states.append(step @ states[-1])
-    overshoot = _overshoot(np.array(states)[:, : len(mode.displacement)], mode)
-    return Ringing(mode, _held_damping(system, matrix, mode), overshoot, releases)
+    measured = [
+        _release(replace(still, bodies=replace(still.bodies, effects=effects, contacts=False)), mode, bodies)
+        for bodies, effects in _decay_variants(system)
+    ]
+    return RingingRecord(
+        agent=mode.who,
+        predicted_damping_ratio=mode.damping,
+        predicted_damping_ratio_held=_held_damping(system, matrix, mode),
+        predicted_frequency_rad_s=mode.frequency,
+        predicted_overshoot=_overshoot(np.array(states)[:, : len(mode.displacement)], mode),
+        overdamped=not mode.swings,
+        measured=measured,
+    )
 
 
 def second_order(system: System) -> Array:
@@ -129,7 +124,7 @@ def second_order(system: System) -> Array:
     """
     H = system.team.dirichlet.H.toarray()
     blocks = []
-    for v, (agent, vehicle) in enumerate(zip(system.team.agents, vehicles_of(system), strict=False)):
+    for v, (agent, vehicle) in enumerate(zip(system.team.agents, system.vehicles, strict=False)):
         c, s = np.cos(system.bodies.heading[v]), np.sin(system.bodies.heading[v])
         R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])[: agent.dimension, : agent.dimension]
         blocks.append(R / inertial_tau(vehicle) @ R.T)
@@ -144,7 +139,7 @@ def least_damped(system: System, matrix: Array) -> Mode:
     roots, right = linalg.eig(matrix)
     ratio = -roots.real / np.abs(roots)
     k = int(np.argmin(np.where(roots.imag >= 0.0, ratio, np.inf)))
-    if abs(roots[k].imag) > _REAL * abs(roots[k]):
+    if abs(roots[k].imag) > _REAL_ROOT * abs(roots[k]):
         shape = right[:n, k] / right[np.argmax(np.abs(right[:n, k])), k]
         displacement, left = shape.real, np.linalg.pinv(right)[k]
         damping, frequency, rate, swings = float(ratio[k]), float(abs(roots[k])), float(-roots[k].real), True
@@ -190,21 +185,15 @@ def fit_roots(signals: Array, period: float) -> Complex:
     return np.asarray(np.log(np.where(z == 0.0, 1e-300, z)) / period)
 
 
-def _still(system: System, mode: Mode) -> System:
-    """The system with everything at rest but the agents, which are let go along the mode."""
+def _displaced_at_rest(system: System, mode: Mode) -> System:
+    """The system with everything at rest and its agents displaced from q* along the mode."""
     team, grid = system.team, system.grid
     V, N = len(team.members), len(team.agents)
-    nothing = system.motion._replace(
-        pull=np.zeros(V), amplitude=np.zeros((V, 3)), path=np.zeros((V, 2), dtype=np.int64)
-    )
-    gain = np.where(np.arange(V) < N, system.law.gain, 0.0)
-    q_star = team.unpack(team.dirichlet.extend(team.pack(system.initial)[None, team.dirichlet.H.shape[0] :])[0])
     asked = system.gain * np.linalg.norm(team.unpack(team.dirichlet.H @ mode.displacement), axis=1)
-    able = of_each(vehicles_of(system)[:N], _ability)
-    able = np.minimum(able, system.law.limit[:N])
+    able = np.minimum(of_each(system.vehicles[:N], _ability), system.law.limit[:N])
     amplitude = min(_LARGEST_DISPLACEMENT, float((_SHARE_OF_ABILITY * able / np.maximum(asked, 1e-300)).min()))
-    initial = system.initial.copy()
-    initial[:N] = q_star + amplitude * team.unpack(mode.displacement)
+    initial = positions_at_q_star(system, system.initial[None])[0]
+    initial[:N] += amplitude * team.unpack(mode.displacement)
     span = _DECAYS / mode.rate
     if mode.swings:  # the first swing to the other side is seen too
         span = max(span, 1.5 * np.pi / np.sqrt(mode.frequency**2 - mode.rate**2))
@@ -213,10 +202,12 @@ def _still(system: System, mode: Mode) -> System:
         system,
         initial=initial,
         grid=replace(grid, start=0.0, steps=max(steps, 8)),
-        law=system.law._replace(gain=gain),
-        motion=nothing,
+        law=system.law._replace(gain=np.where(np.arange(V) < N, system.law.gain, 0.0)),
+        motion=system.motion._replace(
+            pull=np.zeros(V), amplitude=np.zeros((V, 3)), path=np.zeros((V, 2), dtype=np.int64)
+        ),
         harmonics=np.zeros_like(system.harmonics),
-        flows=[FlowField(3)],
+        flows=[FlowField(dimension=3)],
         field=np.zeros(V, dtype=np.int64),
     )
 
@@ -227,44 +218,46 @@ def _ability(vehicle: Vehicle) -> float:
     return min(able.least_speed, able.least_thrust / float((mass * vehicle.rate + vehicle.drag[: len(mass)]).max()))
 
 
-def _variants(system: System, effects: Effects) -> list[tuple[str, Effects]]:
+def _decay_variants(system: System) -> list[tuple[str, Effects]]:
     """Labels and effects of the experiments: what the prediction does not know is switched off in turn."""
-    agents = system.bodies.vehicle[: len(system.team.agents)]
-    present, found = effects_of(system, agents), [("as it stands", effects)]
-    if "lag" in present:
-        effects = replace(effects, lag=False)
-        found.append(("without lag", effects))
-    if "underactuation" in present:
-        effects = replace(effects, underactuation=False)
-        found.append(("without lag and underactuation" if "lag" in present else "without underactuation", effects))
+    present = effects_of(system, system.bodies.vehicle[: len(system.team.agents)])
+    effects, switched = system.bodies.effects, list[str]()
+    found = [("as it stands", effects)]
+    for effect in ("lag", "underactuation"):
+        if effect in present:
+            effects, switched = effects.model_copy(update={effect: False}), [*switched, effect]
+            found.append((f"without {' and '.join(switched)}", effects))
     return found
 
 
-def _release(system: System, mode: Mode, label: str) -> Release:
-    """Let the agents go; where a thruster meets a limit, again from half as far."""
+def _release(system: System, mode: Mode, bodies: str) -> ReleaseRecord:
+    """Let the agents move from where they are; where a thruster meets a limit, again from half as far."""
     team, N = system.team, len(system.team.agents)
-    problem = team.dirichlet
-    n = problem.H.shape[0]
     targets = np.broadcast_to(system.initial[N:], (system.grid.steps + 1, len(team.targets), 3)).copy()
-    q_star = problem.extend(team.pack(system.initial)[None, n:])[0]
-    offset = system.initial[:N] - team.unpack(q_star)
+    q_star = positions_at_q_star(system, system.initial[None])[0]
+    offset = (system.initial - q_star)[:N]
     for attempt in range(_TRIES):
-        initial = system.initial.copy()
-        initial[:N] = team.unpack(q_star) + offset / 2.0**attempt
-        here = replace(system, initial=initial)
-        run = run_physics(here, targets=targets)
+        initial = q_star.copy()
+        initial[:N] += offset / 2.0**attempt
+        run = run_physics(replace(system, initial=initial), targets=targets)
         saturated = float(run.log.saturation[:, :N].mean())
         if saturated == 0.0 or run.status != "finished":
             break
-    e = team.pack(run.positions)[:, :n] - q_star
-    amplitude = float(np.linalg.norm(offset, axis=1).max()) / 2.0**attempt
-    damping, frequency = None, None
-    if run.status == "finished":
-        damping, frequency = _fit(e, mode, system.grid.period)
-    return Release(label, damping, frequency, _overshoot(e, mode), amplitude, saturated, run.status)
+    e = (team.pack(run.positions) - team.pack(q_star))[:, : len(mode.displacement)]
+    damping, frequency = _fit_decay(e, mode, system.grid.period) if run.status == "finished" else (None, None)
+    overshoot = _overshoot(e, mode)
+    return ReleaseRecord(
+        bodies=bodies,
+        damping_ratio=damping,
+        frequency_rad_s=frequency,
+        overshoot=overshoot if isfinite(overshoot) else 0.0,
+        amplitude_m=float(np.linalg.norm(offset, axis=1).max()) / 2.0**attempt,
+        saturation=saturated,
+        status=run.status,
+    )
 
 
-def _fit(e: Array, mode: Mode, period: float) -> tuple[float | None, float | None]:
+def _fit_decay(e: Array, mode: Mode, period: float) -> tuple[float | None, float | None]:
     """Damping ratio and natural frequency of errors (T, n) along the mode; None where they do not swing."""
     state = np.concatenate([e, np.gradient(e, period, axis=0, edge_order=2)], axis=1)
     own = state @ mode.left
@@ -277,7 +270,7 @@ def _fit(e: Array, mode: Mode, period: float) -> tuple[float | None, float | Non
     runs = signals[:, : count * step].reshape(len(signals), count, step)
     roots = fit_roots(np.moveaxis(runs, 1, 2).reshape(-1, count)[:, 1:], step * period)
     s = roots[np.argmax(roots.imag)]
-    if abs(s.imag) <= _REAL * abs(s):
+    if abs(s.imag) <= _REAL_ROOT * abs(s):
         return None, None
     return float(-s.real / abs(s)), float(abs(s))
 
@@ -288,10 +281,7 @@ def _overshoot(e: Array, mode: Mode) -> float:
     return max(0.0, float(-along.min() / along[0]))
 
 
-_LEAST_DAMPING = 0.3
-
-
-def usable_gain(system: System, ringing: Ringing | None) -> float | None:
+def usable_gain(system: System, ringing: RingingRecord | None) -> float | None:
     """The gain at which the least damped mode's damping ratio falls to 0.3 or the held law begins to ring, 1/s.
 
     With inertia alone the damping ratio of a mode falls as zeta / sqrt(k), k the gain as a share of the present one.
@@ -314,10 +304,10 @@ def usable_gain(system: System, ringing: Ringing | None) -> float | None:
         return None
     measured = None
     if ringing is not None:
-        damping, frequency = ringing.mode.damping, ringing.mode.frequency
-        measured = ringing.releases[0].damping
+        damping, frequency = ringing.predicted_damping_ratio, ringing.predicted_frequency_rad_s
+        measured = ringing.measured[0].damping_ratio
     else:
-        slowest = max(float(inertial_tau(v).max()) for v in vehicles_of(system)[: len(system.team.agents)])
+        slowest = max(float(inertial_tau(v).max()) for v in system.vehicles[: len(system.team.agents)])
         frequency = sqrt(system.gain * stiffest / slowest)
         damping = 0.5 / (frequency * slowest)
     period = 0.0 if system.grid.continuous else system.grid.period

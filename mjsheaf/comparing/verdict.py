@@ -1,98 +1,11 @@
-"""The error budget: how much of a team's error each effect adds.
+"""What a comparison says, in sentences: how much bodies cost, what to change, and what no change of vehicle mends."""
 
-With E the error of a rung, base and all as in `ladder`:
-
-    all = ideal + (targets - ideal) + (agents - ideal) + together + sum over effects of (+EFFECT - base) + interaction
-
-where `together` is what both as bodies have beyond the sum of the parts, and `interaction` what all effects have beyond
-the sum of each alone. What removing an effect would give back is all - (-EFFECT); with interaction it is not what the
-effect adds alone, and it is what tells a person what to change.
-
-What a comparison says, in sentences: how much bodies cost, what to change, and what no change of vehicle mends.
-"""
-
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
-from math import isfinite
 
-from mjsheaf.comparing.ladder import Rung, words
-from mjsheaf.comparing.measures import TEAM
-from mjsheaf.comparing.record import CompareRecord, RingingRecord
-
-
-@dataclass(frozen=True)
-class Item:
-    """One effect's part in an error, in m; None where a rung that it needs blew up.
-
-    Attributes:
-        effect: its name.
-        alone: what it adds to bodies with ideal thrusters.
-        give_back: what the whole would lose without it.
-    """
-
-    effect: str
-    alone: float | None
-    give_back: float | None
-
-
-@dataclass(frozen=True)
-class Budget:
-    """Where one error comes from, in m; None where a rung that it needs blew up.
-
-    Attributes:
-        ideal: of ideal kinematics.
-        targets, agents: what they add as bodies with ideal thrusters, each apart.
-        together: what both have beyond that.
-        items: the effects.
-        interaction: what all effects have beyond the sum of each alone.
-        whole: of the scenario as it stands: the sum of all of these (but for give_back).
-    """
-
-    ideal: float | None
-    targets: float | None
-    agents: float | None
-    together: float | None
-    items: list[Item]
-    interaction: float | None
-    whole: float | None
-
-
-def budget_of(ladder: list[Rung], error: Callable[[str], float]) -> Budget:
-    """The budget of one error.
-
-    Args:
-        ladder: the rungs.
-        error: of the rung with a key, m; not finite where it has none.
-    """
-
-    def value(key: str) -> float | None:
-        found = error(key)
-        return float(found) if isfinite(found) else None
-
-    ideal, base, whole = value("ideal"), value("base"), value("all")
-    targets, agents = _less(value("targets"), ideal), _less(value("agents"), ideal)
-    effects = [rung.effect for rung in ladder if rung.kind == "alone" and rung.effect is not None]
-    items = [Item(e, _less(value(f"+{e}"), base), _less(whole, value(f"-{e}"))) for e in effects]
-    return Budget(
-        ideal=ideal,
-        targets=targets,
-        agents=agents,
-        together=_less(_less(base, ideal), _sum([targets, agents])),
-        items=items,
-        interaction=_less(_less(whole, base), _sum([item.alone for item in items])),
-        whole=whole,
-    )
-
-
-def _less(one: float | None, other: float | None) -> float | None:
-    return None if one is None or other is None else one - other
-
-
-def _sum(values: list[float | None]) -> float | None:
-    known = [value for value in values if value is not None]
-    return sum(known) if len(known) == len(values) else None
-
+from mjsheaf.comparing.ladder import display_name
+from mjsheaf.comparing.measures import TEAM, TRACKING, BudgetRecord
+from mjsheaf.comparing.record import CompareRecord
 
 _CHANGE = {
     "inertia": "a faster autopilot (autopilot.rate), or a lower controller.gain",
@@ -102,15 +15,17 @@ _CHANGE = {
     "underactuation": "vehicles that push along every axis, or slower turns of what they follow",
     "contacts": "more room between vehicles",
 }
-_CALM = {"lag": "faster thrusters", "underactuation": "a quicker attitude (attitude.frequency)"}
-_SMALL = 0.05  # of the error, below which bodies are not what matters
-_TELLING = 0.25  # of what bodies add, below which no single effect is to blame
-_RINGS = 0.2  # damping ratio
-_FLOOR = 0.5  # of the error, from which on q* itself is to blame
-_FAR = 0.1  # tracking error, of the formation's size
-_ROOM = 1.05  # of the gain, above which it is worth raising
-_SELDOM = 0.01  # of the time at the velocity limit, below which it is no matter
-_MOST_GROUPS = 6  # that are told apart
+_RINGING_CURES = {"lag": "faster thrusters", "underactuation": "a quicker attitude (attitude.frequency)"}
+_LEAST_BODY_SHARE = 0.05  # of the error, below which bodies are not what matters
+_LEAST_CAUSE_SHARE = 0.25  # of what bodies add, below which no single effect is to blame
+_LEAST_Q_STAR_SHARE = 0.5  # of the error, from which on q* itself is to blame
+_LEAST_SATURATION = 0.01  # of the time at a limit of velocity or thrust, below which it is not reported
+_LARGEST_PERCENTAGE = 10.0  # as a ratio; what is larger is given as a multiple of the ideal error
+_LARGEST_MULTIPLE = 1000.0  # what is larger has next to no ideal error
+_RINGING_DAMPING = 0.2  # damping ratio, below which the team rings
+_LARGE_TRACKING = 0.1  # tracking error, of the formation's size
+_GAIN_ROOM = 1.05  # of the gain, above which it is worth raising
+_MOST_GROUPS = 6  # with sentences of their own
 
 
 @dataclass(frozen=True)
@@ -133,17 +48,8 @@ class _Lever:
 
 def verdict_of(record: CompareRecord) -> list[str]:
     """The sentences, the most telling first."""
-    whole = _of_the_whole(record)
-    return (
-        _unsettled(record)
-        + whole
-        + _groups(record)
-        + _tracking(record)
-        + _velocity_limit(record)
-        + _speeds(record)
-        + _saturation(record)
-        + _ringing(record.ringing)
-    )
+    parts = (_unsettled, _of_the_whole, _groups, _tracking, _velocity_limit, _speeds, _saturation, _ringing)
+    return [sentence for part in parts for sentence in part(record)]
 
 
 def _unsettled(record: CompareRecord) -> list[str]:
@@ -167,24 +73,33 @@ def _of_the_whole(record: CompareRecord) -> list[str]:
     """How much bodies cost, and the largest lever."""
     whole = record.rung("all")
     if whole.status != "finished":
-        saviours = [words(r.effect or "") for r in record.ladder if r.kind == "without" and r.status == "finished"]
-        lever = (
-            f"largest lever: it holds without {' or without '.join(saviours)}"
-            if saviours
-            else "no effect alone is to blame"
-        )
+        stable = [r for r in record.ladder if r.kind == "without" and r.status == "finished"]
+        names = " or without ".join(display_name(r.effect or "") for r in stable)
+        lever = f"largest lever: it holds without {names}" if stable else "no effect alone is to blame"
         return [f"the scenario as it stands blows up ({whole.message})", lever]
     budget = record.budget(TEAM, record.measure, "late")
     if budget.ideal_m is None or budget.all_m is None:
         return ["the ideal run blows up: nothing can be compared with it"]
-    cost = budget.all_m - budget.ideal_m
-    name = record.measure.replace("_", " ")
+    cost, name = budget.all_m - budget.ideal_m, display_name(record.measure)
     return [
         f"largest lever: {_lever(record, TEAM)}",
         f"{name}, RMS over the last half: ideal {budget.ideal_m:.3g} m, as it stands {budget.all_m:.3g} m; "
-        f"bodies {'add' if cost >= 0 else 'take away'} {abs(cost):.2g} m "
-        f"({100 * cost / max(budget.ideal_m, 1e-12):+.1f}%)",
+        f"bodies {'add' if cost >= 0 else 'take away'} {abs(cost):.2g} m ({_relative(budget.ideal_m, budget.all_m)})",
     ]
+
+
+def _relative(ideal: float, now: float) -> str:
+    """An error against that of the ideal run: a percentage, a multiple, or neither where the ideal one is next to 0."""
+    if now > _LARGEST_MULTIPLE * ideal:
+        return "nearly all of it"
+    if now > _LARGEST_PERCENTAGE * ideal:
+        return f"{now / ideal:.2g} times the ideal"
+    return f"{100.0 * (now - ideal) / max(ideal, 1e-12):+.1f}%"
+
+
+def _ranked(budget: BudgetRecord) -> list[tuple[float, str]]:
+    """What removing each effect gives back, m, and its name; the most first."""
+    return sorted(((item.give_back_m or 0.0, item.effect) for item in budget.effects), reverse=True)
 
 
 def _lever(record: CompareRecord, scope: str) -> _Lever | None:
@@ -194,27 +109,27 @@ def _lever(record: CompareRecord, scope: str) -> _Lever | None:
         return None
     cost, now = budget.all_m - budget.ideal_m, f"{budget.all_m:.3g} m now, {budget.ideal_m:.3g} m ideal"
     floor = budget.at_q_star_m
-    if floor is not None and budget.all_m > 0.0 and floor >= _FLOOR * budget.all_m:
+    if floor is not None and budget.all_m > 0.0 and floor >= _LEAST_Q_STAR_SHARE * budget.all_m:
         return _Lever(
             "the sheaf, not law or vehicles",
             f"q* itself is {floor:.3g} m out of formation (now {budget.all_m:.3g} m)",
             "give the edges between groups an `offset`, or weigh sensing and formation edges more against them",
         )
-    known = sorted(((item.give_back_m or 0.0, item.effect) for item in budget.effects), reverse=True)
+    known = _ranked(budget)
     limit = record.limit_costs(scope, record.measure, "all") or 0.0
-    if limit >= _TELLING * budget.all_m and (not known or limit >= known[0][0]):
+    if 0.0 < limit >= _LEAST_CAUSE_SHARE * budget.all_m and (not known or limit >= known[0][0]):
         less = f"without it the error would be {limit:.2g} m less ({now})"
         return _Lever("the velocity limit", less, _raise_limit(record))
-    if cost <= _SMALL * budget.all_m:
+    if cost <= _LEAST_BODY_SHARE * budget.all_m:
         return _Lever("the law, not the vehicles", now, _law(record, "more agents that sense", "slower targets"))
-    if known and known[0][0] >= _TELLING * cost:
+    if known and known[0][0] >= _LEAST_CAUSE_SHARE * cost:
         (most, effect), others = known[0], known[1:2]
-        then = "".join(f"; then {words(e)} with {x:.2g} m: {_CHANGE[e]}" for x, e in others if x >= 0.5 * most)
+        then = "".join(f"; then {display_name(e)} with {x:.2g} m: {_CHANGE[e]}" for x, e in others if x >= 0.5 * most)
         less = f"without it the error would be {most:.2g} m less ({now})"
-        return _Lever(words(effect), less, f"{_CHANGE[effect]}{then}")
+        return _Lever(display_name(effect), less, f"{_CHANGE[effect]}{then}")
     parts = {"targets": budget.targets_m or 0.0, "agents": budget.agents_m or 0.0}
     who = max(parts, key=lambda name: parts[name])
-    if parts[who] >= _TELLING * cost:
+    if parts[who] >= _LEAST_CAUSE_SHARE * cost:
         why = f"as bodies with ideal thrusters they cost {parts[who]:.2g} m already ({now})"
         return _Lever(f"time constant tau of the {who}", why, "")
     why = f"bodies add {cost:.2g} m together ({now})"
@@ -224,7 +139,7 @@ def _lever(record: CompareRecord, scope: str) -> _Lever | None:
 def _law(record: CompareRecord, *others: str) -> str:
     """What lowers the ideal run's own error: a higher gain, as far as there is room for it, or something else."""
     room = record.usable_gain
-    if room is not None and room <= _ROOM * record.gain:
+    if room is not None and room <= _GAIN_ROOM * record.gain:
         return f"{_either(*others)} (no higher gain: by hold and ringing {room:.2g} 1/s is the most)"
     upto = "" if room is None else f" (up to {room:.2g} 1/s by hold and ringing)"
     return _either(f"a higher controller.gain{upto}", *others)
@@ -238,11 +153,9 @@ def _either(*choices: str) -> str:
 def _groups(record: CompareRecord) -> list[str]:
     """The groups' own levers where they differ: in full, but for what is said of the team already."""
     of_team = _lever(record, TEAM)
-    found = {scope: _lever(record, scope) for scope in list(record.rung("ideal").errors)[1:]}
+    found = {scope: _lever(record, scope) for scope in record.scopes[1:]}
     known = {scope: lever for scope, lever in found.items() if lever is not None}
-    if of_team is None or record.rung("all").status != "finished":
-        return []
-    if all(lever.kind == of_team.kind for lever in known.values()):
+    if of_team is None or all(lever.kind == of_team.kind for lever in known.values()):
         return []
 
     def error(scope: str) -> float:
@@ -258,42 +171,42 @@ def _groups(record: CompareRecord) -> list[str]:
 
 def _tracking(record: CompareRecord) -> list[str]:
     """Whose the tracking error is, where it is large beside the formation, or mostly the law's and beyond its error."""
-    if record.measure == "tracking_error" or record.rung("all").status != "finished":
+    if record.measure == TRACKING or record.rung("all").status != "finished":
         return []
-    budget, other = record.budget(TEAM, "tracking_error", "late"), record.budget(TEAM, record.measure, "late")
+    budget, other = record.budget(TEAM, TRACKING, "late"), record.budget(TEAM, record.measure, "late")
     now, ideal, size = budget.all_m, budget.ideal_m, record.formation_size_m
     if now is None or ideal is None or other.all_m is None:
         return []
     own = ideal >= 0.5 * now
-    if not (size is not None and now >= _FAR * size) and not (own and now >= other.all_m):
+    if not (size is not None and now >= _LARGE_TRACKING * size) and not (own and now >= other.all_m):
         return []
     told = f"tracking error {now:.3g} m, {min(ideal, now):.3g} m of it in the ideal run"
     if own:
-        limit = record.limit_costs(TEAM, "tracking_error", "ideal") or 0.0
-        if limit >= _TELLING * ideal:
+        limit = record.limit_costs(TEAM, TRACKING, "ideal") or 0.0
+        if limit >= _LEAST_CAUSE_SHARE * ideal:
             return [
                 f"{told}: {limit:.2g} m of that by the velocity limit, the rest by the law's own lag; "
                 f"{_law(record, 'slower targets')}"
             ]
         return [f"{told}: the law's own lag; {_law(record, 'slower targets')}"]
-    known = sorted(((item.give_back_m or 0.0, item.effect) for item in budget.effects), reverse=True)
-    if known and known[0][0] > 0.0:
-        most, effect = known[0]
-        return [f"{told}: the bodies'; {words(effect)} first, without which it would be {most:.2g} m less"]
-    return [f"{told}: the bodies'"]
+    most, effect = next(iter(_ranked(budget)), (0.0, ""))
+    first = f"; {display_name(effect)} first, without which it would be {most:.2g} m less" if most > 0.0 else ""
+    return [f"{told}: the bodies'{first}"]
 
 
 def _velocity_limit(record: CompareRecord) -> list[str]:
     """How much of the time agents are at the law's velocity limit, and what the errors are without it."""
     limit = record.velocity_limit
-    if limit is None or max(run.share_at_limit for run in limit.runs) < _SELDOM:
+    if limit is None or max(run.share_at_limit for run in limit.runs) < _LEAST_SATURATION:
         return []
     ideal, whole = limit.run("ideal"), limit.run("all")
-    measures = dict.fromkeys((record.measure, "tracking_error"))
+    measures = dict.fromkeys((record.measure, TRACKING))
     errors = [text for measure in measures for text in _with_and_without(record, measure)]
     costs = [record.limit_costs(TEAM, measure, run.run) or 0.0 for measure in measures for run in limit.runs]
+    lowest, highest = f"{limit.lowest_m_s:.3g}", f"{limit.highest_m_s:.3g}"
+    limits = lowest if lowest == highest else f"{lowest} to {highest}"
     told = (
-        f"agents are at their velocity limit ({_limits(record)}) {100 * ideal.share_at_limit:.0f}% of the last half of "
+        f"agents are at their velocity limit ({limits} m/s) {100 * ideal.share_at_limit:.0f}% of the last half of "
         f"the ideal run, {100 * whole.share_at_limit:.0f}% as it stands"
     )
     if errors:
@@ -305,25 +218,18 @@ def _with_and_without(record: CompareRecord, measure: str) -> list[str]:
     """One error with and without the velocity limit, where it differs notably."""
     told, notably = [], False
     for run, name in (("ideal", "ideal"), ("all", "as it stands")):
-        now, less = getattr(record.rung(run).errors[TEAM].late, measure), record.limit_costs(TEAM, measure, run)
+        now, less = record.rung(run).errors[TEAM].error(measure), record.limit_costs(TEAM, measure, run)
         if now is not None and less is not None:
             told.append(f"{now:.3g} -> {now - less:.3g} m {name}")
-            notably = notably or abs(less) > _SMALL * now
-    return [f"{measure.replace('_', ' ')} {' and '.join(told)}"] if notably else []
+            notably = notably or abs(less) > _LEAST_BODY_SHARE * now
+    return [f"{display_name(measure)} {' and '.join(told)}"] if notably else []
 
 
 def _raise_limit(record: CompareRecord) -> str:
     """The limit that does: the largest speed that the last half of the ideal run asks for without one."""
     limit = record.velocity_limit
-    assert limit is not None  # somebody has one
+    assert limit is not None  # some agent has one
     return f"raise velocity_limit to {limit.asked_m_s:.3g} m/s, the most that the ideal run asks for ({limit.who})"
-
-
-def _limits(record: CompareRecord) -> str:
-    limit = record.velocity_limit
-    assert limit is not None  # somebody has one
-    low, high = f"{limit.lowest_m_s:.3g}", f"{limit.highest_m_s:.3g}"
-    return f"{low} m/s" if low == high else f"{low} to {high} m/s"
 
 
 def _speeds(record: CompareRecord) -> list[str]:
@@ -353,21 +259,20 @@ def _saturation(record: CompareRecord) -> list[str]:
     return [f"agents' thrusters are at a limit {100 * total:.1f}% of the time"] if total >= 0.01 else []
 
 
-def _rings(ringing: RingingRecord | None) -> bool:
-    """Whether bodies swing many times before they are still."""
+def _ringing(record: CompareRecord) -> list[str]:
+    """That bodies swing many times before they are still, and how to change that."""
+    ringing = record.ringing
     measured = ringing.measured[0].damping_ratio if ringing and ringing.measured else None
-    return measured is not None and measured < _RINGS
-
-
-def _ringing(ringing: RingingRecord | None) -> list[str]:
-    if ringing is None or not _rings(ringing):
+    if ringing is None or measured is None or measured >= _RINGING_DAMPING:
         return []
-    measured, predicted = ringing.measured[0].damping_ratio or 0.0, ringing.predicted_damping_ratio_held
     if measured < 0.0:
         return [f"the least damped mode (about {ringing.agent}) GROWS: lower controller.gain"]
+    predicted = ringing.predicted_damping_ratio_held
     why = "" if measured > 0.7 * predicted else f", where inertia and the law's hold alone would leave {predicted:.2g}"
     known = [(m.bodies, m.damping_ratio) for m in ringing.measured if m.damping_ratio is not None]
-    steps = [(later[1] - now[1], later[0]) for now, later in pairwise(known)]
-    blamed = max(steps, default=(0.0, ""))[1]
-    cure = "lower controller.gain" + next((f", or {c}" for name, c in _CALM.items() if blamed.endswith(name)), "")
-    return [f"it rings: damping ratio {measured:.2g} of the mode about {ringing.agent}{why}; {cure}"]
+    blamed = max(((later[1] - now[1], later[0]) for now, later in pairwise(known)), default=(0.0, ""))[1]
+    cures = [f", or {cure}" for effect, cure in _RINGING_CURES.items() if blamed.endswith(effect)]
+    return [
+        f"it rings: damping ratio {measured:.2g} of the mode about {ringing.agent}{why}; "
+        f"lower controller.gain{''.join(cures)}"
+    ]

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjsheaf.dynamics.motion import MotionArrays, add_reference
-from mjsheaf.jit import kernel, part
+from mjsheaf.jit import inline_jit, jit
 from mjsheaf.team import Edge, Member, Team
 
 Array = NDArray[np.float64]
@@ -105,7 +105,7 @@ def new_memory(law: LawArrays, V: int) -> Memory:
     return Memory(flat, flat[:m], residual, command, supplied)
 
 
-@part
+@inline_jit
 def sample(control, t, x, memory):
     """Sample every onboard computer at time t, s: write memory.y, residual and command for positions x (V, 3), m."""
     law = control.law
@@ -118,7 +118,7 @@ def sample(control, t, x, memory):
         limit_speed(law.limit[v], memory.command[v])
 
 
-@part
+@inline_jit
 def measure(edges, x, y):
     """Write y_e = F_head x_head - F_tail x_tail of every edge into y (m,) for positions x (V, 3)."""
     for e in range(edges.tail.shape[0]):
@@ -130,7 +130,7 @@ def measure(edges, x, y):
             )
 
 
-@part
+@inline_jit
 def pull_back(edges, y, residual):
     """Write delta^T K (delta x - b), summed at the vehicles that listen, into residual (V, 3), from y (m,)."""
     for v in range(residual.shape[0]):
@@ -147,7 +147,7 @@ def pull_back(edges, y, residual):
                     head[i] += edges.P_head[r, i] * z
 
 
-@part
+@inline_jit
 def proportional(law, residual, command):
     """Write -gain eta of every vehicle into command (V, 3)."""
     for v in range(residual.shape[0]):
@@ -155,7 +155,7 @@ def proportional(law, residual, command):
             command[v, i] = -law.gain[v] * residual[v, i]
 
 
-@part
+@inline_jit
 def supplied(law, velocity, command):
     """Put the velocities (V, 3) of a law in Python in place of those of the first law.supplied vehicles."""
     for v in range(law.supplied):
@@ -163,7 +163,7 @@ def supplied(law, velocity, command):
             command[v, i] = velocity[v, i]
 
 
-@part
+@inline_jit
 def limit_speed(limit, velocity):
     """Shorten velocity (3,) to the limit, keeping its direction."""
     speed = np.sqrt(velocity[0] ** 2 + velocity[1] ** 2 + velocity[2] ** 2)
@@ -171,14 +171,14 @@ def limit_speed(limit, velocity):
         velocity *= limit / speed
 
 
-@kernel
+@jit
 def observe(law, x, memory):
     """Write memory.y and memory.residual for positions x (V, 3), m: what a law in Python is shown."""
     measure(law.edges, x, memory.y)
     pull_back(law.edges, memory.y, memory.residual)
 
 
-@kernel
+@jit
 def _disagreements(law, x, y, residual):
     for k in range(x.shape[0]):
         measure(law.edges, x[k], y)

@@ -1,13 +1,8 @@
-"""Bounds rho of the agents' drift: |f_q(q*, t) - f_q(q, t)| <= rho(|e|) |e| with e = q* - q (before Theorem 1).
+"""Theorem 1 of the paper: constants, gain condition, sets, and the bound on |e(t)|.
 
-The theorem needs two things of rho: its value, and how far it stays below a level. Subclasses of `Rho` implement
-`__call__`, non-decreasing and rounded up if at all, and may override `reach`, which never rounds up.
-
-Theorem 1 of the paper: constants, gain condition, sets, and the bound on |e(t)|.
-
-With e = q* - q the closed loop is e' = -k1 H e + f_B + f~ + Delta, |f_B| <= f_bar, |Delta| <= omega_bar and
-|f~| <= rho(|e|) |e|. With V = |e|^2 / 2, completing the square gives V' <= -(k_min - rho(|e|)) |e|^2 + mu. All of it
-holds in continuous time and while the run stays where rho and f_bar hold.
+rho bounds the agents' drift: |f~| = |f_q(q*, t) - f_q(q, t)| <= rho(|e|) |e| with e = q* - q. The closed loop is
+e' = -k1 H e + f_B + f~ + Delta, |f_B| <= f_bar, |Delta| <= omega_bar. With V = |e|^2 / 2, completing the square gives
+V' <= -(k_min - rho(|e|)) |e|^2 + mu, in continuous time and while the run stays where rho and f_bar hold.
 
 Where rho is strictly increasing and unbounded this is the paper's theorem word for word (its proof writes rho once
 where it means rho_bar). Here rho need only not decrease. chi is then any radius with rho(chi) <= k_min - lambda_V, the
@@ -37,22 +32,28 @@ from scipy.special import exprel
 
 from mjsheaf.errors import InputError
 
-_REFINEMENTS = 64
+Array = NDArray[np.float64]
+
+_BISECTIONS = 64
+_MOST_DESCENTS = 1000
+# The best rate is the supremum of those that satisfy a strict inequality; this share of it satisfies it.
+_BELOW_SUPREMUM = 1.0 - 1e-9
+# Radii at which rho is evaluated, and those taken off chi, are larger by this than computed.
+_OUTWARD = 1.0 + 1e-12
 
 
 class Rho:
-    """A non-decreasing bound of the slope of the drift; infinite where nothing is known."""
+    """A non-decreasing bound of the slope of the drift; infinite where nothing is known.
+
+    Subclasses implement `__call__`, which may round up, and may override `reach`, which never rounds up.
+    """
 
     def __call__(self, radius: float) -> float:
         """rho at a radius >= 0 in m, 1/s."""
         raise NotImplementedError
 
     def reach(self, level: float) -> float | None:
-        """A radius s with rho(s) <= level, the largest to about 1e-15 of itself; None where rho(0) exceeds it.
-
-        This is the inverse of rho where rho has one. Where rho only does not decrease it is the supremum of
-        {s: rho(s) <= level} from below.
-        """
+        """The largest radius s with rho(s) <= level, from below to about 1e-15 of itself; None where there is none."""
         if not self(0.0) <= level:
             return None
         if self(math.inf) <= level:
@@ -62,7 +63,7 @@ class Rho:
             low, high = high, 2.0 * high
         while low > 0.0 and not self(low) <= level:
             low, high = 0.5 * low, low
-        for _ in range(_REFINEMENTS if high < math.inf else 0):
+        for _ in range(_BISECTIONS if high < math.inf else 0):
             middle = 0.5 * (low + high)
             if not low < middle < high:
                 break
@@ -71,11 +72,7 @@ class Rho:
 
 
 class ConstantRho(Rho):
-    """rho = L: a Lipschitz constant over the whole region.
-
-    Attributes:
-        value: L, 1/s; infinite where there is none.
-    """
+    """rho = L: a Lipschitz constant over the whole region, 1/s; infinite where there is none."""
 
     def __init__(self, value: float) -> None:
         if not value >= 0.0:
@@ -92,18 +89,10 @@ class ConstantRho(Rho):
 
 
 class PolynomialRho(Rho):
-    """rho(s) = c_0 + c_1 s + c_2 s^2 + ... with c_k >= 0.
-
-    Attributes:
-        coefficients: c_0, c_1, ... in 1/s, 1/(m s), ...
-    """
+    """rho(s) = c_0 + c_1 s + c_2 s^2 + ... with coefficients c_k >= 0 in 1/s, 1/(m s), ..."""
 
     def __init__(self, coefficients: Sequence[float]) -> None:
-        """Take the coefficients.
-
-        Raises:
-            InputError: none is given, or one is negative or not finite.
-        """
+        """Raise an InputError where there is none, or one is negative or not finite."""
         self.coefficients = tuple(float(c) for c in coefficients)
         if not self.coefficients or not all(0.0 <= c < math.inf for c in self.coefficients):
             raise InputError(f"the coefficients of rho are {list(coefficients)}; expected finite numbers >= 0")
@@ -123,14 +112,10 @@ class StepRho(Rho):
 
     L_k may be a Lipschitz constant of the drift over the tube of radius_k about the path of q*: q lies in the tube of
     radius |e|, with the whole segment from q* to q.
-
-    Attributes:
-        radii: strictly increasing, m.
-        values: L_k, non-decreasing, 1/s.
     """
 
     def __init__(self, steps: Sequence[tuple[float, float]]) -> None:
-        """Take pairs (radius_k, L_k).
+        """Take pairs (radius_k in m, L_k in 1/s).
 
         Raises:
             InputError: there is none, radii do not increase from above 0, or values decrease or are negative.
@@ -157,18 +142,14 @@ class StepRho(Rho):
 
 
 class BoundRho(Rho):
-    """A function of the user's, non-decreasing and non-negative.
+    """A user's function of a radius in m, in 1/s, which must be non-negative and not decrease.
 
-    That it bounds the drift is the user's claim, and that it does not decrease is checked on a grid alone: 0 and 1e-9
-    to 1e9 m, eight radii a decade. NaN counts as infinite. Where the function rounds down, so does the theorem.
+    That is checked on a grid alone, 0 and 1e-9 to 1e9 m, eight radii a decade; that it bounds the drift is the user's
+    claim. NaN counts as infinite. Where the function rounds down, so does the theorem.
     """
 
     def __init__(self, function: Callable[[float], float]) -> None:
-        """Take the function, of a radius in m, in 1/s.
-
-        Raises:
-            InputError: on the grid it is negative, or decreases.
-        """
+        """Raise an InputError where the function is negative or decreases on the grid."""
         self._function = function
         before, at = 0.0, 0.0
         for radius in (0.0, *np.logspace(-9, 9, 145).tolist()):
@@ -192,15 +173,11 @@ class BoundRho(Rho):
 
 
 RhoLike = float | Sequence[float] | Sequence[tuple[float, float]] | Callable[[float], float] | Rho
-"""What `as_rho` takes."""
+"""See `as_rho`."""
 
 
 def as_rho(rho: RhoLike) -> Rho:
-    """A bound from what a user gives.
-
-    Args:
-        rho: a number L, coefficients (c_0, c_1, ...) of a polynomial, a table of pairs (radius_k, L_k), a function of
-            the radius, or a `Rho`, which stays as it is.
+    """A bound from a number L, coefficients of a polynomial, pairs (radius_k, L_k), a function, or a `Rho`.
 
     Raises:
         InputError: it is none of these, or no bound.
@@ -227,15 +204,6 @@ def _shape(rho: Any) -> tuple[int, ...]:
         return np.asarray(rho, dtype=np.float64).shape
     except (TypeError, ValueError):
         return (0, 0)
-
-
-Array = NDArray[np.float64]
-
-# The best rate is the supremum of those that satisfy a strict inequality; this share of it satisfies it.
-_SHARE = 1.0 - 1e-9
-# Radii that rho is asked about, and those taken off chi, are larger by this than computed.
-_OUTWARD = 1.0 + 1e-12
-_ITERATIONS = 1000
 
 
 @dataclass(frozen=True)
@@ -269,16 +237,6 @@ class Theorem:
     radius: float
     chi: float
     radius_S: float
-
-    @property
-    def radius_D(self) -> float:  # noqa: N802 - the paper's symbol
-        """Radius of D, chi, m."""
-        return self.chi
-
-    @property
-    def radius_U(self) -> float:  # noqa: N802
-        """Radius of U, m."""
-        return self.radius
 
     @property
     def lipschitz(self) -> float:
@@ -316,8 +274,8 @@ def theorem_1(
         f_bar, omega_bar: bounds on |f_B| and |Delta|, m/s.
         rho: bound of the drift's slope, 1/s; a number is constant.
         rate: lambda_V, 1/s; None takes the largest that satisfies the gain condition and, where one does, has the
-            initial error in S: that gives the smallest ultimate set. A large rate makes D and S small; without an
-            initial error S may be hardly larger than U.
+            initial error in S: that gives the smallest ultimate set. Without an initial error S may be hardly larger
+            than U.
         initial_error: |e_0| in m, for the choice of the rate alone.
     """
     rho = as_rho(rho)
@@ -328,7 +286,7 @@ def theorem_1(
         """The rates up to this one satisfy k_min - rate > rho(s), s the largest radius that matters at `rate`."""
         ultimate = math.sqrt(mu / rate) * _OUTWARD
         # Slopes over 2 r: the gain condition. Over |e_0| + r: chi reaches that far, which puts e_0 into S.
-        return (k_min - rho(max(2.0 * ultimate, (start or 0.0) * _OUTWARD + ultimate))) * _SHARE
+        return (k_min - rho(max(2.0 * ultimate, (start or 0.0) * _OUTWARD + ultimate))) * _BELOW_SUPREMUM
 
     chosen = rate
     if rate is None and mu < math.inf:
@@ -353,7 +311,7 @@ def _largest_fixed_point(allowed: Callable[[float], float], most: float) -> floa
     Math. 5, 1955). Where it is slow, the rest is bisected down to a solution, perhaps not the largest.
     """
     x = most
-    for _ in range(_ITERATIONS):
+    for _ in range(_MOST_DESCENTS):
         following = allowed(x) if x > 0.0 else 0.0
         if following >= x:
             break
@@ -365,7 +323,7 @@ def _largest_fixed_point(allowed: Callable[[float], float], most: float) -> floa
     low = next((y for k in range(48, 0, -1) if (y := x * (1.0 - 2.0**-k)) <= allowed(y)), None)
     if low is None:
         return None
-    for _ in range(64):
+    for _ in range(_BISECTIONS):
         middle = 0.5 * (low + x)
         low, x = (middle, x) if middle <= allowed(middle) else (low, middle)
     return low
@@ -389,10 +347,7 @@ def gain_for_radius(
     Infinite where no gain does it: f_bar or omega_bar is infinite, or rho is already at |e_0|. A bisected gain does it
     itself and exceeds the smallest by at most some 1e-9 of itself, which is what a solved one may miss it by.
 
-    Args:
-        radius: wanted, m.
-        lambda_min, f_bar, omega_bar, rho: as in `theorem_1`.
-        initial_error: |e_0| in m.
+    Arguments are those of `theorem_1`.
     """
     rho = as_rho(rho)
     drive = f_bar + omega_bar
@@ -415,7 +370,7 @@ def gain_for_radius(
         return math.inf
     low = enough(rho(initial_error), radius)
     high = enough(rho(max(2.0 * r, initial_error + r) * _OUTWARD**2), r) * (1.0 + 1e-8)
-    for _ in range(64):
+    for _ in range(_BISECTIONS):
         if high == 0.0 or achieves(high):
             break
         low, high = high, 2.0 * high

@@ -7,6 +7,6 @@ that evaluates them. How they are integrated is not known here.
 from mjsheaf.dynamics.disturbance import Disturbance
 from mjsheaf.dynamics.effectiveness import ControlEffectiveness
 from mjsheaf.dynamics.flow import FlowField
-from mjsheaf.dynamics.motion import Lissajous, Motion, Waypoints
+from mjsheaf.dynamics.motion import Lissajous, Motion, Static, Waypoints
 
-__all__ = ["ControlEffectiveness", "Disturbance", "FlowField", "Lissajous", "Motion", "Waypoints"]
+__all__ = ["ControlEffectiveness", "Disturbance", "FlowField", "Lissajous", "Motion", "Static", "Waypoints"]

@@ -6,14 +6,15 @@ is smooth, and the same whatever integrates it.
 """
 
 import math
-from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field, model_validator
 
 from mjsheaf.errors import InputError
-from mjsheaf.jit import part
+from mjsheaf.io.section import NonNegative, Positive, Section
+from mjsheaf.jit import inline_jit
 
 Array = NDArray[np.float64]
 
@@ -49,7 +50,7 @@ def pack(harmonics: Array) -> HarmonicArrays:
     return HarmonicArrays(*(np.ascontiguousarray(part) for part in parts))
 
 
-@part
+@inline_jit
 def _sine(x):
     """The sine of x, |x| up to LARGEST_PHASE, to a unit in the last place of 1; beyond, a number in [-1, 1].
 
@@ -66,7 +67,7 @@ def _sine(x):
     return p - 2.0 * odd * p
 
 
-@part
+@inline_jit
 def evaluate_sines(harmonics, t, first, last, sines):
     """Write the sines of the harmonics of the vehicles from first to last at time t into sines (V K,)."""
     K = harmonics.amplitude.shape[1]
@@ -74,7 +75,7 @@ def evaluate_sines(harmonics, t, first, last, sines):
         sines[j] = _sine(harmonics.rate[j] * t + harmonics.phase[j])
 
 
-@part
+@inline_jit
 def disturbance_velocity(harmonics, sines, v):
     """omega_v as three numbers, m/s, at the time for which `evaluate_sines` was called."""
     amplitude, x, y, z = harmonics.amplitude[v], 0.0, 0.0, 0.0
@@ -86,29 +87,38 @@ def disturbance_velocity(harmonics, sines, v):
     return x, y, z
 
 
-@dataclass(frozen=True)
-class Disturbance:
-    """A kind of disturbance, from which each vehicle draws its own.
+class Disturbance(Section):
+    """A bounded, smooth, seeded disturbance velocity."""
 
-    Attributes:
-        bound: bound on |omega(t)| in m/s.
-        frequencies: lowest and highest frequency in Hz.
-        components: number of harmonics.
-    """
+    bound: NonNegative = Field(description="m/s")
+    frequencies: Annotated[list[Positive], Field(min_length=2, max_length=2)] = Field([0.05, 0.5], description="Hz")
+    components: Annotated[int, Field(ge=1, le=64)] = 6
 
-    bound: float
-    frequencies: tuple[float, float] = (0.05, 0.5)
-    components: int = 6
-
-    def __post_init__(self) -> None:
-        low, high = self.frequencies
-        if not (self.bound >= 0.0 and 0.0 < low <= high and self.components >= 1):
-            raise InputError("a disturbance needs bound >= 0, 0 < lowest <= highest frequency, and a component")
+    @model_validator(mode="after")
+    def _ordered(self) -> "Disturbance":
+        if self.frequencies[0] > self.frequencies[1]:
+            raise ValueError("a disturbance needs bound >= 0, 0 < lowest <= highest frequency, and a component")
+        return self
 
     @property
     def longest_time(self) -> float:
         """The largest |t| in s up to which the phases of all frequencies stay within LARGEST_PHASE."""
         return LARGEST_PHASE / (2.0 * math.pi * self.frequencies[1]) - 1.0 / self.frequencies[1]
+
+    def require_resolved(self, last: float) -> None:
+        """Refuse frequencies whose sine the loops do not resolve up to |t| = `last`, s.
+
+        Raises:
+            InputError: naming the time and the frequency up to which they do.
+        """
+        high = self.frequencies[1]
+        if self.bound > 0.0 and last > self.longest_time:
+            raise InputError(
+                f"frequencies: {high:g} Hz over {last:g} s is a phase of {2.0 * np.pi * high * last:.2g} rad, which a "
+                f"sine in double precision does not resolve in the loop; expected at most {LARGEST_PHASE:.0e} rad: "
+                f"time.end up to {0.99 * self.longest_time:.3g} s, or up to "
+                f"{0.99 * high * self.longest_time / last:.3g} Hz"
+            )
 
 
 def draw(kinds: list[Disturbance | None], dimensions: list[int], rng: np.random.Generator) -> Array:
@@ -127,7 +137,7 @@ def draw(kinds: list[Disturbance | None], dimensions: list[int], rng: np.random.
         direction /= np.linalg.norm(direction, axis=1, keepdims=True)
         share = rng.uniform(0.5, 1.0, k)
         harmonics[v, :k, :n] = kind.bound * (share / share.sum())[:, None] * direction
-        harmonics[v, :k, 3] = 2.0 * np.pi * rng.uniform(*kind.frequencies, k)
+        harmonics[v, :k, 3] = 2.0 * np.pi * rng.uniform(kind.frequencies[0], kind.frequencies[1], k)
         harmonics[v, :k, 4] = rng.uniform(0.0, 2.0 * np.pi, k)
     return harmonics
 

@@ -4,15 +4,15 @@ g(q, t) = R(psi(q, t)) W: a thruster layout W fixed in a frame whose heading psi
 on position and time. R turns about z. As R is a rotation, g^+ = W^+ R^T, and g has full row rank where W has.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import Field
 
 from mjsheaf.errors import InputError
-from mjsheaf.jit import kernel
+from mjsheaf.io.section import Matrix, Number, Point, Section
+from mjsheaf.jit import jit
 
 Array = NDArray[np.float64]
 
@@ -33,34 +33,27 @@ class EffectivenessArrays(NamedTuple):
     heading: Array
 
 
-@dataclass(frozen=True)
-class ControlEffectiveness:
-    """g(q, t) = R(psi) W of one agent.
+class ControlEffectiveness(Section):
+    """g(q, t) = R(psi) layout with psi = heading + gradient . q + rate t; ideal backend."""
 
-    Attributes:
-        layout: W, shape (n, s); of full row rank where Assumption 2 holds.
-        heading: psi_0 in rad.
-        heading_gradient: psi_q in rad/m, shape (n,), or None for zero.
-        heading_rate: psi_t in rad/s.
-    """
-
-    layout: Sequence[Sequence[float]]
-    heading: float = 0.0
-    heading_gradient: Sequence[float] | None = None
-    heading_rate: float = 0.0
+    layout: Matrix = Field(description="W, one row for each state, one column for each input")
+    heading: Number = 0.0
+    heading_gradient: Point | None = Field(None, description="degrees per m")
+    heading_rate: Number = Field(0.0, description="degrees per s")
 
     def matrix(self, q: ArrayLike, t: float) -> Array:
-        """g(q, t), shape (n, s)."""
+        """g(q, t) at the position q (n,) in m and the time t in s, shape (n, s)."""
         W = np.asarray(self.layout, dtype=np.float64)
         psi = self.heading + self.heading_rate * t
         if self.heading_gradient is not None:
             psi += float(np.dot(self.heading_gradient, np.asarray(q)))
+        psi = np.deg2rad(psi)
         R = np.eye(3)
         R[:2, :2] = [[np.cos(psi), -np.sin(psi)], [np.sin(psi), np.cos(psi)]]
         return R[: len(W), : len(W)] @ W
 
 
-@kernel
+@jit
 def allocate(effectiveness, i, q, t, velocity, u):
     """Write u = g^+(q, t) velocity of agent i into u (s,), then g(q, t) u back into velocity (3,)."""
     h = effectiveness.heading[i]
@@ -103,11 +96,11 @@ def pack(models: list[ControlEffectiveness | None], dimensions: list[int]) -> Ef
         s = W.shape[1]
         arrays.given[i], arrays.inputs[i] = True, s
         arrays.W[i, :n, :s], arrays.pinv[i, :s, :n] = W, np.linalg.pinv(W)
-        arrays.heading[i, 0], arrays.heading[i, 4] = g.heading, g.heading_rate
+        arrays.heading[i, 0], arrays.heading[i, 4] = np.deg2rad(g.heading), np.deg2rad(g.heading_rate)
         if g.heading_gradient is not None:
             if len(g.heading_gradient) != n:
                 raise InputError(f"heading gradient has {len(g.heading_gradient)} entries; expected {n}")
-            arrays.heading[i, 1 : 1 + n] = g.heading_gradient
+            arrays.heading[i, 1 : 1 + n] = np.deg2rad(g.heading_gradient)
     return arrays
 
 

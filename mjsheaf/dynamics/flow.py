@@ -14,14 +14,16 @@ Source: the paper's Section VI, and the kernels of its published run.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import Field, model_validator
 
 from mjsheaf.errors import InputError
-from mjsheaf.jit import kernel, part
+from mjsheaf.io.section import NonNegative, Number, Point, Positive, Section
+from mjsheaf.jit import inline_jit, jit
 
 Array = NDArray[np.float64]
 
@@ -29,13 +31,13 @@ Array = NDArray[np.float64]
 # A field is a table with one row for each kernel: its kind, 1 if it lies in space (0: its z is ignored), centre (3),
 # axis or direction (3), strength, and two parameters. One array is what compiled code passes on most cheaply.
 SOURCE, VORTEX, CHANNEL = 0.0, 1.0, 2.0
-_COLUMNS = 11
+_STRENGTH = 8
 _TWO_OVER_E = 2.0 / np.e
 _NARROWEST = 1e-100  # m, of a channel: the square of its inverse must be finite
 _NOTHING_LEFT = 600.0  # exp(-600) = 3e-261: beyond it exp underflows, which takes libraries many times as long
 
 
-@kernel
+@jit
 def flow_velocity(table, x, y, z):
     """Velocity of the medium at a point, as three numbers; the first row of the table is the drift."""
     wx, wy, wz = table[0, 2], table[0, 3], table[0, 4]
@@ -64,7 +66,7 @@ def flow_velocity(table, x, y, z):
     return wx, wy, wz
 
 
-@part
+@inline_jit
 def _channel_place(c, rx, ry, rz):
     """Where an offset (rx, ry, rz) from its centre lies in a channel: l along it, and |n|^2 across."""
     along = rx * c[5] + ry * c[6] + rz * c[7]
@@ -72,7 +74,7 @@ def _channel_place(c, rx, ry, rz):
     return along, nx * nx + ny * ny + nz * nz
 
 
-@part
+@inline_jit
 def flow_slope(table, x, y, z, radius):
     """A bound on the Jacobian's spectral norm over the ball about a point, 1/s: the Lipschitz constant there.
 
@@ -103,7 +105,7 @@ def flow_slope(table, x, y, z, radius):
     return total
 
 
-@part
+@inline_jit
 def flow_scale(table, x, y, z):
     """The length over which the field may change about a point, m: what an integrator must not step over.
 
@@ -123,83 +125,101 @@ def flow_scale(table, x, y, z):
     return smallest
 
 
-@kernel
+@jit
 def _slopes(table, points, radii, out):
     for i in range(points.shape[0]):
         out[i] = flow_slope(table, points[i, 0], points[i, 1], points[i, 2], radii[i])
 
 
-@kernel
+@jit
 def _velocities(table, points, out):
     for i in range(points.shape[0]):
         out[i, 0], out[i, 1], out[i, 2] = flow_velocity(table, points[i, 0], points[i, 1], points[i, 2])
 
 
-@dataclass(frozen=True)
-class FlowField:
-    """A steady flow field in the plane or in space.
+class Source(Section):
+    """alpha r / (|r|^2 + core^2)^p, p = 1 in the plane and 1.5 in space."""
 
-    Attributes:
-        dimension: 2 or 3.
-        core: core radius in m, needed where there are sources or vortices; 0 leaves them singular at their centre, so
-            that the field is not C^1 there (Assumption 1).
-        drift: uniform velocity, shape (dimension,), m/s.
-        sources: rows (centre, alpha), shape (k, dimension + 1).
-        vortices: rows (x, y, gamma) in the plane, (x, y, z, axis, gamma) in space; the axis is not normalised.
-        channels: rows (centre, direction, beta, width, length); the direction is normalised.
-    """
+    centre: Point
+    alpha: Number
 
-    dimension: int
-    core: float | None = None
-    drift: Sequence[float] | None = None
-    sources: Sequence[Sequence[float]] = ()
-    vortices: Sequence[Sequence[float]] = ()
-    channels: Sequence[Sequence[float]] = ()
+    def row(self, core2: float) -> list[float]:
+        """What the kernel's row in the table holds after its kind and whether it lies in space."""
+        return [*_padded(self.centre), 0.0, 0.0, 0.0, self.alpha, core2, 0.0]
 
-    def __post_init__(self) -> None:
-        if self.dimension not in (2, 3):
-            raise InputError(f"a flow field has dimension 2 or 3, not {self.dimension}")
-        if (len(self.sources) or len(self.vortices)) and self.core is None:
-            raise InputError(
+
+class Vortex(Section):
+    """gamma (axis x r) / (|r|^2 + core^2)."""
+
+    centre: Point
+    gamma: Number
+    axis: Annotated[list[Number], Field(min_length=3, max_length=3)] | None = Field(None, description="in space only")
+
+    def row(self, core2: float) -> list[float]:
+        """As that of a source."""
+        return [*_padded(self.centre), *(self.axis or (0.0, 0.0, 1.0)), self.gamma, core2, 0.0]
+
+
+class Channel(Section):
+    """beta exp(-|n|^2 / 2 width^2) exp(-l^2 / 2 length^2) along a direction."""
+
+    centre: Point
+    direction: Point
+    beta: Number = Field(description="m/s")
+    width: Positive
+    length: Positive
+
+    def row(self) -> list[float]:
+        """As that of a source."""
+        along = np.asarray(self.direction) / np.linalg.norm(self.direction, axis=0)  # 0: without BLAS
+        falloff = 0.5 / np.array([self.width, self.length]) ** 2
+        return [*_padded(self.centre), *_padded(along), self.beta, *falloff]
+
+
+class FlowField(Section):
+    """A flow field in the plane (dimension 2) or in space (3)."""
+
+    dimension: Literal[2, 3]
+    core: NonNegative | None = Field(None, description="needed with sources or vortices; 0 leaves them singular, m")
+    drift: Point | None = None
+    sources: list[Source] = Field(default_factory=list)
+    vortices: list[Vortex] = Field(default_factory=list)
+    channels: list[Channel] = Field(default_factory=list)
+
+    @model_validator(mode="after")
+    def _fits(self) -> "FlowField":
+        n, space = self.dimension, self.dimension == 3
+        if space and any(k.axis is None for k in self.vortices):
+            raise ValueError("vortices: in space each needs an axis")
+        if not space and any(k.axis is not None for k in self.vortices):
+            raise ValueError("vortices: in the plane the axis is z; leave it out")
+        if (self.sources or self.vortices) and self.core is None:
+            raise ValueError(
                 "sources and vortices are singular at their centre: give a 'core' radius (0 leaves them so)"
             )
-        if self.core is not None and not self.core >= 0.0:
-            raise InputError(f"core is {self.core}; a radius is 0 or more")
-        _ = self.table  # checks the rows
+        points = {"drift": self.drift} | {f"channels.{k}.direction": c.direction for k, c in enumerate(self.channels)}
+        for name in ("sources", "vortices", "channels"):
+            points |= {f"{name}.{k}.centre": kernel.centre for k, kernel in enumerate(getattr(self, name))}
+        for name, point in points.items():
+            if point is not None and len(point) != n:
+                raise ValueError(f"{name} has {len(point)} numbers; expected {n}")
+        if any(not np.linalg.norm(c.direction) or min(c.width, c.length) < _NARROWEST for c in self.channels):
+            raise ValueError(
+                f"a channel needs a non-zero direction and a positive width and length, of {_NARROWEST:g} m at least"
+            )
+        return self
 
     @cached_property
     def table(self) -> Array:
         """The field as a table for the compiled loops, one row for each kernel after the drift's."""
-        n, core2 = self.dimension, float(self.core or 0.0) ** 2
-        drift = _rows([self.drift if self.drift is not None else np.zeros(n)], n, "drift")
-        sources = _rows(self.sources, n + 1, "source")
-        vortices = _rows(self.vortices, 3 if n == 2 else 7, "vortex")
-        channels = _rows(self.channels, 2 * n + 3, "channel")
-        length = np.linalg.norm(channels[:, n : 2 * n], axis=1)
-        if np.any(length == 0.0) or not np.all(channels[:, 2 * n + 1 :] >= _NARROWEST):
-            raise InputError(
-                f"a channel needs a non-zero direction and a positive width and length, of {_NARROWEST:g} m at least"
-            )
+        core2, space = float(self.core or 0.0) ** 2, float(self.dimension == 3)
+        drift = [*_padded(self.drift or [0.0, 0.0]), *[0.0] * 6]
+        sources = [[SOURCE, space, *k.row(core2)] for k in self.sources]
+        vortices = [[VORTEX, space, *k.row(core2)] for k in self.vortices]
+        channels = [[CHANNEL, space, *k.row()] for k in self.channels]
         # A kernel without strength is no kernel: left in, it would be 0 / 0 at a centre without a core.
-        sources, vortices = sources[sources[:, n] != 0.0], vortices[vortices[:, -1] != 0.0]
-        channels, length = channels[channels[:, 2 * n] != 0.0], length[channels[:, 2 * n] != 0.0]
-        table = np.zeros((1 + len(sources) + len(vortices) + len(channels), _COLUMNS))
-        table[:, 1] = n == 3
-        table[0, 2 : 2 + n] = drift[0]
-        row = 1
-        for kind, given in ((SOURCE, sources), (VORTEX, vortices), (CHANNEL, channels)):
-            block = table[row : row + len(given)]
-            block[:, 0], block[:, 2 : 2 + n] = kind, given[:, :n]
-            if kind == SOURCE:
-                block[:, 8], block[:, 9] = given[:, n], core2
-            elif kind == VORTEX:
-                block[:, 5:8] = [0.0, 0.0, 1.0] if n == 2 else given[:, 3:6]
-                block[:, 8], block[:, 9] = given[:, -1], core2
-            else:
-                block[:, 5 : 5 + n] = given[:, n : 2 * n] / length[:, None]
-                block[:, 8], block[:, 9:] = given[:, 2 * n], 0.5 / given[:, 2 * n + 1 :] ** 2
-            row += len(given)
-        return table
+        kernels = [row for row in sources + vortices + channels if row[_STRENGTH] != 0.0]
+        return np.array([[0.0, space, *drift], *kernels])
 
     def velocity(self, points: ArrayLike) -> Array:
         """Velocity of the medium.
@@ -254,11 +274,8 @@ class FlowField:
         return J.reshape(*shape[:-1], 3, 3)[..., : shape[-1], : shape[-1]]
 
 
-def _rows(rows: Sequence[ArrayLike], width: int, name: str) -> Array:
-    for k, row in enumerate(rows):
-        if np.shape(row) != (width,):
-            raise InputError(f"{name} {k} has {np.size(row)} numbers; expected {width}")
-    return np.array(rows, dtype=np.float64).reshape(-1, width)
+def _padded(point: Sequence[float]) -> list[float]:
+    return [*point, 0.0][:3]
 
 
 def _spatial(points: ArrayLike) -> tuple[Array, tuple[int, ...]]:

@@ -4,17 +4,17 @@ A target moves by p' = w(p) + v(t) + pull (r(t) - p) - gain (L_T p - c_T)_k + om
 is the paper's: the flow carries the target away from its reference. The consensus term is the law's and is not here.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from math import comb, factorial
-from typing import NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
+from pydantic import ConfigDict, Field
 from scipy.interpolate import PPoly, make_interp_spline
 
 from mjsheaf.errors import InputError
-from mjsheaf.jit import part
+from mjsheaf.io.section import NonNegative, Point, Positive, Section, tagged
+from mjsheaf.jit import inline_jit
 
 Array = NDArray[np.float64]
 
@@ -40,7 +40,7 @@ class MotionArrays(NamedTuple):
     coefficients: Array
 
 
-@part
+@inline_jit
 def add_reference(motion, v, t, x, command):
     """Add v(t) + pull (r(t) - x) of vehicle v to command (3,)."""
     pull, first, pieces = motion.pull[v], motion.path[v, 0], motion.path[v, 1]
@@ -69,42 +69,70 @@ def add_reference(motion, v, t, x, command):
             command[i] += velocity + pull * (position - x[i])
 
 
-@dataclass(frozen=True)
-class Lissajous:
-    """v_i(t) = A_i a_i cos(a_i t + phase_i), in m, rad/s and rad; the paper's target motion.
+class Lissajous(Section):
+    """v_i(t) = amplitude_i rate_i cos(rate_i t + phase_i)."""
 
-    Attributes:
-        amplitude, rate, phase: shape (n,) each.
-        pull: how strongly the target returns to its path r(t) when flow moves it off, 1/s; 0 in the paper.
-    """
+    model_config = ConfigDict(json_schema_extra=tagged("kind"))
 
-    amplitude: Sequence[float]
-    rate: Sequence[float]
-    phase: Sequence[float]
-    pull: float = 0.0
+    kind: Literal["lissajous"] = "lissajous"
+    amplitude: Point = Field(description="m")
+    rate: Point = Field(description="rad/s")
+    phase: Point = Field(description="rad")
+    pull: NonNegative = Field(0.0, description="return to the path when flow moves the target off it, 1/s")
+
+    def write(self, arrays: MotionArrays, v: int, n: int, start: float) -> None:
+        """Write the motion of vehicle v, which has dimension n; its path begins at the origin in the arrays."""
+        for name in ("amplitude", "rate", "phase"):
+            value = getattr(self, name)
+            if len(value) != n:
+                raise InputError(f"lissajous {name} has {len(value)} entries; the target has dimension {n}")
+            getattr(arrays, name)[v, :n] = value
+        arrays.origin[v] -= arrays.amplitude[v] * np.sin(arrays.rate[v] * start + arrays.phase[v])
 
 
-@dataclass(frozen=True)
-class Waypoints:
-    """A smooth path through points at a mean speed.
+class Waypoints(Section):
+    """A smooth path through points, starting at the target's initial position."""
 
-    The path is the quintic spline through the points at times in proportion to the distances between them: position,
-    velocity and acceleration are continuous. An open path starts and ends at rest, and holds its last point.
+    model_config = ConfigDict(json_schema_extra=tagged("kind"))
 
-    Attributes:
-        points: shape (k, n), m; the target's own initial position comes first and is not repeated here.
-        speed: mean speed along the straight legs, m/s.
-        closed: whether to return to the start and go round again.
-        pull: how strongly the target returns to its path, 1/s.
-    """
-
-    points: Sequence[Sequence[float]]
-    speed: float
+    kind: Literal["waypoints"] = "waypoints"
+    points: Annotated[list[Point], Field(min_length=1)]
+    speed: Positive = Field(description="mean speed along the straight legs, m/s")
     closed: bool = False
-    pull: float = 1.0
+    pull: NonNegative = Field(1.0, description="return to the path when flow moves the target off it, 1/s")
+
+    def spline(self, initial: Array, start: float) -> PPoly:
+        """The path from `initial` (n,) in m at time `start` in s, as a piecewise polynomial.
+
+        It is the quintic spline through the points at times in proportion to the distances between them: position,
+        velocity and acceleration are continuous. An open path starts and ends at rest, and holds its last point.
+        """
+        for k, point in enumerate(self.points):
+            if len(point) != len(initial):
+                raise InputError(f"waypoint {k} has {len(point)} entries; the target has dimension {len(initial)}")
+        path = np.array([initial, *self.points, *[initial] * self.closed])
+        legs = np.linalg.norm(np.diff(path, axis=0), axis=1)
+        if np.any(legs == 0.0):
+            k = int(np.flatnonzero(legs == 0.0)[0])
+            raise InputError(f"waypoint {k} is where the target already is; leave it out")
+        times = start + np.concatenate([[0.0], np.cumsum(legs)]) / self.speed
+        rest = [(1, np.zeros(len(initial))), (2, np.zeros(len(initial)))]
+        spline = make_interp_spline(times, path, k=5, bc_type="periodic" if self.closed else (rest, rest))
+        knots = spline.t[spline.k : -spline.k]  # without the copies at both ends
+        taylor = [spline(knots[:-1], order) / factorial(order) for order in range(spline.k, -1, -1)]
+        return PPoly(np.array(taylor), knots)
 
 
-Motion = Lissajous | Waypoints
+class Static(Section):
+    """No motion of its own; flow and disturbance still move it, unless it is pulled back."""
+
+    model_config = ConfigDict(json_schema_extra=tagged("kind"))
+
+    kind: Literal["static"] = "static"
+    pull: NonNegative = Field(0.0, description="return to the initial position, 1/s")
+
+
+Motion = Annotated[Lissajous | Waypoints | Static, Field(discriminator="kind")]
 
 
 def pack(motions: list[Motion | None], positions: Array, start: float, dimensions: list[int]) -> MotionArrays:
@@ -120,41 +148,32 @@ def pack(motions: list[Motion | None], positions: Array, start: float, dimension
         InputError: a motion has the wrong dimension, or a path visits the same point twice in a row.
     """
     V = len(motions)
-    knots, coefficients, first = [], [], 0
     arrays = MotionArrays(
-        np.zeros(V),
-        np.array(positions, dtype=np.float64),
-        np.zeros((V, 3)),
-        np.zeros((V, 3)),
-        np.zeros((V, 3)),
-        np.zeros((V, 2), dtype=np.int64),
-        np.zeros(V),
-        np.zeros(0),
-        np.zeros((0, _ORDER, 3)),
+        pull=np.zeros(V),
+        origin=np.array(positions, dtype=np.float64),
+        amplitude=np.zeros((V, 3)),
+        rate=np.zeros((V, 3)),
+        phase=np.zeros((V, 3)),
+        path=np.zeros((V, 2), dtype=np.int64),
+        period=np.zeros(V),
+        knots=np.zeros(0),
+        coefficients=np.zeros((0, _ORDER, 3)),
     )
     for v, (motion, n) in enumerate(zip(motions, dimensions, strict=True)):
-        if motion is None:
-            continue
-        arrays.pull[v] = motion.pull
+        arrays.pull[v] = motion.pull if motion else 0.0
         if isinstance(motion, Lissajous):
-            for name in ("amplitude", "rate", "phase"):
-                value = getattr(motion, name)
-                if len(value) != n:
-                    raise InputError(f"lissajous {name} has {len(value)} entries; the target has dimension {n}")
-                getattr(arrays, name)[v, :n] = value
-            arrays.origin[v] -= arrays.amplitude[v] * np.sin(arrays.rate[v] * start + arrays.phase[v])
-        else:
-            spline = _spline(motion, positions[v, :n], start)
+            motion.write(arrays, v, n, start)
+        elif isinstance(motion, Waypoints):
+            spline = motion.spline(positions[v, :n], start)
             pieces = len(spline.x) - 1
-            arrays.path[v] = first, pieces
+            arrays.path[v] = len(arrays.knots), pieces
             arrays.period[v] = spline.x[-1] - spline.x[0] if motion.closed else 0.0
-            knots.append(spline.x)
             padded = np.zeros((pieces + 1, _ORDER, 3))  # a row for the last knot keeps both arrays aligned
             padded[:-1, :, :n] = spline.c.transpose(1, 0, 2)
-            coefficients.append(padded)
-            first += pieces + 1
-    if knots:
-        arrays = arrays._replace(knots=np.concatenate(knots), coefficients=np.concatenate(coefficients))
+            arrays = arrays._replace(
+                knots=np.concatenate([arrays.knots, spline.x]),
+                coefficients=np.concatenate([arrays.coefficients, padded]),
+            )
     return arrays
 
 
@@ -180,28 +199,3 @@ def _bernstein(taylor: Array) -> Array:
     """Bernstein coefficients on [0, 1] of a polynomial with coefficients (n + 1, d), lowest power first."""
     n = len(taylor) - 1
     return np.array([sum(comb(i, j) / comb(n, j) * taylor[j] for j in range(i + 1)) for i in range(n + 1)])
-
-
-def _spline(motion: Waypoints, initial: ArrayLike, start: float) -> PPoly:
-    initial = np.asarray(initial)
-    points = [initial]
-    for k, point in enumerate(motion.points):
-        if len(point) != len(initial):
-            raise InputError(f"waypoint {k} has {len(point)} entries; the target has dimension {len(initial)}")
-        points.append(np.asarray(point, dtype=np.float64))
-    if motion.closed:
-        points.append(initial)
-    path = np.array(points)
-    legs = np.linalg.norm(np.diff(path, axis=0), axis=1)
-    if np.any(legs == 0.0):
-        k = int(np.flatnonzero(legs == 0.0)[0])
-        raise InputError(f"waypoint {k} is where the target already is; leave it out")
-    times = start + np.concatenate([[0.0], np.cumsum(legs)]) / motion.speed
-    if motion.closed:
-        spline = make_interp_spline(times, path, k=5, bc_type="periodic")
-    else:
-        rest = [(1, np.zeros(len(initial))), (2, np.zeros(len(initial)))]
-        spline = make_interp_spline(times, path, k=5, bc_type=(rest, rest))
-    knots = spline.t[spline.k : -spline.k]  # without the copies at both ends
-    taylor = [spline(knots[:-1], order) / factorial(order) for order in range(spline.k, -1, -1)]
-    return PPoly(np.array(taylor), knots)

@@ -2,14 +2,12 @@
 
 Each is made beside its place, as a rename is atomic only within one file system, under a name such as
 `.summary.json.k3x_90ab.part`, and locked for as long as its process lives. The kernel gives the lock back however that
-process ends, so what a killed one left can be told from what another is writing, and is removed by the next.
+process ends: so what a killed process left differs from what another is writing, and the next one removes it.
 
-Paths that stand in files: they stay inside the directory of the file that names them.
+Paths in files are confined: a user may name any file on the command line or in Python; a file, which may come from
+anywhere, may name only what lies beside or below it, with links followed first.
 
-A person who types a path, on the command line or in Python, may name any file. A file, which may come from anywhere,
-may name only what lies beside or below it; links are followed before that is decided.
-
-Where models, scenarios and studies are: inside an installed package, or at the top of the repository.
+Models, scenarios and studies are inside an installed package, or at the top of the repository.
 """
 
 import ctypes
@@ -30,24 +28,28 @@ _AT_FDCWD, _RENAME_EXCHANGE = -100, 2  # of Linux: fcntl.h, linux/fs.h
 
 
 @contextmanager
-def whole_file(path: Path) -> Iterator[Path]:
+def whole_file(path: Path, *, tidy: bool = True) -> Iterator[Path]:
     """Yield the place of a new, empty file that takes the place of `path` when the block ends without an exception.
+
+    Args:
+        path: of the file.
+        tidy: whether to remove first what killed processes have left of it, which reads the whole directory.
 
     Raises:
         OSError: it cannot be written; nothing is left, and what was there before still is.
     """
-    with _part(path, directory=False) as part:
+    with _part(path, directory=False, tidy=tidy) as part:
         yield part
         part.replace(path)
 
 
-def write_whole(path: Path, content: bytes) -> None:
-    """Write a file whole or not at all.
+def write_whole(path: Path, content: bytes, *, tidy: bool = True) -> None:
+    """Write a file whole or not at all; see `whole_file`.
 
     Raises:
         OSError: it cannot be written.
     """
-    with whole_file(path) as part:
+    with whole_file(path, tidy=tidy) as part:
         part.write_bytes(content)
 
 
@@ -104,9 +106,10 @@ def _restore(old: Path, path: Path) -> None:
 
 
 @contextmanager
-def _part(path: Path, *, directory: bool) -> Iterator[Path]:
+def _part(path: Path, *, directory: bool, tidy: bool = True) -> Iterator[Path]:
     """A new file or directory beside a path, locked; what is left of it at the end is removed."""
-    remove_stale(path)
+    if tidy:
+        remove_stale(path)
     affixes = f".{path.name}.", ".part"
     while True:
         if directory:

@@ -1,27 +1,19 @@
-"""Reading files that people write: YAML without surprises, strict sections, one clear line for every error."""
+"""YAML 1.2 without surprises: what a user writes is read as it looks, or refused in one line that names the place."""
 
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Any
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from mjsheaf.errors import ScenarioError, suggestion
+from mjsheaf.errors import ScenarioError
 
 _LARGEST_FILE = 20_000_000  # bytes
 _DEEPEST = 50  # collections within one another; a scenario has six
 _SURROGATE = re.compile("[\\ud800-\\udfff]")  # "\ud800" in YAML; no file can hold it
 _LONGEST_INTEGER = 3_000  # digits; Python does not print what has more than 4300 decimal ones
-
-
-class Section(BaseModel):
-    """Base of every section of a file: unknown keys, wrong types, NaN and infinity are errors."""
-
-    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, frozen=True)
 
 
 class _Loader(yaml.SafeLoader):
@@ -162,131 +154,3 @@ def dump_yaml(value: dict[str, Any], *, flow: bool | None = None, width: float =
         width: of a line.
     """
     return yaml.dump(value, Dumper=_Dumper, sort_keys=False, default_flow_style=flow, width=width)
-
-
-def describe_validation_error(error: ValidationError, model: type[BaseModel]) -> str:
-    """The first thing that is wrong, as 'field: what is wrong', and how many more there are.
-
-    The field is written as an override takes it. Where a value may be of several kinds pydantic tells for each why it
-    is not of that kind: the kind that fits it best, which is the one whose error lies deepest, is spoken of.
-    """
-    schema = _schema(model)
-    problems = [_Problem.of(dict(detail), schema) for detail in error.errors(include_url=False)]
-    first = next((p for p in problems if p.kind == "extra_forbidden"), problems[0])
-    if first.kind != "extra_forbidden":
-        rivals = [p for p in problems if p.value == first.value]
-        first = max(rivals, key=lambda p: (len(p.path), not p.kind.endswith("_type")))
-    others = len({p.value for p in problems}) - 1
-    more = f" (and {others} more)" if others else ""
-    return f"{'.'.join(map(_visible, first.path)) or 'file'}: {first.text}{more}"
-
-
-@cache
-def _schema(model: type[BaseModel]) -> dict[str, Any]:
-    return model.model_json_schema()
-
-
-def _visible(part: int | str) -> str:
-    """A key as it may be printed: short, and without characters that a terminal obeys."""
-    text = str(part)
-    text = text if text.isprintable() else repr(text)[1:-1]
-    return text if len(text) <= 60 else text[:57] + "..."
-
-
-class _Problem(NamedTuple):
-    """One of pydantic's errors.
-
-    Attributes:
-        kind: pydantic's name of it.
-        path: of the field, as an override takes it.
-        value: path of the value that may be of several kinds, of which this error is about one; else `path`.
-        text: what is wrong and what is expected.
-    """
-
-    kind: str
-    path: tuple[int | str, ...]
-    value: tuple[int | str, ...]
-    text: str
-
-    @classmethod
-    def of(cls, detail: dict[str, Any], schema: dict[str, Any]) -> "_Problem":
-        """Read an error; the JSON Schema tells fields from pydantic's names for the branches of a union."""
-        kind, location, context = detail["type"], detail["loc"], detail.get("ctx", {})
-        text = " ".join(str(detail["msg"]).removeprefix("Value error, ").split())
-        unknown = location[-1:] if kind == "extra_forbidden" else ()
-        path, value, nodes = _follow(schema, location[: len(location) - len(unknown)])
-        path += unknown
-        shown = repr(detail["input"])
-        shown = shown if len(shown) <= 60 else shown[:57] + "..."
-        if unknown:
-            known = sorted({name for node in _variants(nodes, schema) for name in node.get("properties", {})})
-            text = f"unknown field; expected {', '.join(known)}{suggestion(str(unknown[0]), known)}"
-        elif kind in ("union_tag_invalid", "union_tag_not_found"):
-            path += (context["discriminator"].strip("'"),)
-            missing = kind == "union_tag_not_found"
-            text = "field required" if missing else f"{context['tag']!r} is none of {context['expected_tags']}"
-        elif kind in ("model_type", "model_attributes_type", "dict_type"):
-            text = f"should be a mapping of fields to values, not {shown}"
-        elif kind not in ("missing", "value_error"):
-            text += f", not {shown}"
-        return cls(kind, path, path if value is None else value, text[:1].lower() + text[1:])
-
-
-def _follow(
-    schema: dict[str, Any], location: tuple[int | str, ...]
-) -> tuple[tuple[int | str, ...], tuple[int | str, ...] | None, list[dict[str, Any]]]:
-    """The fields of a location, those of them above its first plain union, and the schema's nodes at its end."""
-    path: tuple[int | str, ...] = ()
-    union: tuple[int | str, ...] | None = None
-    nodes = [schema]
-    for part in location:
-        variants = _variants(nodes, schema)
-        if isinstance(part, int):
-            below = [node["items"] for node in variants if "items" in node]
-        else:
-            below = [node["properties"][part] for node in variants if part in node.get("properties", {})]
-        below = below or [node["additionalProperties"] for node in variants if _is_open(node)]
-        if below:
-            path, nodes = (*path, part), below
-            continue
-        if not any(part in _tags(node) for node in variants) and union is None:
-            union = path
-        nodes = [node for node in variants if part in _tags(node) or part == node.get("title")] or nodes
-    return path, union, nodes
-
-
-def _is_open(node: dict[str, Any]) -> bool:
-    """Whether a mapping may have any keys, with values of one kind."""
-    return isinstance(node.get("additionalProperties"), dict)
-
-
-def _variants(nodes: list[dict[str, Any]], schema: dict[str, Any]) -> list[dict[str, Any]]:
-    """Follow references and unions to plain nodes."""
-    plain, waiting = [], list(nodes)
-    while waiting:
-        node = waiting.pop(0)
-        if "$ref" in node:
-            waiting.append(schema["$defs"][node["$ref"].rsplit("/", 1)[1]])
-        elif "oneOf" in node or "anyOf" in node:
-            waiting.extend(node.get("oneOf", node.get("anyOf", [])))
-        else:
-            plain.append(node)
-    return plain
-
-
-def _tags(node: dict[str, Any]) -> set[str]:
-    """The values of the field that chooses this branch of a tagged union."""
-    fields = node.get("properties", {}).values()
-    return {str(v) for field in fields for v in field.get("enum", [field["const"]] if "const" in field else [])}
-
-
-Id = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", max_length=100, description="letters, digits, _ and -")]
-LARGEST = 1e9
-"""Of every number in a file: a blow-up begins here, and products of what is larger would overflow."""
-
-Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
-Positive = Annotated[float, Field(gt=0, le=LARGEST)]
-NonNegative = Annotated[float, Field(ge=0, le=LARGEST)]
-Duration = Annotated[float, Field(ge=1e-9, le=LARGEST)]
-Point = Annotated[list[Number], Field(min_length=2, max_length=3)]
-Matrix = Annotated[list[Annotated[list[Number], Field(min_length=1)]], Field(min_length=1)]

@@ -12,7 +12,7 @@ from mjsheaf._version import __version__
 from mjsheaf.results.metrics import evaluate_errors, separations
 from mjsheaf.simulation.trajectory import Log, Trajectory
 from mjsheaf.system import System
-from mjsheaf.team.null_modes import free_directions
+from mjsheaf.team.null_modes import describe_null_modes
 
 Array = NDArray[np.float64]
 Variable = tuple[str | tuple[str, ...], NDArray[Any], dict[str, str]]
@@ -49,18 +49,9 @@ def join(pieces: Iterable[xr.Dataset]) -> xr.Dataset:
     parts = list(pieces)
     if len(parts) == 1:
         return parts[0]
-    whole = parts[-1].isel(time=slice(0, 0))
-    joined = {
-        name: (variable.dims, np.concatenate([part[name].values for part in parts]), variable.attrs)
-        for name, variable in whole.variables.items()
-        if "time" in variable.dims
-    }
-    rest = whole.drop_dims("time")
-    return xr.Dataset(
-        {str(n): joined[n] if n in joined else rest[n] for n in whole.data_vars},
-        {str(n): joined[n] if n in joined else rest[n] for n in whole.coords},
-        whole.attrs,
-    )
+    alike: dict[str, Any] = dict.fromkeys(("data_vars", "coords"), "minimal")
+    alike |= dict.fromkeys(("compat", "join", "combine_attrs"), "override")
+    return xr.concat(parts, "time", **alike).assign_attrs(parts[-1].attrs)
 
 
 def _gather(trajectory: Trajectory) -> xr.Dataset:
@@ -145,7 +136,7 @@ def _attributes(system: System, backend: str, seed: int) -> dict[str, Any]:
         "backend": backend,
         "status": "",
         "message": "",
-        "free_directions": "; ".join(free_directions(team)),
+        "free_directions": "; ".join(describe_null_modes(team)),
         "seed": seed,
         "gain": system.gain,
         "control_period": 0.0 if system.grid.continuous else system.grid.period,
@@ -157,9 +148,7 @@ def _attributes(system: System, backend: str, seed: int) -> dict[str, Any]:
 
 def _thrusters(system: System) -> list[list[str]]:
     """Names of every vehicle's thrusters, those of stand-ins where underactuation is off; length V."""
-    from mjsheaf.simulation.loop import vehicles_of
-
-    return [list(vehicle.thrusters) for vehicle in vehicles_of(system)]
+    return [list(vehicle.thrusters) for vehicle in system.vehicles]
 
 
 def _add_body_data(variables: dict[str, Variable], coordinates: dict[str, Variable], system: System, log: Log) -> None:

@@ -55,11 +55,8 @@ class Errors:
 
 def evaluate_errors(team: Team, positions: Array) -> Errors:
     """Compute all errors from positions (T, V, 3)."""
-    x = team.pack(positions)
-    problem = team.dirichlet
-    n_q = problem.H.shape[0]
-    q, p = x[:, :n_q], x[:, n_q:]
-    q_star = problem.extend(p)
+    q, p = team.split(positions)
+    q_star = team.dirichlet.extend(p)
     return Errors(
         harmonic_extension=team.unpack(q_star, np.nan),
         tracking=np.linalg.norm(team.unpack(q_star - q), axis=2),
@@ -69,11 +66,10 @@ def evaluate_errors(team: Team, positions: Array) -> Errors:
 
 
 def _residuals(team: Team, formation: Formation, positions: Array) -> Array:
-    number = {m.id: v for v, m in enumerate(team.members)}
     columns = []
     for e in team.formation_edges(formation):
-        tail = positions[:, number[e.tail], : e.F_tail.shape[1]] @ e.F_tail.T
-        head = positions[:, number[e.head], : e.F_head.shape[1]] @ e.F_head.T
+        tail = positions[:, team.index[e.tail], : e.F_tail.shape[1]] @ e.F_tail.T
+        head = positions[:, team.index[e.head], : e.F_head.shape[1]] @ e.F_head.T
         columns.append(np.linalg.norm(tail - head - e.b, axis=1))
     return np.column_stack(columns) if columns else np.zeros((len(positions), 0))
 
@@ -86,11 +82,10 @@ def _centering(team: Team, formation: Formation, positions: Array) -> Array:
     """
     if formation.about is None:
         return np.full(len(positions), np.nan)
-    number = {m.id: v for v, m in enumerate(team.members)}
-    members = [number[m] for m in formation.members]
-    target = number[formation.about]
+    members = [team.index[m] for m in formation.members]
+    target = team.index[formation.about]
     shared = min(team.members[v].dimension for v in [*members, target])
-    wanted = np.array([o[:shared] for o in formation.displacements])
+    wanted = np.array([team.displacement(m)[:shared] for m in formation.members])
     mean = wanted.mean(axis=0)
     mean[np.abs(mean) <= _ROUNDING * np.abs(wanted).max()] = 0.0  # a polygon's corners cancel up to rounding only
     centroid = positions[:, members, :shared].mean(axis=1)
@@ -118,7 +113,6 @@ def summarize(team: Team, dataset: xr.Dataset) -> dict[str, Any]:
     )
     errors = evaluate_errors(team, positions)
     eta = dataset["disagreement"].values[-1]
-    number = {a: i for i, a in enumerate(team.agent_ids)}
 
     def measures(members: list[int], formation: float, centering: float) -> dict[str, float | None]:
         values = (
@@ -130,10 +124,12 @@ def summarize(team: Team, dataset: xr.Dataset) -> dict[str, Any]:
         return {name: _plain(value) for name, value in zip(MEASURES, values, strict=True)}
 
     groups = {
-        f.name: measures([number[m] for m in f.members], errors.formation_rms(f.name)[0], errors.centering[f.name][0])
+        f.name: measures(
+            [team.index[m] for m in f.members], errors.formation_rms(f.name)[0], errors.centering[f.name][0]
+        )
         for f in team.formations
     }
-    everyone = measures(list(number.values()), errors.formation_rms()[0], errors.largest_centering()[0])
+    everyone = measures(list(range(len(team.agents))), errors.formation_rms()[0], errors.largest_centering()[0])
     return {"time": float(dataset["time"][-1]), **everyone, "groups": groups}
 
 

@@ -207,10 +207,13 @@ def open_dataset(path: Path) -> xr.Dataset:
 
 def pieces_of(dataset: xr.Dataset, names: Iterable[str]) -> Iterator[xr.Dataset]:
     """Some of a dataset's variables, in memory, in pieces of consecutive samples."""
-    chosen = dataset[list(names)]
-    step = length_of_piece(dataset)
-    for begin in range(0, dataset.sizes["time"], step):
-        yield chosen.isel(time=slice(begin, begin + step)).load()
+    return (piece.load() for piece in split(dataset[list(names)], length_of_piece(dataset)))
+
+
+def split(dataset: xr.Dataset, samples: int) -> Iterator[xr.Dataset]:
+    """A dataset in pieces of consecutive samples, for `write_dataset`."""
+    for begin in range(0, dataset.sizes["time"], samples):
+        yield dataset.isel(time=slice(begin, begin + samples))
 
 
 def length_of_piece(dataset: xr.Dataset) -> int:

@@ -8,9 +8,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import xarray as xr
+from pydantic import BaseModel, BeforeValidator, ConfigDict
 
 from mjsheaf._version import __version__
 from mjsheaf.errors import InputError
@@ -43,13 +44,13 @@ VEHICLES = "vehicles"
 """The folder in either directory with the files of vehicles that do not come with mjsheaf, where there are any."""
 
 CHECKSUMS = "SHA256SUMS"
-"""The file in that folder by which mjsheaf knows what it put there, as sha256sum writes it."""
+"""The file in that folder with the checksums of what mjsheaf put there, as sha256sum writes it."""
 
 RESULT_DIGEST = "result_sha256"
 """The field of summary.json by which a result.nc that was damaged or changed is known."""
 
 _RECORDS = ("summary.json", "compare.json")
-_FILES_OF_PEOPLE = (".yaml", ".yml")
+_SCENARIO_SUFFIXES = (".yaml", ".yml")
 
 
 class PlaceError(InputError):
@@ -146,7 +147,7 @@ def require_same_origin(directory: Path, origin: str) -> None:
         return
 
     def shown(of: str) -> str:
-        return of if os.sep not in of and not of.endswith(_FILES_OF_PEOPLE) else os.path.relpath(directory / of)
+        return of if os.sep not in of and not of.endswith(_SCENARIO_SUFFIXES) else os.path.relpath(directory / of)
 
     raise PlaceError(
         f"{directory}: holds the run of {shown(before)}, another scenario of the same name as {shown(origin)}; choose "
@@ -155,7 +156,7 @@ def require_same_origin(directory: Path, origin: str) -> None:
 
 
 def replaced_run(directory: Path) -> str | None:
-    """What is to be told of the run or comparison that a new one would replace; None where there is none."""
+    """Which run or comparison a new one would replace, as a message; None where there is none."""
     if _record(directory) is None:
         return None
     data = next((path for name in ("result.nc", *_RECORDS) if (path := directory / name).exists()), directory)
@@ -184,7 +185,7 @@ def staging(directory: Path) -> Iterator[Path]:
         place.parent.mkdir(parents=True, exist_ok=True)
         with whole_directory(place) as fresh:
             yield fresh
-            check_replaceable(place)  # again: somebody may have put something there meanwhile
+            check_replaceable(place)  # again: it may have changed meanwhile
             put_in_place(fresh, place)
     except OSError as error:
         raise PlaceError(f"{directory}: cannot be written: {error.strerror or error}") from error
@@ -201,11 +202,22 @@ def save_summary(summary: dict[str, Any], path: Path) -> None:
 
 
 def _finite(value: Any) -> Any:
+    """A value with None in place of every float that is infinite or NaN."""
     if isinstance(value, dict):
         return {key: _finite(item) for key, item in value.items()}
     if isinstance(value, list):
         return [_finite(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+class Record(BaseModel):
+    """Base of a result that a JSON file holds as it is: frozen, and of known fields only."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+Finite = Annotated[float | None, BeforeValidator(_finite)]
+"""A number of a `Record` that becomes None where it is infinite or NaN."""
 
 
 def load_run(directory: Path) -> tuple[xr.Dataset, dict[str, Any]]:

@@ -1,6 +1,6 @@
-"""Runs held against what their scenario expects of them, and expectations made from runs.
+"""Runs compared with what their scenario expects of them, and expectations made from runs.
 
-Tests (the pytest plugin) and the command `mjsheaf expect` are both made of this.
+The pytest plugin and `mjsheaf expect` both use this.
 """
 
 import math
@@ -8,10 +8,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from mjsheaf.errors import MjsheafError
+from mjsheaf.errors import NotUniqueError, RankError
 from mjsheaf.results.metrics import MEASURES, check_expectation, summarize
 from mjsheaf.scenario import Scenario
-from mjsheaf.simulation.run import require_full_row_rank, require_unique, require_vehicles, simulate
+from mjsheaf.simulation.run import simulate
 
 BACKEND_ORDER = ("ideal", "physics")
 """As they stand in an `expect:` block."""
@@ -22,7 +22,7 @@ SMALLEST_BOUND = 1e-9
 
 @dataclass(frozen=True)
 class Trial:
-    """One scenario run on one backend and held against its `expect:` block.
+    """One scenario run on one backend and compared with its `expect:` block.
 
     Attributes:
         backend: 'ideal' or 'physics'.
@@ -53,22 +53,18 @@ def try_scenario(scenario: Scenario, backend: str, *, progress: Callable[[int, i
     Raises:
         InputError: the scenario cannot be simulated for any other reason, such as a vehicle that does not fit.
     """
-    system = scenario.system()
-    require_vehicles(system)
     try:
-        require_full_row_rank(system)
-        require_unique(system.team)
-    except MjsheafError as error:
+        dataset = simulate(scenario, backend, progress=progress)
+    except (NotUniqueError, RankError) as error:
         return _refused(scenario, backend, str(error))
-    dataset = simulate(scenario, backend, progress=progress)
     status = dataset.attrs["status"]
-    final = summarize(system.team, dataset)
+    final = summarize(scenario.team, dataset)
     checks = check_expectation(scenario.expect, backend, status, final)["checks"]
     return Trial(backend, status, dataset.attrs["message"], {name: final[name] for name in MEASURES}, checks)
 
 
 def _refused(scenario: Scenario, backend: str, reason: str) -> Trial:
-    """A trial that ended before it began: bounds are missed, as there is nothing to hold against them."""
+    """A trial of a refused team: every bound is missed, as there is nothing to compare with it."""
     nothing: dict[str, float | None] = dict.fromkeys(MEASURES)
     checks = [
         {**check, "met": check["bound"] in reason, "found": reason} if check["measure"] == "refused" else check
@@ -86,7 +82,7 @@ def expected_backends(scenario: Scenario) -> list[str]:
 
 
 def loose(trial: Trial, factor: float) -> list[dict[str, Any]]:
-    """The checks of a trial whose bound is more than `factor` times what was found: they would miss a regression."""
+    """The checks of a trial whose bound exceeds `factor` times what was found: they would miss a regression."""
     return [
         check
         for check in trial.checks
@@ -111,8 +107,8 @@ def expectation_from(trials: Sequence[Trial], margin: float, old: Mapping[str, A
     Args:
         trials: of one scenario, on one backend each.
         margin: by which bounds lie above what was found.
-        old: the block that there was, as a mapping; it keeps its bounds for backends that were not tried, and the
-            words of a refusal that still fit.
+        old: the previous block as a mapping; its bounds for backends that were not tried stay, as does the text of a
+            refusal that still fits.
 
     Returns:
         {"refused": ...} where the team is refused, else bounds by backend.
@@ -140,10 +136,11 @@ def missed(trial: Trial) -> list[dict[str, Any]]:
 
 
 def miss(check: Mapping[str, Any]) -> str:
-    """A check that is not met, in a few words."""
+    """Why a check is not met."""
     measure, bound, found = check["measure"], check["bound"], check["found"]
     if measure == "refused":
-        return f"{'it ran' if found is None else 'its refusal says another thing'}, expected is a refusal"
+        what = "it ran" if found is None else "its refusal says something else"
+        return f"{what}, expected a refusal that says {bound!r}"
     if found is None:
         return f"{measure} has no value, expected at most {bound:g}"
     return f"{measure} is {found:.4g}, expected at most {bound:g}"
@@ -154,7 +151,7 @@ def describe(trial: Trial, name: str, watch: str) -> str:
 
     Args:
         trial: the trial.
-        name: of the scenario, as the reader knows it.
+        name: of the scenario, as it is printed.
         watch: what stands for the scenario in a command.
     """
     verdict = {True: "as expected", False: "NOT as expected", None: "nothing is expected"}[trial.met]
@@ -164,7 +161,7 @@ def describe(trial: Trial, name: str, watch: str) -> str:
     bounds = {check["measure"]: check for check in trial.checks}
     refusal = bounds.pop("refused", None)
     if refusal is not None:
-        lines.append(f"  expected is a refusal that says {refusal['bound']!r}")
+        lines.append(f"  expected a refusal that says {refusal['bound']!r}")
     measures = [m for m in MEASURES if m in bounds or trial.final.get(m) is not None]
     if measures:
         lines.append(f"  {'measure (m)':<18}{'expected':>12}{'found':>12}")

@@ -133,12 +133,11 @@ def plot_configurations(team: Team, dataset: xr.Dataset, path: Path) -> None:
     colours = palette(len(team.formations))
     groups, names = group_of_vehicles(team)
     positions, q_star = _positions(dataset), dataset["harmonic_extension"].values
-    number = {m.id: v for v, m in enumerate(team.members)}
     panels = figure.subplots(1, 2)
     for axis, k, word in zip(panels, (0, -1), ("initial", "final"), strict=True):
         place = positions[k, :, :2]
         for edges, colour, style in ((team.communication, "#8A94A6", "-"), (team.sensing, "#D62728", ":")):
-            lines = [place[[number[e.tail], number[e.head]]] for e in edges]
+            lines = [place[[team.index[e.tail], team.index[e.head]]] for e in edges]
             axis.add_collection(LineCollection(lines, colors=colour, linestyles=style, linewidths=1.0, zorder=1))
         for v in range(len(place)):
             target = v >= len(team.agents)

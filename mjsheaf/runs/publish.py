@@ -1,19 +1,18 @@
-"""The resolved scenario in the directory of a run: all that it takes to run it again, vehicles' files included.
-
-One run from scenario to directory: simulate, write data and plots, draw the video, publish.
-"""
+"""One run as a directory: its data, plots, video and summary, and the resolved scenario, by which it runs again."""
 
 import shutil
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mjsheaf.errors import MjsheafError
-from mjsheaf.io.yaml import LARGEST, dump_yaml
+from mjsheaf.io.section import LARGEST
+from mjsheaf.io.yaml import dump_yaml
 from mjsheaf.results.store import CHECKSUMS, VEHICLES, write_checksums
 from mjsheaf.scenario import Scenario
 from mjsheaf.simulation.run import require_simulable, stream
@@ -22,23 +21,23 @@ from mjsheaf.video import VideoOptions, available_backend
 if TYPE_CHECKING:
     import xarray as xr
 
-    from mjsheaf.checking.bound import RunBound
+    from mjsheaf.checking.finished import RunBound
     from mjsheaf.system import System
 
 
 def dump_scenario(scenario: Scenario) -> str:
     """The resolved scenario as YAML: every field that has a value; running it again gives the same bits.
 
-    Vehicles that do not come with mjsheaf stand in it as they were given; `write_scenario` takes their files along.
+    Custom vehicles stand in it as they were given; `write_scenario` copies their files too.
     """
     return dump_yaml(_resolved(scenario))
 
 
 def write_scenario(scenario: Scenario, directory: Path) -> Path:
-    """Write scenario.yaml, and into vehicles/ the files of vehicles that do not come with mjsheaf.
+    """Write scenario.yaml, and copy the files of custom vehicles into vehicles/.
 
-    It names those by paths inside the directory, which may then be moved, and runs to the same bits even when the
-    originals have changed. Their checksums tell later what else a person has put there.
+    scenario.yaml names the copies, so that the directory can be moved, and re-run to the same bits after the originals
+    have changed. Checksums of the copies show later what a user has added or changed.
 
     Returns:
         The path of scenario.yaml.
@@ -49,9 +48,8 @@ def write_scenario(scenario: Scenario, directory: Path) -> Path:
     """
     raw = _resolved(scenario)
     holders = [*raw["agents"], *raw["targets"]]
-    places = [(holder, "vehicle") for holder in holders] + [
-        (raw.get("vehicles", {}), key) for key in ("agents", "targets")
-    ]
+    places = [(holder, "vehicle") for holder in holders]
+    places += [(raw.get("vehicles", {}), key) for key in ("agents", "targets")]
     copies: dict[str, str] = {}
     for holder, key in places:
         name = holder.get(key)
@@ -92,24 +90,23 @@ def _resolved(scenario: Scenario) -> dict[str, Any]:
     return scenario.model_dump(mode="json", exclude_none=True)
 
 
-__all__ = ["Outcome", "default_directory", "dump_scenario", "execute", "video_entry"]
+__all__ = ["Outcome", "default_directory", "draw_video", "dump_scenario", "execute", "publish", "video_entry"]
 
 Progress = Callable[[str, int, int], None]
 
-
-_NEVER = {"growing": "its error grows to the end", "circling": "it swings by itself, without end"}
+_NEVER_SETTLES = {"growing": "its error grows to the end", "circling": "it swings by itself, without end"}
 """What to say of endings that no longer run mends."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a run left.
+    """A published run.
 
     Attributes:
-        directory: where.
+        directory: where it is.
         summary: as summary.json.
-        notes: what the user should know beside that.
-        replaced: what is to be told of the run whose place it took; None where there was none.
+        notes: what else to report.
+        replaced: says which earlier run it replaced; None where there was none.
     """
 
     directory: Path
@@ -118,8 +115,30 @@ class Outcome:
     replaced: str | None = None
 
 
+class TimedIterator:
+    """Accumulates the time spent in `next`.
+
+    Attributes:
+        seconds: spent so far.
+    """
+
+    def __init__(self, pieces: "Iterator[xr.Dataset]") -> None:
+        self._pieces = pieces
+        self.seconds = 0.0
+
+    def __iter__(self) -> "Iterator[xr.Dataset]":
+        return self
+
+    def __next__(self) -> "xr.Dataset":
+        begun = time.perf_counter()
+        try:
+            return next(self._pieces)
+        finally:
+            self.seconds += time.perf_counter() - begun
+
+
 def default_directory(scenario: Scenario, backend: str) -> Path:
-    """Where a run goes unless told otherwise."""
+    """The default directory of a run."""
     return Path("runs") / f"{scenario.name}-{backend}"
 
 
@@ -138,7 +157,7 @@ def execute(
     Args:
         scenario: the scenario.
         backend: 'physics' or 'ideal'.
-        directory: where the results go.
+        directory: of the results.
         video: how to film it, or None for no video.
         allow_drift: run a team whose harmonic extension is not unique too, and mark the result.
         origin: where the scenario comes from, as `scenario.load.origin` has it; summary.json keeps it.
@@ -149,116 +168,145 @@ def execute(
         PlaceError: the directory may not be replaced or cannot be written.
         NotUniqueError: the harmonic extension is not unique and drift is not allowed; nothing is written.
     """
-    from mjsheaf.checking.bound import bound_of_run
-    from mjsheaf.checking.ending import ending_of_run
-    from mjsheaf.results import check_expectation, open_dataset, staging, summarize, thinned, write_dataset
-    from mjsheaf.results.store import RESULT_DIGEST, digest, replaced_run, save_summary
-    from mjsheaf.team.null_modes import free_directions
-
-    system = scenario.system()
+    system = scenario.system
     require_simulable(system, backend, allow_drift=allow_drift)
+    report = progress or _report_nothing
+    pieces = TimedIterator(stream(system, backend, scenario.seed, partial(report, "simulating")))
+    return publish(pieces, scenario, system, directory, video=video, origin=origin, progress=report)
 
-    def report(what: str) -> Callable[[int, int], None]:
-        return lambda done, total: progress(what, done, total) if progress else None
 
-    replaced = replaced_run(directory)
-    notes: list[str] = []
+def publish(
+    run: "xr.Dataset | Iterable[xr.Dataset]",
+    scenario: Scenario,
+    system: "System",
+    directory: Path,
+    *,
+    video: VideoOptions | None = None,
+    origin: str | None = None,
+    progress: Progress | None = None,
+) -> Outcome:
+    """Write the directory of a run, whole or not at all.
+
+    Args:
+        run: its data, whole as from `simulate` or in consecutive pieces as from `stream`; result.nc is the same. A
+            `TimedIterator` says how long the simulation took; else summary.json has null for it.
+        scenario: what was run.
+        system: the scenario's system.
+        directory: of the results.
+        video: how to film it, or None for no video.
+        origin: where the scenario comes from, as `scenario.load.origin` has it; summary.json keeps it.
+        progress: called with (what is being done, done, in all).
+
+    Raises:
+        PlaceError: the directory may not be replaced or cannot be written.
+    """
+    import xarray as xr
+
+    from mjsheaf.checking.finished import bound_of_run
+    from mjsheaf.results import open_dataset, staging, thinned, write_dataset
+    from mjsheaf.results.netcdf import split
+    from mjsheaf.results.store import RESULT_DIGEST, digest, replaced_run, save_summary
+    from mjsheaf.simulation.trajectory import samples_in_piece
+
+    report, replaced = progress or _report_nothing, replaced_run(directory)
+    pieces = split(run, samples_in_piece(system)) if isinstance(run, xr.Dataset) else run
     with staging(directory) as fresh, ExitStack() as held:
-        pieces = _Timed(stream(system, backend, scenario.seed, report("simulating")))
         write_dataset(pieces, fresh / "result.nc")
         dataset = held.enter_context(open_dataset(fresh / "result.nc"))
         write_scenario(scenario, fresh)
-        theorem = bound_of_run(system, dataset)
-        notes += [theorem.violation()] * bool(theorem.violation())
-        drawn = thinned(dataset)
-        beside = held.enter_context(ThreadPoolExecutor(1))
-        plots = beside.submit(_plot, system, drawn, theorem, fresh, report("plotting"))
+        theorem, drawn = bound_of_run(system, dataset), thinned(dataset)
+        plots = held.enter_context(ThreadPoolExecutor(1)).submit(_plot, system, drawn, theorem, fresh, report)
         if video is None:
             plots.result()
-        final = summarize(system.team, drawn)
-        status = dataset.attrs["status"]
-        simulated = float(dataset["time"][-1] - dataset["time"][0])
-        periods = dataset.sizes["time"] - 1
-        per_period = round(system.grid.period / system.bodies.timestep) if backend == "physics" else 1
-        summary: dict[str, Any] = {
-            "scenario": scenario.name,
-            "origin": origin,
-            "backend": backend,
-            "status": status,
-            "message": dataset.attrs["message"],
-            "ending": ending_of_run(system, drawn) if status == "finished" else None,
-            "seed": scenario.seed,
-            "steps": periods * per_period,
-            "wall_time_s": pieces.seconds,
-            "realtime_factor": simulated / pieces.seconds,
-            "expect": check_expectation(scenario.expect, backend, status, final),
-            "final": final,
-            "free_directions": free_directions(system.team),
-            "theorem": {
-                "applies": theorem.applies,
-                "approximate": theorem.approximate,
-                "reason": theorem.reason,
-                "measured_over_bound": theorem.ratio,
-                "measured_over_bound_settled": theorem.settled_ratio,
-                "wrong": theorem.wrong,
-            },
-            "video": None,
-            RESULT_DIGEST: digest(fresh / "result.nc"),
-        }
-        if summary["ending"] in _NEVER:
-            notes.append(f"the team does not settle: {_NEVER[summary['ending']]}; see mjsheaf check")
+        seconds = run.seconds if isinstance(run, TimedIterator) else None
+        summary = _summary_of(scenario, system, dataset.sizes["time"] - 1, drawn, theorem)
+        summary |= {"origin": origin, "wall_time_s": seconds, RESULT_DIGEST: digest(fresh / "result.nc")}
+        if seconds:
+            summary["realtime_factor"] = float(drawn["time"][-1] - drawn["time"][0]) / seconds
+        notes = [theorem.violation()] * bool(theorem.violation())
+        if summary["ending"] in _NEVER_SETTLES:
+            notes.append(f"the team does not settle: {_NEVER_SETTLES[summary['ending']]}; see mjsheaf check")
         if video is not None:
-            summary["video"], note = _film(
-                scenario, system, dataset, fresh / "video.mp4", video, report("drawing video")
-            )
-            notes += [note] * bool(note)
+            frames, reason = draw_video(partial(_film, scenario, system, dataset, fresh / "video.mp4", video, report))
+            notes += [reason] * bool(reason)
+            summary["video"] = video_entry(frames, video) if not reason else None
         plots.result()
-        report("publishing")(0, 1)  # the last moment at which the user can stop it
+        report("publishing", 0, 1)  # the last moment at which the user can stop it
         save_summary(summary, fresh / "summary.json")
     return Outcome(directory, summary, notes, replaced)
 
 
-def _plot(
-    system: "System",
-    drawn: "xr.Dataset",
-    theorem: "RunBound",
-    folder: Path,
-    progress: Callable[[int, int], None],
-) -> None:
+def _report_nothing(what: str, done: int, total: int) -> None:
+    """A `Progress` that reports nothing."""
+
+
+def _summary_of(
+    scenario: Scenario, system: "System", periods: int, drawn: "xr.Dataset", theorem: "RunBound"
+) -> dict[str, Any]:
+    """What summary.json says of a run, in its order; what the data alone do not tell is None.
+
+    Args:
+        scenario: what was run.
+        system: the scenario's system.
+        periods: sample periods of the whole run.
+        drawn: the run, thinned.
+        theorem: the bound on the run.
+    """
+    from mjsheaf.checking.finished import ending_of_run
+    from mjsheaf.results import check_expectation, summarize
+    from mjsheaf.results.store import RESULT_DIGEST
+    from mjsheaf.team.null_modes import describe_null_modes
+
+    backend, status = drawn.attrs["backend"], drawn.attrs["status"]
+    final = summarize(system.team, drawn)
+    return {
+        "scenario": scenario.name,
+        "origin": None,
+        "backend": backend,
+        "status": status,
+        "message": drawn.attrs["message"],
+        "ending": ending_of_run(system, drawn) if status == "finished" else None,
+        "seed": scenario.seed,
+        "steps": periods * (round(system.grid.period / system.bodies.timestep) if backend == "physics" else 1),
+        "wall_time_s": None,
+        "realtime_factor": None,
+        "expect": check_expectation(scenario.expect, backend, status, final),
+        "final": final,
+        "free_directions": describe_null_modes(system.team),
+        "theorem": {
+            "applies": theorem.applies,
+            "approximate": theorem.approximate,
+            "reason": theorem.reason,
+            "measured_over_bound": theorem.ratio,
+            "measured_over_bound_settled": theorem.settled_ratio,
+            "wrong": theorem.wrong,
+        },
+        "video": None,
+        RESULT_DIGEST: "",
+    }
+
+
+def _plot(system: "System", drawn: "xr.Dataset", theorem: "RunBound", folder: Path, progress: Progress) -> None:
     """Draw the plots of a run; a video is drawn meanwhile, mostly outside the interpreter."""
     from mjsheaf.runs.figures import plot_configurations, plot_errors, plot_trajectories
 
     bound = theorem.at(drawn["time"].values)
-    telling = theorem.applies and bound.max() < LARGEST  # a blow-up satisfies any larger bound
-    progress(0, 3)
-    plot_errors(system.team, drawn, folder / "errors.png", bound if telling else None, approximate=theorem.approximate)
-    progress(1, 3)
+    shown = bound if theorem.applies and bound.max() < LARGEST else None  # a blow-up satisfies any larger bound
+    progress("plotting", 0, 3)
+    plot_errors(system.team, drawn, folder / "errors.png", shown, approximate=theorem.approximate)
+    progress("plotting", 1, 3)
     plot_trajectories(system.team, drawn, folder / "trajectories.png")
-    progress(2, 3)
+    progress("plotting", 2, 3)
     plot_configurations(system.team, drawn, folder / "configurations.png")
-    progress(3, 3)
+    progress("plotting", 3, 3)
 
 
-class _Timed:
-    """Hands out what an iterator does, and knows how long that took.
+def _film(
+    scenario: Scenario, system: "System", dataset: "xr.Dataset", path: Path, options: VideoOptions, progress: Progress
+) -> int:
+    from mjsheaf.video.from_run import film_run
 
-    Attributes:
-        seconds: spent in the iterator so far.
-    """
-
-    def __init__(self, pieces: "Iterator[xr.Dataset]") -> None:
-        self._pieces = pieces
-        self.seconds = 0.0
-
-    def __iter__(self) -> "Iterator[xr.Dataset]":
-        return self
-
-    def __next__(self) -> "xr.Dataset":
-        begun = time.perf_counter()
-        try:
-            return next(self._pieces)
-        finally:
-            self.seconds += time.perf_counter() - begun
+    return film_run(scenario, dataset, path, options, partial(progress, "drawing video"), system)
 
 
 def video_entry(frames: int, options: VideoOptions) -> dict[str, Any]:
@@ -266,24 +314,26 @@ def video_entry(frames: int, options: VideoOptions) -> dict[str, Any]:
     return {"frames": frames, "width": options.width, "height": options.height, "fps": options.fps}
 
 
-def _film(
-    scenario: Scenario,
-    system: "System",
-    dataset: "xr.Dataset",
-    path: Path,
-    options: VideoOptions,
-    progress: Callable[[int, int], None],
-) -> tuple[dict[str, Any] | None, str]:
-    """Draw the video, or say why there is none: a machine that cannot draw still gets its data."""
+def draw_video(film: Callable[[], int]) -> tuple[int, str]:
+    """Draw a video, or say why there is none: a machine that cannot draw still gets its data.
+
+    Args:
+        film: draws it and returns the number of frames.
+
+    Returns:
+        The number of frames and ''; or 0 and the reason.
+
+    Raises:
+        UnwritableError: the file cannot be written.
+    """
     backend, reason = available_backend()
     if backend is None:
-        return None, f"no video: {reason}"
-    from mjsheaf.filming import film_run
-    from mjsheaf.video.encode import UnwritableError
+        return 0, f"no video: {reason}"
+    from mjsheaf.video.draw import UnwritableError
 
     try:
-        return video_entry(film_run(scenario, dataset, path, options, progress, system), options), ""
+        return film(), ""
     except UnwritableError:
         raise
     except MjsheafError as error:
-        return None, f"no video: {error}"
+        return 0, f"no video: {error}"

@@ -6,13 +6,14 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from pydantic import ValidationError
 
 from mjsheaf.errors import InputError, ScenarioError, expected, suggestion
 from mjsheaf.io.files import confined, resource_directory
-from mjsheaf.io.yaml import describe_validation_error, parse_yaml, read_yaml
-from mjsheaf.scenario.scenario import EDGE_FIELDS, Scenario, edge_from_pair
+from mjsheaf.io.section import describe_validation_error, plain
+from mjsheaf.io.yaml import parse_yaml, read_yaml
+from mjsheaf.scenario.scenario import EDGE_FIELDS, Scenario
+from mjsheaf.team.edges import edge_from_pair
 
 _SUFFIXES = (".yaml", ".yml")
 _VEHICLE_PLACES = (
@@ -72,12 +73,12 @@ def scenario_from_mapping(
     raw: Mapping[str, Any], overrides: Mapping[str, Any] | None = None, source: str = "scenario"
 ) -> Scenario:
     """Validate a scenario given as a mapping; see `load_scenario`. Tuples and numpy's values are welcome."""
-    node = _plain(raw)
+    node = plain(raw)
     try:
         for path, value in (overrides or {}).items():
-            node = _with(node, path.split("."), _plain(value), path)
+            node = _with(node, path.split("."), plain(value), path)
         scenario = Scenario.model_validate(node)
-        scenario.system()  # fields that are legal one by one must also fit together
+        _ = scenario.system  # fields that are valid one by one must also fit together
     except ValidationError as error:
         raise ScenarioError(f"{source}: {describe_validation_error(error, Scenario)}") from None
     except InputError as error:
@@ -157,19 +158,6 @@ def _name_from(path: Path) -> str:
     """A legal name for a scenario that has none: its file's."""
     name = re.sub(r"[^A-Za-z0-9_-]+", "_", path.stem)
     return name if re.match("[A-Za-z]", name) else f"scenario_{name}"
-
-
-def _plain(value: Any) -> Any:
-    """Mappings, tuples and numpy's values as the dicts, lists and numbers that YAML would give."""
-    if isinstance(value, np.generic):
-        return value.item()
-    if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    return value
 
 
 def _with(node: Any, keys: list[str], value: Any, path: str) -> Any:

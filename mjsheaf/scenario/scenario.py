@@ -1,97 +1,44 @@
-"""The part of the schema that moves vehicles: target motions, flow, disturbances.
+"""The schema of a scenario file, and the system that it describes.
 
-The part of the schema that is the team: agents, targets, edges, anchors, formations.
-
-The schema of a scenario file. Lengths in m, time in s, angles in degrees unless a field says otherwise.
-
-These classes only say what is legal field by field; how fields fit together is checked where the system is built. The
-team and the medium are in modules of their own.
+Lengths in m, time in s, angles in degrees unless a field says otherwise. A section says field by field what is
+expected, and builds its part of the system.
 """
 
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, ConfigDict, Field, model_validator
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ConfigDict, Field, model_validator
 
-from mjsheaf.io.yaml import Duration, Id, Matrix, NonNegative, Number, Point, Positive, Section
+from mjsheaf.control import pack_law
+from mjsheaf.dynamics import ControlEffectiveness, Disturbance, FlowField, Motion, disturbance
+from mjsheaf.dynamics import effectiveness as effectivenesses
+from mjsheaf.dynamics import motion as motions
+from mjsheaf.errors import InputError, in_field
+from mjsheaf.io.section import Duration, Id, NonNegative, Number, Point, Positive, Section
 from mjsheaf.scenario.swarm import Swarm, expand_swarm
+from mjsheaf.system import DEFAULT_VEHICLE, PhysicsOptions, System, TimeGrid
+from mjsheaf.team import Anchor, Member, Team
+from mjsheaf.team.edges import PairOrEdge
+from mjsheaf.team.formation import Group
+from mjsheaf.vehicles.effects import Effects
 
-if TYPE_CHECKING:
-    from mjsheaf.system import System
+Array = NDArray[np.float64]
 
-
-class LissajousMotion(Section):
-    """v_i(t) = amplitude_i rate_i cos(rate_i t + phase_i)."""
-
-    kind: Literal["lissajous"]
-    amplitude: Point = Field(description="m")
-    rate: Point = Field(description="rad/s")
-    phase: Point = Field(description="rad")
-    pull: NonNegative = Field(0.0, description="return to the path when flow moves the target off it, 1/s")
-
-
-class WaypointMotion(Section):
-    """A smooth path through points, starting at the target's initial position."""
-
-    kind: Literal["waypoints"]
-    points: Annotated[list[Point], Field(min_length=1)]
-    speed: Positive = Field(description="mean speed along the straight legs, m/s")
-    closed: bool = False
-    pull: NonNegative = Field(1.0, description="return to the path when flow moves the target off it, 1/s")
-
-
-class StaticMotion(Section):
-    """No motion of its own; flow and disturbance still move it, unless it is pulled back."""
-
-    kind: Literal["static"]
-    pull: NonNegative = Field(0.0, description="return to the initial position, 1/s")
-
-
-Motion = Annotated[LissajousMotion | WaypointMotion | StaticMotion, Field(discriminator="kind")]
-
-
-class SourceModel(Section):
-    """alpha r / (|r|^2 + core^2)^p, p = 1 in the plane and 1.5 in space."""
-
-    centre: Point
-    alpha: Number
-
-
-class VortexModel(Section):
-    """gamma (axis x r) / (|r|^2 + core^2)."""
-
-    centre: Point
-    gamma: Number
-    axis: Annotated[list[Number], Field(min_length=3, max_length=3)] | None = Field(None, description="in space only")
-
-
-class ChannelModel(Section):
-    """beta exp(-|n|^2 / 2 width^2) exp(-l^2 / 2 length^2) along a direction."""
-
-    centre: Point
-    direction: Point
-    beta: Number = Field(description="m/s")
-    width: Positive
-    length: Positive
-
-
-class FlowModel(Section):
-    """A flow field in the plane (dimension 2) or in space (3)."""
-
-    dimension: Literal[2, 3]
-    core: NonNegative | None = Field(None, description="needed with sources or vortices; 0 leaves them singular, m")
-    drift: Point | None = None
-    sources: list[SourceModel] = Field(default_factory=list)
-    vortices: list[VortexModel] = Field(default_factory=list)
-    channels: list[ChannelModel] = Field(default_factory=list)
+EDGE_FIELDS = ("communication", "sensing", "target_edges")
+"""The fields of a scenario that hold edges."""
+_MOST_SAMPLES = 50_000_000
 
 
 class Flow(Section):
     """The medium, as agents and as targets meet it, or as vehicles in space and in the plane do."""
 
-    agents: FlowModel | None = None
-    targets: FlowModel | None = None
-    air: FlowModel | None = Field(None, description="what spatial vehicles meet, agents and targets")
-    water: FlowModel | None = Field(None, description="what planar vehicles meet")
+    agents: FlowField | None = None
+    targets: FlowField | None = None
+    air: FlowField | None = Field(None, description="what spatial vehicles meet, agents and targets")
+    water: FlowField | None = Field(None, description="what planar vehicles meet")
 
     @model_validator(mode="after")
     def _one_way(self) -> "Flow":
@@ -99,29 +46,29 @@ class Flow(Section):
             raise ValueError("give either agents and targets, or air and water")
         return self
 
-
-class DisturbanceModel(Section):
-    """A bounded, smooth, seeded disturbance velocity."""
-
-    bound: NonNegative = Field(description="m/s")
-    frequencies: Annotated[list[Positive], Field(min_length=2, max_length=2)] = Field([0.05, 0.5], description="Hz")
-    components: Annotated[int, Field(ge=1, le=64)] = 6
+    def met_by(self, team: Team) -> tuple[list[FlowField], NDArray[np.int64]]:
+        """The flow fields, by medium where one is given, else by role; and which each vehicle meets, shape (V,)."""
+        if self.air is not None or self.water is not None:
+            fields, met = (self.air, self.water), [0 if m.dimension == 3 else 1 for m in team.members]
+        else:
+            fields, met = (self.agents, self.targets), [0] * len(team.agents) + [1] * len(team.targets)
+        return [field or FlowField(dimension=2) for field in fields], np.array(met, dtype=np.int64)
 
 
 class Disturbances(Section):
     """Disturbances of agents and targets."""
 
-    agents: DisturbanceModel | None = None
-    targets: DisturbanceModel | None = None
+    agents: Disturbance | None = None
+    targets: Disturbance | None = None
 
-
-class Effectiveness(Section):
-    """g(q, t) = R(psi) layout with psi = heading + gradient . q + rate t; ideal backend."""
-
-    layout: Matrix = Field(description="W, one row for each state, one column for each input")
-    heading: Number = 0.0
-    heading_gradient: Point | None = Field(None, description="degrees per m")
-    heading_rate: Number = Field(0.0, description="degrees per s")
+    def draw(self, team: Team, last: float, rng: np.random.Generator) -> Array:
+        """The harmonics of each vehicle, shape (V, K, 5), for times up to `last` in s."""
+        for role, kind in (("agents", self.agents), ("targets", self.targets)):
+            if kind is not None:
+                with in_field(f"disturbance.{role}"):
+                    kind.require_resolved(last)
+        kinds = [self.agents] * len(team.agents) + [self.targets] * len(team.targets)
+        return disturbance.draw(kinds, [m.dimension for m in team.members], rng)
 
 
 class Attitude(Section):
@@ -141,7 +88,14 @@ class Agent(Section):
     vehicle: str | None = Field(None, description="name in models/ or a description file; vehicles.agents unless given")
     frame: Attitude | None = Field(None, description="local frame of its local_frame edges; yaw = heading unless given")
     velocity_limit: Positive | None = Field(None, description="m/s; controller.velocity_limit unless given")
-    effectiveness: Effectiveness | None = None
+    effectiveness: ControlEffectiveness | None = None
+
+    @property
+    def member(self) -> Member:
+        """The agent as its team knows it."""
+        angles = (self.frame.roll, self.frame.pitch, self.frame.yaw) if self.frame else (0.0, 0.0, self.heading or 0.0)
+        roll, pitch, yaw = np.deg2rad(angles).tolist()
+        return Member(self.id, len(self.position), (roll, pitch, yaw))
 
 
 class Target(Section):
@@ -152,107 +106,6 @@ class Target(Section):
     heading: Number | None = None
     vehicle: str | None = Field(None, description="vehicles.targets unless given")
     motion: Motion | None = Field(None, description="target_motion unless given")
-
-
-class ExplicitMaps(Section):
-    """Restriction maps as matrices."""
-
-    tail: Matrix
-    head: Matrix
-
-
-EDGE_FIELDS = ("communication", "sensing", "target_edges")
-"""The fields of a scenario that hold edges."""
-
-_Ends = Annotated[list[Id], Field(min_length=2, max_length=2)]
-
-
-def edge_from_pair(value: Any) -> Any:
-    """Let a bare pair stand for an edge with all defaults."""
-    return {"between": value} if isinstance(value, list) else value
-
-
-class EdgeModel(Section):
-    """An edge; a bare pair [tail, head] is short for {between: [tail, head]}."""
-
-    between: _Ends
-    map: Literal["shared", "identity", "local_frame"] | ExplicitMaps = "shared"
-    weight: Positive | Matrix | None = Field(None, description="inner product of the edge stalk; a number times I")
-    offset: list[Number] | None = Field(None, description="desired F_tail x_tail - F_head x_head; from formations")
-    parallel: bool = Field(False, description="a second sensor: it may repeat another edge, and counts beside it")
-
-
-Edge = Annotated[EdgeModel, BeforeValidator(edge_from_pair, json_schema_input_type=EdgeModel | _Ends)]
-
-
-class AnchorModel(Section):
-    """A measurement of an agent's own position that should have a fixed value, such as an altimeter's."""
-
-    agent: Id
-    axes: Annotated[list[Literal["x", "y", "z"]], Field(min_length=1, max_length=3)] | None = Field(
-        None, description="coordinates that are anchored; give these or a map"
-    )
-    map: Matrix | None = Field(None, description="F, one row for each measured number")
-    value: Annotated[list[Number], Field(min_length=1)] = Field(description="desired F q, m")
-    weight: Positive | Matrix | None = Field(None, description="inner product of the edge stalk; a number times I")
-    parallel: bool = Field(False, description="a second sensor: it may repeat another anchor, and counts beside it")
-
-    @model_validator(mode="after")
-    def _one(self) -> "AnchorModel":
-        if (self.axes is None) == (self.map is None):
-            raise ValueError("give either axes or map")
-        return self
-
-
-class _Group(Section):
-    name: Id
-    members: Annotated[list[Id], Field(min_length=1)]
-    about: Id | None = Field(None, description="the target that the group's centre should follow; free if absent")
-    height: Number = Field(0.0, description="added to z of spatial members, m")
-
-
-class PolygonGroup(_Group):
-    """A regular polygon."""
-
-    shape: Literal["polygon", "square"]
-    side: Positive | None = None
-    radius: Positive | None = None
-    angle: Number = Field(90.0, description="bearing of the first member from the x axis")
-    clockwise: bool = False
-
-    @model_validator(mode="after")
-    def _check(self) -> "PolygonGroup":
-        if (self.side is None) == (self.radius is None):
-            raise ValueError("give either side or radius")
-        legal = len(self.members) == 4 if self.shape == "square" else len(self.members) >= 2
-        if not legal:
-            raise ValueError(f"a {self.shape} does not have {len(self.members)} members")
-        return self
-
-
-class LineGroup(_Group):
-    """Equally spaced points on a horizontal line."""
-
-    shape: Literal["line"]
-    spacing: Positive
-    angle: Number = 0.0
-
-
-class TetrahedronGroup(_Group):
-    """A regular tetrahedron, apex last."""
-
-    shape: Literal["tetrahedron"]
-    side: Positive
-
-
-class ExplicitGroup(_Group):
-    """Displacements as given, one for each member."""
-
-    shape: Literal["explicit"]
-    displacements: Annotated[list[Point], Field(min_length=1)]
-
-
-Group = Annotated[PolygonGroup | LineGroup | TetrahedronGroup | ExplicitGroup, Field(discriminator="shape")]
 
 
 class TargetFormation(Section):
@@ -274,6 +127,19 @@ class Time(Section):
             raise ValueError(f"end ({self.end}) must be after start ({self.start})")
         return self
 
+    def grid(self, control_period: float, record_period: float) -> TimeGrid:
+        """The samples: one each control period, or each record period under a continuous law; periods in s.
+
+        Raises:
+            InputError: there are none, or too many.
+        """
+        period = control_period or record_period
+        # A span that is a whole number of periods up to rounding keeps its last sample.
+        steps = (self.end - self.start) / period + 1e-6
+        if not 1.0 <= steps <= _MOST_SAMPLES:
+            raise InputError(f"end: gives {steps:.3g} control periods; expected 1 to {_MOST_SAMPLES}")
+        return TimeGrid(self.start, period, int(steps), continuous=control_period == 0.0)
+
 
 class Controller(Section):
     """The law u_i = -k1 g_i^+ eta_i."""
@@ -290,6 +156,22 @@ class Spread(Section):
     position: NonNegative = Field(0.0, description="half width of a uniform box about each agent's position, m")
     heading: Annotated[float, Field(ge=0, le=180)] = Field(0.0, description="half width about every heading")
 
+    def place(
+        self, agents: Sequence[Agent], targets: Sequence[Target], rng: np.random.Generator
+    ) -> tuple[Array, Array]:
+        """Initial positions of all vehicles, shape (V, 3), m, and headings, shape (V,), rad."""
+        vehicles: list[Agent | Target] = [*agents, *targets]
+        position = np.zeros((len(vehicles), 3))
+        # Both are drawn whatever their width, so that switching one on leaves the other as it was.
+        shift, turn = rng.uniform(-1.0, 1.0, position.shape), rng.uniform(-1.0, 1.0, len(vehicles))
+        for v, vehicle in enumerate(vehicles):
+            n = len(vehicle.position)
+            position[v, :n] = vehicle.position
+            if v < len(agents):
+                position[v, :n] += self.position * shift[v, :n]
+        heading = np.deg2rad([vehicle.heading or 0.0 for vehicle in vehicles])
+        return position, heading + np.deg2rad(self.heading) * turn
+
 
 class Vehicles(Section):
     """The bodies of the physics backend."""
@@ -300,16 +182,10 @@ class Vehicles(Section):
         None, description="time constant along surge of every body, s, by autopilot or else drag; its own unless given"
     )
 
-
-class EffectsModel(Section):
-    """What makes bodies real; each can be switched off alone."""
-
-    inertia: bool = Field(True, description="off: bodies are so light that m / D is massless_tau; no autopilot")
-    drag_law: bool = Field(True, description="off: drag is linear")
-    limits: bool = Field(True, description="off: thrusters push as hard as asked")
-    lag: bool = Field(True, description="off: thrusters follow their commands at once")
-    underactuation: bool = Field(True, description="off: thrusters along every controlled axis")
-    massless_tau: Duration = Field(0.02, description="s")
+    def names(self, agents: Sequence[Agent], targets: Sequence[Target]) -> list[str]:
+        """The vehicle of each agent and target."""
+        pairs = [(a, self.agents) for a in agents] + [(t, self.targets) for t in targets]
+        return [v.vehicle or default or DEFAULT_VEHICLE[len(v.position)] for v, default in pairs]
 
 
 class Physics(Section):
@@ -317,7 +193,7 @@ class Physics(Section):
 
     timestep: Duration = Field(0.001, description="s; the control period must be a multiple of it")
     contacts: bool = Field(False, description="whether vehicles collide")
-    effects: EffectsModel = EffectsModel()
+    effects: Effects = Effects()
 
 
 class Ideal(Section):
@@ -390,10 +266,10 @@ class Scenario(Section):
     swarm: Swarm | None = Field(None, description="makes agents, communication, sensing and formations")
     agents: Annotated[list[Agent], Field(min_length=1)]
     targets: Annotated[list[Target], Field(min_length=1)]
-    communication: list[Edge] = Field(default_factory=list, description="agent to agent")
-    sensing: list[Edge] = Field(default_factory=list, description="agent to target")
-    target_edges: list[Edge] = Field(default_factory=list, description="target to target")
-    anchors: list[AnchorModel] = Field(default_factory=list, description="agent to a fixed value")
+    communication: list[PairOrEdge] = Field(default_factory=list, description="agent to agent")
+    sensing: list[PairOrEdge] = Field(default_factory=list, description="agent to target")
+    target_edges: list[PairOrEdge] = Field(default_factory=list, description="target to target")
+    anchors: list[Anchor] = Field(default_factory=list, description="agent to a fixed value")
     formations: list[Group] = Field(default_factory=list)
     target_motion: Motion | None = None
     target_formation: TargetFormation | None = None
@@ -412,12 +288,72 @@ class Scenario(Section):
     def _write_out_swarm(cls, raw: Any) -> Any:
         return expand_swarm(raw) if isinstance(raw, dict) else raw
 
-    def system(self) -> "System":
-        """The closed-loop system that this scenario describes, ready for a backend.
+    @cached_property
+    def team(self) -> Team:
+        """The agents and targets with their edges and formations, as a sheaf.
 
         Raises:
-            ScenarioError: fields that are legal one by one do not fit together.
+            InputError: fields do not fit together; the message begins with the field.
         """
-        from mjsheaf.scenario.build import build_system
+        return Team(
+            [agent.member for agent in self.agents],
+            [Member(target.id, len(target.position)) for target in self.targets],
+            self.communication,
+            self.sensing,
+            self.target_edges,
+            self.formations,
+            self.target_formation.group if self.target_formation else None,
+            self.anchors,
+        )
 
-        return build_system(self)
+    @cached_property
+    def system(self) -> System:
+        """The closed-loop system that this scenario describes, ready for a backend; built once.
+
+        Raises:
+            InputError: fields do not fit together; the message begins with the field.
+        """
+        team, law, agents, targets = self.team, self.controller, self.agents, self.targets
+        dimensions = [m.dimension for m in team.members]
+        with in_field("time"):
+            grid = self.time.grid(law.control_period, law.record_period)
+        rng = np.random.default_rng(self.seed)
+        initial, heading = self.spread.place(agents, targets, rng)
+        harmonics = self.disturbance.draw(team, max(abs(self.time.start), abs(self.time.end)), rng)
+        limits = [a.velocity_limit or law.velocity_limit or np.inf for a in agents] + [np.inf] * len(targets)
+        flows, field = self.flow.met_by(team)
+        moves = [*[None] * len(agents), *(target.motion or self.target_motion for target in targets)]
+        with in_field("targets"):
+            motion = motions.pack(moves, initial, self.time.start, dimensions)
+        with in_field("agents"):
+            g = effectivenesses.pack([agent.effectiveness for agent in agents], dimensions[: len(agents)])
+        target_gain = self.target_formation.gain if self.target_formation else 0.0
+        return System(
+            name=self.name,
+            team=team,
+            initial=initial,
+            grid=grid,
+            gain=law.gain,
+            law=pack_law(team, law.gain, target_gain, np.array(limits)),
+            motion=motion,
+            harmonics=harmonics,
+            effectiveness=g,
+            flows=flows,
+            field=field,
+            tolerance=(self.ideal.rtol, self.ideal.atol),
+            bodies=PhysicsOptions(
+                vehicle=self.vehicles.names(agents, targets),
+                time_constant=self.vehicles.tau,
+                effects=self.physics.effects,
+                heading=heading,
+                timestep=self.physics.timestep,
+                contacts=self.physics.contacts,
+                surface=self.scene.surface,
+                surface_height=self.scene.height,
+            ),
+        )
+
+    def uses_seed(self, backend: str) -> bool:
+        """Whether another seed would change anything on a backend."""
+        drawn = any(d is not None and d.bound > 0.0 for d in (self.disturbance.agents, self.disturbance.targets))
+        return drawn or self.spread.position > 0.0 or (backend == "physics" and self.spread.heading > 0.0)

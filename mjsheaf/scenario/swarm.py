@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
 from mjsheaf.errors import InputError
-from mjsheaf.io.yaml import Id, NonNegative, Number, Point, Positive, Section
+from mjsheaf.io.section import Id, NonNegative, Number, Point, Positive, Section
 
 Array = NDArray[np.float64]
 Edges = set[tuple[int, int]]

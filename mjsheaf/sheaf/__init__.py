@@ -1,6 +1,6 @@
 """Cellular sheaves on graphs: stalks, restriction maps, cohomology and harmonic extension.
 
-This layer is linear algebra alone: it knows nothing of agents, time or bodies.
+This layer is linear algebra alone, without agents, time or bodies.
 """
 
 from mjsheaf.sheaf.harmonic import DirichletProblem, HarmonicExtension

@@ -1,12 +1,7 @@
-"""Edges as they are stored: bundles that were added together, and one table of all for the compiled loops.
-
-Checks of what a user gives for the edges of a sheaf; their messages say what is expected.
-
-Sparse matrices of a sheaf, made from its table of edges.
-"""
+"""The edges of a sheaf: bundles that were added together, one table of all for the compiled loops, and its matrices."""
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -64,13 +59,7 @@ class EdgeBundle:
         return self.maps[begin:].reshape(-1, m, n) if m * n else np.zeros((len(self.tail), m, n))
 
     def selected(self, chosen: NDArray[np.bool_], number: Index, row: Index) -> "EdgeBundle":
-        """Some of the edges.
-
-        Args:
-            chosen: which, shape (k,).
-            number: new number of each vertex, shape (V,).
-            row: new first row of each edge, shape (k,).
-        """
+        """The chosen edges (k,), with new numbers of the vertices (V,) and new first rows (k,)."""
         maps = packed([self.F_tail[chosen]], [self.F_head[chosen]])
         weight = None if self.weight is None else self.weight[chosen]
         tail, head = number[self.tail[chosen]], number[self.head[chosen]]
@@ -150,12 +139,7 @@ def _join(group: list[EdgeBundle]) -> EdgeBundle:
 
 
 def tabulate(bundles: list[EdgeBundle], column: Index) -> EdgeTable:
-    """The table of the given bundles, one after the other.
-
-    Args:
-        bundles: the edges; their weights are left out.
-        column: first column of each vertex, and the number of columns at the end.
-    """
+    """The table of the given bundles, one after the other, without their weights; `column` as in `EdgeTable`."""
     tail, head, row = (_joined([getattr(b, name) for b in bundles], np.int64) for name in ("tail", "head", "row"))
     F = _joined([b.maps for b in bundles], np.float64)
     size = _joined([np.full(len(b.tail), b.shape[0]) for b in bundles], np.int64)
@@ -189,23 +173,31 @@ def adjoint_product(t: EdgeTable, y: Array) -> Array:
     return x
 
 
+class Ends(NamedTuple):
+    """Where k edges begin and end.
+
+    Attributes:
+        tails, heads: the vertices as the user calls them.
+        tail, head: the same by number, shape (k,).
+    """
+
+    tails: Sequence
+    heads: Sequence
+    tail: Index
+    head: Index
+
+    def name(self, e: int) -> str:
+        """An edge, for messages."""
+        return f"edge ({self.tails[e]!r}, {self.heads[e]!r})"
+
+
 def checked_bundle(
-    tails: Sequence,
-    heads: Sequence,
-    tail: Index,
-    head: Index,
-    dimension: Index,
-    F_tails: Any,
-    F_heads: Any,
-    offset: Any,
-    weight: Any,
-    row: Any,
+    ends: Ends, dimension: Index, F_tails: Any, F_heads: Any, offset: Any, weight: Any, row: Any
 ) -> EdgeBundle:
     """A bundle of k edges of equal stalk dimensions.
 
     Args:
-        tails, heads: the vertices as the user calls them, for messages.
-        tail, head: the same by number, shape (k,).
+        ends: of the edges.
         dimension: dimension of each vertex stalk, shape (V,).
         F_tails, F_heads: maps, shapes (k, m, n_tail) and (k, m, n_head).
         offset: desired values, shape (k, m), or None.
@@ -215,54 +207,52 @@ def checked_bundle(
     Raises:
         SheafError: loop, wrong shape, non-finite entry, or a weight that is not SPD.
     """
-    k = len(tail)
-    loops = np.flatnonzero(tail == head)
+    k = len(ends.tail)
+    loops = np.flatnonzero(ends.tail == ends.head)
     if loops.size:
-        raise SheafError(f"edge ({tails[loops[0]]!r}, {heads[loops[0]]!r}) is a loop; its ends must differ")
-    F_tail, F_head = _of_edges(F_tails, "F_tail", tails, heads), _of_edges(F_heads, "F_head", tails, heads)
-    for name, F, vertices, at in (("tail", F_tail, tails, tail), ("head", F_head, heads, head)):
+        raise SheafError(f"{ends.name(loops[0])} is a loop; its ends must differ")
+    F_tail, F_head = _of_edges(F_tails, "F_tail", ends), _of_edges(F_heads, "F_head", ends)
+    for name, F, vertices, at in (("tail", F_tail, ends.tails, ends.tail), ("head", F_head, ends.heads, ends.head)):
         if F.ndim != 3 or F.shape[0] != k:
             raise SheafError(f"maps of the {name}s have shape {F.shape}; expected ({k}, m, n)")
         wrong = np.flatnonzero(dimension[at] != F.shape[2])
         if wrong.size:
             e = wrong[0]
             raise SheafError(
-                f"edge ({tails[e]!r}, {heads[e]!r}): the map of {name} {vertices[e]!r} has shape "
-                f"{F.shape[1:]}, but the stalk has dimension {dimension[at[e]]}; "
-                f"expected (m, {dimension[at[e]]})"
+                f"{ends.name(e)}: the map of {name} {vertices[e]!r} has shape {F.shape[1:]}, "
+                f"but the stalk has dimension {dimension[at[e]]}; expected (m, {dimension[at[e]]})"
             )
     m = F_tail.shape[1]
     if F_head.shape[1] != m:
         raise SheafError(
-            f"edge ({tails[0]!r}, {heads[0]!r}): the maps have {m} and {F_head.shape[1]} rows; "
-            "both must map to the same edge stalk"
+            f"{ends.name(0)}: the maps have {m} and {F_head.shape[1]} rows; both must map to the same edge stalk"
         )
     # No memory for zeros: a million edges have enough to store.
-    b = np.broadcast_to(0.0, (k, m)) if offset is None else np.array(_of_edges(offset, "offset", tails, heads))
+    b = np.broadcast_to(0.0, (k, m)) if offset is None else np.array(_of_edges(offset, "offset", ends))
     if b.shape != (k, m):
         raise SheafError(f"offset has shape {b.shape}; expected ({k}, {m})")
-    K = None if weight is None else _inner_products(weight, k, m, tails, heads)
+    K = None if weight is None else np.array(_of_edges(weight, "weight", ends))
+    if K is not None:
+        K = K[:, None, None] * np.eye(m) if K.shape == (k,) else K
+        if K.shape != (k, m, m):
+            raise SheafError(f"weight has shape {K.shape}; expected ({k}, {m}, {m}) or ({k},)")
+        require_positive_definite(K, lambda e: f"{ends.name(e)}: the weight")
     rows = row + m * np.arange(k) if np.ndim(row) == 0 else row
-    return EdgeBundle(tail, head, packed([F_tail], [F_head]), (m, F_tail.shape[2], F_head.shape[2]), b, K, rows)
+    shape = m, F_tail.shape[2], F_head.shape[2]
+    return EdgeBundle(ends.tail, ends.head, packed([F_tail], [F_head]), shape, b, K, rows)
 
 
-def _inner_products(weight: Any, k: int, m: int, tails: Sequence, heads: Sequence) -> Array:
-    K = np.array(_of_edges(weight, "weight", tails, heads))
-    if K.shape == (k,):
-        K = K[:, None, None] * np.eye(m)
-    if K.shape != (k, m, m):
-        raise SheafError(f"weight has shape {K.shape}; expected ({k}, {m}, {m}) or ({k},)")
+def require_positive_definite(K: Array, name: Callable[[int], str]) -> None:
+    """Raise a SheafError that names the first of k matrices, shape (k, d, d), that is not SPD to rounding."""
     scale = np.abs(K).max(axis=(1, 2), initial=0.0)
     asymmetry = np.abs(K - K.transpose(0, 2, 1)).max(axis=(1, 2), initial=0.0)
     smallest = np.linalg.eigvalsh(K).min(axis=1, initial=np.inf)
     bad = np.flatnonzero((asymmetry > 1e-12 * scale) | ~(smallest > 1e-14 * scale))
     if bad.size:
-        e = bad[0]
         raise SheafError(
-            f"edge ({tails[e]!r}, {heads[e]!r}): the weight is not symmetric positive definite "
-            f"(smallest eigenvalue {smallest[e]:.3g}, asymmetry {asymmetry[e]:.3g})"
+            f"{name(bad[0])} is not symmetric positive definite "
+            f"(smallest eigenvalue {smallest[bad[0]]:.3g}, asymmetry {asymmetry[bad[0]]:.3g})"
         )
-    return K
 
 
 def finite(x: Any, name: str) -> Array:
@@ -273,12 +263,12 @@ def finite(x: Any, name: str) -> Array:
     return array
 
 
-def _of_edges(x: Any, name: str, tails: Sequence, heads: Sequence) -> Array:
+def _of_edges(x: Any, name: str, ends: Ends) -> Array:
     """One finite entry of an array for each edge; not a copy."""
     array = _numbers(x, name)
     if not np.isfinite(array).all():
-        e = np.argwhere(~np.isfinite(array))[0, 0] if array.ndim and len(array) == len(tails) else None
-        raise SheafError(f"{'' if e is None else f'edge ({tails[e]!r}, {heads[e]!r}): '}{name}: an entry is not finite")
+        e = np.argwhere(~np.isfinite(array))[0, 0] if array.ndim and len(array) == len(ends.tail) else None
+        raise SheafError(f"{'' if e is None else f'{ends.name(e)}: '}{name}: an entry is not finite")
     return array
 
 
@@ -299,22 +289,40 @@ def coboundary_matrix(t: EdgeTable) -> sparse.csr_array:
 
 
 def laplacian_block(t: EdgeTable, rows: Index, columns: Index, sign: float = 1.0) -> sparse.csr_array:
-    """sign * (delta^T delta)[rows, columns].
+    """sign * (delta^T delta)[rows, columns], for vertex numbers that occur at most once.
+
+    Of whitened edges this is a block of the Laplacian delta^T K delta.
+    """
+    values, indices, indptr, _ = block_rows(t, first_rows(t, rows), columns, sign=sign)
+    dimension = np.diff(t.column)
+    shape = len(indptr) - 1, int(dimension[columns].sum())
+    # Both index arrays of one type: scipy would copy the larger one otherwise.
+    return sparse.csr_array((values, indices, indptr.astype(indices.dtype)), shape=shape)
+
+
+def first_rows(t: EdgeTable, vertices: Index) -> Index:
+    """First row of each of some vertices, in the order given, by vertex; -1 at the others, shape (V,)."""
+    dimension = t.column[vertices + 1] - t.column[vertices]
+    place = np.full(len(t.column) - 1, -1)
+    place[vertices] = np.cumsum(dimension) - dimension
+    return place
+
+
+def block_rows(
+    t: EdgeTable, place: Index, columns: Index, *, sign: float = 1.0, upper: bool = False
+) -> tuple[Array, Index, Index, Array]:
+    """Compressed rows (values, indices, indptr) of sign * delta^T delta, or of its strict upper triangle.
 
     Args:
-        t: the edges; of whitened ones this is a block of the Laplacian delta^T K delta.
-        rows, columns: vertex numbers, each at most once.
+        t: the edges.
+        place: first row of each vertex, -1 at those without rows, shape (V,).
+        columns: vertices of the columns, in order.
         sign: a factor.
+        upper: whether to keep only what lies above the diagonal; the diagonal comes last then, else an empty array.
     """
-    dimension = np.diff(t.column)
-    place = np.full(len(dimension), -1)
-    place[rows] = np.cumsum(dimension[rows]) - dimension[rows]
-    indptr = np.empty(int(dimension[rows].sum()) + 1, dtype=np.int64)
-    block_row_lengths(t, place, columns, False, indptr)
-    kind = np.int32 if indptr[-1] < 2**31 else np.int64
-    indices, values = np.empty(indptr[-1], dtype=kind), np.zeros(indptr[-1])
-    fill_block(t, place, columns, False, sign, indptr, indices, values, np.zeros(0))
-    # Both index arrays of one type: scipy would copy the larger one otherwise.
-    return sparse.csr_array(
-        (values, indices, indptr.astype(kind)), shape=(len(indptr) - 1, int(dimension[columns].sum()))
-    )
+    indptr = np.empty(int(np.diff(t.column)[place >= 0].sum()) + 1, dtype=np.int64)
+    block_row_lengths(t, place, columns, upper, indptr)
+    indices = np.empty(indptr[-1], dtype=np.int32 if indptr[-1] < 2**31 else np.int64)
+    values, diagonal = np.zeros(indptr[-1]), np.zeros(len(indptr) - 1 if upper else 0)
+    fill_block(t, place, columns, upper, sign, (indptr, indices, values), diagonal)
+    return values, indices, indptr, diagonal

@@ -1,7 +1,25 @@
-"""Harmonic extension: the Dirichlet problem of a sheaf, prepared once and solved for many boundary values."""
+"""Harmonic extension: the Dirichlet problem of a sheaf, prepared once and solved for many boundary values.
 
-import itertools
-from collections.abc import Hashable, Mapping, Sequence
+H x = r, H = D^T D on the free vertices, has three solvers, each where it is the best:
+
+| solver             | used                                                  | why                                     |
+|--------------------|-------------------------------------------------------|-----------------------------------------|
+| BandCholesky       | states times bandwidth squared is at most DIRECT_WORK | exact, factors once, then solves many   |
+| DenseQR            | H is too badly conditioned, up to DENSE_COLUMNS       | works on D, whose condition is the root |
+| ConjugateGradients | the band is too wide                                  | memory in proportion to the sheaf       |
+
+Bandwidths are those after reordering the vertices (reverse Cuthill-McKee): a few stalks for paths, cycles and whatever
+is long and thin, a side of it for a grid. LAPACK's band solver would be as fast on narrow bands and faster on wide
+ones, but its bits depend on the number of threads.
+
+Conjugate gradients solve I + U + U^T of which only the strict upper triangle U is stored. The preconditioner is
+symmetric successive over-relaxation, M = (I/w + U^T) w (I/w + U) for any 0 < w < 2, which is positive definite. With
+Eisenstat's trick (SIAM J. Sci. Stat. Comput. 2, 1981) an iteration costs one pass over U backwards and one forwards, as
+much as without a preconditioner: A = (I/w + U^T) + (I/w + U) + (1 - 2/w) I, so that of the product with A between the
+two triangular solutions little is left to do.
+"""
+
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -12,12 +30,30 @@ from scipy import linalg, sparse
 from scipy.sparse import csgraph
 
 from mjsheaf.errors import SheafError
-from mjsheaf.sheaf.edges import laplacian_block, product
+from mjsheaf.jit import allocating_jit, jit
+from mjsheaf.sheaf.edges import EdgeTable, adjoint_product, block_rows, first_rows, laplacian_block, product
+from mjsheaf.sheaf.loops import bandwidth, fill_band, neighbours
 from mjsheaf.sheaf.sections import DENSE_COLUMNS, RANK_TOLERANCE, section_basis
-from mjsheaf.sheaf.sheaf import Sheaf
-from mjsheaf.sheaf.solvers import FreeProblem, Solver, solver_of
+from mjsheaf.sheaf.stalks import Stalks, column_parts, dense_rows
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+DIRECT_WORK = 5e8
+"""Largest states * bandwidth^2 of a direct solution: a tenth of a second, once."""
+
+RESIDUAL = 1e-10
+"""Relative residual |r - H x| / |r| that conjugate gradients aim at."""
+
+LARGEST_RESIDUAL = 1e-8
+"""Relative residual over which an iterative solution is an error."""
+
+RELAXATION = 1.75
+MOST_ITERATIONS = 20_000
+_MOST_RESTARTS = 6  # of conjugate gradients, each on the true residual of the one before
+_NO_QR_BELOW = 1e-6  # error of a solution by H up to which QR would gain nothing after refinement
+_UNUSABLE_ABOVE = 1e-2
+_NO_REFINEMENT_BELOW, _ONE_REFINEMENT_BELOW = 1e-12, 1e-9
 
 
 @dataclass(frozen=True)
@@ -43,41 +79,48 @@ class DirichletProblem:
     """Minimise 1/2 |delta x - b|_K^2 over the interior, the boundary held.
 
     The stationary point solves H x_W = B x_U + c, in the paper's symbols (eq. harmonic_equation) with an offset. Blocks
-    are assembled when they are asked for, without the whole Laplacian; solving needs none of them.
+    are assembled on demand, without the whole Laplacian; solving needs none of them.
 
     H, B and c are derivatives of the energy, blocks of delta^T K delta. Where vertex stalks have inner products M those
     of the Laplacian are M_W^-1 times them: the same equation, with the same solutions. Which of many solutions is the
     shortest, and which null basis is orthonormal, depends on M.
 
     Attributes:
-        sheaf: the sheaf, as it was when the problem was made.
         boundary: the vertices U, in the order of boundary vectors.
     """
 
-    def __init__(self, sheaf: Sheaf, boundary: Sequence[Hashable]) -> None:
-        """Name the boundary.
+    def __init__(
+        self, stalks: Stalks, table: EdgeTable, whitened: EdgeTable, offset: Array, boundary: Sequence[Hashable]
+    ) -> None:
+        """Name the boundary; `Sheaf.dirichlet_problem` does it for a sheaf.
+
+        Args:
+            stalks: of the vertices.
+            table: the edges, as given.
+            whitened: the same in edge coordinates in which the inner product is the identity.
+            offset: b in these coordinates, shape (m,).
+            boundary: the vertices U.
 
         Raises:
             SheafError: a boundary vertex is unknown or named twice.
         """
         if len(set(boundary)) != len(boundary):
             raise SheafError("a boundary vertex is named twice")
-        self.sheaf = sheaf
         self.boundary = list(boundary)
-        self._table, self._plain, self._b = sheaf.whitened_table, sheaf.table, sheaf.whitened_offset()
-        self._U = sheaf.numbers(self.boundary)
-        self._free = np.ones(len(self._table.column) - 1, dtype=bool)
+        self._stalks, self._table, self._plain, self._b = stalks, whitened, table, offset
+        self._U = stalks.numbers(self.boundary)
+        self._free = np.ones(len(table.column) - 1, dtype=bool)
         self._free[self._U] = False
         W = np.flatnonzero(self._free)
-        self._columns_U, self._columns_W = sheaf.columns_of(self._U), sheaf.columns_of(W)
-        self._problem = FreeProblem(self._table, W, self._columns_W)
-        M = sheaf.vertex_product
+        self._columns_U, self._columns_W = stalks.columns_of(self._U), stalks.columns_of(W)
+        self._problem = FreeProblem(whitened, W, self._columns_W)
+        M = stalks.vertex_product
         self._product = None if M is None else M.restricted(self._columns_W)
 
     @cached_property
     def interior(self) -> list[Hashable]:
         """The vertices W, in vertex order."""
-        return self.sheaf.interior(self.boundary)
+        return self._stalks.interior(self.boundary)
 
     @cached_property
     def H(self) -> sparse.csr_array:  # noqa: N802 - the paper's symbol
@@ -95,14 +138,14 @@ class DirichletProblem:
         return self._problem.pulled_back(self._b[:, None])[:, 0]
 
     @cached_property
-    def _kernel(self) -> sparse.csc_array:
+    def _null_space(self) -> sparse.csc_array:
         """A basis of H^0(G, U; F) that is orthonormal in R^{n_W}."""
         return section_basis(self._plain, self._free, RANK_TOLERANCE)
 
     @cached_property
     def sparse_null_basis(self) -> sparse.csc_array:
         """Orthonormal basis of H^0(G, U; F), shape (n_W, dimension); inner products on edges do not change it."""
-        return self._kernel if self._product is None else self._product.orthonormal(self._kernel)
+        return self._null_space if self._product is None else self._product.orthonormal(self._null_space)
 
     @cached_property
     def null_basis(self) -> Array:
@@ -116,32 +159,27 @@ class DirichletProblem:
         return self.sparse_null_basis.shape[1] == 0
 
     @cached_property
-    def solver(self) -> Solver:
-        """What solves H x = r: a factorisation that is kept, or conjugate gradients; see `solvers`."""
-        return solver_of(self._problem, self._kernel, self._grounds, DENSE_COLUMNS)
+    def solver(self) -> "Solver":
+        """The solver of H x = r: a factorisation that is kept, or conjugate gradients; see the module."""
+        return solver_of(self._problem, self._null_space, self._regularisation)
 
-    def _grounds(self) -> Array:
+    def _regularisation(self) -> Array:
         """What makes H regular when added to its diagonal, shape (n_W,).
 
         Coordinates that single out each null direction are held at zero: that costs nothing.
         """
-        grounds = np.zeros(self._problem.states)
+        diagonal = np.zeros(self._problem.states)
         if not self.unique:
-            grounds[_singling_out(self._kernel)] = np.abs(self._table.F).max(initial=0.0) ** 2 or 1.0
-        return grounds
+            diagonal[_pivot_rows(self._null_space)] = np.abs(self._table.F).max(initial=0.0) ** 2 or 1.0
+        return diagonal
 
     def extend(self, boundary: ArrayLike) -> Array:
-        """Interior values for one or many boundary vectors.
+        """Interior values, shape (..., n_W), in vertex order, for boundary vectors of shape (..., n_U).
 
-        Args:
-            boundary: stacked boundary values, shape (..., n_U), in the order of `self.boundary`.
-
-        Returns:
-            Interior values, shape (..., n_W), in vertex order; where not unique, of minimum norm in the inner products
-            of the vertex stalks.
+        Where they are not unique, those of minimum norm in the inner products of the vertex stalks.
 
         Raises:
-            SheafError: the boundary vectors have the wrong length, or the solution is not accurate (see `solvers`).
+            SheafError: the boundary vectors have the wrong length, or the solution is not accurate (see `solver`).
         """
         y = np.asarray(boundary, dtype=np.float64)
         n_W, n_U = self._problem.states, len(self._columns_U)
@@ -159,8 +197,8 @@ class DirichletProblem:
 
     def _shortest(self, x: Array) -> Array:
         """The columns of x without their part in the null space: as short as they can be made along it."""
-        x = _off(self._kernel, x)
-        if self._product is None or not self._kernel.shape[1]:
+        x = _project_out(self._null_space, x)
+        if self._product is None or not self._null_space.shape[1]:
             return x
         N = self.sparse_null_basis
         return np.asarray(x - N @ (N.T @ (self._product.matrix @ x)))
@@ -173,7 +211,7 @@ class DirichletProblem:
         r = np.asarray(right_hand_side, dtype=np.float64)
         if not r.size:
             return np.zeros(r.shape)
-        x = self.solver.solve(_off(self._kernel, r.reshape(-1, r.shape[-1]).T))
+        x = self.solver.solve(_project_out(self._null_space, r.reshape(-1, r.shape[-1]).T))
         return self._shortest(x).T.reshape(r.shape)
 
     def harmonic_extension(self, boundary: Mapping[Any, ArrayLike]) -> HarmonicExtension:
@@ -185,31 +223,328 @@ class DirichletProblem:
         missing = [v for v in self.boundary if v not in boundary]
         if missing:
             raise SheafError(f"no boundary value for {missing}")
-        values = [np.zeros(0), *(self.sheaf.stalk_value(v, boundary[v]) for v in self.boundary)]
+        values = [np.zeros(0), *(self._stalks.stalk_value(v, boundary[v]) for v in self.boundary)]
         whole = np.zeros(int(self._table.column[-1]))
         whole[self._columns_U] = y = np.concatenate(values)
         whole[self._columns_W] = self.extend(y)
         residual = product(self._table, whole[:, None])[:, 0]
         residual -= self._b
         energy = 0.5 * float(np.einsum("i,i->", residual, residual))
-        return HarmonicExtension(self.sheaf.unpack(whole), self.unique, self.null_basis, energy)
+        return HarmonicExtension(self._stalks.unpack(whole), self.unique, self.null_basis, energy)
 
 
-def _singling_out(null_basis: sparse.csc_array) -> NDArray[np.int64]:
+def _pivot_rows(null_basis: sparse.csc_array) -> Index:
     """As many rows as there are columns, on which they are independent; columns that share rows are treated apart."""
-    pattern = abs(null_basis)  # so that nothing cancels
-    parts, label = csgraph.connected_components(pattern.T @ pattern, directed=False)
-    ordered = null_basis[:, np.argsort(label, kind="stable")]
     found = [np.zeros(0, dtype=np.int64)]
-    for left, right in itertools.pairwise([0, *np.cumsum(np.bincount(label, minlength=parts)).tolist()]):
-        part = ordered[:, left:right]
-        rows, place = np.unique(part.indices, return_inverse=True)
-        block = np.zeros((right - left, len(rows)))
-        block[np.repeat(np.arange(right - left), np.diff(part.indptr)), place] = part.data
-        found.append(rows[linalg.qr(block, mode="r", pivoting=True)[1][: right - left]])
+    for members in column_parts(null_basis):
+        rows, block = dense_rows(null_basis[:, members])
+        found.append(rows[linalg.qr(block.T, mode="r", pivoting=True)[1][: len(members)]])
     return np.concatenate(found)
 
 
-def _off(null_basis: sparse.csc_array, x: Array) -> Array:
+def _project_out(null_basis: sparse.csc_array, x: Array) -> Array:
     """Remove the null directions from the columns of x."""
     return x - null_basis @ (null_basis.T @ x) if null_basis.shape[1] else x
+
+
+# -- solvers ---------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class FreeProblem:
+    """The free vertices W of a table of whitened edges, and products with D = delta on them.
+
+    Attributes:
+        table: all edges.
+        vertices: numbers of the free vertices, ascending, shape (W,).
+        columns: their columns, shape (n_W,).
+    """
+
+    table: EdgeTable
+    vertices: Index
+    columns: Index
+
+    @cached_property
+    def dimension(self) -> Index:
+        """Dimension of each free stalk, shape (W,)."""
+        return self.table.column[self.vertices + 1] - self.table.column[self.vertices]
+
+    @property
+    def states(self) -> int:
+        """n_W."""
+        return len(self.columns)
+
+    def image(self, x: Array) -> Array:
+        """D x for x of shape (n_W, k)."""
+        whole = np.zeros((int(self.table.column[-1]), x.shape[1]))
+        whole[self.columns] = x
+        return product(self.table, whole)
+
+    def pulled_back(self, y: Array) -> Array:
+        """D^T y for y of shape (m, k)."""
+        return adjoint_product(self.table, y)[self.columns]
+
+
+class BandCholesky:
+    """Cholesky factor of H in band storage, with a refinement by the residual of D x = w itself.
+
+    Attributes:
+        error: relative error of a solution that is known, before refinement: about eps times the condition of H.
+        refinements: how many bring that to rounding.
+    """
+
+    def __init__(self, problem: FreeProblem, place: Index, band: int, regularisation: Array) -> None:
+        """Factor H + diag(regularisation); `place`: first row of each free vertex in an order of that bandwidth."""
+        self._problem, self._regularisation = problem, regularisation
+        begin = np.cumsum(problem.dimension) - problem.dimension
+        self._to = np.repeat(place[problem.vertices] - begin, problem.dimension) + np.arange(problem.states)
+        self._factor = np.zeros((problem.states, band + 1))
+        fill_band(problem.table, place, self._factor)
+        self._factor[self._to, 0] += regularisation
+        self.error = self._probed() if factor_band(self._factor) else np.inf
+        self.refinements = 0 if self.error < _NO_REFINEMENT_BELOW else 1 if self.error < _ONE_REFINEMENT_BELOW else 5
+
+    def _probed(self) -> float:
+        x: Array = (np.arange(self._problem.states, dtype=np.float64) % 7 - 3.0)[:, None]  # not special in any way
+        r = self._problem.pulled_back(self._problem.image(x)) + self._regularisation[:, None] * x
+        return _norm((self._once(r) - x)[:, 0]) / _norm(x[:, 0])
+
+    def _once(self, r: Array) -> Array:
+        ordered = np.empty(r.shape)
+        ordered[self._to] = r
+        solve_band(self._factor, ordered)
+        return ordered[self._to]
+
+    def least_squares(self, w: Array) -> Array:
+        """X that minimises |D x - w|, for w of shape (m, k)."""
+        p = self._problem
+        return self._refined(p.pulled_back(w), lambda x: p.pulled_back(w - p.image(x)))
+
+    def solve(self, r: Array) -> Array:
+        """X with H x = r, for r of shape (n_W, k)."""
+        p = self._problem
+        return self._refined(r, lambda x: r - p.pulled_back(p.image(x)))
+
+    def _refined(self, r: Array, left_over: Callable[[Array], Array]) -> Array:
+        x = self._once(r)
+        for _ in range(self.refinements):
+            x += self._once(left_over(x) - self._regularisation[:, None] * x)
+        return x
+
+
+class DenseQR:
+    """QR of D stacked on the null directions, whose rows make the columns independent and agree with minimum norm."""
+
+    def __init__(self, problem: FreeProblem, null: Array) -> None:
+        D = problem.image(np.eye(problem.states))
+        scale = float(np.max(np.abs(D), initial=0.0)) or 1.0
+        Q, self._R = linalg.qr(np.vstack([D, scale * null.T]), mode="economic")
+        self._Q_w = Q[: len(D)].T
+
+    def least_squares(self, w: Array) -> Array:
+        """X that minimises |D x - w|, for w of shape (m, k)."""
+        return linalg.solve_triangular(self._R, self._Q_w @ w)
+
+    def solve(self, r: Array) -> Array:
+        """X with H x = r, for r of shape (n_W, k)."""
+        return linalg.cho_solve((self._R, False), r)
+
+
+class ConjugateGradients:
+    """Conjugate gradients with symmetric over-relaxation; see the module.
+
+    Attributes:
+        iterations: how many the last right-hand side took.
+        residual: the relative residual |r - H x| / |r| that it reached, from D itself.
+    """
+
+    def __init__(self, problem: FreeProblem) -> None:
+        self._problem = problem
+        place = first_rows(problem.table, problem.vertices)
+        values, indices, indptr, self._scale = block_rows(problem.table, place, problem.vertices, upper=True)
+        scale_symmetrically(indptr, indices, values, self._scale)
+        self._rows = indptr, indices, values
+        self.iterations, self.residual = 0, 0.0
+
+    def least_squares(self, w: Array) -> Array:
+        """X that minimises |D x - w|, for w of shape (m, k).
+
+        Raises:
+            SheafError: the residual stays over LARGEST_RESIDUAL.
+        """
+        p = self._problem
+        return self._each(p.pulled_back(w), lambda x, k: p.pulled_back(w[:, k : k + 1] - p.image(x)))
+
+    def solve(self, r: Array) -> Array:
+        """X with H x = r, for r of shape (n_W, k); SheafError as in `least_squares`."""
+        p = self._problem
+        return self._each(r, lambda x, k: r[:, k : k + 1] - p.pulled_back(p.image(x)))
+
+    def _each(self, r: Array, left_over: Callable[[Array, int], Array]) -> Array:
+        """Column by column; `left_over` is the true residual of a column, which recurrences drift away from."""
+        x = np.zeros_like(r)
+        for k in range(r.shape[1]):
+            column, left, size = x[:, k : k + 1], r[:, k : k + 1], _norm(r[:, k])
+            self.iterations, self.residual = 0, 1.0 if size else 0.0
+            for _ in range(_MOST_RESTARTS):
+                if self.residual <= RESIDUAL:
+                    break
+                step, iterations = conjugate_gradients(
+                    *self._rows,
+                    left[:, 0] * self._scale,
+                    RELAXATION,
+                    0.5 * RESIDUAL / self.residual,
+                    MOST_ITERATIONS - self.iterations,
+                )
+                step *= self._scale
+                column += step[:, None]
+                left = left_over(column, k)
+                self.iterations += iterations
+                self.residual = _norm(left[:, 0]) / size
+            if not self.residual <= LARGEST_RESIDUAL:
+                raise SheafError(
+                    f"the harmonic extension to {len(r)} states did not converge: relative residual "
+                    f"{self.residual:.1e} after {self.iterations} iterations, expected {LARGEST_RESIDUAL:g}; "
+                    "the maps or weights are too badly conditioned"
+                )
+        return x
+
+
+Solver = BandCholesky | DenseQR | ConjugateGradients
+
+
+def solver_of(problem: FreeProblem, null: sparse.csc_array, regularisation: Callable[[], Array]) -> Solver:
+    """The best solver of a problem.
+
+    Args:
+        problem: the problem.
+        null: orthonormal basis of the null space of D, shape (n_W, dimension); right-hand sides have no part in it.
+        regularisation: what to add to the diagonal of H to make it regular without a change to x off the null space.
+
+    Raises:
+        SheafError: over DENSE_COLUMNS states, and H is singular to rounding where `null` says that it is not.
+    """
+    t, n = problem.table, problem.states
+    free = first_rows(t, problem.vertices) >= 0
+    graph = sparse.csr_array(neighbours(t, free), shape=(len(free), len(free)))
+    order = csgraph.reverse_cuthill_mckee(graph, symmetric_mode=True)
+    place = first_rows(t, order[free[order]].astype(np.int64))
+    band = bandwidth(t, place)
+    if n > DENSE_COLUMNS and n * float(band) ** 2 > DIRECT_WORK:
+        return ConjugateGradients(problem)
+    factor = BandCholesky(problem, place, band, regularisation())
+    if factor.error <= _NO_QR_BELOW:
+        return factor
+    if n <= DENSE_COLUMNS:
+        return DenseQR(problem, null.toarray())
+    if factor.error <= _UNUSABLE_ABOVE:
+        return factor
+    raise SheafError(
+        f"the harmonic extension to {n} states is too badly conditioned to be solved: relative error {factor.error:.1e}"
+    )
+
+
+def _norm(x: Array) -> float:
+    """The Euclidean norm, summed in one order whatever the number of threads."""
+    return float(np.sqrt(np.einsum("i,i->", x, x)))
+
+
+# -- compiled loops --------------------------------------------------------------------------------------------
+
+
+@jit
+def factor_band(band):
+    """Factor A = C C^T in place; return whether A is positive definite to rounding.
+
+    A[i, j], i >= j, is band[j, i - j]; then so is C. Shape (n, bandwidth + 1).
+    """
+    n, width = band.shape
+    for j in range(n):
+        if not band[j, 0] > 0.0:
+            return False
+        count = min(width, n - j)
+        root = np.sqrt(band[j, 0])
+        for i in range(count):
+            band[j, i] /= root
+        for i in range(1, count):
+            factor = band[j, i]
+            if factor != 0.0:
+                for k in range(count - i):
+                    band[j + i, k] -= factor * band[j, i + k]
+    return True
+
+
+@jit
+def solve_band(band, x):
+    """Solve C C^T x = b in place, for b of shape (n, k)."""
+    n, width = band.shape
+    columns = x.shape[1]
+    for j in range(n):
+        for c in range(columns):
+            x[j, c] /= band[j, 0]
+        for i in range(1, min(width, n - j)):
+            factor = band[j, i]
+            for c in range(columns):
+                x[j + i, c] -= factor * x[j, c]
+    for j in range(n - 1, -1, -1):
+        for i in range(1, min(width, n - j)):
+            factor = band[j, i]
+            for c in range(columns):
+                x[j, c] -= factor * x[j + i, c]
+        for c in range(columns):
+            x[j, c] /= band[j, 0]
+
+
+@jit
+def scale_symmetrically(indptr, indices, values, diagonal):
+    """Turn the diagonal d (n,) into 1 / sqrt(d), 1 for a zero, which has no row; scale U by it, in compressed rows."""
+    for i in range(len(diagonal)):
+        diagonal[i] = 1.0 / np.sqrt(diagonal[i]) if diagonal[i] > 0.0 else 1.0
+    for i in range(len(diagonal)):
+        for k in range(indptr[i], indptr[i + 1]):
+            values[k] *= diagonal[i] * diagonal[indices[k]]
+
+
+@allocating_jit
+def conjugate_gradients(indptr, indices, values, b, relaxation, tolerance, most):
+    """Solve (I + U + U^T) x = b from x = 0, for b (n,) in the range of the matrix: x and the number of iterations.
+
+    U is in compressed rows; relaxation is w; tolerance is by how much the norm of the preconditioned residual shrinks.
+    """
+    n = len(b)
+    x, p, w, q = np.zeros(n), np.zeros(n), np.empty(n), np.empty(n)
+    # Everything is multiplied by w once, so that the triangles have unit diagonals: r = (I + w U^T)^-1 w b.
+    r = relaxation * b
+    for i in range(n):
+        value = relaxation * r[i]
+        for k in range(indptr[i], indptr[i + 1]):
+            r[indices[k]] -= values[k] * value
+    square = 0.0
+    for i in range(n):
+        square += r[i] * r[i]
+    enough, beta, iterations = tolerance * tolerance * square, 0.0, 0
+    while iterations < most and square > enough:
+        iterations += 1
+        for i in range(n - 1, -1, -1):  # w = (I + w U)^-1 p
+            p[i] = r[i] + beta * p[i]
+            total = 0.0
+            for k in range(indptr[i], indptr[i + 1]):
+                total += values[k] * w[indices[k]]
+            w[i] = p[i] - relaxation * total
+            q[i] = p[i] + (relaxation - 2.0) * w[i]
+        curvature = 0.0
+        for i in range(n):  # q = w + (I + w U^T)^-1 (p + (w - 2) w)
+            value = relaxation * q[i]
+            for k in range(indptr[i], indptr[i + 1]):
+                q[indices[k]] -= values[k] * value
+            q[i] += w[i]
+            curvature += p[i] * q[i]
+        if not curvature > 0.0:  # b was not in the range, or rounding is all that is left
+            break
+        alpha, new = square / curvature, 0.0
+        for i in range(n):
+            x[i] += alpha * w[i]
+            r[i] -= alpha * q[i]
+            new += r[i] * r[i]
+        beta, square = new / square, new
+    return x, iterations

@@ -7,10 +7,10 @@ delta^T delta; an inner product enters through whitened maps.
 
 import numpy as np
 
-from mjsheaf.jit import allocating_kernel, kernel
+from mjsheaf.jit import allocating_jit, jit
 
 
-@allocating_kernel
+@allocating_jit
 def incidence(tail, head, vertices):
     """The edges at each vertex, ascending: (first (V + 1,), incident (2 E,))."""
     first = np.zeros(vertices + 1, dtype=np.int64)
@@ -28,7 +28,7 @@ def incidence(tail, head, vertices):
     return first, incident
 
 
-@kernel
+@jit
 def row_lengths(t, indptr):
     """Fill the row pointers of delta, shape (m + 1,)."""
     column, tail, head, row, size = t.column, t.tail, t.head, t.row, t.size
@@ -42,7 +42,7 @@ def row_lengths(t, indptr):
         indptr[a + 1] += indptr[a]
 
 
-@kernel
+@jit
 def fill_coboundary(t, indptr, indices, values):
     """Fill delta: row F_tail x_tail - F_head x_head for each edge, columns ascending."""
     column, tail, head, row, size = t.column, t.tail, t.head, t.row, t.size
@@ -61,7 +61,7 @@ def fill_coboundary(t, indptr, indices, values):
                     values[place + k] = sign * F[at + a * n + k]
 
 
-@kernel
+@jit
 def coboundary_times(t, x, y):
     """Y = delta x; x of shape (n, k), y of shape (m, k)."""
     column, tail, head, row, size = t.column, t.tail, t.head, t.row, t.size
@@ -80,7 +80,7 @@ def coboundary_times(t, x, y):
                 y[row[e] + a, c] = total
 
 
-@kernel
+@jit
 def adjoint_times(t, y, x):
     """X = delta^T y; y of shape (m, k), x of shape (n, k)."""
     column, tail, head, row, size = t.column, t.tail, t.head, t.row, t.size
@@ -99,7 +99,7 @@ def adjoint_times(t, y, x):
                     x[right + k, c] -= F[at_head[e] + a * n_j + k] * value
 
 
-@allocating_kernel
+@allocating_jit
 def block_row_lengths(t, place, columns, upper, indptr):
     """Fill the row pointers of the block of L that `fill_block` fills."""
     column, tail, head = t.column, t.tail, t.head
@@ -124,8 +124,8 @@ def block_row_lengths(t, place, columns, upper, indptr):
         indptr[a + 1] += indptr[a]
 
 
-@allocating_kernel
-def fill_block(t, place, columns, upper, sign, indptr, indices, values, diagonal):
+@allocating_jit
+def fill_block(t, place, columns, upper, sign, rows, diagonal):
     """Fill a block of sign * L.
 
     Columns are walked in order and append themselves to the rows that they meet: rows come out sorted without sorting.
@@ -136,12 +136,13 @@ def fill_block(t, place, columns, upper, sign, indptr, indices, values, diagonal
         columns: vertices of the columns, in order.
         upper: whether to keep only what lies above the diagonal, and to put the diagonal into `diagonal`.
         sign: a factor.
-        indptr, indices, values: compressed rows; values are zero before.
+        rows: (indptr, indices, values), compressed rows; values are zero before.
         diagonal: shape (rows,), zero before; not touched unless `upper`.
     """
     column, tail, head, size = t.column, t.tail, t.head, t.size
     F, at_tail, at_head = t.F, t.at_tail, t.at_head
     first, incident = t.first, t.incident
+    indptr, indices, values = rows
     last = np.full(len(place), -1, dtype=np.int64)
     end = indptr[:-1].copy()  # of what each row has so far
     start = indptr[:-1].copy()  # of the row's newest block
@@ -182,7 +183,7 @@ def fill_block(t, place, columns, upper, sign, indptr, indices, values, diagonal
         begin += n_u
 
 
-@kernel
+@jit
 def fill_band(t, place, band):
     """Add delta^T delta to a lower band: entry (i, j), i >= j, of the permuted matrix is band[j, i - j].
 
@@ -217,7 +218,7 @@ def fill_band(t, place, band):
                         band[j, i - j] += factor * total
 
 
-@allocating_kernel
+@allocating_jit
 def neighbours(t, free):
     """Compressed rows (values, indices, indptr) of the graph on the free vertices, parallel edges repeated."""
     tail, head = t.tail, t.head
@@ -237,7 +238,7 @@ def neighbours(t, free):
     return np.ones(size, dtype=np.int8), indices[:size], indptr
 
 
-@kernel
+@jit
 def bandwidth(t, place):
     """Largest |i - j| over the entries of delta^T delta on the vertices with a place, which is their first row."""
     column, tail, head = t.column, t.tail, t.head

@@ -1,13 +1,9 @@
-"""The vertex stalks of a sheaf: their names, their numbers, their columns, and cochains on them.
+"""The cellular sheaf on a graph."""
 
-The cellular sheaf on a graph.
-"""
-
-import itertools
 from collections import defaultdict
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +14,7 @@ from mjsheaf.errors import SheafError
 from mjsheaf.sheaf.edges import (
     EdgeBundle,
     EdgeTable,
+    Ends,
     adjoint_product,
     checked_bundle,
     coboundary_matrix,
@@ -27,115 +24,12 @@ from mjsheaf.sheaf.edges import (
     product,
     tabulate,
 )
-from mjsheaf.sheaf.inner import InnerProduct, checked_inner_product, of_blocks, of_vertices
-from mjsheaf.sheaf.sections import DENSE_COLUMNS, RANK_TOLERANCE, cokernel_basis, proved_sections, section_basis
-
-if TYPE_CHECKING:
-    from mjsheaf.sheaf.harmonic import HarmonicExtension
+from mjsheaf.sheaf.harmonic import DirichletProblem, HarmonicExtension
+from mjsheaf.sheaf.sections import DENSE_COLUMNS, RANK_TOLERANCE, certified_sections, cokernel_basis, section_basis
+from mjsheaf.sheaf.stalks import Cochain, InnerProduct, Stalks, of_blocks
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-Cochain = Array | Mapping[Hashable, ArrayLike]
-
-
-class Stalks:
-    """Vertices in order, with a stalk R^{n_v} each.
-
-    0-cochains are vectors of length n = sum n_v in vertex order, or mappings from vertex to value.
-    """
-
-    def __init__(self, stalks: Mapping[Any, int]) -> None:
-        """Number the vertices.
-
-        Args:
-            stalks: dimension of each vertex stalk, in order.
-
-        Raises:
-            SheafError: a dimension is not a non-negative integer, or there is no vertex.
-        """
-        if not stalks:
-            raise SheafError("a sheaf needs at least one vertex")
-        odd = {
-            kind for kind in set(map(type, stalks.values())) if kind is bool or not issubclass(kind, int | np.integer)
-        }
-        if odd or min(stalks.values()) < 0:
-            vertex, dimension = next((v, d) for v, d in stalks.items() if type(d) in odd or d < 0)
-            raise SheafError(f"stalk of vertex {vertex!r}: dimension {dimension!r} is not a whole number >= 0")
-        self._dimension = np.fromiter(stalks.values(), np.int64, len(stalks))
-        self._number = {vertex: i for i, vertex in enumerate(stalks)}
-        self._column = np.concatenate([[0], np.cumsum(self._dimension)])
-
-    @property
-    def vertices(self) -> list[Hashable]:
-        """The vertices, in order."""
-        return list(self._number)
-
-    def dimension(self, vertex: Hashable) -> int:
-        """Dimension of the stalk of a vertex."""
-        return int(self._dimension[self._find(vertex)])
-
-    def _find(self, vertex: Hashable) -> int:
-        try:
-            return self._number[vertex]
-        except (KeyError, TypeError):
-            known = list(self._number)
-            listed = ", ".join(map(repr, known[:12])) + (", ..." if len(known) > 12 else "")
-            raise SheafError(f"unknown vertex {vertex!r}; the vertices are {listed}") from None
-
-    def numbers(self, vertices: Sequence[Hashable]) -> Index:
-        """Numbers of the given vertices, counted from 0 in vertex order."""
-        try:
-            return np.fromiter(map(self._number.__getitem__, vertices), np.int64, len(vertices))
-        except (KeyError, TypeError):
-            return np.array([self._find(v) for v in vertices], dtype=np.int64)
-
-    def columns(self, vertices: Iterable[Hashable]) -> Index:
-        """Columns of the coboundary that belong to the given vertices, in the given order."""
-        return self.columns_of(self.numbers(list(vertices)))
-
-    def columns_of(self, numbers: Index) -> Index:
-        """The same for vertices given by number."""
-        dimension = self._dimension[numbers]
-        begin = np.cumsum(dimension) - dimension
-        return np.repeat(self._column[numbers] - begin, dimension) + np.arange(dimension.sum())
-
-    def interior(self, boundary: Iterable[Hashable]) -> list[Hashable]:
-        """The vertices that are not in the boundary, in vertex order."""
-        free = np.ones(len(self._number), dtype=bool)
-        free[self.numbers(list(boundary))] = False
-        return list(itertools.compress(self._number, free.tolist()))
-
-    def pack(self, x: Cochain) -> Array:
-        """A 0-cochain as a vector of length n.
-
-        Raises:
-            SheafError: a vertex is missing or unknown, a value has the wrong length, or an entry is not finite.
-        """
-        if isinstance(x, Mapping):
-            missing = [v for v in self._number if v not in x]
-            if missing or len(x) != len(self._number):
-                strange = [v for v in x if v not in self._number]
-                raise SheafError(f"a 0-cochain needs a value for each vertex; missing {missing}, unknown {strange}")
-            return np.concatenate([self.stalk_value(v, x[v]) for v in self._number])
-        value = finite(x, "0-cochain")
-        if value.shape != (self._column[-1],):
-            raise SheafError(f"a 0-cochain has shape ({self._column[-1]},); this one has {value.shape}")
-        return value
-
-    def unpack(self, x: Array) -> dict[Hashable, Array]:
-        """A vector of length n as a mapping from vertex to value."""
-        d = int(self._dimension[0])
-        if d and (self._dimension == d).all():  # a million slices take a second
-            return dict(zip(self._number, x.reshape(-1, d), strict=True))
-        ends = self._column.tolist()
-        return {v: x[i:j] for v, i, j in zip(self._number, ends, ends[1:], strict=False)}
-
-    def stalk_value(self, vertex: Hashable, value: ArrayLike) -> Array:
-        """A value in the stalk of a vertex, checked."""
-        x = np.atleast_1d(finite(value, f"value of vertex {vertex!r}"))
-        if x.shape != (self.dimension(vertex),):
-            raise SheafError(f"value of vertex {vertex!r} has shape {x.shape}; expected ({self.dimension(vertex)},)")
-        return x
 
 
 class Sheaf(Stalks):
@@ -144,34 +38,21 @@ class Sheaf(Stalks):
     Vertex v has the stalk R^{n_v}; an edge e = (i, j) has the stalk R^{m_e} and restriction maps F_{i,e} (m_e, n_i)
     and F_{j,e} (m_e, n_j). The coboundary is (delta x)_e = F_{i,e} x_i - F_{j,e} x_j. An edge may also carry a desired
     value b_e of that difference (`offset`) and an inner product K_e on its stalk (`weight`, symmetric positive
-    definite). Parallel edges are legal, loops are not.
+    definite). Parallel edges may be added, loops not.
 
     A vertex stalk has the inner product M_v (`inner_products`), the identity unless given. It decides lengths and
     angles of 0-cochains: the adjoint delta^* = M^-1 delta^T K, the Laplacian delta^* delta, which basis of sections is
-    orthonormal, which section is the nearest, which of many harmonic extensions the shortest. Kernels, Betti numbers,
-    Dirichlet energies and the set of harmonic extensions do not depend on it; nor does the tolerance of ranks, which is
-    on delta in the given coordinates.
+    orthonormal, which section is the nearest, which of many harmonic extensions the shortest. Null spaces, Betti
+    numbers, Dirichlet energies and the set of harmonic extensions do not depend on it; nor does the tolerance of ranks,
+    which is on delta in the given coordinates.
 
     0-cochains are vectors of length n = sum n_v in vertex order, or mappings from vertex to value; 1-cochains are
     vectors of length m = sum m_e in the order in which edges were added.
     """
 
     def __init__(self, stalks: Mapping[Any, int], *, inner_products: Mapping[Any, ArrayLike] | None = None) -> None:
-        """Make a sheaf without edges.
-
-        Args:
-            stalks: dimension of each vertex stalk, in order.
-            inner_products: M_v of some vertices, shape (n_v, n_v), symmetric positive definite, or a positive number
-                times the identity.
-
-        Raises:
-            SheafError: a dimension is not a non-negative integer, there is no vertex, or an inner product is of an
-                unknown vertex, of the wrong shape, or not SPD.
-        """
-        super().__init__(stalks)
-        self._products: dict[int, Array] = {}
-        for vertex, M in (inner_products or {}).items():
-            self.set_inner_product(vertex, M)
+        """Make a sheaf without edges; see `Stalks`."""
+        super().__init__(stalks, inner_products=inner_products)
         self._bundles: list[EdgeBundle] = []
         self._numbers: list[Sequence[int]] = []  # of the edges in each bundle
         self._rows = 0
@@ -189,16 +70,6 @@ class Sheaf(Stalks):
         """Shape (m, n) of the coboundary."""
         return self._rows, int(self._column[-1])
 
-    def inner_product(self, vertex: Hashable) -> Array:
-        """The inner product M_v of a vertex stalk, shape (n_v, n_v)."""
-        v = self._find(vertex)
-        return self._products[v].copy() if v in self._products else np.eye(int(self._dimension[v]))
-
-    @cached_property
-    def vertex_product(self) -> InnerProduct | None:
-        """The inner product M of C^0; None where it is the identity."""
-        return of_vertices(self._products, self._column) if self._products else None
-
     @cached_property
     def edge_product(self) -> InnerProduct | None:
         """The inner product K of C^1; None where it is the identity."""
@@ -207,20 +78,6 @@ class Sheaf(Stalks):
         return of_blocks([(b.row, b.weight) for b in self._merged if b.weight is not None], self._rows)
 
     # -- building ----------------------------------------------------------------------------------------------
-
-    def set_inner_product(self, vertex: Hashable, M: ArrayLike) -> None:
-        """Give a vertex stalk the inner product M, in place of the one it has.
-
-        Args:
-            vertex: the vertex.
-            M: symmetric positive definite, shape (n_v, n_v), or a positive number times the identity.
-
-        Raises:
-            SheafError: unknown vertex, wrong shape, non-finite entry, or M is not SPD.
-        """
-        v = self._find(vertex)
-        self._products[v] = checked_inner_product(vertex, M, int(self._dimension[v]))
-        self.__dict__.pop("vertex_product", None)
 
     def add_edge(
         self,
@@ -232,20 +89,7 @@ class Sheaf(Stalks):
         offset: ArrayLike | None = None,
         weight: ArrayLike | None = None,
     ) -> int:
-        """Add the edge (tail, head); see `add_edges`.
-
-        Args:
-            tail, head: its vertices.
-            F_tail, F_head: restriction maps, shapes (m, n_tail) and (m, n_head).
-            offset: desired value b of F_tail x_tail - F_head x_head, shape (m,); zero unless given.
-            weight: inner product K of the edge stalk, shape (m, m), or a positive number times the identity.
-
-        Returns:
-            The number of the edge, counted from 0.
-
-        Raises:
-            SheafError: unknown vertex, loop, wrong shape, non-finite entry, or a weight that is not SPD.
-        """
+        """Add the edge (tail, head) and return its number; as `add_edges`, without the first axis of each array."""
 
         def one(x: ArrayLike | None) -> Array | None:
             return None if x is None else finite(x, f"edge ({tail!r}, {head!r})")[None]
@@ -279,9 +123,9 @@ class Sheaf(Stalks):
         """
         if len(heads) != len(tails):
             raise SheafError(f"{len(tails)} tails but {len(heads)} heads: each edge needs one of both")
-        i, j = self.numbers(tails), self.numbers(heads)
+        ends = Ends(tails, heads, self.numbers(tails), self.numbers(heads))
         return self._append(
-            [checked_bundle(tails, heads, i, j, self._dimension, F_tails, F_heads, offset, weight, self._rows)],
+            [checked_bundle(ends, self._dimension, F_tails, F_heads, offset, weight, self._rows)],
             [range(self._edges, self._edges + len(tails))],
         )
 
@@ -297,17 +141,7 @@ class Sheaf(Stalks):
     ) -> range:
         """Add k edges at once whose stalks need not have equal dimensions; rows and numbers in the order given.
 
-        Args:
-            tails, heads: k vertices each.
-            F_tails, F_heads: k restriction maps each, of shapes (m, n_tail) and (m, n_head).
-            offset: k desired values of shape (m,); zero unless given.
-            weight: k inner products of shape (m, m), or positive numbers times the identity.
-
-        Returns:
-            The numbers of the edges.
-
-        Raises:
-            SheafError: as `add_edges`. Nothing is added then.
+        As `add_edges`, with a sequence of k arrays in place of each array.
         """
         given = [x for x in (F_tails, F_heads, offset, weight) if x is not None]
         if any(len(x) != len(tails) for x in (heads, *given)):
@@ -326,10 +160,9 @@ class Sheaf(Stalks):
             def of(x: Any, edges: list[int] = edges) -> Any:
                 return None if x is None else [x[e] for e in edges]
 
-            ends = of(tails), of(heads), i[edges], j[edges]
-            bundles.append(
-                checked_bundle(*ends, self._dimension, of(F_tails), of(F_heads), of(offset), of(weight), row[edges])
-            )
+            ends = Ends(of(tails), of(heads), i[edges], j[edges])
+            maps = of(F_tails), of(F_heads)
+            bundles.append(checked_bundle(ends, self._dimension, *maps, of(offset), of(weight), row[edges]))
         return self._append(bundles, [[self._edges + e for e in edges] for edges in alike.values()])
 
     def _append(self, bundles: list[EdgeBundle], numbers: Sequence[Sequence[int]]) -> range:
@@ -424,10 +257,7 @@ class Sheaf(Stalks):
         return coboundary_matrix(self.table)
 
     def coboundary_operator(self) -> splinalg.LinearOperator:
-        """delta without its matrix, shape (m, n): `A @ x` is delta x, `A.T @ y` is delta^T y, for one vector or many.
-
-        It reads the maps that the sheaf holds. Edges added later are not in it.
-        """
+        """delta without its matrix, shape (m, n), for one vector or many; edges added later are not in it."""
         t = self.table
         return splinalg.LinearOperator(
             self.shape,
@@ -511,19 +341,9 @@ class Sheaf(Stalks):
     def local_sections(
         self, vertices: Iterable[Hashable], edges: Iterable[int] | None = None, *, rtol: float = RANK_TOLERANCE
     ) -> Array:
-        """Orthonormal basis of Gamma(G'; F): 0-cochains on V' that agree along the edges E' of a subgraph.
+        """Orthonormal basis of Gamma(G'; F), shape (n_V', dimension): 0-cochains on V' that agree along the edges E'.
 
-        Args:
-            vertices: V'.
-            edges: numbers of the edges E', as `add_edge` returned them, parallel ones each by its own; unless given,
-                the subgraph is the one that V' induces.
-            rtol: relative tolerance, as in `betti`, for the coboundary of the subgraph.
-
-        Returns:
-            Array of shape (n_V', dimension), rows by the vertices in the order given.
-
-        Raises:
-            SheafError: as `restricted`.
+        Rows are by the vertices in the order given; vertices, edges and errors as in `restricted`, rtol as in `betti`.
         """
         return self.restricted(vertices, edges).global_sections(rtol=rtol)
 
@@ -533,71 +353,53 @@ class Sheaf(Stalks):
         They span ker delta^* = {y: delta^T K y = 0}, the orthogonal complement of im delta: each class of C^1 / im
         delta has one representative there, its shortest.
 
-        Args:
-            rtol: relative tolerance, as in `betti`.
-
         Raises:
-            SheafError: the basis is too large (see `kernel.cokernel_basis`), or its dimension is not decided at this
-                tolerance.
+            SheafError: the basis is too large (see `sections.cokernel_basis`), or its dimension is not decided at this
+                tolerance, which is as in `betti`.
         """
         basis = cokernel_basis(self.coboundary(), self.betti(rtol=rtol)[1], rtol)
         K = self.edge_product
         return (basis if K is None else K.orthonormal(sparse.csc_array(K.inverse @ basis))).toarray()
 
     def relative_sections(self, boundary: Iterable[Hashable], *, rtol: float = RANK_TOLERANCE) -> Array:
-        """Orthonormal basis of H^0(G, U; F): sections that vanish on the boundary U.
+        """Orthonormal basis of H^0(G, U; F), sections that vanish on the boundary U, shape (n_W, dimension).
 
-        Args:
-            boundary: the vertices U.
-            rtol: relative tolerance, as in `betti`.
-
-        Returns:
-            Array of shape (n_W, dimension), rows by the other vertices W in vertex order.
+        Rows are by the other vertices W in vertex order; rtol is as in `betti`.
         """
         return self._orthonormal_sections(list(boundary), rtol).toarray()
 
-    def harmonic_extension(self, boundary: Mapping[Any, ArrayLike]) -> "HarmonicExtension":
-        """The 0-cochain of least Dirichlet energy with the given boundary values.
+    def dirichlet_problem(self, boundary: Sequence[Hashable]) -> DirichletProblem:
+        """The problem of extending boundary values harmonically, for many of them; edges added later are not in it.
 
         Args:
-            boundary: value of each boundary vertex.
+            boundary: the vertices U, in the order of boundary vectors.
 
-        Returns:
-            The extension; where it is not unique, the one of minimum norm, with the basis of what is free.
+        Raises:
+            SheafError: a boundary vertex is unknown or named twice.
         """
-        from mjsheaf.sheaf.harmonic import DirichletProblem
+        return DirichletProblem(self, self.table, self.whitened_table, self.whitened_offset(), boundary)
 
-        return DirichletProblem(self, list(boundary)).harmonic_extension(boundary)
+    def harmonic_extension(self, boundary: Mapping[Any, ArrayLike]) -> HarmonicExtension:
+        """The 0-cochain of least Dirichlet energy with the given values of boundary vertices.
+
+        Where it is not unique it is the one of minimum norm, with the basis of what is free.
+        """
+        return self.dirichlet_problem(list(boundary)).harmonic_extension(boundary)
 
     def nearest_global_section(self, x: Cochain) -> Any:
         """Orthogonal projection of a 0-cochain on H^0; a mapping gives a mapping, a vector a vector."""
-        value = self.pack(x)
-        section = (
-            self._projected(value) if self.vertex_product is None else self._projected_in(self.vertex_product, value)
-        )
-        return self.unpack(section) if isinstance(x, Mapping) else section
-
-    def _projected_in(self, M: InnerProduct, value: Array) -> Array:
-        every = np.ones(len(self._dimension), dtype=bool)
-        _, left = proved_sections(self.table, every, RANK_TOLERANCE)
+        value, M = self.pack(x), self.vertex_product
+        found, left = certified_sections(self.table, np.ones(len(self._dimension), dtype=bool), RANK_TOLERANCE)
         if left.any() and len(value) > DENSE_COLUMNS:  # the shortest correction d with delta d = delta x, by U d
             delta = self.coboundary()
-            d = splinalg.lsmr(delta @ M.root_inverse, delta @ value, atol=1e-14, btol=1e-14, maxiter=10**6)[0]
-            return np.asarray(value - M.root_inverse @ d)
-        sections = self._orthonormal_sections([], RANK_TOLERANCE)
-        return np.asarray(sections @ (sections.T @ (M.matrix @ value)))
-
-    def _projected(self, value: Array) -> Array:
-        every = np.ones(len(self._dimension), dtype=bool)
-        found, left = proved_sections(self.table, every, RANK_TOLERANCE)
-        if left.any() and len(value) > DENSE_COLUMNS:  # the minimum-norm correction d with delta d = delta x
-            delta = self.coboundary()
-            section = value - splinalg.lsmr(delta, delta @ value, atol=1e-14, btol=1e-14, maxiter=10**6)[0]
-        elif left.any():
-            sections = section_basis(self.table, every, RANK_TOLERANCE)
-            section = sections @ (sections.T @ value)
+            A = delta if M is None else delta @ M.root_inverse
+            d = splinalg.lsmr(A, delta @ value, atol=1e-14, btol=1e-14, maxiter=10**6)[0]
+            section = value - (d if M is None else M.root_inverse @ d)
+        elif M is not None or left.any():
+            sections = self._orthonormal_sections([], RANK_TOLERANCE)
+            section = sections @ (sections.T @ (value if M is None else M.matrix @ value))
         else:
             section = np.zeros_like(value)
             for place, basis in found:
                 section[place] = basis @ (basis.T @ value[place])
-        return section
+        return self.unpack(section) if isinstance(x, Mapping) else section

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mjsheaf.jit import kernel, part
+from mjsheaf.jit import inline_jit, jit
 from mjsheaf.simulation.arena import Arena
 from mjsheaf.vehicles.actuators import AZIMUTH, CHANNEL, FIXED, aim, at_most, room_of
 from mjsheaf.vehicles.steering import drag_force, steer
@@ -180,7 +180,7 @@ def _pack(vehicle: Vehicle, kind: np.void, damping: Array) -> None:
 _TIPPED = 0.5  # cosine of the tilt beyond which turning back comes before carrying the weight
 
 
-@part
+@inline_jit
 def thruster_commands(kind, thrusters, heading, command, sensed, act, ctrl, gear):
     """Write the commands of a vehicle's actuators.
 
@@ -218,7 +218,7 @@ def thruster_commands(kind, thrusters, heading, command, sensed, act, ctrl, gear
         aim(thrusters, R, act, ctrl, gear)
 
 
-@part
+@inline_jit
 def _allocate(kind, thrusters, upright, weight, turn, force, moment, effort):
     """Efforts for weight, attitude moment, and the force and moment of translation.
 
@@ -240,7 +240,7 @@ def _allocate(kind, thrusters, upright, weight, turn, force, moment, effort):
         _allocate_in_ranks(thrusters, weight, carry, turn, force, moment, effort)
 
 
-@kernel
+@jit
 def _allocate_in_ranks(thrusters, weight, carry, turn, force, moment, effort):
     """Efforts within their limits: the weight, then roll and pitch, then yaw, then as much of translation as fits.
 
@@ -257,7 +257,7 @@ def _allocate_in_ranks(thrusters, weight, carry, turn, force, moment, effort):
             effort[k] = at_most(effort[k], thrusters[k].low, thrusters[k].high)
 
 
-@kernel
+@jit
 def _add_within(thrusters, force, moment, effort):
     """Add the efforts for a wrench, or the largest share of them that keeps every actuator within its limits."""
     share, last = 1.0, effort.shape[0] - 1

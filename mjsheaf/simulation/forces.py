@@ -15,13 +15,13 @@ those of contacts is applied as S F with S = M_RB (M_RB + M_A)^-1, and MuJoCo's 
 medium's acceleration is neglected.
 """
 
-from mjsheaf.jit import part
+from mjsheaf.jit import inline_jit
 from mjsheaf.system import medium_velocity
 from mjsheaf.vehicles.steering import drag_force
 from mjsheaf.vehicles.vectors import add, cross, product, row_product, subtract, to_body, to_world, triple, upward
 
 
-@part
+@inline_jit
 def velocity_through_medium(kind, body, medium, sines, v, qpos, qvel, R):
     """Velocity of vehicle v through the medium, in body axes, (3,), m/s; R is its attitude, (9,)."""
     a, d = body.qpos, body.dof
@@ -29,7 +29,7 @@ def velocity_through_medium(kind, body, medium, sines, v, qpos, qvel, R):
     return to_body(R, subtract((qvel[d], qvel[d + 1], qvel[d + 2]), w))
 
 
-@part
+@inline_jit
 def apply_medium_wrench(kind, body, qpos, qvel, R, s, omega, applied):
     """Write the medium's wrench into `applied` (qfrc_applied): force in world axes, moment in body axes.
 
@@ -60,7 +60,7 @@ def apply_medium_wrench(kind, body, qpos, qvel, R, s, omega, applied):
         applied[d + 3 + i] = moment[i]
 
 
-@part
+@inline_jit
 def _share_with_medium(kind, R, s, omega, force, moment):
     """The wrench under which MuJoCo's body moves as one with added mass does under the given one, body axes.
 

@@ -24,7 +24,7 @@ from mjsheaf.control.controller import Controller, supplied
 from mjsheaf.control.law import Memory, new_memory, sample
 from mjsheaf.dynamics.disturbance import evaluate_sines
 from mjsheaf.dynamics.effectiveness import EffectivenessArrays, allocate
-from mjsheaf.jit import kernel, part
+from mjsheaf.jit import inline_jit, jit
 from mjsheaf.simulation.trajectory import Trajectory, blow_up_message, new_log, pieces_of
 from mjsheaf.system import MediumArrays, Phase, System, medium_velocity, phases_of
 
@@ -98,7 +98,7 @@ def new_integrator(
     )
 
 
-@part
+@inline_jit
 def slope_of(follow, run, t, x, first, last, out):
     """Write x' of the vehicles from first to last into out (V, 3); commands are those held unless there is a law."""
     medium, effectiveness = run.medium, run.effectiveness
@@ -116,7 +116,7 @@ def slope_of(follow, run, t, x, first, last, out):
         out[v, 2] += wz
 
 
-@part
+@inline_jit
 def _norm(values, x, y, first, last, tolerance):
     """Root mean square of values relative to atol + rtol max(|x|, |y|), over the vehicles from first to last."""
     total = 0.0
@@ -127,7 +127,7 @@ def _norm(values, x, y, first, last, tolerance):
     return np.sqrt(total / (3 * (last - first)))
 
 
-@part
+@inline_jit
 def _first_step(follow, run, t, x, first, last):
     """A step for which the method's leading error term is likely to pass; run.slope[0] holds x' at t."""
     period = run.period
@@ -151,7 +151,7 @@ def _first_step(follow, run, t, x, first, last):
     return min(100.0 * trial, step, period)
 
 
-@part
+@inline_jit
 def take_step(follow, run, t, h, x, first, last):
     """Try a step of the vehicles from first to last from t to t + h; return its error, of which 1 is tolerated.
 
@@ -174,10 +174,12 @@ def take_step(follow, run, t, h, x, first, last):
     return _norm(run.slope[1], x, run.state, first, last, run.tolerance)
 
 
-@part
+@inline_jit
 def _advance(follow, run, t, x, first, last):
-    """Integrate the vehicles from first to last over one period, in place; False where the solution blows up."""
-    slope_of(follow, run, t, x, first, last, run.slope[0])
+    """Integrate the vehicles from first to last over one period, in place; False where the solution blows up.
+
+    run.slope[0] holds x' at t.
+    """
     period = run.period
     step = _first_step(follow, run, t, x, first, last)
     done, rejected, steps = 0.0, False, 0
@@ -206,25 +208,31 @@ def _advance(follow, run, t, x, first, last):
     return True
 
 
-@part
+@inline_jit
 def _record(run, t, x, k, log):
-    """Write sample k at time t: positions x (V, 3), and what the law has just made of them."""
-    medium, effectiveness, memory, out = run.medium, run.effectiveness, run.memory, run.slope[0]
-    slope_of(None, run, t, x, 0, x.shape[0], out)
+    """Write sample k at time t: positions x (V, 3), commands just made, and x', kept in run.slope[0]."""
+    medium, memory, slope = run.medium, run.memory, run.slope[0]
+    evaluate_sines(medium.harmonics, t, 0, x.shape[0], run.sines)
     for v in range(x.shape[0]):
         w = medium_velocity(medium, run.sines, v, x[v, 0], x[v, 1], x[v, 2])
         for i in range(3):
+            slope[v, i] = memory.command[v, i]
+        if v < medium.agents:
+            if run.effectiveness.given[v]:
+                allocate(run.effectiveness, v, x[v], t, slope[v], log.inputs[k, v])
+            else:
+                for i in range(3):
+                    log.inputs[k, v, i] = memory.command[v, i]
+        for i in range(3):
+            slope[v, i] += w[i]
             log.positions[k, v, i] = x[v, i]
             log.residual[k, v, i] = memory.residual[v, i]
             log.command[k, v, i] = memory.command[v, i]
-            log.velocity[k, v, i] = out[v, i]
+            log.velocity[k, v, i] = slope[v, i]
             log.medium[k, v, i] = w[i]
-            out[v, i] = memory.command[v, i]
-        if v < medium.agents:
-            allocate(effectiveness, v, x[v], t, out[v], log.inputs[k, v])
 
 
-@kernel
+@jit
 def _run(control, follow, run, times, advances, x, log, placed):
     """Record the samples at `times` and advance after the first `advances`: (samples recorded, vehicle that blew up).
 

@@ -125,7 +125,7 @@ class _Bench:
         V = len(vehicles)
         arena = compose(vehicles, [f"V{v}" for v in range(V)], timestep=timestep, visible=False)
         self.model, self.data, self.timestep = arena.model, mujoco.MjData(arena.model), timestep
-        flows = [FlowField(3, drift=station.medium.tolist()) for station in stations]
+        flows = [FlowField(dimension=3, drift=station.medium.tolist()) for station in stations]
         medium = MediumArrays(
             V,
             np.array([vehicle.dimension == 2 for vehicle in vehicles]),

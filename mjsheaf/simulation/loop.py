@@ -20,16 +20,13 @@ from mjsheaf.control.law import ControlArrays, Memory, new_memory, sample
 from mjsheaf.dynamics.disturbance import evaluate_sines
 from mjsheaf.engine import mujoco
 from mjsheaf.errors import InputError, UnstableError, expected
-from mjsheaf.jit import kernel, part
+from mjsheaf.jit import inline_jit, jit
 from mjsheaf.simulation.arena import Arena, compose
 from mjsheaf.simulation.autopilot import Fleet, Sensed, pack_fleet, thruster_commands
 from mjsheaf.simulation.forces import apply_medium_wrench, velocity_through_medium
 from mjsheaf.simulation.trajectory import Log, Trajectory, blow_up_message, new_log, pieces_of
 from mjsheaf.system import MediumArrays, Phase, System, medium_velocity, phases_of
-from mjsheaf.vehicles.effects import embody
-from mjsheaf.vehicles.loading import load_vehicle
 from mjsheaf.vehicles.vectors import rotation, triple
-from mjsheaf.vehicles.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 
@@ -97,7 +94,7 @@ class Recorder(NamedTuple):
     written: NDArray[np.int64]
 
 
-@kernel
+@jit
 def controlled_position(kind, body, qpos, x):
     """Write the position of a vehicle that the law controls into x (3,): its hand point, or its origin."""
     a = body.qpos
@@ -109,7 +106,7 @@ def controlled_position(kind, body, qpos, x):
         x[1] += kind.hand * 2.0 * (i * j + w * k)
 
 
-@kernel
+@jit
 def close_loop(loop, t, due):
     """All before a physics step: the law if it is due; then each vehicle measures, is pushed, and drives."""
     state, medium, kinds, bodies = loop.state, loop.medium, loop.fleet.kinds, loop.fleet.bodies
@@ -134,7 +131,7 @@ def close_loop(loop, t, due):
         thruster_commands(kind, thrusters, body.heading, triple(state.memory.command[v]), sensed, act, ctrl, gear)
 
 
-@kernel
+@jit
 def place_targets(fleet, recorder, state):
     """Put every target where its controlled position is wanted at this sample, with its attitude and speed."""
     k, bodies = recorder.written[0], fleet.bodies
@@ -148,7 +145,7 @@ def place_targets(fleet, recorder, state):
             state.qpos[body.qpos + i] += recorder.placed[k, v - agents, i] - x[i]
 
 
-@kernel
+@jit
 def record(loop, recorder):
     """Write the present state, and the commands just made for it, as the next sample."""
     fleet, state, log, k = loop.fleet, loop.state, recorder.log, recorder.written[0]
@@ -187,13 +184,13 @@ _HUGE = 1e10  # beyond this MuJoCo calls a state bad (mjMAXVAL)
 _CHUNK = 200_000  # physics steps times vehicles in one compiled call, after which Ctrl-C is heard
 
 
-@part
+@inline_jit
 def _is_bad(value):
     """Whether MuJoCo would call a number bad: it is not finite, or huge."""
     return not abs(value) < _HUGE
 
 
-@kernel
+@jit
 def _first_bad(values):
     """Index of the first bad entry, or -1."""
     bad = 0
@@ -206,7 +203,7 @@ def _first_bad(values):
     return -1
 
 
-@kernel
+@jit
 def _bad_vehicle(bodies, state):
     """The first vehicle whose position, velocity or acceleration is bad, or -1."""
     if _first_bad(state.qpos) < 0 and _first_bad(state.qvel) < 0 and _first_bad(state.qacc) < 0:
@@ -222,7 +219,7 @@ def _bad_vehicle(bodies, state):
     return -1
 
 
-@kernel
+@jit
 def _owner(bodies, actuator):
     """The vehicle that has an actuator."""
     v = bodies.shape[0] - 1
@@ -231,7 +228,7 @@ def _owner(bodies, actuator):
     return v
 
 
-@kernel
+@jit
 def _advance(loop, step, count, recorder):
     """Take `count` steps from step number `step`; return how many were taken, and the vehicle that went bad or -1.
 
@@ -312,7 +309,7 @@ class World:
             InputError: a vehicle is unknown, or does not fit the dimension of its agent or target; or a law in Python
                 where the control period is 0.
         """
-        self._phases = phases_of(scenario.system() if hasattr(scenario, "controller") else scenario)
+        self._phases = phases_of(scenario.system if hasattr(scenario, "controller") else scenario)
         self.system: System = self._phases[0].system
         self.arena = arena_of(self.system, visible=visible)
         self.model: mujoco.MjModel = self.arena.model
@@ -593,35 +590,11 @@ def whole_ratio(period: float, timestep: float) -> int:
     return round(ratio)
 
 
-def vehicles_of(system: System) -> list[Vehicle]:
-    """The vehicle of every agent and target, in order.
-
-    Raises:
-        InputError: a vehicle is unknown, its files are not valid, or it does not fit the dimension of its agent or
-            target; the message begins with the field.
-    """
-    plan, loaded, vehicles = system.bodies, {}, []
-    for v, (member, name) in enumerate(zip(system.team.members, plan.vehicle, strict=True)):
-        field = f"{'agents' if v < len(system.team.agents) else 'targets'}.{member.id}.vehicle"
-        try:
-            if name not in loaded:
-                loaded[name] = embody(load_vehicle(name).with_time_constant(plan.time_constant), plan.effects)
-        except InputError as error:
-            raise InputError(f"{field}: {error}") from None
-        if loaded[name].dimension != member.dimension:
-            raise InputError(
-                f"{field}: {name!r} moves in {loaded[name].dimension} dimensions, but {member.id} has "
-                f"{member.dimension}; see mjsheaf list --vehicles"
-            )
-        vehicles.append(loaded[name])
-    return vehicles
-
-
 def arena_of(system: System, colours: Array | None = None, visible: bool = True) -> Arena:
     """Compose the arena of a system; colours (V, 3) paint the vehicles, and they need not be visible."""
     plan = system.bodies
     return compose(
-        vehicles_of(system),
+        system.vehicles,
         [m.id for m in system.team.members],
         timestep=plan.timestep,
         contacts=plan.contacts,

@@ -6,7 +6,7 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from threading import Event
 from typing import TYPE_CHECKING
 
-from mjsheaf.errors import InputError, MjsheafError, NotUniqueError, expected
+from mjsheaf.errors import InputError, MjsheafError, NotUniqueError, RankError, expected
 from mjsheaf.scenario import Scenario
 from mjsheaf.team import Team
 
@@ -47,7 +47,7 @@ def simulate(
             law in Python raised an exception or returned no velocities: the message names agent and time.
         NotUniqueError: the harmonic extension is not unique, and drift is not allowed.
     """
-    system = scenario.system()
+    system = scenario.system
     require_simulable(system, backend, allow_drift=allow_drift)
     return next(stream(system, backend, scenario.seed, progress, system.grid.steps + 1, controller))
 
@@ -182,13 +182,11 @@ def require_vehicles(system: "System") -> None:
     Raises:
         InputError: naming the field.
     """
-    from mjsheaf.scenario.build import DEFAULT_VEHICLE
+    from mjsheaf.system import DEFAULT_VEHICLE
 
     named = zip(system.team.members, system.bodies.vehicle, strict=True)
     if any(name != DEFAULT_VEHICLE[member.dimension] for member, name in named):
-        from mjsheaf.simulation.loop import vehicles_of  # imports MuJoCo, which plain kinematics can do without
-
-        vehicles_of(system)
+        _ = system.vehicles
 
 
 def require_full_row_rank(system: "System") -> None:
@@ -201,7 +199,7 @@ def require_full_row_rank(system: "System") -> None:
 
     agents = system.team.agents
     for i in without_full_row_rank(system.effectiveness, [a.dimension for a in agents]):
-        raise InputError(
+        raise RankError(
             f"agents.{agents[i].id}.effectiveness: g is not of full row rank {agents[i].dimension} (Assumption 2): "
             "no input makes every velocity"
         )
@@ -215,9 +213,9 @@ def require_unique(team: Team) -> None:
     """
     if team.dirichlet.unique:
         return
-    from mjsheaf.team.null_modes import free_directions
+    from mjsheaf.team.null_modes import describe_null_modes
 
-    free = free_directions(team)
+    free = describe_null_modes(team)
     raise NotUniqueError(
         f"the harmonic extension is not unique: H^0(G, G_p; F) has dimension {len(free)}: "
         f"{'; '.join(free[:4])}{'; ...' if len(free) > 4 else ''}; sense or share the free coordinates"

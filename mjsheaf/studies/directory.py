@@ -12,23 +12,24 @@ import fcntl
 import hashlib
 import json
 import os
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any
 
 from mjsheaf.errors import InputError
+from mjsheaf.io.files import is_part_of, write_whole
 from mjsheaf.io.yaml import dump_yaml
 from mjsheaf.results.store import PlaceError, digest, enclosing_run
-from mjsheaf.studies.differences import differences
-from mjsheaf.studies.job import STATUSES, Done
+from mjsheaf.studies.job import STATUSES, JobResult
 from mjsheaf.studies.plan import Plan
-from mjsheaf.studies.points import Point
+from mjsheaf.studies.schema import Point
 
-_LOCK, _STUDY, _SCENARIO, _RUNS, _TRAJECTORIES = ".lock", "study.json", "scenario.yaml", "runs", "trajectories"
-_TIMINGS = "timings.csv"
-_NUMBER = "[0-9]*"
-_SHOWN_DIFFERENCES = 3
+_LOCK, _STUDY, _SCENARIO, _TIMINGS = ".lock", "study.json", "scenario.yaml", "timings.csv"
+_RUNS, _TRAJECTORIES = "runs", "trajectories"
+_NUMBERED = re.compile(r"[0-9]+\.(json|nc)")
+_SHOWN_DIFFERENCES, _LONGEST_VALUE = 3, 60
 _SEALS = ("result_sha256", "record_sha256")
 
 RESULT_FILES = {"table.csv", "table.parquet", "error.png", "success.png", "index.html"}
@@ -40,7 +41,7 @@ class BusyError(InputError):
 
 
 class StudyDirectory:
-    """A study's directory, held by this process; made by `open_directory`.
+    """A study's directory, locked by this process; made by `open_directory`.
 
     Attributes:
         path: where.
@@ -52,76 +53,73 @@ class StudyDirectory:
 
     def ended(self) -> dict[int, dict[str, Any]]:
         """Records of the runs that have ended, by number. A file that is no record of its point is not counted."""
-        found = {}
-        for point in self._plan.points:
-            record = self._record(point)
-            if record is not None:
-                found[point.number] = record
-        return found
+        records = {point.number: self._record(point) for point in self._plan.points}
+        return {number: record for number, record in records.items() if record is not None}
 
-    def save(self, done: Done) -> None:
+    def save(self, result: JobResult) -> None:
         """Keep a run: whole, or not at all.
 
         Raises:
             PlaceError: it cannot be written.
         """
-        name = _name(done.record["run"])
+        number = result.record["run"]
         with self.writing():
-            if done.dataset is not None:
-                write_whole(self.path / _TRAJECTORIES / f"{name}.nc", done.dataset)
-            write_whole(self.path / _RUNS / f"{name}.json", canonical(sealed(done)))
+            if result.dataset is not None:
+                write_whole(self._file(_TRAJECTORIES, number), result.dataset, tidy=False)
+            write_whole(self._file(_RUNS, number), canonical(sealed(result)), tidy=False)
             with (self.path / _TIMINGS).open("a") as file:
-                file.write(f"{done.record['run']},{done.seconds:.6f}\n")
+                file.write(f"{number},{result.seconds:.6f}\n")
 
-    def write(self, name: str, content: bytes) -> None:
-        """Write a file of results whole.
+    def publish(self, files: dict[str, bytes]) -> None:
+        """Write the files of results, each whole, and remove those that an earlier end of this study left.
 
         Raises:
-            PlaceError: it cannot be written.
+            PlaceError: one cannot be written.
         """
         with self.writing():
-            write_whole(self.path / name, content)
-
-    def remove(self, names: set[str]) -> None:
-        """Take away files of results that an earlier end of this study left."""
-        with self.writing():
-            for name in names:
+            for name in RESULT_FILES - set(files):
                 (self.path / name).unlink(missing_ok=True)
+            for name, content in files.items():
+                write_whole(self.path / name, content)
 
     def leave(self) -> None:
-        """Take the directory away again, if it was made for this study and no run has ended."""
-        if self.path not in self._made or any((self.path / _RUNS).glob(f"{_NUMBER}.json")):
-            return
-        for name in (_STUDY, _SCENARIO, _TIMINGS, _LOCK):
-            with suppress(OSError):
-                (self.path / name).unlink(missing_ok=True)
-        _remove_empty([self.path / _RUNS, self.path / _TRAJECTORIES, *self._made])
+        """Remove the directory, if it was made for this study and no run has ended."""
+        if self.path in self._made and not _has_runs(self.path):
+            for name in (_STUDY, _SCENARIO, _TIMINGS, _LOCK):
+                with suppress(OSError):
+                    (self.path / name).unlink(missing_ok=True)
+            _remove_empty([self.path / _RUNS, self.path / _TRAJECTORIES, *self._made])
 
     @contextmanager
     def writing(self) -> Iterator[None]:
         """Turn an error of the file system into one that names the directory."""
-        with _told(self.path, "runs that have ended are kept, the same command goes on"):
+        with _place_errors(self.path, "runs that have ended are kept, the same command goes on"):
             yield
+
+    def _file(self, folder: str, number: int) -> Path:
+        return self.path / folder / f"{number:06d}.{'json' if folder == _RUNS else 'nc'}"
 
     def _record(self, point: Point) -> dict[str, Any] | None:
         """The record of a run; None where there is none, or it or its result.nc is not as it was written."""
-        name = _name(point.number)
-        try:
-            record = json.loads((self.path / _RUNS / f"{name}.json").read_bytes())
-        except (OSError, ValueError, RecursionError):
+        record = _read_mapping(self._file(_RUNS, point.number))
+        if record is None or record.get("status") not in STATUSES:
             return None
-        known = isinstance(record, dict) and record.get("status") in STATUSES and record.get("run") == point.number
-        if not known or record.get("parameters") != point.parameters:
+        if record.get("run") != point.number or record.get("parameters") != point.parameters:
             return None
         found = {key: record.pop(key, None) for key in _SEALS}
-        kept = digest(self.path / _TRAJECTORIES / f"{name}.nc") or None if found["result_sha256"] else None
+        kept = digest(self._file(_TRAJECTORIES, point.number)) or None if found["result_sha256"] else None
         return record if found == {"result_sha256": kept, "record_sha256": _digest(record)} else None
 
 
-def sealed(done: Done) -> dict[str, Any]:
+def sealed(result: JobResult) -> dict[str, Any]:
     """A record with checksums of itself and of its result.nc: one that was damaged or edited is not taken for a run."""
-    kept = None if done.dataset is None else hashlib.sha256(done.dataset).hexdigest()
-    return {**done.record, "result_sha256": kept, "record_sha256": _digest(done.record)}
+    kept = None if result.dataset is None else hashlib.sha256(result.dataset).hexdigest()
+    return {**result.record, "result_sha256": kept, "record_sha256": _digest(result.record)}
+
+
+def canonical(value: Any) -> bytes:
+    """JSON, equal for equal values."""
+    return (json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
 
 
 def _digest(record: dict[str, Any]) -> str:
@@ -130,9 +128,9 @@ def _digest(record: dict[str, Any]) -> str:
 
 @contextmanager
 def open_directory(path: Path, plan: Plan) -> Iterator[StudyDirectory]:
-    """Take a study's directory, new or with the same study in it, for as long as the block lasts.
+    """Lock a study's directory, new or with the same study in it, for as long as the block lasts.
 
-    The kernel gives the lock back when the process ends, however it ends.
+    The kernel releases the lock when the process ends, however it ends.
 
     Raises:
         PlaceError: the directory holds something else, another study, or cannot be written.
@@ -141,7 +139,7 @@ def open_directory(path: Path, plan: Plan) -> Iterator[StudyDirectory]:
     _check_place(path)
     missing = [place for place in (path, *path.absolute().parents) if not place.exists()]
     try:
-        with _told(path, "choose another --out"):
+        with _place_errors(path, "choose another --out"):
             path.mkdir(parents=True, exist_ok=True)
             lock = (path / _LOCK).open("a")
     except PlaceError:
@@ -157,7 +155,7 @@ def open_directory(path: Path, plan: Plan) -> Iterator[StudyDirectory]:
 
 
 @contextmanager
-def _told(path: Path, hint: str) -> Iterator[None]:
+def _place_errors(path: Path, hint: str) -> Iterator[None]:
     try:
         yield
     except OSError as error:
@@ -174,40 +172,55 @@ def _take(lock: IO[str], path: Path) -> None:
 
 
 def _check_place(path: Path) -> None:
+    """Refuse a place that holds anything but a study, or lies inside the directory of a run or of a study.
+
+    Raises:
+        PlaceError: naming what is in the way.
+    """
+
+    def refuse(why: str) -> None:
+        raise PlaceError(f"{path}: {why}; choose another --out")
+
     run = enclosing_run(path)
     if run is not None:
-        raise PlaceError(f"{path}: lies inside {run}, the directory of a run; choose another --out")
-    real = Path(os.path.realpath(path))
-    study = next((parent for parent in real.parents if _study_in(parent) is not None), None)
+        refuse(f"lies inside {run}, the directory of a run")
+    study = next((place for place in Path(os.path.realpath(path)).parents if _study_in(place) is not None), None)
     if study is not None:
-        raise PlaceError(f"{path}: lies inside {study}, the directory of a study; choose another --out")
+        refuse(f"lies inside {study}, the directory of a study")
     if not path.exists() and not path.is_symlink():
         return
     if not path.is_dir():
-        raise PlaceError(f"{path}: exists and is not a directory; choose another --out")
+        refuse("exists and is not a directory")
     if (path / _STUDY).exists():
-        _read(path)
+        if _study_in(path) is None:
+            refuse(f"its {_STUDY} is no study of mjsheaf")
         return
     # Without study.json, which is written first, nothing else can be ours.
-    strange = sorted(p.name for p in path.iterdir() if p.name not in (_LOCK, _part(p.with_name(_STUDY)).name))
+    strange = sorted(p.name for p in path.iterdir() if p.name != _LOCK and not is_part_of(p.name, [_STUDY]))
     if strange:
-        raise PlaceError(f"{path}: holds {strange[0]!r} and no study; expected a new directory or that of this study")
+        refuse(f"holds {strange[0]!r} and no study")
 
 
 def _begin(path: Path, plan: Plan) -> None:
-    """Begin the study, or see that it is the one that was begun.
+    """Begin the study, or require that it is the one that was begun; one of which no run has ended may differ.
 
     Raises:
         PlaceError: it is another one.
     """
     asked = json.loads(canonical(plan.record()))
-    begun = (path / _STUDY).exists() and _same(path, asked)
+    before = _study_in(path)
+    found = [] if before is None else _differences(before, asked)
+    if found and _has_runs(path):
+        more = f" (and {len(found) - _SHOWN_DIFFERENCES} more)" if len(found) > _SHOWN_DIFFERENCES else ""
+        raise PlaceError(
+            f"{path}: holds another study: {'; '.join(found[:_SHOWN_DIFFERENCES])}{more}; choose another --out"
+        )
     _remove_parts(path)
-    if not begun:
-        if (path / _STUDY).exists():  # of another, of which no run had ended
-            (path / _SCENARIO).unlink(missing_ok=True)
-            for stale in (path / _TRAJECTORIES).glob(f"{_NUMBER}.nc"):
-                stale.unlink()
+    if found:
+        (path / _SCENARIO).unlink(missing_ok=True)
+        for stale in (path / _TRAJECTORIES).glob("[0-9]*.nc"):
+            stale.unlink()
+    if found or before is None:
         write_whole(path / _STUDY, canonical(asked))
     # A scenario file could not name a vehicle's own files from here.
     if not plan.files and not (path / _SCENARIO).exists():
@@ -220,77 +233,58 @@ def _begin(path: Path, plan: Plan) -> None:
         (path / _TIMINGS).write_text("run,seconds\n")
 
 
-def _same(path: Path, asked: dict[str, Any]) -> bool:
-    """Whether the study that was begun here is the one that is asked for; one of which no run has ended may differ.
-
-    Raises:
-        PlaceError: it is another one.
-    """
-    found = differences(_read(path), asked)
-    if found and any((path / _RUNS).glob(f"{_NUMBER}.json")):
-        more = f" (and {len(found) - _SHOWN_DIFFERENCES} more)" if len(found) > _SHOWN_DIFFERENCES else ""
-        raise PlaceError(
-            f"{path}: holds another study: {'; '.join(found[:_SHOWN_DIFFERENCES])}{more}; choose another --out"
-        )
-    return not found
-
-
-def _read(path: Path) -> dict[str, Any]:
-    """What the directory's study.json holds.
-
-    Raises:
-        PlaceError: mjsheaf did not write it.
-    """
-    study = _study_in(path)
-    if study is None:
-        raise PlaceError(f"{path / _STUDY}: is no study of mjsheaf; choose another --out")
-    return study
+def _has_runs(path: Path) -> bool:
+    return any((path / _RUNS).glob("[0-9]*.json"))
 
 
 def _study_in(path: Path) -> dict[str, Any] | None:
     """What the directory's study.json holds; None where there is none that mjsheaf wrote."""
+    study = _read_mapping(path / _STUDY)
+    return study if study is not None and "mjsheaf_version" in study else None
+
+
+def _read_mapping(path: Path) -> dict[str, Any] | None:
     try:
-        study = json.loads((path / _STUDY).read_bytes())
+        found = json.loads(path.read_bytes())
     except (OSError, ValueError, RecursionError):
         return None
-    return study if isinstance(study, dict) and "mjsheaf_version" in study else None
+    return found if isinstance(found, dict) else None
 
 
 def _remove_parts(path: Path) -> None:
-    """Take away what a command that was killed had half written; other files may be a person's."""
-    parts = [_part(path / name) for name in (_STUDY, _SCENARIO, *RESULT_FILES)]
-    parts += [part for folder in (_RUNS, _TRAJECTORIES) for part in (path / folder).glob(f".{_NUMBER}.part")]
-    for part in parts:
-        part.unlink(missing_ok=True)
-
-
-def write_whole(path: Path, content: bytes) -> None:
-    """Write a file by rename: whoever reads it sees all of it, or what was there before."""
-    part = _part(path)
-    try:
-        part.write_bytes(content)
-        part.replace(path)
-    except BaseException:
-        with suppress(OSError):
-            part.unlink()
-        raise
-
-
-def canonical(value: Any) -> bytes:
-    """JSON, equal for equal values."""
-    return (json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
-
-
-def _part(path: Path) -> Path:
-    """Where a file is written before it gets its name."""
-    return path.with_name(f".{path.name}.part")
-
-
-def _name(number: int) -> str:
-    return f"{number:06d}"
+    """Remove what a command that was killed had half written; other files may be the user's."""
+    for folder in (path, path / _RUNS, path / _TRAJECTORIES):
+        for part in folder.glob(".*.part"):
+            name = part.name[1:].rsplit(".", 2)[0]
+            ours = name in {_STUDY, _SCENARIO, *RESULT_FILES} or _NUMBERED.fullmatch(name)
+            if ours and is_part_of(part.name, [name]):
+                part.unlink(missing_ok=True)
 
 
 def _remove_empty(places: list[Path]) -> None:
     for place in places:
         with suppress(OSError):
             os.rmdir(place)
+
+
+def _differences(before: Any, now: Any, path: str = "") -> list[str]:
+    """Each place where plain values differ, as 'field was A, is now B', outermost fields in the order of `now`."""
+    if isinstance(before, dict) and isinstance(now, dict):
+        found = []
+        for key in [*now, *(key for key in before if key not in now)]:
+            here = f"{path}.{key}" if path else str(key)
+            if key in before and key in now:
+                found += _differences(before[key], now[key], here)
+            else:
+                was, is_now = (_short(values[key]) if key in values else "absent" for values in (before, now))
+                found.append(f"{here} was {was}, is now {is_now}")
+        return found
+    if isinstance(before, list) and isinstance(now, list) and len(before) == len(now):
+        return [d for k, (a, b) in enumerate(zip(before, now, strict=True)) for d in _differences(a, b, f"{path}.{k}")]
+    same = type(before) is type(now) and before == now
+    return [] if same else [f"{path} was {_short(before)}, is now {_short(now)}"]
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= _LONGEST_VALUE else text[: _LONGEST_VALUE - 3] + "..."

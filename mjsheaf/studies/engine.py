@@ -1,30 +1,43 @@
-"""Doing runs on a dask cluster: a local one that ends with the command, or one that exists."""
+"""Runs side by side: in processes or threads of this machine, or on a dask cluster that exists."""
 
 import asyncio
 import logging
+import multiprocessing as mp
 import os
-import re
 import signal
-from asyncio import CancelledError
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from contextlib import contextmanager
+from itertools import islice
 from multiprocessing import resource_tracker
+from multiprocessing.process import BaseProcess
+from threading import Thread
 from typing import TYPE_CHECKING, Any
 
+import psutil
+
 from mjsheaf.errors import InputError
-from mjsheaf.studies.job import Done, ForeignWorkerError, Job, new_record, run_job, seed_of
+from mjsheaf.studies.job import ForeignWorkerError, Job, JobResult, failed_record, new_record, run_job
 from mjsheaf.threads import ONE_THREAD
 
 if TYPE_CHECKING:
     from distributed import Client
 
-_DEATHS = 1
-"""Workers of the local cluster that may die under a run and it is just begun again; then it is a suspect."""
+_TRIES_ALONE = 2
+"""Times that a run is begun again, with none beside it, after a worker died while it was under way."""
 
-_LEAST_WAITING = 64
-"""Runs that are handed out at a time, at least; more only fill the scheduler's memory."""
+_LEAST_AHEAD = 64
+"""Runs that a cluster is given at a time, at least; more only fill the scheduler's memory."""
+
+_TOO_MUCH_MEMORY = 75
+"""Exit code of a worker that took more than its share of memory."""
+
+_WATCH_S = 0.1  # between looks at a worker's memory
 
 _CONNECT_S = 10
+
+Work = Callable[[Job], JobResult]
+Submit = Callable[[Work, Job], "Future[JobResult]"]
 
 
 class SchedulerError(InputError):
@@ -32,146 +45,164 @@ class SchedulerError(InputError):
 
 
 class Engine:
-    """Runs jobs on a cluster; made by `local_engine` or `engine_at`.
+    """Runs jobs side by side; made by `local_engine` or `engine_at`.
 
-    Attributes:
-        workers: threads of the cluster when it was reached.
+    Args:
+        submit: hands a job out. Its result raises BrokenExecutor where a worker died.
+        ahead: jobs that are handed out at a time.
+        cause: what is known of the last death of a worker.
     """
 
-    def __init__(self, client: "Client", deaths: "_Deaths | None" = None) -> None:
-        self._client, self._deaths = client, deaths
-        self.workers = sum(client.nthreads().values())
+    def __init__(self, submit: Submit, ahead: int, cause: Callable[[], str]) -> None:
+        self._submit, self._ahead, self._cause = submit, ahead, cause
 
-    def run(self, jobs: Iterable[Job], function: Callable[[Job], Done] = run_job) -> Iterator[Done]:
-        """Do jobs side by side and yield what each gives, as it ends.
+    def run(self, jobs: Iterable[Job], work: Work = run_job) -> Iterator[JobResult]:
+        """Do jobs and yield the result of each as it ends.
 
-        A worker that dies is replaced and its run begun again; a run that does so again and again, at last alone,
-        is answered with a record of status 'lost'.
+        Where a worker dies, the jobs that were handed out are begun again, now one at a time. One whose workers die
+        then too gets a record of status 'lost'.
 
         Raises:
             SchedulerError: the cluster went away.
             ForeignWorkerError: a worker has another version of mjsheaf or of a library.
         """
         suspects = []
-        for job, done in self._stream(jobs, function, max(_LEAST_WAITING, 4 * self.workers)):
-            if done is None:
+        for job, result in self._stream(jobs, work, self._ahead):
+            if result is None:
                 suspects.append(job)
             else:
-                yield done
-        # A worker that dies takes those that wait on it into suspicion. Alone, a run dies of nobody else.
-        for job, done in self._stream(suspects, function, 1):
-            yield done or self._lost(job)
+                yield result
+        for job in suspects:
+            tries = (result for _ in range(_TRIES_ALONE) for _, result in self._stream([job], work, 1))
+            yield next(filter(None, tries), None) or self._lost(job)
 
-    def _stream(
-        self, jobs: Iterable[Job], function: Callable[[Job], Done], ahead: int
-    ) -> Iterator[tuple[Job, Done | None]]:
-        """Do jobs, so many of them handed out at a time; None stands for the answer of one whose workers died."""
-        from distributed import as_completed
+    def _lost(self, job: Job) -> JobResult:
+        message = f"every worker that began it died, {self._cause()}"
+        return JobResult(new_record(job.point, job.seed, "lost", message))
 
+    def _stream(self, jobs: Iterable[Job], work: Work, ahead: int) -> Iterator[tuple[Job, JobResult | None]]:
+        """Do jobs, so many of them handed out at a time; None is the result of one whose worker may have died of it."""
         waiting = iter(jobs)
-        asked: dict[Any, Job] = {}
-
-        def submit() -> Any | None:
-            job = next(waiting, None)
-            if job is None:
-                return None
-            # Two studies on one scheduler must not answer for each other: keys are made up, not derived.
-            future = self._client.submit(function, job, pure=False)
-            asked[future.key] = job
-            return future
-
-        first = [future for _ in range(ahead) if (future := submit()) is not None]
-        completed = as_completed(first, loop=self._client.loop)
-        try:
-            for future in completed:
-                job = asked.pop(future.key)
-                done = self._answer(future, job)
-                following = submit()
-                if following is not None:
-                    completed.add(following)
-                future.release()
-                yield job, done
-        finally:
-            self._client.cancel(list(completed.futures))
-
-    def _answer(self, future: Any, job: Job) -> Done | None:
-        """What a run gave. A worker that dies before it has handed that over loses it: then this waits for it anew."""
-        from distributed import KilledWorker
-
-        try:
-            answer: Done = future.result()
-        except ForeignWorkerError:
-            raise
-        except KilledWorker:
-            return None
-        except (Exception, CancelledError) as error:
-            if future.status != "error":  # it is not the run's own
-                raise SchedulerError("the scheduler went away; runs that have ended are kept") from None
-            # Raised around a run, not by it: its answer could not travel, or a worker lacks what the run needs.
-            return Done(new_record(job.point, seed_of(job), "failed", f"{type(error).__name__}: {error}"), seconds=0.0)
-        return answer
-
-    def _lost(self, job: Job) -> Done:
-        cause = self._deaths.cause if self._deaths else "most likely for want of memory"
-        message = f"every worker that began it died, {cause}"
-        return Done(new_record(job.point, seed_of(job), "lost", message), seconds=0.0)
+        asked: dict[Future[JobResult], Job] = {}
+        while True:
+            for job in islice(waiting, ahead - len(asked)):
+                asked[self._submit(work, job)] = job
+            if not asked:
+                return
+            for future in wait(asked, return_when=FIRST_COMPLETED).done:
+                job = asked.pop(future)
+                try:
+                    yield job, future.result()
+                except BrokenExecutor:
+                    yield job, None
+                except (ForeignWorkerError, SchedulerError):
+                    raise
+                except Exception as error:  # raised around the run, as where its result could not travel
+                    yield job, JobResult(failed_record(job, error))
 
 
-class _Deaths(logging.Handler):
-    """Listens to what a local cluster's nannies say of workers that died."""
+class _Processes:
+    """A pool of processes, one BLAS thread each, which is made anew after one of them died."""
 
-    def __init__(self) -> None:
-        super().__init__()
-        self.cause = "most likely for want of memory"
+    def __init__(self, count: int, memory: int) -> None:
+        self._count, self._memory = count, memory
+        self._pool: ProcessPoolExecutor | None = None
+        self._workers: set[BaseProcess] = set()
+        self._exit_codes: set[int | None] = set()
 
-    def emit(self, record: logging.LogRecord) -> None:
-        text = record.getMessage()
-        killed = re.search(r"killed by signal (\d+)", text)
-        if "memory budget" in text:
-            self.cause = "as it took more than its share of memory; fewer --workers leave more to each"
-        elif killed and killed[1] == "9":
-            self.cause = "killed by signal 9, most likely for want of memory; fewer --workers leave more to each"
-        elif killed and killed[1] != "15":  # which follows upon the first
-            self.cause = f"killed by signal {killed[1]}"
+    def submit(self, work: Work, job: Job) -> "Future[JobResult]":
+        """Hand a job to the pool."""
+        before = set(mp.active_children())
+        with _spawning():
+            try:
+                return self._living().submit(work, job)
+            except BrokenExecutor:
+                self.end()
+                return self._living().submit(work, job)
+            finally:
+                self._workers |= set(mp.active_children()) - before
+
+    def _living(self) -> ProcessPoolExecutor:
+        if self._pool is None:
+            spawn = mp.get_context("spawn")
+            self._pool = ProcessPoolExecutor(self._count, spawn, initializer=_watch, initargs=(self._memory,))
+        return self._pool
+
+    def end(self, *, kill: bool = False) -> None:
+        """End the pool: by itself, as it does where a worker died, or whatever its workers do."""
+        if self._pool is not None:
+            for process in self._workers if kill else ():
+                process.kill()
+            self._pool.shutdown(cancel_futures=True)
+            self._exit_codes = {process.exitcode for process in self._workers}
+            self._pool, self._workers = None, set()
+
+    def cause(self) -> str:
+        """What a worker died of."""
+        self.end()
+        if _TOO_MUCH_MEMORY in self._exit_codes:
+            return "as it took more than its share of memory; fewer --workers leave more to each"
+        if -signal.SIGKILL in self._exit_codes:
+            return "killed by signal 9, most likely for want of memory; fewer --workers leave more to each"
+        codes = self._exit_codes - {0, None, -signal.SIGTERM}  # by which the pool ends the others
+        return f"with exit code {codes.pop()}" if codes else "without a word"
 
 
 @contextmanager
-def local_engine(workers: int | None = None, *, processes: bool = True) -> Iterator[Engine]:
-    """A cluster of this machine, with one BLAS thread a worker, that only this machine can reach.
+def _spawning() -> Iterator[None]:
+    """Processes that begin in the block have one BLAS thread and never get SIGINT.
+
+    A terminal's Ctrl-C goes to the command and to all its workers; the command alone knows how to stop in order.
+    """
+    resource_tracker.ensure_running()  # which lets the signal through again where it has to start
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    threads = {name: os.environ.get(name) for name in ONE_THREAD}
+    os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
+    try:
+        yield
+    finally:
+        for name, value in threads.items():
+            del os.environ[name]
+            os.environ.update({} if value is None else {name: value})
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+
+
+def _watch(memory: int) -> None:
+    """Let this worker die with the command, however that ends, or where it takes more memory than this, in bytes."""
+
+    def watch() -> None:
+        parent, me = mp.parent_process(), psutil.Process()
+        while parent is not None and parent.is_alive():
+            if me.memory_info().rss > memory:
+                os._exit(_TOO_MUCH_MEMORY)
+            parent.join(_WATCH_S)
+        os._exit(1)
+
+    Thread(target=watch, daemon=True).start()
+
+
+@contextmanager
+def local_engine(workers: int | None = None, *, processes: bool = True, memory: int | None = None) -> Iterator[Engine]:
+    """Workers of this machine.
 
     Args:
         workers: how many; None takes one for each processor that this process may use.
         processes: each worker a process; else all are threads of this one, which begin at once and share its fate.
+        memory: that all processes together may take, in bytes; None takes most of the machine's.
     """
-    import dask
-    from distributed import Client, LocalCluster
-
     count = workers or len(os.sched_getaffinity(0))
-    quiet = {
-        "distributed.scheduler.allowed-failures": _DEATHS,
-        "distributed.scheduler.worker-saturation": 1.0,  # what waits on a worker would be blamed for its death
-        # A worker that holds on to memory after a run would be paused, for ever; one that takes too much is ended.
-        **{f"distributed.worker.memory.{measure}": False for measure in ("target", "spill", "pause")},
-        "distributed.admin.system-monitor.interval": "10s",
-        "distributed.comm.timeouts.connect": "60s",  # of a busy machine
-        **{f"distributed.nanny.pre-spawn-environ.{name}": 1 for name in ONE_THREAD},
-    }
-    deaths = _Deaths()
-    with _listening(deaths), dask.config.set(quiet):
-        with _interrupts_for_this_thread():
-            cluster = LocalCluster(
-                n_workers=count,
-                threads_per_worker=1,
-                processes=processes,
-                host="127.0.0.1" if processes else None,
-                protocol="tcp" if processes else "inproc",
-                # A status page cannot be left out, only put where nobody else reaches it.
-                scheduler_kwargs={"dashboard": False, "dashboard_address": "127.0.0.1:0"},
-                worker_dashboard_address=None,
-                silence_logs=logging.CRITICAL,
-            )
-        with cluster, Client(cluster) as client:
-            yield Engine(client, deaths)
+    if not processes:
+        threads = ThreadPoolExecutor(count)
+        try:
+            yield Engine(threads.submit, count, str)
+        finally:
+            threads.shutdown(wait=False, cancel_futures=True)
+        return
+    pool = _Processes(count, int(memory or 0.95 * psutil.virtual_memory().total) // count)
+    try:
+        yield Engine(pool.submit, count, pool.cause)
+    finally:
+        pool.end(kill=True)
 
 
 @contextmanager
@@ -197,14 +228,37 @@ def engine_at(address: str, note: Callable[[str], None] | None = None) -> Iterat
                 f"--scheduler {address}: no scheduler answers: {reason}; expected an address as tcp://HOST:8786"
             ) from None
         with client:
-            engine = Engine(client)
-            if note and not engine.workers:
+            workers = sum(client.nthreads().values())
+            if note and not workers:
                 note(f"no worker yet at {address}; waiting")
-            yield engine
+            yield Engine(_submitter(client), max(_LEAST_AHEAD, 4 * workers), lambda: "most likely for want of memory")
+
+
+def _submitter(client: "Client") -> Submit:
+    """What hands jobs to a dask cluster, as `Engine` expects it of an executor."""
+    from distributed import KilledWorker
+
+    def submit(work: Work, job: Job) -> "Future[JobResult]":
+        future: Future[JobResult] = Future()
+
+        def answer(done: Any) -> None:
+            try:
+                future.set_result(done.result())
+            except KilledWorker:
+                future.set_exception(BrokenExecutor())
+            except BaseException as error:
+                gone = SchedulerError("the scheduler went away; runs that have ended are kept")
+                future.set_exception(error if done.status == "error" else gone)
+
+        # Two studies on one scheduler must not answer for each other: keys are made up, not derived.
+        client.submit(work, job, pure=False).add_done_callback(answer)
+        return future
+
+    return submit
 
 
 async def _meet(address: str) -> None:
-    """See that a scheduler answers.
+    """Require that a scheduler answers.
 
     Raises:
         OSError, ValueError, TypeError: none does.
@@ -219,44 +273,12 @@ async def _meet(address: str) -> None:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """What dask would print is told in one line by the exception that follows."""
-    handlers = logging.getLogger("distributed").handlers
-    before = [handler.level for handler in handlers]
-    for handler in handlers:
+    """Silence dask's log: the one line of the exception that follows says what it would."""
+    levels = {handler: handler.level for handler in logging.getLogger("distributed").handlers}
+    for handler in levels:
         handler.setLevel(logging.CRITICAL + 1)
     try:
         yield
     finally:
-        for handler, level in zip(handlers, before, strict=True):
+        for handler, level in levels.items():
             handler.setLevel(level)
-
-
-@contextmanager
-def _interrupts_for_this_thread() -> Iterator[None]:
-    """Threads that begin in the block, and processes that these begin at any time, do not get SIGINT.
-
-    A terminal's Ctrl-C goes to the command and to all its workers; the command alone knows how to stop in order.
-    """
-    resource_tracker.ensure_running()  # which, where another thread has to do it, lets the signal through again
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-@contextmanager
-def _listening(handler: logging.Handler) -> Iterator[None]:
-    loggers = [logging.getLogger(f"distributed.{name}") for name in ("nanny", "nanny.memory", "worker.memory")]
-    before = [(logger.level, logger.propagate) for logger in loggers]
-    for logger in loggers:
-        logger.addHandler(handler)
-        logger.setLevel(logging.INFO)
-        logger.propagate = False
-    try:
-        yield
-    finally:
-        for logger, (level, propagate) in zip(loggers, before, strict=True):
-            logger.removeHandler(handler)
-            logger.setLevel(level)
-            logger.propagate = propagate

@@ -1,16 +1,18 @@
-"""Plots of a study, which answer what was asked: error against what was swept, and how often runs end well."""
+"""Figures of a study, which answer what was asked: error against what was swept, and how often runs end well."""
 
 import io
+import json
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from matplotlib.colors import LogNorm, Normalize
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from mjsheaf.plotting import new_figure
 from mjsheaf.results.metrics import MEASURES
-from mjsheaf.studies.figure_axis import SweptAxis, plain, plain_decades, spans_decades, swept_axes
-from mjsheaf.studies.schema import StudyFile
+from mjsheaf.studies.schema import Choice, LogUniform, StudyFile
 
 Array = NDArray[np.float64]
 
@@ -20,20 +22,110 @@ _LABELS = {
     "formation_error": "final formation error, RMS residual (m)",
     "centering_error": "final centering error, largest (m)",
 }
-_LINE, _UNSETTLED, _FAILED = "#0072B2", "#D55E00", "#BBBBBB"
-_SETTLED, _MOVING, _UNKNOWN = "run that has settled", "run that still changes at its end", "run too short to tell"
-_UNFINISHED = "run that did not finish"
-_MARKS: dict[str, dict[str, Any]] = {
-    _SETTLED: {"color": _LINE},
-    _UNKNOWN: {"color": "#555555"},
-    _MOVING: {"color": _UNSETTLED, "markerfacecolor": "none"},
+_BLUE, _GREY = "#0072B2", "#BBBBBB"
+_SETTLED, _UNFINISHED = "run that has settled", "run that did not finish"
+_MARKS: dict[bool | None, tuple[str, dict[str, Any]]] = {
+    True: (_SETTLED, {"color": _BLUE}),
+    None: ("run too short to tell", {"color": "#555555"}),
+    False: ("run that still changes at its end", {"color": "#D55E00", "markerfacecolor": "none"}),
 }
-"""How runs that finished are marked, by how they ended."""
-_LETTER = 0.068  # width of one in a legend, inches
-_MOST_AXES = 6  # of the plots with a panel for each swept field
-_MOST_CELLS = 40  # along a side of a heat map
-_WRITTEN_CELLS = 14  # along a side, with their values in them
+"""How runs that finished are marked, by whether they had settled."""
+_DECADES = 30.0  # ratio of largest to smallest from which an axis is logarithmic
+_MOST_AXES = 6  # of the figures with a panel for each swept field
+_MOST_CELLS, _WRITTEN_CELLS = 40, 14  # along a side of a heat map; with their values in them
+_MOST_TICKS, _LONGEST_TICK, _UNROTATED = 12, 24, 40  # of tick labels: number; letters of one; of all, unless rotated
 _BINS = 8
+
+
+@dataclass(frozen=True)
+class SweptAxis:
+    """A swept field with more than one value.
+
+    Attributes:
+        path: of the field.
+        name: what figures call it.
+        numeric: whether all values are numbers; else each value has a place of its own.
+        drawn: whether the values were drawn at random, so that few runs share one.
+        log: whether the axis is logarithmic.
+        places: of the distinct values, ascending, shape (K,): the numbers themselves, or 0 to K - 1.
+        labels: of the distinct values.
+        index: of each run's value among them, shape (R,).
+    """
+
+    path: str
+    name: str
+    numeric: bool
+    drawn: bool
+    log: bool
+    places: Array
+    labels: list[str]
+    index: NDArray[np.int64]
+
+    def groups(self, y: Array) -> list[Array]:
+        """The known values of y, shape (R,), at each place."""
+        return [own[np.isfinite(own)] for own in (y[self.index == k] for k in range(len(self.places)))]
+
+    def label(self, panel: Any, which: str, places: NDArray[Any]) -> None:
+        """Name an axis ('x' or 'y') of a panel and put the values' labels at these places."""
+        step = -(-len(places) // _MOST_TICKS)
+        shown = self.labels[::step]
+        rotated = which == "x" and sum(map(len, shown)) > _UNROTATED
+        panel.set(**{f"{which}label": self.name})
+        getattr(panel, f"set_{which}ticks")(places[::step], shown, rotation=20.0 if rotated else 0.0)
+
+
+def swept_axes(study: StudyFile, records: list[dict[str, Any]]) -> list[SweptAxis]:
+    """The swept fields that take more than one value, in the order of the study."""
+    drawn = study.draws.values if study.draws else {}
+    axes = []
+    for path in study.paths:
+        values = [r["parameters"].get(path) for r in records]
+        how = drawn.get(path)
+        numeric = all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
+        if numeric:
+            places, index = np.unique(np.array(values, dtype=np.float64), return_inverse=True)
+            labels = [f"{x:g}" for x in places]
+        else:
+            keys = list(map(_key, values))
+            order = [_key(value) for value in how.values] if isinstance(how, Choice) else []
+            names = list(dict.fromkeys([*filter(set(keys).__contains__, order), *keys]))
+            places, index = np.arange(len(names), dtype=np.float64), np.array([names.index(key) for key in keys])
+            labels = [_plain(_shortened(name)) for name in names]
+        log = numeric and (isinstance(how, LogUniform) or _spans_decades(places))
+        name = _plain(study.labels.get(path, path))
+        axes.append(SweptAxis(path, name, numeric, how is not None, log, places, labels, index))
+    return [axis for axis in axes if len(axis.places) > 1]
+
+
+def _key(value: Any) -> str:
+    return "as it is" if value is None else value if isinstance(value, str) else json.dumps(value)
+
+
+def _shortened(name: str) -> str:
+    if len(name) <= _LONGEST_TICK:
+        return name
+    kept = _LONGEST_TICK - 1
+    return "…" + name[-kept:] if name.endswith((".yaml", ".yml")) else name[:kept] + "…"  # paths differ at their ends
+
+
+def _plain(text: str) -> str:
+    """Text as matplotlib shows it letter by letter: between dollars it would be read as mathematics."""
+    return text.replace("$", r"\$")
+
+
+def _spans_decades(values: Array) -> bool:
+    known = values[np.isfinite(values)]
+    return bool(known.size and known.min() > 0.0 and known.max() >= _DECADES * known.min())
+
+
+def _make_logarithmic(panel: Any, which: str, values: Array) -> None:
+    """Make an axis logarithmic, with numbers that are written out; 1, 2 and 5 of each decade where these are few."""
+    few = np.nanmax(values) <= 200.0 * np.nanmin(values)
+    panel.set(**{f"{which}scale": "log"})
+    axis = getattr(panel, f"{which}axis")
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,)))
+    axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def plot_study(study: StudyFile, name: str, records: list[dict[str, Any]]) -> dict[str, bytes]:
@@ -51,195 +143,151 @@ def plot_study(study: StudyFile, name: str, records: list[dict[str, Any]]) -> di
     """
     axes = swept_axes(study, records)
     finished = np.array([r["status"] == "finished" for r in records])
-    ends = np.array([_end_of(r) for r in records])
+    ends = np.array(
+        [_MARKS[r["settled"]][0] if done else _UNFINISHED for r, done in zip(records, finished, strict=True)]
+    )
     errors = {}
     for measure in [study.measure] if study.measure else MEASURES:
-        found = [(r["final"] or {}).get(measure) if r["status"] == "finished" else None for r in records]
-        values = np.array([np.nan if x is None else x for x in found], dtype=np.float64)
+        found = [r["final"].get(measure) if done else None for r, done in zip(records, finished, strict=True)]
+        values = np.array(found, dtype=np.float64)
         if np.isfinite(values).any():
-            errors[measure] = values
+            errors[_LABELS[measure]] = values
     count = f"{len(records)} runs" if finished.all() else f"{finished.sum()} of {len(records)} runs finished"
-    title = f"{plain(name)}   [{study.backend}, {count}]"
+    title = f"{_plain(name)}   [{study.backend}, {count}]"
     plots = {}
     if errors:
-        plots["error.png"] = _draw(title, axes, {_LABELS[m]: v for m, v in errors.items()}, ends)
+        plots["error.png"] = _draw(title, axes, errors, ends)
     if not finished.all():
-        rate = {"share of runs that finish": finished.astype(np.float64)}
-        plots["success.png"] = _draw(title, axes, rate, None)
+        plots["success.png"] = _draw(title, axes, {"share of runs that finish": finished.astype(np.float64)}, None)
     return plots
-
-
-def _end_of(record: dict[str, Any]) -> str:
-    if record["status"] != "finished":
-        return _UNFINISHED
-    return {True: _SETTLED, False: _MOVING, None: _UNKNOWN}[record["settled"]]
 
 
 def _draw(title: str, axes: list[SweptAxis], values: dict[str, Array], ends: NDArray[np.str_] | None) -> bytes:
     """Panels for each kind of value; without `ends` the values are zeros and ones, whose shares are drawn."""
-    grid = len(axes) == 2 and _is_grid(axes)
-    columns = 1 if grid or len(axes) < 2 else min(len(axes), _MOST_AXES)
-    rows = len(values)
-    if columns == 1 and rows > 1:  # several errors of one field: two beside each other
-        columns, rows = 2, -(-rows // 2)
+    heat = len(axes) == 2 and _fill_a_grid(axes)
+    each_axis = len(axes) > 1 and not heat
+    columns = min(len(axes), _MOST_AXES) if each_axis else min(len(values), 2)
+    rows = len(values) if each_axis else -(-len(values) // 2)
     figure = new_figure(max(7.5, 5.6 * columns), 1.0 + 4.2 * rows)
+    figure.set_layout_engine("constrained")
     figure.suptitle(title, fontsize=12)
     panels = figure.subplots(rows, columns, squeeze=False)
-    each_axis = not grid and len(axes) > 1
-    flat = panels.ravel() if not each_axis else None
     for k, (label, y) in enumerate(values.items()):
-        if flat is None:
+        if each_axis:
             for panel, axis in zip(panels[k], axes, strict=False):
                 _marginal(panel, axis, label, y, ends, " over all other fields and seeds")
-        elif grid:
-            _heat_map(figure, flat[k], axes[0], axes[1], label, y, shares=ends is None)
+        elif heat:
+            _heat_map(panels.flat[k], axes[0], axes[1], label, y, shares=ends is None)
         elif axes:
-            _marginal(flat[k], axes[0], label, y, ends)
+            _marginal(panels.flat[k], axes[0], label, y, ends)
         else:
-            _distribution(flat[k], label, y, shares=ends is None)
-    for panel in flat[len(values) :] if flat is not None else []:
+            _distribution(panels.flat[k], label, y, shares=ends is None)
+    for panel in panels.flat[len(values) :] if not each_axis else ():
         panel.set_visible(False)
-    legends = [panel.get_legend_handles_labels() for panel in panels.ravel()]
-    told = {label: handle for legend in legends for handle, label in zip(*legend, strict=True)}
-    if not told.keys() - {_SETTLED}:  # which needs no telling where there is nothing else
-        told = {}
-    lines = 0
-    if told:
-        wide = _LETTER * sum(len(label) + 8 for label in told) > figure.get_figwidth()
-        lines = 2 if wide else 1
-        columns = -(-len(told) // lines)
-        figure.legend(told.values(), told.keys(), loc="lower center", ncols=columns, frameon=False, fontsize=9)
-    figure.tight_layout(rect=(0, (0.1 + 0.25 * lines) / figure.get_figheight() if told else 0, 1, 0.98))
-    # No metadata: a version or date would make equal studies differ.
+    legends = [panel.get_legend_handles_labels() for panel in panels.flat]
+    handles = {label: handle for legend in legends for handle, label in zip(*legend, strict=True)}
+    if handles.keys() - {_SETTLED}:  # which needs no legend where there is nothing else
+        figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=3, frameon=False, fontsize=9)
     png = io.BytesIO()
-    figure.savefig(png, format="png", metadata={"Software": None})
+    figure.savefig(png, format="png", metadata={"Software": None})  # a version would make equal studies differ
     return png.getvalue()
 
 
-def _is_grid(axes: list[SweptAxis]) -> bool:
+def _fill_a_grid(axes: list[SweptAxis]) -> bool:
     """Whether two axes fill a table well enough to be drawn as one."""
     sizes = [len(axis.places) for axis in axes]
-    if max(sizes) > _MOST_CELLS:
-        return False
     filled = len(set(zip(*(axis.index.tolist() for axis in axes), strict=True)))
-    return filled > 0.6 * sizes[0] * sizes[1]
-
-
-def _groups(axis: SweptAxis, y: Array) -> list[Array]:
-    """The known values at each place of an axis."""
-    return [own[np.isfinite(own)] for own in (y[axis.index == k] for k in range(len(axis.places)))]
+    return max(sizes) <= _MOST_CELLS and filled > 0.6 * sizes[0] * sizes[1]
 
 
 def _marginal(panel: Any, axis: SweptAxis, label: str, y: Array, ends: NDArray[np.str_] | None, over: str = "") -> None:
     """Values over one field; `over` says of what the band is the spread, where that is not the seeds alone."""
-    axis.dress(panel)
-    panel.set_ylabel(label)
+    panel.set(xlabel=axis.name, ylabel=label)
     panel.grid(True, which="major", alpha=0.3)
+    if axis.log:
+        _make_logarithmic(panel, "x", axis.places)
+    if not axis.numeric:
+        axis.label(panel, "x", axis.places)
+        panel.set_xlim(-0.5, len(axis.places) - 0.5)
     if ends is None:
         _shares(panel, axis, y)
         return
+    if _spans_decades(y):
+        _make_logarithmic(panel, "y", y)
     known = np.isfinite(y)
-    if spans_decades(y):
-        panel.set_yscale("log")
-        plain_decades(panel.yaxis)
-    x = axis.places[axis.index]
     many = known.sum() > 1.5 * len(axis.places)
     if not axis.drawn:
-        groups = _groups(axis, y)
-        at = [k for k, group in enumerate(groups) if group.size]
-        places = axis.places[at]
-        median = [float(np.median(groups[k])) for k in at]
-        panel.plot(
-            places, median, color=_LINE, linewidth=1.8 if axis.numeric else 0.0, marker="_" if not axis.numeric else "",
-            markersize=22, label="median" if many else None,
-        )  # fmt: skip
+        groups = zip(axis.places, axis.groups(y), strict=True)
+        found = [(x, np.median(group), group.min(), group.max()) for x, group in groups if group.size]
+        places, median, low, high = np.transpose(found)
+        style = {"linewidth": 1.8} if axis.numeric else {"linewidth": 0.0, "marker": "_", "markersize": 22}
+        panel.plot(places, median, color=_BLUE, label="median" if many else None, **style)
         if many and axis.numeric:
-            low, high = [groups[k].min() for k in at], [groups[k].max() for k in at]
-            panel.fill_between(
-                places, low, high, color=_LINE, alpha=0.18, linewidth=0, label=f"smallest to largest{over}"
-            )
-    size = 5.0 if known.sum() <= 200 else 2.5
-    for end, mark in _MARKS.items():
+            band = {"color": _BLUE, "alpha": 0.18, "linewidth": 0}
+            panel.fill_between(places, low, high, label=f"smallest to largest{over}", **band)
+    x, size = axis.places[axis.index], 5.0 if known.sum() <= 200 else 2.5
+    for end, style in _MARKS.values():
         these = known & (ends == end)
         if these.any():
-            hollow = end == _MOVING
+            hollow = "markerfacecolor" in style
             faint = 0.55 if many and not hollow else 1.0
-            panel.plot(x[these], y[these], "o", markersize=size + hollow, alpha=faint, label=end, **mark)
-    failed = ends == _UNFINISHED
-    if failed.any():
-        foot = np.full(failed.sum(), 0.02)  # of the panel's height
-        edge = panel.get_xaxis_transform()
-        panel.plot(x[failed], foot, "x", color="black", markersize=size, transform=edge, label=_UNFINISHED)
+            panel.plot(x[these], y[these], "o", markersize=size + hollow, alpha=faint, label=end, **style)
+    failed = x[ends == _UNFINISHED]
+    if failed.size:  # at the foot of the panel, whatever the scale of errors
+        foot = {"transform": panel.get_xaxis_transform(), "color": "black", "markersize": size}
+        panel.plot(failed, np.full(failed.size, 0.02), "x", label=_UNFINISHED, **foot)
 
 
 def _shares(panel: Any, axis: SweptAxis, y: Array) -> None:
     panel.set_ylim(-0.04, 1.04)
     if axis.numeric and axis.drawn:
-        order = np.argsort(axis.places[axis.index], kind="stable")
-        bins = [part for part in np.array_split(order, _BINS) if part.size]
         x = axis.places[axis.index]
-        panel.plot([np.median(x[b]) for b in bins], [y[b].mean() for b in bins], "o-", color=_LINE)
+        bins = [part for part in np.array_split(np.argsort(x, kind="stable"), _BINS) if part.size]
+        panel.plot([np.median(x[b]) for b in bins], [y[b].mean() for b in bins], "o-", color=_BLUE)
         return
-    share = [group.mean() for group in _groups(axis, y)]
+    share = [group.mean() for group in axis.groups(y)]
     if axis.numeric:
-        panel.plot(axis.places, share, "o-", color=_LINE)
+        panel.plot(axis.places, share, "o-", color=_BLUE)
     else:
-        panel.bar(axis.places, share, width=0.6, color=_LINE)
+        panel.bar(axis.places, share, width=0.6, color=_BLUE)
 
 
-def _heat_map(figure: Any, panel: Any, across: SweptAxis, up: SweptAxis, label: str, y: Array, *, shares: bool) -> None:
+def _heat_map(panel: Any, across: SweptAxis, up: SweptAxis, label: str, y: Array, *, shares: bool) -> None:
     """Median, or share, of the runs of every cell; a cell without a value is grey."""
     cells = np.full((len(up.places), len(across.places)), np.nan)
-    for i in range(len(up.places)):
-        for j in range(len(across.places)):
-            own = y[(up.index == i) & (across.index == j)]
-            own = own[np.isfinite(own)]
-            if own.size:
-                cells[i, j] = own.mean() if shares else np.median(own)
-    known = cells[np.isfinite(cells)]
-    low, high = (0.0, 1.0) if shares else (known.min(), known.max())
-    log = not shares and spans_decades(cells)
+    for i, j in np.ndindex(cells.shape):
+        own = y[(up.index == i) & (across.index == j) & np.isfinite(y)]
+        if own.size:
+            cells[i, j] = own.mean() if shares else np.median(own)
+    low, high = (0.0, 1.0) if shares else (np.nanmin(cells), np.nanmax(cells))
+    log = not shares and _spans_decades(cells)
     norm: Normalize = LogNorm(low, high) if log else Normalize(low, high if high > low else low + 1.0)
-    panel.set_facecolor(_FAILED)
+    panel.set_facecolor(_GREY)
     if np.isnan(cells).any():
         panel.set_title("grey: no run finished", fontsize=9)
     mesh = panel.pcolormesh(np.ma.masked_invalid(cells), norm=norm, cmap="viridis", edgecolors="white", linewidth=0.4)
     several = len(y) > cells.size and not shares
-    figure.colorbar(mesh, ax=panel, label=label + (", median" if several else ""))
-    for which, axis in (("x", across), ("y", up)):
-        step = -(-len(axis.places) // 12)
-        ticks, shown = np.arange(len(axis.places))[::step] + 0.5, axis.labels[::step]
-        getattr(panel, f"set_{which}ticks")(ticks, shown, rotation=axis.rotation(shown) if which == "x" else 0.0)
-        getattr(panel, f"set_{which}label")(axis.name)
-    if max(cells.shape) <= _WRITTEN_CELLS:
-        for (i, j), value in np.ndenumerate(cells):
-            if np.isfinite(value):
-                dark = norm(value) < 0.6
-                panel.text(
-                    j + 0.5, i + 0.5, f"{100 * value:.0f}%" if shares else _two_digits(value), ha="center", va="center",
-                    fontsize=8, color="white" if dark else "black",
-                )  # fmt: skip
-
-
-def _two_digits(value: float) -> str:
-    return f"{value:.0f}" if 10.0 <= abs(value) < 1e5 else f"{value:.2g}"
+    panel.figure.colorbar(mesh, ax=panel, label=label + ", median" * several)
+    across.label(panel, "x", np.arange(len(across.places)) + 0.5)
+    up.label(panel, "y", np.arange(len(up.places)) + 0.5)
+    if max(cells.shape) > _WRITTEN_CELLS:
+        return
+    for (i, j), value in np.ndenumerate(cells):
+        if np.isfinite(value):
+            text = f"{100 * value:.0f}%" if shares else f"{value:.0f}" if 10.0 <= abs(value) < 1e5 else f"{value:.2g}"
+            colour = "white" if norm(value) < 0.6 else "black"
+            panel.text(j + 0.5, i + 0.5, text, ha="center", va="center", fontsize=8, color=colour)
 
 
 def _distribution(panel: Any, label: str, y: Array, *, shares: bool) -> None:
     """Nothing but the seed differs: how the values are spread."""
     panel.grid(True, which="major", alpha=0.3)
-    if shares:
-        panel.bar([0, 1], [y.mean(), 1.0 - y.mean()], color=[_LINE, _UNSETTLED], width=0.6)
-        panel.set_xticks([0, 1], ["finished", "did not"])
-        panel.set_ylabel("share of runs")
-        panel.set_ylim(0.0, 1.04)
-        return
-    x = np.sort(y[np.isfinite(y)])
-    panel.step(np.concatenate([x[:1], x]), np.linspace(0.0, 1.0, len(x) + 1), where="post", color=_LINE)
-    panel.plot(x, np.arange(1, len(x) + 1) / len(x), "o", color=_LINE, markersize=4)
-    if spans_decades(x):
-        panel.set_xscale("log")
-        plain_decades(panel.xaxis)
-    panel.set_xlabel(label)
-    panel.set_ylabel("share of runs at or below")
     panel.set_ylim(-0.02, 1.04)
+    if shares:
+        panel.bar(["finished", "did not"], [y.mean(), 1.0 - y.mean()], color=[_BLUE, _GREY], width=0.6)
+        panel.set_ylabel("share of runs")
+        return
+    panel.ecdf(y[np.isfinite(y)], color=_BLUE, marker="o", markersize=4)
+    if _spans_decades(y):
+        _make_logarithmic(panel, "x", y)
+    panel.set(xlabel=label, ylabel="share of runs at or below")

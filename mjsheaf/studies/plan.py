@@ -1,5 +1,6 @@
-"""What a study is to do: its scenario, its points, and the record by which it is known again."""
+"""From a study file or a scenario to a plan: its scenario, its points, and the record by which it is known again."""
 
+import hashlib
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -8,20 +9,18 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from mjsheaf._version import __version__
 from mjsheaf.errors import InputError, ScenarioError
-from mjsheaf.io.yaml import parse_yaml
+from mjsheaf.io.files import confined, list_studies
+from mjsheaf.io.yaml import parse_yaml, read_yaml
 from mjsheaf.scenario import Scenario
-from mjsheaf.scenario.build import uses_seed
-from mjsheaf.scenario.load import map_vehicles
-from mjsheaf.simulation.run import BACKENDS
-from mjsheaf.studies.job import Job, library_versions, scenario_of
-from mjsheaf.studies.points import Point, points_of
-from mjsheaf.studies.schema import StudyFile, asked_of, problem_of
-from mjsheaf.studies.sources import read_source, vehicle_files
+from mjsheaf.scenario.load import list_scenarios, map_vehicles, read_scenario
+from mjsheaf.studies.job import Job, versions
+from mjsheaf.studies.schema import Point, StudyFile, describe_error, points_of
+
+_SUFFIXES = (".yaml", ".yml")
 
 _TRIED_POINTS = 20
-"""Points of which one must be legal before anything begins: a field that does not exist fails them all."""
+"""Points of which one must be valid before anything begins: a field that does not exist fails them all."""
 
 _GOLDEN = 0.6180339887498949
 
@@ -52,18 +51,19 @@ class Plan:
 
     def record(self) -> dict[str, Any]:
         """What study.json holds: all on which results depend. Two studies with one record give the same bytes."""
+        libraries = dict(versions())
         return {
-            "mjsheaf_version": __version__,
-            "versions": library_versions(),
+            "mjsheaf_version": libraries.pop("mjsheaf"),
+            "versions": libraries,
             "study": self.name,
             "runs": len(self.points),
-            "asked": asked_of(self.study),
+            "asked": self.study.asked(),
             "scenario": self.scenario,
             "vehicle_files": self.files,
         }
 
     def job(self, point: Point) -> Job:
-        """What a worker is told of a point."""
+        """What a worker gets for a point."""
         study = self.study
         # Messages become part of results: they name the scenario as itself, not by the path that was typed.
         source = str(self.scenario.get("name"))
@@ -84,7 +84,8 @@ def load_plan(
     """Read a study, add what is asked beside it, and lay out its runs.
 
     Args:
-        source: a name in studies/ or scenarios/, or a path; see `read_source`.
+        source: a name in studies/ or scenarios/, or the path of a YAML file; one with a field `scenario` is a study,
+            any other a scenario, of which the study is one run.
         grid: field path to values, beside the study's own.
         seeds: the first seed and the one after the last, instead of the study's own.
         overrides: field path to value for all runs; they go before the study's own. Paths of vehicles here and in
@@ -94,41 +95,111 @@ def load_plan(
         trajectories: whether to keep result.nc of every run, also where the study does not ask for it.
 
     Raises:
-        ScenarioError: a file is not valid, fields clash, or no point is legal.
+        ScenarioError: a file does not exist, is not valid or names what lies outside its directory, fields clash, or no
+            point is valid.
     """
-    if backend is not None and backend not in BACKENDS:
-        raise InputError(f"--backend {backend}: expected {', '.join(BACKENDS)}")
-    read = read_source(source)
-    study, here = read.study, Path.cwd()
-    overrides = {path: _anchored(value, path, here) for path, value in (overrides or {}).items()}
-    grid = {path: [_anchored(value, path, here) for value in values] for path, values in (grid or {}).items()}
+    read = _read(source)
+    study = read.study
+    # What a user types is relative to the working directory; workers may run anywhere.
+    overrides = {path: _absolute(value, path) for path, value in (overrides or {}).items()}
+    grid = {path: [_absolute(value, path) for value in values] for path, values in (grid or {}).items()}
     twice = sorted(set(grid) & set(study.grid))
     if twice:
         raise ScenarioError(f"{source}: grid: {twice[0]} is swept by the study itself; set or sweep another field")
-    changes: dict[str, Any] = {
+    changes = {
         "grid": {**study.grid, **grid},
         "set": {**study.set, **overrides},
         "trajectories": study.trajectories or trajectories,
+        "backend": backend or study.backend,
+        "measure": measure or study.measure,
     }
-    if backend is not None:
-        changes["backend"] = backend
-    if measure is not None:
-        changes["measure"] = measure
     if seeds is not None:
         changes["seeds"] = {"start": seeds[0], "stop": seeds[1]}
+    study = _validated({**study.model_dump(exclude_none=True), **changes}, source)
+    plan = replace(
+        read, study=study, files=_vehicle_files(read.scenario, study, read.directory), points=list(points_of(study))
+    )
+    scenario = _a_valid_point(plan)
+    return replace(plan, seed_matters=scenario.uses_seed(study.backend) or "swarm" in read.scenario)
+
+
+def _read(source: str) -> Plan:
+    """The plan of a study file, or of a scenario as a study of one run; without files and points."""
+    studies, scenarios = list_studies(), list_scenarios()
+    path = scenarios.get(source) or studies.get(source, Path(source))
+    if path.suffix not in _SUFFIXES and not path.exists():
+        raise ScenarioError(
+            f"{source}: no such study or scenario; expected {', '.join([*studies, *scenarios])}, "
+            "or the path of a YAML file"
+        )
+    if path.is_dir():
+        raise ScenarioError(f"{source}: is a directory; expected a name or a YAML file")
+    directory = path.parent.resolve()
+    raw = {} if source in scenarios else read_yaml(path)
+    if "scenario" not in raw:
+        return Plan(path.stem, source, StudyFile(scenario=source), read_scenario(source), directory, {}, [])
+    study = _validated(raw, source)
     try:
-        study = StudyFile.model_validate({**study.model_dump(exclude_none=True), **changes})
+        for field, value in study.values():
+            map_vehicles(value, lambda name: str(confined(name, directory)), tuple(field.split(".")))
+    except InputError as error:
+        raise ScenarioError(f"{source}: {error}") from None
+    scenario: str | Path = study.scenario
+    if scenario not in scenarios:
+        try:
+            scenario = confined(study.scenario, directory)
+        except InputError as error:
+            raise ScenarioError(f"{source}: scenario: {error}") from None
+        if not scenario.is_file():
+            raise ScenarioError(
+                f"{source}: scenario: {study.scenario!r} is neither a file nor one of {', '.join(scenarios)}"
+            )
+    return Plan(path.stem, source, study, read_scenario(scenario), directory, {}, [])
+
+
+def _validated(raw: Mapping[str, Any], source: str) -> StudyFile:
+    try:
+        return StudyFile.model_validate(raw)
     except ValidationError as error:
-        raise ScenarioError(f"{source}: {problem_of(error)}") from None
-    files = vehicle_files(read.scenario, study, read.directory)
-    plan = Plan(read.name, source, study, read.scenario, read.directory, files, list(points_of(study)))
-    legal = _a_legal_point(plan)
-    return replace(plan, seed_matters=uses_seed(legal)[study.backend] or "swarm" in read.scenario)
+        raise ScenarioError(f"{source}: {describe_error(error)}") from None
 
 
-def _anchored(value: Any, path: str, directory: Path) -> Any:
-    """A value that a person typed, with paths of vehicles in it absolute: workers may run anywhere."""
-    return map_vehicles(value, lambda name: str(directory / name), tuple(path.split(".")))
+def _absolute(value: Any, path: str) -> Any:
+    """A value that a user typed, with paths of vehicles in it absolute."""
+    here = Path.cwd()
+    return map_vehicles(value, lambda name: str(here / name), tuple(path.split(".")))
+
+
+def _vehicle_files(scenario: dict[str, Any], study: StudyFile, directory: Path) -> dict[str, str]:
+    """SHA-256 of the files of vehicles that do not come with mjsheaf: path of description, MJCF file or mesh to digest.
+
+    Args:
+        scenario: as read.
+        study: whose values may name vehicles too.
+        directory: to which paths in the study are relative.
+
+    Raises:
+        InputError: a vehicle's files cannot be read, or lie outside its directory.
+    """
+    named: dict[Path, None] = {}
+
+    def collect(name: str) -> str:
+        named.setdefault(directory / name)
+        return name
+
+    map_vehicles(scenario, collect)
+    for field, value in study.values():
+        map_vehicles(value, collect, tuple(field.split(".")))
+    digests: dict[str, str] = {}
+    for description in named:
+        from mjsheaf.vehicles.loading import files_of, read_description
+
+        for path in [description, *files_of(description, read_description(description).mjcf)]:
+            try:
+                digests[str(path)] = hashlib.sha256(path.read_bytes()).hexdigest()
+            except OSError as error:
+                raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+    return digests
 
 
 def parse_grid(text: str) -> tuple[str, list[Any]]:
@@ -138,9 +209,9 @@ def parse_grid(text: str) -> tuple[str, list[Any]]:
         ScenarioError: it is not that.
     """
     path, equals, values = text.partition("=")
-    if not equals or not path or not values.strip():
-        raise ScenarioError(f"--grid {text!r}: expected PATH=V1,V2,..., for example controller.gain=0.1,1,10")
-    found = parse_yaml(f"[{values}]", f"--grid {path}")  # a flow sequence: commas inside brackets or quotes are kept
+    found: Any = None
+    if equals and path and values.strip():
+        found = parse_yaml(f"[{values}]", f"--grid {path}")  # a flow sequence: commas in brackets or quotes are kept
     if not isinstance(found, list) or not found:
         raise ScenarioError(f"--grid {text!r}: expected PATH=V1,V2,..., for example controller.gain=0.1,1,10")
     return path, found
@@ -160,8 +231,8 @@ def parse_seeds(text: str) -> tuple[int, int]:
     return int(match[1]), int(match[2])
 
 
-def _a_legal_point(plan: Plan) -> Scenario:
-    """The first of the points tried that is legal.
+def _a_valid_point(plan: Plan) -> Scenario:
+    """The scenario of the first of the points tried that is valid.
 
     Raises:
         ScenarioError: none of them is; the message is about the very first.
@@ -170,11 +241,11 @@ def _a_legal_point(plan: Plan) -> Scenario:
     tried = _tried(plan)
     for point in tried:
         try:
-            return scenario_of(replace(plan.job(point), source=plan.source))
+            return replace(plan.job(point), source=plan.source).load()
         except InputError as error:
             first = first or error
     which = f"{len(tried)} points" + (" from all over the study" if len(tried) < len(plan.points) else "")
-    raise ScenarioError(str(first) if len(plan.points) == 1 else f"{first} (and none of {which} is legal)")
+    raise ScenarioError(str(first) if len(plan.points) == 1 else f"{first} (and none of {which} is valid)")
 
 
 def _tried(plan: Plan) -> list[Point]:

@@ -1,25 +1,28 @@
-"""The schema of a study file: a scenario, what is swept, and how."""
+"""A study file (a scenario, what is swept, and how) and the points that it asks for, always in the same order."""
 
+import math
+import zlib
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from itertools import product
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import AfterValidator, Field, JsonValue, ValidationError, model_validator
 
-from mjsheaf.io.yaml import Number, Positive, Section, describe_validation_error
+from mjsheaf.io.section import Number, Positive, Section, describe_validation_error
 from mjsheaf.simulation.run import BACKENDS
 
 Measure = Literal["mean_disagreement", "tracking_error", "formation_error", "centering_error"]
 
 
 def _fits_a_table(value: JsonValue) -> JsonValue:
-    """Refuse whole numbers that no column holds; no field of a scenario takes them."""
-    waiting = [value]
-    while waiting:
-        item = waiting.pop()
-        if isinstance(item, dict | list):
-            waiting += item.values() if isinstance(item, dict) else item
-        elif isinstance(item, int) and abs(item) >= 2**63:
-            raise ValueError(f"a number of {len(str(item))} digits; expected whole numbers below 2^63 in size")
+    """Refuse integers that no column holds; no field of a scenario takes them."""
+    if isinstance(value, dict | list):
+        for item in value.values() if isinstance(value, dict) else value:
+            _fits_a_table(item)
+    elif isinstance(value, int) and abs(value) >= 2**63:
+        raise ValueError(f"a number of {len(str(value))} digits; expected whole numbers below 2^63 in size")
     return value
 
 
@@ -28,11 +31,11 @@ Values = Annotated[list[Value], Field(min_length=1)]
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
 
 MOST_RUNS = 1_000_000
-"""In one study: a run is a file, and more of them in one directory help nobody."""
+"""Runs of one study: each is a file, and file systems grow slow with more of them in one directory."""
 
 
 class _Range(Section):
-    """Two ends of an interval."""
+    """Both ends of an interval."""
 
     low: Number
     high: Number
@@ -45,17 +48,26 @@ class _Range(Section):
 
 
 class Uniform(_Range):
-    """Any number of an interval, all alike."""
+    """Uniform on an interval."""
 
     kind: Literal["uniform"]
 
+    def sample(self, rng: np.random.Generator, count: int) -> list[Any]:
+        """Draw `count` values."""
+        return rng.uniform(self.low, self.high, count).tolist()
+
 
 class LogUniform(_Range):
-    """Any number of an interval of positive numbers, every ratio alike."""
+    """Uniform in the logarithm, on an interval of positive numbers."""
 
     kind: Literal["loguniform"]
     low: Positive
     high: Positive
+
+    def sample(self, rng: np.random.Generator, count: int) -> list[Any]:
+        """Draw `count` values."""
+        logs = rng.uniform(np.log(self.low), np.log(self.high), count)
+        return np.clip(np.exp(logs), self.low, self.high).tolist()
 
 
 class Normal(Section):
@@ -65,9 +77,13 @@ class Normal(Section):
     mean: Number
     deviation: Positive
 
+    def sample(self, rng: np.random.Generator, count: int) -> list[Any]:
+        """Draw `count` values."""
+        return rng.normal(self.mean, self.deviation, count).tolist()
+
 
 class Integers(Section):
-    """Whole numbers from low to high, both among them."""
+    """Uniform on the integers from low to high, both included."""
 
     kind: Literal["integers"]
     low: int
@@ -81,12 +97,20 @@ class Integers(Section):
             raise ValueError("low and high must be below 2**62 in size")
         return self
 
+    def sample(self, rng: np.random.Generator, count: int) -> list[Any]:
+        """Draw `count` values."""
+        return rng.integers(self.low, self.high, size=count, endpoint=True).tolist()
+
 
 class Choice(Section):
-    """One of the values, all alike."""
+    """One of the values, each as likely."""
 
     kind: Literal["choice"]
     values: Values
+
+    def sample(self, rng: np.random.Generator, count: int) -> list[Any]:
+        """Draw `count` values."""
+        return [self.values[k] for k in rng.integers(len(self.values), size=count)]
 
 
 Distribution = Annotated[Uniform | LogUniform | Normal | Integers | Choice, Field(discriminator="kind")]
@@ -136,19 +160,18 @@ class StudyFile(Section):
             told = ", ".join(f"{path} has {length}" for path, length in lengths.items())
             raise ValueError(f"paired: lists must have one length, but {told}")
         seen: list[str] = []
-        listed = dict.fromkeys(path for point in self.points for path in point)
-        drawn = self.draws.values if self.draws else {}
-        for path in (*listed, *self.paired, *self.grid, *drawn):
+        for path in self.paths:
             if path in self.set:
                 raise ValueError(f"{path}: is both set and swept; give it once")
             if path in seen:
                 raise ValueError(f"{path}: is swept twice; give it once")
-            inside = next((other for other in seen if other.startswith(f"{path}.")), None)
-            if inside is not None:
-                raise ValueError(f"{path}: would overwrite {inside}, which is swept before it; give it first")
-            inside = next((other for other in self.set if other.startswith(f"{path}.")), None)
-            if inside is not None:
-                raise ValueError(f"{path}: would overwrite {inside}, which is set; give that in the values of {path}")
+            for others, instead in (
+                (seen, "swept before it; give it first"),
+                (self.set, f"set; give that in the values of {path}"),
+            ):
+                inside = next((other for other in others if other.startswith(f"{path}.")), None)
+                if inside is not None:
+                    raise ValueError(f"{path}: would overwrite {inside}, which is {instead}")
             seen.append(path)
         _check_items(self.set, seen)
         unknown = next((path for path in self.labels if path not in seen), None)
@@ -170,14 +193,27 @@ class StudyFile(Section):
     def size(self) -> int:
         """The number of runs."""
         count = max(1, len(self.points)) * len(next(iter(self.paired.values()), [None]))
-        for values in self.grid.values():
-            count *= len(values)
-        count *= self.draws.count if self.draws else 1
+        count *= math.prod(map(len, self.grid.values())) * (self.draws.count if self.draws else 1)
         return count * (self.seeds.stop - self.seeds.start if self.seeds else 1)
+
+    def values(self) -> Iterator[tuple[str, JsonValue]]:
+        """Every value that the file gives to a field of the scenario, with the field's path."""
+        for point in [self.set, *self.points]:
+            yield from point.items()
+        draws = self.draws.values if self.draws else {}
+        choices = {path: how.values for path, how in draws.items() if isinstance(how, Choice)}
+        for columns in (self.paired, self.grid, choices):
+            for path, values in columns.items():
+                yield from ((path, value) for value in values)
+
+    def asked(self) -> dict[str, Any]:
+        """All on which results depend but the scenario, in canonical form; not what only says how they are shown."""
+        shown = {"summary", "scenario", "measure", "labels"}
+        return self.model_dump(mode="json", exclude=shown, exclude_none=True)
 
 
 def _check_items(fixed: Mapping[str, Any], swept: Iterable[str]) -> None:
-    """See that swept fields name the items of a list either by number or by id, so that no item has two names.
+    """Require that swept fields name the items of a list either by number or by id, so that no item has two names.
 
     Raises:
         ValueError: one does not.
@@ -193,22 +229,54 @@ def _check_items(fixed: Mapping[str, Any], swept: Iterable[str]) -> None:
             at = at.setdefault(number, {}).setdefault(key, {})
 
 
-def problem_of(error: ValidationError) -> str:
-    """What is wrong with a study, in one line; what concerns several fields begins with the one that is wrong."""
+def describe_error(error: ValidationError) -> str:
+    """What is wrong with a study, in one line that begins with the field."""
     return describe_validation_error(error, StudyFile).removeprefix("file: ")
 
 
-def values_of(study: StudyFile) -> Iterator[tuple[str, JsonValue]]:
-    """Every value that a study file gives to a field of the scenario, with the field's path."""
-    for point in [study.set, *study.points]:
-        yield from point.items()
-    draws = study.draws.values if study.draws else {}
-    choices = {path: how.values for path, how in draws.items() if isinstance(how, Choice)}
-    for columns in (study.paired, study.grid, choices):
-        for path, values in columns.items():
-            yield from ((path, value) for value in values)
+@dataclass(frozen=True)
+class Point:
+    """One run of a study.
+
+    Attributes:
+        number: its place, from 0.
+        parameters: field path to value, in the order in which they are set.
+        seed: the scenario's seed; None leaves it as it is.
+    """
+
+    number: int
+    parameters: dict[str, Any] = field(hash=False)
+    seed: int | None = None
+
+    @property
+    def overrides(self) -> dict[str, Any]:
+        """What makes this run of the study's scenario."""
+        return self.parameters if self.seed is None else {**self.parameters, "seed": self.seed}
 
 
-def asked_of(study: StudyFile) -> dict[str, Any]:
-    """What a study file asks for, in canonical form, but for the scenario and what only says how results are shown."""
-    return study.model_dump(mode="json", exclude={"summary", "scenario", "measure", "labels"}, exclude_none=True)
+def points_of(study: StudyFile) -> Iterator[Point]:
+    """The points: listed ones change slowest, then pairs, then the grid with its first path slowest, then draws; seeds
+    change fastest.
+    """
+    listed = study.points or [{}]
+    pairs = _rows(study.paired, zip(*study.paired.values(), strict=True)) or [{}]
+    grid = _rows(study.grid, product(*study.grid.values()))
+    drawn = draw(study.draws) if study.draws else [{}]
+    seeds = range(study.seeds.start, study.seeds.stop) if study.seeds else [None]
+    for number, (point, pair, cell, sample, seed) in enumerate(product(listed, pairs, grid, drawn, seeds)):
+        yield Point(number, {**point, **pair, **cell, **sample}, seed)
+
+
+def draw(draws: Draws) -> list[dict[str, Any]]:
+    """The random points. Each path has a stream of its own: a longer study begins with the points of a shorter one, and
+    another path leaves the values of the others as they were.
+    """
+    columns = {
+        path: how.sample(np.random.default_rng([draws.seed, zlib.crc32(path.encode())]), draws.count)
+        for path, how in draws.values.items()
+    }
+    return _rows(columns, zip(*columns.values(), strict=True))
+
+
+def _rows(paths: Iterable[str], rows: Iterable[tuple[Any, ...]]) -> list[dict[str, Any]]:
+    return [dict(zip(paths, row, strict=True)) for row in rows]

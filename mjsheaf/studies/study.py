@@ -1,17 +1,45 @@
-"""A study from plan to results: what is missing is run, then everything is shown."""
+"""A study from plan to results: what is missing is run, then everything is shown in a table, plots and a page."""
 
-from collections.abc import Callable
+import base64
+import json
+import re
+import shlex
+from collections import Counter
+from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from mjsheaf.studies.directory import RESULT_FILES, StudyDirectory, open_directory
+from mjsheaf._version import __version__
+from mjsheaf.io.yaml import parse_yaml
+from mjsheaf.results.metrics import MEASURES
+from mjsheaf.studies.directory import open_directory
 from mjsheaf.studies.engine import Engine, SchedulerError
-from mjsheaf.studies.job import ForeignWorkerError
+from mjsheaf.studies.job import STATUSES, ForeignWorkerError
 from mjsheaf.studies.plan import Plan
+from mjsheaf.studies.schema import Point
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Progress = Callable[[str, int, int], None]
+
+_COLUMNS = {
+    "seed": "int64",
+    "status": "string",
+    **dict.fromkeys(MEASURES, "double"),
+    **{f"late_{measure}": "double" for measure in MEASURES},
+    "ending": "string",
+    "settled": "bool",
+    "bound_ratio": "double",
+    "message": "string",
+}
+"""After `run` and the parameters: name to type."""
+
+_MOST_ROWS = 2000  # of the page
+_MOST_VALUES = 24  # of a field, on the page
+_WORD = re.compile(r"[\w./][\w./-]*")
 
 
 @dataclass(frozen=True)
@@ -44,7 +72,7 @@ def run_study(
     Args:
         plan: from `load_plan`.
         directory: of this study; new, or with an earlier part of it.
-        engine: makes the cluster; called only where something is left to run.
+        engine: makes the workers; called only where something is left to run.
         retry_failed: run again what did not finish.
         progress: called with (what is being done, done, in all).
 
@@ -54,43 +82,155 @@ def run_study(
         SchedulerError: the cluster cannot be reached, or went away. Runs that have ended are kept; without any, so is
             only a directory that was there before.
     """
+    report = progress or (lambda what, done, total: None)
     with open_directory(directory, plan) as place:
         records = place.ended()
         kept = {n for n, r in records.items() if not retry_failed or r["status"] == "finished"}
         missing = [point for point in plan.points if point.number not in kept]
         if missing:
             try:
-                with engine() as cluster:
-                    done = len(kept)
-                    _report(progress, done, plan)
-                    for result in cluster.run(plan.job(point) for point in missing):
+                with engine() as workers:
+                    report("running", len(kept), len(plan.points))
+                    results = workers.run(plan.job(point) for point in missing)
+                    for done, result in enumerate(results, len(kept) + 1):
                         place.save(result)
                         records[result.record["run"]] = result.record
-                        done += 1
-                        _report(progress, done, plan)
+                        report("running", done, len(plan.points))
             except (SchedulerError, ForeignWorkerError):
                 place.leave()
                 raise
         ordered = [records[point.number] for point in plan.points]
-        return Study(directory, ordered, len(missing), _show(place, plan, ordered))
+        files = results_of(plan, ordered)
+        place.publish(files)
+        return Study(directory, ordered, len(missing), list(files))
 
 
-def _report(progress: Progress | None, done: int, plan: Plan) -> None:
-    if progress:
-        progress("running", done, len(plan.points))
-
-
-def _show(place: StudyDirectory, plan: Plan, records: list[dict[str, Any]]) -> list[str]:
+def results_of(plan: Plan, records: list[dict[str, Any]]) -> dict[str, bytes]:
+    """The files that show a study whose runs have all ended: name to content, equal for equal records."""
     from mjsheaf.studies.figures import plot_study
-    from mjsheaf.studies.page import page_of
-    from mjsheaf.studies.table import csv_of, make_table, parquet_of
 
     table = make_table(plan, records)
-    files = {"table.csv": csv_of(table), "table.parquet": parquet_of(table)}
     plots = plot_study(plan.study, plan.name, records)
-    files.update(plots)
-    files["index.html"] = page_of(plan, table, plots)
-    place.remove(RESULT_FILES - set(files))
-    for name, content in files.items():
-        place.write(name, content)
-    return list(files)
+    page = page_of(plan, table, plots)
+    return {"table.csv": csv_of(table), "table.parquet": table.to_parquet(index=False), **plots, "index.html": page}
+
+
+def make_table(plan: Plan, records: Iterable[dict[str, Any]]) -> "pd.DataFrame":
+    """The table: run, a column for each swept field named by its path, then _COLUMNS.
+
+    Errors are the team's at the last sample and, under `late_`, their RMS over the last half, m; nothing stands where a
+    measure has no meaning or a run did not get that far, and for a parameter that a listed point leaves as it is. A
+    parameter's column is of numbers where all its values are, of text where all are text, else of JSON.
+
+    Args:
+        plan: the study.
+        records: of all runs, in order.
+    """
+    import pandas as pd
+
+    rows = [
+        {**record, **(record["final"] or {}), **{f"late_{m}": x for m, x in (record["late"] or {}).items()}}
+        for record in records
+    ]
+    columns = {"run": _array([row["run"] for row in rows], "int64")}
+    for path in plan.study.paths:
+        if path != "seed":
+            columns[path] = _parameter([row["parameters"].get(path) for row in rows])
+    for name, kind in _COLUMNS.items():
+        columns[name] = _array([row.get(name) for row in rows], kind)
+    return pd.DataFrame(columns)
+
+
+def _array(values: list[Any], kind: str) -> "pd.api.extensions.ExtensionArray":
+    """Values, or None, as a column of an Arrow type: one that tells what is missing from what is no number."""
+    import pandas as pd
+    import pyarrow as pa
+
+    return pd.array(values, dtype=pd.ArrowDtype(pa.type_for_alias(kind)))
+
+
+def _parameter(values: list[Any]) -> "pd.api.extensions.ExtensionArray":
+    kinds = {type(value) for value in values if value is not None}
+    for among, kind in (({int}, "int64"), ({int, float}, "double"), ({bool}, "bool"), ({str}, "string")):
+        if kinds <= among:
+            return _array(values, kind)
+    text = [None if value is None else json.dumps(value, ensure_ascii=False) for value in values]
+    return _array(text, "string")
+
+
+def csv_of(table: "pd.DataFrame") -> bytes:
+    """The table as CSV: UTF-8, a header, numbers with all their digits."""
+    words = {name: table[name].map({True: "true", False: "false"}) for name in table.select_dtypes("bool[pyarrow]")}
+    return table.assign(**words).to_csv(index=False, lineterminator="\n").encode()
+
+
+def page_of(plan: Plan, table: "pd.DataFrame", plots: dict[str, bytes]) -> bytes:
+    """The page as HTML, one file that opens from disk without a network.
+
+    Args:
+        plan: the study.
+        table: of all runs.
+        plots: PNG by file name, which become part of the page.
+    """
+    import jinja2
+    import pandas as pd
+
+    from mjsheaf.checking.finished import LEVEL
+
+    environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
+    environment.filters.update(shown=_shown, listed=_listed)
+    statuses = table["status"].tolist()
+    example = statuses.index("finished") if "finished" in statuses else 0
+    rows = [
+        {name: _cell(value) for name, value in row.items() if pd.notna(value)}
+        for row in table.head(_MOST_ROWS).to_dict("records")
+    ]
+    page = environment.from_string(Path(__file__).with_name("page.html").read_text(encoding="utf-8")).render(
+        plan=plan,
+        study=plan.study,
+        version=__version__,
+        runs=len(table),
+        statuses=STATUSES,
+        counts=Counter(statuses),
+        plots={name: base64.b64encode(png).decode() for name, png in plots.items()},
+        level=LEVEL,
+        example=example,
+        command=command_of(plan, plan.points[example]),
+        columns=[name for name in table if table[name].replace("", None).notna().any()],  # others only widen the page
+        numbers={name for name in table if pd.api.types.is_numeric_dtype(table[name].dtype)},
+        measures=MEASURES,
+        rows=rows,
+    )
+    return page.encode()
+
+
+def command_of(plan: Plan, point: Point) -> str:
+    """The command that does one run of a study by itself, for a shell in the study's directory."""
+    # The scenario of a study with vehicles' own files is not kept there, as it could not name them.
+    parts = ["mjsheaf", "run", "SCENARIO" if plan.files else "scenario.yaml", "--backend", plan.study.backend]
+    for path, value in plan.job(point).changes.items():
+        parts += ["--set", f"{path}={_as_yaml(value)}"]
+    return shlex.join(parts)
+
+
+def _as_yaml(value: Any) -> str:
+    """A value as `--set` reads it."""
+    plain = isinstance(value, str) and _WORD.fullmatch(value) and parse_yaml(value, "value") == value
+    return str(value) if plain else json.dumps(value, ensure_ascii=False)
+
+
+def _cell(value: Any) -> str:
+    """A value of the table."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _shown(value: Any) -> str:
+    """A value of what was asked."""
+    return f"{value:g}" if isinstance(value, float) else value if isinstance(value, str) else json.dumps(value)
+
+
+def _listed(values: list[Any]) -> str:
+    more = f", ... ({len(values)} values)" if len(values) > _MOST_VALUES else ""
+    return ", ".join(map(_shown, values[:_MOST_VALUES])) + more

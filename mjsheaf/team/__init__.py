@@ -3,23 +3,27 @@
 This layer turns a team into a sheaf. It knows nothing of dynamics.
 """
 
-from mjsheaf.team.formation import Formation
-from mjsheaf.team.team import (
+from mjsheaf.team.edges import (
     GROUND,
+    Anchor,
     Edge,
+    LinearEdge,
     Member,
-    Team,
     anchor,
     range_bearing,
     relative_state,
     restriction_maps,
     rotation_to_local,
 )
+from mjsheaf.team.formation import Formation
+from mjsheaf.team.team import Team
 
 __all__ = [
     "GROUND",
+    "Anchor",
     "Edge",
     "Formation",
+    "LinearEdge",
     "Member",
     "Team",
     "anchor",

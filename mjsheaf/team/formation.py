@@ -1,104 +1,123 @@
-"""Formations: named shapes, as one displacement for each member relative to the formation's centre."""
+"""Formations: named shapes, and where each member belongs relative to the formation's centre."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Annotated, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
+from pydantic import ConfigDict, Field, model_validator
 
 from mjsheaf.errors import InputError
+from mjsheaf.io.section import Id, Number, Point, Positive, Section, tagged
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Formation:
-    """A group of vehicles and where each belongs relative to the group's centre.
+class Formation(Section):
+    """Base of a group of members with a place for each; a shape says where, in `corners`."""
 
-    Attributes:
-        name: name of the group.
-        members: their ids.
-        displacements: o_i of each member in m, in the member's own dimension.
-        about: id of the target that the centre should follow, or None for a free formation.
-    """
+    model_config = ConfigDict(json_schema_extra=tagged("shape"))
 
-    name: str
-    members: tuple[str, ...]
-    displacements: tuple[Array, ...]
-    about: str | None = None
+    name: Id
+    members: Annotated[list[Id], Field(min_length=1)]
+    about: Id | None = Field(None, description="the target that the group's centre should follow; free if absent")
+    height: Number = Field(0.0, description="added to z of spatial members, m")
+
+    def corners(self) -> Array:
+        """Places about the origin, one for each member, shape (count, 2) or (count, 3), m."""
+        raise NotImplementedError
+
+    def places(self, dimensions: Sequence[int]) -> list[Array]:
+        """o_i of each member in m, in the member's own dimension.
+
+        Raises:
+            InputError: the shape has another number of places than the formation has members.
+        """
+        corners = self.corners()
+        if len(corners) != len(dimensions):
+            raise InputError(f"the shape has {len(corners)} places but the formation has {len(dimensions)} members")
+        spatial = np.zeros((len(corners), 3))
+        spatial[:, : corners.shape[1]] = corners
+        spatial[:, 2] += self.height
+        return [o[:n].copy() for o, n in zip(spatial, dimensions, strict=True)]
 
 
-def polygon(
-    count: int,
-    *,
-    side: float | None = None,
-    radius: float | None = None,
-    angle: float = 90.0,
-    clockwise: bool = False,
-) -> Array:
-    """Corners of a regular polygon about the origin, shape (count, 2), in m.
+class Polygon(Formation):
+    """A regular polygon."""
 
-    Args:
-        count: number of corners, at least 2.
-        side, radius: exactly one of them, in m.
-        angle: bearing of the first corner from the x axis, degrees.
-        clockwise: whether the next corners follow clockwise.
-    """
-    if count < 2:
-        raise InputError(f"a polygon needs at least 2 members, not {count}")
-    if (side is None) == (radius is None):
-        raise InputError("a polygon needs either 'side' or 'radius'")
-    if radius is None:
-        assert side is not None
-        radius = side / (2.0 * np.sin(np.pi / count))
+    shape: Literal["polygon", "square"] = "polygon"
+    side: Positive | None = None
+    radius: Positive | None = None
+    angle: Number = Field(90.0, description="bearing of the first member from the x axis")
+    clockwise: bool = False
+
+    @model_validator(mode="after")
+    def _check(self) -> "Polygon":
+        if (self.side is None) == (self.radius is None):
+            raise ValueError("give either side or radius")
+        fits = len(self.members) == 4 if self.shape == "square" else len(self.members) >= 2
+        if not fits:
+            raise ValueError(f"a {self.shape} does not have {len(self.members)} members")
+        return self
+
+    def corners(self) -> Array:
+        """Corners of the polygon, shape (count, 2), m."""
+        count = len(self.members)
+        radius = _circumradius(self.side, count) if self.side is not None else self.radius or 0.0
+        return _ring(count, radius, self.angle, self.clockwise)
+
+
+class Line(Formation):
+    """Equally spaced points on a horizontal line."""
+
+    shape: Literal["line"] = "line"
+    spacing: Positive
+    angle: Number = 0.0
+
+    def corners(self) -> Array:
+        """Points on the line, shape (count, 2), m."""
+        count = len(self.members)
+        along = self.spacing * (np.arange(count) - (count - 1) / 2.0)
+        return np.outer(along, [np.cos(np.deg2rad(self.angle)), np.sin(np.deg2rad(self.angle))])
+
+
+class Tetrahedron(Formation):
+    """A regular tetrahedron, apex last."""
+
+    shape: Literal["tetrahedron"] = "tetrahedron"
+    side: Positive
+
+    def corners(self) -> Array:
+        """Corners about the centroid, the apex up and last, shape (4, 3), m."""
+        base = _ring(3, _circumradius(self.side, 3), 210.0)
+        low, high = -self.side * np.sqrt(6.0) / 12.0, self.side * np.sqrt(6.0) / 4.0
+        return np.vstack([np.column_stack([base, np.full(3, low)]), [[0.0, 0.0, high]]])
+
+
+class Explicit(Formation):
+    """Displacements as given, one for each member."""
+
+    shape: Literal["explicit"] = "explicit"
+    displacements: Annotated[list[Point], Field(min_length=1)]
+
+    def places(self, dimensions: Sequence[int]) -> list[Array]:
+        """The displacements, which must have the members' dimensions."""
+        if len(self.displacements) != len(dimensions):
+            raise InputError(f"{len(self.displacements)} displacements for {len(dimensions)} members")
+        for k, (o, n) in enumerate(zip(self.displacements, dimensions, strict=True)):
+            if len(o) != n:
+                raise InputError(f"displacement {k} has {len(o)} entries, but the member has dimension {n}")
+        return [np.array(o, dtype=np.float64) for o in self.displacements]
+
+
+Group = Annotated[Polygon | Line | Tetrahedron | Explicit, Field(discriminator="shape")]
+
+
+def _circumradius(side: float, count: int) -> float:
+    return float(side / (2.0 * np.sin(np.pi / count)))
+
+
+def _ring(count: int, radius: float, angle: float, clockwise: bool = False) -> Array:
+    """Corners of a regular polygon about the origin, the first at a bearing in degrees, shape (count, 2)."""
     turn = np.deg2rad(angle) + (-1 if clockwise else 1) * 2.0 * np.pi * np.arange(count) / count
-    return radius * np.column_stack([np.cos(turn), np.sin(turn)])
-
-
-def tetrahedron(side: float) -> Array:
-    """Corners of a regular tetrahedron about its centroid, apex up and last, shape (4, 3), in m."""
-    base = polygon(3, side=side, angle=210.0)
-    return np.vstack(
-        [
-            np.column_stack([base, np.full(3, -side * np.sqrt(6.0) / 12.0)]),
-            [[0.0, 0.0, side * np.sqrt(6.0) / 4.0]],
-        ]
-    )
-
-
-def line(count: int, *, spacing: float, angle: float = 0.0) -> Array:
-    """Equally spaced points on a horizontal line about the origin, shape (count, 2), in m; angle in degrees."""
-    along = spacing * (np.arange(count) - (count - 1) / 2.0)
-    return np.outer(along, [np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))])
-
-
-def displacements(shape: Array, dimensions: Sequence[int], height: float = 0.0) -> tuple[Array, ...]:
-    """Give each member its displacement in its own dimension.
-
-    Args:
-        shape: corners, shape (count, 2) or (count, 3).
-        dimensions: stalk dimension of each member.
-        height: added to the z of spatial members, in m.
-
-    Raises:
-        InputError: the number of corners is not the number of members.
-    """
-    if len(shape) != len(dimensions):
-        raise InputError(f"the shape has {len(shape)} places but the formation has {len(dimensions)} members")
-    spatial = np.zeros((len(shape), 3))
-    spatial[:, : shape.shape[1]] = shape
-    spatial[:, 2] += height
-    return tuple(o[:n].copy() for o, n in zip(spatial, dimensions, strict=True))
-
-
-def explicit(values: Sequence[ArrayLike], dimensions: Sequence[int]) -> tuple[Array, ...]:
-    """Displacements as given, checked against each member's dimension."""
-    if len(values) != len(dimensions):
-        raise InputError(f"{len(values)} displacements for {len(dimensions)} members")
-    result = []
-    for k, (value, n) in enumerate(zip(values, dimensions, strict=True)):
-        o = np.asarray(value, dtype=np.float64)
-        if o.shape != (n,):
-            raise InputError(f"displacement {k} has {o.size} entries, but the member has dimension {n}")
-        result.append(o)
-    return tuple(result)
+    return np.asarray(radius * np.column_stack([np.cos(turn), np.sin(turn)]))

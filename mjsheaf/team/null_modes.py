@@ -1,4 +1,4 @@
-"""What a non-trivial relative cohomology means for the team: who is free to drift, and along what."""
+"""Null modes of a team, the directions of a non-trivial relative cohomology: who is free to drift, and along what."""
 
 import itertools
 from collections.abc import Sequence
@@ -15,19 +15,19 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 _AXES = "xyz"
-_NAMED = 8  # agents named one by one before the rest are counted
-_NOTHING = 1e-7  # of the largest entry: under this it is rounding, which a kernel near to small eigenvalues has more of
-_SAME = 1e-6  # motions that differ by less are the same motion
-_CONDITION = 0.1  # a pivot is taken within the same agent while it is at least this much of the best one
-_SEARCHED = 40  # pivots times distinct rows up to which exchanges of pivots are tried
-_EXCHANGES = 60
-_SHARE = 0.5  # of the longest step, which an agent must move to be named where it is nearly free
-_TILT = 0.2  # sine under which a step that is nearly along an axis is said to be along it
-_ALIKE = 0.94  # cosine over which two steps are said to be one
+_MOST_NAMED = 8  # agents named one by one before the rest are counted
+_ENTRY_ROUNDING = 1e-7  # of the largest entry; null spaces close to small eigenvalues have more rounding
+_STEP_TOLERANCE = 1e-6  # steps that differ by less are equal
+_LEAST_PIVOT = 0.1  # of the best pivot: one within the same agent is taken above it
+_MOST_SEARCHED_PIVOTS = 40  # pivots times distinct rows up to which exchanges of pivots are tried
+_MOST_EXCHANGES = 60
+_NAMED_SHARE = 0.5  # of the longest step, which an agent must move to be named where it is nearly free
+_LEAST_SINE = 0.2  # a step that is nearly along an axis counts as along it below this sine
+_SAME_DIRECTION_COSINE = 0.94
 
 
 @dataclass(frozen=True)
-class Motion:
+class NullMode:
     """How agents move together.
 
     Attributes:
@@ -60,7 +60,7 @@ def sparsified(basis: sparse.csr_array, owner: Index) -> sparse.csc_array:
     if r == 0:
         return sparse.csc_array((n, 0))
     clean = sparse.csr_array(basis, copy=True)
-    clean.data[np.abs(clean.data) <= _NOTHING * np.abs(clean.data).max()] = 0.0
+    clean.data[np.abs(clean.data) <= _ENTRY_ROUNDING * np.abs(clean.data).max()] = 0.0
     clean.eliminate_zeros()
     _, label = csgraph.connected_components(sparse.block_array([[None, clean], [clean.T, None]]), directed=False)
     by_row, by_column = np.argsort(label[:n], kind="stable"), np.argsort(label[n:], kind="stable")
@@ -88,7 +88,7 @@ def _pivots(block: Array, owner: Index) -> Index:
     while len(pivots) < block.shape[1]:
         size = np.linalg.norm(residual, axis=1)
         last = owner == owner[pivots[-1]] if pivots else np.zeros(len(owner), dtype=bool)
-        among = last if np.any(size[last] >= _CONDITION * size.max()) else np.ones(len(owner), dtype=bool)
+        among = last if np.any(size[last] >= _LEAST_PIVOT * size.max()) else np.ones(len(owner), dtype=bool)
         # The first of those that are about as good as the best: rounding does not choose.
         pivot = int(np.flatnonzero(among & (size >= 0.5 * size[among].max()))[0])
         pivots.append(pivot)
@@ -100,8 +100,8 @@ def _pivots(block: Array, owner: Index) -> Index:
 def _echelon(block: Array, pivots: Index) -> Array:
     """The basis in which each pivot row is moved by one vector alone, scaled to largest entry 1."""
     vectors = np.linalg.solve(block[pivots].T, block.T).T
-    vectors[np.abs(vectors) <= _NOTHING * np.abs(vectors).max()] = 0.0
-    largest = np.argmax(np.abs(vectors) > (1.0 - _SAME) * np.abs(vectors).max(axis=0), axis=0)
+    vectors[np.abs(vectors) <= _ENTRY_ROUNDING * np.abs(vectors).max()] = 0.0
+    largest = np.argmax(np.abs(vectors) > (1.0 - _STEP_TOLERANCE) * np.abs(vectors).max(axis=0), axis=0)
     return vectors / vectors[largest, np.arange(vectors.shape[1])]
 
 
@@ -111,7 +111,7 @@ def _exchanged(pivots: Index, block: Array, owner: Index) -> Index:
         return pivots
     vectors = _echelon(block, pivots)
     _, candidates = np.unique(np.round(vectors, 6), axis=0, return_index=True)
-    if len(candidates) * block.shape[1] > _SEARCHED:
+    if len(candidates) * block.shape[1] > _MOST_SEARCHED_PIVOTS:
         return pivots
     starts = np.flatnonzero(np.diff(owner, prepend=-1))
 
@@ -120,10 +120,10 @@ def _exchanged(pivots: Index, block: Array, owner: Index) -> Index:
         return int(np.logical_or.reduceat(moves, starts).sum()), int(moves.sum())
 
     best = cost(vectors)
-    for _ in range(_EXCHANGES):
+    for _ in range(_MOST_EXCHANGES):
         options = []
         for row in candidates[np.count_nonzero(vectors[candidates], axis=1) > 1].tolist():
-            for k in np.flatnonzero(np.abs(vectors[row]) >= _CONDITION).tolist():
+            for k in np.flatnonzero(np.abs(vectors[row]) >= _LEAST_PIVOT).tolist():
                 other = pivots.copy()
                 other[k] = row
                 options.append((cost(_echelon(block, other)), row, k))
@@ -138,56 +138,50 @@ def _exchanged(pivots: Index, block: Array, owner: Index) -> Index:
 # -- in words --------------------------------------------------------------------------------------------------
 
 
-def free_directions(team: Team) -> list[str]:
-    """Say, one line for each basis vector of H^0(G, G_p; F), which agents are free along what."""
-    return [describe(team, motion) for motion in free_motions(team)]
+def describe_null_modes(team: Team) -> list[str]:
+    """Which agents are free along what, a line for each basis vector of H^0(G, G_p; F)."""
+    return [describe(team, mode) for mode in null_modes(team)]
 
 
-def free_motions(team: Team) -> list[Motion]:
+def null_modes(team: Team) -> list[NullMode]:
     """A sparse basis of H^0(G, G_p; F), each vector with largest entry 1."""
-    basis = free_basis(team)
+    basis = null_mode_basis(team)
     spans = itertools.starmap(slice, itertools.pairwise(basis.indptr.tolist()))
-    return [motion_of(team, basis.data[span], basis.indices[span]) for span in spans]
+    return [null_mode_of(team, basis.data[span], basis.indices[span]) for span in spans]
 
 
-def free_basis(team: Team) -> sparse.csc_array:
+def null_mode_basis(team: Team) -> sparse.csc_array:
     """A sparse basis of H^0(G, G_p; F), shape (n, dimension), rows in the order of the stacked q."""
     basis = team.dirichlet.sparse_null_basis
     return sparsified(basis.tocsr(), team.slots[: basis.shape[0]] // 3)
 
 
-def motion_of(team: Team, values: Array, rows: Index | None = None) -> Motion:
-    """A vector of the agents as a motion.
-
-    Args:
-        team: the team.
-        values: entries of the vector, shape (k,).
-        rows: their places in the stacked q, ascending; all of them unless given.
-    """
+def null_mode_of(team: Team, values: Array, rows: Index | None = None) -> NullMode:
+    """A vector of the agents as a mode: its entries (k,), at ascending rows of the stacked q, all by default."""
     agent, axis = np.divmod(team.slots[: len(values)] if rows is None else team.slots[rows], 3)
     agents, place = np.unique(agent, return_inverse=True)
     steps = np.zeros((len(agents), 3))
     steps[place, axis] = values
-    return Motion(agents, steps)
+    return NullMode(agents, steps)
 
 
-def describe(team: Team, motion: Motion) -> str:
-    """Say who is free along what, of a motion that no edge or anchor notices."""
-    return _say(team, motion, "free")
+def describe(team: Team, mode: NullMode) -> str:
+    """Who is free along what, in a mode that no edge or anchor notices."""
+    return _describe(team, mode, "free")
 
 
-def describe_nearly(team: Team, motion: Motion) -> str:
-    """Say who is nearly free along what, of a motion that edges and anchors notice little.
+def describe_nearly(team: Team, mode: NullMode) -> str:
+    """Who is nearly free along what, in a mode that edges and anchors notice little.
 
     Only agents that move at least half as far as the one that moves furthest are named, and their directions are
     rounded.
     """
-    far = np.linalg.norm(motion.steps, axis=1)
-    much = far >= _SHARE * far.max()
-    steps = motion.steps[much] / far[much, None]
-    steps[np.abs(steps) < _TILT] = 0.0
+    far = np.linalg.norm(mode.steps, axis=1)
+    much = far >= _NAMED_SHARE * far.max()
+    steps = mode.steps[much] / far[much, None]
+    steps[np.abs(steps) < _LEAST_SINE] = 0.0
     steps *= np.sign(steps[0, np.argmax(np.abs(steps[0]))])  # an eigenvector has no sign of its own
-    return _say(team, Motion(motion.agents[much], _in_few_directions(steps)), "nearly free")
+    return _describe(team, NullMode(mode.agents[much], _in_few_directions(steps)), "nearly free")
 
 
 def _in_few_directions(steps: Array) -> Array:
@@ -195,39 +189,39 @@ def _in_few_directions(steps: Array) -> Array:
     steps = steps / np.linalg.norm(steps, axis=1)[:, None]
     left = np.ones(len(steps), dtype=bool)
     while left.any():
-        alike = left & (steps @ steps[np.argmax(left)] > _ALIKE)
+        alike = left & (steps @ steps[np.argmax(left)] > _SAME_DIRECTION_COSINE)
         mean = steps[alike].mean(axis=0)
         steps[alike] = mean / np.linalg.norm(mean)
         left &= ~alike
     return steps
 
 
-def _say(team: Team, motion: Motion, free: str) -> str:
-    _, first, kind = np.unique(np.round(motion.steps / _SAME), axis=0, return_index=True, return_inverse=True)
-    names = [team.agents[a].id for a in motion.agents]
+def _describe(team: Team, mode: NullMode, free: str) -> str:
+    _, first, kind = np.unique(np.round(mode.steps / _STEP_TOLERANCE), axis=0, return_index=True, return_inverse=True)
+    names = [team.agents[a].id for a in mode.agents]
     if len(first) == 1:
-        along = _direction(motion.steps[0], team, motion.agents)
+        along = _direction(mode.steps[0], team, mode.agents)
         if len(names) == 1:
             return f"{names[0]} is {free} along {along}"
         if along[-1] in _AXES:
             return f"{_listed(names)} are {free} along {along} together"
         return f"{_listed(names, ' and ')} {'can' if free == 'free' else f'are {free} to'} drift together along {along}"
-    furthest = float(np.linalg.norm(motion.steps, axis=1).max())
+    furthest = float(np.linalg.norm(mode.steps, axis=1).max())
     clauses = []
-    for k in np.argsort(first, kind="stable")[:_NAMED].tolist():
+    for k in np.argsort(first, kind="stable")[:_MOST_NAMED].tolist():
         group = np.flatnonzero(kind == k)
-        step = motion.steps[first[k]]
+        step = mode.steps[first[k]]
         far = float(np.linalg.norm(step)) / furthest
-        share = "" if far > 1.0 - _SAME else f" ({far:.2g} times as far)"
+        share = "" if far > 1.0 - _STEP_TOLERANCE else f" ({far:.2g} times as far)"
         who = _listed([names[i] for i in group], " and ")
-        clauses.append(f"{who} along {_direction(step, team, motion.agents[group])}{share}")
-    more = ", ..." if len(first) > _NAMED else ""
+        clauses.append(f"{who} along {_direction(step, team, mode.agents[group])}{share}")
+    more = ", ..." if len(first) > _MOST_NAMED else ""
     return f"{', '.join(clauses)}{more}, {'' if free == 'free' else f'{free}, '}moving together"
 
 
 def _listed(names: Sequence[str], last: str = ", ") -> str:
-    if len(names) > _NAMED:
-        return f"{', '.join(names[:_NAMED])} and {len(names) - _NAMED} more"
+    if len(names) > _MOST_NAMED:
+        return f"{', '.join(names[:_MOST_NAMED])} and {len(names) - _MOST_NAMED} more"
     return last.join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 

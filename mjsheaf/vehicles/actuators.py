@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from mjsheaf.engine import mujoco
-from mjsheaf.io.yaml import Section
-from mjsheaf.jit import kernel, part
+from mjsheaf.io.section import Section
+from mjsheaf.jit import inline_jit, jit
 from mjsheaf.vehicles.vectors import to_world, triple
 
 Array = NDArray[np.float64]
@@ -287,7 +287,7 @@ def _actuator(name: str, gear: Array, gain: float, law: str, time_constant: floa
     }
 
 
-@kernel
+@jit
 def aim(channels, R, act, ctrl, gear):
     """Turn efforts into commands, in place, and write the gears of azimuth thrusters at their present angles.
 
@@ -326,7 +326,7 @@ def aim(channels, R, act, ctrl, gear):
             gear[k, 0], gear[k, 1], gear[k, 2] = to_world(R, triple(gear[k]))
 
 
-@kernel
+@jit
 def nearest_angle(angle, now, low, high):
     """The angle, give or take whole turns, that is within limits and nearest to `now`; or else the nearer limit."""
     turn = 2.0 * np.pi
@@ -337,7 +337,7 @@ def nearest_angle(angle, now, low, high):
     return a
 
 
-@kernel
+@jit
 def room_of(channels, k, u, du, v, dv):
     """The largest share, 0 to 1, of more effort that an actuator can make.
 
@@ -365,7 +365,7 @@ def room_of(channels, k, u, du, v, dv):
     return room
 
 
-@part
+@inline_jit
 def at_most(u, low, high):
     """A command within its limits, at one if within rounding of it. What is not finite stays, to be seen."""
     slack = 1e-9 * (high - low)

@@ -17,8 +17,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
-from mjsheaf.system import Effects
+from mjsheaf.io.section import Duration, Section
 from mjsheaf.vehicles.actuators import Thruster
 from mjsheaf.vehicles.steering import Full
 from mjsheaf.vehicles.vehicle import ROW_NAMES, Vehicle
@@ -66,6 +67,17 @@ def _speed(vehicle: Vehicle, direction: Array, thrust: float) -> float:
     if not np.isfinite(thrust):
         return float("inf")
     return thrust / D if Q == 0.0 else (np.sqrt(D**2 + 4.0 * Q * thrust) - D) / (2.0 * Q)
+
+
+class Effects(Section):
+    """What makes bodies real; each can be switched off alone."""
+
+    inertia: bool = Field(True, description="off: bodies are so light that m / D is massless_tau; no autopilot")
+    drag_law: bool = Field(True, description="off: drag is linear")
+    limits: bool = Field(True, description="off: thrusters push as hard as asked")
+    lag: bool = Field(True, description="off: thrusters follow their commands at once")
+    underactuation: bool = Field(True, description="off: thrusters along every controlled axis")
+    massless_tau: Duration = Field(0.02, description="s")
 
 
 def embody(vehicle: Vehicle, effects: Effects) -> Vehicle:

@@ -21,7 +21,8 @@ from pydantic import ValidationError
 from mjsheaf.engine import mujoco
 from mjsheaf.errors import InputError, expected
 from mjsheaf.io.files import confined, resource_directory
-from mjsheaf.io.yaml import describe_validation_error, read_yaml
+from mjsheaf.io.section import describe_validation_error
+from mjsheaf.io.yaml import read_yaml
 from mjsheaf.vehicles.actuators import LAGS, Azimuth, AzimuthThruster, Range, Thruster
 from mjsheaf.vehicles.steering import Full
 from mjsheaf.vehicles.vehicle import GRAVITY, ROW_NAMES, Inertial, Vehicle, VehicleDescription

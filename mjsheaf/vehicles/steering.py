@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from mjsheaf.io.yaml import Section
-from mjsheaf.jit import part
+from mjsheaf.io.section import Section
+from mjsheaf.jit import inline_jit
 from mjsheaf.vehicles.vectors import cross, product, subtract, to_world, triple
 
 if TYPE_CHECKING:
@@ -212,7 +212,7 @@ class ThrustVector(Steering):
 _SHARE_OF_FALL = 0.5  # a multirotor that points its thrust sinks with at most this much of its weight
 
 
-@part
+@inline_jit
 def drag_force(kind, s):
     """D s + Q |s| s: the force that moves a vehicle at s (3,) through the medium, body axes, N."""
     D, Q = kind.drag, kind.quadratic
@@ -223,7 +223,7 @@ def drag_force(kind, s):
     )
 
 
-@part
+@inline_jit
 def steer(kind, heading, sensed, wanted, force, weight):
     """Turn the force that a velocity takes into what the actuators are to make.
 
@@ -255,7 +255,7 @@ def steer(kind, heading, sensed, wanted, force, weight):
     return weight, turn, force, moment
 
 
-@part
+@inline_jit
 def _point_thrust(kind, heading, R, force, weight):
     """Turn a force (3,) in N that is wanted beside the weight (3,) into thrust along z, and the attitude that makes it.
 
@@ -286,7 +286,7 @@ def _point_thrust(kind, heading, R, force, weight):
     return (0.0, 0.0, along - weight[2]), (0.0, 0.0, weight[2]), attitude
 
 
-@part
+@inline_jit
 def _turn_to(kind, attitude, quaternion, omega):
     """The moment that turns the vehicle from its quaternion to a wanted attitude, body axes, N m."""
     w, x, y, z = attitude

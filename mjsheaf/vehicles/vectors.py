@@ -3,10 +3,10 @@
 A rotation is a tuple of its nine entries by rows; it turns body axes into world axes.
 """
 
-from mjsheaf.jit import part
+from mjsheaf.jit import inline_jit
 
 
-@part
+@inline_jit
 def rotation(w, x, y, z):
     """The rotation of a unit quaternion."""
     return (
@@ -22,7 +22,7 @@ def rotation(w, x, y, z):
     )
 
 
-@part
+@inline_jit
 def to_world(R, a):
     """R a."""
     return (
@@ -32,7 +32,7 @@ def to_world(R, a):
     )
 
 
-@part
+@inline_jit
 def to_body(R, a):
     """R^T a."""
     return (
@@ -42,37 +42,37 @@ def to_body(R, a):
     )
 
 
-@part
+@inline_jit
 def upward(R, size):
     """R^T e_z times a size: a vertical vector in body axes."""
     return R[6] * size, R[7] * size, R[8] * size
 
 
-@part
+@inline_jit
 def add(a, b):
     """a + b."""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
-@part
+@inline_jit
 def subtract(a, b):
     """a - b."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
-@part
+@inline_jit
 def cross(a, b):
     """a x b."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@part
+@inline_jit
 def triple(row):
     """The first three entries of an array."""
     return row[0], row[1], row[2]
 
 
-@part
+@inline_jit
 def product(M, a):
     """M a for an array M (3, 3)."""
     return (
@@ -82,7 +82,7 @@ def product(M, a):
     )
 
 
-@part
+@inline_jit
 def row_product(row, a, b):
     """A row (6,) times [a; b]."""
     first = row[0] * a[0] + row[1] * a[1] + row[2] * a[2]

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from mjsheaf.errors import InputError
-from mjsheaf.io.yaml import Section
+from mjsheaf.io.section import Section
 from mjsheaf.vehicles.actuators import Azimuth, Channel, Thruster
 from mjsheaf.vehicles.steering import HandPoint, Steering, ThrustVector
 

@@ -2,10 +2,11 @@
 
 Where to look:
 
-- film: what is drawn, the record of a run, and how the viewer wants to see it;
+- film: a team over time, the viewer's options, and what each frame shows of them;
+- from_run: a film of a run's data;
 - draw: the whole of it, film and model in, video file out;
-- sampling, camera, decorate, overlay (of curve, legend and sprite): what one frame shows;
-- gl (and probe), renderer, enlarge, detail, encode: how it becomes pixels and a file.
+- camera, scene, overlay: where the camera is, and what is added to the vehicles and written over them;
+- gl, renderer: how it becomes pixels.
 """
 
 from importlib import import_module

@@ -6,23 +6,23 @@ right, y up, z forward) and for an eye at e, a point is left of the picture's ri
     x - e_x <= right (z - e_z),    that is    e_x - right e_z >= x - right z,
 
 and the other three sides are alike: each asks that something linear in the eye exceed something known. The
-known parts are four *bounds* per sample, the largest over all points. Smoothing the bounds from above (a
+known parts are four *bounds* per frame, the largest over all points. Smoothing the bounds from above (a
 moving maximum, then a moving average over the same window) smooths the eye, and no point leaves the picture.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import convolve1d, maximum_filter1d
 
-from mjsheaf.video.series import FloatArray, Series, blocks
+from mjsheaf.video.film import FloatArray
 
 # How much of the picture's half-width or half-height the team may fill: at the left, right, bottom and top.
 # There is more room at the top, as the title stands there.
 FILL = (0.88, 0.88, 0.86, 0.74)
 SMOOTHING = 2.5  # half the window over which the camera's motion is smoothed, in s of video
-MOST_KEYS = 6000  # times at which the camera's place is found: up to three minutes of video, every frame
+MOST_KEYS = 6000  # frames at which the camera's place is found: up to three minutes of video, every one
 
 
 @dataclass(frozen=True)
@@ -80,10 +80,10 @@ def axes(azimuth: float, elevation: float) -> FloatArray:
 
 @dataclass(frozen=True)
 class CameraPath:
-    """The camera over a film of F frames, known at K <= F keys, evenly spaced from the first frame to the last.
+    """The camera over a film, known at K keys: every so many frames, from the first on.
 
     Attributes:
-        frames: F.
+        stride: frames from one key to the next.
         lookat: Shape (K, 3), in m.
         distance: Shape (K,), in m.
         azimuth: direction of view about z, in degrees.
@@ -91,7 +91,7 @@ class CameraPath:
         fovy: vertical angle of view, in degrees.
     """
 
-    frames: int
+    stride: int
     lookat: FloatArray
     distance: FloatArray
     azimuth: float
@@ -99,20 +99,17 @@ class CameraPath:
     fovy: float
 
     def view(self, frame: int) -> View:
-        """Return the camera at one frame."""
-        keys = len(self.distance)
-        place = frame if keys == self.frames else frame * (keys - 1) / (self.frames - 1)
-        key = min(int(place), max(keys - 2, 0))
-        after, share = min(key + 1, keys - 1), place - key
-        lookat = (1 - share) * self.lookat[key] + share * self.lookat[after]
-        distance = (1 - share) * self.distance[key] + share * self.distance[after]
-        return View(lookat, float(distance), self.azimuth, self.elevation, self.fovy)
+        """Return the camera at one frame: on a straight line between two keys."""
+        key, after = divmod(frame, self.stride)
+        nearest = [key, min(key + 1, len(self.distance) - 1)]
+        weight = np.array([1 - after / self.stride, after / self.stride])
+        lookat, distance = weight @ self.lookat[nearest], float(weight @ self.distance[nearest])
+        return View(lookat, distance, self.azimuth, self.elevation, self.fovy)
 
 
 def camera_path(
-    time: FloatArray,
-    points: Sequence[Series],
-    frames: FloatArray,
+    points: Iterable[FloatArray],
+    frames: int,
     *,
     azimuth: float,
     elevation: float,
@@ -121,13 +118,14 @@ def camera_path(
     radius: float,
     window: int,
     distance: float | None = None,
+    keys: int = MOST_KEYS,
 ) -> CameraPath:
     """Follow the team.
 
     Args:
-        time: of the samples, increasing. Shape (T,), in s.
-        points: what must stay in the picture; each of shape (T, n, 3), in m, and finite.
-        frames: times of the frames. Shape (F,), in s.
+        points: what must stay in the picture at consecutive frames, a few frames at a time: each of shape (f, n, 3),
+            in m, and finite.
+        frames: how many there are in all, F.
         azimuth: direction of view about z, in degrees.
         elevation: angle above the horizon, in degrees.
         fovy: vertical angle of view, in degrees.
@@ -135,15 +133,18 @@ def camera_path(
         radius: of the ball about each point that must be in the picture, in m; positive.
         window: frames on either side over which motion is smoothed.
         distance: from the eye to the middle of the team, in m, if it is not to be found from the points.
+        keys: the most frames at which the camera's place is found.
     """
     rotation = axes(azimuth, elevation)
     # Slopes of the sides and bounds on the eye: left, right, bottom, top.
     slopes = np.tan(np.radians(fovy) / 2) * np.array([aspect, aspect, 1.0, 1.0]) * FILL
-    keys = frames if len(frames) <= MOST_KEYS else np.linspace(frames[0], frames[-1], MOST_KEYS)
-    window = max(1, round(window * len(keys) / len(frames))) if window else 0
-    bounds, depth = _bounds(time, points, keys, rotation, slopes, radius)
-    left, right, bottom, top = (_smooth_above(bound, window) for bound in bounds.T)
-    middle = _smooth(depth, window)
+    stride = -(-frames // keys)
+    window = round(window / stride)
+    bounds = _bounds(points, frames, stride, rotation, slopes)
+    # A ball touches a side's plane when its centre is a radius away from it, measured at right angles.
+    bounds[:, :4] += radius * np.sqrt(1 + slopes**2)
+    left, right, bottom, top = (_smooth_above(bound, window) for bound in bounds[:, :4].T)
+    middle = _smooth((bounds[:, 4] - bounds[:, 5]) / 2, window)
 
     # e_z: as far back as the tighter of the two pairs of sides asks; the other pair has room, shared equally.
     forward = -np.maximum((left + right) / (slopes[0] + slopes[1]), (bottom + top) / (slopes[2] + slopes[3]))
@@ -160,54 +161,35 @@ def camera_path(
     # The point looked at decides nothing in the picture, but its distance is the scale of all that is drawn.
     range_ = np.maximum(middle - forward, radius)
     lookat = (eye + np.stack([np.zeros_like(range_), np.zeros_like(range_), range_], axis=1)) @ rotation
-    return CameraPath(len(frames), lookat, range_, azimuth, elevation, fovy)
+    return CameraPath(stride, lookat, range_, azimuth, elevation, fovy)
 
 
 def _bounds(
-    time: FloatArray,
-    points: Sequence[Series],
-    keys: FloatArray,
-    rotation: FloatArray,
-    slopes: FloatArray,
-    radius: float,
-) -> tuple[FloatArray, FloatArray]:
-    """Return what the sides ask of the eye, shape (K, 4), and the depth of the team's middle, shape (K,).
+    points: Iterable[FloatArray], frames: int, stride: int, rotation: FloatArray, slopes: FloatArray
+) -> FloatArray:
+    """Return what is asked in the frames from each key to the next, shape (K, 6).
 
-    At a key it is the most that is asked at any time between the key before and the key after, so that a camera that
-    moves straight from key to key keeps everything in the picture.
+    What the four sides ask of the eye, the depth of the farthest point, and that of the nearest with a minus.
     """
-    bounds, depth = np.full((len(keys), 4), -np.inf), np.zeros(len(keys))
-    signs = np.array([-1.0, 1.0, -1.0, 1.0])
-    last: FloatArray | None = None
-    for start, block in blocks(points[0]):
-        stop = start + len(block)
-        x, y, z = np.moveaxis(np.concatenate([block, *(p[start:stop] for p in points[1:])], axis=1) @ rotation.T, -1, 0)
-        asked = [(signs[side] * across - slopes[side] * z).max(axis=1) for side, across in enumerate((x, x, y, y))]
-        here = np.column_stack([time[start:stop], *asked, (z.min(axis=1) + z.max(axis=1)) / 2])
-        if last is not None:  # the stretch between two blocks belongs to the second
-            here = np.concatenate([last, here])
-        instants = here[:, 0]
-        after = np.searchsorted(keys, instants, side="left")
-        before = np.searchsorted(keys, instants, side="right") - 1
-        for near in (before, after):
-            np.maximum.at(bounds, np.clip(near, 0, len(keys) - 1), here[:, 1:5])
-        # Between two samples a key asks for what lies between.
-        inside = np.flatnonzero((keys >= instants[0]) & ((keys <= instants[-1]) | (stop == len(time))))
-        for side in range(4):
-            at_key = np.interp(keys[inside], instants, here[:, 1 + side])
-            bounds[inside, side] = np.maximum(bounds[inside, side], at_key)
-        depth[inside] = np.interp(keys[inside], instants, here[:, 5])
-        last = here[-1:]
-    # A ball touches a side's plane when its centre is a radius away from it, measured at right angles.
-    return bounds + radius * np.sqrt(1 + slopes**2), depth
+    bounds = np.full((-(-frames // stride), 6), -np.inf)
+    frame = 0
+    for block in points:
+        x, y, z = np.moveaxis(block @ rotation.T, -1, 0)
+        sides = [
+            sign * across - slope * z for sign, across, slope in zip((-1, 1, -1, 1), (x, x, y, y), slopes, strict=True)
+        ]
+        asked = np.stack([values.max(axis=1) for values in (*sides, z, -z)], axis=1)
+        np.maximum.at(bounds, (frame + np.arange(len(block))) // stride, asked)
+        frame += len(block)
+    return bounds
 
 
 def _smooth_above(values: FloatArray, window: int) -> FloatArray:
-    """Return a smooth curve that is nowhere below the values. Shape (F,)."""
-    return _smooth(maximum_filter1d(values, 2 * window + 1, mode="nearest"), window)
+    """Return a smooth curve that is nowhere below the values or the ones just before. Shape (K,)."""
+    return _smooth(maximum_filter1d(values, 2 * window + 3, mode="nearest"), window)
 
 
 def _smooth(values: FloatArray, window: int) -> FloatArray:
-    """Average over `window` values on either side, weighted by a Hann window. Shape (F,)."""
+    """Average over `window` values on either side, weighted by a Hann window. Shape (K,)."""
     weights = np.hanning(2 * window + 3)[1:-1]
     return convolve1d(values, weights / weights.sum(), mode="nearest")

@@ -1,27 +1,39 @@
-"""A finished run, drawn to a video."""
+"""A film, drawn frame by frame and written to an MP4: H.264, yuv420p, which plays everywhere."""
 
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import AbstractContextManager, closing
 from copy import copy
+from functools import partial
 from pathlib import Path
-from types import TracebackType
 
+import imageio.v3 as iio
 import mujoco
 import numpy as np
 from PIL import Image
 
 from mjsheaf.errors import InputError, MjsheafError
-from mjsheaf.video.camera import SMOOTHING, CameraPath, View, camera_path
-from mjsheaf.video.decorate import Decorator
-from mjsheaf.video.detail import set_depth_range, set_smoothness
-from mjsheaf.video.encode import write_mp4
-from mjsheaf.video.enlarge import enlarge_vehicles, vehicle_radius
-from mjsheaf.video.film import Film, VideoOptions
+from mjsheaf.io.files import whole_file
+from mjsheaf.video.camera import SMOOTHING, View, camera_path
+from mjsheaf.video.film import Film, Frames, Moment, VideoOptions
 from mjsheaf.video.gl import available_backend
 from mjsheaf.video.overlay import Overlay
-from mjsheaf.video.renderer import Frame, Renderer
-from mjsheaf.video.sampling import Moment, frame_times, moment
-from mjsheaf.video.sanity import Reach
+from mjsheaf.video.renderer import Renderer, enlarge_vehicles, set_detail, vehicle_radius
+from mjsheaf.video.scene import Decorator
+
+QUALITY = 6  # imageio's, from 1 to 10: x264's constant rate factor 20; 18 looks lossless, 23 is x264's default
+PRESET = "veryfast"  # the picture is the costly part, and x264 competes with it for the same cores
+X264 = "me=dia:subme=1:weightp=0:rc-lookahead=5:threads=2:lookahead-threads=1"
+"""A third less work than the preset's, at the same size of such pictures, on few threads."""
+CONTAINER = ("-movflags", "+faststart", "-f", "mp4")  # named: the file's own name says it only in the end
+AHEAD = 3  # frames drawn but not yet taken by the encoder
+
+_BLOCK = 1 << 20  # bytes; more than ffmpeg writes at a time
+
+
+class UnwritableError(InputError):
+    """A video's place cannot be written, or its disk is full."""
 
 
 def draw_video(
@@ -45,14 +57,15 @@ def draw_video(
 
     Raises:
         InputError: the film does not fit the model.
+        UnwritableError: the file cannot be written.
         MjsheafError: no offscreen OpenGL works here (the message says what to install), or ffmpeg failed.
     """
     options = options or VideoOptions()
     with Painter(film, model, options) as painter:
-        return write_mp4(Path(path), painter.frames(progress), options.width, options.height, options.fps)
+        return write_mp4(Path(path), painter.frames(progress), options.fps)
 
 
-class Painter:
+class Painter(AbstractContextManager["Painter"]):
     """Draws a film frame by frame. It is a context manager; `close` frees the GL resources.
 
     Attributes:
@@ -61,8 +74,14 @@ class Painter:
         model, data: MuJoCo's, for drawing alone.
     """
 
-    def __init__(self, film: Film, model: mujoco.MjModel, options: VideoOptions) -> None:
+    def __init__(self, film: Film, model: mujoco.MjModel, options: VideoOptions, beside: Sequence[Film] = ()) -> None:
         """Set everything up.
+
+        Args:
+            film: the run.
+            model: arena and vehicles; it is not changed.
+            options: size, camera, speed and so on.
+            beside: other films, as long and with as many vehicles, that the camera keeps in view too.
 
         Raises:
             InputError: the film does not fit the model.
@@ -72,66 +91,64 @@ class Painter:
         backend, reason = available_backend()
         if backend is None:
             raise MjsheafError(reason)
-        reach = Reach.of(film)
-        self._film = reach.drawable(film)
+        self._film = film
+        self._frames = Frames(film, options)
+        self.times = self._frames.times
         self.model = copy(model)  # its vehicles' size and its visual settings are changed
         enlarge_vehicles(self.model, film.body_id, options.vehicle_scale)
-        self.times = frame_times(film, options)
-        self._radius = vehicle_radius(self.model, film.body_id)
-        self.camera = self._follow_team(film, reach, options)
-        set_depth_range(self.model, self.camera)
-        set_smoothness(self.model, self.camera, self._radius, options)
-        self._size = (options.width, options.height)
-        if options.quality == "draft":
-            self.model.vis.quality.offsamples = 0  # edges are not smoothed
-        self.data = mujoco.MjData(self.model)
-        self._decorator = Decorator(self._film, options)
-        self._overlay = Overlay(self._film, options)
-        self._renderer = Renderer(self.model, *options.drawn, backend, self._decorator.most_geoms)
-
-    def _follow_team(self, film: Film, reach: Reach, options: VideoOptions) -> CameraPath:
-        return camera_path(
-            film.time,
-            [reach.followed(film.positions), reach.followed(film.harmonic_extension)],
-            self.times,
+        radius = vehicle_radius(self.model, film.body_id)
+        self.camera = camera_path(
+            self._followed([self._frames, *(Frames(other, options) for other in beside)]),
+            len(self.times),
             azimuth=options.azimuth,
             elevation=options.elevation,
             fovy=float(self.model.vis.global_.fovy),
             aspect=options.width / options.height,
-            radius=self._radius,
+            radius=radius,
             window=round(SMOOTHING * options.fps),
             distance=options.distance,
         )
+        set_detail(self.model, self.camera, radius, options.drawn[1])
+        self._size = (options.width, options.height)
+        if options.quality == "draft":
+            self.model.vis.quality.offsamples = 0  # edges are not smoothed
+        self.data = mujoco.MjData(self.model)
+        self._decorator = Decorator(film, options)
+        self._overlay = Overlay(film, options, self._frames.extent.survey)
+        self._renderer = Renderer(self.model, *options.drawn, backend, self._decorator.most_geoms)
 
-    def frames(self, progress: Callable[[int, int], None] | None = None) -> Iterator[Frame]:
-        """All frames in turn, each of shape (height, width, 3); one is written on while the next is drawn."""
-        count, written = len(self.times), None
-        with ThreadPoolExecutor(1) as writer:
-            for number in range(count + 1):
-                last = written
-                written = writer.submit(self._write, *self._draw(number)) if number < count else None
-                if last is not None:
-                    yield last.result()
-                    if progress is not None:
-                        progress(number, count)
+    @staticmethod
+    def _followed(films: list[Frames]) -> Iterator[np.ndarray]:
+        """What the camera keeps in view, some frames at a time: each of shape (f, n, 3), in m."""
+        for chunk in range(-(-len(films[0].times) // films[0].step)):
+            yield np.concatenate([frames.extent.followed(frames.chunk(chunk)) for frames in films], axis=1)
 
-    def paint(self, number: int) -> Frame:
-        """One frame, shape (height, width, 3)."""
-        return self._write(*self._draw(number))
+    def frames(self, progress: Callable[[int, int], None] | None = None) -> Iterator[Callable[[], Image.Image]]:
+        """Draw all frames in turn; see `draw`."""
+        for number in range(len(self.times)):
+            yield self.draw(number)
+            if progress is not None:
+                progress(number + 1, len(self.times))
 
-    def _draw(self, number: int) -> tuple[Frame, Moment, View]:
+    def draw(self, number: int) -> Callable[[], Image.Image]:
+        """Draw one frame's scene, and return what completes the frame, which may be called in another thread."""
         now, view = self.pose(number)
-        return self._renderer.draw(self.data, view, lambda scene: self._decorator.add(scene, now, view)), now, view
+        scene = self._renderer.draw(self.data, view, lambda scene: self._decorator.add(scene, now, view))
+        return partial(self._write, scene, now, view)
 
-    def _write(self, frame: Frame, now: Moment, view: View) -> Frame:
-        if frame.shape[1::-1] != self._size:
-            frame = np.array(Image.fromarray(frame).resize(self._size, Image.Resampling.BILINEAR))
-        self._overlay.write(frame, now, view)
-        return frame
+    def paint(self, number: int) -> np.ndarray:
+        """One frame, shape (height, width, 3)."""
+        return np.array(self.draw(number)())
+
+    def _write(self, image: Image.Image, now: Moment, view: View) -> Image.Image:
+        if image.size != self._size:
+            image = image.resize(self._size, Image.Resampling.BILINEAR)
+        self._overlay.write(image, now, view)
+        return image
 
     def pose(self, number: int) -> tuple[Moment, View]:
         """Put the vehicles where a frame has them: all of MuJoCo's kinematics that drawing needs, and no dynamics."""
-        now = moment(self._film, float(self.times[number]))
+        now = self._frames.moment(number)
         address = self._film.qpos_address[:, None]
         self.data.qpos[address + np.arange(3)] = now.positions
         self.data.qpos[address + np.arange(3, 7)] = now.quaternions
@@ -144,12 +161,7 @@ class Painter:
         """Free the GL resources. Closing twice does nothing."""
         self._renderer.close()
 
-    def __enter__(self) -> "Painter":
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 
@@ -161,3 +173,87 @@ def _check_fit(film: Film, model: mujoco.MjModel) -> None:
         if not free or model.jnt_qposadr[joint] != address:
             name = [*film.agent_ids, *film.target_ids][vehicle]
             raise InputError(f"body {body} of {name} must have a free joint at qpos[{address}] in the model")
+
+
+def write_mp4(path: Path, frames: Iterable[Callable[[], Image.Image]], fps: float) -> int:
+    """Encode frames as they come. The file appears under its name only when it is complete.
+
+    Args:
+        path: the file to write; one that exists is replaced.
+        frames: each is called in another thread and returns a picture, RGB. All are of one even width and height;
+            there is at least one.
+        fps: frames in a second.
+
+    Returns:
+        How many frames were written.
+
+    Raises:
+        UnwritableError: the file cannot be written.
+        MjsheafError: ffmpeg is missing or fails.
+    """
+    try:
+        with whole_file(path) as part:
+            try:
+                count = _encode(part, frames, fps)
+                if abs(_duration(part) - count / fps) > 1 / fps + 0.01:  # ffmpeg gives hundredths of a second
+                    raise MjsheafError(f"ffmpeg did not finish {path} ({count} frames)")
+            except MjsheafError:
+                _require_room(part)
+                raise
+    except OSError as error:
+        raise UnwritableError(f"{path}: cannot be written: {error.strerror or error}") from error
+    return count
+
+
+def _encode(part: Path, frames: Iterable[Callable[[], Image.Image]], fps: float) -> int:
+    """Complete the frames and feed them to ffmpeg while the next ones are drawn; returns how many there were."""
+    # imageio takes a file for a video by its extension, which that of a part is not.
+    plugin = iio.imopen(part, "w", plugin="FFMPEG", extension=".mp4", legacy_mode=True)
+    writer = plugin.legacy_get_writer(
+        fps=fps,
+        codec="libx264",
+        quality=QUALITY,
+        macro_block_size=2,  # no other size than asked for: it is even, which is all that yuv420p needs
+        output_params=["-preset", PRESET, "-x264-params", X264, *CONTAINER],
+    )
+    count = 0
+    sent: deque[Future[None]] = deque()
+
+    def wait(most: int) -> None:
+        """Wait until so many frames, at most, are not yet taken."""
+        while len(sent) > most:
+            try:
+                sent.popleft().result()
+            except (OSError, RuntimeError) as error:
+                taken = count - len(sent) - 1
+                reason = str(error).strip().split("\n")[0] or type(error).__name__
+                what = f"ffmpeg stopped after {taken} frames" if taken else "cannot start ffmpeg"
+                raise MjsheafError(f"{what}: {reason}") from error
+
+    with closing(writer), ThreadPoolExecutor(1) as encoder:
+        for frame in frames:
+            sent.append(encoder.submit(lambda finish: writer.append_data(np.asarray(finish())), frame))
+            count += 1
+            wait(AHEAD)
+        wait(0)
+    return count
+
+
+def _duration(part: Path) -> float:
+    """Read a video's length in s, -1 if it is none: ffmpeg's exit status is not to be had."""
+    try:
+        return float(iio.immeta(part, plugin="FFMPEG", extension=".mp4")["duration"])
+    except (OSError, RuntimeError, IndexError, KeyError):
+        return -1.0
+
+
+def _require_room(part: Path) -> None:
+    """See whether the disk is why ffmpeg failed, which does not tell.
+
+    Raises:
+        OSError: it takes no more.
+    """
+    with part.open("ab", buffering=0) as file:
+        room = bytes(_BLOCK)
+        while room:
+            room = room[file.write(room) :]

@@ -1,109 +1,154 @@
-"""What a video is drawn from: the record of a finished run, and how the viewer wants to see it."""
+"""A film: a team over time, how the viewer wants to see it, and what is seen in each frame."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Annotated, Literal, NamedTuple, Protocol
 
 import numpy as np
+import numpy.typing as npt
+from pydantic import Field
 
 from mjsheaf.errors import InputError
-from mjsheaf.video.series import FloatArray, IntArray, Series
+from mjsheaf.scenario.scenario import Video
 
-QUALITIES = ("good", "draft")
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+UPRIGHT: FloatArray = np.array([1.0, 0.0, 0.0, 0.0])  # quaternion
 Edge = tuple[int, int, Literal["communication", "sensing"]]
 
 
 @dataclass(frozen=True)
-class Film:
-    """A finished run, ready to be drawn. T samples, V vehicles: N agents first, then the targets.
+class Samples:
+    """A team at T times: V vehicles, N agents first, then the targets.
 
-    Positions, attitudes, q* and the error may be arrays, or blocks that are read when they are drawn: then the video of
-    a long run takes no more memory than that of a short one.
+    Attributes:
+        time: Shape (T,), in s.
+        positions: position of each vehicle's body frame. Shape (T, V, 3), in m.
+        quaternions: attitude of each vehicle, w x y z. Shape (T, V, 4).
+        harmonic_extension: where each agent should be, q*. Shape (T, N, 3), in m.
+        error: the error shown beside the picture. Shape (T,), in the film's error_unit.
+    """
+
+    time: FloatArray
+    positions: FloatArray
+    quaternions: FloatArray
+    harmonic_extension: FloatArray
+    error: FloatArray
+
+    def at(self, times: FloatArray) -> "Samples":
+        """Interpolate: linear, for attitudes linear and normalised; held before the first and after the last sample.
+
+        Args:
+            times: Shape (K,), in s. Those of the samples must increase.
+        """
+        after = np.searchsorted(self.time, times, side="right").clip(0, len(self.time) - 1)
+        before = np.maximum(after - 1, 0)
+        span = self.time[after] - self.time[before]
+        share = ((times - self.time[before]) / np.where(span > 0, span, 1.0)).clip(0.0, 1.0)
+
+        def between(first: FloatArray, second: FloatArray) -> FloatArray:
+            weight = share.reshape(-1, *[1] * (first.ndim - 1))
+            with np.errstate(invalid="ignore"):  # a run that blew up has infinite values
+                return np.where(weight > 0, (1 - weight) * first + weight * second, first)
+
+        first, second = self.quaternions[before], self.quaternions[after]
+        opposite = (first * second).sum(axis=-1, keepdims=True) < 0  # q and -q are one attitude: go the shorter way
+        turned = between(first, np.where(opposite, -second, second))
+        return Samples(
+            times,
+            between(self.positions[before], self.positions[after]),
+            turned / np.maximum(np.linalg.norm(turned, axis=-1, keepdims=True), 1e-12),
+            between(self.harmonic_extension[before], self.harmonic_extension[after]),
+            between(self.error[before], self.error[after]),
+        )
+
+
+class Run(Protocol):
+    """A finished run, in memory (`Samples`) or read from its file when it is looked at."""
+
+    @property
+    def time(self) -> FloatArray:
+        """Time of each sample, increasing. Shape (T,), in s."""
+
+    def at(self, times: FloatArray) -> Samples:
+        """Interpolate; see `Samples.at`."""
+
+
+@dataclass(frozen=True)
+class Film:
+    """A finished run, ready to be drawn.
 
     Attributes:
         name: the scenario, drawn as the title.
         subtitle: one line under the title, such as "physics, gain 10".
-        time: time of each sample, increasing. Shape (T,), in s.
+        run: where every vehicle is at any time.
         agent_ids: labels of the N agents.
         target_ids: labels of the V - N targets.
-        positions: position of each vehicle's body frame. Shape (T, V, 3), in m.
-        quaternions: attitude of each vehicle, w x y z. Shape (T, V, 4).
         qpos_address: where each vehicle's free joint begins in qpos. Shape (V,).
         body_id: the body that has that free joint. Shape (V,).
-        harmonic_extension: where each agent should be, q*. Shape (T, N, 3), in m.
         group: index of each vehicle's group, which gives its colour. Shape (V,).
         group_names: names of the G groups, for the legend.
         colours: colour of each group, RGB in 0..1. Shape (G, 3).
         edges: pairs of vehicles (i, j, kind) that exchange states or see each other.
-        error_name: the error shown beside the picture, such as "mean |eta|".
-        error: that error over time. Shape (T,), in error_unit.
+        error_name: the run's error, such as "mean |eta|".
         error_unit: its unit, such as "m".
-        error_range: lowest and highest value of the curve's axis, above 0; None takes them from the error.
+        error_range: lowest and highest value of the error's axis, above 0; None takes them from the error.
         surface: the plane that the model has, if any; what is off it gets a stem to it.
         surface_height: z of that plane, in m.
+        grid: side of the squares on that plane, in m; None where it has none.
+        end: time up to which the film lasts, in s; None for the run's end. After that everything stands still.
     """
 
     name: str
     subtitle: str
-    time: FloatArray
+    run: Run
     agent_ids: list[str]
     target_ids: list[str]
-    positions: Series
-    quaternions: Series
     qpos_address: IntArray
     body_id: IntArray
-    harmonic_extension: Series
     group: IntArray
     group_names: list[str]
     colours: FloatArray
     edges: Sequence[Edge]
     error_name: str
-    error: Series
     error_unit: str
+    error_range: tuple[float, float] | None = None
     surface: Literal["water", "ground", "none"] = "none"
     surface_height: float = 0.0
-    error_range: tuple[float, float] | None = None
+    grid: float | None = None
+    end: float | None = None
 
     def __post_init__(self) -> None:
-        """Check that the arrays fit together.
+        """Check that everything fits together.
 
         Raises:
-            InputError: naming the array that does not, and the shape it should have.
+            InputError: naming the array that does not fit, and the shape expected.
         """
-        samples, agents, vehicles, groups = len(self.time), self.agents, self.vehicles, len(self.group_names)
-        expected = {
-            "time": (max(samples, 1),),
-            "positions": (samples, vehicles, 3),
-            "quaternions": (samples, vehicles, 4),
-            "qpos_address": (vehicles,),
-            "body_id": (vehicles,),
-            "harmonic_extension": (samples, agents, 3),
-            "group": (vehicles,),
-            "colours": (groups, 3),
-            "error": (samples,),
-        }
-        for name, shape in expected.items():
-            value = getattr(self, name)
-            actual = tuple(value.shape) if hasattr(value, "shape") else np.shape(value)
-            if actual != shape:
-                raise InputError(f"film.{name} has shape {actual}; it must be {shape}")
+        time, vehicles, groups = self.run.time, self.vehicles, len(self.group_names)
         if vehicles == 0:
-            raise InputError("film has no vehicles; there must be at least one agent or target")
-        if not np.all(np.diff(self.time) > 0) or not np.all(np.isfinite(self.time)):
-            raise InputError("film.time must be finite and increasing")
+            raise InputError("film has no vehicles; expected at least one agent or target")
+        if not len(time) or not np.isfinite(time).all() or not (np.diff(time) > 0).all():
+            raise InputError("film.run.time: expected at least one time; all finite and increasing")
+        run = self.run if isinstance(self.run, Samples) else self.run.at(time[:1])
+        samples = len(run.time)
+        for name, value, shape in (
+            ("run.positions", run.positions, (samples, vehicles, 3)),
+            ("run.quaternions", run.quaternions, (samples, vehicles, 4)),
+            ("run.harmonic_extension", run.harmonic_extension, (samples, self.agents, 3)),
+            ("run.error", run.error, (samples,)),
+            ("qpos_address", self.qpos_address, (vehicles,)),
+            ("body_id", self.body_id, (vehicles,)),
+            ("group", self.group, (vehicles,)),
+            ("colours", self.colours, (groups, 3)),
+        ):
+            if np.shape(value) != shape:
+                raise InputError(f"film.{name} has shape {np.shape(value)}; expected {shape}")
         if np.any((self.group < 0) | (self.group >= groups)):
-            raise InputError(f"film.group must be between 0 and {groups - 1}, an index into group_names")
+            raise InputError(f"film.group: expected indices into group_names, 0 to {groups - 1}")
         for i, j, kind in self.edges:
             if not (0 <= i < vehicles and 0 <= j < vehicles) or kind not in ("communication", "sensing"):
-                raise InputError(
-                    f"film.edges has ({i}, {j}, {kind!r}); an edge joins two vehicles below {vehicles} "
-                    "and its kind is 'communication' or 'sensing'"
-                )
-
-    def loaded(self) -> "Film":
-        """The same film with all of it in memory."""
-        names = ("positions", "quaternions", "harmonic_extension", "error")
-        return replace(self, **{name: getattr(self, name)[:] for name in names})
+                raise InputError(f"film.edges has ({i}, {j}, {kind!r}); expected two vehicles and a kind of edge")
 
     @property
     def agents(self) -> int:
@@ -115,79 +160,233 @@ class Film:
         """Number of vehicles, V: agents and targets."""
         return len(self.agent_ids) + len(self.target_ids)
 
+    @property
+    def span(self) -> tuple[float, float]:
+        """Times of the first and the last moment, in s."""
+        return float(self.run.time[0]), float(self.run.time[-1] if self.end is None else self.end)
 
-@dataclass(frozen=True)
-class VideoOptions:
-    """How the viewer wants to see a run.
 
-    Attributes:
-        width: frame width, even, 64 to 7680, in pixels.
-        height: frame height, even, 64 to 7680, in pixels.
-        fps: frames in a second of video, 1 to 240.
-        speed: simulated seconds in a second of video, 0.001 to 1000.
-        azimuth: direction in which the camera looks, about the z axis from x, in degrees.
-        elevation: its angle above the horizon, in degrees; negative looks down.
-        distance: from the camera to the middle of the team, in m; None keeps the whole team in view.
-        trail: how far back a vehicle's trail goes, in simulated s; 0 draws none.
-        vehicle_scale: how many times larger than life vehicles are drawn.
-        quality: 'good', or 'draft' for a quick look: the scene is drawn with half as many pixels each way and hard
-            edges, and enlarged; the writing is as sharp as ever.
+class VideoOptions(Video):
+    """How the viewer wants to see a run: a scenario's section `video`, and how large the vehicles are.
+
+    With quality 'draft' the scene is drawn with half as many pixels each way and hard edges, and enlarged; the writing
+    is as sharp as ever.
     """
 
-    width: int = 1280
-    height: int = 720
-    fps: float = 30
-    speed: float = 1.0
-    azimuth: float = -60.0
-    elevation: float = -35.0
-    distance: float | None = None
-    trail: float = 6.0
-    vehicle_scale: float = 1.0
-    quality: Literal["good", "draft"] = "good"
+    vehicle_scale: Annotated[float, Field(ge=1e-3, le=1e4)] = Field(1.0, description="times larger than life")
 
     @property
     def drawn(self) -> tuple[int, int]:
         """Width and height with which the scene is drawn, in pixels."""
-        part = 2 if self.quality == "draft" else 1
-        return -(-self.width // part), -(-self.height // part)
-
-    @property
-    def drawn_unit(self) -> float:
-        """As `unit`, of the scene as it is drawn."""
-        return self.unit * self.drawn[1] / self.height
+        divisor = 2 if self.quality == "draft" else 1
+        return -(-self.width // divisor), -(-self.height // divisor)
 
     @property
     def unit(self) -> float:
         """Pixels of this frame in one of a 1000x720 frame, for which sizes of writing and lines are given."""
         return min(self.width / 1000, self.height / 720)
 
-    def __post_init__(self) -> None:
-        """Check every option.
+    @property
+    def drawn_unit(self) -> float:
+        """As `unit`, of the scene as it is drawn."""
+        return self.unit * self.drawn[1] / self.height
 
-        Raises:
-            InputError: naming the option and what is expected.
+
+def frame_times(film: Film, options: VideoOptions) -> FloatArray:
+    """Return the frames' times, from the first sample on, speed / fps apart. Shape (F,), F >= 1, in s."""
+    start, end = film.span
+    # The small excess is for a duration that is a whole number of frames but for rounding.
+    count = int(np.floor((end - start) * options.fps / options.speed + 1e-6)) + 1
+    return np.asarray(start + np.arange(count) * (options.speed / options.fps), np.float64)
+
+
+OUTLIER_FACTOR = 100.0  # a vehicle that is ever farther out than this many times the extent has blown up,
+UNFOLLOW_FACTOR = 3.0  # and the camera lets go of it where it was last within this many times the extent
+_SURVEYED = 2000  # frames from which the extent is found, and
+_SURVEYED_POSITIONS = 400_000  # positions in them, for large teams
+
+
+@dataclass(frozen=True)
+class Extent:
+    """Where a film takes place, measured robustly against the run itself, and which vehicles leave it.
+
+    A run that blew up has positions that no picture can hold, or none at all.
+
+    Attributes:
+        survey: the film at a number of its frames' times, first and last among them.
+        centre: the middle of everything at all times. Shape (3,), in m.
+        size: the distance from it within which three quarters of everything lies, at least 1, in m.
+        last: the last finite position of each vehicle, then of each q*. Shape (V + N, 3), in m.
+        unfollowed: time from which the camera no longer follows each; infinite where it always does. Shape (V + N,).
+        left: where each was then. Shape (V + N, 3), in m.
+    """
+
+    survey: Samples
+    centre: FloatArray
+    size: float
+    last: FloatArray
+    unfollowed: FloatArray
+    left: FloatArray
+
+    @classmethod
+    def of(cls, film: Film, times: FloatArray) -> "Extent":
+        """Measure a film with frames at these times."""
+        count = min(len(times), _SURVEYED, max(_SURVEYED_POSITIONS // film.vehicles, 2))
+        survey = film.run.at(times[np.linspace(0, len(times) - 1, count).round().astype(np.int64)])
+        points = np.concatenate([survey.positions, survey.harmonic_extension], axis=1)
+        finite: BoolArray = np.isfinite(points).all(axis=-1)
+        known = survey.positions[finite[:, : film.vehicles]]
+        centre: FloatArray = np.median(known, axis=0) if len(known) else np.zeros(3)
+        size = max(float(np.quantile(np.abs(known - centre).max(axis=-1), 0.75)), 1.0) if len(known) else 1.0
+        distance = np.where(finite, np.abs(points - centre).max(axis=-1), np.inf)
+        outlier = distance > OUTLIER_FACTOR * size
+        near = (distance <= UNFOLLOW_FACTOR * size) & ~np.logical_or.accumulate(outlier, axis=0)
+
+        def last(condition: BoolArray) -> tuple[FloatArray, FloatArray]:
+            """When and where each point last met a condition; before all times and at the centre if it never did."""
+            row, ever = len(points) - 1 - np.argmax(condition[::-1], axis=0), np.any(condition, axis=0)
+            place = np.where(np.expand_dims(ever, 1), points[row, np.arange(points.shape[1])], centre)
+            return np.where(ever, survey.time[row], -np.inf), place
+
+        left_at, left = last(near)
+        return cls(survey, centre, size, last(finite)[1], np.where(outlier.any(axis=0), left_at, np.inf), left)
+
+    def drawable(self, samples: Samples) -> Samples:
+        """Make every position and attitude one that can be drawn.
+
+        A vehicle without a position stays where it was last; one that is absurdly far goes no farther; an attitude
+        that is not known is upright.
         """
-        for name in ("width", "height"):
-            value = getattr(self, name)
-            if not isinstance(value, int) or value % 2 or not 64 <= value <= 7680:
-                raise InputError(f"video {name} is {value}; it must be an even number from 64 to 7680")
-        for name, low, high in (
-            ("fps", 1.0, 240.0),
-            ("speed", 1e-3, 1e3),
-            ("azimuth", -360.0, 360.0),
-            ("elevation", -90.0, 90.0),
-            ("trail", 0.0, 1e6),
-            ("vehicle_scale", 1e-3, 1e4),
-        ):
-            _check_range(name, getattr(self, name), low, high)
-        if self.quality not in QUALITIES:
-            raise InputError(f"video quality is {self.quality!r}; it must be {' or '.join(QUALITIES)}")
-        if self.distance is not None:
-            _check_range("distance", self.distance, 1e-3, 1e6)
+        limit, vehicles = OUTLIER_FACTOR * self.size, samples.positions.shape[1]
+
+        def confined(points: FloatArray, last: FloatArray) -> FloatArray:
+            known = np.where(np.isfinite(points).all(axis=-1, keepdims=True), points, last)
+            return np.clip(known, self.centre - limit, self.centre + limit)
+
+        upright = np.where(np.isfinite(samples.quaternions).all(axis=-1, keepdims=True), samples.quaternions, UPRIGHT)
+        return replace(
+            samples,
+            positions=confined(samples.positions, self.last[:vehicles]),
+            harmonic_extension=confined(samples.harmonic_extension, self.last[vehicles:]),
+            quaternions=upright,
+        )
+
+    def followed(self, samples: Samples) -> FloatArray:
+        """Return what the camera keeps in view: vehicles and q*, but where they were left once they blow up.
+
+        Args:
+            samples: drawable ones, at F times.
+
+        Returns:
+            Shape (F, V + N, 3), in m.
+        """
+        points = np.concatenate([samples.positions, samples.harmonic_extension], axis=1)
+        return np.where((samples.time[:, None] >= self.unfollowed)[..., None], self.left, points)
 
 
-def _check_range(name: str, value: float, low: float, high: float) -> None:
-    """Raise InputError if an option is out of its range."""
-    # Written so that NaN, which compares false with everything, is refused too.
-    if not low <= value <= high:
-        raise InputError(f"video {name} is {value}; it must be between {low:g} and {high:g}")
+class Moment(NamedTuple):
+    """What one frame shows.
+
+    Attributes:
+        time: in s.
+        positions: Shape (V, 3), in m.
+        quaternions: Shape (V, 4).
+        harmonic_extension: Shape (N, 3), in m.
+        error: NaN where the run has none.
+        trail: where every vehicle was before, oldest first, and where it is. Shape (J, V, 3), in m.
+        trail_time: Shape (J,), in s.
+    """
+
+    time: float
+    positions: FloatArray
+    quaternions: FloatArray
+    harmonic_extension: FloatArray
+    error: float
+    trail: FloatArray
+    trail_time: FloatArray
+
+
+_READ = 256  # frames that are read together,
+_READ_POSITIONS = 25_600  # and positions in them, for large teams
+
+# Pieces of a trail: the least for one vehicle whatever the budget of all of them together, and the most in a trail
+# that is not long.
+TRAIL_PIECES = (4, 48)
+PIECES_PER_SECOND = 8  # in a long one
+TRAIL_BUDGET = 2000
+
+
+class Frames:
+    """A film at the times of its frames, read some hundred frames at a time: a long run takes no more memory.
+
+    Attributes:
+        film: the film.
+        times: of the frames. Shape (F,), in s.
+        extent: where it takes place.
+        trail: how far back trails go, in s.
+    """
+
+    def __init__(self, film: Film, options: VideoOptions) -> None:
+        self.film = film
+        self.times = frame_times(film, options)
+        self.extent = Extent.of(film, self.times)
+        self.step = max(1, min(_READ, _READ_POSITIONS // film.vehicles))
+        self.trail = min(options.trail, film.span[1] - film.span[0])
+        most = max(TRAIL_PIECES[1], int(PIECES_PER_SECOND * self.trail))
+        # Joints stand at multiples of one interval, so that a trail does not shiver as time goes on.
+        self._interval = self.trail / max(TRAIL_PIECES[0], min(most, TRAIL_BUDGET // film.vehicles))
+        self._chunk = -1
+        self._samples: Samples = self.extent.survey
+        self._multiples: IntArray = np.zeros(0, np.int64)  # of the interval, at which the joints stand
+        self._joints: FloatArray = np.zeros((0, film.vehicles, 3))
+
+    def chunk(self, number: int) -> Samples:
+        """Read `step` consecutive frames, made drawable; there are `len(times) / step` such chunks."""
+        return self.extent.drawable(self.film.run.at(self.times[number * self.step : (number + 1) * self.step]))
+
+    def moment(self, number: int) -> Moment:
+        """Return what a frame shows; frames are best asked for in order."""
+        chunk, row = divmod(number, self.step)
+        if chunk != self._chunk:
+            self._samples, self._chunk = self.chunk(chunk), chunk
+            self._read_joints(self._samples.time)
+        time, positions, quaternions, q_star, error = (values[row] for values in vars(self._samples).values())
+        return Moment(float(time), positions, quaternions, q_star, float(error), *self._trail(time, positions))
+
+    def _needed(self, times: FloatArray) -> tuple[IntArray, IntArray]:
+        """First and last multiple of the interval on the trails at these times, each of shape (K,)."""
+        oldest = np.maximum(times - self.trail, self.film.span[0])
+        first, last = np.floor(oldest / self._interval), np.ceil(times / self._interval) - 1
+        return first.astype(np.int64), last.astype(np.int64)
+
+    def _read_joints(self, times: FloatArray) -> None:
+        """Read the joints of the trails at these times that are not there yet, and forget those of other times."""
+        if self.trail <= 0:
+            return
+        ranges = [np.arange(first, last + 1) for first, last in zip(*self._needed(times), strict=True)]
+        needed = np.unique(np.concatenate(ranges))
+        kept = np.isin(self._multiples, needed)
+        new = np.setdiff1d(needed, self._multiples)
+        joints = [self._joints[kept]]
+        if len(new):
+            joints.append(self.extent.drawable(self.film.run.at(self._joint_times(new))).positions)
+        order = np.argsort(np.concatenate([self._multiples[kept], new]))
+        self._joints, self._multiples = np.concatenate(joints)[order], needed
+
+    def _joint_times(self, multiples: IntArray) -> FloatArray:
+        return np.maximum(multiples * self._interval, self.film.span[0])
+
+    def _trail(self, time: float, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the joints of the trails at a time, shape (J, V, 3), and when vehicles were there, shape (J,)."""
+        if self.trail <= 0:
+            return positions[None], np.array([time])
+        first, last = self._needed(np.array([time]))
+        rows = slice(*np.searchsorted(self._multiples, [first[0], last[0] + 1]))
+        joints = np.concatenate([self._joints[rows], positions[None]])
+        times = np.append(self._joint_times(self._multiples[rows]), time)
+        if len(times) > 1:  # the end is cut where the trail ends, between two joints
+            oldest = max(time - self.trail, self.film.span[0])
+            share = (oldest - times[0]) / max(times[1] - times[0], 1e-12)
+            joints[0] += share * (joints[1] - joints[0])
+            times[0] = oldest
+        return joints, times

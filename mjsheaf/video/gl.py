@@ -2,6 +2,8 @@
 
 MuJoCo chooses its GL library when it is imported, from the variable MUJOCO_GL. Here the choice is made when a
 video is drawn, so it does not matter what was imported or set before; the environment is left as it was.
+
+As a script, this module draws a small picture with the backend that MUJOCO_GL names; it exits with 0 if that shows.
 """
 
 import os
@@ -14,9 +16,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Protocol, cast
 
-from mjsheaf.errors import MjsheafError
-
-PROBE = Path(__file__).with_name("probe.py")
+PROBE = Path(__file__)
 PROBE_TIMEOUT = 60.0  # s; a second is enough, but a loaded machine with a cold disk has taken ten
 
 AUTOMATIC = ("cgl", "glfw") if sys.platform == "darwin" else ("egl", "osmesa")
@@ -68,10 +68,9 @@ def _first_that_works(requested: str) -> tuple[str | None, str]:
 
 def _probe(backend: str) -> str | None:
     """Draw a small picture with the backend in a child process; None if that worked, else why not."""
-    # MuJoCo is told to load no GL of its own: its import fails where the one named by MUJOCO_GL is missing.
-    environment = {**os.environ, "MUJOCO_GL": "disable"}
+    environment = {**os.environ, "MUJOCO_GL": backend}
     environment.pop("PYOPENGL_PLATFORM", None)
-    command = [sys.executable, "-P", str(PROBE), backend]  # -P: this folder's modules must not shadow others
+    command = [sys.executable, "-P", str(PROBE)]  # -P: this folder's modules must not shadow others
     try:
         child = subprocess.run(
             command, env=environment, capture_output=True, text=True, errors="replace", timeout=PROBE_TIMEOUT
@@ -99,6 +98,8 @@ def open_context(backend: str, width: int, height: int) -> GLContext:
     Raises:
         MjsheafError: the driver refuses.
     """
+    from mjsheaf.errors import MjsheafError  # here, as the script stands alone
+
     try:
         with _pyopengl_platform(backend):
             context = cast(GLContext, import_module(f"mujoco.{backend}").GLContext(width, height))
@@ -124,3 +125,31 @@ def _pyopengl_platform(backend: str) -> Iterator[None]:
         os.environ.pop("PYOPENGL_PLATFORM", None)
         if before is not None:
             os.environ["PYOPENGL_PLATFORM"] = before
+
+
+def _draw_ball() -> None:
+    """Draw a white ball on a black background with the backend that MUJOCO_GL names, and look at the pixels."""
+    try:
+        import mujoco
+
+        model = mujoco.MjModel.from_xml_string("<mujoco><worldbody><geom size='.1'/></worldbody></mujoco>")
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
+        renderer = mujoco.Renderer(model, 64, 64)
+    except AttributeError as error:
+        # PyOpenGL has None where it does not find a library, and fails when that is used.
+        raise RuntimeError("its library is not installed") from error
+    renderer.update_scene(data)
+    pixels = renderer.render()
+    if int(pixels.max()) - int(pixels.min()) < 50:
+        raise RuntimeError("it draws an empty picture")
+
+
+if __name__ == "__main__":
+    try:
+        _draw_ball()
+    except Exception as error:
+        print(str(error).strip() or type(error).__name__, file=sys.stderr, flush=True)
+        os._exit(1)
+    # Leave without running the drivers' own clean-up, which is where some of them crash.
+    os._exit(0)

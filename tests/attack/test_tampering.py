@@ -61,12 +61,12 @@ def films(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     drawn: list[Any] = []
 
     def read(film: Any, model: Any, path: Path, *_: Any) -> int:
-        drawn.append(film.loaded())
+        drawn.append(film.run.at(film.run.time))
         path.write_bytes(b"")
         return 1
 
     monkeypatch.setattr("mjsheaf.video.draw_video", read)
-    monkeypatch.setattr("mjsheaf.cli.video.available_backend", lambda: ("egl", ""))
+    monkeypatch.setattr("mjsheaf.video.available_backend", lambda: ("egl", ""))
     return drawn
 
 
@@ -112,9 +112,10 @@ FUZZ = """
 import random, shutil, sys
 from pathlib import Path
 from tests.attack.test_tampering import DAMAGES
-import mjsheaf.video, mjsheaf.cli.video
-mjsheaf.video.draw_video = lambda film, *_: film.loaded() and 1
-mjsheaf.cli.video.available_backend = lambda: ("egl", "")
+from tests.commands import answer_of, is_refusal
+import mjsheaf.video
+mjsheaf.video.draw_video = lambda film, *_: len(film.run.at(film.run.time).time)
+mjsheaf.video.available_backend = lambda: ("egl", "")
 run, choose = Path(sys.argv[1]), random.Random(sys.argv[2])
 data = (run / "result.nc").read_bytes()
 for k in range(int(sys.argv[3])):

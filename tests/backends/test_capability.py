@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from mjsheaf.system import Effects
-from mjsheaf.vehicles.effects import capability_of, embody
+from mjsheaf.vehicles.effects import Effects, capability_of, embody
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 from tests.builders import alone, ask, body
 

@@ -74,7 +74,7 @@ def test_a_change_of_the_compiled_law_is_in_the_data() -> None:
     from mjsheaf.simulation.ideal import run_ideal
     from mjsheaf.simulation.loop import run_physics
 
-    system = mixed_scenario(**SHORT).system()
+    system = mixed_scenario(**SHORT).system
     edges = system.law.edges._replace(b=system.law.edges.b + 0.5)
     changed = replace(system, law=system.law._replace(edges=edges))
     for run in (run_ideal, run_physics):
@@ -109,7 +109,7 @@ def test_one_call_a_sample_and_what_it_is_shown(backend: str) -> None:
     found = mjsheaf.simulate(scenario, backend, controller=law)
     np.testing.assert_allclose([t for t, _ in seen], found["time"].values, rtol=0, atol=1e-12)
     assert law.begun == 1
-    team = scenario.system().team
+    team = scenario.system.team
     positions = np.nan_to_num(np.concatenate([found["agent_position"], found["target_position"]], axis=1))
     number = {m.id: v for v, m in enumerate(team.members)}
     for k in (0, 7, 30):
@@ -139,7 +139,7 @@ def test_one_call_a_sample_and_what_it_is_shown(backend: str) -> None:
 def test_exchange_reaches_neighbours_alone_and_is_counted() -> None:
     """Repeated averaging over the communication graph, by agents that yield: its limit is the mean of a component."""
     scenario = mixed_scenario(**SHORT)
-    team = scenario.system().team
+    team = scenario.system.team
     received: list[set[str]] = []
 
     class Averaging:

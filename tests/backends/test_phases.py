@@ -33,7 +33,7 @@ def without_an_edge(system: System) -> System:
 @pytest.mark.parametrize("period", [0.0, 0.01], ids=["continuous", "held"])
 def test_a_team_that_changes_half_way(backend: Any, period: float) -> None:
     run, pieces = backend
-    system = mixed_scenario(time={"end": 0.4}, controller={"gain": 8.0, "control_period": period}).system()
+    system = mixed_scenario(time={"end": 0.4}, controller={"gain": 8.0, "control_period": period}).system
     other = without_an_edge(system)
     whole = run(system)
     same = [Phase(0, system), Phase(20, system)]
@@ -56,7 +56,7 @@ def test_a_team_that_changes_half_way(backend: Any, period: float) -> None:
 
 
 def test_metrics_are_those_of_the_phase() -> None:
-    system = mixed_scenario(time={"end": 0.4}).system()
+    system = mixed_scenario(time={"end": 0.4}).system
     other = without_an_edge(system)
     for backend in ("ideal", "physics"):
         before, after = stream([Phase(0, system), Phase(20, other)], backend, 0)
@@ -75,7 +75,7 @@ def test_metrics_are_those_of_the_phase() -> None:
 
 @pytest.mark.parametrize("starts", [[], [1], [0, 0], [0, 9, 5], [0, 999]])
 def test_phases_that_do_not_follow_one_another(starts: list[int]) -> None:
-    system = mixed_scenario(time={"end": 0.4}).system()
+    system = mixed_scenario(time={"end": 0.4}).system
     with pytest.raises(InputError, match="phase"):
         phases_of([Phase(k, system) for k in starts])
 

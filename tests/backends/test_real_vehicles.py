@@ -259,7 +259,7 @@ def test_the_hand_point_follows_a_target_while_the_hull_turns() -> None:
             "vehicles": {"targets": "hull"},
             "physics": {"timestep": 0.002},
         }
-    ).system()
+    ).system
     run = run_physics(system)
     late = run.time > 40.0
     apart = np.linalg.norm(run.positions[late, 0] - run.positions[late, 1], axis=1)

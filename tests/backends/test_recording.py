@@ -55,7 +55,7 @@ def test_samples_are_those_of_the_world_looked_at(
 ) -> None:
     monkeypatch.setattr(world, "_CHUNK", chunk * 5)
     fields: dict[str, Any] = {"time": {"end": 0.2}, "controller": {"gain": 30.0, "control_period": period}}
-    system = mixed_scenario(**fields, disturbance={"agents": {"bound": 1.0}}).system()
+    system = mixed_scenario(**fields, disturbance={"agents": {"bound": 1.0}}).system
     time = np.linspace(0.0, 0.15, 16)[:, None, None]
     path = system.initial[3:] + np.concatenate([np.sin(time), time, 0.0 * time], axis=2)
     targets = path if placed else None
@@ -73,7 +73,7 @@ def test_samples_are_those_of_the_world_looked_at(
 def test_pieces_are_the_run(backend: Any, placed: bool, samples: int) -> None:
     """Bit for bit, whatever their length, also where it divides the run."""
     whole_run, stream = backend
-    system = mixed_scenario(time={"end": 0.15}, disturbance={"agents": {"bound": 1.0}}).system()
+    system = mixed_scenario(time={"end": 0.15}, disturbance={"agents": {"bound": 1.0}}).system
     targets = system.initial[3:] + np.linspace(0.0, 0.15, 16)[:, None, None] * [1.0, -2.0, 0.0] if placed else None
     whole = whole_run(system, targets=targets)
     pieces = list(stream(system, samples, targets=targets))
@@ -87,7 +87,7 @@ def test_pieces_are_the_run(backend: Any, placed: bool, samples: int) -> None:
 def test_progress_ends_at_the_last_sample_and_may_stop_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(world, "_CHUNK", 250)
     seen: list[tuple[int, int]] = []
-    system = mixed_scenario(time={"end": 0.2}).system()
+    system = mixed_scenario(time={"end": 0.2}).system
     run_physics(system, lambda done, of: seen.append((done, of)))
     assert seen[-1] == (20, 20)
     assert [done for done, _ in seen] == sorted(done for done, _ in seen)
@@ -101,7 +101,7 @@ def test_progress_ends_at_the_last_sample_and_may_stop_the_run(monkeypatch: pyte
 
 def test_a_blow_up_between_samples_keeps_the_samples_before_it() -> None:
     """With a huge gain the first command flings bodies away; the start is recorded, and nothing after the blow-up."""
-    system = mixed_scenario(controller={"gain": 1e6, "control_period": 0.01}).system()
+    system = mixed_scenario(controller={"gain": 1e6, "control_period": 0.01}).system
     trajectory = run_physics(system)
     assert trajectory.status == "unstable"
     for name in RECORDED:

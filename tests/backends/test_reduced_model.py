@@ -47,7 +47,7 @@ def test_a_fully_actuated_vehicle_comes_to_the_ideal_run_as_tau_goes_to_zero(nam
     """Sup of the distance once the start is over: slope 1 +- .1 from .1 to .01 s, its own drag law and all."""
     taus, apart = [0.1, 0.03, 0.01], []
     for tau in taus:
-        system = chase(name, tau, 0.1 / np.ceil(0.1 / (tau / 8.0))).system()
+        system = chase(name, tau, 0.1 / np.ceil(0.1 / (tau / 8.0))).system
         ideal = run_ideal(system)
         # Targets are bodies too: what is compared is an agent after the very same target.
         bodies = run_physics(system, targets=ideal.positions[:, 1:])
@@ -60,7 +60,7 @@ def test_a_fully_actuated_vehicle_comes_to_the_ideal_run_as_tau_goes_to_zero(nam
 @pytest.mark.parametrize("period", [0.01, 0.0])
 def test_given_targets_make_the_same_ideal_run(period: float) -> None:
     """The run's own targets, given back: all as it was, bit for bit; others, and only their followers' runs differ."""
-    system = mixed_scenario(controller={"gain": 3.0, "control_period": period, "record_period": 0.01}).system()
+    system = mixed_scenario(controller={"gain": 3.0, "control_period": period, "record_period": 0.01}).system
     N = len(system.team.agents)
     run = run_ideal(system)
     again = run_ideal(system, targets=run.positions[:, N:])
@@ -79,7 +79,7 @@ def test_given_targets_make_the_same_run_on_bodies() -> None:
             {"id": "ship", "position": [-3, 2], "heading": 45, "vehicle": "otter"},
         ],
         flow={"agents": FLOW},
-    ).system()
+    ).system
     N = len(system.team.agents)
     run = run_physics(system)
     again = run_physics(system, targets=run.positions[:, N:])
@@ -93,7 +93,7 @@ def test_given_targets_make_the_same_run_on_bodies() -> None:
 
 
 def test_a_run_ends_with_the_last_given_target() -> None:
-    system = mixed_scenario().system()
+    system = mixed_scenario().system
     N = len(system.team.agents)
     whole = run_ideal(system)
     for runner in (run_ideal, run_physics):

@@ -20,7 +20,7 @@ from mjsheaf.cli.main import main
 from mjsheaf.errors import InputError
 from mjsheaf.vehicles.loading import load_vehicle
 from mjsheaf.vehicles.steering import Full
-from tests.builders import RAFT, Edit, alone, altered, ask, body, find
+from tests.builders import RAFT, Edit, alone, altered, ask, body, find, refused
 
 SCENARIO = {
     "name": "rafts",
@@ -126,50 +126,50 @@ def still_yaw(name: str) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize(
-    ("name", "edit", "description", "message"),
+    ("name", "edit", "description", "named"),
     [
         (
             "hexarotor",
             weak,
             {},
-            r"hexarotor\.xml: cannot carry its own weight: \w+ would need a command of 3\.77",
+            ("hexarotor.xml", "weight", 3.776),
         ),
-        ("quadrotor", weak, {}, r"cannot carry its own weight: thruster_\w+ would need a command of .* is 0 to 3$"),
-        ("otter", None, "yaw", r"otter\.xml: a hand point needs a positive drag\.angular in yaw, as g divides by it"),
+        ("quadrotor", weak, {}, ("quadrotor.xml", "weight", "0 to 3")),
+        ("otter", None, "yaw", ("otter.xml", "drag.angular", "yaw")),
         (
             "otter",
             None,
             {"steering": None},
-            r"lacking is sway force \(Assumption 2\); an underactuated vehicle needs",
+            ("sway", "Assumption 2", "steering"),
         ),
-        ("wamv", aft_only, {}, r"lacking is sway force .*needs `steering` in its description"),
-        ("quadrotor", None, {"steering": None}, r"lacking is (surge|sway) force .*needs `steering` in its description"),
-        ("hexarotor", parallel, {}, r"lacking is (surge|sway) force .*needs `steering`"),
-        ("otter", None, {"steering": {"largest_tilt": 30}}, r"otter\.yaml: .*steering has a hand_point on the surface"),
-        ("quadrotor", None, {"steering": {"hand_point": 1}}, r"hand_point on the surface, and a largest_tilt in a vol"),
-        ("otter", None, {"steering": {}}, r"otter\.yaml: steering: give either hand_point or largest_tilt"),
+        ("wamv", aft_only, {}, ("sway", "steering")),
+        ("quadrotor", None, {"steering": None}, ("Assumption 2", "steering")),
+        ("hexarotor", parallel, {}, ("Assumption 2", "steering")),
+        ("otter", None, {"steering": {"largest_tilt": 30}}, ("otter.yaml", "steering", "hand_point")),
+        ("quadrotor", None, {"steering": {"hand_point": 1}}, ("quadrotor.yaml", "steering", "largest_tilt")),
+        ("otter", None, {"steering": {}}, ("otter.yaml", "steering", "hand_point", "largest_tilt")),
         (
             "quadrotor",
             None,
             {"steering": {"largest_tilt": 90}},
-            r"steering\.largest_tilt: input should be less than",
+            ("steering.largest_tilt",),
         ),
-        ("wamv", None, {"added_mass": [1, 2, 3]}, r"added_mass: list should have at least 6 items"),
+        ("wamv", None, {"added_mass": [1, 2, 3]}, ("added_mass", 6)),
         (
             "wamv",
             None,
             {"added_mass": [1, 2, 3, 4, 5, -6]},
-            r"added_mass\.5: input should be greater than or equal",
+            ("added_mass.5",),
         ),
-        ("wamv", None, {"autopilot": {"rate": 0}}, r"autopilot\.rate: input should be greater than 0"),
-        ("wamv", None, {"attitude": None}, r"wamv\.yaml: attitude: .*missing|attitude: field required"),
+        ("wamv", None, {"autopilot": {"rate": 0}}, ("autopilot.rate", 0)),
+        ("wamv", None, {"attitude": None}, ("wamv.yaml", "attitude")),
     ],
 )
 def test_descriptions_that_cannot_work_are_refused(
-    name: str, edit: Edit | None, description: Any, message: str, tmp_path: Path
+    name: str, edit: Edit | None, description: Any, named: tuple, tmp_path: Path
 ) -> None:
     path = altered(tmp_path, name, edit, **(still_yaw(name) if description == "yaw" else description))
-    with pytest.raises(InputError, match=message):
+    with refused(InputError, *named):
         load_vehicle(path)
 
 

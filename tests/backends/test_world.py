@@ -18,7 +18,7 @@ from mjsheaf import World, load_scenario, simulate
 from mjsheaf.errors import InputError, UnstableError
 from mjsheaf.simulation.loop import run_physics
 from mjsheaf.vehicles.loading import load_vehicle
-from tests.builders import altered, find, make_scenario, mixed_scenario
+from tests.builders import altered, find, make_scenario, mixed_scenario, refused
 
 Array = NDArray[np.float64]
 
@@ -106,13 +106,13 @@ def test_start_time_is_respected() -> None:
     assert world.time == world.data.time == 2.5
     world.step(500)
     assert world.time == pytest.approx(3.0, abs=1e-12)
-    trajectory = run_physics(scenario.system())
+    trajectory = run_physics(scenario.system)
     np.testing.assert_allclose(trajectory.time, np.linspace(2.5, 3.0, 51), atol=1e-12)
 
 
 def test_a_run_is_the_world_stepped() -> None:
     scenario = mixed_scenario(time={"end": 0.2})
-    trajectory, world = run_physics(scenario.system()), World(scenario)
+    trajectory, world = run_physics(scenario.system), World(scenario)
     assert trajectory.status == "finished"
     for k in range(21):
         np.testing.assert_array_equal(trajectory.positions[k], world.positions())
@@ -134,16 +134,16 @@ def test_one_run_gives_the_bits_of_another() -> None:
     scenario = mixed_scenario(
         time={"end": 0.5}, disturbance={"agents": {"bound": 1.0}}, spread={"position": 1.0, "heading": 90}
     )
-    one, again = (run_physics(scenario.system()) for _ in range(2))
+    one, again = (run_physics(scenario.system) for _ in range(2))
     for name in ("positions", "quaternions", "heights", "thrust", "saturation"):
         assert getattr(one, name).tobytes() == getattr(again, name).tobytes(), name
-    other = run_physics(scenario.model_copy(update={"seed": 1}).system())
+    other = run_physics(scenario.model_copy(update={"seed": 1}).system)
     assert np.any(other.positions != one.positions)
 
 
 def test_the_height_of_the_water_does_not_matter_in_the_plane() -> None:
     """A boat meets the flow at z = 0 of the plane that it is controlled in, wherever the scene puts the water."""
-    low, high = (run_physics(mixed_scenario(time={"end": 0.3}, scene={"height": z}).system()) for z in (0.0, 30.0))
+    low, high = (run_physics(mixed_scenario(time={"end": 0.3}, scene={"height": z}).system) for z in (0.0, 30.0))
     np.testing.assert_allclose(high.positions, low.positions, rtol=0, atol=1e-11)
     np.testing.assert_allclose(high.log.origin[..., 2][:, [0, 4]], 30.0, atol=1e-9)
 
@@ -160,7 +160,7 @@ def test_forces_of_the_users_own_are_felt() -> None:
 
 def test_a_vehicle_must_fit_its_agent() -> None:
     agents = [{"id": "A", "position": [0, 0], "vehicle": "aerial"}]
-    with pytest.raises(InputError, match=r"agents\.A\.vehicle: 'aerial' moves in 3 dimensions, but A has 2"):
+    with refused(InputError, "agents.A.vehicle", "aerial", 3, 2):
         World(
             make_scenario({"agents": agents, "targets": [{"id": "T", "position": [0, 0, 0]}], "sensing": [["A", "T"]]})
         )
@@ -178,7 +178,7 @@ def test_thrusters_can_be_altered_and_the_trajectory_holds(tmp_path: Path) -> No
     scenario = mixed_scenario(time={"end": 0.5})
     agents = [a.model_dump(exclude_none=True) for a in scenario.agents]
     agents[0]["vehicle"] = altered(tmp_path, "hull", edit)
-    one, other = run_physics(scenario.system()), run_physics(mixed_scenario(time={"end": 0.5}, agents=agents).system())
+    one, other = run_physics(scenario.system), run_physics(mixed_scenario(time={"end": 0.5}, agents=agents).system)
     np.testing.assert_allclose(other.positions, one.positions, rtol=0, atol=1e-9)
     np.testing.assert_allclose(other.log.quaternions, one.log.quaternions, rtol=0, atol=1e-9)
     assert np.abs(other.log.thruster_command[:, :4] - one.log.thruster_command[:, :4]).max() > 1000.0
@@ -201,7 +201,7 @@ def test_a_bad_state_ends_the_run_and_names_the_vehicle(value: float, name: str,
     world.step(25)
     at = world.arena.dof[v] if array == "qvel" else world.arena.qpos[v]
     getattr(world.data, array)[at + 1] = value
-    with pytest.raises(UnstableError, match=rf"^unstable: {name} \(body '.*', speed .*\) at t = 0\.02[56] s; likely"):
+    with pytest.raises(UnstableError, match=rf"\b{name} .*\bt = 0\.02[56] s"):
         world.step(3)
     assert world.time == pytest.approx(0.0255, abs=0.0006)
     assert world.data.time == pytest.approx(world.time)
@@ -227,12 +227,12 @@ def test_a_run_that_blows_up_keeps_what_was_recorded() -> None:
 @pytest.mark.parametrize("factor", [1.0, np.nan])
 def test_a_run_that_is_bad_from_the_start_keeps_its_start(factor: float) -> None:
     """Whether the first commands are huge or not numbers at all; MuJoCo is not given them, and warns of nothing."""
-    system = mixed_scenario(controller={"gain": 1e9, "control_period": 0.01}).system()
+    system = mixed_scenario(controller={"gain": 1e9, "control_period": 0.01}).system
     system = replace(system, law=system.law._replace(gain=factor * system.law.gain))
     world = World(system)
     assert not np.abs(world.data.ctrl).max() < 1e10
     np.testing.assert_allclose(world.data.xpos[world.arena.body[1]], [3, 1, 2])
-    with pytest.raises(UnstableError, match=r"at t = 0 s; likely cause: the held law diverges"):
+    with refused(UnstableError, "t = 0 s", "law"):
         world.step()
     trajectory = run_physics(system)
     assert trajectory.status == "unstable"
@@ -290,7 +290,7 @@ def test_all_that_a_vehicle_has_carries_its_prefix(visible: bool) -> None:
         assert all(model.site(s).name.startswith(f"{name}/") for s in sites)
         seen += len(own)
     assert seen == model.nu
-    with pytest.raises(InputError, match=r"unknown vehicle 'v1'; expected one of V0, .*did you mean V1\?"):
+    with refused(InputError, "'v1'", "V0", "V1"):
         world.actuators("v1")
 
 
@@ -326,7 +326,7 @@ def head_on(contacts: bool) -> Array:
             "physics": {"contacts": contacts},
         }
     )
-    return run_physics(scenario.system()).positions[:, :2, 0]
+    return run_physics(scenario.system).positions[:, :2, 0]
 
 
 def test_without_contacts_boats_pass_through_each_other() -> None:

@@ -36,7 +36,7 @@ def growth_rate(scenario: Mapping[str, Any], gain: float, *, settle: float, span
     def law(_: float, sample: Sample) -> NDArray[np.float64]:
         return -wanted["own"] * wanted["rest"] - wanted["gain"] * (sample.disagreement - wanted["rest"])
 
-    system = scenario_from_mapping(dict(scenario)).system()
+    system = scenario_from_mapping(dict(scenario)).system
     world = mjsheaf.World(system, controller=law, visible=False)
     data, agents, per = world.data, len(system.team.agents), world.steps_per_sample
     wanted["gain"] = system.gain

@@ -564,4 +564,4 @@ def _harmonics(raw: dict[str, Any], V: int) -> Array:
         return np.zeros((V, 0, 5))
     from mjsheaf.scenario import scenario_from_mapping
 
-    return np.ascontiguousarray(scenario_from_mapping(raw).system().harmonics)
+    return np.ascontiguousarray(scenario_from_mapping(raw).system.harmonics)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
 import mjsheaf
-from mjsheaf.checking.bound import RunBound, bound_of_run
+from mjsheaf.checking.finished import RunBound, bound_of_run
 from mjsheaf.checking.targets import follow_targets
 from mjsheaf.scenario import scenario_from_mapping
 from tests.checking.adversarial import FAMILIES, TEAMS, adversarial_scenario, family_of
@@ -94,7 +94,7 @@ def judge(raw: dict[str, Any], truth: Truth | None = None) -> Judgement:
     result = mjsheaf.simulate(scenario, "ideal")
     after = None
     if result.attrs["status"] == "finished":
-        after = _claim_of_run(bound_of_run(scenario.system(), result), truth)
+        after = _claim_of_run(bound_of_run(scenario.system, result), truth)
     return Judgement(
         before=claim_of_check(record, truth),
         after=after,
@@ -135,10 +135,10 @@ def _ratio(truth: Truth, bound: Array) -> float:
 def _path_error(scenario: mjsheaf.Scenario, truth: Truth) -> float | None:
     if truth.status != "finished":
         return None
-    system = scenario.system()
+    system = scenario.system
     path = follow_targets(system)
     start, end = float(system.grid.samples[0]), float(system.grid.samples[-1])
-    if path.complaint or path.time[-1] < end - 1e-9 * (end - start):
+    if path.warning or path.time[-1] < end - 1e-9 * (end - start):
         return None
     targets = path.positions[:, len(system.team.agents) :]
     chosen = np.unique(np.linspace(0, len(path.time) - 1, 2000).astype(int))

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import mjsheaf
-from mjsheaf.checking.bound import bound_of_run
+from mjsheaf.checking.finished import bound_of_run
 from mjsheaf.dynamics.flow import FlowField
 from mjsheaf.scenario import scenario_from_mapping
 from mjsheaf.simulation.ideal import run_ideal
@@ -23,7 +23,6 @@ from tests.checking.adversarial import FAMILIES, REPORTED, TEAMS, adversarial_sc
 from tests.checking.study import BASELINE, BROKEN, Judgement, judge, record_shipped, row_of, table
 from tests.checking.test_theorem import CERTIFIED
 
-FAST = [k for k in range(40) if k not in (8, 9, 10, 19, 23, 24, 25, 28, 29, 30, 39)]  # those that are quick
 KEPT_OF_RANDOM = 0.95
 KEPT_OF_ADVERSARIAL = 0.60
 FEWEST_CERTIFIED = 0.4  # of all teams: a study of refusals would show nothing
@@ -39,7 +38,7 @@ def _baseline() -> dict[str, Any]:
     return dict(json.loads(BASELINE.read_text()))
 
 
-def _complaints(seed: int, found: Judgement, raw: dict[str, Any]) -> list[str]:
+def _warnings(seed: int, found: Judgement, raw: dict[str, Any]) -> list[str]:
     """What of a judgement must not be."""
     name, wrong = f"{seed} ({family_of(seed)})", []
     for which, claim in (("check", found.before), ("run", found.after)):
@@ -69,11 +68,7 @@ def _held_targets_diverge(raw: dict[str, Any]) -> bool:
     return bool(h * np.linalg.eigvals(rate).real.max() > 2.0 + 1e-9)
 
 
-@pytest.mark.parametrize("seed", FAST)
-def test_what_is_certified_is_so(seed: int) -> None:
-    assert not _complaints(seed, _judgement(seed), adversarial_scenario(seed))
-
-
+@pytest.mark.slow
 @pytest.mark.parametrize("case", [k for k in REPORTED if k != 6])
 def test_no_reported_case_is_certified_wrongly(case: int) -> None:
     raw = {"name": f"case{case}", **REPORTED[case]()}
@@ -97,7 +92,7 @@ def test_no_team_of_a_family_breaks_its_bound(family: str) -> None:
     wrong = []
     for seed in range(TEAMS):
         if family_of(seed) == family:
-            wrong += _complaints(seed, _judgement(seed), adversarial_scenario(seed))
+            wrong += _warnings(seed, _judgement(seed), adversarial_scenario(seed))
     assert not wrong, "\n".join(wrong)
 
 
@@ -127,7 +122,7 @@ def test_random_teams_keep_their_certificates_at_the_same_gain(capsys: pytest.Ca
         raw = random_scenario(seed)
         raw["controller"] = {**raw["controller"], "gain": _baseline()["random_gains"][seed]}
         scenario = scenario_from_mapping(raw)
-        run = bound_of_run(scenario.system(), mjsheaf.simulate(scenario, "ideal"))
+        run = bound_of_run(scenario.system, mjsheaf.simulate(scenario, "ideal"))
         if not run.applies or run.approximate:
             refused.append(f"{seed}: {run.reason}")
         elif run.ratio is None or run.ratio > BROKEN:
@@ -194,7 +189,7 @@ def test_the_oracles_flow_is_the_packages(dimension: int) -> None:
         "flow": {"agents": {"dimension": dimension, **kernels}},
     }
     loop, _, _ = oracle.loop_of(raw)
-    field = scenario_from_mapping(raw).system().flow_of(0)
+    field = scenario_from_mapping(raw).system.flow_of(0)
     assert isinstance(field, FlowField)
     w = np.zeros(3)
     for x in rng.uniform(-3, 3, (50, 3)):
@@ -244,7 +239,7 @@ def test_the_oracles_references_pass_through_their_points_with_their_velocities(
 def test_the_oracle_agrees_with_the_ideal_backend(seed: int) -> None:
     raw = adversarial_scenario(seed)
     truth = oracle.solve(raw)
-    system = scenario_from_mapping(raw).system()
+    system = scenario_from_mapping(raw).system
     run = run_ideal(system)
     assert truth.status == run.status == "finished"
     N = len(raw["agents"])
@@ -275,4 +270,4 @@ def test_scenarios_are_functions_of_their_seed_and_legal() -> None:
     for seed in range(2 * len(FAMILIES)):
         raw = adversarial_scenario(seed)
         assert json.dumps(raw) == json.dumps(adversarial_scenario(seed))
-        assert scenario_from_mapping(raw).system().team.dirichlet.unique
+        assert scenario_from_mapping(raw).system.team.dirichlet.unique

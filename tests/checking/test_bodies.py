@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 import mjsheaf
-from mjsheaf.checking import bodies
-from mjsheaf.checking.bodies import BodyLoop, body_loop
+from mjsheaf.checking import margins as bodies
 from mjsheaf.checking.cohomology import spectrum_of
+from mjsheaf.checking.margins import BodyLoop, body_loop
 from mjsheaf.scenario import scenario_from_mapping
 from mjsheaf.system import System
 from tests import builders
@@ -66,7 +66,7 @@ def loop_of(scenario: dict[str, Any], gain: float | None = None, drift: list[flo
 
 def system_of(scenario: dict[str, Any], gain: float | None = None) -> System:
     controller = {**scenario["controller"], **({} if gain is None else {"gain": gain})}
-    return scenario_from_mapping({**scenario, "controller": controller}).system()
+    return scenario_from_mapping({**scenario, "controller": controller}).system
 
 
 def hold_against_simulation(scenario: dict[str, Any], drift: list[float] | None = None) -> None:

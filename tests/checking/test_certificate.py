@@ -14,9 +14,9 @@ import pytest
 import mjsheaf
 from mjsheaf.checking import certificate as certificates
 from mjsheaf.checking import examine
-from mjsheaf.checking.bound import BROKEN, bound_of_run
 from mjsheaf.checking.certificate import certify
-from mjsheaf.checking.drift import Difference
+from mjsheaf.checking.constants import Difference
+from mjsheaf.checking.finished import BROKEN, bound_of_run
 from mjsheaf.scenario import scenario_from_mapping
 from mjsheaf.simulation.ideal import run_ideal
 from tests.commands import call
@@ -28,7 +28,7 @@ def _verdicts(record: dict[str, Any]) -> str:
 
 @pytest.mark.parametrize("name", ["certified", "surface_tracks_air", "midpoint"])
 def test_a_certified_run_stays_in_its_tube(name: str) -> None:
-    system = mjsheaf.load_scenario(name).system()
+    system = mjsheaf.load_scenario(name).system
     certificate = certify(system)
     assert certificate.applies
     assert certificate.region.verified
@@ -69,7 +69,7 @@ def _pushed(gain: float, period: float, start: float) -> dict[str, Any]:
 def test_under_a_hold_the_floor_is_needed_and_enough(start: float, product: float) -> None:
     """e_1 = h d from e_0 = 0 is above the theorem's curve where k h is near 1, and below d / k."""
     scenario = scenario_from_mapping(_pushed(product / 0.1, 0.1, start))
-    run = bound_of_run(scenario.system(), mjsheaf.simulate(scenario, "ideal"))
+    run = bound_of_run(scenario.system, mjsheaf.simulate(scenario, "ideal"))
     assert run.applies
     assert run.approximate
     assert run.ratio is not None
@@ -126,7 +126,7 @@ def test_no_held_team_exceeds_its_bound(seed: int) -> None:
         "physics": {"timestep": h / 10},
     }
     scenario = scenario_from_mapping(raw)
-    run = bound_of_run(scenario.system(), mjsheaf.simulate(scenario, "ideal"))
+    run = bound_of_run(scenario.system, mjsheaf.simulate(scenario, "ideal"))
     assert run.applies
     assert run.approximate
     assert run.ratio is not None
@@ -134,7 +134,7 @@ def test_no_held_team_exceeds_its_bound(seed: int) -> None:
 
 
 def test_a_hold_that_rings_is_not_certified() -> None:
-    assert "rings" in certify(scenario_from_mapping(_pushed(11.0, 0.1, 1.0)).system()).reason
+    assert "rings" in certify(scenario_from_mapping(_pushed(11.0, 0.1, 1.0)).system).reason
 
 
 def test_nothing_is_certified_beside_an_assumption_that_does_not_hold() -> None:
@@ -223,7 +223,7 @@ def test_a_run_whose_targets_go_elsewhere_is_not_certified() -> None:
     scenario = mjsheaf.load_scenario("certified", {"time.end": 3.0})
     result = mjsheaf.simulate(scenario, "ideal")
     result["target_position"] = result["target_position"] + 1e-4
-    run = bound_of_run(scenario.system(), result)
+    run = bound_of_run(scenario.system, result)
     assert not run.applies
     assert "leave the path that was checked" in run.reason
     assert run.ratio is None
@@ -258,13 +258,13 @@ def test_a_run_at_rest_is_not_held_against_less_than_its_own_accuracy() -> None:
     raw = _pushed(2.0, 0.0, 1.0)
     raw.update(flow={}, time={"end": 60.0})  # the bound falls to 1e-26 m
     scenario = scenario_from_mapping(raw)
-    run = bound_of_run(scenario.system(), mjsheaf.simulate(scenario, "ideal"))
+    run = bound_of_run(scenario.system, mjsheaf.simulate(scenario, "ideal"))
     assert run.applies
     assert run.violation() == ""
 
 
 def test_the_examination_has_the_certificate() -> None:
-    system = mjsheaf.load_scenario("certified").system()
+    system = mjsheaf.load_scenario("certified").system
     examination = examine(system)
     assert examination.certificate.applies is examination.record.theorem.applies
 
@@ -298,6 +298,6 @@ def test_a_certified_run_that_blows_up_is_an_error_of_ours() -> None:
     scenario = mjsheaf.load_scenario("certified", {"time.end": 3.0})
     result = mjsheaf.simulate(scenario, "ideal")
     result.attrs["status"] = "unstable"
-    run = bound_of_run(scenario.system(), result)
+    run = bound_of_run(scenario.system, result)
     assert run.wrong
     assert "blows up" in run.violation()

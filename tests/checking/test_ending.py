@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import mjsheaf
-from mjsheaf.checking.ending import ending_of_run, is_level, judge, settling_time
+from mjsheaf.checking.finished import ending_of_run, is_level, judge, settling_time
 from mjsheaf.scenario import scenario_from_mapping
 from mjsheaf.studies.job import run_job
 from mjsheaf.studies.plan import load_plan
@@ -109,10 +109,10 @@ def test_the_ring_ends_as_check_says(gain: float, expected: str, capsys: pytest.
     changes = {"controller": {"gain": gain, "control_period": 0.02}, "physics": {"timestep": 0.005}}
     scenario = scenario_from_mapping({**QUADROTOR_PAIR, **changes})
     run = mjsheaf.simulate(scenario, "physics")
-    assert ending_of_run(scenario.system(), run) == expected
+    assert ending_of_run(scenario.system, run) == expected
     stable = mjsheaf.check(scenario)["margins"]["bodies"]["stable"]
     assert stable is (expected == "settled")
-    assert ending_of_run(scenario.system(), mjsheaf.simulate(scenario, "ideal")) == "settled"
+    assert ending_of_run(scenario.system, mjsheaf.simulate(scenario, "ideal")) == "settled"
 
 
 def test_a_driven_ring_ends_as_check_says() -> None:
@@ -124,7 +124,7 @@ def test_a_driven_ring_ends_as_check_says() -> None:
     for gain, expected in ((1.2, "settled"), (3.0, "circling")):
         changes = {"controller": {"gain": gain, "control_period": 0.02}, "physics": {"timestep": 0.005}}
         scenario = scenario_from_mapping({**QUADROTOR_PAIR, **changes, "targets": [moving]})
-        assert ending_of_run(scenario.system(), mjsheaf.simulate(scenario, "physics")) == expected
+        assert ending_of_run(scenario.system, mjsheaf.simulate(scenario, "physics")) == expected
 
 
 def test_a_sweep_says_the_same(tmp_path: Any) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from mjsheaf.checking.fragility import CONNECTED, SENSED, TRIVIAL, Fragility, Loss, fragility
+from mjsheaf.checking.fragility import CONNECTED, MOST_CRITICAL, SENSED, TRIVIAL, Loss, fragility, single_losses
 from mjsheaf.team import Edge, Team
 from tests.builders import hold, make_edge, make_team
 from tests.strategies import shared_teams, whole_number_teams
@@ -56,7 +56,7 @@ def by_trying(team: Team) -> list[Loss]:
         }
         breaks = tuple(what for what in broken if broken[what])
         lowest = np.linalg.eigvalsh(left.dirichlet.H.toarray())[0] if left.dirichlet.unique else 0.0
-        losses.append(Loss(kind, name, breaks, float(lowest)))  # type: ignore[arg-type]
+        losses.append(Loss.model_validate({"kind": kind, "name": name, "breaks": breaks, "lambda_min": lowest}))
 
     for kind, edges in (("communication", team.communication), ("sensing", team.sensing), ("anchor", team.anchors)):
         plain = [f"{e.tail} - {e.head}" if kind != "anchor" else f"{e.tail} along {axes(e)}" for e in edges]
@@ -85,28 +85,28 @@ def same(found: Sequence[Loss], tried: Sequence[Loss]) -> None:
         assert table(found)[key].lambda_min == pytest.approx(loss.lambda_min, rel=1e-6, abs=1e-15), key
 
 
-def ordered(team: Team, found: Fragility) -> None:
-    """What breaks something comes first, then by lambda_min; the worst breaks nothing."""
-    keys = [(not loss.breaks, round(loss.lambda_min or 0.0, 12)) for loss in found.losses]
+def everything_is_as_tried(team: Team) -> None:
+    """Each loss is; what breaks something comes first, then by lambda_min; the worst breaks nothing."""
+    (losses, exact), found = single_losses(team), fragility(team)
+    assert exact
+    assert found.exact
+    same(losses, by_trying(team))
+    keys = [(not loss.breaks, round(loss.lambda_min or 0.0, 12)) for loss in losses]
     assert keys == sorted(keys)
-    harmless = [loss for loss in found.losses if not loss.breaks]
+    critical, harmless = ([loss for loss in losses if bool(loss.breaks) is kind] for kind in (True, False))
+    assert (found.critical, found.critical_count) == (critical[:MOST_CRITICAL], len(critical))
     assert found.worst == (harmless[0] if harmless and team.dirichlet.unique else None)
 
 
 @given(shared_teams())
 def test_fragility_is_what_trying_each_loss_shows(team: Team) -> None:
-    found = fragility(team)
-    assert found.exact
-    same(found.losses, by_trying(team))
-    ordered(team, found)
+    everything_is_as_tried(team)
 
 
 @pytest.mark.slow
 @given(whole_number_teams())
 def test_fragility_with_any_maps(team: Team) -> None:
-    found = fragility(team)
-    same(found.losses, by_trying(team))
-    ordered(team, found)
+    everything_is_as_tried(team)
 
 
 RING = [("U1", "U2"), ("U2", "U3"), ("U3", "U1")]
@@ -117,20 +117,23 @@ def test_the_large_path_finds_what_trying_shows(team: Team) -> None:
     """Bridges, articulation points and targets seen once, with no word on lambda_min."""
     with pytest.MonkeyPatch.context() as monkeypatch:
         monkeypatch.setattr("mjsheaf.checking.fragility.EXACT_STATES", 0)
-        found = fragility(team)
+        found, (losses, exact) = fragility(team), single_losses(team)
+    assert not exact
     assert not found.exact
     assert "bridges and articulation points" in found.method
     assert found.worst is None
-    tried = [replace(x, breaks=tuple(b for b in x.breaks if b != TRIVIAL), lambda_min=None) for x in by_trying(team)]
-    assert sorted(found.losses, key=repr) == sorted((x for x in tried if x.breaks), key=repr)
+    tried = [
+        x.model_copy(update={"breaks": tuple(b for b in x.breaks if b != TRIVIAL), "lambda_min": None})
+        for x in by_trying(team)
+    ]
+    assert sorted(losses, key=repr) == sorted((x for x in tried if x.breaks), key=repr)
 
 
 def test_many_losses_take_the_large_path_too(monkeypatch: pytest.MonkeyPatch) -> None:
     ring = make_team("U1 U2 U3", "V1", RING, [("U1", "V1")])
     assert fragility(ring).exact
     monkeypatch.setattr("mjsheaf.checking.fragility.EXACT_LOSSES", 6)
-    found = fragility(ring)
-    assert [(loss.kind, loss.name, loss.breaks) for loss in found.losses] == [
+    assert [(loss.kind, loss.name, loss.breaks) for loss in single_losses(ring)[0]] == [
         ("sensing", "U1 - V1", (SENSED,)),
         ("agent", "U1", (SENSED,)),
     ]
@@ -138,7 +141,7 @@ def test_many_losses_take_the_large_path_too(monkeypatch: pytest.MonkeyPatch) ->
 
 def test_a_chain_hangs_on_everything() -> None:
     chain = make_team("U1 U2 U3", "V1", RING[:2], [("U1", "V1")])
-    found = {loss.name: loss.breaks for loss in fragility(chain).losses}
+    found = {loss.name: loss.breaks for loss in single_losses(chain)[0]}
     assert found == {
         "U1 - U2": (CONNECTED, TRIVIAL),
         "U2 - U3": (CONNECTED, TRIVIAL),
@@ -152,7 +155,7 @@ def test_a_chain_hangs_on_everything() -> None:
 def test_the_only_altimeter_is_what_the_aircraft_hang_on() -> None:
     held = make_team("U1 U2", "S1", [("U1", "U2")], [("U1", "S1"), ("U2", "S1")], [hold("U1", "z")])
     found = fragility(held)
-    broken = {loss.name: loss for loss in found.losses if loss.breaks}
+    broken = {loss.name: loss for loss in found.critical}
     assert broken.keys() == {"U1 along z", "U1", "U1 - U2"}
     assert (broken["U1 along z"].kind, broken["U1 along z"].breaks) == ("anchor", (TRIVIAL,))
     assert broken["U1"].breaks == (TRIVIAL,)
@@ -163,19 +166,19 @@ def test_the_only_altimeter_is_what_the_aircraft_hang_on() -> None:
 def test_parallel_edges_are_lost_one_at_a_time() -> None:
     """Losing one of two leaves the other: nothing breaks, and each is named."""
     double = make_team("B1 B2", "S1", [("B1", "B2"), ("B2", "B1")], [("B1", "S1"), ("B1", "S1")])
-    found = {loss.name: loss for loss in fragility(double).losses}
+    found = {loss.name: loss for loss in single_losses(double)[0]}
     assert found.keys() == {"B1 - B2 (1 of 2)", "B2 - B1 (2 of 2)", "B1 - S1 (1 of 2)", "B1 - S1 (2 of 2)", "B1", "B2"}
     assert all(not loss.breaks for name, loss in found.items() if "of 2" in name)
     assert found["B1"].breaks == (SENSED, TRIVIAL)
     half = make_edge("B1", "B2", weight=0.5)
     uneven = make_team("B1 B2", "S1", [("B1", "B2"), half], [("B1", "S1")])
-    lost = {loss.name: loss.lambda_min for loss in fragility(uneven).losses}
+    lost = {loss.name: loss.lambda_min for loss in single_losses(uneven)[0]}
     assert lost["B1 - B2 (1 of 2)"] < lost["B1 - B2 (2 of 2)"]  # type: ignore[operator]
 
 
 def test_the_last_agent_is_not_lost() -> None:
     found = fragility(make_team("B1", "S1", [], [("B1", "S1")]))
-    assert [(loss.kind, loss.breaks) for loss in found.losses] == [("sensing", (SENSED, TRIVIAL))]
+    assert [(loss.kind, loss.breaks) for loss in found.critical] == [("sensing", (SENSED, TRIVIAL))]
     assert found.worst is None
 
 
@@ -190,7 +193,7 @@ def test_what_fails_already_hides_nothing(exact: bool, monkeypatch: pytest.Monke
     found = fragility(split)
     assert found.worst is None
     free = (TRIVIAL,) * exact
-    assert {loss.name: loss.breaks for loss in found.losses if loss.breaks} == {
+    assert {loss.name: loss.breaks for loss in found.critical} == {
         "B1 - S1": (SENSED,),
         "B2 - S2": (SENSED,),
         "B1": (SENSED,),
@@ -206,8 +209,8 @@ def test_what_a_lost_agent_was_free_to_do_is_lost_with_it() -> None:
     """U1, free along x and y, alone keeps U2 at its height: without it fewer directions are free, but a new one."""
     by_height = make_edge("U1", "U2")
     by_height = replace(by_height, F_tail=np.eye(3)[2:], F_head=np.eye(3)[2:], weight=np.eye(1), offset=np.zeros(1))
-    found = fragility(make_team("U1 U2", "S1", [by_height], [("U2", "S1")], [hold("U1", "z")]))
-    assert {loss.name: loss.breaks for loss in found.losses if loss.kind == "agent"} == {
+    found = single_losses(make_team("U1 U2", "S1", [by_height], [("U2", "S1")], [hold("U1", "z")]))[0]
+    assert {loss.name: loss.breaks for loss in found if loss.kind == "agent"} == {
         "U1": (TRIVIAL,),
         "U2": (SENSED,),
     }
@@ -216,6 +219,6 @@ def test_what_a_lost_agent_was_free_to_do_is_lost_with_it() -> None:
 def test_anchors_with_maps_of_their_own_are_named() -> None:
     skew = replace(hold("U1", "xyz"), F_tail=np.array([[1.0, 1.0, 0.0]]), F_head=np.zeros((1, 0)), weight=np.eye(1))
     skew = replace(skew, offset=np.zeros(1))
-    found = fragility(make_team("U1 B1", "S1", [], [("B1", "S1")], [skew, hold("B1", "xy")]))
-    names = {loss.name for loss in found.losses if loss.kind == "anchor"}
+    found = single_losses(make_team("U1 B1", "S1", [], [("B1", "S1")], [skew, hold("B1", "xy")]))[0]
+    names = {loss.name for loss in found if loss.kind == "anchor"}
     assert names == {"U1 to a fixed value", "B1 along x, y"}

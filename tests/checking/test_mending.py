@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given
 
 from mjsheaf.checking.cohomology import explain
-from mjsheaf.checking.mending import MendPlan, Repair, mend, repaired
-from mjsheaf.team import Edge, Team
+from mjsheaf.checking.mending import Augmentation, plan_augmentation
+from mjsheaf.team import Edge, Team, anchor, restriction_maps
 from tests.builders import Array, coboundary, hold, make_edge, make_team, turn
 from tests.strategies import exact_rank, examples, shared_teams, whole_number_teams
 
@@ -41,20 +41,49 @@ def smallest_by_trying(team: Team) -> int:
     raise AssertionError
 
 
-def check(plan: MendPlan, team: Team) -> None:
+def edge_as_described(description: str, team: Team) -> tuple[str, Edge]:
+    """Kind and edge of "give A2 an altimeter (anchor along z)", "let A1 talk to A4", "let A3 sense T2"."""
+    words = description.split()
+    dimension = {m.id: m.dimension for m in team.members}
+    if words[0] == "give":
+        F = np.eye(dimension[words[1]])[["xyz".index(words[-1][0])]]
+        return "anchor", anchor(words[1], F, np.zeros(1), np.eye(1))
+    kind, head = ("sensing", words[3]) if words[2] == "sense" else ("communication", words[4])
+    maps = restriction_maps("shared", dimension[words[1]], dimension[head])
+    return kind, Edge(words[1], head, *maps, np.eye(len(maps[0])))
+
+
+def repaired(team: Team, descriptions: list[str]) -> Team:
+    """The team with what a user reads; anchors hold the value 0."""
+    edges: dict[str, list[Edge]] = {"communication": [], "sensing": [], "anchor": []}
+    for description in descriptions:
+        kind, extra = edge_as_described(description, team)
+        edges[kind].append(extra)
+    return Team(
+        team.agents,
+        team.targets,
+        [*team.communication, *edges["communication"]],
+        [*team.sensing, *edges["sensing"]],
+        anchors=[*team.anchors, *edges["anchor"]],
+    )
+
+
+def check(plan: Augmentation, team: Team) -> None:
     """It mends, nothing can be spared, and its numbers are those of the mended team."""
-    mended = repaired(team, plan.repairs)
+    names = [repair.description for repair in plan.repairs]
+    mended = repaired(team, names)
     assert mended.dirichlet.unique
     assert plan.needed == len(plan.repairs)
     lowest = np.linalg.eigvalsh(mended.dirichlet.H.toarray())[0]
     assert plan.lambda_min == pytest.approx(lowest, rel=1e-6)
     for k, repair in enumerate(plan.repairs):
-        rest = [*plan.repairs[:k], *plan.repairs[k + 1 :]]
+        rest = [*names[:k], *names[k + 1 :]]
         assert not repaired(team, rest).dirichlet.unique
         assert repair.lambda_min_without == 0.0
         assert repair.lambda_min_alone == (plan.lambda_min if plan.needed == 1 else 0.0)
-        freed = explain(team).dimension - explain(repaired(team, [repair])).dimension
-        assert repair.removes == freed
+        freed = explain(team).dimension - explain(repaired(team, [repair.description])).dimension
+        assert repair.nullity_reduction == freed
+        assert repair.kind == edge_as_described(repair.description, team)[0]
     for other in plan.alternatives:
         mended = repaired(team, other)
         assert len(other) == plan.needed
@@ -66,7 +95,7 @@ def check(plan: MendPlan, team: Team) -> None:
 @examples(80)
 @given(shared_teams(most_agents=3))
 def test_no_smaller_set_mends(team: Team) -> None:
-    plan = mend(team)
+    plan = plan_augmentation(team)
     check(plan, team)
     assert plan.exact
     assert plan.needed == smallest_by_trying(team)
@@ -78,7 +107,7 @@ def test_no_smaller_set_mends(team: Team) -> None:
 @given(whole_number_teams())
 def test_any_maps_are_mended(team: Team) -> None:
     """Beside an edge with maps of its own, one that compares whole coordinates may be put."""
-    check(mend(team), team)
+    check(plan_augmentation(team), team)
 
 
 def every_smallest_set(team: Team, size: int) -> Iterator[float]:
@@ -102,64 +131,61 @@ def test_among_the_smallest_sets_the_stiffest_is_proposed(
     agents: str, links: list[tuple[str, str]], seen: list[tuple[str, str]]
 ) -> None:
     loose = make_team(agents, "S1 V1", links, seen)
-    plan = mend(loose)
+    plan = plan_augmentation(loose)
     assert plan.needed <= 2
     assert plan.lambda_min == pytest.approx(max(every_smallest_set(loose, plan.needed)), rel=1e-9)
 
 
 def test_the_failing_example_of_the_paper_needs_one_altimeter() -> None:
     chain = make_team("U1 U2 U3", "S1 S2", [("U1", "U2"), ("U2", "U3")], [("U1", "S1"), ("U3", "S2")])
-    plan = mend(chain)
+    plan = plan_augmentation(chain)
     assert (plan.needed, plan.exact, plan.candidates) == (1, True, 3)
-    repair = plan.repairs[0]
-    assert repair == Repair(
-        kind="anchor",
-        agents=("U2",),  # the middle of the chain holds it best
-        target=None,
-        axis="z",
-        description="give U2 an altimeter (anchor along z)",
-        removes=1,
-        lambda_min_alone=plan.lambda_min,
-        lambda_min_without=0.0,
-    )
-    assert [[x.description for x in other] for other in plan.alternatives] == [
+    assert plan.repairs[0].model_dump() == {
+        "kind": "anchor",
+        "description": "give U2 an altimeter (anchor along z)",  # the middle of the chain holds it best
+        "removes": 1,
+        "lambda_min_alone": plan.lambda_min,
+        "lambda_min_without": 0.0,
+    }
+    assert plan.alternatives == [
         ["give U1 an altimeter (anchor along z)"],
         ["give U3 an altimeter (anchor along z)"],
     ]
     check(plan, chain)
 
 
+def told(plan: Augmentation) -> set[str]:
+    return {x.description for x in plan.repairs} | {x for other in plan.alternatives for x in other}
+
+
 def test_repairs_are_told_in_the_words_of_the_team() -> None:
     lost = make_team("B1 B2 B3", "S1 S2", [("B1", "B2")], [("B1", "S1"), ("B2", "S2")])
-    plan = mend(lost)
+    plan = plan_augmentation(lost)
     assert plan.candidates == 2 + 2 + 2  # position sensors, targets, agents
-    told = {r.description: r for choice in [plan.repairs, *plan.alternatives] for r in choice}
-    assert set(told) == {
+    assert told(plan) == {
         "let B1 talk to B3",
         "let B2 talk to B3",
         "let B3 sense S1",
         "let B3 sense S2",
     }
-    assert (told["let B1 talk to B3"].kind, told["let B1 talk to B3"].agents) == ("communication", ("B1", "B3"))
-    assert (told["let B3 sense S2"].kind, told["let B3 sense S2"].target) == ("sensing", "S2")
     blind = make_team("B1", "S1", [], [Edge("B1", "S1", np.array([[1.0, 0]]), np.array([[1.0, 0]]), np.eye(1))])
-    plan = mend(blind)
-    told = {r.description: r for choice in [plan.repairs, *plan.alternatives] for r in choice}
-    assert set(told) == {"let B1 sense S1 and compare x, y", "give B1 a position sensor (anchor along y)"}
+    plan = plan_augmentation(blind)
+    assert told(plan) == {"let B1 sense S1 and compare x, y", "give B1 a position sensor (anchor along y)"}
     check(plan, blind)
 
 
 def test_local_frames_are_mended_too() -> None:
     links = [make_edge(a, b, name="local_frame", attitude=(0.3, 0.2, 1.0)) for a, b in (("U1", "U2"), ("U2", "B1"))]
     loose = make_team("U1 U2 B1", "S1", links, [make_edge("B1", "S1", name="local_frame", attitude=(0.0, 0.0, 2.0))])
-    plan = mend(loose)
+    plan = plan_augmentation(loose)
     assert plan.repairs[0].description in {f"give U{k} an altimeter (anchor along z)" for k in (1, 2)}
     check(plan, loose)
 
 
 def test_a_team_that_holds_needs_nothing() -> None:
-    plan = mend(make_team("B1", "S1", [], [("B1", "S1")]))
-    assert plan == MendPlan(0, True, 0, [], 1.0, [])
+    plan = plan_augmentation(make_team("B1", "S1", [], [("B1", "S1")]))
+    assert (plan.needed, plan.exact, plan.candidates, plan.lambda_min) == (0, True, 0, 1.0)
+    assert plan.repairs == plan.alternatives == []
 
 
 # -- beyond the sizes that are tried one by one ----------------------------------------------------------------
@@ -179,11 +205,11 @@ LARGE = [
 def test_the_greedy_plan_mends_with_nothing_to_spare(
     k: int, limits: dict[str, int], states: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    fewest = mend(LARGE[k])
+    fewest = plan_augmentation(LARGE[k])
     assert fewest.exact
     for name, limit in {**limits, "RANKED_STATES": states}.items():
         monkeypatch.setattr(f"mjsheaf.checking.mending.{name}", limit)
-    plan = mend(LARGE[k])
+    plan = plan_augmentation(LARGE[k])
     check(plan, LARGE[k])
     assert plan.needed >= fewest.needed
     if plan.exact:
@@ -193,9 +219,9 @@ def test_the_greedy_plan_mends_with_nothing_to_spare(
 def test_it_says_whether_the_plan_is_the_smallest(monkeypatch: pytest.MonkeyPatch) -> None:
     """Four heights need four holds whatever they are; a boat and an aircraft adrift could do with fewer than found."""
     monkeypatch.setattr("mjsheaf.checking.mending.JOINT_DIMENSION", 0)
-    heights = mend(LARGE[1])
+    heights = plan_augmentation(LARGE[1])
     assert (heights.needed, heights.exact) == (3, True)
-    adrift = mend(LARGE[2])
+    adrift = plan_augmentation(LARGE[2])
     assert adrift.needed == 3
     assert adrift.exact  # six coordinates, two axes
 
@@ -204,14 +230,13 @@ def test_many_agents_of_one_kind() -> None:
     """Sixty aircraft in a ring over a boat: any altimeter will do, and all of them are counted."""
     names = [f"U{k}" for k in range(60)]
     links = list(itertools.pairwise([*names, names[0]]))
-    plan = mend(make_team(" ".join(names), "S1", links, [(names[0], "S1")]))
+    plan = plan_augmentation(make_team(" ".join(names), "S1", links, [(names[0], "S1")]))
     assert (plan.needed, plan.exact, plan.candidates) == (1, True, 60)
-    assert plan.repairs[0].axis == "z"
+    assert plan.repairs[0].description.endswith("an altimeter (anchor along z)")
 
 
 def test_an_anchor_that_is_there_counts() -> None:
     held = make_team("U1 U2", "S1", [], [("U1", "S1"), ("U2", "S1")], [hold("U1", "z")])
-    plan = mend(held)
+    plan = plan_augmentation(held)
     assert plan.needed == 1
-    told = {r.description for choice in [plan.repairs, *plan.alternatives] for r in choice}
-    assert told == {"let U1 talk to U2", "give U2 an altimeter (anchor along z)"}
+    assert told(plan) == {"let U1 talk to U2", "give U2 an altimeter (anchor along z)"}

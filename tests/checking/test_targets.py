@@ -11,12 +11,13 @@ import pytest
 
 from mjsheaf.checking import targets
 from mjsheaf.checking.cohomology import spectrum_of
-from mjsheaf.checking.drift import coarser, difference_along
+from mjsheaf.checking.constants import coarser, difference_along
 from mjsheaf.checking.targets import Carrier, Cells, follow_targets
-from mjsheaf.dynamics import FlowField, Lissajous, Waypoints
+from mjsheaf.dynamics import Lissajous, Waypoints
 from mjsheaf.dynamics.disturbance import evaluate
 from mjsheaf.dynamics.motion import Motion, pack, reference_bounds
 from mjsheaf.scenario import scenario_from_mapping
+from tests.builders import field_of
 from tests.checking.adversarial import adversarial_scenario
 from tests.checking.oracle import Truth, solve
 
@@ -33,10 +34,11 @@ def _excess(cells: Cells, truth: Truth, drift: np.ndarray) -> tuple[float, float
     return float(away.max()), float((np.linalg.norm(drift - cells.drift[k], axis=2) - cells.spread[k]).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_cells_hold_the_path_and_the_drift(seed: int) -> None:
     raw = adversarial_scenario(seed)
-    system, truth = scenario_from_mapping(raw).system(), solve(raw)
+    system, truth = scenario_from_mapping(raw).system, solve(raw)
     path = follow_targets(system)
     assert path.cells is not None
     N = len(system.team.agents)
@@ -51,10 +53,11 @@ def test_cells_hold_the_path_and_the_drift(seed: int) -> None:
     assert path.cells.end[-1] == pytest.approx(system.grid.samples[-1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_the_bound_on_the_difference_is_never_exceeded_and_is_tight(seed: int) -> None:
     raw = adversarial_scenario(seed)
-    system, truth = scenario_from_mapping(raw).system(), solve(raw)
+    system, truth = scenario_from_mapping(raw).system, solve(raw)
     carrier = Carrier(system, spectrum_of(system.team))
     difference = difference_along(system, follow_targets(system), carrier)
     drift = truth.target_velocities - evaluate(system.harmonics[len(system.team.agents) :], truth.time)
@@ -81,15 +84,15 @@ def _moving(**changes: Any) -> dict[str, Any]:
 def test_a_path_that_takes_too_many_steps_is_not_known(monkeypatch: pytest.MonkeyPatch) -> None:
     fast = {"kind": "lissajous", "amplitude": [1.0, 0.0], "rate": [50.0, 0.0], "phase": [0.0, 0.0]}
     raw = _moving(targets=[{"id": "T", "position": [0.0, 0.0], "motion": fast}])
-    assert follow_targets(scenario_from_mapping(raw).system()).complaint == ""
+    assert follow_targets(scenario_from_mapping(raw).system).warning == ""
     monkeypatch.setattr(targets, "MOST_STEPS", 1000)
     monkeypatch.setattr(targets, "_BLOCK", 100)
-    path = follow_targets(scenario_from_mapping(raw).system())
+    path = follow_targets(scenario_from_mapping(raw).system)
     assert path.cells is None
-    assert "too long or too stiff" in path.complaint
+    assert "too long or too stiff" in path.warning
     from mjsheaf.checking import examine
 
-    record = examine(scenario_from_mapping(raw).system()).record
+    record = examine(scenario_from_mapping(raw).system).record
     assert not record.ok
     assert [a.number for a in record.assumptions if a.verdict == "undecided"] == [7]
     assert not record.theorem.applies
@@ -103,15 +106,15 @@ def test_a_path_that_takes_too_many_steps_is_not_known(monkeypatch: pytest.Monke
 def test_a_target_that_falls_into_a_pole_is_named_with_the_time() -> None:
     """x' = -a / x from x = r ends in the pole at r^2 / 2 a."""
     sink = {"dimension": 2, "core": 0, "sources": [{"centre": [0.3, 0.0], "alpha": -0.1}]}
-    path = follow_targets(scenario_from_mapping(_moving(flow={"targets": sink})).system())
+    path = follow_targets(scenario_from_mapping(_moving(flow={"targets": sink})).system)
     assert path.cells is None
-    assert "T cannot be followed beyond t = 0.45 s: it runs into a singularity" in path.complaint
+    assert "T cannot be followed beyond t = 0.45 s: it runs into a singularity" in path.warning
 
 
 @pytest.mark.parametrize("place", [0.0, 1e-9, 0.005, 3.0])
 def test_a_target_at_rest_is_known_however_near_the_origin(place: float) -> None:
-    path = follow_targets(scenario_from_mapping(_moving(targets=[{"id": "T", "position": [place, 0.0]}])).system())
-    assert path.complaint == ""
+    path = follow_targets(scenario_from_mapping(_moving(targets=[{"id": "T", "position": [place, 0.0]}])).system)
+    assert path.warning == ""
     assert path.cells is not None
 
 
@@ -127,9 +130,9 @@ def test_a_motion_that_is_too_fast_for_so_late_a_time_is_not_known() -> None:
     }
     motion = {"kind": "lissajous", "amplitude": [1.0, 0.5], "rate": [1e3, 1.3e3], "phase": [0.3, 1.0]}
     scenario["targets"][0]["motion"] = motion
-    path = follow_targets(scenario_from_mapping(scenario).system())
+    path = follow_targets(scenario_from_mapping(scenario).system)
     assert path.cells is None
-    assert "moves too fast for what numbers resolve so late" in path.complaint
+    assert "moves too fast for what numbers resolve so late" in path.warning
 
 
 def test_a_sensitive_path_is_not_known() -> None:
@@ -137,9 +140,9 @@ def test_a_sensitive_path_is_not_known() -> None:
     vortices = [{"centre": [x, y], "gamma": 100.0 * (-1) ** (x + y)} for x in range(-1, 3) for y in range(-1, 3)]
     flow = {"dimension": 2, "core": 0.2, "drift": [0.05, 0.03], "vortices": vortices}
     raw = _moving(flow={"targets": flow}, disturbance={"targets": {"bound": 5.0}}, seed=1)
-    path = follow_targets(scenario_from_mapping(raw).system())
+    path = follow_targets(scenario_from_mapping(raw).system)
     assert path.cells is None
-    assert "too sensitive" in path.complaint
+    assert "too sensitive" in path.warning
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
@@ -147,7 +150,7 @@ def test_slopes_over_balls_are_bounds(dimension: int) -> None:
     rng = np.random.default_rng(dimension)
     for _ in range(40):
         axis = rng.standard_normal(3).tolist() if dimension == 3 else []
-        field = FlowField(
+        field = field_of(
             dimension,
             core=float(rng.uniform(0.05, 2.0)),
             drift=rng.standard_normal(dimension).tolist(),
@@ -163,15 +166,15 @@ def test_slopes_over_balls_are_bounds(dimension: int) -> None:
 
 
 def test_a_single_kernel_attains_its_slope_bound() -> None:
-    source = FlowField(3, core=0.5, sources=[[0, 0, 0, 2.0]])
+    source = field_of(3, core=0.5, sources=[[0, 0, 0, 2.0]])
     assert source.slope_bound([0.0, 0.0, 0.0], 0.0) == pytest.approx(2 * 2.0 / 0.5**3)  # twice that at the centre
-    vortex = FlowField(2, core=0.5, vortices=[[0, 0, 2.0]])
+    vortex = field_of(2, core=0.5, vortices=[[0, 0, 2.0]])
     assert vortex.slope_bound([0.0, 0.0], 0.0) == pytest.approx(2.0 / 0.25)
-    jet = FlowField(2, channels=[[0, 0, 1, 0, 3.0, 0.5, 1e9]])
+    jet = field_of(2, channels=[[0, 0, 1, 0, 3.0, 0.5, 1e9]])
     steepest = 3.0 / 0.5 * np.exp(-0.5)  # at one width
     assert jet.slope_bound([0.0, 0.5], 0.0) == pytest.approx(steepest)
     assert jet.slope_bound([0.0, 4.0], 100.0) == pytest.approx(steepest)
-    pole = FlowField(2, core=0.0, vortices=[[0, 0, 2.0]])
+    pole = field_of(2, core=0.0, vortices=[[0, 0, 2.0]])
     assert pole.slope_bound([0.5, 0.0], 0.5) == np.inf
     assert pole.slope_bound([0.5, 0.0], 0.4) == pytest.approx(200.0)
 
@@ -179,10 +182,11 @@ def test_a_single_kernel_attains_its_slope_bound() -> None:
 def test_bounds_of_references_are_never_exceeded_and_nearly_attained() -> None:
     rng = np.random.default_rng(4)
     start = rng.uniform(-3, 3, (4, 3))
+    A, rate, phase = rng.uniform([[0.0], [0.1], [0.0]], [[3.0], [9.0], [6.0]], (3, 3)).tolist()
     motions: list[Motion | None] = [
-        Lissajous(*rng.uniform([[0.0], [0.1], [0.0]], [[3.0], [9.0], [6.0]], (3, 3)).tolist()),
-        Waypoints(rng.uniform(-5, 5, (5, 3)).tolist(), speed=3.0),
-        Waypoints(rng.uniform(-5, 5, (4, 3)).tolist(), speed=0.5, closed=True),
+        Lissajous(amplitude=A, rate=rate, phase=phase),
+        Waypoints(points=rng.uniform(-5, 5, (5, 3)).tolist(), speed=3.0),
+        Waypoints(points=rng.uniform(-5, 5, (4, 3)).tolist(), speed=0.5, closed=True),
         None,
     ]
     packed = pack(motions, start, 2.0, [3, 3, 3, 3])

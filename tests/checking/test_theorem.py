@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import mjsheaf
-from mjsheaf.checking.bound import RunBound, bound_of_run
+from mjsheaf.checking.finished import RunBound, bound_of_run
 from mjsheaf.control.theorem import disturbance_bound, gain_for_radius, theorem_1
 from mjsheaf.scenario import scenario_from_mapping
 from tests.builders import Simulated, random_scenario
@@ -19,14 +19,14 @@ WORKERS = 10  # pieces of the study, so that it spreads over processes
 def certified_run(seed: int) -> RunBound:
     """Run a random scenario with a gain for which the theorem applies over the region of that very run."""
     raw = random_scenario(seed)
-    team = scenario_from_mapping(raw).system().team
+    team = scenario_from_mapping(raw).system.team
     smallest = float(np.linalg.eigvalsh(team.dirichlet.H.toarray())[0])
     assert smallest > 1e-6, f"seed {seed}: a random team should not be free to drift"
     gain = 1.0 / smallest
     for _ in range(8):
         raw["controller"] = {**raw["controller"], "gain": gain}
         scenario = scenario_from_mapping(raw)
-        run = bound_of_run(scenario.system(), mjsheaf.simulate(scenario, "ideal"))
+        run = bound_of_run(scenario.system, mjsheaf.simulate(scenario, "ideal"))
         if run.applies:
             return run
         gain *= 2.0
@@ -61,7 +61,7 @@ def test_the_bound_is_attained_where_it_can_be(seed: int) -> None:
         "time": {"end": 20.0},
     }
     scenario = scenario_from_mapping(raw)
-    run = bound_of_run(scenario.system(), mjsheaf.simulate(scenario, "ideal"))
+    run = bound_of_run(scenario.system, mjsheaf.simulate(scenario, "ideal"))
     assert run.applies
     assert run.ratio is not None
     assert run.settled_ratio is not None

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from mjsheaf import simulate
 from mjsheaf.checking.check import examine
-from mjsheaf.cli.check import report
+from mjsheaf.checking.report import report
 from mjsheaf.scenario import Scenario, scenario_from_mapping
 
 DRIFT = 1.25  # m/s, which both agents must make up for to stay where they are
@@ -41,7 +41,7 @@ def stream(limits: tuple[float | None, float | None]) -> Scenario:
 def told(scenario: Scenario) -> str:
     console = Console(width=400)
     with console.capture() as captured:
-        console.print(report(examine(scenario.system()).record))
+        console.print(report(examine(scenario.system).record))
     return captured.get()
 
 

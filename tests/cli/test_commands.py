@@ -5,6 +5,7 @@ Oracle: the contract (exit codes, files left, fields of summary.json).
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -22,28 +23,21 @@ import mjsheaf as package
 from mjsheaf.io.files import list_studies
 from mjsheaf.results.store import FILES
 from mjsheaf.scenario import list_scenarios, load_scenario
-from tests.commands import CAN_DRAW, RUN_FILES, SMALL, call, heed_interrupts, start
+from tests.commands import CAN_DRAW, DATA_FILES, RUN_FILES, SMALL, call, heed_interrupts, one_line, start
 
 QUICK = ["--backend", "ideal", "--no-video"]
 
 
-SOME = [("certified", "ideal"), ("midpoint", "physics"), ("harbour", "physics")]
-"""Runs of scenarios that are filmed in the quick tests too."""
+EVERY = [(name, backend) for name in list_scenarios() for backend in ("ideal", "physics")]
+QUICKLY_FILMED = [("midpoint", "ideal"), ("local_frames", "physics")]
+"""A planar and a mixed team; a run that blows up is filmed below."""
 
 
-@pytest.mark.parametrize(
-    ("name", "backend"),
-    [
-        pytest.param(name, backend, marks=[] if (name, backend) in SOME else [pytest.mark.slow])
-        for name in list_scenarios()
-        for backend in ("ideal", "physics")
-    ],
-)
-def test_run_and_video_of_every_scenario(
-    name: str, backend: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+@pytest.mark.usefixtures("without_plots")
+@pytest.mark.parametrize(("name", "backend"), EVERY)
+def test_run_of_every_scenario(name: str, backend: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
-    code = call("run", name, "--backend", backend, "--set", "time.end=0.5", *SMALL, "--out", out)
+    code = call("run", name, "--backend", backend, "--no-video", "--set", "time.end=0.5", "--out", out)
     printed = capsys.readouterr()
     refused = load_scenario(name).expect.refused
     if refused is not None:
@@ -53,39 +47,49 @@ def test_run_and_video_of_every_scenario(
         assert not out.exists()
         return
     assert code == 0, printed.err
-    assert {p.name for p in out.iterdir()} == (set(FILES) if CAN_DRAW else RUN_FILES)
+    assert {p.name for p in out.iterdir()} == DATA_FILES
     summary = json.loads((out / "summary.json").read_text())
-    for field in (
-        "scenario",
-        "backend",
-        "status",
-        "seed",
-        "steps",
-        "wall_time_s",
-        "realtime_factor",
-        "expect",
-        "final",
-    ):
-        assert field in summary
+    assert summary.keys() >= {"scenario", "backend", "status", "seed", "steps", "wall_time_s", "realtime_factor"}
+    assert summary.keys() >= {"expect", "final"}
     assert summary["status"] == "finished"
     assert summary["final"]["time"] == pytest.approx(0.5)
-    for field in ("mean_disagreement", "tracking_error", "formation_error", "centering_error", "groups"):
-        assert field in summary["final"]
+    measures = {"mean_disagreement", "tracking_error", "formation_error", "centering_error", "groups"}
+    assert summary["final"].keys() >= measures
     with xr.open_dataset(out / "result.nc", engine="h5netcdf") as ds:
         assert ds.attrs["scenario"] == name
         assert float(ds["time"][-1]) == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(
+    ("name", "backend"),
+    [
+        pytest.param(*run, marks=[] if run in QUICKLY_FILMED else [pytest.mark.slow])
+        for run in EVERY
+        if load_scenario(run[0]).expect.refused is None
+    ],
+)
+def test_run_and_video_of_every_scenario(name: str, backend: str, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert call("run", name, "--backend", backend, "--set", "time.end=0.5", *SMALL, "--out", out) == 0
+    assert {p.name for p in out.iterdir()} == (set(FILES) if CAN_DRAW else RUN_FILES)
     if CAN_DRAW:
-        assert call("video", out, "--width", "192", "--height", "128", "--fps", "4", "--elevation", "-80") == 0
-        meta = next(imageio_ffmpeg.read_frames(str(out / "video.mp4")))
-        assert meta["size"] == (192, 128)
-        assert meta["fps"] == 4
-        assert meta["codec"] == "h264"
-        assert meta["pix_fmt"].startswith("yuv420p")
-        again = json.loads((out / "summary.json").read_text())
-        frames, _ = imageio_ffmpeg.count_frames_and_secs(str(out / "video.mp4"))
-        assert again.pop("video") == {"frames": frames, "width": 192, "height": 128, "fps": 4}
-        assert again == {k: v for k, v in summary.items() if k != "video"}
-        assert {p.name for p in out.iterdir()} == set(FILES)
+        film_again(out)
+
+
+def film_again(out: Path) -> None:
+    """The command `video` replaces the film of a run and what summary.json says of it, and nothing else."""
+    before = json.loads((out / "summary.json").read_text())
+    assert call("video", out, "--width", "192", "--height", "128", "--fps", "4", "--elevation", "-80") == 0
+    meta = next(imageio_ffmpeg.read_frames(str(out / "video.mp4")))
+    assert meta["size"] == (192, 128)
+    assert meta["fps"] == 4
+    assert meta["codec"] == "h264"
+    assert meta["pix_fmt"].startswith("yuv420p")
+    again = json.loads((out / "summary.json").read_text())
+    frames, _ = imageio_ffmpeg.count_frames_and_secs(str(out / "video.mp4"))
+    assert again.pop("video") == {"frames": frames, "width": 192, "height": 128, "fps": 4}
+    assert again == {k: v for k, v in before.items() if k != "video"}
+    assert {p.name for p in out.iterdir()} == set(FILES)
 
 
 def test_run_replaces_its_own_directory_and_repeats_its_bits(
@@ -122,8 +126,11 @@ def test_unstable_run_is_published_and_exits_3(tmp_path: Path, capsys: pytest.Ca
         with xr.open_dataset(out / "result.nc", engine="h5netcdf") as ds:
             assert 1 < len(ds["time"]) < 4999
             assert ds.attrs["status"] == "unstable"
+        if CAN_DRAW and backend == "ideal":
+            film_again(out)
 
 
+@pytest.mark.usefixtures("without_plots")
 def test_expectation_missed_exits_1(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
     arguments: list[str | Path] = ["run", "midpoint", *QUICK, "--set", "time.end=0.1", "--out", out]
@@ -134,6 +141,7 @@ def test_expectation_missed_exits_1(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert call("run", "midpoint", "--backend", "ideal", "--no-video", "--expect", "--out", out) == 0
 
 
+@pytest.mark.usefixtures("without_plots")
 def test_run_that_should_have_been_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
     arguments: list[str | Path] = ["run", "midpoint", *QUICK, "--set", "expect.refused=free to drift", "--out", out]
@@ -144,9 +152,10 @@ def test_run_that_should_have_been_refused(tmp_path: Path, capsys: pytest.Captur
     checks = json.loads((out / "summary.json").read_text())["expect"]["checks"]
     assert checks[0] == {"measure": "refused", "bound": "free to drift", "found": None, "met": False}
     error = capsys.readouterr().err
-    assert error == "mjsheaf: midpoint: it ran, expected is a refusal that says 'free to drift'\n"
+    assert one_line(error, "midpoint", "ran", "'free to drift'")
 
 
+@pytest.mark.usefixtures("without_plots")
 def test_run_refused_for_another_reason(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for name, code in (("air_tracks_surface", 1), ("lost_thruster", 2)):
         arguments: list[str | Path] = ["run", name, *QUICK, "--expect", "--out", tmp_path / "out"]
@@ -154,11 +163,10 @@ def test_run_refused_for_another_reason(tmp_path: Path, capsys: pytest.CaptureFi
         assert "expected" not in capsys.readouterr().err
         assert call(*arguments, "--set", "expect.refused=too windy") == code
         error = capsys.readouterr().err
-        assert error.startswith(f"mjsheaf: {name}: ")
-        assert "NOT as expected: expect.refused is 'too windy'" in error
-        assert error.count("\n") == 1
+        assert one_line(error, name, "expect.refused", "'too windy'")
 
 
+@pytest.mark.usefixtures("without_plots")
 def test_missed_expectation_of_what_is_not_measured(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arguments: list[str | Path] = [
         "run",
@@ -171,13 +179,14 @@ def test_missed_expectation_of_what_is_not_measured(tmp_path: Path, capsys: pyte
         tmp_path / "o",
     ]
     assert call(*arguments, "--set", "expect.ideal.formation_error=1") == 1
-    assert "formation_error is -, expected at most 1" in capsys.readouterr().err
+    assert one_line(capsys.readouterr().err, "midpoint", "formation_error", 1)
 
 
+@pytest.mark.usefixtures("without_plots")
 @pytest.mark.parametrize("way", [["--seed", "5"], ["--set", "seed=5"]])
 def test_seed_that_changes_nothing_is_said(way: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert call("run", "midpoint", *QUICK, "--set", "time.end=0.1", *way, "--out", tmp_path / "out") == 0
-    assert "the seed changes nothing" in capsys.readouterr().err
+    assert re.search(r"\bnote: .*\bseed\b", capsys.readouterr().err)
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["seed"] == 5
 
 
@@ -214,6 +223,7 @@ def test_no_command_at_all_shows_help_alone(capsys: pytest.CaptureFixture[str]) 
     assert "see mjsheaf --help" not in printed.err
 
 
+@pytest.mark.usefixtures("without_plots")
 def test_example_of_an_override_in_help_works(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert call("run", "--help") == 0
     assert "sensing.0.weight=2" in capsys.readouterr().out
@@ -221,6 +231,7 @@ def test_example_of_an_override_in_help_works(tmp_path: Path, capsys: pytest.Cap
     assert call("run", "midpoint", *QUICK, *overrides, "--out", tmp_path / "out") == 0
 
 
+@pytest.mark.usefixtures("without_plots")
 def test_table_fits_a_narrow_terminal(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -228,7 +239,7 @@ def test_table_fits_a_narrow_terminal(
     assert call("run", "paper", *QUICK, "--set", "time.end=0.1", "--out", tmp_path / "out") == 0
     printed = capsys.readouterr().out
     table = printed[: printed.index("finished")].splitlines()
-    assert table[0].rstrip() == "paper on ideal, errors in m at t = 0.1 s"
+    assert {"paper", "ideal", "m", "0.1"} <= set(re.findall(r"[\w.]+", table[0]))
     assert max(map(len, table)) <= 80
     assert len(table) == 1 + 4 + 1 + len(load_scenario("paper").formations)  # title, rules and headings, team, groups
 
@@ -253,12 +264,14 @@ def test_without_opengl_the_run_finishes_and_says_why(tmp_path: Path, mjsheaf: C
     assert json.loads((out / "summary.json").read_text())["video"] is None
 
 
-def test_run_from_an_empty_directory_goes_to_runs(tmp_path: Path, mjsheaf: Callable) -> None:
-    done = mjsheaf("run", "midpoint", "--backend", "ideal", "--no-video", "--set", "time.end=0.2", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+@pytest.mark.usefixtures("without_plots")
+def test_run_from_an_empty_directory_goes_to_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert call("run", "midpoint", *QUICK, "--set", "time.end=0.2") == 0
     assert (tmp_path / "runs" / "midpoint-ideal" / "result.nc").is_file()
 
 
+@pytest.mark.usefixtures("without_plots")
 def test_output_stays_out_of_the_directories_of_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     first, second = tmp_path / "first", tmp_path / "second"
     run: list[str | Path] = ["run", "midpoint", *QUICK, "--set", "time.end=0.1", *SMALL]
@@ -280,6 +293,7 @@ def test_output_stays_out_of_the_directories_of_runs(tmp_path: Path, capsys: pyt
     assert call(*run, "--out", first) == 0
 
 
+@pytest.mark.usefixtures("without_plots")
 def test_video_that_cannot_be_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run = tmp_path / "run"
     assert call("run", "midpoint", *QUICK, "--set", "time.end=0.1", *SMALL, "--out", run) == 0
@@ -297,6 +311,7 @@ def test_video_that_cannot_be_written(tmp_path: Path, capsys: pytest.CaptureFixt
         assert error.count("\n") == 1
 
 
+@pytest.mark.usefixtures("without_plots")
 def test_video_of_data_that_are_not_those_of_the_scenario(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run = tmp_path / "run"
     assert call("run", "midpoint", *QUICK, "--set", "time.end=0.1", *SMALL, "--out", run) == 0
@@ -346,7 +361,7 @@ def test_a_bound_beyond_all_measure_is_no_trouble(tmp_path: Path) -> None:
 def test_warnings_of_libraries_are_not_shown(capsys: pytest.CaptureFixture[str]) -> None:
     script = (
         "import sys\nimport warnings\nfrom mjsheaf.cli import main, listing\n"
-        "listing.schema_command = lambda of_check: warnings.warn('odd', RuntimeWarning)\nmain(['schema'])"
+        "listing.schema_of = lambda what: warnings.warn('odd', RuntimeWarning)\nmain(['schema'])"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert done.stderr == ""
@@ -367,7 +382,7 @@ def test_signal_stops_a_run_and_leaves_nothing(
         process.send_signal(number)
         _, error = process.communicate(timeout=60)
     assert process.returncode == code
-    assert error == f"mjsheaf: {word}; nothing was written\n"
+    assert one_line(error, word)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -389,12 +404,12 @@ def test_signal_stops_a_film_and_keeps_the_old_one(number: signal.Signals, code:
 
 def test_signal_that_was_lost_stops_the_work_at_the_next_report() -> None:
     script = (
-        "import gc, os, signal\nfrom mjsheaf.cli import listing, main\nfrom mjsheaf.cli.progress import progress_bars\n"
+        "import gc, os, signal\nfrom mjsheaf.cli import listing, main\nfrom mjsheaf.cli.terminal import progress_bars\n"
         "class Lossy:\n    def __del__(self):\n        os.kill(os.getpid(), signal.SIGINT)\n"
-        "def work(of_check):\n"
+        "def work(what):\n"
         "    with progress_bars() as report:\n        Lossy()\n        print('went on')\n        report('work', 1, 2)\n"
         "        print('not here')\n"
-        "listing.schema_command = work\nmain(['schema'])"
+        "listing.schema_of = work\nmain(['schema'])"
     )
     done = subprocess.run(
         [sys.executable, "-c", script],
@@ -405,7 +420,7 @@ def test_signal_that_was_lost_stops_the_work_at_the_next_report() -> None:
     )
     assert done.returncode == 130
     assert done.stdout == "went on\n"
-    assert done.stderr == "mjsheaf: interrupted; nothing was written\n"
+    assert one_line(done.stderr, "interrupted")
 
 
 def _wait_for(condition: Callable[[], bool], seconds: float = 120.0) -> None:

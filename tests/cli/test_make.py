@@ -36,12 +36,31 @@ def test_demo_names_a_video_only_where_there_is_one(drawn: bool, tmp_path: Path)
 
 @pytest.mark.parametrize("installed", [True, False])
 def test_integration_installs_opengl_only_where_it_is_missing(installed: bool, tmp_path: Path) -> None:
-    folder, called = tmp_path / "bin", tmp_path / "called"
+    folder, called, made = tmp_path / "bin", tmp_path / "called", tmp_path / "made"
     stand_in(folder, "id", "echo 0")
-    stand_in(folder, "make", "true")
+    stand_in(folder, "make", f'echo "$@" >> {made}')
     stand_in(folder, "apt-get", f"touch {called}")
     # What is looked for comes first and much follows: a reader that leaves then breaks the pipe.
     stand_in(folder, "ldconfig", ("echo libEGL_mesa.so.0; " if installed else "") + "seq 200000")
     environment = {**os.environ, "PATH": f"{folder}:{os.environ['PATH']}"}
     subprocess.run([str(REPOSITORY / ".ci" / "run")], env=environment, capture_output=True, check=True)
     assert called.exists() != installed
+    assert made.read_text().splitlines() == ["test EXAMPLES=ci", "test-slow"]
+
+
+@pytest.mark.skipif(shutil.which("make") is None, reason="no make")
+@pytest.mark.parametrize(
+    ("goal", "chosen", "profile"),
+    [("test", ["-m", "not slow"], "fast"), ("test-slow", ["-m", "slow"], "ci"), ("test-all", [], "ci")],
+)
+def test_each_goal_lints_and_runs_its_tests(goal: str, chosen: list[str], profile: str, tmp_path: Path) -> None:
+    """`test` and `test-slow` together are `test-all`."""
+    stamp, called = tmp_path / "installed", tmp_path / "called"
+    stamp.touch()
+    for name in ("ruff", "mypy", "pytest"):
+        stand_in(tmp_path / "bin", name, f"printf '%s|' {name} \"$@\" >> {called}; echo >> {called}")
+    variables = [f"BIN={tmp_path / 'bin'}", f"STAMP={stamp}"]
+    subprocess.run(["make", "-C", str(REPOSITORY), goal, *variables], capture_output=True, check=True)
+    ruff, formatted, mypy, tests = (line.split("|")[:-1] for line in called.read_text().splitlines())
+    assert (ruff[:2], formatted[:2], mypy) == (["ruff", "check"], ["ruff", "format"], ["mypy"])
+    assert tests == ["pytest", "-n", "2", "--dist", "worksteal", "--hypothesis-profile", profile, *chosen]

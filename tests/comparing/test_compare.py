@@ -15,14 +15,15 @@ import yaml
 
 from mjsheaf import simulate
 from mjsheaf.comparing import CompareRecord, compare
-from mjsheaf.comparing.filming import both_films
-from mjsheaf.comparing.ladder import climb, ladder_of
+from mjsheaf.comparing.filming import both_films, half_options
+from mjsheaf.comparing.ladder import ladder_of, run_ablation
 from mjsheaf.comparing.report import WIDTH, report_text
 from mjsheaf.results import summarize
 from mjsheaf.results.store import COMPARISON_FILES
 from mjsheaf.scenario import load_scenario
 from mjsheaf.video import available_backend
-from mjsheaf.video.curve import ErrorCurve, _rows
+from mjsheaf.video.film import Frames
+from mjsheaf.video.overlay import Overlay
 from tests.builders import approx, two_boats
 from tests.commands import call
 
@@ -38,7 +39,7 @@ def record() -> CompareRecord:
 def test_errors_of_a_rung_are_those_of_a_run(record: CompareRecord) -> None:
     scenario = two_boats("otter", "hull")
     for key, backend in (("ideal", "ideal"), ("all", "physics")):
-        expected = summarize(scenario.system().team, simulate(scenario, backend))
+        expected = summarize(scenario.system.team, simulate(scenario, backend))
         found = record.rung(key).errors
         assert list(found) == ["team", "line"]
         for scope, values in (("team", expected), ("line", expected["groups"]["line"])):
@@ -147,21 +148,20 @@ def test_video_has_both_side_by_side(tmp_path: Path) -> None:
 
 
 def test_both_curves_of_the_video_have_one_axis() -> None:
-    """Equal errors lie in equal rows. Oracle: the curves' rows at the values that both axes name."""
+    """Equal errors lie in equal rows. Oracle: the rows of one error in both films."""
     scenario = two_boats("otter", "hull", time={"end": 4.0})
-    runs = climb(scenario.system(), [rung for rung in ladder_of(scenario.system()) if rung.key in ("ideal", "all")])
-    films = [film for film, _ in both_films(scenario, runs["ideal"], runs["all"])]
+    runs = run_ablation(scenario.system, [rung for rung in ladder_of(scenario.system) if rung.key in ("ideal", "all")])
+    options = half_options(scenario)
+    films = [film for film, _ in both_films(scenario, runs["ideal"], runs["all"], options)]
     low, high = films[0].error_range or (0.0, 0.0)
     assert films[1].error_range == (low, high)
-    errors = [np.asarray(film.error[:]) for film in films]
+    assert films[0].span == films[1].span
+    surveys = [Frames(film, options).extent.survey for film in films]
+    errors = [survey.error for survey in surveys]
     assert high == max(error.max() for error in errors)
     assert low == max(min(error.min() for error in errors), high / 1e6)
     assert errors[0].min() != pytest.approx(errors[1].min(), rel=0.1)  # axes of their own would differ
-    same = [replace(film, error=np.linspace(low, high, len(film.time))) for film in films]
-    plates = [ErrorCurve(film, 300, 54, 1.0).plate.tobytes() for film in films]
-    assert plates[0] == plates[1]  # the two values beside the axis
-    rows = [_rows(film, 200, 4, 50) for film in (*films, *same)]
-    assert {row[1:] for row in rows} == {(low, high)}
-    np.testing.assert_array_equal(rows[2][0], rows[3][0])
-    assert rows[2][0][0] == pytest.approx(50.0)
-    assert rows[2][0][-1] == pytest.approx(4.0)
+    same = replace(surveys[0], error=np.geomspace(low, high, len(surveys[0].time)))
+    rows = [Overlay(film, options, same)._curve[1] for film in films]
+    np.testing.assert_array_equal(rows[0], rows[1])
+    assert rows[0][0] - rows[0][-1] > 30  # pixels: it fills the axis

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mjsheaf import simulate
-from mjsheaf.comparing.ladder import EFFECTS, climb, effects_of, ladder_of
+from mjsheaf.comparing.ladder import EFFECTS, effects_of, ladder_of, run_ablation
 from mjsheaf.scenario import Scenario
 from mjsheaf.simulation.loop import run_physics
 from tests.builders import two_aircraft, two_boats
@@ -30,17 +30,17 @@ def with_effects(scenario: Scenario, **effects: bool) -> Scenario:
 
 
 def test_bodies_with_ideal_thrusters_have_no_effect_rungs() -> None:
-    system = two_boats("hull", "hull", vehicles={"agents": "hull", "targets": "hull", "tau": 0.01}).system()
+    system = two_boats("hull", "hull", vehicles={"agents": "hull", "targets": "hull", "tau": 0.01}).system
     ladder = ladder_of(system)
     assert effects_of(system) == []
     assert [rung.key for rung in ladder] == ["ideal", "targets", "agents", "base", "all"]
-    runs = climb(system, ladder)
+    runs = run_ablation(system, ladder)
     np.testing.assert_array_equal(runs["all"].trajectory.positions, runs["base"].trajectory.positions)
 
 
 def test_a_slow_body_without_an_autopilot_has_inertia() -> None:
     slow = {"agents": "hull", "targets": "hull", "tau": 0.2}
-    assert effects_of(two_boats("hull", "hull", vehicles=slow).system()) == ["inertia"]
+    assert effects_of(two_boats("hull", "hull", vehicles=slow).system) == ["inertia"]
 
 
 @pytest.mark.parametrize(
@@ -51,7 +51,7 @@ def test_a_slow_body_without_an_autopilot_has_inertia() -> None:
     ],
 )
 def test_rungs_are_the_effects_that_vehicles_have(vehicle: str, expected: list[str]) -> None:
-    system = two_boats(vehicle, "hull").system()
+    system = two_boats(vehicle, "hull").system
     assert effects_of(system) == expected
     keys = [rung.key for rung in ladder_of(system)]
     assert keys == ["ideal", "targets", "agents", "base", *(f"+{e}" for e in expected), "all"] + [
@@ -60,21 +60,21 @@ def test_rungs_are_the_effects_that_vehicles_have(vehicle: str, expected: list[s
 
 
 def test_what_the_scenario_switches_off_is_no_rung() -> None:
-    system = with_effects(two_boats("wamv", "hull"), lag=False).system()
+    system = with_effects(two_boats("wamv", "hull"), lag=False).system
     assert "lag" not in effects_of(system)
-    contacts = two_boats("wamv", "hull", physics={"timestep": 0.005, "contacts": True}).system()
+    contacts = two_boats("wamv", "hull", physics={"timestep": 0.005, "contacts": True}).system
     assert effects_of(contacts)[-1] == "contacts"
 
 
 def test_an_effect_of_an_x500_is_not_its_drag_law() -> None:
-    assert "drag_law" not in effects_of(two_aircraft("x500").system())
+    assert "drag_law" not in effects_of(two_aircraft("x500").system)
 
 
 def test_every_rung_is_the_run_that_it_says() -> None:
     """Ideal, base, one effect alone, all, and all without one, against plain runs, bit for bit."""
     scenario = two_boats("otter", "hull", time={"end": 1.0})
-    system = scenario.system()
-    runs = climb(system, ladder_of(system))
+    system = scenario.system
+    runs = run_ablation(system, ladder_of(system))
     np.testing.assert_array_equal(runs["ideal"].trajectory.positions, positions(simulate(scenario, "ideal")))
     for key, effects in {
         "base": OFF,
@@ -82,13 +82,13 @@ def test_every_rung_is_the_run_that_it_says() -> None:
         "-lag": {"lag": False},
         "all": {},
     }.items():
-        expected = run_physics(with_effects(scenario, **effects).system())
+        expected = run_physics(with_effects(scenario, **effects).system)
         np.testing.assert_array_equal(runs[key].trajectory.positions, expected.positions, err_msg=key)
 
 
 def test_part_rungs_place_targets_where_the_other_run_had_them() -> None:
-    system = two_boats("wamv", "otter", time={"end": 1.0}).system()
-    runs = climb(system, ladder_of(system))
+    system = two_boats("wamv", "otter", time={"end": 1.0}).system
+    runs = run_ablation(system, ladder_of(system))
     N = len(system.team.agents)
     targets = {key: run.trajectory.positions[:, N:] for key, run in runs.items()}
     np.testing.assert_allclose(targets["targets"], targets["base"], atol=1e-12)
@@ -98,8 +98,8 @@ def test_part_rungs_place_targets_where_the_other_run_had_them() -> None:
 
 def test_a_rung_that_blows_up_is_marked_and_the_others_go_on() -> None:
     """Without mass, a hull's step of .02 s under a gain of 200 1/s diverges; the ladder says so of each rung."""
-    system = two_boats("hull", "hull", controller={"gain": 200.0, "control_period": 0.02}).system()
-    runs = climb(system, ladder_of(system))
+    system = two_boats("hull", "hull", controller={"gain": 200.0, "control_period": 0.02}).system
+    runs = run_ablation(system, ladder_of(system))
     assert {run.trajectory.status for run in runs.values()} == {"unstable"}
     for run in runs.values():
         assert "unstable" in run.trajectory.message

@@ -30,7 +30,7 @@ def test_fit_finds_the_roots_of_a_signal() -> None:
 @pytest.mark.parametrize(("tau", "gain"), [(0.1, 3.0), (0.3, 5.0), (0.05, 2.0)])
 def test_alike_bodies_have_the_damping_of_the_closed_form(tau: float, gain: float) -> None:
     """Also that of `check`; where it is over 1, nothing swings."""
-    system = with_tau(tau, gain).system()
+    system = with_tau(tau, gain).system
     expected = 1.0 / (2.0 * np.sqrt(gain * system.largest_eigenvalue * tau))
     mode = least_damped(system, second_order(system))
     assert mode.damping == pytest.approx(expected, rel=1e-9)
@@ -42,23 +42,23 @@ def test_alike_bodies_have_the_damping_of_the_closed_form(tau: float, gain: floa
 @pytest.mark.parametrize(("tau", "gain"), [(0.3, 5.0), (0.2, 2.0)])
 def test_ideal_thrusters_ring_as_predicted(tau: float, gain: float) -> None:
     """Damping ratio and overshoot within 3%, as a hold of 2 ms is nearly none."""
-    ringing = ringing_of(with_tau(tau, gain).system())
+    ringing = ringing_of(with_tau(tau, gain).system)
     assert ringing is not None
-    (release,) = ringing.releases
-    assert approx(release.damping, rel=0.03) == ringing.mode.damping
-    assert approx(release.frequency, rel=0.03) == ringing.mode.frequency
-    assert release.overshoot == pytest.approx(ringing.overshoot, rel=0.05)
-    ratio = ringing.mode.damping
-    assert ringing.overshoot == pytest.approx(np.exp(-np.pi * ratio / np.sqrt(1.0 - ratio**2)), rel=1e-3)
+    (release,) = ringing.measured
+    assert approx(release.damping_ratio, rel=0.03) == ringing.predicted_damping_ratio
+    assert approx(release.frequency_rad_s, rel=0.03) == ringing.predicted_frequency_rad_s
+    assert release.overshoot == pytest.approx(ringing.predicted_overshoot, rel=0.05)
+    ratio = ringing.predicted_damping_ratio
+    assert ringing.predicted_overshoot == pytest.approx(np.exp(-np.pi * ratio / np.sqrt(1.0 - ratio**2)), rel=1e-3)
 
 
 def test_overdamped_bodies_do_not_overshoot() -> None:
-    ringing = ringing_of(with_tau(0.02, 1.0).system())
+    ringing = ringing_of(with_tau(0.02, 1.0).system)
     assert ringing is not None
-    assert not ringing.mode.swings
-    assert ringing.mode.damping > 1.0
-    assert ringing.overshoot == 0.0
-    assert ringing.releases[0].overshoot < 1e-3
+    assert ringing.overdamped
+    assert ringing.predicted_damping_ratio > 1.0
+    assert ringing.predicted_overshoot == 0.0
+    assert ringing.measured[0].overshoot < 1e-3
 
 
 @pytest.mark.parametrize("name", ["wamv", "otter", "hexarotor", "quadrotor"])
@@ -67,23 +67,25 @@ def test_real_vehicles_without_lag_ring_as_predicted(name: str) -> None:
     controller = {"gain": 1.0, "control_period": 0.02}
     afloat = name in ("wamv", "otter")
     scenario = two_boats(name, "hull", controller=controller) if afloat else two_aircraft(name, controller=controller)
-    ringing = ringing_of(scenario.system())
+    ringing = ringing_of(scenario.system)
     assert ringing is not None
-    as_it_stands, ideal = ringing.releases[0], ringing.releases[-1]
-    assert ringing.mode.swings
-    assert as_it_stands.saturated == 0.0
-    assert approx(ideal.damping, rel=0.15) == ringing.held
-    assert as_it_stands.damping is not None
-    assert as_it_stands.damping < ringing.held
+    as_it_stands, ideal = ringing.measured[0], ringing.measured[-1]
+    assert not ringing.overdamped
+    assert as_it_stands.saturation == 0.0
+    assert approx(ideal.damping_ratio, rel=0.15) == ringing.predicted_damping_ratio_held
+    assert as_it_stands.damping_ratio is not None
+    assert as_it_stands.damping_ratio < ringing.predicted_damping_ratio_held
 
 
 def test_distance_to_the_ideal_run_is_of_first_order_in_tau() -> None:
     for scenario in (two_boats("wamv", "hull"), two_boats("otter", "hull")):
-        system = scenario.system()
+        system = scenario.system
         found = converge(system)
         assert approx(found.slope, abs=0.1) == 1.0
-        assert all(a.tau == pytest.approx(2.0 * b.tau) for a, b in zip(found.points, found.points[1:], strict=False))
+        assert all(
+            a.tau_s == pytest.approx(2.0 * b.tau_s) for a, b in zip(found.points, found.points[1:], strict=False)
+        )
         for point in found.points:
-            assert point.timestep <= 0.1 * point.tau * (1.0 + 1e-9)
-            steps = system.grid.period / point.timestep
+            assert point.timestep_s <= 0.1 * point.tau_s * (1.0 + 1e-9)
+            steps = system.grid.period / point.timestep_s
             assert steps == pytest.approx(round(steps))

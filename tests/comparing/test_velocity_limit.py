@@ -22,7 +22,7 @@ def limited(limit: float | None) -> Scenario:
 def late_tracking(scenario: Scenario, backend: str) -> float:
     data = simulate(scenario, backend)
     error = np.sqrt((data["tracking_error"].values ** 2).mean(axis=1))
-    grid = scenario.system().grid
+    grid = scenario.system.grid
     return root_mean_square(error, data["time"].values >= grid.start + 0.5 * grid.period * grid.steps)
 
 
@@ -68,6 +68,7 @@ def test_the_verdict_names_it(record: CompareRecord) -> None:
     assert not any("lag; " in s and "velocity limit" not in s for s in record.verdict)
 
 
+@pytest.mark.slow
 def test_a_limit_that_is_not_met_costs_nothing_and_is_not_spoken_of() -> None:
     record = compare(limited(30.0)).record
     assert record.velocity_limit is not None

@@ -14,8 +14,14 @@ from hypothesis import strategies as st
 from mjsheaf.comparing import CompareRecord, compare
 from mjsheaf.comparing.figures import choose_rungs, log_ticks
 from mjsheaf.comparing.ladder import inertial_tau
-from mjsheaf.comparing.measures import formation_size, late, positions_at_q_star, root_mean_square, series_of
-from mjsheaf.comparing.record import ItemRecord
+from mjsheaf.comparing.measures import (
+    ItemRecord,
+    error_series,
+    formation_size,
+    late,
+    positions_at_q_star,
+    root_mean_square,
+)
 from mjsheaf.comparing.report import report_text
 from mjsheaf.comparing.ringing import ringing_of, usable_gain
 from mjsheaf.comparing.verdict import verdict_of
@@ -53,7 +59,7 @@ def torn() -> CompareRecord:
 
 
 def test_agents_at_q_star_do_not_err_in_tracking() -> None:
-    system = two_groups(["T11", "T21"]).system()
+    system = two_groups(["T11", "T21"]).system
     run = run_ideal(system)
     placed = positions_at_q_star(system, run.positions)
     N = len(system.team.agents)
@@ -65,12 +71,12 @@ def test_agents_at_q_star_do_not_err_in_tracking() -> None:
 
 
 def test_budgets_know_the_errors_at_q_star(torn: CompareRecord) -> None:
-    system = two_groups(["T11", "T21"]).system()
+    system = two_groups(["T11", "T21"]).system
     run = run_ideal(system)
-    series = series_of(system, evaluate_errors(system.team, positions_at_q_star(system, run.positions)))
+    series = error_series(system, positions_at_q_star(system, run.positions))
     chosen = late(system, run.time)
     for budget in torn.budgets:
-        values = getattr(series[budget.scope], budget.measure)
+        values = series[budget.scope][budget.measure]
         expected = {"late": root_mean_square(values, chosen), "final": values[-1]}[budget.statistic]
         assert approx(budget.at_q_star_m, abs=1e-9) == expected
 
@@ -113,20 +119,20 @@ def test_usable_gain_of_alike_bodies_is_the_closed_form_at_any_gain(gain: float)
     tau = 0.2
     vehicles = {"agents": "hull", "targets": "hull", "tau": tau}
     system = two_boats("hull", "hull", vehicles=vehicles, controller={"gain": gain, "control_period": 0.002},
-                  physics={"timestep": 0.002}).system()  # fmt: skip
+                  physics={"timestep": 0.002}).system  # fmt: skip
     system = replace(system, grid=replace(system.grid, continuous=True))
     expected = 1.0 / (4.0 * 0.3**2 * system.largest_eigenvalue * tau)
     assert approx(usable_gain(system, None), rel=1e-9) == expected
     ringing = ringing_of(replace(system, grid=replace(system.grid, continuous=False)))
     assert ringing is not None
-    bare = replace(ringing, releases=[replace(ringing.releases[0], damping=None)])
+    bare = ringing.model_copy(update={"measured": [ringing.measured[0].model_copy(update={"damping_ratio": None})]})
     assert approx(usable_gain(system, bare), rel=1e-9) == expected
     assert approx(usable_gain(system, ringing), rel=0.1) == expected  # as measured
 
 
 @given(st.floats(0.002, 0.2), st.floats(0.1, 20.0))
 def test_usable_gain_neither_rings_under_the_hold_nor_grows_with_it(period: float, gain: float) -> None:
-    system = two_boats("hull", "hull").system()
+    system = two_boats("hull", "hull").system
     held = replace(system, gain=gain, grid=replace(system.grid, period=period, continuous=False))
     longer = replace(held, grid=replace(held.grid, period=1.5 * period))
     found, less = usable_gain(held, None), usable_gain(longer, None)
@@ -143,6 +149,25 @@ def test_inertia_is_the_reduced_model_without_lag() -> None:
         expected = replace(vehicle, actuators=free).reduced_model().tau
         np.testing.assert_allclose(inertial_tau(vehicle), expected)
         assert (vehicle.reduced_model().tau >= inertial_tau(vehicle) - 1e-12).all()
+
+
+@pytest.mark.parametrize(
+    ("ideal", "whole", "words"),
+    [
+        (2.0, 2.5, "(+25.0%)"),
+        (2.0, 1.5, "(-25.0%)"),
+        (0.1, 1.2, "(12 times the ideal)"),
+        (1e-15, 1.2, "(nearly all of it)"),
+        (0.0, 0.0, "(+0.0%)"),
+    ],
+)
+def test_what_bodies_add_reads_well_beside_any_ideal_error(
+    ideal: float, whole: float, words: str, torn: CompareRecord
+) -> None:
+    changed = [b.model_copy(update={"ideal_m": ideal, "all_m": whole}) for b in torn.budgets]
+    told = verdict_of(torn.model_copy(update={"budgets": changed}))
+    (cost,) = [sentence for sentence in told if sentence.startswith("formation error, RMS")]
+    assert cost.endswith(words)
 
 
 def test_the_page_says_why_something_is_worse_without_an_effect(torn: CompareRecord) -> None:

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 import mjsheaf
-from mjsheaf.checking.bound import bound_of_run
+from mjsheaf.checking.finished import bound_of_run
 from mjsheaf.dynamics import disturbance
 from mjsheaf.scenario import scenario_from_mapping
 from mjsheaf.simulation.ideal import run_ideal
@@ -81,10 +81,10 @@ class Terms:
 @pytest.mark.parametrize("seed", range(12))
 def test_the_error_obeys_the_papers_equation(seed: int) -> None:
     raw = random_loop(seed)
-    terms = Terms(scenario_from_mapping(raw).system())
+    terms = Terms(scenario_from_mapping(raw).system)
     largest = float(np.linalg.eigvalsh(terms.H)[-1])
     raw["controller"]["gain"] = 4.0 / largest  # so that the fastest mode takes a quarter of a second
-    system = scenario_from_mapping(raw).system()
+    system = scenario_from_mapping(raw).system
     trajectory = run_ideal(system)
     assert trajectory.status == "finished"
     x, time = trajectory.positions, trajectory.time
@@ -124,7 +124,7 @@ def test_the_error_obeys_the_papers_equation(seed: int) -> None:
 def test_commands_stay_bounded(name: str, backend: str) -> None:
     """|u| <= k1 |g^+| |H| sup |e|: of bodies the velocity they are asked for; where Theorem 1 applies, by its bound."""
     scenario = mjsheaf.load_scenario(name, {"time.end": 4.0})
-    system = scenario.system()
+    system = scenario.system
     result = mjsheaf.simulate(scenario, backend=backend)
     error = np.sqrt((result["tracking_error"].values ** 2).sum(axis=1))
     asked = result["command" if backend == "ideal" else "velocity_command"].values

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from mjsheaf import load_scenario
 from mjsheaf.control import LawArrays, disagreement, pack_law
 from mjsheaf.control.law import limit_speed
-from mjsheaf.team import Edge, Formation, Member, Team, range_bearing, relative_state
+from mjsheaf.team import Edge, Member, Team, range_bearing, relative_state
+from mjsheaf.team.formation import Explicit
 from tests.builders import FACTS
 
 Array = NDArray[np.float64]
@@ -56,6 +57,11 @@ class Case:
     rng: np.random.Generator
 
 
+def formation(name: str, members: list[Member], rng: np.random.Generator) -> Explicit:
+    places = [rng.standard_normal(m.dimension).tolist() for m in members]
+    return Explicit(name=name, members=[m.id for m in members], displacements=places)
+
+
 @st.composite
 def cases(draw: st.DrawFn) -> Case:
     """Random teams of mixed dimensions, with rectangular maps, parallel edges, weights and offsets of every kind."""
@@ -76,10 +82,10 @@ def cases(draw: st.DrawFn) -> Case:
         return made
 
     inside = [a for a in agents if draw(st.booleans())]
-    group = Formation("g", tuple(a.id for a in inside), tuple(rng.standard_normal(a.dimension) for a in inside))
-    shape = Formation("t", tuple(t.id for t in targets), tuple(rng.standard_normal(t.dimension) for t in targets))
+    groups = [formation("g", inside, rng)] if inside else []
+    shape = formation("t", targets, rng)
     team = Team(
-        agents, targets, edges(agents, agents, 8), edges(agents, targets, 6), edges(targets, targets, 4), [group], shape
+        agents, targets, edges(agents, agents, 8), edges(agents, targets, 6), edges(targets, targets, 4), groups, shape
     )
     x = team.unpack(rng.integers(-50, 50, team.sheaf.shape[1]).astype(float))
     return Case(team, x, rng)
@@ -205,7 +211,7 @@ def test_range_zero_gives_the_command_of_the_offset_alone() -> None:
 
 @pytest.fixture(scope="module")
 def published() -> Team:
-    return load_scenario("paper").system().team
+    return load_scenario("paper").system.team
 
 
 def test_spectrum_of_the_published_team(published: Team) -> None:
@@ -217,7 +223,7 @@ def test_spectrum_of_the_published_team(published: Team) -> None:
 
 
 def test_disagreement_of_the_published_start() -> None:
-    system = load_scenario("paper").system()
+    system = load_scenario("paper").system
     mean = np.linalg.norm(disagreement(system.law, system.initial)[:13], axis=1).mean()
     np.testing.assert_allclose(mean, FACTS["checkpoints_gain_10"]["mean_disagreement"]["0.01"], rtol=1e-13)
 

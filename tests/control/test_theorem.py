@@ -58,19 +58,19 @@ def test_sets_are_nested_where_the_gain_condition_holds(
         assert np.isinf(t.bound(0.0, [0.0, 1.0])).all()
         return
     assert t.mu == pytest.approx((f_bar + omega_bar) ** 2 / (2 * gain * lambda_min))
-    assert t.radius_U == math.sqrt(t.mu / t.rate)
-    assert t.k_min > rho(2.0 * t.radius_U) + t.rate
+    assert t.radius == math.sqrt(t.mu / t.rate)
+    assert t.k_min > rho(2.0 * t.radius) + t.rate
     assert rho(t.chi) <= t.k_min - t.rate
     if t.mu > 0.0 and t.chi < math.inf:
-        assert t.radius_U < t.radius_S < t.radius_D
+        assert t.radius < t.radius_S < t.chi
     else:
-        assert t.radius_U <= t.radius_S <= t.radius_D
+        assert t.radius <= t.radius_S <= t.chi
     assert t.contains(t.radius_S)
     assert t.contains(t.radius_S * (1 + 1e-9)) is (t.chi == math.inf)
     times = np.linspace(0.0, 10.0 / t.rate, 50)
     if t.chi < math.inf:
         assert (t.bound(t.radius_S, times) <= t.chi).all()
-        assert t.bound(t.radius_S, times)[-1] == pytest.approx(t.radius_U, rel=1e-3, abs=1e-3 * t.chi)
+        assert t.bound(t.radius_S, times)[-1] == pytest.approx(t.radius, rel=1e-3, abs=1e-3 * t.chi)
 
 
 @examples(80)
@@ -131,7 +131,7 @@ def test_reach_at_the_ends_of_the_numbers() -> None:
     ],
 )
 def test_what_is_no_bound_is_refused(make: Callable[[], Rho]) -> None:
-    with pytest.raises(InputError, match=r"expected"):
+    with pytest.raises(InputError):
         make()
 
 
@@ -288,7 +288,7 @@ def test_the_sets_are_not_vacuous() -> None:
     assert t.chi == pytest.approx(8.5)
     inside = worst_loop(t, np.eye(1), np.array([0.99 * t.radius_S]), 10.0)
     assert inside.status == 0
-    assert abs(inside.y[0, -1]) <= t.radius_U
+    assert abs(inside.y[0, -1]) <= t.radius
     # 2 k_min - rho < 0 from |e| = 19.5 on: the proof gives half of the law away to the drive.
     outside = worst_loop(t, np.eye(1), np.array([2.4 * t.chi]), 10.0)
     assert outside.status == 1

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mjsheaf.dynamics import FlowField
 from mjsheaf.dynamics.bounds import Supremum, _Kernels, largest_speed, lipschitz_constant
 from mjsheaf.errors import InputError
-from tests.builders import FACTS
+from tests.builders import FACTS, field_of, of_facts
 from tests.strategies import examples
 
 Array = NDArray[np.float64]
@@ -30,9 +30,7 @@ SEEDS = st.integers(0, 2**31)
 
 
 def paper_field(name: str) -> FlowField:
-    facts = FACTS[name]
-    channels = [[*centre, *direction, *rest] for centre, direction, *rest in facts["gaussian_channels"]]
-    return FlowField(facts["dimension"], facts["core"], facts["drift"], facts["sources"], facts["vortices"], channels)
+    return of_facts(FACTS[name])
 
 
 def random_field(rng: np.random.Generator, n: int) -> FlowField:
@@ -47,7 +45,7 @@ def random_field(rng: np.random.Generator, n: int) -> FlowField:
     channels = np.hstack([channels, 10.0 ** rng.uniform(-0.5, 0.7, (len(channels), 2))])
     core = 10.0 ** rng.uniform(-1, 0.5)
     drift = rng.standard_normal(n).tolist()
-    return FlowField(n, core, drift, rows(1).tolist(), rows(1 if n == 2 else 4).tolist(), channels.tolist())
+    return field_of(n, core, drift, rows(1).tolist(), rows(1 if n == 2 else 4).tolist(), channels.tolist())
 
 
 def random_box(rng: np.random.Generator, n: int) -> tuple[Array, Array]:
@@ -59,7 +57,7 @@ def random_box(rng: np.random.Generator, n: int) -> tuple[Array, Array]:
 
 def centres_of(field: FlowField) -> Array:
     n = field.dimension
-    return np.array([row[:n] for row in [*field.sources, *field.vortices, *field.channels]]).reshape(-1, n)
+    return np.array([k.centre for kind in (field.sources, field.vortices, field.channels) for k in kind]).reshape(-1, n)
 
 
 def points_in(field: FlowField, low: Array, high: Array, rng: np.random.Generator, count: int = 3000) -> Array:
@@ -156,9 +154,9 @@ def test_the_gap_closes(supremum: Callable[..., Supremum]) -> None:
 def test_a_kernel_alone_has_its_known_peaks(n: int, planar: bool, c: float) -> None:
     """|alpha| / 2c and |alpha| / c^2 in the plane; 2 |alpha| / (3 sqrt 3 c^2) and |alpha| / c^3 in space."""
     origin, low, high = [0.3] * 2 + [0.0] * (n - 2), [-8.0, -5.0, -6.0], [9.0, 7.0, 5.0]
-    source = FlowField(n, c, sources=[[*origin, -3.0]])
-    vortex = FlowField(n, c, vortices=[[*origin, *([] if n == 2 else [0.0, 0.0, 2.0]), -3.0 if n == 2 else 1.5]])
-    channel = FlowField(n, channels=[[*origin, *[0.6, 0.8, 0.0][:n], -2.0, 0.4, 3.0]])
+    source = field_of(n, c, sources=[[*origin, -3.0]])
+    vortex = field_of(n, c, vortices=[[*origin, *([] if n == 2 else [0.0, 0.0, 2.0]), -3.0 if n == 2 else 1.5]])
+    channel = field_of(n, channels=[[*origin, *[0.6, 0.8, 0.0][:n], -2.0, 0.4, 3.0]])
     expected = [
         (source, 1.5 / c if n == 2 else 6.0 / (3.0 * np.sqrt(3.0) * c**2), 3.0 / c**n),
         (vortex, 1.5 / c, 3.0 / c**2),
@@ -179,7 +177,7 @@ def test_the_paper() -> None:
     assert slope.exact
     assert slope.seen == pytest.approx(53.584, abs=1e-3)
     assert slope.upper < 54.0
-    np.testing.assert_allclose(slope.where, field.sources[0][:2], atol=0.01)
+    np.testing.assert_allclose(slope.where, field.sources[0].centre[:2], atol=0.01)
     speed = largest_speed(field, [-100, -100], [150, 150], planar=True, tolerance=1e-3)
     assert speed.exact
     assert speed.seen == pytest.approx(4.262, abs=5e-3)
@@ -259,7 +257,7 @@ def test_far_from_every_kernel(supremum: Callable[..., Supremum], distance: floa
 
 
 def test_only_channels_and_far_away_nothing_moves() -> None:
-    field = FlowField(2, channels=[[0, 0, 1, 0, 5.0, 0.5, 2.0]])
+    field = field_of(2, channels=[[0, 0, 1, 0, 5.0, 0.5, 2.0]])
     for supremum in (largest_speed, lipschitz_constant):
         found = supremum(field, [500, 500], [600, 600], planar=True)
         assert found.upper == found.seen == 0.0
@@ -272,8 +270,8 @@ def test_only_channels_and_far_away_nothing_moves() -> None:
 def test_without_a_core_the_supremum_is_infinite(supremum: Callable[..., Supremum], n: int, core: float) -> None:
     centre, axis = [1.0, 2.0, 0.0][:n], [[], [0.0, 0.0, 1.0]][n - 2]
     for field in (
-        FlowField(n, core, sources=[[*centre, 1.0]]),
-        FlowField(n, core, vortices=[[*centre, *axis, 1.0]]),
+        field_of(n, core, sources=[[*centre, 1.0]]),
+        field_of(n, core, vortices=[[*centre, *axis, 1.0]]),
     ):
         for planar in (True, False):
             for low, high in (([-5, -5, -5], [5, 5, 5]), ([1, 2, 0], [1, 2, 0]), ([1, -3, 0], [2, 2, 1])):
@@ -283,14 +281,14 @@ def test_without_a_core_the_supremum_is_infinite(supremum: Callable[..., Supremu
             found = supremum(field, [1.5, 1.5, -1.0], [3.0, 3.0, 1.0], planar=planar)
             assert found.exact
             assert np.isfinite(found.upper)
-    off = FlowField(3, core, sources=[[0, 0, 2.0, 1.0]])  # two metres over the plane
+    off = field_of(3, core, sources=[[0, 0, 2.0, 1.0]])  # two metres over the plane
     assert lipschitz_constant(off, [-5, -5], [5, 5], planar=True).upper == pytest.approx(1.0 / 8.0, rel=0.02)
 
 
 @pytest.mark.parametrize("planar", [True, False])
 def test_a_drift_alone_is_exact(planar: bool) -> None:
     still = {"sources": [[0.0, 0.0, 0.0, 0.0]], "vortices": [[0, 0, 0, 0, 0, 0, 1.0], [0, 0, 0, 0, 0, 1.0, 0.0]]}
-    for field in (FlowField(3, drift=[3.0, 4.0, 12.0]), FlowField(3, 0.1, [3.0, 4.0, 12.0], **still)):
+    for field in (field_of(3, drift=[3.0, 4.0, 12.0]), field_of(3, 0.1, [3.0, 4.0, 12.0], **still)):
         low, high = np.full(3, -1e6), np.full(3, 1e6)
         speed = largest_speed(field, low, high, planar=planar, tolerance=0.0)
         assert speed.upper == speed.seen == (5.0 if planar else 13.0)
@@ -308,7 +306,7 @@ def test_a_drift_alone_is_exact(planar: bool) -> None:
 def test_leaving_out_the_drift(seed: int, space: tuple[int, bool]) -> None:
     (n, planar), rng = space, np.random.default_rng(seed)
     field = random_field(rng, n)
-    still = FlowField(n, field.core, None, field.sources, field.vortices, field.channels)
+    still = field.model_copy(update={"drift": None})
     low, high = random_box(rng, 2 if planar else 3)
     same(largest_speed(field, low, high, planar=planar, drift=False), largest_speed(still, low, high, planar=planar))
 
@@ -372,4 +370,4 @@ def test_wrong_boxes_are_refused(
     supremum: Callable[..., Supremum], low: Any, high: Any, options: dict[str, Any], message: str
 ) -> None:
     with pytest.raises(InputError, match=message):
-        supremum(FlowField(3), low, high, **options)
+        supremum(FlowField(dimension=3), low, high, **options)

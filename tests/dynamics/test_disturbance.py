@@ -3,6 +3,8 @@
 Oracle: the bound and the Lipschitz constant 2 pi f_max bound that follow from the construction.
 """
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -14,9 +16,9 @@ from mjsheaf.errors import InputError
 
 kinds = st.builds(
     Disturbance,
-    st.floats(0.0, 100.0),
-    st.tuples(st.floats(0.01, 1.0), st.floats(1.0, 5.0)),
-    st.integers(1, 9),
+    bound=st.floats(0.0, 100.0),
+    frequencies=st.tuples(st.floats(0.01, 1.0), st.floats(1.0, 5.0)),
+    components=st.integers(1, 9),
 )
 dimensions = st.lists(st.sampled_from([2, 3]), min_size=1, max_size=4)
 
@@ -40,7 +42,7 @@ def test_disturbances_are_bounded_and_continuous(kind: Disturbance, sizes: list[
 @given(st.integers(0, 2**31))
 def test_disturbances_do_disturb(seed: int) -> None:
     """The bound is not a fiction: over a long time each vehicle sees a good part of it, in every direction it has."""
-    harmonics = disturbance.draw([Disturbance(2.0)] * 3, [3, 2, 3], np.random.default_rng(seed))
+    harmonics = disturbance.draw([Disturbance(bound=2.0)] * 3, [3, 2, 3], np.random.default_rng(seed))
     omega = disturbance.evaluate(harmonics, np.linspace(0.0, 400.0, 4000))
     assert np.linalg.norm(omega, axis=2).max(axis=0).min() > 0.6
     spread = omega.std(axis=0)
@@ -106,9 +108,9 @@ def test_the_bound_holds_at_any_time_and_both_forms_agree_where_the_loop_may_run
 
 
 def test_vehicles_without_a_disturbance_have_none_and_change_no_other() -> None:
-    kind = Disturbance(1.0, components=3)
+    kind = Disturbance(bound=1.0, components=3)
     alone = disturbance.draw([kind], [3], np.random.default_rng(5))
-    among = disturbance.draw([None, kind, Disturbance(0.0)], [2, 3, 3], np.random.default_rng(5))
+    among = disturbance.draw([None, kind, Disturbance(bound=0.0)], [2, 3, 3], np.random.default_rng(5))
     np.testing.assert_array_equal(among[1], alone[0])
     omega = disturbance.evaluate(among, np.linspace(0, 9, 10))
     np.testing.assert_array_equal(omega[:, [0, 2]], 0.0)
@@ -116,8 +118,16 @@ def test_vehicles_without_a_disturbance_have_none_and_change_no_other() -> None:
 
 
 @pytest.mark.parametrize(
-    "arguments", [(-1.0,), (1.0, (0.0, 1.0)), (1.0, (2.0, 1.0)), (1.0, (0.1, 1.0), 0), (float("nan"),)]
+    ("wrong", "field"),
+    [
+        ({"bound": -1.0}, "bound"),
+        ({"bound": float("nan")}, "bound"),
+        ({"bound": "1"}, "bound"),
+        ({"bound": 1.0, "frequencies": (0.0, 1.0)}, "frequencies.0"),
+        ({"bound": 1.0, "frequencies": (2.0, 1.0)}, "lowest <= highest frequency"),
+        ({"bound": 1.0, "components": 0}, "components"),
+    ],
 )
-def test_wrong_disturbances_are_refused(arguments: tuple) -> None:
-    with pytest.raises(InputError, match="a disturbance needs bound >= 0"):
-        Disturbance(*arguments)
+def test_wrong_disturbances_are_refused(wrong: dict[str, Any], field: str) -> None:
+    with pytest.raises(InputError, match=f"Disturbance: .*{field}"):
+        Disturbance(**wrong)

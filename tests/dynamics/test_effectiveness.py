@@ -23,7 +23,12 @@ def models(draw: st.DrawFn) -> tuple[list[ControlEffectiveness | None], list[int
     for n in sizes:
         s = draw(st.integers(n, 6))
         W = rng.standard_normal((n, s)) + 2.0 * np.eye(n, s)
-        g = ControlEffectiveness(W.tolist(), rng.uniform(-3, 3), rng.standard_normal(n).tolist(), rng.uniform(-2, 2))
+        g = ControlEffectiveness(
+            layout=W.tolist(),
+            heading=rng.uniform(-180, 180),
+            heading_gradient=(50.0 * rng.standard_normal(n)).tolist(),
+            heading_rate=rng.uniform(-100, 100),
+        )
         made.append(draw(st.sampled_from([g, g, None])))
     return made, sizes, rng
 
@@ -50,21 +55,23 @@ def test_allocation_is_the_pseudo_inverse_and_gives_the_velocity_back(case: tupl
 
 def test_the_layout_turns_with_position_and_time() -> None:
     """Psi = psi_0 + psi_q . q + psi_t t, about z."""
-    g = ControlEffectiveness([[1, 0], [0, 1], [0, 0]], 0.1, [0.2, -0.3, 0.4], 0.5)
-    psi = 0.1 + 0.2 * 1.0 - 0.3 * 2.0 + 0.4 * 3.0 + 0.5 * 4.0
+    g = ControlEffectiveness(
+        layout=[[1, 0], [0, 1], [0, 0]], heading=10.0, heading_gradient=[20.0, -30.0, 40.0], heading_rate=50.0
+    )
+    psi = np.pi / 180.0 * (10.0 + 20.0 * 1.0 - 30.0 * 2.0 + 40.0 * 3.0 + 50.0 * 4.0)
     expected = [[np.cos(psi), -np.sin(psi)], [np.sin(psi), np.cos(psi)], [0, 0]]
     np.testing.assert_allclose(g.matrix([1.0, 2.0, 3.0], 4.0), expected, atol=1e-15)
-    still = ControlEffectiveness([[2, 0], [0, 3]])
+    still = ControlEffectiveness(layout=[[2, 0], [0, 3]])
     np.testing.assert_array_equal(still.matrix([5.0, 5.0], 9.0), [[2, 0], [0, 3]])
 
 
 @pytest.mark.parametrize(
     ("model", "message"),
     [
-        (ControlEffectiveness([[1, 0, 0]]), "must have 2 rows of equal length"),
-        (ControlEffectiveness([[1, 0], [0]]), "must have 2 rows of equal length"),
+        (ControlEffectiveness(layout=[[1, 0, 0]]), "must have 2 rows of equal length"),
+        (ControlEffectiveness(layout=[[1, 0], [0]]), "must have 2 rows of equal length"),
         (
-            ControlEffectiveness([[1, 0], [0, 1]], heading_gradient=[1, 0, 0]),
+            ControlEffectiveness(layout=[[1, 0], [0, 1]], heading_gradient=[1, 0, 0]),
             "heading gradient has 3 entries; expected 2",
         ),
     ],
@@ -76,7 +83,7 @@ def test_models_of_the_wrong_shape_are_refused(model: Any, message: str) -> None
 
 def test_layouts_without_full_row_rank_are_known() -> None:
     """Assumption 2: such a team may be described and checked, but not run on ideal kinematics."""
-    models = [ControlEffectiveness([[1, 2], [2, 4]]), ControlEffectiveness([[1, 0], [1, 1]]), None]
-    models.append(ControlEffectiveness([[1], [1]]))
+    models = [ControlEffectiveness(layout=[[1, 2], [2, 4]]), ControlEffectiveness(layout=[[1, 0], [1, 1]]), None]
+    models.append(ControlEffectiveness(layout=[[1], [1]]))
     arrays = effectiveness.pack(models, [2] * 4)
     assert effectiveness.without_full_row_rank(arrays, [2] * 4) == [0, 3]

@@ -4,7 +4,6 @@ Oracles: the paper's formula for Lissajous motion; for paths, the points themsel
 A target's reference position is read by asking for the command at x = 0 with pull 1, less that with pull 0.
 """
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -26,7 +25,9 @@ class Target:
         positions = np.zeros((3, 3))
         positions[1, : len(initial)] = initial
         self.free, self.pulled = (
-            motion.pack([None, replace(given_motion, pull=pull), None], positions, start, [2, len(initial), 3])
+            motion.pack(
+                [None, given_motion.model_copy(update={"pull": pull}), None], positions, start, [2, len(initial), 3]
+            )
             for pull in (0.0, 1.0)
         )
 
@@ -51,7 +52,7 @@ def paths(draw: st.DrawFn, *, closed: bool | None = None) -> tuple[Waypoints, Ar
     legs = np.linalg.norm(np.diff(points, axis=0), axis=1)
     assume(legs.min() > 1.0)
     speed = draw(st.floats(0.5, 5.0))
-    return Waypoints(points[1:].tolist(), speed, goes_round), points[0], draw(st.floats(0.0, 10.0))
+    return Waypoints(points=points[1:].tolist(), speed=speed, closed=goes_round), points[0], draw(st.floats(0.0, 10.0))
 
 
 def knots(path: Waypoints, initial: Array, start: float) -> tuple[Array, Array]:
@@ -66,7 +67,7 @@ def test_lissajous_is_the_papers(seed: int, n: int, start: float, after: float) 
     rng = np.random.default_rng(seed)
     A, a, phase = rng.uniform(-20, 20, n), rng.uniform(0, 3, n), rng.uniform(-4, 4, n)
     initial = rng.uniform(-50, 50, n)
-    target = Target(Lissajous(A.tolist(), a.tolist(), phase.tolist()), initial, start)
+    target = Target(Lissajous(amplitude=A.tolist(), rate=a.tolist(), phase=phase.tolist()), initial, start)
     t = start + after
     velocity, position = np.zeros(3), np.zeros(3)
     velocity[:n] = A * a * np.cos(a * t + phase)
@@ -78,7 +79,8 @@ def test_lissajous_is_the_papers(seed: int, n: int, start: float, after: float) 
 
 def test_lissajous_of_the_published_run() -> None:
     """v(t) = (20 cos(t + pi/2), 20 cos 2t, 15 cos t)."""
-    target = Target(Lissajous([20, 10, 15], [1, 2, 1], [np.pi / 2, 0, 0]), np.array([40.0, 9.0, -37.0]), 0.01)
+    published = Lissajous(amplitude=[20, 10, 15], rate=[1, 2, 1], phase=[np.pi / 2, 0, 0])
+    target = Target(published, np.array([40.0, 9.0, -37.0]), 0.01)
     for t in np.linspace(0.01, 50, 7):
         expected = 20 * np.cos(t + np.pi / 2), 20 * np.cos(2 * t), 15 * np.cos(t)
         np.testing.assert_allclose(target.velocity(t), expected, atol=1e-13)
@@ -147,7 +149,7 @@ def test_open_paths_begin_and_end_at_rest_and_stay(case: tuple[Waypoints, Array,
 
 
 def test_pull_brings_a_target_back() -> None:
-    path = Waypoints([[10.0, 0.0]], speed=1.0, pull=2.5)
+    path = Waypoints(points=[[10.0, 0.0]], speed=1.0, pull=2.5)
     packed = motion.pack([path], np.zeros((1, 3)), 0.0, [2])
     command = np.zeros(3)
     motion.add_reference(packed, 0, 50.0, np.array([9.0, 1.0, 0.0]), command)  # at rest at (10, 0) by now
@@ -158,11 +160,11 @@ def test_several_targets_keep_their_own_references() -> None:
     """Packed together, each moves as it does alone, whatever the others' kinds and lengths."""
     rng = np.random.default_rng(0)
     motions: list[Motion | None] = [
-        Waypoints(rng.uniform(-9, 9, (4, 3)).tolist(), 1.0),
+        Waypoints(points=rng.uniform(-9, 9, (4, 3)).tolist(), speed=1.0),
         None,
-        Lissajous([1, 2], [3, 4], [5, 6], pull=0.5),
-        Waypoints(rng.uniform(-9, 9, (2, 2)).tolist(), 2.0, closed=True),
-        Waypoints(rng.uniform(-9, 9, (1, 3)).tolist(), 3.0),
+        Lissajous(amplitude=[1, 2], rate=[3, 4], phase=[5, 6], pull=0.5),
+        Waypoints(points=rng.uniform(-9, 9, (2, 2)).tolist(), speed=2.0, closed=True),
+        Waypoints(points=rng.uniform(-9, 9, (1, 3)).tolist(), speed=3.0),
     ]
     sizes = [3, 3, 2, 2, 3]
     positions = rng.uniform(-9, 9, (5, 3))
@@ -182,12 +184,15 @@ def test_several_targets_keep_their_own_references() -> None:
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        (Lissajous([1, 2], [1, 2, 3], [0, 0, 0]), "lissajous amplitude has 2 entries; the target has dimension 3"),
-        (Lissajous([1, 2, 3], [1], [0, 0, 0]), "lissajous rate has 1 entries"),
-        (Waypoints([[1, 2, 3], [4, 5]], 1.0), "waypoint 1 has 2 entries; the target has dimension 3"),
-        (Waypoints([[0, 0, 0]], 1.0), "waypoint 0 is where the target already is"),
-        (Waypoints([[1, 0, 0], [1, 0, 0]], 1.0), "waypoint 1 is where the target already is"),
-        (Waypoints([[1, 0, 0], [0, 0, 0]], 1.0, closed=True), "waypoint 2 is where the target already is"),
+        (
+            Lissajous(amplitude=[1, 2], rate=[1, 2, 3], phase=[0, 0, 0]),
+            "amplitude has 2 .*dimension 3",
+        ),
+        (Lissajous(amplitude=[1, 2, 3], rate=[1, 2], phase=[0, 0, 0]), "lissajous rate has 2 entries"),
+        (Waypoints(points=[[1, 2, 3], [4, 5]], speed=1.0), "waypoint 1 has 2 entries; the target has dimension 3"),
+        (Waypoints(points=[[0, 0, 0]], speed=1.0), "waypoint 0 is where the target already is"),
+        (Waypoints(points=[[1, 0, 0], [1, 0, 0]], speed=1.0), "waypoint 1 is where the target already is"),
+        (Waypoints(points=[[1, 0, 0], [0, 0, 0]], speed=1.0, closed=True), "waypoint 2 is where the target already is"),
     ],
 )
 def test_wrong_motions_are_refused(wrong: Any, message: str) -> None:

@@ -13,7 +13,6 @@ from mjsheaf import simulate
 from mjsheaf.results import summarize
 from mjsheaf.results.metrics import evaluate_errors
 from mjsheaf.scenario import scenario_from_mapping
-from mjsheaf.scenario.build import build_team
 from mjsheaf.team import Team
 
 TARGET = [10.0, 5.0, 8.0]
@@ -33,7 +32,7 @@ def scenario(dimensions: list[int], target: int, **group: Any) -> dict[str, Any]
 
 
 def team_of(raw: dict[str, Any]) -> Team:
-    return build_team(scenario_from_mapping(raw))
+    return scenario_from_mapping(raw).team
 
 
 def in_place(team: Team, shift: list[float]) -> np.ndarray:
@@ -86,7 +85,7 @@ def test_a_team_that_tracks_perfectly_is_centred(case: str) -> None:
     dimensions, target, group, _ = CASES[case]
     loaded = scenario_from_mapping(scenario(dimensions, target, **group))
     data = simulate(loaded, "ideal")
-    final = summarize(build_team(loaded), data)
+    final = summarize(loaded.team, data)
     assert final["tracking_error"] < 1e-6
     assert final["centering_error"] < 1e-6
     assert final["groups"]["group"]["centering_error"] == final["centering_error"]

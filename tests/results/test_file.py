@@ -17,7 +17,7 @@ from mjsheaf.results import join, make_dataset, open_dataset, thinned, write_dat
 from mjsheaf.results.netcdf import pieces_of
 from mjsheaf.scenario import Scenario, scenario_from_mapping
 from mjsheaf.simulation import trajectory
-from mjsheaf.simulation.loop import run_physics, vehicles_of
+from mjsheaf.simulation.loop import run_physics
 from mjsheaf.simulation.run import stream
 
 BACKENDS = ("ideal", "physics")
@@ -49,7 +49,7 @@ def piece(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], None]:
 
 
 def written(of: Scenario, backend: str, path: Path) -> xr.Dataset:
-    write_dataset(stream(of.system(), backend, of.seed), path)
+    write_dataset(stream(of.system, backend, of.seed), path)
     with open_dataset(path) as dataset:
         return dataset.load()
 
@@ -68,8 +68,8 @@ def test_pieces_on_disk_are_the_run_in_memory(
     at_once = simulate(run, backend)
     np.testing.assert_array_equal(whole["agent_position"], at_once["agent_position"])
     xr.testing.assert_allclose(whole, at_once, rtol=1e-13, atol=1e-13)
-    write_dataset(stream(run.system(), backend, run.seed), tmp_path / "b.nc")
-    write_dataset(stream(run.system(), backend, run.seed), tmp_path / "c.nc")
+    write_dataset(stream(run.system, backend, run.seed), tmp_path / "b.nc")
+    write_dataset(stream(run.system, backend, run.seed), tmp_path / "c.nc")
     assert (tmp_path / "b.nc").read_bytes() == (tmp_path / "c.nc").read_bytes()
 
 
@@ -94,7 +94,7 @@ def test_thinned_keeps_the_ends_and_reads_what_it_says(piece: Callable[[int], No
     piece(1000)
     run = scenario(end=90.0)
     whole = simulate(run, "ideal")
-    write_dataset(stream(run.system(), "ideal", 0), tmp_path / "a.nc")
+    write_dataset(stream(run.system, "ideal", 0), tmp_path / "a.nc")
     with open_dataset(tmp_path / "a.nc") as dataset:
         few = thinned(dataset)
         xr.testing.assert_identical(join(pieces_of(dataset, map(str, dataset.variables))), whole)
@@ -104,14 +104,14 @@ def test_thinned_keeps_the_ends_and_reads_what_it_says(piece: Callable[[int], No
     xr.testing.assert_identical(few, whole.sel(time=few["time"]))
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("backend", ["ideal", pytest.param("physics", marks=pytest.mark.slow)])
 def test_memory_does_not_grow_with_the_run(backend: str, piece: Callable[[int], None], tmp_path: Path) -> None:
     piece(100)
 
     def peak(end: float) -> int:
         run = scenario(end=end)
         tracemalloc.start()
-        write_dataset(stream(run.system(), backend, 0), tmp_path / f"{end}.nc")
+        write_dataset(stream(run.system, backend, 0), tmp_path / f"{end}.nc")
         _, most = tracemalloc.get_traced_memory()
         tracemalloc.stop()
         return most
@@ -133,10 +133,10 @@ def test_thrusters_of_stand_ins_have_their_own_names() -> None:
             "physics": {"effects": {"underactuation": False}},
         }
     )
-    system = run.system()
+    system = run.system
     found = run_physics(system)
     dataset = make_dataset(found, "physics", 0)
-    names = [list(vehicle.thrusters) for vehicle in vehicles_of(system)]
+    names = [list(vehicle.thrusters) for vehicle in system.vehicles]
     first = 0
     for v, own in enumerate(names[:2]):
         here = dataset["thruster"].values[v]

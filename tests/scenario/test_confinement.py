@@ -193,6 +193,7 @@ def whole(place: Path) -> None:
     edit(boats / "raft.xml", "<geom ", '<geom type="mesh" mesh="m" mass="0" contype="0" conaffinity="0"/><geom ')
 
 
+@pytest.mark.usefixtures("without_plots")
 def test_a_run_takes_its_vehicles_along(place: Path, tmp_path: Path) -> None:
     """Moved elsewhere, with the originals gone, the run's directory still runs to the same bits."""
     whole(place)
@@ -222,6 +223,7 @@ def test_a_run_takes_its_vehicles_along(place: Path, tmp_path: Path) -> None:
     assert (tmp_path / "again" / "vehicles" / "raft_2" / "raft.yaml").is_file()
 
 
+@pytest.mark.usefixtures("without_plots")
 @pytest.mark.parametrize("what", ["added", "edited", "linked", "instead"])
 def test_what_a_person_puts_among_a_run_s_vehicles_is_not_lost(
     place: Path, what: str, capsys: pytest.CaptureFixture[str]

@@ -12,6 +12,7 @@ from mjsheaf import load_scenario
 from mjsheaf.errors import ScenarioError
 from mjsheaf.scenario import Scenario, scenario_from_mapping
 from mjsheaf.scenario.load import list_scenarios
+from tests.builders import refused
 
 
 def scenario(**fields: Any) -> Scenario:
@@ -63,12 +64,8 @@ DIFFERENT: dict[str, tuple[str, list[Any]]] = {
 @pytest.mark.parametrize("case", SAME)
 def test_the_same_edge_twice_is_refused_and_both_are_named(case: str) -> None:
     field, edges = SAME[case]
-    with pytest.raises(ScenarioError, match="would count double") as refused:
+    with refused(ScenarioError, f"{field}.{len(edges) - 1}", f"{field}.0", "parallel: true"):
         scenario(**{field: edges})
-    told = str(refused.value)
-    assert f"{field}.{len(edges) - 1}: " in told
-    assert f"the same as {field}.0" in told
-    assert "parallel: true" in told
 
 
 @pytest.mark.parametrize("case", SAME)
@@ -77,9 +74,9 @@ def test_a_parallel_edge_that_is_meant_counts_beside_the_other(case: str, which:
     field, edges = SAME[case]
     plain = [{"between": edge} if isinstance(edge, list) else edge for edge in edges]
     plain[which] = {**plain[which], "parallel": True}
-    twice = scenario(**{field: plain}).system().team.sheaf.laplacian().toarray()
-    once = scenario(**{field: edges[:-1]}).system().team.sheaf.laplacian().toarray()
-    without = scenario(**{field: edges[1:-1]}).system().team.sheaf.laplacian().toarray()
+    twice = scenario(**{field: plain}).system.team.sheaf.laplacian().toarray()
+    once = scenario(**{field: edges[:-1]}).system.team.sheaf.laplacian().toarray()
+    without = scenario(**{field: edges[1:-1]}).system.team.sheaf.laplacian().toarray()
     np.testing.assert_allclose(twice - once, once - without, atol=1e-14)
 
 

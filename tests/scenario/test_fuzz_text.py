@@ -21,14 +21,14 @@ from mjsheaf.scenario import list_scenarios, load_scenario
 from mjsheaf.simulation.arena import attachable
 from mjsheaf.simulation.run import simulate
 from tests.builders import RAFT
+from tests.commands import DATA_FILES
+from tests.strategies import scaled
 
 from .mutations import FUZZ, RUNS, TEXTS, in_time, load_or_refuse, mutated_text, mutated_tree, texts, trees, try_files
 
 NAMES = list(list_scenarios())
 SHORT = ["time.start=0", "time.end=0.05", "controller.control_period=0.01"]
 VEHICLES = 250
-LEFT = {"result.nc", "summary.json", "scenario.yaml"}
-"""Of what a run leaves, all but the plots, which are not drawn here."""
 
 
 @pytest.mark.slow
@@ -44,13 +44,11 @@ def _compiled() -> None:
         simulate(load_scenario(name, {"time.end": 0.05}), "ideal")
 
 
-@pytest.mark.usefixtures("_compiled")
+@pytest.mark.usefixtures("_compiled", "without_plots")
 @pytest.mark.parametrize("name", NAMES)
 def test_a_mutated_file_runs_whole_or_leaves_nothing(
-    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for plot in ("errors", "trajectories", "configurations"):
-        monkeypatch.setattr(f"mjsheaf.plots.plot_{plot}", lambda *_, **__: None)
     arguments = [part for change in SHORT for part in ("--set", change)]
     runs = iter(range(10 * RUNS))
 
@@ -68,9 +66,9 @@ def test_a_mutated_file_runs_whole_or_leaves_nothing(
         assert told.count("\n") == (1 if code else told.count("note: "))
         assert {p.name for p in folder.iterdir()} == ({"scenario.yaml", "out"} if code in (0, 3) else {"scenario.yaml"})
         if out.exists():
-            assert {p.name for p in out.iterdir()} == LEFT
+            assert {p.name for p in out.iterdir()} == DATA_FILES
 
-    try_files(st.one_of(trees(name), texts(name)), RUNS, each)
+    try_files(st.one_of(trees(name), texts(name)), scaled(RUNS), each)
 
 
 @pytest.mark.parametrize("suffix", [".yaml", ".xml"])
@@ -82,7 +80,7 @@ def test_a_mutated_vehicle_is_valid_or_refused(suffix: str, tmp_path: Path) -> N
     strategy = mutated_text(RAFT.with_suffix(suffix).read_bytes())
     strategy = st.one_of(strategy, mutated_tree(read_yaml(RAFT))) if suffix == ".yaml" else strategy
 
-    @settings(FUZZ, max_examples=VEHICLES)
+    @settings(FUZZ, max_examples=scaled(VEHICLES))
     @given(strategy)
     def each(data: bytes) -> None:
         path.write_bytes(data)

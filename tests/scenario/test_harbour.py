@@ -13,7 +13,7 @@ from tests.builders import Simulated
 
 @pytest.mark.parametrize(("group", "formation"), [("air", 0.5), ("water", 1.5)])
 def test_groups_do_on_bodies_nearly_what_they_do_ideally(group: str, formation: float, simulated: Simulated) -> None:
-    team = load_scenario("harbour").system().team
+    team = load_scenario("harbour").system.team
     ideal, bodies = (
         summarize(team, simulated("harbour", backend))["groups"][group] for backend in ("ideal", "physics")
     )
@@ -32,7 +32,7 @@ def test_targets_move_fast_and_apart(simulated: Simulated) -> None:
 
 
 def test_the_team_is_tied_together_and_sees_little() -> None:
-    team = load_scenario("harbour").system().team
+    team = load_scenario("harbour").system.team
     kinds = {agent.id: agent.dimension for agent in team.agents}
     across = [e for e in team.communication if kinds[e.tail] != kinds[e.head]]
     assert len(across) >= 2

@@ -16,9 +16,8 @@ from mjsheaf.errors import NotUniqueError
 from mjsheaf.io.yaml import parse_yaml, read_yaml
 from mjsheaf.results import summarize
 from mjsheaf.scenario import Scenario, list_scenarios, load_scenario, scenario_from_mapping
-from mjsheaf.scenario.build import uses_seed
 from mjsheaf.scenario.load import parse_override
-from mjsheaf.scenario.scenario import ExplicitMaps
+from mjsheaf.team.edges import ExplicitMaps
 from tests.builders import Simulated
 
 BACKENDS = ("ideal", "physics")
@@ -58,7 +57,7 @@ def test_a_free_team_is_refused_or_drifts_and_says_so(backend: str) -> None:
 
 
 def test_paper_centering_matches_the_published_account(simulated: Simulated) -> None:
-    final = summarize(load_scenario("paper").system().team, simulated("paper", "ideal"))
+    final = summarize(load_scenario("paper").system.team, simulated("paper", "ideal"))
     assert 7.2 < final["centering_error"] < 7.4  # "up to 7.3 m from their targets"
     assert final["mean_disagreement"] == pytest.approx(1.433368287835867, abs=1e-8)
 
@@ -103,21 +102,21 @@ def test_resolved_scenario_runs_to_the_same_bits(backend: str, tmp_path: Path) -
 
 def test_seed_draws_places_headings_and_disturbances() -> None:
     changes = {"spread.position": 3.0, "spread.heading": 90.0, "disturbance.agents": {"bound": 0.2}}
-    a, b, c = (load_scenario("midpoint", {**changes, "seed": seed}).system() for seed in (1, 2, 1))
+    a, b, c = (load_scenario("midpoint", {**changes, "seed": seed}).system for seed in (1, 2, 1))
     assert np.abs(a.initial - b.initial)[:1, :2].min() > 0
     assert np.array_equal(a.initial[1:], b.initial[1:])  # targets are not spread
     assert np.abs(a.bodies.heading - b.bodies.heading).min() > 0
     assert not np.array_equal(a.harmonics, b.harmonics)
     assert np.array_equal(a.initial, c.initial)
     assert np.array_equal(a.harmonics, c.harmonics)
-    plain = load_scenario("midpoint").system()
+    plain = load_scenario("midpoint").system
     assert np.abs(a.initial - plain.initial).max() <= 3.0
 
 
 def test_a_seed_that_changes_nothing_is_known() -> None:
-    assert uses_seed(load_scenario("paper")) == {"ideal": False, "physics": False}
-    assert uses_seed(load_scenario("paper", {"spread.heading": 10})) == {"ideal": False, "physics": True}
-    assert uses_seed(load_scenario("surface_tracks_air")) == {"ideal": True, "physics": True}
+    assert [load_scenario("paper").uses_seed(b) for b in BACKENDS] == [False, False]
+    assert [load_scenario("paper", {"spread.heading": 10}).uses_seed(b) for b in BACKENDS] == [False, True]
+    assert [load_scenario("surface_tracks_air").uses_seed(b) for b in BACKENDS] == [True, True]
 
 
 def test_overrides_reach_any_field() -> None:
@@ -219,8 +218,8 @@ def test_override_values_are_yaml() -> None:
 
 def test_time_end_keeps_whole_periods() -> None:
     for end, samples in ((49.99, 4999), (5, 500), (2.0049, 200), (0.02, 2)):
-        assert len(load_scenario("paper", {"time.end": end}).system().grid.samples) == samples
-    times = load_scenario("paper").system().grid.samples
+        assert len(load_scenario("paper", {"time.end": end}).system.grid.samples) == samples
+    times = load_scenario("paper").system.grid.samples
     np.testing.assert_allclose(times, 0.01 * np.arange(1, 5000), atol=1e-12)
 
 

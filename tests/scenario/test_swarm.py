@@ -39,7 +39,7 @@ def test_every_swarm_is_connected_and_unique(graph: str, size: int) -> None:
     scenario = swarm(graph=graph, size=size, degree=2)
     assert len(scenario.agents) == size
     assert networkx.is_connected(graph_of(scenario))
-    assert scenario.system().team.dirichlet.unique
+    assert scenario.system.team.dirichlet.unique
     assert len({tuple(sorted(e.between)) for e in scenario.communication}) == len(scenario.communication)
 
 
@@ -66,7 +66,9 @@ def test_k_regular_is_regular_and_connected_with_every_seed(size: int, degree: i
     assert len(drawn) == (1 if degree >= size - 1 else 60)
 
 
-@pytest.mark.parametrize(("size", "degree"), [(2, 2), (5, 8), (40, 64), (300, 4), (9000, 5)])
+@pytest.mark.parametrize(
+    ("size", "degree"), [(2, 2), (5, 8), (40, 64), (300, 4), pytest.param(9000, 5, marks=pytest.mark.slow)]
+)
 def test_nearest_is_as_by_brute_force(size: int, degree: int) -> None:
     """Each agent beside the nearest of those before it; of two as near, the first."""
     places = _sunflower(size, 6.0)

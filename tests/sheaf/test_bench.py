@@ -13,13 +13,9 @@ def test_small_sheaves_are_constant() -> None:
 
 
 def test_each_published_figure_is_measured() -> None:
-    rows = bench.measure_small("path", 1)
-    assert {row["operation"] for row in rows} >= set(bench.PUBLISHED_MS)
-    for row in rows:
-        assert row["ms"] > 0.0
-        if row["published_ms"] is not None:
-            assert row["ratio"] == row["published_ms"] / row["ms"]
-    json.dumps(rows)
+    found = bench.measure_small("path", 1)
+    assert set(found) == set(bench.PUBLISHED_MS)
+    assert min(found.values()) > 0.0
 
 
 def test_a_grid_is_a_flat_bundle_and_is_solved() -> None:

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from mjsheaf import Sheaf
 from mjsheaf.errors import SheafError
-from mjsheaf.sheaf import DirichletProblem
 from tests.strategies import (
     Array,
     Hashable,
@@ -68,7 +67,7 @@ def test_extension_solves_its_equation_and_keeps_the_boundary(case: Case) -> Non
 @given(sheaves_with_boundary())
 def test_blocks_are_those_of_the_laplacian(case: Case) -> None:
     spec, boundary, _ = case
-    problem = DirichletProblem(spec.build(), boundary)
+    problem = spec.build().dirichlet_problem(boundary)
     W, U = spec.columns(spec.rest(boundary)), spec.columns(boundary)
     L = spec.delta.T @ spec.K @ spec.delta
     np.testing.assert_allclose(problem.H.toarray(), L[np.ix_(W, W)], atol=1e-11)
@@ -93,7 +92,7 @@ def test_no_change_of_the_interior_lowers_the_energy(case: Case, data: st.DataOb
 def test_extension_is_affine_in_the_boundary(case: Case, data: st.DataObject) -> None:
     """And linear where no edge has an offset: x(s y + t z) = s x(y) + t x(z) for s + t = 1."""
     spec, boundary, y = case
-    problem = DirichletProblem(spec.build(), boundary)
+    problem = spec.build().dirichlet_problem(boundary)
     z = data.draw(vectors(len(y)))
     values = problem.extend(np.array([y, z, 3.0 * y - 2.0 * z]))
     size = 1.0 + np.abs(values).max(initial=0.0)
@@ -185,7 +184,7 @@ def test_wrong_boundaries_are_refused() -> None:
     sheaf = Sheaf({"a": 2, "b": 2})
     sheaf.add_edge("a", "b", np.eye(2), np.eye(2))
     with pytest.raises(SheafError, match="named twice"):
-        DirichletProblem(sheaf, ["a", "a"])
+        sheaf.dirichlet_problem(["a", "a"])
     with pytest.raises(SheafError, match="unknown vertex 'c'; the vertices are 'a', 'b'"):
         sheaf.harmonic_extension({"c": [0, 0]})
     with pytest.raises(SheafError, match=r"value of vertex 'b' has shape \(3,\); expected \(2,\)"):
@@ -195,4 +194,4 @@ def test_wrong_boundaries_are_refused() -> None:
     with pytest.raises(SheafError, match="unknown vertex 'c'"):
         sheaf.relative_sections(["c"])
     with pytest.raises(SheafError, match=r"boundary values have shape \(5, 3\); expected \(\.\.\., 2\)"):
-        DirichletProblem(sheaf, ["b"]).extend(np.zeros((5, 3)))
+        sheaf.dirichlet_problem(["b"]).extend(np.zeros((5, 3)))

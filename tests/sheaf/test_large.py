@@ -1,4 +1,4 @@
-"""Large components: Lanczos kernels, proofs along forests, band and iterative solvers.
+"""Large components: Lanczos kernels, proofs along forests, band and iterative harmonic.
 
 Oracle: dense decompositions by numpy, and the dense path (itself checked by exact ranks in test_laws), reached by
 leaving the limits as they are.
@@ -12,9 +12,7 @@ from scipy.stats import ortho_group
 
 from mjsheaf import Sheaf
 from mjsheaf.errors import SheafError
-from mjsheaf.sheaf import harmonic as dirichlet
-from mjsheaf.sheaf import sections, sheaf, solvers
-from mjsheaf.sheaf import sections as kernel
+from mjsheaf.sheaf import harmonic, sections, sheaf
 
 Array = np.ndarray
 
@@ -22,7 +20,7 @@ Array = np.ndarray
 @pytest.fixture
 def sparse_path(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
     """From 13 columns on, no dense decomposition."""
-    for module in (kernel, dirichlet, sections, sheaf):
+    for module in (harmonic, sections, sheaf):
         monkeypatch.setattr(module, "DENSE_COLUMNS", 12)
     return monkeypatch
 
@@ -30,7 +28,7 @@ def sparse_path(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
 @pytest.fixture
 def unproved(sparse_path: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
     """And forests prove nothing: everything is left to the general method."""
-    sparse_path.setattr(sections, "_MARGIN", 1e300)
+    sparse_path.setattr(sections, "_BOUND_MARGIN", 1e300)
     return sparse_path
 
 
@@ -104,7 +102,7 @@ def test_one_run_gives_the_bits_of_another(unproved: pytest.MonkeyPatch) -> None
 def test_a_kernel_that_fills_the_space_is_refused(unproved: pytest.MonkeyPatch) -> None:
     large = Sheaf({"a": 20, "b": 20})
     large.add_edge("a", "b", np.ones((1, 20)), np.ones((1, 20)))
-    with pytest.raises(SheafError, match=r"the kernel .* has dimension over 20: too large"):
+    with pytest.raises(SheafError, match=r"the null space .* has dimension over 20: too large"):
         large.betti()
 
 
@@ -115,11 +113,11 @@ def test_sparse_solvers_extend_as_the_dense_one_does(
 ) -> None:
     """A factor or conjugate gradients, of minimum norm where the extension is not unique; oracle: pseudo-inverse."""
     if way != "band":
-        sparse_path.setattr(solvers, "DIRECT_WORK", 0.0)
+        sparse_path.setattr(harmonic, "DIRECT_WORK", 0.0)
     large = bundle(11, 3, flat=True, copies=2)
     rng = np.random.default_rng(2)
-    problem = dirichlet.DirichletProblem(large, pinned)
-    assert type(problem.solver) is (solvers.BandCholesky if way == "band" else solvers.ConjugateGradients)
+    problem = large.dirichlet_problem(pinned)
+    assert type(problem.solver) is (harmonic.BandCholesky if way == "band" else harmonic.ConjugateGradients)
     values = {v: rng.standard_normal(3) for v in pinned}
     extension = problem.harmonic_extension(values)
     assert extension.unique is (len(pinned) > 1)
@@ -141,7 +139,7 @@ def test_thousands_of_free_directions_are_solved_in_seconds() -> None:
     pairs = [(i, i + 1) for i in range(9_999) if (i + 1) % 5] + [(5 * k, 10_000 + k) for k in range(30)]
     eye = np.broadcast_to(np.eye(2), (len(pairs), 2, 2))
     islands.add_edges([i for i, _ in pairs], [j for _, j in pairs], eye, eye)
-    problem = dirichlet.DirichletProblem(islands, range(10_000, 10_030))
+    problem = islands.dirichlet_problem(range(10_000, 10_030))
     y = np.random.default_rng(0).standard_normal((30, 2))
     start = time.process_time()
     x = problem.extend(y.ravel()).reshape(2000, 5, 2)

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from scipy.stats import ortho_group
 
 from mjsheaf import Sheaf
-from mjsheaf.sheaf.forest import grow, propagate
-from mjsheaf.sheaf.sections import proved_sections
+from mjsheaf.sheaf.sections import certified_sections, grow, propagate
 from tests.builders import bundle_on_a_grid
 from tests.strategies import SheafSpec, sheaves
 
@@ -41,12 +40,12 @@ def test_the_bound_of_a_forest_holds(spec: SheafSpec, data: st.DataObject) -> No
 
 
 @given(sheaves(), st.data())
-def test_proved_sections_are_all_of_their_components(spec: SheafSpec, data: st.DataObject) -> None:
+def test_certified_sections_are_all_of_their_components(spec: SheafSpec, data: st.DataObject) -> None:
     """Of random maps some components are proved and others not; the former agree with numpy's decomposition."""
     names = list(spec.stalks)
     held = data.draw(st.lists(st.sampled_from(names), unique=True))
     free = np.array([v not in held for v in names])
-    found, left = proved_sections(spec.build().table, free, 1e-9)
+    found, left = certified_sections(spec.build().table, free, 1e-9)
     assert not np.any(left & ~free)
     columns = spec.columns([v for v, one, other in zip(names, free, left, strict=True) if one and not other])
     values = np.linalg.svd(spec.delta[:, columns], compute_uv=False) if len(columns) else np.zeros(0)
@@ -105,6 +104,6 @@ def test_maps_that_grow_along_a_path_are_not_trusted_to_a_forest() -> None:
     path = Sheaf(dict.fromkeys(range(60), 1))
     for v in range(59):
         path.add_edge(v, v + 1, np.array([[2.0]]), np.array([[1.0]]))
-    _, left = proved_sections(path.table, np.ones(60, dtype=bool), 1e-9)
+    _, left = certified_sections(path.table, np.ones(60, dtype=bool), 1e-9)
     assert left.all()
     assert path.betti() == (1, 0)

@@ -12,7 +12,6 @@ import yaml
 
 from mjsheaf.errors import ScenarioError
 from mjsheaf.studies import load_plan
-from mjsheaf.studies.job import scenario_of
 from tests.builders import DATA, ONE_BOAT
 
 
@@ -37,7 +36,7 @@ def write(place: Path, **fields: Any) -> str:
 def vehicles(source: str, **given: Any) -> list[str]:
     """The vehicle of A1 in each run."""
     plan = load_plan(source, **given)
-    found = [scenario_of(plan.job(point)) for point in plan.points]
+    found = [plan.job(point).load() for point in plan.points]
     return [str(scenario.agents[0].vehicle or scenario.vehicles.agents) for scenario in found]
 
 

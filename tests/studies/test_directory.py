@@ -17,7 +17,7 @@ from mjsheaf.results.store import PlaceError
 from mjsheaf.studies import Plan, run_study
 from mjsheaf.studies.directory import BusyError, open_directory
 from mjsheaf.studies.engine import SchedulerError
-from mjsheaf.studies.job import library_versions
+from mjsheaf.studies.job import versions
 from tests.builders import IN_THREADS, small_plan
 from tests.commands import command_line, contents
 
@@ -51,7 +51,7 @@ def test_what_is_missing_or_torn_is_run(study: Path) -> None:
     before = contents(study)
     (study / "runs" / "000001.json").unlink()
     (study / "runs" / "000002.json").write_text('{"run": 2, "par')
-    (study / "runs" / ".000003.json.part").write_text("half")
+    (study / "runs" / ".000003.json.abcd_123.part").write_text("half")
     (study / "table.csv").unlink()
     kept = (study / "runs" / "000000.json").stat()
     assert run_study(small_plan(), study, IN_THREADS).begun == 2
@@ -92,7 +92,7 @@ def test_killed_while_it_begins(finished: Path, tmp_path: Path, last: str) -> No
                 shutil.copy(finished / name, out / name)
         if last != "runs":
             (out / "runs").rmdir()
-        (out / ".study.json.part").write_text("half")
+        (out / ".study.json.abcd_123.part").write_text("half")
         assert run_study(plan, out, IN_THREADS).begun == 4
         assert (contents(out) == contents(finished)) == (plan.study.grid == small_plan().study.grid)
 
@@ -145,13 +145,10 @@ def test_a_changed_scenario_is_refused(tmp_path: Path, mjsheaf: Runner) -> None:
 
 
 def test_another_version_is_refused(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("mjsheaf.studies.plan.__version__", "99.0")
-    with pytest.raises(PlaceError, match=r"mjsheaf_version was '.*', is now '99.0'"):
-        run_study(small_plan(), study, never)
-    monkeypatch.undo()
-    monkeypatch.setattr("mjsheaf.studies.plan.library_versions", lambda: {**library_versions(), "mujoco": "99.0"})
-    with pytest.raises(PlaceError, match=r"versions.mujoco was '.*', is now '99.0'"):
-        run_study(small_plan(), study, never)
+    for name, field in (("mjsheaf", "mjsheaf_version"), ("mujoco", "versions.mujoco")):
+        monkeypatch.setattr("mjsheaf.studies.plan.versions", lambda name=name: {**versions(), name: "99.0"})
+        with pytest.raises(PlaceError, match=rf"{field} was '.*', is now '99.0'"):
+            run_study(small_plan(), study, never)
 
 
 @pytest.mark.parametrize("name", ["notes.txt", "result.nc", ".hidden", "scenario.yaml", ".mine.part"])
@@ -204,6 +201,7 @@ def test_a_second_command_is_refused(study: Path, mjsheaf: Runner) -> None:
 # -- a file system that gives out ------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_full_disk_leaves_what_was_there(study: Path) -> None:
     """A limit on the size of files stands for the full disk: the table of 40 runs does not fit."""
     plan = small_plan(gains=tuple(1.0 + k for k in range(10)), seeds=(0, 4))

@@ -1,6 +1,5 @@
 """Clusters: the same bits whatever does the runs, workers that die, schedulers by address that come and go."""
 
-import builtins
 import csv
 import gc
 import json
@@ -21,7 +20,8 @@ import pytest
 
 from mjsheaf.studies import run_study
 from mjsheaf.studies.engine import Engine, ForeignWorkerError, SchedulerError, engine_at, local_engine
-from mjsheaf.studies.job import Done, Job, new_record, run_job
+from mjsheaf.studies.job import Job, JobResult, new_record, run_job
+from mjsheaf.threads import ONE_THREAD
 from tests.builders import IN_THREADS, small_plan
 from tests.commands import command_line, contents, start
 
@@ -59,26 +59,27 @@ def test_a_run_of_a_study_is_the_run_of_its_scenario() -> None:
     record = run_job(plan.job(plan.points[0])).record
     overrides = {"time.end": 0.5, "spread.position": 1.0, "controller.gain": 2.0, "seed": 7}
     scenario = mjsheaf.load_scenario("midpoint", overrides)
-    assert record["final"] == summarize(scenario.system().team, mjsheaf.simulate(scenario, "ideal"))
+    assert record["final"] == summarize(scenario.system.team, mjsheaf.simulate(scenario, "ideal"))
     assert (record["run"], record["seed"], record["status"], record["message"]) == (0, 7, "finished", "")
 
 
 # -- workers ---------------------------------------------------------------------------------------------------------
 
 
-def dies_of_the_second(job: Job) -> Done:
+def dies_of_the_second(job: Job) -> JobResult:
     """What the system does to a process that takes all memory."""
     if job.point.number == 1:
         os.kill(os.getpid(), signal.SIGKILL)
-    return Done(new_record(job.point, 0, "finished"), 0.0)
+    return JobResult(new_record(job.point, 0, "finished"), 0.0)
 
 
-def raises_a_stranger(job: Job) -> Done:
+def raises_a_stranger(job: Job) -> JobResult:
     if job.point.number == 1:
         raise LookupError("no such thing\nat all")
-    return Done(new_record(job.point, 0, "finished"), 0.0)
+    return JobResult(new_record(job.point, 0, "finished"), 0.0)
 
 
+@pytest.mark.slow
 def test_a_worker_that_dies_of_a_run_is_reported_as_that() -> None:
     plan = small_plan()
     with local_engine(1) as engine:
@@ -87,7 +88,7 @@ def test_a_worker_that_dies_of_a_run_is_reported_as_that() -> None:
     assert "every worker that began it died, killed by signal 9, most likely for want of memory" in found[1]["message"]
 
 
-def takes_all_memory_of_the_second(job: Job) -> Done:
+def takes_all_memory_of_the_second(job: Job) -> JobResult:
     if job.point.number != 1:
         return run_job(job)
     taken = []
@@ -98,25 +99,21 @@ def takes_all_memory_of_the_second(job: Job) -> Done:
 
 
 class Greedy:
-    """A cluster of which one run takes more memory than its worker has."""
+    """An engine of which one run takes more memory than its worker has."""
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
 
-    def run(self, jobs: Iterable[Job]) -> Iterator[Done]:
+    def run(self, jobs: Iterable[Job]) -> Iterator[JobResult]:
         return self._engine.run(jobs, takes_all_memory_of_the_second)
 
 
 @pytest.mark.slow
-def test_a_worker_that_takes_too_much_memory_is_told_of_in_the_table(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("distributed.system.MEMORY_LIMIT", 700_000_000)
-
+def test_a_worker_that_takes_too_much_memory_is_told_of_in_the_table(tmp_path: Path) -> None:
     @contextmanager
     def engine() -> Iterator[Engine]:
-        with local_engine(1) as cluster:
-            yield cast(Engine, Greedy(cluster))
+        with local_engine(1, memory=700_000_000) as processes:
+            yield cast(Engine, Greedy(processes))
 
     study = run_study(small_plan(), tmp_path / "out", engine)
     assert [record["status"] for record in study.records] == ["finished", "lost", "finished", "finished"]
@@ -124,23 +121,6 @@ def test_a_worker_that_takes_too_much_memory_is_told_of_in_the_table(
         told = [row["message"] for row in csv.DictReader(file)]
     assert told[1].startswith("every worker that began it died, as it took more than its share of memory; fewer --work")
     assert told[0] == told[2] == told[3] == ""
-
-
-def keeps_most_of_the_memory(job: Job) -> Done:
-    kept = vars(builtins).setdefault("kept", [])  # where it outlives the run
-    while psutil.Process().memory_info().rss < 0.87 * 700_000_000:
-        kept.append(bytearray(b"x") * 5_000_000)
-    time.sleep(0.5)  # for the worker to see it
-    return Done(new_record(job.point, 0, "finished"), 0.0)
-
-
-@pytest.mark.slow
-def test_a_worker_that_keeps_most_of_its_memory_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Dask would pause it until it has less."""
-    monkeypatch.setattr("distributed.system.MEMORY_LIMIT", 700_000_000)
-    plan = small_plan()
-    with local_engine(1) as engine:
-        assert len(list(engine.run(map(plan.job, plan.points), keeps_most_of_the_memory))) == 4
 
 
 def test_an_error_around_a_run_is_recorded() -> None:
@@ -159,17 +139,30 @@ def test_a_worker_of_another_version_ends_the_study(name: str) -> None:
         list(engine.run(jobs))
 
 
-def test_workers_listen_to_this_machine_alone() -> None:
-    with local_engine(1):
-        me = psutil.Process()
-        listening = [
-            connection.laddr.ip
-            for process in [me, *me.children(recursive=True)]
-            for connection in process.net_connections("inet")
-            if connection.status == psutil.CONN_LISTEN
-        ]
-    assert listening
-    assert set(listening) == {"127.0.0.1"}
+def test_workers_listen_to_nobody() -> None:
+    plan = small_plan()
+    with local_engine(1) as engine:
+        assert next(engine.run(map(plan.job, plan.points))).record["status"] == "finished"
+        family = [psutil.Process(), *psutil.Process().children(recursive=True)]
+        found = [connection.status for process in family for connection in process.net_connections("inet")]
+    assert len(family) > 1
+    assert psutil.CONN_LISTEN not in found
+
+
+def tells_of_itself(job: Job) -> JobResult:
+    blocked = signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, [])
+    alone = {os.environ[name] for name in ONE_THREAD} == {"1"}
+    return JobResult(new_record(job.point, 0, "finished", f"{os.getpid()} {blocked} {alone}"))
+
+
+def test_workers_have_one_thread_and_end_with_the_engine() -> None:
+    """And with a command that is killed: see `test_killed_ten_times`. Ctrl-C is for the command alone."""
+    plan, before = small_plan(), dict(os.environ)
+    with local_engine(2) as engine:
+        told = [d.record["message"].split() for d in engine.run(map(plan.job, plan.points), tells_of_itself)]
+    assert {(blocked, alone) for _, blocked, alone in told} == {("True", "True")}
+    assert not any(psutil.pid_exists(int(pid)) for pid, _, _ in told)
+    assert dict(os.environ) == before
 
 
 # -- a scheduler that exists -----------------------------------------------------------------------------------------

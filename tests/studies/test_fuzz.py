@@ -19,11 +19,9 @@ from mjsheaf.io.yaml import dump_yaml
 from mjsheaf.results.metrics import MEASURES
 from mjsheaf.studies import Plan, Point, load_plan
 from mjsheaf.studies.directory import open_directory
-from mjsheaf.studies.figure_axis import swept_axes
-from mjsheaf.studies.figures import plot_study
-from mjsheaf.studies.job import new_record, seed_of
-from mjsheaf.studies.page import page_of
-from mjsheaf.studies.table import csv_of, make_table, parquet_of
+from mjsheaf.studies.figures import plot_study, swept_axes
+from mjsheaf.studies.job import new_record
+from mjsheaf.studies.study import csv_of, make_table, page_of
 from tests.scenario.mutations import FUZZ, base, in_time, mutated_text, mutated_tree
 
 FILES = 400
@@ -77,15 +75,15 @@ def show(plan: Plan) -> None:
     records = []
     for k, point in enumerate(points):
         if k % 3 == 1:
-            records.append(new_record(point, seed_of(plan.job(point)), "invalid", "no such thing"))
+            records.append(new_record(point, plan.job(point).seed, "invalid", "no such thing"))
         else:
             final = dict.fromkeys(MEASURES, 1.0 + k)
-            records.append(new_record(point, seed_of(plan.job(point)), "finished", final=final, settled=k % 2 == 0))
+            records.append(new_record(point, plan.job(point).seed, "finished", final=final, settled=k % 2 == 0))
     table = make_table(plan, records)
     csv_of(table)
-    parquet_of(table)
+    table.to_parquet()
     swept_axes(plan.study, records)
-    kind = repr((sorted(plan.study.labels.values()), [str(table.schema.field(p).type) for p in plan.study.paths]))
+    kind = repr((sorted(plan.study.labels.values()), [str(table[p].dtype) for p in plan.study.paths if p in table]))
     plots = {}
     if kind not in _drawn:  # what decides how it is drawn
         _drawn.add(kind)

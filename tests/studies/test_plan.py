@@ -82,7 +82,7 @@ def test_a_study_names_a_scenario_beside_it(tmp_path: Path) -> None:
         ("scenario: 3\n", "scenario"),
         (
             "scenario: midpoint\ngrid: {controller.gian: [1, 2]}\n",
-            "controller.gian: unknown field.*none of 2 points is legal",
+            "controller.gian: unknown field.*none of 2 points is valid",
         ),
         ("scenario: midpoint\ngrid: {controller.gain: [.nan]}\n", "nan"),
         ("scenario: midpoint\ndraws: {count: 2, values: {a: {kind: cauchy}}}\n", "cauchy"),
@@ -125,7 +125,7 @@ def test_the_points_that_are_tried_come_from_all_over_the_study(
     grid: dict[str, list[Any]], seeds: tuple[int, int] | None
 ) -> None:
     assert load_plan("midpoint", grid=grid, seeds=seeds, backend="ideal").points
-    with pytest.raises(ScenarioError, match=r"controller.gain.*none of 20 points from all over the study is legal"):
+    with pytest.raises(ScenarioError, match=r"controller.gain.*none of 20 points from all over the study is valid"):
         load_plan("midpoint", grid={**grid, "controller.gain": [-1, -2]}, seeds=(0, 50), backend="ideal")
 
 
@@ -161,9 +161,8 @@ def test_fields_within_what_is_set_may_be_swept() -> None:
 
 def test_topology_is_swept() -> None:
     plan = load_plan("swarm", grid={"swarm.graph": ["ring", "k_regular"], "swarm.size": [4, 6]}, backend="ideal")
-    from mjsheaf.studies.job import scenario_of
 
-    sizes = [len(scenario_of(plan.job(p)).agents) for p in plan.points]
+    sizes = [len(plan.job(p).load().agents) for p in plan.points]
     assert sizes == [4, 6, 4, 6]
     assert plan.seed_matters
 

@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 from scipy.sparse import csr_array
 
 from mjsheaf.errors import InputError, SheafError
-from mjsheaf.team import Edge, Formation, Member, Team, restriction_maps
-from mjsheaf.team.null_modes import free_directions, sparsified
+from mjsheaf.team import Edge, Formation, LinearEdge, Member, Team, restriction_maps
+from mjsheaf.team.formation import Explicit
+from mjsheaf.team.null_modes import describe_null_modes, sparsified
 
 DIMENSION = {"A1": 2, "A2": 3, "A3": 2, "A4": 3, "T1": 3, "T2": 2}
 LINKS = [("A1", "A2"), ("A3", "A2"), ("A3", "A4")]
@@ -34,8 +35,12 @@ def members(*ids: str) -> list[Member]:
     return [Member(v, DIMENSION.get(v, 3 if v[0] == "U" else 2)) for v in ids]
 
 
-def formation(rng: np.random.Generator, name: str, *ids: str) -> Formation:
-    return Formation(name, ids, tuple(rng.standard_normal(m.dimension) for m in members(*ids)))
+def formation(rng: np.random.Generator, name: str, *ids: str) -> Explicit:
+    return explicit(name, list(ids), [rng.standard_normal(m.dimension) for m in members(*ids)])
+
+
+def explicit(name: str, ids: list[str], places: Any) -> Explicit:
+    return Explicit(name=name, members=ids, displacements=places)
 
 
 def mixed_team(
@@ -73,7 +78,7 @@ def test_formations_become_offsets_delta_o(seed: int) -> None:
     team = mixed_team(formations=groups)
     o = {v: np.zeros(n) for v, n in DIMENSION.items()}
     for group in groups:
-        o.update(zip(group.members, group.displacements, strict=True))
+        o.update(zip(group.members, map(np.array, group.displacements), strict=True))
     stacked = np.concatenate(list(o.values()))
     np.testing.assert_allclose(team.sheaf.offset(), team.sheaf.coboundary() @ stacked, atol=1e-14)
     assert np.any(team.sheaf.offset())
@@ -82,7 +87,7 @@ def test_formations_become_offsets_delta_o(seed: int) -> None:
 
 
 def test_an_offset_of_its_own_wins_over_the_formation() -> None:
-    group = Formation("g", ("B1", "B2"), (np.ones(2), np.zeros(2)))
+    group = explicit("g", ["B1", "B2"], (np.ones(2), np.zeros(2)))
     links = [edge("B1", "B2", offset=np.array([7.0, 8.0])), edge("B2", "B1")]
     team = Team(members("B1", "B2"), members("S"), links, [edge("B1", "S")], (), [group])
     np.testing.assert_array_equal(team.communication[0].offset, [7.0, 8.0])
@@ -93,7 +98,7 @@ def test_an_offset_of_its_own_wins_over_the_formation() -> None:
 
 def test_targets_hold_their_formation_on_their_own_sheaf() -> None:
     places = np.array([[0.0, 1.0], [2.0, 0.0]])
-    own = Formation("pair", ("S1", "S2"), tuple(places))
+    own = explicit("pair", ["S1", "S2"], places)
     agents, targets = members("B1"), members("S1", "S2")
     team = Team(agents, targets, [], [edge("B1", "S1")], [edge("S1", "S2", weight=3.0)], (), own)
     np.testing.assert_array_equal(team.target_sheaf.offset(), places[0] - places[1])
@@ -147,16 +152,16 @@ def test_free_directions_are_named(
     """The paper's failing case: aircraft that track a boat are free in height."""
     team = Team(members(*agents), members("S"), [edge(*e) for e in links], [edge(v, "S") for v in seen])
     assert team.dirichlet.unique is (not said)
-    assert sorted(free_directions(team)) == said
+    assert sorted(describe_null_modes(team)) == said
 
 
 def test_free_directions_off_the_axes_are_named() -> None:
     across = np.array([[1.0, -1.0]])
     blind = Edge("B1", "S", across, across, np.eye(1))
-    assert free_directions(Team(members("B1"), members("S"), [], [blind])) == ["B1 is free along (0.71, 0.71)"]
+    assert describe_null_modes(Team(members("B1"), members("S"), [], [blind])) == ["B1 is free along (0.71, 0.71)"]
     quarter = np.array([[0.0, -1.0], [1.0, 0.0]])
     turned = Edge("B1", "B2", np.eye(2), quarter, np.eye(2))
-    assert sorted(free_directions(Team(members("B1", "B2"), members("S"), [turned], []))) == [
+    assert sorted(describe_null_modes(Team(members("B1", "B2"), members("S"), [turned], []))) == [
         "B1 along x, B2 along -y, moving together",
         "B1 along y, B2 along x, moving together",
     ]
@@ -166,7 +171,7 @@ def test_a_crowd_is_not_listed_whole() -> None:
     crowd = [f"U{k}" for k in range(11)]
     chain = [edge(a, b) for a, b in itertools.pairwise(crowd)]
     team = Team(members(*crowd), members("S"), chain, [edge("U0", "S")])
-    assert free_directions(team) == ["U0, U1, U2, U3, U4, U5, U6, U7 and 3 more are free along z together"]
+    assert describe_null_modes(team) == ["U0, U1, U2, U3, U4, U5, U6, U7 and 3 more are free along z together"]
 
 
 @given(st.integers(0, 2**31), st.integers(0, 4))
@@ -182,6 +187,10 @@ def test_sparse_basis_spans_the_same_space(seed: int, r: int) -> None:
 A, T = members("B1", "U1"), members("S")
 
 
+def grouped(*groups: tuple[str, list[str], Any]) -> Team:
+    return Team(A, T, [], [], (), [explicit(*group) for group in groups])
+
+
 @pytest.mark.parametrize(
     ("make", "message"),
     [
@@ -191,29 +200,31 @@ A, T = members("B1", "U1"), members("S")
         (lambda: Team(A, [Member("U1", 3)], [], []), "id 'U1' is used twice"),
         (
             lambda: Team(A, T, [edge("B1", "B9")], []),
-            r"communication edge \(B1, B9\): 'B9' must be one of \['B1', 'U1'",
+            "communication.0: unknown id 'B9'; expected one of B1, U1",
         ),
-        (lambda: Team(A, T, [edge("B1", "S")], []), r"communication edge \(B1, S\): 'S' must be one of"),
-        (lambda: Team(A, T, [], [edge("S", "B1")]), r"sensing edge \(S, B1\): 'S' must be one of"),
-        (lambda: Team(A, T, [], [edge("B1", "U1")]), r"sensing edge \(B1, U1\): 'U1' must be one of \['S'\]"),
-        (lambda: Team(A, T, [], [], [edge("S", "B1")]), r"target edge \(S, B1\): 'B1' must be one of \['S'\]"),
+        (lambda: Team(A, T, [edge("B1", "S")], []), r"communication.0: \[B1, S\]: expected \[agent, agent\]"),
         (
-            lambda: Team(A, T, [], [], (), [Formation("g", ("B9",), (np.zeros(2),))]),
-            "formation 'g': unknown member 'B9'",
+            lambda: Team(A, T, [], [edge("S", "B1")]),
+            r"sensing.0: .*; write \[B1, S\]",
         ),
         (
-            lambda: Team(A, T, [], [], (), [Formation("g", ("B1", "B1"), (np.zeros(2),) * 2)]),
-            "formation 'g': 'B1' is already in 'g'",
+            lambda: Team(A, T, [], [edge("B1", "U1")]),
+            "sensing.0: .* U1 is an agent",
         ),
         (
-            lambda: Team(A, T, [], [], (), [Formation(g, ("B1",), (np.zeros(2),)) for g in "gh"]),
-            "formation 'h': 'B1' is already in 'g'",
+            lambda: Team(A, T, [], [], [edge("S", "B1")]),
+            "target_edges.0: .* B1 is an agent",
         ),
+        (lambda: grouped(("g", ["B9"], [[0, 0]])), "formations.0: members: unknown id 'B9'; expected one of B1, U1"),
+        (lambda: grouped(("g", ["B1", "B1"], [[0, 0]] * 2)), "formations.0: members: 'B1' is named twice"),
         (
-            lambda: Team(A, T, [], [], (), [Formation("g", ("U1",), (np.zeros(2),))]),
-            r"displacement of 'U1' has shape \(2,\); expected \(3,\)",
+            lambda: grouped(("g", ["B1"], [[0, 0]]), ("h", ["B1"], [[0, 0]])),
+            "formations.1: members: 'B1' is already in formation 'g'",
         ),
-        (lambda: Team(A, T, [], [], (), [Formation("g", ("U1",), ())]), "each member needs one displacement"),
+        (lambda: grouped(("g", ["B1"], [[0, 0]]), ("g", ["U1"], [[0, 0, 0]])), "formations: each needs its own name"),
+        (lambda: grouped(("g", ["U1"], [[0, 0]])), "formations.0: displacement 0 has 2 entries.*dimension 3"),
+        (lambda: grouped(("g", ["U1", "B1"], [[0, 0, 0]])), "formations.0: 1 displacements for 2 members"),
+        (lambda: Team(A, T, [LinearEdge(between=["B1", "U1"])] * 2, []), "communication.1: .*parallel: true"),
     ],
 )
 def test_teams_that_do_not_fit_are_refused(make: Any, message: str) -> None:
@@ -239,5 +250,5 @@ def test_edges_that_do_not_fit_the_stalks_are_refused(wrong: Edge) -> None:
 
 
 def test_a_loop_is_refused() -> None:
-    with pytest.raises(SheafError, match="is a loop"):
+    with pytest.raises(InputError, match=r"communication.0: \(B1, B1\) is a loop"):
         Team(A, T, [edge("B1", "B1")], [])

@@ -1,18 +1,15 @@
 """The camera keeps everything in the picture, moves slowly, and agrees with MuJoCo's."""
 
-from dataclasses import replace
-
 import mujoco
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjsheaf.video import camera
+from mjsheaf.video import VideoOptions
 from mjsheaf.video.camera import FILL, CameraPath, View, camera_path
-from mjsheaf.video.sanity import Reach
-from mjsheaf.video.series import Blocks, FloatArray, Series
-from tests.builders import make_film, make_model
+from mjsheaf.video.film import FloatArray, Frames
+from tests.builders import change_film, make_film, make_model, samples_of
 from tests.strategies import examples
 
 FPS, WIDTH, HEIGHT, FOVY = 30, 1280, 720, 45.0
@@ -20,17 +17,20 @@ FPS, WIDTH, HEIGHT, FOVY = 30, 1280, 720, 45.0
 
 def follow(
     time: FloatArray,
-    *points: Series,
+    *points: FloatArray,
     azimuth: float = -60.0,
     elevation: float = -35.0,
     width: int = WIDTH,
     distance: float | None = None,
+    keys: int = 6000,
+    block: int = 37,
 ) -> tuple[FloatArray, CameraPath]:
+    """A camera that follows points, known at some times, in frames of which some are handed over at a time."""
     frames = np.arange(time[0], time[-1] + 1e-9, 1 / FPS)
+    together = at_times(frames, time, np.concatenate(points, axis=1))
     path = camera_path(
-        time,
-        points,
-        frames,
+        (together[first : first + block] for first in range(0, len(frames), block)),
+        len(frames),
         azimuth=azimuth,
         elevation=elevation,
         fovy=FOVY,
@@ -38,14 +38,19 @@ def follow(
         radius=1.0,
         window=75,
         distance=distance,
+        keys=keys,
     )
     return frames, path
 
 
+def at_times(times: FloatArray, time: FloatArray, points: FloatArray) -> FloatArray:
+    flat = [np.interp(times, time, values) for values in points.reshape(len(time), -1).T]
+    return np.stack(flat, axis=1).reshape(len(times), -1, 3)
+
+
 def assert_all_seen(time: FloatArray, points: FloatArray, frames: FloatArray, path: CameraPath, width: int) -> None:
     for number, now in enumerate(frames):
-        at_now = np.stack([[np.interp(now, time, axis) for axis in point] for point in np.moveaxis(points, 0, -1)])
-        pixels, depth = path.view(number).project(at_now, width, HEIGHT)
+        pixels, depth = path.view(number).project(at_times(np.array([now]), time, points)[0], width, HEIGHT)
         assert (depth > 0).all()
         across = (pixels / [width, HEIGHT] - 0.5) * [2, -2]  # -1 at the left and bottom, 1 at the right and top
         left, right, bottom, top = FILL
@@ -144,45 +149,24 @@ def test_projection_agrees_with_mujoco() -> None:
     np.testing.assert_allclose(pixels[:, 1], HEIGHT / 2 - relative @ up * scale, atol=0.01)
 
 
-class TestRunsThatBlewUp:
-    @pytest.mark.parametrize("value", [np.nan, np.inf, 1e30])
-    def test_camera_stays_with_the_rest(self, value: float) -> None:
-        film = make_film(make_model(), samples=81)
-        positions = film.positions.copy()
-        positions[40:, 1] += np.exp(np.linspace(0, 20, 41))[:, None]
-        positions[70:, 1] = value
-        wild = replace(film, positions=positions)
-        _, sane = follow(film.time, film.positions)
-        _, path = follow(film.time, Reach.of(wild).followed(positions))
-        assert np.isfinite(path.lookat).all()
-        assert path.distance.max() < 4 * sane.distance.max()
-
-    def test_everything_can_be_drawn(self) -> None:
-        film = make_film(make_model())
-        positions, quaternions = film.positions.copy(), film.quaternions.copy()
-        positions[:3, 0] = np.nan
-        positions[20:, 1] = 1e30
-        positions[30:, 2] = np.nan
-        quaternions[30:] = np.nan
-        wild = replace(film, positions=positions, quaternions=quaternions)
-        tame = Reach.of(wild).drawable(wild)
-        assert np.abs(tame.positions).max() < 1e5
-        np.testing.assert_array_equal(tame.positions[35, 2], positions[29, 2])
-        assert np.isfinite(tame.quaternions).all()
-
-    def test_a_sane_film_stays_as_it_is(self) -> None:
-        film = make_film(make_model())
-        reach = Reach.of(film)
-        assert reach.followed(film.positions) is film.positions
-        assert reach.drawable(film).positions is film.positions
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e30])
+def test_camera_lets_go_of_what_blows_up(value: float) -> None:
+    film = make_film(make_model(), samples=81)
+    positions = samples_of(film).positions.copy()
+    positions[40:, 1] += np.exp(np.linspace(0, 20, 41))[:, None]
+    positions[70:, 1] = value
+    wild = Frames(change_film(film, positions=positions), VideoOptions(fps=40))
+    _, sane = follow(wild.times, samples_of(film).at(wild.times).positions)
+    _, path = follow(wild.times, wild.extent.followed(wild.chunk(0)))
+    assert np.isfinite(path.lookat).all()
+    assert path.distance.max() < 4 * sane.distance.max()
 
 
-def test_a_camera_that_is_found_at_a_few_keys_keeps_everything_in_the_picture(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As in a video of hours, in which there are many samples and frames between two keys."""
-    monkeypatch.setattr(camera, "MOST_KEYS", 13)
+@pytest.mark.parametrize("keys", [13, 100, 601])
+def test_a_camera_that_is_found_at_a_few_keys_keeps_everything_in_the_picture(keys: int) -> None:
+    """As in a video of hours, in which there are many frames between two keys."""
     time = np.linspace(0.0, 20.0, 1001)
     points = formation(time)
-    for shown in (points, Blocks(points.shape, 37, lambda number: points[37 * number : 37 * (number + 1)])):
-        frames, path = follow(time, shown)
-        assert len(path.distance) == 13
-        assert_all_seen(time, points, frames, path, WIDTH)
+    frames, path = follow(time, points, keys=keys)
+    assert len(path.distance) <= keys
+    assert_all_seen(time, points, frames, path, WIDTH)

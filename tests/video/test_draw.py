@@ -11,9 +11,8 @@ import pytest
 from mjsheaf.errors import InputError, MjsheafError
 from mjsheaf.video import VideoOptions, available_backend, draw_video, gl
 from mjsheaf.video.draw import Painter
-from mjsheaf.video.lines import Lines
-from mjsheaf.video.sampling import moment
-from tests.builders import make_film, make_model
+from mjsheaf.video.scene import Lines
+from tests.builders import make_film, make_model, samples_of
 
 SMALL = VideoOptions(width=160, height=120, fps=10)
 
@@ -78,14 +77,14 @@ class TestVideo:
             for number in (0, 20):
                 frame = painter.paint(number).astype(int)
                 red = np.argwhere((frame[..., 0] > 30) & (frame[..., 0] > 2 * frame[..., 1]))
-                position = moment(film, painter.times[number]).positions[2:3]
+                position = film.run.at(painter.times[number : number + 1]).positions[0, 2:3]
                 expected, _ = painter.camera.view(number).project(position, 320, 240)
                 np.testing.assert_allclose(red.mean(axis=0)[::-1], expected[0], atol=2.5)
 
     @pytest.mark.parametrize("size", [(160, 120), (66, 90)])
     def test_a_draft_shows_the_same_at_the_same_size(self, size: tuple[int, int], model: mujoco.MjModel) -> None:
         film = make_film(model)
-        good, draft = (VideoOptions(*size, quality=quality) for quality in ("good", "draft"))
+        good, draft = (VideoOptions(width=size[0], height=size[1], quality=quality) for quality in ("good", "draft"))
         with Painter(film, model, good) as one, Painter(film, model, draft) as other:
             fine, coarse = (painter.paint(5).astype(float) for painter in (one, other))
         assert coarse.shape == fine.shape == (size[1], size[0], 3)
@@ -94,13 +93,13 @@ class TestVideo:
     def test_lines_are_drawn_behind_what_is_nearer(self, model: mujoco.MjModel) -> None:
         """A thick red line through a box: the box hides the middle of it, and the ends are seen."""
         film = make_film(model, edges=[], surface="none", harmonic_extension=np.zeros((41, 3, 3)))
-        with Painter(film, model, VideoOptions(320, 240, trail=0, elevation=0, azimuth=90)) as painter:
+        with Painter(film, model, VideoOptions(width=320, height=240, trail=0, elevation=0, azimuth=90)) as painter:
             _, view = painter.pose(0)
             box = painter.data.body("vehicle0").xpos
             across = np.array([[-4.0, 0.0, 0.0], [4.0, 0.0, 0.0]]) + box
             lines = Lines(across[None].astype(np.float32), np.array([[1, 0, 0, 1]], np.float32), 2.0)
-            plain = painter._renderer.draw(painter.data, view, lambda _: []).astype(int)
-            lined = painter._renderer.draw(painter.data, view, lambda _: [lines]).astype(int)
+            plain = np.asarray(painter._renderer.draw(painter.data, view, lambda _: [])).astype(int)
+            lined = np.asarray(painter._renderer.draw(painter.data, view, lambda _: [lines])).astype(int)
             ends, _ = view.project(across, 320, 240)
         changed = np.argwhere(np.abs(plain - lined).max(axis=2) > 60)
         assert len(changed)
@@ -117,10 +116,11 @@ class TestVideo:
 
     def test_a_run_that_blew_up_can_be_drawn(self, model: mujoco.MjModel, tmp_path: Path) -> None:
         film = make_film(model)
-        film.positions[30:] *= np.geomspace(1, 1e40, 11)[:, None, None]
-        film.positions[38:] = np.nan
-        film.quaternions[38:] = np.nan
-        film.error[38:] = np.inf
+        run = samples_of(film)
+        run.positions[30:] *= np.geomspace(1, 1e40, 11)[:, None, None]
+        run.positions[38:] = np.nan
+        run.quaternions[38:] = np.nan
+        run.error[38:] = np.inf
         assert draw_video(film, model, tmp_path / "a.mp4", SMALL) == 21
 
     def test_closing_twice_and_drawing_after(self, model: mujoco.MjModel) -> None:

@@ -29,7 +29,7 @@ def test_answer_is_usable() -> None:
 def test_backend_named_by_the_user_is_the_only_one_tried(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     tried = tmp_path / "tried"
     probe = tmp_path / "probe.py"
-    probe.write_text(f"import sys; open({str(tried)!r}, 'a').write(sys.argv[1] + ' ')")
+    probe.write_text(f"import os; open({str(tried)!r}, 'a').write(os.environ['MUJOCO_GL'] + ' ')")
     monkeypatch.setattr(gl, "PROBE", probe)
     monkeypatch.setenv("MUJOCO_GL", "OSMesa")
     assert available_backend()[0] == "osmesa"
@@ -39,7 +39,8 @@ def test_backend_named_by_the_user_is_the_only_one_tried(monkeypatch: pytest.Mon
 def test_first_that_works_is_taken_and_remembered(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     tried = tmp_path / "tried"
     probe = tmp_path / "probe.py"
-    probe.write_text(f"import sys; open({str(tried)!r}, 'a').write(sys.argv[1] + ' '); sys.exit(sys.argv[1] == 'egl')")
+    tell = f"import os, sys; backend = os.environ['MUJOCO_GL']; open({str(tried)!r}, 'a').write(backend + ' ')"
+    probe.write_text(f"{tell}; sys.exit(backend == 'egl')")
     monkeypatch.setattr(gl, "PROBE", probe)
     monkeypatch.setattr(gl, "AUTOMATIC", ("egl", "osmesa"))
     assert available_backend()[0] == "osmesa"

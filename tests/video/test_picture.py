@@ -1,33 +1,34 @@
 """What is added to the picture: decoration in the scene, writing over it, larger vehicles. No GL is needed."""
 
 from dataclasses import replace
+from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
 from PIL import Image
 
-from mjsheaf.video import VideoOptions
+from mjsheaf.video import Film, VideoOptions
 from mjsheaf.video.camera import View
-from mjsheaf.video.curve import number
-from mjsheaf.video.decorate import Decorator
-from mjsheaf.video.enlarge import enlarge_vehicles, vehicle_radius
-from mjsheaf.video.film import Film
-from mjsheaf.video.legend import draw_legend
-from mjsheaf.video.lines import Lines
-from mjsheaf.video.overlay import Overlay
-from mjsheaf.video.sampling import moment
-from mjsheaf.video.sprite import WHITE, Sprite, shorten, text
-from tests.builders import make_film, make_model
+from mjsheaf.video.film import Frames, Moment
+from mjsheaf.video.overlay import WHITE, Overlay, number, shorten, text
+from mjsheaf.video.renderer import enlarge_vehicles, vehicle_radius
+from mjsheaf.video.scene import Decorator, Lines
+from tests.builders import change_film, make_film, make_model, samples_of
 
 VIEW = View(np.zeros(3), 80.0, -60.0, -35.0, 45.0)
 SPHERE = mujoco.mjtGeom.mjGEOM_SPHERE.value
 
 
+def moment(film: Film, options: VideoOptions, time: float) -> Moment:
+    frames = Frames(film, options)
+    return frames.moment(int(np.abs(frames.times - time).argmin()))
+
+
 def decorate(film: Film, options: VideoOptions, time: float) -> tuple[list[mujoco.MjvGeom], list[Lines]]:
     decorator = Decorator(film, options)
     scene = mujoco.MjvScene(make_model(), decorator.most_geoms)
-    lines = decorator.add(scene, moment(film, time), VIEW)
+    lines = decorator.add(scene, moment(film, options, time), VIEW)
     return list(scene.geoms[: scene.ngeom]), lines
 
 
@@ -35,10 +36,34 @@ def count(lines: list[Lines]) -> int:
     return sum(len(batch.ends) for batch in lines)
 
 
+def crowded(film: Film, agents: int, targets: int) -> Film:
+    """The five vehicles of a film again and again."""
+    run, every = samples_of(film), np.arange(agents + targets) % film.vehicles
+    return replace(
+        film,
+        agent_ids=[f"A{k}" for k in range(agents)],
+        target_ids=[f"T{k}" for k in range(targets)],
+        run=replace(
+            run,
+            positions=run.positions[:, every],
+            quaternions=run.quaternions[:, every],
+            harmonic_extension=np.zeros((len(run.time), agents, 3)),
+        ),
+        qpos_address=film.qpos_address[every],
+        body_id=film.body_id[every],
+        group=film.group[every],
+        edges=[],
+    )
+
+
+def overlay(film: Film, options: VideoOptions) -> Overlay:
+    return Overlay(film, options, Frames(film, options).extent.survey)
+
+
 def write(film: Film, options: VideoOptions, time: float = 0.0) -> np.ndarray:
-    frame = np.full((options.height, options.width, 3), 128, np.uint8)
-    Overlay(film, options).write(frame, moment(film, time), VIEW)
-    return frame
+    image = Image.new("RGB", (options.width, options.height), (128, 128, 128))
+    overlay(film, options).write(image, moment(film, options, time), VIEW)
+    return np.asarray(image)
 
 
 class TestDecoration:
@@ -58,7 +83,7 @@ class TestDecoration:
         alphas = rgba[np.isclose(rgba[:, :3], film.colours[0]).all(axis=1), 3]
         assert alphas.min() < 0.2
         assert alphas.max() > 0.8
-        for vehicle in film.positions[-1]:
+        for vehicle in samples_of(film).positions[-1]:
             assert np.linalg.norm(ends[:, 1] - vehicle, axis=1).min() < 0.01
 
     def test_a_trail_longer_than_the_run_shows_all_of_it(self) -> None:
@@ -68,15 +93,7 @@ class TestDecoration:
 
     def test_trails_of_a_crowd_stay_affordable(self) -> None:
         film = make_film(make_model())
-        crowd = replace(
-            film,
-            target_ids=[f"T{k}" for k in range(997)],
-            positions=np.repeat(film.positions, 200, axis=1),
-            quaternions=np.repeat(film.quaternions, 200, axis=1),
-            qpos_address=np.repeat(film.qpos_address, 200),
-            body_id=np.repeat(film.body_id, 200),
-            group=np.repeat(film.group, 200),
-        )
+        crowd = crowded(film, 3, 997)
         balls, lines = decorate(crowd, VideoOptions(), 2.0)
         assert len(balls) + count(lines) < 12_000
 
@@ -88,12 +105,15 @@ class TestDecoration:
 
     def test_dashes_lie_on_their_edges(self) -> None:
         film = make_film(make_model(), surface="none", edges=[(0, 3, "sensing"), (2, 4, "sensing")])
-        goal = film.positions[:, :3]
-        _, lines = decorate(replace(film, harmonic_extension=goal), VideoOptions(trail=0), 0.0)
+        goal = samples_of(film).positions[:, :3]
+        _, lines = decorate(change_film(film, harmonic_extension=goal), VideoOptions(trail=0), 0.0)
         ends = np.concatenate([batch.ends for batch in lines])
         on = np.zeros(len(ends), bool)
         for i, j in ((0, 3), (2, 4)):
-            start, along = film.positions[0, i], film.positions[0, j] - film.positions[0, i]
+            start, along = (
+                samples_of(film).positions[0, i],
+                samples_of(film).positions[0, j] - samples_of(film).positions[0, i],
+            )
             share = (ends - start) @ along / (along @ along)
             there = np.abs(start + share[..., None] * along - ends).max(axis=(1, 2)) < 1e-4
             assert there.sum() >= 2
@@ -105,7 +125,7 @@ class TestDecoration:
         film = make_film(make_model(), surface="none")
         balls, _ = decorate(film, VideoOptions(), 0.0)
         assert len(balls) == 3
-        for ball, goal, group in zip(balls, film.harmonic_extension[0], film.group[:3], strict=True):
+        for ball, goal, group in zip(balls, samples_of(film).harmonic_extension[0], film.group[:3], strict=True):
             assert ball.type == SPHERE
             np.testing.assert_allclose(ball.pos, goal, atol=1e-5)
             np.testing.assert_allclose(ball.rgba[:3], film.colours[group], atol=1e-6)
@@ -121,9 +141,11 @@ class TestDecoration:
 
     def test_stems_end_at_the_surface_wherever_it_is(self) -> None:
         film = make_film(make_model(), edges=[])
-        film = replace(film, positions=film.positions + np.array([0.0, 0.0, 30.0]), surface_height=30.0)
-        feet, lines = decorate(replace(film, harmonic_extension=film.positions[:, :3]), VideoOptions(trail=0), 0.0)
-        for target in film.positions[0, 3:]:
+        film = change_film(film, positions=samples_of(film).positions + np.array([0.0, 0.0, 30.0]), surface_height=30.0)
+        feet, lines = decorate(
+            change_film(film, harmonic_extension=samples_of(film).positions[:, :3]), VideoOptions(trail=0), 0.0
+        )
+        for target in samples_of(film).positions[0, 3:]:
             wanted = [*target[:2], 30.0]
             assert min(np.abs(foot.pos - wanted).max() for foot in feet) < 1e-5
             ends = np.concatenate([batch.ends for batch in lines])
@@ -145,49 +167,44 @@ class TestWriting:
 
     def test_labels_follow_their_vehicles_out_of_the_picture(self) -> None:
         film = make_film(make_model())
-        far = replace(film, positions=film.positions + np.array([1e7, 0.0, 0.0]))
-        behind = replace(film, positions=film.positions - 1e3 * np.array([0.4, -0.7, -0.6]))
+        far = change_film(film, positions=samples_of(film).positions + np.array([1e7, 0.0, 0.0]))
+        behind = change_film(film, positions=samples_of(film).positions - 1e3 * np.array([0.4, -0.7, -0.6]))
         for gone in (far, behind):
             frame = write(gone, VideoOptions())
             assert (frame[300:400, 400:] == 128).all()
 
     def test_a_crowd_of_agents_is_not_labelled(self) -> None:
-        few = make_film(make_model(), target_ids=[], agent_ids=list("abcde"), harmonic_extension=np.zeros((41, 5, 3)))
-        many = replace(
-            few,
-            agent_ids=[f"a{k}" for k in range(25)],
-            positions=np.repeat(few.positions, 5, axis=1),
-            quaternions=np.repeat(few.quaternions, 5, axis=1),
-            harmonic_extension=np.zeros((41, 25, 3)),
-            qpos_address=np.repeat(few.qpos_address, 5),
-            body_id=np.repeat(few.body_id, 5),
-            group=np.repeat(few.group, 5),
-        )
+        few = crowded(film := make_film(make_model()), 5, 0)
+        many = crowded(film, 25, 0)
         untouched = [(write(film, VideoOptions())[:, 400:] == 128).all() for film in (few, many)]
         assert untouched == [False, True]
 
     def test_legend_has_a_row_for_each_thing_and_note(self) -> None:
         film = make_film(make_model())
-        plain = draw_legend(film, VideoOptions()).height
-        assert draw_legend(film, VideoOptions(speed=2)).height > plain
-        assert draw_legend(replace(film, edges=film.edges[:2]), VideoOptions()).height < plain
 
-    @pytest.mark.parametrize(("column", "row"), [(5, 7), (-3, -2), (28, 17), (-40, 5), (5, 40)])
-    def test_sprite_is_cut_off_at_the_frame(self, column: int, row: int) -> None:
-        rgba = np.random.default_rng(0).integers(0, 256, (6, 8, 4), np.uint8)
-        rgba[..., 3] = 255
-        frame = np.zeros((20, 30, 3), np.uint8)
-        Sprite.of(Image.fromarray(rgba)).lay(frame, column, row)
-        expected = np.zeros((120, 130, 3), np.uint8)  # with room for the sprite on all sides
-        expected[50 + row : 56 + row, 50 + column : 58 + column] = rgba[..., :3]
-        np.testing.assert_array_equal(frame, expected[50:70, 50:80])
+        def height(film: Film, **options: Any) -> int:
+            return overlay(film, VideoOptions(**options))._legend.height
 
-    def test_opacity(self) -> None:
-        rgba = np.zeros((1, 3, 4), np.uint8)
-        rgba[0, :, :] = [[200, 200, 200, 0], [200, 200, 200, 128], [200, 200, 200, 255]]
-        frame = np.full((1, 3, 3), 100, np.uint8)
-        Sprite.of(Image.fromarray(rgba)).lay(frame, 0, 0)
-        np.testing.assert_allclose(frame[0, :, 0].astype(int), [100, 150, 200], atol=1)
+        plain = height(film)
+        assert height(film, speed=2.0) > plain
+        assert height(replace(film, edges=film.edges[:2])) < plain
+        assert height(replace(film, surface="none")) < plain
+
+    def test_the_curve_grows_with_time_and_ends_at_the_dot(self) -> None:
+        """The error falls by a known factor: its curve is straight on the log scale. Oracle: that straight line."""
+        film = make_film(make_model(), end=2.0)
+        options = VideoOptions(fps=20)
+        shown = overlay(film, options)
+        columns, rows = shown._curve
+        straight = np.interp(shown._curve_time, [0.0, 2.0], rows[[0, -1]])
+        np.testing.assert_allclose(rows, straight, atol=0.1)
+        early, late = (write(film, options, time).astype(int) for time in (0.5, 2.0))
+        middle = int(np.interp(0.5, shown._curve_time, columns))
+        band = slice(int(rows[0]) - 5, int(rows[-1]) + 5)
+        blue = [(frame[band, :, 2] - frame[band, :, 0] > 60).any(axis=0) for frame in (early, late)]
+        assert np.flatnonzero(blue[0]).max() <= middle
+        assert np.flatnonzero(blue[1]).max() > columns[-1] - 12  # up to the dot, which is white
+        np.testing.assert_array_equal(blue[0][: middle - 12], blue[1][: middle - 12])
 
     @pytest.mark.parametrize("error", [np.zeros(41), np.full(41, np.nan), np.geomspace(1e-300, 1e300, 41)])
     def test_any_error_can_be_drawn(self, error: np.ndarray) -> None:

@@ -1,0 +1,208 @@
+"""Speed and memory of whole processes: how long a command takes to begin, a run with its video, and long runs."""
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+from mjsheaf.bench.rows import Row, at_most, best, informs
+from mjsheaf.errors import MjsheafError
+
+STARTUP_S = 0.3
+"""Wanted: time of the command line's help."""
+
+VIDEO = 1.15
+"""Wanted: time of a run with its video, over that of bare drawing."""
+
+MEMORY = 1.15
+"""Wanted: peak memory of a run ten times as long, over that of the shorter; results stream to disk."""
+
+_FIRST_RUN = """
+import mjsheaf
+from time import perf_counter
+scenario = mjsheaf.load_scenario("midpoint", {{"time.end": 0.1}})
+begun = perf_counter()
+mjsheaf.simulate(scenario, backend={backend!r})
+print(perf_counter() - begun)
+"""
+
+# Linux counts the memory of whoever starts a process as that process's own: this small one starts it.
+_STARTER = """
+import os, subprocess, sys
+process = subprocess.Popen(sys.argv[1:], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+_, status, usage = os.wait4(process.pid, 0)
+process.returncode = os.waitstatus_to_exitcode(status)
+print(process.returncode, usage.ru_maxrss)
+"""
+
+_BARE_FRAMES = 40  # drawn before the run, and again after it
+
+
+def _python(*arguments: str, **environment: str) -> str:
+    """What a Python process prints.
+
+    Raises:
+        MjsheafError: it failed.
+    """
+    done = subprocess.run(
+        [sys.executable, *arguments], capture_output=True, text=True, env={**os.environ, **environment}, check=False
+    )
+    if done.returncode:
+        raise MjsheafError(f"python {arguments[:2]} exits with {done.returncode}: {done.stderr.strip()[-300:]}")
+    return done.stdout
+
+
+def startup(short: bool = False) -> list[Row]:
+    """Whole processes by the wall, and first simulations in them, whose kernels an earlier process compiled.
+
+    Args:
+        short: fewer repetitions, and compiling is left out.
+    """
+    rows = []
+    for option in ("--help", "--version"):
+        seconds = best(lambda option=option: _python("-m", "mjsheaf", option), 5 if short else 15)  # type: ignore[misc]
+        ratio = seconds / STARTUP_S
+        rows.append(at_most("startup", f"mjsheaf {option}, s", seconds, STARTUP_S, ratio, 1.0, "wanted time"))
+    for backend in ("ideal", "physics"):
+        code = _FIRST_RUN.format(backend=backend)
+        _python("-c", code)  # compiles where no earlier process has
+        seconds = min(float(_python("-c", code)) for _ in range(2))
+        rows.append(informs("startup", f"first simulate() on {backend}, s", seconds))
+    if not short:
+        with tempfile.TemporaryDirectory() as folder:
+            first, second = (best(lambda: _python("-c", code, NUMBA_CACHE_DIR=folder), 1) for _ in range(2))
+        rows.append(informs("startup", "compiling, once on a machine, s", first - second))
+    return rows
+
+
+def memory(short: bool = False, ends: tuple[float, float] | None = None) -> list[Row]:
+    """Peak resident memory of `mjsheaf run midpoint`, 50 samples a second, in a process of its own.
+
+    Args:
+        short: runs of 200 and 2,000 s on ideal kinematics alone instead of 1,000 and 10,000 s on both backends.
+        ends: other ends of the two runs, s.
+    """
+    ends = ends or ((200.0, 2000.0) if short else (1000.0, 10000.0))
+    rows = []
+    for backend in ("ideal",) if short else ("ideal", "physics"):
+        peak_of(backend, 1.0)  # compiles what is not in the cache
+        before, after = (peak_of(backend, end) for end in ends)
+        what, note = f"peak of {ends[1]:g} s on {backend}, MB", f"the same of {ends[0]:g} s"
+        rows.append(at_most("memory", what, after, before, after / before, MEMORY, note))
+    return rows
+
+
+def peak_of(backend: str, end: float, *options: str) -> float:
+    """Peak resident memory of one run of `midpoint` without video, in MB.
+
+    Args:
+        backend: 'ideal' or 'physics'.
+        end: of the run, s.
+        options: more of the command's.
+
+    Raises:
+        MjsheafError: the run failed.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        where = ["--backend", backend, "--out", str(Path(folder) / "run")]
+        command = ["run", "midpoint", *where, "--set", f"time.end={end:g}", *(options or ["--no-video"])]
+        code, peak = map(int, _python("-c", _STARTER, sys.executable, "-m", "mjsheaf", *command).split())
+    if code:
+        raise MjsheafError(f"mjsheaf {' '.join(command)} exits with {code}")
+    unit = 1 if sys.platform == "darwin" else 1024  # bytes there, kilobytes elsewhere
+    return peak * unit / 1e6
+
+
+def video(short: bool = False, end: float | None = None) -> list[Row]:
+    """What `run --video` takes beside drawing the same frames with a bare `mujoco.Renderer`, and what a draft takes.
+
+    The bare renderer draws the same model from the same states with the same camera, size and multisampling, without
+    shadows and reflections as ours. It draws no decoration and no writing, and encodes nothing. The run is `paper` on
+    bodies, 1280x720 at 30 frames a second, in a process that has everything imported and compiled: MuJoCo's renderer
+    takes the variable MUJOCO_GL when it is imported.
+
+    Args:
+        short: the run's first 10 s instead of all 50 s. What does not depend on the length (plots, an arena, a film)
+            then weighs more.
+        end: another end of the run, s.
+    """
+    from mjsheaf.video.gl import available_backend
+
+    backend, reason = available_backend()
+    if backend is None:
+        return [informs("video", "run with video", None, note=reason)]
+    code = f"from mjsheaf.bench.processes import time_video; time_video({end or (10.0 if short else 50.0)})"
+    t = json.loads(_python("-c", code, MUJOCO_GL=backend).strip().splitlines()[-1])
+    frames, run, bare = t["frames"], t["run_s"], t["frames"] * t["bare_s"]
+    frame, bare_frame = 1e3 * t["frame_s"], 1e3 * t["bare_s"]
+    drawn = "a frame, drawn and encoded, ms"
+    return [
+        at_most("video", f"run with {frames} frames, s", run, bare, run / bare, VIDEO, "bare mujoco.Renderer"),
+        at_most("video", drawn, frame, bare_frame, frame / bare_frame, VIDEO, "the same, bare"),
+        informs("video", "the same run with a draft, s", t["draft_s"], run, "quality good"),
+    ]
+
+
+def time_video(end: float) -> None:
+    """Time a run with its video in this process, and print JSON: `frames`; in s `run_s`, `draft_s`, and of a frame
+    `frame_s` and, from the mean of some before and after, `bare_s`.
+    """
+    import mjsheaf
+    from mjsheaf.runs.publish import execute
+    from mjsheaf.video.draw import Painter
+    from mjsheaf.video.from_run import film_of, video_options
+
+    scenario = mjsheaf.load_scenario("paper", {"time.end": min(end, 49.99)})
+    film, model = film_of(scenario, mjsheaf.simulate(scenario))
+    drawn: list[float] = []
+
+    def run(of: Any, quality: str) -> float:
+        drawn.clear()
+
+        def progress(what: str, done: int, total: int) -> None:
+            if what == "drawing video":
+                drawn.append(time.perf_counter())
+
+        with tempfile.TemporaryDirectory() as folder:
+            begun = time.perf_counter()
+            execute(of, "physics", Path(folder) / "run", video=video_options(of, quality=quality), progress=progress)
+            return time.perf_counter() - begun
+
+    def bare() -> float:
+        with Painter(film, model, video_options(scenario)) as painter:
+            return _bare_frame(painter)
+
+    run(mjsheaf.load_scenario("paper", {"time.end": 0.2}), "good")
+    before, ours = bare(), run(scenario, "good")
+    found = {"frames": len(drawn), "run_s": ours, "frame_s": (drawn[-1] - drawn[0]) / (len(drawn) - 1)}
+    found |= {"bare_s": (before + bare()) / 2, "draft_s": run(scenario, "draft")}
+    print(json.dumps(found), flush=True)
+    os._exit(0)  # some drivers' own clean-up complains when two contexts end
+
+
+def _bare_frame(painter: Any) -> float:
+    """Time of a frame of MuJoCo's own renderer, s."""
+    from mjsheaf.engine import mujoco
+    from mjsheaf.video.renderer import COSTLY
+
+    width, height = painter.model.vis.global_.offwidth, painter.model.vis.global_.offheight
+    renderer = mujoco.Renderer(painter.model, height, width)
+    for flag in COSTLY:
+        renderer.scene.flags[flag.value] = False
+    camera = mujoco.MjvCamera()
+    numbers = range(0, len(painter.times), max(1, len(painter.times) // _BARE_FRAMES))
+    seconds = []
+    for number in [*numbers[:3], *numbers]:  # the first few warm it up
+        begun = time.perf_counter()
+        _, view = painter.pose(number)
+        camera.lookat, camera.distance = view.lookat, view.distance
+        camera.azimuth, camera.elevation = view.azimuth, view.elevation
+        renderer.update_scene(painter.data, camera)
+        renderer.render()
+        seconds.append(time.perf_counter() - begun)
+    renderer.close()
+    return sum(seconds[-len(numbers) :]) / len(numbers)

@@ -1,0 +1,170 @@
+"""Speed of simulations in this process: the published run, steps of bodies, threads, assembly, and peers."""
+
+from statistics import median
+from time import perf_counter, thread_time
+
+import mjsheaf
+from mjsheaf.bench.rows import Row, at_least, at_most, best, elapsed, informs, swarm
+from mjsheaf.engine import mujoco
+from mjsheaf.scenario import Scenario
+from mjsheaf.simulation.ideal import run_ideal
+from mjsheaf.simulation.loop import World
+from mjsheaf.simulation.run import usable_processors
+
+IDEAL_S = 0.3
+"""Wanted: time of the published run."""
+
+AUTHORS_S = 38.0
+"""The paper's own code, which calls scipy for each agent and step, on a machine of two cores."""
+
+OVERHEAD = 1.25
+"""Wanted: time of a step with the loop closed, over that of a bare step."""
+
+GROWTH = 1.2
+"""Wanted: time of a step per vehicle of the largest swarm, over that of the next smaller one."""
+
+SPEEDUP = 0.9
+"""Wanted: the speed-up by threads, over their number; 1.8 on two cores."""
+
+ASSEMBLY_S = 6.0
+"""Wanted: time to put a thousand vehicles into one model."""
+
+PEERS = {
+    "crazyflow": {13: (2.9e5, 4.0), 100: (1.5e6, 1.0)},
+    "gym_pybullet_drones": {13: (2.5e4, 40.0), 100: (2.5e4, 40.0)},
+}
+"""Vehicle-steps per second of crazyflow 0.4.0 and gym-pybullet-drones 2.1 on a machine of two cores without a GPU, by
+number of vehicles, and what ours are wanted to be over that. benchmarks/peers.py measures them where they are."""
+
+_GAINS = (5.0, 8.0, 10.0, 12.0)
+_SETTLING = 200  # steps before the clock starts
+
+
+def ideal(short: bool = False, end: float | None = None) -> list[Row]:
+    """The published run on ideal kinematics: 4,998 held steps of 17 vehicles at a relative tolerance of 1e-9.
+
+    Args:
+        short: fewer repetitions.
+        end: an earlier end of the run, s.
+    """
+    scenario = mjsheaf.load_scenario("paper", {} if end is None else {"time.end": end})
+    system = scenario.system
+    mjsheaf.simulate(scenario, backend="ideal")  # compiles
+    repetitions = 5 if short else 20
+    run = best(lambda: run_ideal(system), repetitions, thread_time)
+    simulate = best(lambda: mjsheaf.simulate(scenario, backend="ideal"), repetitions, thread_time)
+    what = f"published run, {system.grid.steps} steps, s"
+    return [
+        at_most("ideal", what, run, IDEAL_S, run / IDEAL_S, 1.0, "wanted time"),
+        informs("ideal", "simulate() of it, s", simulate, AUTHORS_S, "the authors' code"),
+    ]
+
+
+def loop(short: bool = False, sizes: tuple[int, ...] = (100, 1000)) -> list[Row]:
+    """What closing the loop costs: `World.step(n)` against bare `mj_step` of the same model from the same state.
+
+    The team of `paper`, and swarms of tilted hexarotors with lagged, limited rotors, in wind and disturbances.
+
+    Args:
+        short: fewer repetitions.
+        sizes: of the swarms, at least two.
+    """
+    repetitions = 10 if short else 40
+    rows = [_step(mjsheaf.load_scenario("paper"), 3 * repetitions)]
+    rows += [_step(swarm(size), max(3, repetitions * 100 // max(size, 100))) for size in sizes]
+    small, large = ((row.ours or 0.0) / (size + 1) for row, size in zip(rows[-2:], sizes[-2:], strict=True))
+    what = f"the same per vehicle, {sizes[-1] + 1} against {sizes[-2] + 1}"
+    return [*rows, at_most("loop", what, large, small, large / small, GROWTH)]
+
+
+def _step(scenario: Scenario, repetitions: int, steps: int = 100) -> Row:
+    """Time steps of one world, in us of a step.
+
+    The bare step starts from a copy of the state that the closed loop has just reached, with its commands and forces
+    held. Lag and limits are the engine's own, and in both. The model is the one that `run` steps, without what is only
+    to be seen; with that, as a World has it unless told otherwise, both steps are slower and their ratio is smaller.
+    """
+    world = World(scenario, visible=False)
+    world.step(_SETTLING)
+    model, twin = world.model, mujoco.MjData(world.model)
+    turns = []
+    for _ in range(repetitions):
+        mujoco.mj_copyData(twin, model, world.data)
+        bare = elapsed(lambda: mujoco.mj_step(model, twin, steps))
+        turns.append((elapsed(lambda: world.step(steps)), bare))
+    closed, bare = (1e6 * min(times) / steps for times in zip(*turns, strict=True))
+    ratio = median(ours / bare for ours, bare in turns)
+    what = f"step of {scenario.name}, {len(world.arena.vehicles)} vehicles, us"
+    return at_most("loop", what, closed, bare, ratio, OVERHEAD, "bare mj_step")
+
+
+def threads(short: bool = False, ends: tuple[float, float] = (49.99, 20.0)) -> list[Row]:
+    """Runs of `paper` with different gains: `simulate_many` on threads against one at a time, bit for bit the same.
+
+    Args:
+        short: fewer repetitions.
+        ends: end of the runs on ideal kinematics and on bodies, s.
+    """
+    count = min(usable_processors(), len(_GAINS))
+    rows = []
+    for backend, end in zip(("ideal", "physics"), ends, strict=True):
+        scenarios = [mjsheaf.load_scenario("paper", {"controller.gain": gain, "time.end": end}) for gain in _GAINS]
+        mjsheaf.simulate(scenarios[0], backend=backend)  # compiles
+        turns = []
+        for _ in range(3 if short else 8):
+            begun = perf_counter()
+            alone = mjsheaf.simulate_many(scenarios, backend, workers=1)
+            middle = perf_counter()
+            together = mjsheaf.simulate_many(scenarios, backend, workers=count)
+            turns.append((middle - begun, perf_counter() - middle))
+        same = all(a.identical(b) for a, b in zip(alone, together, strict=True))  # type: ignore[union-attr, arg-type]
+        note = "one thread" if same else "one thread; the results DIFFER"
+        what = f"{len(scenarios)} runs on {backend}, {count} threads, s"
+        single, several = (min(times) for times in zip(*turns, strict=True))
+        speedup = median(a / b for a, b in turns)
+        if count == 1:
+            rows.append(informs("threads", what, several, single, "one processor only"))
+        else:
+            rows.append(at_least("threads", what, several, single, speedup, SPEEDUP * count, note))
+    return rows
+
+
+def assembly(short: bool = False, size: int = 1000) -> list[Row]:
+    """Putting vehicles into one model: scenario, sheaf and law, bodies with MuJoCo's compiler; once, by the wall.
+
+    Args:
+        short: no difference; it is one pass.
+        size: number of agents.
+    """
+    World(swarm(4)).step(1)  # compiles
+    total = elapsed(lambda: World(swarm(size)), perf_counter)
+    what = f"scenario to world, {size + 1} vehicles, s"
+    return [at_most("assembly", what, total, ASSEMBLY_S, total / ASSEMBLY_S, 1.0, "wanted time")]
+
+
+def peers(short: bool = False, sizes: tuple[int, ...] = (13, 100)) -> list[Row]:
+    """Vehicle-steps per second of a closed loop, beside what others reach: quadrotors that follow another in wind.
+
+    Each simulator runs its own loop with its own controller on: 500 physics steps and 100 commands a second of ours and
+    of crazyflow, 240 and 48 of gym-pybullet-drones.
+
+    Args:
+        short: fewer repetitions.
+        sizes: numbers of vehicles.
+    """
+    rows = []
+    for size in sizes:
+        # The target is a vehicle too. No disturbance, as peers have none; wind there is.
+        rates = {"physics__timestep": 0.002, "controller__control_period": 0.01}
+        world = World(swarm(size - 1, "quadrotor", **rates, disturbance__agents__bound=0.0), visible=False)
+        world.step(5000)  # a second of work, after which clocks no longer rise
+        repetitions = 5 if short else 20
+        ours = size * 500 / best(lambda w=world: w.step(500), repetitions)  # type: ignore[misc]
+        bare = size * 50 / best(lambda w=world: mujoco.mj_step(w.model, w.data, 50), repetitions)  # type: ignore[misc]
+        what = f"{size} quadrotors, vehicle-steps/s"
+        rows.append(informs("peers", what, ours, bare, "bare mj_step"))
+        for peer, known in PEERS.items():
+            if size in known:
+                theirs, wanted = known[size]
+                rows.append(at_least("peers", what, ours, theirs, ours / theirs, wanted, f"{peer}, measured elsewhere"))
+    return rows

@@ -1,0 +1,295 @@
+"""The constants of Theorem 1 over a run: f_bar along the targets' path, and rho over a tube that holds the agents.
+
+f_B = H^-1 B f_p(p, t) - f_q(q*) along the targets' path is the theorem's bounded difference. Its largest norm is found
+by branch and bound in time over the cells that cover the path (see `targets`). Over a cell in which p_k moves by at
+most r_k about a centre and f_p,k by at most s_k, with |K_ik| the norms of the blocks of K = H^-1 B,
+
+    |q*_i - centre| <= R_i = sum_k |K_ik| r_k,
+    |f_B,i - f_B,i at the centre| <= sum_k |K_ik| s_k + R_i sup |df_i/dq| over that ball.
+
+As long as |e(t)| <= R(t), each agent is within R(t) of its q*_i(t). So bounds on the flow's slope and speed over the
+tube of that radius about q* hold along the run.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjsheaf.checking.targets import Carrier, Cells, TargetPath
+from mjsheaf.dynamics.bounds import Supremum, largest_speed, lipschitz_constant
+from mjsheaf.dynamics.disturbance import evaluate
+from mjsheaf.system import System
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Radius = Callable[[Array], Array]
+"""A bound on |e| in m at times in s: monotone in time."""
+
+_MOST_CELLS = 50_000  # that are bounded
+_MOST_NUMBERS = 8_000_000  # of f_B over them
+_FEWEST_CELLS = 32  # to begin with
+_GAP = 0.02  # wanted between the bound on |f_B| and a value of it, relative
+_BATCH = 256
+_ROUNDING = 1e-9
+_MOST_BOXES = 256
+_MOST_SPANS = 32  # of time
+FARTHEST = 1e12
+"""m: a box of this size stands for the whole space."""
+
+
+@dataclass(frozen=True)
+class Difference:
+    """f_B along the targets' path.
+
+    Attributes:
+        bound: never exceeded by |f_B| along the path, m/s; infinite where the path is not known or meets a singularity.
+        time: about when it is largest, s.
+        carried, own, values: H^-1 B f_p, f_q(q*) and f_B at the path's own instants, stacked, shape (T, n_q), m/s.
+        shaken: H^-1 B omega_p there, what the targets' disturbances ask of the agents, m/s.
+    """
+
+    bound: float
+    time: float
+    carried: Array
+    own: Array
+    values: Array
+    shaken: Array
+
+
+def difference_along(system: System, path: TargetPath, carrier: Carrier) -> Difference:
+    """Bound |f_B| along a path, and evaluate f_B at its instants."""
+    carried, own = carrier.carry(np.nan_to_num(path.drift)), agent_drift(system, path.q_star)
+    values, shaken = carried - own, carrier.carry(evaluate(system.harmonics[len(system.team.agents) :], path.time))
+    if path.cells is None:
+        return Difference(np.inf, float(path.time[0]), carried, own, np.full_like(values, np.nan), shaken)
+    bound, time = _largest(system, path.cells, carrier)
+    return Difference(bound * (1.0 + _ROUNDING), time, carried, own, values, shaken)
+
+
+def _largest(system: System, cells: Cells, carrier: Carrier) -> tuple[float, float]:
+    """A bound on |f_B| over cells, and a time near which it is attained."""
+    levels = [cells]
+    while len(levels[-1].begin) > _FEWEST_CELLS:
+        levels.append(_pairs(levels[-1]))
+    level = np.full(len(levels[-1].begin), len(levels) - 1)
+    index, now = np.arange(len(level)), levels[-1]
+    upper, seen = _bound(system, carrier, now)
+    most, time = float(seen.max()), float(now.begin[np.argmax(seen)])
+    closed, left = 0.0, min(_MOST_CELLS, _MOST_NUMBERS // system.team.dirichlet.H.shape[0])
+    while True:
+        # A cell of one step whose segment is short beside how far the path may leave it gains nothing by being cut.
+        whole = (level == 0) & np.all(np.linalg.norm(now.half, axis=2) <= now.bend, axis=1)
+        over = (upper > (1.0 + _GAP) * most) & ~whole
+        closed = max(closed, float(upper[~over].max(initial=0.0)))
+        now, level, index, upper = _some(now, over), level[over], index[over], upper[over]
+        if not len(upper) or left <= 0:
+            return max(closed, float(upper.max(initial=0.0))), time
+        order = np.argsort(-upper, kind="stable")
+        first, rest = order[:_BATCH], order[_BATCH:]
+        parent, levels_below, below, fresh = _children(levels, level[first], index[first], _some(now, first))
+        bounds, values = _bound(system, carrier, fresh)
+        left -= len(bounds)
+        if values.max() > most:
+            most, time = float(values.max()), float(fresh.begin[np.argmax(values)])
+        now = Cells(*(np.concatenate([old[rest], new]) for old, new in zip(now, fresh, strict=True)))
+        level, index = np.concatenate([level[rest], levels_below]), np.concatenate([index[rest], below])
+        upper = np.concatenate([upper[rest], np.minimum(bounds, upper[first][parent])])
+
+
+def _some(cells: Cells, which: NDArray[np.bool_] | Index) -> Cells:
+    return Cells(*(x[which] for x in cells))
+
+
+def _bound(system: System, carrier: Carrier, cells: Cells) -> tuple[Array, Array]:
+    """Bounds on |f_B| over cells, and values that it reaches in each at least, shapes (n,), m/s."""
+    moves = carrier.reach(np.linalg.norm(cells.half, axis=2) + cells.bend)
+    q_star = carrier.extend(cells.centre)
+    centre = np.linalg.norm(carrier.carry(cells.drift) - agent_drift(system, q_star), axis=1)
+    spread = carrier.spread(cells.spread, agent_slopes(system, q_star, moves), moves)
+    upper = centre + spread
+    return np.where(np.isnan(upper), np.inf, upper), np.nan_to_num(np.maximum(centre - spread, 0.0))
+
+
+def _children(levels: list[Cells], level: Index, index: Index, cells: Cells) -> tuple[Index, Index, Index, Cells]:
+    """The cells of which cells are made, pairs below them or halves of their segments: parent, level, index, cell."""
+    found = []
+    for k in np.unique(level):
+        own = np.flatnonzero(level == k)
+        parent = np.repeat(own, 2)
+        if k == 0:
+            cut = _some(cells, parent)
+            sign = np.tile([-1.0, 1.0], len(own))
+            half, middle = 0.5 * cut.half, 0.5 * (cut.begin + cut.end)
+            ends = np.where(sign < 0, cut.begin, middle), np.where(sign < 0, middle, cut.end)
+            halves = cut._replace(begin=ends[0], end=ends[1], centre=cut.centre + sign[:, None, None] * half, half=half)
+            found.append((parent, np.zeros_like(parent), index[parent], halves))
+            continue
+        below = 2 * index[parent] + np.tile([0, 1], len(own))
+        there = below < len(levels[k - 1].begin)
+        parent, below = parent[there], below[there]
+        found.append((parent, np.full_like(parent, k - 1), below, _some(levels[k - 1], below)))
+    parents, above, places, parts = zip(*found, strict=True)
+    joined = Cells(*(np.concatenate(x) for x in zip(*parts, strict=True)))
+    return np.concatenate(parents), np.concatenate(above), np.concatenate(places), joined
+
+
+def _pairs(cells: Cells) -> Cells:
+    """Each two neighbours as one cell, a ball; the last alone where their number is odd."""
+    n = len(cells.begin) // 2 * 2
+    centre, bend = _joined(cells.centre, np.linalg.norm(cells.half, axis=2) + cells.bend, n)
+    drift, spread = _joined(cells.drift, cells.spread, n)
+    ends = np.concatenate([cells.end[1:n:2], cells.end[n:]])
+    slope = np.concatenate([np.maximum(cells.slope[0:n:2], cells.slope[1:n:2]), cells.slope[n:]])
+    return Cells(cells.begin[::2], ends, centre, np.zeros_like(centre), bend, drift, spread, slope)
+
+
+def _joined(centre: Array, radius: Array, n: int) -> tuple[Array, Array]:
+    """The smallest balls about each two of the first n balls, shapes (n / 2, M, 3) and (n / 2, M), and what is left."""
+    a, b, r, s = centre[0:n:2], centre[1:n:2], radius[0:n:2], radius[1:n:2]
+    apart = np.linalg.norm(b - a, axis=2)
+    around = np.maximum(0.5 * (apart + r + s), np.maximum(r, s))
+    share = np.clip(np.divide(around - r, apart, out=np.zeros_like(r), where=apart > 0.0), 0.0, 1.0)
+    middle = a + share[..., None] * (b - a)
+    return np.concatenate([middle, centre[n:]]), np.concatenate([around * (1.0 + _ROUNDING), radius[n:]])
+
+
+def coarser(cells: Cells, most: int) -> Cells:
+    """At most so many cells that cover what the given ones do."""
+    while len(cells.begin) > most:
+        cells = _pairs(cells)
+    return cells
+
+
+def agent_drift(system: System, q: Array) -> Array:
+    """f_q at stacked agent states (T, n_q): the flow that agents meet, stacked; shape (T, n_q), m/s."""
+    spread = system.team.unpack(q)
+    w = np.zeros_like(spread)
+    for field, own in _agents_by_field(system):
+        w[:, own] = system.flows[field].velocity(spread[:, own])
+    return w.reshape(len(q), -1)[:, system.team.slots[: q.shape[1]]]
+
+
+def agent_slopes(system: System, q: Array, radii: Array) -> Array:
+    """Bounds on |df_i/dq| over balls of radii (T, N) about stacked agent states (T, n_q), shape (T, N), 1/s."""
+    spread, slopes = system.team.unpack(q), np.empty(radii.shape)
+    for field, own in _agents_by_field(system):
+        slopes[:, own] = system.flows[field].slope_bound(spread[:, own], radii[:, own])
+    return slopes
+
+
+def _agents_by_field(system: System) -> list[tuple[int, Index]]:
+    """Each flow field that agents meet, and the agents that meet it."""
+    fields = system.field[: len(system.team.agents)]
+    return [(int(field), np.flatnonzero(fields == field)) for field in np.unique(fields)]
+
+
+@dataclass(frozen=True, eq=False)
+class Tube:
+    """Boxes that hold the N agents of a system over S spans of time, by their corners, shape (S, N, 3), m."""
+
+    system: System
+    low: Array
+    high: Array
+
+    def corners(self) -> tuple[Array, Array]:
+        """The corners of one box that holds all, shape (3,) each, m."""
+        return self.low.min(axis=(0, 1)), self.high.max(axis=(0, 1))
+
+    def joined(self) -> "Tube":
+        """One box that holds all, for every agent."""
+        low, high = (np.tile(corner, (1, self.low.shape[1], 1)) for corner in self.corners())
+        return Tube(self.system, low, high)
+
+    @cached_property
+    def slope(self) -> Supremum:
+        """rho: the largest Lipschitz constant of the flow that agents meet in their boxes, 1/s."""
+        return self._largest(lipschitz_constant)
+
+    @cached_property
+    def speed(self) -> Supremum:
+        """The largest speed of the flow that agents meet in their boxes, without uniform drift, m/s."""
+        return self._largest(lambda *box, planar: largest_speed(*box, planar=planar, drift=False))
+
+    def _largest(self, of: Callable[..., Supremum]) -> Supremum:
+        system, members, found = self.system, self.system.team.members, []
+        kinds = [(int(system.field[i]), members[i].dimension == 2) for i in range(self.low.shape[1])]
+        for field, planar in dict.fromkeys(kinds):
+            own = [i for i, kind in enumerate(kinds) if kind == (field, planar)]
+            boxes = np.unique(np.stack([x[:, own].reshape(-1, 3) for x in (self.low, self.high)], axis=1), axis=0)
+            found.append(of(system.flows[field], boxes[:, 0], boxes[:, 1], planar=planar))
+        return max(found, key=lambda s: s.upper)
+
+
+@dataclass(frozen=True)
+class Constants:
+    """The constants of a system, and where they hold.
+
+    Attributes:
+        difference: f_B along the targets' path; its bound is f_bar.
+        rho: largest slope of the flow over the agents' tube, 1/s, and where.
+        speed: largest speed of the flow over their tube, without uniform drift, which cancels in f~, m/s.
+        largest_disturbance: largest omega_bar_i, m/s.
+        omega_bar: bound on |Delta|, m/s.
+        initial_error: |e(t0)|, m.
+    """
+
+    difference: Difference
+    rho: Supremum
+    speed: Supremum
+    largest_disturbance: float
+    omega_bar: float
+    initial_error: float
+
+
+@dataclass(frozen=True)
+class Region:
+    """Where the theory keeps a run.
+
+    Attributes:
+        path: the targets' path and the harmonic extension along it.
+        tube: boxes that hold the agents.
+        source: why they do, or what they are.
+        verified: whether they are proven to, for the law without limits, and the path is known.
+    """
+
+    path: TargetPath
+    tube: Tube
+    source: str
+    verified: bool
+
+
+def tube_about(system: System, path: TargetPath, carrier: Carrier, radius: Radius) -> Tube:
+    """The tube of a radius about the harmonic extension of a path that is known, in spans of time.
+
+    It has one box for each agent and span, or one for all agents where there are many.
+    """
+    assert path.cells is not None
+    N = len(system.team.agents)
+    cells = coarser(path.cells, max(1, min(_MOST_SPANS, _MOST_BOXES // N)))
+    centre = system.team.unpack(carrier.extend(cells.centre))
+    wide = np.maximum(radius(cells.begin), radius(cells.end))[:, None]
+    wide = wide + carrier.reach(np.linalg.norm(cells.half, axis=2) + cells.bend)
+    low, high = centre - wide[..., None], centre + wide[..., None]
+    planar = np.array([agent.dimension == 2 for agent in system.team.agents])
+    low[:, planar, 2] = high[:, planar, 2] = 0.0
+    tube = Tube(system, low, high)
+    return tube if N <= _MOST_BOXES else tube.joined()
+
+
+def tube_guessed(system: System, path: TargetPath, margin: float = 0.5) -> Tube:
+    """A box about initial positions and q*, widened by a share of its size, by which nothing is proven."""
+    N = len(system.team.agents)
+    both = np.concatenate([system.initial[None, :N], system.team.unpack(path.q_star)])
+    low, high = both.min(axis=(0, 1)), both.max(axis=(0, 1))
+    widen = margin * np.maximum(high - low, 1.0)
+    widen[2] *= any(agent.dimension == 3 for agent in system.team.agents)
+    return Tube(system, *(np.tile(x, (1, N, 1)) for x in (low - widen, high + widen)))
+
+
+def speed_everywhere(system: System) -> float:
+    """A bound on the speed of the flow that agents meet anywhere, without uniform drift, m/s."""
+    whole = np.full((1, len(system.team.agents), 3), FARTHEST)
+    return Tube(system, -whole, whole).speed.upper

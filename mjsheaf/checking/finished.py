@@ -1,0 +1,306 @@
+"""A finished run: how much of Theorem 1's bound it used, and how it ended.
+
+`compare`, `sweep` and `run` judge the ending by the team's tracking error E(t), the RMS over agents of |q*_i - q_i|,
+over the last quarters of a run:
+
+    settled    E keeps its level; what still swings is driven, by targets that move or by disturbances
+    growing    E, or the swing of a team that nothing drives, grows, and does not grow more slowly
+    circling   E keeps its level, but the team drives itself: nothing else moves, and the errors swing on undecayed; or
+               the loop of its vehicles is unstable (see `margins`), and only their limits keep it where it is
+    moving     anything else: E still changes
+
+Whether an oscillation is the team's own cannot be seen where targets move. There the loop of the vehicles decides.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjsheaf.checking.certificate import Certificate, certify
+from mjsheaf.checking.cohomology import spectrum_of
+from mjsheaf.checking.margins import body_loop, mean_medium
+from mjsheaf.control.theorem import Theorem
+from mjsheaf.results.netcdf import pieces_of
+from mjsheaf.system import System
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Array = NDArray[np.float64]
+Ending = Literal["settled", "moving", "growing", "circling"]
+
+_ACCURACY_IN_TOLERANCES = 100.0  # error of a run over the tolerance of its integrator
+_ACCURACY_ON_BODIES = 0.01  # of the initial error: below it only inertia is seen
+
+BROKEN = 1.0 + 1e-6
+"""A ratio of measured to bound above this breaks the bound."""
+
+
+@dataclass(frozen=True)
+class RunBound:
+    """The bound of a run.
+
+    Attributes:
+        certificate: what the theory says of the system.
+        bodies: whether the run is one of bodies, whose inertia the theorem does not know.
+        departure: largest distance of the run's targets from the certificate's path, m.
+        accuracy: error of the run itself, which does not count, m: from its integrator's tolerance, and on bodies a
+            share of the initial error.
+        blew_up: whether the run ended before its time.
+        initial_error: measured |e| at the first sample, m.
+        start: time of the first sample, s.
+        ratio: largest measured / bound after the start, where both are |e(t0)|; None where no bound applies.
+        settled_ratio: the same over the second half of the run, where the initial error has less to say.
+        worst: when the ratio is attained, s.
+    """
+
+    certificate: Certificate
+    bodies: bool
+    departure: float
+    accuracy: float
+    blew_up: bool
+    initial_error: float
+    start: float
+    ratio: float | None = None
+    settled_ratio: float | None = None
+    worst: float | None = None
+
+    @property
+    def theorem(self) -> Theorem:
+        """Theorem 1 with the certificate's constants."""
+        return self.certificate.theorem
+
+    @property
+    def reason(self) -> str:
+        """Why the theorem does not apply, or empty: the certificate's reason, or that the run has other targets."""
+        error = self.certificate.region.path.error
+        if self.certificate.reason or self.bodies or self.departure <= error:
+            return self.certificate.reason
+        return f"the run's targets leave the path that was checked by {self.departure:.2g} m, more than {error:.2g} m"
+
+    @property
+    def applies(self) -> bool:
+        """Whether the theorem applies to this run."""
+        return not self.reason
+
+    @property
+    def approximate(self) -> bool:
+        """Whether the run only approaches the theorem's setting: a held law, or bodies."""
+        return self.certificate.approximate or self.bodies
+
+    def at(self, time: Array) -> Array:
+        """The theorem's bound on |e| at times in s, in m; infinite where it does not apply."""
+        return self.certificate.bound(self.initial_error, time - self.start)
+
+    @property
+    def wrong(self) -> bool:
+        """Whether the run exceeds a bound that applies, which bodies may and the ideal law cannot."""
+        return bool(self.violation()) and not self.bodies
+
+    def violation(self) -> str:
+        """How the run exceeds a bound that applies, in a sentence; empty where it does not."""
+        if self.ratio is None or (self.ratio <= BROKEN and (self.bodies or not self.blew_up)):
+            return ""
+        if self.blew_up and not self.bodies:
+            found = "the run blows up, which Theorem 1 excludes: please report it"
+        else:
+            found = f"|e| reaches {self.ratio:.4g} times the bound of Theorem 1 at t = {self.worst:.6g} s"
+            if self.bodies:
+                return f"{found}: bodies have inertia, which the theorem does not know"
+            found = f"{found}, which proves a constant wrong: please report it"
+        return f"{found}; constants: {self.certificate.describe_constants()}"
+
+
+def bound_of_run(system: System, dataset: "xr.Dataset") -> RunBound:
+    """Compare a run with its system's certificate; the run is read in pieces."""
+    certificate, bodies = certify(system), dataset.attrs["backend"] == "physics"
+    initial_error = float(np.sqrt((dataset["tracking_error"][0].values ** 2).sum()))
+    farthest, departure = _departure(certificate, dataset)
+    rtol, atol = system.tolerance
+    bound = RunBound(
+        certificate=certificate,
+        bodies=bodies,
+        departure=departure,
+        accuracy=max(_ACCURACY_IN_TOLERANCES * (atol + rtol * farthest), _ACCURACY_ON_BODIES * initial_error * bodies),
+        blew_up=dataset.attrs["status"] == "unstable",
+        initial_error=initial_error,
+        start=float(dataset["time"][0]),
+    )
+    return bound if bound.reason else _compared(bound, dataset)
+
+
+def _compared(bound: RunBound, dataset: "xr.Dataset") -> RunBound:
+    ratio, settled, worst, done, half = 0.0, 0.0, bound.start, 0, dataset.sizes["time"] // 2
+    for piece in pieces_of(dataset, ["time", "tracking_error"]):
+        time = piece["time"].values
+        error = np.sqrt((piece["tracking_error"].values ** 2).sum(axis=1))
+        share = error / (bound.at(time) + bound.accuracy)
+        if done == 0:
+            share[0] = 0.0  # where both are |e(t0)|
+        if share.max(initial=0.0) > ratio:
+            ratio, worst = float(share.max()), float(time[share.argmax()])
+        settled = max(settled, float(share[max(half - done, 0) :].max(initial=0.0)))
+        done += len(error)
+    return replace(bound, ratio=ratio, settled_ratio=settled, worst=worst)
+
+
+def _departure(certificate: Certificate, dataset: "xr.Dataset") -> tuple[float, float]:
+    """The farthest coordinate of the run, and the largest distance of its targets from the certificate's path, m."""
+    path, departure, farthest, done = certificate.region.path, 0.0, 0.0, 0
+    for piece in pieces_of(dataset, ["agent_position", "target_position"]):
+        targets = np.nan_to_num(piece["target_position"].values)
+        farthest = max(farthest, float(np.abs(targets).max(initial=0.0)))
+        farthest = max(farthest, float(np.nanmax(np.abs(piece["agent_position"].values), initial=0.0)))
+        first = -done % path.stride
+        known = path.samples[(done + first) // path.stride :][: len(targets[first :: path.stride])]
+        apart = np.linalg.norm(targets[first :: path.stride][: len(known)] - known, axis=2)
+        departure = max(departure, float(apart.max(initial=0.0)))
+        done += len(targets)
+    return farthest, departure
+
+
+LEVEL = (
+    "A run has settled if the mean of its RMS tracking error over the last quarter differs from that over the quarter "
+    "before by at most 1 % of the range that the error went through, or by at most 5 % of both that range and the "
+    "mean, or by what the unfinished periods of an oscillation make, and if the team does not swing by itself."
+)
+
+_FEWEST_SAMPLES = 8
+_LEVEL_OF_RANGE, _LEVEL_OF_BOTH = 0.01, 0.05  # by which the mean error of two quarters may differ
+_STEADY_SWING = 0.05  # by which the swing of two quarters may differ, relative, and be neither growth nor decay
+_STEADY_LOOP = 0.01  # by which a swing may fall in a quarter and not be said to decay, though the loop is stable
+_FAINT_SWING = 1e-4  # of the range of the error: a swing below it is over
+_ROUNDING = 1e-9  # m: a swing below it is rounding
+_FEWEST_REVERSALS = 3  # sign changes in a quarter that make a swing of a drift
+_STILL_SHARE = 0.01  # of the swing of the errors, by which q* may swing and count as at rest
+_SLOWING = 0.9  # of the growth of one quarter over the last: a rise that slows down by more is a transient
+_SETTLED_BAND, _SETTLED_RESIDUE = 1.25, 0.02  # of the late largest error, and of the largest of all: see settling_time
+
+
+def ending_of_run(system: System, dataset: "xr.Dataset") -> Ending | None:
+    """How a finished run, as `simulate` gives it, ended; None for fewer than 8 samples."""
+    q_star, positions = (np.nan_to_num(dataset[name].values) for name in ("harmonic_extension", "agent_position"))
+    return ending_of(system, dataset["time"].values, q_star, positions, on_bodies=dataset.attrs["backend"] == "physics")
+
+
+def ending_of(system: System, time: Array, q_star: Array, positions: Array, *, on_bodies: bool) -> Ending | None:
+    """How a run ended, from the agents' positions and harmonic extension, padded with 0, shape (T, N, 3), m."""
+    offsets = q_star - positions
+    error = np.sqrt((offsets**2).sum(axis=2).mean(axis=1))
+
+    def unstable() -> bool:
+        team = system.team
+        padded = np.zeros((len(time), len(team.members), 3))
+        padded[:, : q_star.shape[1]] = q_star
+        path = team.pack(padded)[:, : team.dirichlet.H.shape[0]]
+        return body_loop(system, spectrum_of(team), mean_medium(system, time, path)).stable is False
+
+    still = _swing(_quarters(q_star)[-1]) <= _STILL_SHARE * _swing(_quarters(offsets)[-1])
+    alone = still and not system.harmonics[..., :3].any()
+    return judge(error, offsets if alone else None, unstable if on_bodies else None)
+
+
+def judge(error: Array, offsets: Array | None = None, unstable: Callable[[], bool] | None = None) -> Ending | None:
+    """How a run ended.
+
+    Args:
+        error: of the team, shape (T,), m.
+        offsets: of every agent from its q*, shape (T, N, 3), m, where nothing drives the team; else None.
+        unstable: whether the loop of its vehicles is unstable; called only where that decides.
+
+    Returns:
+        None for fewer than 8 samples, or where the error is not finite.
+    """
+    if len(error) < _FEWEST_SAMPLES or not np.isfinite(error).all():
+        return None
+    if offsets is not None and (own := _own_swing(error, offsets, unstable)) is not None:
+        return own
+    if is_level(error):
+        return "circling" if unstable is not None and unstable() else "settled"
+    first, before, last = (_mean(q)[0] for q in _quarters(error))
+    return "growing" if before > first and last - before > _SLOWING * (before - first) else "moving"
+
+
+def _own_swing(error: Array, offsets: Array, unstable: Callable[[], bool] | None) -> Ending | None:
+    """The ending of a team that nothing drives, where it swings without decaying; None where it does not.
+
+    A swing that seems to decay a little does decay where the loop of the vehicles is known to be stable.
+    """
+    before, last = _quarters(offsets)[-2:]
+    size = _swing(last)
+    if size <= max(_FAINT_SWING * float(np.ptp(error)), _ROUNDING) or _reversals(last) < _FEWEST_REVERSALS:
+        return None
+    ratio = size / max(_swing(before), 1e-300)
+    if ratio < 1.0 - _STEADY_SWING:
+        return None
+    if ratio < 1.0 - _STEADY_LOOP and unstable is not None and not unstable():
+        return "moving"
+    return "circling" if ratio <= 1.0 + _STEADY_SWING else "growing"
+
+
+def is_level(error: Array) -> bool:
+    """Whether the mean error of the last quarter is that of the quarter before: see LEVEL. Shape (T,), m.
+
+    An error that decays as exp(-r t) to nothing is level where r T is above 7.3; one that decays to a level once it
+    hardly changes beside that; one that swings about a level where a quarter holds a period of it or more.
+    """
+    quarters = _quarters(error)
+    (first, _), (before, _), (level, _) = means = [_mean(quarter) for quarter in quarters]
+    trend = (level - before) * (before - first) > 0.0 and all(whole for _, whole in means)
+    through, reversals = float(np.ptp(error)), _reversals(quarters[-1])
+    allowed = max(_LEVEL_OF_RANGE * through, _LEVEL_OF_BOTH * min(through, level))
+    if reversals >= 2 and not trend:
+        # A sine of n half periods and a part of one has a mean of at most its swing over n pi.
+        allowed = max(allowed, 2.0 * float(np.ptp(quarters[-1])) / reversals / np.pi)
+    return abs(level - before) <= allowed
+
+
+def settling_time(time: Array, error: Array) -> float | None:
+    """When an error has become level, s after its start; None where it never does.
+
+    It is the first sample from which on the error stays below 1.25 times the largest of the run's last half plus 2 % of
+    its largest of all: what is left of the transient is then small beside what remains, be that a constant, an
+    oscillation or noise.
+
+    Args:
+        time: shape (T,), s.
+        error: of the team, shape (T,), m.
+    """
+    if len(time) < _FEWEST_SAMPLES or not np.isfinite(error).all() or not is_level(error):
+        return None
+    limit = _SETTLED_BAND * error[len(error) // 2 :].max() + _SETTLED_RESIDUE * float(error.max())
+    outside = np.flatnonzero(error > limit)
+    return float(time[int(outside[-1]) + 1 if outside.size else 0] - time[0])
+
+
+def _quarters(values: Array) -> list[Array]:
+    """The last three quarters of a series, of equal length."""
+    n = len(values) // 4
+    return [values[len(values) - k * n : len(values) - (k - 1) * n] for k in (3, 2, 1)]
+
+
+def _mean(quarter: Array) -> tuple[float, bool]:
+    """The mean of a quarter over the whole periods that it holds, or over all of it where there is none; and which."""
+    trend = np.linspace(-0.5, 0.5, len(quarter))
+    level = quarter - quarter.mean() - 12.0 * (trend @ quarter) / len(quarter) * trend
+    rising = np.flatnonzero((level[:-1] < 0.0) & (level[1:] >= 0.0))
+    if len(rising) < 2:
+        return float(quarter.mean()), False
+    return float(quarter[rising[0] : rising[-1]].mean()), True
+
+
+def _swing(offsets: Array) -> float:
+    """RMS over time and agents of the distance from the mean, (T, N, 3), m."""
+    return float(np.sqrt(offsets.var(axis=0).sum(axis=-1).mean())) if len(offsets) else 0.0
+
+
+def _reversals(values: Array) -> int:
+    """How often the component that varies most crosses its mean, (T, ...)."""
+    flat = values.reshape(len(values), -1)
+    own = flat[:, int(flat.var(axis=0).argmax())]
+    sign = np.sign(own - own.mean())
+    sign = sign[sign != 0.0]
+    return int((sign[1:] != sign[:-1]).sum())

@@ -1,0 +1,148 @@
+"""The terminal that a command runs in: streams, tables, progress, and the signals that end it.
+
+Ctrl-C, SIGTERM and SIGHUP end a command in order: what is half done is removed. Each is raised where it arrives, as an
+exception. Inside a callback of a library, or a hook of fork, Python prints what is raised and goes on. So the signal is
+also remembered, and whoever reports progress calls `raise_if_stopped`. One that arrives while an earlier one is being
+obeyed changes nothing: else it would stop the removal half-way.
+"""
+
+import io
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+_NARROWEST = 20  # columns; in fewer, a table has no room for its text
+_WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated", signal.SIGHUP: "hung up"}
+_received: int | None = None
+
+
+class Stopped(SystemExit):
+    """A signal has asked this process to stop; `code` is what shells expect, 128 and the signal's number."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(128 + number)
+        self.message = f"{_WORDS[signal.Signals(number)]}; nothing was written"
+
+
+def raise_if_stopped() -> None:
+    """Raise what a signal raised before, where that was lost.
+
+    Raises:
+        Stopped: a signal came.
+    """
+    if _received is not None:
+        raise Stopped(_received)
+
+
+def was_stopped() -> bool:
+    """Whether a signal has asked this process to stop."""
+    return _received is not None
+
+
+@contextmanager
+def stoppable() -> Iterator[None]:
+    """Let the signals raise `Stopped` inside the block. A signal that the process was told to ignore stays ignored.
+
+    After one that was obeyed they are ignored: the process is about to end, and libraries tidy up as it does.
+    """
+    global _received
+    _received = None
+    if threading.current_thread() is not threading.main_thread():  # only there may handlers be set
+        yield
+        return
+    before = {number: signal.getsignal(number) for number in _WORDS}
+    hook = sys.unraisablehook
+
+    def show_lost(lost: Any) -> None:
+        if not isinstance(lost.exc_value, Stopped):
+            hook(lost)
+
+    sys.unraisablehook = show_lost
+    try:
+        for number, handler in before.items():
+            if handler is not signal.SIG_IGN:
+                signal.signal(number, _stop)
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler if _received is None else signal.SIG_IGN)
+        sys.unraisablehook = hook
+
+
+def _stop(number: int, _frame: FrameType | None) -> None:
+    global _received
+    error = sys.exception()  # of this thread, on its way out in an `except`, `finally` or `with`
+    while error is not None and not isinstance(error, Stopped):
+        error = error.__context__
+    if error is None:  # else an earlier signal is being obeyed
+        _received = number
+        raise Stopped(number)
+
+
+def open_streams() -> None:
+    """Make the standard streams usable.
+
+    A closed one is opened on the null device: the next file that is opened would take its number, and what a library
+    prints would go into that file. What an encoding lacks is written as an escape.
+    """
+    for descriptor in range(3):
+        try:
+            os.fstat(descriptor)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free, which is this one
+    sys.stdin = sys.stdin or open(os.devnull)  # noqa: SIM115
+    sys.stdout = sys.stdout or open(os.devnull, "w")  # noqa: SIM115
+    sys.stderr = sys.stderr or open(os.devnull, "w")  # noqa: SIM115
+    if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
+        sys.stdout.reconfigure(errors="backslashreplace")
+
+
+def make_console(**options: Any) -> "Console":
+    """A console that has some width, whatever the terminal or COLUMNS says."""
+    from rich.console import Console
+
+    console = Console(highlight=False, **options)
+    console.width = max(console.width, _NARROWEST)
+    return console
+
+
+def print_lines(*lines: object) -> None:
+    """Print lines as they are, however wide the terminal."""
+    for line in lines:
+        make_console(soft_wrap=True).print(line, markup=False)
+
+
+def print_note(text: str) -> None:
+    """Tell the user something beside the result, on stderr."""
+    make_console(stderr=True, soft_wrap=True).print(f"note: {text}", markup=False)
+
+
+@contextmanager
+def progress_bars() -> Iterator[Callable[[str, int, int], None]]:
+    """Yield a function of (what is being done, done, in all) that keeps a bar for each kind of work, on stderr.
+
+    Where stderr is not a terminal nothing is drawn. Each call ends the work if a signal has asked for that.
+    """
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
+
+    console = make_console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    bars = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+    tasks: dict[str, TaskID] = {}
+
+    def report(what: str, done: int, total: int) -> None:
+        raise_if_stopped()
+        if what not in tasks:
+            tasks[what] = bars.add_task(what, total=total)
+        bars.update(tasks[what], completed=done, total=total)
+
+    with bars:
+        yield report

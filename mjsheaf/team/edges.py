@@ -1,0 +1,294 @@
+"""Edges: what two members compare or one measures by itself, and which value that should have.
+
+Restriction maps by name:
+
+| name        | F_tail          | F_head          | edge stalk              | in the paper                         |
+|-------------|-----------------|-----------------|-------------------------|--------------------------------------|
+| identity    | I               | I               | R^n, equal dimensions   | constant sheaf                       |
+| shared      | [I_m 0]         | [I_m 0]         | R^m, m the smaller n    | Example 4, USV-UAV projection        |
+| local_frame | R_tail [I_m 0]  | R_tail [I_m 0]  | R^m in the tail's frame | Examples 5 and 6, R_i and R_i P      |
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import BeforeValidator, Field, model_validator
+
+from mjsheaf.errors import InputError, expected
+from mjsheaf.io.section import Id, Matrix, Number, Positive, Section
+
+Array = NDArray[np.float64]
+
+NAMES = ("identity", "shared", "local_frame")
+
+GROUND = "(ground)"
+"""Vertex with a stalk of dimension 0 that anchors end on; no id can be written like this."""
+
+
+@dataclass(frozen=True)
+class Member:
+    """An agent or a target.
+
+    Attributes:
+        id: its id.
+        dimension: of its state space, 2 (planar) or 3 (spatial).
+        attitude: roll, pitch and yaw of its local frame, rad.
+    """
+
+    id: str
+    dimension: int
+    attitude: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Edge:
+    """An edge of the team's graph with its restriction maps.
+
+    Attributes:
+        tail, head: ids; on a sensing edge the tail is the agent, and the head of an anchor is GROUND.
+        F_tail, F_head: restriction maps, shapes (m, n_tail) and (m, n_head).
+        weight: inner product K of the edge stalk, shape (m, m).
+        offset: desired value b of F_tail x_tail - F_head x_head, shape (m,), in m; None takes it from formations.
+    """
+
+    tail: str
+    head: str
+    F_tail: Array
+    F_head: Array
+    weight: Array
+    offset: Array | None = None
+
+    @property
+    def between(self) -> tuple[str, str]:
+        """The ids of tail and head."""
+        return self.tail, self.head
+
+    @property
+    def b(self) -> Array:
+        """The desired value as a number: zero where nothing set it."""
+        return np.zeros(len(self.F_tail)) if self.offset is None else self.offset
+
+    @property
+    def equation(self) -> tuple[Any, ...]:
+        """F_tail x_tail - F_head x_head = b, weighted by K, as a key that is the same in either direction."""
+        ends, sign = [(self.tail, self.F_tail), (self.head, self.F_head)], 1.0
+        if self.head < self.tail:
+            ends, sign = ends[::-1], -1.0
+        b = None if self.offset is None else (sign * self.offset + 0.0).tobytes()  # + 0.0: no negative zeros
+        return (*((name, F.shape, (F + 0.0).tobytes()) for name, F in ends), (self.weight + 0.0).tobytes(), b)
+
+
+def anchor(agent: str, F: Array, value: Array, weight: Array) -> Edge:
+    """An edge that ties what an agent measures by itself to a fixed value: F q_i should be `value`.
+
+    Args:
+        agent: id of the agent.
+        F: what it measures, shape (m, n); for an altimeter [[0, 0, 1]].
+        value: shape (m,), m.
+        weight: inner product K, shape (m, m).
+    """
+    return Edge(agent, GROUND, F, np.zeros((len(F), 0)), weight, value)
+
+
+class ExplicitMaps(Section):
+    """Restriction maps as matrices."""
+
+    tail: Matrix
+    head: Matrix
+
+
+_Ends = Annotated[list[Id], Field(min_length=2, max_length=2)]
+_Weight = Positive | Matrix | None
+
+
+class LinearEdge(Section):
+    """An edge; a bare pair [tail, head] is short for {between: [tail, head]}."""
+
+    between: _Ends
+    map: Literal["shared", "identity", "local_frame"] | ExplicitMaps = "shared"
+    weight: _Weight = Field(None, description="inner product of the edge stalk; a number times I")
+    offset: list[Number] | None = Field(None, description="desired F_tail x_tail - F_head x_head; from formations")
+    parallel: bool = Field(False, description="a second sensor: it may repeat another edge, and counts beside it")
+
+    def build(self, tail: Member, head: Member) -> Edge:
+        """The edge between two members, in the tail's local frame where the map says so.
+
+        Raises:
+            InputError: a map, weight or offset has the wrong shape.
+        """
+        if isinstance(self.map, ExplicitMaps):
+            maps = _matrix(self.map.tail, "map.tail"), _matrix(self.map.head, "map.head")
+            for end, F, n in zip(("tail", "head"), maps, (tail.dimension, head.dimension), strict=True):
+                if F.shape[1] != n:
+                    raise InputError(f"map.{end} has shape {F.shape}; expected (m, {n})")
+            if len(maps[0]) != len(maps[1]):
+                raise InputError(f"map.tail has {len(maps[0])} rows and map.head {len(maps[1])}; they must be equal")
+        else:
+            maps = restriction_maps(self.map, tail.dimension, head.dimension, tail.attitude)
+        m = len(maps[0])
+        if self.offset is not None and len(self.offset) != m:
+            raise InputError(f"offset has {len(self.offset)} entries; the edge stalk has dimension {m}")
+        offset = None if self.offset is None else np.array(self.offset, dtype=np.float64)
+        return Edge(tail.id, head.id, *maps, _inner_product(self.weight, m), offset)
+
+
+def edge_from_pair(value: Any) -> Any:
+    """Let a bare pair stand for an edge with all defaults."""
+    return {"between": value} if isinstance(value, list) else value
+
+
+PairOrEdge = Annotated[LinearEdge, BeforeValidator(edge_from_pair, json_schema_input_type=LinearEdge | _Ends)]
+"""An edge as a file may have it."""
+
+
+class Anchor(Section):
+    """A measurement of an agent's own position that should have a fixed value, such as an altimeter's."""
+
+    agent: Id
+    axes: Annotated[list[Literal["x", "y", "z"]], Field(min_length=1, max_length=3)] | None = Field(
+        None, description="coordinates that are anchored; give these or a map"
+    )
+    map: Matrix | None = Field(None, description="F, one row for each measured number")
+    value: Annotated[list[Number], Field(min_length=1)] = Field(description="desired F q, m")
+    weight: _Weight = Field(None, description="inner product of the edge stalk; a number times I")
+    parallel: bool = Field(False, description="a second sensor: it may repeat another anchor, and counts beside it")
+
+    @model_validator(mode="after")
+    def _one(self) -> "Anchor":
+        if (self.axes is None) == (self.map is None):
+            raise ValueError("give either axes or map")
+        return self
+
+    @property
+    def between(self) -> tuple[str, str]:
+        """The ids of tail and head."""
+        return self.agent, GROUND
+
+    def build(self, agent: Member, _: Member) -> Edge:
+        """The edge from its agent to the ground.
+
+        Raises:
+            InputError: the map, weight or value has the wrong shape, or the agent lacks an axis.
+        """
+        n = agent.dimension
+        if self.map is not None:
+            F = _matrix(self.map, "map")
+            if F.shape[1] != n:
+                raise InputError(f"map has shape {F.shape}; expected (m, {n})")
+        else:
+            rows = ["xyz".index(axis) for axis in self.axes or []]
+            if max(rows) >= n or len(set(rows)) != len(rows):
+                raise InputError(f"axes: {agent.id} has the coordinates {', '.join('xyz'[:n])}, each at most once")
+            F = np.eye(n)[rows]
+        if len(self.value) != len(F):
+            raise InputError(f"value has {len(self.value)} entries; {len(F)} numbers are measured")
+        return anchor(agent.id, F, np.array(self.value, dtype=np.float64), _inner_product(self.weight, len(F)))
+
+
+def _inner_product(weight: float | Sequence[Sequence[float]] | None, m: int) -> Array:
+    if weight is None or isinstance(weight, float | int):
+        return (1.0 if weight is None else weight) * np.eye(m)
+    K = _matrix(weight, "weight")
+    if K.shape != (m, m):
+        raise InputError(f"weight has shape {K.shape}; expected ({m}, {m}) or a positive number")
+    return K
+
+
+def _matrix(rows: Sequence[Sequence[float]], name: str) -> Array:
+    if len({len(row) for row in rows}) != 1:
+        raise InputError(f"{name}: rows have different lengths")
+    return np.array(rows, dtype=np.float64)
+
+
+def require_ends(tail: str, head: str, roles: Mapping[str, str], wanted: tuple[str, str]) -> None:
+    """Refuse an edge whose ends are unknown, of the wrong role, or the same.
+
+    Args:
+        tail, head: ids.
+        roles: 'agent' or 'target' of every member by id.
+        wanted: role of tail and head; 'ground' is that of GROUND.
+
+    Raises:
+        InputError: naming the end.
+    """
+
+    def unknown(end: str) -> str:
+        return f"unknown id {end!r}; {expected(end, [i for i in roles if roles[i] in wanted])}"
+
+    if (head, wanted[1]) == (GROUND, "ground"):
+        if roles.get(tail) != wanted[0]:
+            raise InputError(f"agent: {unknown(tail)}")
+        return
+    for end in (tail, head):
+        if end not in roles:
+            raise InputError(unknown(end))
+    found = roles[tail], roles[head]
+    if found != wanted:
+        words = [
+            f"{end} is {'an' if role == 'agent' else 'a'} {role}" for end, role in zip((tail, head), found, strict=True)
+        ]
+        swapped = f"; write [{head}, {tail}]" if found[::-1] == wanted else ""
+        raise InputError(f"[{tail}, {head}]: expected [{', '.join(wanted)}], but {' and '.join(words)}{swapped}")
+    if tail == head:
+        raise InputError(f"({tail}, {head}) is a loop; the ends of an edge must differ")
+
+
+def rotation_to_local(roll: float, pitch: float, yaw: float, dimension: int) -> Array:
+    """R_i, which takes global coordinates to the frame of a vehicle with the given attitude.
+
+    Args:
+        roll, pitch, yaw: attitude of the local frame in rad: yaw about z, then pitch about y, then roll about x.
+        dimension: 2 (yaw alone) or 3.
+
+    Returns:
+        A rotation of shape (dimension, dimension).
+    """
+    cy, sy = np.cos(yaw), np.sin(yaw)
+    if dimension == 2:
+        return np.array([[cy, sy], [-sy, cy]])
+    cp, sp, cr, sr = np.cos(pitch), np.sin(pitch), np.cos(roll), np.sin(roll)
+    about_z = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
+    about_y = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
+    about_x = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
+    return (about_z @ about_y @ about_x).T
+
+
+def restriction_maps(
+    name: str, n_tail: int, n_head: int, attitude: tuple[float, float, float] = (0.0, 0.0, 0.0)
+) -> tuple[Array, Array]:
+    """Restriction maps (F_tail, F_head) of a named kind.
+
+    Args:
+        name: one of NAMES.
+        n_tail, n_head: dimensions of the two vertex stalks.
+        attitude: roll, pitch and yaw of the tail in rad; used by `local_frame`.
+
+    Raises:
+        InputError: unknown name, or `identity` between unequal dimensions.
+    """
+    m = min(n_tail, n_head)
+    tail, head = np.eye(m, n_tail), np.eye(m, n_head)
+    if name == "shared":
+        return tail, head
+    if name == "identity":
+        if n_tail != n_head:
+            raise InputError(f"map 'identity' needs equal dimensions, but they are {n_tail} and {n_head}; use 'shared'")
+        return tail, head
+    if name == "local_frame":
+        R = rotation_to_local(*attitude, dimension=m)
+        return R @ tail, R @ head
+    raise InputError(f"unknown restriction map {name!r}; expected {', '.join(NAMES)}")
+
+
+def relative_state(F_tail: Array, F_head: Array, x_tail: ArrayLike, x_head: ArrayLike) -> Array:
+    """y = F_head x_head - F_tail x_tail, the transported relative state in the edge stalk, shape (m,), m."""
+    return F_head @ np.asarray(x_head) - F_tail @ np.asarray(x_tail)
+
+
+def range_bearing(y: Array) -> tuple[float, Array]:
+    """Range |y| in m and unit bearing y / |y|; at range 0 the bearing is zero, so that range * bearing is y."""
+    r = float(np.linalg.norm(y))
+    return r, y / r if r > 0.0 else np.zeros_like(y)

@@ -1,0 +1,157 @@
+"""A run's data as a film."""
+
+from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import xarray as xr
+
+from mjsheaf.plotting import group_of_vehicles, palette
+from mjsheaf.results.netcdf import length_of_piece
+from mjsheaf.scenario import Scenario
+from mjsheaf.video.film import UPRIGHT, Film, FloatArray, Samples, VideoOptions
+
+if TYPE_CHECKING:
+    from mjsheaf.engine import mujoco
+    from mjsheaf.system import System
+
+DRAFT_FPS = 15
+HEADING_OFFSETS = np.linspace(-0.25, 0.25, 9)  # s, at which the heading of a body without attitude is found
+
+
+def film_run(
+    scenario: Scenario,
+    dataset: xr.Dataset,
+    path: Path,
+    options: VideoOptions,
+    progress: Callable[[int, int], None] | None = None,
+    system: "System | None" = None,
+) -> int:
+    """Draw a run to an MP4; see `film_of` and `draw_video`. Returns the number of frames."""
+    from mjsheaf.video import draw_video
+
+    film, model = film_of(scenario, dataset, system)
+    return draw_video(film, model, path, options, progress)
+
+
+def film_of(scenario: Scenario, dataset: xr.Dataset, system: "System | None" = None) -> "tuple[Film, mujoco.MjModel]":
+    """What is drawn of a run, and the model that it is drawn with.
+
+    Args:
+        scenario: the scenario that was run.
+        dataset: its data, in memory or opened: they are read as they are drawn.
+        system: the scenario's, where it was built already.
+    """
+    from mjsheaf.simulation.loop import arena_of
+
+    system = scenario.system if system is None else system
+    team = system.team
+    group, names = group_of_vehicles(team)
+    colours = palette(len(team.formations))
+    arena = arena_of(system, colours[group])
+    number = {m.id: v for v, m in enumerate(team.members)}
+    backend = "MuJoCo bodies" if dataset.attrs["backend"] == "physics" else "ideal kinematics"
+    surface, grid = scenario.scene.surface, None
+    if surface != "none":
+        # MuJoCo repeats a uniform texture so many times in two metres; that of the ground has four squares.
+        grid = 2.0 / float(arena.model.mat(surface).texrepeat[0]) / (2 if surface == "ground" else 1)
+    unstable = "" if dataset.attrs["status"] == "finished" else ", blew up"
+    film = Film(
+        name=scenario.name,
+        subtitle=f"{backend}, gain {scenario.controller.gain:g} 1/s{unstable}",
+        run=RecordedRun(dataset, scenario.scene.height),
+        agent_ids=team.agent_ids,
+        target_ids=team.target_ids,
+        qpos_address=arena.qpos,
+        body_id=arena.body,
+        group=group,
+        group_names=names,
+        colours=colours,
+        edges=[(number[e.tail], number[e.head], "communication") for e in team.communication]
+        + [(number[e.tail], number[e.head], "sensing") for e in team.sensing],
+        error_name="mean |η|",
+        error_unit="m",
+        surface=surface,
+        surface_height=scenario.scene.height,
+        grid=grid,
+    )
+    return film, arena.model
+
+
+def video_options(scenario: Scenario, **changes: float | int | str | None) -> VideoOptions:
+    """The scenario's video section as options; changes that are None leave it as it is.
+
+    A draft has at most 15 frames a second, unless `fps` is among the changes.
+    """
+    changes = {name: value for name, value in changes.items() if value is not None}
+    given = scenario.video.model_dump() | {"vehicle_scale": scenario.scene.vehicle_scale} | changes
+    if given["quality"] == "draft" and "fps" not in changes:
+        given["fps"] = min(given["fps"], DRAFT_FPS)
+    return VideoOptions(**given)
+
+
+class RecordedRun:
+    """A run's data, read piece by piece when they are looked at.
+
+    Ideal kinematics have neither height in the plane nor attitude: vehicles lie on the surface and face where they go.
+
+    Attributes:
+        time: of all samples, shape (T,), s.
+    """
+
+    def __init__(self, dataset: xr.Dataset, surface_height: float) -> None:
+        """Say where the data are.
+
+        Args:
+            dataset: of a run, in memory or opened.
+            surface_height: z of what lies on the surface, m.
+        """
+        self._dataset, self._surface = dataset, surface_height
+        self._physics = dataset.attrs["backend"] == "physics"
+        self.time: FloatArray = dataset["time"].values
+        self._length = length_of_piece(dataset)
+        self._piece = lru_cache(2)(self._read)
+
+    def at(self, times: FloatArray) -> Samples:
+        """Interpolate; see `Samples.at`."""
+        found = self._interpolate(times)
+        return found if self._physics else Samples(**(vars(found) | {"quaternions": self._headings(times)}))
+
+    def _interpolate(self, times: FloatArray) -> Samples:
+        """As `at`, without headings."""
+        # Of the samples only the two beside each time are kept.
+        after = np.searchsorted(self.time, times, side="right").clip(0, len(self.time) - 1)
+        rows = np.unique([after, np.maximum(after - 1, 0)])
+        pieces = [
+            tuple(values[rows[rows // self._length == piece] - piece * self._length] for values in self._piece(piece))
+            for piece in np.unique(rows // self._length).tolist()
+        ]
+        return Samples(*(np.concatenate(values) for values in zip(*pieces, strict=True))).at(times)
+
+    def _read(self, number: int) -> tuple[FloatArray, ...]:
+        """The fields of `Samples` over one piece of the data; attitudes that there are none of are upright."""
+        data = self._dataset.isel(time=slice(number * self._length, (number + 1) * self._length))
+
+        def joined(name: str) -> FloatArray:
+            return np.concatenate([data[f"{kind}_{name}"].values for kind in ("agent", "target")], axis=1)
+
+        positions, q_star = joined("position"), data["harmonic_extension"].values.copy()
+        if self._physics:
+            positions[..., 2], quaternions = joined("height"), joined("orientation")
+        else:
+            positions[..., 2] = np.where(np.isnan(positions[..., 2]), self._surface, positions[..., 2])
+            quaternions = np.broadcast_to(UPRIGHT, (*positions.shape[:2], 4))
+        q_star[..., 2] = np.where(np.isnan(q_star[..., 2]), positions[:, : q_star.shape[1], 2], q_star[..., 2])
+        return data["time"].values, positions, quaternions, q_star, data["disagreement"].values.mean(axis=1)
+
+    def _headings(self, times: FloatArray) -> FloatArray:
+        """Level attitudes that follow the horizontal velocity, smoothed over half a second. Shape (K, V, 4)."""
+        around = self._interpolate((times[:, None] + HEADING_OFFSETS).ravel()).positions[..., :2]
+        steps = np.diff(around.reshape(len(times), len(HEADING_OFFSETS), -1, 2), axis=1)
+        # Each instant has an equal say, however fast it is: the first seconds are fast.
+        directions = steps / np.maximum(np.linalg.norm(steps, axis=-1, keepdims=True), 1e-9)
+        along = directions.sum(axis=1)
+        half = np.arctan2(along[..., 1], along[..., 0]) / 2
+        return np.stack([np.cos(half), 0 * half, 0 * half, np.sin(half)], axis=-1)

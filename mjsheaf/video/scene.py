@@ -1,0 +1,183 @@
+"""What is drawn into the scene beside the vehicles: trails, edges, where each agent should be, depth.
+
+Balls are geoms of MuJoCo's scene, sized to look as large at any distance. Lines keep their width in pixels. There are a
+thousand of them, each of which would take twenty microseconds as a geom: they are drawn apart, in one call of OpenGL.
+"""
+
+from collections.abc import Sequence
+from ctypes import c_void_p
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from mjsheaf.video.camera import View
+from mjsheaf.video.film import Film, FloatArray, IntArray, Moment, VideoOptions
+
+Float32Array = npt.NDArray[np.float32]
+
+COMMUNICATION: Float32Array = np.array([0.93, 0.96, 1.0, 0.4], np.float32)  # RGBA in 0..1, as MuJoCo's geoms have it
+SENSING: Float32Array = np.array([1.0, 0.86, 0.25, 0.9], np.float32)
+
+DASHES = (2, 40)  # on one sensing edge: the least whatever the budget for all together, and the most
+DASH_BUDGET = 800
+
+# Sizes in pixels of a 1000x720 frame, at the team's middle.
+DASH = 10.0  # length of a dash and of the gap after it
+MARKER = 10.5  # radius of the ball at q*
+SMALL_TEAM = 50  # agents; in a larger team the balls are smaller, not to cover each other
+FOOT = 2.5  # radius of the ball at the foot of a stem
+STEM = 17.0  # shortest stem worth drawing
+
+
+@dataclass(frozen=True)
+class Lines:
+    """Straight lines of one width.
+
+    Attributes:
+        ends: where each begins and ends. Shape (n, 2, 3), in m.
+        rgba: colour and opacity of each. Shape (n, 4), 0..1.
+        width: in pixels.
+    """
+
+    ends: Float32Array
+    rgba: Float32Array
+    width: float
+
+    @classmethod
+    def of(cls, starts: npt.ArrayLike, ends: npt.ArrayLike, rgba: npt.ArrayLike, width: float) -> "Lines":
+        """Join starts and ends, each of shape (n, 3); one colour (4,) is for all."""
+        both = np.stack([np.asarray(starts), np.asarray(ends)], axis=1, dtype=np.float32, casting="same_kind")
+        colours = np.broadcast_to(np.asarray(rgba, np.float32), (len(both), 4))
+        return cls(both, colours, width)
+
+
+class Decorator:
+    """Adds a run's decoration to a scene, frame by frame.
+
+    Attributes:
+        most_geoms: no frame adds more geoms than this.
+    """
+
+    def __init__(self, film: Film, options: VideoOptions) -> None:
+        self._film = film
+        self._colours = film.colours[film.group].astype(np.float32)  # (V, 3)
+        self._unit = options.drawn_unit
+        self._height = options.drawn[1]
+        self._trail = min(options.trail, film.span[1] - film.span[0])
+        self._communication = _pairs(film, "communication")
+        self._sensing = _pairs(film, "sensing")
+        self._dashes = int(np.clip(DASH_BUDGET // max(len(self._sensing), 1), *DASHES))
+        self.most_geoms = 2 * film.vehicles  # for a vehicle at most the foot of its stem and a ball at q*
+
+    def add(self, scene: mujoco.MjvScene, moment: Moment, view: View) -> list[Lines]:
+        """Add one frame's balls to the scene and return its lines."""
+        size = self._unit * view.metres_per_pixel(self._height)  # of a pixel of the reference frame, in m
+        radius = MARKER * min(1.0, (SMALL_TEAM / max(self._film.agents, 1)) ** 0.5) * size
+        for goal, rgba in zip(moment.harmonic_extension, self._with_alpha(0.55), strict=False):
+            _add_ball(scene, goal, radius, rgba)
+        stems = [] if self._film.surface == "none" else [self._stems(scene, moment, size)]
+        lines = [self._trails(moment), self._edges(moment), self._dashed(moment, size), self._links(moment, radius)]
+        return stems + lines
+
+    def _trails(self, moment: Moment) -> Lines:
+        """Show where each vehicle was; older pieces fade."""
+        trail, times = moment.trail, moment.trail_time
+        age = (moment.time - (times[:-1] + times[1:]) / 2) / max(self._trail, 1e-12)
+        rgba = np.empty((len(age), self._film.vehicles, 4), np.float32)
+        rgba[..., :3] = self._colours
+        rgba[..., 3] = 0.9 * (1 - age[:, None]) ** 1.2
+        return Lines.of(trail[:-1].reshape(-1, 3), trail[1:].reshape(-1, 3), rgba.reshape(-1, 4), 2.0 * self._unit)
+
+    def _edges(self, moment: Moment) -> Lines:
+        """Show who talks to whom."""
+        tails, heads = self._communication.T
+        return Lines.of(moment.positions[tails], moment.positions[heads], COMMUNICATION, 1.0 * self._unit)
+
+    def _dashed(self, moment: Moment, size: float) -> Lines:
+        """Show who sees whom."""
+        starts, along = moment.positions[self._sensing[:, 0]], np.diff(moment.positions[self._sensing], axis=1)[:, 0]
+        wanted = np.linalg.norm(along, axis=1) / (2 * DASH * size)
+        dashes = np.clip(np.round(wanted), DASHES[0], self._dashes).astype(int)
+        edge = np.repeat(np.arange(len(dashes)), dashes)
+        number = np.arange(len(edge)) - np.repeat(np.cumsum(dashes) - dashes, dashes)
+        begin, count, step = (number + 0.25)[:, None], dashes[edge, None], along[edge]
+        first = starts[edge] + begin / count * step
+        return Lines.of(first, first + 0.5 / count * step, SENSING, 1.5 * self._unit)
+
+    def _links(self, moment: Moment, radius: float) -> Lines:
+        """Join each agent to the ball that shows where it should be, unless it is there."""
+        places = moment.positions[: self._film.agents]
+        away = np.linalg.norm(moment.harmonic_extension - places, axis=1) > radius
+        rgba = self._with_alpha(0.8)[: self._film.agents][away]
+        return Lines.of(places[away], moment.harmonic_extension[away], rgba, 1.5 * self._unit)
+
+    def _stems(self, scene: mujoco.MjvScene, moment: Moment, size: float) -> Lines:
+        """Draw a line straight to the surface from what is off it: without it heights cannot be read."""
+        level = self._film.surface_height
+        off = np.abs(moment.positions[:, 2] - level) > STEM * size
+        feet = moment.positions[off] * [1.0, 1.0, 0.0] + [0.0, 0.0, level]
+        rgba = self._with_alpha(0.5)[off]
+        for foot, colour in zip(feet, rgba, strict=True):
+            _add_ball(scene, foot, FOOT * size, colour)
+        return Lines.of(moment.positions[off], feet, rgba, 1.0 * self._unit)
+
+    def _with_alpha(self, alpha: float) -> Float32Array:
+        """Return every vehicle's colour with one opacity. Shape (V, 4)."""
+        return np.column_stack([self._colours, np.full(len(self._colours), alpha, np.float32)])
+
+
+def _pairs(film: Film, kind: str) -> IntArray:
+    """Return the edges of one kind, shape (n, 2); parallel edges are drawn once."""
+    pairs = sorted({(i, j) for i, j, edge_kind in film.edges if edge_kind == kind})
+    return np.array(pairs, dtype=np.int64).reshape(-1, 2)
+
+
+def _add_ball(scene: mujoco.MjvScene, centre: FloatArray, radius: float, rgba: Float32Array) -> None:
+    """Add a ball; radius in m. Nothing is added to a scene that is full."""
+    if scene.ngeom >= scene.maxgeom:
+        return
+    geom = scene.geoms[scene.ngeom]
+    sphere, level = mujoco.mjtGeom.mjGEOM_SPHERE.value, np.eye(3).ravel()
+    mujoco.mjv_initGeom(geom, sphere, np.full(3, radius), centre, level, rgba)
+    geom.emission = 0.6  # to keep its group's colour in the shade
+    scene.ngeom += 1
+
+
+def draw_lines(batches: Sequence[Lines]) -> None:
+    """Draw into the current context's buffer, over what MuJoCo drew there and behind what is nearer.
+
+    MuJoCo leaves its camera's matrices and its depth test in place; everything that is changed is put back.
+    """
+    # PyOpenGL binds its library when first imported, which must be after the context was made: see gl.
+    from OpenGL import GL
+    from OpenGL.raw.GL.VERSION import GL_1_1 as RAW  # the plain functions keep no reference to arrays
+
+    gl: Any = GL
+    gl.glPushAttrib(
+        gl.GL_ENABLE_BIT | gl.GL_LINE_BIT | gl.GL_COLOR_BUFFER_BIT | gl.GL_CURRENT_BIT | gl.GL_DEPTH_BUFFER_BIT
+    )
+    gl.glPushClientAttrib(gl.GL_CLIENT_VERTEX_ARRAY_BIT)
+    try:
+        for wanted in (gl.GL_LIGHTING, gl.GL_TEXTURE_2D, gl.GL_CULL_FACE):
+            gl.glDisable(wanted)
+        gl.glEnable(gl.GL_BLEND)
+        gl.glBlendFunc(gl.GL_SRC_ALPHA, gl.GL_ONE_MINUS_SRC_ALPHA)
+        gl.glDepthMask(gl.GL_FALSE)
+        gl.glBindBuffer(gl.GL_ARRAY_BUFFER, 0)
+        gl.glDisableClientState(gl.GL_NORMAL_ARRAY)
+        gl.glDisableClientState(gl.GL_TEXTURE_COORD_ARRAY)
+        gl.glEnableClientState(gl.GL_VERTEX_ARRAY)
+        gl.glEnableClientState(gl.GL_COLOR_ARRAY)
+        for lines in batches:
+            ends = np.ascontiguousarray(lines.ends)
+            colours = np.repeat(lines.rgba, 2, axis=0)
+            gl.glLineWidth(lines.width)
+            RAW.glVertexPointer(3, gl.GL_FLOAT, 0, ends.ctypes.data_as(c_void_p))
+            RAW.glColorPointer(4, gl.GL_FLOAT, 0, colours.ctypes.data_as(c_void_p))
+            gl.glDrawArrays(gl.GL_LINES, 0, 2 * len(ends))
+    finally:
+        gl.glPopClientAttrib()
+        gl.glPopAttrib()

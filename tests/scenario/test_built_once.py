@@ -1,0 +1,112 @@
+"""A command builds its system once, and compiles every vehicle's files once.
+
+Oracle: counts of the calls that build and compile, by what they are called with.
+"""
+
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import mjsheaf.scenario.scenario as building
+import mjsheaf.vehicles.loading as loading
+from mjsheaf.cli.main import main
+from mjsheaf.io.yaml import dump_yaml
+from mjsheaf.scenario import Scenario, load_scenario, scenario_from_mapping
+from mjsheaf.simulation.run import simulate
+from mjsheaf.studies.job import run_job
+from mjsheaf.video.from_run import film_of
+from tests.builders import small_plan
+
+TEAM = {
+    "name": "fleet",
+    "time": {"end": 0.3},
+    "controller": {"gain": 0.5, "control_period": 0.02},
+    "agents": [
+        {"id": "A1", "position": [0, 0], "vehicle": "otter"},
+        {"id": "A2", "position": [9, 0], "vehicle": "wamv"},
+        {"id": "A3", "position": [0, 9], "vehicle": "otter"},
+    ],
+    "targets": [{"id": "T1", "position": [5, 5, 5], "vehicle": "x500"}],
+    "communication": [["A1", "A2"], ["A2", "A3"]],
+    "sensing": [["A1", "T1"]],
+    "physics": {"timestep": 0.004},
+    "expect": {"ideal": {"tracking_error": 1e3}, "physics": {"tracking_error": 1e3}},
+}
+
+
+class Counts:
+    """How often a system was built, and the files of each vehicle compiled."""
+
+    def __init__(self) -> None:
+        self.systems = 0
+        self.vehicles: Counter[str] = Counter()
+
+
+@pytest.fixture
+def counts(monkeypatch: pytest.MonkeyPatch) -> Counts:
+    found, team, compile_vehicle = Counts(), building.Team, loading._compile
+
+    def build(*arguments: Any) -> Any:
+        found.systems += 1
+        return team(*arguments)
+
+    def compile_counted(path: Path) -> Any:
+        found.vehicles[path.name] += 1
+        return compile_vehicle(path)
+
+    monkeypatch.setattr(building, "Team", build)
+    monkeypatch.setattr(loading, "_compile", compile_counted)
+    return found
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["run", "--no-video", "--out", "out"],
+        ["run", "--no-video", "--out", "out", "--backend", "ideal"],
+        ["check"],
+        ["compare", "--no-video", "--out", "out"],
+        ["expect"],
+    ],
+    ids=" ".join,
+)
+def test_a_command_builds_and_compiles_once(
+    command: list[str], counts: Counts, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("fleet.yaml").write_text(dump_yaml(TEAM))
+    with pytest.raises(SystemExit) as stopped:
+        main([command[0], "fleet.yaml", *command[1:]])
+    assert stopped.value.code == 0
+    assert counts.systems == 1
+    assert set(counts.vehicles.values()) == {1}, counts.vehicles
+    assert len(counts.vehicles) >= 3
+
+
+def test_a_run_and_its_film_do(counts: Counts) -> None:
+    scenario = scenario_from_mapping(TEAM)
+    film_of(scenario, simulate(scenario, "physics"))
+    assert counts.systems == 1
+    assert set(counts.vehicles.values()) == {1}
+
+
+def test_a_job_of_a_study_does(counts: Counts) -> None:
+    plan = small_plan(gains=(1.0,), seeds=None)
+    job = plan.job(plan.points[0])
+    counts.systems = 0
+    assert run_job(job).record["status"] == "finished"
+    assert counts.systems == 1
+    assert set(counts.vehicles.values()) <= {1}
+
+
+def test_a_copy_with_changes_is_built_anew_and_an_equal_one_is_equal() -> None:
+    scenario = load_scenario("midpoint", {"spread.position": 1.0})
+    other = scenario.model_copy(update={"seed": 7})
+    assert other.system is not scenario.system
+    assert (other.system.initial != scenario.system.initial).any()
+    assert other != scenario
+    again = Scenario.model_validate(scenario.model_dump(mode="json"))
+    assert again == scenario
+    assert (again.system.initial == scenario.system.initial).all()

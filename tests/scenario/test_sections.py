@@ -1,0 +1,90 @@
+"""Sections made in Python: as strict as files, with tuples and numpy's values for lists and numbers.
+
+Oracle: the same section read from plain values, as YAML gives them.
+"""
+
+import pickle
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mjsheaf.dynamics import ControlEffectiveness, Disturbance, FlowField, Lissajous, Waypoints
+from mjsheaf.dynamics.flow import Source
+from mjsheaf.errors import InputError
+from mjsheaf.io.section import Section
+from mjsheaf.scenario import load_scenario
+from mjsheaf.scenario.scenario import Agent
+from mjsheaf.team import Anchor, LinearEdge
+from mjsheaf.team.formation import Explicit
+
+PAIRS: list[tuple[type[Section], dict[str, Any], dict[str, Any]]] = [
+    (Agent, {"id": "A1", "position": np.array([1, 2])}, {"id": "A1", "position": [1.0, 2.0]}),
+    (
+        Lissajous,
+        {"amplitude": (1, 2), "rate": np.ones(2), "phase": [0, np.float64(0.5)], "pull": np.int64(1)},
+        {"kind": "lissajous", "amplitude": [1.0, 2.0], "rate": [1.0, 1.0], "phase": [0.0, 0.5], "pull": 1.0},
+    ),
+    (
+        Waypoints,
+        {"points": np.eye(2), "speed": np.float32(2.0)},
+        {"kind": "waypoints", "points": [[1.0, 0.0], [0.0, 1.0]], "speed": 2.0},
+    ),
+    (
+        FlowField,
+        {"dimension": 2, "core": 0, "sources": (Source(centre=[1, 2], alpha=3),)},
+        {"dimension": 2, "core": 0.0, "sources": [{"centre": [1.0, 2.0], "alpha": 3.0}]},
+    ),
+    (ControlEffectiveness, {"layout": np.eye(2)}, {"layout": [[1.0, 0.0], [0.0, 1.0]]}),
+    (Disturbance, {"bound": 1, "frequencies": (0.1, 0.2)}, {"bound": 1.0, "frequencies": [0.1, 0.2]}),
+    (
+        LinearEdge,
+        {"between": ("A", "B"), "weight": 2 * np.eye(2), "offset": np.zeros(2)},
+        {"between": ["A", "B"], "weight": [[2.0, 0.0], [0.0, 2.0]], "offset": [0.0, 0.0]},
+    ),
+    (Anchor, {"agent": "A", "axes": ("z",), "value": (3,)}, {"agent": "A", "axes": ["z"], "value": [3.0]}),
+    (
+        Explicit,
+        {"name": "g", "members": ("A",), "displacements": np.zeros((1, 3))},
+        {"name": "g", "shape": "explicit", "members": ["A"], "displacements": [[0.0, 0.0, 0.0]]},
+    ),
+]
+
+
+@pytest.mark.parametrize(("kind", "given", "plain"), PAIRS, ids=lambda x: getattr(x, "__name__", ""))
+def test_what_python_gives_is_what_a_file_gives(kind: type[Section], given: dict, plain: dict) -> None:
+    section = kind(**given)
+    assert section == kind.model_validate(plain)
+    assert section.model_dump(mode="json", exclude_defaults=False) == kind.model_validate(plain).model_dump(mode="json")
+    with pytest.raises(ValueError, match="frozen"):
+        section.__setattr__(next(iter(given)), None)
+
+
+@pytest.mark.parametrize(
+    ("make", "field"),
+    [
+        (lambda: Disturbance(bound="1"), "Disturbance: bound"),  # type: ignore[arg-type]
+        (lambda: Disturbance(bound=True), "Disturbance: bound"),
+        (lambda: Disturbance(bound=np.nan), "Disturbance: bound"),
+        (lambda: Disturbance(bund=1), "Disturbance: bund: unknown field"),  # type: ignore[call-arg]
+        (lambda: LinearEdge(between=["A", "B"], map={"tail": [[1]]}), "LinearEdge: map.head"),  # type: ignore[arg-type]
+        (lambda: Waypoints(points=[[1, 2], [3]], speed=1), "Waypoints: points.1"),
+        (lambda: Waypoints(points=[], speed=1), "Waypoints: points"),
+    ],
+)
+def test_what_a_file_may_not_hold_python_may_not_give(make: Any, field: str) -> None:
+    with pytest.raises(InputError, match=field):
+        make()
+
+
+def test_cached_properties_are_one_object_s_own() -> None:
+    scenario = load_scenario("paper")
+    field = scenario.flow.agents
+    assert field is not None
+    table, system = field.table, scenario.system
+    assert pickle.loads(pickle.dumps(scenario)) == scenario
+    assert len(pickle.dumps(scenario)) < 20_000  # without its system
+    other = field.model_copy(update={"core": 9.0})
+    assert (other.table != table).any()
+    assert field.model_copy() == field
+    assert scenario.system is system

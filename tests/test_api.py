@@ -1,0 +1,73 @@
+"""The public interface, in Python alone: no file is written or named.
+
+Oracles: a held first-order loop in closed form, least squares by numpy, and the ways to one run against each other.
+"""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import mjsheaf
+from mjsheaf.team import Edge, Member, Team, restriction_maps
+
+FIELDS = {
+    "time": {"end": 0.5},
+    "controller": {"gain": 2.0, "control_period": 0.01},
+    "agents": [{"id": "boat", "position": (0, 0)}, {"id": "drone", "position": (1, 0, 4)}],
+    "targets": [{"id": "buoy", "position": np.array([3.0, 4.0])}, {"id": "kite", "position": [3.0, 0.0, 9.0]}],
+    "communication": [("boat", "drone")],
+    "sensing": [("boat", "buoy"), ("drone", "kite")],
+}
+
+
+def test_every_name_is_there() -> None:
+    assert set(dir(mjsheaf)) == set(mjsheaf.__all__)
+    assert all(getattr(mjsheaf, name) is not None for name in mjsheaf.__all__)
+    with pytest.raises(AttributeError, match="simulat"):
+        mjsheaf.simulat  # noqa: B018
+
+
+def test_all_that_a_scenario_is_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    scenario = mjsheaf.load_scenario(FIELDS, {"vehicles.tau": 0.05})
+    assert isinstance(scenario, mjsheaf.Scenario)
+    runs = {backend: mjsheaf.simulate(scenario, backend) for backend in ("ideal", "physics")}
+    for backend, run in runs.items():
+        assert run.attrs["status"] == "finished"
+        (again,) = mjsheaf.simulate_many([scenario], backend)
+        xr.testing.assert_identical(run, again)
+    world = mjsheaf.World(scenario)
+    for k, expected in enumerate(runs["physics"]["agent_position"].sel(axis=["x", "y"]).values):
+        np.testing.assert_array_equal(world.positions()[:2, :2], expected, err_msg=f"sample {k}")
+        world.step(world.steps_per_sample)
+    record = json.loads(json.dumps(mjsheaf.check(scenario)))
+    assert record["ok"] is True
+    assert record["relative_cohomology"]["dimension"] == 0
+    assert mjsheaf.load_vehicle("hull").dimension == 2
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_one_boat_decays_as_its_loop_says() -> None:
+    one = {"agents": [FIELDS["agents"][0]], "targets": [FIELDS["targets"][0]], "sensing": [("boat", "buoy")]}  # type: ignore[index]
+    run = mjsheaf.simulate(mjsheaf.load_scenario({**FIELDS, "communication": [], **one}), "ideal")
+    expected = 5.0 * (1.0 - 2.0 * 0.01) ** np.arange(51)
+    np.testing.assert_allclose(run["tracking_error"].values[:, 0], expected, rtol=1e-9)
+
+
+def test_a_team_of_objects_goes_where_least_squares_says() -> None:
+    """In the plane q* minimises the sum of squared differences over the edges, for targets that stand still."""
+
+    def shared(tail: Member, head: Member) -> Edge:
+        maps = restriction_maps("shared", tail.dimension, head.dimension)
+        return Edge(tail.id, head.id, *maps, np.eye(len(maps[0])))
+
+    A, B, S, T = Member("A", 2), Member("B", 2), Member("S", 2), Member("T", 2)
+    team = Team([A, B], [S, T], [shared(A, B)], [shared(A, S), shared(B, T), shared(B, S)])
+    p = np.array([3.0, 4.0, -2.0, 1.0])
+    delta = np.kron([[1, -1], [1, 0], [0, 1], [0, 1]], np.eye(2))
+    seen = np.kron([[0, 0], [1, 0], [0, 1], [1, 0]], np.eye(2)) @ p
+    expected = np.linalg.lstsq(delta, seen, rcond=None)[0]
+    np.testing.assert_allclose(np.linalg.solve(team.dirichlet.H.toarray(), team.dirichlet.B @ p), expected, atol=1e-12)

@@ -1,0 +1,139 @@
+"""From a run's data to what is drawn."""
+
+from copy import copy
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mjsheaf.video
+from mjsheaf import simulate
+from mjsheaf.results import open_dataset, write_dataset
+from mjsheaf.scenario import Scenario, load_scenario, scenario_from_mapping
+from mjsheaf.simulation import trajectory
+from mjsheaf.simulation.run import stream
+from mjsheaf.video import Film, VideoOptions
+from mjsheaf.video.draw import Painter
+from mjsheaf.video.film import Samples
+from mjsheaf.video.from_run import film_of, film_run, video_options
+
+
+@pytest.mark.parametrize("backend", ["ideal", "physics"])
+def test_the_film_knows_where_the_surface_is(backend: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Boats float on it, and stems end on it."""
+    films: list[Film] = []
+
+    def draw_video(film: Film, *_: Any) -> int:
+        films.append(film)
+        return 0
+
+    monkeypatch.setattr(mjsheaf.video, "draw_video", draw_video)
+    scenario = scenario_from_mapping(
+        {
+            "name": "lake",
+            "time": {"end": 0.05},
+            "agents": [{"id": "A", "position": [0, 0]}],
+            "targets": [{"id": "T", "position": [5, 0]}],
+            "sensing": [["A", "T"]],
+            "scene": {"surface": "water", "height": 12.0},
+        }
+    )
+    film_run(scenario, simulate(scenario, backend=backend), tmp_path / "video.mp4", VideoOptions())
+    assert (films[0].surface, films[0].surface_height) == ("water", 12.0)
+    np.testing.assert_allclose(films[0].run.at(films[0].run.time).positions[..., 2], 12.0, atol=1e-6)
+
+
+def chase(end: float = 3.0, **video: Any) -> Scenario:
+    return scenario_from_mapping(
+        {
+            "name": "chase",
+            "time": {"end": end},
+            "agents": [{"id": "A", "position": [0, 0]}, {"id": "B", "position": [3, 0, 2]}],
+            "targets": [{"id": "T", "position": [5, 1, 2]}],
+            "communication": [["A", "B"]],
+            "sensing": [["A", "T"], ["B", "T"]],
+            "target_formation": {"gain": 0.1},
+            "flow": {"agents": {"dimension": 3, "drift": [1, 0.5, 0]}, "targets": {"dimension": 3, "drift": [1, 1, 0]}},
+            "video": video,
+        }
+    )
+
+
+@pytest.mark.parametrize("backend", ["ideal", "physics"])
+def test_a_film_read_from_a_file_in_pieces_is_that_of_the_data_in_memory(
+    backend: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(trajectory, "samples_in_piece", lambda system: 37)
+    scenario = chase()
+    write_dataset(stream(scenario.system, backend, 0), tmp_path / "a.nc")
+    in_memory = film_of(scenario, simulate(scenario, backend))[0].run
+    with open_dataset(tmp_path / "a.nc") as dataset:
+        read = film_of(scenario, dataset)[0].run
+        assert_same(read.at(read.time), in_memory.at(in_memory.time))
+        for times in ([0.0], [0.364], [2.9, 3.0], [0.365, 0.37, 0.375], [0.5, 2.5, 1.0]):  # over the edges of pieces
+            assert_same(read.at(np.array(times)), in_memory.at(np.array(times)))
+
+
+def assert_same(one: Samples, other: Samples) -> None:
+    for name, values in vars(one).items():
+        np.testing.assert_allclose(values, getattr(other, name), rtol=0, atol=1e-12, err_msg=name)
+
+
+def test_a_body_without_attitude_faces_where_it_goes() -> None:
+    """Oracle: the direction of the recorded velocity of a target on a smooth path."""
+    scenario = chase()
+    run = film_of(scenario, simulate(scenario, "ideal"))[0].run
+    samples = run.at(np.linspace(1.0, 2.0, 7))
+    velocity = (run.at(samples.time + 1e-2).positions - run.at(samples.time - 1e-2).positions)[:, 2, :2]
+    heading = 2 * np.arctan2(samples.quaternions[:, 2, 3], samples.quaternions[:, 2, 0])
+    np.testing.assert_allclose(
+        np.stack([np.cos(heading), np.sin(heading)]).T,
+        velocity / np.linalg.norm(velocity, axis=1, keepdims=True),
+        atol=1e-3,
+    )
+
+
+@pytest.mark.parametrize("surface", ["water", "ground"])
+def test_squares_of_the_surface_have_the_size_that_the_legend_says(surface: str) -> None:
+    """Seen from above, brightness repeats. Oracle: the shift at which the picture is most like itself."""
+    backend, reason = mjsheaf.video.available_backend()
+    if backend is None:
+        pytest.skip(reason)
+    scenario = scenario_from_mapping(chase(0.05).model_dump(exclude_unset=True) | {"scene": {"surface": surface}})
+    options = video_options(scenario, width=640, height=640, elevation=-90.0, azimuth=90.0, distance=200.0, trail=0.0)
+    film, model = film_of(scenario, simulate(scenario, "ideal"))
+    with Painter(film, model, options) as painter:
+        row = painter.paint(0)[470, 240:].astype(float).sum(axis=1)
+        pixel = painter.camera.view(0).metres_per_pixel(640)
+    row -= row.mean()
+    likeness = [row[shift:] @ row[:-shift] / len(row[shift:]) for shift in range(20, 300)]
+    period = (20 + int(np.argmax(likeness))) * pixel
+    assert film.grid is not None
+    assert period == pytest.approx(film.grid * (2 if surface == "ground" else 1), rel=0.05)
+
+
+def test_draft_is_of_the_same_size_with_fewer_pixels_and_frames() -> None:
+    good, draft = (video_options(chase(), quality=quality) for quality in ("good", "draft"))
+    assert (draft.width, draft.height) == (good.width, good.height) == good.drawn
+    assert draft.drawn == (good.width // 2, good.height // 2)
+    assert (good.fps, draft.fps) == (30, 15)
+    assert video_options(chase(quality="draft")).fps == 15
+    assert video_options(chase(fps=10), quality="draft").fps == 10
+    assert video_options(chase(), quality="draft", fps=60).fps == 60
+
+
+def test_a_swarm_of_hundreds_can_be_drawn() -> None:
+    """With five materials a vehicle, 199 of them were more than MuJoCo draws. Oracle: the picture is full of them."""
+    backend, reason = mjsheaf.video.available_backend()
+    if backend is None:
+        pytest.skip(reason)
+    scenario = load_scenario("swarm", {"swarm.size": 210, "time.end": 0.02, "video.width": 320, "video.height": 180})
+    film, model = film_of(scenario, simulate(scenario, backend="ideal"))
+    with Painter(film, model, video_options(scenario, quality="draft", trail=0.0)) as painter:
+        frame = painter.paint(0)
+    bare = copy(model)
+    bare.geom_rgba[np.isin(bare.geom_bodyid, film.body_id), 3] = 0.0  # vehicles that cannot be seen
+    with Painter(film, bare, video_options(scenario, quality="draft", trail=0.0)) as painter:
+        without = painter.paint(0)
+    assert (frame != without).any(axis=2).sum() > 210
