@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.simulation.arena import Arena
-from mjsheaf.vehicles.actuators import AZIMUTH, CHANNEL, FIXED, aim, all_within, at_most, room_of
+from mjsheaf.vehicles.actuators import AZIMUTH, CHANNEL, FIXED, aim, at_most, room_of
 from mjsheaf.vehicles.steering import drag_force, steer
-from mjsheaf.vehicles.vectors import add, cross, subtract, to_body, triple, upward
+from mjsheaf.vehicles.vectors import add, cross, row_product, subtract, to_body, to_world, triple, upward
 from mjsheaf.vehicles.vehicle import Vehicle
 
 Array = NDArray[np.float64]
@@ -181,7 +181,7 @@ _TIPPED = 0.5  # cosine of the tilt beyond which turning back comes before carry
 
 
 @inline_jit
-def thruster_commands(kind, thrusters, heading, command, sensed, act, ctrl):
+def thruster_commands(kind, thrusters, heading, command, sensed, act, ctrl, gear):
     """Write the commands of a vehicle's actuators.
 
     Args:
@@ -192,6 +192,7 @@ def thruster_commands(kind, thrusters, heading, command, sensed, act, ctrl):
         sensed: see `Sensed`.
         act: activations, its own first.
         ctrl: the commands, shape (s,), written.
+        gear: of its actuators, shape (s, 6), of which forces, in world axes, and what turns is written.
     """
     R, s = sensed.R, sensed.velocity
     wanted = to_body(R, command)
@@ -210,8 +211,11 @@ def thruster_commands(kind, thrusters, heading, command, sensed, act, ctrl):
     )
     weight, turn, force, moment = steer(kind, heading, sensed, wanted, force, weight)
     _allocate(kind, thrusters, R[8], weight, turn, force, moment, ctrl)
+    for k in range(kind.count):
+        row = gear[k]
+        row[0], row[1], row[2] = to_world(R, triple(thrusters[k].direction))
     if kind.turning:
-        aim(thrusters, act, ctrl)
+        aim(thrusters, R, act, ctrl, gear)
 
 
 @inline_jit
@@ -224,12 +228,10 @@ def _allocate(kind, thrusters, upright, weight, turn, force, moment, effort):
     F, N = add(weight, force), add(carry, add(turn, moment))
     within = True
     for k in range(effort.shape[0]):
-        u = _effort_for(thrusters[k].row, F, N)
+        u = row_product(thrusters[k].row, F, N)
         effort[k] = u
         within = within and thrusters[k].low <= u <= thrusters[k].high
-    if kind.turning:
-        within = all_within(thrusters, effort)
-    if not within:
+    if kind.turning or not within:  # thrust and angle have no limits of each effort alone
         if upright < _TIPPED and kind.supported_weight > 0.0:
             # Thrusters asked for a weight that they cannot carry would be at their limits, and none left to turn.
             force, moment = add(force, weight), add(moment, carry)
@@ -245,7 +247,7 @@ def _allocate_in_ranks(thrusters, weight, carry, turn, force, moment, effort):
     Yaw comes after roll and pitch: rotors make little of it, and what points up must not wait for it.
     """
     for k in range(effort.shape[0]):
-        effort[k] = _effort_for(thrusters[k].row, weight, carry)
+        effort[k] = row_product(thrusters[k].row, weight, carry)
     none = (0.0, 0.0, 0.0)
     _add_within(thrusters, none, (turn[0], turn[1], 0.0), effort)
     _add_within(thrusters, none, (0.0, 0.0, turn[2]), effort)
@@ -260,15 +262,8 @@ def _add_within(thrusters, force, moment, effort):
     """Add the efforts for a wrench, or the largest share of them that keeps every actuator within its limits."""
     share, last = 1.0, effort.shape[0] - 1
     for k in range(last + 1):
-        du, after = _effort_for(thrusters[k].row, force, moment), min(k + 1, last)
-        dv = _effort_for(thrusters[after].row, force, moment)
+        du, after = row_product(thrusters[k].row, force, moment), min(k + 1, last)
+        dv = row_product(thrusters[after].row, force, moment)
         share = min(share, room_of(thrusters, k, effort[k], du, effort[after], dv))
     for k in range(last + 1):
-        effort[k] += share * _effort_for(thrusters[k].row, force, moment)
-
-
-@inline_jit
-def _effort_for(row, force, moment):
-    """One row of W^+ [force; moment]."""
-    translation = row[0] * force[0] + row[1] * force[1] + row[2] * force[2]
-    return translation + row[3] * moment[0] + row[4] * moment[1] + row[5] * moment[2]
+        effort[k] += share * row_product(thrusters[k].row, force, moment)

@@ -18,7 +18,7 @@ medium's acceleration is neglected.
 from mjsheaf.jit import inline_jit
 from mjsheaf.system import medium_velocity
 from mjsheaf.vehicles.steering import drag_force
-from mjsheaf.vehicles.vectors import add, cross, product, subtract, to_body, to_world, triple, upward
+from mjsheaf.vehicles.vectors import add, cross, product, row_product, subtract, to_body, to_world, triple, upward
 
 
 @inline_jit
@@ -81,14 +81,6 @@ def _share_with_medium(kind, R, s, omega, force, moment):
     f = add(add(force, own_force), coupling)
     n = subtract(add(moment, own_moment), munk)
     S = kind.rigid_wrench_map
-    shared_force = (
-        S[0, 0] * f[0] + S[0, 1] * f[1] + S[0, 2] * f[2] + S[0, 3] * n[0] + S[0, 4] * n[1] + S[0, 5] * n[2],
-        S[1, 0] * f[0] + S[1, 1] * f[1] + S[1, 2] * f[2] + S[1, 3] * n[0] + S[1, 4] * n[1] + S[1, 5] * n[2],
-        S[2, 0] * f[0] + S[2, 1] * f[1] + S[2, 2] * f[2] + S[2, 3] * n[0] + S[2, 4] * n[1] + S[2, 5] * n[2],
-    )
-    shared_moment = (
-        S[3, 0] * f[0] + S[3, 1] * f[1] + S[3, 2] * f[2] + S[3, 3] * n[0] + S[3, 4] * n[1] + S[3, 5] * n[2],
-        S[4, 0] * f[0] + S[4, 1] * f[1] + S[4, 2] * f[2] + S[4, 3] * n[0] + S[4, 4] * n[1] + S[4, 5] * n[2],
-        S[5, 0] * f[0] + S[5, 1] * f[1] + S[5, 2] * f[2] + S[5, 3] * n[0] + S[5, 4] * n[1] + S[5, 5] * n[2],
-    )
+    shared_force = row_product(S[0], f, n), row_product(S[1], f, n), row_product(S[2], f, n)
+    shared_moment = row_product(S[3], f, n), row_product(S[4], f, n), row_product(S[5], f, n)
     return subtract(shared_force, own_force), subtract(shared_moment, own_moment)

@@ -26,8 +26,8 @@ from mjsheaf.simulation.autopilot import Fleet, Sensed, pack_fleet, thruster_com
 from mjsheaf.simulation.forces import apply_medium_wrench, velocity_through_medium
 from mjsheaf.simulation.trajectory import Log, Trajectory, blow_up_message, new_log, pieces_of
 from mjsheaf.system import MediumArrays, Phase, System, medium_velocity, phases_of
-from mjsheaf.vehicles.actuators import ANGLE, turn_gears
-from mjsheaf.vehicles.vectors import rotation, to_world, triple
+from mjsheaf.vehicles.actuators import ANGLE
+from mjsheaf.vehicles.vectors import rotation, triple
 
 Array = NDArray[np.float64]
 
@@ -128,12 +128,8 @@ def close_loop(loop, t, due):
         omega = triple(state.qvel[body.dof + 3 :])
         apply_medium_wrench(kind, body, q, state.qvel, R, s, omega, state.applied)
         sensed, act = Sensed(R, quaternion, s, omega), state.act[body.state :]
-        thruster_commands(kind, thrusters, body.heading, triple(state.memory.command[v]), sensed, act, ctrl)
-        for k in range(kind.count):
-            gear, row = to_world(R, triple(thrusters[k].direction)), state.gear[first + k]
-            row[0], row[1], row[2] = gear
-        if kind.turning:
-            turn_gears(thrusters, R, act, state.gear[first : first + kind.count])
+        gear = state.gear[first : first + kind.count]
+        thruster_commands(kind, thrusters, body.heading, triple(state.memory.command[v]), sensed, act, ctrl, gear)
 
 
 @jit

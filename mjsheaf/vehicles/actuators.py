@@ -4,7 +4,7 @@ Allocation is linear in efforts: W maps them to the wrench on the body. A thrust
 azimuth thruster has two, the components of its thrust along its site's direction and to port of that, of which its
 branch makes thrust and angle. Every effort has a channel: an actuator of MuJoCo's, with its command in ctrl.
 
-A new kind subclasses `Thruster` and has a code with a branch in `aim`, `turn_gears`, `all_within` and `room_of`.
+A new kind subclasses `Thruster` and has a code with a branch in `aim` and `room_of`.
 """
 
 from dataclasses import dataclass, field, replace
@@ -45,7 +45,7 @@ CHANNEL = np.dtype(
 
 _NO_LIMIT = 1e9  # a range from here on is none: it is there so that a command which diverges is seen
 _NORMALS = 2.0 * np.pi * np.arange(72) / 72  # rad, of the half-planes about what an azimuth thruster can push
-_OVERLAP = 0.2  # share of a force that an azimuth thruster leaves out before it turns round for it
+_OVERLAP = 0.2  # share of a force that an azimuth thruster leaves out before it turns round for it, by 180 degrees
 
 
 class Channel(NamedTuple):
@@ -288,78 +288,56 @@ def _actuator(name: str, gear: Array, gain: float, law: str, time_constant: floa
 
 
 @jit
-def aim(channels, act, ctrl):
-    """Turn efforts into commands, in place; both of shape (s,).
+def aim(channels, R, act, ctrl, gear):
+    """Turn efforts into commands, in place, and write the gears of azimuth thrusters at their present angles.
 
-    An azimuth thruster takes the angle, of the two at which it makes a force by thrust ahead or astern, that is nearer;
-    or else of the best that it can reach. It turns no faster than it may, and thrusts meanwhile by the force's
-    component along its present angle. No force leaves the angle as it is.
+    Of the two angles at which an azimuth thruster makes a force, by thrust ahead or astern, or of the best that it can
+    reach, it takes the one that leaves less out, or is nearer. It turns no faster than it may, and thrusts meanwhile by
+    the force's component along its present angle. No force leaves the angle as it is.
 
     Args:
         channels: of one vehicle, shape (s,); see CHANNEL.
+        R: its attitude, body to world, (9,).
         act: its activations.
-        ctrl: efforts, then commands.
+        ctrl: efforts, then commands, shape (s,).
+        gear: on the free joint, shape (s, 6): force in world axes, moment in body axes.
     """
     for k in range(ctrl.shape[0] - 1):
         if channels[k].code == AZIMUTH:
             x, y, thrust, angle = ctrl[k], ctrl[k + 1], channels[k], channels[k + 1]
             size, now = np.sqrt(x * x + y * y), act[angle.state]
             if size < np.inf:  # what is not finite stays, to be seen
-                near = _nearest(np.arctan2(y, x), now, angle.low, angle.high)
-                far = _nearest(np.arctan2(-y, -x), now, angle.low, angle.high)
-                if abs(far - now) < abs(near - now):
-                    near, far = far, near
-                if _missed(thrust, far, x, y) < _missed(thrust, near, x, y) - _OVERLAP * size:
-                    near = far
-                if size == 0.0:
-                    near = now
+                wanted, least = now, np.inf if size > 0.0 else 0.0
+                for sign in (1.0, -1.0):
+                    a = nearest_angle(np.arctan2(sign * y, sign * x), now, angle.low, angle.high)
+                    c, s = np.cos(a), np.sin(a)
+                    made = min(max(x * c + y * s, thrust.low), thrust.high)
+                    cost = np.sqrt((x - made * c) ** 2 + (y - made * s) ** 2)
+                    cost += _OVERLAP * size * min(abs(a - now) / np.pi, 1.0)
+                    if cost < least:
+                        wanted, least = a, cost
                 ctrl[k] = at_most(x * np.cos(now) + y * np.sin(now), thrust.low, thrust.high)
-                ctrl[k + 1] = min(max(near, now - angle.reach, angle.low), now + angle.reach, angle.high)
+                ctrl[k + 1] = min(max(wanted, now - angle.reach, angle.low), now + angle.reach, angle.high)
+            c, s = np.cos(now), np.sin(now)
+            for i in range(3):
+                gear[k, i] = c * thrust.direction[i] + s * angle.direction[i]
+                gear[k, 3 + i] = c * thrust.moment[i] + s * angle.moment[i]
+                gear[k + 1, i] = 0.0
+            gear[k, 0], gear[k, 1], gear[k, 2] = to_world(R, triple(gear[k]))
 
 
-@inline_jit
-def _nearest(angle, now, low, high):
+@jit
+def nearest_angle(angle, now, low, high):
     """The angle, give or take whole turns, that is within limits and nearest to `now`; or else the nearer limit."""
     turn = 2.0 * np.pi
-    a = angle + turn * np.round((now - angle) / turn)
+    a = angle + turn * np.floor((now - angle) / turn + 0.5)
     if a > high or a < low:
-        b = high - (high - a) % turn if a > high else low + (a - low) % turn
+        b = a - turn * np.ceil((a - high) / turn) if a > high else a + turn * np.ceil((low - a) / turn)
         a = b if low <= b <= high else (high if np.cos(high - a) > np.cos(low - a) else low)
     return a
 
 
-@inline_jit
-def _missed(thrust, angle, x, y):
-    """How much of a force (x, y) is left out at an angle, in the unit of the force."""
-    c, s = np.cos(angle), np.sin(angle)
-    made = min(max(x * c + y * s, thrust.low), thrust.high)
-    return np.sqrt((x - made * c) ** 2 + (y - made * s) ** 2)
-
-
-@inline_jit
-def _strength(thrust, angle, x, y):
-    """Largest thrust of an azimuth thruster along (x, y), or of the ways that it has where it cannot turn there."""
-    a, b = np.arctan2(y, x), np.arctan2(-y, -x)
-    ahead = np.cos(_nearest(a, a, angle.low, angle.high) - a) > 1.0 - 1e-12
-    astern = np.cos(_nearest(b, b, angle.low, angle.high) - b) > 1.0 - 1e-12
-    return max(thrust.high if ahead or not astern else 0.0, -thrust.low if astern or not ahead else 0.0)
-
-
 @jit
-def all_within(channels, effort):
-    """Whether every actuator of a vehicle can make its efforts (s,)."""
-    within = True
-    for k in range(effort.shape[0]):
-        x = effort[k]
-        if channels[k].code == FIXED:
-            within = within and channels[k].low <= x <= channels[k].high
-        elif channels[k].code == AZIMUTH:
-            y = effort[k + 1]
-            within = within and np.sqrt(x * x + y * y) <= _strength(channels[k], channels[k + 1], x, y)
-    return within
-
-
-@inline_jit
 def room_of(channels, k, u, du, v, dv):
     """The largest share, 0 to 1, of more effort that an actuator can make.
 
@@ -371,7 +349,11 @@ def room_of(channels, k, u, du, v, dv):
     """
     room, low, high = 1.0, channels[k].low, channels[k].high
     if channels[k].code == AZIMUTH:
-        most = _strength(channels[k], channels[k + 1], u + du, v + dv)
+        # Thrust ahead where it can turn to the force, astern where it can turn away from it, or either.
+        ends, bearing = channels[k + 1], np.arctan2(v + dv, u + du)
+        ahead = np.cos(nearest_angle(bearing, bearing, ends.low, ends.high) - bearing)
+        astern = np.cos(nearest_angle(bearing + np.pi, bearing, ends.low, ends.high) - bearing)
+        most = max(high if ahead >= -astern - 1e-9 else 0.0, -low if -astern >= ahead - 1e-9 else 0.0)
         if not (u + du) ** 2 + (v + dv) ** 2 <= most * most:
             a, b, c = du * du + dv * dv, u * du + v * dv, u * u + v * v - most * most
             room = max(0.0, (np.sqrt(b * b - a * c) - b) / a) if c < 0.0 else 0.0
@@ -392,22 +374,3 @@ def at_most(u, low, high):
     if u < low + slack:
         return low if u > -np.inf else u
     return u
-
-
-@inline_jit
-def turn_gears(channels, R, act, gear):
-    """Write the gears (s, 6) of azimuth thrusters for a vehicle with attitude R and activations act."""
-    for k in range(gear.shape[0] - 1):
-        if channels[k].code == AZIMUTH:
-            ahead, aside = channels[k], channels[k + 1]
-            c, s = np.cos(act[aside.state]), np.sin(act[aside.state])
-            force = to_world(R, _turned(triple(ahead.direction), triple(aside.direction), c, s))
-            moment = _turned(triple(ahead.moment), triple(aside.moment), c, s)
-            for i in range(3):
-                gear[k, i], gear[k, 3 + i], gear[k + 1, i] = force[i], moment[i], 0.0
-
-
-@inline_jit
-def _turned(a, b, c, s):
-    """c a + s b for vectors a and b."""
-    return c * a[0] + s * b[0], c * a[1] + s * b[1], c * a[2] + s * b[2]

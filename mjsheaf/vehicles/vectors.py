@@ -80,3 +80,10 @@ def product(M, a):
         M[1, 0] * a[0] + M[1, 1] * a[1] + M[1, 2] * a[2],
         M[2, 0] * a[0] + M[2, 1] * a[1] + M[2, 2] * a[2],
     )
+
+
+@inline_jit
+def row_product(row, a, b):
+    """A row (6,) times [a; b]."""
+    first = row[0] * a[0] + row[1] * a[1] + row[2] * a[2]
+    return first + row[3] * b[0] + row[4] * b[1] + row[5] * b[2]
