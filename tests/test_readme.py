@@ -11,9 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from pydantic import TypeAdapter
 
 from mjsheaf import load_scenario, simulate
 from mjsheaf.studies import load_plan
+from mjsheaf.vehicles.actuators import Azimuth
 from tests.builders import RAFT, REPOSITORY
 from tests.commands import answer_of, call
 
@@ -85,6 +87,9 @@ def test_files_are_valid(tmp_path: Path) -> None:
         if "mjcf" in fields:
             assert fields.items() <= yaml.safe_load(RAFT.read_text()).items()
             kinds.add("vehicle")
+        elif "actuators" in fields:
+            TypeAdapter(dict[str, Azimuth]).validate_python(fields["actuators"])
+            kinds.add("part of a vehicle")
         elif "scenario" in fields:
             (runs,) = re.findall(r"# (\d+) runs", text)
             assert len(load_plan(str(path)).points) == int(runs)
@@ -92,4 +97,4 @@ def test_files_are_valid(tmp_path: Path) -> None:
         else:
             assert simulate(load_scenario(path, {"time.end": 0.2})).attrs["status"] == "finished"
             kinds.add("scenario")
-    assert kinds == {"vehicle", "study", "scenario"}
+    assert kinds >= {"vehicle", "study", "scenario"}

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from mjsheaf.engine import mujoco
 from mjsheaf.io.section import Section
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.vehicles.vectors import to_world, triple
@@ -22,11 +21,7 @@ from mjsheaf.vehicles.vectors import to_world, triple
 Array = NDArray[np.float64]
 Range = tuple[float, float] | None  # of MuJoCo's: lowest and highest, or no limit
 
-LAGS = {
-    "none": mujoco.mjtDyn.mjDYN_NONE,
-    "filter": mujoco.mjtDyn.mjDYN_FILTER,
-    "filterexact": mujoco.mjtDyn.mjDYN_FILTEREXACT,
-}
+LAGS = ("none", "filter", "filterexact")
 """How a thruster may follow its command: MJCF's dyntype."""
 
 FIXED, AZIMUTH, ANGLE = 0, 1, 2  # codes of channels
@@ -276,13 +271,15 @@ class AzimuthThruster(Thruster):
 
 
 def _actuator(name: str, gear: Array, gain: float, law: str, time_constant: float) -> dict[str, Any]:
+    from mjsheaf.engine import mujoco  # which ideal kinematics do without
+
     return {
         "name": name,
         "gear": gear,
         "gaintype": mujoco.mjtGain.mjGAIN_FIXED,
         "gainprm": [gain, *np.zeros(9)],
         "biastype": mujoco.mjtBias.mjBIAS_NONE,
-        "dyntype": LAGS[law],
+        "dyntype": getattr(mujoco.mjtDyn, f"mjDYN_{law.upper()}"),
         "dynprm": [time_constant, *np.zeros(9)],
     }
 

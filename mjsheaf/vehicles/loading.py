@@ -184,7 +184,7 @@ def _numbers(value: str) -> list[float]:
 
 Array = NDArray[np.float64]
 
-_LAG_NAMES = {int(lag): name for name, lag in LAGS.items()}
+_LAG_NAMES = {int(getattr(mujoco.mjtDyn, f"mjDYN_{name.upper()}")): name for name in LAGS}
 
 
 def list_vehicles() -> dict[str, Path]:
