@@ -4,6 +4,8 @@ import hashlib
 import json
 import math
 import os
+import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from datetime import datetime
@@ -210,6 +212,10 @@ def _finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
+_READ = "import sys, xarray; xarray.open_dataset(sys.argv[1], engine='h5netcdf').load()"
+_LONGEST_READ = 30.0  # s
+
+
 class Record(BaseModel):
     """Base of a result that a JSON file holds as it is: frozen, and of known fields only."""
 
@@ -230,6 +236,21 @@ def load_run(directory: Path) -> tuple[xr.Dataset, dict[str, Any]]:
         return dataset.load(), summary
 
 
+def _require_readable(path: Path) -> None:
+    """Read all of a file in another process: on a damaged one HDF5 may crash, or go round for ever.
+
+    Raises:
+        InputError: it cannot be read, or not in half a minute.
+    """
+    try:
+        reading = [sys.executable, "-c", _READ, str(path)]
+        done = subprocess.run(reading, capture_output=True, check=False, timeout=_LONGEST_READ)
+    except subprocess.TimeoutExpired:
+        done = None
+    if done is None or done.returncode:
+        raise InputError(f"{path}: cannot be read whole; run the scenario again")
+
+
 @contextmanager
 def open_run(directory: Path) -> Iterator[tuple[xr.Dataset, dict[str, Any]]]:
     """Read as `load_run` does, but the data only where they are looked at, and within the block.
@@ -247,9 +268,9 @@ def open_run(directory: Path) -> Iterator[tuple[xr.Dataset, dict[str, Any]]]:
         # First: HDF5 reads much that is damaged without a word.
         if RESULT_DIGEST in summary and summary[RESULT_DIGEST] != digest(directory / "result.nc"):
             raise InputError(f"{directory}: result.nc is not as the run wrote it; run the scenario again")
-        dataset = open_dataset(directory / "result.nc")
         if RESULT_DIGEST not in summary:  # of an earlier version: it is trusted when all of it can be read
-            dataset.load()
+            _require_readable(directory / "result.nc")
+        dataset = open_dataset(directory / "result.nc")
     except InputError:
         raise
     except Exception as error:  # what a damaged file does to HDF5 and its readers has no class of its own

@@ -134,7 +134,7 @@ def test_damaged_result_without_a_checksum(run: Path, tmp_path: Path) -> None:
     del summary["result_sha256"]
     (directory / "summary.json").write_text(json.dumps(summary))
     for seed in range(2):
-        command = [sys.executable, "-c", FUZZ, str(directory), str(seed), "150"]
+        command = [sys.executable, "-c", FUZZ, str(directory), str(seed), "25"]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr[-2000:]
 
