@@ -118,7 +118,9 @@ def _exit_code(arguments: list[str] | None) -> int:
         return _end_of_pipe()
     except OSError as error:
         return _complain(f"{_place_of(error)}: {error.strerror or error}", InputError.exit_code)
-    except MemoryError as error:
+    except ImportError as error:  # also of a library for which there is no memory
+        return _complain(f"cannot load what it needs: {error}", InputError.exit_code)
+    except (MemoryError, SystemError) as error:  # the second from libraries that run out of it in C
         return _complain(f"not enough memory: {error}; ask for fewer samples or vehicles", InputError.exit_code)
     except Exception as error:
         # Usage errors are a class of the command-line library; older and newer releases keep it in different places.
