@@ -29,7 +29,7 @@ class _Announcement(event.Listener):
     def on_start(self, event: Any) -> None:
         if not self.announced and event.data["dispatcher"].py_func.__module__.startswith("mjsheaf."):
             self.announced = True
-            _logger.info("compiling loops for this machine: some 15 seconds, once")
+            _logger.info("compiling loops for this machine: some 20 seconds, once")
 
     def on_end(self, _: Any) -> None:
         pass

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from mjsheaf.checking.cohomology import RelativeCohomology
 from mjsheaf.checking.constants import Constants, Region, tube_guessed
-from mjsheaf.checking.record import Finite, Record
 from mjsheaf.dynamics.bounds import singular_points
 from mjsheaf.dynamics.effectiveness import is_rank_deficient
+from mjsheaf.io.section import Finite, Record
 from mjsheaf.system import System
 from mjsheaf.team import Edge, Team
 

@@ -14,9 +14,9 @@ from mjsheaf.checking.constants import Region
 from mjsheaf.checking.fragility import Fragility, fragility
 from mjsheaf.checking.margins import Margins, margins
 from mjsheaf.checking.mending import Augmentation, plan_augmentation
-from mjsheaf.checking.record import Finite, Record
 from mjsheaf.control.theorem import Rho, RhoLike, as_rho, gain_for_radius
 from mjsheaf.errors import InputError
+from mjsheaf.io.section import Finite, Record
 from mjsheaf.scenario import Scenario
 from mjsheaf.system import System
 from mjsheaf.threads import one_thread

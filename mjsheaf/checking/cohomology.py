@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 from scipy import linalg, sparse
 
-from mjsheaf.checking.record import Record
+from mjsheaf.io.section import Record
 from mjsheaf.sheaf import RANK_TOLERANCE
 from mjsheaf.sheaf.sections import (
     DENSE_COLUMNS,

@@ -13,7 +13,7 @@ from pydantic import Field
 from scipy import sparse
 
 from mjsheaf.checking.cohomology import agent_coboundary, smallest_eigenvalue
-from mjsheaf.checking.record import Record
+from mjsheaf.io.section import Record
 from mjsheaf.sheaf.sections import sparse_null_space
 from mjsheaf.team import GROUND, Edge, Team
 

@@ -24,9 +24,9 @@ from scipy.sparse.linalg import eigsh
 from mjsheaf.checking.certificate import Certificate
 from mjsheaf.checking.cohomology import DENSE_STATES, Spectrum
 from mjsheaf.checking.constants import Difference, agent_drift
-from mjsheaf.checking.record import Finite, Record
 from mjsheaf.control import disagreement
 from mjsheaf.errors import InputError
+from mjsheaf.io.section import Finite, Record
 from mjsheaf.simulation.linear import LinearVehicle, Station, linearise
 from mjsheaf.simulation.loop import whole_ratio
 from mjsheaf.system import System

@@ -23,7 +23,7 @@ from scipy import sparse
 from scipy.sparse import csgraph
 
 from mjsheaf.checking.cohomology import agent_coboundary, smallest_eigenvalue, spectrum_of
-from mjsheaf.checking.record import Record
+from mjsheaf.io.section import Record
 from mjsheaf.team import Edge, Member, Team, anchor, restriction_maps
 from mjsheaf.team.null_modes import null_mode_basis
 

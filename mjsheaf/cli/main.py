@@ -86,8 +86,8 @@ def _leave(code: int) -> NoReturn:
 
 
 def _exit_code(arguments: list[str] | None) -> int:
-    # What matters of a library's warnings is in the one line that mjsheaf prints. dm_control sends MuJoCo's to absl.
-    for library in ("absl", "imageio_ffmpeg", "matplotlib"):
+    # What matters of a library's warnings is in the one line that mjsheaf prints.
+    for library in ("imageio_ffmpeg", "matplotlib"):
         logging.getLogger(library).setLevel(logging.ERROR)
     if sys.stderr.isatty():
         logger = logging.getLogger("mjsheaf")

@@ -7,7 +7,7 @@ from pydantic import Field
 
 from mjsheaf.comparing.ladder import Progress, inertial_tau, no_progress
 from mjsheaf.comparing.measures import largest_distance, positions_at_q_star
-from mjsheaf.results.store import Record
+from mjsheaf.io.section import FiniteRecord
 from mjsheaf.simulation.ideal import run_ideal
 from mjsheaf.simulation.loop import run_physics
 from mjsheaf.system import Effects, System
@@ -20,7 +20,7 @@ _CATCH_UP = 10.0  # time constants over which bodies catch up with the flow
 _SHORTEST_STEP = 1e-5  # s
 
 
-class PointRecord(Record):
+class PointRecord(FiniteRecord):
     """Bodies with one time constant tau."""
 
     tau_s: float
@@ -28,7 +28,7 @@ class PointRecord(Record):
     distance_m: float | None
 
 
-class ConvergenceRecord(Record):
+class ConvergenceRecord(FiniteRecord):
     """Largest distance to the ideal run, both from q*, against the time constant tau of all bodies."""
 
     points: list[PointRecord]

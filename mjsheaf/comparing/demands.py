@@ -12,7 +12,7 @@ from pydantic import Field
 
 from mjsheaf.comparing.ladder import Run, ladder_of, run_ablation
 from mjsheaf.comparing.measures import Role, ScopeRecord, late, middle_of, vehicles_by_role
-from mjsheaf.results.store import Finite, Record
+from mjsheaf.io.section import Finite, FiniteRecord
 from mjsheaf.system import System
 from mjsheaf.vehicles.effects import capability_of
 from mjsheaf.vehicles.loading import list_vehicles
@@ -28,7 +28,7 @@ _MOST_SAMPLES = 20_000  # of a run that are looked at
 _AT_LIMIT = 1.0 - 1e-9  # of the limit
 
 
-class UnlimitedRecord(Record):
+class UnlimitedRecord(FiniteRecord):
     """A run with the law's velocity limit, and the same without."""
 
     run: Literal["ideal", "all"]
@@ -37,7 +37,7 @@ class UnlimitedRecord(Record):
     errors_without: dict[str, ScopeRecord] = Field(description="by scope, as in the ladder")
 
 
-class VelocityLimitRecord(Record):
+class VelocityLimitRecord(FiniteRecord):
     """The law's velocity limit (controller.velocity_limit, or that of single agents) and what it costs."""
 
     lowest_m_s: float
@@ -51,7 +51,7 @@ class VelocityLimitRecord(Record):
         return next(run for run in self.runs if run.run == key)
 
 
-class DemandRecord(Record):
+class DemandRecord(FiniteRecord):
     """What the vehicles of one kind are asked for in the last half of a run, relative to the medium."""
 
     run: Literal["ideal", "all"]
@@ -66,7 +66,7 @@ class DemandRecord(Record):
     forward_speed_m_s: Finite
 
 
-class FastestRecord(Record):
+class FastestRecord(FiniteRecord):
     """The fastest vehicle with limits that comes with mjsheaf."""
 
     moves_in: Domain

@@ -47,8 +47,8 @@ from mjsheaf.comparing.measures import (
     positions_at_q_star,
     saturation_of,
 )
+from mjsheaf.io.section import FiniteRecord
 from mjsheaf.results import make_dataset
-from mjsheaf.results.store import Record
 from mjsheaf.simulation.ideal import run_ideal
 from mjsheaf.simulation.loop import run_physics
 from mjsheaf.simulation.trajectory import Trajectory
@@ -68,7 +68,7 @@ EFFECTS = (*_OF_VEHICLES, CONTACTS)
 _TIMESTEP_DIVISOR = 10  # for a second try of bodies that blow up
 
 
-class RungRecord(Record):
+class RungRecord(FiniteRecord):
     """One rung of the ladder."""
 
     key: str

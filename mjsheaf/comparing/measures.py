@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from mjsheaf.io.section import Finite, FiniteRecord
 from mjsheaf.results.metrics import evaluate_errors
-from mjsheaf.results.store import Finite, Record
 from mjsheaf.simulation.trajectory import Trajectory
 from mjsheaf.system import System
 
@@ -28,7 +28,7 @@ Series = dict[str, dict[str, Array]]
 """Errors over time, shape (T,), m: by scope, then by field of ErrorsRecord. NaN where they have no meaning."""
 
 
-class ErrorsRecord(Record):
+class ErrorsRecord(FiniteRecord):
     """Errors of the team or of a group, m."""
 
     tracking_error: Finite
@@ -36,7 +36,7 @@ class ErrorsRecord(Record):
     centering_error: Finite
 
 
-class ScopeRecord(Record):
+class ScopeRecord(FiniteRecord):
     """Errors of the team or of a group, at the end and on average."""
 
     final: ErrorsRecord = Field(description="at the last sample, as summary.json has them")
@@ -48,7 +48,7 @@ class ScopeRecord(Record):
         return found
 
 
-class DistanceRecord(Record):
+class DistanceRecord(FiniteRecord):
     """The largest distance of an agent from where it was in the ideal run."""
 
     distance_m: float
@@ -56,7 +56,7 @@ class DistanceRecord(Record):
     time_s: float
 
 
-class SaturationRecord(Record):
+class SaturationRecord(FiniteRecord):
     """How much of the time thrusters are at a limit."""
 
     role: Role
@@ -161,7 +161,7 @@ def saturation_of(system: System, trajectory: Trajectory, roles: list[Role]) -> 
     return [SaturationRecord(role=r, vehicle=name, share=value) for (r, name), value in found.items() if r in roles]
 
 
-class ItemRecord(Record):
+class ItemRecord(FiniteRecord):
     """One effect's part in an error."""
 
     effect: str
@@ -169,7 +169,7 @@ class ItemRecord(Record):
     give_back_m: Finite = Field(description="what the scenario as it stands would lose without it")
 
 
-class BudgetRecord(Record):
+class BudgetRecord(FiniteRecord):
     """Where one error comes from: ideal + targets + agents + together + alone of all effects + interaction = all."""
 
     scope: str

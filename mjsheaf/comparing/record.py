@@ -11,10 +11,10 @@ from mjsheaf.comparing.demands import DemandRecord, FastestRecord, VelocityLimit
 from mjsheaf.comparing.ladder import RungRecord
 from mjsheaf.comparing.measures import FORMATION, TEAM, TRACKING, BudgetRecord, Measure
 from mjsheaf.comparing.ringing import RingingRecord
-from mjsheaf.results.store import Finite, Record
+from mjsheaf.io.section import Finite, FiniteRecord
 
 
-class LoopRecord(Record):
+class LoopRecord(FiniteRecord):
     """The loop of the scenario's vehicles, for small motions, as `check` has it."""
 
     stable: bool | None = Field(description="null where undecided")
@@ -22,7 +22,7 @@ class LoopRecord(Record):
     reason: str = Field(description="why it is undecided, or empty")
 
 
-class CompareRecord(Record):
+class CompareRecord(FiniteRecord):
     """Ideal kinematics against bodies."""
 
     mjsheaf_version: str

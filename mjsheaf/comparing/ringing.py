@@ -23,7 +23,7 @@ from mjsheaf.checking.margins import LARGEST_SECOND_ORDER
 from mjsheaf.comparing.ladder import effects_of, inertial_tau
 from mjsheaf.comparing.measures import positions_at_q_star
 from mjsheaf.dynamics import FlowField
-from mjsheaf.results.store import Record
+from mjsheaf.io.section import FiniteRecord
 from mjsheaf.simulation.loop import run_physics
 from mjsheaf.system import System
 from mjsheaf.vehicles.effects import Effects, capability_of, of_each
@@ -42,7 +42,7 @@ _REAL_ROOT = 1e-6  # imaginary part of a root, relative, below which it is real
 _LEAST_DAMPING = 0.3  # of a usable gain
 
 
-class ReleaseRecord(Record):
+class ReleaseRecord(FiniteRecord):
     """One free-decay experiment on bodies."""
 
     bodies: str
@@ -54,7 +54,7 @@ class ReleaseRecord(Record):
     status: str
 
 
-class RingingRecord(Record):
+class RingingRecord(FiniteRecord):
     """The least damped mode: what inertia predicts, and what bodies do."""
 
     agent: str = Field(description="who moves most in it")

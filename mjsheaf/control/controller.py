@@ -18,7 +18,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mjsheaf.control.law import LawArrays, Memory, observe
+from mjsheaf.control.law import ControlArrays, LawArrays, Memory, observe
 from mjsheaf.errors import InputError, expected
 from mjsheaf.team import Edge, Team
 
@@ -64,8 +64,7 @@ class Sample:
     @cached_property
     def truth(self) -> Truth:
         """What no agent knows; for debugging."""
-        problem, x = self.team.dirichlet, self.team.pack(self._x)
-        return Truth(self._x, self.team.unpack(problem.extend(x[problem.H.shape[0] :])))
+        return Truth(self._x, self.team.harmonic_extension(self._x))
 
     def exchange(self, values: ArrayLike) -> list[dict[str, Array]]:
         """Let every agent send numbers to its neighbours: one round of communication, which is counted.
@@ -106,29 +105,26 @@ class Controller:
         self.seed = seed
         self.rounds = self.messages = 0
 
-    def reset(self, team: Team) -> None:
-        """Begin a run."""
+    def reset(self) -> None:
+        """Begin a run with the team that was entered."""
         self.rounds = self.messages = 0
-        self.enter(team)
         reset = getattr(self.law, "reset", None)
         if reset is not None:
             rng = np.random.default_rng([self.seed, _STREAM])
-            self._guarded("reset", lambda: reset(team, rng))
+            self._guarded("reset", lambda: reset(self.team, rng))
 
-    def enter(self, team: Team) -> None:
-        """Control this team from here on: another phase has other edges."""
+    def enter(self, team: Team, control: ControlArrays) -> ControlArrays:
+        """Control this team from here on, with other edges in another phase; return its law with agents supplied."""
         self.team = team
         self.edges = (*team.communication, *team.sensing, *team.anchors)
-        kinds = (team.communication, team.sensing, team.target_edges, team.anchors)
-        ends = np.cumsum([0, *(len(e.b) for kind in kinds for e in kind)])
-        slices = [slice(begin, end) for begin, end in pairwise(ends)]
-        skipped = len(team.communication) + len(team.sensing)
-        self.places = slices[:skipped] + slices[skipped + len(team.target_edges) :]
-        number = {agent: i for i, agent in enumerate(team.agent_ids)}
-        near: list[dict[int, None]] = [{} for _ in number]
+        slices = [slice(begin, end) for begin, end in pairwise(control.law.edges.first)]
+        self.places = slices[: len(team.communication + team.sensing)] + slices[len(slices) - len(team.anchors) :]
+        near: list[dict[int, None]] = [{} for _ in team.agents]
         for e in team.communication:
-            near[number[e.tail]][number[e.head]] = near[number[e.head]][number[e.tail]] = None
+            i, j = team.index[e.tail], team.index[e.head]
+            near[i][j] = near[j][i] = None
         self.neighbours = [list(js) for js in near]
+        return control._replace(law=control.law._replace(supplied=len(team.agents)))
 
     def supply(self, law: LawArrays, t: float, x: Array, memory: Memory, velocity: Array, attitude: Array) -> None:
         """Call the law at time t, s, for positions x (V, 3), m, and leave in the memory what it asks for.
@@ -179,11 +175,6 @@ def controller_of(law: "Law | Controller | None", system: Any, seed: int) -> "Co
     if law is not None and system.grid.continuous:
         raise InputError("controller.control_period is 0; expected a positive one with a law in Python, in s")
     return law if law is None or isinstance(law, Controller) else Controller(law, seed=seed)
-
-
-def supplied(law: LawArrays, agents: int) -> LawArrays:
-    """The law of a team whose agents take their velocities from Python."""
-    return law._replace(supplied=agents)
 
 
 class _AgentError(Exception):

@@ -4,12 +4,13 @@ A section says field by field what a file may hold. How its fields fit together 
 it builds its part of a system.
 """
 
+import math
 from collections.abc import Callable, Mapping
 from functools import cache
 from typing import Annotated, Any, NamedTuple, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from mjsheaf.errors import InputError, suggestion
 
@@ -196,3 +197,23 @@ def _tags(node: dict[str, Any]) -> set[str]:
     """The values of the field that chooses this branch of a tagged union."""
     fields = node.get("properties", {}).values()
     return {str(v) for field in fields for v in field.get("enum", [field["const"]] if "const" in field else [])}
+
+
+class Record(BaseModel):
+    """Base of a result that a JSON file or `--json` holds as it is: frozen, and of known fields only."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, validate_by_name=True, serialize_by_alias=True)
+
+
+class FiniteRecord(Record):
+    """A `Record` whose numbers are finite; those that need not be are `Finite`."""
+
+    model_config = ConfigDict(allow_inf_nan=False)
+
+
+def _finite(x: float | None) -> float | None:
+    return None if x is None or not math.isfinite(x) else float(x)
+
+
+Finite = Annotated[float | None, BeforeValidator(_finite)]
+"""A number that becomes None, null in JSON, where it is infinite or not a number."""

@@ -146,17 +146,15 @@ def _attributes(system: System, backend: str, seed: int) -> dict[str, Any]:
     }
 
 
-def _thrusters(system: System) -> list[list[str]]:
-    """Names of every vehicle's thrusters, those of stand-ins where underactuation is off; length V."""
-    return [list(vehicle.thrusters) for vehicle in system.vehicles]
-
-
 def _add_body_data(variables: dict[str, Variable], coordinates: dict[str, Variable], system: System, log: Log) -> None:
     """Thruster commands and what lags leave of them."""
-    thrusters, N, T = _thrusters(system), len(system.team.agents), len(log.positions)
+    N, T = len(system.team.agents), len(log.positions)
+    thrusters = [[channel.name for channel in vehicle.channels] for vehicle in system.vehicles]
+    units = [[channel.unit for channel in vehicle.channels] for vehicle in system.vehicles]
     first = np.cumsum([0, *(len(names) for names in thrusters)])
     width = max(len(names) for names in thrusters)
-    alike = all(channel.unit == "N" for vehicle in system.vehicles for channel in vehicle.channels)
+    # Of turning thrusters some channels are angles: see thruster_unit.
+    unit = "N" if all(name == "N" for names in units for name in names) else "1"
     for name, values, long_name in (
         ("command", log.thruster_command, "u_i = W_i^+ [force; moment] + trim, thruster commands of {}"),
         ("thrust", log.thruster_output, "what {}'s thrusters do at the sample: their commands after lag"),
@@ -166,11 +164,9 @@ def _add_body_data(variables: dict[str, Variable], coordinates: dict[str, Variab
             u[:, v, : len(names)] = values[:, first[v] : first[v + 1]]
         agents, targets = (name, f"target_{name}") if name == "command" else (f"agent_{name}", f"target_{name}")
         for key, kind, own in ((agents, "agent", u[:, :N]), (targets, "target", u[:, N:])):
-            unit = "N" if alike else "1"  # of turning thrusters some channels are angles: see thruster_unit
             attributes = {"units": unit, "long_name": long_name.format(f"each {kind}")}
             variables[key] = (("time", kind, "channel"), own, attributes)
     coordinates["quaternion"] = _labels("quaternion", ["w", "x", "y", "z"], "component of the unit quaternion")
-    units = [[channel.unit for channel in vehicle.channels] for vehicle in system.vehicles]
     for name, values_of, what in (("thruster", thrusters, "thruster behind"), ("thruster_unit", units, "unit of")):
         labels = np.array([values + [""] * (width - len(values)) for values in values_of], dtype=object)
         for key, kind, own in ((name, "agent", labels[:N]), (f"target_{name}", "target", labels[N:])):

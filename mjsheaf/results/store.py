@@ -10,10 +10,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import xarray as xr
-from pydantic import BaseModel, BeforeValidator, ConfigDict
 
 from mjsheaf._version import __version__
 from mjsheaf.errors import InputError
@@ -214,16 +213,6 @@ def _finite(value: Any) -> Any:
 
 _READ = "import sys, xarray; xarray.open_dataset(sys.argv[1], engine='h5netcdf').load()"
 _LONGEST_READ = 30.0  # s
-
-
-class Record(BaseModel):
-    """Base of a result that a JSON file holds as it is: frozen, and of known fields only."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-Finite = Annotated[float | None, BeforeValidator(_finite)]
-"""A number of a `Record` that becomes None where it is infinite or NaN."""
 
 
 def load_run(directory: Path) -> tuple[xr.Dataset, dict[str, Any]]:

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mjsheaf.control.controller import Controller, supplied
+from mjsheaf.control.controller import Controller
 from mjsheaf.control.law import Memory, new_memory, sample
 from mjsheaf.dynamics.disturbance import evaluate_sines
 from mjsheaf.dynamics.effectiveness import EffectivenessArrays, allocate
@@ -296,34 +296,32 @@ def stream_ideal(
     x, grid, N = np.array(first.initial), first.grid, len(first.team.agents)
     before, attitude = x[:N].copy(), _attitudes(first.bodies.heading[:N])
     if controller:
-        controller.reset(first.team)
+        controller.enter(first.team, first.control)
+        controller.reset()
     of = grid.steps + 1 if targets is None else min(grid.steps + 1, len(targets))
     for system, begin, end in pieces_of(phases, samples, of):
-        control = system.control
-        if controller:
-            controller.enter(system.team)
-            control = control._replace(law=supplied(control.law, N))
+        control = controller.enter(system.team, system.control) if controller else system.control
         memory = new_memory(control.law, len(x))
         integrator = new_integrator(system.medium, system.effectiveness, system.tolerance, grid.period, memory)
         log = new_log(end - begin, len(x), inputs=(N, system.effectiveness.pinv.shape[1]))
         done, broken = 0, -1
         while done < end - begin and broken < 0:
-            if controller:
-                velocity = (x[:N] - before) / grid.period
-                controller.supply(control.law, float(grid.span(begin + done, begin + done + 1)[0]), x,
-                                  memory, velocity, attitude)  # fmt: skip
-                before = x[:N].copy()
             count = min(1 if controller else _CHUNK, end - begin - done)
-            last = begin + done + count == of
+            times, last = grid.span(begin + done, begin + done + count), begin + done + count == of
+            placed = np.empty((count, 0, 3)) if targets is None else targets[begin + done : begin + done + count]
+            if controller:
+                x[len(x) - placed.shape[1] :] = placed[0]
+                controller.supply(control.law, float(times[0]), x, memory, (x[:N] - before) / grid.period, attitude)
+                before = x[:N].copy()
             new, broken = _run(
                 control,
                 control if grid.continuous else None,
                 integrator,
-                grid.span(begin + done, begin + done + count),
+                times,
                 count - last,
                 x,
                 log.span(done, done + count),
-                np.empty((count, 0, 3)) if targets is None else targets[begin + done : begin + done + count],
+                placed,
             )
             done += new
             if progress:

@@ -15,7 +15,7 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from mjsheaf.control.controller import Controller, Law, controller_of, supplied
+from mjsheaf.control.controller import Controller, Law, controller_of
 from mjsheaf.control.law import ControlArrays, Memory, new_memory, sample
 from mjsheaf.dynamics.disturbance import evaluate_sines
 from mjsheaf.engine import mujoco
@@ -350,7 +350,7 @@ class World:
 
     @property
     def command(self) -> Array:
-        """Velocities that the law asks for, of its last evaluation, shape (V, 3), m/s; written to at one's own risk."""
+        """Velocities that the law asks for, of its last evaluation, shape (V, 3), m/s."""
         return self._loop.state.memory.command
 
     @property
@@ -378,7 +378,7 @@ class World:
         self._enter_phase()
         self._loop.state.memory.flat[:] = 0.0
         if self._controller:  # it is called at the first step, and asks for nothing until then
-            self._controller.reset(self.system.team)
+            self._controller.reset()
         close_loop(self._loop, self.time, True)
         if _first_bad(self.data.ctrl) < 0:
             mujoco.mj_forward(self.model, self.data)
@@ -468,8 +468,6 @@ class World:
         system = [phase.system for phase in self._phases if phase.start <= max(sample, 0)][-1]
         if system is not self.system:
             self.system = system
-            if self._controller:
-                self._controller.enter(system.team)
             control, state = self._control(), self._loop.state
             memory = new_memory(control.law, len(state.x))
             memory.flat[len(memory.y) :] = state.memory.flat[len(state.memory.y) :]
@@ -477,10 +475,9 @@ class World:
         return self._loop
 
     def _control(self) -> ControlArrays:
+        """What onboard computers know now; a law in Python takes the agents over."""
         control = self.system.control
-        if self._controller:
-            control = control._replace(law=supplied(control.law, len(self.system.team.agents)))
-        return control
+        return self._controller.enter(self.system.team, control) if self._controller else control
 
     def _consult(self, controller: Controller) -> None:
         """Let a law in Python say what it wants now."""
@@ -628,17 +625,5 @@ def stream_physics(
     targets: Array | None = None,
     controller: Controller | None = None,
 ) -> Iterator[Trajectory]:
-    """Simulate on bodies, and hand out pieces of at most so many samples.
-
-    Args:
-        run: the system, or phases of a run.
-        samples: in each piece; the last one, and the last of a phase, may have fewer.
-        progress: called with (samples done, samples in all).
-        targets: where the targets are at each sample, shape (T, V - N, 3), m, whatever their bodies would do; the run
-            ends with the last. None leaves them to their bodies.
-        controller: a law in Python in place of the agents' own.
-
-    Yields:
-        Pieces with the status 'finished', but for the last where the simulation blows up, which ends there.
-    """
+    """Simulate on bodies, and hand out pieces; arguments and pieces as of `ideal.stream_ideal`."""
     yield from World(run, controller=controller, visible=False).record(samples, targets, progress)
