@@ -12,18 +12,18 @@ if TYPE_CHECKING:
     from mjsheaf.checking import check
     from mjsheaf.control.controller import Controller, PerAgent
     from mjsheaf.runs.publish import save
+    from mjsheaf.runs.simulate import simulate, simulate_many
     from mjsheaf.scenario import Scenario, load_scenario
     from mjsheaf.sheaf import Sheaf
     from mjsheaf.simulation.loop import World
-    from mjsheaf.simulation.run import simulate, simulate_many
     from mjsheaf.vehicles.loading import load_vehicle
 
 _HOME = {
     "Sheaf": "mjsheaf.sheaf",
     "Scenario": "mjsheaf.scenario",
     "load_scenario": "mjsheaf.scenario",
-    "simulate": "mjsheaf.simulation.run",
-    "simulate_many": "mjsheaf.simulation.run",
+    "simulate": "mjsheaf.runs.simulate",
+    "simulate_many": "mjsheaf.runs.simulate",
     "check": "mjsheaf.checking",
     "World": "mjsheaf.simulation.loop",
     "load_vehicle": "mjsheaf.vehicles.loading",

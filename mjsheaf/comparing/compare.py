@@ -24,8 +24,8 @@ from mjsheaf.comparing.measures import (
 from mjsheaf.comparing.record import CompareRecord, LoopRecord
 from mjsheaf.comparing.ringing import ringing_of, usable_gain
 from mjsheaf.comparing.verdict import verdict_of
+from mjsheaf.runs.simulate import require_simulable
 from mjsheaf.scenario import Scenario
-from mjsheaf.simulation.run import require_simulable
 from mjsheaf.system import System
 
 _STATISTICS: tuple[Literal["late"], Literal["final"]] = ("late", "final")

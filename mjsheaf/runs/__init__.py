@@ -1,1 +1,1 @@
-"""One run as a directory: data, figures, video, expectations."""
+"""One run: simulating it, and the directory it leaves: data, figures, video, expectations."""

@@ -10,8 +10,8 @@ from typing import Any
 
 from mjsheaf.errors import NotUniqueError, RankError
 from mjsheaf.results.metrics import MEASURES, check_expectation, summarize
+from mjsheaf.runs.simulate import simulate
 from mjsheaf.scenario import Scenario
-from mjsheaf.simulation.run import simulate
 
 BACKEND_ORDER = ("ideal", "physics")
 """As they stand in an `expect:` block."""

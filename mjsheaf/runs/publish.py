@@ -14,8 +14,8 @@ from mjsheaf.errors import InputError, MjsheafError
 from mjsheaf.io.section import LARGEST
 from mjsheaf.io.yaml import dump_yaml
 from mjsheaf.results.store import CHECKSUMS, VEHICLES, write_checksums
+from mjsheaf.runs.simulate import require_simulable, stream
 from mjsheaf.scenario import Scenario
-from mjsheaf.simulation.run import require_simulable, stream
 from mjsheaf.video import VideoOptions, available_backend
 
 if TYPE_CHECKING:

@@ -152,7 +152,7 @@ def _run(job: Job) -> tuple[dict[str, Any], bytes | None]:
     from mjsheaf.checking.finished import bound_of_run, ending_of_run
     from mjsheaf.results import summarize
     from mjsheaf.results.metrics import late_errors
-    from mjsheaf.simulation.run import simulate
+    from mjsheaf.runs.simulate import simulate
 
     scenario = job.load()
     dataset = simulate(scenario, job.backend)

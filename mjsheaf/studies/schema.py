@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import AfterValidator, Field, JsonValue, ValidationError, model_validator
 
 from mjsheaf.io.section import Number, Positive, Section, describe_validation_error
-from mjsheaf.simulation.run import BACKENDS
+from mjsheaf.runs.simulate import BACKENDS
 
 Measure = Literal["mean_disagreement", "tracking_error", "formation_error", "centering_error"]
 

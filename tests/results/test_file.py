@@ -15,10 +15,10 @@ import xarray as xr
 from mjsheaf import simulate
 from mjsheaf.results import join, make_dataset, open_dataset, thinned, write_dataset
 from mjsheaf.results.netcdf import pieces_of
+from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario, scenario_from_mapping
 from mjsheaf.simulation import trajectory
 from mjsheaf.simulation.loop import run_physics
-from mjsheaf.simulation.run import stream
 
 BACKENDS = ("ideal", "physics")
 

@@ -13,8 +13,8 @@ import mjsheaf.scenario.scenario as building
 import mjsheaf.vehicles.loading as loading
 from mjsheaf.cli.main import main
 from mjsheaf.io.yaml import dump_yaml
+from mjsheaf.runs.simulate import simulate
 from mjsheaf.scenario import Scenario, load_scenario, scenario_from_mapping
-from mjsheaf.simulation.run import simulate
 from mjsheaf.studies.job import run_job
 from mjsheaf.video.from_run import film_of
 from tests.builders import small_plan

@@ -10,9 +10,9 @@ import pytest
 import mjsheaf.video
 from mjsheaf import simulate
 from mjsheaf.results import open_dataset, write_dataset
+from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario, load_scenario, scenario_from_mapping
 from mjsheaf.simulation import trajectory
-from mjsheaf.simulation.run import stream
 from mjsheaf.video import Film, VideoOptions
 from mjsheaf.video.draw import Painter
 from mjsheaf.video.film import Samples
