@@ -18,7 +18,7 @@ from numba.core import event
 
 _logger = logging.getLogger("mjsheaf")
 _PACKAGE = Path(__file__).resolve().parent
-_SOURCES = ("system.py", "sheaf/*.py", "dynamics/*.py", "control/*.py", "vehicles/*.py", "simulation/*.py")
+_SOURCES = ("system.py", "noise.py", "sheaf/*.py", "dynamics/*.py", "control/*.py", "vehicles/*.py", "simulation/*.py")
 
 
 class _Announcement(event.Listener):

@@ -184,6 +184,16 @@ class System:
         return ControlArrays(self.law, self.motion)
 
     @cached_property
+    def control_of_bodies(self) -> ControlArrays:
+        """The same on bodies: feedforward looks ahead by their time constants too."""
+        terms = self.law.terms
+        if not terms.lead.any():
+            return self.control
+        tau = np.array([vehicle.reduced_model().tau[0] for vehicle in self.vehicles[: terms.agents]])
+        law = self.law._replace(terms=terms._replace(lead=terms.lead * (1.0 + tau / terms.period)))
+        return ControlArrays(law, self.motion)
+
+    @cached_property
     def medium(self) -> MediumArrays:
         """The medium for compiled code."""
         ends = np.cumsum([0, *(len(flow.table) for flow in self.flows)])

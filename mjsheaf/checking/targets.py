@@ -327,7 +327,7 @@ def _follow(follow, setting, run, place, x, bound, cells, samples):
     count = 0
     while k < len(times) - 1:
         if done == 0.0 and follow is None:
-            sample(control, times[k], x, run.memory)
+            sample(control, times[k], x, None, run.memory)
         while done < period:
             t = times[k] + done
             slope_of(follow, run, t, x, 0, M, run.slope[0])

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mjsheaf.control.law import ControlArrays, LawArrays, Memory, observe
+from mjsheaf.control.terms import no_terms
 from mjsheaf.errors import InputError, expected
 from mjsheaf.team import Edge, Team
 
@@ -124,7 +125,7 @@ class Controller:
             i, j = team.index[e.tail], team.index[e.head]
             near[i][j] = near[j][i] = None
         self.neighbours = [list(js) for js in near]
-        return control._replace(law=control.law._replace(supplied=len(team.agents)))
+        return control._replace(law=control.law._replace(supplied=len(team.agents), terms=no_terms()))
 
     def supply(self, law: LawArrays, t: float, x: Array, memory: Memory, velocity: Array, attitude: Array) -> None:
         """Call the law at time t, s, for positions x (V, 3), m, and leave in the memory what it asks for.

@@ -21,6 +21,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mjsheaf.control.terms import (
+    TermArrays,
+    TermMemory,
+    add_terms,
+    integrate,
+    limit_speed,
+    navigate,
+    no_terms,
+    remember,
+    size_of_memory,
+    split_memory,
+)
 from mjsheaf.dynamics.motion import MotionArrays, add_reference
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.team import Edge, Member, Team
@@ -59,12 +71,14 @@ class LawArrays(NamedTuple):
         gain: of -gain eta, shape (V,), 1/s.
         limit: largest commanded speed, shape (V,), m/s; infinite where there is none.
         supplied: how many vehicles, from the first on, take their velocity from `Memory.supplied` instead of -gain eta.
+        terms: what is added to -gain eta.
     """
 
     edges: EdgeArrays
     gain: Array
     limit: Array
     supplied: int
+    terms: TermArrays
 
 
 class ControlArrays(NamedTuple):
@@ -83,11 +97,12 @@ class Memory(NamedTuple):
     """What onboard computers hold from one sample to the next: views of one array, which is saved with the state.
 
     Attributes:
-        flat: all of it, shape (m + 9 V,).
+        flat: all of it, shape (m + 9 V + what the terms hold,).
         y: measurements, shape (m,), m.
         residual: eta of the agents, L_T p - c_T of the targets, padded, shape (V, 3), m.
         command: commanded velocities, limited, shape (V, 3), m/s.
         supplied: velocities that a law in Python asks for, shape (V, 3), m/s.
+        terms: what the terms hold.
     """
 
     flat: Array
@@ -95,27 +110,51 @@ class Memory(NamedTuple):
     residual: Array
     command: Array
     supplied: Array
+    terms: TermMemory
 
 
 def new_memory(law: LawArrays, V: int) -> Memory:
     """The memory of a law of V vehicles before its first sample: zeros."""
     m = len(law.edges.b)
-    flat = np.zeros(m + 9 * V)
-    residual, command, supplied = flat[m:].reshape(3, V, 3)
-    return Memory(flat, flat[:m], residual, command, supplied)
+    flat = np.zeros(m + 9 * V + size_of_memory(law.terms, m, V))
+    y, rest, terms = np.split(flat, [m, m + 9 * V])
+    return Memory(flat, y, *rest.reshape(3, V, 3), split_memory(terms, law.terms, m, V))
+
+
+def carry(memory: Memory, law: LawArrays) -> Memory:
+    """The memory of another law of the same vehicles, who keep what they hold of themselves."""
+    V, m = len(memory.command), len(memory.y)
+    new = new_memory(law, V)
+    vehicles = slice(len(new.y), len(new.y) + 9 * V)
+    new.flat[vehicles] = memory.flat[m : m + 9 * V]
+    if law.terms.agents and len(memory.terms.samples):  # what is no difference of measurements
+        for name in ("rate", "v", "delta", "drift", "z"):
+            getattr(new.terms, name)[:] = getattr(memory.terms, name)
+    return new
 
 
 @inline_jit
-def sample(control, t, x, memory):
-    """Sample every onboard computer at time t, s: write memory.y, residual and command for positions x (V, 3), m."""
+def sample(control, t, x, drift, memory):
+    """Sample every onboard computer at time t, s: write memory.y, residual and command for positions x (V, 3), m.
+
+    `drift` (V, 3), m/s, is what bodies measure of the medium that carries them; None on ideal kinematics.
+    """
     law = control.law
     measure(law.edges, x, memory.y)
     pull_back(law.edges, memory.y, memory.residual)
+    if law.terms.agents > 0:
+        navigate(law.terms, x, drift, memory.command, memory.terms)
     proportional(law, memory.residual, memory.command)
+    if law.terms.agents > 0:
+        add_terms(law, memory.y, memory.residual, memory.command, memory.terms)
     supplied(law, memory.supplied, memory.command)
     for v in range(x.shape[0]):
         add_reference(control.motion, v, t, x[v], memory.command[v])
-        limit_speed(law.limit[v], memory.command[v])
+        clipped = limit_speed(law.limit[v], memory.command[v])
+        if law.terms.agents > v and not clipped:
+            integrate(law.terms, memory.residual[v], memory.terms.z[v])
+    if law.terms.agents > 0:
+        remember(law.terms, x, memory.y, memory.terms)
 
 
 @inline_jit
@@ -163,14 +202,6 @@ def supplied(law, velocity, command):
             command[v, i] = velocity[v, i]
 
 
-@inline_jit
-def limit_speed(limit, velocity):
-    """Shorten velocity (3,) to the limit, keeping its direction."""
-    speed = np.sqrt(velocity[0] ** 2 + velocity[1] ** 2 + velocity[2] ** 2)
-    if speed > limit:
-        velocity *= limit / speed
-
-
 @jit
 def observe(law, x, memory):
     """Write memory.y and memory.residual for positions x (V, 3), m: what a law in Python is shown."""
@@ -202,7 +233,7 @@ def disagreement(law: LawArrays, positions: Array) -> Array:
     return residual.reshape(x.shape)
 
 
-def pack_law(team: Team, gain: float, target_gain: float, limits: Array) -> LawArrays:
+def pack_law(team: Team, gain: float, target_gain: float, limits: Array, terms: TermArrays | None = None) -> LawArrays:
     """Assemble the law of a team.
 
     Args:
@@ -213,7 +244,7 @@ def pack_law(team: Team, gain: float, target_gain: float, limits: Array) -> LawA
     """
     gains = np.concatenate([np.full(len(team.agents), gain), np.full(len(team.targets), target_gain)])
     kinds = [(team.communication, True), (team.sensing, False), (team.target_edges, True), (team.anchors, False)]
-    return LawArrays(pack_edges(team.members, kinds), gains, limits.astype(float), 0)
+    return LawArrays(pack_edges(team.members, kinds), gains, limits.astype(float), 0, terms or no_terms())
 
 
 def pack_edges(members: Sequence[Member], kinds: Sequence[tuple[Sequence[Edge], bool]]) -> EdgeArrays:

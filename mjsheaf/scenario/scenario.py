@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pydantic import ConfigDict, Field, model_validator
 
 from mjsheaf.control import pack_law
+from mjsheaf.control.terms import Drift, Feedforward, Integral, Newton, Odometry, Terms, pack_terms
 from mjsheaf.dynamics import ControlEffectiveness, Disturbance, FlowField, Motion, disturbance
 from mjsheaf.dynamics import effectiveness as effectivenesses
 from mjsheaf.dynamics import motion as motions
@@ -142,12 +143,28 @@ class Time(Section):
 
 
 class Controller(Section):
-    """The law u_i = -k1 g_i^+ eta_i."""
+    """The law u_i = -k1 g_i^+ eta_i, and its terms beyond the paper's."""
 
     gain: Positive = Field(1.0, description="k1, 1/s")
     control_period: NonNegative = Field(0.01, description="zero-order hold, s; 0 evaluates the law continuously")
     record_period: Duration = Field(0.01, description="time between samples where control_period is 0, s")
     velocity_limit: Positive | None = Field(None, description="largest commanded speed of every agent, m/s")
+    feedforward: Feedforward | None = None
+    newton: Newton | None = None
+    drift: Drift | None = None
+    integral: Integral | None = None
+    odometry: Odometry = Odometry()
+
+    @property
+    def terms(self) -> Terms:
+        """The terms beyond the paper's."""
+        return Terms(self.feedforward, self.newton, self.drift, self.integral, self.odometry)
+
+    @model_validator(mode="after")
+    def _sampled(self) -> "Controller":
+        if self.terms.any and self.control_period == 0.0:
+            raise ValueError("control_period is 0; expected a positive one with feedforward, newton, drift or integral")
+        return self
 
 
 class Spread(Section):
@@ -328,13 +345,14 @@ class Scenario(Section):
         with in_field("agents"):
             g = effectivenesses.pack([agent.effectiveness for agent in agents], dimensions[: len(agents)])
         target_gain = self.target_formation.gain if self.target_formation else 0.0
+        terms = pack_terms(law.terms, team, law.control_period, self.seed)
         return System(
             name=self.name,
             team=team,
             initial=initial,
             grid=grid,
             gain=law.gain,
-            law=pack_law(team, law.gain, target_gain, np.array(limits)),
+            law=pack_law(team, law.gain, target_gain, np.array(limits), terms),
             motion=motion,
             harmonics=harmonics,
             effectiveness=g,

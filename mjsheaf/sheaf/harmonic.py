@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import linalg, sparse
 from scipy.sparse import csgraph
+from scipy.sparse.linalg import eigsh
 
 from mjsheaf.errors import SheafError
 from mjsheaf.jit import allocating_jit, jit
@@ -50,6 +51,7 @@ LARGEST_RESIDUAL = 1e-8
 
 RELAXATION = 1.75
 MOST_ITERATIONS = 20_000
+_DENSE = 600  # rows up to which eigenvalues are found of a dense matrix
 _MOST_RESTARTS = 6  # of conjugate gradients, each on the true residual of the one before
 _NO_QR_BELOW = 1e-6  # error of a solution by H up to which QR would gain nothing after refinement
 _UNUSABLE_ABOVE = 1e-2
@@ -136,6 +138,18 @@ class DirichletProblem:
     def c(self) -> Array:
         """(delta^T K b) on W, shape (n_W,)."""
         return self._problem.pulled_back(self._b[:, None])[:, 0]
+
+    @cached_property
+    def eigenvalues(self) -> tuple[float, float]:
+        """The smallest eigenvalue of H that belongs to no section of the null space, and the largest."""
+        H, free = self.H, self._null_space.shape[1]
+        if H.shape[0] <= _DENSE:
+            values = np.linalg.eigvalsh(H.toarray())
+            return float(values[free]), float(values[-1])
+        start = np.ones(H.shape[0])
+        largest = float(eigsh(H, k=1, which="LA", v0=start, return_eigenvectors=False)[0])
+        near = eigsh(H.tocsc(), k=1 + free, sigma=-1e-6 * largest, v0=start, return_eigenvectors=False)
+        return float(near.max()), largest
 
     @cached_property
     def _null_space(self) -> sparse.csc_array:

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjsheaf.control.controller import Controller
-from mjsheaf.control.law import Memory, new_memory, sample
+from mjsheaf.control.law import Memory, carry, new_memory, sample
 from mjsheaf.dynamics.disturbance import evaluate_sines
 from mjsheaf.dynamics.effectiveness import EffectivenessArrays, allocate
 from mjsheaf.jit import inline_jit, jit
@@ -103,7 +103,7 @@ def slope_of(follow, run, t, x, first, last, out):
     """Write x' of the vehicles from first to last into out (V, 3); commands are those held unless there is a law."""
     medium, effectiveness = run.medium, run.effectiveness
     if follow is not None:
-        sample(follow, t, x, run.memory)
+        sample(follow, t, x, None, run.memory)
     evaluate_sines(medium.harmonics, t, first, last, run.sines)
     for v in range(first, last):
         for i in range(3):
@@ -244,7 +244,7 @@ def _run(control, follow, run, times, advances, x, log, placed):
         for v in range(M):
             for i in range(3):
                 x[V - M + v, i] = placed[k, v, i]
-        sample(control, times[k], x, run.memory)
+        sample(control, times[k], x, None, run.memory)
         _record(run, times[k], x, k, log)
         if k == advances:
             break
@@ -295,13 +295,16 @@ def stream_ideal(
     first = phases[0].system
     x, grid, N = np.array(first.initial), first.grid, len(first.team.agents)
     before, attitude = x[:N].copy(), _attitudes(first.bodies.heading[:N])
+    control, present = first.control, first
     if controller:
-        controller.enter(first.team, first.control)
+        control = controller.enter(first.team, control)
         controller.reset()
+    memory = new_memory(control.law, len(x))
     of = grid.steps + 1 if targets is None else min(grid.steps + 1, len(targets))
     for system, begin, end in pieces_of(phases, samples, of):
         control = controller.enter(system.team, system.control) if controller else system.control
-        memory = new_memory(control.law, len(x))
+        if system is not present:
+            memory, present = carry(memory, control.law), system
         integrator = new_integrator(system.medium, system.effectiveness, system.tolerance, grid.period, memory)
         log = new_log(end - begin, len(x), inputs=(N, system.effectiveness.pinv.shape[1]))
         done, broken = 0, -1

@@ -16,7 +16,7 @@ from numba import types
 from numpy.typing import NDArray
 
 from mjsheaf.control.controller import Controller, Law, controller_of
-from mjsheaf.control.law import ControlArrays, Memory, new_memory, sample
+from mjsheaf.control.law import ControlArrays, Memory, carry, new_memory, sample
 from mjsheaf.dynamics.disturbance import evaluate_sines
 from mjsheaf.engine import mujoco
 from mjsheaf.errors import InputError, UnstableError, expected
@@ -39,6 +39,7 @@ class LoopState(NamedTuple):
         qpos, qvel, qacc, ctrl, act, applied: MuJoCo's own; `applied` is qfrc_applied.
         gear, gain, lag: of the actuators: actuator_gear, actuator_gainprm, actuator_actadr.
         x: where the law sees the vehicles, padded, shape (V, 3), m.
+        drift: of the medium that carries each vehicle, as it measures it, shape (V, 3), m/s.
         memory: of the law.
         sines: of the disturbances, now, shape (V K,).
     """
@@ -53,6 +54,7 @@ class LoopState(NamedTuple):
     gain: Array
     lag: NDArray[np.int32]
     x: Array
+    drift: Array
     memory: Memory
     sines: Array
 
@@ -111,11 +113,16 @@ def controlled_position(kind, body, qpos, x):
 def close_loop(loop, t, due):
     """All before a physics step: the law if it is due; then each vehicle measures, is pushed, and drives."""
     state, medium, kinds, bodies = loop.state, loop.medium, loop.fleet.kinds, loop.fleet.bodies
+    evaluate_sines(medium.harmonics, t, 0, bodies.shape[0], state.sines)
     if due:
         for v in range(bodies.shape[0]):
             controlled_position(kinds[bodies[v].kind], bodies[v], state.qpos, state.x[v])
-        sample(loop.control, t, state.x, state.memory)
-    evaluate_sines(medium.harmonics, t, 0, bodies.shape[0], state.sines)
+            if loop.control.law.terms.drift > 0.0:
+                a, planar = bodies[v].qpos, kinds[bodies[v].kind].planar
+                x, y, z = state.qpos[a], state.qpos[a + 1], 0.0 if planar else state.qpos[a + 2]
+                w = medium_velocity(medium, state.sines, v, x, y, z)
+                state.drift[v, 0], state.drift[v, 1], state.drift[v, 2] = w[0], w[1], w[2]
+        sample(loop.control, t, state.x, state.drift, state.memory)
     q = state.qpos
     for v in range(bodies.shape[0]):
         body = bodies[v]
@@ -278,6 +285,7 @@ def new_loop(
         gain=model.actuator_gainprm,
         lag=model.actuator_actadr,
         x=np.zeros((V, 3)),
+        drift=np.zeros((V, 3)),
         memory=new_memory(control.law, V),
         sines=np.zeros(len(medium.harmonics.rate)),
     )
@@ -469,14 +477,14 @@ class World:
         if system is not self.system:
             self.system = system
             control, state = self._control(), self._loop.state
-            memory = new_memory(control.law, len(state.x))
-            memory.flat[len(memory.y) :] = state.memory.flat[len(state.memory.y) :]
-            self._loop = self._loop._replace(control=control, state=state._replace(memory=memory))
+            self._loop = self._loop._replace(
+                control=control, state=state._replace(memory=carry(state.memory, control.law))
+            )
         return self._loop
 
     def _control(self) -> ControlArrays:
         """What onboard computers know now; a law in Python takes the agents over."""
-        control = self.system.control
+        control = self.system.control_of_bodies
         return self._controller.enter(self.system.team, control) if self._controller else control
 
     def _consult(self, controller: Controller) -> None:

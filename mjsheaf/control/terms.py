@@ -1,0 +1,379 @@
+"""Terms of the law beyond -k1 eta, from the same information: neighbours' numbers, own odometry and memory.
+
+With H and B of the harmonic extension H q* = B p + c, an agent at a sample
+
+    feedforward   adds v + lead (v - v_before), where H v = B p': how q* moves
+    newton        asks for k1 delta, where H delta = -eta, in place of -k1 eta
+    drift         takes off what carries it beside its command, as it sees by itself
+    integral      takes off k_I z, where z' = eta
+
+Both systems are solved by rounds of Chebyshev's iteration, begun with what the sample before left: a round is one
+exchange, in which agent i is sent F_j x_j by its neighbours j. Where the eigenvalues of H lie is fixed before the run.
+An agent that senses a target knows the velocity of that from how its measurement changed and how it moved itself.
+"""
+
+from typing import Annotated, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from mjsheaf.io.section import NonNegative, Positive, Section
+from mjsheaf.jit import inline_jit, jit
+from mjsheaf.noise import normals
+from mjsheaf.team import Team
+
+Array = NDArray[np.float64]
+
+_ODOMETRY = 1  # stream of random numbers
+
+Rounds = Annotated[int, Field(ge=1, le=1000)]
+
+
+class Feedforward(Section):
+    """The velocity of q*, from what agents sense of their targets' velocities."""
+
+    rounds: Rounds = Field(3, description="exchanges between neighbours a control period")
+    filter: NonNegative = Field(0.0, description="time constant on the measured velocity of targets, s")
+    extrapolate: bool = Field(False, description="ahead by one control period and the vehicle's time constant")
+
+
+class Newton(Section):
+    """Straight to q* instead of down the slope of the disagreement."""
+
+    rounds: Rounds = Field(3, description="exchanges between neighbours a control period")
+
+
+class Drift(Section):
+    """An observer of what carries the agent beside its command."""
+
+    filter: NonNegative = Field(0.1, description="time constant, s")
+
+
+class Integral(Section):
+    """The sum of the disagreement over time, without odometry."""
+
+    gain: Positive = Field(description="k_I, 1/s^2")
+    limit: Positive = Field(1e9, description="largest correction, m/s")
+
+
+class Odometry(Section):
+    """Errors of an agent's own displacement, on which feedforward and drift rest."""
+
+    noise: NonNegative = Field(0.0, description="standard deviation of each coordinate, m a sample")
+    bias: float = Field(0.0, ge=-1e9, le=1e9, description="of each coordinate, m/s")
+
+
+class Terms(NamedTuple):
+    """The terms of a law; None leaves one out."""
+
+    feedforward: Feedforward | None = None
+    newton: Newton | None = None
+    drift: Drift | None = None
+    integral: Integral | None = None
+    odometry: Odometry = Odometry()
+
+    @property
+    def any(self) -> bool:
+        """Whether the law is more than the paper's."""
+        return any(term is not None for term in self[:4])
+
+
+class TermArrays(NamedTuple):
+    """The terms for compiled code.
+
+    Attributes:
+        agents: N; 0 where the law is the paper's.
+        dimension: of each agent, shape (N,).
+        period: between samples, s.
+        sensing: first and last + 1 of the sensing edges, shape (2,).
+        eigenvalues: lower and upper bound of those of H, shape (2,).
+        feedforward, newton: rounds; 0 without.
+        measured, drift: share of a new measurement that the filters of target velocity and drift take; drift 0 without.
+        lead: of feedforward, in samples, shape (N,).
+        integral, largest: k_I, 1/s^2, 0 without, and the largest correction, m/s.
+        noise, bias: of odometry, m and m/s.
+        seed: of its random numbers.
+    """
+
+    agents: int
+    dimension: NDArray[np.int64]
+    period: float
+    sensing: NDArray[np.int64]
+    eigenvalues: Array
+    feedforward: int
+    newton: int
+    measured: float
+    drift: float
+    lead: Array
+    integral: float
+    largest: float
+    noise: float
+    bias: float
+    seed: int
+
+
+class TermMemory(NamedTuple):
+    """What the terms of V vehicles hold from sample to sample; without terms V is 0.
+
+    Attributes:
+        samples: how many so far, shape (1,).
+        y: measurements of the sample before, shape (m,), m.
+        x: positions then, of which an agent knows the difference to its own now, shape (V, 3), m.
+        moved: displacement since then by odometry, shape (V, 3), m.
+        seen: drift since then, as measured, shape (V, 3), m/s.
+        rate: B p', filtered; v: the solution of H v = B p'; shape (V, 3), m/s.
+        delta: the solution of H delta = -eta, shape (V, 3), m.
+        drift: the observer's, shape (V, 3), m/s.
+        z: integral of eta, shape (V, 3), m s.
+        right: a right side, shape (V, 3).
+        direction, residue: of Chebyshev's iteration, shape (V, 3).
+    """
+
+    samples: Array
+    y: Array
+    x: Array
+    moved: Array
+    seen: Array
+    rate: Array
+    v: Array
+    delta: Array
+    drift: Array
+    z: Array
+    right: Array
+    direction: Array
+    residue: Array
+
+
+def size_of_memory(terms: TermArrays, m: int, V: int) -> int:
+    """How many numbers the terms hold."""
+    return 1 + m + 33 * V if terms.agents else 0
+
+
+def split_memory(flat: Array, terms: TermArrays, m: int, V: int) -> TermMemory:
+    """Views of so many numbers."""
+    m, V = (m, V) if terms.agents else (0, 0)
+    count, y, rest = flat[: 1 if terms.agents else 0], flat[1 : 1 + m], flat[1 + m :]
+    return TermMemory(count, y, *rest.reshape(11, V, 3))
+
+
+def no_terms() -> TermArrays:
+    """The paper's law."""
+    return TermArrays(
+        agents=0,
+        dimension=np.zeros(0, dtype=np.int64),
+        period=1.0,
+        sensing=np.zeros(2, dtype=np.int64),
+        eigenvalues=np.ones(2),
+        feedforward=0,
+        newton=0,
+        measured=1.0,
+        drift=0.0,
+        lead=np.zeros(0),
+        integral=0.0,
+        largest=np.inf,
+        noise=0.0,
+        bias=0.0,
+        seed=0,
+    )
+
+
+def pack_terms(terms: Terms, team: Team, period: float, seed: int) -> TermArrays:
+    """The terms of a law for compiled code, on ideal kinematics.
+
+    Args:
+        terms: the terms.
+        team: the team.
+        period: between samples, s; with terms it is positive.
+        seed: of the run.
+    """
+    if not terms.any:
+        return no_terms()
+    forward, newton, drift, integral, odometry = terms
+    N, first = len(team.agents), len(team.communication)
+    solves = forward or newton
+    return TermArrays(
+        agents=N,
+        dimension=np.array([a.dimension for a in team.agents], dtype=np.int64),
+        period=period,
+        sensing=np.array([first, first + len(team.sensing)], dtype=np.int64),
+        eigenvalues=np.array(team.dirichlet.eigenvalues if solves else (1.0, 1.0)),
+        feedforward=forward.rounds if forward else 0,
+        newton=newton.rounds if newton else 0,
+        measured=_share(period, forward.filter) if forward else 1.0,
+        drift=_share(period, drift.filter) if drift else 0.0,
+        lead=np.full(N, float(forward is not None and forward.extrapolate)),
+        integral=integral.gain if integral else 0.0,
+        largest=integral.limit if integral else np.inf,
+        noise=odometry.noise,
+        bias=odometry.bias,
+        seed=seed,
+    )
+
+
+def _share(period: float, time_constant: float) -> float:
+    """What a first-order filter takes of a new measurement."""
+    return float(-np.expm1(-period / time_constant)) if time_constant > 0.0 else 1.0
+
+
+@inline_jit
+def limit_speed(limit, velocity):
+    """Shorten velocity (3,) to the limit, keeping its direction; return whether it was longer."""
+    speed = np.sqrt(velocity[0] ** 2 + velocity[1] ** 2 + velocity[2] ** 2)
+    if speed > limit:
+        velocity *= limit / speed
+        return True
+    return False
+
+
+@inline_jit
+def apply_laplacian(edges, agents, x, out):
+    """Write H x into out (V, 3) for x (V, 3), of which the first `agents` rows count: one exchange between agents."""
+    for v in range(agents):
+        out[v, 0], out[v, 1], out[v, 2] = 0.0, 0.0, 0.0
+    for e in range(edges.tail.shape[0]):
+        i, j = edges.tail[e], edges.head[e]
+        pulls_tail, pulls_head = edges.listens[e, 0] and i < agents, edges.listens[e, 1] and j < agents
+        for r in range(edges.first[e], edges.first[e + 1]):
+            z = 0.0
+            if j < agents:
+                z = edges.F_head[r, 0] * x[j, 0] + edges.F_head[r, 1] * x[j, 1] + edges.F_head[r, 2] * x[j, 2]
+            if i < agents:
+                z -= edges.F_tail[r, 0] * x[i, 0] + edges.F_tail[r, 1] * x[i, 1] + edges.F_tail[r, 2] * x[i, 2]
+            for c in range(3):
+                if pulls_tail:
+                    out[i, c] -= edges.P_tail[r, c] * z
+                if pulls_head:
+                    out[j, c] += edges.P_head[r, c] * z
+
+
+@inline_jit
+def solve(edges, terms, rounds, b, x, memory):
+    """Improve the solution x (V, 3) of H x = b (V, 3) by rounds of Chebyshev's iteration.
+
+    The error falls by T_r((b + a) / (b - a)) in r rounds where the eigenvalues lie in [a, b], in every eigenvector
+    alike but for the sign (Saad, Iterative Methods for Sparse Linear Systems, 2nd ed., algorithm 12.1; written so that
+    nothing is divided by b - a).
+    """
+    low, high = terms.eigenvalues
+    middle, square = 0.5 * (low + high), 0.25 * (high - low) ** 2
+    before, scale = 0.0, 1.0 / middle
+    for r in range(rounds):
+        apply_laplacian(edges, terms.agents, x, memory.residue)
+        kept, taken = square * before * scale, (2.0 if r else 1.0) * scale
+        for v in range(terms.agents):
+            for i in range(3):
+                memory.direction[v, i] = taken * (b[v, i] - memory.residue[v, i]) + (
+                    kept * memory.direction[v, i] if r else 0.0
+                )
+                x[v, i] += memory.direction[v, i]
+        before, scale = scale, 1.0 / (2.0 * middle - square * scale)
+
+
+@jit
+def navigate(terms, x, drift, command, memory):
+    """Write what agents see of their own motion since the sample before.
+
+    Args:
+        terms: the terms.
+        x: positions, shape (V, 3), m.
+        drift: velocity over ground less that through the medium, measured on bodies, shape (V, 3), m/s; None takes
+            what the displacement has beside the command.
+        command: since the sample before, as limited, shape (V, 3), m/s.
+        memory: see TermMemory.
+    """
+    if memory.samples[0] == 0.0:
+        return
+    h = terms.period
+    for v in range(terms.agents):
+        error = (0.0, 0.0, 0.0, 0.0)
+        if terms.noise > 0.0:
+            error = normals(terms.seed, (_ODOMETRY, v), int(memory.samples[0]), 0)
+        for i in range(terms.dimension[v]):
+            wrong = terms.noise * error[i] + terms.bias * h
+            memory.moved[v, i] = x[v, i] - memory.x[v, i] + wrong
+            if drift is None:
+                memory.seen[v, i] = memory.moved[v, i] / h - command[v, i]
+            else:
+                memory.seen[v, i] = drift[v, i] + wrong / h
+
+
+@jit
+def add_terms(law, y, residual, command, memory):
+    """Add the terms to the agents' commands (V, 3), which hold -k1 eta, from measurements (m,) and eta (V, 3)."""
+    terms, known = law.terms, memory.samples[0] > 0.0
+    if terms.newton > 0:
+        _ascend(law, residual, command, memory)
+    if terms.feedforward > 0 and known:
+        _feed_forward(law, y, command, memory)
+    if terms.drift > 0.0 and known:
+        share = terms.drift if memory.samples[0] > 1.0 else 1.0  # the first measurement has nothing to be mixed with
+        for v in range(terms.agents):
+            for i in range(3):
+                memory.drift[v, i] += share * (memory.seen[v, i] - memory.drift[v, i])
+                command[v, i] -= memory.drift[v, i]
+    if terms.integral > 0.0:
+        for v in range(terms.agents):
+            for i in range(3):
+                command[v, i] -= terms.integral * memory.z[v, i]
+
+
+@inline_jit
+def _ascend(law, residual, command, memory):
+    """Put k1 delta in place of -k1 eta, where H delta = -eta."""
+    terms = law.terms
+    for v in range(terms.agents):
+        for i in range(3):
+            memory.right[v, i] = -residual[v, i]
+    solve(law.edges, terms, terms.newton, memory.right, memory.delta, memory)
+    for v in range(terms.agents):
+        for i in range(3):
+            command[v, i] = law.gain[v] * memory.delta[v, i]
+
+
+@inline_jit
+def _feed_forward(law, y, command, memory):
+    """Add the velocity of q*, from how measurements of targets changed and how agents moved themselves."""
+    edges, terms, measured = law.edges, law.terms, memory.right
+    share = terms.measured if memory.samples[0] > 1.0 else 1.0
+    for v in range(terms.agents):
+        measured[v, 0], measured[v, 1], measured[v, 2] = 0.0, 0.0, 0.0
+    for e in range(terms.sensing[0], terms.sensing[1]):
+        tail = edges.listens[e, 0]  # the agent's end; y_e is F_T p - F_i q_i there, and its negative at the other
+        i = edges.tail[e] if tail else edges.head[e]
+        for r in range(edges.first[e], edges.first[e + 1]):
+            F = edges.F_tail[r] if tail else edges.F_head[r]
+            P = edges.P_tail[r] if tail else edges.P_head[r]
+            change = y[r] - memory.y[r] if tail else memory.y[r] - y[r]
+            own = F[0] * memory.moved[i, 0] + F[1] * memory.moved[i, 1] + F[2] * memory.moved[i, 2]
+            velocity = (change + own) / terms.period
+            for c in range(3):
+                measured[i, c] += P[c] * velocity
+    for v in range(terms.agents):
+        for i in range(3):
+            memory.rate[v, i] += share * (measured[v, i] - memory.rate[v, i])
+            command[v, i] -= terms.lead[v] * memory.v[v, i]
+    solve(edges, terms, terms.feedforward, memory.rate, memory.v, memory)
+    for v in range(terms.agents):
+        for i in range(3):
+            command[v, i] += (1.0 + terms.lead[v]) * memory.v[v, i]
+
+
+@inline_jit
+def integrate(terms, residual, z):
+    """Integrate eta_i (3,) over a period into z_i (3,), up to the largest correction."""
+    if terms.integral > 0.0:
+        for i in range(3):
+            z[i] += terms.period * residual[i]
+        limit_speed(terms.largest / terms.integral, z)
+
+
+@inline_jit
+def remember(terms, x, y, memory):
+    """Keep what the next sample compares with."""
+    memory.samples[0] += 1.0
+    for r in range(y.shape[0]):
+        memory.y[r] = y[r]
+    for v in range(terms.agents):
+        for i in range(3):
+            memory.x[v, i] = x[v, i]
