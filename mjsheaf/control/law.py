@@ -118,7 +118,8 @@ def new_memory(law: LawArrays, V: int) -> Memory:
     m = len(law.edges.b)
     flat = np.zeros(m + 9 * V + size_of_memory(law.terms, m, V))
     y, rest, terms = np.split(flat, [m, m + 9 * V])
-    return Memory(flat, y, *rest.reshape(3, V, 3), split_memory(terms, law.terms, m, V))
+    residual, command, supplied = rest.reshape(3, V, 3)
+    return Memory(flat, y, residual, command, supplied, split_memory(terms, law.terms, m, V))
 
 
 def carry(memory: Memory, law: LawArrays) -> Memory:
