@@ -339,14 +339,11 @@ def _feed_forward(law, y, command, memory):
     for v in range(terms.agents):
         measured[v, 0], measured[v, 1], measured[v, 2] = 0.0, 0.0, 0.0
     for e in range(terms.sensing[0], terms.sensing[1]):
-        tail = edges.listens[e, 0]  # the agent's end; y_e is F_T p - F_i q_i there, and its negative at the other
-        i = edges.tail[e] if tail else edges.head[e]
+        i = edges.tail[e]  # the agent is the tail: y_e = F_T p - F_i q_i
         for r in range(edges.first[e], edges.first[e + 1]):
-            F = edges.F_tail[r] if tail else edges.F_head[r]
-            P = edges.P_tail[r] if tail else edges.P_head[r]
-            change = y[r] - memory.y[r] if tail else memory.y[r] - y[r]
+            F, P = edges.F_tail[r], edges.P_tail[r]
             own = F[0] * memory.moved[i, 0] + F[1] * memory.moved[i, 1] + F[2] * memory.moved[i, 2]
-            velocity = (change + own) / terms.period
+            velocity = (y[r] - memory.y[r] + own) / terms.period
             for c in range(3):
                 measured[i, c] += P[c] * velocity
     for v in range(terms.agents):
