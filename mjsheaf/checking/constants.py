@@ -225,20 +225,18 @@ class Tube:
 
 @dataclass(frozen=True)
 class Constants:
-    """The constants of a system, and where they hold.
+    """The constants of a system, but for those of a region.
 
     Attributes:
+        path: the targets' path and the harmonic extension along it.
         difference: f_B along the targets' path; its bound is f_bar.
-        rho: largest slope of the flow over the agents' tube, 1/s, and where.
-        speed: largest speed of the flow over their tube, without uniform drift, which cancels in f~, m/s.
         largest_disturbance: largest omega_bar_i, m/s.
         omega_bar: bound on |Delta|, m/s.
         initial_error: |e(t0)|, m.
     """
 
+    path: TargetPath
     difference: Difference
-    rho: Supremum
-    speed: Supremum
     largest_disturbance: float
     omega_bar: float
     initial_error: float
@@ -249,16 +247,16 @@ class Region:
     """Where the theory keeps a run.
 
     Attributes:
-        path: the targets' path and the harmonic extension along it.
         tube: boxes that hold the agents.
         source: why they do, or what they are.
         verified: whether they are proven to, for the law without limits, and the path is known.
+        rho: at least the largest slope of the flow over the tube, 1/s, and where.
     """
 
-    path: TargetPath
     tube: Tube
     source: str
     verified: bool
+    rho: Supremum
 
 
 def tube_about(system: System, path: TargetPath, carrier: Carrier, radius: Radius) -> Tube:

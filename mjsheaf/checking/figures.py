@@ -105,7 +105,7 @@ def _graph(axis: Any, system: System, record: CheckRecord) -> None:
 def _difference(axis: Any, system: System, certificate: Certificate) -> None:
     """The paper's figure of Assumption 7, at the instant at which the difference is largest."""
     team = system.team
-    path, along = certificate.region.path, certificate.constants.difference
+    path, along = certificate.constants.path, certificate.constants.difference
     size = np.linalg.norm(along.values, axis=1)
     if not np.isfinite(size).all():
         why = path.warning or "a target or q* meets a singular kernel"

@@ -80,7 +80,7 @@ class RunBound:
         """Why the theorem does not apply, or empty: the certificate's reason, or that the run has other targets."""
         if self.controller:
             return f"the run has a law of its own, {self.controller}, and the theorem is about the paper's"
-        error = self.certificate.region.path.error
+        error = self.certificate.constants.path.error
         if self.certificate.reason or self.bodies or self.departure <= error:
             return self.certificate.reason
         return f"the run's targets leave the path that was checked by {self.departure:.2g} m, more than {error:.2g} m"
@@ -154,7 +154,7 @@ def _compared(bound: RunBound, dataset: "xr.Dataset") -> RunBound:
 
 def _departure(certificate: Certificate, dataset: "xr.Dataset") -> tuple[float, float]:
     """The farthest coordinate of the run, and the largest distance of its targets from the certificate's path, m."""
-    path, departure, farthest, done = certificate.region.path, 0.0, 0.0, 0
+    path, departure, farthest, done = certificate.constants.path, 0.0, 0.0, 0
     for piece in pieces_of(dataset, ["agent_position", "target_position"]):
         targets = np.nan_to_num(piece["target_position"].values)
         farthest = max(farthest, float(np.abs(targets).max(initial=0.0)))

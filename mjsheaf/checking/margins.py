@@ -154,7 +154,7 @@ class Margins(Record):
 
 def margins(system: System, certificate: Certificate) -> Margins:
     """All margins of a system."""
-    spectrum, path, difference = certificate.spectrum, certificate.region.path, certificate.constants.difference
+    spectrum, path, difference = certificate.spectrum, certificate.constants.path, certificate.constants.difference
     agents = system.vehicles[: len(system.team.agents)]
     inertia = body_margin(system, spectrum, of_each(agents, lambda vehicle: float(vehicle.reduced_model().tau.max())))
     medium = mean_medium(system, path.time, path.q_star) if path.cells else np.full((len(agents), 3), np.nan)
