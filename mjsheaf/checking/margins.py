@@ -22,7 +22,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import eigsh
 
 from mjsheaf.checking.certificate import Certificate
-from mjsheaf.checking.cohomology import DENSE_STATES, Spectrum
+from mjsheaf.checking.cohomology import DENSE_STATES, Spectrum, spectrum_of
 from mjsheaf.checking.constants import Difference, agent_drift
 from mjsheaf.control import disagreement
 from mjsheaf.errors import InputError
@@ -288,10 +288,11 @@ def body_loop(system: System, spectrum: Spectrum, medium: Array) -> BodyLoop:
         if not spectrum.smallest.size:
             raise _UndecidedError("nothing is held")
         loop = _close(system, spectrum, _models(system, medium, timestep, steps), period)
-    except (_UndecidedError, InputError) as error:
-        return _undecided(period, str(error))
-    except np.linalg.LinAlgError as error:  # a vehicle so stiff that its step is not finite
-        return _undecided(period, f"the vehicles cannot be linearised: {error}")
+    except (_UndecidedError, InputError, np.linalg.LinAlgError) as error:
+        stiff = isinstance(error, np.linalg.LinAlgError)  # a step that is not finite
+        unknown = dict.fromkeys(("stable", "spectral_radius", "largest_gain", "least_damped"))
+        reason = "the vehicles cannot be linearised: " * stiff + str(error)
+        return BodyLoop(**unknown, period=period, reason=reason)
     none = _NEUTRAL_RATE * period
     modes = loop.modes(system.gain)
     size = np.hypot(modes.factor.real, modes.factor.imag)
@@ -311,9 +312,10 @@ def body_loop(system: System, spectrum: Spectrum, medium: Array) -> BodyLoop:
     )
 
 
-def _undecided(period: float, reason: str) -> BodyLoop:
-    unknown = dict.fromkeys(("stable", "spectral_radius", "largest_gain", "least_damped"))
-    return BodyLoop(**unknown, period=period, reason=reason)
+def loop_along(system: System, time: Array, q_star: Array) -> BodyLoop:
+    """The loop in the mean flow along harmonic extensions, padded, shape (T, N, 3), m, at times (T,), s."""
+    path = q_star.reshape(len(time), -1)[:, system.team.slots[: system.team.first_state[-1]]]
+    return body_loop(system, spectrum_of(system.team), mean_medium(system, time, path))
 
 
 def mean_medium(system: System, time: Array, q_star: Array) -> Array:

@@ -56,8 +56,6 @@ _COMPARED = 2000  # instants of a continuous law at which two integrations are c
 _DIFFERENCES = 20.0  # of two integrations, that are allowed
 _LARGEST_ERROR = 1e-4  # m, and relative to its farthest position: a path that may be farther off is not known
 
-_DENSE = 200_000  # numbers of K that are held as such
-
 _DONE, _FULL, _STUCK = 0, 1, 2
 
 
@@ -179,12 +177,11 @@ class _Rates(NamedTuple):
 
 
 class _Consensus(NamedTuple):
-    """The targets' own law -gain (L_T p - c_T): L_T over padded targets by compressed rows, and gain (M,), 1/s."""
+    """L_T over padded targets by compressed rows: their own law is -gain (L_T p - c_T)."""
 
     start: NDArray[np.int64]
     column: NDArray[np.int64]
     value: Array
-    gain: Array
 
 
 class _Step(NamedTuple):
@@ -231,7 +228,7 @@ class _Setting(NamedTuple):
 @inline_jit
 def _bound_speeds(setting, medium, continuous, h, x, bound):
     """Find V and D for a step h from x, see the module; False where none is found."""
-    consensus, motion, rates = setting.consensus, setting.control.motion, setting.rates
+    consensus, motion, rates, gain = setting.consensus, setting.control.motion, setting.rates, setting.control.law.gain
     M = x.shape[0]
     for v in range(M):
         bound.V[v] = bound.speed[v]
@@ -252,9 +249,9 @@ def _bound_speeds(setting, medium, continuous, h, x, bound):
                 moved += a * a
                 moving += b * b
             if continuous:
-                D += rates.acceleration[v] + motion.pull[v] * (rates.speed[v] + V) + consensus.gain[v] * np.sqrt(moved)
+                D += rates.acceleration[v] + motion.pull[v] * (rates.speed[v] + V) + gain[v] * np.sqrt(moved)
             bound.D[v] = D
-            bound.slope[v] = slope + motion.pull[v] + consensus.gain[v] * np.sqrt(moving)
+            bound.slope[v] = slope + motion.pull[v] + gain[v] * np.sqrt(moving)
             right = right and bound.speed[v] + h * (D + rates.shake[v]) <= V
         if right:
             return True
@@ -278,7 +275,7 @@ def _tighten(setting, h, velocity, bound):
                 change += abs(consensus.value[k]) * (bound.D[j] + rates.shake[j])
             moved += (abs(at) + h * change) ** 2
         gap = bound.gap[v] + h * (rates.acceleration[v] + bound.D[v] + rates.shake[v])
-        own = rates.acceleration[v] + motion.pull[v] * gap + consensus.gain[v] * np.sqrt(moved)
+        own = rates.acceleration[v] + motion.pull[v] * gap + setting.control.law.gain[v] * np.sqrt(moved)
         bound.lower[v] = min(bound.D[v], bound.flow[v] + own)
     for v in range(M):
         bound.D[v] = bound.lower[v]
@@ -337,10 +334,9 @@ def _follow(follow, setting, run, place, x, bound, cells, samples):
                 place[0], place[1], place[2] = k, done, step
                 return _FULL, count
             for v in range(M):  # f_p at t, while the sines are those of t
-                wx, wy, wz = disturbance_velocity(medium.harmonics, run.sines, v)
-                cells.drift[count, v, 0] = 0.5 * (run.slope[0, v, 0] - wx)
-                cells.drift[count, v, 1] = 0.5 * (run.slope[0, v, 1] - wy)
-                cells.drift[count, v, 2] = 0.5 * (run.slope[0, v, 2] - wz)
+                w = disturbance_velocity(medium.harmonics, run.sines, v)
+                for i in range(3):
+                    cells.drift[count, v, i] = 0.5 * (run.slope[0, v, i] - w[i])
             if h > _NEARLY * (period - done):  # so that no sliver is left
                 h = period - done
             error = np.inf
@@ -363,14 +359,12 @@ def _follow(follow, setting, run, place, x, bound, cells, samples):
             cells.begin[count] = t
             cells.end[count] = times[k + 1] if last else t + h
             for v in range(M):
-                wx, wy, wz = disturbance_velocity(medium.harmonics, run.sines, v)  # those of t + h
-                cells.drift[count, v, 0] += 0.5 * (run.slope[6, v, 0] - wx)
-                cells.drift[count, v, 1] += 0.5 * (run.slope[6, v, 1] - wy)
-                cells.drift[count, v, 2] += 0.5 * (run.slope[6, v, 2] - wz)
+                w = disturbance_velocity(medium.harmonics, run.sines, v)  # those of t + h
                 cells.bend[count, v] = 0.125 * h * h * (bound.D[v] + rates.shake[v])
                 cells.spread[count, v] = 0.5 * h * bound.D[v]
                 cells.slope[count, v] = bound.slope[v]
                 for i in range(3):
+                    cells.drift[count, v, i] += 0.5 * (run.slope[6, v, i] - w[i])
                     cells.centre[count, v, i] = 0.5 * (x[v, i] + run.state[v, i])
                     cells.half[count, v, i] = 0.5 * (run.state[v, i] - x[v, i])
                     x[v, i] = run.state[v, i]
@@ -408,7 +402,8 @@ def follow_targets(system: System, carrier: Carrier | None = None) -> TargetPath
         if _DIFFERENCES * apart > error:
             error = _DIFFERENCES * apart
             samples, cells = _integrate(system, share=1.0, tolerance=_TOLERANCE, margin=error)
-        cells = _widened(cells, error)
+        # Cells that hold every path within `error` of the one that they cover.
+        cells = cells._replace(bend=cells.bend + error, spread=cells.spread + error * cells.slope)
     except _UnknownPathError as unknown:
         still = np.repeat(system.initial[None], 2, axis=0)
         span = system.grid.span(0, system.grid.steps + 1)[[0, -1]]
@@ -439,7 +434,8 @@ def _integrate(system: System, share: float, tolerance: float, margin: float | N
     times = np.asarray(grid.start + period * np.arange(grid.steps * between + 1), dtype=np.float64)
     samples = np.empty(((len(times) - 1) // stride + 1, M, 3))
     samples[0] = x
-    place, bound, blocks, total = np.array([0.0, 0.0, period]), _step(M), [], 0
+    place, blocks, total = np.array([0.0, 0.0, period]), list[Cells](), 0
+    bound = _Step(*(np.zeros((M, 3) if name == "lead" else M) for name in _Step._fields))
     memory = new_memory(control.law, M)
     run = new_integrator(medium, system.effectiveness, (tolerance, tolerance), period, memory)
     reference = control.motion._replace(pull=np.zeros(M))
@@ -466,15 +462,6 @@ def _integrate(system: System, share: float, tolerance: float, margin: float | N
                 f"their path is too long or too stiff to follow: {total} steps lead to t = {now:.4g} s "
                 f"of {times[-1]:.4g} s"
             )
-
-
-def _widened(cells: Cells, error: float) -> Cells:
-    """Cells that hold every path within `error` of the one that they cover, m."""
-    return cells._replace(bend=cells.bend + error, spread=cells.spread + error * cells.slope)
-
-
-def _step(M: int) -> _Step:
-    return _Step(*(np.zeros((M, 3) if name == "lead" else M) for name in _Step._fields))
 
 
 def _blank(count: int, M: int) -> Cells:
@@ -508,10 +495,9 @@ def _consensus(system: System) -> _Consensus:
     team, N = system.team, len(system.team.agents)
     slots = team.slots[team.first_state[-1] :] - 3 * N
     L = team.target_sheaf.laplacian().tocoo()
-    size = 3 * len(team.targets)
-    padded = sparse.csr_array((L.data, (slots[L.row], slots[L.col])), shape=(size, size))
+    padded = sparse.csr_array((L.data, (slots[L.row], slots[L.col])), shape=(3 * len(team.targets),) * 2)
     padded.sort_indices()
-    return _Consensus(padded.indptr.astype(np.int64), padded.indices.astype(np.int64), padded.data, system.law.gain[N:])
+    return _Consensus(padded.indptr.astype(np.int64), padded.indices.astype(np.int64), padded.data)
 
 
 def _rates(system: System, control: ControlArrays) -> _Rates:

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from mjsheaf._version import __version__
-from mjsheaf.checking.cohomology import spectrum_of
-from mjsheaf.checking.margins import body_loop, mean_medium
+from mjsheaf.checking.margins import loop_along
 from mjsheaf.comparing.convergence import converge
 from mjsheaf.comparing.demands import JUDGED, demands_of, examine_limit, fastest_vehicles
 from mjsheaf.comparing.ladder import Progress, Run, RungRecord, ladder_of, no_progress, run_ablation
@@ -94,9 +93,8 @@ def _loop(system: System, ideal: Run) -> LoopRecord | None:
     """The loop of the scenario's bodies in the mean flow along the ideal run."""
     if not ideal.finished:
         return None
-    n_q = system.team.dirichlet.H.shape[0]
-    path = system.team.pack(positions_at_q_star(system, ideal.trajectory.positions))[:, :n_q]
-    found = body_loop(system, spectrum_of(system.team), mean_medium(system, ideal.trajectory.time, path))
+    q_star = system.team.harmonic_extension(ideal.trajectory.positions)
+    found = loop_along(system, ideal.trajectory.time, q_star)
     return LoopRecord(stable=found.stable, largest_gain=found.largest_gain, reason=found.reason)
 
 
