@@ -218,33 +218,27 @@ def explain(team: Team, spectrum: Spectrum | None = None) -> RelativeCohomology:
         spectrum: its spectrum where that is known already.
     """
     spectrum = spectrum or spectrum_of(team)
-    modes = null_modes(team)
-    basis = [FreeDirection(description=describe(team, mode), motion=_by_agent(team, mode)) for mode in modes]
-    n = team.dirichlet.H.shape[0]
+    basis = [FreeDirection(description=describe(team, mode), motion=_motion(team, mode)) for mode in null_modes(team)]
+    near = spectrum.smallest[:MOST_NEARLY] <= NEARLY * spectrum.lambda_max
     return RelativeCohomology(
         dimension=len(basis),
         tolerance=RANK_TOLERANCE,
         basis=basis,
-        near_null=_near_null(team, spectrum),
+        near_null=[
+            NearNull(
+                description=describe_nearly(team, null_mode_of(team, spectrum.vectors[:, k])),
+                eigenvalue=float(spectrum.smallest[k]),
+                ratio=float(spectrum.smallest[k] / spectrum.lambda_max),
+            )
+            for k in np.flatnonzero(near)
+        ],
         method="singular values, dense"
-        if n <= DENSE_COLUMNS
+        if team.dirichlet.H.shape[0] <= DENSE_COLUMNS
         else f"singular values of each connected component, dense up to {DENSE_COLUMNS} states and by shift-invert "
         "Lanczos beyond",
     )
 
 
-def _near_null(team: Team, spectrum: Spectrum) -> list[NearNull]:
-    near = spectrum.smallest[:MOST_NEARLY] <= NEARLY * spectrum.lambda_max
-    return [
-        NearNull(
-            description=describe_nearly(team, null_mode_of(team, spectrum.vectors[:, k])),
-            eigenvalue=float(spectrum.smallest[k]),
-            ratio=float(spectrum.smallest[k] / spectrum.lambda_max),
-        )
-        for k in np.flatnonzero(near)
-    ]
-
-
-def _by_agent(team: Team, mode: NullMode) -> dict[str, list[float]]:
+def _motion(team: Team, mode: NullMode) -> dict[str, list[float]]:
     moving = ((team.agents[a], step) for a, step in zip(mode.agents, mode.steps, strict=True))
     return {agent.id: step[: agent.dimension].round(9).tolist() for agent, step in moving}

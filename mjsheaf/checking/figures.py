@@ -35,10 +35,8 @@ def plot_check(system: System, examination: Examination, path: Path) -> None:
 
 def _spectrum(axis: Any, system: System, record: CheckRecord) -> None:
     H = system.team.dirichlet.H
-    t = record.theorem
-    values = np.array([t.lambda_min, t.lambda_max])
-    if H.shape[0] <= _LARGEST_SPECTRUM:
-        values = np.linalg.eigvalsh(H.toarray())
+    t, few = record.theorem, H.shape[0] <= _LARGEST_SPECTRUM
+    values = np.linalg.eigvalsh(H.toarray()) if few else np.array([t.lambda_min, t.lambda_max])
     floor = max(t.lambda_max * 1e-12, 1e-300)
     null = values <= record.relative_cohomology.tolerance**2 * t.lambda_max + floor
     index = np.arange(1, len(values) + 1)
@@ -53,18 +51,14 @@ def _spectrum(axis: Any, system: System, record: CheckRecord) -> None:
         limit = t.lambda_max * record.margins.bodies.largest_gain / t.gain
         axis.axhline(limit, color=_FREE, linestyle=":", label=f"{limit:.3g}: vehicles swing up above")
     axis.set_title(f"spectrum of H: {t.lambda_min:.3g} to {t.lambda_max:.3g}", fontsize=11)
-    axis.set_xlabel("number of the eigenvalue")
-    axis.set_ylabel("eigenvalue")
-    axis.grid(True, alpha=0.3)
-    _legend_below(axis)
+    _finish(axis, "number of the eigenvalue", "eigenvalue")
 
 
 def _graph(axis: Any, system: System, record: CheckRecord) -> None:
     team = system.team
     place = system.initial[:, :2]
-    number = {m.id: v for v, m in enumerate(team.members)}
     for edges, colour, style in ((team.communication, "#8A94A6", "-"), (team.sensing, "#B45309", ":")):
-        lines = [place[[number[e.tail], number[e.head]]] for e in edges]
+        lines = [place[[team.index[e.tail], team.index[e.head]]] for e in edges]
         axis.add_collection(LineCollection(lines, colors=colour, linestyles=style, linewidths=1.0, zorder=1))
     groups, _ = group_of_vehicles(team)
     colours = palette(len(team.formations))
@@ -78,7 +72,7 @@ def _graph(axis: Any, system: System, record: CheckRecord) -> None:
     reach = 0.12 * max(float(np.ptp(place, axis=0).max()), 1.0)
     for direction in record.relative_cohomology.basis:
         for agent, motion in direction.motion.items():
-            start, step = place[number[agent]], np.array(motion[:2])
+            start, step = place[team.index[agent]], np.array(motion[:2])
             if np.linalg.norm(step) > 1e-6:
                 for sign in (1.0, -1.0):
                     axis.annotate("", start + sign * reach * step / np.linalg.norm(step), start,
@@ -112,8 +106,7 @@ def _difference(axis: Any, system: System, certificate: Certificate) -> None:
         axis.text(0.5, 0.5, fill(f"not known: {why}", 50), transform=axis.transAxes, ha="center", va="center")
         axis.set_title("bounded difference", fontsize=11)
         return
-    k = int(np.argmax(size))
-    N = len(team.agents)
+    k, N = int(np.argmax(size)), len(team.agents)
     q_star, targets = team.unpack(path.q_star[k])[:, :2], path.positions[k, N:, :2]
     arrows = [team.unpack(x[k])[:, :2] for x in (along.own, along.carried)]
     longest = max(float(np.linalg.norm(a, axis=1).max()) for a in arrows) or 1.0
@@ -129,8 +122,7 @@ def _difference(axis: Any, system: System, certificate: Certificate) -> None:
     # Arrows do not count for the limits of the axes.
     axis.update_datalim(np.concatenate([*ends, targets]))
     axis.autoscale_view()
-    norm = float(size[k])
-    axis.set_title(f"bounded difference, largest at t = {path.time[k]:.4g} s: |f_B| = {norm:.3g} m/s", fontsize=11)
+    axis.set_title(f"bounded difference, largest at t = {path.time[k]:.4g} s: |f_B| = {size[k]:.3g} m/s", fontsize=11)
     handles = [
         Line2D([], [], color="black", marker="x", linestyle="", label="q*"),
         Line2D([], [], color=palette(0)[-1], marker="*", linestyle="", label="target"),
@@ -142,13 +134,12 @@ def _difference(axis: Any, system: System, certificate: Certificate) -> None:
 
 
 def _finish_map(axis: Any, x_label: str, margin: float, handles: list[Line2D]) -> None:
-    axis.set_xlabel(x_label)
-    axis.set_ylabel("y (m)")
     axis.set_aspect("equal", adjustable="datalim")
     axis.margins(margin)
+    _finish(axis, x_label, "y (m)", handles)
+
+
+def _finish(axis: Any, x_label: str, y_label: str, handles: list[Line2D] | None = None) -> None:
+    axis.set(xlabel=x_label, ylabel=y_label)
     axis.grid(True, alpha=0.3)
-    _legend_below(axis, handles)
-
-
-def _legend_below(axis: Any, handles: list[Line2D] | None = None) -> None:
     axis.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=2, frameon=False, fontsize=9)

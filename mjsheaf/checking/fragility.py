@@ -1,23 +1,19 @@
 """Fragility: what the loss of a single sensing edge, link, anchor or agent breaks, and what is left of lambda_min."""
 
-import itertools
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
 import networkx as nx
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
-from scipy import sparse
 
 from mjsheaf.checking.cohomology import agent_coboundary, smallest_eigenvalue
 from mjsheaf.io.section import Record
 from mjsheaf.sheaf.sections import sparse_null_space
 from mjsheaf.team import GROUND, Edge, Team
 
-Index = NDArray[np.int64]
 Kind = Literal["sensing", "communication", "anchor", "agent"]
 
 CONNECTED = "agent graph connected"
@@ -97,59 +93,50 @@ def single_losses(team: Team) -> tuple[list[Loss], bool]:
     breaks = _combinatorial(team, singles)
     states = team.dirichlet.H.shape[0]
     if states > EXACT_STATES or len(singles) > EXACT_LOSSES:
-        return [_loss(s, broken, None) for s, broken in zip(singles, breaks, strict=True) if broken], False
+        found = zip(singles, breaks, strict=True)
+        return [Loss(kind=s.kind, name=s.name, breaks=broken, lambda_min=None) for s, broken in found if broken], False
 
-    coboundary, rows = agent_coboundary(team), _rows_of_edges(team)
-    agent_of_state = team.slots[:states] // 3
-    free = team.dirichlet.sparse_null_basis.shape[1]
+    coboundary, free = agent_coboundary(team), team.dirichlet.sparse_null_basis.shape[1]
+    sizes = [len(edge.b) for _, edge in _edges(team)]
+    edge_of_row, agent_of_state = np.repeat(np.arange(len(sizes)), sizes), team.slots[:states] // 3
     losses = []
     for single, broken in zip(singles, breaks, strict=True):
-        kept = np.ones(coboundary.plain.shape[0], dtype=bool)
-        for e in single.edges:
-            kept[rows[e]] = False
         lost = agent_of_state == single.agent
         # What the lost agent alone was free to do is lost with it.
-        free_before = free - _dimension(coboundary.plain[:, lost]) if free and lost.any() else free
-        left = coboundary.kept(kept, ~lost)
+        gone = sparse_null_space(coboundary.plain[:, lost]).shape[1] if free and lost.any() else 0
+        left = coboundary.kept(~np.isin(edge_of_row, single.edges), ~lost)
         lambda_min = smallest_eigenvalue(left)
-        if lambda_min == 0.0 and _dimension(left.plain) > free_before:
+        if lambda_min == 0.0 and sparse_null_space(left.plain).shape[1] > free - gone:
             broken += (TRIVIAL,)
-        losses.append(_loss(single, broken, lambda_min))
+        losses.append(Loss(kind=single.kind, name=single.name, breaks=broken, lambda_min=lambda_min))
     losses.sort(key=lambda loss: (not loss.breaks, round(loss.lambda_min or 0.0, 12)))  # rounding does not choose
     return losses, True
 
 
-def _loss(single: _Single, breaks: tuple[str, ...], lambda_min: float | None) -> Loss:
-    return Loss(kind=single.kind, name=single.name, breaks=breaks, lambda_min=lambda_min)
-
-
-def _dimension(plain: sparse.csr_array) -> int:
-    return sparse_null_space(plain).shape[1]
+def _edges(team: Team) -> list[tuple[Kind | None, Edge]]:
+    """The edges in the order of the sheaf, with the kind of those that can be lost."""
+    kinds: list[tuple[Kind | None, tuple[Edge, ...]]] = [
+        ("communication", team.communication),
+        ("sensing", team.sensing),
+        (None, team.target_edges),
+        ("anchor", team.anchors),
+    ]
+    return [(kind, edge) for kind, edges in kinds for edge in edges]
 
 
 def _singles(team: Team) -> Iterator[_Single]:
     """Everything that can be lost alone, edges first in the order of the sheaf."""
-    fields: list[tuple[Kind, tuple[Edge, ...]]] = [
-        ("communication", team.communication),
-        ("sensing", team.sensing),
-        ("anchor", team.anchors),
-    ]
-    first = {
-        "communication": 0,
-        "sensing": len(team.communication),
-        "anchor": len(team.communication + team.sensing + team.target_edges),
-    }
-    incident: dict[str, list[int]] = {agent: [] for agent in team.agent_ids}
-    for kind, edges in fields:
-        alike, seen = Counter(map(_ends, edges)), Counter[tuple[str, ...]]()
-        for k, edge in enumerate(edges):
+    edges = _edges(team)
+    alike, seen = Counter(_ends(edge) for _, edge in edges), Counter[tuple[str, ...]]()
+    incident = defaultdict[str, list[int]](list)
+    for e, (kind, edge) in enumerate(edges):
+        if kind is not None:
             ends = _ends(edge)
             seen[ends] += 1
-            for end in (edge.tail, edge.head):
-                if end in incident:
-                    incident[end].append(first[kind] + k)
+            incident[edge.tail].append(e)
+            incident[edge.head].append(e)
             which = f" ({seen[ends]} of {alike[ends]})" if alike[ends] > 1 else ""
-            yield _Single(kind, _name(edge) + which, (first[kind] + k,))
+            yield _Single(kind, _name(edge) + which, (e,))
     if len(team.agents) > 1:
         for i, agent in enumerate(team.agent_ids):
             yield _Single("agent", agent, tuple(incident[agent]), i)
@@ -167,20 +154,11 @@ def _name(edge: Edge) -> str:
     return f"{edge.tail} along {', '.join(axes)}" if len(axes) == len(edge.F_tail) else f"{edge.tail} to a fixed value"
 
 
-def _rows_of_edges(team: Team) -> list[Index]:
-    """Rows of the coboundary that belong to each edge, in the order of the sheaf."""
-    edges = team.communication + team.sensing + team.target_edges + team.anchors
-    ends = np.cumsum([0, *(len(e.F_tail) for e in edges)])
-    return [np.arange(start, end) for start, end in itertools.pairwise(ends)]
-
-
 def _combinatorial(team: Team, singles: list[_Single]) -> list[tuple[str, ...]]:
     """For each loss, which of CONNECTED and SENSED it breaks; this needs no linear algebra and is exact at any size."""
-    edges = team.communication + team.sensing
-    graph = nx.Graph()
+    edges, links = [edge for _, edge in _edges(team)], Counter(map(_ends, team.communication))
+    graph = nx.Graph(list(links))
     graph.add_nodes_from(team.agent_ids)
-    links = Counter(map(_ends, team.communication))
-    graph.add_edges_from(links)
     bridges = {(min(pair), max(pair)) for pair in nx.bridges(graph)}
     cuts = set(nx.articulation_points(graph))
 
@@ -193,12 +171,9 @@ def _combinatorial(team: Team, singles: list[_Single]) -> list[tuple[str, ...]]:
     def of(single: _Single) -> tuple[str, ...]:
         if single.agent is not None:
             disconnects, blinds = single.name in cuts, single.name in alone
-        elif single.kind == "anchor":
-            disconnects = blinds = False
         else:
             edge = edges[single.edges[0]]
-            ends = _ends(edge)
-            disconnects, blinds = ends in bridges and links[ends] == 1, edge.head in once
+            disconnects, blinds = links[_ends(edge)] == 1 and _ends(edge) in bridges, edge.head in once
         return (CONNECTED,) * disconnects + (SENSED,) * blinds
 
     return [of(single) for single in singles]

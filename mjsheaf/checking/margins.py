@@ -10,7 +10,7 @@ The loop is that of small motions: in large ones thrusters meet their limits. It
 the way, and the targets.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -27,7 +27,7 @@ from mjsheaf.checking.constants import Difference, agent_drift
 from mjsheaf.control import disagreement
 from mjsheaf.errors import InputError
 from mjsheaf.io.section import Finite, Record
-from mjsheaf.simulation.linear import LinearVehicle, Station, linearise
+from mjsheaf.simulation.linear import LinearVehicle, Station, linearise, power
 from mjsheaf.simulation.loop import whole_ratio
 from mjsheaf.system import System
 from mjsheaf.threads import one_thread
@@ -294,7 +294,7 @@ def body_loop(system: System, spectrum: Spectrum, medium: Array) -> BodyLoop:
         reason = "the vehicles cannot be linearised: " * stiff + str(error)
         return BodyLoop(**unknown, period=period, reason=reason)
     none = _NEUTRAL_RATE * period
-    modes = loop.modes(system.gain)
+    modes = _Modes(*(np.concatenate(x) for x in zip(*loop.modes(system.gain), strict=True)))
     size = np.hypot(modes.factor.real, modes.factor.imag)
     taking_part = modes.moves | (size > np.exp(none))
     modes, radius = _Modes(*(x[taking_part] for x in modes)), float(size[taking_part].max())
@@ -307,7 +307,7 @@ def body_loop(system: System, spectrum: Spectrum, medium: Array) -> BodyLoop:
         spectral_radius=radius,
         period=period,
         largest_gain=loop.largest_gain(system.gain, none),
-        least_damped=_least_damped(modes, loop.own_factors(), period, system),
+        least_damped=_least_damped(modes, loop.own, period, system),
         reason=reason,
     )
 
@@ -392,12 +392,10 @@ def _station(vehicle: Vehicle, medium: Array, heading: float, span: float) -> St
 
 def _response(model: LinearVehicle, period: float) -> Array:
     """Positions after a step of the command, less what an ideal vehicle makes, shape (T, n, n), m per m/s."""
-    n, s = model.D.shape[0], len(model.A)
+    s, n = model.B.shape
     count = int(np.clip(_RESPONSE_TIME / period, 20, 400))
     stride = max(1, round(_RESPONSE_TIME / period / count))
-    step = np.eye(s + 2 * n)
-    step[:s, :s], step[:s, s + n :], step[s : s + n, :s], step[s : s + n, s + n :] = model
-    step = np.linalg.matrix_power(step, stride)
+    step = power(model, stride)
     state, found = np.vstack([np.zeros((s + n, n)), np.eye(n)]), []
     for k in range(count):
         state = step @ state
@@ -496,24 +494,23 @@ def _eigenvalues(H: sparse.csr_array, agents: Index, least: float) -> tuple[Arra
 
 
 class _Split:
-    """Alike vehicles: one small matrix for each eigenvalue of H."""
+    """Alike vehicles: one small matrix for each eigenvalue of H.
+
+    Attributes:
+        own: factors of the vehicles' own modes, under a command that does not change.
+    """
 
     def __init__(self, parts: list[_Part]) -> None:
         self._parts = parts
+        self.own = np.concatenate([np.linalg.eigvals(part.plant.A) for part in parts])
 
-    def modes(self, gain: float) -> _Modes:
+    def modes(self, gain: float) -> Iterator[_Modes]:
         """All modes, or those at the sampled eigenvalues."""
-        found = []
         for part in self._parts:
             n = part.plant.D.shape[0]
             factors, vectors = np.linalg.eig(_matrices(part.plant, gain * part.values))
             moved = np.linalg.norm(vectors[:, :n], axis=1) > _MODE_AT_REST * np.linalg.norm(vectors, axis=1)
-            found.append((factors.ravel(), np.repeat(part.agent, factors.shape[1]), moved.ravel()))
-        return _Modes(*(np.concatenate(x) for x in zip(*found, strict=True)))
-
-    def own_factors(self) -> Array:
-        """Factors of the vehicles' own modes, under a command that does not change."""
-        return np.concatenate([np.linalg.eigvals(part.plant.A) for part in self._parts])
+            yield _Modes(factors.ravel(), np.repeat(part.agent, factors.shape[1]), moved.ravel())
 
     def growth_at_ends(self, gain: float) -> float:
         """Growth of the modes at eigenvalues that H surely has."""
@@ -597,21 +594,15 @@ class _Whole:
         at = np.ix_(chosen, chosen)
         return np.asarray(self.free[at] - gain * self.pull[at])
 
-    def modes(self, gain: float) -> _Modes:
+    def modes(self, gain: float) -> Iterator[_Modes]:
         """All modes."""
-        found = []
         for chosen in self.sets:
             factors, vectors = linalg.eig(self._block(gain, chosen))
             held = chosen < self.m
             z = vectors[held]
             moved = np.linalg.norm(z, axis=0) > _MODE_AT_REST * np.linalg.norm(vectors, axis=0)
             far = np.abs(self.Q[:, chosen[held]] @ z)
-            found.append((factors, np.where(moved, self.owner[far.argmax(axis=0)], -1), moved))
-        return _Modes(*(np.concatenate(x) for x in zip(*found, strict=True)))
-
-    def own_factors(self) -> Array:
-        """As in `_Split`."""
-        return self.own
+            yield _Modes(factors, np.where(moved, self.owner[far.argmax(axis=0)], -1), moved)
 
     def _growth(self, gain: float) -> float:
         return max(float(np.log(np.abs(linalg.eigvals(self._block(gain, s))).max())) for s in self.sets)

@@ -8,7 +8,9 @@ from that, named so, the truth. Targets, references, speed limits and recording 
 import importlib.util
 import inspect
 import sys
-from collections.abc import Callable, Mapping
+import traceback
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -150,20 +152,16 @@ class Controller:
         try:
             return call()
         except Exception as error:
-            who = f"{error.agent}, " if isinstance(error, _AgentError) else ""
+            who = f"{error}, " if isinstance(error, _AgentError) else ""
             cause = error.__cause__ if isinstance(error, _AgentError) and error.__cause__ else error
-            place = _place_of(cause)
-            raise InputError(
-                f"controller {self.name}: {who}{when}: {type(cause).__name__}: {' '.join(str(cause).split())}{place}"
-            ) from error
+            raise InputError(f"controller {self.name}: {who}{when}: {_described(cause)}") from error
 
 
-def _place_of(error: BaseException) -> str:
-    """Where in the user's file an exception was raised."""
-    frame = error.__traceback__
-    while frame is not None and frame.tb_next is not None:
-        frame = frame.tb_next
-    return f" ({Path(frame.tb_frame.f_code.co_filename).name}, line {frame.tb_lineno})" if frame else ""
+def _described(error: BaseException) -> str:
+    """An exception of the user's code in a line, with where it was raised."""
+    frames = traceback.extract_tb(error.__traceback__)[-1:]
+    place = "".join(f" ({Path(frame.filename).name}, line {frame.lineno})" for frame in frames)
+    return f"{type(error).__name__}: {' '.join(str(error).split())}{place}"
 
 
 def controller_of(law: "Law | Controller | None", system: Any, seed: int) -> "Controller | None":
@@ -178,10 +176,7 @@ def controller_of(law: "Law | Controller | None", system: Any, seed: int) -> "Co
 
 
 class _AgentError(Exception):
-    """One agent's law raised an exception, its cause."""
-
-    def __init__(self, agent: str) -> None:
-        self.agent = agent
+    """The law of an agent, its one argument, raised an exception, its cause."""
 
 
 @dataclass(frozen=True)
@@ -266,14 +261,14 @@ class PerAgent:
                     except StopIteration as done:
                         del running[i]
                         _put(velocity[i], done.value)
-            if sent and len(sent) != len(ids):
+            if not sent:
+                break
+            if len(sent) != len(ids):
                 silent = next(ids[i] for i in range(len(ids)) if i not in sent)
                 raise InputError(f"{silent} has no numbers for a round in which others exchange; all agents must yield")
-            if sent:
-                sizes = {values.shape for values in sent.values()}
-                if len(sizes) > 1:
-                    raise InputError(f"agents exchange values of unlike shapes {sorted(sizes)}")
-                received = list(sample.exchange(np.stack([sent[i] for i in range(len(ids))])))
+            if len(sizes := {values.shape for values in sent.values()}) > 1:
+                raise InputError(f"agents exchange values of unlike shapes {sorted(sizes)}; expected one shape")
+            received = list(sample.exchange(np.stack([sent[i] for i in range(len(ids))])))
         return velocity
 
 
@@ -284,18 +279,13 @@ def _put(row: Array, value: Any) -> None:
     row[: len(found)] = found
 
 
-class _naming:  # noqa: N801
-    """Names the agent whose law raises."""
-
-    def __init__(self, agent: str) -> None:
-        self._agent = agent
-
-    def __enter__(self) -> None:
-        pass
-
-    def __exit__(self, _: Any, error: BaseException | None, __: Any) -> None:
-        if isinstance(error, Exception):
-            raise _AgentError(self._agent) from error
+@contextmanager
+def _naming(agent: str) -> Iterator[None]:
+    """Name the agent whose law raises."""
+    try:
+        yield
+    except Exception as error:
+        raise _AgentError(agent) from error
 
 
 def load_controller(source: str, seed: int = 0) -> Controller:
@@ -326,5 +316,4 @@ def load_controller(source: str, seed: int = 0) -> Controller:
     except InputError as error:
         raise InputError(f"--controller {source}: {error}") from None
     except Exception as error:
-        why = f"{type(error).__name__}: {' '.join(str(error).split())}{_place_of(error)}"
-        raise InputError(f"--controller {source}: {why}") from error
+        raise InputError(f"--controller {source}: {_described(error)}") from error

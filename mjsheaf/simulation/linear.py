@@ -90,13 +90,18 @@ def linearise(
     return [why if why else _over(model, steps) for why, model in zip(found, models, strict=True)]
 
 
-def _over(one: LinearVehicle, steps: int) -> LinearVehicle:
-    """The map of many physics steps under one command."""
+def power(one: LinearVehicle, steps: int) -> Array:
+    """The map of (x, p, u) over many steps under one command, shape (s + 2 n, s + 2 n)."""
     s, n = one.B.shape
     whole = np.eye(s + 2 * n)
     whole[:s, :s], whole[:s, s + n :] = one.A, one.B
     whole[s : s + n, :s], whole[s : s + n, s + n :] = one.C, one.D
-    whole = np.linalg.matrix_power(whole, steps)
+    return np.linalg.matrix_power(whole, steps)
+
+
+def _over(one: LinearVehicle, steps: int) -> LinearVehicle:
+    """The map of many physics steps under one command."""
+    (s, n), whole = one.B.shape, power(one, steps)
     return LinearVehicle(whole[:s, :s], whole[:s, s + n :], whole[s : s + n, :s], whole[s : s + n, s + n :])
 
 
