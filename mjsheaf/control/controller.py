@@ -135,7 +135,7 @@ class Controller:
             InputError: the law raised an exception, or did not return finite velocities of shape (N, 3).
         """
         N = len(self.team.agents)
-        observe(law, x, memory)
+        observe(law, x[None], memory.y, memory.residual[None])
         shown = Sample(self, x, memory, velocity, attitude)
         wanted = self._guarded(f"t = {t:.6g} s", lambda: np.asarray(self.law(t, shown), dtype=np.float64))
         if wanted.shape != (N, 3):

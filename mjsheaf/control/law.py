@@ -172,14 +172,8 @@ def limit_speed(limit, velocity):
 
 
 @jit
-def observe(law, x, memory):
-    """Write memory.y and memory.residual for positions x (V, 3), m: what a law in Python is shown."""
-    measure(law.edges, x, memory.y)
-    pull_back(law.edges, memory.y, memory.residual)
-
-
-@jit
-def _disagreements(law, x, y, residual):
+def observe(law, x, y, residual):
+    """Write residual (T, V, 3) for positions x (T, V, 3), m, and leave the last measurements in y (m,)."""
     for k in range(x.shape[0]):
         measure(law.edges, x[k], y)
         pull_back(law.edges, y, residual[k])
@@ -198,7 +192,7 @@ def disagreement(law: LawArrays, positions: Array) -> Array:
     x = np.ascontiguousarray(positions, dtype=np.float64)
     flat = x.reshape(-1, *x.shape[-2:])
     residual = np.empty_like(flat)
-    _disagreements(law, flat, np.empty(len(law.edges.b)), residual)
+    observe(law, flat, np.empty(len(law.edges.b)), residual)
     return residual.reshape(x.shape)
 
 
@@ -235,6 +229,9 @@ def pack_edges(members: Sequence[Member], kinds: Sequence[tuple[Sequence[Edge], 
         np.array([number.get(e.head, number[e.tail]) for e, _ in edges], dtype=np.int64),
         np.array([(True, both) for _, both in edges], dtype=np.bool_).reshape(-1, 2),
         first.astype(np.int64),
-        *maps,
+        maps[0],
+        maps[1],
+        maps[2],
+        maps[3],
         np.concatenate([np.zeros(0), *(e.b for e, _ in edges)]),
     )

@@ -188,9 +188,9 @@ def as_rho(rho: RhoLike) -> Rho:
     if values.ndim == 0:
         return ConstantRho(float(values))
     if values.ndim == 1:
-        return PolynomialRho(values.tolist())
+        return PolynomialRho(rho)  # type: ignore[arg-type]
     if values.ndim == 2 and values.shape[1] == 2:
-        return StepRho(values.tolist())
+        return StepRho(rho)  # type: ignore[arg-type]
     raise InputError(
         f"rho is {rho!r}; expected a number, coefficients c_0, c_1, ..., pairs (radius, L), or a function of the radius"
     )
