@@ -8,8 +8,7 @@ from typing import Any
 from pydantic import Field
 
 from mjsheaf.checking.certificate import Assumption, Certificate, certify
-from mjsheaf.checking.cohomology import RelativeCohomology
-from mjsheaf.checking.fragility import Fragility, fragility
+from mjsheaf.checking.cohomology import Fragility, RelativeCohomology, fragility
 from mjsheaf.checking.margins import Margins, margins
 from mjsheaf.checking.mending import Augmentation, plan_augmentation
 from mjsheaf.control.theorem import Rho, RhoLike, as_rho, gain_for_radius
@@ -151,7 +150,7 @@ def examine(system: System, *, rate: float | None = None, radius: float = 1.0, r
     """`check` of a system, as a typed record with its certificate."""
     for name, value in (("rate", rate), ("radius", radius)):
         if value is not None and not (isinstance(value, Real) and 0.0 < value < math.inf):
-            raise InputError(f"{name} is {value!r}; it must be positive and finite")
+            raise InputError(f"{name} is {value!r}; expected a positive, finite number")
     certificate = certify(system, rate, rho)
     found, practice = certificate.cohomology, margins(system, certificate)
     record = CheckRecord(

@@ -117,20 +117,20 @@ def _children(levels: list[Cells], level: Index, index: Index, cells: Cells) -> 
     """The cells of which cells are made, pairs below them or halves of their segments: parent, level, index, cell."""
     found = []
     for k in np.unique(level):
-        own = np.flatnonzero(level == k)
-        parent = np.repeat(own, 2)
+        parent = np.repeat(np.flatnonzero(level == k), 2)
+        side = np.arange(len(parent)) % 2
         if k == 0:
-            cut = _some(cells, parent)
-            sign = np.tile([-1.0, 1.0], len(own))
+            cut, below = _some(cells, parent), index[parent]
             half, middle = 0.5 * cut.half, 0.5 * (cut.begin + cut.end)
-            ends = np.where(sign < 0, cut.begin, middle), np.where(sign < 0, middle, cut.end)
-            halves = cut._replace(begin=ends[0], end=ends[1], centre=cut.centre + sign[:, None, None] * half, half=half)
-            found.append((parent, np.zeros_like(parent), index[parent], halves))
-            continue
-        below = 2 * index[parent] + np.tile([0, 1], len(own))
-        there = below < len(levels[k - 1].begin)
-        parent, below = parent[there], below[there]
-        found.append((parent, np.full_like(parent, k - 1), below, _some(levels[k - 1], below)))
+            centre = cut.centre + np.where(side, 1.0, -1.0)[:, None, None] * half
+            ends = np.where(side, middle, cut.begin), np.where(side, cut.end, middle)
+            fresh = cut._replace(begin=ends[0], end=ends[1], centre=centre, half=half)
+        else:
+            below = 2 * index[parent] + side
+            there = below < len(levels[k - 1].begin)
+            parent, below = parent[there], below[there]
+            fresh = _some(levels[k - 1], below)
+        found.append((parent, np.full_like(parent, max(k - 1, 0)), below, fresh))
     parents, above, places, parts = zip(*found, strict=True)
     joined = Cells(*(np.concatenate(x) for x in zip(*parts, strict=True)))
     return np.concatenate(parents), np.concatenate(above), np.concatenate(places), joined

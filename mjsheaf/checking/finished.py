@@ -149,9 +149,8 @@ def _departure(certificate: Certificate, dataset: "xr.Dataset") -> tuple[float, 
     """The farthest coordinate of the run, and the largest distance of its targets from the certificate's path, m."""
     path, departure, farthest, done = certificate.constants.path, 0.0, 0.0, 0
     for piece in pieces_of(dataset, ["agent_position", "target_position"]):
-        targets = np.nan_to_num(piece["target_position"].values)
-        farthest = max(farthest, float(np.abs(targets).max(initial=0.0)))
-        farthest = max(farthest, float(np.nanmax(np.abs(piece["agent_position"].values), initial=0.0)))
+        agents, targets = piece["agent_position"].values, np.nan_to_num(piece["target_position"].values)
+        farthest = max(farthest, *(float(np.nanmax(np.abs(x), initial=0.0)) for x in (agents, targets)))
         first = -done % path.stride
         known = path.samples[(done + first) // path.stride :][: len(targets[first :: path.stride])]
         apart = np.linalg.norm(targets[first :: path.stride][: len(known)] - known, axis=2)

@@ -298,17 +298,15 @@ def body_loop(system: System, spectrum: Spectrum, medium: Array) -> BodyLoop:
     size = np.hypot(modes.factor.real, modes.factor.imag)
     taking_part = modes.moves | (size > np.exp(none))
     modes, radius = _Modes(*(x[taking_part] for x in modes)), float(size[taking_part].max())
-    stable: bool | None = bool(np.log(radius) < none)
-    reason = ""
-    if isinstance(loop, _Split) and not stable and loop.growth_at_ends(system.gain) < none:
-        stable, reason = None, "only eigenvalues between the smallest and the largest would swing up, if H has them"
+    stable = bool(np.log(radius) < none)
+    perhaps = isinstance(loop, _Split) and not stable and loop.growth_at_ends(system.gain) < none
     return BodyLoop(
-        stable=stable,
+        stable=None if perhaps else stable,
         spectral_radius=radius,
         period=period,
         largest_gain=loop.largest_gain(system.gain, none),
         least_damped=_least_damped(modes, loop.own, period, system),
-        reason=reason,
+        reason="only eigenvalues between the smallest and the largest would swing up, if H has them" * perhaps,
     )
 
 
