@@ -162,28 +162,6 @@ class TargetPath:
     warning: str
 
 
-class _Rates(NamedTuple):
-    """What moves M targets by themselves.
-
-    acceleration, shake (M,): sup |v'| of references and sup |omega'|, m/s^2; speed (M,): sup |v|, m/s; turn: a step
-    that is short beside the fastest motion and disturbance, s; decay: rate of consensus and pull, 1/s.
-    """
-
-    acceleration: Array
-    shake: Array
-    speed: Array
-    turn: float
-    decay: float
-
-
-class _Consensus(NamedTuple):
-    """L_T over padded targets by compressed rows: their own law is -gain (L_T p - c_T)."""
-
-    start: NDArray[np.int64]
-    column: NDArray[np.int64]
-    value: Array
-
-
 class _Step(NamedTuple):
     """Bounds over one step, and what they are made of, (M,) each.
 
@@ -207,8 +185,11 @@ class _Setting(NamedTuple):
     Attributes:
         control: law and references of the targets alone.
         reference: their motions without their pull.
-        consensus: their own law.
-        rates: what moves them.
+        start, column, value: L_T over padded targets by compressed rows: their own law is -gain (L_T p - c_T).
+        acceleration, speed: sup |v'| and sup |v| of their references, shape (M,), m/s^2 and m/s.
+        shake: sup |omega'|, shape (M,), m/s^2.
+        turn: a step that is short beside the fastest motion and disturbance, s.
+        decay: rate of consensus and pull, 1/s.
         share: of the usual steps.
         margin: about the ball that a step stays in, over which slopes are taken, m.
         times: of the samples, s.
@@ -217,8 +198,14 @@ class _Setting(NamedTuple):
 
     control: ControlArrays
     reference: MotionArrays
-    consensus: _Consensus
-    rates: _Rates
+    start: NDArray[np.int64]
+    column: NDArray[np.int64]
+    value: Array
+    acceleration: Array
+    speed: Array
+    shake: Array
+    turn: float
+    decay: float
     share: float
     margin: float
     times: Array
@@ -228,7 +215,7 @@ class _Setting(NamedTuple):
 @inline_jit
 def _bound_speeds(setting, medium, continuous, h, x, bound):
     """Find V and D for a step h from x, see the module; False where none is found."""
-    consensus, motion, rates, gain = setting.consensus, setting.control.motion, setting.rates, setting.control.law.gain
+    pull, gain = setting.control.motion.pull, setting.control.law.gain
     M = x.shape[0]
     for v in range(M):
         bound.V[v] = bound.speed[v]
@@ -243,39 +230,39 @@ def _bound_speeds(setting, medium, continuous, h, x, bound):
             moved, moving = 0.0, 0.0  # |L p'| and |L| of this target's rows
             for row in range(3 * v, 3 * v + 3):
                 a, b = 0.0, 0.0
-                for k in range(consensus.start[row], consensus.start[row + 1]):
-                    a += abs(consensus.value[k]) * bound.V[consensus.column[k] // 3]
-                    b += abs(consensus.value[k])
+                for k in range(setting.start[row], setting.start[row + 1]):
+                    a += abs(setting.value[k]) * bound.V[setting.column[k] // 3]
+                    b += abs(setting.value[k])
                 moved += a * a
                 moving += b * b
             if continuous:
-                D += rates.acceleration[v] + motion.pull[v] * (rates.speed[v] + V) + gain[v] * np.sqrt(moved)
+                D += setting.acceleration[v] + pull[v] * (setting.speed[v] + V) + gain[v] * np.sqrt(moved)
             bound.D[v] = D
-            bound.slope[v] = slope + motion.pull[v] + gain[v] * np.sqrt(moving)
-            right = right and bound.speed[v] + h * (D + rates.shake[v]) <= V
+            bound.slope[v] = slope + pull[v] + gain[v] * np.sqrt(moving)
+            right = right and bound.speed[v] + h * (D + setting.shake[v]) <= V
         if right:
             return True
         for v in range(M):
-            bound.V[v] = _SLACK * (bound.speed[v] + h * (bound.D[v] + rates.shake[v]))
+            bound.V[v] = _SLACK * (bound.speed[v] + h * (bound.D[v] + setting.shake[v]))
     return False
 
 
 @inline_jit
 def _tighten(setting, h, velocity, bound):
     """Lower D once, where the law is continuous: consensus and pull act on p' and v - p' at x, changed by h (D + W)."""
-    consensus, motion, rates = setting.consensus, setting.control.motion, setting.rates
+    pull, gain = setting.control.motion.pull, setting.control.law.gain
     M = velocity.shape[0]
     for v in range(M):
         moved = 0.0
         for row in range(3 * v, 3 * v + 3):
             at, change = 0.0, 0.0
-            for k in range(consensus.start[row], consensus.start[row + 1]):
-                j = consensus.column[k] // 3
-                at += consensus.value[k] * velocity[j, consensus.column[k] - 3 * j]
-                change += abs(consensus.value[k]) * (bound.D[j] + rates.shake[j])
+            for k in range(setting.start[row], setting.start[row + 1]):
+                j = setting.column[k] // 3
+                at += setting.value[k] * velocity[j, setting.column[k] - 3 * j]
+                change += abs(setting.value[k]) * (bound.D[j] + setting.shake[j])
             moved += (abs(at) + h * change) ** 2
-        gap = bound.gap[v] + h * (rates.acceleration[v] + bound.D[v] + rates.shake[v])
-        own = rates.acceleration[v] + motion.pull[v] * gap + setting.control.law.gain[v] * np.sqrt(moved)
+        gap = bound.gap[v] + h * (setting.acceleration[v] + bound.D[v] + setting.shake[v])
+        own = setting.acceleration[v] + pull[v] * gap + gain[v] * np.sqrt(moved)
         bound.lower[v] = min(bound.D[v], bound.flow[v] + own)
     for v in range(M):
         bound.D[v] = bound.lower[v]
@@ -317,8 +304,8 @@ def _follow(follow, setting, run, place, x, bound, cells, samples):
     `follow` is the setting's `control` where the law is continuous, None where it is held; run is the integrator; place
     (3,) is sample, time since then and next step, s.
     """
-    control, rates, share, times, stride = setting.control, setting.rates, setting.share, setting.times, setting.stride
-    decay = 0.0 if follow is None else rates.decay
+    control, share, times, stride = setting.control, setting.share, setting.times, setting.stride
+    decay = 0.0 if follow is None else setting.decay
     M, medium, period = x.shape[0], run.medium, run.period
     k, done, step = int(place[0]), place[1], place[2]
     count = 0
@@ -328,7 +315,7 @@ def _follow(follow, setting, run, place, x, bound, cells, samples):
         while done < period:
             t = times[k] + done
             slope_of(follow, run, t, x, 0, M, run.slope[0])
-            h = min(min(step, share * rates.turn), period - done)
+            h = min(min(step, share * setting.turn), period - done)
             h = _shortened(setting, medium, decay, h, x, run.slope[0], bound)
             if count == len(cells.begin):
                 place[0], place[1], place[2] = k, done, step
@@ -360,7 +347,7 @@ def _follow(follow, setting, run, place, x, bound, cells, samples):
             cells.end[count] = times[k + 1] if last else t + h
             for v in range(M):
                 w = disturbance_velocity(medium.harmonics, run.sines, v)  # those of t + h
-                cells.bend[count, v] = 0.125 * h * h * (bound.D[v] + rates.shake[v])
+                cells.bend[count, v] = 0.125 * h * h * (bound.D[v] + setting.shake[v])
                 cells.spread[count, v] = 0.5 * h * bound.D[v]
                 cells.slope[count, v] = bound.slope[v]
                 for i in range(3):
@@ -439,10 +426,12 @@ def _integrate(system: System, share: float, tolerance: float, margin: float | N
     memory = new_memory(control.law, M)
     run = new_integrator(medium, system.effectiveness, (tolerance, tolerance), period, memory)
     reference = control.motion._replace(pull=np.zeros(M))
-    rates = _rates(system, control)
-    setting = _Setting(control, reference, _consensus(system), rates, share, margin or 0.0, times, stride)
+    moves = *_consensus(system), *_rates(system, control)
+    setting = _Setting(control, reference, *moves, share, margin or 0.0, times, stride)
     follow = control if grid.continuous else None
-    block = _blank(max(1, _BLOCK // M), M)
+    n = max(1, _BLOCK // M)
+    shapes = (n,), (n,), (n, M, 3), (n, M, 3), (n, M), (n, M, 3), (n, M), (n, M)
+    block = Cells(*map(np.empty, shapes))
     while True:
         ended, count = _follow(follow, setting, run, place, x, bound, block, samples)
         total += count
@@ -462,11 +451,6 @@ def _integrate(system: System, share: float, tolerance: float, margin: float | N
                 f"their path is too long or too stiff to follow: {total} steps lead to t = {now:.4g} s "
                 f"of {times[-1]:.4g} s"
             )
-
-
-def _blank(count: int, M: int) -> Cells:
-    shapes = (count,), (count,), (count, M, 3), (count, M, 3), (count, M), (count, M, 3), (count, M), (count, M)
-    return Cells(*(np.empty(shape) for shape in shapes))
 
 
 def _between(system: System) -> int:
@@ -491,16 +475,18 @@ def _targets_alone(system: System) -> tuple[ControlArrays, MediumArrays, Array]:
     return ControlArrays(alone, motion._replace(**own)), around, system.initial[N:].copy()
 
 
-def _consensus(system: System) -> _Consensus:
+def _consensus(system: System) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
+    """start, column and value of `_Setting`."""
     team, N = system.team, len(system.team.agents)
     slots = team.slots[team.first_state[-1] :] - 3 * N
     L = team.target_sheaf.laplacian().tocoo()
     padded = sparse.csr_array((L.data, (slots[L.row], slots[L.col])), shape=(3 * len(team.targets),) * 2)
     padded.sort_indices()
-    return _Consensus(padded.indptr.astype(np.int64), padded.indices.astype(np.int64), padded.data)
+    return padded.indptr.astype(np.int64), padded.indices.astype(np.int64), padded.data
 
 
-def _rates(system: System, control: ControlArrays) -> _Rates:
+def _rates(system: System, control: ControlArrays) -> tuple[Array, Array, Array, float, float]:
+    """acceleration, speed, shake, turn and decay of `_Setting`."""
     speed, acceleration = reference_bounds(control.motion)
     harmonics = system.harmonics[len(system.team.agents) :]
     shake = (np.linalg.norm(harmonics[..., :3], axis=2) * np.abs(harmonics[..., 3])).sum(axis=1)
@@ -511,7 +497,7 @@ def _rates(system: System, control: ControlArrays) -> _Rates:
     if (pieces > 0.0).any():  # one turn in each piece of a path through waypoints
         fastest = max(fastest, 2.0 * np.pi / float(pieces[pieces > 0.0].min()))
     turn = _SHARE_OF_TURN / fastest if fastest > 0.0 else np.inf
-    return _Rates(acceleration, shake, speed, turn, own_rate(system))
+    return acceleration, speed, shake, turn, own_rate(system)
 
 
 def own_rate(system: System) -> float:

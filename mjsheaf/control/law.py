@@ -111,8 +111,7 @@ def sample(control, t, x, memory):
     law = control.law
     measure(law.edges, x, memory.y)
     pull_back(law.edges, memory.y, memory.residual)
-    proportional(law, memory.residual, memory.command)
-    supplied(law, memory.supplied, memory.command)
+    terms(law, memory.residual, memory.supplied, memory.command)
     for v in range(x.shape[0]):
         add_reference(control.motion, v, t, x[v], memory.command[v])
         limit_speed(law.limit[v], memory.command[v])
@@ -148,19 +147,11 @@ def pull_back(edges, y, residual):
 
 
 @inline_jit
-def proportional(law, residual, command):
-    """Write -gain eta of every vehicle into command (V, 3)."""
+def terms(law, residual, supplied, command):
+    """Write into command (V, 3) -gain eta, or of the first law.supplied vehicles what a law in Python asks for."""
     for v in range(residual.shape[0]):
         for i in range(3):
-            command[v, i] = -law.gain[v] * residual[v, i]
-
-
-@inline_jit
-def supplied(law, velocity, command):
-    """Put the velocities (V, 3) of a law in Python in place of those of the first law.supplied vehicles."""
-    for v in range(law.supplied):
-        for i in range(3):
-            command[v, i] = velocity[v, i]
+            command[v, i] = supplied[v, i] if v < law.supplied else -law.gain[v] * residual[v, i]
 
 
 @inline_jit
