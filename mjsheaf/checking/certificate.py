@@ -297,10 +297,12 @@ def _obstacle(system: System, constants: Constants, spectrum: Spectrum, bound: T
 def _decide(system: System, region: Region, constants: Constants, cohomology: RelativeCohomology) -> list[Assumption]:
     """Decide all seven assumptions over a region."""
     smooth, (rank, inverse) = _smooth(system, region, constants), _rank_and_inverse(system)
+    largest = constants.largest_disturbance
+    sines = "sums of sines: continuous, and bounded by construction" if largest else "there is no disturbance"
     found = {
         "f is continuously differentiable": smooth,
         "g has full row rank": rank,
-        "disturbances are continuous and bounded": _disturbances(constants.largest_disturbance),
+        "disturbances are continuous and bounded": ("holds", largest, "m/s", sines),
         "g^+ is continuous and bounded": inverse,
         "G_q is connected and every target is sensed": _topology(system.team),
         "H^0(G, G_p; F) = 0": _cohomology(cohomology),
@@ -368,11 +370,6 @@ def _rank_and_inverse(system: System) -> tuple[Finding, Finding]:
         ("holds", least, unit, f"smallest singular value, that of {who}; {where}"),
         ("holds", 1.0 / least, inverse_unit, f"largest gain of g^+, that of {who}"),
     )
-
-
-def _disturbances(largest: float) -> Finding:
-    sines = "sums of sines: continuous, and bounded by construction"
-    return "holds", largest, "m/s", "there is no disturbance" if largest == 0.0 else sines
 
 
 def _topology(team: Team) -> Finding:

@@ -347,16 +347,14 @@ def _models(system: System, medium: Array, timestep: float, steps: int) -> list[
     span = system.grid.period * system.grid.steps
     stations: dict[tuple[int, bytes], Station] = {}
     keys = []
-    for i, vehicle in enumerate(system.vehicles[: len(agents)]):
-        speed = float(np.linalg.norm(medium[i]))
-        if speed > system.law.limit[i]:
+    for i, agent in enumerate(agents):
+        if (speed := float(np.linalg.norm(medium[i]))) > system.law.limit[i]:
             raise _UndecidedError(
-                f"{agents[i].id}: the mean flow, {speed:.3g} m/s relative to its q*, is beyond its velocity limit"
+                f"{agent.id}: the mean flow, {speed:.3g} m/s relative to its q*, is beyond its velocity limit"
             )
-        station = _station(vehicle, medium[i], float(system.bodies.heading[i]), span)
-        key = id(vehicle), np.round([*station.medium, station.heading], 4).tobytes()
-        stations.setdefault(key, station)
-        keys.append(key)
+        station = _station(system.vehicles[i], medium[i], float(system.bodies.heading[i]), span)
+        keys.append((id(station.vehicle), np.round([*station.medium, station.heading], 4).tobytes()))
+        stations.setdefault(keys[-1], station)
     chosen, many = list(stations), len(stations) > _MOST_STATIONS
     if many:
         if len({key[0] for key in keys}) > 1:
