@@ -81,6 +81,12 @@ class Arena:
     body: NDArray[np.int64]
     thruster: NDArray[np.int64]
 
+    @property
+    def trim(self) -> Array:
+        """Activations with which thrusters carry the weight of level vehicles, shape (na,)."""
+        commands = np.concatenate([vehicle.trim for vehicle in self.vehicles])
+        return np.asarray(commands[self.model.actuator_actadr >= 0])
+
 
 def compose(
     vehicles: Sequence[Vehicle],

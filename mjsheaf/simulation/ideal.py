@@ -25,7 +25,7 @@ from mjsheaf.control.law import Memory, new_memory, sample
 from mjsheaf.dynamics.disturbance import evaluate_sines
 from mjsheaf.dynamics.effectiveness import EffectivenessArrays, allocate
 from mjsheaf.jit import inline_jit, jit
-from mjsheaf.simulation.trajectory import Trajectory, blow_up_message, new_log, pieces_of
+from mjsheaf.simulation.trajectory import Trajectory, blow_up_message, new_log, pieces_of, quaternions_of
 from mjsheaf.system import MediumArrays, Phase, System, medium_velocity, phases_of
 
 Array = NDArray[np.float64]
@@ -294,7 +294,7 @@ def stream_ideal(
     phases = phases_of(run)
     first = phases[0].system
     x, grid, N = np.array(first.initial), first.grid, len(first.team.agents)
-    before, attitude = x[:N].copy(), _attitudes(first.bodies.heading[:N])
+    before, attitude = x[:N].copy(), quaternions_of(first.bodies.heading[:N])
     if controller:
         controller.enter(first.team, first.control)
         controller.reset()
@@ -332,13 +332,6 @@ def stream_ideal(
                 broken = int(np.argmax(np.abs(np.nan_to_num(x, nan=np.inf)).max(axis=1)))
             time = float(grid.span(begin + done - 1, begin + done)[0])
             message = blow_up_message(system, broken, time, 0.0 if grid.continuous else grid.period)
-        status = "unstable" if message else "finished"
-        yield Trajectory(system, grid.span(begin, begin + done), log.span(0, done), status, message)
+        yield Trajectory(system, grid.span(begin, begin + done), log.span(0, done), message)
         if message:
             return
-
-
-def _attitudes(heading: Array) -> Array:
-    """Quaternions (w, x, y, z) of headings (N,) in rad, shape (N, 4)."""
-    zero = np.zeros_like(heading)
-    return np.column_stack([np.cos(heading / 2), zero, zero, np.sin(heading / 2)])
