@@ -60,6 +60,11 @@ def in_field(field: str) -> Iterator[None]:
 _MOST = 20
 
 
+def shortened(text: str, most: int = 60) -> str:
+    """A text of at most so many characters: a longer one ends in '...'."""
+    return text if len(text) <= most else text[: most - 3] + "..."
+
+
 def listed(names: Collection[str]) -> str:
     """The first names, separated by commas, and how many there are."""
     shown = ", ".join(list(names)[:_MOST])

@@ -12,7 +12,7 @@ from typing import Annotated, Any, NamedTuple, Self
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from mjsheaf.errors import InputError, suggestion
+from mjsheaf.errors import InputError, shortened, suggestion
 
 LARGEST = 1e9
 """Largest size of every number in a file: a blow-up begins here, and products of larger numbers would overflow."""
@@ -108,8 +108,7 @@ def _schema(model: type[BaseModel]) -> dict[str, Any]:
 def _visible(part: int | str) -> str:
     """A key as it may be printed: short, and without characters that a terminal obeys."""
     text = str(part)
-    text = text if text.isprintable() else repr(text)[1:-1]
-    return text if len(text) <= 60 else text[:57] + "..."
+    return shortened(text if text.isprintable() else repr(text)[1:-1])
 
 
 class _Problem(NamedTuple):
@@ -135,8 +134,7 @@ class _Problem(NamedTuple):
         unknown = location[-1:] if kind == "extra_forbidden" else ()
         path, value, nodes = _follow(schema, location[: len(location) - len(unknown)])
         path += unknown
-        shown = repr(detail["input"])
-        shown = shown if len(shown) <= 60 else shown[:57] + "..."
+        shown = shortened(repr(detail["input"]))
         if unknown:
             known = sorted({name for node in _variants(nodes, schema) for name in node.get("properties", {})})
             text = f"unknown field; expected {', '.join(known)}{suggestion(str(unknown[0]), known)}"
