@@ -133,7 +133,7 @@ class _Bench:
         self.entries = [
             (np.r_[0:3, 3 + n : 12 + a], np.r_[3 : 3 + n]) for n, a in zip(n.tolist(), lagging.tolist(), strict=True)
         ]
-        self.hand = np.array([vehicle.hand for vehicle in vehicles])
+        self.hand = np.array([vehicle.steering.hand for vehicle in vehicles])
         self.mass = np.array([vehicle.mass for vehicle in vehicles])
         self.still = np.zeros((V, 12 + lagging.max()))
         self.qpos = np.hstack([np.zeros((V, 3)), quaternions_of(heading)])

@@ -22,8 +22,14 @@ from mjsheaf.engine import mujoco
 from mjsheaf.errors import InputError, UnstableError, expected
 from mjsheaf.jit import jit
 from mjsheaf.simulation.arena import Arena, compose
-from mjsheaf.simulation.autopilot import Fleet, Sensed, pack_fleet, thruster_commands
-from mjsheaf.simulation.forces import apply_medium_wrench, velocity_through_medium
+from mjsheaf.simulation.bodies import (
+    Fleet,
+    Sensed,
+    apply_medium_wrench,
+    pack_fleet,
+    thruster_commands,
+    velocity_through_medium,
+)
 from mjsheaf.simulation.trajectory import Log, Trajectory, blow_up_message, new_log, pieces_of, quaternions_of
 from mjsheaf.system import MediumArrays, Phase, System, medium_velocity, phases_of
 from mjsheaf.vehicles.actuators import ANGLE
@@ -323,7 +329,7 @@ class World:
         mujoco.mj_resetData(self.model, self.data)
         plan, initial = self.system.bodies, self.system.initial
         self.data.time = self.system.grid.start
-        x, hand = self.data.qpos.reshape(-1, 7), np.array([[vehicle.hand] for vehicle in self.arena.vehicles])
+        x, hand = self.data.qpos.reshape(-1, 7), np.array([[vehicle.steering.hand] for vehicle in self.arena.vehicles])
         x[:, :3] = initial
         x[:, :2] -= hand * np.column_stack([np.cos(plan.heading), np.sin(plan.heading)])
         x[[vehicle.dimension == 2 for vehicle in self.arena.vehicles], 2] = plan.surface_height

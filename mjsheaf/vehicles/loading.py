@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from mjsheaf.engine import mujoco
+from mjsheaf.engine import mujoco, refusing
 from mjsheaf.errors import InputError, expected, in_field, shortened
 from mjsheaf.io.files import confined, read_bytes, resource_directory
 from mjsheaf.io.section import describe_validation_error
@@ -129,10 +129,7 @@ def _read(path: Path, names: _Names) -> None:
         for refused, what in (
             (copies[-1] > _MOST_COPIES, f"asks for {copies[-1]:g} copies; expected at most {_MOST_COPIES}"),
             (size > _LARGEST_GRID, f"has {size:g} points; expected at most {_LARGEST_GRID}"),
-            (
-                len(copies) == 2 and tag not in ("mujoco", "mujocoinclude"),
-                "is no MJCF: its root is {}; expected <mujoco>",
-            ),
+            (len(copies) == 2 and tag not in _ROOTS, "is its root; expected <mujoco>"),
             (len(copies) > _DEEPEST + 1, f"is nested more than {_DEEPEST} deep"),
             (tag in ("extension", "plugin"), "is not allowed: plugins are code"),
         ):
@@ -215,12 +212,10 @@ def read_description(path: Path) -> VehicleDescription:
 
 def _compile(path: Path) -> mujoco.MjModel:
     """Compile a vehicle's file alone."""
-    try:
+    with refusing(str(path)):
         spec = mujoco.MjSpec.from_file(str(path))
         spec.compiler.fusestatic = False  # would make all of it part of the world, which has no mass
         model = spec.compile()
-    except (ValueError, RuntimeError, MemoryError, mujoco.FatalError) as error:  # RuntimeError: no memory for it
-        raise InputError(f"{path}: {' '.join(str(error).split())}") from None
     # Of the world they have no mass, but once that is a vehicle's frame they would have.
     plate = (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)
     for geom in spec.worldbody.geoms:

@@ -56,11 +56,6 @@ class Steering(Section, ABC):
         """Distance of the controlled point ahead of the origin, m."""
         return 0.0
 
-    @property
-    def tilt(self) -> float:
-        """Largest tilt, degrees; 0 where it does not tilt to go sideways."""
-        return 0.0
-
     def delays(self, vehicle: "Vehicle") -> Array:
         """How late the force along each axis comes, shape (n,), s."""
         return np.full(vehicle.dimension, vehicle.lag)
@@ -168,11 +163,6 @@ class ThrustVector(Steering):
     largest_tilt: Annotated[float, Field(gt=0, le=_FREE_TILT)] = Field(
         description="a multirotor with parallel rotors points its thrust, tilting by at most this, degrees"
     )
-
-    @property
-    def tilt(self) -> float:
-        """As given."""
-        return self.largest_tilt
 
     def delays(self, vehicle: "Vehicle") -> Array:
         """2 zeta / omega of the attitude that must turn first; upward the thrusters' lag."""
