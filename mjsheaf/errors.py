@@ -12,7 +12,7 @@ class MjsheafError(Exception):
     """Base of every error that mjsheaf raises on purpose.
 
     Attributes:
-        exit_code: what the command line exits with.
+        exit_code: what the command line exits with; 1 unless a class says otherwise.
     """
 
     exit_code = 1
@@ -38,8 +38,6 @@ class RankError(InputError):
 
 class NotUniqueError(MjsheafError):
     """The harmonic extension is not unique: some agents are free to drift (Assumption 6 fails)."""
-
-    exit_code = 1
 
 
 class UnstableError(MjsheafError):

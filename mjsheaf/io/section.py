@@ -28,11 +28,9 @@ Matrix = Annotated[list[Annotated[list[Number], Field(min_length=1)]], Field(min
 
 def plain(value: Any) -> Any:
     """Mappings, tuples and numpy's values as the dicts, lists and numbers that YAML would give."""
-    if isinstance(value, np.generic):
-        return value.item()
     if isinstance(value, Mapping):
         return {key: plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray):
+    if isinstance(value, np.generic | np.ndarray):
         return plain(value.tolist())
     if isinstance(value, list | tuple):
         return [plain(item) for item in value]

@@ -6,8 +6,7 @@ One field of a file can be written in its place; every other byte of the file st
 import json
 import math
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +19,10 @@ _LARGEST_FILE = 20_000_000  # bytes
 _DEEPEST = 50  # collections within one another; a scenario has six
 _SURROGATE = re.compile("[\\ud800-\\udfff]")  # "\ud800" in YAML; no file can hold it
 _LONGEST_INTEGER = 3_000  # digits; Python does not print what has more than 4300 decimal ones
+
+
+def _fault(problem: str, mark: yaml.Mark) -> yaml.MarkedYAMLError:
+    return yaml.MarkedYAMLError(problem=problem, problem_mark=mark)
 
 
 class _Loader(yaml.SafeLoader):
@@ -43,13 +46,11 @@ class _Loader(yaml.SafeLoader):
         self._refuse("an alias")
 
     def _refuse(self, what: str) -> None:
-        problem = f"{what} is not allowed; write the value out"
-        raise yaml.scanner.ScannerError(None, None, problem, self.get_mark())
+        raise _fault(f"{what} is not allowed; write the value out", self.get_mark())
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         if self._depth > _DEEPEST:
-            mark = self.peek_event().start_mark
-            raise yaml.composer.ComposerError(None, None, f"nested more than {_DEEPEST} deep", mark)
+            raise _fault(f"nested more than {_DEEPEST} deep", self.peek_event().start_mark)
         self._depth += 1
         try:
             return super().compose_node(parent, index)
@@ -61,24 +62,23 @@ class _Loader(yaml.SafeLoader):
         for key_node, _ in node.value:
             key = self.construct_object(key_node, deep=True)
             if not isinstance(key, str):
-                raise yaml.constructor.ConstructorError(None, None, f"key {key!r} is not text", key_node.start_mark)
+                raise _fault(f"key {key!r} is not text", key_node.start_mark)
             if key in seen:
-                raise yaml.constructor.ConstructorError(None, None, f"key {key!r} is given twice", key_node.start_mark)
+                raise _fault(f"key {key!r} is given twice", key_node.start_mark)
             seen.add(key)
         return super().construct_mapping(node, deep)
 
     def construct_scalar(self, node: yaml.ScalarNode | yaml.MappingNode) -> Any:
         value = super().construct_scalar(node)
         if isinstance(value, str) and not value.isascii() and _SURROGATE.search(value):
-            problem = "half of a surrogate pair, which is no text; write the character itself"
-            raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark)
+            raise _fault("half of a surrogate pair, which is no text; write the character itself", node.start_mark)
         return value
 
     def construct_integer(self, node: yaml.ScalarNode) -> int:
         """Read an integer of YAML 1.2; the one of 1.1 takes a leading 0 for octal."""
         if len(node.value) > _LONGEST_INTEGER:
-            problem = f"a number of {len(node.value)} digits; expected up to {_LONGEST_INTEGER}"
-            raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark)
+            digits = len(node.value)
+            raise _fault(f"a number of {digits} digits; expected up to {_LONGEST_INTEGER}", node.start_mark)
         return int(node.value, {"0o": 8, "0x": 16}.get(node.value[:2], 10))
 
 
@@ -121,23 +121,10 @@ def read_yaml(path: Path) -> dict[str, Any]:
     return raw
 
 
-def parse_yaml(text: str, source: str) -> Any:
-    """Parse YAML text; errors name the source and the line."""
-    with _told(source):
-        return yaml.load(text, Loader=_Loader)
-
-
-def compose_yaml(text: str, source: str) -> yaml.Node | None:
-    """The nodes of YAML text, which know their places in it; errors as `parse_yaml`."""
-    with _told(source):
-        return yaml.compose(text, Loader=_Loader)
-
-
-@contextmanager
-def _told(source: str) -> Iterator[None]:
-    """Tell errors of YAML in one line."""
+def parse_yaml(text: str, source: str, read: Callable[..., Any] = yaml.load) -> Any:
+    """Parse YAML text, into values or by `yaml.compose` into nodes; errors name the source and the line."""
     try:
-        yield
+        return read(text, Loader=_Loader)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         where = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
@@ -172,8 +159,7 @@ def with_field(text: str, key: str, value: dict[str, Any], source: str, comment:
     Raises:
         ScenarioError: the text is not valid YAML, or of a form that cannot be edited in its place.
     """
-    old = parse_yaml(text, source)
-    root = compose_yaml(text, source)
+    old, root = parse_yaml(text, source), parse_yaml(text, source, yaml.compose)
     if not isinstance(root, yaml.MappingNode) or not isinstance(old, dict):
         raise ScenarioError(f"{source}: expected a mapping of fields to values")
     newline = "\r\n" if "\r\n" in text else "\n"

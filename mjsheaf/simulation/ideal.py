@@ -304,8 +304,8 @@ def stream_ideal(
         memory = new_memory(control.law, len(x))
         integrator = new_integrator(system.medium, system.effectiveness, system.tolerance, grid.period, memory)
         log = new_log(end - begin, len(x), inputs=(N, system.effectiveness.pinv.shape[1]))
-        done, broken = 0, -1
-        while done < end - begin and broken < 0:
+        done, message = 0, ""
+        while done < end - begin and not message:
             count = min(1 if controller else _CHUNK, end - begin - done)
             times, last = grid.span(begin + done, begin + done + count), begin + done + count == of
             placed = np.empty((count, 0, 3)) if targets is None else targets[begin + done : begin + done + count]
@@ -324,14 +324,13 @@ def stream_ideal(
                 placed,
             )
             done += new
+            if broken >= 0:
+                if broken == len(x):  # the team was integrated as one: the largest state names the vehicle
+                    broken = int(np.argmax(np.abs(np.nan_to_num(x, nan=np.inf)).max(axis=1)))
+                held = 0.0 if grid.continuous else grid.period
+                message = blow_up_message(system, broken, float(times[new - 1]), held)
             if progress:
                 progress(min(begin + done, of - 1), of - 1)
-        message = ""
-        if broken >= 0:
-            if broken == len(x):  # the team was integrated as one: the largest state names the vehicle
-                broken = int(np.argmax(np.abs(np.nan_to_num(x, nan=np.inf)).max(axis=1)))
-            time = float(grid.span(begin + done - 1, begin + done)[0])
-            message = blow_up_message(system, broken, time, 0.0 if grid.continuous else grid.period)
         yield Trajectory(system, grid.span(begin, begin + done), log.span(0, done), message)
         if message:
             return

@@ -222,12 +222,12 @@ class _Bench:
     def _place(self, qpos: Array, qvel: Array, act: Array, command: Array) -> None:
         self.data.qpos, self.data.qvel, self.data.act = qpos.ravel(), qvel.ravel(), act
         self.data.time = 0.0
-        self.loop.state.memory.command[:] = command
+        self.loop.memory.command[:] = command
 
     def _step(self, difference: Array) -> Array:
         """The difference to which a physics step leads from one."""
         self._place(*self._moved(difference))
-        x, R = self.loop.state.x, self._rotations()
+        x, R = self.loop.x, self._rotations()
         controlled_positions(self.loop.fleet, self.data.qpos, x)
         begin = x.copy()
         close_loop(self.loop, 0.0, False)

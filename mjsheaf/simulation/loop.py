@@ -38,17 +38,25 @@ from mjsheaf.vehicles.vectors import rotation, triple
 Array = NDArray[np.float64]
 
 
-class LoopState(NamedTuple):
-    """Views of MuJoCo's arrays, and what the loop keeps beside them.
+class Loop(NamedTuple):
+    """The closed loop, for compiled code: views of MuJoCo's arrays, and what is kept beside them.
 
     Attributes:
+        control, medium, fleet: what onboard computers know, what surrounds the vehicles, what the vehicles are.
         qpos, qvel, qacc, ctrl, act, applied: MuJoCo's own; `applied` is qfrc_applied.
         gear, gain, lag: of the actuators: actuator_gear, actuator_gainprm, actuator_actadr.
         x: where the law sees the vehicles, padded, shape (V, 3), m.
         memory: of the law.
         sines: of the disturbances, now, shape (V K,).
+        model, data: addresses of MuJoCo's own.
+        start: time of step 0, s.
+        timestep: s.
+        per_law, per_sample: physics steps between evaluations of the law, and between samples.
     """
 
+    control: ControlArrays
+    medium: MediumArrays
+    fleet: Fleet
     qpos: Array
     qvel: Array
     qacc: Array
@@ -61,30 +69,12 @@ class LoopState(NamedTuple):
     x: Array
     memory: Memory
     sines: Array
-
-
-class Loop(NamedTuple):
-    """The closed loop, for compiled code.
-
-    Attributes:
-        control, medium, fleet: what onboard computers know, what surrounds the vehicles, what the vehicles are.
-        state: what changes.
-        start: time of step 0, s.
-        timestep: s.
-        per_law, per_sample: physics steps between evaluations of the law, and between samples.
-        model, data: addresses of MuJoCo's own.
-    """
-
-    control: ControlArrays
-    medium: MediumArrays
-    fleet: Fleet
-    state: LoopState
-    start: float
-    timestep: float
-    per_law: int
-    per_sample: int
     model: int
     data: int
+    start: float = 0.0
+    timestep: float = 0.0
+    per_law: int = 1
+    per_sample: int = 1
 
 
 class Recorder(NamedTuple):
@@ -117,66 +107,65 @@ def controlled_positions(fleet, qpos, x):
 @jit
 def close_loop(loop, t, due):
     """All before a physics step: the law if it is due; then each vehicle measures, is pushed, and drives."""
-    state, medium, kinds, bodies = loop.state, loop.medium, loop.fleet.kinds, loop.fleet.bodies
+    medium, kinds, bodies, q = loop.medium, loop.fleet.kinds, loop.fleet.bodies, loop.qpos
     if due:
-        controlled_positions(loop.fleet, state.qpos, state.x)
-        sample(loop.control, t, state.x, state.memory)
-    evaluate_sines(medium.harmonics, t, 0, bodies.shape[0], state.sines)
-    q = state.qpos
+        controlled_positions(loop.fleet, loop.qpos, loop.x)
+        sample(loop.control, t, loop.x, loop.memory)
+    evaluate_sines(medium.harmonics, t, 0, bodies.shape[0], loop.sines)
     for v in range(bodies.shape[0]):
         body = bodies[v]
         kind, a, first = kinds[body.kind], body.qpos, body.actuator
         thrusters = loop.fleet.thrusters[kind.thruster : kind.thruster + kind.count]
-        ctrl = state.ctrl[first : first + kind.count]
+        ctrl = loop.ctrl[first : first + kind.count]
         quaternion = (q[a + 3], q[a + 4], q[a + 5], q[a + 6])
         R = rotation(quaternion[0], quaternion[1], quaternion[2], quaternion[3])
-        s = velocity_through_medium(kind, body, medium, state.sines, v, q, state.qvel, R)
-        omega = triple(state.qvel[body.dof + 3 :])
-        apply_medium_wrench(kind, body, q, state.qvel, R, s, omega, state.applied)
-        sensed, act = Sensed(R, quaternion, s, omega), state.act[body.state :]
-        gear = state.gear[first : first + kind.count]
-        thruster_commands(kind, thrusters, body.heading, triple(state.memory.command[v]), sensed, act, ctrl, gear)
+        s = velocity_through_medium(kind, body, medium, loop.sines, v, q, loop.qvel, R)
+        omega = triple(loop.qvel[body.dof + 3 :])
+        apply_medium_wrench(kind, body, q, loop.qvel, R, s, omega, loop.applied)
+        sensed, act = Sensed(R, quaternion, s, omega), loop.act[body.state :]
+        gear = loop.gear[first : first + kind.count]
+        thruster_commands(kind, thrusters, body.heading, triple(loop.memory.command[v]), sensed, act, ctrl, gear)
 
 
 @jit
-def place_targets(fleet, recorder, state):
+def place_targets(loop, recorder):
     """Put every target where its controlled position is wanted at this sample, with its attitude and speed."""
-    k, bodies = recorder.written[0], fleet.bodies
+    k, fleet, bodies = recorder.written[0], loop.fleet, loop.fleet.bodies
     agents = bodies.shape[0] - recorder.placed.shape[1]
     if k >= recorder.placed.shape[0]:
         return
-    controlled_positions(fleet, state.qpos, state.x)
+    controlled_positions(fleet, loop.qpos, loop.x)
     for v in range(agents, bodies.shape[0]):
         for i in range(2 if fleet.kinds[bodies[v].kind].planar else 3):
-            state.qpos[bodies[v].qpos + i] += recorder.placed[k, v - agents, i] - state.x[v, i]
+            loop.qpos[bodies[v].qpos + i] += recorder.placed[k, v - agents, i] - loop.x[v, i]
 
 
 @jit
 def record(loop, recorder):
     """Write the present state, and the commands just made for it, as the next sample."""
-    fleet, state, log, k = loop.fleet, loop.state, recorder.log, recorder.written[0]
+    fleet, log, k = loop.fleet, recorder.log, recorder.written[0]
     recorder.written[0] = k + 1
     for v in range(fleet.bodies.shape[0]):
         body = fleet.bodies[v]
         kind, a, d = fleet.kinds[body.kind], body.qpos, body.dof
-        x, y, z = state.qpos[a], state.qpos[a + 1], state.qpos[a + 2]
-        w = medium_velocity(loop.medium, state.sines, v, x, y, 0.0 if kind.planar else z)
+        x, y, z = loop.qpos[a], loop.qpos[a + 1], loop.qpos[a + 2]
+        w = medium_velocity(loop.medium, loop.sines, v, x, y, 0.0 if kind.planar else z)
         for i in range(3):
-            log.positions[k, v, i] = state.x[v, i]
-            log.residual[k, v, i] = state.memory.residual[v, i]
-            log.command[k, v, i] = state.memory.command[v, i]
-            log.velocity[k, v, i] = state.qvel[d + i]
+            log.positions[k, v, i] = loop.x[v, i]
+            log.residual[k, v, i] = loop.memory.residual[v, i]
+            log.command[k, v, i] = loop.memory.command[v, i]
+            log.velocity[k, v, i] = loop.qvel[d + i]
             log.medium[k, v, i] = w[i]
-            log.origin[k, v, i] = state.qpos[a + i]
+            log.origin[k, v, i] = loop.qpos[a + i]
         for i in range(4):
-            log.quaternions[k, v, i] = state.qpos[a + 3 + i]
+            log.quaternions[k, v, i] = loop.qpos[a + 3 + i]
         at_limit = 0
         for j in range(kind.count):
             n, thruster = body.actuator + j, fleet.thrusters[kind.thruster + j]
-            command = state.ctrl[n]
+            command = loop.ctrl[n]
             log.thruster_command[k, n] = command
-            late = state.act[state.lag[n]] if state.lag[n] >= 0 else command
-            log.thruster_output[k, n] = late if thruster.code == ANGLE else state.gain[n, 0] * late
+            late = loop.act[loop.lag[n]] if loop.lag[n] >= 0 else command
+            log.thruster_output[k, n] = late if thruster.code == ANGLE else loop.gain[n, 0] * late
             at_limit += command <= thruster.low or command >= thruster.high
         log.saturation[k, v] = at_limit / kind.count
 
@@ -206,19 +195,18 @@ def _advance(loop, step, count, recorder):
 
     While the recorder has room, a sample is recorded every `loop.per_sample` steps.
     """
-    fleet, state = loop.fleet, loop.state
     for k in range(step, step + count):
         recorded = k % loop.per_sample == 0 and recorder.written[0] < recorder.log.positions.shape[0]
         if recorded:
-            place_targets(fleet, recorder, state)
+            place_targets(loop, recorder)
         close_loop(loop, loop.start + k * loop.timestep, k % loop.per_law == 0)
         if recorded:
             record(loop, recorder)
         # MuJoCo sets all commands to zero where one is bad, and goes on: that would be another simulation.
-        if _is_bad(state.ctrl):
+        if _is_bad(loop.ctrl):
             return True
         _mj_step(loop.model, loop.data)
-        if _is_bad(state.qpos) or _is_bad(state.qvel) or _is_bad(state.qacc):
+        if _is_bad(loop.qpos) or _is_bad(loop.qvel) or _is_bad(loop.qacc):
             return True
     return False
 
@@ -235,7 +223,10 @@ def new_loop(
         level: height of the water, m.
     """
     V, model = len(arena.vehicles), arena.model
-    state = LoopState(
+    return Loop(
+        control=control,
+        medium=medium,
+        fleet=pack_fleet(arena, heading, level),
         qpos=data.qpos,
         qvel=data.qvel,
         qacc=data.qacc,
@@ -248,9 +239,9 @@ def new_loop(
         x=np.zeros((V, 3)),
         memory=new_memory(control.law, V),
         sines=np.zeros(len(medium.harmonics.rate)),
+        model=model._address,
+        data=data._address,
     )
-    fleet = pack_fleet(arena, heading, level)
-    return Loop(control, medium, fleet, state, 0.0, 0.0, 1, 1, model._address, data._address)
 
 
 class World:
@@ -314,12 +305,12 @@ class World:
     @property
     def command(self) -> Array:
         """Velocities that the law asks for, of its last evaluation, shape (V, 3), m/s."""
-        return self._loop.state.memory.command
+        return self._loop.memory.command
 
     @property
     def disagreement(self) -> Array:
         """eta of the agents, L_T p - c_T of the targets, at the law's last evaluation, shape (V, 3), m."""
-        return self._loop.state.memory.residual
+        return self._loop.memory.residual
 
     def reset(self) -> None:
         """Go back to the initial condition.
@@ -335,7 +326,7 @@ class World:
         x[[vehicle.dimension == 2 for vehicle in self.arena.vehicles], 2] = plan.surface_height
         x[:, 3:] = quaternions_of(plan.heading)
         self.data.act = self.arena.trim  # rotors turn before a multirotor is let go
-        self._enter_phase().state.memory.flat[:] = 0.0
+        self._enter_phase().memory.flat[:] = 0.0
         if self._controller:  # it is called at the first step, and asks for nothing until then
             self._controller.reset()
         close_loop(self._loop, self.time, True)
@@ -349,7 +340,7 @@ class World:
         """
         state = np.empty(mujoco.mj_stateSize(self.model, _STATE))
         mujoco.mj_getState(self.model, self.data, state, _STATE)
-        return np.concatenate([state, self._loop.state.memory.flat])
+        return np.concatenate([state, self._loop.memory.flat])
 
     def set_state(self, state: Array) -> None:
         """Go on from a state of `get_state`, to the bit as the world did from which it was taken.
@@ -371,7 +362,7 @@ class World:
         if len(state) <= size:
             return False
         mujoco.mj_setState(self.model, self.data, state[:size], _STATE)
-        memory = self._enter_phase().state.memory.flat
+        memory = self._enter_phase().memory.flat
         if len(state) != size + len(memory):
             return False
         memory[:] = state[size:]
@@ -411,7 +402,7 @@ class World:
         count = min([count, *(steps for steps in ahead if steps > 0)])
         if self._controller:
             if step % loop.per_law == 0:
-                place_targets(loop.fleet, recorder, loop.state)
+                place_targets(loop, recorder)
                 self._consult()
             count = min(count, loop.per_law - step % loop.per_law)
         if _advance(loop, step, count, recorder):
@@ -424,10 +415,10 @@ class World:
         system = [phase.system for phase in self._phases if phase.start <= sample][-1]
         if system is not self.system:
             self.system = system
-            control, state = self._control(), self._loop.state
-            memory = new_memory(control.law, len(state.x))
-            memory.flat[len(memory.y) :] = state.memory.flat[len(state.memory.y) :]
-            self._loop = self._loop._replace(control=control, state=state._replace(memory=memory))
+            control, old = self._control(), self._loop.memory
+            memory = new_memory(control.law, len(self._loop.x))
+            memory.flat[len(memory.y) :] = old.flat[len(old.y) :]
+            self._loop = self._loop._replace(control=control, memory=memory)
         return self._loop
 
     def _control(self) -> ControlArrays:
@@ -438,7 +429,7 @@ class World:
     def _consult(self) -> None:
         """Let a law in Python, where there is one, say what it wants now."""
         if self._controller:
-            N, memory = len(self.system.team.agents), self._loop.state.memory
+            N, memory = len(self.system.team.agents), self._loop.memory
             velocity, attitude = self.data.qvel.reshape(-1, 6)[:N, :3].copy(), self.quaternions()[:N]
             self._controller.supply(self._loop.control.law, self.time, self.positions(), memory, velocity, attitude)
 
@@ -463,7 +454,7 @@ class World:
                     if progress:
                         progress(begin + int(recorder.written[0]) - 1, of - 1)
                 if end == of:
-                    place_targets(self._enter_phase().fleet, recorder, self._loop.state)
+                    place_targets(self._enter_phase(), recorder)
                     self.close_loop(sample=True)
                     record(self._loop, recorder)
                     if progress:
