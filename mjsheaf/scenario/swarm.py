@@ -9,13 +9,12 @@ from collections.abc import Callable
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
+from mjsheaf.arrays import Array, IntArray
 from mjsheaf.errors import InputError
 from mjsheaf.io.section import Id, NonNegative, Number, Point, Positive, Section
 
-Array = NDArray[np.float64]
 Edges = set[tuple[int, int]]
 
 _POINT: TypeAdapter[list[float]] = TypeAdapter(Point, config=ConfigDict(strict=True, allow_inf_nan=False))
@@ -124,7 +123,7 @@ def _nearest(places: Array, swarm: Swarm, rng: np.random.Generator) -> Edges:
     return set().union(*(_nearest_before(places, chunk, max(1, swarm.degree // 2)) for chunk in chunks))
 
 
-def _nearest_before(places: Array, agents: NDArray[np.int64], wanted: int) -> Edges:
+def _nearest_before(places: Array, agents: IntArray, wanted: int) -> Edges:
     """Links from some agents to those nearest of the agents before them in number; of two as near, the first."""
     from scipy.spatial import cKDTree
 
@@ -198,7 +197,7 @@ _GRAPHS: dict[str, Callable[[Array, Swarm, np.random.Generator], Edges]] = {
 }
 
 
-def _cycle(order: NDArray[np.int64]) -> Edges:
+def _cycle(order: IntArray) -> Edges:
     """From each to the next, and from the last to the first."""
     return _ordered(zip(order, np.roll(order, -1), strict=True))
 

@@ -15,15 +15,13 @@ from dataclasses import dataclass
 from threading import Lock
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mjsheaf.arrays import Array, IntArray
 from mjsheaf.engine import mujoco, refusing
 from mjsheaf.errors import InputError
 from mjsheaf.io.files import resource_directory
 from mjsheaf.vehicles.loading import mass_properties
 from mjsheaf.vehicles.vehicle import GRAVITY, Vehicle
-
-Array = NDArray[np.float64]
 
 
 def attachable(vehicle: Vehicle) -> mujoco.MjSpec:
@@ -73,10 +71,10 @@ class Arena:
 
     model: mujoco.MjModel
     vehicles: list[Vehicle]
-    qpos: NDArray[np.int64]
-    dof: NDArray[np.int64]
-    body: NDArray[np.int64]
-    thruster: NDArray[np.int64]
+    qpos: IntArray
+    dof: IntArray
+    body: IntArray
+    thruster: IntArray
 
     @property
     def trim(self) -> Array:

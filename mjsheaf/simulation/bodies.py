@@ -34,6 +34,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mjsheaf.arrays import Array
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.simulation.arena import Arena
 from mjsheaf.simulation.trajectory import quaternions_of
@@ -42,8 +43,6 @@ from mjsheaf.vehicles.actuators import AZIMUTH, CHANNEL, FIXED, aim, at_most, ro
 from mjsheaf.vehicles.steering import drag_force, steer
 from mjsheaf.vehicles.vectors import add, cross, product, row_product, subtract, to_body, to_world, triple, upward
 from mjsheaf.vehicles.vehicle import Vehicle
-
-Array = NDArray[np.float64]
 
 # Body axes, about the origin of the body frame.
 KIND = np.dtype(

@@ -18,8 +18,8 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mjsheaf.arrays import Array
 from mjsheaf.control.controller import Controller
 from mjsheaf.control.law import Memory, new_memory, sample
 from mjsheaf.dynamics.disturbance import evaluate_sines
@@ -27,8 +27,6 @@ from mjsheaf.dynamics.effectiveness import EffectivenessArrays, allocate
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.simulation.trajectory import Trajectory, blow_up_message, new_log, pieces_of, quaternions_of
 from mjsheaf.system import MediumArrays, Phase, System, medium_velocity, phases_of
-
-Array = NDArray[np.float64]
 
 _A = np.array(
     [

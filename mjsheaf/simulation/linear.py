@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.control import ControlArrays
 from mjsheaf.dynamics import FlowField
 from mjsheaf.dynamics.disturbance import pack
@@ -26,8 +26,6 @@ from mjsheaf.simulation.loop import close_loop, controlled_positions, new_loop
 from mjsheaf.simulation.trajectory import quaternions_of
 from mjsheaf.system import MediumArrays
 from mjsheaf.vehicles.vehicle import Vehicle
-
-Array = NDArray[np.float64]
 
 _PROBE = 1e-6  # m, rad, m/s, rad/s; and, times the mass, of a thruster's force in N: half of what is differenced
 _LEAST_THRUST = 1e3 * _PROBE  # m/s^2: what differences about a thrust change of it is small above that
@@ -173,7 +171,7 @@ class _Bench:
             models.append(LinearVehicle(*(x[np.ix_(to, of)] for to in (s, u) for of in (s, u))))
         return models
 
-    def _newton(self) -> NDArray[np.bool_]:
+    def _newton(self) -> BoolArray:
         """Solve x' = x, p' = p for states and commands; return which vehicles have not come to rest, shape (V,)."""
         for _ in range(_NEWTON_STEPS):
             rates = self._step(self.still) / self.timestep

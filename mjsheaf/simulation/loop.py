@@ -15,6 +15,7 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
+from mjsheaf.arrays import Array, IntArray
 from mjsheaf.control.controller import Controller, Law, controller_of
 from mjsheaf.control.law import ControlArrays, Memory, new_memory, sample
 from mjsheaf.dynamics.disturbance import evaluate_sines
@@ -34,8 +35,6 @@ from mjsheaf.simulation.trajectory import Log, Trajectory, blow_up_message, new_
 from mjsheaf.system import MediumArrays, Phase, System, medium_velocity, phases_of
 from mjsheaf.vehicles.actuators import ANGLE
 from mjsheaf.vehicles.vectors import rotation, triple
-
-Array = NDArray[np.float64]
 
 
 class Loop(NamedTuple):
@@ -88,7 +87,7 @@ class Recorder(NamedTuple):
 
     log: Log
     placed: Array
-    written: NDArray[np.int64]
+    written: IntArray
 
 
 @jit
@@ -482,7 +481,7 @@ class World:
         detail = f" (body '{self.arena.vehicles[vehicle].name}', speed {speed:.3g} m/s)"
         return blow_up_message(self.system, vehicle, self.time, self._timestep * self._loop.per_law, detail)
 
-    def actuators(self, id: str) -> NDArray[np.int64]:
+    def actuators(self, id: str) -> IntArray:
         """Indices of a vehicle's actuators in `model` and in `data.ctrl`, in the order of `result.nc`'s thrusters.
 
         For example `world.model.actuator_gainprm[world.actuators("A1"), 0] = 0` stops all thrusters of A1.

@@ -5,11 +5,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mjsheaf.arrays import Array
 from mjsheaf.system import Phase, System
-
-Array = NDArray[np.float64]
 
 _PIECE = 2**16  # of vehicles and samples, their product: a few megabytes of results
 

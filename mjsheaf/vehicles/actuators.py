@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from mjsheaf.arrays import Array
 from mjsheaf.io.section import Section
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.vehicles.vectors import to_world, triple
 
-Array = NDArray[np.float64]
 Range = tuple[float, float] | None  # of MuJoCo's: lowest and highest, or no limit
 
 LAGS = ("none", "filter", "filterexact")

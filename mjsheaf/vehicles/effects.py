@@ -16,15 +16,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
+from mjsheaf.arrays import Array
 from mjsheaf.io.section import Duration, Section
 from mjsheaf.vehicles.actuators import Thruster
 from mjsheaf.vehicles.steering import Full
 from mjsheaf.vehicles.vehicle import ROW_NAMES, Vehicle
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

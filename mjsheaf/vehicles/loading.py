@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 from xml.parsers import expat
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ValidationError
 
+from mjsheaf.arrays import Array
 from mjsheaf.engine import mujoco, refusing
 from mjsheaf.errors import InputError, expected, in_field, shortened
 from mjsheaf.io.files import confined, read_bytes, resource_directory
@@ -161,8 +161,6 @@ def _numbers(value: str) -> list[float]:
     except ValueError:
         return []
 
-
-Array = NDArray[np.float64]
 
 _LAG_NAMES = {int(getattr(mujoco.mjtDyn, f"mjDYN_{name.upper()}")): name for name in LAGS}
 

@@ -13,9 +13,9 @@ from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
+from mjsheaf.arrays import Array
 from mjsheaf.io.section import Section
 from mjsheaf.jit import inline_jit
 from mjsheaf.vehicles.vectors import cross, product, subtract, to_world, triple
@@ -23,7 +23,6 @@ from mjsheaf.vehicles.vectors import cross, product, subtract, to_world, triple
 if TYPE_CHECKING:
     from mjsheaf.vehicles.vehicle import Vehicle
 
-Array = NDArray[np.float64]
 
 FULL, THRUST_VECTOR, HAND_POINT = 0, 1, 2  # codes
 

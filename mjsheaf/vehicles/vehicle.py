@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Discriminator, Field, Tag, model_validator
 
+from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError
 from mjsheaf.io.section import Section
 from mjsheaf.vehicles.actuators import Azimuth, Channel, Thruster
@@ -110,8 +111,6 @@ class VehicleDescription(Section):
             raise ValueError("steering has a hand_point on the surface, and a largest_tilt in a volume")
         return self
 
-
-Array = NDArray[np.float64]
 
 GRAVITY = 9.81  # m/s^2
 
