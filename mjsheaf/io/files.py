@@ -239,15 +239,16 @@ def confined(name: str, directory: Path, root: Path | None = None) -> Path:
     Raises:
         InputError: it lies outside, or is no path.
     """
-    root = directory if root is None else root
     try:
-        within, path = root.resolve(), (directory / name).resolve()
+        within, path = (root or directory).resolve(), (directory / name).resolve()
         path.exists()
     except (OSError, ValueError, RuntimeError) as error:  # a NUL, a name too long, links in a circle
         reason = getattr(error, "strerror", None) or error
         raise InputError(f"{shortened(name, 100)!r} is no path: {reason}") from None
     if not path.is_relative_to(within):
-        raise InputError(f"{shortened(name, 100)!r} lies outside {root}; expected a file in that directory or below it")
+        raise InputError(
+            f"{shortened(name, 100)!r} lies outside {root or directory}; expected a file in that directory or below it"
+        )
     return path
 
 

@@ -5,7 +5,7 @@ it builds its part of a system.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cache
 from typing import Annotated, Any, NamedTuple, Self
 
@@ -155,12 +155,13 @@ def _follow(
     union: tuple[int | str, ...] | None = None
     nodes = [schema]
     for part in location:
-        variants = _variants(nodes, schema)
+        variants = list(_variants(nodes, schema))
         if isinstance(part, int):
             below = [node["items"] for node in variants if "items" in node]
         else:
             below = [node["properties"][part] for node in variants if part in node.get("properties", {})]
-        below = below or [node["additionalProperties"] for node in variants if _is_open(node)]
+        of_any_key = [node.get("additionalProperties") for node in variants]
+        below = below or [node for node in of_any_key if isinstance(node, dict)]
         if below:
             path, nodes = (*path, part), below
             continue
@@ -170,23 +171,15 @@ def _follow(
     return path, union, nodes
 
 
-def _is_open(node: dict[str, Any]) -> bool:
-    """Whether a mapping may have any keys, with values of one kind."""
-    return isinstance(node.get("additionalProperties"), dict)
-
-
-def _variants(nodes: list[dict[str, Any]], schema: dict[str, Any]) -> list[dict[str, Any]]:
+def _variants(nodes: Iterable[dict[str, Any]], schema: dict[str, Any]) -> Iterator[dict[str, Any]]:
     """Follow references and unions to plain nodes."""
-    plain, waiting = [], list(nodes)
-    while waiting:
-        node = waiting.pop(0)
+    for node in nodes:
         if "$ref" in node:
-            waiting.append(schema["$defs"][node["$ref"].rsplit("/", 1)[1]])
+            yield from _variants([schema["$defs"][node["$ref"].rsplit("/", 1)[1]]], schema)
         elif "oneOf" in node or "anyOf" in node:
-            waiting.extend(node.get("oneOf", node.get("anyOf", [])))
+            yield from _variants(node.get("oneOf", node.get("anyOf", [])), schema)
         else:
-            plain.append(node)
-    return plain
+            yield node
 
 
 def _tags(node: dict[str, Any]) -> set[str]:

@@ -1,6 +1,5 @@
 """Simulating a scenario, or many at once: from what a person wrote to data."""
 
-import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from threading import Event
@@ -8,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from mjsheaf.errors import InputError, MjsheafError, NotUniqueError, RankError, expected
 from mjsheaf.scenario import Scenario
+from mjsheaf.threads import usable_processors
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -151,11 +151,6 @@ def simulate_many(
 
 class _Abandoned(Exception):  # noqa: N818
     """Ends a run whose siblings were interrupted."""
-
-
-def usable_processors() -> int:
-    """How many processors this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _require_backend(backend: str) -> None:
