@@ -10,8 +10,8 @@ step control and starting step of Hairer, Norsett and Wanner (Solving Ordinary D
 are measured as the root mean square over the padded state (3 components a vehicle) relative to atol + rtol |x|: the
 way in which the paper's published run was integrated, so that it comes out alike to rounding.
 
-All within a period is inlined into one function for one vehicle (see `inline_jit`): handing tuples of arrays on costs more
-than a slope does.
+All within a period is inlined into one function for one vehicle (see `inline_jit`): handing tuples of arrays on
+costs more than a slope does.
 """
 
 from collections.abc import Callable, Iterator, Sequence
