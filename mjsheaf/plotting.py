@@ -4,12 +4,11 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from mjsheaf.arrays import Array, IntArray
 from mjsheaf.team import Team
-
-Array = NDArray[np.float64]
 
 # Okabe and Ito's palette (distinct with any colour vision), then Tol's muted scheme for further groups.
 _COLOURS = (
@@ -19,17 +18,13 @@ _COLOURS = (
 _UNGROUPED, _TARGET = "#F0E442", "#D62728"
 
 
-def _rgb(code: str) -> list[float]:
-    return [int(code[k : k + 2], 16) / 255.0 for k in (1, 3, 5)]
-
-
 def palette(count: int) -> Array:
     """RGB of `count` groups, then of ungrouped agents and of targets, shape (count + 2, 3)."""
     chosen = [_COLOURS[k % len(_COLOURS)] for k in range(count)]
-    return np.array([_rgb(code) for code in [*chosen, _UNGROUPED, _TARGET]])
+    return np.array([to_rgb(code) for code in [*chosen, _UNGROUPED, _TARGET]])
 
 
-def group_of_vehicles(team: Team) -> tuple[NDArray[np.int64], list[str]]:
+def group_of_vehicles(team: Team) -> tuple[IntArray, list[str]]:
     """Index of each vehicle's group in `palette`, shape (V,), and the names that go with the palette."""
     names = [f.name for f in team.formations]
     index = {member: k for k, f in enumerate(team.formations) for member in f.members}

@@ -387,6 +387,11 @@ def body(world: World) -> tuple[Vehicle, slice, slice, slice]:
     return world.arena.vehicles[0], slice(a, a + 7), slice(d, d + 6), slice(first[0], first[1])
 
 
+def largest_tilt(vehicle: Vehicle) -> float:
+    """Largest tilt of a vehicle that points its thrust, degrees; 0 for others."""
+    return float(getattr(vehicle.steering, "largest_tilt", 0.0))
+
+
 def attitude(world: World) -> Array:
     """Attitude of vehicle 0, body to world, shape (3, 3)."""
     return Rotation.from_quat(world.quaternions()[0], scalar_first=True).as_matrix()

@@ -381,7 +381,7 @@ def _station(vehicle: Vehicle, medium: Array, heading: float, span: float) -> St
     if vehicle.steering.attitude:
         return Station(vehicle, medium, heading)
     speed = float(np.hypot(medium[0], medium[1]))
-    if speed * span < _TURNS * vehicle.hand:
+    if speed * span < _TURNS * vehicle.steering.hand:
         return Station(vehicle, np.zeros(3), heading)
     return Station(vehicle, medium, float(np.arctan2(-medium[1], -medium[0])))
 

@@ -143,6 +143,8 @@ def expect(
     Writes no directory. Exit code 1 where an expectation is missed. --update keeps the rest of the file as it is; a
     team that is refused is expected to be refused, and a run that blows up is not written (exit code 3).
     """
+    from mjsheaf.io.files import replace_file, require_writable
+    from mjsheaf.io.yaml import with_field
     from mjsheaf.runs.expecting import (
         BACKEND_ORDER,
         describe,
@@ -153,7 +155,6 @@ def expect(
         try_scenario,
     )
     from mjsheaf.scenario import load_scenario
-    from mjsheaf.scenario.editing import replace_file, require_writable, with_field
     from mjsheaf.scenario.load import find_scenario
 
     loaded, path = load_scenario(scenario), find_scenario(scenario)

@@ -309,5 +309,5 @@ def _simulate(system: System, setup: Setup, other: Callable[[Setup], Trajectory]
         return source
     found = run_physics(system, targets=targets) if setup.agents else run_ideal(system, targets=targets)
     if source.status != "finished" and found.status == "finished":
-        return replace(found, status=source.status, message=f"the run that gives its targets ends: {source.message}")
+        return replace(found, message=f"the run that gives its targets ends: {source.message}")
     return found

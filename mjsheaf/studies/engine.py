@@ -18,7 +18,7 @@ import psutil
 
 from mjsheaf.errors import InputError
 from mjsheaf.studies.job import ForeignWorkerError, Job, JobResult, failed_record, new_record, run_job
-from mjsheaf.threads import ONE_THREAD
+from mjsheaf.threads import ONE_THREAD, usable_processors
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -190,7 +190,7 @@ def local_engine(workers: int | None = None, *, processes: bool = True, memory: 
         processes: each worker a process; else all are threads of this one, which begin at once and share its fate.
         memory: that all processes together may take, in bytes; None takes most of the machine's.
     """
-    count = workers or len(os.sched_getaffinity(0))
+    count = workers or usable_processors()
     if not processes:
         threads = ThreadPoolExecutor(count)
         try:

@@ -13,9 +13,9 @@ from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
+from mjsheaf.arrays import Array
 from mjsheaf.io.section import Section
 from mjsheaf.jit import inline_jit
 from mjsheaf.vehicles.vectors import cross, product, subtract, to_world, triple
@@ -23,7 +23,6 @@ from mjsheaf.vehicles.vectors import cross, product, subtract, to_world, triple
 if TYPE_CHECKING:
     from mjsheaf.vehicles.vehicle import Vehicle
 
-Array = NDArray[np.float64]
 
 FULL, THRUST_VECTOR, HAND_POINT = 0, 1, 2  # codes
 
@@ -54,11 +53,6 @@ class Steering(Section, ABC):
     @property
     def hand(self) -> float:
         """Distance of the controlled point ahead of the origin, m."""
-        return 0.0
-
-    @property
-    def tilt(self) -> float:
-        """Largest tilt, degrees; 0 where it does not tilt to go sideways."""
         return 0.0
 
     def delays(self, vehicle: "Vehicle") -> Array:
@@ -168,11 +162,6 @@ class ThrustVector(Steering):
     largest_tilt: Annotated[float, Field(gt=0, le=_FREE_TILT)] = Field(
         description="a multirotor with parallel rotors points its thrust, tilting by at most this, degrees"
     )
-
-    @property
-    def tilt(self) -> float:
-        """As given."""
-        return self.largest_tilt
 
     def delays(self, vehicle: "Vehicle") -> Array:
         """2 zeta / omega of the attitude that must turn first; upward the thrusters' lag."""

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Discriminator, Field, Tag, model_validator
 
+from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError
 from mjsheaf.io.section import Section
 from mjsheaf.vehicles.actuators import Azimuth, Channel, Thruster
@@ -30,7 +31,9 @@ class Drag(Section):
     """Drag relative to the medium along and about the body's axes: D v + Q |v| v; give time_constant or linear."""
 
     time_constant: Annotated[float, Field(gt=0)] | None = Field(None, description="m / D, s: isotropic")
-    linear: Triple | None = Field(None, description="surge, sway, heave, N s/m")
+    linear: Annotated[list[Annotated[float, Field(gt=0)]], Field(min_length=3, max_length=3)] | None = Field(
+        None, description="surge, sway, heave, N s/m"
+    )
     quadratic: Triple = Field([0.0, 0.0, 0.0], description="surge, sway, heave, N s^2/m^2")
     angular: Triple = Field([0.0, 0.0, 0.0], description="roll, pitch, yaw, N m s/rad")
     angular_quadratic: Triple = Field([0.0, 0.0, 0.0], description="roll, pitch, yaw, N m s^2/rad^2")
@@ -39,8 +42,6 @@ class Drag(Section):
     def _one(self) -> "Drag":
         if (self.time_constant is None) == (self.linear is None):
             raise ValueError("give either time_constant or linear")
-        if self.linear is not None and min(self.linear) <= 0.0:
-            raise ValueError("linear drag must be positive along each axis")
         return self
 
 
@@ -111,8 +112,6 @@ class VehicleDescription(Section):
         return self
 
 
-Array = NDArray[np.float64]
-
 GRAVITY = 9.81  # m/s^2
 
 _STIFF = 0.01  # share of a velocity that drag takes in a step: as an applied force it is wrong by about this much
@@ -182,16 +181,6 @@ class Vehicle:
         return 2 if self.description.domain == "surface" else 3
 
     @property
-    def hand(self) -> float:
-        """Distance of the controlled point ahead of the origin, m."""
-        return self.steering.hand
-
-    @property
-    def tilt(self) -> float:
-        """Largest tilt of a vehicle that points its thrust, degrees; 0 for others."""
-        return self.steering.tilt
-
-    @property
     def controlled_rows(self) -> list[int]:
         """Rows of the wrench that actuators must produce: those that its steering commands."""
         return self.steering.rows[self.dimension]
@@ -253,7 +242,7 @@ class Vehicle:
         efforts = self.by_actuator(self.trim_effort)
         return np.concatenate([a.command(effort) for a, effort in zip(self.actuators, efforts, strict=True)])
 
-    def by_actuator(self, values: Array) -> list[Array]:
+    def by_actuator(self, values: NDArray[Any]) -> list[NDArray[Any]]:
         """Efforts or commands (s,) of each actuator."""
         return np.split(values, np.cumsum([len(actuator.channels) for actuator in self.actuators])[:-1])
 
@@ -290,7 +279,7 @@ class Vehicle:
 
         MuJoCo integrates what the joint takes implicitly: stiff drag then costs no small steps. But it factorizes the
         mass matrix once more for it, so that drag which is not stiff had better be an applied force. What is shared
-        with the medium must be: see forces.
+        with the medium must be: see `simulation.bodies`.
         """
         fastest = max(*(self.drag / self.mass), *(self.angular_drag / np.diag(self.turning_inertia)))
         return not self.added_mass.any() and bool(fastest * timestep > _STIFF)

@@ -265,7 +265,7 @@ def flat(root: ElementTree.Element) -> None:
             r"hull\.yaml: colour: unknown field; expected actuators",
         ),
         ("hull", None, {"drag": {}}, r"hull\.yaml: drag: give either time_constant or linear"),
-        ("hull", None, {"drag": {"linear": [1, 2, 0]}}, r"drag: linear drag must be positive along each axis"),
+        ("hull", None, {"drag": {"linear": [1, 2, 0]}}, r"drag\.linear\.2: .*greater than 0"),
         ("hull", None, {"drag": {"time_constant": 0}}, r"drag\.time_constant: input should be greater than 0"),
         ("hull", None, {"domain": "ground"}, r"domain: input should be 'surface' or 'volume'"),
     ],
