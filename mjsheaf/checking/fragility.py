@@ -14,7 +14,7 @@ from scipy import sparse
 
 from mjsheaf.checking.cohomology import agent_coboundary, smallest_eigenvalue
 from mjsheaf.io.section import Record
-from mjsheaf.sheaf.sections import sparse_null_space
+from mjsheaf.sheaf.blocks import sparse_null_space
 from mjsheaf.team import GROUND, Edge, Team
 
 Index = NDArray[np.int64]
