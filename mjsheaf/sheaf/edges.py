@@ -143,22 +143,8 @@ def ranges(begin: Index, length: Index) -> Index:
     return np.repeat(begin - starts(length), length) + np.arange(length.sum())
 
 
-def first_row(bundles: list[EdgeBundle]) -> Index:
-    """First row in the coboundary of each edge, by number, shape (E,)."""
-    size = np.zeros(sum(len(b.number) for b in bundles), dtype=np.int64)
-    for b in bundles:
-        size[b.number] = b.shape[0]
-    return starts(size)
-
-
-def tabulate(bundles: list[EdgeBundle], column: Index, first_row: Index) -> EdgeTable:
-    """The table of the given bundles, one after the other, without their weights.
-
-    Args:
-        bundles: all edges of a sheaf.
-        column: as in `EdgeTable`.
-        first_row: as `first_row` gives it.
-    """
+def tabulate(bundles: list[EdgeBundle], column: Index) -> EdgeTable:
+    """The table of all edges of a sheaf, bundle after bundle, without their weights; `column` as in `EdgeTable`."""
     tail, head, number = (_joined([getattr(b, name) for b in bundles], np.int64) for name in ("tail", "head", "number"))
     F = _joined([b.maps for b in bundles], np.float64)
     size = _joined([np.full(len(b.tail), b.shape[0]) for b in bundles], np.int64)
@@ -170,7 +156,9 @@ def tabulate(bundles: list[EdgeBundle], column: Index, first_row: Index) -> Edge
         begin += len(b.maps)
     first, incident = incidence(tail, head, len(column) - 1)
     places = _joined(at_tail, np.int64), _joined(at_head, np.int64)
-    row = first_row[number]
+    of_number = np.empty_like(size)
+    of_number[number] = size
+    row = starts(of_number)[number]
     return EdgeTable(int(size.sum()), column, tail, head, row, size, F, *places, first, incident)
 
 

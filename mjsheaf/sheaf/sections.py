@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from mjsheaf.jit import allocating_jit, jit
+from mjsheaf.jit import allocating_jit, inline_jit, jit
 from mjsheaf.sheaf.blocks import DENSE_COLUMNS, ROUNDING, assembled, largest_singular_value, sparse_null_space
 from mjsheaf.sheaf.edges import EdgeTable, coboundary_matrix, product, ranges
 
@@ -51,7 +51,7 @@ class Forest(NamedTuple):
     norm_high: float
 
 
-@jit
+@inline_jit
 def _carry(t, e, u, w, work):
     """Fill M = F_w^+ F_u (n_w, n_u); return bounds (a, b) of |M| and |F_w^+|, or (-1, -1) where F_w is not injective.
 

@@ -21,7 +21,6 @@ from mjsheaf.sheaf.edges import (
     checked_bundle,
     coboundary_matrix,
     finite,
-    first_row,
     laplacian_block,
     merge,
     product,
@@ -197,7 +196,7 @@ class Sheaf:
     @cached_property
     def edge_product(self) -> InnerProduct | None:
         """The inner product K of C^1; None where it is the identity."""
-        blocks = [(self._first_row[b.number], b.weight) for b in self._merged if b.weight is not None]
+        blocks = [(row, b.weight) for row, b in zip(self._rows(), self._merged, strict=True) if b.weight is not None]
         return InnerProduct.of_blocks(blocks, self.shape[0]) if blocks else None
 
     # -- edges -------------------------------------------------------------------------------------------------
@@ -295,7 +294,7 @@ class Sheaf:
         first = self._edges
         self._bundles += bundles
         self._edges += sum(len(b.number) for b in bundles)
-        for name in ("_merged", "_first_row", "table", "whitened_table", "edge_product"):
+        for name in ("_merged", "table", "whitened_table", "edge_product"):
             self.__dict__.pop(name, None)
         return range(first, self._edges)
 
@@ -349,22 +348,21 @@ class Sheaf:
     def _merged(self) -> list[EdgeBundle]:
         return merge(self._bundles)
 
-    @cached_property
-    def _first_row(self) -> Index:
-        """First row of each edge in the coboundary, by number, shape (E,)."""
-        return first_row(self._bundles)
+    def _rows(self) -> list[Index]:
+        """First row of each edge in the coboundary, an array for each merged bundle."""
+        return np.split(self.table.row, np.cumsum([len(b.number) for b in self._merged]))[:-1]
 
     @cached_property
     def table(self) -> EdgeTable:
         """All edges as the compiled loops walk them, without inner products."""
-        return tabulate(self._merged, self._column, self._first_row)
+        return tabulate(self._merged, self._column)
 
     @cached_property
     def whitened_table(self) -> EdgeTable:
         """All edges in edge coordinates in which inner products are the identity."""
         if not self._weighted:
             return self.table
-        return tabulate([b.whitened() for b in self._merged], self._column, self._first_row)
+        return tabulate([b.whitened() for b in self._merged], self._column)
 
     @property
     def _weighted(self) -> bool:
@@ -409,9 +407,9 @@ class Sheaf:
 
     def _gather_offsets(self, bundles: list[EdgeBundle]) -> Array:
         b = np.zeros(self.shape[0])
-        for bundle in bundles:
+        for row, bundle in zip(self._rows(), bundles, strict=True):
             if bundle.offset.any():
-                b[self._first_row[bundle.number][:, None] + np.arange(bundle.shape[0])] = bundle.offset
+                b[row[:, None] + np.arange(bundle.shape[0])] = bundle.offset
         return b
 
     def laplacian(self) -> sparse.csr_array:
