@@ -193,10 +193,6 @@ class System:
             disturbance.pack(self.harmonics),
         )
 
-    def flow_of(self, v: int) -> FlowField:
-        """The flow field that vehicle v meets."""
-        return self.flows[int(self.field[v])]
-
     def fields_met(self, first: int, last: int) -> list[tuple[FlowField, bool]]:
         """Each flow field that vehicles from first to last meet, and whether in the plane, every pair once."""
         members = self.team.members

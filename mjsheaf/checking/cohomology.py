@@ -22,13 +22,14 @@ from scipy import linalg, sparse
 
 from mjsheaf.io.section import Record
 from mjsheaf.sheaf import RANK_TOLERANCE
-from mjsheaf.sheaf.sections import (
+from mjsheaf.sheaf.blocks import (
     DENSE_COLUMNS,
-    components,
     largest_singular_value,
+    parts,
     shifted_factor,
     smallest_eigenvectors,
     sparse_null_space,
+    sparser_rows,
 )
 from mjsheaf.team import GROUND, Edge, Team
 from mjsheaf.team.null_modes import NullMode, describe, describe_nearly, null_mode_of, null_modes
@@ -145,7 +146,7 @@ def _above_zero(D: sparse.csr_array, null: sparse.csc_array, count: int) -> tupl
     null_rows = null.tocsr()
     found: list[tuple[float, NDArray[np.int64], Array]] = []
     largest = 0
-    for members, part in components(D):
+    for _, members, part in parts(sparser_rows(D)):
         largest = max(largest, len(members))
         known = null_rows[members]
         known = known[:, np.unique(known.indices)].toarray()
