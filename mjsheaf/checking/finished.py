@@ -20,8 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjsheaf.checking.certificate import Certificate, certify
-from mjsheaf.checking.cohomology import spectrum_of
-from mjsheaf.checking.margins import body_loop, mean_medium
+from mjsheaf.checking.margins import loop_along
 from mjsheaf.control.theorem import Theorem
 from mjsheaf.results.netcdf import pieces_of
 from mjsheaf.system import System
@@ -197,11 +196,7 @@ def ending_of(system: System, time: Array, q_star: Array, positions: Array, *, o
     error = np.sqrt((offsets**2).sum(axis=2).mean(axis=1))
 
     def unstable() -> bool:
-        team = system.team
-        padded = np.zeros((len(time), len(team.members), 3))
-        padded[:, : q_star.shape[1]] = q_star
-        path = team.pack(padded)[:, : team.dirichlet.H.shape[0]]
-        return body_loop(system, spectrum_of(team), mean_medium(system, time, path)).stable is False
+        return loop_along(system, time, q_star).stable is False
 
     still = _swing(_quarters(q_star)[-1]) <= _STILL_SHARE * _swing(_quarters(offsets)[-1])
     alone = still and not system.harmonics[..., :3].any()

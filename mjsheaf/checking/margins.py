@@ -22,7 +22,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import eigsh
 
 from mjsheaf.checking.certificate import Certificate
-from mjsheaf.checking.cohomology import DENSE_STATES, Spectrum
+from mjsheaf.checking.cohomology import DENSE_STATES, Spectrum, spectrum_of
 from mjsheaf.checking.constants import Difference, agent_drift
 from mjsheaf.control import disagreement
 from mjsheaf.errors import InputError
@@ -314,6 +314,15 @@ def body_loop(system: System, spectrum: Spectrum, medium: Array) -> BodyLoop:
 def _undecided(period: float, reason: str) -> BodyLoop:
     unknown = dict.fromkeys(("stable", "spectral_radius", "largest_gain", "least_damped"))
     return BodyLoop(**unknown, period=period, reason=reason)
+
+
+def loop_along(system: System, time: Array, q_star: Array) -> BodyLoop:
+    """`body_loop` in the mean flow along a run, from its harmonic extension, shape (T, N, 3), m."""
+    team = system.team
+    padded = np.zeros((len(time), len(team.members), 3))
+    padded[:, : q_star.shape[1]] = q_star
+    path = team.pack(padded)[:, : team.dirichlet.H.shape[0]]
+    return body_loop(system, spectrum_of(team), mean_medium(system, time, path))
 
 
 def mean_medium(system: System, time: Array, q_star: Array) -> Array:
