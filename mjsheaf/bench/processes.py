@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from mjsheaf.bench.rows import Row, at_most, best, informs
+from mjsheaf.bench import Row, at_most, best, informs
 from mjsheaf.errors import MjsheafError
 
 STARTUP_S = 0.3

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from mjsheaf.bench.rows import Row, at_least, at_most, best, informs
+from mjsheaf.bench import Row, at_least, at_most, best, informs
 from mjsheaf.sheaf import Sheaf
 
 Array = NDArray[np.float64]

@@ -4,7 +4,7 @@ from statistics import median
 from time import perf_counter, thread_time
 
 import mjsheaf
-from mjsheaf.bench.rows import Row, at_least, at_most, best, elapsed, informs, swarm
+from mjsheaf.bench import Row, at_least, at_most, best, elapsed, informs, swarm
 from mjsheaf.engine import mujoco
 from mjsheaf.scenario import Scenario
 from mjsheaf.simulation.ideal import run_ideal

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mjsheaf.checking.certificate import Certificate
 from mjsheaf.checking.check import CheckRecord, Examination
-from mjsheaf.plotting import group_of_vehicles, new_figure, palette, save_figure
+from mjsheaf.plotting import COMMUNICATION, draw_team, finish_map, new_figure, palette, save_figure
 from mjsheaf.system import System
 
 Array = NDArray[np.float64]
@@ -57,18 +57,7 @@ def _spectrum(axis: Any, system: System, record: CheckRecord) -> None:
 def _graph(axis: Any, system: System, record: CheckRecord) -> None:
     team = system.team
     place = system.initial[:, :2]
-    for edges, colour, style in ((team.communication, "#8A94A6", "-"), (team.sensing, "#B45309", ":")):
-        lines = [place[[team.index[e.tail], team.index[e.head]]] for e in edges]
-        axis.add_collection(LineCollection(lines, colors=colour, linestyles=style, linewidths=1.0, zorder=1))
-    groups, _ = group_of_vehicles(team)
-    colours = palette(len(team.formations))
-    few = len(place) <= 60
-    for v, member in enumerate(team.members):
-        target = v >= len(team.agents)
-        size = (13 if target else 9) if few else 3
-        axis.plot(*place[v], "*" if target else "o", markersize=size, color=colours[groups[v]], zorder=3)
-        if few:
-            axis.annotate(member.id, place[v], xytext=(6, 6), textcoords="offset points", fontsize=8, zorder=5)
+    draw_team(axis, team, place, "#B45309")
     reach = 0.12 * max(float(np.ptp(place, axis=0).max()), 1.0)
     for direction in record.relative_cohomology.basis:
         for agent, motion in direction.motion.items():
@@ -83,7 +72,7 @@ def _graph(axis: Any, system: System, record: CheckRecord) -> None:
     dimension = record.relative_cohomology.dimension
     axis.set_title(f"who is free to drift: dimension {dimension}" + ("" if dimension else ", nobody"), fontsize=11)
     handles = [
-        Line2D([], [], color="#8A94A6", label="communication"),
+        Line2D([], [], color=COMMUNICATION, label="communication"),
         Line2D([], [], color="#B45309", linestyle=":", label="sensing"),
         Line2D([], [], color=palette(0)[-1], marker="*", linestyle="", label="target"),
     ]
@@ -93,7 +82,8 @@ def _graph(axis: Any, system: System, record: CheckRecord) -> None:
                    label="free along z"),
             Line2D([], [], color=_FREE, lw=2, label="free in the plane"),
         ]  # fmt: skip
-    _finish_map(axis, "x (m), initial configuration from above", 0.15, handles)
+    finish_map(axis, 0.15, "x (m), initial configuration from above")
+    _legend_below(axis, handles)
 
 
 def _difference(axis: Any, system: System, certificate: Certificate) -> None:
@@ -130,16 +120,9 @@ def _difference(axis: Any, system: System, certificate: Certificate) -> None:
         Line2D([], [], color=_OWN, lw=2, label="agents' own drift $f_q(q^*)$"),
         Line2D([], [], color=_GAP, linestyle="--", label="the gap $f_B$"),
     ]
-    _finish_map(axis, "x (m), from above", 0.1, handles)
+    finish_map(axis, 0.1, "x (m), from above")
+    _legend_below(axis, handles)
 
 
-def _finish_map(axis: Any, x_label: str, margin: float, handles: list[Line2D]) -> None:
-    axis.set_aspect("equal", adjustable="datalim")
-    axis.margins(margin)
-    _finish(axis, x_label, "y (m)", handles)
-
-
-def _finish(axis: Any, x_label: str, y_label: str, handles: list[Line2D] | None = None) -> None:
-    axis.set(xlabel=x_label, ylabel=y_label)
-    axis.grid(True, alpha=0.3)
+def _legend_below(axis: Any, handles: list[Line2D] | None = None) -> None:
     axis.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=2, frameon=False, fontsize=9)

@@ -4,15 +4,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
-from numpy.typing import NDArray
 
 from mjsheaf.comparing.ladder import Run, RungRecord, display_name
-from mjsheaf.comparing.measures import FORMATION, TEAM, TRACKING, BudgetRecord, distances
-from mjsheaf.comparing.record import CompareRecord
-from mjsheaf.plotting import new_figure, palette, save_figure
-
-Array = NDArray[np.float64]
+from mjsheaf.comparing.measures import FORMATION, TEAM, TRACKING, Array, BudgetRecord, distances
+from mjsheaf.comparing.verdict import CompareRecord
+from mjsheaf.plotting import fit_logarithmic, label_logarithmic, new_figure, palette, save_figure, thin
 
 _IDEAL, _ALL, _BASE, _GREY = "black", "#D62728", "#8A94A6", "#C4CAD4"
 _MOST_LINES, _MOST_POINTS, _MOST_PANELS = 10, 2000, 4
@@ -43,14 +39,20 @@ def plot_rungs(record: CompareRecord, runs: dict[str, Run], path: Path) -> None:
         values = []
         for k, rung in enumerate(drawn_rungs):
             run = runs[rung.key]
-            apart = distances(run.system, run.trajectory, ideal.trajectory).max(axis=1)
-            keep = np.unique(np.linspace(0, len(apart) - 1, min(len(apart), _MOST_POINTS)).astype(int))
+            apart = distances(run.trajectory, ideal.trajectory).max(axis=1)
+            keep = thin(len(apart), _MOST_POINTS)
             y = (run.series[TEAM] | {"distance": apart})[name][keep]
             y = np.where(y > 0.0, y, np.nan)  # zero has no place on a logarithmic axis
             if rung.status == "finished":
                 values.append(y)
-            axis.plot(run.trajectory.time[keep], y, label=_label(rung), **_style(rung, colours[k]))
-        _logarithmic(axis, values)
+            axis.plot(
+                run.trajectory.time[keep],
+                y,
+                label=rung.label + " (BLOWS UP)" * (rung.status != "finished"),
+                **_style(rung, colours[k]),
+            )
+        if fit_logarithmic(axis, np.concatenate([*values, np.zeros(0)]), 1.5, 1e-4):
+            label_logarithmic(axis.yaxis)
         axis.set_ylabel(label)
         axis.grid(True, which="major", alpha=0.3)
         end = float(ideal.trajectory.time[0]) + record.time_s
@@ -71,8 +73,8 @@ def plot_budget(record: CompareRecord, path: Path) -> None:
     scopes = known[:1] if len(known) == 2 else known[: _MOST_PANELS + 1]  # an only group is the team over again
     budgets = [record.budget(scope, record.measure, "late") for scope in scopes]
     order = sorted(budgets[0].effects, key=lambda item: abs(item.give_back_m or 0.0))
-    names = ["targets become bodies", "agents become bodies", "interaction of effects"]
-    rows = ["at q* already", *names, *(display_name(item.effect) for item in order)]
+    rows = ["at q* already", "targets become bodies", "agents become bodies", "interaction of effects"]
+    rows += [display_name(item.effect) for item in order]
     figure = new_figure(max(9.0, 3.4 + 3.3 * len(scopes)), 2.8 + 0.48 * len(rows))
     figure.suptitle(
         f"{record.scenario}: what makes the {display_name(record.measure)} (RMS over the last half of the run)", y=0.98
@@ -112,10 +114,10 @@ def plot_convergence(record: CompareRecord, path: Path) -> None:
         axis.legend(frameon=False)
     else:
         axis.text(0.5, 0.5, found.reason or "too few runs came to their end", transform=axis.transAxes, ha="center")
-    axis.set_xlabel("time constant tau of every vehicle (s)")
-    axis.set_ylabel(
-        "largest distance of an agent to its ideal run (m)\n"
-        f"both begun at q*, from {found.start_s:.2g} s to {found.end_s:.2g} s"
+    axis.set(
+        xlabel="time constant tau of every vehicle (s)",
+        ylabel="largest distance of an agent to its ideal run (m)\n"
+        f"both begun at q*, from {found.start_s:.2g} s to {found.end_s:.2g} s",
     )
     axis.grid(True, which="both", alpha=0.3)
     figure.tight_layout()
@@ -146,25 +148,6 @@ def choose_rungs(record: CompareRecord) -> tuple[list[RungRecord], str]:
     return [*shown, record.rung("all"), record.rung("ideal")], footnote
 
 
-def log_ticks(low: float, high: float) -> list[float]:
-    """Ticks of a logarithmic axis: powers of 10 where three or more are seen, else as few between as make it three.
-
-    Two at least are seen where the axis spans a factor of 2.
-    """
-    ticks: list[float] = []
-    first, last = int(np.floor(np.log10(low))), int(np.ceil(np.log10(high)))
-    for steps in ((1,), (1, 2, 5), (1, 1.5, 2, 3, 4, 5, 6, 7, 8, 9)):
-        ticks = [float(f"{step}e{power}") for power in range(first, last + 1) for step in steps]
-        ticks = [tick for tick in ticks if low <= tick <= high]
-        if len(ticks) >= 3:
-            break
-    return ticks
-
-
-def _label(rung: RungRecord) -> str:
-    return rung.label + (" (BLOWS UP)" if rung.status != "finished" else "")
-
-
 def _style(rung: RungRecord, colour: Array) -> dict[str, Any]:
     if rung.kind == "ideal":
         return {"color": _IDEAL, "linewidth": 1.6, "linestyle": (0, (4, 2))}
@@ -176,64 +159,36 @@ def _style(rung: RungRecord, colour: Array) -> dict[str, Any]:
     return {"color": _BASE if rung.kind == "base" else colour, "linewidth": 1.1, "alpha": 0.85}
 
 
-def _logarithmic(axis: Any, values: list[Array]) -> None:
-    positive = np.concatenate([*values, np.zeros(0)])
-    positive = positive[np.isfinite(positive) & (positive > 0)]
-    if positive.size:
-        axis.set_yscale("log")
-        axis.set_ylim(max(positive.min() / 1.5, positive.max() * 1e-4), positive.max() * 1.5)
-        low, high = axis.get_ylim()
-        axis.yaxis.set_major_locator(FixedLocator(log_ticks(low, high)))
-        axis.yaxis.set_minor_locator(NullLocator())
-        axis.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    else:
-        axis.text(0.5, 0.5, "not defined for this team", transform=axis.transAxes, ha="center", color="grey")
-
-
 def _bars(axis: Any, scope: str, budget: BudgetRecord, order: list[str]) -> None:
-    by_name = {item.effect: item for item in budget.effects}
-    single = [None, budget.targets_m, budget.agents_m, budget.interaction_m]
-    for y, value in enumerate(single[1:], start=1):
-        _bar(axis, y, value, 0.5, _BASE, None)
+    """The panel of one scope: at_q_star in words, three bars, then two bars for each effect, in mm."""
+    items = {item.effect: item for item in budget.effects}
+    effects, y = [items[name] for name in order], 4.0 + np.arange(len(order))
+    _barh(axis, np.arange(1, 4), [budget.targets_m, budget.agents_m, budget.interaction_m], 0.5, _BASE)
+    _barh(axis, y + 0.2, [e.alone_m for e in effects], 0.36, "#0072B2", "added to ideal thrusters, alone")
+    given_back = "given back when it is removed from all (below 0: worse without it)"
+    _barh(axis, y - 0.2, [e.give_back_m for e in effects], 0.36, _ALL, given_back)
     floor = "blew up" if budget.at_q_star_m is None else f"{1000.0 * budget.at_q_star_m:.0f} mm (no bar)"
     axis.annotate(  # no bar: it would dwarf the others
         floor, (0.0, 0), xytext=(4, 0), textcoords="offset points", va="center", fontsize=8
     )
-    axis.axhline(0.5, color=_GREY, linewidth=0.8)
-    for k, effect in enumerate(order):
-        y, item = len(single) + k, by_name[effect]
-        last = k == len(order) - 1
-        _bar(axis, y + 0.2, item.alone_m, 0.36, "#0072B2", "added to ideal thrusters, alone" if last else None)
-        _bar(
-            axis,
-            y - 0.2,
-            item.give_back_m,
-            0.36,
-            _ALL,
-            "given back when it is removed from all (below 0: worse without it)" if last else None,
-        )
+    for line in (0.5, 3.5):
+        axis.axhline(line, color=_GREY, linewidth=0.8)
     axis.axvline(0.0, color="black", linewidth=0.8)
-    axis.axhline(len(single) - 0.5, color=_GREY, linewidth=0.8)
     ideal, whole = ("blew up" if v is None else f"{v:.3g} m" for v in (budget.ideal_m, budget.all_m))
     title = "the whole team" if scope == TEAM else f"group {scope}"
     axis.set_title(f"{title}\nideal {ideal}, as it stands {whole}", fontsize=10)
-    axis.set_xlabel("part of the error (mm)")
     low, high = axis.get_xlim()
     reach = max(abs(low), abs(high), 1.0)
-    axis.set_xlim(-1.35 * reach if low < -0.02 * reach else -0.3 * reach, 1.35 * reach)
-    axis.set_ylim(-0.6, len(single) + len(order) - 0.4)
+    left = -1.35 * reach if low < -0.02 * reach else -0.3 * reach
+    axis.set(xlabel="part of the error (mm)", xlim=(left, 1.35 * reach), ylim=(-0.6, 3.6 + len(order)))
     axis.locator_params(axis="x", nbins=5)
     axis.grid(True, axis="x", alpha=0.3)
 
 
-def _bar(axis: Any, y: float, value: float | None, height: float, colour: str, label: str | None) -> None:
-    """One bar with its value, m; drawn in mm."""
-    length = 1000.0 * (value or 0.0)
-    axis.barh(y, length, height=height, color=colour, label=label)
-    text = f"{length:+.1f}" if abs(length) < 10 else f"{length:+.0f}"
-    text = "blew up" if value is None else "0" if abs(length) < 0.05 else text
-    right = length >= 0.0
-    axis.annotate(
-        text, (length, y), xytext=(4 if right else -4, 0), textcoords="offset points",
-        ha="left" if right else "right", va="center", fontsize=8,
-    )  # fmt: skip
+def _barh(axis: Any, y: Any, values: list[float | None], height: float, colour: str, label: str | None = None) -> None:
+    """Bars with their values, m; drawn in mm."""
+    lengths = [1000.0 * (value or 0.0) for value in values]
+    texts = ["0" if abs(x) < 0.05 else f"{x:+.1f}" if abs(x) < 10 else f"{x:+.0f}" for x in lengths]
+    bars = axis.barh(y, lengths, height=height, color=colour, label=label if values else None)
+    shown = ["blew up" if value is None else text for value, text in zip(values, texts, strict=True)]
+    axis.bar_label(bars, shown, padding=4, fontsize=8)

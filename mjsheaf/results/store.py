@@ -127,14 +127,17 @@ def holds_run(directory: Path) -> bool:
 
 def _record(directory: Path) -> dict[str, Any] | None:
     """summary.json or compare.json of a directory, as mjsheaf wrote it; None where there is neither."""
-    for name in _RECORDS:
-        try:
-            record = json.loads((directory / name).read_bytes())
-        except (OSError, ValueError, RecursionError):
-            continue
-        if isinstance(record, dict) and "mjsheaf_version" in record:
-            return record
-    return None
+    records = (read_mapping(directory / name) or {} for name in _RECORDS)
+    return next((record for record in records if "mjsheaf_version" in record), None)
+
+
+def read_mapping(path: Path) -> dict[str, Any] | None:
+    """The mapping in a JSON file; None where there is no such file, or it holds none."""
+    try:
+        found = json.loads(path.read_bytes())
+    except (OSError, ValueError, RecursionError):
+        return None
+    return found if isinstance(found, dict) else None
 
 
 def require_same_origin(directory: Path, origin: str) -> None:

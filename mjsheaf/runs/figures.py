@@ -5,12 +5,20 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from mjsheaf.plotting import group_of_vehicles, new_figure, palette, save_figure
+from mjsheaf.plotting import (
+    draw_team,
+    finish_map,
+    fit_logarithmic,
+    group_of_vehicles,
+    new_figure,
+    palette,
+    save_figure,
+    thin,
+)
 from mjsheaf.team import Team
 
 Array = NDArray[np.float64]
@@ -35,7 +43,7 @@ def plot_errors(
     colours = palette(len(team.formations))
     groups, names = group_of_vehicles(team)
     agents = groups[: len(team.agents)]
-    keep = _thin(dataset.sizes["time"])
+    keep = thin(dataset.sizes["time"], _MOST_POINTS)
     time = dataset["time"].values[keep]
     eta, tracking = dataset["disagreement"].values[keep], dataset["tracking_error"].values[keep]
     panels = figure.subplots(2, 2, sharex=True)
@@ -47,13 +55,7 @@ def plot_errors(
         if not np.isnan(total).all():
             axis.plot(time, total, color="black", linewidth=1.8, label=total_name)
             axis.legend(handles=axis.lines[-1:], loc="upper right", frameon=False, fontsize=9)
-        positive = np.concatenate([total, *parts.values()])
-        positive = positive[np.isfinite(positive) & (positive > 0)]
-        if positive.size:
-            axis.set_yscale("log")
-            axis.set_ylim(max(positive.min() / 2, positive.max() * 1e-12), positive.max() * 2)
-        else:
-            axis.text(0.5, 0.5, "not defined for this team", transform=axis.transAxes, ha="center", color="grey")
+        fit_logarithmic(axis, np.concatenate([total, *parts.values()]), 2.0, 1e-12)
         axis.set_title(title, fontsize=11)
         axis.set_ylabel(label)
         axis.grid(True, which="major", alpha=0.3)
@@ -100,7 +102,7 @@ def plot_trajectories(team: Team, dataset: xr.Dataset, path: Path) -> None:
     axis: Any = figure.add_subplot(projection="3d" if spatial else None)
     colours = palette(len(team.formations))
     groups, names = group_of_vehicles(team)
-    positions = _positions(dataset)[_thin(dataset.sizes["time"])]
+    positions = _positions(dataset)[thin(dataset.sizes["time"], _MOST_POINTS)]
     count = 3 if spatial else 2
     for v in range(positions.shape[1]):
         target = v >= len(team.agents)
@@ -135,25 +137,11 @@ def plot_configurations(team: Team, dataset: xr.Dataset, path: Path) -> None:
     positions, q_star = _positions(dataset), dataset["harmonic_extension"].values
     panels = figure.subplots(1, 2)
     for axis, k, word in zip(panels, (0, -1), ("initial", "final"), strict=True):
-        place = positions[k, :, :2]
-        for edges, colour, style in ((team.communication, "#8A94A6", "-"), (team.sensing, "#D62728", ":")):
-            lines = [place[[team.index[e.tail], team.index[e.head]]] for e in edges]
-            axis.add_collection(LineCollection(lines, colors=colour, linestyles=style, linewidths=1.0, zorder=1))
-        for v in range(len(place)):
-            target = v >= len(team.agents)
-            axis.plot(
-                *place[v], marker="*" if target else "o", markersize=13 if target else 8, color=colours[groups[v]],
-                markeredgecolor="white", markeredgewidth=0.6, zorder=3,
-            )  # fmt: skip
-            axis.annotate(team.members[v].id, place[v], xytext=(5, 5), textcoords="offset points", fontsize=8, zorder=4)
-            if not target:
-                axis.plot(*q_star[k, v, :2], marker="x", markersize=8, color=colours[groups[v]], zorder=2)
+        draw_team(axis, team, positions[k, :, :2], "#D62728")
+        for v in range(len(team.agents)):
+            axis.plot(*q_star[k, v, :2], marker="x", markersize=8, color=colours[groups[v]], zorder=2)
         axis.set_title(f"{word}, t = {float(dataset['time'][k]):.6g} s", fontsize=11)
-        axis.set_xlabel("x (m)")
-        axis.set_ylabel("y (m)")
-        axis.set_aspect("equal", adjustable="datalim")
-        axis.margins(0.08)
-        axis.grid(True, alpha=0.3)
+        finish_map(axis, 0.08)
     figure.legend(
         handles=_legend(groups, names, colours, edges=True), loc="lower center", ncols=5, frameon=False, fontsize=9
     )
@@ -171,11 +159,6 @@ def _positions(dataset: xr.Dataset) -> Array:
     """Positions (T, V, 3); planar vehicles at z = 0."""
     both = [dataset["agent_position"].values, dataset["target_position"].values]
     return np.nan_to_num(np.concatenate(both, axis=1))
-
-
-def _thin(samples: int) -> NDArray[np.int64]:
-    """Indices of at most _MOST_POINTS samples, the first and the last among them."""
-    return np.unique(np.linspace(0, samples - 1, min(samples, _MOST_POINTS)).round().astype(np.int64))
 
 
 def _legend(groups: NDArray[np.int64], names: list[str], colours: Array, *, edges: bool) -> list[Line2D]:

@@ -17,6 +17,13 @@ if TYPE_CHECKING:
 
 BACKENDS = ("physics", "ideal")
 
+Progress = Callable[[str, int, int], None]
+"""Called with (what is being done, done, in all)."""
+
+
+def no_progress(what: str, done: int, total: int) -> None:
+    """A `Progress` that reports nothing."""
+
 
 def simulate(
     scenario: Scenario,

@@ -74,11 +74,11 @@ class Engine:
                 yield result
         for job in suspects:
             tries = (result for _ in range(_TRIES_ALONE) for _, result in self._stream([job], work, 1))
-            yield next(filter(None, tries), None) or self._lost(job)
-
-    def _lost(self, job: Job) -> JobResult:
-        message = f"every worker that began it died, {self._cause()}"
-        return JobResult(new_record(job.point, job.seed, "lost", message))
+            result = next(filter(None, tries), None)
+            if result is None:
+                message = f"every worker that began it died, {self._cause()}"
+                result = JobResult(new_record(job.point, job.seed, "lost", message))
+            yield result
 
     def _stream(self, jobs: Iterable[Job], work: Work, ahead: int) -> Iterator[tuple[Job, JobResult | None]]:
         """Do jobs, so many of them handed out at a time; None is the result of one whose worker may have died of it."""

@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 from matplotlib.colors import LogNorm, Normalize
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
-from mjsheaf.plotting import new_figure
+from mjsheaf.plotting import label_logarithmic, new_figure, save_figure
 from mjsheaf.results.metrics import MEASURES
 from mjsheaf.studies.schema import Choice, LogUniform, StudyFile
 
@@ -118,14 +117,10 @@ def _spans_decades(values: Array) -> bool:
     return bool(known.size and known.min() > 0.0 and known.max() >= _DECADES * known.min())
 
 
-def _make_logarithmic(panel: Any, which: str, values: Array) -> None:
-    """Make an axis logarithmic, with numbers that are written out; 1, 2 and 5 of each decade where these are few."""
-    few = np.nanmax(values) <= 200.0 * np.nanmin(values)
+def _make_logarithmic(panel: Any, which: str) -> None:
+    """Make an axis ('x' or 'y') of a panel logarithmic."""
     panel.set(**{f"{which}scale": "log"})
-    axis = getattr(panel, f"{which}axis")
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,)))
-    axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
-    axis.set_minor_formatter(NullFormatter())
+    label_logarithmic(getattr(panel, f"{which}axis"))
 
 
 def plot_study(study: StudyFile, name: str, records: list[dict[str, Any]]) -> dict[str, bytes]:
@@ -189,7 +184,7 @@ def _draw(title: str, axes: list[SweptAxis], values: dict[str, Array], ends: NDA
     if handles.keys() - {_SETTLED}:  # which needs no legend where there is nothing else
         figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=3, frameon=False, fontsize=9)
     png = io.BytesIO()
-    figure.savefig(png, format="png", metadata={"Software": None})  # a version would make equal studies differ
+    save_figure(figure, png)
     return png.getvalue()
 
 
@@ -205,7 +200,7 @@ def _marginal(panel: Any, axis: SweptAxis, label: str, y: Array, ends: NDArray[n
     panel.set(xlabel=axis.name, ylabel=label)
     panel.grid(True, which="major", alpha=0.3)
     if axis.log:
-        _make_logarithmic(panel, "x", axis.places)
+        _make_logarithmic(panel, "x")
     if not axis.numeric:
         axis.label(panel, "x", axis.places)
         panel.set_xlim(-0.5, len(axis.places) - 0.5)
@@ -213,7 +208,7 @@ def _marginal(panel: Any, axis: SweptAxis, label: str, y: Array, ends: NDArray[n
         _shares(panel, axis, y)
         return
     if _spans_decades(y):
-        _make_logarithmic(panel, "y", y)
+        _make_logarithmic(panel, "y")
     known = np.isfinite(y)
     many = known.sum() > 1.5 * len(axis.places)
     if not axis.drawn:
@@ -289,5 +284,5 @@ def _distribution(panel: Any, label: str, y: Array, *, shares: bool) -> None:
         return
     panel.ecdf(y[np.isfinite(y)], color=_BLUE, marker="o", markersize=4)
     if _spans_decades(y):
-        _make_logarithmic(panel, "x", y)
+        _make_logarithmic(panel, "x")
     panel.set(xlabel=label, ylabel="share of runs at or below")

@@ -1,7 +1,8 @@
-"""A run's data as a film."""
+"""A run's data as a film; ideal kinematics and bodies side by side."""
 
-from collections.abc import Callable
-from functools import lru_cache
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,13 +12,18 @@ import xarray as xr
 from mjsheaf.plotting import group_of_vehicles, palette
 from mjsheaf.results.netcdf import length_of_piece
 from mjsheaf.scenario import Scenario
-from mjsheaf.video.film import UPRIGHT, Film, FloatArray, Samples, VideoOptions
+from mjsheaf.video.film import UPRIGHT, Film, FloatArray, Samples, VideoOptions, frame_times
 
 if TYPE_CHECKING:
+    from PIL import Image
+
     from mjsheaf.engine import mujoco
     from mjsheaf.system import System
+    from mjsheaf.video.draw import Painter
 
 DRAFT_FPS = 15
+SIDE_BY_SIDE_FPS, LONGEST_SIDE_BY_SIDE = 24, 30.0  # 1/s; s of video: two pictures a frame cost twice as much
+GAP = 4  # pixels between the halves, even
 HEADING_OFFSETS = np.linspace(-0.25, 0.25, 9)  # s, at which the heading of a body without attitude is found
 
 
@@ -90,6 +96,87 @@ def video_options(scenario: Scenario, **changes: float | int | str | None) -> Vi
     if given["quality"] == "draft" and "fps" not in changes:
         given["fps"] = min(given["fps"], DRAFT_FPS)
     return VideoOptions(**given)
+
+
+def half_options(scenario: Scenario) -> VideoOptions:
+    """How each half is drawn: as the scenario's video, no wider than 4 by 3, and fast enough to last at most 30 s."""
+    video = scenario.video
+    width = min(video.width, 2 * round(video.height * 2 / 3))
+    speed = max(video.speed, (scenario.time.end - scenario.time.start) / LONGEST_SIDE_BY_SIDE)
+    fps = min(video.fps, SIDE_BY_SIDE_FPS)
+    return video_options(scenario, width=width, fps=fps, speed=min(float(f"{speed:.3g}"), 1e3))
+
+
+def film_side_by_side(
+    scenario: Scenario,
+    ideal: xr.Dataset,
+    physics: xr.Dataset,
+    path: Path,
+    progress: Callable[[int, int], None] | None = None,
+) -> int:
+    """Draw ideal kinematics on the left and bodies on the right to an MP4, in step, seen by one camera.
+
+    Args:
+        scenario: the scenario.
+        ideal: its run on ideal kinematics.
+        physics: its run on bodies.
+        path: the MP4.
+        progress: called with (frames done, frames in all).
+
+    Returns:
+        The number of frames.
+
+    Raises:
+        MjsheafError: no offscreen OpenGL works here, or ffmpeg failed.
+    """
+    from mjsheaf.video.draw import Painter, write_mp4
+
+    options = half_options(scenario)
+    (left, left_model), (right, right_model) = both_films(scenario, ideal, physics, options)
+    with (
+        Painter(left, left_model, options, beside=[right]) as one,
+        Painter(right, right_model, options, beside=[left]) as other,
+    ):
+        return write_mp4(path, _both_frames(one, other, progress), options.fps)
+
+
+def both_films(
+    scenario: Scenario, ideal: xr.Dataset, physics: xr.Dataset, options: VideoOptions
+) -> "list[tuple[Film, mujoco.MjModel]]":
+    """The films of both runs, each with its model: of one length, and with one axis for the curves of their errors.
+
+    A run that ends early stands still from there on.
+    """
+    from mjsheaf.video.overlay import error_range
+
+    films = [film_of(scenario, dataset) for dataset in (ideal, physics)]
+    end = max(film.span[1] for film, _ in films)
+    axis = error_range(*(film.run.at(frame_times(film, options)).error for film, _ in films))
+    return [
+        (replace(film, name=f"{scenario.name}: {name}", error_range=axis, end=end), model)
+        for (film, model), name in zip(films, ("ideal", "bodies"), strict=True)
+    ]
+
+
+def _both_frames(
+    one: "Painter", other: "Painter", progress: Callable[[int, int], None] | None
+) -> "Iterator[Callable[[], Image.Image]]":
+    """Both halves' frames beside each other; see `Painter.frames`."""
+    for number in range(len(one.times)):
+        yield partial(_beside, one.draw(number), other.draw(number))
+        if progress:
+            progress(number + 1, len(one.times))
+
+
+def _beside(left: "Callable[[], Image.Image]", right: "Callable[[], Image.Image]") -> "Image.Image":
+    """Complete two frames and lay them side by side on white."""
+    from PIL import Image
+
+    one, other = left(), right()
+    both = Image.new("RGB", (one.width + GAP + other.width, one.height), "white")
+    both.paste(one, (0, 0))
+    both.paste(other, (one.width + GAP, 0))
+    return both
 
 
 class RecordedRun:

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mjsheaf.comparing import CompareRecord, compare
-from mjsheaf.comparing.figures import choose_rungs, log_ticks
+from mjsheaf.comparing.figures import choose_rungs
 from mjsheaf.comparing.ladder import inertial_tau
 from mjsheaf.comparing.measures import (
     ItemRecord,
@@ -26,6 +26,7 @@ from mjsheaf.comparing.report import report_text
 from mjsheaf.comparing.ringing import ringing_of, usable_gain
 from mjsheaf.comparing.verdict import verdict_of
 from mjsheaf.control import disagreement
+from mjsheaf.plotting import LogTicks
 from mjsheaf.results.metrics import evaluate_errors
 from mjsheaf.scenario import Scenario
 from mjsheaf.simulation.ideal import run_ideal
@@ -206,7 +207,7 @@ def test_every_rung_is_drawn_or_named() -> None:
 @given(st.floats(-8.0, 8.0), st.floats(0.31, 6.0))
 def test_a_logarithmic_axis_has_at_least_two_labels(exponent: float, decades: float) -> None:
     low, high = 10.0**exponent, 10.0 ** (exponent + decades)
-    ticks = log_ticks(low, high)
+    ticks = LogTicks().tick_values(low, high)
     assert len(ticks) >= 2
     assert ticks == sorted(ticks)
     assert low <= ticks[0] < ticks[-1] <= high
