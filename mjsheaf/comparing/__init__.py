@@ -7,7 +7,7 @@ Where to look:
 - demands: speeds asked against speeds possible, and what the velocity limit costs;
 - convergence: bodies whose time constant shrinks; ringing: damping predicted and measured, how far to raise the gain;
 - record: what compare.json holds; compare: all of the above together; verdict: what to change, in sentences;
-- report: the page and the directory; figures: its plots; filming: ideal and physics side by side.
+- report: the page and the directory; figures: its plots.
 """
 
 from mjsheaf.comparing.compare import Comparison, compare

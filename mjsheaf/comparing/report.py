@@ -301,7 +301,8 @@ def _plot(comparison: Comparison, folder: Path) -> None:
 
 
 def _film(scenario: Scenario, comparison: Comparison, path: Path, progress: Progress) -> int:
-    from mjsheaf.comparing.filming import film_side_by_side
+    from mjsheaf.video.from_run import film_side_by_side
 
-    ideal, physics = comparison.runs["ideal"], comparison.runs["all"]
+    runs = (("ideal", comparison.runs["ideal"]), ("physics", comparison.runs["all"]))
+    ideal, physics = (run.dataset(backend, scenario.seed) for backend, run in runs)
     return film_side_by_side(scenario, ideal, physics, path, partial(progress, "drawing video"))

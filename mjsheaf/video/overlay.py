@@ -19,12 +19,11 @@ from matplotlib.patches import FancyBboxPatch
 from PIL import Image, ImageDraw, ImageFont
 
 from mjsheaf.video.camera import View
-from mjsheaf.video.film import Film, FloatArray, Moment, Samples, VideoOptions
+from mjsheaf.video.film import Film, FloatArray, Moment, Samples, VideoOptions, error_range
 from mjsheaf.video.scene import COMMUNICATION, SENSING
 
 LABELLED_AGENTS = 24  # labels of more than these would cover the picture
 MOST_GROUPS = 8  # in the legend, for the same reason
-DECADES = 6  # most that the error's axis shows; smaller values lie on its floor
 
 Colour = tuple[float, float, float]  # RGB in 0..1
 WHITE, GREY, BLUE = (1.0, 1.0, 1.0), (0.75, 0.78, 0.83), (0.47, 0.84, 1.0)
@@ -77,7 +76,7 @@ class Overlay:
         if np.isfinite(row):
             _paste(image, self._dot, (round(column - self._dot.width / 2), round(row - self._dot.height / 2)))
         time = f"t = {moment.time:.2f} s"
-        error = f"{self._film.error_name} = {number(moment.error)} {self._film.error_unit}".rstrip()
+        error = f"mean |η| = {number(moment.error)} m"
         draw = ImageDraw.Draw(image)
         for words, line, size, colour in ((time, TIME, 18, WHITE), (error, ERROR, 14, BLUE)):
             words = shorten(words, self._px(size), self._inner)
@@ -135,7 +134,7 @@ class Overlay:
         axes.set_ylim(floor - room, top + room)
         decades = np.arange(np.ceil(floor), np.floor(top) + 1)
         ticks = decades[:: max(1, len(decades) // 2)] if len(decades) > 1 else np.array([floor, top])
-        labels = [f"{10.0**tick:.3g} {self._film.error_unit}" for tick in ticks]
+        labels = [f"{10.0**tick:.3g} m" for tick in ticks]
         axes.set_yticks(ticks, labels if known.any() else [""] * len(ticks))
         axes.set_xticks([start, end], [f"{time:.4g} s" for time in (start, end)])
         axes.grid(axis="y", color=GREY, alpha=0.25, linewidth=max(self._unit, 0.5))
@@ -286,19 +285,6 @@ def number(value: float) -> str:
     if not 1e-3 <= abs(value) < 1e5:
         return f"{value:.1e}"
     return f"{value:.{max(0, 2 - int(np.floor(np.log10(abs(value)))))}f}"
-
-
-def error_range(*errors: FloatArray) -> tuple[float, float] | None:
-    """The lowest and highest value of an axis that shows all of these errors, at most DECADES apart.
-
-    None where none of them is finite and not zero.
-    """
-    sizes = np.abs(np.concatenate([np.ravel(error) for error in errors]))
-    shown = sizes[np.isfinite(sizes) & (sizes > 0.0)]
-    if not len(shown):
-        return None
-    high = float(shown.max())
-    return max(float(shown.min()), high / 10.0**DECADES), high
 
 
 def rgb(colour: npt.ArrayLike) -> tuple[int, int, int]:

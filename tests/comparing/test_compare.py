@@ -15,7 +15,6 @@ import yaml
 
 from mjsheaf import simulate
 from mjsheaf.comparing import CompareRecord, compare
-from mjsheaf.comparing.filming import both_films, half_options
 from mjsheaf.comparing.ladder import ladder_of, run_ablation
 from mjsheaf.comparing.report import WIDTH, report_text
 from mjsheaf.results import summarize
@@ -23,6 +22,7 @@ from mjsheaf.results.store import COMPARISON_FILES
 from mjsheaf.scenario import load_scenario
 from mjsheaf.video import available_backend
 from mjsheaf.video.film import Frames
+from mjsheaf.video.from_run import both_films, half_options
 from mjsheaf.video.overlay import Overlay
 from tests.builders import approx, two_boats
 from tests.commands import call
@@ -152,7 +152,8 @@ def test_both_curves_of_the_video_have_one_axis() -> None:
     scenario = two_boats("otter", "hull", time={"end": 4.0})
     runs = run_ablation(scenario.system, [rung for rung in ladder_of(scenario.system) if rung.key in ("ideal", "all")])
     options = half_options(scenario)
-    films = [film for film, _ in both_films(scenario, runs["ideal"], runs["all"], options)]
+    ideal, physics = runs["ideal"].dataset("ideal", 0), runs["all"].dataset("physics", 0)
+    films = [film for film, _ in both_films(scenario, ideal, physics, options)]
     low, high = films[0].error_range or (0.0, 0.0)
     assert films[1].error_range == (low, high)
     assert films[0].span == films[1].span
