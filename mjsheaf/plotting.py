@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 from numpy.typing import NDArray
@@ -51,7 +52,7 @@ def groups_of(team: Team) -> tuple[NDArray[np.int64], list[str], Array]:
 
 def new_figure(width: float, height: float, title: str) -> Figure:
     """A figure of the given size in inches, with its title; panels and legends get the room that they need."""
-    figure = Figure(figsize=(width, height), dpi=120, layout="constrained")
+    figure = Figure((width, height), dpi=120, layout=ConstrainedLayoutEngine(h_pad=0.1, w_pad=0.1))
     figure.suptitle(title)
     return figure
 

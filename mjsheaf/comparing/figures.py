@@ -49,7 +49,12 @@ def plot_rungs(record: CompareRecord, runs: dict[str, Run], path: Path) -> None:
             y = np.where(y > 0.0, y, np.nan)  # zero has no place on a logarithmic axis
             if rung.status == "finished":
                 values.append(y)
-            axis.plot(run.trajectory.time[keep], y, label=_label(rung), **_style(rung, colours[k]))
+            axis.plot(
+                run.trajectory.time[keep],
+                y,
+                label=rung.label + " (BLOWS UP)" * (rung.status != "finished"),
+                **_style(rung, colours[k]),
+            )
         log_axis(axis, "y", np.concatenate([*values, np.zeros(0)]), decades=4)
         label_axes(axis, "", y=label)
         end = float(ideal.trajectory.time[0]) + record.time_s
@@ -128,10 +133,6 @@ def choose_rungs(record: CompareRecord) -> tuple[list[RungRecord], str]:
     return [*shown, record.rung("all"), record.rung("ideal")], footnote
 
 
-def _label(rung: RungRecord) -> str:
-    return rung.label + (" (BLOWS UP)" if rung.status != "finished" else "")
-
-
 def _style(rung: RungRecord, colour: Array) -> dict[str, Any]:
     if rung.kind == "ideal":
         return {"color": "black", "linewidth": 1.6, "linestyle": (0, (4, 2))}
@@ -145,8 +146,8 @@ def _style(rung: RungRecord, colour: Array) -> dict[str, Any]:
 
 def _bars(axis: Any, scope: str, budget: BudgetRecord, order: list[str]) -> None:
     by_name = {item.effect: item for item in budget.effects}
-    single = [None, budget.targets_m, budget.agents_m, budget.interaction_m]
-    for y, value in enumerate(single[1:], start=1):
+    single = (budget.targets_m, budget.agents_m, budget.interaction_m)  # above the row of the error at q*
+    for y, value in enumerate(single, start=1):
         _bar(axis, y, value, 0.5, _BASE, None)
     floor = "blew up" if budget.at_q_star_m is None else f"{1000.0 * budget.at_q_star_m:.0f} mm (no bar)"
     axis.annotate(  # no bar: it would dwarf the others
@@ -154,7 +155,7 @@ def _bars(axis: Any, scope: str, budget: BudgetRecord, order: list[str]) -> None
     )
     axis.axhline(0.5, color=_GREY, linewidth=0.8)
     for k, effect in enumerate(order):
-        y, item = len(single) + k, by_name[effect]
+        y, item = len(single) + 1 + k, by_name[effect]
         last = k == len(order) - 1
         _bar(axis, y + 0.2, item.alone_m, 0.36, BLUE, "added to ideal thrusters, alone" if last else None)
         _bar(
@@ -166,7 +167,7 @@ def _bars(axis: Any, scope: str, budget: BudgetRecord, order: list[str]) -> None
             "given back when it is removed from all (below 0: worse without it)" if last else None,
         )
     axis.axvline(0.0, color="black", linewidth=0.8)
-    axis.axhline(len(single) - 0.5, color=_GREY, linewidth=0.8)
+    axis.axhline(len(single) + 0.5, color=_GREY, linewidth=0.8)
     ideal, whole = ("blew up" if v is None else f"{v:.3g} m" for v in (budget.ideal_m, budget.all_m))
     title = "the whole team" if scope == TEAM else f"group {scope}"
     axis.set_title(f"{title}\nideal {ideal}, as it stands {whole}", fontsize=10)
@@ -174,7 +175,7 @@ def _bars(axis: Any, scope: str, budget: BudgetRecord, order: list[str]) -> None
     low, high = axis.get_xlim()
     reach = max(abs(low), abs(high), 1.0)
     axis.set_xlim(-1.35 * reach if low < -0.02 * reach else -0.3 * reach, 1.35 * reach)
-    axis.set_ylim(-0.6, len(single) + len(order) - 0.4)
+    axis.set_ylim(-0.6, len(single) + len(order) + 0.6)
     axis.locator_params(axis="x", nbins=5)
     axis.grid(True, axis="x", alpha=0.3)
 

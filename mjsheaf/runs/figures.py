@@ -95,7 +95,7 @@ def plot_trajectories(team: Team, dataset: xr.Dataset, path: Path) -> None:
     if count == 3:  # equal scales, and as large as the figure allows
         axis.set_zlabel("z (m)")
         axis.view_init(elev=28, azim=-60)
-        axis.set_box_aspect(np.ptp([axis.get_xlim(), axis.get_ylim(), axis.get_zlim()], axis=1), zoom=0.95)
+        axis.set_box_aspect(np.ptp([axis.get_xlim(), axis.get_ylim(), axis.get_zlim()], axis=1), zoom=1.05)
     else:
         axis.set_aspect("equal", adjustable="datalim")
     ends = [key("start", color="black", marker="o", markerfacecolor="white"), key("end", color="black", marker="o")]

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.artist import Artist
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
@@ -80,7 +81,7 @@ class Overlay:
         draw = ImageDraw.Draw(image)
         for words, line, size, colour in ((time, TIME, 18, WHITE), (error, ERROR, 14, BLUE)):
             words = shorten(words, self._px(size), self._inner)
-            draw.text((self._px(MARGIN + PAD), self._px(MARGIN + line)), words, rgb(colour), font(self._px(size)))
+            draw.text((self._px(MARGIN + PAD), self._px(MARGIN + line)), words, to_hex(colour), font(self._px(size)))
 
     def _add_status(self, figure: Figure) -> Artist:
         """Add the plate at the top left, with title and subtitle; return the plate."""
@@ -257,14 +258,14 @@ def font(size: int, bold: bool = False) -> ImageFont.FreeTypeFont:
 def text(words: str, size: int, colour: Colour, bold: bool = False, outline: int = 0) -> Image.Image:
     """Write words on nothing, RGBA; with a dark outline, so many pixels wide, they are legible over anything."""
     left, top, right, bottom = font(size, bold).getbbox(words, stroke_width=outline)
-    image = Image.new("RGBA", (int(right - left) + 1, int(bottom - top) + 1), (*rgb(PLATE[:3]), 0))
+    image = Image.new("RGBA", (int(right - left) + 1, int(bottom - top) + 1))
     ImageDraw.Draw(image).text(
         (-left, -top),
         words,
-        (*rgb(colour), 255),
+        to_hex(colour),
         font(size, bold),
         stroke_width=outline,
-        stroke_fill=(*rgb(PLATE[:3]), 220),
+        stroke_fill=to_hex((*PLATE[:3], 220 / 255), keep_alpha=True),
     )
     return image
 
@@ -285,12 +286,6 @@ def number(value: float) -> str:
     if not 1e-3 <= abs(value) < 1e5:
         return f"{value:.1e}"
     return f"{value:.{max(0, 2 - int(np.floor(np.log10(abs(value)))))}f}"
-
-
-def rgb(colour: npt.ArrayLike) -> tuple[int, int, int]:
-    """Return a colour in 0..1 as RGB in 0..255."""
-    red, green, blue = (round(255 * float(part)) for part in np.asarray(colour))
-    return red, green, blue
 
 
 def bright(colour: FloatArray) -> Colour:

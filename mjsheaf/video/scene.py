@@ -83,8 +83,9 @@ class Decorator:
         for goal, rgba in zip(moment.harmonic_extension, self._with_alpha(0.55), strict=False):
             _add_ball(scene, goal, radius, rgba)
         stems = [] if self._film.surface == "none" else [self._stems(scene, moment, size)]
-        lines = [self._trails(moment), self._edges(moment), self._dashed(moment, size), self._links(moment, radius)]
-        return stems + lines
+        tails, heads = (moment.positions[ends] for ends in self._communication.T)
+        edges = Lines.of(tails, heads, COMMUNICATION, 1.0 * self._unit)
+        return [*stems, self._trails(moment), edges, self._dashed(moment, size), self._links(moment, radius)]
 
     def _trails(self, moment: Moment) -> Lines:
         """Show where each vehicle was; older pieces fade."""
@@ -94,11 +95,6 @@ class Decorator:
         rgba[..., :3] = self._colours
         rgba[..., 3] = 0.9 * (1 - age[:, None]) ** 1.2
         return Lines.of(trail[:-1].reshape(-1, 3), trail[1:].reshape(-1, 3), rgba.reshape(-1, 4), 2.0 * self._unit)
-
-    def _edges(self, moment: Moment) -> Lines:
-        """Show who talks to whom."""
-        tails, heads = self._communication.T
-        return Lines.of(moment.positions[tails], moment.positions[heads], COMMUNICATION, 1.0 * self._unit)
 
     def _dashed(self, moment: Moment, size: float) -> Lines:
         """Show who sees whom."""
@@ -140,9 +136,7 @@ def _pairs(film: Film, kind: str) -> IntArray:
 
 
 def _add_ball(scene: mujoco.MjvScene, centre: FloatArray, radius: float, rgba: Float32Array) -> None:
-    """Add a ball; radius in m. Nothing is added to a scene that is full."""
-    if scene.ngeom >= scene.maxgeom:
-        return
+    """Add a ball; radius in m. The scene has room for `Decorator.most_geoms` of them."""
     geom = scene.geoms[scene.ngeom]
     sphere, level = mujoco.mjtGeom.mjGEOM_SPHERE.value, np.eye(3).ravel()
     mujoco.mjv_initGeom(geom, sphere, np.full(3, radius), centre, level, rgba)
