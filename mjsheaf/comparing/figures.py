@@ -39,7 +39,7 @@ def plot_rungs(record: CompareRecord, runs: dict[str, Run], path: Path) -> None:
     panels = figure.subplots(len(drawn), 1, sharex=True)
     drawn_rungs, footnote = choose_rungs(record)
     colours = palette(_MOST_LINES)
-    for axis, (name, label) in zip(panels, drawn.items(), strict=True):
+    for axis, (name, title) in zip(panels, drawn.items(), strict=True):
         values = []
         for k, rung in enumerate(drawn_rungs):
             run = runs[rung.key]
@@ -49,14 +49,10 @@ def plot_rungs(record: CompareRecord, runs: dict[str, Run], path: Path) -> None:
             y = np.where(y > 0.0, y, np.nan)  # zero has no place on a logarithmic axis
             if rung.status == "finished":
                 values.append(y)
-            axis.plot(
-                run.trajectory.time[keep],
-                y,
-                label=rung.label + " (BLOWS UP)" * (rung.status != "finished"),
-                **_style(rung, colours[k]),
-            )
+            label = rung.label + " (BLOWS UP)" * (rung.status != "finished")
+            axis.plot(run.trajectory.time[keep], y, label=label, **_style(rung, colours[k]))
         log_axis(axis, "y", np.concatenate([*values, np.zeros(0)]), decades=4)
-        label_axes(axis, "", y=label)
+        label_axes(axis, "", y=title)
         end = float(ideal.trajectory.time[0]) + record.time_s
         axis.axvspan(end - record.time_s / 2, end, color="black", alpha=0.04, linewidth=0)
     panels[-1].set_xlabel("time (s); the shaded half is what the error budget counts\n" + fill(footnote, 120))

@@ -7,9 +7,8 @@ import io
 import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from io import BytesIO, RawIOBase
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import h5netcdf
 import numpy as np
@@ -120,12 +119,12 @@ def write_dataset(pieces: Iterable[xr.Dataset], path: Path) -> None:
 
 def dataset_bytes(dataset: xr.Dataset) -> bytes:
     """What `write_dataset` writes of a run in one piece."""
-    file = BytesIO()
+    file = io.BytesIO()
     _write([dataset], file, lambda: None)
     return file.getvalue()
 
 
-def _write(pieces: Iterable[xr.Dataset], file: IO[bytes] | RawIOBase, check: Callable[[], None]) -> None:
+def _write(pieces: Iterable[xr.Dataset], file: io.BytesIO | EnduringFile, check: Callable[[], None]) -> None:
     """Write pieces in a thread beside, where no signal gets between HDF5 and the file; check after each of them."""
     growing = _GrowingFile(file)
     with ThreadPoolExecutor(1) as beside:
@@ -140,7 +139,7 @@ def _write(pieces: Iterable[xr.Dataset], file: IO[bytes] | RawIOBase, check: Cal
 class _GrowingFile:
     """A netCDF-4 file to which pieces of a run are appended."""
 
-    def __init__(self, file: IO[bytes] | RawIOBase) -> None:
+    def __init__(self, file: io.BytesIO | EnduringFile) -> None:
         self._file = file
         self._netcdf: h5netcdf.File | None = None
         self._samples = 0
