@@ -569,8 +569,6 @@ def make_film(model: mujoco.MjModel, duration: float = 2.0, samples: int = 41, *
         group_names=["pair", "single", "targets"],
         colours=np.array([[0.2, 0.6, 1.0], [1.0, 0.6, 0.2], [1.0, 0.3, 0.3]]),
         edges=[(0, 1, "communication"), (1, 2, "communication"), (0, 3, "sensing"), (2, 4, "sensing")],
-        error_name="mean |eta|",
-        error_unit="m",
         surface="water",
     )
     return change_film(film, **changes)

@@ -1,6 +1,7 @@
 """The figures of a comparison: errors of the rungs over time, the error budget, convergence in the time constant."""
 
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -8,9 +9,9 @@ import numpy as np
 from mjsheaf.comparing.ladder import Run, RungRecord, display_name
 from mjsheaf.comparing.measures import FORMATION, TEAM, TRACKING, Array, BudgetRecord, distances
 from mjsheaf.comparing.verdict import CompareRecord
-from mjsheaf.plotting import fit_logarithmic, label_logarithmic, new_figure, palette, save_figure, thin
+from mjsheaf.plotting import BLUE, RED, label_axes, legend_below, log_axis, new_figure, palette, save_figure, thin
 
-_IDEAL, _ALL, _BASE, _GREY = "black", "#D62728", "#8A94A6", "#C4CAD4"
+_ALL, _BASE, _GREY = RED, "#8A94A6", "#C4CAD4"
 _MOST_LINES, _MOST_POINTS, _MOST_PANELS = 10, 2000, 4
 
 
@@ -30,12 +31,12 @@ def plot_rungs(record: CompareRecord, runs: dict[str, Run], path: Path) -> None:
     }
     if np.isnan(ideal.series[TEAM][FORMATION]).all():  # a team without formations
         del drawn[FORMATION]
-    figure = new_figure(11.0, 1.5 + 2.6 * len(drawn))
-    figure.suptitle(f"{record.scenario}: what each effect does, gain {record.gain:g} 1/s", y=0.98)
+    title = f"{record.scenario}: what each effect does, gain {record.gain:g} 1/s"
+    figure = new_figure(11.0, 1.5 + 2.6 * len(drawn), title)
     panels = figure.subplots(len(drawn), 1, sharex=True)
     drawn_rungs, footnote = choose_rungs(record)
     colours = palette(_MOST_LINES)
-    for axis, (name, label) in zip(panels, drawn.items(), strict=True):
+    for axis, (name, title) in zip(panels, drawn.items(), strict=True):
         values = []
         for k, rung in enumerate(drawn_rungs):
             run = runs[rung.key]
@@ -45,25 +46,15 @@ def plot_rungs(record: CompareRecord, runs: dict[str, Run], path: Path) -> None:
             y = np.where(y > 0.0, y, np.nan)  # zero has no place on a logarithmic axis
             if rung.status == "finished":
                 values.append(y)
-            axis.plot(
-                run.trajectory.time[keep],
-                y,
-                label=rung.label + " (BLOWS UP)" * (rung.status != "finished"),
-                **_style(rung, colours[k]),
-            )
-        if fit_logarithmic(axis, np.concatenate([*values, np.zeros(0)]), 1.5, 1e-4):
-            label_logarithmic(axis.yaxis)
-        axis.set_ylabel(label)
-        axis.grid(True, which="major", alpha=0.3)
+            label = rung.label + " (BLOWS UP)" * (rung.status != "finished")
+            axis.plot(run.trajectory.time[keep], y, label=label, **_style(rung, colours[k]))
+        log_axis(axis, "y", np.concatenate([*values, np.zeros(0)]), decades=4)
+        label_axes(axis, "", y=title)
         end = float(ideal.trajectory.time[0]) + record.time_s
         axis.axvspan(end - record.time_s / 2, end, color="black", alpha=0.04, linewidth=0)
-    panels[-1].set_xlabel("time (s); the shaded half is what the error budget counts")
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="upper right", bbox_to_anchor=(0.995, 0.94), frameon=False, fontsize=9)
+    panels[-1].set_xlabel("time (s); the shaded half is what the error budget counts\n" + fill(footnote, 120))
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right upper", frameon=False, fontsize=9)
     figure.align_ylabels(panels)
-    figure.subplots_adjust(left=0.11, right=0.77, top=0.94, bottom=0.09, hspace=0.08)
-    if footnote:
-        figure.text(0.11, 0.012, footnote, fontsize=9, color="dimgrey")
     save_figure(figure, path)
 
 
@@ -73,34 +64,25 @@ def plot_budget(record: CompareRecord, path: Path) -> None:
     scopes = known[:1] if len(known) == 2 else known[: _MOST_PANELS + 1]  # an only group is the team over again
     budgets = [record.budget(scope, record.measure, "late") for scope in scopes]
     order = sorted(budgets[0].effects, key=lambda item: abs(item.give_back_m or 0.0))
-    rows = ["at q* already", "targets become bodies", "agents become bodies", "interaction of effects"]
-    rows += [display_name(item.effect) for item in order]
-    figure = new_figure(max(9.0, 3.4 + 3.3 * len(scopes)), 2.8 + 0.48 * len(rows))
-    figure.suptitle(
-        f"{record.scenario}: what makes the {display_name(record.measure)} (RMS over the last half of the run)", y=0.98
-    )
+    names = ["targets become bodies", "agents become bodies", "interaction of effects"]
+    rows = ["at q* already", *names, *(display_name(item.effect) for item in order)]
+    title = f"{record.scenario}: what makes the {display_name(record.measure)} (RMS over the last half of the run)"
+    figure = new_figure(max(9.0, 3.4 + 3.3 * len(scopes)), 2.8 + 0.48 * len(rows), title)
     panels = np.atleast_1d(figure.subplots(1, len(scopes), sharey=True))
     for axis, scope, budget in zip(panels, scopes, budgets, strict=True):
         _bars(axis, scope, budget, [item.effect for item in order])
     panels[0].set_yticks(range(len(rows)), rows)
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="lower center", ncols=2, frameon=False, fontsize=9)
-    width, height = figure.get_size_inches()
-    figure.subplots_adjust(
-        left=2.3 / width, right=1 - 0.25 / width, top=1 - 1.0 / height, bottom=1.1 / height, wspace=0.12
-    )
+    legend_below(figure, panels[0].get_legend_handles_labels()[0], 2)
     save_figure(figure, path)
 
 
 def plot_convergence(record: CompareRecord, path: Path) -> None:
     """Distance to the ideal run against the time constant, on logarithmic axes, with fitted and predicted slope."""
-    figure = new_figure(7.0, 5.5)
+    title = f"{record.scenario}: bodies converge to the ideal run as their time constant tau shrinks"
+    figure = new_figure(7.0, 5.5, "")
     axis: Any = figure.add_subplot()
     found = record.convergence
     known = [(p.tau_s, p.distance_m) for p in found.points if p.distance_m]
-    axis.set_title(
-        f"{record.scenario}: bodies converge to the ideal run as their time constant tau shrinks", fontsize=11
-    )
     if known and found.slope is not None and found.constant is not None:
         tau, distance = np.array(known).T
         span = np.array([tau.min() / 1.3, tau.max() * 1.3])
@@ -114,13 +96,9 @@ def plot_convergence(record: CompareRecord, path: Path) -> None:
         axis.legend(frameon=False)
     else:
         axis.text(0.5, 0.5, found.reason or "too few runs came to their end", transform=axis.transAxes, ha="center")
-    axis.set(
-        xlabel="time constant tau of every vehicle (s)",
-        ylabel="largest distance of an agent to its ideal run (m)\n"
-        f"both begun at q*, from {found.start_s:.2g} s to {found.end_s:.2g} s",
-    )
-    axis.grid(True, which="both", alpha=0.3)
-    figure.tight_layout()
+    y = f"both begun at q*, from {found.start_s:.2g} s to {found.end_s:.2g} s"
+    y = f"largest distance of an agent to its ideal run (m)\n{y}"
+    label_axes(axis, title, "time constant tau of every vehicle (s)", y, which="both")
     save_figure(figure, path)
 
 
@@ -150,7 +128,7 @@ def choose_rungs(record: CompareRecord) -> tuple[list[RungRecord], str]:
 
 def _style(rung: RungRecord, colour: Array) -> dict[str, Any]:
     if rung.kind == "ideal":
-        return {"color": _IDEAL, "linewidth": 1.6, "linestyle": (0, (4, 2))}
+        return {"color": "black", "linewidth": 1.6, "linestyle": (0, (4, 2))}
     if rung.kind == "all":
         return {"color": _ALL, "linewidth": 1.8}
     if rung.kind == "part":
@@ -164,7 +142,7 @@ def _bars(axis: Any, scope: str, budget: BudgetRecord, order: list[str]) -> None
     items = {item.effect: item for item in budget.effects}
     effects, y = [items[name] for name in order], 4.0 + np.arange(len(order))
     _barh(axis, np.arange(1, 4), [budget.targets_m, budget.agents_m, budget.interaction_m], 0.5, _BASE)
-    _barh(axis, y + 0.2, [e.alone_m for e in effects], 0.36, "#0072B2", "added to ideal thrusters, alone")
+    _barh(axis, y + 0.2, [e.alone_m for e in effects], 0.36, BLUE, "added to ideal thrusters, alone")
     given_back = "given back when it is removed from all (below 0: worse without it)"
     _barh(axis, y - 0.2, [e.give_back_m for e in effects], 0.36, _ALL, given_back)
     floor = "blew up" if budget.at_q_star_m is None else f"{1000.0 * budget.at_q_star_m:.0f} mm (no bar)"

@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import math
 import os
 import subprocess
 import sys
@@ -13,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import xarray as xr
+from pydantic_core import to_json
 
 from mjsheaf._version import __version__
 from mjsheaf.errors import InputError
@@ -201,17 +201,8 @@ def staging(directory: Path) -> Iterator[Path]:
 
 def save_summary(summary: dict[str, Any], path: Path) -> None:
     """Write summary.json, at once; numbers that are not finite become null."""
-    text = json.dumps({"mjsheaf_version": __version__, **_finite(summary)}, indent=2, allow_nan=False)
-    write_whole(path, f"{text}\n".encode())
-
-
-def _finite(value: Any) -> Any:
-    """A value with None in place of every float that is infinite or NaN."""
-    if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    record = {"mjsheaf_version": __version__, **summary}
+    write_whole(path, to_json(record, indent=2, inf_nan_mode="null", ensure_ascii=True) + b"\n")
 
 
 _READ = "import sys, xarray; xarray.open_dataset(sys.argv[1], engine='h5netcdf').load()"

@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
+from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -71,10 +72,8 @@ def _copy(description: Path, directory: Path, taken: set[str]) -> str:
     """Copy the files of a vehicle into a folder of its own; the path of the copied description, relative."""
     from mjsheaf.vehicles.loading import files_of, read_description
 
-    folder, k = description.stem, 1
-    while folder in taken:
-        k += 1
-        folder = f"{description.stem}_{k}"
+    names = chain([description.stem], (f"{description.stem}_{k}" for k in count(2)))
+    folder = next(name for name in names if name not in taken)
     root = description.parent.resolve()
     files = files_of(description, read_description(description).mjcf)
     home = directory / VEHICLES / folder
@@ -90,8 +89,6 @@ def _copy(description: Path, directory: Path, taken: set[str]) -> str:
 def _resolved(scenario: Scenario) -> dict[str, Any]:
     return scenario.model_dump(mode="json", exclude_none=True)
 
-
-__all__ = ["Outcome", "default_directory", "draw_video", "dump_scenario", "execute", "publish", "save", "video_entry"]
 
 _NEVER_SETTLES = {"growing": "its error grows to the end", "circling": "it swings by itself, without end"}
 """What to say of endings that no longer run mends."""
@@ -228,7 +225,10 @@ def publish(
         if summary["ending"] in _NEVER_SETTLES:
             notes.append(f"the team does not settle: {_NEVER_SETTLES[summary['ending']]}; see mjsheaf check")
         if video is not None:
-            frames, reason = draw_video(partial(_film, scenario, system, dataset, fresh / "video.mp4", video, progress))
+            from mjsheaf.video.from_run import film_run
+
+            drawing, path = partial(progress, "drawing video"), fresh / "video.mp4"
+            frames, reason = draw_video(partial(film_run, scenario, dataset, path, video, drawing, system))
             notes += [reason] * bool(reason)
             summary["video"] = video_entry(frames, video) if not reason else None
         plots.result()
@@ -318,14 +318,6 @@ def _plot(system: "System", drawn: "xr.Dataset", theorem: "RunBound", folder: Pa
     progress("plotting", 2, 3)
     plot_configurations(system.team, drawn, folder / "configurations.png")
     progress("plotting", 3, 3)
-
-
-def _film(
-    scenario: Scenario, system: "System", dataset: "xr.Dataset", path: Path, options: VideoOptions, progress: Progress
-) -> int:
-    from mjsheaf.video.from_run import film_run
-
-    return film_run(scenario, dataset, path, options, partial(progress, "drawing video"), system)
 
 
 def video_entry(frames: int, options: VideoOptions) -> dict[str, Any]:

@@ -1,29 +1,26 @@
-"""A run's data as a film; ideal kinematics and bodies side by side."""
+"""A run's data as a film; and two runs', side by side."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
 
-from mjsheaf.plotting import group_of_vehicles, palette
+from mjsheaf.plotting import groups_of
 from mjsheaf.results.netcdf import length_of_piece
 from mjsheaf.scenario import Scenario
-from mjsheaf.video.film import UPRIGHT, Film, FloatArray, Samples, VideoOptions, frame_times
+from mjsheaf.video.film import UPRIGHT, Film, FloatArray, Samples, VideoOptions, error_range, frame_times
 
 if TYPE_CHECKING:
-    from PIL import Image
-
     from mjsheaf.engine import mujoco
     from mjsheaf.system import System
-    from mjsheaf.video.draw import Painter
 
 DRAFT_FPS = 15
-SIDE_BY_SIDE_FPS, LONGEST_SIDE_BY_SIDE = 24, 30.0  # 1/s; s of video: two pictures a frame cost twice as much
-GAP = 4  # pixels between the halves, even
+HALF_FPS = 24  # most, where two runs are drawn side by side,
+LONGEST_HALF = 30.0  # and the longest such video, s: two pictures a frame cost twice as much
 HEADING_OFFSETS = np.linspace(-0.25, 0.25, 9)  # s, at which the heading of a body without attitude is found
 
 
@@ -36,10 +33,47 @@ def film_run(
     system: "System | None" = None,
 ) -> int:
     """Draw a run to an MP4; see `film_of` and `draw_video`. Returns the number of frames."""
-    from mjsheaf.video import draw_video
+    from mjsheaf.video.draw import draw_video
 
-    film, model = film_of(scenario, dataset, system)
-    return draw_video(film, model, path, options, progress)
+    return draw_video([film_of(scenario, dataset, system)], path, options, progress)
+
+
+def film_side_by_side(
+    scenario: Scenario,
+    ideal: xr.Dataset,
+    physics: xr.Dataset,
+    path: Path,
+    progress: Callable[[int, int], None] | None = None,
+) -> int:
+    """Draw ideal kinematics on the left and bodies on the right, seen by one camera; see `film_run`."""
+    from mjsheaf.video.draw import draw_video
+
+    options = half_options(scenario)
+    return draw_video(both_films(scenario, ideal, physics, options), path, options, progress)
+
+
+def both_films(
+    scenario: Scenario, ideal: xr.Dataset, physics: xr.Dataset, options: VideoOptions
+) -> "list[tuple[Film, mujoco.MjModel]]":
+    """The films of both runs, each with its model: of one length, and with one axis for the curves of their errors.
+
+    A run that ends early stands still from there on.
+    """
+    films = [film_of(scenario, dataset) for dataset in (ideal, physics)]
+    end = max(film.span[1] for film, _ in films)
+    axis = error_range(*(film.run.at(frame_times(film, options)).error for film, _ in films))
+    return [
+        (replace(film, name=f"{scenario.name}: {name}", error_range=axis, end=end), model)
+        for name, (film, model) in zip(("ideal", "bodies"), films, strict=True)
+    ]
+
+
+def half_options(scenario: Scenario) -> VideoOptions:
+    """How each half is drawn: as the scenario's video, no wider than 4 by 3, and fast enough to last at most 30 s."""
+    video = scenario.video
+    width = min(video.width, 2 * round(video.height * 2 / 3))
+    speed = max(video.speed, (scenario.time.end - scenario.time.start) / LONGEST_HALF)
+    return video_options(scenario, width=width, fps=min(video.fps, HALF_FPS), speed=min(float(f"{speed:.3g}"), 1e3))
 
 
 def film_of(scenario: Scenario, dataset: xr.Dataset, system: "System | None" = None) -> "tuple[Film, mujoco.MjModel]":
@@ -54,10 +88,8 @@ def film_of(scenario: Scenario, dataset: xr.Dataset, system: "System | None" = N
 
     system = scenario.system if system is None else system
     team = system.team
-    group, names = group_of_vehicles(team)
-    colours = palette(len(team.formations))
+    group, names, colours = groups_of(team)
     arena = arena_of(system, colours[group])
-    number = {m.id: v for v, m in enumerate(team.members)}
     backend = "MuJoCo bodies" if dataset.attrs["backend"] == "physics" else "ideal kinematics"
     surface, grid = scenario.scene.surface, None
     if surface != "none":
@@ -75,10 +107,8 @@ def film_of(scenario: Scenario, dataset: xr.Dataset, system: "System | None" = N
         group=group,
         group_names=names,
         colours=colours,
-        edges=[(number[e.tail], number[e.head], "communication") for e in team.communication]
-        + [(number[e.tail], number[e.head], "sensing") for e in team.sensing],
-        error_name="mean |η|",
-        error_unit="m",
+        edges=[(team.index[e.tail], team.index[e.head], "communication") for e in team.communication]
+        + [(team.index[e.tail], team.index[e.head], "sensing") for e in team.sensing],
         surface=surface,
         surface_height=scenario.scene.height,
         grid=grid,
@@ -96,87 +126,6 @@ def video_options(scenario: Scenario, **changes: float | int | str | None) -> Vi
     if given["quality"] == "draft" and "fps" not in changes:
         given["fps"] = min(given["fps"], DRAFT_FPS)
     return VideoOptions(**given)
-
-
-def half_options(scenario: Scenario) -> VideoOptions:
-    """How each half is drawn: as the scenario's video, no wider than 4 by 3, and fast enough to last at most 30 s."""
-    video = scenario.video
-    width = min(video.width, 2 * round(video.height * 2 / 3))
-    speed = max(video.speed, (scenario.time.end - scenario.time.start) / LONGEST_SIDE_BY_SIDE)
-    fps = min(video.fps, SIDE_BY_SIDE_FPS)
-    return video_options(scenario, width=width, fps=fps, speed=min(float(f"{speed:.3g}"), 1e3))
-
-
-def film_side_by_side(
-    scenario: Scenario,
-    ideal: xr.Dataset,
-    physics: xr.Dataset,
-    path: Path,
-    progress: Callable[[int, int], None] | None = None,
-) -> int:
-    """Draw ideal kinematics on the left and bodies on the right to an MP4, in step, seen by one camera.
-
-    Args:
-        scenario: the scenario.
-        ideal: its run on ideal kinematics.
-        physics: its run on bodies.
-        path: the MP4.
-        progress: called with (frames done, frames in all).
-
-    Returns:
-        The number of frames.
-
-    Raises:
-        MjsheafError: no offscreen OpenGL works here, or ffmpeg failed.
-    """
-    from mjsheaf.video.draw import Painter, write_mp4
-
-    options = half_options(scenario)
-    (left, left_model), (right, right_model) = both_films(scenario, ideal, physics, options)
-    with (
-        Painter(left, left_model, options, beside=[right]) as one,
-        Painter(right, right_model, options, beside=[left]) as other,
-    ):
-        return write_mp4(path, _both_frames(one, other, progress), options.fps)
-
-
-def both_films(
-    scenario: Scenario, ideal: xr.Dataset, physics: xr.Dataset, options: VideoOptions
-) -> "list[tuple[Film, mujoco.MjModel]]":
-    """The films of both runs, each with its model: of one length, and with one axis for the curves of their errors.
-
-    A run that ends early stands still from there on.
-    """
-    from mjsheaf.video.overlay import error_range
-
-    films = [film_of(scenario, dataset) for dataset in (ideal, physics)]
-    end = max(film.span[1] for film, _ in films)
-    axis = error_range(*(film.run.at(frame_times(film, options)).error for film, _ in films))
-    return [
-        (replace(film, name=f"{scenario.name}: {name}", error_range=axis, end=end), model)
-        for (film, model), name in zip(films, ("ideal", "bodies"), strict=True)
-    ]
-
-
-def _both_frames(
-    one: "Painter", other: "Painter", progress: Callable[[int, int], None] | None
-) -> "Iterator[Callable[[], Image.Image]]":
-    """Both halves' frames beside each other; see `Painter.frames`."""
-    for number in range(len(one.times)):
-        yield partial(_beside, one.draw(number), other.draw(number))
-        if progress:
-            progress(number + 1, len(one.times))
-
-
-def _beside(left: "Callable[[], Image.Image]", right: "Callable[[], Image.Image]") -> "Image.Image":
-    """Complete two frames and lay them side by side on white."""
-    from PIL import Image
-
-    one, other = left(), right()
-    both = Image.new("RGB", (one.width + GAP + other.width, one.height), "white")
-    both.paste(one, (0, 0))
-    both.paste(other, (one.width + GAP, 0))
-    return both
 
 
 class RecordedRun:
