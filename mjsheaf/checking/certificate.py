@@ -27,8 +27,8 @@ from typing import Literal
 
 import networkx as nx
 import numpy as np
-from numpy.typing import NDArray
 
+from mjsheaf.arrays import Array
 from mjsheaf.checking.cohomology import RelativeCohomology, Spectrum, explain, spectrum_of
 from mjsheaf.checking.constants import (
     FARTHEST,
@@ -50,7 +50,6 @@ from mjsheaf.system import System
 from mjsheaf.team import Edge, Team
 from mjsheaf.threads import one_thread
 
-Array = NDArray[np.float64]
 Verdict = Literal["holds", "fails", "undecided"]
 Finding = tuple[Verdict, float | None, str, str]
 """Verdict, value, unit and witness of an assumption."""

@@ -16,10 +16,10 @@ from typing import Literal
 
 import networkx as nx
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 from scipy import linalg, sparse
 
+from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.io.section import Record
 from mjsheaf.sheaf import RANK_TOLERANCE
 from mjsheaf.sheaf.blocks import (
@@ -33,8 +33,6 @@ from mjsheaf.sheaf.blocks import (
 )
 from mjsheaf.team import GROUND, Edge, Team
 from mjsheaf.team.null_modes import NullMode, describe, describe_nearly, null_mode_of, null_modes
-
-Array = NDArray[np.float64]
 
 DENSE_STATES = 600
 """Largest component of H whose eigenvalues are found densely."""
@@ -107,7 +105,7 @@ class AgentCoboundary:
     plain: sparse.csr_array
     whitened: sparse.csr_array
 
-    def kept(self, rows: NDArray[np.bool_], columns: NDArray[np.bool_]) -> "AgentCoboundary":
+    def kept(self, rows: BoolArray, columns: BoolArray) -> "AgentCoboundary":
         """The same without some edges and agents."""
         return AgentCoboundary(self.plain[rows][:, columns], self.whitened[rows][:, columns])
 
@@ -144,7 +142,7 @@ def _above_zero(D: sparse.csr_array, null: sparse.csc_array, count: int) -> tupl
         count: how many.
     """
     null_rows = null.tocsr()
-    found: list[tuple[float, NDArray[np.int64], Array]] = []
+    found: list[tuple[float, IntArray, Array]] = []
     largest = 0
     for _, members, part in parts(sparser_rows(D)):
         largest = max(largest, len(members))

@@ -16,15 +16,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.checking.targets import Carrier, Cells, TargetPath
 from mjsheaf.dynamics.bounds import Supremum, largest_speed, lipschitz_constant
 from mjsheaf.dynamics.disturbance import evaluate
 from mjsheaf.system import System
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+Index = IntArray
 Radius = Callable[[Array], Array]
 """A bound on |e| in m at times in s: monotone in time."""
 
@@ -99,7 +98,7 @@ def _largest(system: System, cells: Cells, carrier: Carrier) -> tuple[float, flo
         upper = np.concatenate([upper[rest], np.minimum(bounds, upper[first][parent])])
 
 
-def _some(cells: Cells, which: NDArray[np.bool_] | Index) -> Cells:
+def _some(cells: Cells, which: BoolArray | Index) -> Cells:
     return Cells(*(x[which] for x in cells))
 
 

@@ -17,8 +17,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mjsheaf.arrays import Array
 from mjsheaf.checking.certificate import Certificate, certify
 from mjsheaf.checking.margins import loop_along
 from mjsheaf.control.theorem import Theorem
@@ -28,7 +28,6 @@ from mjsheaf.system import System
 if TYPE_CHECKING:
     import xarray as xr
 
-Array = NDArray[np.float64]
 Ending = Literal["settled", "moving", "growing", "circling"]
 
 _ACCURACY_IN_TOLERANCES = 100.0  # error of a run over the tolerance of its integrator

@@ -21,6 +21,7 @@ from scipy.integrate import trapezoid
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import eigsh
 
+from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.checking.certificate import Certificate
 from mjsheaf.checking.cohomology import DENSE_STATES, Spectrum, spectrum_of
 from mjsheaf.checking.constants import Difference, agent_drift
@@ -34,8 +35,7 @@ from mjsheaf.threads import one_thread
 from mjsheaf.vehicles.effects import capability_of, of_each
 from mjsheaf.vehicles.vehicle import Vehicle
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+Index = IntArray
 
 LARGEST_WHOLE = 400
 """Largest number of states that act on one another for which the matrix of a team of unlike vehicles is solved."""
@@ -261,7 +261,7 @@ class _Modes(NamedTuple):
 
     factor: NDArray[np.complex128]
     agent: Index
-    moves: NDArray[np.bool_]
+    moves: BoolArray
 
 
 class _UndecidedError(Exception):

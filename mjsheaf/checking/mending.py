@@ -17,18 +17,17 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 from scipy import sparse
 from scipy.sparse import csgraph
 
+from mjsheaf.arrays import Array, IntArray
 from mjsheaf.checking.cohomology import agent_coboundary, smallest_eigenvalue, spectrum_of
 from mjsheaf.io.section import Record
 from mjsheaf.team import Edge, Member, Team, anchor, restriction_maps
 from mjsheaf.team.null_modes import null_mode_basis
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+Index = IntArray
 Kind = Literal["communication", "sensing", "anchor"]
 
 EXACT_COMBINATIONS = 20_000

@@ -23,9 +23,9 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
+from mjsheaf.arrays import Array, IntArray
 from mjsheaf.checking.cohomology import Spectrum
 from mjsheaf.control.law import ControlArrays, new_memory, pack_edges, sample
 from mjsheaf.dynamics import disturbance
@@ -35,8 +35,6 @@ from mjsheaf.dynamics.motion import MotionArrays, add_reference, reference_bound
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.simulation.ideal import new_integrator, slope_of, take_step
 from mjsheaf.system import MediumArrays, System
-
-Array = NDArray[np.float64]
 
 MOST_STEPS = 1_500_000
 """Steps of the integrator times targets: a path that takes more is too long or too stiff to follow."""
@@ -101,7 +99,7 @@ class Carrier:
         return self._norm * np.linalg.norm(radii, axis=-1) + np.linalg.norm(own, axis=-1)
 
     @cached_property
-    def _own(self) -> NDArray[np.int64]:
+    def _own(self) -> IntArray:
         """Places of the stacked p in padded targets (M, 3), flattened."""
         slots = self._team.slots
         return slots[self._problem.H.shape[0] :] - 3 * len(self._team.agents)
@@ -198,8 +196,8 @@ class _Setting(NamedTuple):
 
     control: ControlArrays
     reference: MotionArrays
-    start: NDArray[np.int64]
-    column: NDArray[np.int64]
+    start: IntArray
+    column: IntArray
     value: Array
     acceleration: Array
     speed: Array
@@ -475,7 +473,7 @@ def _targets_alone(system: System) -> tuple[ControlArrays, MediumArrays, Array]:
     return ControlArrays(alone, motion._replace(**own)), around, system.initial[N:].copy()
 
 
-def _consensus(system: System) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
+def _consensus(system: System) -> tuple[IntArray, IntArray, Array]:
     """start, column and value of `_Setting`."""
     team, N = system.team, len(system.team.agents)
     slots = team.slots[team.first_state[-1] :] - 3 * N

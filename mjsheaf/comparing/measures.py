@@ -4,15 +4,14 @@ from collections.abc import Callable, Mapping
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
+from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.io.section import Finite, FiniteRecord
 from mjsheaf.results import metrics
 from mjsheaf.simulation.trajectory import Trajectory
 from mjsheaf.system import System
 
-Array = NDArray[np.float64]
 Role = Literal["agents", "targets"]
 ROLES: tuple[Role, Role] = ("agents", "targets")
 
@@ -103,12 +102,12 @@ def middle_of(system: System) -> float:
     return system.grid.start + 0.5 * system.grid.period * system.grid.steps
 
 
-def late(system: System, time: Array) -> NDArray[np.bool_]:
+def late(system: System, time: Array) -> BoolArray:
     """Which samples lie in the last half of the requested run, shape (T,)."""
     return np.asarray(time >= middle_of(system))
 
 
-def root_mean_square(values: Array, chosen: NDArray[np.bool_]) -> float:
+def root_mean_square(values: Array, chosen: BoolArray) -> float:
     """RMS over the chosen samples; NaN where there are none, or the values have no meaning."""
     return float(np.sqrt((values[chosen] ** 2).mean())) if chosen.any() else float("nan")
 

@@ -18,13 +18,13 @@ from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from mjsheaf.arrays import Array
 from mjsheaf.control.law import ControlArrays, LawArrays, Memory, observe
 from mjsheaf.errors import InputError, expected
 from mjsheaf.team import Edge, Team
 
-Array = NDArray[np.float64]
 _STREAM = 0x6C6177  # keeps a law's random numbers apart from others of the same seed
 Law = Callable[[float, "Sample"], ArrayLike]
 

@@ -19,13 +19,11 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.dynamics.motion import MotionArrays, add_reference
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.team import Edge, Member, Team
-
-Array = NDArray[np.float64]
 
 
 class EdgeArrays(NamedTuple):
@@ -40,10 +38,10 @@ class EdgeArrays(NamedTuple):
         b: desired values of F_tail x_tail - F_head x_head, shape (m,), m.
     """
 
-    tail: NDArray[np.int64]
-    head: NDArray[np.int64]
-    listens: NDArray[np.bool_]
-    first: NDArray[np.int64]
+    tail: IntArray
+    head: IntArray
+    listens: BoolArray
+    first: IntArray
     F_tail: Array
     F_head: Array
     P_tail: Array

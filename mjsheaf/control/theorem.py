@@ -27,12 +27,11 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import exprel
 
+from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError
-
-Array = NDArray[np.float64]
 
 _BISECTIONS = 64
 _MOST_DESCENTS = 1000

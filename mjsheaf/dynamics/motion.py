@@ -8,15 +8,13 @@ from math import factorial
 from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ConfigDict, Field
 from scipy.interpolate import BPoly, PPoly, make_interp_spline
 
+from mjsheaf.arrays import Array, IntArray
 from mjsheaf.errors import InputError
 from mjsheaf.io.section import NonNegative, Point, Positive, Section, tagged
 from mjsheaf.jit import inline_jit
-
-Array = NDArray[np.float64]
 
 _ORDER = 6  # coefficients of the quintic pieces of a waypoint path
 
@@ -34,7 +32,7 @@ class MotionArrays(NamedTuple):
     amplitude: Array
     rate: Array
     phase: Array
-    path: NDArray[np.int64]
+    path: IntArray
     period: Array
     knots: Array
     coefficients: Array

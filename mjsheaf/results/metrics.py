@@ -8,15 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mjsheaf.arrays import Array
 from mjsheaf.team import Formation, Team
 
 if TYPE_CHECKING:
     from mjsheaf.scenario.scenario import Expect
 
-Array = NDArray[np.float64]
 
 _FEW = 100  # vehicles up to which all pairs are compared
 _ROUNDING = 1e-12  # share of the largest displacement below which a mean displacement is zero

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
+from mjsheaf.arrays import Array, IntArray
 from mjsheaf.plotting import (
     draw_team,
     edge_keys,
@@ -21,8 +21,6 @@ from mjsheaf.plotting import (
     save_figure,
 )
 from mjsheaf.team import Team
-
-Array = NDArray[np.float64]
 
 
 def plot_errors(
@@ -130,6 +128,6 @@ def _positions(dataset: xr.Dataset) -> Array:
     return np.nan_to_num(np.concatenate(both, axis=1))
 
 
-def _group_keys(groups: NDArray[np.int64], names: list[str], colours: Array) -> list[Line2D]:
+def _group_keys(groups: IntArray, names: list[str], colours: Array) -> list[Line2D]:
     style = {True: {"marker": "*", "linestyle": "--"}, False: {"marker": "o", "linestyle": "-"}}
     return [key(names[k], color=colours[k], **style[names[k] == "targets"]) for k in sorted(set(groups.tolist()))]

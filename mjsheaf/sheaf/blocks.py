@@ -17,10 +17,10 @@ from scipy import linalg, sparse
 from scipy.sparse import csgraph
 from scipy.sparse import linalg as splinalg
 
+from mjsheaf.arrays import Array, IntArray
 from mjsheaf.errors import SheafError
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+Index = IntArray
 
 RANK_TOLERANCE = 1e-9
 """Default relative tolerance under which a singular value counts as zero."""

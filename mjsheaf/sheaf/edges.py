@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.errors import SheafError
 from mjsheaf.jit import allocating_jit, jit
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+Index = IntArray
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class EdgeBundle:
         k, (m, n_tail, n) = len(self.tail), self.shape
         return self.maps[k * m * n_tail :].reshape(k, m, n)
 
-    def selected(self, chosen: NDArray[np.bool_], vertex: Index, number: Index) -> "EdgeBundle":
+    def selected(self, chosen: BoolArray, vertex: Index, number: Index) -> "EdgeBundle":
         """The chosen edges (k,), with new numbers of all vertices (V,) and edges (E,)."""
         return replace(
             self,

@@ -25,10 +25,11 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import linalg, sparse
 from scipy.sparse import csgraph
 
+from mjsheaf.arrays import Array, IntArray
 from mjsheaf.errors import SheafError
 from mjsheaf.jit import allocating_jit, jit
 from mjsheaf.sheaf.blocks import DENSE_COLUMNS, RANK_TOLERANCE, parts
@@ -49,8 +50,7 @@ from mjsheaf.sheaf.sections import section_basis
 if TYPE_CHECKING:
     from mjsheaf.sheaf.sheaf import Sheaf
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+Index = IntArray
 
 DIRECT_WORK = 5e8
 """Largest states * bandwidth^2 of a direct solution: a tenth of a second, once."""

@@ -14,15 +14,14 @@ tree, far from any tolerance. Components for which the bound is too weak are lef
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
+from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.jit import allocating_jit, inline_jit, jit
 from mjsheaf.sheaf.blocks import DENSE_COLUMNS, ROUNDING, assembled, largest_singular_value, sparse_null_space
 from mjsheaf.sheaf.edges import EdgeTable, coboundary_matrix, product, ranges
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+Index = IntArray
 
 _LEAST_CONDITION = 1e-3  # of maps that may carry a value on along a forest
 _MOST_OPEN = 64  # free directions of one component; with more of them the small problem is not small
@@ -226,7 +225,7 @@ def _propagate(t, free, order, parent, slot, P, work):
                 P[begin + a, c] = total
 
 
-def grow(t: EdgeTable, free: NDArray[np.bool_]) -> Forest:
+def grow(t: EdgeTable, free: BoolArray) -> Forest:
     """The forest on the free vertices.
 
     Args:
@@ -238,7 +237,7 @@ def grow(t: EdgeTable, free: NDArray[np.bool_]) -> Forest:
     return Forest(*_grow(t, free, by_dimension, _workspace(t)), *_norms(t, free))
 
 
-def propagate(t: EdgeTable, free: NDArray[np.bool_], forest: Forest, slot: Index, width: int) -> Array:
+def propagate(t: EdgeTable, free: BoolArray, forest: Forest, slot: Index, width: int) -> Array:
     """P of the forest, shape (n, width); the roots' values start at columns `slot`, -1 where a tree is left out."""
     P = np.zeros((int(t.column[-1]), width))
     _propagate(t, free, forest.order, forest.parent, slot, P, _workspace(t))
@@ -251,7 +250,7 @@ def _workspace(t: EdgeTable) -> Array:
     return np.empty((3, widest, widest))
 
 
-def section_basis(t: EdgeTable, free: NDArray[np.bool_], rtol: float) -> sparse.csc_array:
+def section_basis(t: EdgeTable, free: BoolArray, rtol: float) -> sparse.csc_array:
     """Orthonormal basis of the sections that vanish where `free` is false, rows by the columns of the free vertices.
 
     Args:
@@ -282,9 +281,7 @@ def section_basis(t: EdgeTable, free: NDArray[np.bool_], rtol: float) -> sparse.
     return basis
 
 
-def certified_sections(
-    t: EdgeTable, free: NDArray[np.bool_], rtol: float
-) -> tuple[list[tuple[Index, Array]], NDArray[np.bool_]]:
+def certified_sections(t: EdgeTable, free: BoolArray, rtol: float) -> tuple[list[tuple[Index, Array]], BoolArray]:
     """Sections that vanish on the held vertices, of the components for which a forest certifies that they are all.
 
     Args:
@@ -340,7 +337,7 @@ def certified_sections(
     return found, free & undecided[forest.component]
 
 
-def _slots(t: EdgeTable, forest: Forest, chosen: NDArray[np.bool_]) -> Index:
+def _slots(t: EdgeTable, forest: Forest, chosen: BoolArray) -> Index:
     """First column in P of each free root's values, counted in each component apart; 0 at others, -1 if not chosen."""
     dimension, used = np.diff(t.column), np.zeros(len(chosen), dtype=np.int64)
     slot = np.where(chosen, 0, -1)

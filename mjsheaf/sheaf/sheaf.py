@@ -7,10 +7,11 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import sparse
 from scipy.sparse import linalg as splinalg
 
+from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.errors import SheafError
 from mjsheaf.sheaf.blocks import DENSE_COLUMNS, RANK_TOLERANCE, InnerProduct, cokernel_basis
 from mjsheaf.sheaf.edges import (
@@ -31,8 +32,7 @@ from mjsheaf.sheaf.edges import (
 from mjsheaf.sheaf.harmonic import DirichletProblem, HarmonicExtension
 from mjsheaf.sheaf.sections import certified_sections, section_basis
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+Index = IntArray
 Cochain = Array | Mapping[Hashable, ArrayLike]
 
 
@@ -118,7 +118,7 @@ class Sheaf:
         """The vertices that are not in the boundary, in vertex order."""
         return list(itertools.compress(self._number, self.free(list(boundary)).tolist()))
 
-    def free(self, boundary: Sequence[Hashable]) -> NDArray[np.bool_]:
+    def free(self, boundary: Sequence[Hashable]) -> BoolArray:
         """Which vertices are not in the boundary, shape (V,)."""
         free = np.ones(len(self._number), dtype=bool)
         free[self.numbers(boundary)] = False
@@ -329,7 +329,7 @@ class Sheaf:
         sheaf._append([b.selected(kept[b.number], place, number) for b in self._bundles if kept[b.number].any()])
         return sheaf
 
-    def _chosen(self, edges: Iterable[int], inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def _chosen(self, edges: Iterable[int], inside: BoolArray) -> BoolArray:
         """Which edges are named, checked; `inside` tells which have both ends in the subgraph."""
         chosen = np.zeros(self._edges, dtype=bool)
         for e in edges:

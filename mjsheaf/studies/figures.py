@@ -9,11 +9,10 @@ import numpy as np
 from matplotlib.colors import LogNorm, Normalize
 from numpy.typing import NDArray
 
+from mjsheaf.arrays import Array, IntArray
 from mjsheaf.plotting import BLUE, legend_below, log_axis, new_figure, save_figure
 from mjsheaf.results.metrics import MEASURES
 from mjsheaf.studies.schema import Choice, LogUniform, StudyFile
-
-Array = NDArray[np.float64]
 
 _LABELS = {
     "mean_disagreement": "final disagreement, mean |η| (m)",
@@ -58,7 +57,7 @@ class SweptAxis:
     log: bool
     places: Array
     labels: list[str]
-    index: NDArray[np.int64]
+    index: IntArray
 
     def groups(self, y: Array) -> list[Array]:
         """The known values of y, shape (R,), at each place."""
