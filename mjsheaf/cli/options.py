@@ -94,10 +94,12 @@ def require_file_name(option: str, path: Path, suffix: str) -> None:
     """Refuse the name of a file that cannot be written.
 
     Raises:
-        InputError: it has another suffix, or is not in a directory that exists.
+        InputError: it has another suffix, is a directory, or is not in one that exists.
     """
-    if path.suffix != suffix or path.is_dir() or not path.parent.is_dir():
-        raise InputError(f"{option} {path}: expected a name that ends in {suffix}, in a directory that exists")
+    if path.suffix != suffix or path.is_dir():
+        raise InputError(f"{option} {path}: expected a file whose name ends in {suffix}")
+    if not path.parent.is_dir():
+        raise InputError(f"{option} {path}: there is no directory {path.parent}")
 
 
 def note_idle_seed(scenario: str, backend: str) -> None:
