@@ -20,8 +20,9 @@ from mjsheaf.arrays import Array, IntArray
 from mjsheaf.engine import mujoco, refusing
 from mjsheaf.errors import InputError
 from mjsheaf.io.files import resource_directory
+from mjsheaf.vehicles.body import GRAVITY
 from mjsheaf.vehicles.loading import mass_properties
-from mjsheaf.vehicles.vehicle import GRAVITY, Vehicle
+from mjsheaf.vehicles.vehicle import Vehicle
 
 
 def attachable(vehicle: Vehicle) -> mujoco.MjSpec:

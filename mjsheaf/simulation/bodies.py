@@ -156,7 +156,7 @@ def pack_fleet(arena: Arena, heading: Array, level: float) -> Fleet:
 
 def _pack(vehicle: Vehicle, kind: np.void, damping: Array) -> None:
     """Pack a vehicle of which the free joint takes some damping, shape (6,), N s/m and N m s/rad."""
-    floats, hold = vehicle.description.hydrostatics, vehicle.description.attitude
+    floats, hold = vehicle.description.hydrostatics, vehicle.hold
     added = bool(vehicle.added_mass.any())
     kind["planar"] = vehicle.dimension == 2
     kind["drag"], kind["quadratic"] = [*vehicle.drag, *vehicle.angular_drag], vehicle.quadratic_drag

@@ -21,8 +21,9 @@ from pydantic import Field
 from mjsheaf.arrays import Array
 from mjsheaf.io.section import Duration, Section
 from mjsheaf.vehicles.actuators import Thruster
+from mjsheaf.vehicles.body import ROW_NAMES
 from mjsheaf.vehicles.steering import Full
-from mjsheaf.vehicles.vehicle import ROW_NAMES, Vehicle
+from mjsheaf.vehicles.vehicle import Vehicle
 
 
 @dataclass(frozen=True)

@@ -25,8 +25,9 @@ from mjsheaf.io.files import confined, read_bytes, resource_directory
 from mjsheaf.io.section import describe_validation_error
 from mjsheaf.io.yaml import read_yaml
 from mjsheaf.vehicles.actuators import LAGS, Azimuth, AzimuthThruster, Range, Thruster
+from mjsheaf.vehicles.body import GRAVITY, ROW_NAMES, Inertial
 from mjsheaf.vehicles.steering import Full
-from mjsheaf.vehicles.vehicle import GRAVITY, ROW_NAMES, Inertial, Vehicle, VehicleDescription
+from mjsheaf.vehicles.vehicle import Vehicle, VehicleDescription
 
 _LARGEST_FILE = 20_000_000  # bytes, of one XML file
 _DEEPEST = 100  # elements within one another
@@ -254,6 +255,8 @@ def _from_model(name: str, description: VehicleDescription, path: Path, model: m
         description=description,
         path=path,
         steering=description.steering or Full(),
+        rate=description.autopilot.rate if description.autopilot else 0.0,
+        dimension=2 if description.domain == "surface" else 3,
         mass=mass,
         weight=(mass - carried) * GRAVITY,
         ballast=0.0,
@@ -264,11 +267,11 @@ def _from_model(name: str, description: VehicleDescription, path: Path, model: m
             for b in range(1, model.nbody)
         ],
         actuators=_actuators(path, model, data, description.actuators),
+        hold=description.attitude,
         drag=linear,
         angular_drag=np.array(drag.angular, dtype=np.float64),
         quadratic_drag=np.array([*drag.quadratic, *drag.angular_quadratic], dtype=np.float64),
         added_mass=np.array(description.added_mass or [0.0] * 6, dtype=np.float64),
-        rate=description.autopilot.rate if description.autopilot else 0.0,
     )
     _check(vehicle)
     return vehicle

@@ -40,7 +40,7 @@ POINTING = ("quadrotor", "x500")
 
 def hold_moment(vehicle: Vehicle, R: Array, wanted: Array, rates: Array) -> Array:
     """J (k theta - b omega) toward an attitude, theta twice the vector part of the quaternion to it."""
-    hold = vehicle.description.attitude
+    hold = vehicle.hold
     theta = 2.0 * Rotation.from_matrix(R.T @ wanted).as_quat(canonical=True)[:3]
     c = vehicle.centre_of_mass
     about_it = vehicle.inertia - vehicle.mass * (c @ c * np.eye(3) - np.outer(c, c))
@@ -373,4 +373,4 @@ def test_attitude_is_held_at_the_frequency_that_is_given(name: str) -> None:
         about_it = vehicle.inertia - vehicle.mass * (c @ c * np.eye(3) - np.outer(c, c))
         couple = force[3:] - np.cross(c, force[:3])
         alpha = np.linalg.solve(about_it, couple)
-        np.testing.assert_allclose(alpha, -(vehicle.description.attitude.frequency**2) * theta, rtol=0.02, atol=2e-3)
+        np.testing.assert_allclose(alpha, -(vehicle.hold.frequency**2) * theta, rtol=0.02, atol=2e-3)

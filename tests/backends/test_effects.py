@@ -166,7 +166,7 @@ def test_without_inertia_a_heading_is_held_as_before(name: str) -> None:
     for inertia in (True, False):
         world = alone(name, inertia=inertia, limits=False, lag=False)
         place(world, Rotation.from_euler("z", 3, degrees=True).as_matrix())
-        hold = world.arena.vehicles[0].description.attitude
+        hold = world.arena.vehicles[0].hold
         record = []
         for _ in range(4):
             world.step(round(1000 / hold.frequency))
