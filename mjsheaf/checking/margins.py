@@ -11,7 +11,7 @@ the way, and the targets.
 """
 
 from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -631,5 +631,5 @@ def _least_damped(modes: _Modes, own: Array, period: float, system: System) -> S
     return Swing(damping=float(damping[k]), frequency=float(size[k]), agent=agent)
 
 
-def _logarithms(factors: NDArray) -> NDArray[np.complex128]:
+def _logarithms(factors: NDArray[Any]) -> NDArray[np.complex128]:
     return np.log(np.where(factors != 0.0, factors, 1e-300).astype(np.complex128))

@@ -296,7 +296,11 @@ def plan_augmentation(team: Team) -> Augmentation:
 
 
 def _repair(
-    team: Team, free: sparse.csc_array, candidate: Candidate, lambda_min_alone: float, linked: Container
+    team: Team,
+    free: sparse.csc_array,
+    candidate: Candidate,
+    lambda_min_alone: float,
+    linked: Container[tuple[str, str]],
 ) -> Repair:
     held = edge_rows(team, [candidate]) @ free
     held = held[:, np.unique(held.indices)].toarray()

@@ -11,7 +11,8 @@ from mjsheaf.io.section import FiniteRecord
 from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.simulation.ideal import run_ideal
 from mjsheaf.simulation.loop import run_physics
-from mjsheaf.system import Effects, System
+from mjsheaf.system import System
+from mjsheaf.vehicles.effects import Effects
 
 _COUNT, _RATIO = 4, 2.0
 _SHARE_OF_OWN, _SHARE_OF_LAW = 0.5, 0.25

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from mjsheaf.arrays import Array
 from mjsheaf.comparing.ladder import Run, ladder_of, run_ablation
-from mjsheaf.comparing.measures import Array, Role, ScopeRecord, late, middle_of, vehicles_by_role
+from mjsheaf.comparing.measures import Role, ScopeRecord, late, middle_of, vehicles_by_role
 from mjsheaf.io.section import Finite, FiniteRecord
 from mjsheaf.system import System
 from mjsheaf.vehicles.effects import capability_of

@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from mjsheaf.arrays import Array
 from mjsheaf.comparing.ladder import Run, RungRecord, display_name
-from mjsheaf.comparing.measures import FORMATION, TEAM, TRACKING, Array, BudgetRecord, distances
+from mjsheaf.comparing.measures import FORMATION, TEAM, TRACKING, BudgetRecord, distances
 from mjsheaf.comparing.verdict import CompareRecord
 from mjsheaf.plotting import BLUE, RED, label_axes, legend_below, log_axis, new_figure, palette, save_figure, thin
 

@@ -29,13 +29,13 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
+from mjsheaf.arrays import Array
 from mjsheaf.checking.finished import Ending, ending_of, settling_time
 from mjsheaf.comparing.measures import (
     FORMATION,
     ROLES,
     TEAM,
     TRACKING,
-    Array,
     DistanceRecord,
     SaturationRecord,
     ScopeRecord,

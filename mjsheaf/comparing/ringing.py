@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 from pydantic import Field
 from scipy import linalg
 
+from mjsheaf.arrays import Array
 from mjsheaf.checking.margins import LARGEST_SECOND_ORDER
 from mjsheaf.comparing.ladder import effects_of, inertial_tau
-from mjsheaf.comparing.measures import Array, positions_at_q_star
+from mjsheaf.comparing.measures import positions_at_q_star
 from mjsheaf.dynamics import FlowField
 from mjsheaf.io.section import FiniteRecord
 from mjsheaf.simulation.loop import run_physics

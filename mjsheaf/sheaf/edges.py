@@ -162,7 +162,7 @@ def tabulate(bundles: list[EdgeBundle], column: Index) -> EdgeTable:
     return EdgeTable(int(size.sum()), column, tail, head, row, size, F, *places, first, incident)
 
 
-def _joined(parts: list[NDArray], dtype: type) -> NDArray:
+def _joined(parts: list[NDArray[Any]], dtype: type) -> NDArray[Any]:
     """One array of the parts; a single part is not copied."""
     return parts[0] if len(parts) == 1 else np.concatenate([np.zeros(0, dtype=dtype), *parts])
 
@@ -178,8 +178,8 @@ class Ends(NamedTuple):
         tail, head: the same by number, shape (k,).
     """
 
-    tails: Sequence
-    heads: Sequence
+    tails: Sequence[Any]
+    heads: Sequence[Any]
     tail: Index
     head: Index
 

@@ -6,6 +6,7 @@ g = C (R D R^T)^-1 R W_f; and that u = g^+ v makes the drag's force for v and no
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -271,7 +272,7 @@ def flat(root: ElementTree.Element) -> None:
     ],
 )
 def test_wrong_vehicle_files_are_refused(
-    name: str, edit: Edit | None, description: dict, message: str, tmp_path: Path
+    name: str, edit: Edit | None, description: dict[str, Any], message: str, tmp_path: Path
 ) -> None:
     path = altered(tmp_path, name, edit, **description)
     with pytest.raises(InputError, match=message):

@@ -13,7 +13,7 @@ import pytest
 
 import mjsheaf
 from mjsheaf.checking import certificate as certificates
-from mjsheaf.checking import examine
+from mjsheaf.checking import constants, examine
 from mjsheaf.checking.certificate import certify
 from mjsheaf.checking.constants import Difference
 from mjsheaf.checking.finished import BROKEN, bound_of_run
@@ -238,7 +238,7 @@ def test_a_broken_bound_is_told_with_its_constants(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A constant that is wrong, here f_bar, shows: the run is published, says so, and fails under --expect."""
-    real = certificates.difference_along
+    real = constants.difference_along
 
     def wrong(*arguments: Any) -> Difference:
         found = real(*arguments)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import imageio_ffmpeg
 import mujoco
@@ -30,8 +31,8 @@ def backend() -> str:
     return name
 
 
-def decoded(path: Path) -> tuple[dict, list[np.ndarray]]:
-    reader: Iterator = imageio_ffmpeg.read_frames(path)
+def decoded(path: Path) -> tuple[dict[str, Any], list[np.ndarray]]:
+    reader: Iterator[Any] = imageio_ffmpeg.read_frames(path)
     meta = next(reader)
     width, height = meta["size"]
     return meta, [np.frombuffer(frame, np.uint8).reshape(height, width, 3).astype(int) for frame in reader]
