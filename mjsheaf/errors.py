@@ -12,7 +12,7 @@ class MjsheafError(Exception):
     """Base of every error that mjsheaf raises on purpose.
 
     Attributes:
-        exit_code: what the command line exits with.
+        exit_code: what the command line exits with; 1 unless a class says otherwise.
     """
 
     exit_code = 1
@@ -39,8 +39,6 @@ class RankError(InputError):
 class NotUniqueError(MjsheafError):
     """The harmonic extension is not unique: some agents are free to drift (Assumption 6 fails)."""
 
-    exit_code = 1
-
 
 class UnstableError(MjsheafError):
     """A simulation blew up; the message names the vehicle, the time and the likely cause."""
@@ -58,6 +56,11 @@ def in_field(field: str) -> Iterator[None]:
 
 
 _MOST = 20
+
+
+def shortened(text: str, most: int = 60) -> str:
+    """A text of at most so many characters: a longer one ends in '...'."""
+    return text if len(text) <= most else text[: most - 3] + "..."
 
 
 def listed(names: Collection[str]) -> str:

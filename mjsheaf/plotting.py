@@ -1,51 +1,156 @@
-"""Figures without a display, and the colours of groups: the same in plots and videos."""
+"""What figures have in common: colours of groups (the same in videos), teams seen from above, logarithmic axes, PNG.
 
+Matplotlib's object interface is used throughout: no global state, no display.
+"""
+
+from collections.abc import Sequence
 from pathlib import Path
+from typing import IO, Any
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 from numpy.typing import NDArray
 
+from mjsheaf.arrays import Array, IntArray
 from mjsheaf.team import Team
-
-Array = NDArray[np.float64]
 
 # Okabe and Ito's palette (distinct with any colour vision), then Tol's muted scheme for further groups.
 _COLOURS = (
     *("#E69F00", "#0072B2", "#009E73", "#CC79A7", "#56B4E9", "#D55E00"),
     *("#882255", "#44AA99", "#999933", "#332288", "#AA4499", "#117733"),
 )
-_UNGROUPED, _TARGET = "#F0E442", "#D62728"
-
-
-def _rgb(code: str) -> list[float]:
-    return [int(code[k : k + 2], 16) / 255.0 for k in (1, 3, 5)]
+_UNGROUPED, TARGET = "#F0E442", "#D62728"
+BLUE, RED = "#0072B2", "#D62728"
+_EDGES: dict[str, dict[str, Any]] = {
+    "communication": {"color": "#8A94A6", "linestyle": "-"},
+    "sensing": {"color": "#B45309", "linestyle": ":"},
+}
+_MOST_LABELLED = 60  # vehicles; more are drawn small and without their names
 
 
 def palette(count: int) -> Array:
     """RGB of `count` groups, then of ungrouped agents and of targets, shape (count + 2, 3)."""
     chosen = [_COLOURS[k % len(_COLOURS)] for k in range(count)]
-    return np.array([_rgb(code) for code in [*chosen, _UNGROUPED, _TARGET]])
+    return np.array([to_rgb(code) for code in [*chosen, _UNGROUPED, TARGET]])
 
 
-def group_of_vehicles(team: Team) -> tuple[NDArray[np.int64], list[str]]:
-    """Index of each vehicle's group in `palette`, shape (V,), and the names that go with the palette."""
+def groups_of(team: Team) -> tuple[NDArray[np.int64], list[str], Array]:
+    """Index of each vehicle's group, shape (V,); the groups' names; their colours, RGB, shape (G, 3)."""
     names = [f.name for f in team.formations]
     index = {member: k for k, f in enumerate(team.formations) for member in f.members}
     agents = [index.get(a.id, len(names)) for a in team.agents]
     others = "agents without a group" if names else "agents"
-    return np.array(agents + [len(names) + 1] * len(team.targets)), [*names, others, "targets"]
+    index_of_each = np.array(agents + [len(names) + 1] * len(team.targets))
+    return index_of_each, [*names, others, "targets"], palette(len(names))
 
 
-def new_figure(width: float, height: float) -> Figure:
-    """A figure of the given size in inches that needs no display."""
-    figure = Figure(figsize=(width, height), dpi=120)
-    FigureCanvasAgg(figure)
+def new_figure(width: float, height: float, title: str) -> Figure:
+    """A figure of the given size in inches, with its title; panels and legends get the room that they need."""
+    figure = Figure((width, height), dpi=120, layout=ConstrainedLayoutEngine(h_pad=0.1, w_pad=0.1))
+    figure.suptitle(title)
     return figure
 
 
-def save_figure(figure: Figure, path: Path) -> None:
+def save_figure(figure: Figure, file: Path | IO[bytes]) -> None:
     """Write a figure as PNG; equal figures give equal bytes."""
     # No metadata: a version or date would make equal runs differ.
-    figure.savefig(path, format="png", metadata={"Software": None})
+    figure.savefig(file, format="png", metadata={"Software": None})
+
+
+def label_axes(axis: Any, title: str, x: str = "", y: str = "", **grid: Any) -> None:
+    """Give a panel its title, labels and a pale grid."""
+    axis.set_title(title, fontsize=11)
+    axis.set(xlabel=x, ylabel=y)
+    axis.grid(True, alpha=0.3, **grid)
+
+
+def key(label: str, **style: Any) -> Line2D:
+    """A row of a legend; without a `linestyle` a marker has no line."""
+    return Line2D([], [], label=label, **({"linestyle": ""} if "marker" in style else {}) | style)
+
+
+def edge_keys() -> list[Line2D]:
+    """The rows of a legend for the edges of `draw_team`."""
+    return [key(kind, **style) for kind, style in _EDGES.items()]
+
+
+def legend_below(holder: Any, keys: Sequence[Any], columns: int) -> None:
+    """Add a legend below the panels of a figure, or below a panel."""
+    figure = isinstance(holder, Figure)
+    place = {"loc": "outside lower center"} if figure else {"loc": "upper center", "bbox_to_anchor": (0.5, -0.12)}
+    holder.legend(handles=keys, ncols=columns, frameon=False, fontsize=9, **place)
+
+
+def finish_map(axis: Any, title: str, x: str, margin: float) -> None:
+    """Make a panel a map seen from above, of equal scales, with a margin, as a part of its size."""
+    label_axes(axis, title, x, "y (m)")
+    axis.set_aspect("equal", adjustable="datalim")
+    axis.margins(margin)
+
+
+def draw_team(axis: Any, team: Team, place: Array) -> None:
+    """Draw a team from above: edges, agents in the colours of their groups, targets as stars.
+
+    Args:
+        axis: the panel.
+        team: the team.
+        place: of each vehicle, shape (V, 2), m.
+    """
+    for kind, edges in (("communication", team.communication), ("sensing", team.sensing)):
+        lines = [place[[team.index[e.tail], team.index[e.head]]] for e in edges]
+        axis.add_collection(LineCollection(lines, linewidths=1.0, zorder=1, **_EDGES[kind]))
+    groups, _, colours = groups_of(team)
+    few = len(place) <= _MOST_LABELLED
+    for v, member in enumerate(team.members):
+        target = v >= len(team.agents)
+        size = (13 if target else 8) if few else 3
+        outline = {"markeredgecolor": "white", "markeredgewidth": 0.6} if few else {}
+        axis.plot(*place[v], "*" if target else "o", markersize=size, color=colours[groups[v]], zorder=3, **outline)
+        if few:
+            axis.annotate(member.id, place[v], xytext=(5, 5), textcoords="offset points", fontsize=8, zorder=5)
+
+
+def thin(samples: int, most: int) -> IntArray:
+    """Indices of at most so many samples, evenly spread, the first and the last among them."""
+    return np.unique(np.linspace(0, samples - 1, min(samples, most)).round().astype(np.int64))
+
+
+def log_axis(axis: Any, which: str, values: Array, decades: float = 12.0) -> None:
+    """Make axis 'x' or 'y' of a panel logarithmic, with numbers written out.
+
+    Args:
+        axis: the panel.
+        which: 'x' or 'y'.
+        values: what is drawn; only what is finite and positive counts. Without any, a line says so.
+        decades: the most that are shown.
+    """
+    positive = values[np.isfinite(values) & (values > 0)]
+    if not positive.size:
+        axis.text(0.5, 0.5, "not defined for this team", transform=axis.transAxes, ha="center", color="grey")
+        return
+    low, high = max(positive.min() / 1.5, positive.max() / 10.0**decades), positive.max() * 1.5
+    axis.set(**{f"{which}scale": "log", f"{which}lim": (low, high)})
+    ticks = getattr(axis, f"{which}axis")
+    ticks.set_major_locator(FixedLocator(log_ticks(low, high)))
+    ticks.set_minor_locator(NullLocator())
+    ticks.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+
+
+def log_ticks(low: float, high: float) -> list[float]:
+    """Ticks of a logarithmic axis: powers of 10 where three or more are seen, else as few between as make it three.
+
+    Two at least are seen where the axis spans a factor of 2.
+    """
+    ticks: list[float] = []
+    first, last = int(np.floor(np.log10(low))), int(np.ceil(np.log10(high)))
+    for steps in ((1,), (1, 2, 5), (1, 1.5, 2, 3, 4, 5, 6, 7, 8, 9)):
+        ticks = [float(f"{step}e{power}") for power in range(first, last + 1) for step in steps]
+        ticks = [tick for tick in ticks if low <= tick <= high]
+        if len(ticks) >= 3:
+            break
+    return ticks

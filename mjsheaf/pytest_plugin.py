@@ -8,14 +8,14 @@ and nothing of mjsheaf but this module is imported.
 
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
 if TYPE_CHECKING:
-    from mjsheaf.runs.expecting import Trial
     from mjsheaf.scenario import Scenario
 
 _SUFFIXES = (".yaml", ".yml")
@@ -92,24 +92,22 @@ class ScenarioFile(pytest.File):
         from mjsheaf.errors import MjsheafError
         from mjsheaf.runs.expecting import expected_backends
 
-        if not self.expects and not self.named:
-            yield Nothing.from_parent(self, name="expect")
-            return
-        try:
-            scenario = self.load()
-        except MjsheafError as error:
-            yield Broken.from_parent(self, name="load", reason=str(error))
-            return
-        backends = expected_backends(scenario)
-        if scenario.expect.refused is not None:
-            yield Expectation.from_parent(self, name="refused", backends=backends)
-            return
-        for backend in backends:
-            yield Expectation.from_parent(self, name=backend, backends=[backend])
-        if not backends and self.named:
-            yield Broken.from_parent(self, name="expect", reason=f"{self.path}: {nothing(self.path)}")
-        elif not backends:
-            yield Nothing.from_parent(self, name="expect")
+        tests: dict[str, Callable[[Expectation], None]] = {}
+        nothing = f"no `expect:` block; mjsheaf expect {self.path.name} --update writes one into a scenario"
+        if self.expects or self.named:
+            try:
+                scenario = self.load()
+            except MjsheafError as error:
+                tests = {"load": partial(_fail, str(error))}
+            else:
+                backends = expected_backends(scenario)
+                tests = {backend: partial(_compare, [backend]) for backend in backends}
+                if scenario.expect.refused is not None:
+                    tests = {"refused": partial(_compare, backends)}
+        if not tests:
+            tests = {"expect": partial(_fail, f"{self.path}: {nothing}") if self.named else partial(_skip, nothing)}
+        for name, test in tests.items():
+            yield Expectation.from_parent(self, name=name, test=test)
 
     def load(self) -> "Scenario":
         """The scenario."""
@@ -120,10 +118,18 @@ class ScenarioFile(pytest.File):
             return load_scenario(self.path)
 
 
-class _Item(pytest.Item):
+class Expectation(pytest.Item):
     """A test of a scenario file."""
 
     parent: ScenarioFile
+
+    def __init__(self, *, test: "Callable[[Expectation], None]", **kwargs: Any) -> None:
+        super().__init__(**kwargs)
+        self._test = test
+
+    def runtest(self) -> None:
+        """Pass, fail or skip."""
+        self._test(self)
 
     def reportinfo(self) -> tuple[Path, int | None, str]:
         """Where it is: pytest writes scenarios/paper.yaml::physics."""
@@ -136,78 +142,40 @@ class _Item(pytest.Item):
         return super().repr_failure(excinfo, style)
 
 
-class Expectation(_Item):
-    """Passes where a scenario runs as it expects.
-
-    Attributes:
-        backends: on which it is tried.
-    """
-
-    def __init__(self, *, backends: list[str], **kwargs: Any) -> None:
-        super().__init__(**kwargs)
-        self.backends = backends
-
-    def runtest(self) -> None:
-        """Run the scenario and compare."""
-        from mjsheaf.errors import MjsheafError
-        from mjsheaf.runs.expecting import describe, loose, miss, missed, try_scenario
-
-        scenario = self.parent.load()
-        place = self._place()
-        tight = self.config.getini("mjsheaf_tight")
-        for backend in self.backends:
-            try:
-                with warnings.catch_warnings():
-                    warnings.simplefilter("ignore")  # a run says what matters of them
-                    trial = try_scenario(scenario, backend)
-            except MjsheafError as error:
-                raise _MissedError(f"{place} on {backend}: cannot be simulated: {error}") from None
-            self._record(trial)
-            table = describe(trial, place, place)
-            if not trial.met:
-                raise _MissedError(f"{', '.join(map(miss, missed(trial)))}\n{table}")
-            slack = loose(trial, float(tight)) if tight else []
-            if slack:
-                names = ", ".join(check["measure"] for check in slack)
-                update = f"  tighten them: mjsheaf expect {place} --update"
-                raise _MissedError(
-                    f"loose bounds, of more than {tight} times what is found: {names}\n{table}\n{update}"
-                )
-
-    def _record(self, trial: "Trial") -> None:
-        """Put what was found into the reports that take properties, such as JUnit's."""
-        self.user_properties += [(name, value) for name, value in trial.final.items() if value is not None]
-
-    def _place(self) -> str:
-        """The file as a command takes it from where pytest was started."""
-        start = self.config.invocation_params.dir
-        return str(self.path.relative_to(start) if self.path.is_relative_to(start) else self.path)
-
-
-class Nothing(_Item):
-    """Skipped: a scenario without an `expect:` block, found in a directory."""
-
-    def runtest(self) -> None:
-        """Skip."""
-        pytest.skip(nothing(self.path))
-
-
-def nothing(path: Path) -> str:
-    """The message for a scenario that expects nothing."""
-    return f"no `expect:` block; mjsheaf expect {path.name} --update writes one into a scenario"
-
-
-class Broken(_Item):
-    """Fails: a file that cannot be read and says what it expects, or was named; a named one that expects nothing."""
-
-    def __init__(self, *, reason: str, **kwargs: Any) -> None:
-        super().__init__(**kwargs)
-        self.reason = reason
-
-    def runtest(self) -> None:
-        """Fail with the reason."""
-        raise _MissedError(self.reason)
-
-
 class _MissedError(Exception):
     """A failure whose message is all of the test's report."""
+
+
+def _fail(reason: str, item: Expectation) -> None:
+    raise _MissedError(reason)
+
+
+def _skip(reason: str, item: Expectation) -> None:
+    pytest.skip(reason)
+
+
+def _compare(backends: list[str], item: Expectation) -> None:
+    """Pass where the scenario runs as it expects on these backends; properties of the report take what was found."""
+    from mjsheaf.errors import MjsheafError
+    from mjsheaf.runs.expecting import describe, loose, miss, missed, try_scenario
+
+    scenario = item.parent.load()
+    start = item.config.invocation_params.dir
+    place = str(item.path.relative_to(start) if item.path.is_relative_to(start) else item.path)  # as a command takes it
+    tight = item.config.getini("mjsheaf_tight")
+    for backend in backends:
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # a run says what matters of them
+                trial = try_scenario(scenario, backend)
+        except MjsheafError as error:
+            raise _MissedError(f"{place} on {backend}: cannot be simulated: {error}") from None
+        item.user_properties += [(name, value) for name, value in trial.final.items() if value is not None]
+        table = describe(trial, place, place)
+        if not trial.met:
+            raise _MissedError(f"{', '.join(map(miss, missed(trial)))}\n{table}")
+        slack = loose(trial, float(tight)) if tight else []
+        if slack:
+            names = ", ".join(check["measure"] for check in slack)
+            update = f"  tighten them: mjsheaf expect {place} --update"
+            raise _MissedError(f"loose bounds, of more than {tight} times what is found: {names}\n{table}\n{update}")

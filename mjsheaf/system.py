@@ -6,8 +6,8 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.control import ControlArrays, LawArrays
 from mjsheaf.dynamics import disturbance
 from mjsheaf.dynamics.disturbance import HarmonicArrays, disturbance_velocity
@@ -20,8 +20,6 @@ from mjsheaf.team import Team
 from mjsheaf.vehicles.effects import Effects, embody
 from mjsheaf.vehicles.vehicle import Vehicle
 
-Array = NDArray[np.float64]
-
 
 class MediumArrays(NamedTuple):
     """What surrounds the vehicles, for compiled code; V vehicles, the first `agents` of them agents.
@@ -31,9 +29,9 @@ class MediumArrays(NamedTuple):
     """
 
     agents: int
-    planar: NDArray[np.bool_]
+    planar: BoolArray
     kernels: Array
-    rows: NDArray[np.int64]
+    rows: IntArray
     harmonics: HarmonicArrays
 
 
@@ -140,7 +138,7 @@ class System:
     harmonics: Array
     effectiveness: EffectivenessArrays
     flows: list[FlowField]
-    field: NDArray[np.int64]
+    field: IntArray
     tolerance: tuple[float, float]
     bodies: PhysicsOptions
 
@@ -204,10 +202,6 @@ class System:
             np.column_stack([ends[self.field], ends[self.field + 1]]).astype(np.int64),
             disturbance.pack(self.harmonics),
         )
-
-    def flow_of(self, v: int) -> FlowField:
-        """The flow field that vehicle v meets."""
-        return self.flows[int(self.field[v])]
 
     def fields_met(self, first: int, last: int) -> list[tuple[FlowField, bool]]:
         """Each flow field that vehicles from first to last meet, and whether in the plane, every pair once."""

@@ -1,28 +1,24 @@
-"""Threads of linear algebra; imports no numpy, before which the environment's variables are to be set.
+"""How many threads; imports no numpy, before which the environment's variables are to be set.
 
-Threads that wait for one another on busy cores take up to a hundred times as long on matrices of some hundred states,
-and more of them gain little there.
+Threads of linear algebra that wait for one another on busy cores take up to a hundred times as long on matrices of some
+hundred states, and more of them gain little there.
 """
 
+import os
 from collections.abc import Callable
-from functools import wraps
-from typing import ParamSpec, TypeVar
+from typing import Any, TypeVar
 
 from threadpoolctl import threadpool_limits
 
-P = ParamSpec("P")
-T = TypeVar("T")
+F = TypeVar("F", bound=Callable[..., Any])
 
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Variables of the environment that keep BLAS to one thread where they are 1 before numpy is imported."""
 
+one_thread: Callable[[F], F] = threadpool_limits.wrap(limits=1, user_api="blas")
+"""Runs a function with one BLAS thread; the process has its own number again afterwards."""
 
-def one_thread(function: Callable[P, T]) -> Callable[P, T]:
-    """Run a function with one BLAS thread; the process has its own number again afterwards."""
 
-    @wraps(function)
-    def limited(*arguments: P.args, **options: P.kwargs) -> T:
-        with threadpool_limits(limits=1, user_api="blas"):
-            return function(*arguments, **options)
-
-    return limited
+def usable_processors() -> int:
+    """How many processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

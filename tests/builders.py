@@ -15,13 +15,13 @@ import numpy as np
 import pytest
 import xarray as xr
 import yaml
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import ortho_group
 
 from mjsheaf import Sheaf, World
 from mjsheaf.dynamics import disturbance
-from mjsheaf.dynamics.flow import Channel, FlowField, Source, Vortex
+from mjsheaf.dynamics.flow import CHANNEL, SOURCE, Channel, FlowField, Source, Vortex
 from mjsheaf.dynamics.motion import add_reference
 from mjsheaf.scenario import Scenario, scenario_from_mapping
 from mjsheaf.studies import Plan, load_plan
@@ -289,7 +289,7 @@ def velocity_commands(system: System, t: float, x: Array) -> Array:
 
 def medium(system: System, v: int, t: float, x: Array) -> Array:
     """Flow and disturbance about vehicle v at x (3,)."""
-    w = system.flow_of(v).velocity(x)
+    w = system.flows[system.field[v]].velocity(x)
     w[system.team.members[v].dimension :] = 0.0
     return w + disturbance.evaluate(system.harmonics, np.array([t]))[0, v]
 
@@ -385,6 +385,11 @@ def body(world: World) -> tuple[Vehicle, slice, slice, slice]:
     """Vehicle 0, and where it is in qpos, in qvel and among the actuators."""
     a, d, first = world.arena.qpos[0], world.arena.dof[0], world.arena.thruster
     return world.arena.vehicles[0], slice(a, a + 7), slice(d, d + 6), slice(first[0], first[1])
+
+
+def largest_tilt(vehicle: Vehicle) -> float:
+    """Largest tilt of a vehicle that points its thrust, degrees; 0 for others."""
+    return float(getattr(vehicle.steering, "largest_tilt", 0.0))
 
 
 def attitude(world: World) -> Array:
@@ -564,8 +569,6 @@ def make_film(model: mujoco.MjModel, duration: float = 2.0, samples: int = 41, *
         group_names=["pair", "single", "targets"],
         colours=np.array([[0.2, 0.6, 1.0], [1.0, 0.6, 0.2], [1.0, 0.3, 0.3]]),
         edges=[(0, 1, "communication"), (1, 2, "communication"), (0, 3, "sensing"), (2, 4, "sensing")],
-        error_name="mean |eta|",
-        error_unit="m",
         surface="water",
     )
     return change_film(film, **changes)
@@ -626,3 +629,31 @@ def of_facts(facts: dict[str, Any]) -> FlowField:
     """A field of the published run."""
     channels = [[*centre, *direction, *rest] for centre, direction, *rest in facts["gaussian_channels"]]
     return field_of(facts["dimension"], facts["core"], facts["drift"], facts["sources"], facts["vortices"], channels)
+
+
+def flow_jacobian(field: FlowField, points: ArrayLike) -> Array:
+    """Jacobian dw/dx of a flow field at points of shape (..., d), shape (..., d, d), 1/s, from its formulas."""
+    shape = np.shape(points)
+    x = np.zeros((int(np.prod(shape[:-1])), 3))
+    x[:, : shape[-1]] = np.reshape(points, (-1, shape[-1])) if x.size else 0.0
+    mask = np.array([1.0, 1.0, float(field.dimension == 3)])
+    p = 1.5 if field.dimension == 3 else 1.0
+    J = np.zeros((len(x), 3, 3))
+    for kind, _, *numbers in field.table[1:]:
+        centre, axis = np.array(numbers[:3]), np.array(numbers[3:6])
+        strength, first, second = numbers[6:]
+        r = (x - centre) * mask
+        if kind == CHANNEL:
+            along = r @ axis
+            across = r - along[:, None] * axis
+            a = strength * np.exp(-np.einsum("ki,ki->k", across, across) * first - along**2 * second)
+            slope = -2.0 * a[:, None] * (first * across + second * along[:, None] * axis)
+            J += axis[:, None] * slope[:, None, :]
+            continue
+        s = (np.einsum("ki,ki->k", r, r) + first)[:, None, None]
+        if kind == SOURCE:
+            J += strength * (np.diag(mask) / s**p - 2.0 * p * r[:, :, None] * r[:, None, :] / s ** (p + 1.0))
+        else:
+            turn = np.cross(np.eye(3), axis)  # turn @ r = axis x r
+            J += strength * (turn * mask / s - 2.0 * (r @ turn.T)[:, :, None] * r[:, None, :] / s**2)
+    return J.reshape(*shape[:-1], 3, 3)[..., : shape[-1], : shape[-1]]

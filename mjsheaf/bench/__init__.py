@@ -1,15 +1,22 @@
-"""`mjsheaf bench`: how fast mjsheaf is on this machine, each figure beside what it is held against."""
+"""`mjsheaf bench`: how fast mjsheaf is on this machine, each figure beside what it is held against.
+
+Whoever else runs can only make a wall clock slower: the best of many is what the machine can do. Where one thread
+works, its own processor time is taken instead, which does not count the time of others; a ratio of two things is
+taken from turns, one right after the other, so that both meet the same clock frequency and the same neighbours.
+"""
 
 import os
 import platform
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from importlib import import_module
 from importlib.metadata import version
+from time import perf_counter, thread_time
 from typing import Any
 
-from mjsheaf.bench.rows import Row
 from mjsheaf.errors import InputError
+from mjsheaf.runs.simulate import Progress, no_progress
+from mjsheaf.scenario import Scenario, load_scenario
 
 TOPICS = {
     "startup": "processes",
@@ -25,11 +32,80 @@ TOPICS = {
 """Each is a function `topic(short) -> list[Row]` in the module here that is named."""
 
 
+@dataclass(frozen=True)
+class Row:
+    """One line of the table of `mjsheaf bench`.
+
+    Attributes:
+        topic: which measurement it comes from.
+        what: what was measured, with its unit.
+        ours: the figure; None where it could not be measured.
+        reference: what it is compared with, in the same unit; None where there is only a bound.
+        ratio: the number that is wanted to be small or large; None where it could not be formed.
+        wanted: the bound on `ratio` in words, 'at most 1.25' or 'at least 4'; empty where the row only informs.
+        met: whether it holds; None where `wanted` is empty.
+        note: where the reference comes from, or why there is none.
+    """
+
+    topic: str
+    what: str
+    ours: float | None
+    reference: float | None = None
+    ratio: float | None = None
+    wanted: str = ""
+    met: bool | None = None
+    note: str = ""
+
+
+def at_most(
+    topic: str, what: str, ours: float, reference: float | None, ratio: float, bound: float, note: str = ""
+) -> Row:
+    """A row whose ratio should be at most a bound."""
+    return Row(topic, what, ours, reference, ratio, f"at most {bound:g}", ratio <= bound, note)
+
+
+def at_least(
+    topic: str, what: str, ours: float, reference: float | None, ratio: float, bound: float, note: str = ""
+) -> Row:
+    """A row whose ratio should be at least a bound."""
+    return Row(topic, what, ours, reference, ratio, f"at least {bound:g}", ratio >= bound, note)
+
+
+def informs(topic: str, what: str, ours: float | None, reference: float | None = None, note: str = "") -> Row:
+    """A row without a bound."""
+    ratio = None if ours is None or not reference else ours / reference
+    return Row(topic, what, ours, reference, ratio, note=note)
+
+
+def best(work: Callable[[], Any], repetitions: int, clock: Callable[[], float] = perf_counter) -> float:
+    """Shortest time of some work, s: by the wall, or of the calling thread's processor by `thread_time`."""
+    return min(elapsed(work, clock) for _ in range(repetitions))
+
+
+def elapsed(work: Callable[[], Any], clock: Callable[[], float] = thread_time) -> float:
+    """Time of some work, s: of the calling thread's processor, or by the wall by `perf_counter`."""
+    begun = clock()
+    work()
+    return clock() - begun
+
+
+def swarm(size: int, vehicle: str = "hexarotor", **overrides: Any) -> Scenario:
+    """The scenario `swarm` in any size: vehicles that follow another in wind, and shake.
+
+    Args:
+        size: number of agents; the target is one vehicle more.
+        vehicle: name in models/.
+        overrides: field to value, with __ for the dots of `--set`.
+    """
+    changes = {field.replace("__", "."): value for field, value in overrides.items()}
+    return load_scenario("swarm", {"swarm.size": size, "swarm.vehicle": vehicle, **changes})
+
+
 def run_bench(
     topics: Sequence[str] | None = None,
     *,
     short: bool = True,
-    progress: Callable[[str, int, int], None] | None = None,
+    progress: Progress = no_progress,
 ) -> dict[str, Any]:
     """Measure on this machine.
 
@@ -47,13 +123,12 @@ def run_bench(
     for topic in topics or ():
         if topic not in TOPICS:
             raise InputError(f"unknown topic {topic!r}; expected {', '.join(TOPICS)}")
-    report = progress or (lambda what, done, total: None)
     chosen = [topic for topic in TOPICS if not topics or topic in topics]
     rows: list[Row] = []
     for done, topic in enumerate(chosen):
-        report("measuring", done, len(chosen))
+        progress("measuring", done, len(chosen))
         rows += getattr(import_module(f"mjsheaf.bench.{TOPICS[topic]}"), topic)(short)
-    report("measuring", len(chosen), len(chosen))
+    progress("measuring", len(chosen), len(chosen))
     figures = {topic: {row.what: row.ours for row in rows if row.topic == topic} for topic in chosen}
     return {"machine": machine(), "short": short, "figures": figures, "rows": [asdict(row) for row in rows]}
 

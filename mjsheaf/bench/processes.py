@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from mjsheaf.bench.rows import Row, at_most, best, informs
+from mjsheaf.bench import Row, at_most, best, informs
 from mjsheaf.errors import MjsheafError
 
 STARTUP_S = 0.3
@@ -187,7 +187,7 @@ def time_video(end: float) -> None:
 def _bare_frame(painter: Any) -> float:
     """Time of a frame of MuJoCo's own renderer, s."""
     from mjsheaf.engine import mujoco
-    from mjsheaf.video.renderer import COSTLY
+    from mjsheaf.video.scene import COSTLY
 
     width, height = painter.model.vis.global_.offwidth, painter.model.vis.global_.offheight
     renderer = mujoco.Renderer(painter.model, height, width)

@@ -14,13 +14,11 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from mjsheaf.bench.rows import Row, at_least, at_most, best, informs
+from mjsheaf.arrays import Array
+from mjsheaf.bench import Row, at_least, at_most, best, informs
 from mjsheaf.sheaf import Sheaf
-
-Array = NDArray[np.float64]
 
 PUBLISHED_MS = {
     "coboundary": 0.34,

@@ -4,12 +4,12 @@ from statistics import median
 from time import perf_counter, thread_time
 
 import mjsheaf
-from mjsheaf.bench.rows import Row, at_least, at_most, best, elapsed, informs, swarm
+from mjsheaf.bench import Row, at_least, at_most, best, elapsed, informs, swarm
 from mjsheaf.engine import mujoco
-from mjsheaf.runs.simulate import usable_processors
 from mjsheaf.scenario import Scenario
 from mjsheaf.simulation.ideal import run_ideal
 from mjsheaf.simulation.loop import World
+from mjsheaf.threads import usable_processors
 
 IDEAL_S = 0.3
 """Wanted: time of the published run."""

@@ -18,14 +18,17 @@ of y' = -(a - rho) y + F from |e_k|, which is convex and has this tangent; y is 
 
 Where the gain condition fails, the same holds of the bound with rho = 0 and f_bar enlarged by 2 sqrt(N) sup |f_i|,
 which needs no slope; its tube is the region then.
+
+The paper's numbered assumptions are decided here too, each with the number behind its verdict and a witness.
 """
 
 from dataclasses import dataclass, replace
+from typing import Literal
 
+import networkx as nx
 import numpy as np
-from numpy.typing import NDArray
 
-from mjsheaf.checking.assumptions import Assumption, decide
+from mjsheaf.arrays import Array
 from mjsheaf.checking.cohomology import RelativeCohomology, Spectrum, explain, spectrum_of
 from mjsheaf.checking.constants import (
     FARTHEST,
@@ -39,16 +42,39 @@ from mjsheaf.checking.constants import (
 )
 from mjsheaf.checking.targets import Carrier, follow_targets, own_rate
 from mjsheaf.control.theorem import ConstantRho, Rho, Theorem, disturbance_bound, theorem_1
+from mjsheaf.dynamics.bounds import singular_points
 from mjsheaf.dynamics.disturbance import bounds
-from mjsheaf.dynamics.effectiveness import without_full_row_rank
+from mjsheaf.dynamics.effectiveness import is_rank_deficient, without_full_row_rank
+from mjsheaf.io.section import Finite, Record
 from mjsheaf.system import System
+from mjsheaf.team import Edge, Team
 from mjsheaf.threads import one_thread
 
-Array = NDArray[np.float64]
+Verdict = Literal["holds", "fails", "undecided"]
+Finding = tuple[Verdict, float | None, str, str]
+"""Verdict, value, unit and witness of an assumption."""
+
 _MOST_ROUNDS = 30  # of the search for a rho that holds over its own tube
 _RHO_STEP = 1.02  # the next rho, over the slope in the last tube
 _TUBE_OVER_BOUND = 1.0 + 1e-6
 _WORTH_NARROWING = 0.98  # of the weaker bound's radius: a smaller region is taken below it
+
+
+class Assumption(Record):
+    """A numbered assumption of the paper."""
+
+    number: int
+    name: str
+    verdict: Verdict
+    value: Finite
+    unit: str
+    witness: str
+
+    @property
+    def failure(self) -> str:
+        """Why it does not hold, in a sentence; empty where it holds."""
+        word = {"holds": "", "fails": "fails", "undecided": "is undecided"}[self.verdict]
+        return word and f"assumption {self.number} {word}: {self.witness}"
 
 
 @dataclass(frozen=True)
@@ -58,8 +84,8 @@ class Certificate:
     Attributes:
         spectrum: of H and B.
         cohomology: the relative cohomology, explained.
-        region: where its constants were taken.
-        constants: the constants.
+        constants: along the targets' path.
+        region: where agents are.
         assumptions: the paper's seven, decided.
         theorem: Theorem 1 with these constants; its own `applies` is the gain condition alone.
         weaker: the bound that holds whatever the slopes: rho = 0, and f_bar enlarged by 2 sqrt(sum_i sup |f_i|^2).
@@ -71,8 +97,8 @@ class Certificate:
 
     spectrum: Spectrum
     cohomology: RelativeCohomology
-    region: Region
     constants: Constants
+    region: Region
     assumptions: list[Assumption]
     theorem: Theorem
     weaker: Theorem
@@ -96,11 +122,11 @@ class Certificate:
 
     def describe_constants(self) -> str:
         """The constants in a line, for a report of a bound that was broken."""
-        t, c = self.theorem, self.constants
+        t = self.theorem
         return (
             f"k1 = {t.gain:.6g} 1/s, lambda_min = {t.lambda_min:.6g}, f_bar = {t.f_bar:.6g} m/s, "
             f"omega_bar = {t.omega_bar:.6g} m/s, rho = {t.lipschitz:.6g} 1/s, lambda_V = {t.rate:.6g} 1/s, "
-            f"|e(t0)| = {c.initial_error:.6g} m"
+            f"|e(t0)| = {self.constants.initial_error:.6g} m"
         )
 
 
@@ -114,25 +140,23 @@ def certify(system: System, rate: float | None = None, rho: Rho | None = None) -
         rho: the user's own bound of the agents' slopes, for all |e|; None takes the flow's over the region.
     """
     search = _Search(system, rate, rho)
-    region, constants, theorem = search.region()
-    weaker = search.weaker(constants.speed.upper)
-    cohomology = explain(system.team, search.spectrum)
-    obstacle = _obstacle(system, constants, search.spectrum, theorem if theorem.applies else weaker)
-    proven = region.verified
-    region = replace(region, verified=proven and not obstacle)
-    assumptions = decide(system, region, constants, cohomology)
-    reason = _gain_condition(region, constants, search.spectrum, theorem, rate)
-    if not reason and not proven:
-        reason = region.source
+    constants, spectrum, region = search.constants, search.spectrum, search.region()
+    theorem = search.theorem(rho or region.rho.upper, rate)
+    weaker = search.weaker(region.tube.speed.upper)
+    cohomology = explain(system.team, spectrum)
+    obstacle = _obstacle(system, constants, spectrum, theorem if theorem.applies else weaker)
+    reason = _gain_condition(constants, spectrum, theorem, rate) or ("" if region.verified else region.source)
+    checked = replace(region, verified=region.verified and not obstacle)
+    assumptions = _decide(system, checked, constants, cohomology)
     return Certificate(
-        spectrum=search.spectrum,
+        spectrum=spectrum,
         cohomology=cohomology,
-        region=region,
         constants=constants,
+        region=checked,
         assumptions=assumptions,
         theorem=theorem,
         weaker=weaker,
-        proven=proven,
+        proven=region.verified,
         approximate=not system.grid.continuous,
         reason=reason or obstacle or next((a.failure for a in assumptions if a.failure), ""),
         obstacle=obstacle,
@@ -140,37 +164,32 @@ def certify(system: System, rate: float | None = None, rho: Rho | None = None) -
 
 
 class _Search:
-    """The region over which a bound confines the agents to itself, and the constants there."""
+    """The constants along the targets' path, and the search for a region to which a bound confines the agents."""
 
     def __init__(self, system: System, rate: float | None, rho: Rho | None) -> None:
-        team = system.team
         self._system, self._rate, self._rho = system, rate, rho
-        self.spectrum = spectrum_of(team)
-        self._carrier = Carrier(system, self.spectrum)
-        self._path = follow_targets(system, self._carrier)
-        self._difference = difference_along(system, self._path, self._carrier)
-        self._largest = float(bounds(system.harmonics).max(initial=0.0))
-        self._omega_bar = disturbance_bound(
-            self.spectrum.sigma_max_B, self.spectrum.lambda_min, len(team.agents), len(team.targets), self._largest
+        self.spectrum = spectrum = spectrum_of(system.team)
+        self._carrier = Carrier(system, spectrum)
+        path = follow_targets(system, self._carrier)
+        largest = float(bounds(system.harmonics).max(initial=0.0))
+        counts = len(system.team.agents), len(system.team.targets)
+        self.constants = Constants(
+            path=path,
+            difference=difference_along(system, path, self._carrier),
+            largest_disturbance=largest,
+            omega_bar=disturbance_bound(spectrum.sigma_max_B, spectrum.lambda_min, *counts, largest),
+            initial_error=float(np.linalg.norm(path.q_star[0] - system.team.split(system.initial)[0])),
         )
-        n_q = team.dirichlet.H.shape[0]
-        self._initial_error = float(np.linalg.norm(self._path.q_star[0] - team.pack(system.initial)[:n_q]))
 
-    def region(self) -> tuple[Region, Constants, Theorem]:
-        """The region, the constants over it, and Theorem 1 with these."""
-        if self._path.cells is None:
-            return self._guess(f"the targets' path is not known: {self._path.warning}")
+    def region(self) -> Region:
+        """The region, narrow where a bound confines the agents to it, a guess where none does."""
+        if self.constants.path.cells is None:
+            return self._guess(f"the targets' path is not known: {self.constants.path.warning}")
         if self.spectrum.lambda_min <= 0.0:
             return self._guess("the harmonic extension is not unique")
         for rate in dict.fromkeys([self._rate, None]):  # the best rate, where the wanted one is too fast
-            theorem, tube = self._own_slope(rate)
-            if tube is not None:
-                region, constants, found = self._over(tube, "a tube about q* as wide as the bound", True)
-                if self._rho is not None:
-                    return region, constants, found
-                # The assumed slope may be a little more than the tube's.
-                rho = replace(constants.rho, upper=theorem.lipschitz)
-                return region, replace(constants, rho=rho), self._theorem(rho.upper, self._rate)
+            if (region := self._own_tube(rate)) is not None:
+                return region
         weaker = self.weaker(speed_everywhere(self._system))
         if not self._confines(weaker):
             return self._guess("no bound confines the agents")
@@ -178,87 +197,69 @@ class _Search:
         narrower = self.weaker(tube.speed.upper)
         if narrower.radius < _WORTH_NARROWING * weaker.radius:
             tube = self._tube(narrower).joined()
-        return self._over(tube, "a tube about q* as wide as the weaker bound", True)
+        return Region(tube, "a tube about q* as wide as the weaker bound", True, tube.slope)
 
     def weaker(self, speed: float) -> Theorem:
         """The bound with rho = 0, where f~ = f_q(q*) - f_q(q) is at most twice the flow's speed for each agent."""
-        return self._theorem(0.0, None, 2.0 * np.sqrt(len(self._system.team.agents)) * speed)
+        return self.theorem(0.0, None, 2.0 * np.sqrt(len(self._system.team.agents)) * speed)
 
-    def _theorem(self, rho: float | Rho, rate: float | None, more: float = 0.0) -> Theorem:
-        f_bar = self._difference.bound + more
-        return theorem_1(
-            self._system.gain, self.spectrum.lambda_min, f_bar, self._omega_bar, rho, rate, self._initial_error
-        )
+    def theorem(self, rho: float | Rho, rate: float | None, more: float = 0.0) -> Theorem:
+        """Theorem 1 with a rho, and with f_bar enlarged."""
+        c = self.constants
+        f_bar, lambda_min = c.difference.bound + more, self.spectrum.lambda_min
+        return theorem_1(self._system.gain, lambda_min, f_bar, c.omega_bar, rho, rate, c.initial_error)
 
-    def _own_slope(self, rate: float | None) -> tuple[Theorem, Tube | None]:
-        """Theorem 1 with a rho that holds over the tube of its own bound, and that tube; None where there is none."""
-        if self._rho is not None:
-            theorem = self._theorem(self._rho, rate)
-            return theorem, self._tube(theorem) if self._confines(theorem) else None
-        theorem = self._theorem(0.0, rate)
+    def _own_tube(self, rate: float | None) -> Region | None:
+        """The tube of Theorem 1's own bound, with a rho that holds over it; None where none is found."""
+        theorem = self.theorem(self._rho or 0.0, rate)
         for _ in range(_MOST_ROUNDS):
             if not self._confines(theorem):
-                break
+                return None
             tube = self._tube(theorem)
-            if tube.slope.upper <= theorem.lipschitz:
-                return theorem, tube
-            theorem = self._theorem(_RHO_STEP * tube.slope.upper, rate)
-        return theorem, None
+            if self._rho is not None or tube.slope.upper <= theorem.lipschitz:
+                # The assumed slope may be a little more than the tube's.
+                rho = tube.slope if self._rho is not None else replace(tube.slope, upper=theorem.lipschitz)
+                return Region(tube, "a tube about q* as wide as the bound", True, rho)
+            theorem = self.theorem(_RHO_STEP * tube.slope.upper, rate)
+        return None
 
     def _confines(self, bound: Theorem) -> bool:
         """Whether a bound keeps the agents in a region that can be looked at."""
-        return bound.contains(self._initial_error) and max(bound.radius, self._initial_error) < FARTHEST
+        start = self.constants.initial_error
+        return bound.contains(start) and max(bound.radius, start) < FARTHEST
 
     def _tube(self, bound: Theorem) -> Tube:
         """The tube of a bound; under a hold as wide everywhere as it is at most."""
-        start, system = self._path.time[0], self._system
+        path, start = self.constants.path, self.constants.initial_error
 
         def radius(time: Array) -> Array:
-            if system.grid.continuous:
-                return _TUBE_OVER_BOUND * bound.bound(self._initial_error, time - start)
-            return np.full(
-                time.shape, _TUBE_OVER_BOUND * max(self._initial_error, bound.radius)
-            )  # R is at most the radius
+            if self._system.grid.continuous:
+                return _TUBE_OVER_BOUND * bound.bound(start, time - path.time[0])
+            return np.full(time.shape, _TUBE_OVER_BOUND * max(start, bound.radius))  # R is at most the radius
 
-        return tube_about(system, self._path, self._carrier, radius)
+        return tube_about(self._system, path, self._carrier, radius)
 
-    def _over(self, tube: Tube, source: str, verified: bool) -> tuple[Region, Constants, Theorem]:
-        constants = Constants(
-            difference=self._difference,
-            rho=tube.slope,
-            speed=tube.speed,
-            largest_disturbance=self._largest,
-            omega_bar=self._omega_bar,
-            initial_error=self._initial_error,
-        )
-        theorem = self._theorem(self._rho or constants.rho.upper, self._rate)
-        return Region(self._path, tube, source, verified), constants, theorem
-
-    def _guess(self, why: str) -> tuple[Region, Constants, Theorem]:
-        source = f"a guess from initial positions and q*: {why}"
-        return self._over(tube_guessed(self._system, self._path), source, False)
+    def _guess(self, why: str) -> Region:
+        tube = tube_guessed(self._system, self.constants.path)
+        return Region(tube, f"a guess from initial positions and q*: {why}", False, tube.slope)
 
 
-def _gain_condition(
-    region: Region, constants: Constants, spectrum: Spectrum, theorem: Theorem, rate: float | None
-) -> str:
+def _gain_condition(constants: Constants, spectrum: Spectrum, theorem: Theorem, rate: float | None) -> str:
     """Why there is no bound by Theorem 1, or an empty string where there is."""
-    if region.path.warning:
-        return f"the targets' path is not known: {region.path.warning}"
+    if constants.path.warning:
+        return f"the targets' path is not known: {constants.path.warning}"
     if spectrum.lambda_min <= 0.0:
         return "lambda_min(H) is 0: the harmonic extension is not unique"
-    rho = theorem.rho(constants.initial_error)
     if not np.isfinite(constants.difference.bound):
         return "the targets' drift or the flow at q* is unbounded along the targets' path"
+    rho, start = theorem.rho(constants.initial_error), f"the initial error of {constants.initial_error:.4g} m"
     if not np.isfinite(rho):
-        at = f"the initial error of {constants.initial_error:.4g} m"
-        given = not isinstance(theorem.rho, ConstantRho)
-        return f"rho is infinite at {at}" if given else "a field is singular inside the region"
+        constant = isinstance(theorem.rho, ConstantRho)
+        return "a field is singular inside the region" if constant else f"rho is infinite at {start}"
     if theorem.contains(constants.initial_error):
         return ""
     if theorem.applies:
-        outside = f"the initial error of {constants.initial_error:.4g} m is outside S"
-        return f"{outside}, whose radius is {theorem.radius_S:.4g} m"
+        return f"{start} is outside S, whose radius is {theorem.radius_S:.4g} m"
     if rate is not None and theorem.k_min > rho:
         return f"lambda_V = {rate:.4g} 1/s is too fast: it must be below k_min - rho = {theorem.k_min - rho:.4g} 1/s"
     return (
@@ -287,3 +288,131 @@ def _obstacle(system: System, constants: Constants, spectrum: Spectrum, bound: T
     if np.isfinite(limit) and asked > limit:
         return f"the law may ask for {asked:.3g} m/s, beyond a speed limit of {limit:.3g} m/s"
     return ""
+
+
+# -- the paper's assumptions -----------------------------------------------------------------------------------
+
+
+def _decide(system: System, region: Region, constants: Constants, cohomology: RelativeCohomology) -> list[Assumption]:
+    """Decide all seven assumptions over a region."""
+    smooth, (rank, inverse) = _smooth(system, region, constants), _rank_and_inverse(system)
+    largest = constants.largest_disturbance
+    sines = "sums of sines: continuous, and bounded by construction" if largest else "there is no disturbance"
+    found = {
+        "f is continuously differentiable": smooth,
+        "g has full row rank": rank,
+        "disturbances are continuous and bounded": ("holds", largest, "m/s", sines),
+        "g^+ is continuous and bounded": inverse,
+        "G_q is connected and every target is sensed": _topology(system.team),
+        "H^0(G, G_p; F) = 0": _cohomology(cohomology),
+        "bounded difference of target and agent dynamics, along the targets' path": _bounded_difference(
+            constants, smooth[0], cohomology.dimension > 0
+        ),
+    }
+    return [
+        Assumption(number=k, name=name, verdict=verdict, value=value, unit=unit, witness=witness)
+        for k, (name, (verdict, value, unit, witness)) in enumerate(found.items(), 1)
+    ]
+
+
+def _smooth(system: System, region: Region, constants: Constants) -> Finding:
+    """A singularity with a core is smooth everywhere; without one it matters where an agent can reach its centre."""
+    N, V, rho, path = len(system.team.agents), len(system.team.members), region.rho, constants.path
+    if _has_poles(system, N, V) and path.cells is None:
+        why = f"a kernel of the flow that targets meet has no core, and their path is not known: {path.warning}"
+        return "undecided", None, "1/s", why
+    if not _has_poles(system, 0, N):
+        steepest = f"every kernel is smooth; the agents' field is steepest near ({_listed(rho.where)})"
+        return "holds", rho.upper, "1/s", steepest if rho.upper > 0.0 else "no agent's drift depends on where it is"
+    if region.verified and np.isfinite(rho.upper):
+        outside = "the singular kernels lie outside the agents' region, where the field is steepest near"
+        return "holds", rho.upper, "1/s", f"{outside} ({_listed(rho.where)})"
+    between = tube_guessed(system, path, margin=0.0).slope
+    if not np.isfinite(between.upper):
+        at = f"singular at ({_listed(between.where)}), inside their region: a core radius is 0"
+        return "fails", None, "1/s", f"the field that agents meet is {at}"
+    why = "a kernel of the flow that agents meet has no core, and nothing proves that they keep away from it"
+    return "undecided", None, "1/s", why
+
+
+def _listed(point: Array) -> str:
+    return ", ".join(f"{x:.3g}" for x in point)
+
+
+def _has_poles(system: System, first: int, last: int) -> bool:
+    return any(len(singular_points(flow, planar=planar)) for flow, planar in system.fields_met(first, last))
+
+
+def _rank_and_inverse(system: System) -> tuple[Finding, Finding]:
+    """Of the g that the scenario gives for the ideal backend; of agents without one, that of the reduced model.
+
+    g = R W with a rotation R: its singular values are those of W, wherever the agent is.
+    """
+    vehicles = dict(zip(system.bodies.vehicle, system.vehicles, strict=True))
+    given, agents = system.effectiveness.given, system.team.agents
+    found = [
+        (a.id, np.linalg.svd(system.effectiveness.W[i, : a.dimension], compute_uv=False), "", "")
+        for i, a in enumerate(agents)
+        if given[i]
+    ]
+    for name in dict.fromkeys(name for i, name in enumerate(system.bodies.vehicle[: len(agents)]) if not given[i]):
+        singular = np.linalg.svd(vehicles[name].reduced_model().g(np.eye(3)), compute_uv=False)
+        found.append((f"body {name}", singular, "m/s per unit command", "units of command per m/s"))
+    deficient = next((g for g in found if is_rank_deficient(g[1])), None)
+    who, singular, unit, inverse_unit = deficient or min(found, key=lambda g: float(g[1][-1]))
+    least, where = float(singular[-1]), "the same at every position and heading, as g only turns with them"
+    if deficient:
+        rank = f"{who} cannot push in every direction of its state space, {where}"
+        unbounded = f"g of {who} loses rank, so that g^+ is not bounded near it"
+        return ("fails", least, unit, rank), ("fails", None, "", unbounded)
+    return (
+        ("holds", least, unit, f"smallest singular value, that of {who}; {where}"),
+        ("holds", 1.0 / least, inverse_unit, f"largest gain of g^+, that of {who}"),
+    )
+
+
+def _topology(team: Team) -> Finding:
+    links = [e for e in team.communication if _couples(e)]
+    graph = nx.Graph([(e.tail, e.head) for e in links])
+    graph.add_nodes_from(team.agent_ids)
+    parts = sorted(sorted(team.index[agent] for agent in part) for part in nx.connected_components(graph))
+    sensed = {e.head for e in team.sensing if _couples(e)}
+    unseen = [t for t in team.target_ids if t not in sensed]
+    warnings = []
+    if len(parts) > 1:
+        listed = ["{" + _first([team.agents[i].id for i in part], 6) + "}" for part in parts]
+        warnings.append(f"the agents fall into {len(parts)} parts: {_first(listed, 4, '; ')}")
+    if unseen:
+        warnings.append(f"no agent senses {_first(unseen, 8)}")
+    witness = "; ".join(warnings) or f"{len(links)} links connect {len(team.agents)} agents; every target is sensed"
+    unit = "part" if len(parts) == 1 else "parts"
+    return "fails" if warnings else "holds", float(len(parts)), unit, witness
+
+
+def _first(words: list[str], most: int, separator: str = ", ") -> str:
+    return separator.join(words[:most] + ["..."] * (len(words) > most))
+
+
+def _couples(edge: Edge) -> bool:
+    """Whether an edge couples its ends: F_i^T K F_j is not zero."""
+    return bool(np.any(edge.F_tail.T @ edge.weight @ edge.F_head))
+
+
+def _cohomology(cohomology: RelativeCohomology) -> Finding:
+    witness = _first([direction.description for direction in cohomology.basis], 4, "; ") or "no agent is free to drift"
+    return "fails" if cohomology.basis else "holds", float(cohomology.dimension), "", witness
+
+
+def _bounded_difference(constants: Constants, smooth: Verdict, free: bool) -> Finding:
+    """The paper asks for it over all p; its proof uses only the path that the targets take, as here."""
+    bound, path = constants.difference.bound, constants.path
+    if smooth == "fails":
+        return "fails", None, "m/s", "a field is unbounded inside the region: a core radius is 0 there"
+    if path.warning:
+        return "undecided", None, "m/s", f"the path is not known: {path.warning}"
+    if free:
+        return "undecided", bound, "m/s", "q* is not unique, so that f_q(q*) is not defined"
+    if not np.isfinite(bound):
+        return "undecided", bound, "m/s", "q* or a target comes near a singular kernel of the flow"
+    where = f"largest about t = {constants.difference.time:.4g} s; the path is followed to {path.error:.1g} m"
+    return "holds", bound, "m/s", where

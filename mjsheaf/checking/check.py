@@ -7,11 +7,8 @@ from typing import Any
 
 from pydantic import Field
 
-from mjsheaf.checking.assumptions import Assumption
-from mjsheaf.checking.certificate import Certificate, certify
-from mjsheaf.checking.cohomology import RelativeCohomology
-from mjsheaf.checking.constants import Region
-from mjsheaf.checking.fragility import Fragility, fragility
+from mjsheaf.checking.certificate import Assumption, Certificate, certify
+from mjsheaf.checking.cohomology import Fragility, RelativeCohomology, fragility
 from mjsheaf.checking.margins import Margins, margins
 from mjsheaf.checking.mending import Augmentation, plan_augmentation
 from mjsheaf.control.theorem import Rho, RhoLike, as_rho, gain_for_radius
@@ -153,13 +150,13 @@ def examine(system: System, *, rate: float | None = None, radius: float = 1.0, r
     """`check` of a system, as a typed record with its certificate."""
     for name, value in (("rate", rate), ("radius", radius)):
         if value is not None and not (isinstance(value, Real) and 0.0 < value < math.inf):
-            raise InputError(f"{name} is {value!r}; it must be positive and finite")
+            raise InputError(f"{name} is {value!r}; expected a positive, finite number")
     certificate = certify(system, rate, rho)
     found, practice = certificate.cohomology, margins(system, certificate)
     record = CheckRecord(
         scenario=system.name,
         ok=all(a.verdict == "holds" for a in certificate.assumptions) and practice.bodies.stable is not False,
-        region=_region(certificate.region),
+        region=_region(certificate),
         assumptions=certificate.assumptions,
         relative_cohomology=ExplainedCohomology(
             **dict(found), mending=plan_augmentation(system.team) if found.dimension else None
@@ -171,9 +168,10 @@ def examine(system: System, *, rate: float | None = None, radius: float = 1.0, r
     return Examination(record, certificate)
 
 
-def _region(region: Region) -> RegionSummary:
+def _region(certificate: Certificate) -> RegionSummary:
+    region, path = certificate.region, certificate.constants.path
     low, high = region.tube.corners()
-    time, cells = region.path.time, region.path.cells
+    time, cells = path.time, path.cells
     return RegionSummary(
         source=region.source,
         verified=region.verified,
@@ -182,7 +180,7 @@ def _region(region: Region) -> RegionSummary:
         start=float(time[0]),
         end=float(time[-1] if cells is None else cells.end[-1]),
         samples=len(time if cells is None else cells.begin),
-        path_error=region.path.error,
+        path_error=path.error,
     )
 
 
@@ -190,7 +188,7 @@ def _theorem(
     system: System, certificate: Certificate, rate: float | None, radius: float, rho: Rho | None
 ) -> TheoremSummary:
     theorem, spectrum, constants = certificate.theorem, certificate.spectrum, certificate.constants
-    slope, start = constants.rho, constants.initial_error
+    slope, start = certificate.region.rho, constants.initial_error
     holds = theorem.applies and certificate.proven
     gain = gain_for_radius(
         radius, spectrum.lambda_min, constants.difference.bound, constants.omega_bar, rho or slope.upper, start

@@ -16,15 +16,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.checking.targets import Carrier, Cells, TargetPath
 from mjsheaf.dynamics.bounds import Supremum, largest_speed, lipschitz_constant
 from mjsheaf.dynamics.disturbance import evaluate
 from mjsheaf.system import System
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+Index = IntArray
 Radius = Callable[[Array], Array]
 """A bound on |e| in m at times in s: monotone in time."""
 
@@ -99,7 +98,7 @@ def _largest(system: System, cells: Cells, carrier: Carrier) -> tuple[float, flo
         upper = np.concatenate([upper[rest], np.minimum(bounds, upper[first][parent])])
 
 
-def _some(cells: Cells, which: NDArray[np.bool_] | Index) -> Cells:
+def _some(cells: Cells, which: BoolArray | Index) -> Cells:
     return Cells(*(x[which] for x in cells))
 
 
@@ -117,20 +116,20 @@ def _children(levels: list[Cells], level: Index, index: Index, cells: Cells) -> 
     """The cells of which cells are made, pairs below them or halves of their segments: parent, level, index, cell."""
     found = []
     for k in np.unique(level):
-        own = np.flatnonzero(level == k)
-        parent = np.repeat(own, 2)
+        parent = np.repeat(np.flatnonzero(level == k), 2)
+        side = np.arange(len(parent)) % 2
         if k == 0:
-            cut = _some(cells, parent)
-            sign = np.tile([-1.0, 1.0], len(own))
+            cut, below = _some(cells, parent), index[parent]
             half, middle = 0.5 * cut.half, 0.5 * (cut.begin + cut.end)
-            ends = np.where(sign < 0, cut.begin, middle), np.where(sign < 0, middle, cut.end)
-            halves = cut._replace(begin=ends[0], end=ends[1], centre=cut.centre + sign[:, None, None] * half, half=half)
-            found.append((parent, np.zeros_like(parent), index[parent], halves))
-            continue
-        below = 2 * index[parent] + np.tile([0, 1], len(own))
-        there = below < len(levels[k - 1].begin)
-        parent, below = parent[there], below[there]
-        found.append((parent, np.full_like(parent, k - 1), below, _some(levels[k - 1], below)))
+            centre = cut.centre + np.where(side, 1.0, -1.0)[:, None, None] * half
+            ends = np.where(side, middle, cut.begin), np.where(side, cut.end, middle)
+            fresh = cut._replace(begin=ends[0], end=ends[1], centre=centre, half=half)
+        else:
+            below = 2 * index[parent] + side
+            there = below < len(levels[k - 1].begin)
+            parent, below = parent[there], below[there]
+            fresh = _some(levels[k - 1], below)
+        found.append((parent, np.full_like(parent, max(k - 1, 0)), below, fresh))
     parents, above, places, parts = zip(*found, strict=True)
     joined = Cells(*(np.concatenate(x) for x in zip(*parts, strict=True)))
     return np.concatenate(parents), np.concatenate(above), np.concatenate(places), joined
@@ -225,20 +224,18 @@ class Tube:
 
 @dataclass(frozen=True)
 class Constants:
-    """The constants of a system, and where they hold.
+    """The constants of a system, but for those of a region.
 
     Attributes:
+        path: the targets' path and the harmonic extension along it.
         difference: f_B along the targets' path; its bound is f_bar.
-        rho: largest slope of the flow over the agents' tube, 1/s, and where.
-        speed: largest speed of the flow over their tube, without uniform drift, which cancels in f~, m/s.
         largest_disturbance: largest omega_bar_i, m/s.
         omega_bar: bound on |Delta|, m/s.
         initial_error: |e(t0)|, m.
     """
 
+    path: TargetPath
     difference: Difference
-    rho: Supremum
-    speed: Supremum
     largest_disturbance: float
     omega_bar: float
     initial_error: float
@@ -249,16 +246,16 @@ class Region:
     """Where the theory keeps a run.
 
     Attributes:
-        path: the targets' path and the harmonic extension along it.
         tube: boxes that hold the agents.
         source: why they do, or what they are.
         verified: whether they are proven to, for the law without limits, and the path is known.
+        rho: at least the largest slope of the flow over the tube, 1/s, and where.
     """
 
-    path: TargetPath
     tube: Tube
     source: str
     verified: bool
+    rho: Supremum
 
 
 def tube_about(system: System, path: TargetPath, carrier: Carrier, radius: Radius) -> Tube:

@@ -6,39 +6,44 @@ from typing import Any
 
 import numpy as np
 from matplotlib.collections import LineCollection
-from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
 from mjsheaf.checking.certificate import Certificate
 from mjsheaf.checking.check import CheckRecord, Examination
-from mjsheaf.plotting import group_of_vehicles, new_figure, palette, save_figure
+from mjsheaf.plotting import (
+    BLUE,
+    RED,
+    TARGET,
+    draw_team,
+    edge_keys,
+    finish_map,
+    key,
+    label_axes,
+    legend_below,
+    new_figure,
+    save_figure,
+)
 from mjsheaf.system import System
 
-Array = NDArray[np.float64]
-
 _LARGEST_SPECTRUM = 2000  # eigenvalues; beyond, only the extremes are drawn
-_FREE, _CARRIED, _OWN, _GAP = "#D62728", "#0072B2", "#E69F00", "#4B5563"
+_FREE, _CARRIED, _OWN, _GAP = RED, BLUE, "#E69F00", "#4B5563"
+_TARGET_KEY = key("target", color=TARGET, marker="*")
 
 
 def plot_check(system: System, examination: Examination, path: Path) -> None:
     """Draw a check into a PNG."""
     record = examination.record
-    figure = new_figure(18.0, 6.6)
-    figure.suptitle(f"{record.scenario}: {record.verdict()}")
+    figure = new_figure(18.0, 6.6, f"{record.scenario}: {record.verdict()}")
     panels = figure.subplots(1, 3)
     _spectrum(panels[0], system, record)
     _graph(panels[1], system, record)
     _difference(panels[2], system, examination.certificate)
-    figure.subplots_adjust(left=0.05, right=0.985, top=0.86, bottom=0.2, wspace=0.2)
     save_figure(figure, path)
 
 
 def _spectrum(axis: Any, system: System, record: CheckRecord) -> None:
     H = system.team.dirichlet.H
-    t = record.theorem
-    values = np.array([t.lambda_min, t.lambda_max])
-    if H.shape[0] <= _LARGEST_SPECTRUM:
-        values = np.linalg.eigvalsh(H.toarray())
+    t, few = record.theorem, H.shape[0] <= _LARGEST_SPECTRUM
+    values = np.linalg.eigvalsh(H.toarray()) if few else np.array([t.lambda_min, t.lambda_max])
     floor = max(t.lambda_max * 1e-12, 1e-300)
     null = values <= record.relative_cohomology.tolerance**2 * t.lambda_max + floor
     index = np.arange(1, len(values) + 1)
@@ -52,33 +57,18 @@ def _spectrum(axis: Any, system: System, record: CheckRecord) -> None:
     if record.margins.bodies.largest_gain is not None:
         limit = t.lambda_max * record.margins.bodies.largest_gain / t.gain
         axis.axhline(limit, color=_FREE, linestyle=":", label=f"{limit:.3g}: vehicles swing up above")
-    axis.set_title(f"spectrum of H: {t.lambda_min:.3g} to {t.lambda_max:.3g}", fontsize=11)
-    axis.set_xlabel("number of the eigenvalue")
-    axis.set_ylabel("eigenvalue")
-    axis.grid(True, alpha=0.3)
-    _legend_below(axis)
+    title = f"spectrum of H: {t.lambda_min:.3g} to {t.lambda_max:.3g}"
+    label_axes(axis, title, "number of the eigenvalue", "eigenvalue")
+    legend_below(axis, axis.get_legend_handles_labels()[0], 2)
 
 
 def _graph(axis: Any, system: System, record: CheckRecord) -> None:
-    team = system.team
     place = system.initial[:, :2]
-    number = {m.id: v for v, m in enumerate(team.members)}
-    for edges, colour, style in ((team.communication, "#8A94A6", "-"), (team.sensing, "#B45309", ":")):
-        lines = [place[[number[e.tail], number[e.head]]] for e in edges]
-        axis.add_collection(LineCollection(lines, colors=colour, linestyles=style, linewidths=1.0, zorder=1))
-    groups, _ = group_of_vehicles(team)
-    colours = palette(len(team.formations))
-    few = len(place) <= 60
-    for v, member in enumerate(team.members):
-        target = v >= len(team.agents)
-        size = (13 if target else 9) if few else 3
-        axis.plot(*place[v], "*" if target else "o", markersize=size, color=colours[groups[v]], zorder=3)
-        if few:
-            axis.annotate(member.id, place[v], xytext=(6, 6), textcoords="offset points", fontsize=8, zorder=5)
+    draw_team(axis, system.team, place)
     reach = 0.12 * max(float(np.ptp(place, axis=0).max()), 1.0)
     for direction in record.relative_cohomology.basis:
         for agent, motion in direction.motion.items():
-            start, step = place[number[agent]], np.array(motion[:2])
+            start, step = place[system.team.index[agent]], np.array(motion[:2])
             if np.linalg.norm(step) > 1e-6:
                 for sign in (1.0, -1.0):
                     axis.annotate("", start + sign * reach * step / np.linalg.norm(step), start,
@@ -87,38 +77,31 @@ def _graph(axis: Any, system: System, record: CheckRecord) -> None:
                 axis.plot(*start, "o", markersize=20, markerfacecolor="none", markeredgecolor=_FREE, mew=2, zorder=4)
                 axis.plot(*start, ".", color=_FREE, markersize=6, zorder=4)
     dimension = record.relative_cohomology.dimension
-    axis.set_title(f"who is free to drift: dimension {dimension}" + ("" if dimension else ", nobody"), fontsize=11)
-    handles = [
-        Line2D([], [], color="#8A94A6", label="communication"),
-        Line2D([], [], color="#B45309", linestyle=":", label="sensing"),
-        Line2D([], [], color=palette(0)[-1], marker="*", linestyle="", label="target"),
-    ]
+    keys = [*edge_keys(), _TARGET_KEY]
     if dimension:
-        handles += [
-            Line2D([], [], color=_FREE, marker="o", markerfacecolor="none", markersize=12, mew=2, linestyle="",
-                   label="free along z"),
-            Line2D([], [], color=_FREE, lw=2, label="free in the plane"),
-        ]  # fmt: skip
-    _finish_map(axis, "x (m), initial configuration from above", 0.15, handles)
+        keys.append(key("free along z", color=_FREE, marker="o", markerfacecolor="none", markersize=12, mew=2))
+        keys.append(key("free in the plane", color=_FREE, lw=2))
+    title = f"who is free to drift: dimension {dimension}" + ("" if dimension else ", nobody")
+    finish_map(axis, title, "x (m), initial configuration from above", 0.15)
+    legend_below(axis, keys, 2)
 
 
 def _difference(axis: Any, system: System, certificate: Certificate) -> None:
     """The paper's figure of Assumption 7, at the instant at which the difference is largest."""
     team = system.team
-    path, along = certificate.region.path, certificate.constants.difference
+    path, along = certificate.constants.path, certificate.constants.difference
     size = np.linalg.norm(along.values, axis=1)
     if not np.isfinite(size).all():
         why = path.warning or "a target or q* meets a singular kernel"
         axis.text(0.5, 0.5, fill(f"not known: {why}", 50), transform=axis.transAxes, ha="center", va="center")
         axis.set_title("bounded difference", fontsize=11)
         return
-    k = int(np.argmax(size))
-    N = len(team.agents)
+    k, N = int(np.argmax(size)), len(team.agents)
     q_star, targets = team.unpack(path.q_star[k])[:, :2], path.positions[k, N:, :2]
     arrows = [team.unpack(x[k])[:, :2] for x in (along.own, along.carried)]
     longest = max(float(np.linalg.norm(a, axis=1).max()) for a in arrows) or 1.0
     scale = 0.2 * max(float(np.ptp(np.vstack([q_star, targets]), axis=0).max()), 1.0) / longest
-    axis.plot(*targets.T, "*", color=palette(0)[-1], markersize=12, zorder=2)
+    axis.plot(*targets.T, "*", color=TARGET, markersize=12, zorder=2)
     axis.plot(*q_star.T, "x", color="black", markersize=7, zorder=3)
     for a, colour in zip(arrows, (_OWN, _CARRIED), strict=True):
         axis.quiver(
@@ -129,26 +112,13 @@ def _difference(axis: Any, system: System, certificate: Certificate) -> None:
     # Arrows do not count for the limits of the axes.
     axis.update_datalim(np.concatenate([*ends, targets]))
     axis.autoscale_view()
-    norm = float(size[k])
-    axis.set_title(f"bounded difference, largest at t = {path.time[k]:.4g} s: |f_B| = {norm:.3g} m/s", fontsize=11)
-    handles = [
-        Line2D([], [], color="black", marker="x", linestyle="", label="q*"),
-        Line2D([], [], color=palette(0)[-1], marker="*", linestyle="", label="target"),
-        Line2D([], [], color=_CARRIED, lw=2, label="targets' drift, extended: $H^{-1} B f_p$"),
-        Line2D([], [], color=_OWN, lw=2, label="agents' own drift $f_q(q^*)$"),
-        Line2D([], [], color=_GAP, linestyle="--", label="the gap $f_B$"),
+    title = f"bounded difference, largest at t = {path.time[k]:.4g} s: |f_B| = {size[k]:.3g} m/s"
+    finish_map(axis, title, "x (m), from above", 0.1)
+    keys = [
+        key("q*", color="black", marker="x"),
+        _TARGET_KEY,
+        key("targets' drift, extended: $H^{-1} B f_p$", color=_CARRIED, lw=2),
+        key("agents' own drift $f_q(q^*)$", color=_OWN, lw=2),
+        key("the gap $f_B$", color=_GAP, linestyle="--"),
     ]
-    _finish_map(axis, "x (m), from above", 0.1, handles)
-
-
-def _finish_map(axis: Any, x_label: str, margin: float, handles: list[Line2D]) -> None:
-    axis.set_xlabel(x_label)
-    axis.set_ylabel("y (m)")
-    axis.set_aspect("equal", adjustable="datalim")
-    axis.margins(margin)
-    axis.grid(True, alpha=0.3)
-    _legend_below(axis, handles)
-
-
-def _legend_below(axis: Any, handles: list[Line2D] | None = None) -> None:
-    axis.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=2, frameon=False, fontsize=9)
+    legend_below(axis, keys, 2)

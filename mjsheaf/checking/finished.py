@@ -17,11 +17,10 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mjsheaf.arrays import Array
 from mjsheaf.checking.certificate import Certificate, certify
-from mjsheaf.checking.cohomology import spectrum_of
-from mjsheaf.checking.margins import body_loop, mean_medium
+from mjsheaf.checking.margins import loop_along
 from mjsheaf.control.theorem import Theorem
 from mjsheaf.results.netcdf import pieces_of
 from mjsheaf.system import System
@@ -29,7 +28,6 @@ from mjsheaf.system import System
 if TYPE_CHECKING:
     import xarray as xr
 
-Array = NDArray[np.float64]
 Ending = Literal["settled", "moving", "growing", "circling"]
 
 _ACCURACY_IN_TOLERANCES = 100.0  # error of a run over the tolerance of its integrator
@@ -80,7 +78,7 @@ class RunBound:
         """Why the theorem does not apply, or empty: the certificate's reason, or that the run has other targets."""
         if self.controller:
             return f"the run has a law of its own, {self.controller}, and the theorem is about the paper's"
-        error = self.certificate.region.path.error
+        error = self.certificate.constants.path.error
         if self.certificate.reason or self.bodies or self.departure <= error:
             return self.certificate.reason
         return f"the run's targets leave the path that was checked by {self.departure:.2g} m, more than {error:.2g} m"
@@ -138,27 +136,20 @@ def bound_of_run(system: System, dataset: "xr.Dataset") -> RunBound:
 
 
 def _compared(bound: RunBound, dataset: "xr.Dataset") -> RunBound:
-    ratio, settled, worst, done, half = 0.0, 0.0, bound.start, 0, dataset.sizes["time"] // 2
-    for piece in pieces_of(dataset, ["time", "tracking_error"]):
-        time = piece["time"].values
-        error = np.sqrt((piece["tracking_error"].values ** 2).sum(axis=1))
-        share = error / (bound.at(time) + bound.accuracy)
-        if done == 0:
-            share[0] = 0.0  # where both are |e(t0)|
-        if share.max(initial=0.0) > ratio:
-            ratio, worst = float(share.max()), float(time[share.argmax()])
-        settled = max(settled, float(share[max(half - done, 0) :].max(initial=0.0)))
-        done += len(error)
-    return replace(bound, ratio=ratio, settled_ratio=settled, worst=worst)
+    pieces = (piece["tracking_error"].values for piece in pieces_of(dataset, ["tracking_error"]))
+    error, time = np.concatenate([np.sqrt((values**2).sum(axis=1)) for values in pieces]), dataset["time"].values
+    share = np.nan_to_num(error / (bound.at(time) + bound.accuracy), posinf=np.inf)
+    share[0] = 0.0  # where both are |e(t0)|
+    settled, worst = float(share[len(share) // 2 :].max()), int(share.argmax())
+    return replace(bound, ratio=float(share[worst]), settled_ratio=settled, worst=float(time[worst]))
 
 
 def _departure(certificate: Certificate, dataset: "xr.Dataset") -> tuple[float, float]:
     """The farthest coordinate of the run, and the largest distance of its targets from the certificate's path, m."""
-    path, departure, farthest, done = certificate.region.path, 0.0, 0.0, 0
+    path, departure, farthest, done = certificate.constants.path, 0.0, 0.0, 0
     for piece in pieces_of(dataset, ["agent_position", "target_position"]):
-        targets = np.nan_to_num(piece["target_position"].values)
-        farthest = max(farthest, float(np.abs(targets).max(initial=0.0)))
-        farthest = max(farthest, float(np.nanmax(np.abs(piece["agent_position"].values), initial=0.0)))
+        agents, targets = piece["agent_position"].values, np.nan_to_num(piece["target_position"].values)
+        farthest = max(farthest, *(float(np.nanmax(np.abs(x), initial=0.0)) for x in (agents, targets)))
         first = -done % path.stride
         known = path.samples[(done + first) // path.stride :][: len(targets[first :: path.stride])]
         apart = np.linalg.norm(targets[first :: path.stride][: len(known)] - known, axis=2)
@@ -196,16 +187,10 @@ def ending_of(system: System, time: Array, q_star: Array, positions: Array, *, o
     offsets = q_star - positions
     error = np.sqrt((offsets**2).sum(axis=2).mean(axis=1))
 
-    def unstable() -> bool:
-        team = system.team
-        padded = np.zeros((len(time), len(team.members), 3))
-        padded[:, : q_star.shape[1]] = q_star
-        path = team.pack(padded)[:, : team.dirichlet.H.shape[0]]
-        return body_loop(system, spectrum_of(team), mean_medium(system, time, path)).stable is False
-
     still = _swing(_quarters(q_star)[-1]) <= _STILL_SHARE * _swing(_quarters(offsets)[-1])
     alone = still and not system.harmonics[..., :3].any()
-    return judge(error, offsets if alone else None, unstable if on_bodies else None)
+    unstable = (lambda: loop_along(system, time, q_star).stable is False) if on_bodies else None
+    return judge(error, offsets if alone else None, unstable)
 
 
 def judge(error: Array, offsets: Array | None = None, unstable: Callable[[], bool] | None = None) -> Ending | None:

@@ -10,8 +10,8 @@ The loop is that of small motions: in large ones thrusters meet their limits. It
 the way, and the targets.
 """
 
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,21 +21,21 @@ from scipy.integrate import trapezoid
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import eigsh
 
+from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.checking.certificate import Certificate
-from mjsheaf.checking.cohomology import DENSE_STATES, Spectrum
+from mjsheaf.checking.cohomology import DENSE_STATES, Spectrum, spectrum_of
 from mjsheaf.checking.constants import Difference, agent_drift
 from mjsheaf.control import disagreement
 from mjsheaf.errors import InputError
 from mjsheaf.io.section import Finite, Record
-from mjsheaf.simulation.linear import LinearVehicle, Station, linearise
+from mjsheaf.simulation.linear import LinearVehicle, Station, linearise, power
 from mjsheaf.simulation.loop import whole_ratio
 from mjsheaf.system import System
 from mjsheaf.threads import one_thread
 from mjsheaf.vehicles.effects import capability_of, of_each
 from mjsheaf.vehicles.vehicle import Vehicle
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+Index = IntArray
 
 LARGEST_WHOLE = 400
 """Largest number of states that act on one another for which the matrix of a team of unlike vehicles is solved."""
@@ -154,7 +154,7 @@ class Margins(Record):
 
 def margins(system: System, certificate: Certificate) -> Margins:
     """All margins of a system."""
-    spectrum, path, difference = certificate.spectrum, certificate.region.path, certificate.constants.difference
+    spectrum, path, difference = certificate.spectrum, certificate.constants.path, certificate.constants.difference
     agents = system.vehicles[: len(system.team.agents)]
     inertia = body_margin(system, spectrum, of_each(agents, lambda vehicle: float(vehicle.reduced_model().tau.max())))
     medium = mean_medium(system, path.time, path.q_star) if path.cells else np.full((len(agents), 3), np.nan)
@@ -261,7 +261,7 @@ class _Modes(NamedTuple):
 
     factor: NDArray[np.complex128]
     agent: Index
-    moves: NDArray[np.bool_]
+    moves: BoolArray
 
 
 class _UndecidedError(Exception):
@@ -288,32 +288,32 @@ def body_loop(system: System, spectrum: Spectrum, medium: Array) -> BodyLoop:
         if not spectrum.smallest.size:
             raise _UndecidedError("nothing is held")
         loop = _close(system, spectrum, _models(system, medium, timestep, steps), period)
-    except (_UndecidedError, InputError) as error:
-        return _undecided(period, str(error))
-    except np.linalg.LinAlgError as error:  # a vehicle so stiff that its step is not finite
-        return _undecided(period, f"the vehicles cannot be linearised: {error}")
+    except (_UndecidedError, InputError, np.linalg.LinAlgError) as error:
+        stiff = isinstance(error, np.linalg.LinAlgError)  # a step that is not finite
+        unknown = dict.fromkeys(("stable", "spectral_radius", "largest_gain", "least_damped"))
+        reason = "the vehicles cannot be linearised: " * stiff + str(error)
+        return BodyLoop(**unknown, period=period, reason=reason)
     none = _NEUTRAL_RATE * period
-    modes = loop.modes(system.gain)
+    modes = _Modes(*(np.concatenate(x) for x in zip(*loop.modes(system.gain), strict=True)))
     size = np.hypot(modes.factor.real, modes.factor.imag)
     taking_part = modes.moves | (size > np.exp(none))
     modes, radius = _Modes(*(x[taking_part] for x in modes)), float(size[taking_part].max())
-    stable: bool | None = bool(np.log(radius) < none)
-    reason = ""
-    if isinstance(loop, _Split) and not stable and loop.growth_at_ends(system.gain) < none:
-        stable, reason = None, "only eigenvalues between the smallest and the largest would swing up, if H has them"
+    stable = bool(np.log(radius) < none)
+    perhaps = isinstance(loop, _Split) and not stable and loop.growth_at_ends(system.gain) < none
     return BodyLoop(
-        stable=stable,
+        stable=None if perhaps else stable,
         spectral_radius=radius,
         period=period,
         largest_gain=loop.largest_gain(system.gain, none),
-        least_damped=_least_damped(modes, loop.own_factors(), period, system),
-        reason=reason,
+        least_damped=_least_damped(modes, loop.own, period, system),
+        reason="only eigenvalues between the smallest and the largest would swing up, if H has them" * perhaps,
     )
 
 
-def _undecided(period: float, reason: str) -> BodyLoop:
-    unknown = dict.fromkeys(("stable", "spectral_radius", "largest_gain", "least_damped"))
-    return BodyLoop(**unknown, period=period, reason=reason)
+def loop_along(system: System, time: Array, q_star: Array) -> BodyLoop:
+    """The loop in the mean flow along harmonic extensions, padded, shape (T, N, 3), m, at times (T,), s."""
+    path = q_star.reshape(len(time), -1)[:, system.team.slots[: system.team.first_state[-1]]]
+    return body_loop(system, spectrum_of(system.team), mean_medium(system, time, path))
 
 
 def mean_medium(system: System, time: Array, q_star: Array) -> Array:
@@ -347,16 +347,14 @@ def _models(system: System, medium: Array, timestep: float, steps: int) -> list[
     span = system.grid.period * system.grid.steps
     stations: dict[tuple[int, bytes], Station] = {}
     keys = []
-    for i, vehicle in enumerate(system.vehicles[: len(agents)]):
-        speed = float(np.linalg.norm(medium[i]))
-        if speed > system.law.limit[i]:
+    for i, agent in enumerate(agents):
+        if (speed := float(np.linalg.norm(medium[i]))) > system.law.limit[i]:
             raise _UndecidedError(
-                f"{agents[i].id}: the mean flow, {speed:.3g} m/s relative to its q*, is beyond its velocity limit"
+                f"{agent.id}: the mean flow, {speed:.3g} m/s relative to its q*, is beyond its velocity limit"
             )
-        station = _station(vehicle, medium[i], float(system.bodies.heading[i]), span)
-        key = id(vehicle), np.round([*station.medium, station.heading], 4).tobytes()
-        stations.setdefault(key, station)
-        keys.append(key)
+        station = _station(system.vehicles[i], medium[i], float(system.bodies.heading[i]), span)
+        keys.append((id(station.vehicle), np.round([*station.medium, station.heading], 4).tobytes()))
+        stations.setdefault(keys[-1], station)
     chosen, many = list(stations), len(stations) > _MOST_STATIONS
     if many:
         if len({key[0] for key in keys}) > 1:
@@ -383,19 +381,17 @@ def _station(vehicle: Vehicle, medium: Array, heading: float, span: float) -> St
     if vehicle.steering.attitude:
         return Station(vehicle, medium, heading)
     speed = float(np.hypot(medium[0], medium[1]))
-    if speed * span < _TURNS * vehicle.hand:
+    if speed * span < _TURNS * vehicle.steering.hand:
         return Station(vehicle, np.zeros(3), heading)
     return Station(vehicle, medium, float(np.arctan2(-medium[1], -medium[0])))
 
 
 def _response(model: LinearVehicle, period: float) -> Array:
     """Positions after a step of the command, less what an ideal vehicle makes, shape (T, n, n), m per m/s."""
-    n, s = model.D.shape[0], len(model.A)
+    s, n = model.B.shape
     count = int(np.clip(_RESPONSE_TIME / period, 20, 400))
     stride = max(1, round(_RESPONSE_TIME / period / count))
-    step = np.eye(s + 2 * n)
-    step[:s, :s], step[:s, s + n :], step[s : s + n, :s], step[s : s + n, s + n :] = model
-    step = np.linalg.matrix_power(step, stride)
+    step = power(model, stride)
     state, found = np.vstack([np.zeros((s + n, n)), np.eye(n)]), []
     for k in range(count):
         state = step @ state
@@ -494,24 +490,23 @@ def _eigenvalues(H: sparse.csr_array, agents: Index, least: float) -> tuple[Arra
 
 
 class _Split:
-    """Alike vehicles: one small matrix for each eigenvalue of H."""
+    """Alike vehicles: one small matrix for each eigenvalue of H.
+
+    Attributes:
+        own: factors of the vehicles' own modes, under a command that does not change.
+    """
 
     def __init__(self, parts: list[_Part]) -> None:
         self._parts = parts
+        self.own = np.concatenate([np.linalg.eigvals(part.plant.A) for part in parts])
 
-    def modes(self, gain: float) -> _Modes:
+    def modes(self, gain: float) -> Iterator[_Modes]:
         """All modes, or those at the sampled eigenvalues."""
-        found = []
         for part in self._parts:
             n = part.plant.D.shape[0]
             factors, vectors = np.linalg.eig(_matrices(part.plant, gain * part.values))
             moved = np.linalg.norm(vectors[:, :n], axis=1) > _MODE_AT_REST * np.linalg.norm(vectors, axis=1)
-            found.append((factors.ravel(), np.repeat(part.agent, factors.shape[1]), moved.ravel()))
-        return _Modes(*(np.concatenate(x) for x in zip(*found, strict=True)))
-
-    def own_factors(self) -> Array:
-        """Factors of the vehicles' own modes, under a command that does not change."""
-        return np.concatenate([np.linalg.eigvals(part.plant.A) for part in self._parts])
+            yield _Modes(factors.ravel(), np.repeat(part.agent, factors.shape[1]), moved.ravel())
 
     def growth_at_ends(self, gain: float) -> float:
         """Growth of the modes at eigenvalues that H surely has."""
@@ -595,21 +590,15 @@ class _Whole:
         at = np.ix_(chosen, chosen)
         return np.asarray(self.free[at] - gain * self.pull[at])
 
-    def modes(self, gain: float) -> _Modes:
+    def modes(self, gain: float) -> Iterator[_Modes]:
         """All modes."""
-        found = []
         for chosen in self.sets:
             factors, vectors = linalg.eig(self._block(gain, chosen))
             held = chosen < self.m
             z = vectors[held]
             moved = np.linalg.norm(z, axis=0) > _MODE_AT_REST * np.linalg.norm(vectors, axis=0)
             far = np.abs(self.Q[:, chosen[held]] @ z)
-            found.append((factors, np.where(moved, self.owner[far.argmax(axis=0)], -1), moved))
-        return _Modes(*(np.concatenate(x) for x in zip(*found, strict=True)))
-
-    def own_factors(self) -> Array:
-        """As in `_Split`."""
-        return self.own
+            yield _Modes(factors, np.where(moved, self.owner[far.argmax(axis=0)], -1), moved)
 
     def _growth(self, gain: float) -> float:
         return max(float(np.log(np.abs(linalg.eigvals(self._block(gain, s))).max())) for s in self.sets)
@@ -642,5 +631,5 @@ def _least_damped(modes: _Modes, own: Array, period: float, system: System) -> S
     return Swing(damping=float(damping[k]), frequency=float(size[k]), agent=agent)
 
 
-def _logarithms(factors: NDArray) -> NDArray[np.complex128]:
+def _logarithms(factors: NDArray[Any]) -> NDArray[np.complex128]:
     return np.log(np.where(factors != 0.0, factors, 1e-300).astype(np.complex128))

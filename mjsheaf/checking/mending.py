@@ -17,18 +17,17 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 from scipy import sparse
 from scipy.sparse import csgraph
 
+from mjsheaf.arrays import Array, IntArray
 from mjsheaf.checking.cohomology import agent_coboundary, smallest_eigenvalue, spectrum_of
 from mjsheaf.io.section import Record
 from mjsheaf.team import Edge, Member, Team, anchor, restriction_maps
 from mjsheaf.team.null_modes import null_mode_basis
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+Index = IntArray
 Kind = Literal["communication", "sensing", "anchor"]
 
 EXACT_COMBINATIONS = 20_000
@@ -203,27 +202,23 @@ def group_candidates(
     targets = by_dimension(team.targets, range(len(team.targets)))
     groups: dict[bytes, Group] = {}
 
-    def add(rows: Array, kind: Kind, agents: Sequence[int], ends: Sequence[int]) -> None:
+    blocks: list[tuple[Array, Kind, Sequence[int], Sequence[int]]] = []
+    for c in classes:
+        blocks += [(c.motion[axis : axis + 1], "anchor", c.agents, [axis]) for axis in range(len(c.motion))]
+        blocks += [(c.motion[:n], "communication", c.agents, numbers) for n, numbers in still.items()]
+        blocks += [(c.motion[:n], "sensing", c.agents, numbers) for n, numbers in targets.items()]
+    for a, b in itertools.combinations(classes, 2) if links else ():
+        m = min(len(a.motion), len(b.motion))
+        blocks.append((a.motion[:m] - b.motion[:m], "communication", a.agents, b.agents))
+    for rows, kind, agents, ends in blocks:
         _, singular, directions = np.linalg.svd(rows, full_matrices=False)
         directions = directions[singular > _RANK]
         if len(directions):
             projector = directions.T @ directions
-            group = groups.setdefault(
-                (np.round(projector, 6) + 0.0).tobytes(), Group(projector, len(directions), 0, [])
-            )
+            key = (np.round(projector, 6) + 0.0).tobytes()
+            group = groups.setdefault(key, Group(projector, len(directions), 0, []))
             group.count += len(agents) * len(ends)
             group._blocks.append((kind, agents, ends))
-
-    for c in classes:
-        for axis in range(len(c.motion)):
-            add(c.motion[axis : axis + 1], "anchor", c.agents, [axis])
-        for dimension, numbers in still.items():
-            add(c.motion[:dimension], "communication", c.agents, numbers)
-        for dimension, numbers in targets.items():
-            add(c.motion[:dimension], "sensing", c.agents, numbers)
-    for a, b in itertools.combinations(classes, 2) if links else ():
-        m = min(len(a.motion), len(b.motion))
-        add(a.motion[:m] - b.motion[:m], "communication", a.agents, b.agents)
     return sorted(groups.values(), key=lambda group: -group.rank)
 
 
@@ -301,7 +296,11 @@ def plan_augmentation(team: Team) -> Augmentation:
 
 
 def _repair(
-    team: Team, free: sparse.csc_array, candidate: Candidate, lambda_min_alone: float, linked: Container
+    team: Team,
+    free: sparse.csc_array,
+    candidate: Candidate,
+    lambda_min_alone: float,
+    linked: Container[tuple[str, str]],
 ) -> Repair:
     held = edge_rows(team, [candidate]) @ free
     held = held[:, np.unique(held.indices)].toarray()

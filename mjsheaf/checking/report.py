@@ -32,53 +32,50 @@ def _number(value: float | None, unit: str = "") -> str:
 
 
 def _assumptions(record: CheckRecord) -> Table:
-    table = Table(title="\nassumptions of the paper", title_justify="left", header_style="", show_lines=False)
-    for heading in ("", "assumption", "verdict", "number", "why"):
-        table.add_column(heading)
+    headings = ("", "assumption", "verdict", "number", "why")
+    table = Table(*headings, title="\nassumptions of the paper", title_justify="left", header_style="")
     for a in record.assumptions:
         mark, style = _MARKS[a.verdict]
         table.add_row(str(a.number), a.name, Text(mark, style=style), _number(a.value, a.unit), a.witness)
     return table
 
 
-def _cohomology(record: CheckRecord) -> list[Text | Table]:
+def _cohomology(record: CheckRecord) -> list[Text]:
     found = record.relative_cohomology
-    lines: list[Text | Table] = []
+    lines = []
     if found.dimension:
         lines.append(Text(f"\nfree to drift: H^0(G, G_p; F) has dimension {found.dimension}", style="bold"))
-        lines += [Text(f"  {d.description}") for d in found.basis[:12]]
-        if found.mending is not None:
-            plan = found.mending
-            kind = "the smallest set" if plan.exact else "a small set (greedy)"
-            lines.append(
-                Text(f"what mends it: {kind} of {plan.needed} out of {plan.candidates} that sensors could support")
-            )
-            lines += [
+        lines += [Text(f"  {d.description}") for d in found.basis[:_MOST]]
+    if (plan := found.mending) is not None:
+        kind = "the smallest set" if plan.exact else "a small set (greedy)"
+        lines += [
+            Text(f"what mends it: {kind} of {plan.needed} out of {plan.candidates} that sensors could support"),
+            *(
                 Text(
                     f"  {x.description}: holds {x.nullity_reduction} of {found.dimension} directions by itself, "
                     f"lambda_min {x.lambda_min_alone:.3g}"
                 )
                 for x in plan.repairs
-            ]
-            lines += [Text(f"  or: {'; '.join(other)}") for other in plan.alternatives[:3]]
-            lines.append(Text(f"then lambda_min(H) is {plan.lambda_min:.3g}"))
+            ),
+            *(Text(f"  or: {'; '.join(other)}") for other in plan.alternatives[:3]),
+            Text(f"then lambda_min(H) is {plan.lambda_min:.3g}"),
+        ]
     if found.near_null:
         lines.append(Text("\nbarely held (small eigenvalues of H)", style="bold"))
         lines += [Text(f"  {d.description}: {d.eigenvalue:.3g}, {d.ratio:.2g} of the largest") for d in found.near_null]
     return lines
 
 
-def _pairs(title: str, rows: list[tuple[str, str, str]]) -> Table:
+def _pairs(title: str, rows: list[Row]) -> Table:
     table = Table(title=f"\n{title}", title_justify="left", show_header=False)
-    for name, value, remark in rows:
-        table.add_row(name, value, remark)
+    for row in rows:
+        table.add_row(*row)
     return table
 
 
 def _theorem(record: CheckRecord) -> Table:
-    t = record.theorem
-    low = ", ".join(f"{x:.3g}" for x in record.region.agents_low)
-    high = ", ".join(f"{x:.3g}" for x in record.region.agents_high)
+    t, corners = record.theorem, (record.region.agents_low, record.region.agents_high)
+    low, high = (", ".join(f"{x:.3g}" for x in corner) for corner in corners)
     verdict = "applies" if t.applies else "does not apply: " + t.reason
     rows = [
         ("gain condition", "holds" if t.gain_condition else "fails", verdict + (" (approximately)" * t.approximate)),
@@ -109,11 +106,7 @@ def _theorem(record: CheckRecord) -> Table:
             _number(t.gain_for_wanted_radius, "1/s"),
             "smallest k1 with that ultimate radius, constants as here" + _beyond_hold(record),
         ),
-        (
-            "weaker bound",
-            _number(t.weaker.radius, "m"),
-            "ultimate radius with rho = 0, whatever the slopes",
-        ),
+        ("weaker bound", _number(t.weaker.radius, "m"), "ultimate radius with rho = 0, whatever the slopes"),
     ]
     return _pairs("Theorem 1", rows)
 
@@ -127,55 +120,49 @@ def _beyond_hold(record: CheckRecord) -> str:
 
 
 def _margins(record: CheckRecord) -> Table:
-    m = record.margins
-    rows = []
-    if m.hold is None:
-        rows.append(("sampling", "none", "the law is continuous"))
-    else:
-        word = "diverges" if m.hold.product >= 2 else "rings" if m.hold.product > 1 else "does not ring"
-        rows += [
-            ("k1 h lambda_max", _number(m.hold.product), f"{word}; below 2 it converges, up to 1 it does not ring"),
-            ("largest gain", _number(m.hold.largest_gain, "1/s"), f"under a hold of {m.hold.period:g} s"),
-            ("gain without ringing", _number(m.hold.ringing_gain, "1/s"), ""),
+    m, hold = record.margins, record.margins.hold
+    rows = [("sampling", "none", "the law is continuous")]
+    if hold is not None:
+        word = "diverges" if hold.product >= 2 else "rings" if hold.product > 1 else "does not ring"
+        rows = [
+            ("k1 h lambda_max", _number(hold.product), f"{word}; below 2 it converges, up to 1 it does not ring"),
+            ("largest gain", _number(hold.largest_gain, "1/s"), f"under a hold of {hold.period:g} s"),
+            ("gain without ringing", _number(hold.ringing_gain, "1/s"), ""),
         ]
     tau = " to ".join(f"{x:.3g}" for x in dict.fromkeys(m.bodies.tau))
-    slow, fast = _number(m.bodies.damping_slowest), _number(m.bodies.damping_fastest)
-    rows.append(
-        (
-            "damping by inertia",
-            f"{slow}, {fast}",
-            f"slowest and fastest mode, tau = {tau} s, without attitude, lag and hold",
-        )
-    )
-    rows += _bodies(m.bodies)
+    damping = f"{_number(m.bodies.damping_slowest)}, {_number(m.bodies.damping_fastest)}"
     first = max(m.speed, key=lambda s: s.asked / (s.limit or 1e300))
     limit = "no limit" if first.limit is None else f"limit {first.limit:.4g} m/s"
     beyond = sum(s.limit is not None and s.asked > s.limit for s in m.speed)
     exceeded = f", exceeded by {beyond} agents" if beyond else ""
-    rows.append(("speed asked at start", _number(first.asked, "m/s"), f"of {first.agent}; {limit}{exceeded}"))
-    rows += [_speed_of_bodies(m.speed), *_speed_of_limits(m.speed)]
-    rows.append(("steady lag", _number(m.lag[0].lag, "m"), f"largest, of {m.lag[0].agent}"))
+    rows += [
+        ("damping by inertia", damping, f"slowest and fastest mode, tau = {tau} s, without attitude, lag and hold"),
+        *_bodies(m.bodies),
+        ("speed asked at start", _number(first.asked, "m/s"), f"of {first.agent}; {limit}{exceeded}"),
+        _speed_of_bodies(m.speed),
+        *_speed_of_limits(m.speed),
+        ("steady lag", _number(m.lag[0].lag, "m"), f"largest, of {m.lag[0].agent}"),
+    ]
     return _pairs("margins in practice", rows)
 
 
-def _bodies(bodies: BodyMargins) -> list[tuple[str, str, str]]:
+def _bodies(bodies: BodyMargins) -> list[Row]:
     """The loop of the vehicles."""
     if bodies.stable is None or bodies.spectral_radius is None:
         return [("loop on bodies", "undecided", bodies.reason)]
-    word = "stable" if bodies.stable else "UNSTABLE"
-    rows = [("loop on bodies", word, f"spectral radius {bodies.spectral_radius:.6g} over {bodies.period:g} s")]
+    word, mode = "stable" if bodies.stable else "UNSTABLE", bodies.least_damped
     beyond = "at no gain that was tried" if bodies.largest_gain is None else "beyond it"
-    rows.append(
-        ("largest gain on bodies", _number(bodies.largest_gain, "1/s"), f"{beyond} the vehicles swing up, or circle")
-    )
-    if bodies.least_damped is not None:
-        mode = bodies.least_damped
+    rows = [
+        ("loop on bodies", word, f"spectral radius {bodies.spectral_radius:.6g} over {bodies.period:g} s"),
+        ("largest gain on bodies", _number(bodies.largest_gain, "1/s"), f"{beyond} the vehicles swing up, or circle"),
+    ]
+    if mode is not None:
         about = "" if mode.agent is None else f", about {mode.agent}"
         rows.append(("least damped mode", f"{mode.damping:.3g}", f"damping ratio at {mode.frequency:.3g} rad/s{about}"))
     return rows
 
 
-def _speed_of_bodies(speeds: list[SpeedDemand]) -> tuple[str, str, str]:
+def _speed_of_bodies(speeds: list[SpeedDemand]) -> Row:
     """What following q* takes, against what bodies can make."""
     known = [s for s in speeds if s.steady is not None]
     if not known:
@@ -183,14 +170,11 @@ def _speed_of_bodies(speeds: list[SpeedDemand]) -> tuple[str, str, str]:
     first = max(known, key=lambda s: (s.steady or 0.0) / (s.able or 1e300))
     able = "its thrusters have no limits" if first.able is None else f"its body can make {first.able:.4g} m/s"
     short = sum(s.able is not None and (s.steady or 0.0) > s.able for s in known)
-    return (
-        "speed along q*",
-        _number(first.steady, "m/s"),
-        f"of {first.agent}; {able}" + (f", TOO SLOW, as are {short} of {len(known)}" if short else ""),
-    )
+    slow = f", TOO SLOW, as are {short} of {len(known)}" if short else ""
+    return "speed along q*", _number(first.steady, "m/s"), f"of {first.agent}; {able}{slow}"
 
 
-def _speed_of_limits(speeds: list[SpeedDemand]) -> list[tuple[str, str, str]]:
+def _speed_of_limits(speeds: list[SpeedDemand]) -> list[Row]:
     """What following q* takes, against the limits that the law keeps, where these are too low."""
     short = [s for s in speeds if s.limit is not None and s.steady is not None and s.steady > s.limit]
     if not short:
@@ -209,14 +193,11 @@ def _speed_of_limits(speeds: list[SpeedDemand]) -> list[tuple[str, str, str]]:
 
 def _fragility(record: CheckRecord) -> list[Text]:
     f = record.fragility
-    lines = [Text(f"\nfragility ({f.method})", style="bold")]
-    if not f.critical_count:
-        lines.append(Text("  no single loss breaks an assumption"))
-    lines += [Text(f"  losing {x.name} ({x.kind}) breaks: {', '.join(x.breaks)}") for x in f.critical[:12]]
-    if f.critical_count > 12:
-        lines.append(Text(f"  ... and {f.critical_count - 12} more"))
+    lines = [f"  losing {x.name} ({x.kind}) breaks: {', '.join(x.breaks)}" for x in f.critical[:_MOST]]
+    if f.critical_count > _MOST:
+        lines.append(f"  ... and {f.critical_count - _MOST} more")
     if f.worst is not None:
-        lines.append(
-            Text(f"  worst of the others: losing {f.worst.name} ({f.worst.kind}), lambda_min {f.worst.lambda_min:.4g}")
-        )
-    return lines
+        lost, left = f"{f.worst.name} ({f.worst.kind})", f"lambda_min {f.worst.lambda_min:.4g}"
+        lines.append(f"  worst of the others: losing {lost}, {left}")
+    none = [] if f.critical_count else ["  no single loss breaks an assumption"]
+    return [Text(f"\nfragility ({f.method})", style="bold"), *map(Text, none + lines)]

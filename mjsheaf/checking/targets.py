@@ -23,9 +23,9 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
+from mjsheaf.arrays import Array, IntArray
 from mjsheaf.checking.cohomology import Spectrum
 from mjsheaf.control.law import ControlArrays, new_memory, pack_edges, sample
 from mjsheaf.dynamics import disturbance
@@ -35,8 +35,6 @@ from mjsheaf.dynamics.motion import MotionArrays, add_reference, reference_bound
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.simulation.ideal import new_integrator, slope_of, take_step
 from mjsheaf.system import MediumArrays, System
-
-Array = NDArray[np.float64]
 
 MOST_STEPS = 1_500_000
 """Steps of the integrator times targets: a path that takes more is too long or too stiff to follow."""
@@ -55,8 +53,6 @@ _ERROR, _RELATIVE_ERROR = 1e-6, 1e-8  # at least allowed of the path: m, and rel
 _COMPARED = 2000  # instants of a continuous law at which two integrations are compared, at least about
 _DIFFERENCES = 20.0  # of two integrations, that are allowed
 _LARGEST_ERROR = 1e-4  # m, and relative to its farthest position: a path that may be farther off is not known
-
-_DENSE = 200_000  # numbers of K that are held as such
 
 _DONE, _FULL, _STUCK = 0, 1, 2
 
@@ -103,7 +99,7 @@ class Carrier:
         return self._norm * np.linalg.norm(radii, axis=-1) + np.linalg.norm(own, axis=-1)
 
     @cached_property
-    def _own(self) -> NDArray[np.int64]:
+    def _own(self) -> IntArray:
         """Places of the stacked p in padded targets (M, 3), flattened."""
         slots = self._team.slots
         return slots[self._problem.H.shape[0] :] - 3 * len(self._team.agents)
@@ -164,29 +160,6 @@ class TargetPath:
     warning: str
 
 
-class _Rates(NamedTuple):
-    """What moves M targets by themselves.
-
-    acceleration, shake (M,): sup |v'| of references and sup |omega'|, m/s^2; speed (M,): sup |v|, m/s; turn: a step
-    that is short beside the fastest motion and disturbance, s; decay: rate of consensus and pull, 1/s.
-    """
-
-    acceleration: Array
-    shake: Array
-    speed: Array
-    turn: float
-    decay: float
-
-
-class _Consensus(NamedTuple):
-    """The targets' own law -gain (L_T p - c_T): L_T over padded targets by compressed rows, and gain (M,), 1/s."""
-
-    start: NDArray[np.int64]
-    column: NDArray[np.int64]
-    value: Array
-    gain: Array
-
-
 class _Step(NamedTuple):
     """Bounds over one step, and what they are made of, (M,) each.
 
@@ -210,8 +183,11 @@ class _Setting(NamedTuple):
     Attributes:
         control: law and references of the targets alone.
         reference: their motions without their pull.
-        consensus: their own law.
-        rates: what moves them.
+        start, column, value: L_T over padded targets by compressed rows: their own law is -gain (L_T p - c_T).
+        acceleration, speed: sup |v'| and sup |v| of their references, shape (M,), m/s^2 and m/s.
+        shake: sup |omega'|, shape (M,), m/s^2.
+        turn: a step that is short beside the fastest motion and disturbance, s.
+        decay: rate of consensus and pull, 1/s.
         share: of the usual steps.
         margin: about the ball that a step stays in, over which slopes are taken, m.
         times: of the samples, s.
@@ -220,8 +196,14 @@ class _Setting(NamedTuple):
 
     control: ControlArrays
     reference: MotionArrays
-    consensus: _Consensus
-    rates: _Rates
+    start: IntArray
+    column: IntArray
+    value: Array
+    acceleration: Array
+    speed: Array
+    shake: Array
+    turn: float
+    decay: float
     share: float
     margin: float
     times: Array
@@ -231,7 +213,7 @@ class _Setting(NamedTuple):
 @inline_jit
 def _bound_speeds(setting, medium, continuous, h, x, bound):
     """Find V and D for a step h from x, see the module; False where none is found."""
-    consensus, motion, rates = setting.consensus, setting.control.motion, setting.rates
+    pull, gain = setting.control.motion.pull, setting.control.law.gain
     M = x.shape[0]
     for v in range(M):
         bound.V[v] = bound.speed[v]
@@ -246,39 +228,39 @@ def _bound_speeds(setting, medium, continuous, h, x, bound):
             moved, moving = 0.0, 0.0  # |L p'| and |L| of this target's rows
             for row in range(3 * v, 3 * v + 3):
                 a, b = 0.0, 0.0
-                for k in range(consensus.start[row], consensus.start[row + 1]):
-                    a += abs(consensus.value[k]) * bound.V[consensus.column[k] // 3]
-                    b += abs(consensus.value[k])
+                for k in range(setting.start[row], setting.start[row + 1]):
+                    a += abs(setting.value[k]) * bound.V[setting.column[k] // 3]
+                    b += abs(setting.value[k])
                 moved += a * a
                 moving += b * b
             if continuous:
-                D += rates.acceleration[v] + motion.pull[v] * (rates.speed[v] + V) + consensus.gain[v] * np.sqrt(moved)
+                D += setting.acceleration[v] + pull[v] * (setting.speed[v] + V) + gain[v] * np.sqrt(moved)
             bound.D[v] = D
-            bound.slope[v] = slope + motion.pull[v] + consensus.gain[v] * np.sqrt(moving)
-            right = right and bound.speed[v] + h * (D + rates.shake[v]) <= V
+            bound.slope[v] = slope + pull[v] + gain[v] * np.sqrt(moving)
+            right = right and bound.speed[v] + h * (D + setting.shake[v]) <= V
         if right:
             return True
         for v in range(M):
-            bound.V[v] = _SLACK * (bound.speed[v] + h * (bound.D[v] + rates.shake[v]))
+            bound.V[v] = _SLACK * (bound.speed[v] + h * (bound.D[v] + setting.shake[v]))
     return False
 
 
 @inline_jit
 def _tighten(setting, h, velocity, bound):
     """Lower D once, where the law is continuous: consensus and pull act on p' and v - p' at x, changed by h (D + W)."""
-    consensus, motion, rates = setting.consensus, setting.control.motion, setting.rates
+    pull, gain = setting.control.motion.pull, setting.control.law.gain
     M = velocity.shape[0]
     for v in range(M):
         moved = 0.0
         for row in range(3 * v, 3 * v + 3):
             at, change = 0.0, 0.0
-            for k in range(consensus.start[row], consensus.start[row + 1]):
-                j = consensus.column[k] // 3
-                at += consensus.value[k] * velocity[j, consensus.column[k] - 3 * j]
-                change += abs(consensus.value[k]) * (bound.D[j] + rates.shake[j])
+            for k in range(setting.start[row], setting.start[row + 1]):
+                j = setting.column[k] // 3
+                at += setting.value[k] * velocity[j, setting.column[k] - 3 * j]
+                change += abs(setting.value[k]) * (bound.D[j] + setting.shake[j])
             moved += (abs(at) + h * change) ** 2
-        gap = bound.gap[v] + h * (rates.acceleration[v] + bound.D[v] + rates.shake[v])
-        own = rates.acceleration[v] + motion.pull[v] * gap + consensus.gain[v] * np.sqrt(moved)
+        gap = bound.gap[v] + h * (setting.acceleration[v] + bound.D[v] + setting.shake[v])
+        own = setting.acceleration[v] + pull[v] * gap + gain[v] * np.sqrt(moved)
         bound.lower[v] = min(bound.D[v], bound.flow[v] + own)
     for v in range(M):
         bound.D[v] = bound.lower[v]
@@ -320,8 +302,8 @@ def _follow(follow, setting, run, place, x, bound, cells, samples):
     `follow` is the setting's `control` where the law is continuous, None where it is held; run is the integrator; place
     (3,) is sample, time since then and next step, s.
     """
-    control, rates, share, times, stride = setting.control, setting.rates, setting.share, setting.times, setting.stride
-    decay = 0.0 if follow is None else rates.decay
+    control, share, times, stride = setting.control, setting.share, setting.times, setting.stride
+    decay = 0.0 if follow is None else setting.decay
     M, medium, period = x.shape[0], run.medium, run.period
     k, done, step = int(place[0]), place[1], place[2]
     count = 0
@@ -331,16 +313,15 @@ def _follow(follow, setting, run, place, x, bound, cells, samples):
         while done < period:
             t = times[k] + done
             slope_of(follow, run, t, x, 0, M, run.slope[0])
-            h = min(min(step, share * rates.turn), period - done)
+            h = min(min(step, share * setting.turn), period - done)
             h = _shortened(setting, medium, decay, h, x, run.slope[0], bound)
             if count == len(cells.begin):
                 place[0], place[1], place[2] = k, done, step
                 return _FULL, count
             for v in range(M):  # f_p at t, while the sines are those of t
-                wx, wy, wz = disturbance_velocity(medium.harmonics, run.sines, v)
-                cells.drift[count, v, 0] = 0.5 * (run.slope[0, v, 0] - wx)
-                cells.drift[count, v, 1] = 0.5 * (run.slope[0, v, 1] - wy)
-                cells.drift[count, v, 2] = 0.5 * (run.slope[0, v, 2] - wz)
+                w = disturbance_velocity(medium.harmonics, run.sines, v)
+                for i in range(3):
+                    cells.drift[count, v, i] = 0.5 * (run.slope[0, v, i] - w[i])
             if h > _NEARLY * (period - done):  # so that no sliver is left
                 h = period - done
             error = np.inf
@@ -363,14 +344,12 @@ def _follow(follow, setting, run, place, x, bound, cells, samples):
             cells.begin[count] = t
             cells.end[count] = times[k + 1] if last else t + h
             for v in range(M):
-                wx, wy, wz = disturbance_velocity(medium.harmonics, run.sines, v)  # those of t + h
-                cells.drift[count, v, 0] += 0.5 * (run.slope[6, v, 0] - wx)
-                cells.drift[count, v, 1] += 0.5 * (run.slope[6, v, 1] - wy)
-                cells.drift[count, v, 2] += 0.5 * (run.slope[6, v, 2] - wz)
-                cells.bend[count, v] = 0.125 * h * h * (bound.D[v] + rates.shake[v])
+                w = disturbance_velocity(medium.harmonics, run.sines, v)  # those of t + h
+                cells.bend[count, v] = 0.125 * h * h * (bound.D[v] + setting.shake[v])
                 cells.spread[count, v] = 0.5 * h * bound.D[v]
                 cells.slope[count, v] = bound.slope[v]
                 for i in range(3):
+                    cells.drift[count, v, i] += 0.5 * (run.slope[6, v, i] - w[i])
                     cells.centre[count, v, i] = 0.5 * (x[v, i] + run.state[v, i])
                     cells.half[count, v, i] = 0.5 * (run.state[v, i] - x[v, i])
                     x[v, i] = run.state[v, i]
@@ -408,7 +387,8 @@ def follow_targets(system: System, carrier: Carrier | None = None) -> TargetPath
         if _DIFFERENCES * apart > error:
             error = _DIFFERENCES * apart
             samples, cells = _integrate(system, share=1.0, tolerance=_TOLERANCE, margin=error)
-        cells = _widened(cells, error)
+        # Cells that hold every path within `error` of the one that they cover.
+        cells = cells._replace(bend=cells.bend + error, spread=cells.spread + error * cells.slope)
     except _UnknownPathError as unknown:
         still = np.repeat(system.initial[None], 2, axis=0)
         span = system.grid.span(0, system.grid.steps + 1)[[0, -1]]
@@ -439,14 +419,17 @@ def _integrate(system: System, share: float, tolerance: float, margin: float | N
     times = np.asarray(grid.start + period * np.arange(grid.steps * between + 1), dtype=np.float64)
     samples = np.empty(((len(times) - 1) // stride + 1, M, 3))
     samples[0] = x
-    place, bound, blocks, total = np.array([0.0, 0.0, period]), _step(M), [], 0
+    place, blocks, total = np.array([0.0, 0.0, period]), list[Cells](), 0
+    bound = _Step(*(np.zeros((M, 3) if name == "lead" else M) for name in _Step._fields))
     memory = new_memory(control.law, M)
     run = new_integrator(medium, system.effectiveness, (tolerance, tolerance), period, memory)
     reference = control.motion._replace(pull=np.zeros(M))
-    rates = _rates(system, control)
-    setting = _Setting(control, reference, _consensus(system), rates, share, margin or 0.0, times, stride)
+    moves = *_consensus(system), *_rates(system, control)
+    setting = _Setting(control, reference, *moves, share, margin or 0.0, times, stride)
     follow = control if grid.continuous else None
-    block = _blank(max(1, _BLOCK // M), M)
+    n = max(1, _BLOCK // M)
+    shapes = (n,), (n,), (n, M, 3), (n, M, 3), (n, M), (n, M, 3), (n, M), (n, M)
+    block = Cells(*map(np.empty, shapes))
     while True:
         ended, count = _follow(follow, setting, run, place, x, bound, block, samples)
         total += count
@@ -466,20 +449,6 @@ def _integrate(system: System, share: float, tolerance: float, margin: float | N
                 f"their path is too long or too stiff to follow: {total} steps lead to t = {now:.4g} s "
                 f"of {times[-1]:.4g} s"
             )
-
-
-def _widened(cells: Cells, error: float) -> Cells:
-    """Cells that hold every path within `error` of the one that they cover, m."""
-    return cells._replace(bend=cells.bend + error, spread=cells.spread + error * cells.slope)
-
-
-def _step(M: int) -> _Step:
-    return _Step(*(np.zeros((M, 3) if name == "lead" else M) for name in _Step._fields))
-
-
-def _blank(count: int, M: int) -> Cells:
-    shapes = (count,), (count,), (count, M, 3), (count, M, 3), (count, M), (count, M, 3), (count, M), (count, M)
-    return Cells(*(np.empty(shape) for shape in shapes))
 
 
 def _between(system: System) -> int:
@@ -504,17 +473,18 @@ def _targets_alone(system: System) -> tuple[ControlArrays, MediumArrays, Array]:
     return ControlArrays(alone, motion._replace(**own)), around, system.initial[N:].copy()
 
 
-def _consensus(system: System) -> _Consensus:
+def _consensus(system: System) -> tuple[IntArray, IntArray, Array]:
+    """start, column and value of `_Setting`."""
     team, N = system.team, len(system.team.agents)
     slots = team.slots[team.first_state[-1] :] - 3 * N
     L = team.target_sheaf.laplacian().tocoo()
-    size = 3 * len(team.targets)
-    padded = sparse.csr_array((L.data, (slots[L.row], slots[L.col])), shape=(size, size))
+    padded = sparse.csr_array((L.data, (slots[L.row], slots[L.col])), shape=(3 * len(team.targets),) * 2)
     padded.sort_indices()
-    return _Consensus(padded.indptr.astype(np.int64), padded.indices.astype(np.int64), padded.data, system.law.gain[N:])
+    return padded.indptr.astype(np.int64), padded.indices.astype(np.int64), padded.data
 
 
-def _rates(system: System, control: ControlArrays) -> _Rates:
+def _rates(system: System, control: ControlArrays) -> tuple[Array, Array, Array, float, float]:
+    """acceleration, speed, shake, turn and decay of `_Setting`."""
     speed, acceleration = reference_bounds(control.motion)
     harmonics = system.harmonics[len(system.team.agents) :]
     shake = (np.linalg.norm(harmonics[..., :3], axis=2) * np.abs(harmonics[..., 3])).sum(axis=1)
@@ -525,7 +495,7 @@ def _rates(system: System, control: ControlArrays) -> _Rates:
     if (pieces > 0.0).any():  # one turn in each piece of a path through waypoints
         fastest = max(fastest, 2.0 * np.pi / float(pieces[pieces > 0.0].min()))
     turn = _SHARE_OF_TURN / fastest if fastest > 0.0 else np.inf
-    return _Rates(acceleration, shake, speed, turn, own_rate(system))
+    return acceleration, speed, shake, turn, own_rate(system)
 
 
 def own_rate(system: System) -> float:

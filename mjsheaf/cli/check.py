@@ -13,6 +13,8 @@ from mjsheaf.cli.options import (
     SetOption,
     VideoOption,
     changes_of,
+    prepare,
+    require_file_name,
 )
 from mjsheaf.cli.terminal import make_console, print_lines, print_note, progress_bars
 from mjsheaf.errors import InputError, MjsheafError, UnstableError
@@ -43,8 +45,8 @@ def check(
     and which single loss breaks an assumption. Exit code 1 where a numbered assumption fails or is undecided, or the
     loop of the vehicles is unstable; the gain condition does not change it.
     """
-    if plot is not None and (plot.suffix != ".png" or not plot.parent.is_dir()):
-        raise InputError(f"--plot {plot}: expected a name that ends in .png, in a directory that exists")
+    if plot is not None:
+        require_file_name("--plot", plot, ".png")
     import json
 
     from mjsheaf.checking import examine
@@ -74,14 +76,12 @@ def check(
             raise InputError(f"--plot {plot}: cannot be written: {error.strerror or error}") from None
         if not as_json:
             print(plot)
-    words = {"fails": "fails", "undecided": "is undecided"}
     told = [
-        f"assumption {a.number} {words[a.verdict]} ({a.name}): {a.witness}"
+        f"assumption {a.number} {'fails' if a.verdict == 'fails' else 'is undecided'} ({a.name}): {a.witness}"
         for a in record.assumptions
-        if a.verdict in words
+        if a.verdict != "holds"
     ]
-    if record.margins.bodies.stable is False:
-        told.append(record.margins.bodies.verdict())
+    told += [record.margins.bodies.verdict()] * (record.margins.bodies.stable is False)
     if told:
         raise NotHeldError(f"{scenario}: {'; '.join(told)}")
 
@@ -99,22 +99,13 @@ def compare(
     compare.json, report.txt, errors.png, budget.png, convergence.png, scenario.yaml and compare.mp4 (ideal left,
     bodies right) into the directory, runs/NAME-compare unless given.
     """
-    from mjsheaf.comparing.report import WIDTH, default_directory, publish, report
-    from mjsheaf.results.store import PlaceError, require_same_origin
-    from mjsheaf.scenario import load_scenario
-    from mjsheaf.scenario.load import origin
+    from mjsheaf.comparing.report import WIDTH, publish, report
+    from mjsheaf.results.store import PlaceError
 
-    changes = changes_of(overrides, seed)
-    loaded = load_scenario(scenario, changes)
-    if "seed" in changes and not loaded.uses_seed("physics"):
-        print_note(f"the seed changes nothing: {loaded.name} has no spread and no disturbance")
-    directory = default_directory(loaded) if out is None else out
-    where = origin(scenario, directory)
-    if out is None:
-        require_same_origin(directory, where)
+    loaded, directory, origin = prepare(scenario, overrides, seed, out, "physics", "compare")
     try:
         with progress_bars() as bars:
-            published = publish(loaded, directory, video=video, origin=where, progress=bars)
+            published = publish(loaded, directory, video=video, origin=origin, progress=bars)
     except PlaceError:
         raise
     except MjsheafError as error:
@@ -124,10 +115,7 @@ def compare(
     console = make_console()
     console.width = max(console.width, WIDTH)
     console.print(report(published.record))
-    print_lines(
-        *([published.replaced] if published.replaced else []), *(f"  {path}" for path in sorted(directory.iterdir()))
-    )
-    for key in ("ideal", "all"):
-        rung = published.record.rung(key)
+    print_lines(*filter(None, [published.replaced]), *(f"  {path}" for path in sorted(directory.iterdir())))
+    for rung in map(published.record.rung, ("ideal", "all")):
         if rung.status != "finished":
             raise UnstableError(f"{rung.label}: {rung.message}; what was found is in {directory}")

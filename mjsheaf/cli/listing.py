@@ -19,21 +19,20 @@ def list_(vehicles: Annotated[bool, typer.Option("--vehicles", help="List vehicl
 
 
 def _list_scenarios() -> None:
-    from rich.table import Table
+    from rich.table import Column, Table
 
     from mjsheaf.io.files import list_studies
     from mjsheaf.io.yaml import read_yaml
     from mjsheaf.scenario import Scenario, list_scenarios
     from mjsheaf.scenario.load import read_scenario
 
-    table = Table(title="scenarios", title_justify="left", header_style="")
-    for heading in ("name", "agents", "targets", "seconds", "what it shows"):
-        table.add_column(heading, justify="right" if heading in ("agents", "targets", "seconds") else "left")
+    numbers = (Column(heading, justify="right") for heading in ("agents", "targets", "seconds"))
+    table = Table("name", *numbers, "what it shows", title="scenarios", title_justify="left", header_style="")
     for name in list_scenarios():
         s = Scenario.model_validate(read_scenario(name))  # no team is built, which takes longer than all the rest
         table.add_row(name, str(len(s.agents)), str(len(s.targets)), f"{s.time.end - s.time.start:g}", s.summary)
-    studies = Table("name", "scenario", "what it asks", title_justify="left", header_style="")
-    studies.title = "studies, for mjsheaf sweep"
+    title = "studies, for mjsheaf sweep"
+    studies = Table("name", "scenario", "what it asks", title=title, title_justify="left", header_style="")
     for name, path in list_studies().items():
         study = read_yaml(path)
         studies.add_row(name, study["scenario"], study.get("summary", ""))
@@ -41,14 +40,15 @@ def _list_scenarios() -> None:
 
 
 def _list_vehicles() -> None:
-    from rich.table import Table
+    from rich.table import Column, Table
 
     from mjsheaf.vehicles.effects import capability_of
     from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 
-    table = Table(title="vehicles", title_justify="left", header_style="", box=None, padding=(0, 1))
-    for heading in ("name", "moves in", "mass\n(kg)", "thrusters", "thrust\n(N)", "tau\n(s)", "speed\n(m/s)"):
-        table.add_column(heading, justify="left" if heading in ("name", "moves in") else "right", no_wrap=True)
+    columns = [Column(heading, no_wrap=True) for heading in ("name", "moves in")]
+    for heading in ("mass\n(kg)", "thrusters", "thrust\n(N)", "tau\n(s)", "speed\n(m/s)"):
+        columns.append(Column(heading, justify="right", no_wrap=True))
+    table = Table(*columns, title="vehicles", title_justify="left", header_style="", box=None, padding=(0, 1))
     summaries = Table(box=None, show_header=False)
     for name in list_vehicles():
         vehicle = load_vehicle(name)
@@ -90,7 +90,7 @@ def schema_of(what: str) -> dict[str, Any]:
     module, name = {
         "": ("scenario", "Scenario"),
         "check": ("checking", "CheckRecord"),
-        "compare": ("comparing.record", "CompareRecord"),
+        "compare": ("comparing", "CompareRecord"),
         "study": ("studies.schema", "StudyFile"),
     }[what]
     found: dict[str, Any] = getattr(import_module(f"mjsheaf.{module}"), name).model_json_schema()

@@ -7,11 +7,15 @@ comes at once.
 from collections.abc import Iterable
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from mjsheaf.errors import MjsheafError
+from mjsheaf.cli.terminal import print_note
+from mjsheaf.errors import InputError, MjsheafError
+
+if TYPE_CHECKING:
+    from mjsheaf.scenario import Scenario
 
 
 class Backend(StrEnum):
@@ -59,6 +63,48 @@ class NotHeldError(MjsheafError):
     """What was asked does not hold: an assumption, an expectation or a bound."""
 
     exit_code = 1
+
+
+def prepare(
+    source: str, overrides: Iterable[str] | None, seed: int | None, out: Path | None, backend: str, kind: str
+) -> "tuple[Scenario, Path, str]":
+    """The scenario of `run` or `compare`, the directory of its results, and its origin as they keep it.
+
+    Raises:
+        ScenarioError: the scenario or an override is not valid.
+        PlaceError: the directory, not asked for by name, holds the results of another scenario of this name.
+    """
+    from mjsheaf.results.store import require_same_origin
+    from mjsheaf.runs.publish import default_directory
+    from mjsheaf.scenario import load_scenario
+    from mjsheaf.scenario.load import origin
+
+    changes = changes_of(overrides, seed)
+    scenario = load_scenario(source, changes)
+    if "seed" in changes and not scenario.uses_seed(backend):
+        note_idle_seed(scenario.name, backend)
+    directory = default_directory(scenario, kind) if out is None else out
+    where = origin(source, directory)
+    if out is None:
+        require_same_origin(directory, where)
+    return scenario, directory, where
+
+
+def require_file_name(option: str, path: Path, suffix: str) -> None:
+    """Refuse the name of a file that cannot be written.
+
+    Raises:
+        InputError: it has another suffix, is a directory, or is not in one that exists.
+    """
+    if path.suffix != suffix or path.is_dir():
+        raise InputError(f"{option} {path}: expected a file whose name ends in {suffix}")
+    if not path.parent.is_dir():
+        raise InputError(f"{option} {path}: there is no directory {path.parent}")
+
+
+def note_idle_seed(scenario: str, backend: str) -> None:
+    """Tell the user that the seed does not matter."""
+    print_note(f"the seed changes nothing: {scenario} has no spread and no disturbance on backend {backend}")
 
 
 def changes_of(overrides: Iterable[str] | None, seed: int | None = None) -> dict[str, Any]:

@@ -17,10 +17,11 @@ from mjsheaf.cli.options import (
     SeedOption,
     SetOption,
     VideoOption,
-    changes_of,
+    prepare,
+    require_file_name,
 )
 from mjsheaf.cli.terminal import make_console, print_lines, print_note, progress_bars
-from mjsheaf.errors import InputError, MjsheafError, UnstableError
+from mjsheaf.errors import InputError, MjsheafError, UnstableError, in_field
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -52,26 +53,17 @@ def run(
     some agent is free to drift.
     """
     from mjsheaf.control.controller import load_controller
-    from mjsheaf.results.store import PlaceError, require_same_origin
+    from mjsheaf.results.store import PlaceError
     from mjsheaf.runs.expecting import miss
-    from mjsheaf.runs.publish import default_directory, execute
-    from mjsheaf.scenario import load_scenario
-    from mjsheaf.scenario.load import origin
+    from mjsheaf.runs.publish import execute
     from mjsheaf.video.from_run import video_options
 
-    changes = changes_of(overrides, seed)
-    loaded = load_scenario(scenario, changes)
+    loaded, directory, origin = prepare(scenario, overrides, seed, out, str(backend), str(backend))
     refusal = loaded.expect.refused
     if expect and getattr(loaded.expect, backend) is None and refusal is None:
         raise InputError(f"{scenario}: expect.{backend}: missing; --expect needs bounds for this backend")
-    if "seed" in changes and not loaded.uses_seed(backend):
-        print_note(f"the seed changes nothing: {loaded.name} has no spread and no disturbance on backend {backend}")
     law = load_controller(controller, loaded.seed) if controller else None
     options = video_options(loaded, quality=quality) if video else None
-    directory = default_directory(loaded, str(backend)) if out is None else out
-    where = origin(scenario, directory)
-    if out is None:
-        require_same_origin(directory, where)
     try:
         with progress_bars() as bars:
             outcome = execute(
@@ -81,7 +73,7 @@ def run(
                 video=options,
                 allow_drift=allow_drift,
                 controller=law,
-                origin=where,
+                origin=origin,
                 progress=bars,
             )
     except PlaceError:
@@ -104,16 +96,14 @@ def run(
 
 
 def _print_outcome(outcome: "Outcome") -> None:
-    from rich.table import Table
+    from rich.table import Column, Table
 
     from mjsheaf.results.metrics import MEASURES
 
     summary, final = outcome.summary, outcome.summary["final"]
     title = f"{summary['scenario']} on {summary['backend']}, errors in m at t = {final['time']:.6g} s"
-    table = Table(title=title, title_justify="left", header_style="")
-    table.add_column("")
-    for measure in MEASURES:
-        table.add_column(measure.removeprefix("mean_").removesuffix("_error"), justify="right")
+    numbers = (Column(m.removeprefix("mean_").removesuffix("_error"), justify="right") for m in MEASURES)
+    table = Table("", *numbers, title=title, title_justify="left", header_style="")
     for name, values in {"team": final, **final["groups"]}.items():
         table.add_row(name, *("-" if values[m] is None else f"{values[m]:.4g}" for m in MEASURES))
     make_console().print(table)
@@ -143,6 +133,8 @@ def expect(
     Writes no directory. Exit code 1 where an expectation is missed. --update keeps the rest of the file as it is; a
     team that is refused is expected to be refused, and a run that blows up is not written (exit code 3).
     """
+    from mjsheaf.io.files import replace_file, require_writable
+    from mjsheaf.io.yaml import with_field
     from mjsheaf.runs.expecting import (
         BACKEND_ORDER,
         describe,
@@ -153,7 +145,6 @@ def expect(
         try_scenario,
     )
     from mjsheaf.scenario import load_scenario
-    from mjsheaf.scenario.editing import replace_file, require_writable, with_field
     from mjsheaf.scenario.load import find_scenario
 
     loaded, path = load_scenario(scenario), find_scenario(scenario)
@@ -169,21 +160,16 @@ def expect(
         wanted = [name for name in wanted if name in known]
     trials = []
     for name in wanted:
-        try:
-            with progress_bars() as bars:
-                what = f"simulating ({name})"
-                trials.append(try_scenario(loaded, name, progress=partial(bars, what)))
-        except InputError as error:
-            raise InputError(f"{scenario}: {error}") from None
+        with in_field(scenario), progress_bars() as bars:
+            trials.append(try_scenario(loaded, name, progress=partial(bars, f"simulating ({name})")))
         print(describe(trials[-1], loaded.name, scenario))
     if not update:
         misses = [f"{miss(check)} on {trial.backend}" for trial in trials for check in missed(trial)]
         if misses:
             raise NotHeldError(f"{scenario}: {', '.join(misses)}")
         return
-    for trial in trials:
-        if trial.status == "unstable":
-            raise UnstableError(f"{scenario}: blew up on {trial.backend}: {trial.message}; nothing is written")
+    for trial in (t for t in trials if t.status == "unstable"):
+        raise UnstableError(f"{scenario}: blew up on {trial.backend}: {trial.message}; nothing is written")
     block = expectation_from(trials, margin, loaded.expect.model_dump(exclude_none=True))
     comment = "" if "refused" in block else f"at most {100.0 * margin:g} % above what was found"
     text = with_field(data.decode("utf-8"), "expect", block, scenario, comment)
@@ -230,7 +216,7 @@ def video(
         if backend is None:
             raise InputError(f"no video can be drawn here: {reason}")
         with progress_bars() as bars:
-            frames = film_run(scenario, dataset, path, options, lambda done, of: bars("drawing video", done, of))
+            frames = film_run(scenario, dataset, path, options, partial(bars, "drawing video"))
     if path.resolve() == own.resolve():
         save_summary({**summary, "video": video_entry(frames, options)}, directory / "summary.json")
     print(f"{path}: {frames} frames, {options.width}x{options.height} at {options.fps:g} frames a second")
@@ -240,10 +226,7 @@ def _check_place(path: Path, own: Path) -> None:
     """Refuse a place where the video cannot lie, before it is drawn."""
     from mjsheaf.results.store import enclosing_run
 
-    if path.suffix != ".mp4" or path.is_dir():
-        raise InputError(f"--out {path}: expected a file whose name ends in .mp4")
-    if not path.parent.is_dir():
-        raise InputError(f"--out {path}: there is no directory {path.parent}")
+    require_file_name("--out", path, ".mp4")
     run = enclosing_run(path)
     if run is not None and path.resolve() != own.resolve():
         raise InputError(f"--out {path}: lies in {run}, a run's directory; expected {own}, or a place outside of runs")

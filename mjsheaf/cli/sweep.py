@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from mjsheaf.cli.options import Backend, SetOption, changes_of
+from mjsheaf.cli.options import Backend, SetOption, changes_of, note_idle_seed
 from mjsheaf.cli.terminal import Stopped, print_lines, print_note, progress_bars
 from mjsheaf.errors import InputError
 
@@ -74,8 +74,7 @@ def sweep(
         trajectories=trajectories,
     )
     if plan.study.seeds is not None and not plan.seed_matters:
-        where = f"{plan.scenario['name']} has no spread and no disturbance on backend {plan.study.backend}"
-        print_note(f"the seed changes nothing: {where}")
+        note_idle_seed(plan.scenario["name"], plan.study.backend)
     engine = partial(local_engine, workers, processes=not threads)
     if scheduler is not None:
         engine = partial(engine_at, scheduler, print_note)
@@ -94,13 +93,12 @@ def sweep(
             stopped.message = stopped.message.replace("nothing was written", kept)
             raise
     counts = Counter(record["status"] for record in study.records)
-    told = ", ".join(f"{count} {status}" for status, count in counts.items())
     before = len(study.records) - study.begun
-    print_lines(f"{len(study.records)} runs: {told}" + (f" ({before} had ended before)" if before else ""))
     failed = [record for record in study.records if record["status"] != "finished"]
-    for record in failed[:1]:
-        message = record["message"].removeprefix(f"{record['status']}: ")
-        print_lines(f"  run {record['run']}: {record['status']}: {message}")
-    if len(failed) > 1:
-        print_lines(f"  and {len(failed) - 1} more that did not finish; see {out / 'table.csv'}")
-    print_lines(*(f"  {out / name}" for name in study.files))
+    print_lines(
+        f"{len(study.records)} runs: {', '.join(f'{count} {status}' for status, count in counts.items())}"
+        + (f" ({before} had ended before)" if before else ""),
+        *(f"  run {r['run']}: {r['status']}: {r['message'].removeprefix(r['status'] + ': ')}" for r in failed[:1]),
+        *[f"  and {len(failed) - 1} more that did not finish; see {out / 'table.csv'}"] * (len(failed) > 1),
+        *(f"  {out / name}" for name in study.files),
+    )

@@ -5,26 +5,23 @@ from dataclasses import dataclass
 from typing import Literal
 
 from mjsheaf._version import __version__
-from mjsheaf.checking.cohomology import spectrum_of
-from mjsheaf.checking.margins import body_loop, mean_medium
+from mjsheaf.checking.margins import loop_along
 from mjsheaf.comparing.convergence import converge
 from mjsheaf.comparing.demands import JUDGED, demands_of, examine_limit, fastest_vehicles
-from mjsheaf.comparing.ladder import Progress, Run, RungRecord, ladder_of, no_progress, run_ablation
+from mjsheaf.comparing.ladder import Run, ladder_of, run_ablation
 from mjsheaf.comparing.measures import (
     FORMATION,
     TRACKING,
     BudgetRecord,
-    ScopeRecord,
     budget_of,
     error_series,
     errors_by_scope,
     formation_size,
     positions_at_q_star,
 )
-from mjsheaf.comparing.record import CompareRecord, LoopRecord
 from mjsheaf.comparing.ringing import ringing_of, usable_gain
-from mjsheaf.comparing.verdict import verdict_of
-from mjsheaf.runs.simulate import require_simulable
+from mjsheaf.comparing.verdict import CompareRecord, LoopRecord, verdict_of
+from mjsheaf.runs.simulate import Progress, no_progress, require_simulable
 from mjsheaf.scenario import Scenario
 from mjsheaf.system import System
 
@@ -59,7 +56,6 @@ def compare(scenario: Scenario, progress: Progress = no_progress) -> Comparison:
     system = scenario.system
     require_simulable(system, "physics")
     runs = run_ablation(system, ladder_of(system), progress)
-    ladder = [run.record(runs["ideal"]) for run in runs.values()]
     limit = examine_limit(system, runs)
     convergence = converge(system, progress)
     progress("free-decay test", 0, 1)
@@ -76,8 +72,8 @@ def compare(scenario: Scenario, progress: Progress = no_progress) -> Comparison:
         loop=loop,
         time_s=system.grid.period * system.grid.steps,
         formation_size_m=formation_size(system),
-        ladder=ladder,
-        budgets=_budgets(ladder, _errors_at_q_star(runs["ideal"])),
+        ladder=[run.record(runs["ideal"]) for run in runs.values()],
+        budgets=_budgets(runs),
         ringing=ringing,
         convergence=convergence,
         velocity_limit=limit,
@@ -94,26 +90,19 @@ def _loop(system: System, ideal: Run) -> LoopRecord | None:
     """The loop of the scenario's bodies in the mean flow along the ideal run."""
     if not ideal.finished:
         return None
-    n_q = system.team.dirichlet.H.shape[0]
-    path = system.team.pack(positions_at_q_star(system, ideal.trajectory.positions))[:, :n_q]
-    found = body_loop(system, spectrum_of(system.team), mean_medium(system, ideal.trajectory.time, path))
+    found = loop_along(system, ideal.trajectory.time, system.team.harmonic_extension(ideal.trajectory.positions))
     return LoopRecord(stable=found.stable, largest_gain=found.largest_gain, reason=found.reason)
 
 
-def _errors_at_q_star(ideal: Run) -> dict[str, ScopeRecord]:
-    """Errors by scope with the agents at q* along the ideal run; all null where it blew up."""
-    if not ideal.finished:
-        return ideal.errors
-    series = error_series(ideal.system, positions_at_q_star(ideal.system, ideal.trajectory.positions))
-    return errors_by_scope(ideal.system, ideal.trajectory.time, series, finished=True)
-
-
-def _budgets(ladder: list[RungRecord], at_q_star: dict[str, ScopeRecord]) -> list[BudgetRecord]:
+def _budgets(runs: dict[str, Run]) -> list[BudgetRecord]:
     """The budget of every error: by scope, measure and statistic."""
+    ideal, errors = runs["ideal"], {key: run.errors for key, run in runs.items()}
+    q_star = positions_at_q_star(ideal.system, ideal.trajectory.positions)
+    at_q_star = errors_by_scope(ideal.trajectory, error_series(ideal.system, q_star))
     return [
         budget_of(
             (scope, measure, statistic),
-            {rung.key: rung.errors[scope].error(measure, statistic) for rung in ladder},
+            {key: own[scope].error(measure, statistic) for key, own in errors.items()},
             at_q_star[scope].error(measure, statistic),
         )
         for scope in at_q_star

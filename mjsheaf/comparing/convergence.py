@@ -5,12 +5,14 @@ from dataclasses import replace
 import numpy as np
 from pydantic import Field
 
-from mjsheaf.comparing.ladder import Progress, inertial_tau, no_progress
+from mjsheaf.comparing.ladder import inertial_tau
 from mjsheaf.comparing.measures import largest_distance, positions_at_q_star
 from mjsheaf.io.section import FiniteRecord
+from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.simulation.ideal import run_ideal
 from mjsheaf.simulation.loop import run_physics
-from mjsheaf.system import Effects, System
+from mjsheaf.system import System
+from mjsheaf.vehicles.effects import Effects
 
 _COUNT, _RATIO = 4, 2.0
 _SHARE_OF_OWN, _SHARE_OF_LAW = 0.5, 0.25
@@ -63,7 +65,12 @@ def converge(system: System, progress: Progress = no_progress) -> ConvergenceRec
     taus = [largest / _RATIO**k for k in range(_COUNT)]
 
     def record(points: list[PointRecord], reason: str = "") -> ConvergenceRecord:
-        slope, constant = _fit_line([(p.tau_s, p.distance_m) for p in points if p.distance_m])
+        slope = constant = None
+        known = [(p.tau_s, p.distance_m) for p in points if p.distance_m]
+        if len(known) >= 2:
+            tau, distance = np.log(np.array(known)).T
+            slope, intercept = np.polyfit(tau, distance, 1)
+            constant = np.exp(intercept)
         return ConvergenceRecord(points=points, start_s=start, end_s=end, slope=slope, constant=constant, reason=reason)
 
     smallest = taus[-1] / _STEPS_PER_TAU
@@ -79,7 +86,7 @@ def converge(system: System, progress: Progress = no_progress) -> ConvergenceRec
         timestep = grid.period / np.ceil(grid.period / min(tau / _STEPS_PER_TAU, system.bodies.timestep) - 1e-9)
         here = _with_inertia(system, tau)
         run = run_physics(replace(here, bodies=replace(here.bodies, timestep=float(timestep))))
-        apart = largest_distance(system, run, ideal, start) if run.status == "finished" else None
+        apart = largest_distance(run, ideal, start) if run.status == "finished" else None
         points.append(PointRecord(tau_s=tau, timestep_s=timestep, distance_m=apart.distance_m if apart else None))
     progress("converging", _COUNT, _COUNT)
     return record(points)
@@ -91,12 +98,3 @@ def _with_inertia(system: System, tau: float | None) -> System:
     only = Effects(inertia=True, drag_law=False, limits=False, lag=False, underactuation=False)
     constant = plan.time_constant if tau is None else tau
     return replace(system, bodies=replace(plan, effects=only, time_constant=constant, contacts=False))
-
-
-def _fit_line(points: list[tuple[float, float]]) -> tuple[float | None, float | None]:
-    """Slope and constant of the line through the logarithms; None with fewer than two points."""
-    if len(points) < 2:
-        return None, None
-    tau, distance = np.log(np.array(points)).T
-    slope, constant = np.polyfit(tau, distance, 1)
-    return float(slope), float(np.exp(constant))

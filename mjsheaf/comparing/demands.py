@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from mjsheaf.arrays import Array
 from mjsheaf.comparing.ladder import Run, ladder_of, run_ablation
 from mjsheaf.comparing.measures import Role, ScopeRecord, late, middle_of, vehicles_by_role
 from mjsheaf.io.section import Finite, FiniteRecord
@@ -17,7 +18,6 @@ from mjsheaf.system import System
 from mjsheaf.vehicles.effects import capability_of
 from mjsheaf.vehicles.loading import list_vehicles
 
-Array = NDArray[np.float64]
 Domain = Literal["the plane", "space"]
 
 JUDGED: tuple[Literal["ideal"], Literal["all"]] = ("ideal", "all")
@@ -85,11 +85,11 @@ def demands_of(system: System, key: Literal["ideal", "all"], run: Run) -> list[D
     if not run.finished:
         return []
     time = run.trajectory.time
-    chosen = _thinned(time >= middle_of(system) - 1e-9)
-    speed, vehicles, found = _commanded_speeds(run, chosen), system.vehicles, []
+    chosen, speed = _commanded_speeds(run, time >= middle_of(system) - 1e-9)
+    found = []
     for (role, name), members in vehicles_by_role(system).items():
         k, j = np.unravel_index(int(speed[:, members].argmax()), (len(chosen), len(members)))
-        v, able = members[int(j)], capability_of(vehicles[members[0]])
+        v, able = members[int(j)], capability_of(system.vehicles[members[0]])
         found.append(
             DemandRecord(
                 run=key,
@@ -109,14 +109,13 @@ def demands_of(system: System, key: Literal["ideal", "all"], run: Run) -> list[D
 
 def fastest_vehicles(system: System) -> list[FastestRecord]:
     """The fastest vehicle with limits on the surface, then in the air."""
-    vehicles, found = {name: system.described_vehicle(name) for name in list_vehicles()}, []
-    for dimension, domain in _DOMAIN.items():
-        speeds = {n: capability_of(v).least_speed for n, v in vehicles.items() if v.dimension == dimension}
-        limited = {name: speed for name, speed in speeds.items() if np.isfinite(speed)}
-        if limited:
-            best = max(limited, key=lambda name: limited[name])
-            found.append(FastestRecord(moves_in=domain, vehicle=best, speed_m_s=limited[best]))
-    return found
+    fastest: dict[Domain, FastestRecord] = {}
+    for name in list_vehicles():
+        vehicle = system.described_vehicle(name)
+        domain, speed = _DOMAIN[vehicle.dimension], capability_of(vehicle).least_speed
+        if np.isfinite(speed) and (domain not in fastest or speed > fastest[domain].speed_m_s):
+            fastest[domain] = FastestRecord(moves_in=domain, vehicle=name, speed_m_s=speed)
+    return [fastest[domain] for domain in _DOMAIN.values() if domain in fastest]
 
 
 def examine_limit(system: System, runs: dict[str, Run]) -> VelocityLimitRecord | None:
@@ -133,38 +132,35 @@ def examine_limit(system: System, runs: dict[str, Run]) -> VelocityLimitRecord |
     unlimited = replace(system, law=system.law._replace(limit=np.full_like(system.law.limit, np.inf)))
     without = run_ablation(unlimited, [variant for variant in ladder_of(unlimited) if variant.key in JUDGED])
     most = _late_speeds(without["ideal"])[:, limited].max(axis=0, initial=0.0)
-    records = []
-    for key in JUDGED:
-        at_limit = _late_speeds(runs[key]) >= _AT_LIMIT * limits
-        records.append(
-            UnlimitedRecord(
-                run=key,
-                share_at_limit=float(at_limit.mean()) if at_limit.size else 0.0,
-                status_without=without[key].trajectory.status,
-                errors_without=without[key].errors,
-            )
-        )
+    at_limit = {key: _late_speeds(runs[key]) >= _AT_LIMIT * limits for key in JUDGED}
     return VelocityLimitRecord(
         lowest_m_s=float(limits[limited].min()),
         highest_m_s=float(limits[limited].max()),
         asked_m_s=float(most.max()),
         who=system.team.agent_ids[int(limited[most.argmax()])],
-        runs=records,
+        runs=[
+            UnlimitedRecord(
+                run=key,
+                share_at_limit=float(held.mean()) if held.size else 0.0,
+                status_without=without[key].trajectory.status,
+                errors_without=without[key].errors,
+            )
+            for key, held in at_limit.items()
+        ],
     )
 
 
 def _late_speeds(run: Run) -> Array:
     """|v_c| of every agent in the last half of a run, thinned, shape (T, N), m/s."""
-    chosen = _thinned(late(run.system, run.trajectory.time))
-    return _commanded_speeds(run, chosen)[:, : len(run.system.team.agents)]
+    _, speeds = _commanded_speeds(run, late(run.system, run.trajectory.time))
+    return speeds[:, : len(run.system.team.agents)]
 
 
-def _thinned(chosen: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Indices of the chosen samples, at most about _MOST_SAMPLES of them."""
-    indices = np.flatnonzero(chosen)
-    return indices[:: max(1, len(indices) // _MOST_SAMPLES)]
+def _commanded_speeds(run: Run, wanted: NDArray[np.bool_]) -> tuple[NDArray[np.int64], Array]:
+    """Indices of the wanted samples, at most about _MOST_SAMPLES, and |v_c| of every vehicle there, (T, V), m/s.
 
-
-def _commanded_speeds(run: Run, chosen: NDArray[np.int64]) -> Array:
-    """|v_c| of every vehicle relative to the medium, as the law commanded it, shape (chosen, V), m/s."""
-    return np.asarray(np.linalg.norm(run.trajectory.log.command[chosen], axis=2))
+    The command is that of the law, relative to the medium.
+    """
+    chosen = np.flatnonzero(wanted)
+    chosen = chosen[:: max(1, len(chosen) // _MOST_SAMPLES)]
+    return chosen, np.linalg.norm(run.trajectory.log.command[chosen], axis=2)

@@ -1,20 +1,18 @@
 """The figures of a comparison: errors of the rungs over time, the error budget, convergence in the time constant."""
 
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import numpy as np
-from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
-from numpy.typing import NDArray
 
+from mjsheaf.arrays import Array
 from mjsheaf.comparing.ladder import Run, RungRecord, display_name
 from mjsheaf.comparing.measures import FORMATION, TEAM, TRACKING, BudgetRecord, distances
-from mjsheaf.comparing.record import CompareRecord
-from mjsheaf.plotting import new_figure, palette, save_figure
+from mjsheaf.comparing.verdict import CompareRecord
+from mjsheaf.plotting import BLUE, RED, label_axes, legend_below, log_axis, new_figure, palette, save_figure, thin
 
-Array = NDArray[np.float64]
-
-_IDEAL, _ALL, _BASE, _GREY = "black", "#D62728", "#8A94A6", "#C4CAD4"
+_ALL, _BASE, _GREY = RED, "#8A94A6", "#C4CAD4"
 _MOST_LINES, _MOST_POINTS, _MOST_PANELS = 10, 2000, 4
 
 
@@ -34,34 +32,30 @@ def plot_rungs(record: CompareRecord, runs: dict[str, Run], path: Path) -> None:
     }
     if np.isnan(ideal.series[TEAM][FORMATION]).all():  # a team without formations
         del drawn[FORMATION]
-    figure = new_figure(11.0, 1.5 + 2.6 * len(drawn))
-    figure.suptitle(f"{record.scenario}: what each effect does, gain {record.gain:g} 1/s", y=0.98)
+    title = f"{record.scenario}: what each effect does, gain {record.gain:g} 1/s"
+    figure = new_figure(11.0, 1.5 + 2.6 * len(drawn), title)
     panels = figure.subplots(len(drawn), 1, sharex=True)
     drawn_rungs, footnote = choose_rungs(record)
     colours = palette(_MOST_LINES)
-    for axis, (name, label) in zip(panels, drawn.items(), strict=True):
+    for axis, (name, title) in zip(panels, drawn.items(), strict=True):
         values = []
         for k, rung in enumerate(drawn_rungs):
             run = runs[rung.key]
-            apart = distances(run.system, run.trajectory, ideal.trajectory).max(axis=1)
-            keep = np.unique(np.linspace(0, len(apart) - 1, min(len(apart), _MOST_POINTS)).astype(int))
+            apart = distances(run.trajectory, ideal.trajectory).max(axis=1)
+            keep = thin(len(apart), _MOST_POINTS)
             y = (run.series[TEAM] | {"distance": apart})[name][keep]
             y = np.where(y > 0.0, y, np.nan)  # zero has no place on a logarithmic axis
             if rung.status == "finished":
                 values.append(y)
-            axis.plot(run.trajectory.time[keep], y, label=_label(rung), **_style(rung, colours[k]))
-        _logarithmic(axis, values)
-        axis.set_ylabel(label)
-        axis.grid(True, which="major", alpha=0.3)
+            label = rung.label + " (BLOWS UP)" * (rung.status != "finished")
+            axis.plot(run.trajectory.time[keep], y, label=label, **_style(rung, colours[k]))
+        log_axis(axis, "y", np.concatenate([*values, np.zeros(0)]), decades=4)
+        label_axes(axis, "", y=title)
         end = float(ideal.trajectory.time[0]) + record.time_s
         axis.axvspan(end - record.time_s / 2, end, color="black", alpha=0.04, linewidth=0)
-    panels[-1].set_xlabel("time (s); the shaded half is what the error budget counts")
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="upper right", bbox_to_anchor=(0.995, 0.94), frameon=False, fontsize=9)
+    panels[-1].set_xlabel("time (s); the shaded half is what the error budget counts\n" + fill(footnote, 120))
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right upper", frameon=False, fontsize=9)
     figure.align_ylabels(panels)
-    figure.subplots_adjust(left=0.11, right=0.77, top=0.94, bottom=0.09, hspace=0.08)
-    if footnote:
-        figure.text(0.11, 0.012, footnote, fontsize=9, color="dimgrey")
     save_figure(figure, path)
 
 
@@ -73,32 +67,23 @@ def plot_budget(record: CompareRecord, path: Path) -> None:
     order = sorted(budgets[0].effects, key=lambda item: abs(item.give_back_m or 0.0))
     names = ["targets become bodies", "agents become bodies", "interaction of effects"]
     rows = ["at q* already", *names, *(display_name(item.effect) for item in order)]
-    figure = new_figure(max(9.0, 3.4 + 3.3 * len(scopes)), 2.8 + 0.48 * len(rows))
-    figure.suptitle(
-        f"{record.scenario}: what makes the {display_name(record.measure)} (RMS over the last half of the run)", y=0.98
-    )
+    title = f"{record.scenario}: what makes the {display_name(record.measure)} (RMS over the last half of the run)"
+    figure = new_figure(max(9.0, 3.4 + 3.3 * len(scopes)), 2.8 + 0.48 * len(rows), title)
     panels = np.atleast_1d(figure.subplots(1, len(scopes), sharey=True))
     for axis, scope, budget in zip(panels, scopes, budgets, strict=True):
         _bars(axis, scope, budget, [item.effect for item in order])
     panels[0].set_yticks(range(len(rows)), rows)
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="lower center", ncols=2, frameon=False, fontsize=9)
-    width, height = figure.get_size_inches()
-    figure.subplots_adjust(
-        left=2.3 / width, right=1 - 0.25 / width, top=1 - 1.0 / height, bottom=1.1 / height, wspace=0.12
-    )
+    legend_below(figure, panels[0].get_legend_handles_labels()[0], 2)
     save_figure(figure, path)
 
 
 def plot_convergence(record: CompareRecord, path: Path) -> None:
     """Distance to the ideal run against the time constant, on logarithmic axes, with fitted and predicted slope."""
-    figure = new_figure(7.0, 5.5)
+    title = f"{record.scenario}: bodies converge to the ideal run as their time constant tau shrinks"
+    figure = new_figure(7.0, 5.5, "")
     axis: Any = figure.add_subplot()
     found = record.convergence
     known = [(p.tau_s, p.distance_m) for p in found.points if p.distance_m]
-    axis.set_title(
-        f"{record.scenario}: bodies converge to the ideal run as their time constant tau shrinks", fontsize=11
-    )
     if known and found.slope is not None and found.constant is not None:
         tau, distance = np.array(known).T
         span = np.array([tau.min() / 1.3, tau.max() * 1.3])
@@ -112,13 +97,9 @@ def plot_convergence(record: CompareRecord, path: Path) -> None:
         axis.legend(frameon=False)
     else:
         axis.text(0.5, 0.5, found.reason or "too few runs came to their end", transform=axis.transAxes, ha="center")
-    axis.set_xlabel("time constant tau of every vehicle (s)")
-    axis.set_ylabel(
-        "largest distance of an agent to its ideal run (m)\n"
-        f"both begun at q*, from {found.start_s:.2g} s to {found.end_s:.2g} s"
-    )
-    axis.grid(True, which="both", alpha=0.3)
-    figure.tight_layout()
+    y = f"both begun at q*, from {found.start_s:.2g} s to {found.end_s:.2g} s"
+    y = f"largest distance of an agent to its ideal run (m)\n{y}"
+    label_axes(axis, title, "time constant tau of every vehicle (s)", y, which="both")
     save_figure(figure, path)
 
 
@@ -146,28 +127,9 @@ def choose_rungs(record: CompareRecord) -> tuple[list[RungRecord], str]:
     return [*shown, record.rung("all"), record.rung("ideal")], footnote
 
 
-def log_ticks(low: float, high: float) -> list[float]:
-    """Ticks of a logarithmic axis: powers of 10 where three or more are seen, else as few between as make it three.
-
-    Two at least are seen where the axis spans a factor of 2.
-    """
-    ticks: list[float] = []
-    first, last = int(np.floor(np.log10(low))), int(np.ceil(np.log10(high)))
-    for steps in ((1,), (1, 2, 5), (1, 1.5, 2, 3, 4, 5, 6, 7, 8, 9)):
-        ticks = [float(f"{step}e{power}") for power in range(first, last + 1) for step in steps]
-        ticks = [tick for tick in ticks if low <= tick <= high]
-        if len(ticks) >= 3:
-            break
-    return ticks
-
-
-def _label(rung: RungRecord) -> str:
-    return rung.label + (" (BLOWS UP)" if rung.status != "finished" else "")
-
-
 def _style(rung: RungRecord, colour: Array) -> dict[str, Any]:
     if rung.kind == "ideal":
-        return {"color": _IDEAL, "linewidth": 1.6, "linestyle": (0, (4, 2))}
+        return {"color": "black", "linewidth": 1.6, "linestyle": (0, (4, 2))}
     if rung.kind == "all":
         return {"color": _ALL, "linewidth": 1.8}
     if rung.kind == "part":
@@ -176,64 +138,36 @@ def _style(rung: RungRecord, colour: Array) -> dict[str, Any]:
     return {"color": _BASE if rung.kind == "base" else colour, "linewidth": 1.1, "alpha": 0.85}
 
 
-def _logarithmic(axis: Any, values: list[Array]) -> None:
-    positive = np.concatenate([*values, np.zeros(0)])
-    positive = positive[np.isfinite(positive) & (positive > 0)]
-    if positive.size:
-        axis.set_yscale("log")
-        axis.set_ylim(max(positive.min() / 1.5, positive.max() * 1e-4), positive.max() * 1.5)
-        low, high = axis.get_ylim()
-        axis.yaxis.set_major_locator(FixedLocator(log_ticks(low, high)))
-        axis.yaxis.set_minor_locator(NullLocator())
-        axis.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    else:
-        axis.text(0.5, 0.5, "not defined for this team", transform=axis.transAxes, ha="center", color="grey")
-
-
 def _bars(axis: Any, scope: str, budget: BudgetRecord, order: list[str]) -> None:
-    by_name = {item.effect: item for item in budget.effects}
-    single = [None, budget.targets_m, budget.agents_m, budget.interaction_m]
-    for y, value in enumerate(single[1:], start=1):
-        _bar(axis, y, value, 0.5, _BASE, None)
+    """The panel of one scope: at_q_star in words, three bars, then two bars for each effect, in mm."""
+    items = {item.effect: item for item in budget.effects}
+    effects, y = [items[name] for name in order], 4.0 + np.arange(len(order))
+    _barh(axis, np.arange(1, 4), [budget.targets_m, budget.agents_m, budget.interaction_m], 0.5, _BASE)
+    _barh(axis, y + 0.2, [e.alone_m for e in effects], 0.36, BLUE, "added to ideal thrusters, alone")
+    given_back = "given back when it is removed from all (below 0: worse without it)"
+    _barh(axis, y - 0.2, [e.give_back_m for e in effects], 0.36, _ALL, given_back)
     floor = "blew up" if budget.at_q_star_m is None else f"{1000.0 * budget.at_q_star_m:.0f} mm (no bar)"
     axis.annotate(  # no bar: it would dwarf the others
         floor, (0.0, 0), xytext=(4, 0), textcoords="offset points", va="center", fontsize=8
     )
-    axis.axhline(0.5, color=_GREY, linewidth=0.8)
-    for k, effect in enumerate(order):
-        y, item = len(single) + k, by_name[effect]
-        last = k == len(order) - 1
-        _bar(axis, y + 0.2, item.alone_m, 0.36, "#0072B2", "added to ideal thrusters, alone" if last else None)
-        _bar(
-            axis,
-            y - 0.2,
-            item.give_back_m,
-            0.36,
-            _ALL,
-            "given back when it is removed from all (below 0: worse without it)" if last else None,
-        )
+    for line in (0.5, 3.5):
+        axis.axhline(line, color=_GREY, linewidth=0.8)
     axis.axvline(0.0, color="black", linewidth=0.8)
-    axis.axhline(len(single) - 0.5, color=_GREY, linewidth=0.8)
     ideal, whole = ("blew up" if v is None else f"{v:.3g} m" for v in (budget.ideal_m, budget.all_m))
     title = "the whole team" if scope == TEAM else f"group {scope}"
     axis.set_title(f"{title}\nideal {ideal}, as it stands {whole}", fontsize=10)
-    axis.set_xlabel("part of the error (mm)")
     low, high = axis.get_xlim()
     reach = max(abs(low), abs(high), 1.0)
-    axis.set_xlim(-1.35 * reach if low < -0.02 * reach else -0.3 * reach, 1.35 * reach)
-    axis.set_ylim(-0.6, len(single) + len(order) - 0.4)
+    left = -1.35 * reach if low < -0.02 * reach else -0.3 * reach
+    axis.set(xlabel="part of the error (mm)", xlim=(left, 1.35 * reach), ylim=(-0.6, 3.6 + len(order)))
     axis.locator_params(axis="x", nbins=5)
     axis.grid(True, axis="x", alpha=0.3)
 
 
-def _bar(axis: Any, y: float, value: float | None, height: float, colour: str, label: str | None) -> None:
-    """One bar with its value, m; drawn in mm."""
-    length = 1000.0 * (value or 0.0)
-    axis.barh(y, length, height=height, color=colour, label=label)
-    text = f"{length:+.1f}" if abs(length) < 10 else f"{length:+.0f}"
-    text = "blew up" if value is None else "0" if abs(length) < 0.05 else text
-    right = length >= 0.0
-    axis.annotate(
-        text, (length, y), xytext=(4 if right else -4, 0), textcoords="offset points",
-        ha="left" if right else "right", va="center", fontsize=8,
-    )  # fmt: skip
+def _barh(axis: Any, y: Any, values: list[float | None], height: float, colour: str, label: str | None = None) -> None:
+    """Bars with their values, m; drawn in mm."""
+    lengths = [1000.0 * (value or 0.0) for value in values]
+    texts = ["0" if abs(x) < 0.05 else f"{x:+.1f}" if abs(x) < 10 else f"{x:+.0f}" for x in lengths]
+    bars = axis.barh(y, lengths, height=height, color=colour, label=label if values else None)
+    shown = ["blew up" if value is None else text for value, text in zip(values, texts, strict=True)]
+    axis.bar_label(bars, shown, padding=4, fontsize=8)

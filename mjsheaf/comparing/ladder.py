@@ -23,13 +23,13 @@ A scenario may be worse without an effect than with it, as effects are not indep
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Literal
 
 import numpy as np
-import xarray as xr
-from numpy.typing import NDArray
 from pydantic import Field
 
+from mjsheaf.arrays import Array
 from mjsheaf.checking.finished import Ending, ending_of, settling_time
 from mjsheaf.comparing.measures import (
     FORMATION,
@@ -48,17 +48,15 @@ from mjsheaf.comparing.measures import (
     saturation_of,
 )
 from mjsheaf.io.section import FiniteRecord
-from mjsheaf.results import make_dataset
+from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.simulation.ideal import run_ideal
 from mjsheaf.simulation.loop import run_physics
 from mjsheaf.simulation.trajectory import Trajectory
 from mjsheaf.system import System
-from mjsheaf.vehicles.effects import Effects, has_effects
+from mjsheaf.vehicles.effects import has_effects
 from mjsheaf.vehicles.vehicle import Vehicle
 
-Array = NDArray[np.float64]
 Kind = Literal["ideal", "part", "base", "alone", "all", "without"]
-Progress = Callable[[str, int, int], None]
 
 CONTACTS = "contacts"
 _OF_VEHICLES = ("inertia", "drag_law", "limits", "lag", "underactuation")
@@ -79,7 +77,7 @@ class RungRecord(FiniteRecord):
     message: str
     timestep_s: float | None = Field(description="of the physics; null on ideal kinematics")
     errors: dict[str, ScopeRecord] = Field(description="by scope: 'team', then the groups by name")
-    ending: Literal["settled", "moving", "growing", "circling"] | None = Field(
+    ending: Ending | None = Field(
         None,
         description="how it ends, by the team's tracking error: at a level; still changing; growing; or swinging by "
         "itself without end; null where it blew up or has fewer than 8 samples",
@@ -102,24 +100,17 @@ class Setup:
 
     Attributes:
         agents, targets: whether they are bodies.
-        effects: which effects are on; without a meaning where nobody is a body.
-        contacts: whether bodies collide.
+        effects: those of EFFECTS that are on; without a meaning where nobody is a body.
     """
 
     agents: bool
     targets: bool
-    effects: Effects
-    contacts: bool
+    effects: frozenset[str] = frozenset()
 
     def apply(self, system: System) -> System:
         """The system with these bodies."""
-        return replace(system, bodies=replace(system.bodies, effects=self.effects, contacts=self.contacts))
-
-    def having(self, effect: str, on: bool) -> "Setup":
-        """The same with one effect switched."""
-        if effect == CONTACTS:
-            return replace(self, contacts=on)
-        return replace(self, effects=self.effects.model_copy(update={effect: on}))
+        effects = system.bodies.effects.model_copy(update={name: name in self.effects for name in _OF_VEHICLES})
+        return replace(system, bodies=replace(system.bodies, effects=effects, contacts=CONTACTS in self.effects))
 
 
 @dataclass(frozen=True)
@@ -147,15 +138,18 @@ class Run:
 
     Attributes:
         variant: the variant.
-        system: what was simulated.
-        trajectory: its samples.
+        trajectory: its samples, and the system that was simulated.
         series: errors over time.
     """
 
     variant: Variant
-    system: System
     trajectory: Trajectory
     series: Series
+
+    @property
+    def system(self) -> System:
+        """What was simulated."""
+        return self.trajectory.system
 
     @property
     def finished(self) -> bool:
@@ -165,11 +159,7 @@ class Run:
     @property
     def errors(self) -> dict[str, ScopeRecord]:
         """Final errors and those of the last half, by scope."""
-        return errors_by_scope(self.system, self.trajectory.time, self.series, finished=self.finished)
-
-    def dataset(self, backend: str, seed: int) -> xr.Dataset:
-        """The run as `simulate` would return it."""
-        return make_dataset(self.trajectory, backend, seed)
+        return errors_by_scope(self.trajectory, self.series)
 
     def record(self, ideal: "Run") -> RungRecord:
         """The run as compare.json has it.
@@ -177,34 +167,30 @@ class Run:
         Args:
             ideal: the run of ideal kinematics, from which distances are taken.
         """
-        system, trajectory, setup, team = self.system, self.trajectory, self.variant.setup, self.series[TEAM]
+        system, trajectory, variant, team = self.system, self.trajectory, self.variant, self.series[TEAM]
         settles = team[TRACKING] if np.isnan(team[FORMATION]).all() else team[FORMATION]
-        ending = self._ending() if self.finished else None
-        far, late = (
-            largest_distance(system, trajectory, ideal.trajectory, start)
-            for start in (system.grid.start, middle_of(system))
-        )
+        bodies = [role for role in ROLES if getattr(variant.setup, role)]
+        ending = None
+        if self.finished:
+            agents = np.s_[:, : len(system.team.agents)]
+            q_star = positions_at_q_star(system, trajectory.positions)[agents]
+            on_bodies = variant.setup.agents
+            ending = ending_of(system, trajectory.time, q_star, trajectory.positions[agents], on_bodies=on_bodies)
         return RungRecord(
-            key=self.variant.key,
-            label=self.variant.label,
-            kind=self.variant.kind,
-            effect=self.variant.effect,
+            key=variant.key,
+            label=variant.label,
+            kind=variant.kind,
+            effect=variant.effect,
             status=trajectory.status,
             message=trajectory.message,
-            timestep_s=system.bodies.timestep if setup.agents or setup.targets else None,
+            timestep_s=system.bodies.timestep if bodies else None,
             errors=self.errors,
             ending=ending,
             settling_time_s=settling_time(trajectory.time, settles) if ending == "settled" else None,
-            distance=far,
-            distance_late=late,
-            saturation=saturation_of(system, trajectory, [role for role in ROLES if getattr(setup, role)]),
+            distance=largest_distance(trajectory, ideal.trajectory, system.grid.start),
+            distance_late=largest_distance(trajectory, ideal.trajectory, middle_of(system)),
+            saturation=saturation_of(trajectory, bodies),
         )
-
-    def _ending(self) -> Ending | None:
-        positions, N = self.trajectory.positions, len(self.system.team.agents)
-        q_star = positions_at_q_star(self.system, positions)[:, :N]
-        on_bodies = self.variant.setup.agents
-        return ending_of(self.system, self.trajectory.time, q_star, positions[:, :N], on_bodies=on_bodies)
 
 
 def display_name(effect: str) -> str:
@@ -231,36 +217,38 @@ def effects_of(system: System, names: Iterable[str] | None = None) -> list[str]:
         system: the scenario's system.
         names: of the vehicles to look at; None for all.
     """
-    plan, found = system.bodies, set[str]()
+    plan, found = system.bodies, {CONTACTS}
     for name in dict.fromkeys(plan.vehicle if names is None else names):
         vehicle = system.described_vehicle(name).with_time_constant(plan.time_constant)
         own = has_effects(vehicle)
         found |= {effect for effect in _OF_VEHICLES if getattr(own, effect)}
         if inertial_tau(vehicle).max() > plan.effects.massless_tau * (1.0 + 1e-9):
             found.add("inertia")
-    found = {effect for effect in found if getattr(plan.effects, effect)} | ({CONTACTS} if plan.contacts else set())
-    return [effect for effect in EFFECTS if effect in found]
+    return [effect for effect in EFFECTS if effect in found & _switched_on(system)]
+
+
+def _switched_on(system: System) -> frozenset[str]:
+    """The effects that a scenario leaves on, whether a vehicle has them or not."""
+    plan = system.bodies
+    return frozenset([e for e in _OF_VEHICLES if getattr(plan.effects, e)] + [CONTACTS] * plan.contacts)
 
 
 def ladder_of(system: System) -> list[Variant]:
     """The variants of a scenario, from ideal to all, then those without one effect."""
-    plan, effects = system.bodies, effects_of(system)
-    off = plan.effects.model_copy(update=dict.fromkeys(_OF_VEHICLES, False))
-    base = Setup(agents=True, targets=True, effects=off, contacts=False)
-    whole = replace(base, effects=plan.effects, contacts=plan.contacts)
+    effects, own = effects_of(system), _switched_on(system)
+
+    def bodies(effects: frozenset[str]) -> Setup:
+        return Setup(agents=True, targets=True, effects=effects)
+
     return [
-        Variant("ideal", "ideal kinematics", "ideal", replace(base, agents=False, targets=False)),
-        Variant("targets", "only targets are bodies", "part", replace(base, agents=False)),
-        Variant("agents", "only agents are bodies", "part", replace(base, targets=False)),
-        Variant("base", "bodies, ideal thrusters", "base", base),
-        *(Variant(f"+{e}", f"base + {display_name(e)}", "alone", base.having(e, True), e) for e in effects),
-        Variant("all", "all: as it stands", "all", whole),
-        *(Variant(f"-{e}", f"all - {display_name(e)}", "without", whole.having(e, False), e) for e in effects),
+        Variant("ideal", "ideal kinematics", "ideal", Setup(agents=False, targets=False)),
+        Variant("targets", "only targets are bodies", "part", Setup(agents=False, targets=True)),
+        Variant("agents", "only agents are bodies", "part", Setup(agents=True, targets=False)),
+        Variant("base", "bodies, ideal thrusters", "base", bodies(frozenset())),
+        *(Variant(f"+{e}", f"base + {display_name(e)}", "alone", bodies(frozenset([e])), e) for e in effects),
+        Variant("all", "all: as it stands", "all", bodies(own)),
+        *(Variant(f"-{e}", f"all - {display_name(e)}", "without", bodies(own - {e}), e) for e in effects),
     ]
-
-
-def no_progress(what: str, done: int, total: int) -> None:
-    """A `Progress` that reports nothing."""
 
 
 def run_ablation(system: System, ladder: list[Variant], progress: Progress = no_progress) -> dict[str, Run]:
@@ -277,24 +265,22 @@ def run_ablation(system: System, ladder: list[Variant], progress: Progress = no_
     Returns:
         The runs by key.
     """
-    done: dict[Setup, tuple[System, Trajectory]] = {}
     whole = {variant.setup for variant in ladder if variant.kind == "all"}
 
-    def run(setup: Setup) -> tuple[System, Trajectory]:
-        if setup not in done:
-            here = setup.apply(system)
-            found = _simulate(here, setup, lambda other: run(other)[1])
-            if found.status != "finished" and (setup.agents or setup.targets) and setup not in whole:
-                here = replace(here, bodies=replace(here.bodies, timestep=here.bodies.timestep / _TIMESTEP_DIVISOR))
-                found = _simulate(here, setup, lambda other: run(other)[1])
-            done[setup] = here, found
-        return done[setup]
+    @cache
+    def run(setup: Setup) -> Trajectory:
+        here = setup.apply(system)
+        found = _simulate(here, setup, run)
+        if found.status == "finished" or setup in whole or not (setup.agents or setup.targets):
+            return found
+        finer = replace(here.bodies, timestep=here.bodies.timestep / _TIMESTEP_DIVISOR)
+        return _simulate(replace(here, bodies=finer), setup, run)
 
     runs = {}
     for k, variant in enumerate(ladder):
         progress("simulating variants", k, len(ladder))
-        here, found = run(variant.setup)
-        runs[variant.key] = Run(variant, here, found, error_series(here, found.positions))
+        found = run(variant.setup)
+        runs[variant.key] = Run(variant, found, error_series(system, found.positions))
     progress("simulating variants", len(ladder), len(ladder))
     return runs
 
@@ -306,8 +292,8 @@ def _simulate(system: System, setup: Setup, other: Callable[[Setup], Trajectory]
     source = other(replace(setup, agents=setup.targets))
     targets = source.positions[:, len(system.team.agents) :]
     if len(targets) < 2:
-        return source
+        return replace(source, system=system)
     found = run_physics(system, targets=targets) if setup.agents else run_ideal(system, targets=targets)
     if source.status != "finished" and found.status == "finished":
-        return replace(found, status=source.status, message=f"the run that gives its targets ends: {source.message}")
+        return replace(found, message=f"the run that gives its targets ends: {source.message}")
     return found

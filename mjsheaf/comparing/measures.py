@@ -1,18 +1,17 @@
 """What is measured of a run: errors, distance to the ideal run, saturation; and the budget of an error by effect."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
+from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.io.section import Finite, FiniteRecord
-from mjsheaf.results.metrics import evaluate_errors
+from mjsheaf.results import metrics
 from mjsheaf.simulation.trajectory import Trajectory
 from mjsheaf.system import System
 
-Array = NDArray[np.float64]
 Role = Literal["agents", "targets"]
 ROLES: tuple[Role, Role] = ("agents", "targets")
 
@@ -66,29 +65,21 @@ class SaturationRecord(FiniteRecord):
 
 def error_series(system: System, positions: Array) -> Series:
     """Errors of positions (T, V, 3): of the team first, then of its groups."""
-    team = system.team
-    errors, number = evaluate_errors(team, positions), {a: i for i, a in enumerate(team.agent_ids)}
-
-    def series(members: list[int], formation: Array, centering: Array) -> dict[str, Array]:
-        tracking = np.sqrt((errors.tracking[:, members] ** 2).mean(axis=1))
-        return {TRACKING: tracking, FORMATION: formation, "centering_error": centering}
-
-    found = {TEAM: series(list(number.values()), errors.formation_rms(), errors.largest_centering())}
-    for f in team.formations:
-        found[f.name] = series([number[m] for m in f.members], errors.formation_rms(f.name), errors.centering[f.name])
-    return found
+    team, groups = metrics.error_series(system.team, positions)
+    return {TEAM: team, **groups}
 
 
-def errors_by_scope(system: System, time: Array, series: Series, *, finished: bool) -> dict[str, ScopeRecord]:
+def errors_by_scope(trajectory: Trajectory, series: Series) -> dict[str, ScopeRecord]:
     """Final errors and those of the last half; all null for a run that blew up, whose last sample means nothing."""
-    chosen, found = late(system, time), {}
-    for scope, own in series.items():
-        final, rms = {n: x[-1] for n, x in own.items()}, {n: root_mean_square(x, chosen) for n, x in own.items()}
-        found[scope] = ScopeRecord(
-            final=ErrorsRecord(**{name: value if finished else None for name, value in final.items()}),
-            late=ErrorsRecord(**{name: value if finished else None for name, value in rms.items()}),
-        )
-    return found
+    chosen, finished = late(trajectory.system, trajectory.time), trajectory.status == "finished"
+
+    def record(value: Callable[[Array], float], own: Mapping[str, Array]) -> ErrorsRecord:
+        return ErrorsRecord(**{name: value(x) if finished else None for name, x in own.items()})
+
+    return {
+        scope: ScopeRecord(final=record(lambda x: x[-1], own), late=record(lambda x: root_mean_square(x, chosen), own))
+        for scope, own in series.items()
+    }
 
 
 def positions_at_q_star(system: System, positions: Array) -> Array:
@@ -111,35 +102,30 @@ def middle_of(system: System) -> float:
     return system.grid.start + 0.5 * system.grid.period * system.grid.steps
 
 
-def late(system: System, time: Array) -> NDArray[np.bool_]:
+def late(system: System, time: Array) -> BoolArray:
     """Which samples lie in the last half of the requested run, shape (T,)."""
     return np.asarray(time >= middle_of(system))
 
 
-def root_mean_square(values: Array, chosen: NDArray[np.bool_]) -> float:
+def root_mean_square(values: Array, chosen: BoolArray) -> float:
     """RMS over the chosen samples; NaN where there are none, or the values have no meaning."""
     return float(np.sqrt((values[chosen] ** 2).mean())) if chosen.any() else float("nan")
 
 
-def distances(system: System, one: Trajectory, other: Trajectory) -> Array:
+def distances(one: Trajectory, other: Trajectory) -> Array:
     """Distance of each agent in one run from itself in another, over the samples of both, shape (T, N), m."""
-    N, samples = len(system.team.agents), min(len(one.time), len(other.time))
+    N, samples = len(one.system.team.agents), min(len(one.time), len(other.time))
     return np.asarray(np.linalg.norm(one.positions[:samples, :N] - other.positions[:samples, :N], axis=2))
 
 
-def largest_distance(system: System, one: Trajectory, other: Trajectory, start: float) -> DistanceRecord | None:
+def largest_distance(one: Trajectory, other: Trajectory, start: float) -> DistanceRecord | None:
     """The largest of `distances` from time `start` on, s; None without samples, or where it is not finite."""
-    apart = distances(system, one, other)
-    chosen = np.flatnonzero(one.time[: len(apart)] >= start - 1e-9)
-    if not chosen.size:
-        return None
-    apart = apart[chosen]
+    apart = distances(one, other)
+    apart[one.time[: len(apart)] < start - 1e-9] = -1.0
     k, i = np.unravel_index(int(apart.argmax()), apart.shape)
-    if not np.isfinite(apart[k, i]):
+    if not 0.0 <= apart[k, i] < np.inf:
         return None
-    return DistanceRecord(
-        distance_m=float(apart[k, i]), agent=system.team.agent_ids[i], time_s=float(one.time[chosen[k]])
-    )
+    return DistanceRecord(distance_m=float(apart[k, i]), agent=one.system.team.agent_ids[i], time_s=float(one.time[k]))
 
 
 def vehicles_by_role(system: System) -> dict[tuple[Role, str], list[int]]:
@@ -150,10 +136,11 @@ def vehicles_by_role(system: System) -> dict[tuple[Role, str], list[int]]:
     return found
 
 
-def saturation_of(system: System, trajectory: Trajectory, roles: list[Role]) -> list[SaturationRecord]:
+def saturation_of(trajectory: Trajectory, roles: list[Role]) -> list[SaturationRecord]:
     """Time share of thrusters at a limit: of all agents, then by role and vehicle; only of roles that are bodies."""
     if not trajectory.log.saturation.size:  # ideal kinematics
         return []
+    system = trajectory.system
     share, N = trajectory.log.saturation.mean(axis=0), len(system.team.agents)
     thrusters = [len(vehicle.thrusters) for vehicle in system.vehicles[:N]]
     found: dict[tuple[Role, str], float] = {("agents", ""): np.average(share[:N], weights=thrusters)}

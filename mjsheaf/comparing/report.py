@@ -1,23 +1,25 @@
 """A comparison as a page (what to change, then ladder, budget, ringing, speeds, convergence) and as a directory."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from io import StringIO
+from itertools import accumulate
 from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console, Group
 from rich.padding import Padding
-from rich.table import Table
+from rich.table import Column, Table
 from rich.text import Text
 
 from mjsheaf.comparing.compare import Comparison, compare
-from mjsheaf.comparing.ladder import Progress, RungRecord, display_name, no_progress
+from mjsheaf.comparing.ladder import RungRecord, display_name
 from mjsheaf.comparing.measures import FORMATION, TEAM, TRACKING, BudgetRecord, ItemRecord
-from mjsheaf.comparing.record import CompareRecord
+from mjsheaf.comparing.verdict import CompareRecord
+from mjsheaf.results import make_dataset
 from mjsheaf.results.store import replaced_run, save_summary, staging
 from mjsheaf.runs.publish import draw_video, write_scenario
+from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.scenario import Scenario
 
 WIDTH = 120  # of report.txt, and the least on a terminal, as numbers must not be cut
@@ -30,6 +32,15 @@ _WORSE = {
     "sway drag lets it",
     "drag_law": "quadratic drag damps too; without it bodies swing longer where thrusters lag, and meet their limits",
 }
+_BEFORE_EFFECTS = {
+    "at_q_star_m": "at q* already",
+    "ideal_m": "ideal kinematics",
+    "targets_m": "targets become bodies",
+    "agents_m": "agents become bodies",
+    "together_m": "both beyond that",
+}
+_AFTER_EFFECTS = {"interaction_m": "interaction", "all_m": "as it stands"}
+"""Fields of a budget in the order of its table, with their labels."""
 
 _SECTION = {"ideal": 0, "part": 0, "base": 1, "alone": 1, "all": 2, "without": 2}
 
@@ -49,11 +60,9 @@ def report_text(record: CompareRecord) -> str:
     return console.export_text()
 
 
-def _table(columns: Sequence[str]) -> Table:
-    table = Table(header_style="", box=SIMPLE_HEAD, padding=(0, 1))
-    for k, name in enumerate(columns):
-        table.add_column(name, justify="right" if k else "left", no_wrap=True)
-    return table
+def _table(*columns: str) -> Table:
+    headings = (Column(name, justify="right" if k else "left", no_wrap=True) for k, name in enumerate(columns))
+    return Table(*headings, header_style="", box=SIMPLE_HEAD, padding=(0, 1))
 
 
 def _under(title: str, table: Table, *notes: str) -> Group:
@@ -67,27 +76,25 @@ def _number(value: float | None, form: str = ".3g") -> str:
 
 
 def _ladder(record: CompareRecord) -> Group:
-    table = _table(
-        ["rung", "tracking", "formation", "settles (s)", "distance", "last half", "who, when", "limited"],
-    )
-    sections = [_SECTION[rung.kind] for rung in record.ladder]
-    for rung, own, following in zip(record.ladder, sections, [*sections[1:], 0], strict=True):
-        if rung.status != "finished":
-            mark = Text("BLOWS UP", style="bold red")
-            table.add_row(rung.label, mark, *[""] * 6, end_section=own != following)
-            continue
+    table = _table("rung", "tracking", "formation", "settles (s)", "distance", "last half", "who, when", "limited")
+    for rung, following in zip(record.ladder, [*record.ladder[1:], None], strict=True):
         far, near = rung.distance, rung.distance_late
-        ideal = rung.key == "ideal"
+        cells: list[Text | str | None] = [Text("BLOWS UP", style="bold red"), *[""] * 6]
+        if rung.status == "finished":
+            cells = [
+                *(_late_and_final(rung, name) for name in (TRACKING, FORMATION)),
+                _number(rung.settling_time_s) if rung.ending in ("settled", None) else rung.ending,
+                *[""] * 3,
+                f"{100 * rung.saturation[0].share:.1f}%" if rung.saturation else "",
+            ]
+            if rung.kind != "ideal":
+                who = f"{near.agent}, {near.time_s:.4g}" if near else ""
+                cells[3:6] = [*(_number(d.distance_m if d else None) for d in (far, near)), who]
         table.add_row(
             rung.label,
-            *(_late_and_final(rung, name) for name in (TRACKING, FORMATION)),
-            _number(rung.settling_time_s) if rung.ending in ("settled", None) else rung.ending,
-            "" if ideal else _number(far.distance_m if far else None),
-            "" if ideal else _number(near.distance_m if near else None),
-            "" if ideal or near is None else f"{near.agent}, {near.time_s:.4g}",
-            "" if not rung.saturation else f"{100 * rung.saturation[0].share:.1f}%",
-            style="bold" if rung.kind in ("ideal", "all") else None,
-            end_section=own != following,
+            *cells,
+            style="bold" if rung.kind in ("ideal", "all") and rung.status == "finished" else None,
+            end_section=following is None or _SECTION[rung.kind] != _SECTION[following.kind],
         )
     usual = record.rung("all").timestep_s
     finer = ", ".join(r.label for r in record.ladder if r.timestep_s not in (None, usual))
@@ -104,34 +111,26 @@ def _ladder(record: CompareRecord) -> Group:
 
 
 def _late_and_final(rung: RungRecord, measure: str) -> str:
-    late, final = (rung.errors[TEAM].error(measure, statistic) for statistic in ("late", "final"))
-    return "-" if late is None else f"{late:.3f} / {_number(final, '.3f')}"
+    team = rung.errors[TEAM]
+    return " / ".join(_number(team.error(measure, of), ".3f") for of in ("late", "final")).replace("- / -", "-")
 
 
 def _budget(record: CompareRecord) -> Group:
-    columns = {"team": record.budget(TEAM, record.measure, "late")}
-    columns["team, at the end"] = record.budget(TEAM, record.measure, "final")
-    scopes = record.scopes[1:]
-    groups = [record.budget(scope, record.measure, "late") for scope in scopes]
-    shown = _that_fit(scopes, [max(len(cell) for cell in _cells(b)) for b in groups])
-    columns |= {b.scope: b for b in groups if b.scope in shown}
-    budgets = list(columns.values())
-    table = _table(["", *columns])
+    team, *groups = (record.budget(scope, record.measure, "late") for scope in record.scopes)
+    budgets = [team, record.budget(TEAM, record.measure, "final"), *_that_fit(groups)]
+    table = _table("", "team", "team, at the end", *(b.scope for b in budgets[2:]))
 
-    def row(label: str, values: list[float | None], style: str | None = None, end: bool = False) -> None:
-        table.add_row(label, *(_millimetres(v) for v in values), style=style, end_section=end)
+    def rows(labels: dict[str, str]) -> None:
+        for field, label in labels.items():
+            cells = (_millimetres(getattr(b, field)) for b in budgets)
+            table.add_row(label, *cells, style="bold" if field in ("ideal_m", "all_m") else None)
 
-    row("at q* already", [b.at_q_star_m for b in budgets])
-    row("ideal kinematics", [b.ideal_m for b in budgets], "bold")
-    row("targets become bodies", [b.targets_m for b in budgets])
-    row("agents become bodies", [b.agents_m for b in budgets])
-    row("both beyond that", [b.together_m for b in budgets], end=True)
-    effects = sorted(zip(*(b.effects for b in budgets), strict=True), key=lambda c: -abs(c[0].give_back_m or 0.0))
-    for cells in effects:
-        table.add_row(display_name(cells[0].effect), *map(_alone_and_back, cells), end_section=cells is effects[-1])
-    if effects:
-        row("interaction", [b.interaction_m for b in budgets])
-    row("as it stands", [b.all_m for b in budgets], "bold")
+    rows(_BEFORE_EFFECTS)
+    table.add_section()
+    for items in sorted(zip(*(b.effects for b in budgets), strict=True), key=lambda c: -abs(c[0].give_back_m or 0.0)):
+        table.add_row(display_name(items[0].effect), *map(_alone_and_back, items))
+    table.add_section()
+    rows(_AFTER_EFFECTS if team.effects else {"all_m": _AFTER_EFFECTS["all_m"]})
     title = (
         f"error budget in mm: {display_name(record.measure)}, RMS over the last half: what it adds alone / "
         "what removing it gives back"
@@ -141,27 +140,20 @@ def _budget(record: CompareRecord) -> Group:
         "compare.json has both statistics, over the last half and at the end, of tracking and formation error and of "
         "every group",
     ]
-    return _under(title, table, *notes, *_worse_without([budgets[0], *groups]))
-
-
-def _cells(budget: BudgetRecord) -> list[str]:
-    """The widest cells of a column."""
-    return [*map(_alone_and_back, budget.effects), _millimetres(budget.ideal_m), _millimetres(budget.all_m)]
+    return _under(title, table, *notes, *_worse_without([team, *groups]))
 
 
 def _alone_and_back(item: ItemRecord) -> str:
     return f"{_millimetres(item.alone_m)} / {_millimetres(item.give_back_m)}"
 
 
-def _that_fit(scopes: list[str], widths: list[int]) -> list[str]:
-    """The first scopes whose columns fit beside those of the team."""
-    left, shown = WIDTH - _TEAM_COLUMNS, []
-    for scope, width in zip(scopes, widths, strict=True):
-        left -= max(len(scope), width) + 2
-        if left < 0:
-            break
-        shown.append(scope)
-    return shown
+def _that_fit(groups: list[BudgetRecord]) -> list[BudgetRecord]:
+    """The first groups whose columns fit beside those of the team."""
+    widths = [
+        max(map(len, [b.scope, *map(_alone_and_back, b.effects), _millimetres(b.ideal_m), _millimetres(b.all_m)])) + 2
+        for b in groups
+    ]
+    return [b for b, total in zip(groups, accumulate(widths), strict=True) if total <= WIDTH - _TEAM_COLUMNS]
 
 
 def _worse_without(budgets: list[BudgetRecord]) -> list[str]:
@@ -172,10 +164,8 @@ def _worse_without(budgets: list[BudgetRecord]) -> list[str]:
         for item in b.effects
         if (item.give_back_m or 0.0) < -max(_LEAST_WORSENING * (b.all_m or 0.0), _RESOLUTION)
     }
-    if not worse:
-        return []
     reasons = [f"{display_name(effect)}: {why}" for effect, why in _WORSE.items() if effect in worse]
-    return ["given back below 0: worse without it" + "".join(f"; {reason}" for reason in reasons)]
+    return ["; ".join(["given back below 0: worse without it", *reasons])] if worse else []
 
 
 def _millimetres(value: float | None) -> str:
@@ -186,7 +176,7 @@ def _ringing(record: CompareRecord) -> Group | Text:
     r = record.ringing
     if r is None:
         return Text("\nringing: not looked at, the team has too many states")
-    table = _table(["", "damping ratio", "frequency (rad/s)", "overshoot"])
+    table = _table("", "damping ratio", "frequency (rad/s)", "overshoot")
     ratio, held = f"{r.predicted_damping_ratio:.3f}", f"{r.predicted_damping_ratio_held:.3f}"
     table.add_row("predicted from inertia", ratio, _number(r.predicted_frequency_rad_s), f"{r.predicted_overshoot:.1%}")
     if held != ratio:
@@ -205,7 +195,7 @@ def _ringing(record: CompareRecord) -> Group | Text:
 
 
 def _speeds(record: CompareRecord) -> Group:
-    table = _table(["", "ideal run", "as it stands", "who, when (s)", "vehicle holds", "forward"])
+    table = _table("", "ideal run", "as it stands", "who, when (s)", "vehicle holds", "forward")
     bodies = {(d.role, d.vehicle): d for d in record.demands if d.run == "all"}
     for d in (d for d in record.demands if d.run == "ideal"):
         there = bodies.get((d.role, d.vehicle))
@@ -215,8 +205,7 @@ def _speeds(record: CompareRecord) -> Group:
             Text(f"{d.asked_m_s:.3g}", style="bold red" if beyond else ""),
             _number(there.asked_m_s if there else None),
             f"{d.who}, {d.time_s:.4g}",
-            "no limit" if d.least_speed_m_s is None else f"{d.least_speed_m_s:.3g}",
-            "no limit" if d.forward_speed_m_s is None else f"{d.forward_speed_m_s:.3g}",
+            *("no limit" if v is None else f"{v:.3g}" for v in (d.least_speed_m_s, d.forward_speed_m_s)),
         )
     best = ", ".join(f"in {f.moves_in} {f.vehicle} {f.speed_m_s:.3g}" for f in record.fastest)
     return _under(
@@ -240,21 +229,14 @@ class Published:
     """A published comparison.
 
     Attributes:
-        directory: where it is.
         record: as compare.json.
         notes: what else to report.
         replaced: says which earlier run it replaced; None where there was none.
     """
 
-    directory: Path
     record: CompareRecord
     notes: list[str]
     replaced: str | None = None
-
-
-def default_directory(scenario: Scenario) -> Path:
-    """The default directory of a comparison."""
-    return Path("runs") / f"{scenario.name}-compare"
 
 
 def publish(
@@ -289,7 +271,7 @@ def publish(
         (fresh / "report.txt").write_text(report_text(record), encoding="utf-8")
         progress("publishing", 0, 1)  # the last moment at which the user can stop it
         save_summary(record.model_dump(mode="json"), fresh / "compare.json")
-    return Published(directory, record, notes, replaced)
+    return Published(record, notes, replaced)
 
 
 def _plot(comparison: Comparison, folder: Path) -> None:
@@ -301,7 +283,10 @@ def _plot(comparison: Comparison, folder: Path) -> None:
 
 
 def _film(scenario: Scenario, comparison: Comparison, path: Path, progress: Progress) -> int:
-    from mjsheaf.comparing.filming import film_side_by_side
+    from mjsheaf.video.from_run import film_side_by_side
 
-    ideal, physics = comparison.runs["ideal"], comparison.runs["all"]
+    ideal, physics = (
+        make_dataset(comparison.runs[key].trajectory, backend, scenario.seed)
+        for key, backend in (("ideal", "ideal"), ("all", "physics"))
+    )
     return film_side_by_side(scenario, ideal, physics, path, partial(progress, "drawing video"))

@@ -12,6 +12,7 @@ How far the gain may be raised before bodies, lag or the law's hold make the tea
 """
 
 from dataclasses import dataclass, replace
+from itertools import accumulate
 from math import isfinite, sqrt
 
 import numpy as np
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 from scipy import linalg
 
+from mjsheaf.arrays import Array
 from mjsheaf.checking.margins import LARGEST_SECOND_ORDER
 from mjsheaf.comparing.ladder import effects_of, inertial_tau
 from mjsheaf.comparing.measures import positions_at_q_star
@@ -29,7 +31,6 @@ from mjsheaf.system import System
 from mjsheaf.vehicles.effects import Effects, capability_of, of_each
 from mjsheaf.vehicles.vehicle import Vehicle
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 _SHARE_OF_ABILITY = 0.2  # of speed or thrust that the displacement may ask for
@@ -99,9 +100,9 @@ def ringing_of(system: System) -> RingingRecord | None:
     matrix = second_order(system)
     mode = least_damped(system, matrix)
     still = _displaced_at_rest(system, mode)
-    step, states = linalg.expm(matrix * still.grid.period), [np.r_[mode.displacement, np.zeros(len(mode.displacement))]]
-    for _ in range(still.grid.steps):
-        states.append(step @ states[-1])
+    step, n = linalg.expm(matrix * still.grid.period), len(mode.displacement)
+    begun = np.r_[mode.displacement, np.zeros(n)]
+    states = list(accumulate(range(still.grid.steps), lambda state, _: step @ state, initial=begun))
     measured = [
         _release(replace(still, bodies=replace(still.bodies, effects=effects, contacts=False)), mode, bodies)
         for bodies, effects in _decay_variants(system)
@@ -111,7 +112,7 @@ def ringing_of(system: System) -> RingingRecord | None:
         predicted_damping_ratio=mode.damping,
         predicted_damping_ratio_held=_held_damping(system, matrix, mode),
         predicted_frequency_rad_s=mode.frequency,
-        predicted_overshoot=_overshoot(np.array(states)[:, : len(mode.displacement)], mode),
+        predicted_overshoot=_overshoot(np.array(states)[:, :n], mode),
         overdamped=not mode.swings,
         measured=measured,
     )
@@ -139,10 +140,11 @@ def least_damped(system: System, matrix: Array) -> Mode:
     roots, right = linalg.eig(matrix)
     ratio = -roots.real / np.abs(roots)
     k = int(np.argmin(np.where(roots.imag >= 0.0, ratio, np.inf)))
-    if abs(roots[k].imag) > _REAL_ROOT * abs(roots[k]):
+    swings = bool(abs(roots[k].imag) > _REAL_ROOT * abs(roots[k]))
+    if swings:
         shape = right[:n, k] / right[np.argmax(np.abs(right[:n, k])), k]
         displacement, left = shape.real, np.linalg.pinv(right)[k]
-        damping, frequency, rate, swings = float(ratio[k]), float(abs(roots[k])), float(-roots[k].real), True
+        damping, frequency, rate = float(ratio[k]), float(abs(roots[k])), float(-roots[k].real)
     else:
         values, vectors = np.linalg.eigh(system.team.dirichlet.H.toarray())
         displacement, stiffness = vectors[:, -1], system.gain * float(values[-1])
@@ -151,7 +153,6 @@ def least_damped(system: System, matrix: Array) -> Mode:
         frequency = float(np.sqrt(stiffness * quickness))
         damping = quickness / (2.0 * frequency)
         rate = frequency * (damping - np.sqrt(max(damping**2 - 1.0, 0.0)))
-        swings = False
     moved = np.linalg.norm(system.team.unpack(displacement), axis=1)
     who = system.team.agent_ids[int(moved.argmax())]
     return Mode(damping, frequency, rate, displacement / moved.max(), swings, left, who)
@@ -221,13 +222,11 @@ def _ability(vehicle: Vehicle) -> float:
 def _decay_variants(system: System) -> list[tuple[str, Effects]]:
     """Labels and effects of the experiments: what the prediction does not know is switched off in turn."""
     present = effects_of(system, system.bodies.vehicle[: len(system.team.agents)])
-    effects, switched = system.bodies.effects, list[str]()
-    found = [("as it stands", effects)]
-    for effect in ("lag", "underactuation"):
-        if effect in present:
-            effects, switched = effects.model_copy(update={effect: False}), [*switched, effect]
-            found.append((f"without {' and '.join(switched)}", effects))
-    return found
+    unknown = [effect for effect in ("lag", "underactuation") if effect in present]
+    return [("as it stands", system.bodies.effects)] + [
+        (f"without {' and '.join(off)}", system.bodies.effects.model_copy(update=dict.fromkeys(off, False)))
+        for off in accumulate([effect] for effect in unknown)
+    ]
 
 
 def _release(system: System, mode: Mode, bodies: str) -> ReleaseRecord:

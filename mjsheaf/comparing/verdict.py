@@ -1,11 +1,20 @@
-"""What a comparison says, in sentences: how much bodies cost, what to change, and what no change of vehicle mends."""
+"""What compare.json holds, and what it says in sentences: how much bodies cost, what to change, what nothing mends.
+
+Errors, distances and their parts are in m, times in s, speeds in m/s. What has no meaning, is infinite, or comes from a
+run that blew up is null. Each part is defined by the module that computes it.
+"""
 
 from dataclasses import dataclass
 from itertools import pairwise
 
-from mjsheaf.comparing.ladder import display_name
-from mjsheaf.comparing.measures import TEAM, TRACKING, BudgetRecord
-from mjsheaf.comparing.record import CompareRecord
+from pydantic import Field
+
+from mjsheaf.comparing.convergence import ConvergenceRecord
+from mjsheaf.comparing.demands import DemandRecord, FastestRecord, VelocityLimitRecord
+from mjsheaf.comparing.ladder import RungRecord, display_name
+from mjsheaf.comparing.measures import FORMATION, TEAM, TRACKING, BudgetRecord, Measure
+from mjsheaf.comparing.ringing import RingingRecord
+from mjsheaf.io.section import Finite, FiniteRecord
 
 _CHANGE = {
     "inertia": "a faster autopilot (autopilot.rate), or a lower controller.gain",
@@ -16,6 +25,7 @@ _CHANGE = {
     "contacts": "more room between vehicles",
 }
 _RINGING_CURES = {"lag": "faster thrusters", "underactuation": "a quicker attitude (attitude.frequency)"}
+_UNSETTLED = {"growing": "its error GROWS to the end", "circling": "it swings by itself without end"}
 _LEAST_BODY_SHARE = 0.05  # of the error, below which bodies are not what matters
 _LEAST_CAUSE_SHARE = 0.25  # of what bodies add, below which no single effect is to blame
 _LEAST_Q_STAR_SHARE = 0.5  # of the error, from which on q* itself is to blame
@@ -26,6 +36,73 @@ _RINGING_DAMPING = 0.2  # damping ratio, below which the team rings
 _LARGE_TRACKING = 0.1  # tracking error, of the formation's size
 _GAIN_ROOM = 1.05  # of the gain, above which it is worth raising
 _MOST_GROUPS = 6  # with sentences of their own
+
+
+class LoopRecord(FiniteRecord):
+    """The loop of the scenario's vehicles, for small motions, as `check` has it."""
+
+    stable: bool | None = Field(description="null where undecided")
+    largest_gain: float | None = Field(description="from which on it is unstable, 1/s")
+    reason: str = Field(description="why it is undecided, or empty")
+
+
+class CompareRecord(FiniteRecord):
+    """Ideal kinematics against bodies."""
+
+    mjsheaf_version: str
+    scenario: str
+    origin: str | None = Field(None, description="scenario: its name, or its file relative to this directory")
+    seed: int
+    gain: float = Field(description="k1, 1/s")
+    usable_gain: float | None = Field(
+        description="k1 up to which neither hold nor bodies ring, 1/s, from the least damped mode; null: any will do"
+    )
+    loop: LoopRecord | None = Field(None, description="null where the ideal run blew up")
+    time_s: float = Field(description="length of the run")
+    formation_size_m: Finite = Field(description="RMS over edges inside groups of the distance they ask for")
+    ladder: list[RungRecord]
+    budgets: list[BudgetRecord]
+    ringing: RingingRecord | None = Field(description="null for teams of too many states")
+    convergence: ConvergenceRecord
+    velocity_limit: VelocityLimitRecord | None = Field(None, description="null where no agent has one")
+    demands: list[DemandRecord]
+    fastest: list[FastestRecord]
+    verdict: list[str] = Field(description="what to change, the most telling sentence first")
+    wall_time_s: float
+    video: str | None = Field(description="name of the file, or null")
+
+    def rung(self, key: str) -> RungRecord:
+        """The rung with a key."""
+        return next(rung for rung in self.ladder if rung.key == key)
+
+    def budget(self, scope: str, measure: str, statistic: str) -> BudgetRecord:
+        """The budget of one error."""
+        wanted = (scope, measure, statistic)
+        return next(b for b in self.budgets if (b.scope, b.measure, b.statistic) == wanted)
+
+    @property
+    def scopes(self) -> list[str]:
+        """'team', then the names of the groups."""
+        return list(self.ladder[0].errors)
+
+    @property
+    def measure(self) -> Measure:
+        """The error that matters: the formation error, or that of tracking in a team without formations."""
+        return TRACKING if self.rung("ideal").errors[TEAM].late.formation_error is None else FORMATION
+
+    def limit_costs(self, scope: str, measure: str, run: str) -> float | None:
+        """What an error would lose without the velocity limit, RMS over the last half, m; None where it is not known.
+
+        Args:
+            scope: 'team' or a group.
+            measure: of ErrorsRecord.
+            run: 'ideal' or 'all'.
+        """
+        if self.velocity_limit is None:
+            return None
+        now = self.rung(run).errors[scope].error(measure)
+        without = self.velocity_limit.run(run).errors_without[scope].error(measure)
+        return None if now is None or without is None else now - without
 
 
 @dataclass(frozen=True)
@@ -54,18 +131,13 @@ def verdict_of(record: CompareRecord) -> list[str]:
 
 def _unsettled(record: CompareRecord) -> list[str]:
     """That the team as it stands does not settle, or its loop is unstable."""
-    ending, loop = record.rung("all").ending, record.loop
-    own = ending in ("growing", "circling")
-    if not own and (loop is None or loop.stable is not False):
-        return []
-    what = {"growing": "its error GROWS to the end", "circling": "it swings by itself without end"}.get(
-        ending or "", "its vehicles' loop is unstable"
-    )
+    ending, loop = record.rung("all").ending or "", record.loop
+    what = _UNSETTLED.get(ending, "")
     if loop is None or loop.stable is not False:
-        return [f"the team never settles: {what}"]
-    limit = (
-        "" if loop.largest_gain is None else f" from a gain of {loop.largest_gain:.3g} 1/s on: lower controller.gain"
-    )
+        return [f"the team never settles: {what}"] if what else []
+    most = loop.largest_gain
+    limit = "" if most is None else f" from a gain of {most:.3g} 1/s on: lower controller.gain"
+    what = what or "its vehicles' loop is unstable"
     return [f"the team never settles: {what}; the loop of its vehicles is unstable{limit}"]
 
 
@@ -127,13 +199,11 @@ def _lever(record: CompareRecord, scope: str) -> _Lever | None:
         then = "".join(f"; then {display_name(e)} with {x:.2g} m: {_CHANGE[e]}" for x, e in others if x >= 0.5 * most)
         less = f"without it the error would be {most:.2g} m less ({now})"
         return _Lever(display_name(effect), less, f"{_CHANGE[effect]}{then}")
-    parts = {"targets": budget.targets_m or 0.0, "agents": budget.agents_m or 0.0}
-    who = max(parts, key=lambda name: parts[name])
-    if parts[who] >= _LEAST_CAUSE_SHARE * cost:
-        why = f"as bodies with ideal thrusters they cost {parts[who]:.2g} m already ({now})"
+    share, who = max((budget.agents_m or 0.0, "agents"), (budget.targets_m or 0.0, "targets"))
+    if share >= _LEAST_CAUSE_SHARE * cost:
+        why = f"as bodies with ideal thrusters they cost {share:.2g} m already ({now})"
         return _Lever(f"time constant tau of the {who}", why, "")
-    why = f"bodies add {cost:.2g} m together ({now})"
-    return _Lever("no single effect", why, "see the interaction in the budget")
+    return _Lever("no single effect", f"bodies add {cost:.2g} m together ({now})", "see the interaction in the budget")
 
 
 def _law(record: CompareRecord, *others: str) -> str:
@@ -146,8 +216,7 @@ def _law(record: CompareRecord, *others: str) -> str:
 
 
 def _either(*choices: str) -> str:
-    *first, last = choices
-    return f"{', '.join(first)}, or {last}" if first else last
+    return ", or ".join(filter(None, [", ".join(choices[:-1]), choices[-1]]))
 
 
 def _groups(record: CompareRecord) -> list[str]:
@@ -158,10 +227,8 @@ def _groups(record: CompareRecord) -> list[str]:
     if of_team is None or all(lever.kind == of_team.kind for lever in known.values()):
         return []
 
-    def error(scope: str) -> float:
-        return record.budget(scope, record.measure, "late").all_m or 0.0
-
-    chosen = sorted(known, key=error, reverse=True)[:_MOST_GROUPS]
+    errors = {scope: record.budget(scope, record.measure, "late").all_m or 0.0 for scope in known}
+    chosen = sorted(known, key=lambda scope: errors[scope], reverse=True)[:_MOST_GROUPS]
     return [
         f"{scope}: {lever}" if lever.cure != of_team.cure else f"{scope}: {lever.kind}: {lever.why}"
         for scope, lever in known.items()
@@ -183,12 +250,8 @@ def _tracking(record: CompareRecord) -> list[str]:
     told = f"tracking error {now:.3g} m, {min(ideal, now):.3g} m of it in the ideal run"
     if own:
         limit = record.limit_costs(TEAM, TRACKING, "ideal") or 0.0
-        if limit >= _LEAST_CAUSE_SHARE * ideal:
-            return [
-                f"{told}: {limit:.2g} m of that by the velocity limit, the rest by the law's own lag; "
-                f"{_law(record, 'slower targets')}"
-            ]
-        return [f"{told}: the law's own lag; {_law(record, 'slower targets')}"]
+        of_limit = f"{limit:.2g} m of that by the velocity limit, the rest by " * (limit >= _LEAST_CAUSE_SHARE * ideal)
+        return [f"{told}: {of_limit}the law's own lag; {_law(record, 'slower targets')}"]
     most, effect = next(iter(_ranked(budget)), (0.0, ""))
     first = f"; {display_name(effect)} first, without which it would be {most:.2g} m less" if most > 0.0 else ""
     return [f"{told}: the bodies'{first}"]
@@ -203,8 +266,7 @@ def _velocity_limit(record: CompareRecord) -> list[str]:
     measures = dict.fromkeys((record.measure, TRACKING))
     errors = [text for measure in measures for text in _with_and_without(record, measure)]
     costs = [record.limit_costs(TEAM, measure, run.run) or 0.0 for measure in measures for run in limit.runs]
-    lowest, highest = f"{limit.lowest_m_s:.3g}", f"{limit.highest_m_s:.3g}"
-    limits = lowest if lowest == highest else f"{lowest} to {highest}"
+    limits = " to ".join(dict.fromkeys([f"{limit.lowest_m_s:.3g}", f"{limit.highest_m_s:.3g}"]))
     told = (
         f"agents are at their velocity limit ({limits} m/s) {100 * ideal.share_at_limit:.0f}% of the last half of "
         f"the ideal run, {100 * whole.share_at_limit:.0f}% as it stands"

@@ -8,7 +8,9 @@ from that, named so, the truth. Targets, references, speed limits and recording 
 import importlib.util
 import inspect
 import sys
-from collections.abc import Callable, Mapping
+import traceback
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -16,14 +18,14 @@ from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from mjsheaf.arrays import Array
 from mjsheaf.control.law import ControlArrays, LawArrays, Memory, observe
 from mjsheaf.control.terms import no_terms
 from mjsheaf.errors import InputError, expected
 from mjsheaf.team import Edge, Team
 
-Array = NDArray[np.float64]
 _STREAM = 0x6C6177  # keeps a law's random numbers apart from others of the same seed
 Law = Callable[[float, "Sample"], ArrayLike]
 
@@ -134,7 +136,7 @@ class Controller:
             InputError: the law raised an exception, or did not return finite velocities of shape (N, 3).
         """
         N = len(self.team.agents)
-        observe(law, x, memory)
+        observe(law, x[None], memory.y, memory.residual[None])
         shown = Sample(self, x, memory, velocity, attitude)
         wanted = self._guarded(f"t = {t:.6g} s", lambda: np.asarray(self.law(t, shown), dtype=np.float64))
         if wanted.shape != (N, 3):
@@ -151,20 +153,16 @@ class Controller:
         try:
             return call()
         except Exception as error:
-            who = f"{error.agent}, " if isinstance(error, _AgentError) else ""
+            who = f"{error}, " if isinstance(error, _AgentError) else ""
             cause = error.__cause__ if isinstance(error, _AgentError) and error.__cause__ else error
-            place = _place_of(cause)
-            raise InputError(
-                f"controller {self.name}: {who}{when}: {type(cause).__name__}: {' '.join(str(cause).split())}{place}"
-            ) from error
+            raise InputError(f"controller {self.name}: {who}{when}: {_described(cause)}") from error
 
 
-def _place_of(error: BaseException) -> str:
-    """Where in the user's file an exception was raised."""
-    frame = error.__traceback__
-    while frame is not None and frame.tb_next is not None:
-        frame = frame.tb_next
-    return f" ({Path(frame.tb_frame.f_code.co_filename).name}, line {frame.tb_lineno})" if frame else ""
+def _described(error: BaseException) -> str:
+    """An exception of the user's code in a line, with where it was raised."""
+    frames = traceback.extract_tb(error.__traceback__)[-1:]
+    place = "".join(f" ({Path(frame.filename).name}, line {frame.lineno})" for frame in frames)
+    return f"{type(error).__name__}: {' '.join(str(error).split())}{place}"
 
 
 def controller_of(law: "Law | Controller | None", system: Any, seed: int) -> "Controller | None":
@@ -179,10 +177,7 @@ def controller_of(law: "Law | Controller | None", system: Any, seed: int) -> "Co
 
 
 class _AgentError(Exception):
-    """One agent's law raised an exception, its cause."""
-
-    def __init__(self, agent: str) -> None:
-        self.agent = agent
+    """The law of an agent, its one argument, raised an exception, its cause."""
 
 
 @dataclass(frozen=True)
@@ -267,14 +262,14 @@ class PerAgent:
                     except StopIteration as done:
                         del running[i]
                         _put(velocity[i], done.value)
-            if sent and len(sent) != len(ids):
+            if not sent:
+                break
+            if len(sent) != len(ids):
                 silent = next(ids[i] for i in range(len(ids)) if i not in sent)
                 raise InputError(f"{silent} has no numbers for a round in which others exchange; all agents must yield")
-            if sent:
-                sizes = {values.shape for values in sent.values()}
-                if len(sizes) > 1:
-                    raise InputError(f"agents exchange values of unlike shapes {sorted(sizes)}")
-                received = list(sample.exchange(np.stack([sent[i] for i in range(len(ids))])))
+            if len(sizes := {values.shape for values in sent.values()}) > 1:
+                raise InputError(f"agents exchange values of unlike shapes {sorted(sizes)}; expected one shape")
+            received = list(sample.exchange(np.stack([sent[i] for i in range(len(ids))])))
         return velocity
 
 
@@ -285,18 +280,13 @@ def _put(row: Array, value: Any) -> None:
     row[: len(found)] = found
 
 
-class _naming:  # noqa: N801
-    """Names the agent whose law raises."""
-
-    def __init__(self, agent: str) -> None:
-        self._agent = agent
-
-    def __enter__(self) -> None:
-        pass
-
-    def __exit__(self, _: Any, error: BaseException | None, __: Any) -> None:
-        if isinstance(error, Exception):
-            raise _AgentError(self._agent) from error
+@contextmanager
+def _naming(agent: str) -> Iterator[None]:
+    """Name the agent whose law raises."""
+    try:
+        yield
+    except Exception as error:
+        raise _AgentError(agent) from error
 
 
 def load_controller(source: str, seed: int = 0) -> Controller:
@@ -327,5 +317,4 @@ def load_controller(source: str, seed: int = 0) -> Controller:
     except InputError as error:
         raise InputError(f"--controller {source}: {error}") from None
     except Exception as error:
-        why = f"{type(error).__name__}: {' '.join(str(error).split())}{_place_of(error)}"
-        raise InputError(f"--controller {source}: {why}") from error
+        raise InputError(f"--controller {source}: {_described(error)}") from error

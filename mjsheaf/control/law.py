@@ -19,8 +19,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.control.terms import (
     TermArrays,
     TermMemory,
@@ -37,8 +37,6 @@ from mjsheaf.dynamics.motion import MotionArrays, add_reference
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.team import Edge, Member, Team
 
-Array = NDArray[np.float64]
-
 
 class EdgeArrays(NamedTuple):
     """The edges of a team of V vehicles: E of them, with m numbers y_e in all.
@@ -52,10 +50,10 @@ class EdgeArrays(NamedTuple):
         b: desired values of F_tail x_tail - F_head x_head, shape (m,), m.
     """
 
-    tail: NDArray[np.int64]
-    head: NDArray[np.int64]
-    listens: NDArray[np.bool_]
-    first: NDArray[np.int64]
+    tail: IntArray
+    head: IntArray
+    listens: BoolArray
+    first: IntArray
     F_tail: Array
     F_head: Array
     P_tail: Array
@@ -145,10 +143,9 @@ def sample(control, t, x, drift, memory):
     pull_back(law.edges, memory.y, memory.residual)
     if law.terms.agents > 0:
         navigate(law.terms, x, drift, memory.command, memory.terms)
-    proportional(law, memory.residual, memory.command)
+    proportional(law, memory.residual, memory.supplied, memory.command)
     if law.terms.agents > 0:
         add_terms(law, memory.y, memory.residual, memory.command, memory.terms)
-    supplied(law, memory.supplied, memory.command)
     for v in range(x.shape[0]):
         add_reference(control.motion, v, t, x[v], memory.command[v])
         clipped = limit_speed(law.limit[v], memory.command[v])
@@ -188,30 +185,16 @@ def pull_back(edges, y, residual):
 
 
 @inline_jit
-def proportional(law, residual, command):
-    """Write -gain eta of every vehicle into command (V, 3)."""
+def proportional(law, residual, supplied, command):
+    """Write into command (V, 3) -gain eta, or of the first law.supplied vehicles what a law in Python asks for."""
     for v in range(residual.shape[0]):
         for i in range(3):
-            command[v, i] = -law.gain[v] * residual[v, i]
-
-
-@inline_jit
-def supplied(law, velocity, command):
-    """Put the velocities (V, 3) of a law in Python in place of those of the first law.supplied vehicles."""
-    for v in range(law.supplied):
-        for i in range(3):
-            command[v, i] = velocity[v, i]
+            command[v, i] = supplied[v, i] if v < law.supplied else -law.gain[v] * residual[v, i]
 
 
 @jit
-def observe(law, x, memory):
-    """Write memory.y and memory.residual for positions x (V, 3), m: what a law in Python is shown."""
-    measure(law.edges, x, memory.y)
-    pull_back(law.edges, memory.y, memory.residual)
-
-
-@jit
-def _disagreements(law, x, y, residual):
+def observe(law, x, y, residual):
+    """Write residual (T, V, 3) for positions x (T, V, 3), m, and leave the last measurements in y (m,)."""
     for k in range(x.shape[0]):
         measure(law.edges, x[k], y)
         pull_back(law.edges, y, residual[k])
@@ -230,7 +213,7 @@ def disagreement(law: LawArrays, positions: Array) -> Array:
     x = np.ascontiguousarray(positions, dtype=np.float64)
     flat = x.reshape(-1, *x.shape[-2:])
     residual = np.empty_like(flat)
-    _disagreements(law, flat, np.empty(len(law.edges.b)), residual)
+    observe(law, flat, np.empty(len(law.edges.b)), residual)
     return residual.reshape(x.shape)
 
 

@@ -15,15 +15,13 @@ An agent that senses a target knows the velocity of that from how its measuremen
 from typing import Annotated, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
+from mjsheaf.arrays import Array, IntArray
 from mjsheaf.io.section import NonNegative, Positive, Section
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.noise import normals
 from mjsheaf.team import Team
-
-Array = NDArray[np.float64]
 
 _ODOMETRY = 1  # stream of random numbers
 
@@ -97,9 +95,9 @@ class TermArrays(NamedTuple):
     """
 
     agents: int
-    dimension: NDArray[np.int64]
+    dimension: IntArray
     period: float
-    sensing: NDArray[np.int64]
+    sensing: IntArray
     eigenvalues: Array
     feedforward: int
     newton: int

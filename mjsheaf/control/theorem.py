@@ -23,16 +23,15 @@ A constant rho gives an infinite chi: D and S are the whole space.
 import math
 from bisect import bisect_left
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import exprel
 
+from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError
-
-Array = NDArray[np.float64]
 
 _BISECTIONS = 64
 _MOST_DESCENTS = 1000
@@ -82,10 +81,6 @@ class ConstantRho(Rho):
     def __call__(self, radius: float) -> float:
         """L, at every radius."""
         return self.value
-
-    def reach(self, level: float) -> float | None:
-        """Infinite where L does not exceed the level."""
-        return math.inf if self.value <= level else None
 
 
 class PolynomialRho(Rho):
@@ -186,24 +181,18 @@ def as_rho(rho: RhoLike) -> Rho:
         return rho
     if callable(rho):
         return BoundRho(rho)
-    shape = _shape(rho)
-    if shape == ():
-        return ConstantRho(float(rho))  # type: ignore[arg-type]
-    if len(shape) == 1:
+    values = np.empty((0, 0))
+    with suppress(TypeError, ValueError):
+        values = np.asarray(rho, dtype=np.float64)
+    if values.ndim == 0:
+        return ConstantRho(float(values))
+    if values.ndim == 1:
         return PolynomialRho(rho)  # type: ignore[arg-type]
-    if len(shape) == 2 and shape[1] == 2:
+    if values.ndim == 2 and values.shape[1] == 2:
         return StepRho(rho)  # type: ignore[arg-type]
     raise InputError(
         f"rho is {rho!r}; expected a number, coefficients c_0, c_1, ..., pairs (radius, L), or a function of the radius"
     )
-
-
-def _shape(rho: Any) -> tuple[int, ...]:
-    """The shape of numbers, or one that nothing has."""
-    try:
-        return np.asarray(rho, dtype=np.float64).shape
-    except (TypeError, ValueError):
-        return (0, 0)
 
 
 @dataclass(frozen=True)

@@ -32,12 +32,11 @@ third bounds the strongest kernel the first way and all the others the second wa
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from mjsheaf.arrays import Array
 from mjsheaf.dynamics.flow import CHANNEL, SOURCE, VORTEX, FlowField
 from mjsheaf.errors import InputError
-
-Array = NDArray[np.float64]
 
 _BATCH = 1024  # cells that are cut at once: enough to hide numpy's overhead, few enough to stay best-first
 _NO_CORE = 1e-30  # m; a core smaller than this is none

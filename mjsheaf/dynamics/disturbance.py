@@ -9,15 +9,12 @@ import math
 from typing import Annotated, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError
 from mjsheaf.io.section import NonNegative, Positive, Section
 from mjsheaf.jit import inline_jit
-
-Array = NDArray[np.float64]
-
 
 LARGEST_PHASE = 1e7
 """Largest |rate t + phase| in rad for which the sine of the loops is a sine; it is bounded beyond."""

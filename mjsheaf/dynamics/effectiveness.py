@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
+from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.errors import InputError
 from mjsheaf.io.section import Matrix, Number, Point, Section
 from mjsheaf.jit import jit
-
-Array = NDArray[np.float64]
 
 RANK_TOLERANCE = 1e-9
 """A singular value of g at most this much of the largest counts as zero."""
@@ -26,8 +25,8 @@ class EffectivenessArrays(NamedTuple):
     `given` (N,) marks the agents that have one; the others have g = I. `inputs` (N,) is each one's number s of inputs.
     """
 
-    given: NDArray[np.bool_]
-    inputs: NDArray[np.int64]
+    given: BoolArray
+    inputs: IntArray
     W: Array
     pinv: Array
     heading: Array

@@ -1,4 +1,4 @@
-"""Flow fields: the velocity w(x) of the medium, as a sum of kernels, with its Jacobian.
+"""Flow fields: the velocity w(x) of the medium, as a sum of kernels, with bounds on its slope.
 
 With r = x - centre and s = |r|^2 + core^2, in m and m/s:
 
@@ -18,15 +18,13 @@ from functools import cached_property
 from typing import Annotated, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import Field, model_validator
 
+from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError
 from mjsheaf.io.section import NonNegative, Number, Point, Positive, Section
 from mjsheaf.jit import inline_jit, jit
-
-Array = NDArray[np.float64]
-
 
 # A field is a table with one row for each kernel: its kind, 1 if it lies in space (0: its z is ignored), centre (3),
 # axis or direction (3), strength, and two parameters. One array is what compiled code passes on most cheaply.
@@ -35,6 +33,14 @@ _STRENGTH = 8
 _TWO_OVER_E = 2.0 / np.e
 _NARROWEST = 1e-100  # m, of a channel: the square of its inverse must be finite
 _NOTHING_LEFT = 600.0  # exp(-600) = 3e-261: beyond it exp underflows, which takes libraries many times as long
+
+
+@inline_jit
+def _channel_place(c, rx, ry, rz):
+    """Where an offset (rx, ry, rz) from its centre lies in a channel: l along it, and |n|^2 across."""
+    along = rx * c[5] + ry * c[6] + rz * c[7]
+    nx, ny, nz = rx - along * c[5], ry - along * c[6], rz - along * c[7]
+    return along, nx * nx + ny * ny + nz * nz
 
 
 @jit
@@ -56,22 +62,13 @@ def flow_velocity(table, x, y, z):
             wy += a * (c[7] * rx - c[5] * rz)
             wz += a * (c[5] * ry - c[6] * rx)
         else:
-            along = rx * c[5] + ry * c[6] + rz * c[7]
-            nx, ny, nz = rx - along * c[5], ry - along * c[6], rz - along * c[7]
-            falloff = (nx * nx + ny * ny + nz * nz) * c[9] + along * along * c[10]
+            along, across2 = _channel_place(c, rx, ry, rz)
+            falloff = across2 * c[9] + along * along * c[10]
             a = c[8] * np.exp(-min(falloff, _NOTHING_LEFT))
             wx += a * c[5]
             wy += a * c[6]
             wz += a * c[7]
     return wx, wy, wz
-
-
-@inline_jit
-def _channel_place(c, rx, ry, rz):
-    """Where an offset (rx, ry, rz) from its centre lies in a channel: l along it, and |n|^2 across."""
-    along = rx * c[5] + ry * c[6] + rz * c[7]
-    nx, ny, nz = rx - along * c[5], ry - along * c[6], rz - along * c[7]
-    return along, nx * nx + ny * ny + nz * nz
 
 
 @inline_jit
@@ -169,7 +166,7 @@ class Channel(Section):
     width: Positive
     length: Positive
 
-    def row(self) -> list[float]:
+    def row(self, _: float) -> list[float]:
         """As that of a source."""
         along = np.asarray(self.direction) / np.linalg.norm(self.direction, axis=0)  # 0: without BLAS
         falloff = 0.5 / np.array([self.width, self.length]) ** 2
@@ -189,10 +186,8 @@ class FlowField(Section):
     @model_validator(mode="after")
     def _fits(self) -> "FlowField":
         n, space = self.dimension, self.dimension == 3
-        if space and any(k.axis is None for k in self.vortices):
-            raise ValueError("vortices: in space each needs an axis")
-        if not space and any(k.axis is not None for k in self.vortices):
-            raise ValueError("vortices: in the plane the axis is z; leave it out")
+        if any((k.axis is not None) != space for k in self.vortices):
+            raise ValueError("vortices: in space each needs an axis; in the plane the axis is z, leave it out")
         if (self.sources or self.vortices) and self.core is None:
             raise ValueError(
                 "sources and vortices are singular at their centre: give a 'core' radius (0 leaves them so)"
@@ -213,13 +208,11 @@ class FlowField(Section):
     def table(self) -> Array:
         """The field as a table for the compiled loops, one row for each kernel after the drift's."""
         core2, space = float(self.core or 0.0) ** 2, float(self.dimension == 3)
-        drift = [*_padded(self.drift or [0.0, 0.0]), *[0.0] * 6]
-        sources = [[SOURCE, space, *k.row(core2)] for k in self.sources]
-        vortices = [[VORTEX, space, *k.row(core2)] for k in self.vortices]
-        channels = [[CHANNEL, space, *k.row()] for k in self.channels]
+        drift = [0.0, space, *_padded(self.drift or [0.0, 0.0]), *[0.0] * 6]
+        kinds = ((SOURCE, self.sources), (VORTEX, self.vortices), (CHANNEL, self.channels))
+        rows = [[kind, space, *kernel.row(core2)] for kind, kernels in kinds for kernel in kernels]
         # A kernel without strength is no kernel: left in, it would be 0 / 0 at a centre without a core.
-        kernels = [row for row in sources + vortices + channels if row[_STRENGTH] != 0.0]
-        return np.array([[0.0, space, *drift], *kernels])
+        return np.array([drift, *(row for row in rows if row[_STRENGTH] != 0.0)])
 
     def velocity(self, points: ArrayLike) -> Array:
         """Velocity of the medium.
@@ -247,31 +240,6 @@ class FlowField(Section):
         out = np.empty(len(x))
         _slopes(self.table, x, np.broadcast_to(radius, shape[:-1]).astype(np.float64).ravel(), out)
         return out.reshape(shape[:-1])
-
-    def jacobian(self, points: ArrayLike) -> Array:
-        """Jacobian dw/dx at points of shape (..., d), shape (..., d, d), 1/s."""
-        x, shape = _spatial(points)
-        mask = np.array([1.0, 1.0, float(self.dimension == 3)])
-        p = 1.5 if self.dimension == 3 else 1.0
-        J = np.zeros((len(x), 3, 3))
-        for kind, _, *numbers in self.table[1:]:
-            centre, axis = np.array(numbers[:3]), np.array(numbers[3:6])
-            strength, first, second = numbers[6:]
-            r = (x - centre) * mask
-            if kind == CHANNEL:
-                along = r @ axis
-                across = r - along[:, None] * axis
-                a = strength * np.exp(-np.einsum("ki,ki->k", across, across) * first - along**2 * second)
-                slope = -2.0 * a[:, None] * (first * across + second * along[:, None] * axis)
-                J += axis[:, None] * slope[:, None, :]
-                continue
-            s = (np.einsum("ki,ki->k", r, r) + first)[:, None, None]
-            if kind == SOURCE:
-                J += strength * (np.diag(mask) / s**p - 2.0 * p * r[:, :, None] * r[:, None, :] / s ** (p + 1.0))
-            else:
-                turn = np.cross(np.eye(3), axis)  # turn @ r = axis x r
-                J += strength * (turn * mask / s - 2.0 * (r @ turn.T)[:, :, None] * r[:, None, :] / s**2)
-        return J.reshape(*shape[:-1], 3, 3)[..., : shape[-1], : shape[-1]]
 
 
 def _padded(point: Sequence[float]) -> list[float]:

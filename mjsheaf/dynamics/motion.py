@@ -4,19 +4,17 @@ A target moves by p' = w(p) + v(t) + pull (r(t) - p) - gain (L_T p - c_T)_k + om
 is the paper's: the flow carries the target away from its reference. The consensus term is the law's and is not here.
 """
 
-from math import comb, factorial
+from math import factorial
 from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ConfigDict, Field
-from scipy.interpolate import PPoly, make_interp_spline
+from scipy.interpolate import BPoly, PPoly, make_interp_spline
 
+from mjsheaf.arrays import Array, IntArray
 from mjsheaf.errors import InputError
 from mjsheaf.io.section import NonNegative, Point, Positive, Section, tagged
 from mjsheaf.jit import inline_jit
-
-Array = NDArray[np.float64]
 
 _ORDER = 6  # coefficients of the quintic pieces of a waypoint path
 
@@ -34,7 +32,7 @@ class MotionArrays(NamedTuple):
     amplitude: Array
     rate: Array
     phase: Array
-    path: NDArray[np.int64]
+    path: IntArray
     period: Array
     knots: Array
     coefficients: Array
@@ -185,17 +183,10 @@ def reference_bounds(motion: MotionArrays) -> tuple[Array, Array]:
     swing = np.abs(motion.amplitude * motion.rate)
     speed, acceleration = np.linalg.norm(swing, axis=1), np.linalg.norm(swing * motion.rate, axis=1)
     for v, (first, pieces) in enumerate(motion.path):
-        for k in range(first, first + pieces):
-            taylor = (
-                motion.coefficients[k, ::-1] * (motion.knots[k + 1] - motion.knots[k]) ** np.arange(_ORDER)[:, None]
-            )
-            for bound in (speed, acceleration):
-                taylor = taylor[1:] * np.arange(1, len(taylor))[:, None] / (motion.knots[k + 1] - motion.knots[k])
-                bound[v] = max(bound[v], float(np.linalg.norm(_bernstein(taylor), axis=1).max()))
+        if pieces:
+            knots = motion.knots[first : first + pieces + 1]
+            path = PPoly(motion.coefficients[first : first + pieces].transpose(1, 0, 2), knots)
+            for order, bound in enumerate((speed, acceleration), 1):
+                hull = BPoly.from_power_basis(path.derivative(order)).c
+                bound[v] = max(bound[v], float(np.linalg.norm(hull, axis=-1).max()))
     return speed, acceleration
-
-
-def _bernstein(taylor: Array) -> Array:
-    """Bernstein coefficients on [0, 1] of a polynomial with coefficients (n + 1, d), lowest power first."""
-    n = len(taylor) - 1
-    return np.array([sum(comb(i, j) / comb(n, j) * taylor[j] for j in range(i + 1)) for i in range(n + 1)])

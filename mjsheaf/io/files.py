@@ -21,7 +21,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from mjsheaf.errors import InputError
+from mjsheaf.errors import InputError, shortened
 
 _RANDOM = "[a-z0-9_]{8}"  # as tempfile makes it
 _AT_FDCWD, _RENAME_EXCHANGE = -100, 2  # of Linux: fcntl.h, linux/fs.h
@@ -78,6 +78,44 @@ def put_in_place(fresh: Path, path: Path) -> None:
             fresh.rename(path)
         finally:
             _restore(old, path)
+
+
+def replace_file(path: Path, data: bytes, *, expected: bytes) -> None:
+    """Put new bytes in the place of a file's, whole or not at all; its mode stays, a link to it stays a link.
+
+    Args:
+        path: of the file.
+        data: what it shall hold.
+        expected: what it should still hold.
+
+    Raises:
+        InputError: the file has changed meanwhile, or cannot be written.
+    """
+    require_writable(path)
+    real = path.resolve()
+    try:
+        if real.read_bytes() != expected:
+            raise InputError(f"{path}: has changed meanwhile; nothing is written")
+        with whole_file(real) as part:
+            with part.open("wb") as file:
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
+            part.chmod(real.stat().st_mode & 0o7777)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+
+def require_writable(path: Path) -> None:
+    """Refuse a file that may not be written, or whose directory may not.
+
+    Raises:
+        InputError: naming it.
+    """
+    real = path.resolve()
+    for place in (real, real.parent):
+        if not os.access(place, os.W_OK):
+            raise InputError(f"{path}: cannot be written: {place} is read-only; copy the scenario and update the copy")
 
 
 def remove_stale(path: Path) -> None:
@@ -165,6 +203,22 @@ def _exchange(one: Path, other: Path) -> bool:
     raise OSError(number, os.strerror(number), str(other))
 
 
+def read_bytes(path: Path, largest: int) -> bytes:
+    """The content of a file of at most `largest` bytes.
+
+    Raises:
+        InputError: it cannot be read, or is larger.
+    """
+    try:
+        with path.open("rb") as file:
+            data = file.read(largest + 1)
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    if len(data) > largest:
+        raise InputError(f"{path}: larger than {largest // 10**6} MB")
+    return data
+
+
 def _umask() -> int:
     mask = os.umask(0)
     os.umask(mask)
@@ -185,20 +239,17 @@ def confined(name: str, directory: Path, root: Path | None = None) -> Path:
     Raises:
         InputError: it lies outside, or is no path.
     """
-    root = directory if root is None else root
     try:
-        within, path = root.resolve(), (directory / name).resolve()
+        within, path = (root or directory).resolve(), (directory / name).resolve()
         path.exists()
     except (OSError, ValueError, RuntimeError) as error:  # a NUL, a name too long, links in a circle
         reason = getattr(error, "strerror", None) or error
-        raise InputError(f"{_short(name)} is no path: {reason}") from None
-    if path != within and within not in path.parents:
-        raise InputError(f"{_short(name)} lies outside {root}; expected a file in that directory or below it")
+        raise InputError(f"{shortened(name, 100)!r} is no path: {reason}") from None
+    if not path.is_relative_to(within):
+        raise InputError(
+            f"{shortened(name, 100)!r} lies outside {root or directory}; expected a file in that directory or below it"
+        )
     return path
-
-
-def _short(name: str) -> str:
-    return repr(name if len(name) <= 100 else name[:97] + "...")
 
 
 _PACKAGE = Path(__file__).resolve().parents[1]

@@ -5,14 +5,14 @@ it builds its part of a system.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cache
 from typing import Annotated, Any, NamedTuple, Self
 
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from mjsheaf.errors import InputError, suggestion
+from mjsheaf.errors import InputError, shortened, suggestion
 
 LARGEST = 1e9
 """Largest size of every number in a file: a blow-up begins here, and products of larger numbers would overflow."""
@@ -28,11 +28,9 @@ Matrix = Annotated[list[Annotated[list[Number], Field(min_length=1)]], Field(min
 
 def plain(value: Any) -> Any:
     """Mappings, tuples and numpy's values as the dicts, lists and numbers that YAML would give."""
-    if isinstance(value, np.generic):
-        return value.item()
     if isinstance(value, Mapping):
         return {key: plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray):
+    if isinstance(value, np.generic | np.ndarray):
         return plain(value.tolist())
     if isinstance(value, list | tuple):
         return [plain(item) for item in value]
@@ -108,8 +106,7 @@ def _schema(model: type[BaseModel]) -> dict[str, Any]:
 def _visible(part: int | str) -> str:
     """A key as it may be printed: short, and without characters that a terminal obeys."""
     text = str(part)
-    text = text if text.isprintable() else repr(text)[1:-1]
-    return text if len(text) <= 60 else text[:57] + "..."
+    return shortened(text if text.isprintable() else repr(text)[1:-1])
 
 
 class _Problem(NamedTuple):
@@ -135,8 +132,7 @@ class _Problem(NamedTuple):
         unknown = location[-1:] if kind == "extra_forbidden" else ()
         path, value, nodes = _follow(schema, location[: len(location) - len(unknown)])
         path += unknown
-        shown = repr(detail["input"])
-        shown = shown if len(shown) <= 60 else shown[:57] + "..."
+        shown = shortened(repr(detail["input"]))
         if unknown:
             known = sorted({name for node in _variants(nodes, schema) for name in node.get("properties", {})})
             text = f"unknown field; expected {', '.join(known)}{suggestion(str(unknown[0]), known)}"
@@ -159,12 +155,13 @@ def _follow(
     union: tuple[int | str, ...] | None = None
     nodes = [schema]
     for part in location:
-        variants = _variants(nodes, schema)
+        variants = list(_variants(nodes, schema))
         if isinstance(part, int):
             below = [node["items"] for node in variants if "items" in node]
         else:
             below = [node["properties"][part] for node in variants if part in node.get("properties", {})]
-        below = below or [node["additionalProperties"] for node in variants if _is_open(node)]
+        of_any_key = [node.get("additionalProperties") for node in variants]
+        below = below or [node for node in of_any_key if isinstance(node, dict)]
         if below:
             path, nodes = (*path, part), below
             continue
@@ -174,23 +171,15 @@ def _follow(
     return path, union, nodes
 
 
-def _is_open(node: dict[str, Any]) -> bool:
-    """Whether a mapping may have any keys, with values of one kind."""
-    return isinstance(node.get("additionalProperties"), dict)
-
-
-def _variants(nodes: list[dict[str, Any]], schema: dict[str, Any]) -> list[dict[str, Any]]:
+def _variants(nodes: Iterable[dict[str, Any]], schema: dict[str, Any]) -> Iterator[dict[str, Any]]:
     """Follow references and unions to plain nodes."""
-    plain, waiting = [], list(nodes)
-    while waiting:
-        node = waiting.pop(0)
+    for node in nodes:
         if "$ref" in node:
-            waiting.append(schema["$defs"][node["$ref"].rsplit("/", 1)[1]])
+            yield from _variants([schema["$defs"][node["$ref"].rsplit("/", 1)[1]]], schema)
         elif "oneOf" in node or "anyOf" in node:
-            waiting.extend(node.get("oneOf", node.get("anyOf", [])))
+            yield from _variants(node.get("oneOf", node.get("anyOf", [])), schema)
         else:
-            plain.append(node)
-    return plain
+            yield node
 
 
 def _tags(node: dict[str, Any]) -> set[str]:

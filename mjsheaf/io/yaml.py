@@ -1,19 +1,28 @@
-"""YAML 1.2 without surprises: what a user writes is read as it looks, or refused in one line that names the place."""
+"""YAML 1.2 without surprises: what a user writes is read as it looks, or refused in one line that names the place.
 
+One field of a file can be written in its place; every other byte of the file stays as it is.
+"""
+
+import json
+import math
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from mjsheaf.errors import ScenarioError
+from mjsheaf.errors import InputError, ScenarioError
+from mjsheaf.io.files import read_bytes
 
 _LARGEST_FILE = 20_000_000  # bytes
 _DEEPEST = 50  # collections within one another; a scenario has six
 _SURROGATE = re.compile("[\\ud800-\\udfff]")  # "\ud800" in YAML; no file can hold it
 _LONGEST_INTEGER = 3_000  # digits; Python does not print what has more than 4300 decimal ones
+
+
+def _fault(problem: str, mark: yaml.Mark) -> yaml.MarkedYAMLError:
+    return yaml.MarkedYAMLError(problem=problem, problem_mark=mark)
 
 
 class _Loader(yaml.SafeLoader):
@@ -37,13 +46,11 @@ class _Loader(yaml.SafeLoader):
         self._refuse("an alias")
 
     def _refuse(self, what: str) -> None:
-        problem = f"{what} is not allowed; write the value out"
-        raise yaml.scanner.ScannerError(None, None, problem, self.get_mark())
+        raise _fault(f"{what} is not allowed; write the value out", self.get_mark())
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         if self._depth > _DEEPEST:
-            mark = self.peek_event().start_mark
-            raise yaml.composer.ComposerError(None, None, f"nested more than {_DEEPEST} deep", mark)
+            raise _fault(f"nested more than {_DEEPEST} deep", self.peek_event().start_mark)
         self._depth += 1
         try:
             return super().compose_node(parent, index)
@@ -55,24 +62,23 @@ class _Loader(yaml.SafeLoader):
         for key_node, _ in node.value:
             key = self.construct_object(key_node, deep=True)
             if not isinstance(key, str):
-                raise yaml.constructor.ConstructorError(None, None, f"key {key!r} is not text", key_node.start_mark)
+                raise _fault(f"key {key!r} is not text", key_node.start_mark)
             if key in seen:
-                raise yaml.constructor.ConstructorError(None, None, f"key {key!r} is given twice", key_node.start_mark)
+                raise _fault(f"key {key!r} is given twice", key_node.start_mark)
             seen.add(key)
         return super().construct_mapping(node, deep)
 
     def construct_scalar(self, node: yaml.ScalarNode | yaml.MappingNode) -> Any:
         value = super().construct_scalar(node)
         if isinstance(value, str) and not value.isascii() and _SURROGATE.search(value):
-            problem = "half of a surrogate pair, which is no text; write the character itself"
-            raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark)
+            raise _fault("half of a surrogate pair, which is no text; write the character itself", node.start_mark)
         return value
 
     def construct_integer(self, node: yaml.ScalarNode) -> int:
         """Read an integer of YAML 1.2; the one of 1.1 takes a leading 0 for octal."""
         if len(node.value) > _LONGEST_INTEGER:
-            problem = f"a number of {len(node.value)} digits; expected up to {_LONGEST_INTEGER}"
-            raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark)
+            digits = len(node.value)
+            raise _fault(f"a number of {digits} digits; expected up to {_LONGEST_INTEGER}", node.start_mark)
         return int(node.value, {"0o": 8, "0x": 16}.get(node.value[:2], 10))
 
 
@@ -103,41 +109,22 @@ def read_yaml(path: Path) -> dict[str, Any]:
             anchors or duplicate keys.
     """
     try:
-        with path.open("rb") as file:
-            data = file.read(_LARGEST_FILE + 1)
-    except (OSError, ValueError) as error:
-        raise ScenarioError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
-    if len(data) > _LARGEST_FILE:
-        raise ScenarioError(f"{path}: larger than {_LARGEST_FILE // 10**6} MB; expected a file that a person wrote")
-    try:
-        text = data.decode("utf-8")
+        text = read_bytes(path, _LARGEST_FILE).decode("utf-8")
     except UnicodeDecodeError:
         raise ScenarioError(f"{path}: not a text file in UTF-8") from None
+    except InputError as error:
+        raise ScenarioError(str(error)) from None
     raw = parse_yaml(text, str(path))
-    if raw is None:
-        raise ScenarioError(f"{path}: empty; expected a mapping of fields to values")
     if not isinstance(raw, dict):
-        raise ScenarioError(f"{path}: holds a {type(raw).__name__}; expected a mapping of fields to values")
+        holds = "empty" if raw is None else f"holds a {type(raw).__name__}"
+        raise ScenarioError(f"{path}: {holds}; expected a mapping of fields to values")
     return raw
 
 
-def parse_yaml(text: str, source: str) -> Any:
-    """Parse YAML text; errors name the source and the line."""
-    with _told(source):
-        return yaml.load(text, Loader=_Loader)
-
-
-def compose_yaml(text: str, source: str) -> yaml.Node | None:
-    """The nodes of YAML text, which know their places in it; errors as `parse_yaml`."""
-    with _told(source):
-        return yaml.compose(text, Loader=_Loader)
-
-
-@contextmanager
-def _told(source: str) -> Iterator[None]:
-    """Tell errors of YAML in one line."""
+def parse_yaml(text: str, source: str, read: Callable[..., Any] = yaml.load) -> Any:
+    """Parse YAML text, into values or by `yaml.compose` into nodes; errors name the source and the line."""
     try:
-        yield
+        return read(text, Loader=_Loader)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         where = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
@@ -154,3 +141,71 @@ def dump_yaml(value: dict[str, Any], *, flow: bool | None = None, width: float =
         width: of a line.
     """
     return yaml.dump(value, Dumper=_Dumper, sort_keys=False, default_flow_style=flow, width=width)
+
+
+def with_field(text: str, key: str, value: dict[str, Any], source: str, comment: str = "") -> str:
+    """A YAML mapping with one of its fields replaced, or added at its end.
+
+    Comments before and after the field stay; those inside its old value go with that. The field is written as the
+    file is: in lines where it stands in lines, in braces where the file or the field does.
+
+    Args:
+        text: of the file.
+        key: of a field at the top.
+        value: its new value.
+        source: what errors call the file.
+        comment: stands beside the key where the field is new.
+
+    Raises:
+        ScenarioError: the text is not valid YAML, or of a form that cannot be edited in its place.
+    """
+    old, root = parse_yaml(text, source), parse_yaml(text, source, yaml.compose)
+    if not isinstance(root, yaml.MappingNode) or not isinstance(old, dict):
+        raise ScenarioError(f"{source}: expected a mapping of fields to values")
+    newline = "\r\n" if "\r\n" in text else "\n"
+    nodes = {name.value: node for name, node in root.value}
+    if key in nodes:
+        node = nodes[key]
+        begin = node.start_mark.index
+        end = begin + len(text[begin : _end(node)].rstrip())
+        braces = root.flow_style or not isinstance(node, yaml.MappingNode) or node.flow_style
+        new = _braces(value, root) if braces else _lines(value, node.start_mark.column, newline)
+        gap = " " if begin == end else ""  # the value was nothing at all
+        edited = text[:begin] + gap + new + text[end:]
+    elif root.flow_style:
+        at = _end(root.value[-1][1]) if root.value else root.start_mark.index + 1
+        edited = f"{text[:at]}{', ' * bool(root.value)}{json.dumps(key)}: {_braces(value, root)}{text[at:]}"
+    else:
+        column = root.start_mark.column
+        head = " " * column + key + ":" + (f"  # {comment}" if comment else "")
+        body = " " * (column + 2) + _lines(value, column + 2, newline)
+        gap = "" if text.endswith(("\n", "\r")) else newline
+        edited = text + gap + newline.join((head, body, ""))
+    try:
+        done = parse_yaml(edited, source) == {**old, key: value}
+    except ScenarioError:
+        done = False
+    if not done:
+        raise ScenarioError(f"{source}: {key}: cannot be written in its place; write {key}: {_braces(value, root)}")
+    return edited
+
+
+def _end(node: yaml.Node) -> int:
+    """Where the text of a node ends; PyYAML's own mark of a block lies after the comments that follow it."""
+    if isinstance(node, yaml.CollectionNode) and not node.flow_style and node.value:
+        last = node.value[-1]
+        return _end(last[1] if isinstance(node, yaml.MappingNode) else last)
+    return int(node.end_mark.index)
+
+
+def _lines(value: dict[str, Any], column: int, newline: str) -> str:
+    """A mapping in lines, of which all but the first are indented; mappings inside it are in braces."""
+    lines = [dump_yaml({k: v}, flow=None if isinstance(v, dict) else False, width=math.inf) for k, v in value.items()]
+    return (newline + " " * column).join(line.rstrip("\n") for line in lines)
+
+
+def _braces(value: dict[str, Any], root: yaml.Node) -> str:
+    """A mapping in braces; in a file that is in braces itself, and perhaps JSON, as JSON."""
+    if isinstance(root, yaml.MappingNode) and root.flow_style:
+        return json.dumps(value)
+    return dump_yaml(value, flow=True, width=math.inf).strip()

@@ -9,12 +9,12 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from mjsheaf._version import __version__
+from mjsheaf.arrays import Array
 from mjsheaf.results.metrics import evaluate_errors, separations
 from mjsheaf.simulation.trajectory import Log, Trajectory
 from mjsheaf.system import System
 from mjsheaf.team.null_modes import describe_null_modes
 
-Array = NDArray[np.float64]
 Variable = tuple[str | tuple[str, ...], NDArray[Any], dict[str, str]]
 """Dimensions, values and attributes, as xarray takes them."""
 

@@ -8,15 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mjsheaf.arrays import Array
 from mjsheaf.team import Formation, Team
 
 if TYPE_CHECKING:
     from mjsheaf.scenario.scenario import Expect
 
-Array = NDArray[np.float64]
 
 _FEW = 100  # vehicles up to which all pairs are compared
 _ROUNDING = 1e-12  # share of the largest displacement below which a mean displacement is zero
@@ -113,46 +112,50 @@ def separations(positions: Array) -> Array:
 MEASURES = ("mean_disagreement", "tracking_error", "formation_error", "centering_error")
 
 
-def summarize(team: Team, dataset: xr.Dataset) -> dict[str, Any]:
-    """Errors at the last sample, of the team and of each group, in m; None where a measure has no meaning."""
-    positions = np.concatenate(
-        [np.nan_to_num(dataset[name].values[-1:]) for name in ("agent_position", "target_position")], axis=1
-    )
-    errors = evaluate_errors(team, positions)
-    eta = dataset["disagreement"].values[-1]
+def error_series(
+    team: Team, positions: Array, disagreement: Array | None = None
+) -> tuple[dict[str, Array], dict[str, dict[str, Array]]]:
+    """Errors over time of the team, and of each group by name: by measure, shape (T,), m; NaN without a meaning.
 
-    def measures(members: list[int], formation: float, centering: float) -> dict[str, float | None]:
-        values = (
-            eta[members].mean(),
-            np.sqrt((errors.tracking[0, members] ** 2).mean()),
-            formation,
-            centering,
-        )
-        return {name: _plain(value) for name, value in zip(MEASURES, values, strict=True)}
+    Args:
+        team: the team.
+        positions: shape (T, V, 3), m.
+        disagreement: |eta_i|, shape (T, N), m; without it there is no `mean_disagreement`.
+    """
+    errors = evaluate_errors(team, positions)
+
+    def measures(members: list[int] | slice, formation: Array, centering: Array) -> dict[str, Array]:
+        eta = {} if disagreement is None else {"mean_disagreement": disagreement[:, members].mean(axis=1)}
+        tracking = np.sqrt((errors.tracking[:, members] ** 2).mean(axis=1))
+        return {**eta, "tracking_error": tracking, "formation_error": formation, "centering_error": centering}
 
     groups = {
-        f.name: measures(
-            [team.index[m] for m in f.members], errors.formation_rms(f.name)[0], errors.centering[f.name][0]
-        )
+        f.name: measures([team.index[m] for m in f.members], errors.formation_rms(f.name), errors.centering[f.name])
         for f in team.formations
     }
-    everyone = measures(list(range(len(team.agents))), errors.formation_rms()[0], errors.largest_centering()[0])
-    return {"time": float(dataset["time"][-1]), **everyone, "groups": groups}
+    return measures(slice(None), errors.formation_rms(), errors.largest_centering()), groups
+
+
+def _series_of(team: Team, dataset: xr.Dataset, begin: int) -> tuple[dict[str, Array], dict[str, dict[str, Array]]]:
+    """The `error_series` of a run from a sample on."""
+    data = dataset.isel(time=slice(begin, None))
+    positions = np.concatenate([np.nan_to_num(data[n].values) for n in ("agent_position", "target_position")], axis=1)
+    return error_series(team, positions, data["disagreement"].values)
+
+
+def summarize(team: Team, dataset: xr.Dataset) -> dict[str, Any]:
+    """Errors at the last sample, of the team and of each group, in m; None where a measure has no meaning."""
+    everyone, groups = _series_of(team, dataset, -1)
+    own = {group: {name: _plain(x[0]) for name, x in series.items()} for group, series in groups.items()}
+    final = {name: _plain(x[0]) for name, x in everyone.items()}
+    return {"time": float(dataset["time"][-1]), **final, "groups": own}
 
 
 def late_errors(team: Team, dataset: xr.Dataset) -> dict[str, float | None]:
     """RMS of the team's errors over the last half of a run, in m; None where a measure has no meaning."""
     time = dataset["time"].values
-    late = dataset.isel(time=slice(int(np.searchsorted(time, 0.5 * (time[0] + time[-1]) - 1e-9)), None))
-    positions = np.concatenate([np.nan_to_num(late[n].values) for n in ("agent_position", "target_position")], axis=1)
-    errors = evaluate_errors(team, positions)
-    values = (
-        late["disagreement"].values.mean(axis=1),
-        np.sqrt((errors.tracking**2).mean(axis=1)),
-        errors.formation_rms(),
-        errors.largest_centering(),
-    )
-    return {name: _plain(np.sqrt((x**2).mean())) for name, x in zip(MEASURES, values, strict=True)}
+    everyone, _ = _series_of(team, dataset, int(np.searchsorted(time, 0.5 * (time[0] + time[-1]) - 1e-9)))
+    return {name: _plain(np.sqrt((x**2).mean())) for name, x in everyone.items()}
 
 
 def check_expectation(expect: "Expect", backend: str, status: str, final: dict[str, Any]) -> dict[str, Any]:

@@ -7,9 +7,8 @@ import io
 import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from io import BytesIO, RawIOBase
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import h5netcdf
 import numpy as np
@@ -18,7 +17,7 @@ import xarray as xr
 from mjsheaf.results.dataset import join
 
 
-class EnduringFile(io.RawIOBase):
+class EnduringFile(io.FileIO):
     """A file whose writes never fail as far as HDF5 can see.
 
     HDF5 does not survive a write that fails while it closes a file: it frees what it goes on to use, and the
@@ -32,9 +31,8 @@ class EnduringFile(io.RawIOBase):
     """
 
     def __init__(self, path: Path) -> None:
-        self._path = path
-        self._descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o666)
-        self._place = self._size = 0
+        super().__init__(path, "w+")
+        self._size = 0
         self._refused: list[tuple[int, bytes]] = []
         self.refusal: OSError | None = None
 
@@ -45,80 +43,58 @@ class EnduringFile(io.RawIOBase):
             OSError: something could not be written, or read back.
         """
         if self.refusal is not None:
-            raise OSError(self.refusal.errno, self.refusal.strerror, str(self._path))
+            raise OSError(self.refusal.errno, self.refusal.strerror, str(self.name))
 
     def write(self, data: Any, /) -> int:
         """Write all of `data`, or keep what the disk refuses."""
-        rest, place = memoryview(data).cast("B"), self._place
-        length = len(rest)
-        self._place += length
-        self._size = max(self._size, self._place)
+        rest, end = memoryview(data).cast("B"), self.tell() + memoryview(data).nbytes
         while rest and self.refusal is None:
             try:
-                written = os.pwrite(self._descriptor, rest, place)
+                rest = rest[super().write(rest) :]
             except OSError as error:
                 self.refusal = error
-            else:
-                rest, place = rest[written:], place + written
         if rest:
-            self._refused.append((place, bytes(rest)))
-        return length
+            self._refused.append((end - len(rest), bytes(rest)))
+        self._size = max(self._size, end)
+        self.seek(end)
+        return memoryview(data).nbytes
 
     def readinto(self, buffer: Any, /) -> int:
         """Read back what was written, wherever it is; returns how many bytes there were."""
-        view = memoryview(buffer).cast("B")
-        begin, end = self._place, min(self._place + len(view), max(self._size, self._place))
+        view, begin = memoryview(buffer).cast("B"), self.tell()
+        end = min(begin + len(view), max(self._size, begin))
+        view[: end - begin] = bytes(end - begin)  # beyond what the disk took
         try:
-            found = os.pread(self._descriptor, end - begin, begin)
+            super().readinto(view[: end - begin])
         except OSError as error:
-            self.refusal, found = self.refusal or error, b""
-        view[: len(found)] = found
-        view[len(found) : end - begin] = bytes(end - begin - len(found))  # beyond what the disk took
+            self.refusal = self.refusal or error
         for place, kept in self._refused:
             first, last = max(begin, place), min(end, place + len(kept))
             if first < last:
                 view[first - begin : last - begin] = kept[first - place : last - place]
-        self._place = end
-        return end - begin
+        return self.seek(end) - begin
 
     def seek(self, offset: int, whence: int = os.SEEK_SET, /) -> int:
-        """Move to a place."""
-        self._place = offset + {os.SEEK_SET: 0, os.SEEK_CUR: self._place, os.SEEK_END: self._size}[whence]
-        return self._place
-
-    def tell(self) -> int:
-        """The place."""
-        return self._place
+        """Move to a place; the end is that of all that was written."""
+        if whence == os.SEEK_END:
+            offset, whence = offset + self._size, os.SEEK_SET
+        return super().seek(offset, whence)
 
     def truncate(self, size: int | None = None, /) -> int:
         """Change the length."""
-        self._size = self._place if size is None else size
+        self._size = self.tell() if size is None else size
         try:
-            os.ftruncate(self._descriptor, self._size)
+            super().truncate(self._size)
         except OSError as error:
             self.refusal = self.refusal or error
         return self._size
 
-    def readable(self) -> bool:
-        """It is."""
-        return True
-
-    def writable(self) -> bool:
-        """It is."""
-        return True
-
-    def seekable(self) -> bool:
-        """It is."""
-        return True
-
     def close(self) -> None:
         """Close it; a network's disk may refuse only now."""
-        if not self.closed:
+        try:
             super().close()
-            try:
-                os.close(self._descriptor)
-            except OSError as error:
-                self.refusal = self.refusal or error
+        except OSError as error:
+            self.refusal = self.refusal or error
 
 
 _MOST_SAMPLES = 4000  # of a thinned run: more cannot be seen in a plot
@@ -143,12 +119,12 @@ def write_dataset(pieces: Iterable[xr.Dataset], path: Path) -> None:
 
 def dataset_bytes(dataset: xr.Dataset) -> bytes:
     """What `write_dataset` writes of a run in one piece."""
-    file = BytesIO()
+    file = io.BytesIO()
     _write([dataset], file, lambda: None)
     return file.getvalue()
 
 
-def _write(pieces: Iterable[xr.Dataset], file: IO[bytes] | RawIOBase, check: Callable[[], None]) -> None:
+def _write(pieces: Iterable[xr.Dataset], file: io.BytesIO | EnduringFile, check: Callable[[], None]) -> None:
     """Write pieces in a thread beside, where no signal gets between HDF5 and the file; check after each of them."""
     growing = _GrowingFile(file)
     with ThreadPoolExecutor(1) as beside:
@@ -163,7 +139,7 @@ def _write(pieces: Iterable[xr.Dataset], file: IO[bytes] | RawIOBase, check: Cal
 class _GrowingFile:
     """A netCDF-4 file to which pieces of a run are appended."""
 
-    def __init__(self, file: IO[bytes] | RawIOBase) -> None:
+    def __init__(self, file: io.BytesIO | EnduringFile) -> None:
         self._file = file
         self._netcdf: h5netcdf.File | None = None
         self._samples = 0

@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import math
 import os
 import subprocess
 import sys
@@ -13,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import xarray as xr
+from pydantic_core import to_json
 
 from mjsheaf._version import __version__
 from mjsheaf.errors import InputError
@@ -127,14 +127,17 @@ def holds_run(directory: Path) -> bool:
 
 def _record(directory: Path) -> dict[str, Any] | None:
     """summary.json or compare.json of a directory, as mjsheaf wrote it; None where there is neither."""
-    for name in _RECORDS:
-        try:
-            record = json.loads((directory / name).read_bytes())
-        except (OSError, ValueError, RecursionError):
-            continue
-        if isinstance(record, dict) and "mjsheaf_version" in record:
-            return record
-    return None
+    records = (read_mapping(directory / name) or {} for name in _RECORDS)
+    return next((record for record in records if "mjsheaf_version" in record), None)
+
+
+def read_mapping(path: Path) -> dict[str, Any] | None:
+    """The mapping in a JSON file; None where there is no such file, or it holds none."""
+    try:
+        found = json.loads(path.read_bytes())
+    except (OSError, ValueError, RecursionError):
+        return None
+    return found if isinstance(found, dict) else None
 
 
 def require_same_origin(directory: Path, origin: str) -> None:
@@ -198,17 +201,8 @@ def staging(directory: Path) -> Iterator[Path]:
 
 def save_summary(summary: dict[str, Any], path: Path) -> None:
     """Write summary.json, at once; numbers that are not finite become null."""
-    text = json.dumps({"mjsheaf_version": __version__, **_finite(summary)}, indent=2, allow_nan=False)
-    write_whole(path, f"{text}\n".encode())
-
-
-def _finite(value: Any) -> Any:
-    """A value with None in place of every float that is infinite or NaN."""
-    if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    record = {"mjsheaf_version": __version__, **summary}
+    write_whole(path, to_json(record, indent=2, inf_nan_mode="null", ensure_ascii=True) + b"\n")
 
 
 _READ = "import sys, xarray; xarray.open_dataset(sys.argv[1], engine='h5netcdf').load()"

@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
+from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +15,7 @@ from mjsheaf.errors import InputError, MjsheafError
 from mjsheaf.io.section import LARGEST
 from mjsheaf.io.yaml import dump_yaml
 from mjsheaf.results.store import CHECKSUMS, VEHICLES, write_checksums
-from mjsheaf.runs.simulate import require_simulable, stream
+from mjsheaf.runs.simulate import Progress, no_progress, require_simulable, stream
 from mjsheaf.scenario import Scenario
 from mjsheaf.video import VideoOptions, available_backend
 
@@ -71,10 +72,8 @@ def _copy(description: Path, directory: Path, taken: set[str]) -> str:
     """Copy the files of a vehicle into a folder of its own; the path of the copied description, relative."""
     from mjsheaf.vehicles.loading import files_of, read_description
 
-    folder, k = description.stem, 1
-    while folder in taken:
-        k += 1
-        folder = f"{description.stem}_{k}"
+    names = chain([description.stem], (f"{description.stem}_{k}" for k in count(2)))
+    folder = next(name for name in names if name not in taken)
     root = description.parent.resolve()
     files = files_of(description, read_description(description).mjcf)
     home = directory / VEHICLES / folder
@@ -90,10 +89,6 @@ def _copy(description: Path, directory: Path, taken: set[str]) -> str:
 def _resolved(scenario: Scenario) -> dict[str, Any]:
     return scenario.model_dump(mode="json", exclude_none=True)
 
-
-__all__ = ["Outcome", "default_directory", "draw_video", "dump_scenario", "execute", "publish", "save", "video_entry"]
-
-Progress = Callable[[str, int, int], None]
 
 _NEVER_SETTLES = {"growing": "its error grows to the end", "circling": "it swings by itself, without end"}
 """What to say of endings that no longer run mends."""
@@ -152,7 +147,7 @@ def execute(
     allow_drift: bool = False,
     controller: "Controller | None" = None,
     origin: str | None = None,
-    progress: Progress | None = None,
+    progress: Progress = no_progress,
 ) -> Outcome:
     """Run a scenario and publish its directory; a run that blows up is published too, with status 'unstable'.
 
@@ -173,9 +168,9 @@ def execute(
     """
     system = scenario.system
     require_simulable(system, backend, allow_drift=allow_drift)
-    report = progress or _report_nothing
-    pieces = TimedIterator(stream(system, backend, scenario.seed, partial(report, "simulating"), controller=controller))
-    return publish(pieces, scenario, system, directory, video=video, origin=origin, progress=report)
+    simulating = partial(progress, "simulating")
+    pieces = TimedIterator(stream(system, backend, scenario.seed, simulating, controller=controller))
+    return publish(pieces, scenario, system, directory, video=video, origin=origin, progress=progress)
 
 
 def publish(
@@ -186,7 +181,7 @@ def publish(
     *,
     video: VideoOptions | None = None,
     origin: str | None = None,
-    progress: Progress | None = None,
+    progress: Progress = no_progress,
 ) -> Outcome:
     """Write the directory of a run, whole or not at all.
 
@@ -211,14 +206,14 @@ def publish(
     from mjsheaf.results.store import RESULT_DIGEST, digest, replaced_run, save_summary
     from mjsheaf.simulation.trajectory import samples_in_piece
 
-    report, replaced = progress or _report_nothing, replaced_run(directory)
+    replaced = replaced_run(directory)
     pieces = split(run, samples_in_piece(system)) if isinstance(run, xr.Dataset) else run
     with staging(directory) as fresh, ExitStack() as held:
         write_dataset(pieces, fresh / "result.nc")
         dataset = held.enter_context(open_dataset(fresh / "result.nc"))
         write_scenario(scenario, fresh)
         theorem, drawn = bound_of_run(system, dataset), thinned(dataset)
-        plots = held.enter_context(ThreadPoolExecutor(1)).submit(_plot, system, drawn, theorem, fresh, report)
+        plots = held.enter_context(ThreadPoolExecutor(1)).submit(_plot, system, drawn, theorem, fresh, progress)
         if video is None:
             plots.result()
         seconds = run.seconds if isinstance(run, TimedIterator) else None
@@ -230,11 +225,14 @@ def publish(
         if summary["ending"] in _NEVER_SETTLES:
             notes.append(f"the team does not settle: {_NEVER_SETTLES[summary['ending']]}; see mjsheaf check")
         if video is not None:
-            frames, reason = draw_video(partial(_film, scenario, system, dataset, fresh / "video.mp4", video, report))
+            from mjsheaf.video.from_run import film_run
+
+            drawing, path = partial(progress, "drawing video"), fresh / "video.mp4"
+            frames, reason = draw_video(partial(film_run, scenario, dataset, path, video, drawing, system))
             notes += [reason] * bool(reason)
             summary["video"] = video_entry(frames, video) if not reason else None
         plots.result()
-        report("publishing", 0, 1)  # the last moment at which the user can stop it
+        progress("publishing", 0, 1)  # the last moment at which the user can stop it
         save_summary(summary, fresh / "summary.json")
     return Outcome(directory, summary, notes, replaced)
 
@@ -258,10 +256,6 @@ def save(result: "xr.Dataset", directory: str | Path, *, video: bool = True) -> 
         raise InputError("save: the result does not know its scenario; expected a Dataset as `simulate` returns it")
     options = video_options(scenario) if video else None
     return publish(result, scenario, scenario.system, Path(directory), video=options)
-
-
-def _report_nothing(what: str, done: int, total: int) -> None:
-    """A `Progress` that reports nothing."""
 
 
 def _summary_of(
@@ -324,14 +318,6 @@ def _plot(system: "System", drawn: "xr.Dataset", theorem: "RunBound", folder: Pa
     progress("plotting", 2, 3)
     plot_configurations(system.team, drawn, folder / "configurations.png")
     progress("plotting", 3, 3)
-
-
-def _film(
-    scenario: Scenario, system: "System", dataset: "xr.Dataset", path: Path, options: VideoOptions, progress: Progress
-) -> int:
-    from mjsheaf.video.from_run import film_run
-
-    return film_run(scenario, dataset, path, options, partial(progress, "drawing video"), system)
 
 
 def video_entry(frames: int, options: VideoOptions) -> dict[str, Any]:

@@ -1,6 +1,5 @@
 """Simulating a scenario, or many at once: from what a person wrote to data."""
 
-import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from threading import Event
@@ -8,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from mjsheaf.errors import InputError, MjsheafError, NotUniqueError, RankError, expected
 from mjsheaf.scenario import Scenario
-from mjsheaf.team import Team
+from mjsheaf.threads import usable_processors
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -17,6 +16,13 @@ if TYPE_CHECKING:
     from mjsheaf.system import Phase, System
 
 BACKENDS = ("physics", "ideal")
+
+Progress = Callable[[str, int, int], None]
+"""Called with (what is being done, done, in all)."""
+
+
+def no_progress(what: str, done: int, total: int) -> None:
+    """A `Progress` that reports nothing."""
 
 
 def simulate(
@@ -154,11 +160,6 @@ class _Abandoned(Exception):  # noqa: N818
     """Ends a run whose siblings were interrupted."""
 
 
-def usable_processors() -> int:
-    """How many processors this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 def _require_backend(backend: str) -> None:
     if backend not in BACKENDS:
         raise InputError(f"unknown backend {backend!r}; {expected(backend, BACKENDS)}")
@@ -178,54 +179,24 @@ def require_simulable(system: "System", backend: str, *, allow_drift: bool = Fal
             full row rank.
         NotUniqueError: the harmonic extension is not unique, and drift is not allowed.
     """
-    _require_backend(backend)
-    require_vehicles(system)
-    require_full_row_rank(system)
-    if not allow_drift:
-        require_unique(system.team)
-
-
-def require_vehicles(system: "System") -> None:
-    """Refuse a vehicle that is unknown or does not fit its agent or target.
-
-    Raises:
-        InputError: naming the field.
-    """
+    from mjsheaf.dynamics.effectiveness import without_full_row_rank
     from mjsheaf.system import DEFAULT_VEHICLE
 
-    named = zip(system.team.members, system.bodies.vehicle, strict=True)
+    _require_backend(backend)
+    team = system.team
+    named = zip(team.members, system.bodies.vehicle, strict=True)
     if any(name != DEFAULT_VEHICLE[member.dimension] for member, name in named):
         _ = system.vehicles
-
-
-def require_full_row_rank(system: "System") -> None:
-    """Refuse an agent whose given control effectiveness makes g g^+ = I impossible (Assumption 2).
-
-    Raises:
-        InputError: naming the agent.
-    """
-    from mjsheaf.dynamics.effectiveness import without_full_row_rank
-
-    agents = system.team.agents
-    for i in without_full_row_rank(system.effectiveness, [a.dimension for a in agents]):
+    for i in without_full_row_rank(system.effectiveness, [a.dimension for a in team.agents]):
         raise RankError(
-            f"agents.{agents[i].id}.effectiveness: g is not of full row rank {agents[i].dimension} (Assumption 2): "
-            "no input makes every velocity"
+            f"agents.{team.agents[i].id}.effectiveness: g is not of full row rank {team.agents[i].dimension} "
+            "(Assumption 2): no input makes every velocity"
         )
+    if not (allow_drift or team.dirichlet.unique):
+        from mjsheaf.team.null_modes import describe_null_modes
 
-
-def require_unique(team: Team) -> None:
-    """Refuse a team whose harmonic extension is not unique (the paper's assumption on relative cohomology).
-
-    Raises:
-        NotUniqueError: with the free directions in the words of the team.
-    """
-    if team.dirichlet.unique:
-        return
-    from mjsheaf.team.null_modes import describe_null_modes
-
-    free = describe_null_modes(team)
-    raise NotUniqueError(
-        f"the harmonic extension is not unique: H^0(G, G_p; F) has dimension {len(free)}: "
-        f"{'; '.join(free[:4])}{'; ...' if len(free) > 4 else ''}; sense or share the free coordinates"
-    )
+        free = describe_null_modes(team)
+        raise NotUniqueError(
+            f"the harmonic extension is not unique: H^0(G, G_p; F) has dimension {len(free)}: "
+            f"{'; '.join(free[:4])}{'; ...' if len(free) > 4 else ''}; sense or share the free coordinates"
+        )

@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from mjsheaf.errors import InputError, ScenarioError, expected, suggestion
+from mjsheaf.errors import InputError, ScenarioError, expected, in_field, suggestion
 from mjsheaf.io.files import confined, resource_directory
 from mjsheaf.io.section import describe_validation_error, plain
 from mjsheaf.io.yaml import parse_yaml, read_yaml
@@ -59,10 +59,9 @@ def read_scenario(source: str | Path) -> dict[str, Any]:
         ScenarioError: the file cannot be read, or names a vehicle outside its directory.
     """
     path = find_scenario(source)
+    found = read_yaml(path)
     try:
-        raw = map_vehicles(read_yaml(path), lambda name: str(confined(name, path.parent)))
-    except ScenarioError:
-        raise
+        raw = map_vehicles(found, lambda name: str(confined(name, path.parent)))
     except InputError as error:
         raise ScenarioError(f"{source}: {error}") from None
     raw.setdefault("name", _name_from(path))
@@ -120,10 +119,8 @@ def map_vehicles(node: Any, change: Callable[[str], str], path: tuple[str, ...] 
         return [map_vehicles(item, change, (*path, str(k))) for k, item in enumerate(node)]
     if not node.endswith(_SUFFIXES) or all(len(place) != len(path) for place in places):
         return node
-    try:
+    with in_field(".".join(path)):
         return change(node)
-    except InputError as error:
-        raise InputError(f"{'.'.join(path)}: {error}") from None
 
 
 def find_scenario(source: str | Path) -> Path:
@@ -165,14 +162,13 @@ def _with(node: Any, keys: list[str], value: Any, path: str) -> Any:
     key, rest = keys[0], keys[1:]
     if isinstance(node, list):
         names = [item.get("id", item.get("name")) if isinstance(item, dict) else None for item in node]
-        numbers = [str(k) for k in range(len(node))]
-        if key not in names and key not in numbers:
+        places = {str(k): k for k in range(len(node))}
+        places |= {name: k for k, name in reversed([*enumerate(names)]) if isinstance(name, str)}
+        if key not in places:
             known = [str(name) for name in names if name] or [f"0 to {len(node) - 1}"]
             raise ScenarioError(f"--set {path}: no item {key!r}; {expected(key, known)}")
-        index = names.index(key) if key in names else numbers.index(key)
-        copy = list(node)
-        copy[index] = _with(node[index], rest, value, path) if rest else value
-        return copy
+        k = places[key]
+        return [*node[:k], _with(node[k], rest, value, path) if rest else value, *node[k + 1 :]]
     if node is None:
         node = {}
     if not isinstance(node, dict):

@@ -9,9 +9,9 @@ from functools import cached_property
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ConfigDict, Field, model_validator
 
+from mjsheaf.arrays import Array, IntArray
 from mjsheaf.control import pack_law
 from mjsheaf.control.terms import Drift, Feedforward, Integral, Newton, Odometry, Terms, pack_terms
 from mjsheaf.dynamics import ControlEffectiveness, Disturbance, FlowField, Motion, disturbance
@@ -25,8 +25,6 @@ from mjsheaf.team import Anchor, Member, Team
 from mjsheaf.team.edges import PairOrEdge
 from mjsheaf.team.formation import Group
 from mjsheaf.vehicles.effects import Effects
-
-Array = NDArray[np.float64]
 
 EDGE_FIELDS = ("communication", "sensing", "target_edges")
 """The fields of a scenario that hold edges."""
@@ -47,7 +45,7 @@ class Flow(Section):
             raise ValueError("give either agents and targets, or air and water")
         return self
 
-    def met_by(self, team: Team) -> tuple[list[FlowField], NDArray[np.int64]]:
+    def met_by(self, team: Team) -> tuple[list[FlowField], IntArray]:
         """The flow fields, by medium where one is given, else by role; and which each vehicle meets, shape (V,)."""
         if self.air is not None or self.water is not None:
             fields, met = (self.air, self.water), [0 if m.dimension == 3 else 1 for m in team.members]

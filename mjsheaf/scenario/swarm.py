@@ -9,13 +9,12 @@ from collections.abc import Callable
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
+from mjsheaf.arrays import Array, IntArray
 from mjsheaf.errors import InputError
 from mjsheaf.io.section import Id, NonNegative, Number, Point, Positive, Section
 
-Array = NDArray[np.float64]
 Edges = set[tuple[int, int]]
 
 _POINT: TypeAdapter[list[float]] = TypeAdapter(Point, config=ConfigDict(strict=True, allow_inf_nan=False))
@@ -119,15 +118,12 @@ def _sunflower(size: int, spacing: float) -> Array:
 
 def _nearest(places: Array, swarm: Swarm, rng: np.random.Generator) -> Edges:
     """Each agent and its nearest ones, half the degree of them among those further in, so that all are connected."""
-    wanted = max(1, swarm.degree // 2)
-    edges: Edges = set()
-    for begin in range(1, len(places), _AT_A_TIME):
-        agents = np.arange(begin, min(begin + _AT_A_TIME, len(places)))
-        edges |= _nearest_before(places, agents, wanted)
-    return edges
+    starts = range(1, len(places), _AT_A_TIME)
+    chunks = (np.arange(begin, min(begin + _AT_A_TIME, len(places))) for begin in starts)
+    return set().union(*(_nearest_before(places, chunk, max(1, swarm.degree // 2)) for chunk in chunks))
 
 
-def _nearest_before(places: Array, agents: NDArray[np.int64], wanted: int) -> Edges:
+def _nearest_before(places: Array, agents: IntArray, wanted: int) -> Edges:
     """Links from some agents to those nearest of the agents before them in number; of two as near, the first."""
     from scipy.spatial import cKDTree
 
@@ -151,8 +147,7 @@ def _nearest_before(places: Array, agents: NDArray[np.int64], wanted: int) -> Ed
 
 def _ring(places: Array, swarm: Swarm, rng: np.random.Generator) -> Edges:
     """One after the other, in the order of their bearing."""
-    order = np.argsort(np.arctan2(places[:, 1], places[:, 0]), kind="stable")
-    return _ordered(zip(order, np.roll(order, -1), strict=True)) if len(places) > 1 else set()
+    return _cycle(np.argsort(np.arctan2(places[:, 1], places[:, 0]), kind="stable"))
 
 
 def _random_geometric(places: Array, swarm: Swarm, rng: np.random.Generator) -> Edges:
@@ -183,8 +178,7 @@ def _k_regular(places: Array, swarm: Swarm, rng: np.random.Generator) -> Edges:
     if size * degree % 2:
         raise InputError(f"swarm.degree: no graph of {size} agents has {degree} links each; take an even number")
     if degree == 2:  # of these, only one cycle is connected, which would hardly ever be drawn
-        order = rng.permutation(size)
-        return _ordered(zip(order, np.roll(order, -1), strict=True))
+        return _cycle(rng.permutation(size))
     import networkx
 
     for _ in range(_MOST_DRAWS):
@@ -201,6 +195,11 @@ _GRAPHS: dict[str, Callable[[Array, Swarm, np.random.Generator], Edges]] = {
     "small_world": _small_world,
     "k_regular": _k_regular,
 }
+
+
+def _cycle(order: IntArray) -> Edges:
+    """From each to the next, and from the last to the first."""
+    return _ordered(zip(order, np.roll(order, -1), strict=True))
 
 
 def _ordered(pairs: Any) -> Edges:

@@ -1,27 +1,24 @@
-"""The edges of a sheaf: bundles that were added together, one table of all for the compiled loops, and its matrices."""
+"""The edges of a sheaf: bundles that were added together, and one table of all with its matrices and products.
+
+Compiled loops walk an `EdgeTable` t edge by edge or vertex by vertex, in one order, by one thread: the same bits
+everywhere. Those that make arrays take them out of it first, as there each reading from the tuple costs. The Laplacian
+here is delta^T delta; an inner product enters through whitened maps.
+"""
 
 from collections import defaultdict
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.errors import SheafError
-from mjsheaf.sheaf.loops import (
-    adjoint_times,
-    block_row_lengths,
-    coboundary_times,
-    fill_block,
-    fill_coboundary,
-    incidence,
-    row_lengths,
-)
+from mjsheaf.jit import allocating_jit, jit
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+Index = IntArray
 
 
 @dataclass(frozen=True)
@@ -34,7 +31,7 @@ class EdgeBundle:
         shape: (m, n_tail, n_head), the dimensions of the edge stalk and of the two vertex stalks.
         offset: desired value b of each edge, shape (k, m).
         weight: inner product K of each edge stalk, shape (k, m, m), or None for the identity.
-        row: first row of each edge in the coboundary, shape (k,).
+        number: of each edge in the sheaf, in the order in which edges were added, shape (k,).
     """
 
     tail: Index
@@ -43,27 +40,31 @@ class EdgeBundle:
     shape: tuple[int, int, int]
     offset: Array
     weight: Array | None
-    row: Index
+    number: Index
 
     @property
     def F_tail(self) -> Array:  # noqa: N802 - the field's symbol
         """Restriction maps to the tails, shape (k, m, n_tail)."""
-        m, n, _ = self.shape
-        return self.maps[: len(self.tail) * m * n].reshape(-1, m, n) if m * n else np.zeros((len(self.tail), m, n))
+        k, (m, n, _) = len(self.tail), self.shape
+        return self.maps[: k * m * n].reshape(k, m, n)
 
     @property
     def F_head(self) -> Array:  # noqa: N802
         """Restriction maps to the heads, shape (k, m, n_head)."""
-        m, n_tail, n = self.shape
-        begin = len(self.tail) * m * n_tail
-        return self.maps[begin:].reshape(-1, m, n) if m * n else np.zeros((len(self.tail), m, n))
+        k, (m, n_tail, n) = len(self.tail), self.shape
+        return self.maps[k * m * n_tail :].reshape(k, m, n)
 
-    def selected(self, chosen: NDArray[np.bool_], number: Index, row: Index) -> "EdgeBundle":
-        """The chosen edges (k,), with new numbers of the vertices (V,) and new first rows (k,)."""
-        maps = packed([self.F_tail[chosen]], [self.F_head[chosen]])
-        weight = None if self.weight is None else self.weight[chosen]
-        tail, head = number[self.tail[chosen]], number[self.head[chosen]]
-        return EdgeBundle(tail, head, maps, self.shape, self.offset[chosen], weight, row[chosen])
+    def selected(self, chosen: BoolArray, vertex: Index, number: Index) -> "EdgeBundle":
+        """The chosen edges (k,), with new numbers of all vertices (V,) and edges (E,)."""
+        return replace(
+            self,
+            tail=vertex[self.tail[chosen]],
+            head=vertex[self.head[chosen]],
+            maps=packed([self.F_tail[chosen]], [self.F_head[chosen]]),
+            offset=self.offset[chosen],
+            weight=None if self.weight is None else self.weight[chosen],
+            number=number[self.number[chosen]],
+        )
 
     def whitened(self) -> "EdgeBundle":
         """The same edges in edge coordinates in which the inner product is the identity.
@@ -75,18 +76,12 @@ class EdgeBundle:
             return self
         root = np.linalg.cholesky(self.weight).transpose(0, 2, 1)
         maps = packed([root @ self.F_tail], [root @ self.F_head])
-        offset = np.einsum("kij,kj->ki", root, self.offset)
-        return EdgeBundle(self.tail, self.head, maps, self.shape, offset, None, self.row)
+        return replace(self, maps=maps, offset=np.einsum("kij,kj->ki", root, self.offset), weight=None)
 
 
 def packed(F_tails: list[Array], F_heads: list[Array]) -> Array:
     """A copy of maps to the tails, then to the heads, row by row."""
-    maps = np.empty(sum(F.size for F in F_tails + F_heads))
-    end = 0
-    for F in F_tails + F_heads:
-        maps[end : end + F.size].reshape(F.shape)[...] = F
-        end += F.size
-    return maps
+    return np.concatenate([F.ravel() for F in F_tails + F_heads])
 
 
 class EdgeTable(NamedTuple):
@@ -134,13 +129,23 @@ def _join(group: list[EdgeBundle]) -> EdgeBundle:
         group[0].shape,
         np.concatenate([b.offset for b in group]),
         np.concatenate(weights) if weights else None,
-        np.concatenate([b.row for b in group]),
+        np.concatenate([b.number for b in group]),
     )
 
 
+def starts(length: Index) -> Index:
+    """Where each of several stretches begins that follow one another, shape (k,)."""
+    return np.cumsum(length) - length
+
+
+def ranges(begin: Index, length: Index) -> Index:
+    """The numbers from begin[k] up to begin[k] + length[k], stretch after stretch."""
+    return np.repeat(begin - starts(length), length) + np.arange(length.sum())
+
+
 def tabulate(bundles: list[EdgeBundle], column: Index) -> EdgeTable:
-    """The table of the given bundles, one after the other, without their weights; `column` as in `EdgeTable`."""
-    tail, head, row = (_joined([getattr(b, name) for b in bundles], np.int64) for name in ("tail", "head", "row"))
+    """The table of all edges of a sheaf, bundle after bundle, without their weights; `column` as in `EdgeTable`."""
+    tail, head, number = (_joined([getattr(b, name) for b in bundles], np.int64) for name in ("tail", "head", "number"))
     F = _joined([b.maps for b in bundles], np.float64)
     size = _joined([np.full(len(b.tail), b.shape[0]) for b in bundles], np.int64)
     at_tail, at_head, begin = [], [], 0
@@ -151,26 +156,18 @@ def tabulate(bundles: list[EdgeBundle], column: Index) -> EdgeTable:
         begin += len(b.maps)
     first, incident = incidence(tail, head, len(column) - 1)
     places = _joined(at_tail, np.int64), _joined(at_head, np.int64)
+    of_number = np.empty_like(size)
+    of_number[number] = size
+    row = starts(of_number)[number]
     return EdgeTable(int(size.sum()), column, tail, head, row, size, F, *places, first, incident)
 
 
-def _joined(parts: list[NDArray], dtype: type) -> NDArray:
+def _joined(parts: list[NDArray[Any]], dtype: type) -> NDArray[Any]:
     """One array of the parts; a single part is not copied."""
     return parts[0] if len(parts) == 1 else np.concatenate([np.zeros(0, dtype=dtype), *parts])
 
 
-def product(t: EdgeTable, x: Array) -> Array:
-    """delta x for x of shape (n, k), without the matrix; shape (m, k)."""
-    y = np.empty((t.rows, x.shape[1]))
-    coboundary_times(t, np.ascontiguousarray(x), y)
-    return y
-
-
-def adjoint_product(t: EdgeTable, y: Array) -> Array:
-    """delta^T y for y of shape (m, k), without the matrix; shape (n, k)."""
-    x = np.empty((t.column[-1], y.shape[1]))
-    adjoint_times(t, np.ascontiguousarray(y), x)
-    return x
+# -- what is added -------------------------------------------------------------------------------------------------
 
 
 class Ends(NamedTuple):
@@ -181,8 +178,8 @@ class Ends(NamedTuple):
         tail, head: the same by number, shape (k,).
     """
 
-    tails: Sequence
-    heads: Sequence
+    tails: Sequence[Any]
+    heads: Sequence[Any]
     tail: Index
     head: Index
 
@@ -192,7 +189,7 @@ class Ends(NamedTuple):
 
 
 def checked_bundle(
-    ends: Ends, dimension: Index, F_tails: Any, F_heads: Any, offset: Any, weight: Any, row: Any
+    ends: Ends, dimension: Index, F_tails: Any, F_heads: Any, offset: Any, weight: Any, number: Index
 ) -> EdgeBundle:
     """A bundle of k edges of equal stalk dimensions.
 
@@ -202,7 +199,7 @@ def checked_bundle(
         F_tails, F_heads: maps, shapes (k, m, n_tail) and (k, m, n_head).
         offset: desired values, shape (k, m), or None.
         weight: inner products, shape (k, m, m), or positive numbers of shape (k,) times the identity, or None.
-        row: first row of each edge, shape (k,), or of the first edge, from where they follow each other.
+        number: of each edge, shape (k,).
 
     Raises:
         SheafError: loop, wrong shape, non-finite entry, or a weight that is not SPD.
@@ -211,7 +208,7 @@ def checked_bundle(
     loops = np.flatnonzero(ends.tail == ends.head)
     if loops.size:
         raise SheafError(f"{ends.name(loops[0])} is a loop; its ends must differ")
-    F_tail, F_head = _of_edges(F_tails, "F_tail", ends), _of_edges(F_heads, "F_head", ends)
+    F_tail, F_head = finite(F_tails, "F_tail", ends), finite(F_heads, "F_head", ends)
     for name, F, vertices, at in (("tail", F_tail, ends.tails, ends.tail), ("head", F_head, ends.heads, ends.head)):
         if F.ndim != 3 or F.shape[0] != k:
             raise SheafError(f"maps of the {name}s have shape {F.shape}; expected ({k}, m, n)")
@@ -228,18 +225,17 @@ def checked_bundle(
             f"{ends.name(0)}: the maps have {m} and {F_head.shape[1]} rows; both must map to the same edge stalk"
         )
     # No memory for zeros: a million edges have enough to store.
-    b = np.broadcast_to(0.0, (k, m)) if offset is None else np.array(_of_edges(offset, "offset", ends))
+    b = np.broadcast_to(0.0, (k, m)) if offset is None else np.array(finite(offset, "offset", ends))
     if b.shape != (k, m):
         raise SheafError(f"offset has shape {b.shape}; expected ({k}, {m})")
-    K = None if weight is None else np.array(_of_edges(weight, "weight", ends))
+    K = None if weight is None else np.array(finite(weight, "weight", ends))
     if K is not None:
         K = K[:, None, None] * np.eye(m) if K.shape == (k,) else K
         if K.shape != (k, m, m):
             raise SheafError(f"weight has shape {K.shape}; expected ({k}, {m}, {m}) or ({k},)")
         require_positive_definite(K, lambda e: f"{ends.name(e)}: the weight")
-    rows = row + m * np.arange(k) if np.ndim(row) == 0 else row
     shape = m, F_tail.shape[2], F_head.shape[2]
-    return EdgeBundle(ends.tail, ends.head, packed([F_tail], [F_head]), shape, b, K, rows)
+    return EdgeBundle(ends.tail, ends.head, packed([F_tail], [F_head]), shape, b, K, number)
 
 
 def require_positive_definite(K: Array, name: Callable[[int], str]) -> None:
@@ -255,36 +251,41 @@ def require_positive_definite(K: Array, name: Callable[[int], str]) -> None:
         )
 
 
-def finite(x: Any, name: str) -> Array:
-    """A copy of an array of finite numbers, or a SheafError that names it."""
-    array = np.array(_numbers(x, name))
-    if not np.isfinite(array).all():
-        raise SheafError(f"{name}: an entry is not finite")
-    return array
-
-
-def _of_edges(x: Any, name: str, ends: Ends) -> Array:
-    """One finite entry of an array for each edge; not a copy."""
-    array = _numbers(x, name)
-    if not np.isfinite(array).all():
-        e = np.argwhere(~np.isfinite(array))[0, 0] if array.ndim and len(array) == len(ends.tail) else None
-        raise SheafError(f"{'' if e is None else f'{ends.name(e)}: '}{name}: an entry is not finite")
-    return array
-
-
-def _numbers(x: Any, name: str) -> Array:
+def finite(x: Any, name: str, ends: Ends | None = None) -> Array:
+    """An array of finite numbers, not a copy, or a SheafError that names it and, with one entry an edge, the edge."""
     try:
-        return np.asarray(x, dtype=np.float64)
+        array = np.asarray(x, dtype=np.float64)
     except (TypeError, ValueError):
         raise SheafError(f"{name}: not an array of numbers of equal row lengths") from None
+    if not np.isfinite(array).all():
+        known = ends is not None and array.ndim > 0 and len(array) == len(ends.tail)
+        edge = f"{ends.name(np.argwhere(~np.isfinite(array))[0, 0])}: " if ends is not None and known else ""
+        raise SheafError(f"{edge}{name}: an entry is not finite")
+    return array
+
+
+# -- products and matrices -----------------------------------------------------------------------------------------
+
+
+def product(t: EdgeTable, x: Array) -> Array:
+    """delta x for x of shape (n, k), without the matrix; shape (m, k)."""
+    y = np.empty((t.rows, x.shape[1]))
+    _coboundary_times(t, np.ascontiguousarray(x), y)
+    return y
+
+
+def adjoint_product(t: EdgeTable, y: Array) -> Array:
+    """delta^T y for y of shape (m, k), without the matrix; shape (n, k)."""
+    x = np.zeros((t.column[-1], y.shape[1]))
+    _add_adjoint_times(t, np.ascontiguousarray(y), x)
+    return x
 
 
 def coboundary_matrix(t: EdgeTable) -> sparse.csr_array:
     """delta, rows by edge order, columns by vertex order, shape (m, n)."""
     kind = np.int32 if len(t.F) < 2**31 else np.int64
-    indptr, indices, values = np.empty(t.rows + 1, dtype=kind), np.empty(len(t.F), dtype=kind), np.empty(len(t.F))
-    row_lengths(t, indptr)
-    fill_coboundary(t, indptr, indices, values)
+    indptr, indices, values = np.zeros(t.rows + 1, dtype=kind), np.empty(len(t.F), dtype=kind), np.empty(len(t.F))
+    _fill_coboundary(t, indptr, indices, values)
     return sparse.csr_array((values, indices, indptr), shape=(t.rows, int(t.column[-1])))
 
 
@@ -304,7 +305,7 @@ def first_rows(t: EdgeTable, vertices: Index) -> Index:
     """First row of each of some vertices, in the order given, by vertex; -1 at the others, shape (V,)."""
     dimension = t.column[vertices + 1] - t.column[vertices]
     place = np.full(len(t.column) - 1, -1)
-    place[vertices] = np.cumsum(dimension) - dimension
+    place[vertices] = starts(dimension)
     return place
 
 
@@ -320,9 +321,225 @@ def block_rows(
         sign: a factor.
         upper: whether to keep only what lies above the diagonal; the diagonal comes last then, else an empty array.
     """
-    indptr = np.empty(int(np.diff(t.column)[place >= 0].sum()) + 1, dtype=np.int64)
-    block_row_lengths(t, place, columns, upper, indptr)
+    indptr = block_row_lengths(t, place, columns, upper, int(np.diff(t.column)[place >= 0].sum()))
     indices = np.empty(indptr[-1], dtype=np.int32 if indptr[-1] < 2**31 else np.int64)
     values, diagonal = np.zeros(indptr[-1]), np.zeros(len(indptr) - 1 if upper else 0)
     fill_block(t, place, columns, upper, sign, (indptr, indices, values), diagonal)
     return values, indices, indptr, diagonal
+
+
+# -- compiled loops ------------------------------------------------------------------------------------------------
+
+
+@allocating_jit
+def incidence(tail, head, vertices):
+    """The edges at each vertex, ascending: (first (V + 1,), incident (2 E,))."""
+    first = np.zeros(vertices + 1, dtype=np.int64)
+    for e in range(len(tail)):
+        first[tail[e] + 1] += 1
+        first[head[e] + 1] += 1
+    for v in range(vertices):
+        first[v + 1] += first[v]
+    place = first[:-1].copy()
+    incident = np.empty(2 * len(tail), dtype=np.int64)
+    for e in range(len(tail)):
+        for v in (tail[e], head[e]):
+            incident[place[v]] = e
+            place[v] += 1
+    return first, incident
+
+
+@jit
+def _fill_coboundary(t, indptr, indices, values):
+    """Fill delta, all row pointers zero before: F_tail x_tail - F_head x_head for each edge, columns ascending."""
+    for e in range(len(t.tail)):
+        i, j = t.tail[e], t.head[e]
+        for a in range(t.size[e]):
+            indptr[t.row[e] + a + 1] = t.column[i + 1] - t.column[i] + t.column[j + 1] - t.column[j]
+    for a in range(t.rows):
+        indptr[a + 1] += indptr[a]
+    for e in range(len(t.tail)):
+        i, j = t.tail[e], t.head[e]
+        for v, other, at, sign in ((i, j, t.at_tail[e], 1.0), (j, i, t.at_head[e], -1.0)):
+            n = t.column[v + 1] - t.column[v]
+            skip = 0 if v < other else t.column[other + 1] - t.column[other]
+            for a in range(t.size[e]):
+                place = indptr[t.row[e] + a] + skip
+                for k in range(n):
+                    indices[place + k] = t.column[v] + k
+                    values[place + k] = sign * t.F[at + a * n + k]
+
+
+@jit
+def _coboundary_times(t, x, y):
+    """Y = delta x; x of shape (n, k), y of shape (m, k)."""
+    for e in range(len(t.tail)):
+        left, right = t.column[t.tail[e]], t.column[t.head[e]]
+        n_i, n_j = t.column[t.tail[e] + 1] - left, t.column[t.head[e] + 1] - right
+        for a in range(t.size[e]):
+            for c in range(x.shape[1]):
+                total = 0.0
+                for k in range(n_i):
+                    total += t.F[t.at_tail[e] + a * n_i + k] * x[left + k, c]
+                for k in range(n_j):
+                    total -= t.F[t.at_head[e] + a * n_j + k] * x[right + k, c]
+                y[t.row[e] + a, c] = total
+
+
+@jit
+def _add_adjoint_times(t, y, x):
+    """X += delta^T y; y of shape (m, k), x of shape (n, k)."""
+    for e in range(len(t.tail)):
+        left, right = t.column[t.tail[e]], t.column[t.head[e]]
+        n_i, n_j = t.column[t.tail[e] + 1] - left, t.column[t.head[e] + 1] - right
+        for a in range(t.size[e]):
+            for c in range(x.shape[1]):
+                value = y[t.row[e] + a, c]
+                for k in range(n_i):
+                    x[left + k, c] += t.F[t.at_tail[e] + a * n_i + k] * value
+                for k in range(n_j):
+                    x[right + k, c] -= t.F[t.at_head[e] + a * n_j + k] * value
+
+
+@allocating_jit
+def block_row_lengths(t, place, columns, upper, rows):
+    """The row pointers (rows + 1,) of the block of L that `fill_block` fills."""
+    column, tail, head, first, incident = t.column, t.tail, t.head, t.first, t.incident
+    indptr = np.zeros(rows + 1, dtype=np.int64)
+    last = np.full(len(place), -1, dtype=np.int64)
+    begin = 0
+    for u in columns:
+        n_u = column[u + 1] - column[u]
+        for at in range(first[u], first[u + 1]):
+            e = incident[at]
+            for v in (u, head[e] if tail[e] == u else tail[e]):
+                if place[v] < 0 or last[v] == u or (upper and place[v] > begin):
+                    continue
+                last[v] = u
+                for a in range(column[v + 1] - column[v]):
+                    row = place[v] + a
+                    skip = min(max(row + 1 - begin, 0), n_u) if upper else 0
+                    indptr[row + 1] += n_u - skip
+        begin += n_u
+    for a in range(rows):
+        indptr[a + 1] += indptr[a]
+    return indptr
+
+
+@allocating_jit
+def fill_block(t, place, columns, upper, sign, rows, diagonal):
+    """Fill a block of sign * L.
+
+    Columns are walked in order and append themselves to the rows that they meet: rows come out sorted without sorting.
+
+    Args:
+        t: the edges.
+        place: first row of each vertex, or -1 where it has none, shape (V,).
+        columns: vertices of the columns, in order.
+        upper: whether to keep only what lies above the diagonal, and to put the diagonal into `diagonal`.
+        sign: a factor.
+        rows: (indptr, indices, values), compressed rows; values are zero before.
+        diagonal: shape (rows,), zero before; not touched unless `upper`.
+    """
+    _, column, tail, head, _, size, F, at_tail, at_head, first, incident = t
+    indptr, indices, values = rows
+    last = np.full(len(place), -1, dtype=np.int64)
+    end = indptr[:-1].copy()  # of what each row has so far
+    start = indptr[:-1].copy()  # of the row's newest block
+    begin = 0
+    for u in columns:
+        n_u = column[u + 1] - column[u]
+        for at in range(first[u], first[u + 1]):
+            e = incident[at]
+            from_tail = tail[e] == u
+            at_u = at_tail[e] if from_tail else at_head[e]
+            for own in range(2):
+                v = u if own == 1 else (head[e] if from_tail else tail[e])
+                if place[v] < 0 or (upper and place[v] > begin):
+                    continue
+                n_v = column[v + 1] - column[v]
+                at_v = at_tail[e] if from_tail == (own == 1) else at_head[e]
+                factor = sign if own == 1 else -sign
+                new = last[v] != u
+                last[v] = u
+                for a in range(n_v):
+                    row = place[v] + a
+                    skip = min(max(row + 1 - begin, 0), n_u) if upper else 0
+                    if new:
+                        start[row] = end[row]
+                        end[row] += n_u - skip
+                        for b in range(skip, n_u):
+                            indices[start[row] + b - skip] = begin + b
+                    for b in range(max(skip - 1, 0), n_u):
+                        if b < skip and row != begin + b:
+                            continue
+                        total = 0.0
+                        for k in range(size[e]):
+                            total += F[at_v + k * n_v + a] * F[at_u + k * n_u + b]
+                        if b < skip:
+                            diagonal[row] += factor * total
+                        else:
+                            values[start[row] + b - skip] += factor * total
+        begin += n_u
+
+
+@jit
+def fill_band(t, place, band):
+    """Add delta^T delta to a lower band: entry (i, j), i >= j, of the permuted matrix is band[j, i - j].
+
+    Args:
+        t: the edges.
+        place: first row of each vertex in the permuted matrix, or -1 where it has none, shape (V,).
+        band: shape (rows, bandwidth + 1), zero before: LAPACK's band storage, transposed.
+    """
+    for e in range(len(t.tail)):
+        for one in range(2):
+            v, at_v = (t.tail[e], t.at_tail[e]) if one == 0 else (t.head[e], t.at_head[e])
+            n_v = t.column[v + 1] - t.column[v]
+            for two in range(2):
+                u, at_u = (t.tail[e], t.at_tail[e]) if two == 0 else (t.head[e], t.at_head[e])
+                if place[u] < 0 or place[v] < place[u]:  # -1 is below every other
+                    continue
+                n_u = t.column[u + 1] - t.column[u]
+                factor = 1.0 if one == two else -1.0
+                for a in range(n_v):
+                    i = place[v] + a
+                    for j in range(place[u], min(place[u] + n_u, i + 1)):
+                        total = 0.0
+                        for k in range(t.size[e]):
+                            total += t.F[at_v + k * n_v + a] * t.F[at_u + k * n_u + j - place[u]]
+                        band[j, i - j] += factor * total
+
+
+@allocating_jit
+def neighbours(t, free):
+    """Compressed rows (values, indices, indptr) of the graph on the free vertices, parallel edges repeated."""
+    tail, head, first, incident = t.tail, t.head, t.first, t.incident
+    indptr = np.zeros(len(free) + 1, dtype=np.int32)
+    indices = np.empty(len(incident), dtype=np.int32)
+    size = 0
+    for v in range(len(free)):
+        if free[v]:
+            for at in range(first[v], first[v + 1]):
+                e = incident[at]
+                u = head[e] if tail[e] == v else tail[e]
+                if free[u]:
+                    indices[size] = u
+                    size += 1
+        indptr[v + 1] = size
+    return np.ones(size, dtype=np.int8), indices[:size], indptr
+
+
+@jit
+def bandwidth(t, place):
+    """Largest |i - j| over the entries of delta^T delta on the vertices with a place, which is their first row."""
+    widest = 0
+    for v in range(len(place)):
+        if place[v] >= 0:
+            widest = max(widest, t.column[v + 1] - t.column[v] - 1)
+    for e in range(len(t.tail)):
+        i, j = t.tail[e], t.head[e]
+        if place[i] >= 0 and place[j] >= 0:
+            end_i, end_j = place[i] + t.column[i + 1] - t.column[i], place[j] + t.column[j + 1] - t.column[j]
+            widest = max(widest, max(end_i, end_j) - 1 - min(place[i], place[j]))
+    return widest

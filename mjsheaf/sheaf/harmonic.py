@@ -22,23 +22,36 @@ two triangular solutions little is left to do.
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import linalg, sparse
 from scipy.sparse import csgraph
 from scipy.sparse.linalg import eigsh
 
+from mjsheaf.arrays import Array, IntArray
 from mjsheaf.errors import SheafError
 from mjsheaf.jit import allocating_jit, jit
-from mjsheaf.sheaf.edges import EdgeTable, adjoint_product, block_rows, first_rows, laplacian_block, product
-from mjsheaf.sheaf.loops import bandwidth, fill_band, neighbours
-from mjsheaf.sheaf.sections import DENSE_COLUMNS, RANK_TOLERANCE, section_basis
-from mjsheaf.sheaf.stalks import Stalks, column_parts, dense_rows
+from mjsheaf.sheaf.blocks import DENSE_COLUMNS, RANK_TOLERANCE, parts
+from mjsheaf.sheaf.edges import (
+    EdgeTable,
+    adjoint_product,
+    bandwidth,
+    block_rows,
+    fill_band,
+    first_rows,
+    laplacian_block,
+    neighbours,
+    product,
+    ranges,
+)
+from mjsheaf.sheaf.sections import section_basis
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+if TYPE_CHECKING:
+    from mjsheaf.sheaf.sheaf import Sheaf
+
+Index = IntArray
 
 DIRECT_WORK = 5e8
 """Largest states * bandwidth^2 of a direct solution: a tenth of a second, once."""
@@ -91,17 +104,8 @@ class DirichletProblem:
         boundary: the vertices U, in the order of boundary vectors.
     """
 
-    def __init__(
-        self, stalks: Stalks, table: EdgeTable, whitened: EdgeTable, offset: Array, boundary: Sequence[Hashable]
-    ) -> None:
-        """Name the boundary; `Sheaf.dirichlet_problem` does it for a sheaf.
-
-        Args:
-            stalks: of the vertices.
-            table: the edges, as given.
-            whitened: the same in edge coordinates in which the inner product is the identity.
-            offset: b in these coordinates, shape (m,).
-            boundary: the vertices U.
+    def __init__(self, sheaf: "Sheaf", boundary: Sequence[Hashable]) -> None:
+        """Name the boundary; edges that the sheaf gets later are not in the problem.
 
         Raises:
             SheafError: a boundary vertex is unknown or named twice.
@@ -109,20 +113,18 @@ class DirichletProblem:
         if len(set(boundary)) != len(boundary):
             raise SheafError("a boundary vertex is named twice")
         self.boundary = list(boundary)
-        self._stalks, self._table, self._plain, self._b = stalks, whitened, table, offset
-        self._U = stalks.numbers(self.boundary)
-        self._free = np.ones(len(table.column) - 1, dtype=bool)
-        self._free[self._U] = False
-        W = np.flatnonzero(self._free)
-        self._columns_U, self._columns_W = stalks.columns_of(self._U), stalks.columns_of(W)
-        self._problem = FreeProblem(whitened, W, self._columns_W)
-        M = stalks.vertex_product
+        self._sheaf, self._plain, self._b = sheaf, sheaf.table, sheaf.whitened_offset()
+        self._U, self._free = sheaf.numbers(self.boundary), sheaf.free(self.boundary)
+        W, self._table = np.flatnonzero(self._free), sheaf.whitened_table
+        self._columns_U, self._columns_W = sheaf.columns_of(self._U), sheaf.columns_of(W)
+        self._problem = FreeProblem(self._table, W, self._columns_W)
+        M = sheaf.vertex_product
         self._product = None if M is None else M.restricted(self._columns_W)
 
     @cached_property
     def interior(self) -> list[Hashable]:
         """The vertices W, in vertex order."""
-        return self._stalks.interior(self.boundary)
+        return self._sheaf.interior(self.boundary)
 
     @cached_property
     def H(self) -> sparse.csr_array:  # noqa: N802 - the paper's symbol
@@ -237,23 +239,23 @@ class DirichletProblem:
         missing = [v for v in self.boundary if v not in boundary]
         if missing:
             raise SheafError(f"no boundary value for {missing}")
-        values = [np.zeros(0), *(self._stalks.stalk_value(v, boundary[v]) for v in self.boundary)]
+        values = [np.zeros(0), *(self._sheaf.stalk_value(v, boundary[v]) for v in self.boundary)]
         whole = np.zeros(int(self._table.column[-1]))
         whole[self._columns_U] = y = np.concatenate(values)
         whole[self._columns_W] = self.extend(y)
         residual = product(self._table, whole[:, None])[:, 0]
         residual -= self._b
         energy = 0.5 * float(np.einsum("i,i->", residual, residual))
-        return HarmonicExtension(self._stalks.unpack(whole), self.unique, self.null_basis, energy)
+        return HarmonicExtension(self._sheaf.unpack(whole), self.unique, self.null_basis, energy)
 
 
 def _pivot_rows(null_basis: sparse.csc_array) -> Index:
     """As many rows as there are columns, on which they are independent; columns that share rows are treated apart."""
-    found = [np.zeros(0, dtype=np.int64)]
-    for members in column_parts(null_basis):
-        rows, block = dense_rows(null_basis[:, members])
-        found.append(rows[linalg.qr(block.T, mode="r", pivoting=True)[1][: len(members)]])
-    return np.concatenate(found)
+    pivots = [
+        rows[linalg.qr(block.toarray().T, mode="r", pivoting=True)[1][: len(columns)]]
+        for rows, columns, block in parts(null_basis)
+    ]
+    return np.concatenate([np.zeros(0, dtype=np.int64), *pivots])
 
 
 def _project_out(null_basis: sparse.csc_array, x: Array) -> Array:
@@ -310,8 +312,7 @@ class BandCholesky:
     def __init__(self, problem: FreeProblem, place: Index, band: int, regularisation: Array) -> None:
         """Factor H + diag(regularisation); `place`: first row of each free vertex in an order of that bandwidth."""
         self._problem, self._regularisation = problem, regularisation
-        begin = np.cumsum(problem.dimension) - problem.dimension
-        self._to = np.repeat(place[problem.vertices] - begin, problem.dimension) + np.arange(problem.states)
+        self._to = ranges(place[problem.vertices], problem.dimension)
         self._factor = np.zeros((problem.states, band + 1))
         fill_band(problem.table, place, self._factor)
         self._factor[self._to, 0] += regularisation

@@ -1,16 +1,19 @@
-"""The cellular sheaf on a graph."""
+"""The cellular sheaf on a graph: stalks, edges, inner products, its operators and its cohomology."""
 
+import itertools
 from collections import defaultdict
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import sparse
 from scipy.sparse import linalg as splinalg
 
+from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.errors import SheafError
+from mjsheaf.sheaf.blocks import DENSE_COLUMNS, RANK_TOLERANCE, InnerProduct, cokernel_basis
 from mjsheaf.sheaf.edges import (
     EdgeBundle,
     EdgeTable,
@@ -22,17 +25,18 @@ from mjsheaf.sheaf.edges import (
     laplacian_block,
     merge,
     product,
+    ranges,
+    require_positive_definite,
     tabulate,
 )
 from mjsheaf.sheaf.harmonic import DirichletProblem, HarmonicExtension
-from mjsheaf.sheaf.sections import DENSE_COLUMNS, RANK_TOLERANCE, certified_sections, cokernel_basis, section_basis
-from mjsheaf.sheaf.stalks import Cochain, InnerProduct, Stalks, of_blocks
+from mjsheaf.sheaf.sections import certified_sections, section_basis
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+Index = IntArray
+Cochain = Array | Mapping[Hashable, ArrayLike]
 
 
-class Sheaf(Stalks):
+class Sheaf:
     """A cellular sheaf on a graph, with inner products on its stalks and desired values on its edges.
 
     Vertex v has the stalk R^{n_v}; an edge e = (i, j) has the stalk R^{m_e} and restriction maps F_{i,e} (m_e, n_i)
@@ -51,14 +55,151 @@ class Sheaf(Stalks):
     """
 
     def __init__(self, stalks: Mapping[Any, int], *, inner_products: Mapping[Any, ArrayLike] | None = None) -> None:
-        """Make a sheaf without edges; see `Stalks`."""
-        super().__init__(stalks, inner_products=inner_products)
+        """Make a sheaf without edges.
+
+        Args:
+            stalks: dimension of each vertex stalk, in order.
+            inner_products: M_v of some vertices, see `set_inner_product`; the identity unless given.
+
+        Raises:
+            SheafError: a dimension is not a non-negative integer, there is no vertex, or as `set_inner_product`.
+        """
+        if not stalks:
+            raise SheafError("a sheaf needs at least one vertex")
+        kinds = set(map(type, stalks.values()))
+        odd = {kind for kind in kinds if kind is bool or not issubclass(kind, int | np.integer)}
+        if odd or min(stalks.values()) < 0:
+            vertex, dimension = next((v, d) for v, d in stalks.items() if type(d) in odd or d < 0)
+            raise SheafError(f"stalk of vertex {vertex!r}: dimension {dimension!r}; expected a whole number >= 0")
+        self._dimension = np.fromiter(stalks.values(), np.int64, len(stalks))
+        self._number = {vertex: i for i, vertex in enumerate(stalks)}
+        self._column = np.concatenate([[0], np.cumsum(self._dimension)])
+        self._products: dict[int, Array] = {}
+        for vertex, M in (inner_products or {}).items():
+            self.set_inner_product(vertex, M)
         self._bundles: list[EdgeBundle] = []
-        self._numbers: list[Sequence[int]] = []  # of the edges in each bundle
-        self._rows = 0
         self._edges = 0
 
-    # -- structure ---------------------------------------------------------------------------------------------
+    # -- vertices ----------------------------------------------------------------------------------------------
+
+    @property
+    def vertices(self) -> list[Hashable]:
+        """The vertices, in order."""
+        return list(self._number)
+
+    def dimension(self, vertex: Hashable) -> int:
+        """Dimension of the stalk of a vertex."""
+        return int(self._dimension[self._find(vertex)])
+
+    def _find(self, vertex: Hashable) -> int:
+        try:
+            return self._number[vertex]
+        except (KeyError, TypeError):
+            known = list(self._number)
+            listed = ", ".join(map(repr, known[:12])) + (", ..." if len(known) > 12 else "")
+            raise SheafError(f"unknown vertex {vertex!r}; the vertices are {listed}") from None
+
+    def numbers(self, vertices: Sequence[Hashable]) -> Index:
+        """Numbers of the given vertices, counted from 0 in vertex order."""
+        try:
+            return np.fromiter(map(self._number.__getitem__, vertices), np.int64, len(vertices))
+        except (KeyError, TypeError):
+            return np.array([self._find(v) for v in vertices], dtype=np.int64)
+
+    def columns(self, vertices: Iterable[Hashable]) -> Index:
+        """Columns of the coboundary that belong to the given vertices, in the given order."""
+        return self.columns_of(self.numbers(list(vertices)))
+
+    def columns_of(self, numbers: Index) -> Index:
+        """The same for vertices given by number."""
+        return ranges(self._column[numbers], self._dimension[numbers])
+
+    def interior(self, boundary: Iterable[Hashable]) -> list[Hashable]:
+        """The vertices that are not in the boundary, in vertex order."""
+        return list(itertools.compress(self._number, self.free(list(boundary)).tolist()))
+
+    def free(self, boundary: Sequence[Hashable]) -> BoolArray:
+        """Which vertices are not in the boundary, shape (V,)."""
+        free = np.ones(len(self._number), dtype=bool)
+        free[self.numbers(boundary)] = False
+        return free
+
+    def pack(self, x: Cochain) -> Array:
+        """A 0-cochain as a vector of length n.
+
+        Raises:
+            SheafError: a vertex is missing or unknown, a value has the wrong length, or an entry is not finite.
+        """
+        if isinstance(x, Mapping):
+            missing = [v for v in self._number if v not in x]
+            if missing or len(x) != len(self._number):
+                strange = [v for v in x if v not in self._number]
+                raise SheafError(f"a 0-cochain needs a value for each vertex; missing {missing}, unknown {strange}")
+            return np.concatenate([self.stalk_value(v, x[v]) for v in self._number])
+        value = np.array(finite(x, "0-cochain"))
+        if value.shape != (self._column[-1],):
+            raise SheafError(f"a 0-cochain has shape ({self._column[-1]},); this one has {value.shape}")
+        return value
+
+    def unpack(self, x: Array) -> dict[Hashable, Array]:
+        """A vector of length n as a mapping from vertex to value."""
+        d = int(self._dimension[0])
+        if d and (self._dimension == d).all():  # a million slices take a second
+            return dict(zip(self._number, x.reshape(-1, d), strict=True))
+        ends = self._column.tolist()
+        return {v: x[i:j] for v, i, j in zip(self._number, ends, ends[1:], strict=False)}
+
+    def stalk_value(self, vertex: Hashable, value: ArrayLike) -> Array:
+        """A value in the stalk of a vertex, checked."""
+        x = np.atleast_1d(finite(value, f"value of vertex {vertex!r}"))
+        if x.shape != (self.dimension(vertex),):
+            raise SheafError(f"value of vertex {vertex!r} has shape {x.shape}; expected ({self.dimension(vertex)},)")
+        return x
+
+    # -- inner products ----------------------------------------------------------------------------------------
+
+    def set_inner_product(self, vertex: Hashable, M: ArrayLike) -> None:
+        """Give a vertex stalk the inner product M, in place of the one it has.
+
+        Args:
+            vertex: the vertex.
+            M: symmetric positive definite, shape (n_v, n_v), or a positive number times the identity.
+
+        Raises:
+            SheafError: unknown vertex, wrong shape, non-finite entry, or M is not SPD.
+        """
+        v = self._find(vertex)
+        d, name = int(self._dimension[v]), f"inner product of vertex {vertex!r}"
+        matrix = finite(M, name)
+        if matrix.shape == ():
+            matrix = matrix * np.eye(d)
+        if matrix.shape != (d, d):
+            raise SheafError(f"{name} has shape {matrix.shape}; expected ({d}, {d})")
+        require_positive_definite(matrix[None], lambda _: name)
+        self._products[v] = 0.5 * (matrix + matrix.T)
+        self.__dict__.pop("vertex_product", None)
+
+    def inner_product(self, vertex: Hashable) -> Array:
+        """The inner product M_v of a vertex stalk, shape (n_v, n_v)."""
+        v = self._find(vertex)
+        return self._products[v].copy() if v in self._products else np.eye(int(self._dimension[v]))
+
+    @cached_property
+    def vertex_product(self) -> InnerProduct | None:
+        """The inner product M of C^0; None where it is the identity."""
+        alike: dict[int, list[int]] = defaultdict(list)
+        for v, M in self._products.items():
+            alike[len(M)].append(v)
+        blocks = [(self._column[v], np.stack([self._products[k] for k in v])) for v in alike.values()]
+        return InnerProduct.of_blocks(blocks, int(self._column[-1])) if blocks else None
+
+    @cached_property
+    def edge_product(self) -> InnerProduct | None:
+        """The inner product K of C^1; None where it is the identity."""
+        blocks = [(row, b.weight) for row, b in zip(self._rows(), self._merged, strict=True) if b.weight is not None]
+        return InnerProduct.of_blocks(blocks, self.shape[0]) if blocks else None
+
+    # -- edges -------------------------------------------------------------------------------------------------
 
     @property
     def number_of_edges(self) -> int:
@@ -68,16 +209,7 @@ class Sheaf(Stalks):
     @property
     def shape(self) -> tuple[int, int]:
         """Shape (m, n) of the coboundary."""
-        return self._rows, int(self._column[-1])
-
-    @cached_property
-    def edge_product(self) -> InnerProduct | None:
-        """The inner product K of C^1; None where it is the identity."""
-        if not self._weighted:
-            return None
-        return of_blocks([(b.row, b.weight) for b in self._merged if b.weight is not None], self._rows)
-
-    # -- building ----------------------------------------------------------------------------------------------
+        return sum(b.offset.size for b in self._bundles), int(self._column[-1])
 
     def add_edge(
         self,
@@ -124,10 +256,8 @@ class Sheaf(Stalks):
         if len(heads) != len(tails):
             raise SheafError(f"{len(tails)} tails but {len(heads)} heads: each edge needs one of both")
         ends = Ends(tails, heads, self.numbers(tails), self.numbers(heads))
-        return self._append(
-            [checked_bundle(ends, self._dimension, F_tails, F_heads, offset, weight, self._rows)],
-            [range(self._edges, self._edges + len(tails))],
-        )
+        number = self._edges + np.arange(len(tails))
+        return self._append([checked_bundle(ends, self._dimension, F_tails, F_heads, offset, weight, number)])
 
     def add_mixed_edges(
         self,
@@ -152,26 +282,18 @@ class Sheaf(Stalks):
         alike: dict[Any, list[int]] = defaultdict(list)
         for e, shapes in enumerate(zip(*(map(np.shape, x) for x in given), strict=True)):
             alike[shapes].append(e)
-        size = np.array([shape[0] if shape else 0 for shape in map(np.shape, F_tails)], dtype=np.int64)
-        row = self._rows + np.cumsum(size) - size
         bundles = []
         for edges in alike.values():
+            tail, head, F_tail, F_head = ([x[e] for e in edges] for x in (tails, heads, F_tails, F_heads))
+            b, K = (None if x is None else [x[e] for e in edges] for x in (offset, weight))
+            ends, number = Ends(tail, head, i[edges], j[edges]), self._edges + np.array(edges)
+            bundles.append(checked_bundle(ends, self._dimension, F_tail, F_head, b, K, number))
+        return self._append(bundles)
 
-            def of(x: Any, edges: list[int] = edges) -> Any:
-                return None if x is None else [x[e] for e in edges]
-
-            ends = Ends(of(tails), of(heads), i[edges], j[edges])
-            maps = of(F_tails), of(F_heads)
-            bundles.append(checked_bundle(ends, self._dimension, *maps, of(offset), of(weight), row[edges]))
-        return self._append(bundles, [[self._edges + e for e in edges] for edges in alike.values()])
-
-    def _append(self, bundles: list[EdgeBundle], numbers: Sequence[Sequence[int]]) -> range:
+    def _append(self, bundles: list[EdgeBundle]) -> range:
         first = self._edges
-        for bundle, edges in zip(bundles, numbers, strict=True):
-            self._bundles.append(bundle)
-            self._numbers.append(edges)
-            self._rows += len(bundle.tail) * bundle.shape[0]
-            self._edges += len(bundle.tail)
+        self._bundles += bundles
+        self._edges += sum(len(b.number) for b in bundles)
         for name in ("_merged", "table", "whitened_table", "edge_product"):
             self.__dict__.pop(name, None)
         return range(first, self._edges)
@@ -194,30 +316,20 @@ class Sheaf(Stalks):
             raise SheafError("a vertex of the subgraph is named twice")
         place = np.full(len(self._dimension), -1)
         place[at] = np.arange(len(at))
-        numbers = [np.asarray(edges, dtype=np.int64) for edges in self._numbers]
         kept = np.zeros(self._edges, dtype=bool)
-        size = np.zeros(self._edges, dtype=np.int64)
-        for bundle, of_bundle in zip(self._bundles, numbers, strict=True):
-            kept[of_bundle] = (place[bundle.tail] >= 0) & (place[bundle.head] >= 0)
-            size[of_bundle] = bundle.shape[0]
+        for b in self._bundles:
+            kept[b.number] = (place[b.tail] >= 0) & (place[b.head] >= 0)
         if edges is not None:
             kept = self._chosen(edges, kept)
-        row, number = np.cumsum(size * kept) - size * kept, np.cumsum(kept) - 1
-        own = {v: M for v, M in self._products.items() if place[v] >= 0}
+        number = np.cumsum(kept) - 1
         sheaf = Sheaf(
             dict(zip(names, self._dimension[at].tolist(), strict=True)),
-            inner_products={names[place[v]]: M for v, M in own.items()},
+            inner_products={names[place[v]]: M for v, M in self._products.items() if place[v] >= 0},
         )
-        bundles, counted = [], []
-        for bundle, of_bundle in zip(self._bundles, numbers, strict=True):
-            chosen = kept[of_bundle]
-            if chosen.any():
-                bundles.append(bundle.selected(chosen, place, row[of_bundle]))
-                counted.append(number[of_bundle[chosen]].tolist())
-        sheaf._append(bundles, counted)
+        sheaf._append([b.selected(kept[b.number], place, number) for b in self._bundles if kept[b.number].any()])
         return sheaf
 
-    def _chosen(self, edges: Iterable[int], inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def _chosen(self, edges: Iterable[int], inside: BoolArray) -> BoolArray:
         """Which edges are named, checked; `inside` tells which have both ends in the subgraph."""
         chosen = np.zeros(self._edges, dtype=bool)
         for e in edges:
@@ -235,6 +347,10 @@ class Sheaf(Stalks):
     @cached_property
     def _merged(self) -> list[EdgeBundle]:
         return merge(self._bundles)
+
+    def _rows(self) -> list[Index]:
+        """First row of each edge in the coboundary, an array for each merged bundle."""
+        return np.split(self.table.row, np.cumsum([len(b.number) for b in self._merged]))[:-1]
 
     @cached_property
     def table(self) -> EdgeTable:
@@ -290,10 +406,10 @@ class Sheaf(Stalks):
         return self._gather_offsets([b.whitened() for b in self._merged] if self._weighted else self._merged)
 
     def _gather_offsets(self, bundles: list[EdgeBundle]) -> Array:
-        b = np.zeros(self._rows)
-        for bundle in bundles:
+        b = np.zeros(self.shape[0])
+        for row, bundle in zip(self._rows(), bundles, strict=True):
             if bundle.offset.any():
-                b[bundle.row[:, None] + np.arange(bundle.shape[0])] = bundle.offset
+                b[row[:, None] + np.arange(bundle.shape[0])] = bundle.offset
         return b
 
     def laplacian(self) -> sparse.csr_array:
@@ -320,23 +436,18 @@ class Sheaf(Stalks):
             rtol: a singular value of delta at most rtol times the largest counts as zero.
         """
         m, n = self.shape
-        h0 = self._sections([], rtol).shape[1]
+        h0 = section_basis(self.table, self.free([]), rtol).shape[1]
         return h0, m - (n - h0)
 
     def global_sections(self, *, rtol: float = RANK_TOLERANCE) -> Array:
         """Orthonormal basis of H^0(G; F) = ker delta, shape (n, h0)."""
         return self._orthonormal_sections([], rtol).toarray()
 
-    def _sections(self, boundary: Sequence[Hashable], rtol: float) -> sparse.csc_array:
-        """The sections that vanish on the boundary, orthonormal as if M were the identity."""
-        free = np.ones(len(self._dimension), dtype=bool)
-        free[self.numbers(boundary)] = False
-        return section_basis(self.table, free, rtol)
-
     def _orthonormal_sections(self, boundary: Sequence[Hashable], rtol: float) -> sparse.csc_array:
-        """The same, orthonormal in the inner products of the other vertices."""
-        sections, M = self._sections(boundary, rtol), self.vertex_product
-        return sections if M is None else M.restricted(self.columns(self.interior(boundary))).orthonormal(sections)
+        """The sections that vanish on the boundary, orthonormal in the inner products of the other vertices."""
+        free, M = self.free(boundary), self.vertex_product
+        sections = section_basis(self.table, free, rtol)
+        return sections if M is None else M.restricted(self.columns_of(np.flatnonzero(free))).orthonormal(sections)
 
     def local_sections(
         self, vertices: Iterable[Hashable], edges: Iterable[int] | None = None, *, rtol: float = RANK_TOLERANCE
@@ -377,7 +488,7 @@ class Sheaf(Stalks):
         Raises:
             SheafError: a boundary vertex is unknown or named twice.
         """
-        return DirichletProblem(self, self.table, self.whitened_table, self.whitened_offset(), boundary)
+        return DirichletProblem(self, boundary)
 
     def harmonic_extension(self, boundary: Mapping[Any, ArrayLike]) -> HarmonicExtension:
         """The 0-cochain of least Dirichlet energy with the given values of boundary vertices.
@@ -389,7 +500,7 @@ class Sheaf(Stalks):
     def nearest_global_section(self, x: Cochain) -> Any:
         """Orthogonal projection of a 0-cochain on H^0; a mapping gives a mapping, a vector a vector."""
         value, M = self.pack(x), self.vertex_product
-        found, left = certified_sections(self.table, np.ones(len(self._dimension), dtype=bool), RANK_TOLERANCE)
+        found, left = certified_sections(self.table, self.free([]), RANK_TOLERANCE)
         if left.any() and len(value) > DENSE_COLUMNS:  # the shortest correction d with delta d = delta x, by U d
             delta = self.coboundary()
             A = delta if M is None else delta @ M.root_inverse

@@ -5,7 +5,7 @@ MjSpec attaches the files, and compiles each with its own settings. What belongs
 Thrusters become actuators on their vehicle's free joint. MuJoCo's site transmission builds a dense Jacobian for each
 actuator, which makes a step quadratic in the number of vehicles; on the free joint the gear is the thruster's wrench
 itself, force in world axes and moment in body axes, and the forces are the same. As the force part turns with the
-body, it is written before every step (see forces).
+body, it is written before every step (see `bodies`).
 """
 
 import warnings
@@ -13,18 +13,16 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from threading import Lock
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mjsheaf.engine import mujoco
+from mjsheaf.arrays import Array, IntArray
+from mjsheaf.engine import mujoco, refusing
 from mjsheaf.errors import InputError
 from mjsheaf.io.files import resource_directory
+from mjsheaf.vehicles.body import GRAVITY
 from mjsheaf.vehicles.loading import mass_properties
-from mjsheaf.vehicles.vehicle import GRAVITY, Vehicle
-
-Array = NDArray[np.float64]
+from mjsheaf.vehicles.vehicle import Vehicle
 
 
 def attachable(vehicle: Vehicle) -> mujoco.MjSpec:
@@ -36,10 +34,8 @@ def attachable(vehicle: Vehicle) -> mujoco.MjSpec:
     Raises:
         InputError: the file has changed since the vehicle was loaded.
     """
-    try:
+    with refusing(str(vehicle.path)):
         spec = mujoco.MjSpec.from_file(str(vehicle.path))
-    except (ValueError, RuntimeError) as error:
-        raise InputError(f"{vehicle.path}: {' '.join(str(error).split())}") from None
     on_actuators = [sensor for sensor in spec.sensors if sensor.objtype == mujoco.mjtObj.mjOBJ_ACTUATOR]
     for element in [*on_actuators, *spec.actuators, *spec.keys]:
         spec.delete(element)
@@ -76,10 +72,16 @@ class Arena:
 
     model: mujoco.MjModel
     vehicles: list[Vehicle]
-    qpos: NDArray[np.int64]
-    dof: NDArray[np.int64]
-    body: NDArray[np.int64]
-    thruster: NDArray[np.int64]
+    qpos: IntArray
+    dof: IntArray
+    body: IntArray
+    thruster: IntArray
+
+    @property
+    def trim(self) -> Array:
+        """Activations with which thrusters carry the weight of level vehicles, shape (na,)."""
+        commands = np.concatenate([vehicle.trim for vehicle in self.vehicles])
+        return np.asarray(commands[self.model.actuator_actadr >= 0])
 
 
 def compose(
@@ -119,29 +121,27 @@ def compose(
             name=surface, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], pos=[0, 0, surface_height],
             material=surface, contype=0, conaffinity=0,
         )  # fmt: skip
-    kinds = {key: _Kind.of(vehicle, visible) for key, vehicle in {id(vehicle): vehicle for vehicle in vehicles}.items()}
-    for kind in kinds.values():
-        root.assets = {**root.assets, **kind.spec.assets}
+    kinds = {key: _prepared(v, visible) for key, v in {id(vehicle): vehicle for vehicle in vehicles}.items()}
+    for spec, _, _ in kinds.values():
+        root.assets = {**root.assets, **spec.assets}
     # Attaching looks at all that is there already: in groups of sqrt(V), a thousand take one second, not ten.
     size = int(np.ceil(np.sqrt(len(vehicles))))
     first_of_kind: dict[int, str] = {}
     for first in range(0, len(vehicles), size):
         group = mujoco.MjSpec()
         group.copy_during_attach = True
-        looks: dict[str, _Look] = {}
+        looks: dict[str, tuple[str, Array | None]] = {}
         for v in range(first, min(first + size, len(vehicles))):
             key, name = id(vehicles[v]), ids[v]
             owner = first_of_kind.setdefault(key, name)
-            looks[name] = _Look(owner, None if colours is None else colours[v])
-            _attach(group, kinds[key].spec if owner == name else kinds[key].bare, kinds[key].alone, vehicles[v], name)
+            looks[name] = owner, None if colours is None else colours[v]
+            whole, bare, alone = kinds[key]
+            _attach(group, whole if owner == name else bare, alone, vehicles[v], name)
         _paint(group, looks)
         with _quiet():
             root.attach(group, prefix="", frame=root.worldbody.add_frame())
-    try:
-        with _quiet():
-            model = root.compile()
-    except ValueError as error:
-        raise InputError(f"the vehicles do not compile into one model: {' '.join(str(error).split())}") from None
+    with refusing("the vehicles do not compile into one model"), _quiet():
+        model = root.compile()
     joint = np.array([model.joint(f"{name}/").id for name in ids])
     arena = Arena(
         model=model,
@@ -177,37 +177,26 @@ def _quiet() -> Iterator[None]:
             mujoco.set_mju_user_warning(handler)
 
 
-@dataclass(frozen=True)
-class _Kind:
-    """A vehicle's file, fit to be attached.
+def _prepared(vehicle: Vehicle, visible: bool) -> tuple[mujoco.MjSpec, mujoco.MjSpec, bool]:
+    """A vehicle's file fit to be attached, the same bare, and whether it is one body.
 
-    Attributes:
-        spec: MuJoCo's.
-        bare: the same without materials and textures, which the first vehicle of a kind shares with the others: MuJoCo
-            draws no model with a thousand of them.
-        alone: whether it is one body, which can be on the free joint itself: a step is then a quarter quicker than with
-            a body made to hold what the file has. Without joints of its own, at the origin, level, nothing beside it.
+    Bare is without materials and textures, which the first vehicle of a kind shares with the others: MuJoCo draws no
+    model with a thousand of them. One body, at the origin, level, and with nothing beside it, can be on the free joint
+    itself: a step is then a quarter quicker than with a body made to hold what the file has. Unless it is to be
+    visible, geoms that are only to be seen are left out.
     """
-
-    spec: mujoco.MjSpec
-    bare: mujoco.MjSpec
-    alone: bool
-
-    @classmethod
-    def of(cls, vehicle: Vehicle, visible: bool) -> "_Kind":
-        """Read it; unless it is to be visible, without the geoms that are only to be seen."""
-        spec = attachable(vehicle)
-        world = spec.worldbody
-        beside = world.geoms or world.sites or world.cameras or world.lights
-        alone = not beside and len(world.bodies) == 1 and _is_at_origin(world.bodies[0])
-        if not visible:
-            for geom in list(spec.geoms):
-                if geom.contype == 0 and geom.conaffinity == 0:  # their mass, if any, is in the bodies' inertia already
-                    spec.delete(geom)
-        bare = spec.copy()
-        for asset in [*bare.materials, *bare.textures]:
-            bare.delete(asset)
-        return cls(spec, bare, alone)
+    spec = attachable(vehicle)
+    world = spec.worldbody
+    beside = world.geoms or world.sites or world.cameras or world.lights
+    alone = not beside and len(world.bodies) == 1 and _is_at_origin(world.bodies[0])
+    if not visible:
+        for geom in list(spec.geoms):
+            if geom.contype == 0 and geom.conaffinity == 0:  # their mass, if any, is in the bodies' inertia already
+                spec.delete(geom)
+    bare = spec.copy()
+    for asset in [*bare.materials, *bare.textures]:
+        bare.delete(asset)
+    return spec, bare, alone
 
 
 def _is_at_origin(body: mujoco.MjsBody) -> bool:
@@ -215,15 +204,8 @@ def _is_at_origin(body: mujoco.MjsBody) -> bool:
     return not (turned or body.frame or body.joints or np.any(body.pos))
 
 
-class _Look(NamedTuple):
-    """How a vehicle looks: the vehicle whose materials it shares, and the RGB of its livery, (3,) or None."""
-
-    owner: str
-    colour: Array | None
-
-
-def _paint(group: mujoco.MjSpec, looks: dict[str, _Look]) -> None:
-    """Give every vehicle in a group its owner's materials and its own colour.
+def _paint(group: mujoco.MjSpec, looks: dict[str, tuple[str, Array | None]]) -> None:
+    """Give every vehicle in a group the materials of another, and the RGB (3,) of its livery unless None.
 
     The colour stands in the geoms: there it overrides that of their material and keeps its shine.
     """
@@ -238,21 +220,17 @@ def _paint(group: mujoco.MjSpec, looks: dict[str, _Look]) -> None:
 
 
 def _attach(root: mujoco.MjSpec, spec: mujoco.MjSpec, alone: bool, vehicle: Vehicle, name: str) -> None:
-    try:
+    with refusing(f"{vehicle.path}: cannot be put into the arena"):
         if alone:  # the whole of a kind would bring a copy of its default classes too, at ten times the cost
             body = root.worldbody.add_frame().attach_body(spec.worldbody.bodies[0], f"{name}/", "")
         else:
             body = root.worldbody.add_body(name=f"{name}/")
             root.attach(spec, prefix=f"{name}/", frame=body.add_frame())
-    except ValueError as error:
-        raise InputError(f"{vehicle.path}: cannot be put into the arena: {' '.join(str(error).split())}") from None
     body.add_freejoint(name=f"{name}/")
-    first, gears = 0, vehicle.gears
-    for actuator in vehicle.actuators:
-        for channel in actuator.to_mujoco(gears[first:]):
+    for actuator, gears in zip(vehicle.actuators, vehicle.by_actuator(vehicle.gears), strict=True):
+        for channel in actuator.to_mujoco(gears):
             own = {"name": f"{name}/{channel['name']}", "target": f"{name}/", "trntype": mujoco.mjtTrn.mjTRN_JOINT}
             root.add_actuator(**channel | own)
-            first += 1
 
 
 def _check_masses(arena: Arena) -> None:

@@ -10,25 +10,23 @@ step control and starting step of Hairer, Norsett and Wanner (Solving Ordinary D
 are measured as the root mean square over the padded state (3 components a vehicle) relative to atol + rtol |x|: the
 way in which the paper's published run was integrated, so that it comes out alike to rounding.
 
-All within a period is inlined into one function for one vehicle (see `part`): handing tuples of arrays on costs more
-than a slope does.
+All within a period is inlined into one function for one vehicle (see `inline_jit`): handing tuples of arrays on
+costs more than a slope does.
 """
 
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mjsheaf.arrays import Array
 from mjsheaf.control.controller import Controller
 from mjsheaf.control.law import Memory, carry, new_memory, sample
 from mjsheaf.dynamics.disturbance import evaluate_sines
 from mjsheaf.dynamics.effectiveness import EffectivenessArrays, allocate
 from mjsheaf.jit import inline_jit, jit
-from mjsheaf.simulation.trajectory import Trajectory, blow_up_message, new_log, pieces_of
+from mjsheaf.simulation.trajectory import Trajectory, blow_up_message, new_log, pieces_of, quaternions_of
 from mjsheaf.system import MediumArrays, Phase, System, medium_velocity, phases_of
-
-Array = NDArray[np.float64]
 
 _A = np.array(
     [
@@ -294,7 +292,7 @@ def stream_ideal(
     phases = phases_of(run)
     first = phases[0].system
     x, grid, N = np.array(first.initial), first.grid, len(first.team.agents)
-    before, attitude = x[:N].copy(), _attitudes(first.bodies.heading[:N])
+    before, attitude = x[:N].copy(), quaternions_of(first.bodies.heading[:N])
     control, present = first.control, first
     if controller:
         control = controller.enter(first.team, control)
@@ -307,8 +305,8 @@ def stream_ideal(
             memory, present = carry(memory, control.law), system
         integrator = new_integrator(system.medium, system.effectiveness, system.tolerance, grid.period, memory)
         log = new_log(end - begin, len(x), inputs=(N, system.effectiveness.pinv.shape[1]))
-        done, broken = 0, -1
-        while done < end - begin and broken < 0:
+        done, message = 0, ""
+        while done < end - begin and not message:
             count = min(1 if controller else _CHUNK, end - begin - done)
             times, last = grid.span(begin + done, begin + done + count), begin + done + count == of
             placed = np.empty((count, 0, 3)) if targets is None else targets[begin + done : begin + done + count]
@@ -327,21 +325,13 @@ def stream_ideal(
                 placed,
             )
             done += new
+            if broken >= 0:
+                if broken == len(x):  # the team was integrated as one: the largest state names the vehicle
+                    broken = int(np.argmax(np.abs(np.nan_to_num(x, nan=np.inf)).max(axis=1)))
+                held = 0.0 if grid.continuous else grid.period
+                message = blow_up_message(system, broken, float(times[new - 1]), held)
             if progress:
                 progress(min(begin + done, of - 1), of - 1)
-        message = ""
-        if broken >= 0:
-            if broken == len(x):  # the team was integrated as one: the largest state names the vehicle
-                broken = int(np.argmax(np.abs(np.nan_to_num(x, nan=np.inf)).max(axis=1)))
-            time = float(grid.span(begin + done - 1, begin + done)[0])
-            message = blow_up_message(system, broken, time, 0.0 if grid.continuous else grid.period)
-        status = "unstable" if message else "finished"
-        yield Trajectory(system, grid.span(begin, begin + done), log.span(0, done), status, message)
+        yield Trajectory(system, grid.span(begin, begin + done), log.span(0, done), message)
         if message:
             return
-
-
-def _attitudes(heading: Array) -> Array:
-    """Quaternions (w, x, y, z) of headings (N,) in rad, shape (N, 4)."""
-    zero = np.zeros_like(heading)
-    return np.column_stack([np.cos(heading / 2), zero, zero, np.sin(heading / 2)])

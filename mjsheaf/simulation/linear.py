@@ -15,18 +15,17 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.control import ControlArrays
 from mjsheaf.dynamics import FlowField
 from mjsheaf.dynamics.disturbance import pack
 from mjsheaf.engine import mujoco
 from mjsheaf.simulation.arena import compose
-from mjsheaf.simulation.loop import close_loop, controlled_position, new_loop
+from mjsheaf.simulation.loop import close_loop, controlled_positions, new_loop
+from mjsheaf.simulation.trajectory import quaternions_of
 from mjsheaf.system import MediumArrays
 from mjsheaf.vehicles.vehicle import Vehicle
-
-Array = NDArray[np.float64]
 
 _PROBE = 1e-6  # m, rad, m/s, rad/s; and, times the mass, of a thruster's force in N: half of what is differenced
 _LEAST_THRUST = 1e3 * _PROBE  # m/s^2: what differences about a thrust change of it is small above that
@@ -56,9 +55,9 @@ class Station:
 class LinearVehicle(NamedTuple):
     """x' = A x + B u, p' = p + C x + D u from one control period to the next, about an equilibrium.
 
-    x (s,) is attitude (world axes, rad), height of a floating vehicle (m), joints of the vehicle's own, velocity (world
-    axes, m/s), rates (body axes, rad/s) and those of the joints, and thruster activations over the vehicle's mass;
-    u (n,) is the commanded velocity, held over the period, and p (n,) the controlled position, both in world axes.
+    x (s,) is attitude (world axes, rad), height of a floating vehicle (m), velocity (world axes, m/s), rates (body
+    axes, rad/s), and thruster activations over the vehicle's mass; u (n,) is the commanded velocity, held over the
+    period, and p (n,) the controlled position, both in world axes.
     """
 
     A: Array
@@ -90,34 +89,27 @@ def linearise(
     return [why if why else _over(model, steps) for why, model in zip(found, models, strict=True)]
 
 
+def power(one: LinearVehicle, steps: int) -> Array:
+    """The map of (x, p, u) over many steps under one command, shape (s + 2 n, s + 2 n)."""
+    s, n = one.B.shape
+    zero, eye = np.zeros((n, s)), np.eye(n)
+    whole = np.block([[one.A, zero.T, one.B], [one.C, eye, one.D], [zero, 0.0 * eye, eye]])
+    return np.linalg.matrix_power(whole, steps)
+
+
 def _over(one: LinearVehicle, steps: int) -> LinearVehicle:
     """The map of many physics steps under one command."""
-    s, n = one.B.shape
-    whole = np.eye(s + 2 * n)
-    whole[:s, :s], whole[:s, s + n :] = one.A, one.B
-    whole[s : s + n, :s], whole[s : s + n, s + n :] = one.C, one.D
-    whole = np.linalg.matrix_power(whole, steps)
+    (s, n), whole = one.B.shape, power(one, steps)
     return LinearVehicle(whole[:s, :s], whole[:s, s + n :], whole[s : s + n, :s], whole[s : s + n, s + n :])
-
-
-class _Places(NamedTuple):
-    """Where one vehicle's numbers are: slices of qvel and act, and how many coordinates it is controlled in."""
-
-    dofs: slice
-    acts: slice
-    n: int
-
-    @property
-    def size(self) -> int:
-        """Number of states: twice the degrees of freedom, without the position, and the activations."""
-        return 2 * (self.dofs.stop - self.dofs.start) - self.n + self.acts.stop - self.acts.start
 
 
 class _Bench:
     """Vehicles side by side in one arena, whose states are set and stepped.
 
-    A state is kept as MuJoCo's own qpos, qvel and act of all vehicles, and the commands (V, 3). Differences of states
-    are lists with one vector a vehicle: the states x of `LinearVehicle`, then the position or the command.
+    A state is MuJoCo's qpos (V, 7), qvel (V, 6) and act of all vehicles, and the commands (V, 3). Differences of states
+    are rows (V, 12 + a), padded to the most activations: attitude, place, velocity and rates, activations over mass.
+    Coordinates of the place that are not controlled (a height) are states; in the others a difference before a step is
+    one of the command, and one after a step is how far the controlled position has moved.
     """
 
     def __init__(self, stations: Sequence[Station], control: ControlArrays, timestep: float) -> None:
@@ -125,10 +117,11 @@ class _Bench:
         V = len(vehicles)
         arena = compose(vehicles, [f"V{v}" for v in range(V)], timestep=timestep, visible=False)
         self.model, self.data, self.timestep = arena.model, mujoco.MjData(arena.model), timestep
+        n = np.array([vehicle.dimension for vehicle in vehicles])
         flows = [FlowField(dimension=3, drift=station.medium.tolist()) for station in stations]
         medium = MediumArrays(
             V,
-            np.array([vehicle.dimension == 2 for vehicle in vehicles]),
+            n == 2,
             np.vstack([flow.table for flow in flows]),
             np.column_stack([np.arange(V), np.arange(1, V + 1)]).astype(np.int64),
             pack(np.zeros((V, 0, 5))),
@@ -136,25 +129,19 @@ class _Bench:
         heading = np.array([station.heading for station in stations])
         self.loop = new_loop(arena, self.data, control, medium, heading, 0.0)
         self.arena, self.vehicles = arena, vehicles
-        ends = [*arena.dof[1:], self.model.nv]
-        lagging = np.concatenate([[0], np.cumsum(self.model.actuator_actadr >= 0)])
-        self.places = [
-            _Places(
-                slice(int(arena.dof[v]), int(ends[v])),
-                slice(int(lagging[arena.thruster[v]]), int(lagging[arena.thruster[v + 1]])),
-                vehicle.dimension,
-            )
-            for v, vehicle in enumerate(vehicles)
+        self.controlled = np.arange(3) < n[:, None]
+        lagging = np.add.reduceat((self.model.actuator_actadr >= 0).astype(int), arena.thruster[:-1])
+        self.activated = np.arange(lagging.max()) < lagging[:, None]
+        # Of each vehicle's row: its states, and its command or position.
+        self.entries = [
+            (np.r_[0:3, 3 + n : 12 + a], np.r_[3 : 3 + n]) for n, a in zip(n.tolist(), lagging.tolist(), strict=True)
         ]
-        mujoco.mj_resetData(self.model, self.data)
-        self.qpos, self.qvel, self.act = self.data.qpos.copy(), self.data.qvel.copy(), self.data.act.copy()
-        for v, angle in enumerate(heading):
-            at = arena.qpos[v]
-            self.qpos[at : at + 7] = [0.0, 0.0, 0.0, np.cos(angle / 2), 0.0, 0.0, np.sin(angle / 2)]
-        trim = np.concatenate([vehicle.trim for vehicle in vehicles])
-        self.act[:] = trim[self.model.actuator_actadr >= 0]
-        self.command = -np.array([station.medium for station in stations]).reshape(V, 3)
-        self.command[[vehicle.dimension == 2 for vehicle in vehicles], 2] = 0.0
+        self.hand = np.array([vehicle.steering.hand for vehicle in vehicles])
+        self.mass = np.array([vehicle.mass for vehicle in vehicles])
+        self.still = np.zeros((V, 12 + lagging.max()))
+        self.qpos = np.hstack([np.zeros((V, 3)), quaternions_of(heading)])
+        self.qvel, self.act = np.zeros((V, 6)), arena.trim
+        self.command = -np.array([station.medium for station in stations]).reshape(V, 3) * self.controlled
 
     def settle(self) -> list[str]:
         """Bring every vehicle to its equilibrium; say for each why there is none, or nothing."""
@@ -164,7 +151,7 @@ class _Bench:
             self.qpos, self.qvel, self.act, self.command = start
             self._simulate()
             unsettled = self._newton()
-        self._step([np.zeros(p.size + p.n) for p in self.places])
+        self._step(self.still)
         reasons = []
         for v, vehicle in enumerate(self.vehicles):
             ctrl = vehicle.by_actuator(self.data.ctrl[self.arena.thruster[v] : self.arena.thruster[v + 1]])
@@ -174,40 +161,38 @@ class _Bench:
         return reasons
 
     def differentiate(self) -> list[LinearVehicle]:
-        """The map of one physics step about the present state, by central differences."""
-        sizes = [p.size + p.n for p in self.places]
-        columns: list[list[Array]] = [[] for _ in sizes]
-        for k in range(max(sizes)):
-            ends = []
-            for sign in (1.0, -1.0):
-                probe = [np.zeros(size) for size in sizes]
-                for x in probe:
-                    if k < len(x):
-                        x[k] = sign * _PROBE
-                ends.append(self._step(probe))
-            for v, (ahead, behind) in enumerate(zip(*ends, strict=True)):
-                if k < sizes[v]:
-                    columns[v].append((ahead - behind) / (2.0 * _PROBE))
-        return [_model(np.column_stack(found), p.size) for found, p in zip(columns, self.places, strict=True)]
+        """The map of one physics step about the present state, by central differences, without what is rounding."""
+        V, size = self.still.shape
+        change = np.empty((V, size, size))
+        for k in range(size):
+            probe = self.still.copy()
+            probe[:, k] = _PROBE
+            change[:, :, k] = (self._step(probe) - self._step(-probe)) / (2.0 * _PROBE)
+        models = []
+        for x, (s, u) in zip(change, self.entries, strict=True):
+            x[s, s] -= 1.0
+            x[np.abs(x) < _ROUNDING] = 0.0
+            x[s, s] += 1.0
+            models.append(LinearVehicle(*(x[np.ix_(to, of)] for to in (s, u) for of in (s, u))))
+        return models
 
-    def _newton(self) -> NDArray[np.bool_]:
+    def _newton(self) -> BoolArray:
         """Solve x' = x, p' = p for states and commands; return which vehicles have not come to rest, shape (V,)."""
         for _ in range(_NEWTON_STEPS):
-            rates = [r / self.timestep for r in self._step([np.zeros(p.size + p.n) for p in self.places])]
-            moving = np.array([not np.abs(r).max() < _STILL for r in rates])
-            going = moving & np.array([bool(np.isfinite(r).all()) for r in rates])
+            rates = self._step(self.still) / self.timestep
+            moving = ~(np.abs(rates).max(axis=1) < _STILL)
+            going = moving & np.isfinite(rates).all(axis=1)
             if not going.any():
                 return moving
-            corrections = []
-            for rate, model, busy in zip(rates, self.differentiate(), going, strict=True):
-                if not busy:
-                    corrections.append(np.zeros(len(rate)))
-                    continue
-                slope = np.block([[model.A - np.eye(len(model.A)), model.B], [model.C, model.D]]) / self.timestep
-                U, sigma, V = np.linalg.svd(slope)
+            models, corrections = self.differentiate(), self.still.copy()
+            for v in np.flatnonzero(going):
+                one, entries = models[v], np.concatenate(self.entries[v])
+                slope = np.block([[one.A - np.eye(len(one.A)), one.B], [one.C, one.D]]) / self.timestep
+                left, sigma, right = np.linalg.svd(slope)
                 held = sigma > _NEUTRAL
-                corrections.append(-V[held].T @ ((U[:, held].T @ rate) / sigma[held]))
-            self._shift(corrections)
+                corrections[v, entries] = -right[held].T @ ((left[:, held].T @ rates[v, entries]) / sigma[held])
+            self.qpos, self.qvel, self.act, self.command = self._moved(corrections)
+            self.qpos[:, :3][self.controlled] = 0.0
         return moving
 
     def _simulate(self) -> None:
@@ -216,86 +201,47 @@ class _Bench:
         for _ in range(min(round(_SETTLE_TIME / self.timestep), _MOST_SETTLE_STEPS)):
             close_loop(self.loop, 0.0, False)
             mujoco.mj_step(self.model, self.data)
-        self.qpos, self.qvel, self.act = self.data.qpos.copy(), self.data.qvel.copy(), self.data.act.copy()
-        self._centre()
-
-    def _centre(self) -> None:
-        for v, p in enumerate(self.places):
-            at = self.arena.qpos[v]
-            self.qpos[at : at + p.n] = 0.0
+        self.qpos, self.qvel = self.data.qpos.reshape(-1, 7).copy(), self.data.qvel.reshape(-1, 6).copy()
+        self.act = self.data.act.copy()
+        self.qpos[:, :3][self.controlled] = 0.0
 
     def _rotations(self) -> Array:
         """Attitudes, body to world, shape (V, 3, 3)."""
-        R = np.empty((len(self.places), 9))
-        for v, at in enumerate(self.arena.qpos):
-            mujoco.mju_quat2Mat(R[v], self.qpos[at + 3 : at + 7])
+        R = np.empty((len(self.qpos), 9))
+        for row, quaternion in zip(R, self.qpos[:, 3:], strict=True):
+            mujoco.mju_quat2Mat(row, quaternion)
         return R.reshape(-1, 3, 3)
 
-    def _moved(self, differences: list[Array]) -> tuple[Array, Array, Array, Array]:
-        """qpos, qvel, act and commands at the present state and given differences (states, then command)."""
-        dq, dv, da, du = np.zeros(self.model.nv), self.qvel.copy(), self.act.copy(), self.command.copy()
-        for v, (p, x, R) in enumerate(zip(self.places, differences, self._rotations(), strict=True)):
-            first, joints = p.dofs.start, p.dofs.stop - p.dofs.start
-            turn, rest, n = x[:3], x[3:], p.n
-            hand = np.cross(turn, R[:, 0]) * self.vehicles[v].hand  # by which turning would move the hand point
-            dq[first : first + n] = -hand[:n]
-            dq[first + n : first + 3] = rest[: 3 - n]
-            dq[first + 3 : first + 6] = R.T @ turn
-            rest = rest[3 - n :]
-            dq[first + 6 : p.dofs.stop] = rest[: joints - 6]
-            rest = rest[joints - 6 :]
-            dv[p.dofs] += rest[:joints]
-            da[p.acts] += rest[joints : len(rest) - n] * self.vehicles[v].mass
-            du[v, :n] += rest[len(rest) - n :]
+    def _moved(self, difference: Array) -> tuple[Array, Array, Array, Array]:
+        """qpos, qvel, act and commands at the present state and a difference."""
+        R, (turn, place, motion, thrust) = self._rotations(), np.split(difference, (3, 6, 12), axis=1)
+        hand = np.cross(turn, R[:, :, 0]) * self.hand[:, None]  # by which turning would move the hand point
+        dq = np.hstack([np.where(self.controlled, -hand, place), np.einsum("vij,vi->vj", R, turn)])
         qpos = self.qpos.copy()
-        mujoco.mj_integratePos(self.model, qpos, dq, 1.0)
-        return qpos, dv, da, du
-
-    def _shift(self, differences: list[Array]) -> None:
-        self.qpos, self.qvel, self.act, self.command = self._moved(differences)
-        self._centre()
+        mujoco.mj_integratePos(self.model, qpos.reshape(-1), dq.reshape(-1), 1.0)
+        act = self.act + (thrust * self.mass[:, None])[self.activated]
+        return qpos, self.qvel + motion, act, self.command + place * self.controlled
 
     def _place(self, qpos: Array, qvel: Array, act: Array, command: Array) -> None:
-        self.data.qpos, self.data.qvel, self.data.act = qpos, qvel, act
+        self.data.qpos, self.data.qvel, self.data.act = qpos.ravel(), qvel.ravel(), act
         self.data.time = 0.0
-        self.loop.state.memory.command[:] = command
+        self.loop.memory.command[:] = command
 
-    def _controlled(self, qpos: Array) -> Array:
-        x, fleet = np.empty((len(self.places), 3)), self.loop.fleet
-        for v in range(len(x)):
-            body = fleet.bodies[v]
-            controlled_position(fleet.kinds[body["kind"]], body, qpos, x[v])
-        return x
-
-    def _step(self, differences: list[Array]) -> list[Array]:
-        """Where a physics step leads from given differences (states, then command): differences (states, position)."""
-        qpos, *others = self._moved(differences)
-        begin = self._controlled(qpos)
-        self._place(qpos, *others)
+    def _step(self, difference: Array) -> Array:
+        """The difference to which a physics step leads from one."""
+        self._place(*self._moved(difference))
+        x, R = self.loop.x, self._rotations()
+        controlled_positions(self.loop.fleet, self.data.qpos, x)
+        begin = x.copy()
         close_loop(self.loop, 0.0, False)
         mujoco.mj_step(self.model, self.data)
-        dq = np.empty(self.model.nv)
-        mujoco.mj_differentiatePos(self.model, dq, 1.0, self.qpos, self.data.qpos)
-        dv, da = self.data.qvel - self.qvel, self.data.act - self.act
-        moved = self._controlled(self.data.qpos) - begin
-        return [
-            np.concatenate(
-                [
-                    R @ dq[p.dofs][3:6],
-                    dq[p.dofs][p.n : 3],
-                    dq[p.dofs][6:],
-                    dv[p.dofs],
-                    da[p.acts] / vehicle.mass,
-                    moved[v, : p.n],
-                ]
-            )
-            for v, (p, R, vehicle) in enumerate(zip(self.places, self._rotations(), self.vehicles, strict=True))
-        ]
-
-
-def _model(quotients: Array, s: int) -> LinearVehicle:
-    """Split difference quotients of (x', p' - p) by (x, u), without what is rounding."""
-    change = quotients.copy()
-    change[:s, :s] -= np.eye(s)
-    change[np.abs(change) < _ROUNDING] = 0.0
-    return LinearVehicle(change[:s, :s] + np.eye(s), change[:s, s:], change[s:, :s], change[s:, s:])
+        dq, after = np.empty(self.model.nv), self.still.copy()
+        mujoco.mj_differentiatePos(self.model, dq, 1.0, self.qpos.ravel(), self.data.qpos)
+        dq = dq.reshape(-1, 6)
+        controlled_positions(self.loop.fleet, self.data.qpos, x)
+        after[:, :3] = np.einsum("vij,vj->vi", R, dq[:, 3:])
+        after[:, 3:6] = np.where(self.controlled, x - begin, dq[:, :3])
+        after[:, 6:12] = self.data.qvel.reshape(-1, 6) - self.qvel
+        after[:, 12:][self.activated] = self.data.act - self.act
+        after[:, 12:] /= self.mass[:, None]
+        return after

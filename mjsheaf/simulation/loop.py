@@ -15,35 +15,48 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
+from mjsheaf.arrays import Array, IntArray
 from mjsheaf.control.controller import Controller, Law, controller_of
 from mjsheaf.control.law import ControlArrays, Memory, carry, new_memory, sample
 from mjsheaf.dynamics.disturbance import evaluate_sines
 from mjsheaf.engine import mujoco
 from mjsheaf.errors import InputError, UnstableError, expected
-from mjsheaf.jit import inline_jit, jit
+from mjsheaf.jit import jit
 from mjsheaf.simulation.arena import Arena, compose
-from mjsheaf.simulation.autopilot import Fleet, Sensed, pack_fleet, thruster_commands
-from mjsheaf.simulation.forces import apply_medium_wrench, velocity_through_medium
-from mjsheaf.simulation.trajectory import Log, Trajectory, blow_up_message, new_log, pieces_of
+from mjsheaf.simulation.bodies import (
+    Fleet,
+    Sensed,
+    apply_medium_wrench,
+    pack_fleet,
+    thruster_commands,
+    velocity_through_medium,
+)
+from mjsheaf.simulation.trajectory import Log, Trajectory, blow_up_message, new_log, pieces_of, quaternions_of
 from mjsheaf.system import MediumArrays, Phase, System, medium_velocity, phases_of
 from mjsheaf.vehicles.actuators import ANGLE
 from mjsheaf.vehicles.vectors import rotation, triple
 
-Array = NDArray[np.float64]
 
-
-class LoopState(NamedTuple):
-    """Views of MuJoCo's arrays, and what the loop keeps beside them.
+class Loop(NamedTuple):
+    """The closed loop, for compiled code: views of MuJoCo's arrays, and what is kept beside them.
 
     Attributes:
+        control, medium, fleet: what onboard computers know, what surrounds the vehicles, what the vehicles are.
         qpos, qvel, qacc, ctrl, act, applied: MuJoCo's own; `applied` is qfrc_applied.
         gear, gain, lag: of the actuators: actuator_gear, actuator_gainprm, actuator_actadr.
         x: where the law sees the vehicles, padded, shape (V, 3), m.
         drift: of the medium that carries each vehicle, as it measures it, shape (V, 3), m/s.
         memory: of the law.
         sines: of the disturbances, now, shape (V K,).
+        model, data: addresses of MuJoCo's own.
+        start: time of step 0, s.
+        timestep: s.
+        per_law, per_sample: physics steps between evaluations of the law, and between samples.
     """
 
+    control: ControlArrays
+    medium: MediumArrays
+    fleet: Fleet
     qpos: Array
     qvel: Array
     qacc: Array
@@ -57,30 +70,12 @@ class LoopState(NamedTuple):
     drift: Array
     memory: Memory
     sines: Array
-
-
-class Loop(NamedTuple):
-    """The closed loop, for compiled code.
-
-    Attributes:
-        control, medium, fleet: what onboard computers know, what surrounds the vehicles, what the vehicles are.
-        state: what changes.
-        start: time of step 0, s.
-        timestep: s.
-        per_law, per_sample: physics steps between evaluations of the law, and between samples.
-        model, data: addresses of MuJoCo's own.
-    """
-
-    control: ControlArrays
-    medium: MediumArrays
-    fleet: Fleet
-    state: LoopState
-    start: float
-    timestep: float
-    per_law: int
-    per_sample: int
     model: int
     data: int
+    start: float = 0.0
+    timestep: float = 0.0
+    per_law: int = 1
+    per_sample: int = 1
 
 
 class Recorder(NamedTuple):
@@ -94,91 +89,89 @@ class Recorder(NamedTuple):
 
     log: Log
     placed: Array
-    written: NDArray[np.int64]
+    written: IntArray
 
 
 @jit
-def controlled_position(kind, body, qpos, x):
-    """Write the position of a vehicle that the law controls into x (3,): its hand point, or its origin."""
-    a = body.qpos
-    x[0], x[1] = qpos[a], qpos[a + 1]
-    x[2] = 0.0 if kind.planar else qpos[a + 2]
-    if kind.hand > 0.0:
-        w, i, j, k = qpos[a + 3], qpos[a + 4], qpos[a + 5], qpos[a + 6]
-        x[0] += kind.hand * (1.0 - 2.0 * (j * j + k * k))
-        x[1] += kind.hand * 2.0 * (i * j + w * k)
+def controlled_positions(fleet, qpos, x):
+    """Write the positions that the law controls into x (V, 3), z = 0 for planar ones: hand points, or origins."""
+    for v in range(fleet.bodies.shape[0]):
+        kind, a = fleet.kinds[fleet.bodies[v].kind], fleet.bodies[v].qpos
+        x[v, 0], x[v, 1] = qpos[a], qpos[a + 1]
+        x[v, 2] = 0.0 if kind.planar else qpos[a + 2]
+        if kind.hand > 0.0:
+            w, i, j, k = qpos[a + 3], qpos[a + 4], qpos[a + 5], qpos[a + 6]
+            x[v, 0] += kind.hand * (1.0 - 2.0 * (j * j + k * k))
+            x[v, 1] += kind.hand * 2.0 * (i * j + w * k)
 
 
 @jit
 def close_loop(loop, t, due):
     """All before a physics step: the law if it is due; then each vehicle measures, is pushed, and drives."""
-    state, medium, kinds, bodies = loop.state, loop.medium, loop.fleet.kinds, loop.fleet.bodies
-    evaluate_sines(medium.harmonics, t, 0, bodies.shape[0], state.sines)
+    medium, kinds, bodies, q = loop.medium, loop.fleet.kinds, loop.fleet.bodies, loop.qpos
+    evaluate_sines(medium.harmonics, t, 0, bodies.shape[0], loop.sines)
     if due:
-        for v in range(bodies.shape[0]):
-            controlled_position(kinds[bodies[v].kind], bodies[v], state.qpos, state.x[v])
-            if loop.control.law.terms.drift > 0.0:
+        controlled_positions(loop.fleet, loop.qpos, loop.x)
+        if loop.control.law.terms.drift > 0.0:
+            for v in range(bodies.shape[0]):
                 a, planar = bodies[v].qpos, kinds[bodies[v].kind].planar
-                x, y, z = state.qpos[a], state.qpos[a + 1], 0.0 if planar else state.qpos[a + 2]
-                w = medium_velocity(medium, state.sines, v, x, y, z)
-                state.drift[v, 0], state.drift[v, 1], state.drift[v, 2] = w[0], w[1], w[2]
-        sample(loop.control, t, state.x, state.drift, state.memory)
-    q = state.qpos
+                w = medium_velocity(medium, loop.sines, v, q[a], q[a + 1], 0.0 if planar else q[a + 2])
+                loop.drift[v, 0], loop.drift[v, 1], loop.drift[v, 2] = w[0], w[1], w[2]
+        sample(loop.control, t, loop.x, loop.drift, loop.memory)
     for v in range(bodies.shape[0]):
         body = bodies[v]
         kind, a, first = kinds[body.kind], body.qpos, body.actuator
         thrusters = loop.fleet.thrusters[kind.thruster : kind.thruster + kind.count]
-        ctrl = state.ctrl[first : first + kind.count]
+        ctrl = loop.ctrl[first : first + kind.count]
         quaternion = (q[a + 3], q[a + 4], q[a + 5], q[a + 6])
         R = rotation(quaternion[0], quaternion[1], quaternion[2], quaternion[3])
-        s = velocity_through_medium(kind, body, medium, state.sines, v, q, state.qvel, R)
-        omega = triple(state.qvel[body.dof + 3 :])
-        apply_medium_wrench(kind, body, q, state.qvel, R, s, omega, state.applied)
-        sensed, act = Sensed(R, quaternion, s, omega), state.act[body.state :]
-        gear = state.gear[first : first + kind.count]
-        thruster_commands(kind, thrusters, body.heading, triple(state.memory.command[v]), sensed, act, ctrl, gear)
+        s = velocity_through_medium(kind, body, medium, loop.sines, v, q, loop.qvel, R)
+        omega = triple(loop.qvel[body.dof + 3 :])
+        apply_medium_wrench(kind, body, q, loop.qvel, R, s, omega, loop.applied)
+        sensed, act = Sensed(R, quaternion, s, omega), loop.act[body.state :]
+        gear = loop.gear[first : first + kind.count]
+        thruster_commands(kind, thrusters, body.heading, triple(loop.memory.command[v]), sensed, act, ctrl, gear)
 
 
 @jit
-def place_targets(fleet, recorder, state):
+def place_targets(loop, recorder):
     """Put every target where its controlled position is wanted at this sample, with its attitude and speed."""
-    k, bodies = recorder.written[0], fleet.bodies
+    k, fleet, bodies = recorder.written[0], loop.fleet, loop.fleet.bodies
     agents = bodies.shape[0] - recorder.placed.shape[1]
     if k >= recorder.placed.shape[0]:
         return
+    controlled_positions(fleet, loop.qpos, loop.x)
     for v in range(agents, bodies.shape[0]):
-        x, body, kind = state.x[v], bodies[v], fleet.kinds[bodies[v].kind]
-        controlled_position(kind, body, state.qpos, x)
-        for i in range(2 if kind.planar else 3):
-            state.qpos[body.qpos + i] += recorder.placed[k, v - agents, i] - x[i]
+        for i in range(2 if fleet.kinds[bodies[v].kind].planar else 3):
+            loop.qpos[bodies[v].qpos + i] += recorder.placed[k, v - agents, i] - loop.x[v, i]
 
 
 @jit
 def record(loop, recorder):
     """Write the present state, and the commands just made for it, as the next sample."""
-    fleet, state, log, k = loop.fleet, loop.state, recorder.log, recorder.written[0]
+    fleet, log, k = loop.fleet, recorder.log, recorder.written[0]
     recorder.written[0] = k + 1
     for v in range(fleet.bodies.shape[0]):
         body = fleet.bodies[v]
         kind, a, d = fleet.kinds[body.kind], body.qpos, body.dof
-        x, y, z = state.qpos[a], state.qpos[a + 1], state.qpos[a + 2]
-        w = medium_velocity(loop.medium, state.sines, v, x, y, 0.0 if kind.planar else z)
+        x, y, z = loop.qpos[a], loop.qpos[a + 1], loop.qpos[a + 2]
+        w = medium_velocity(loop.medium, loop.sines, v, x, y, 0.0 if kind.planar else z)
         for i in range(3):
-            log.positions[k, v, i] = state.x[v, i]
-            log.residual[k, v, i] = state.memory.residual[v, i]
-            log.command[k, v, i] = state.memory.command[v, i]
-            log.velocity[k, v, i] = state.qvel[d + i]
+            log.positions[k, v, i] = loop.x[v, i]
+            log.residual[k, v, i] = loop.memory.residual[v, i]
+            log.command[k, v, i] = loop.memory.command[v, i]
+            log.velocity[k, v, i] = loop.qvel[d + i]
             log.medium[k, v, i] = w[i]
-            log.origin[k, v, i] = state.qpos[a + i]
+            log.origin[k, v, i] = loop.qpos[a + i]
         for i in range(4):
-            log.quaternions[k, v, i] = state.qpos[a + 3 + i]
+            log.quaternions[k, v, i] = loop.qpos[a + 3 + i]
         at_limit = 0
         for j in range(kind.count):
             n, thruster = body.actuator + j, fleet.thrusters[kind.thruster + j]
-            command = state.ctrl[n]
+            command = loop.ctrl[n]
             log.thruster_command[k, n] = command
-            late = state.act[state.lag[n]] if state.lag[n] >= 0 else command
-            log.thruster_output[k, n] = late if thruster.code == ANGLE else state.gain[n, 0] * late
+            late = loop.act[loop.lag[n]] if loop.lag[n] >= 0 else command
+            log.thruster_output[k, n] = late if thruster.code == ANGLE else loop.gain[n, 0] * late
             at_limit += command <= thruster.low or command >= thruster.high
         log.saturation[k, v] = at_limit / kind.count
 
@@ -193,73 +186,35 @@ _HUGE = 1e10  # beyond this MuJoCo calls a state bad (mjMAXVAL)
 _CHUNK = 200_000  # physics steps times vehicles in one compiled call, after which Ctrl-C is heard
 
 
-@inline_jit
-def _is_bad(value):
-    """Whether MuJoCo would call a number bad: it is not finite, or huge."""
-    return not abs(value) < _HUGE
-
-
 @jit
-def _first_bad(values):
-    """Index of the first bad entry, or -1."""
+def _is_bad(values):
+    """Whether MuJoCo would call one of the numbers bad: it is not finite, or huge."""
     bad = 0
     for i in range(values.shape[0]):  # no early exit: compiled to vector instructions
-        bad += _is_bad(values[i])
-    if bad > 0:
-        for i in range(values.shape[0]):
-            if _is_bad(values[i]):
-                return i
-    return -1
-
-
-@jit
-def _bad_vehicle(bodies, state):
-    """The first vehicle whose position, velocity or acceleration is bad, or -1."""
-    if _first_bad(state.qpos) < 0 and _first_bad(state.qvel) < 0 and _first_bad(state.qacc) < 0:
-        return -1
-    for v in range(bodies.shape[0]):
-        a, d = bodies[v].qpos, bodies[v].dof
-        if (
-            _first_bad(state.qpos[a : a + 7]) >= 0
-            or _first_bad(state.qvel[d : d + 6]) >= 0
-            or _first_bad(state.qacc[d : d + 6]) >= 0
-        ):
-            return v
-    return -1
-
-
-@jit
-def _owner(bodies, actuator):
-    """The vehicle that has an actuator."""
-    v = bodies.shape[0] - 1
-    while bodies[v].actuator > actuator:
-        v -= 1
-    return v
+        bad += not abs(values[i]) < _HUGE
+    return bad > 0
 
 
 @jit
 def _advance(loop, step, count, recorder):
-    """Take `count` steps from step number `step`; return how many were taken, and the vehicle that went bad or -1.
+    """Take `count` steps from step number `step`, or fewer where the state becomes bad; return whether it did.
 
     While the recorder has room, a sample is recorded every `loop.per_sample` steps.
     """
-    fleet, state = loop.fleet, loop.state
     for k in range(step, step + count):
         recorded = k % loop.per_sample == 0 and recorder.written[0] < recorder.log.positions.shape[0]
         if recorded:
-            place_targets(fleet, recorder, state)
+            place_targets(loop, recorder)
         close_loop(loop, loop.start + k * loop.timestep, k % loop.per_law == 0)
         if recorded:
             record(loop, recorder)
         # MuJoCo sets all commands to zero where one is bad, and goes on: that would be another simulation.
-        bad = _first_bad(state.ctrl)
-        if bad >= 0:
-            return k - step, _owner(fleet.bodies, bad)
+        if _is_bad(loop.ctrl):
+            return True
         _mj_step(loop.model, loop.data)
-        bad = _bad_vehicle(fleet.bodies, state)
-        if bad >= 0:
-            return k + 1 - step, bad
-    return count, -1
+        if _is_bad(loop.qpos) or _is_bad(loop.qvel) or _is_bad(loop.qacc):
+            return True
+    return False
 
 
 def new_loop(
@@ -274,7 +229,10 @@ def new_loop(
         level: height of the water, m.
     """
     V, model = len(arena.vehicles), arena.model
-    state = LoopState(
+    return Loop(
+        control=control,
+        medium=medium,
+        fleet=pack_fleet(arena, heading, level),
         qpos=data.qpos,
         qvel=data.qvel,
         qacc=data.qacc,
@@ -288,9 +246,9 @@ def new_loop(
         drift=np.zeros((V, 3)),
         memory=new_memory(control.law, V),
         sines=np.zeros(len(medium.harmonics.rate)),
+        model=model._address,
+        data=data._address,
     )
-    fleet = pack_fleet(arena, heading, level)
-    return Loop(control, medium, fleet, state, 0.0, 0.0, 1, 1, model._address, data._address)
 
 
 class World:
@@ -301,6 +259,7 @@ class World:
         arena: where each vehicle is in the model. By name: vehicle A1 has the free joint `A1/`, and everything that is
             its own (bodies, geoms, sites, actuators) has that prefix: `A1/thruster_left`. `actuators` gives the
             actuators of a vehicle by its id. Vehicles of one kind share the materials of the first.
+        steps_per_sample: physics steps between samples.
         model, data: MuJoCo's own. The state may be read and set between steps; each step overwrites `data.ctrl`,
             `data.qfrc_applied` of the vehicles and `model.actuator_gear`. Forces of your own go to
             `data.xfrc_applied`; of a vehicle with added mass only the rigid body feels them: multiply by
@@ -326,16 +285,15 @@ class World:
         self.data: mujoco.MjData = mujoco.MjData(self.model)
         plan, grid = self.system.bodies, self.system.grid
         self._controller = controller_of(controller, self.system, getattr(scenario, "seed", 0))
-        self._steps_per_sample = whole_ratio(grid.period, plan.timestep)
+        self.steps_per_sample = whole_ratio(grid.period, plan.timestep)
         # The timestep that divides a period exactly: sample times then agree with the ideal backend's.
-        self._timestep = grid.period / self._steps_per_sample
-        self.model.opt.timestep = self._timestep
+        self._timestep = self.model.opt.timestep = grid.period / self.steps_per_sample
         loop = new_loop(self.arena, self.data, self._control(), self.system.medium, plan.heading, plan.surface_height)
         self._loop = loop._replace(
             start=grid.start,
             timestep=self._timestep,
-            per_law=1 if grid.continuous else self._steps_per_sample,
-            per_sample=self._steps_per_sample,
+            per_law=1 if grid.continuous else self.steps_per_sample,
+            per_sample=self.steps_per_sample,
         )
         self._chunk = max(1, min(4000, _CHUNK // len(self.arena.vehicles)))
         self._unrecorded = self._recorder(0)
@@ -352,19 +310,14 @@ class World:
         return round((self.data.time - self.system.grid.start) / self._timestep)
 
     @property
-    def steps_per_sample(self) -> int:
-        """Physics steps between samples."""
-        return self._steps_per_sample
-
-    @property
     def command(self) -> Array:
         """Velocities that the law asks for, of its last evaluation, shape (V, 3), m/s."""
-        return self._loop.state.memory.command
+        return self._loop.memory.command
 
     @property
     def disagreement(self) -> Array:
         """eta of the agents, L_T p - c_T of the targets, at the law's last evaluation, shape (V, 3), m."""
-        return self._loop.state.memory.residual
+        return self._loop.memory.residual
 
     def reset(self) -> None:
         """Go back to the initial condition.
@@ -374,24 +327,18 @@ class World:
         mujoco.mj_resetData(self.model, self.data)
         plan, initial = self.system.bodies, self.system.initial
         self.data.time = self.system.grid.start
-        for v, vehicle in enumerate(self.arena.vehicles):
-            at, heading = self.arena.qpos[v], plan.heading[v]
-            self.data.qpos[at : at + 3] = initial[v] - vehicle.hand * np.array([np.cos(heading), np.sin(heading), 0.0])
-            if vehicle.dimension == 2:
-                self.data.qpos[at + 2] = plan.surface_height
-            self.data.qpos[at + 3 : at + 7] = [np.cos(heading / 2), 0, 0, np.sin(heading / 2)]
-        trim = np.concatenate([vehicle.trim for vehicle in self.arena.vehicles])
-        lags = np.flatnonzero(self.model.actuator_actadr >= 0)  # rotors turn before a multirotor is let go
-        self.data.act[self.model.actuator_actadr[lags]] = trim[lags]
-        self._enter_phase()
-        self._loop.state.memory.flat[:] = 0.0
+        x, hand = self.data.qpos.reshape(-1, 7), np.array([[vehicle.steering.hand] for vehicle in self.arena.vehicles])
+        x[:, :3] = initial
+        x[:, :2] -= hand * np.column_stack([np.cos(plan.heading), np.sin(plan.heading)])
+        x[[vehicle.dimension == 2 for vehicle in self.arena.vehicles], 2] = plan.surface_height
+        x[:, 3:] = quaternions_of(plan.heading)
+        self.data.act = self.arena.trim  # rotors turn before a multirotor is let go
+        self._enter_phase().memory.flat[:] = 0.0
         if self._controller:  # it is called at the first step, and asks for nothing until then
             self._controller.reset()
         close_loop(self._loop, self.time, True)
-        if _first_bad(self.data.ctrl) < 0:
-            mujoco.mj_forward(self.model, self.data)
-        else:  # MuJoCo would warn and take others; `step` raises
-            mujoco.mj_fwdPosition(self.model, self.data)
+        # Where a command is bad MuJoCo would warn and take others; `step` raises.
+        (mujoco.mj_fwdPosition if _is_bad(self.data.ctrl) else mujoco.mj_forward)(self.model, self.data)
 
     def get_state(self) -> Array:
         """All that decides how the run goes on: MuJoCo's state and the law's memory, as one array.
@@ -400,7 +347,7 @@ class World:
         """
         state = np.empty(mujoco.mj_stateSize(self.model, _STATE))
         mujoco.mj_getState(self.model, self.data, state, _STATE)
-        return np.concatenate([state, self._loop.state.memory.flat])
+        return np.concatenate([state, self._loop.memory.flat])
 
     def set_state(self, state: Array) -> None:
         """Go on from a state of `get_state`, to the bit as the world did from which it was taken.
@@ -408,25 +355,25 @@ class World:
         Raises:
             InputError: the state is of another size: it is not one of this scenario.
         """
-        size = mujoco.mj_stateSize(self.model, _STATE)
-        values = np.ascontiguousarray(state, dtype=np.float64)
-        known = values.ndim == 1 and len(values) > size
-        if known:
-            before = self.get_state()
-            mujoco.mj_setState(self.model, self.data, values[:size], _STATE)
-            self._enter_phase()
-            known = len(values) == size + len(self._loop.state.memory.flat)
-            if not known:
-                mujoco.mj_setState(self.model, self.data, before[:size], _STATE)
-                self._enter_phase()
-                self._loop.state.memory.flat[:] = before[size:]
-        if not known:
+        values, before = np.ascontiguousarray(state, dtype=np.float64), self.get_state()
+        if values.ndim != 1 or not self._restore(values):
+            self._restore(before)
             raise InputError(
-                f"state has shape {values.shape}; expected ({size + len(self._loop.state.memory.flat)},), "
-                "as get_state gives it for this scenario"
+                f"state has shape {values.shape}; expected {before.shape}, as get_state gives it for this scenario"
             )
-        self._loop.state.memory.flat[:] = values[size:]
         mujoco.mj_fwdPosition(self.model, self.data)
+
+    def _restore(self, state: Array) -> bool:
+        """Take over a state; False where it is not of the size that the law of its phase needs."""
+        size = mujoco.mj_stateSize(self.model, _STATE)
+        if len(state) <= size:
+            return False
+        mujoco.mj_setState(self.model, self.data, state[:size], _STATE)
+        memory = self._enter_phase().memory.flat
+        if len(state) != size + len(memory):
+            return False
+        memory[:] = state[size:]
+        return True
 
     def close_loop(self, sample: bool | None = None) -> None:
         """Write commands and forces for the present state, without stepping.
@@ -440,8 +387,8 @@ class World:
         self._enter_phase()
         if sample is None:
             sample = self._step % self._loop.per_law == 0
-        if sample and self._controller:
-            self._consult(self._controller)
+        if sample:
+            self._consult()
         close_loop(self._loop, self.time, sample)
 
     def step(self, n: int = 1) -> None:
@@ -462,24 +409,21 @@ class World:
         count = min([count, *(steps for steps in ahead if steps > 0)])
         if self._controller:
             if step % loop.per_law == 0:
-                place_targets(loop.fleet, recorder, loop.state)
-                self._consult(self._controller)
+                place_targets(loop, recorder)
+                self._consult()
             count = min(count, loop.per_law - step % loop.per_law)
-        _, bad = _advance(loop, step, count, recorder)
-        if bad >= 0:
-            raise UnstableError(self._blow_up(bad))
+        if _advance(loop, step, count, recorder):
+            raise UnstableError(self._blow_up())
         return count
 
     def _enter_phase(self) -> Loop:
         """The loop of the phase that the present step belongs to."""
-        sample = self._step // self._steps_per_sample
-        system = [phase.system for phase in self._phases if phase.start <= max(sample, 0)][-1]
+        sample = max(self._step // self.steps_per_sample, 0)
+        system = [phase.system for phase in self._phases if phase.start <= sample][-1]
         if system is not self.system:
             self.system = system
-            control, state = self._control(), self._loop.state
-            self._loop = self._loop._replace(
-                control=control, state=state._replace(memory=carry(state.memory, control.law))
-            )
+            control = self._control()
+            self._loop = self._loop._replace(control=control, memory=carry(self._loop.memory, control.law))
         return self._loop
 
     def _control(self) -> ControlArrays:
@@ -487,12 +431,12 @@ class World:
         control = self.system.control_of_bodies
         return self._controller.enter(self.system.team, control) if self._controller else control
 
-    def _consult(self, controller: Controller) -> None:
-        """Let a law in Python say what it wants now."""
-        N, memory = len(self.system.team.agents), self._loop.state.memory
-        velocity = self.data.qvel[self.arena.dof[:N, None] + np.arange(3)]
-        attitude = self.quaternions()[:N]
-        controller.supply(self._loop.control.law, self.time, self.positions(), memory, velocity, attitude)
+    def _consult(self) -> None:
+        """Let a law in Python, where there is one, say what it wants now."""
+        if self._controller:
+            N, memory = len(self.system.team.agents), self._loop.memory
+            velocity, attitude = self.data.qvel.reshape(-1, 6)[:N, :3].copy(), self.quaternions()[:N]
+            self._controller.supply(self._loop.control.law, self.time, self.positions(), memory, velocity, attitude)
 
     def record(
         self, samples: int, targets: Array | None, progress: Callable[[int, int], None] | None
@@ -508,40 +452,42 @@ class World:
         of = grid.steps + 1 if targets is None else min(grid.steps + 1, len(targets))
         for system, begin, end in pieces_of(self._phases, samples, of):
             recorder = self._recorder(end - begin, None if targets is None else targets[begin:end])
-            left, message = (end - begin - (end == of)) * self._steps_per_sample, ""
+            left, message = (end - begin - (end == of)) * self.steps_per_sample, ""
             try:
                 while left > 0:
                     left -= self._advance(min(left, self._chunk), recorder)
                     if progress:
                         progress(begin + int(recorder.written[0]) - 1, of - 1)
+                if end == of:
+                    place_targets(self._enter_phase(), recorder)
+                    self.close_loop(sample=True)
+                    record(self._loop, recorder)
+                    if progress:
+                        progress(of - 1, of - 1)
             except UnstableError as error:
                 message = str(error)
-            if end == of and not message:
-                self._enter_phase()
-                place_targets(self._loop.fleet, recorder, self._loop.state)
-                self.close_loop(sample=True)
-                record(self._loop, recorder)
-                if progress:
-                    progress(of - 1, of - 1)
             done = int(recorder.written[0])
-            status = "unstable" if message else "finished"
-            yield Trajectory(system, grid.span(begin, begin + done), recorder.log.span(0, done), status, message)
+            yield Trajectory(system, grid.span(begin, begin + done), recorder.log.span(0, done), message)
             if message:
                 return
 
     def _recorder(self, T: int, placed: Array | None = None) -> Recorder:
         """A place for T samples; 0 records nothing."""
         log = new_log(T, len(self.arena.vehicles), actuators=self.model.nu)
-        none = np.empty((0, 0, 3))
-        return Recorder(log, none if placed is None else np.ascontiguousarray(placed), np.zeros(1, dtype=np.int64))
+        placed = np.empty((0, 0, 3)) if placed is None else np.ascontiguousarray(placed)
+        return Recorder(log, placed, np.zeros(1, dtype=np.int64))
 
-    def _blow_up(self, vehicle: int) -> str:
-        at = self.arena.dof[vehicle]
-        speed = float(np.linalg.norm(self.data.qvel[at : at + 3]))
+    def _blow_up(self) -> str:
+        """Name the first vehicle with a bad command or, if none has, a bad position, velocity or acceleration."""
+        data, owner = self.data, np.repeat(np.arange(len(self.arena.vehicles)), np.diff(self.arena.thruster))
+        motion = np.hstack([x.reshape(len(self.arena.vehicles), -1) for x in (data.qpos, data.qvel, data.qacc)])
+        bad = owner[~(np.abs(data.ctrl) < _HUGE)], np.flatnonzero(~(np.abs(motion) < _HUGE).all(axis=1))
+        vehicle = int(np.concatenate(bad)[0])
+        speed = float(np.linalg.norm(data.qvel[self.arena.dof[vehicle] :][:3]))
         detail = f" (body '{self.arena.vehicles[vehicle].name}', speed {speed:.3g} m/s)"
         return blow_up_message(self.system, vehicle, self.time, self._timestep * self._loop.per_law, detail)
 
-    def actuators(self, id: str) -> NDArray[np.int64]:
+    def actuators(self, id: str) -> IntArray:
         """Indices of a vehicle's actuators in `model` and in `data.ctrl`, in the order of `result.nc`'s thrusters.
 
         For example `world.model.actuator_gainprm[world.actuators("A1"), 0] = 0` stops all thrusters of A1.
@@ -552,18 +498,15 @@ class World:
         Raises:
             InputError: there is no such vehicle.
         """
-        ids = [m.id for m in self.system.team.members]
-        if id not in ids:
-            raise InputError(f"unknown vehicle {id!r}; {expected(id, ids)}")
-        first, end = self.arena.thruster[ids.index(id) :][:2]
-        return np.arange(first, end)
+        index = self.system.team.index
+        if id not in index:
+            raise InputError(f"unknown vehicle {id!r}; {expected(id, index)}")
+        return np.arange(*self.arena.thruster[index[id] :][:2])
 
     def positions(self) -> Array:
         """Controlled positions, padded: agents then targets, z = 0 for planar ones; shape (V, 3), m."""
-        x, fleet = np.empty((len(self.arena.vehicles), 3)), self._loop.fleet
-        for v in range(len(x)):
-            body = fleet.bodies[v]
-            controlled_position(fleet.kinds[body["kind"]], body, self.data.qpos, x[v])
+        x = np.empty((len(self.arena.vehicles), 3))
+        controlled_positions(self._loop.fleet, self.data.qpos, x)
         return x
 
     def heights(self) -> Array:
@@ -572,7 +515,7 @@ class World:
 
     def quaternions(self) -> Array:
         """Attitudes (w, x, y, z), body to world, shape (V, 4)."""
-        return self.data.qpos[self.arena.qpos[:, None] + np.arange(3, 7)]
+        return self.data.qpos.reshape(-1, 7)[:, 3:].copy()
 
     def saturation(self) -> Array:
         """Share of each vehicle's thrusters whose command is at its limit, shape (V,)."""

@@ -5,11 +5,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mjsheaf.arrays import Array
 from mjsheaf.system import Phase, System
-
-Array = NDArray[np.float64]
 
 _PIECE = 2**16  # of vehicles and samples, their product: a few megabytes of results
 
@@ -79,20 +77,29 @@ class Trajectory:
         system: the system; of a run with phases, that of the phase.
         time: sample times, shape (T,), s.
         log: the samples.
-        status: 'finished' or 'unstable'.
-        message: what went wrong, where and when; empty where nothing did.
+        message: what blew up, where and when; empty where nothing did.
     """
 
     system: System
     time: Array
     log: Log
-    status: str
-    message: str
+    message: str = ""
+
+    @property
+    def status(self) -> str:
+        """'finished' or 'unstable'."""
+        return "unstable" if self.message else "finished"
 
     @property
     def positions(self) -> Array:
         """Controlled positions, agents then targets, shape (T, V, 3), m."""
         return self.log.positions
+
+
+def quaternions_of(heading: Array) -> Array:
+    """Level attitudes (w, x, y, z), body to world, of headings (V,) in rad, shape (V, 4)."""
+    zero = np.zeros_like(heading)
+    return np.column_stack([np.cos(heading / 2.0), zero, zero, np.sin(heading / 2.0)])
 
 
 def pieces_of(phases: Sequence[Phase], samples: int, end: int) -> Iterator[tuple[System, int, int]]:
@@ -123,28 +130,19 @@ def likely_cause(system: System, law_period: float) -> str:
         system: the system.
         law_period: time between evaluations of the law, s; 0 where it is inside the integrator.
     """
-    period_field = "physics.timestep" if system.grid.continuous else "controller.control_period"
-    margin = system.gain * law_period * system.largest_eigenvalue
-    if margin >= 2.0:
-        legal = 2.0 / (law_period * system.largest_eigenvalue)
-        return (
-            f"likely cause: the held law diverges, as k1 h lambda_max = {margin:.3g} is not below 2; "
-            f"take controller.gain below {legal:.4g} or a shorter {period_field}"
-        )
-    target_gain = float(np.max(system.law.gain[len(system.team.agents) :], initial=0.0))
-    if target_gain > 0.0:
-        fastest = np.linalg.eigvalsh(system.team.target_sheaf.laplacian().toarray())[-1]
-        if target_gain * law_period * fastest >= 2.0:
+    h, target_gain = law_period, float(np.max(system.law.gain[len(system.team.agents) :], initial=0.0))
+    consensus = np.linalg.eigvalsh(system.team.target_sheaf.laplacian().toarray())[-1] if target_gain > 0.0 else 0.0
+    for gain, fastest, margin, what, field in (
+        (system.gain, system.largest_eigenvalue, "k1 h lambda_max", "the held law", "controller.gain"),
+        (target_gain, consensus, "gain h lambda_max", "the targets' own held consensus", "target_formation.gain"),
+        (np.max(system.motion.pull, initial=0.0), 1.0, "pull h", "a target's held pull to its path", "its motion.pull"),
+    ):
+        if gain * h * fastest >= 2.0:
             return (
-                "likely cause: the targets' own held consensus diverges; take target_formation.gain below "
-                f"{2.0 / (law_period * fastest):.4g} or a shorter {period_field}"
+                f"likely cause: {what} diverges, as {margin} = {gain * h * fastest:.3g} is not below 2; take {field} "
+                f"below {2.0 / (h * fastest):.4g} or a shorter "
+                f"{'physics.timestep' if system.grid.continuous else 'controller.control_period'}"
             )
-    pull = float(np.max(system.motion.pull, initial=0.0))
-    if pull * law_period >= 2.0:
-        return (
-            "likely cause: a target's held pull to its path diverges; take its motion.pull below "
-            f"{2.0 / law_period:.4g} or a shorter {period_field}"
-        )
     return (
         "likely cause: a flow or a motion too strong to integrate; look at flow (strengths, core radii) and "
         "target motions, and on bodies shorten physics.timestep"

@@ -21,7 +21,7 @@ from typing import IO, Any
 from mjsheaf.errors import InputError
 from mjsheaf.io.files import is_part_of, write_whole
 from mjsheaf.io.yaml import dump_yaml
-from mjsheaf.results.store import PlaceError, digest, enclosing_run
+from mjsheaf.results.store import PlaceError, digest, enclosing_run, read_mapping
 from mjsheaf.studies.job import STATUSES, JobResult
 from mjsheaf.studies.plan import Plan
 from mjsheaf.studies.schema import Point
@@ -101,7 +101,7 @@ class StudyDirectory:
 
     def _record(self, point: Point) -> dict[str, Any] | None:
         """The record of a run; None where there is none, or it or its result.nc is not as it was written."""
-        record = _read_mapping(self._file(_RUNS, point.number))
+        record = read_mapping(self._file(_RUNS, point.number))
         if record is None or record.get("status") not in STATUSES:
             return None
         if record.get("run") != point.number or record.get("parameters") != point.parameters:
@@ -239,16 +239,8 @@ def _has_runs(path: Path) -> bool:
 
 def _study_in(path: Path) -> dict[str, Any] | None:
     """What the directory's study.json holds; None where there is none that mjsheaf wrote."""
-    study = _read_mapping(path / _STUDY)
+    study = read_mapping(path / _STUDY)
     return study if study is not None and "mjsheaf_version" in study else None
-
-
-def _read_mapping(path: Path) -> dict[str, Any] | None:
-    try:
-        found = json.loads(path.read_bytes())
-    except (OSError, ValueError, RecursionError):
-        return None
-    return found if isinstance(found, dict) else None
 
 
 def _remove_parts(path: Path) -> None:
@@ -267,24 +259,24 @@ def _remove_empty(places: list[Path]) -> None:
             os.rmdir(place)
 
 
-def _differences(before: Any, now: Any, path: str = "") -> list[str]:
-    """Each place where plain values differ, as 'field was A, is now B', outermost fields in the order of `now`."""
-    if isinstance(before, dict) and isinstance(now, dict):
-        found = []
-        for key in [*now, *(key for key in before if key not in now)]:
-            here = f"{path}.{key}" if path else str(key)
-            if key in before and key in now:
-                found += _differences(before[key], now[key], here)
-            else:
-                was, is_now = (_short(values[key]) if key in values else "absent" for values in (before, now))
-                found.append(f"{here} was {was}, is now {is_now}")
-        return found
-    if isinstance(before, list) and isinstance(now, list) and len(before) == len(now):
-        return [d for k, (a, b) in enumerate(zip(before, now, strict=True)) for d in _differences(a, b, f"{path}.{k}")]
-    same = type(before) is type(now) and before == now
-    return [] if same else [f"{path} was {_short(before)}, is now {_short(now)}"]
+def _leaves(value: Any, path: str = "") -> dict[str, str]:
+    """The plain values, and empty lists and mappings, in a value: field path to their text."""
+    items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    found: dict[str, str] = {}
+    for key, item in items:
+        found |= _leaves(item, f"{path}.{key}" if path else str(key))
+    return found or {path: repr(value)}
 
 
-def _short(value: Any) -> str:
-    text = repr(value)
+def _differences(before: dict[str, Any], now: dict[str, Any]) -> list[str]:
+    """Each field of which the plain values differ, as 'field was A, is now B', in the order of `now`."""
+    was, new = _leaves(before), _leaves(now)
+    return [
+        f"{path} was {_short(was.get(path, 'absent'))}, is now {_short(new.get(path, 'absent'))}"
+        for path in {**new, **was}
+        if was.get(path) != new.get(path)
+    ]
+
+
+def _short(text: str) -> str:
     return text if len(text) <= _LONGEST_VALUE else text[: _LONGEST_VALUE - 3] + "..."

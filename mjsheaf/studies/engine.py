@@ -18,7 +18,7 @@ import psutil
 
 from mjsheaf.errors import InputError
 from mjsheaf.studies.job import ForeignWorkerError, Job, JobResult, failed_record, new_record, run_job
-from mjsheaf.threads import ONE_THREAD
+from mjsheaf.threads import ONE_THREAD, usable_processors
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -74,11 +74,11 @@ class Engine:
                 yield result
         for job in suspects:
             tries = (result for _ in range(_TRIES_ALONE) for _, result in self._stream([job], work, 1))
-            yield next(filter(None, tries), None) or self._lost(job)
-
-    def _lost(self, job: Job) -> JobResult:
-        message = f"every worker that began it died, {self._cause()}"
-        return JobResult(new_record(job.point, job.seed, "lost", message))
+            result = next(filter(None, tries), None)
+            if result is None:
+                message = f"every worker that began it died, {self._cause()}"
+                result = JobResult(new_record(job.point, job.seed, "lost", message))
+            yield result
 
     def _stream(self, jobs: Iterable[Job], work: Work, ahead: int) -> Iterator[tuple[Job, JobResult | None]]:
         """Do jobs, so many of them handed out at a time; None is the result of one whose worker may have died of it."""
@@ -190,7 +190,7 @@ def local_engine(workers: int | None = None, *, processes: bool = True, memory: 
         processes: each worker a process; else all are threads of this one, which begin at once and share its fate.
         memory: that all processes together may take, in bytes; None takes most of the machine's.
     """
-    count = workers or len(os.sched_getaffinity(0))
+    count = workers or usable_processors()
     if not processes:
         threads = ThreadPoolExecutor(count)
         try:

@@ -7,14 +7,12 @@ from typing import Any
 
 import numpy as np
 from matplotlib.colors import LogNorm, Normalize
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
-from mjsheaf.plotting import new_figure
+from mjsheaf.arrays import Array, IntArray
+from mjsheaf.plotting import BLUE, legend_below, log_axis, new_figure, save_figure
 from mjsheaf.results.metrics import MEASURES
 from mjsheaf.studies.schema import Choice, LogUniform, StudyFile
-
-Array = NDArray[np.float64]
 
 _LABELS = {
     "mean_disagreement": "final disagreement, mean |η| (m)",
@@ -22,10 +20,10 @@ _LABELS = {
     "formation_error": "final formation error, RMS residual (m)",
     "centering_error": "final centering error, largest (m)",
 }
-_BLUE, _GREY = "#0072B2", "#BBBBBB"
+_GREY = "#BBBBBB"
 _SETTLED, _UNFINISHED = "run that has settled", "run that did not finish"
 _MARKS: dict[bool | None, tuple[str, dict[str, Any]]] = {
-    True: (_SETTLED, {"color": _BLUE}),
+    True: (_SETTLED, {"color": BLUE}),
     None: ("run too short to tell", {"color": "#555555"}),
     False: ("run that still changes at its end", {"color": "#D55E00", "markerfacecolor": "none"}),
 }
@@ -59,7 +57,7 @@ class SweptAxis:
     log: bool
     places: Array
     labels: list[str]
-    index: NDArray[np.int64]
+    index: IntArray
 
     def groups(self, y: Array) -> list[Array]:
         """The known values of y, shape (R,), at each place."""
@@ -118,16 +116,6 @@ def _spans_decades(values: Array) -> bool:
     return bool(known.size and known.min() > 0.0 and known.max() >= _DECADES * known.min())
 
 
-def _make_logarithmic(panel: Any, which: str, values: Array) -> None:
-    """Make an axis logarithmic, with numbers that are written out; 1, 2 and 5 of each decade where these are few."""
-    few = np.nanmax(values) <= 200.0 * np.nanmin(values)
-    panel.set(**{f"{which}scale": "log"})
-    axis = getattr(panel, f"{which}axis")
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,)))
-    axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
-    axis.set_minor_formatter(NullFormatter())
-
-
 def plot_study(study: StudyFile, name: str, records: list[dict[str, Any]]) -> dict[str, bytes]:
     """Draw a study.
 
@@ -168,9 +156,7 @@ def _draw(title: str, axes: list[SweptAxis], values: dict[str, Array], ends: NDA
     each_axis = len(axes) > 1 and not heat
     columns = min(len(axes), _MOST_AXES) if each_axis else min(len(values), 2)
     rows = len(values) if each_axis else -(-len(values) // 2)
-    figure = new_figure(max(7.5, 5.6 * columns), 1.0 + 4.2 * rows)
-    figure.set_layout_engine("constrained")
-    figure.suptitle(title, fontsize=12)
+    figure = new_figure(max(7.5, 5.6 * columns), 1.0 + 4.2 * rows, title)
     panels = figure.subplots(rows, columns, squeeze=False)
     for k, (label, y) in enumerate(values.items()):
         if each_axis:
@@ -187,9 +173,9 @@ def _draw(title: str, axes: list[SweptAxis], values: dict[str, Array], ends: NDA
     legends = [panel.get_legend_handles_labels() for panel in panels.flat]
     handles = {label: handle for legend in legends for handle, label in zip(*legend, strict=True)}
     if handles.keys() - {_SETTLED}:  # which needs no legend where there is nothing else
-        figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=3, frameon=False, fontsize=9)
+        legend_below(figure, list(handles.values()), 3)
     png = io.BytesIO()
-    figure.savefig(png, format="png", metadata={"Software": None})  # a version would make equal studies differ
+    save_figure(figure, png)
     return png.getvalue()
 
 
@@ -205,7 +191,7 @@ def _marginal(panel: Any, axis: SweptAxis, label: str, y: Array, ends: NDArray[n
     panel.set(xlabel=axis.name, ylabel=label)
     panel.grid(True, which="major", alpha=0.3)
     if axis.log:
-        _make_logarithmic(panel, "x", axis.places)
+        log_axis(panel, "x", axis.places)
     if not axis.numeric:
         axis.label(panel, "x", axis.places)
         panel.set_xlim(-0.5, len(axis.places) - 0.5)
@@ -213,7 +199,7 @@ def _marginal(panel: Any, axis: SweptAxis, label: str, y: Array, ends: NDArray[n
         _shares(panel, axis, y)
         return
     if _spans_decades(y):
-        _make_logarithmic(panel, "y", y)
+        log_axis(panel, "y", y)
     known = np.isfinite(y)
     many = known.sum() > 1.5 * len(axis.places)
     if not axis.drawn:
@@ -221,9 +207,9 @@ def _marginal(panel: Any, axis: SweptAxis, label: str, y: Array, ends: NDArray[n
         found = [(x, np.median(group), group.min(), group.max()) for x, group in groups if group.size]
         places, median, low, high = np.transpose(found)
         style = {"linewidth": 1.8} if axis.numeric else {"linewidth": 0.0, "marker": "_", "markersize": 22}
-        panel.plot(places, median, color=_BLUE, label="median" if many else None, **style)
+        panel.plot(places, median, color=BLUE, label="median" if many else None, **style)
         if many and axis.numeric:
-            band = {"color": _BLUE, "alpha": 0.18, "linewidth": 0}
+            band = {"color": BLUE, "alpha": 0.18, "linewidth": 0}
             panel.fill_between(places, low, high, label=f"smallest to largest{over}", **band)
     x, size = axis.places[axis.index], 5.0 if known.sum() <= 200 else 2.5
     for end, style in _MARKS.values():
@@ -243,13 +229,13 @@ def _shares(panel: Any, axis: SweptAxis, y: Array) -> None:
     if axis.numeric and axis.drawn:
         x = axis.places[axis.index]
         bins = [part for part in np.array_split(np.argsort(x, kind="stable"), _BINS) if part.size]
-        panel.plot([np.median(x[b]) for b in bins], [y[b].mean() for b in bins], "o-", color=_BLUE)
+        panel.plot([np.median(x[b]) for b in bins], [y[b].mean() for b in bins], "o-", color=BLUE)
         return
     share = [group.mean() for group in axis.groups(y)]
     if axis.numeric:
-        panel.plot(axis.places, share, "o-", color=_BLUE)
+        panel.plot(axis.places, share, "o-", color=BLUE)
     else:
-        panel.bar(axis.places, share, width=0.6, color=_BLUE)
+        panel.bar(axis.places, share, width=0.6, color=BLUE)
 
 
 def _heat_map(panel: Any, across: SweptAxis, up: SweptAxis, label: str, y: Array, *, shares: bool) -> None:
@@ -284,10 +270,10 @@ def _distribution(panel: Any, label: str, y: Array, *, shares: bool) -> None:
     panel.grid(True, which="major", alpha=0.3)
     panel.set_ylim(-0.02, 1.04)
     if shares:
-        panel.bar(["finished", "did not"], [y.mean(), 1.0 - y.mean()], color=[_BLUE, _GREY], width=0.6)
+        panel.bar(["finished", "did not"], [y.mean(), 1.0 - y.mean()], color=[BLUE, _GREY], width=0.6)
         panel.set_ylabel("share of runs")
         return
-    panel.ecdf(y[np.isfinite(y)], color=_BLUE, marker="o", markersize=4)
+    panel.ecdf(y[np.isfinite(y)], color=BLUE, marker="o", markersize=4)
     if _spans_decades(y):
-        _make_logarithmic(panel, "x", y)
+        log_axis(panel, "x", y)
     panel.set(xlabel=label, ylabel="share of runs at or below")

@@ -5,6 +5,7 @@ import time
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import version
+from itertools import pairwise
 from pathlib import Path
 from textwrap import shorten
 from typing import TYPE_CHECKING, Any
@@ -140,12 +141,11 @@ def run_job(job: Job) -> JobResult:
 
 def failed_record(job: Job, error: Exception) -> dict[str, Any]:
     """The record of a run that raised an error."""
-    status, message = "failed", f"{type(error).__name__}: {error}"
+    told = str(error)
     if isinstance(error, NotUniqueError | InputError):
-        status, message = "refused" if isinstance(error, NotUniqueError) else "invalid", str(error)
-    elif isinstance(error, MemoryError):
-        message = f"not enough memory: {error}"
-    return new_record(job.point, job.seed, status, message)
+        return new_record(job.point, job.seed, "refused" if isinstance(error, NotUniqueError) else "invalid", told)
+    what = "not enough memory" if isinstance(error, MemoryError) else type(error).__name__
+    return new_record(job.point, job.seed, "failed", f"{what}: {told}")
 
 
 def _run(job: Job) -> tuple[dict[str, Any], bytes | None]:
@@ -175,9 +175,7 @@ def _bytes_of(dataset: "xr.Dataset") -> bytes:
     """
     from mjsheaf.results import dataset_bytes
 
-    written, before = dataset_bytes(dataset), b""
-    for _ in range(_MOST_WRITES - 1):
+    for before, written in pairwise(dataset_bytes(dataset) for _ in range(_MOST_WRITES)):
         if written == before:
             break
-        written, before = dataset_bytes(dataset), written
     return written

@@ -11,11 +11,12 @@ from pydantic import ValidationError
 
 from mjsheaf.errors import InputError, ScenarioError
 from mjsheaf.io.files import confined, list_studies
+from mjsheaf.io.section import describe_validation_error
 from mjsheaf.io.yaml import parse_yaml, read_yaml
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import list_scenarios, map_vehicles, read_scenario
 from mjsheaf.studies.job import Job, versions
-from mjsheaf.studies.schema import Point, StudyFile, describe_error, points_of
+from mjsheaf.studies.schema import Point, StudyFile, points_of
 
 _SUFFIXES = (".yaml", ".yml")
 
@@ -67,8 +68,7 @@ class Plan:
         study = self.study
         # Messages become part of results: they name the scenario as itself, not by the path that was typed.
         source = str(self.scenario.get("name"))
-        directory = str(self.directory)
-        return Job(point, source, self.scenario, study.set, directory, study.backend, study.trajectories)
+        return Job(point, source, self.scenario, study.set, str(self.directory), study.backend, study.trajectories)
 
 
 def load_plan(
@@ -161,7 +161,8 @@ def _validated(raw: Mapping[str, Any], source: str) -> StudyFile:
     try:
         return StudyFile.model_validate(raw)
     except ValidationError as error:
-        raise ScenarioError(f"{source}: {describe_error(error)}") from None
+        told = describe_validation_error(error, StudyFile).removeprefix("file: ")
+        raise ScenarioError(f"{source}: {told}") from None
 
 
 def _absolute(value: Any, path: str) -> Any:

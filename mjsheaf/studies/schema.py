@@ -8,9 +8,9 @@ from itertools import product
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, Field, JsonValue, ValidationError, model_validator
+from pydantic import AfterValidator, Field, JsonValue, model_validator
 
-from mjsheaf.io.section import Number, Positive, Section, describe_validation_error
+from mjsheaf.io.section import Number, Positive, Section
 from mjsheaf.runs.simulate import BACKENDS
 
 Measure = Literal["mean_disagreement", "tracking_error", "formation_error", "centering_error"]
@@ -18,10 +18,9 @@ Measure = Literal["mean_disagreement", "tracking_error", "formation_error", "cen
 
 def _fits_a_table(value: JsonValue) -> JsonValue:
     """Refuse integers that no column holds; no field of a scenario takes them."""
-    if isinstance(value, dict | list):
-        for item in value.values() if isinstance(value, dict) else value:
-            _fits_a_table(item)
-    elif isinstance(value, int) and abs(value) >= 2**63:
+    for item in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():
+        _fits_a_table(item)
+    if isinstance(value, int) and abs(value) >= 2**63:
         raise ValueError(f"a number of {len(str(value))} digits; expected whole numbers below 2^63 in size")
     return value
 
@@ -86,15 +85,13 @@ class Integers(Section):
     """Uniform on the integers from low to high, both included."""
 
     kind: Literal["integers"]
-    low: int
-    high: int
+    low: Annotated[int, Field(gt=-(2**62), lt=2**62)]
+    high: Annotated[int, Field(gt=-(2**62), lt=2**62)]
 
     @model_validator(mode="after")
     def _ordered(self) -> "Integers":
         if self.high < self.low:
             raise ValueError(f"high ({self.high}) must not be below low ({self.low})")
-        if max(abs(self.low), abs(self.high)) >= 2**62:
-            raise ValueError("low and high must be below 2**62 in size")
         return self
 
     def sample(self, rng: np.random.Generator, count: int) -> list[Any]:
@@ -155,29 +152,23 @@ class StudyFile(Section):
 
     @model_validator(mode="after")
     def _fits(self) -> "StudyFile":
-        lengths = {path: len(values) for path, values in self.paired.items()}
-        if len(set(lengths.values())) > 1:
-            told = ", ".join(f"{path} has {length}" for path, length in lengths.items())
+        if len({len(values) for values in self.paired.values()}) > 1:
+            told = ", ".join(f"{path} has {len(values)}" for path, values in self.paired.items())
             raise ValueError(f"paired: lists must have one length, but {told}")
-        seen: list[str] = []
-        for path in self.paths:
+        swept = self.paths
+        for k, path in enumerate(swept):
             if path in self.set:
                 raise ValueError(f"{path}: is both set and swept; give it once")
-            if path in seen:
+            if path in swept[:k]:
                 raise ValueError(f"{path}: is swept twice; give it once")
-            for others, instead in (
-                (seen, "swept before it; give it first"),
-                (self.set, f"set; give that in the values of {path}"),
-            ):
-                inside = next((other for other in others if other.startswith(f"{path}.")), None)
-                if inside is not None:
-                    raise ValueError(f"{path}: would overwrite {inside}, which is {instead}")
-            seen.append(path)
-        _check_items(self.set, seen)
-        unknown = next((path for path in self.labels if path not in seen), None)
-        if unknown is not None:
-            raise ValueError(f"labels: {unknown} is not swept; expected {', '.join(seen) or 'none'}")
-        if self.seeds is not None and ("seed" in seen or "seed" in self.set):
+            before = dict.fromkeys(swept[:k], "swept before it; give it first")
+            for other, instead in (before | dict.fromkeys(self.set, f"set; give that in the values of {path}")).items():
+                if other.startswith(f"{path}."):
+                    raise ValueError(f"{path}: would overwrite {other}, which is {instead}")
+        _check_items(self.set, swept)
+        for path in self.labels.keys() - set(swept):
+            raise ValueError(f"labels: {path} is not swept; expected {', '.join(swept) or 'none'}")
+        if self.seeds is not None and "seed" in (*swept, *self.set):
             raise ValueError("seeds: the field seed is given too; give either")
         if self.size > MOST_RUNS:
             raise ValueError(f"{self.size} runs are asked for; expected at most {MOST_RUNS}")
@@ -227,11 +218,6 @@ def _check_items(fixed: Mapping[str, Any], swept: Iterable[str]) -> None:
             if other is not None and path not in fixed:
                 raise ValueError(f"{path}: another field names an item of the same list as {other}; name all one way")
             at = at.setdefault(number, {}).setdefault(key, {})
-
-
-def describe_error(error: ValidationError) -> str:
-    """What is wrong with a study, in one line that begins with the field."""
-    return describe_validation_error(error, StudyFile).removeprefix("file: ")
 
 
 @dataclass(frozen=True)

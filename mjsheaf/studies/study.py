@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from mjsheaf._version import __version__
 from mjsheaf.io.yaml import parse_yaml
 from mjsheaf.results.metrics import MEASURES
+from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.studies.directory import open_directory
 from mjsheaf.studies.engine import Engine, SchedulerError
 from mjsheaf.studies.job import STATUSES, ForeignWorkerError
@@ -22,8 +23,6 @@ from mjsheaf.studies.schema import Point
 
 if TYPE_CHECKING:
     import pandas as pd
-
-Progress = Callable[[str, int, int], None]
 
 _COLUMNS = {
     "seed": "int64",
@@ -65,7 +64,7 @@ def run_study(
     engine: Callable[[], AbstractContextManager[Engine]],
     *,
     retry_failed: bool = False,
-    progress: Progress | None = None,
+    progress: Progress = no_progress,
 ) -> Study:
     """Run what of a study has not ended, and write its table, plots and page.
 
@@ -82,7 +81,6 @@ def run_study(
         SchedulerError: the cluster cannot be reached, or went away. Runs that have ended are kept; without any, so is
             only a directory that was there before.
     """
-    report = progress or (lambda what, done, total: None)
     with open_directory(directory, plan) as place:
         records = place.ended()
         kept = {n for n, r in records.items() if not retry_failed or r["status"] == "finished"}
@@ -90,12 +88,12 @@ def run_study(
         if missing:
             try:
                 with engine() as workers:
-                    report("running", len(kept), len(plan.points))
+                    progress("running", len(kept), len(plan.points))
                     results = workers.run(plan.job(point) for point in missing)
                     for done, result in enumerate(results, len(kept) + 1):
                         place.save(result)
                         records[result.record["run"]] = result.record
-                        report("running", done, len(plan.points))
+                        progress("running", done, len(plan.points))
             except (SchedulerError, ForeignWorkerError):
                 place.leave()
                 raise
@@ -208,9 +206,8 @@ def command_of(plan: Plan, point: Point) -> str:
     """The command that does one run of a study by itself, for a shell in the study's directory."""
     # The scenario of a study with vehicles' own files is not kept there, as it could not name them.
     parts = ["mjsheaf", "run", "SCENARIO" if plan.files else "scenario.yaml", "--backend", plan.study.backend]
-    for path, value in plan.job(point).changes.items():
-        parts += ["--set", f"{path}={_as_yaml(value)}"]
-    return shlex.join(parts)
+    changes = plan.job(point).changes.items()
+    return shlex.join(parts + [part for path, value in changes for part in ("--set", f"{path}={_as_yaml(value)}")])
 
 
 def _as_yaml(value: Any) -> str:

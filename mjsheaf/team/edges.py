@@ -14,13 +14,12 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, Field, model_validator
 
+from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError, expected
 from mjsheaf.io.section import Id, Matrix, Number, Positive, Section
-
-Array = NDArray[np.float64]
 
 NAMES = ("identity", "shared", "local_frame")
 

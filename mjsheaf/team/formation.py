@@ -4,13 +4,11 @@ from collections.abc import Sequence
 from typing import Annotated, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ConfigDict, Field, model_validator
 
+from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError
 from mjsheaf.io.section import Id, Number, Point, Positive, Section, tagged
-
-Array = NDArray[np.float64]
 
 
 class Formation(Section):

@@ -5,14 +5,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse import csgraph
 
+from mjsheaf.arrays import Array, IntArray
 from mjsheaf.team.team import Team
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+Index = IntArray
 
 _AXES = "xyz"
 _MOST_NAMED = 8  # agents named one by one before the rest are counted

@@ -6,14 +6,12 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mjsheaf.arrays import Array, IntArray
 from mjsheaf.errors import InputError, SheafError, expected, in_field
 from mjsheaf.sheaf import DirichletProblem, Sheaf
 from mjsheaf.team.edges import GROUND, Anchor, Edge, LinearEdge, Member, require_ends
 from mjsheaf.team.formation import Formation
-
-Array = NDArray[np.float64]
 
 _GROUND = Member(GROUND, 0)
 
@@ -93,12 +91,12 @@ class Team:
         return {m.id: v for v, m in enumerate(self.members)}
 
     @cached_property
-    def slots(self) -> NDArray[np.int64]:
+    def slots(self) -> IntArray:
         """Places of the stacked vector (q, p) in a padded array of shape (V, 3), flattened; shape (n,)."""
         return np.concatenate([3 * v + np.arange(m.dimension) for v, m in enumerate(self.members)])
 
     @cached_property
-    def first_state(self) -> NDArray[np.int64]:
+    def first_state(self) -> IntArray:
         """Where each agent's state begins in the stacked q, and its length at the end, shape (N + 1,)."""
         return np.concatenate([[0], np.cumsum([a.dimension for a in self.agents])]).astype(np.int64)
 

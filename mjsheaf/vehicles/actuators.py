@@ -7,18 +7,18 @@ branch makes thrust and angle. Every effort has a channel: an actuator of MuJoCo
 A new kind subclasses `Thruster` and has a code with a branch in `aim` and `room_of`.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from mjsheaf.arrays import Array
 from mjsheaf.io.section import Section
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.vehicles.vectors import to_world, triple
 
-Array = NDArray[np.float64]
 Range = tuple[float, float] | None  # of MuJoCo's: lowest and highest, or no limit
 
 LAGS = ("none", "filter", "filterexact")
@@ -175,7 +175,7 @@ class Azimuth(Section):
         return self
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class AzimuthThruster(Thruster):
     """A thruster that turns about the vertical axis through its site.
 
@@ -189,11 +189,11 @@ class AzimuthThruster(Thruster):
         angle_lag: time constant with which it follows its command, s.
     """
 
-    sideways: Array = field(kw_only=True)
-    low: float = field(kw_only=True)
-    high: float = field(kw_only=True)
-    rate: float = field(kw_only=True)
-    angle_lag: float = field(kw_only=True)
+    sideways: Array
+    low: float
+    high: float
+    rate: float
+    angle_lag: float
 
     @property
     def wrenches(self) -> Array:

@@ -16,15 +16,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
+from mjsheaf.arrays import Array
 from mjsheaf.io.section import Duration, Section
 from mjsheaf.vehicles.actuators import Thruster
+from mjsheaf.vehicles.body import ROW_NAMES
 from mjsheaf.vehicles.steering import Full
-from mjsheaf.vehicles.vehicle import ROW_NAMES, Vehicle
-
-Array = NDArray[np.float64]
+from mjsheaf.vehicles.vehicle import Vehicle
 
 
 @dataclass(frozen=True)
@@ -139,12 +138,7 @@ def _fully_actuated(vehicle: Vehicle) -> Vehicle:
     actuators: list[Thruster] = []
     for row in steering.rows[vehicle.dimension]:
         bound = force if row < 3 else strongest[row]
-        own = Thruster(
-            f"virtual_{ROW_NAMES[row].replace(' ', '_')}",
-            np.eye(6)[row],
-            ctrl=(-bound, bound) if np.isfinite(bound) and bound > 0.0 else None,
-            law="filterexact" if vehicle.lag > 0.0 else "none",
-            time_constant=vehicle.lag,
-        )
-        actuators.append(own)
+        limits = (-bound, bound) if np.isfinite(bound) and bound > 0.0 else None
+        law, name = "filterexact" if vehicle.lag > 0.0 else "none", f"virtual_{ROW_NAMES[row].replace(' ', '_')}"
+        actuators.append(Thruster(name, np.eye(6)[row], ctrl=limits, law=law, time_constant=vehicle.lag))
     return replace(vehicle, steering=steering, actuators=actuators)

@@ -10,28 +10,31 @@ Loading a vehicle: its description and its MJCF file, checked against each other
 
 import math
 import os
+from itertools import count
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.parsers import expat
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from mjsheaf.engine import mujoco
-from mjsheaf.errors import InputError, expected
-from mjsheaf.io.files import confined, resource_directory
+from mjsheaf.arrays import Array
+from mjsheaf.engine import mujoco, refusing
+from mjsheaf.errors import InputError, expected, in_field, shortened
+from mjsheaf.io.files import confined, read_bytes, resource_directory
 from mjsheaf.io.section import describe_validation_error
 from mjsheaf.io.yaml import read_yaml
 from mjsheaf.vehicles.actuators import LAGS, Azimuth, AzimuthThruster, Range, Thruster
+from mjsheaf.vehicles.body import GRAVITY, ROW_NAMES, Inertial
 from mjsheaf.vehicles.steering import Full
-from mjsheaf.vehicles.vehicle import GRAVITY, ROW_NAMES, Inertial, Vehicle, VehicleDescription
+from mjsheaf.vehicles.vehicle import Vehicle, VehicleDescription
 
 _LARGEST_FILE = 20_000_000  # bytes, of one XML file
 _DEEPEST = 100  # elements within one another
 _MOST_COPIES = 1000  # that one element asks for, by elements within one another
 _LARGEST_GRID = 4096**2  # pixels of a texture, points of a height field
 _LARGEST_NUMBER = 1e12
+_ROOTS = ("mujoco", "mujocoinclude")
 _COPYING = ("replicate", "composite", "flexcomp")
 _GRIDS = {"texture": ("width", "height"), "hfield": ("nrow", "ncol")}
 _WORDS = ("name", "class", "childclass")  # attributes that are words, whatever they look like
@@ -68,24 +71,18 @@ def files_of(description: Path, mjcf: str) -> list[Path]:
         InputError: one lies outside the directory of the description, an MJCF file is none, or has a plugin.
     """
     root = description.parent.resolve()
-    try:
+    with in_field(f"{description}: mjcf"):
         main = confined(mjcf, root)
-    except InputError as error:
-        raise InputError(f"{description}: mjcf: {error}") from None
-    names = _Names([], {name: set() for name in _DIRECTORIES})
-    files, waiting = {main: None}, [main]
-    while waiting:
-        path = waiting.pop()
-        first = len(names.references)
+    names, files = _Names([], {name: set() for name in _DIRECTORIES}), [main]
+    for path in files:  # grows by what they include
+        known = len(names.references)
         _read(path, names)
-        for reference in names.references[first:]:
+        for reference in names.references[known:]:
             if reference.tag in ("include", "model"):
-                inner = [f for f in _places(reference, main, names, root) if f not in files]
-                files |= dict.fromkeys(inner)
-                waiting += inner
-    for reference in names.references:  # the directories of meshes are known when every file is read
-        files |= dict.fromkeys(_places(reference, main, names, root))
-    return list(files)
+                files += [file for file in _places(reference, main, names, root) if file not in files]
+    # The directories of meshes are known when every file is read.
+    others = [file for reference in names.references for file in _places(reference, main, names, root)]
+    return list(dict.fromkeys([*files, *others]))
 
 
 def _places(reference: _Reference, main: Path, names: _Names, root: Path) -> list[Path]:
@@ -96,17 +93,15 @@ def _places(reference: _Reference, main: Path, names: _Names, root: Path) -> lis
     """
     tag, name, within = reference
     own = "texturedir" if tag == "texture" else "meshdir"
-    directories = names.directories[own] | names.directories["assetdir"] or {""}
-    if tag not in ("texture", *_IN_MESHDIR):
+    directories = names.directories[own] | names.directories["assetdir"]
+    if not directories or tag not in ("texture", *_IN_MESHDIR):
         directories = directories | {""}
     found = []
     for base in sorted({main.parent, within}):
         for directory in sorted(directories):
             for file in sorted({name, Path(name).name}):  # the latter by <compiler strippath="true"/>
-                try:
+                with in_field(f"{main}: <{tag}>"):
                     path = confined(file, base / directory, root)
-                except InputError as error:
-                    raise InputError(f"{main}: <{tag}>: {error}") from None
                 if path.is_file():
                     found.append(path)
                 elif path.exists() and not path.is_dir():
@@ -121,55 +116,41 @@ def _read(path: Path, names: _Names) -> None:
         InputError: it cannot be read, is not MJCF, declares a document type, or has a plugin.
     """
     parser = expat.ParserCreate("utf-8")
-    depth, copies = 0, [1.0]
+    copies = [1.0]  # that each of the elements within one another is part of
 
     def begin(tag: str, attributes: dict[str, str]) -> None:
-        nonlocal depth
+        where = f"{path}: line {parser.CurrentLineNumber}: <{tag}>"
         numbers = {key: _numbers(value) for key, value in attributes.items() if key not in _WORDS}
         for key, found in numbers.items():
             if not all(abs(x) <= _LARGEST_NUMBER for x in found):
-                where = f"{path}: line {parser.CurrentLineNumber}: <{tag}>: {key}"
-                raise InputError(f"{where} is {attributes[key][:50]}; expected numbers of at most {_LARGEST_NUMBER:g}")
+                text = attributes[key][:50]
+                raise InputError(f"{where}: {key} is {text}; expected numbers of at most {_LARGEST_NUMBER:g}")
         copies.append(copies[-1] * math.prod(numbers.get("count", [1.0]) if tag in _COPYING else [1.0]))
-        if copies[-1] > _MOST_COPIES:
-            what = f"{path}: line {parser.CurrentLineNumber}: <{tag}>"
-            raise InputError(f"{what} asks for {copies[-1]:g} copies; expected at most {_MOST_COPIES}")
         size = math.prod(numbers.get(key, [1.0])[0] for key in _GRIDS.get(tag, ()) if numbers.get(key, [1.0]))
-        if size > _LARGEST_GRID:
-            what = f"{path}: line {parser.CurrentLineNumber}: <{tag}>"
-            raise InputError(f"{what} has {size:g} points; expected at most {_LARGEST_GRID}")
-        if depth == 0 and tag not in ("mujoco", "mujocoinclude"):
-            raise InputError(f"{path}: its root is <{tag}>; expected <mujoco>")
-        depth += 1
-        if depth > _DEEPEST:
-            raise InputError(f"{path}: line {parser.CurrentLineNumber}: nested more than {_DEEPEST} deep")
-        if tag in ("extension", "plugin"):
-            raise InputError(f"{path}: line {parser.CurrentLineNumber}: <{tag}> is not allowed: plugins are code")
+        for refused, what in (
+            (copies[-1] > _MOST_COPIES, f"asks for {copies[-1]:g} copies; expected at most {_MOST_COPIES}"),
+            (size > _LARGEST_GRID, f"has {size:g} points; expected at most {_LARGEST_GRID}"),
+            (len(copies) == 2 and tag not in _ROOTS, "is its root; expected <mujoco>"),
+            (len(copies) > _DEEPEST + 1, f"is nested more than {_DEEPEST} deep"),
+            (tag in ("extension", "plugin"), "is not allowed: plugins are code"),
+        ):
+            if refused:
+                raise InputError(f"{where} {what}")
         for key, value in attributes.items():
             if key.startswith("file"):
                 names.references.append(_Reference(tag, value, path.parent))
             elif tag == "compiler" and key in _DIRECTORIES:
                 names.directories[key].add(value)
 
-    def end(tag: str) -> None:
-        nonlocal depth
-        depth -= 1
-        copies.pop()
-
     def doctype(*_: Any) -> None:
         raise InputError(f"{path}: a document type is not allowed; leave <!DOCTYPE out")
 
-    parser.StartElementHandler, parser.EndElementHandler, parser.StartDoctypeDeclHandler = begin, end, doctype
+    parser.StartElementHandler, parser.StartDoctypeDeclHandler = begin, doctype
+    parser.EndElementHandler = lambda _: copies.pop()
     if path.exists() and not path.is_file():
         raise InputError(f"{path}: is no regular file")
     try:
-        with path.open("rb") as file:
-            data = file.read(_LARGEST_FILE + 1)
-        if len(data) > _LARGEST_FILE:
-            raise InputError(f"{path}: larger than {_LARGEST_FILE // 10**6} MB")
-        parser.Parse(data, True)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+        parser.Parse(read_bytes(path, _LARGEST_FILE), True)
     except expat.ExpatError as error:
         raise InputError(f"{path}: not XML: {error}") from None
 
@@ -181,8 +162,6 @@ def _numbers(value: str) -> list[float]:
     except ValueError:
         return []
 
-
-Array = NDArray[np.float64]
 
 _LAG_NAMES = {int(getattr(mujoco.mjtDyn, f"mjDYN_{name.upper()}")): name for name in LAGS}
 
@@ -206,8 +185,9 @@ def load_vehicle(source: str, directory: Path | None = None) -> Vehicle:
     known = list_vehicles()
     path = known.get(source) or (directory or Path()) / source
     if source not in known and path.suffix not in (".yaml", ".yml"):
-        shown = source if len(source) <= 100 else source[:97] + "..."
-        raise InputError(f"no vehicle {shown!r}; expected {', '.join(known)}, or the path of a description file")
+        raise InputError(
+            f"no vehicle {shortened(source, 100)!r}; expected {', '.join(known)}, or the path of a description file"
+        )
     description = read_description(path)
     mjcf = path.parent / description.mjcf
     if source not in known:
@@ -231,12 +211,10 @@ def read_description(path: Path) -> VehicleDescription:
 
 def _compile(path: Path) -> mujoco.MjModel:
     """Compile a vehicle's file alone."""
-    try:
+    with refusing(str(path)):
         spec = mujoco.MjSpec.from_file(str(path))
         spec.compiler.fusestatic = False  # would make all of it part of the world, which has no mass
         model = spec.compile()
-    except (ValueError, RuntimeError, MemoryError, mujoco.FatalError) as error:  # RuntimeError: no memory for it
-        raise InputError(f"{path}: {' '.join(str(error).split())}") from None
     # Of the world they have no mass, but once that is a vehicle's frame they would have.
     plate = (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)
     for geom in spec.worldbody.geoms:
@@ -250,21 +228,24 @@ def _compile(path: Path) -> mujoco.MjModel:
 
 
 def _from_model(name: str, description: VehicleDescription, path: Path, model: mujoco.MjModel) -> Vehicle:
-    if model.nq:
-        raise InputError(f"{path}: must have no joints; mjsheaf gives the vehicle its free joint")
-    if not (model.actuator_trntype == mujoco.mjtTrn.mjTRN_SITE).all():
-        raise InputError(f"{path}: every actuator must act on a site")
-    if not (
-        (model.actuator_gaintype == mujoco.mjtGain.mjGAIN_FIXED).all()
-        and (model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE).all()
+    for holds, wanted in (
+        (not model.nq, "must have no joints; mjsheaf gives the vehicle its free joint"),
+        ((model.actuator_trntype == mujoco.mjtTrn.mjTRN_SITE).all(), "every actuator must act on a site"),
+        (
+            (model.actuator_gaintype == mujoco.mjtGain.mjGAIN_FIXED).all()
+            and (model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE).all(),
+            "every actuator must have a fixed gain and no bias",
+        ),
+        (
+            np.isin(model.actuator_dyntype, list(_LAG_NAMES)).all(),
+            f"every actuator's dyntype must be one of {', '.join(LAGS)}",
+        ),
+        (model.body_mass.sum() > 0.0, "its mass is 0 kg; expected a positive one"),
     ):
-        raise InputError(f"{path}: every actuator must have a fixed gain and no bias")
-    if not np.isin(model.actuator_dyntype, list(_LAG_NAMES)).all():
-        raise InputError(f"{path}: every actuator's dyntype must be one of {', '.join(LAGS)}")
+        if not holds:
+            raise InputError(f"{path}: {wanted}")
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    if not model.body_mass.sum() > 0.0:
-        raise InputError(f"{path}: its mass is 0 kg; expected a positive one")
     mass, centre, inertia = mass_properties(model, data, slice(None))
     carried = float((model.body_mass * model.body_gravcomp).sum())
     drag = description.drag
@@ -274,6 +255,8 @@ def _from_model(name: str, description: VehicleDescription, path: Path, model: m
         description=description,
         path=path,
         steering=description.steering or Full(),
+        rate=description.autopilot.rate if description.autopilot else 0.0,
+        dimension=2 if description.domain == "surface" else 3,
         mass=mass,
         weight=(mass - carried) * GRAVITY,
         ballast=0.0,
@@ -284,11 +267,11 @@ def _from_model(name: str, description: VehicleDescription, path: Path, model: m
             for b in range(1, model.nbody)
         ],
         actuators=_actuators(path, model, data, description.actuators),
+        hold=description.attitude,
         drag=linear,
         angular_drag=np.array(drag.angular, dtype=np.float64),
         quadratic_drag=np.array([*drag.quadratic, *drag.angular_quadratic], dtype=np.float64),
         added_mass=np.array(description.added_mass or [0.0] * 6, dtype=np.float64),
-        rate=description.autopilot.rate if description.autopilot else 0.0,
     )
     _check(vehicle)
     return vehicle
@@ -335,11 +318,8 @@ def mass_properties(model: mujoco.MjModel, data: mujoco.MjData, bodies: slice) -
 def _thruster_names(model: mujoco.MjModel) -> list[str]:
     names = [model.actuator(k).name for k in range(model.nu)]
     for k in range(model.nu):
-        if not names[k]:
-            name = f"thruster_{k}"
-            while name in names:
-                name += "_"
-            names[k] = name
+        new = (f"thruster_{k}{'_' * i}" for i in count())
+        names[k] = names[k] or next(name for name in new if name not in names)
     return names
 
 

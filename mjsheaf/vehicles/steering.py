@@ -10,20 +10,16 @@ A new kind subclasses `Steering` and has a code with a branch in `steer`.
 """
 
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
+from mjsheaf.arrays import Array
 from mjsheaf.io.section import Section
 from mjsheaf.jit import inline_jit
+from mjsheaf.vehicles.body import Body
 from mjsheaf.vehicles.vectors import cross, product, subtract, to_world, triple
-
-if TYPE_CHECKING:
-    from mjsheaf.vehicles.vehicle import Vehicle
-
-Array = NDArray[np.float64]
 
 FULL, THRUST_VECTOR, HAND_POINT = 0, 1, 2  # codes
 
@@ -56,39 +52,48 @@ class Steering(Section, ABC):
         """Distance of the controlled point ahead of the origin, m."""
         return 0.0
 
-    @property
-    def tilt(self) -> float:
-        """Largest tilt, degrees; 0 where it does not tilt to go sideways."""
-        return 0.0
+    def allocation(self, body: Body) -> Array:
+        """W^+ on the rows that are commanded, zero on the others, shape (s, 6): efforts that make a wanted wrench.
 
-    def delays(self, vehicle: "Vehicle") -> Array:
+        The moment rows belong to it: the pseudo-inverse of the force rows alone would spin a free body.
+        """
+        rows, P = self.rows[body.dimension], np.zeros((body.W.shape[1], 6))
+        P[:, rows] = np.linalg.pinv(body.W[rows])
+        return P
+
+    def trim_effort(self, body: Body) -> Array:
+        """Efforts that carry the weight of the level vehicle, shape (s,); zero where water carries it."""
+        force = np.array([0.0, 0.0, body.weight * (body.dimension == 3)])
+        return np.asarray(self.allocation(body) @ np.concatenate([force, np.cross(body.centre_of_mass, force)]))
+
+    def delays(self, body: Body) -> Array:
         """How late the force along each axis comes, shape (n,), s."""
-        return np.full(vehicle.dimension, vehicle.lag)
+        return np.full(body.dimension, body.lag)
 
     @abstractmethod
-    def g(self, vehicle: "Vehicle", R: Array) -> Array:
+    def g(self, body: Body, R: Array) -> Array:
         """Control effectiveness at an attitude R (3, 3), shape (n, s): see `ReducedModel`."""
 
     @abstractmethod
-    def g_inverse(self, vehicle: "Vehicle", R: Array) -> Array:
+    def g_inverse(self, body: Body, R: Array) -> Array:
         """The right inverse of g that makes no other motion, shape (s, n)."""
 
-    def largest_force(self, vehicle: "Vehicle", direction: Array) -> float:
+    def largest_force(self, body: Body, direction: Array) -> float:
         """Largest horizontal force of a level vehicle along a unit vector of its plane, N."""
         from scipy.optimize import linprog
 
         # max s over efforts u within limits with W u = weight + s direction on the controlled rows
-        rows = vehicle.controlled_rows
+        rows = self.rows[body.dimension]
         along = np.array([*direction, 0.0, 0.0, 0.0, 0.0])
-        carried = np.zeros(6) if vehicle.dimension == 2 else vehicle.W @ vehicle.trim_effort
-        A, b = vehicle.half_planes
+        carried = body.W @ self.trim_effort(body)
+        A, b = body.half_planes
         found = linprog(
-            np.r_[np.zeros(vehicle.W.shape[1]), -1.0],
+            np.r_[np.zeros(body.W.shape[1]), -1.0],
             A_ub=np.column_stack([A, np.zeros(len(b))]) if len(b) else None,
             b_ub=b if len(b) else None,
-            A_eq=np.column_stack([vehicle.W[rows], -along[rows]]),
+            A_eq=np.column_stack([body.W[rows], -along[rows]]),
             b_eq=carried[rows],
-            bounds=[*vehicle.effort_bounds, (0.0, np.inf)],
+            bounds=[*body.effort_bounds, (0.0, np.inf)],
         )
         return float(found.x[-1]) if found.status == 0 else (float("inf") if found.status == 3 else 0.0)
 
@@ -96,11 +101,11 @@ class Steering(Section, ABC):
         """The same with nothing limited."""
         return self
 
-    def fault(self, vehicle: "Vehicle") -> str:
+    def fault(self, body: Body) -> str:
         """Why a vehicle cannot be steered so; empty where it can."""
         return ""
 
-    def pack(self, vehicle: "Vehicle", kind: np.void) -> None:
+    def pack(self, body: Body, kind: np.void) -> None:
         """Write what the branch needs into the vehicle's KIND."""
         kind["steering"], kind["hand"] = self.code, self.hand
 
@@ -113,14 +118,14 @@ class Full(Steering):
     underactuated = False
     directions = np.column_stack([np.cos(_DIRECTIONS), np.sin(_DIRECTIONS)])
 
-    def g(self, vehicle: "Vehicle", R: Array) -> Array:
+    def g(self, body: Body, R: Array) -> Array:
         """C R D^-1 W_f."""
-        return np.asarray((R @ (vehicle.W[:3] / vehicle.drag[:, None]))[: vehicle.dimension])
+        return np.asarray((R @ (body.W[:3] / body.drag[:, None]))[: body.dimension])
 
-    def g_inverse(self, vehicle: "Vehicle", R: Array) -> Array:
+    def g_inverse(self, body: Body, R: Array) -> Array:
         """W^+ D R^T on the force rows."""
-        whole = vehicle.allocation[:, :3] @ (vehicle.drag[:, None] * R.T)
-        return np.asarray(whole[:, : vehicle.dimension])
+        whole = self.allocation(body)[:, :3] @ (body.drag[:, None] * R.T)
+        return np.asarray(whole[:, : body.dimension])
 
 
 class HandPoint(Steering):
@@ -140,21 +145,21 @@ class HandPoint(Steering):
         """As given."""
         return self.hand_point
 
-    def _gain(self, vehicle: "Vehicle") -> Array:
+    def _gain(self, body: Body) -> Array:
         """Velocity of the hand point forward and to port for a surge force and a yaw moment of 1."""
-        return np.array([1.0 / vehicle.drag[0], self.hand_point / vehicle.angular_drag[2]])
+        return np.array([1.0 / body.drag[0], self.hand_point / body.angular_drag[2]])
 
-    def g(self, vehicle: "Vehicle", R: Array) -> Array:
+    def g(self, body: Body, R: Array) -> Array:
         """R(psi) diag(1 / D_surge, l / D_yaw) W on the rows surge and yaw."""
-        return np.asarray(R[:2, :2] @ (vehicle.W[[0, 5]] * self._gain(vehicle)[:, None]))
+        return np.asarray(R[:2, :2] @ (body.W[[0, 5]] * self._gain(body)[:, None]))
 
-    def g_inverse(self, vehicle: "Vehicle", R: Array) -> Array:
+    def g_inverse(self, body: Body, R: Array) -> Array:
         """Its inverse where there are two efforts."""
-        return np.asarray(vehicle.allocation[:, [0, 5]] / self._gain(vehicle) @ R[:2, :2].T)
+        return np.asarray(self.allocation(body)[:, [0, 5]] / self._gain(body) @ R[:2, :2].T)
 
-    def fault(self, vehicle: "Vehicle") -> str:
+    def fault(self, body: Body) -> str:
         """That g would be infinite."""
-        if vehicle.angular_drag[2] > 0.0:
+        if body.angular_drag[2] > 0.0:
             return ""
         return "a hand point needs a positive drag.angular in yaw, as g divides by it"
 
@@ -169,44 +174,39 @@ class ThrustVector(Steering):
         description="a multirotor with parallel rotors points its thrust, tilting by at most this, degrees"
     )
 
-    @property
-    def tilt(self) -> float:
-        """As given."""
-        return self.largest_tilt
-
-    def delays(self, vehicle: "Vehicle") -> Array:
+    def delays(self, body: Body) -> Array:
         """2 zeta / omega of the attitude that must turn first; upward the thrusters' lag."""
-        hold = vehicle.description.attitude
-        return np.array([*[2.0 * hold.damping / hold.frequency] * 2, vehicle.lag])
+        hold = body.hold
+        return np.array([*[2.0 * hold.damping / hold.frequency] * 2, body.lag])
 
-    def g(self, vehicle: "Vehicle", R: Array) -> Array:
+    def g(self, body: Body, R: Array) -> Array:
         """R D^-1 R^T."""
-        return np.asarray(R / vehicle.drag @ R.T)
+        return np.asarray(R / body.drag @ R.T)
 
-    def g_inverse(self, vehicle: "Vehicle", R: Array) -> Array:
+    def g_inverse(self, body: Body, R: Array) -> Array:
         """R D R^T."""
-        return np.asarray(R * vehicle.drag @ R.T)
+        return np.asarray(R * body.drag @ R.T)
 
-    def largest_thrust(self, vehicle: "Vehicle") -> float:
+    def largest_thrust(self, body: Body) -> float:
         """Thrust along z that may be used, N: some is left for turning."""
-        lifting = vehicle.W[2] > 0.0
-        reach = vehicle.W[2, lifting] @ vehicle.effort_bounds[lifting, 1]
-        return max(_USABLE * float(reach), 1.01 * vehicle.weight)
+        lifting = body.W[2] > 0.0
+        reach = body.W[2, lifting] @ body.effort_bounds[lifting, 1]
+        return max(_USABLE * float(reach), 1.01 * body.weight)
 
-    def largest_force(self, vehicle: "Vehicle", direction: Array) -> float:
+    def largest_force(self, body: Body, direction: Array) -> float:
         """By tilt or by thrust, whichever ends first."""
-        by_tilt = vehicle.weight * np.tan(np.deg2rad(self.largest_tilt))
-        return float(min(by_tilt, np.sqrt(max(self.largest_thrust(vehicle) ** 2 - vehicle.weight**2, 0.0))))
+        by_tilt = body.weight * np.tan(np.deg2rad(self.largest_tilt))
+        return float(min(by_tilt, np.sqrt(max(self.largest_thrust(body) ** 2 - body.weight**2, 0.0))))
 
     def without_limits(self) -> "ThrustVector":
         """Tilting as far as it is any use."""
         return ThrustVector(largest_tilt=_FREE_TILT)
 
-    def pack(self, vehicle: "Vehicle", kind: np.void) -> None:
+    def pack(self, body: Body, kind: np.void) -> None:
         """Tilt and thrust, too."""
-        super().pack(vehicle, kind)
+        super().pack(body, kind)
         kind["tan_max_tilt"] = np.tan(np.deg2rad(self.largest_tilt))
-        kind["most_thrust"] = self.largest_thrust(vehicle)
+        kind["most_thrust"] = self.largest_thrust(body)
 
 
 _SHARE_OF_FALL = 0.5  # a multirotor that points its thrust sinks with at most this much of its weight

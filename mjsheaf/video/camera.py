@@ -22,7 +22,6 @@ from mjsheaf.video.film import FloatArray
 # There is more room at the top, as the title stands there.
 FILL = (0.88, 0.88, 0.86, 0.74)
 SMOOTHING = 2.5  # half the window over which the camera's motion is smoothed, in s of video
-MOST_KEYS = 6000  # frames at which the camera's place is found: up to three minutes of video, every one
 
 
 @dataclass(frozen=True)
@@ -80,18 +79,16 @@ def axes(azimuth: float, elevation: float) -> FloatArray:
 
 @dataclass(frozen=True)
 class CameraPath:
-    """The camera over a film, known at K keys: every so many frames, from the first on.
+    """The camera over a film of F frames.
 
     Attributes:
-        stride: frames from one key to the next.
-        lookat: Shape (K, 3), in m.
-        distance: Shape (K,), in m.
+        lookat: Shape (F, 3), in m.
+        distance: Shape (F,), in m.
         azimuth: direction of view about z, in degrees.
         elevation: angle above the horizon, in degrees.
         fovy: vertical angle of view, in degrees.
     """
 
-    stride: int
     lookat: FloatArray
     distance: FloatArray
     azimuth: float
@@ -99,17 +96,12 @@ class CameraPath:
     fovy: float
 
     def view(self, frame: int) -> View:
-        """Return the camera at one frame: on a straight line between two keys."""
-        key, after = divmod(frame, self.stride)
-        nearest = [key, min(key + 1, len(self.distance) - 1)]
-        weight = np.array([1 - after / self.stride, after / self.stride])
-        lookat, distance = weight @ self.lookat[nearest], float(weight @ self.distance[nearest])
-        return View(lookat, distance, self.azimuth, self.elevation, self.fovy)
+        """Return the camera at one frame."""
+        return View(self.lookat[frame], float(self.distance[frame]), self.azimuth, self.elevation, self.fovy)
 
 
 def camera_path(
     points: Iterable[FloatArray],
-    frames: int,
     *,
     azimuth: float,
     elevation: float,
@@ -118,14 +110,12 @@ def camera_path(
     radius: float,
     window: int,
     distance: float | None = None,
-    keys: int = MOST_KEYS,
 ) -> CameraPath:
     """Follow the team.
 
     Args:
         points: what must stay in the picture at consecutive frames, a few frames at a time: each of shape (f, n, 3),
             in m, and finite.
-        frames: how many there are in all, F.
         azimuth: direction of view about z, in degrees.
         elevation: angle above the horizon, in degrees.
         fovy: vertical angle of view, in degrees.
@@ -133,14 +123,11 @@ def camera_path(
         radius: of the ball about each point that must be in the picture, in m; positive.
         window: frames on either side over which motion is smoothed.
         distance: from the eye to the middle of the team, in m, if it is not to be found from the points.
-        keys: the most frames at which the camera's place is found.
     """
     rotation = axes(azimuth, elevation)
     # Slopes of the sides and bounds on the eye: left, right, bottom, top.
     slopes = np.tan(np.radians(fovy) / 2) * np.array([aspect, aspect, 1.0, 1.0]) * FILL
-    stride = -(-frames // keys)
-    window = round(window / stride)
-    bounds = _bounds(points, frames, stride, rotation, slopes)
+    bounds = np.concatenate([_bounds(block, rotation, slopes) for block in points])
     # A ball touches a side's plane when its centre is a radius away from it, measured at right angles.
     bounds[:, :4] += radius * np.sqrt(1 + slopes**2)
     left, right, bottom, top = (_smooth_above(bound, window) for bound in bounds[:, :4].T)
@@ -150,46 +137,28 @@ def camera_path(
     forward = -np.maximum((left + right) / (slopes[0] + slopes[1]), (bottom + top) / (slopes[2] + slopes[3]))
     if distance is not None:
         forward = middle - distance
-    eye = np.stack(
-        [
-            (right - left + (slopes[1] - slopes[0]) * forward) / 2,
-            (top - bottom + (slopes[3] - slopes[2]) * forward) / 2,
-            forward,
-        ],
-        axis=1,
-    )
+    eye_right = (right - left + (slopes[1] - slopes[0]) * forward) / 2
+    eye_up = (top - bottom + (slopes[3] - slopes[2]) * forward) / 2
     # The point looked at decides nothing in the picture, but its distance is the scale of all that is drawn.
     range_ = np.maximum(middle - forward, radius)
-    lookat = (eye + np.stack([np.zeros_like(range_), np.zeros_like(range_), range_], axis=1)) @ rotation
-    return CameraPath(stride, lookat, range_, azimuth, elevation, fovy)
+    lookat = np.stack([eye_right, eye_up, forward + range_], axis=1) @ rotation
+    return CameraPath(lookat, range_, azimuth, elevation, fovy)
 
 
-def _bounds(
-    points: Iterable[FloatArray], frames: int, stride: int, rotation: FloatArray, slopes: FloatArray
-) -> FloatArray:
-    """Return what is asked in the frames from each key to the next, shape (K, 6).
-
-    What the four sides ask of the eye, the depth of the farthest point, and that of the nearest with a minus.
-    """
-    bounds = np.full((-(-frames // stride), 6), -np.inf)
-    frame = 0
-    for block in points:
-        x, y, z = np.moveaxis(block @ rotation.T, -1, 0)
-        sides = [
-            sign * across - slope * z for sign, across, slope in zip((-1, 1, -1, 1), (x, x, y, y), slopes, strict=True)
-        ]
-        asked = np.stack([values.max(axis=1) for values in (*sides, z, -z)], axis=1)
-        np.maximum.at(bounds, (frame + np.arange(len(block))) // stride, asked)
-        frame += len(block)
-    return bounds
+def _bounds(points: FloatArray, rotation: FloatArray, slopes: FloatArray) -> FloatArray:
+    """Return what the four sides ask of the eye, the largest depth, and minus the smallest. Shape (f, 6)."""
+    x, y, z = np.moveaxis(points @ rotation.T, -1, 0)
+    left, right, bottom, top = slopes
+    asked = (-x - left * z, x - right * z, -y - bottom * z, y - top * z, z, -z)
+    return np.stack([values.max(axis=1) for values in asked], axis=1)
 
 
 def _smooth_above(values: FloatArray, window: int) -> FloatArray:
-    """Return a smooth curve that is nowhere below the values or the ones just before. Shape (K,)."""
+    """Return a smooth curve that is nowhere below the values or the ones just before. Shape (F,)."""
     return _smooth(maximum_filter1d(values, 2 * window + 3, mode="nearest"), window)
 
 
 def _smooth(values: FloatArray, window: int) -> FloatArray:
-    """Average over `window` values on either side, weighted by a Hann window. Shape (K,)."""
+    """Average over `window` values on either side, weighted by a Hann window. Shape (F,)."""
     weights = np.hanning(2 * window + 3)[1:-1]
     return convolve1d(values, weights / weights.sum(), mode="nearest")

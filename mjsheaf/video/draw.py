@@ -1,9 +1,9 @@
-"""A film, drawn frame by frame and written to an MP4: H.264, yuv420p, which plays everywhere."""
+"""Films, drawn frame by frame and written to an MP4: H.264, yuv420p, which plays everywhere."""
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import AbstractContextManager, closing
+from contextlib import AbstractContextManager, ExitStack, closing
 from copy import copy
 from functools import partial
 from pathlib import Path
@@ -19,8 +19,7 @@ from mjsheaf.video.camera import SMOOTHING, View, camera_path
 from mjsheaf.video.film import Film, Frames, Moment, VideoOptions
 from mjsheaf.video.gl import available_backend
 from mjsheaf.video.overlay import Overlay
-from mjsheaf.video.renderer import Renderer, enlarge_vehicles, set_detail, vehicle_radius
-from mjsheaf.video.scene import Decorator
+from mjsheaf.video.scene import Decorator, Renderer, enlarge_vehicles, set_detail, vehicle_radius
 
 QUALITY = 6  # imageio's, from 1 to 10: x264's constant rate factor 20; 18 looks lossless, 23 is x264's default
 PRESET = "veryfast"  # the picture is the costly part, and x264 competes with it for the same cores
@@ -28,6 +27,7 @@ X264 = "me=dia:subme=1:weightp=0:rc-lookahead=5:threads=2:lookahead-threads=1"
 """A third less work than the preset's, at the same size of such pictures, on few threads."""
 CONTAINER = ("-movflags", "+faststart", "-f", "mp4")  # named: the file's own name says it only in the end
 AHEAD = 3  # frames drawn but not yet taken by the encoder
+GAP = 4  # pixels between pictures side by side, even
 
 _BLOCK = 1 << 20  # bytes; more than ffmpeg writes at a time
 
@@ -37,32 +37,58 @@ class UnwritableError(InputError):
 
 
 def draw_video(
-    film: Film,
-    model: mujoco.MjModel,
+    films: list[tuple[Film, mujoco.MjModel]],
     path: str | Path,
-    options: VideoOptions | None = None,
+    options: VideoOptions,
     progress: Callable[[int, int], None] | None = None,
 ) -> int:
-    """Draw a run to an MP4 file, without a display.
+    """Draw a run to an MP4 file, without a display; or several runs side by side, in step, seen by one camera.
 
     Args:
-        film: the run.
-        model: arena and vehicles, each vehicle with a free joint; it is not changed.
+        films: the runs, of one length and with as many vehicles, each with its model: arena and vehicles, each vehicle
+            with a free joint. A model is not changed.
         path: the file to write; it appears, or is replaced, when it is complete.
-        options: size, camera, speed and so on; None for the defaults.
+        options: size of one run's picture, camera, speed and so on.
         progress: called after each frame with the frames done and how many there will be.
 
     Returns:
         How many frames were written, at least one.
 
     Raises:
-        InputError: the film does not fit the model.
+        InputError: a film does not fit its model.
         UnwritableError: the file cannot be written.
         MjsheafError: no offscreen OpenGL works here (the message says what to install), or ffmpeg failed.
     """
-    options = options or VideoOptions()
-    with Painter(film, model, options) as painter:
-        return write_mp4(Path(path), painter.frames(progress), options.fps)
+    with ExitStack() as held:
+        others = [[film for film, _ in films[:k] + films[k + 1 :]] for k in range(len(films))]
+        painters = [
+            held.enter_context(Painter(film, model, options, beside))
+            for (film, model), beside in zip(films, others, strict=True)
+        ]
+        return write_mp4(Path(path), _frames(painters, progress), options.fps)
+
+
+def _frames(
+    painters: Sequence["Painter"], progress: Callable[[int, int], None] | None
+) -> Iterator[Callable[[], Image.Image]]:
+    """Draw the scenes of all frames in turn; each is completed by a call, which may be made in another thread."""
+    total = len(painters[0].times)
+    for number in range(total):
+        yield partial(_side_by_side, [painter.draw(number) for painter in painters])
+        if progress is not None:
+            progress(number + 1, total)
+
+
+def _side_by_side(halves: Sequence[Callable[[], Image.Image]]) -> Image.Image:
+    """Complete frames of one size and lay them side by side on white."""
+    first, *others = (half() for half in halves)
+    if not others:
+        return first
+    step = first.width + GAP
+    both = Image.new("RGB", (len(others) * step + first.width, first.height), "white")
+    for k, image in enumerate([first, *others]):
+        both.paste(image, (k * step, 0))
+    return both
 
 
 class Painter(AbstractContextManager["Painter"]):
@@ -97,9 +123,12 @@ class Painter(AbstractContextManager["Painter"]):
         self.model = copy(model)  # its vehicles' size and its visual settings are changed
         enlarge_vehicles(self.model, film.body_id, options.vehicle_scale)
         radius = vehicle_radius(self.model, film.body_id)
+        films = [self._frames, *(Frames(other, options) for other in beside)]
         self.camera = camera_path(
-            self._followed([self._frames, *(Frames(other, options) for other in beside)]),
-            len(self.times),
+            (
+                np.concatenate([frames.extent.followed(frames.chunk(chunk)) for frames in films], axis=1)
+                for chunk in range(-(-len(self.times) // self._frames.step))
+            ),
             azimuth=options.azimuth,
             elevation=options.elevation,
             fovy=float(self.model.vis.global_.fovy),
@@ -116,19 +145,6 @@ class Painter(AbstractContextManager["Painter"]):
         self._decorator = Decorator(film, options)
         self._overlay = Overlay(film, options, self._frames.extent.survey)
         self._renderer = Renderer(self.model, *options.drawn, backend, self._decorator.most_geoms)
-
-    @staticmethod
-    def _followed(films: list[Frames]) -> Iterator[np.ndarray]:
-        """What the camera keeps in view, some frames at a time: each of shape (f, n, 3), in m."""
-        for chunk in range(-(-len(films[0].times) // films[0].step)):
-            yield np.concatenate([frames.extent.followed(frames.chunk(chunk)) for frames in films], axis=1)
-
-    def frames(self, progress: Callable[[int, int], None] | None = None) -> Iterator[Callable[[], Image.Image]]:
-        """Draw all frames in turn; see `draw`."""
-        for number in range(len(self.times)):
-            yield self.draw(number)
-            if progress is not None:
-                progress(number + 1, len(self.times))
 
     def draw(self, number: int) -> Callable[[], Image.Image]:
         """Draw one frame's scene, and return what completes the frame, which may be called in another thread."""

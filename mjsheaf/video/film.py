@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Literal, NamedTuple, Protocol
+from typing import Annotated, Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -27,7 +27,7 @@ class Samples:
         positions: position of each vehicle's body frame. Shape (T, V, 3), in m.
         quaternions: attitude of each vehicle, w x y z. Shape (T, V, 4).
         harmonic_extension: where each agent should be, q*. Shape (T, N, 3), in m.
-        error: the error shown beside the picture. Shape (T,), in the film's error_unit.
+        error: mean |eta| over the agents. Shape (T,), in m.
     """
 
     time: FloatArray
@@ -91,8 +91,6 @@ class Film:
         group_names: names of the G groups, for the legend.
         colours: colour of each group, RGB in 0..1. Shape (G, 3).
         edges: pairs of vehicles (i, j, kind) that exchange states or see each other.
-        error_name: the run's error, such as "mean |eta|".
-        error_unit: its unit, such as "m".
         error_range: lowest and highest value of the error's axis, above 0; None takes them from the error.
         surface: the plane that the model has, if any; what is off it gets a stem to it.
         surface_height: z of that plane, in m.
@@ -111,8 +109,6 @@ class Film:
     group_names: list[str]
     colours: FloatArray
     edges: Sequence[Edge]
-    error_name: str
-    error_unit: str
     error_range: tuple[float, float] | None = None
     surface: Literal["water", "ground", "none"] = "none"
     surface_height: float = 0.0
@@ -200,6 +196,22 @@ def frame_times(film: Film, options: VideoOptions) -> FloatArray:
     return np.asarray(start + np.arange(count) * (options.speed / options.fps), np.float64)
 
 
+DECADES = 6  # most that the error's axis shows; smaller values lie on its floor
+
+
+def error_range(*errors: FloatArray) -> tuple[float, float] | None:
+    """The lowest and highest value of an axis that shows all of these errors, at most DECADES apart.
+
+    None where none of them is finite and not zero.
+    """
+    sizes = np.abs(np.concatenate([np.ravel(error) for error in errors]))
+    shown = sizes[np.isfinite(sizes) & (sizes > 0.0)]
+    if not len(shown):
+        return None
+    high = float(shown.max())
+    return max(float(shown.min()), high / 10.0**DECADES), high
+
+
 OUTLIER_FACTOR = 100.0  # a vehicle that is ever farther out than this many times the extent has blown up,
 UNFOLLOW_FACTOR = 3.0  # and the camera lets go of it where it was last within this many times the extent
 _SURVEYED = 2000  # frames from which the extent is found, and
@@ -284,7 +296,8 @@ class Extent:
         return np.where((samples.time[:, None] >= self.unfollowed)[..., None], self.left, points)
 
 
-class Moment(NamedTuple):
+@dataclass(frozen=True)
+class Moment:
     """What one frame shows.
 
     Attributes:
@@ -323,6 +336,7 @@ class Frames:
         film: the film.
         times: of the frames. Shape (F,), in s.
         extent: where it takes place.
+        step: frames that are read together.
         trail: how far back trails go, in s.
     """
 
@@ -333,12 +347,8 @@ class Frames:
         self.step = max(1, min(_READ, _READ_POSITIONS // film.vehicles))
         self.trail = min(options.trail, film.span[1] - film.span[0])
         most = max(TRAIL_PIECES[1], int(PIECES_PER_SECOND * self.trail))
-        # Joints stand at multiples of one interval, so that a trail does not shiver as time goes on.
-        self._interval = self.trail / max(TRAIL_PIECES[0], min(most, TRAIL_BUDGET // film.vehicles))
+        self._pieces = max(TRAIL_PIECES[0], min(most, TRAIL_BUDGET // film.vehicles)) if self.trail > 0 else 0
         self._chunk = -1
-        self._samples: Samples = self.extent.survey
-        self._multiples: IntArray = np.zeros(0, np.int64)  # of the interval, at which the joints stand
-        self._joints: FloatArray = np.zeros((0, film.vehicles, 3))
 
     def chunk(self, number: int) -> Samples:
         """Read `step` consecutive frames, made drawable; there are `len(times) / step` such chunks."""
@@ -349,44 +359,22 @@ class Frames:
         chunk, row = divmod(number, self.step)
         if chunk != self._chunk:
             self._samples, self._chunk = self.chunk(chunk), chunk
-            self._read_joints(self._samples.time)
+            self._trail_times = self._joints(self._samples.time)
+            # Trails of consecutive frames have most of their joints in common.
+            times, self._trail_rows = np.unique(self._trail_times, return_inverse=True)
+            self._trail_positions = self.extent.drawable(self.film.run.at(times)).positions
         time, positions, quaternions, q_star, error = (values[row] for values in vars(self._samples).values())
-        return Moment(float(time), positions, quaternions, q_star, float(error), *self._trail(time, positions))
+        trail = self._trail_positions[self._trail_rows[row]]
+        return Moment(float(time), positions, quaternions, q_star, float(error), trail, self._trail_times[row])
 
-    def _needed(self, times: FloatArray) -> tuple[IntArray, IntArray]:
-        """First and last multiple of the interval on the trails at these times, each of shape (K,)."""
-        oldest = np.maximum(times - self.trail, self.film.span[0])
-        first, last = np.floor(oldest / self._interval), np.ceil(times / self._interval) - 1
-        return first.astype(np.int64), last.astype(np.int64)
-
-    def _read_joints(self, times: FloatArray) -> None:
-        """Read the joints of the trails at these times that are not there yet, and forget those of other times."""
-        if self.trail <= 0:
-            return
-        ranges = [np.arange(first, last + 1) for first, last in zip(*self._needed(times), strict=True)]
-        needed = np.unique(np.concatenate(ranges))
-        kept = np.isin(self._multiples, needed)
-        new = np.setdiff1d(needed, self._multiples)
-        joints = [self._joints[kept]]
-        if len(new):
-            joints.append(self.extent.drawable(self.film.run.at(self._joint_times(new))).positions)
-        order = np.argsort(np.concatenate([self._multiples[kept], new]))
-        self._joints, self._multiples = np.concatenate(joints)[order], needed
-
-    def _joint_times(self, multiples: IntArray) -> FloatArray:
-        return np.maximum(multiples * self._interval, self.film.span[0])
-
-    def _trail(self, time: float, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the joints of the trails at a time, shape (J, V, 3), and when vehicles were there, shape (J,)."""
-        if self.trail <= 0:
-            return positions[None], np.array([time])
-        first, last = self._needed(np.array([time]))
-        rows = slice(*np.searchsorted(self._multiples, [first[0], last[0] + 1]))
-        joints = np.concatenate([self._joints[rows], positions[None]])
-        times = np.append(self._joint_times(self._multiples[rows]), time)
-        if len(times) > 1:  # the end is cut where the trail ends, between two joints
-            oldest = max(time - self.trail, self.film.span[0])
-            share = (oldest - times[0]) / max(times[1] - times[0], 1e-12)
-            joints[0] += share * (joints[1] - joints[0])
-            times[0] = oldest
-        return joints, times
+    def _joints(self, times: FloatArray) -> FloatArray:
+        """Return when the trails at these times have joints, from their ends to now. Shape (K, J), in s."""
+        if not self._pieces:
+            return times[:, None]
+        # Joints stand at multiples of one interval, so that a trail does not shiver as time goes on.
+        interval = self.trail / self._pieces
+        oldest = np.maximum(times - self.trail, self.film.span[0])[:, None]
+        multiples = np.floor(oldest / interval) + np.arange(self._pieces + 2)
+        joints = np.clip(multiples * interval, oldest, times[:, None])
+        joints[:, -1] = times  # where rounding leaves it a little before
+        return joints

@@ -1,6 +1,7 @@
-"""A run's data as a film."""
+"""A run's data as a film; and two runs', side by side."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -8,16 +9,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
-from mjsheaf.plotting import group_of_vehicles, palette
+from mjsheaf.plotting import groups_of
 from mjsheaf.results.netcdf import length_of_piece
 from mjsheaf.scenario import Scenario
-from mjsheaf.video.film import UPRIGHT, Film, FloatArray, Samples, VideoOptions
+from mjsheaf.video.film import UPRIGHT, Film, FloatArray, Samples, VideoOptions, error_range, frame_times
 
 if TYPE_CHECKING:
     from mjsheaf.engine import mujoco
     from mjsheaf.system import System
 
 DRAFT_FPS = 15
+HALF_FPS = 24  # most, where two runs are drawn side by side,
+LONGEST_HALF = 30.0  # and the longest such video, s: two pictures a frame cost twice as much
 HEADING_OFFSETS = np.linspace(-0.25, 0.25, 9)  # s, at which the heading of a body without attitude is found
 
 
@@ -30,10 +33,47 @@ def film_run(
     system: "System | None" = None,
 ) -> int:
     """Draw a run to an MP4; see `film_of` and `draw_video`. Returns the number of frames."""
-    from mjsheaf.video import draw_video
+    from mjsheaf.video.draw import draw_video
 
-    film, model = film_of(scenario, dataset, system)
-    return draw_video(film, model, path, options, progress)
+    return draw_video([film_of(scenario, dataset, system)], path, options, progress)
+
+
+def film_side_by_side(
+    scenario: Scenario,
+    ideal: xr.Dataset,
+    physics: xr.Dataset,
+    path: Path,
+    progress: Callable[[int, int], None] | None = None,
+) -> int:
+    """Draw ideal kinematics on the left and bodies on the right, seen by one camera; see `film_run`."""
+    from mjsheaf.video.draw import draw_video
+
+    options = half_options(scenario)
+    return draw_video(both_films(scenario, ideal, physics, options), path, options, progress)
+
+
+def both_films(
+    scenario: Scenario, ideal: xr.Dataset, physics: xr.Dataset, options: VideoOptions
+) -> "list[tuple[Film, mujoco.MjModel]]":
+    """The films of both runs, each with its model: of one length, and with one axis for the curves of their errors.
+
+    A run that ends early stands still from there on.
+    """
+    films = [film_of(scenario, dataset) for dataset in (ideal, physics)]
+    end = max(film.span[1] for film, _ in films)
+    axis = error_range(*(film.run.at(frame_times(film, options)).error for film, _ in films))
+    return [
+        (replace(film, name=f"{scenario.name}: {name}", error_range=axis, end=end), model)
+        for name, (film, model) in zip(("ideal", "bodies"), films, strict=True)
+    ]
+
+
+def half_options(scenario: Scenario) -> VideoOptions:
+    """How each half is drawn: as the scenario's video, no wider than 4 by 3, and fast enough to last at most 30 s."""
+    video = scenario.video
+    width = min(video.width, 2 * round(video.height * 2 / 3))
+    speed = max(video.speed, (scenario.time.end - scenario.time.start) / LONGEST_HALF)
+    return video_options(scenario, width=width, fps=min(video.fps, HALF_FPS), speed=min(float(f"{speed:.3g}"), 1e3))
 
 
 def film_of(scenario: Scenario, dataset: xr.Dataset, system: "System | None" = None) -> "tuple[Film, mujoco.MjModel]":
@@ -48,10 +88,8 @@ def film_of(scenario: Scenario, dataset: xr.Dataset, system: "System | None" = N
 
     system = scenario.system if system is None else system
     team = system.team
-    group, names = group_of_vehicles(team)
-    colours = palette(len(team.formations))
+    group, names, colours = groups_of(team)
     arena = arena_of(system, colours[group])
-    number = {m.id: v for v, m in enumerate(team.members)}
     backend = "MuJoCo bodies" if dataset.attrs["backend"] == "physics" else "ideal kinematics"
     surface, grid = scenario.scene.surface, None
     if surface != "none":
@@ -69,10 +107,8 @@ def film_of(scenario: Scenario, dataset: xr.Dataset, system: "System | None" = N
         group=group,
         group_names=names,
         colours=colours,
-        edges=[(number[e.tail], number[e.head], "communication") for e in team.communication]
-        + [(number[e.tail], number[e.head], "sensing") for e in team.sensing],
-        error_name="mean |η|",
-        error_unit="m",
+        edges=[(team.index[e.tail], team.index[e.head], "communication") for e in team.communication]
+        + [(team.index[e.tail], team.index[e.head], "sensing") for e in team.sensing],
         surface=surface,
         surface_height=scenario.scene.height,
         grid=grid,

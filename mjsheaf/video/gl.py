@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import Protocol, cast
+from typing import Any
 
 PROBE = Path(__file__)
 PROBE_TIMEOUT = 60.0  # s; a second is enough, but a loaded machine with a cold disk has taken ten
@@ -26,16 +26,6 @@ MUJOCO_OFF = ("disable", "disabled", "off", "false", "0")
 REMEDY = (
     "on Debian or Ubuntu install libegl1 libgl1 libgl1-mesa-dri (for egl, no display needed) or libosmesa6 (for osmesa)"
 )
-
-
-class GLContext(Protocol):
-    """What the contexts of mujoco.egl, mujoco.osmesa and mujoco.glfw have in common."""
-
-    def make_current(self) -> None:
-        """Direct the GL calls of this thread to this context."""
-
-    def free(self) -> None:
-        """Release the context."""
 
 
 def available_backend() -> tuple[str | None, str]:
@@ -87,8 +77,8 @@ def _probe(backend: str) -> str | None:
     return lines[-1].strip() if lines else f"exit status {child.returncode}"
 
 
-def open_context(backend: str, width: int, height: int) -> GLContext:
-    """Create a GL context and make it current.
+def open_context(backend: str, width: int, height: int) -> Any:
+    """Create a GL context, with methods `make_current` and `free`, and make it current.
 
     Args:
         backend: one of BACKENDS, such as `available_backend` returns.
@@ -102,7 +92,7 @@ def open_context(backend: str, width: int, height: int) -> GLContext:
 
     try:
         with _pyopengl_platform(backend):
-            context = cast(GLContext, import_module(f"mujoco.{backend}").GLContext(width, height))
+            context = import_module(f"mujoco.{backend}").GLContext(width, height)
             context.make_current()
     except Exception as error:  # PyOpenGL, ctypes and the drivers each have their own
         reason = str(error).strip() or type(error).__name__

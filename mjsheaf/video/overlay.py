@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.artist import Artist
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
@@ -19,12 +20,11 @@ from matplotlib.patches import FancyBboxPatch
 from PIL import Image, ImageDraw, ImageFont
 
 from mjsheaf.video.camera import View
-from mjsheaf.video.film import Film, FloatArray, Moment, Samples, VideoOptions
+from mjsheaf.video.film import Film, FloatArray, Moment, Samples, VideoOptions, error_range
 from mjsheaf.video.scene import COMMUNICATION, SENSING
 
 LABELLED_AGENTS = 24  # labels of more than these would cover the picture
 MOST_GROUPS = 8  # in the legend, for the same reason
-DECADES = 6  # most that the error's axis shows; smaller values lie on its floor
 
 Colour = tuple[float, float, float]  # RGB in 0..1
 WHITE, GREY, BLUE = (1.0, 1.0, 1.0), (0.75, 0.78, 0.83), (0.47, 0.84, 1.0)
@@ -77,11 +77,11 @@ class Overlay:
         if np.isfinite(row):
             _paste(image, self._dot, (round(column - self._dot.width / 2), round(row - self._dot.height / 2)))
         time = f"t = {moment.time:.2f} s"
-        error = f"{self._film.error_name} = {number(moment.error)} {self._film.error_unit}".rstrip()
+        error = f"mean |η| = {number(moment.error)} m"
         draw = ImageDraw.Draw(image)
         for words, line, size, colour in ((time, TIME, 18, WHITE), (error, ERROR, 14, BLUE)):
             words = shorten(words, self._px(size), self._inner)
-            draw.text((self._px(MARGIN + PAD), self._px(MARGIN + line)), words, rgb(colour), font(self._px(size)))
+            draw.text((self._px(MARGIN + PAD), self._px(MARGIN + line)), words, to_hex(colour), font(self._px(size)))
 
     def _add_status(self, figure: Figure) -> Artist:
         """Add the plate at the top left, with title and subtitle; return the plate."""
@@ -135,7 +135,7 @@ class Overlay:
         axes.set_ylim(floor - room, top + room)
         decades = np.arange(np.ceil(floor), np.floor(top) + 1)
         ticks = decades[:: max(1, len(decades) // 2)] if len(decades) > 1 else np.array([floor, top])
-        labels = [f"{10.0**tick:.3g} {self._film.error_unit}" for tick in ticks]
+        labels = [f"{10.0**tick:.3g} m" for tick in ticks]
         axes.set_yticks(ticks, labels if known.any() else [""] * len(ticks))
         axes.set_xticks([start, end], [f"{time:.4g} s" for time in (start, end)])
         axes.grid(axis="y", color=GREY, alpha=0.25, linewidth=max(self._unit, 0.5))
@@ -258,14 +258,14 @@ def font(size: int, bold: bool = False) -> ImageFont.FreeTypeFont:
 def text(words: str, size: int, colour: Colour, bold: bool = False, outline: int = 0) -> Image.Image:
     """Write words on nothing, RGBA; with a dark outline, so many pixels wide, they are legible over anything."""
     left, top, right, bottom = font(size, bold).getbbox(words, stroke_width=outline)
-    image = Image.new("RGBA", (int(right - left) + 1, int(bottom - top) + 1), (*rgb(PLATE[:3]), 0))
+    image = Image.new("RGBA", (int(right - left) + 1, int(bottom - top) + 1))
     ImageDraw.Draw(image).text(
         (-left, -top),
         words,
-        (*rgb(colour), 255),
+        to_hex(colour),
         font(size, bold),
         stroke_width=outline,
-        stroke_fill=(*rgb(PLATE[:3]), 220),
+        stroke_fill=to_hex((*PLATE[:3], 220 / 255), keep_alpha=True),
     )
     return image
 
@@ -286,25 +286,6 @@ def number(value: float) -> str:
     if not 1e-3 <= abs(value) < 1e5:
         return f"{value:.1e}"
     return f"{value:.{max(0, 2 - int(np.floor(np.log10(abs(value)))))}f}"
-
-
-def error_range(*errors: FloatArray) -> tuple[float, float] | None:
-    """The lowest and highest value of an axis that shows all of these errors, at most DECADES apart.
-
-    None where none of them is finite and not zero.
-    """
-    sizes = np.abs(np.concatenate([np.ravel(error) for error in errors]))
-    shown = sizes[np.isfinite(sizes) & (sizes > 0.0)]
-    if not len(shown):
-        return None
-    high = float(shown.max())
-    return max(float(shown.min()), high / 10.0**DECADES), high
-
-
-def rgb(colour: npt.ArrayLike) -> tuple[int, int, int]:
-    """Return a colour in 0..1 as RGB in 0..255."""
-    red, green, blue = (round(255 * float(part)) for part in np.asarray(colour))
-    return red, green, blue
 
 
 def bright(colour: FloatArray) -> Colour:

@@ -60,12 +60,12 @@ def films(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """What would be drawn is read in whole and not drawn."""
     drawn: list[Any] = []
 
-    def read(film: Any, model: Any, path: Path, *_: Any) -> int:
-        drawn.append(film.run.at(film.run.time))
+    def read(films: list[Any], path: Path, *_: Any) -> int:
+        drawn.extend(film.run.at(film.run.time) for film, _ in films)
         path.write_bytes(b"")
         return 1
 
-    monkeypatch.setattr("mjsheaf.video.draw_video", read)
+    monkeypatch.setattr("mjsheaf.video.draw.draw_video", read)
     monkeypatch.setattr("mjsheaf.video.available_backend", lambda: ("egl", ""))
     return drawn
 
@@ -113,8 +113,8 @@ import random, shutil, sys
 from pathlib import Path
 from tests.attack.test_tampering import DAMAGES
 from tests.commands import answer_of, is_refusal
-import mjsheaf.video
-mjsheaf.video.draw_video = lambda film, *_: len(film.run.at(film.run.time).time)
+import mjsheaf.video.draw
+mjsheaf.video.draw.draw_video = lambda films, *_: len(films[0][0].run.at(films[0][0].run.time).time)
 mjsheaf.video.available_backend = lambda: ("egl", "")
 run, choose = Path(sys.argv[1]), random.Random(sys.argv[2])
 data = (run / "result.nc").read_bytes()

@@ -17,8 +17,8 @@ from mjsheaf.errors import InputError
 from mjsheaf.io.files import resource_directory
 from mjsheaf.simulation import arena as arena_module
 from mjsheaf.simulation.arena import compose
+from mjsheaf.vehicles.body import GRAVITY
 from mjsheaf.vehicles.loading import load_vehicle
-from mjsheaf.vehicles.vehicle import GRAVITY
 from tests.builders import TETRAHEDRON, Edit, alone, altered, ask, find
 
 

@@ -15,9 +15,22 @@ from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
 
 from mjsheaf import World
-from mjsheaf.simulation.autopilot import Sensed, thruster_commands
+from mjsheaf.simulation.bodies import Sensed, thruster_commands
 from mjsheaf.vehicles.vehicle import Vehicle
-from tests.builders import MULTIROTORS, REAL, alone, altered, ask, attitude, body, place, wanted_force, wrench, yaw_of
+from tests.builders import (
+    MULTIROTORS,
+    REAL,
+    alone,
+    altered,
+    ask,
+    attitude,
+    body,
+    largest_tilt,
+    place,
+    wanted_force,
+    wrench,
+    yaw_of,
+)
 
 Array = NDArray[np.float64]
 
@@ -27,7 +40,7 @@ POINTING = ("quadrotor", "x500")
 
 def hold_moment(vehicle: Vehicle, R: Array, wanted: Array, rates: Array) -> Array:
     """J (k theta - b omega) toward an attitude, theta twice the vector part of the quaternion to it."""
-    hold = vehicle.description.attitude
+    hold = vehicle.hold
     theta = 2.0 * Rotation.from_matrix(R.T @ wanted).as_quat(canonical=True)[:3]
     c = vehicle.centre_of_mass
     about_it = vehicle.inertia - vehicle.mass * (c @ c * np.eye(3) - np.outer(c, c))
@@ -178,7 +191,7 @@ def pointed(vehicle: Vehicle, F: Array) -> Array:
 
     def allowed(s: float) -> bool:
         x, y, z = s * F
-        tilt = np.hypot(x, y) <= np.tan(np.deg2rad(vehicle.tilt)) * (W + z) * (1 + 1e-12)
+        tilt = np.hypot(x, y) <= np.tan(np.deg2rad(largest_tilt(vehicle))) * (W + z) * (1 + 1e-12)
         return bool(tilt and W + z >= 0.5 * W * (1 - 1e-12) and np.linalg.norm([x, y, W + z]) <= most * (1 + 1e-12))
 
     low, high = 0.0, 1.0
@@ -228,7 +241,7 @@ def test_a_multirotor_with_parallel_rotors_points_weight_and_force(name: str, sp
         weight = np.cross(vehicle.centre_of_mass, R.T @ [0, 0, vehicle.weight])
         np.testing.assert_allclose(R @ [0, 0, made[2]], thrust, atol=1e-8 * vehicle.weight)
         np.testing.assert_allclose(made[3:], (moment + weight) * [1, 1, 0], atol=1e-6)
-        assert np.degrees(np.arccos(R[2, 2])) <= vehicle.tilt + 1e-6
+        assert np.degrees(np.arccos(R[2, 2])) <= largest_tilt(vehicle) + 1e-6
         assert thrust[2] >= 0.5 * vehicle.weight * (1 - 1e-9)
         assert (world.data.ctrl[thrusters] >= vehicle.limits[:, 0]).all()
         assert (world.data.ctrl[thrusters] <= vehicle.limits[:, 1]).all()
@@ -257,8 +270,8 @@ def test_a_multirotor_leans_to_where_it_is_sent_and_keeps_its_height_and_heading
             world.step(100)
             tilts.append(tilt_of(world))
         z = attitude(world)[:, 2]
-        assert max(tilts) < vehicle.tilt + 1.0
-        assert tilts[-1] == pytest.approx(vehicle.tilt, abs=0.1)
+        assert max(tilts) < largest_tilt(vehicle) + 1.0
+        assert tilts[-1] == pytest.approx(largest_tilt(vehicle), abs=0.1)
         np.testing.assert_allclose(z[:2] / np.linalg.norm(z[:2]), direction[:2], atol=2e-3)
         heading = Rotation.from_euler("z", 35, degrees=True).as_matrix()
         level = facing(z, 0.0).T @ attitude(world)  # the turn that is left once the lean is taken back
@@ -360,4 +373,4 @@ def test_attitude_is_held_at_the_frequency_that_is_given(name: str) -> None:
         about_it = vehicle.inertia - vehicle.mass * (c @ c * np.eye(3) - np.outer(c, c))
         couple = force[3:] - np.cross(c, force[:3])
         alpha = np.linalg.solve(about_it, couple)
-        np.testing.assert_allclose(alpha, -(vehicle.description.attitude.frequency**2) * theta, rtol=0.02, atol=2e-3)
+        np.testing.assert_allclose(alpha, -(vehicle.hold.frequency**2) * theta, rtol=0.02, atol=2e-3)

@@ -20,9 +20,8 @@ from scipy.spatial.transform import Rotation
 from mjsheaf import World, load_scenario, simulate
 from mjsheaf.errors import InputError
 from mjsheaf.simulation.linear import Station, linearise
-from mjsheaf.system import Effects
 from mjsheaf.vehicles.actuators import CHANNEL, AzimuthThruster, aim
-from mjsheaf.vehicles.effects import capability_of, embody, has_effects
+from mjsheaf.vehicles.effects import Effects, capability_of, embody, has_effects
 from mjsheaf.vehicles.loading import load_vehicle
 from mjsheaf.vehicles.steering import Full, HandPoint
 from mjsheaf.vehicles.vehicle import Vehicle

@@ -5,7 +5,7 @@ import pytest
 
 from mjsheaf.vehicles.effects import Effects, capability_of, embody
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
-from tests.builders import alone, ask, body
+from tests.builders import alone, ask, body, largest_tilt
 
 
 def test_an_otter_is_as_fast_as_its_source_says() -> None:
@@ -48,7 +48,7 @@ def test_a_tilted_hexarotor_pushes_sideways_by_about_its_tilt() -> None:
 def test_a_quadrotor_is_bounded_by_its_tilt(name: str) -> None:
     vehicle = load_vehicle(name)
     found = capability_of(vehicle)
-    by_tilt = vehicle.weight * np.tan(np.deg2rad(vehicle.tilt))
+    by_tilt = vehicle.weight * np.tan(np.deg2rad(largest_tilt(vehicle)))
     assert found.forward_thrust == pytest.approx(by_tilt, rel=1e-9)
     v, D, Q = found.forward_speed, vehicle.drag[0], vehicle.quadratic_drag[0]
     assert D * v + Q * v * v == pytest.approx(by_tilt, rel=1e-9)
@@ -59,7 +59,7 @@ def test_without_limits_there_is_no_bound(name: str) -> None:
     """But for a multirotor's tilt of 80 degrees, which its limits free it to."""
     vehicle = load_vehicle(name)
     found = capability_of(embody(vehicle, Effects(limits=False)))
-    if vehicle.tilt:
+    if largest_tilt(vehicle):
         assert found.forward_thrust == pytest.approx(vehicle.weight * np.tan(np.deg2rad(80)), rel=1e-9)
     else:
         assert np.isinf([found.forward_thrust, found.forward_speed, found.least_thrust, found.least_speed]).all()

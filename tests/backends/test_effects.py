@@ -166,7 +166,7 @@ def test_without_inertia_a_heading_is_held_as_before(name: str) -> None:
     for inertia in (True, False):
         world = alone(name, inertia=inertia, limits=False, lag=False)
         place(world, Rotation.from_euler("z", 3, degrees=True).as_matrix())
-        hold = world.arena.vehicles[0].description.attitude
+        hold = world.arena.vehicles[0].hold
         record = []
         for _ in range(4):
             world.step(round(1000 / hold.frequency))
@@ -198,7 +198,7 @@ def test_with_full_actuation_a_quadrotor_goes_sideways_level(name: str) -> None:
 def test_with_full_actuation_an_otter_goes_sideways_without_turning() -> None:
     world = alone("otter", heading=40, underactuation=False)
     vehicle, _, dof, _ = body(world)
-    assert (vehicle.steering, vehicle.hand) == (Full(), 0.0)
+    assert (vehicle.steering, vehicle.steering.hand) == (Full(), 0.0)
     left = np.deg2rad(130)
     ask(world, 0.5 * np.array([np.cos(left), np.sin(left)]))
     world.step(20_000)

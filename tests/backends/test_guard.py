@@ -20,7 +20,7 @@ from mjsheaf.studies.job import run_job
 from tests.builders import make_scenario, mixed_scenario, refused
 
 BACKENDS = ("ideal", "physics")
-BAD: dict[str, tuple[str, Any, tuple]] = {
+BAD: dict[str, tuple[str, Any, tuple[Any, ...]]] = {
     "unknown": ("agents.A.vehicle", "nonsense", ("agents.A.vehicle", "nonsense")),
     "of another dimension": ("agents.A.vehicle", "quadrotor", ("agents.A.vehicle", "quadrotor", 3, 2)),
     "a target's": ("targets.T.vehicle", "nonsense", ("targets.T.vehicle", "nonsense")),

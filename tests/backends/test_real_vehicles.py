@@ -145,7 +145,7 @@ def mean_delay(name: str, axis: int) -> tuple[float, float, float]:
     M = vehicle.inertia[2, 2] + vehicle.added_mass[5] if turned else vehicle.mass + vehicle.added_mass[axis]
     late = LAG[name]
     if isinstance(vehicle.steering, ThrustVector) and axis < 2:
-        hold = vehicle.description.attitude
+        hold = vehicle.hold
         late = 2.0 * hold.damping / hold.frequency
     return measured, tau, (M + late * D) / (M * vehicle.rate + D)
 

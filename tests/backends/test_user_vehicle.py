@@ -166,7 +166,7 @@ def still_yaw(name: str) -> dict[str, Any]:
     ],
 )
 def test_descriptions_that_cannot_work_are_refused(
-    name: str, edit: Edit | None, description: Any, named: tuple, tmp_path: Path
+    name: str, edit: Edit | None, description: Any, named: tuple[str, ...], tmp_path: Path
 ) -> None:
     path = altered(tmp_path, name, edit, **(still_yaw(name) if description == "yaw" else description))
     with refused(InputError, *named):

@@ -5,8 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from mjsheaf.bench import simulations
-from mjsheaf.bench.rows import Row
+from mjsheaf.bench import Row, simulations
 from tests.commands import call, one_line
 
 

@@ -5,8 +5,7 @@ from importlib import import_module
 
 import pytest
 
-from mjsheaf.bench import TOPICS, processes, run_bench, simulations
-from mjsheaf.bench.rows import Row, at_least, at_most, best, informs, swarm
+from mjsheaf.bench import TOPICS, Row, at_least, at_most, best, informs, processes, run_bench, simulations, swarm
 from mjsheaf.errors import InputError
 from tests.builders import refused
 

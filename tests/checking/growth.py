@@ -36,7 +36,10 @@ def growth_rate(scenario: Mapping[str, Any], gain: float, *, settle: float, span
     def law(_: float, sample: Sample) -> NDArray[np.float64]:
         return -wanted["own"] * wanted["rest"] - wanted["gain"] * (sample.disagreement - wanted["rest"])
 
-    system = scenario_from_mapping(dict(scenario)).system
+    parts = dict(scenario)
+    if parts["controller"]["control_period"] == 0.0:  # on bodies: at each of their steps
+        parts["controller"] = {**parts["controller"], "control_period": parts["physics"]["timestep"]}
+    system = scenario_from_mapping(parts).system
     world = mjsheaf.World(system, controller=law, visible=False)
     data, agents, per = world.data, len(system.team.agents), world.steps_per_sample
     wanted["gain"] = system.gain

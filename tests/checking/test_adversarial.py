@@ -189,7 +189,7 @@ def test_the_oracles_flow_is_the_packages(dimension: int) -> None:
         "flow": {"agents": {"dimension": dimension, **kernels}},
     }
     loop, _, _ = oracle.loop_of(raw)
-    field = scenario_from_mapping(raw).system.flow_of(0)
+    field = scenario_from_mapping(raw).system.flows[0]
     assert isinstance(field, FlowField)
     w = np.zeros(3)
     for x in rng.uniform(-3, 3, (50, 3)):

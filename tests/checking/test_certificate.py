@@ -13,12 +13,13 @@ import pytest
 
 import mjsheaf
 from mjsheaf.checking import certificate as certificates
-from mjsheaf.checking import examine
+from mjsheaf.checking import constants, examine
 from mjsheaf.checking.certificate import certify
 from mjsheaf.checking.constants import Difference
 from mjsheaf.checking.finished import BROKEN, bound_of_run
 from mjsheaf.scenario import scenario_from_mapping
 from mjsheaf.simulation.ideal import run_ideal
+from tests.builders import flow_jacobian
 from tests.commands import call
 
 
@@ -36,7 +37,11 @@ def test_a_certified_run_stays_in_its_tube(name: str) -> None:
     agents = run.positions[:, : len(system.team.agents)]
     assert np.all((agents >= tube.low.min(axis=0)) & (agents <= tube.high.max(axis=0)))
     slope = max(
-        float(np.linalg.norm(system.flow_of(i).jacobian(agents[:, i])[:, :2, :2], ord=2, axis=(1, 2)).max())
+        float(
+            np.linalg.norm(
+                flow_jacobian(system.flows[system.field[i]], agents[:, i])[:, :2, :2], ord=2, axis=(1, 2)
+            ).max()
+        )
         for i in range(agents.shape[1])
     )
     assert slope <= certificate.theorem.lipschitz
@@ -233,7 +238,7 @@ def test_a_broken_bound_is_told_with_its_constants(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A constant that is wrong, here f_bar, shows: the run is published, says so, and fails under --expect."""
-    real = certificates.difference_along
+    real = constants.difference_along
 
     def wrong(*arguments: Any) -> Difference:
         found = real(*arguments)

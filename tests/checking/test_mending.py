@@ -185,7 +185,8 @@ def test_local_frames_are_mended_too() -> None:
 def test_a_team_that_holds_needs_nothing() -> None:
     plan = plan_augmentation(make_team("B1", "S1", [], [("B1", "S1")]))
     assert (plan.needed, plan.exact, plan.candidates, plan.lambda_min) == (0, True, 0, 1.0)
-    assert plan.repairs == plan.alternatives == []
+    assert not plan.repairs
+    assert not plan.alternatives
 
 
 # -- beyond the sizes that are tried one by one ----------------------------------------------------------------

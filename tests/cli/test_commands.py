@@ -12,6 +12,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import imageio_ffmpeg
 import jsonschema
@@ -255,7 +256,7 @@ def test_help_loads_nothing_heavy() -> None:
     assert done.stdout.rstrip().endswith("heavy: []")
 
 
-def test_without_opengl_the_run_finishes_and_says_why(tmp_path: Path, mjsheaf: Callable) -> None:
+def test_without_opengl_the_run_finishes_and_says_why(tmp_path: Path, mjsheaf: Callable[..., Any]) -> None:
     out = tmp_path / "out"
     done = mjsheaf("run", "midpoint", "--set", "time.end=0.2", "--out", out, MUJOCO_GL="nonsense")
     assert done.returncode == 0, done.stderr
@@ -343,7 +344,7 @@ def test_a_run_that_is_refused_leaves_no_parents(tmp_path: Path, capsys: pytest.
 
 
 @pytest.mark.slow
-def test_a_run_that_blows_up_prints_one_line(tmp_path: Path, mjsheaf: Callable) -> None:
+def test_a_run_that_blows_up_prints_one_line(tmp_path: Path, mjsheaf: Callable[..., Any]) -> None:
     for backend, gain in (("ideal", "1e9"), ("physics", "1e9"), ("ideal", "400"), ("physics", "400")):
         out = tmp_path / "out"
         arguments = ["--backend", backend, "--no-video", "--set", f"controller.gain={gain}", "--out", out]

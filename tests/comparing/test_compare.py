@@ -15,14 +15,14 @@ import yaml
 
 from mjsheaf import simulate
 from mjsheaf.comparing import CompareRecord, compare
-from mjsheaf.comparing.filming import both_films, half_options
 from mjsheaf.comparing.ladder import ladder_of, run_ablation
 from mjsheaf.comparing.report import WIDTH, report_text
-from mjsheaf.results import summarize
+from mjsheaf.results import make_dataset, summarize
 from mjsheaf.results.store import COMPARISON_FILES
 from mjsheaf.scenario import load_scenario
 from mjsheaf.video import available_backend
 from mjsheaf.video.film import Frames
+from mjsheaf.video.from_run import both_films, half_options
 from mjsheaf.video.overlay import Overlay
 from tests.builders import approx, two_boats
 from tests.commands import call
@@ -151,8 +151,9 @@ def test_both_curves_of_the_video_have_one_axis() -> None:
     """Equal errors lie in equal rows. Oracle: the rows of one error in both films."""
     scenario = two_boats("otter", "hull", time={"end": 4.0})
     runs = run_ablation(scenario.system, [rung for rung in ladder_of(scenario.system) if rung.key in ("ideal", "all")])
+    data = [make_dataset(runs[key].trajectory, backend, 0) for key, backend in (("ideal", "ideal"), ("all", "physics"))]
     options = half_options(scenario)
-    films = [film for film, _ in both_films(scenario, runs["ideal"], runs["all"], options)]
+    films = [film for film, _ in both_films(scenario, data[0], data[1], options)]
     low, high = films[0].error_range or (0.0, 0.0)
     assert films[1].error_range == (low, high)
     assert films[0].span == films[1].span

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mjsheaf.comparing import CompareRecord, compare
-from mjsheaf.comparing.figures import choose_rungs, log_ticks
+from mjsheaf.comparing.figures import choose_rungs
 from mjsheaf.comparing.ladder import inertial_tau
 from mjsheaf.comparing.measures import (
     ItemRecord,
@@ -26,6 +26,7 @@ from mjsheaf.comparing.report import report_text
 from mjsheaf.comparing.ringing import ringing_of, usable_gain
 from mjsheaf.comparing.verdict import verdict_of
 from mjsheaf.control import disagreement
+from mjsheaf.plotting import log_ticks
 from mjsheaf.results.metrics import evaluate_errors
 from mjsheaf.scenario import Scenario
 from mjsheaf.simulation.ideal import run_ideal

@@ -63,7 +63,7 @@ class Terms:
     def flows(self, q: Array, p: Array) -> tuple[Array, Array]:
         """f_q at q, and the flow at p."""
         x = self.system.team.unpack(np.concatenate([q, p]))
-        w = np.array([self.system.flow_of(v).velocity(x[v]) for v in range(len(x))])
+        w = np.array([self.system.flows[self.system.field[v]].velocity(x[v]) for v in range(len(x))])
         return self.split(w)
 
     def drift(self, t: float, x: Array) -> tuple[Array, Array, Array]:

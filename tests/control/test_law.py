@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mjsheaf import load_scenario
 from mjsheaf.control import LawArrays, disagreement, pack_law
-from mjsheaf.control.law import limit_speed
+from mjsheaf.control.terms import limit_speed
 from mjsheaf.team import Edge, Member, Team, range_bearing, relative_state
 from mjsheaf.team.formation import Explicit
 from tests.builders import FACTS

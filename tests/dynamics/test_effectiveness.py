@@ -34,7 +34,7 @@ def models(draw: st.DrawFn) -> tuple[list[ControlEffectiveness | None], list[int
 
 
 @given(models())
-def test_allocation_is_the_pseudo_inverse_and_gives_the_velocity_back(case: tuple) -> None:
+def test_allocation_is_the_pseudo_inverse_and_gives_the_velocity_back(case: tuple[Any, ...]) -> None:
     """U = g^+ v with g of `matrix`; then g u = v, as g g^+ = I: full row rank, whatever s."""
     made, sizes, rng = case
     packed = effectiveness.pack(made, sizes)

@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 
 from mjsheaf.cli.main import main
 from mjsheaf.errors import InputError, ScenarioError
-from mjsheaf.io.yaml import parse_yaml
+from mjsheaf.io.files import replace_file
+from mjsheaf.io.yaml import parse_yaml, with_field
 from mjsheaf.runs.expecting import Trial, bounds_from, describe, expectation_from, loose, missed, round_up, try_scenario
 from mjsheaf.scenario import load_scenario, scenario_from_mapping
-from mjsheaf.scenario.editing import replace_file, with_field
 from tests.builders import refused
 from tests.strategies import examples
 

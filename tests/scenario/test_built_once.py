@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 import mjsheaf.scenario.scenario as building
+import mjsheaf.team as teams
 import mjsheaf.vehicles.loading as loading
 from mjsheaf.cli.main import main
 from mjsheaf.io.yaml import dump_yaml
@@ -46,7 +47,7 @@ class Counts:
 
 @pytest.fixture
 def counts(monkeypatch: pytest.MonkeyPatch) -> Counts:
-    found, team, compile_vehicle = Counts(), building.Team, loading._compile
+    found, team, compile_vehicle = Counts(), teams.Team, loading._compile
 
     def build(*arguments: Any) -> Any:
         found.systems += 1

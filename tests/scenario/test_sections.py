@@ -52,7 +52,9 @@ PAIRS: list[tuple[type[Section], dict[str, Any], dict[str, Any]]] = [
 
 
 @pytest.mark.parametrize(("kind", "given", "plain"), PAIRS, ids=lambda x: getattr(x, "__name__", ""))
-def test_what_python_gives_is_what_a_file_gives(kind: type[Section], given: dict, plain: dict) -> None:
+def test_what_python_gives_is_what_a_file_gives(
+    kind: type[Section], given: dict[str, Any], plain: dict[str, Any]
+) -> None:
     section = kind(**given)
     assert section == kind.model_validate(plain)
     assert section.model_dump(mode="json", exclude_defaults=False) == kind.model_validate(plain).model_dump(mode="json")

@@ -3,6 +3,8 @@
 Oracles: the dense blocks of delta^T K delta written from the definition, numpy's pseudo-inverse, and the paper's P3.
 """
 
+from collections.abc import Hashable
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -12,7 +14,6 @@ from mjsheaf import Sheaf
 from mjsheaf.errors import SheafError
 from tests.strategies import (
     Array,
-    Hashable,
     SheafSpec,
     exact_rank,
     orthogonal,

@@ -12,7 +12,7 @@ from scipy.stats import ortho_group
 
 from mjsheaf import Sheaf
 from mjsheaf.errors import SheafError
-from mjsheaf.sheaf import harmonic, sections, sheaf
+from mjsheaf.sheaf import blocks, harmonic, sections, sheaf
 
 Array = np.ndarray
 
@@ -20,7 +20,7 @@ Array = np.ndarray
 @pytest.fixture
 def sparse_path(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
     """From 13 columns on, no dense decomposition."""
-    for module in (harmonic, sections, sheaf):
+    for module in (blocks, harmonic, sections, sheaf):
         monkeypatch.setattr(module, "DENSE_COLUMNS", 12)
     return monkeypatch
 

@@ -3,6 +3,8 @@
 Oracles: dense null spaces of coboundaries written block by block in `strategies`, exact ranks, cycles by hand.
 """
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -97,7 +99,7 @@ def test_edges_go_by_the_numbers_that_adding_them_gave() -> None:
         (["a", "b"], [("a", "b")], "unknown edge"),
     ],
 )
-def test_what_is_no_subgraph_is_refused(vertices: list, edges: list | None, message: str) -> None:
+def test_what_is_no_subgraph_is_refused(vertices: list[Any], edges: list[Any] | None, message: str) -> None:
     sheaf = Sheaf({"a": 1, "b": 1, "c": 1})
     one = np.ones((1, 1))
     sheaf.add_edge("a", "b", one, one)

@@ -19,8 +19,8 @@ import psutil
 import pytest
 
 from mjsheaf.studies import run_study
-from mjsheaf.studies.engine import Engine, ForeignWorkerError, SchedulerError, engine_at, local_engine
-from mjsheaf.studies.job import Job, JobResult, new_record, run_job
+from mjsheaf.studies.engine import Engine, SchedulerError, engine_at, local_engine
+from mjsheaf.studies.job import ForeignWorkerError, Job, JobResult, new_record, run_job
 from mjsheaf.threads import ONE_THREAD
 from tests.builders import IN_THREADS, small_plan
 from tests.commands import command_line, contents, start

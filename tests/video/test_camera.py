@@ -22,7 +22,6 @@ def follow(
     elevation: float = -35.0,
     width: int = WIDTH,
     distance: float | None = None,
-    keys: int = 6000,
     block: int = 37,
 ) -> tuple[FloatArray, CameraPath]:
     """A camera that follows points, known at some times, in frames of which some are handed over at a time."""
@@ -30,7 +29,6 @@ def follow(
     together = at_times(frames, time, np.concatenate(points, axis=1))
     path = camera_path(
         (together[first : first + block] for first in range(0, len(frames), block)),
-        len(frames),
         azimuth=azimuth,
         elevation=elevation,
         fovy=FOVY,
@@ -38,7 +36,6 @@ def follow(
         radius=1.0,
         window=75,
         distance=distance,
-        keys=keys,
     )
     return frames, path
 
@@ -160,13 +157,3 @@ def test_camera_lets_go_of_what_blows_up(value: float) -> None:
     _, path = follow(wild.times, wild.extent.followed(wild.chunk(0)))
     assert np.isfinite(path.lookat).all()
     assert path.distance.max() < 4 * sane.distance.max()
-
-
-@pytest.mark.parametrize("keys", [13, 100, 601])
-def test_a_camera_that_is_found_at_a_few_keys_keeps_everything_in_the_picture(keys: int) -> None:
-    """As in a video of hours, in which there are many frames between two keys."""
-    time = np.linspace(0.0, 20.0, 1001)
-    points = formation(time)
-    frames, path = follow(time, points, keys=keys)
-    assert len(path.distance) <= keys
-    assert_all_seen(time, points, frames, path, WIDTH)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import imageio_ffmpeg
 import mujoco
@@ -9,8 +10,8 @@ import numpy as np
 import pytest
 
 from mjsheaf.errors import InputError, MjsheafError
-from mjsheaf.video import VideoOptions, available_backend, draw_video, gl
-from mjsheaf.video.draw import Painter
+from mjsheaf.video import VideoOptions, available_backend, gl
+from mjsheaf.video.draw import Painter, draw_video
 from mjsheaf.video.scene import Lines
 from tests.builders import make_film, make_model, samples_of
 
@@ -30,8 +31,8 @@ def backend() -> str:
     return name
 
 
-def decoded(path: Path) -> tuple[dict, list[np.ndarray]]:
-    reader: Iterator = imageio_ffmpeg.read_frames(path)
+def decoded(path: Path) -> tuple[dict[str, Any], list[np.ndarray]]:
+    reader: Iterator[Any] = imageio_ffmpeg.read_frames(path)
     meta = next(reader)
     width, height = meta["size"]
     return meta, [np.frombuffer(frame, np.uint8).reshape(height, width, 3).astype(int) for frame in reader]
@@ -41,7 +42,7 @@ def decoded(path: Path) -> tuple[dict, list[np.ndarray]]:
 class TestVideo:
     def test_end_to_end(self, model: mujoco.MjModel, tmp_path: Path) -> None:
         film, path, done = make_film(model), tmp_path / "small.mp4", []
-        count = draw_video(film, model, path, SMALL, lambda *step: done.append(step))
+        count = draw_video([(film, model)], path, SMALL, lambda *step: done.append(step))
         assert count == 21
         assert done == [(number + 1, 21) for number in range(21)]
         meta, frames = decoded(path)
@@ -55,7 +56,7 @@ class TestVideo:
         assert list(tmp_path.iterdir()) == [path]
 
     def test_one_sample_is_one_frame(self, model: mujoco.MjModel, tmp_path: Path) -> None:
-        assert draw_video(make_film(model, 0.0, 1), model, tmp_path / "a.mp4", SMALL) == 1
+        assert draw_video([(make_film(model, 0.0, 1), model)], tmp_path / "a.mp4", SMALL) == 1
         assert len(decoded(tmp_path / "a.mp4")[1]) == 1
 
     def test_same_film_same_pixels(self, model: mujoco.MjModel) -> None:
@@ -121,7 +122,7 @@ class TestVideo:
         run.positions[38:] = np.nan
         run.quaternions[38:] = np.nan
         run.error[38:] = np.inf
-        assert draw_video(film, model, tmp_path / "a.mp4", SMALL) == 21
+        assert draw_video([(film, model)], tmp_path / "a.mp4", SMALL) == 21
 
     def test_closing_twice_and_drawing_after(self, model: mujoco.MjModel) -> None:
         painter = Painter(make_film(model), model, SMALL)
@@ -134,7 +135,7 @@ class TestVideo:
 def test_no_backend(model: mujoco.MjModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MUJOCO_GL", "nonsense")
     with pytest.raises(MjsheafError, match="MUJOCO_GL=nonsense"):
-        draw_video(make_film(model), model, tmp_path / "a.mp4", SMALL)
+        draw_video([(make_film(model), model)], tmp_path / "a.mp4", SMALL)
     assert gl._first_that_works.cache_info().currsize
     assert list(tmp_path.iterdir()) == []
 
@@ -144,4 +145,4 @@ def test_film_of_another_model(model: mujoco.MjModel, tmp_path: Path, field: str
     film = make_film(model)
     wrong = make_film(model, **{field: getattr(film, field) + 1})
     with pytest.raises(InputError, match="of A1 must have a free joint"):
-        draw_video(wrong, model, tmp_path / "a.mp4", SMALL)
+        draw_video([(wrong, model)], tmp_path / "a.mp4", SMALL)

@@ -24,11 +24,11 @@ def test_the_film_knows_where_the_surface_is(backend: str, monkeypatch: pytest.M
     """Boats float on it, and stems end on it."""
     films: list[Film] = []
 
-    def draw_video(film: Film, *_: Any) -> int:
-        films.append(film)
+    def draw_video(drawn: list[tuple[Film, Any]], *_: Any) -> int:
+        films.extend(film for film, _ in drawn)
         return 0
 
-    monkeypatch.setattr(mjsheaf.video, "draw_video", draw_video)
+    monkeypatch.setattr("mjsheaf.video.draw.draw_video", draw_video)
     scenario = scenario_from_mapping(
         {
             "name": "lake",

@@ -1,7 +1,24 @@
-"""The vehicle's onboard computer: from the velocity that the law wants to commands within the actuators' limits.
+"""Vehicles in the compiled loop: what the medium does to each, and its onboard computer.
 
-It knows its vehicle, its attitude, and what it measures: velocity through the medium v_r and rates omega. It is not
-handed the medium. With the commanded velocity v_c relative to the medium, in body axes, and d the vehicle's drag law:
+Vehicles are records: compiled code passes one pointer on, and a vehicle's numbers share cache lines. What all vehicles
+of a kind have in common is there once.
+
+A vehicle with attitude R, velocity v and rates omega in a medium that moves at w meets, with v_r = R^T (v - w),
+
+    drag           -D v_r - Q |v_r| v_r, and the same about the axes                          body axes
+    hydrostatics   weight carried at the centre of buoyancy, -K (z - level, roll, pitch)
+    added mass     -M_A a - C_A(v_r) v_r  (Kirchhoff; Fossen, Handbook of Marine Craft Hydrodynamics, 2011, ch. 6)
+
+Linear drag that is stiff, and does not fight added mass, is split: the largest coefficient is damping of the free
+joint, which MuJoCo integrates implicitly, so that it costs no small steps; the joint damps along world axes, so the
+difference to R D R^T, and what the medium's own velocity adds, is applied as a force.
+
+Added mass cannot be fed back as a force: that diverges once it exceeds the mass. Instead every wrench F on the body but
+those of contacts is applied as S F with S = M_RB (M_RB + M_A)^-1, and MuJoCo's M_RB a = S F is (M_RB + M_A) a = F. The
+medium's acceleration is neglected.
+
+The onboard computer knows its vehicle, its attitude, and what it measures: v_r and omega. It is not handed the medium.
+With the commanded velocity v_c relative to the medium, in body axes, and d the vehicle's drag law, it makes
 
     force      F = d(v_c) + M k_v (v_c - v_r), so that q' = w + v_c is left, with tau = M / (M k_v + D)
     attitude   J (k theta - b omega), theta twice the vector part of the quaternion to the wanted attitude (Wie and
@@ -10,9 +27,6 @@ handed the medium. With the commanded velocity v_c relative to the medium, in bo
                other, the largest within limits
 
 What the force becomes is its steering's, what commands efforts take its actuators'.
-
-Vehicles are records: compiled code passes one pointer on, and a vehicle's numbers share cache lines. What all vehicles
-of a kind have in common is there once.
 """
 
 from typing import NamedTuple
@@ -20,14 +34,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mjsheaf.arrays import Array
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.simulation.arena import Arena
+from mjsheaf.simulation.trajectory import quaternions_of
+from mjsheaf.system import medium_velocity
 from mjsheaf.vehicles.actuators import AZIMUTH, CHANNEL, FIXED, aim, at_most, room_of
 from mjsheaf.vehicles.steering import drag_force, steer
-from mjsheaf.vehicles.vectors import add, cross, row_product, subtract, to_body, to_world, triple, upward
+from mjsheaf.vehicles.vectors import add, cross, product, row_product, subtract, to_body, to_world, triple, upward
 from mjsheaf.vehicles.vehicle import Vehicle
-
-Array = NDArray[np.float64]
 
 # Body axes, about the origin of the body frame.
 KIND = np.dtype(
@@ -112,45 +127,36 @@ class Sensed(NamedTuple):
 
 def pack_fleet(arena: Arena, heading: Array, level: float) -> Fleet:
     """Pack an arena's vehicles; headings (V,) in rad are held, `level` is the height of the water in m."""
-    vehicles = list({id(vehicle): vehicle for vehicle in arena.vehicles}.values())
-    number = {id(vehicle): k for k, vehicle in enumerate(vehicles)}
-    kinds = np.zeros(len(vehicles), KIND)
-    kinds["count"] = [len(vehicle.thrusters) for vehicle in vehicles]
+    ids = [id(vehicle) for vehicle in arena.vehicles]
+    first = {key: ids.index(key) for key in dict.fromkeys(ids)}  # of each kind
+    kinds = np.zeros(len(first), KIND)
+    kinds["count"] = [len(arena.vehicles[v].channels) for v in first.values()]
     kinds["thruster"] = np.cumsum(kinds["count"]) - kinds["count"]
     kinds["level"] = level
     states = np.concatenate([[0], np.cumsum(arena.model.actuator_actadr >= 0)])  # before each actuator
-    channels = []
-    for vehicle, kind in zip(vehicles, kinds, strict=True):
-        v = next(v for v, other in enumerate(arena.vehicles) if other is vehicle)
+    thrusters = np.zeros(kinds["count"].sum(), CHANNEL)
+    for kind, v in zip(kinds, first.values(), strict=True):
+        vehicle, begin = arena.vehicles[v], arena.thruster[v]
         _pack(vehicle, kind, arena.model.dof_damping[arena.dof[v] : arena.dof[v] + 6])
-        channels.append(_channels(vehicle, arena.model.opt.timestep))
-        first = arena.thruster[v]
-        channels[-1]["state"] = states[first : first + kind["count"]] - states[first]
-        kind["turning"] = (channels[-1]["code"] == AZIMUTH).any()
-    bodies = np.zeros(len(arena.vehicles), BODY)
-    bodies["kind"] = [number[id(vehicle)] for vehicle in arena.vehicles]
+        channels = thrusters[kind["thruster"] : kind["thruster"] + kind["count"]]
+        channels["direction"], channels["moment"] = vehicle.gears[:, :3], vehicle.gears[:, 3:]
+        channels["row"] = vehicle.allocation
+        channels["low"], channels["high"] = vehicle.limits.T
+        channels["state"] = states[begin : begin + kind["count"]] - states[begin]
+        for actuator, own in zip(vehicle.actuators, vehicle.by_actuator(channels), strict=True):
+            actuator.pack(own, arena.model.opt.timestep)
+        kind["turning"] = (channels["code"] == AZIMUTH).any()
+    bodies = np.zeros(len(ids), BODY)
+    bodies["kind"] = [list(first).index(key) for key in ids]
     bodies["qpos"], bodies["dof"], bodies["actuator"] = arena.qpos, arena.dof, arena.thruster[:-1]
     bodies["state"] = states[arena.thruster[:-1]]
-    bodies["heading"] = np.column_stack([np.cos(heading / 2.0), np.sin(heading / 2.0)])
-    return Fleet(kinds, bodies, np.concatenate(channels))
-
-
-def _channels(vehicle: Vehicle, timestep: float) -> NDArray[np.void]:
-    channels = np.zeros(len(vehicle.channels), CHANNEL)
-    channels["direction"], channels["moment"] = vehicle.gears[:, :3], vehicle.gears[:, 3:]
-    channels["row"] = vehicle.allocation
-    channels["low"], channels["high"] = vehicle.limits.T
-    first = 0
-    for actuator in vehicle.actuators:
-        last = first + len(actuator.channels)
-        actuator.pack(channels[first:last], timestep)
-        first = last
-    return channels
+    bodies["heading"] = quaternions_of(heading)[:, [0, 3]]
+    return Fleet(kinds, bodies, thrusters)
 
 
 def _pack(vehicle: Vehicle, kind: np.void, damping: Array) -> None:
     """Pack a vehicle of which the free joint takes some damping, shape (6,), N s/m and N m s/rad."""
-    floats, hold = vehicle.description.hydrostatics, vehicle.description.attitude
+    floats, hold = vehicle.description.hydrostatics, vehicle.hold
     added = bool(vehicle.added_mass.any())
     kind["planar"] = vehicle.dimension == 2
     kind["drag"], kind["quadratic"] = [*vehicle.drag, *vehicle.angular_drag], vehicle.quadratic_drag
@@ -175,6 +181,71 @@ def _pack(vehicle: Vehicle, kind: np.void, damping: Array) -> None:
     kind["rigid_mass_fraction"] = vehicle.mass / (vehicle.mass + vehicle.added_mass[:3])
     kind["stiffness"], kind["rate_damping"] = hold.frequency**2, 2.0 * hold.damping * hold.frequency
     vehicle.steering.pack(vehicle, kind)
+
+
+@inline_jit
+def velocity_through_medium(kind, body, medium, sines, v, qpos, qvel, R):
+    """Velocity of vehicle v through the medium, in body axes, (3,), m/s; R is its attitude, (9,)."""
+    a, d = body.qpos, body.dof
+    w = medium_velocity(medium, sines, v, qpos[a], qpos[a + 1], 0.0 if kind.planar else qpos[a + 2])
+    return to_body(R, subtract((qvel[d], qvel[d + 1], qvel[d + 2]), w))
+
+
+@inline_jit
+def apply_medium_wrench(kind, body, qpos, qvel, R, s, omega, applied):
+    """Write the medium's wrench into `applied` (qfrc_applied): force in world axes, moment in body axes.
+
+    s and omega are the velocity through the medium and the rates in body axes, (3,) each.
+    """
+    a, d = body.qpos, body.dof
+    D, Q, k = kind.drag, kind.quadratic, kind.explicit
+    force = drag_force(kind, s)
+    force = -force[0], -force[1], -force[2]
+    moment = (
+        -(k * D[3] + Q[3] * abs(omega[0])) * omega[0],
+        -(k * D[4] + Q[4] * abs(omega[1])) * omega[1],
+        -(k * D[5] + Q[5] * abs(omega[2])) * omega[2],
+    )
+    if kind.buoyancy > 0.0:
+        # A moment K (b_z x e_z) rights the hull; its height and its tilt are small.
+        force = add(force, upward(R, kind.buoyancy - kind.restoring[0] * (qpos[a + 2] - kind.level)))
+        moment = add(moment, cross(triple(kind.centre), upward(R, kind.buoyancy)))
+        moment = moment[0] - kind.restoring[1] * R[7], moment[1] + kind.restoring[2] * R[6], moment[2]
+    if kind.ballast > 0.0:
+        weight = upward(R, -kind.ballast)
+        force, moment = add(force, weight), add(moment, cross(triple(kind.ballast_point), weight))
+    if kind.added:
+        force, moment = _share_with_medium(kind, R, s, omega, force, moment)
+    force = to_world(R, force)
+    for i in range(3):
+        applied[d + i] = force[i] + kind.implicit * qvel[d + i]
+        applied[d + 3 + i] = moment[i]
+
+
+@inline_jit
+def _share_with_medium(kind, R, s, omega, force, moment):
+    """The wrench under which MuJoCo's body moves as one with added mass does under the given one, body axes.
+
+    MuJoCo solves M_RB a + h = Q + G with h the rigid body's centrifugal wrench and G its weight. Wanted is
+    (M_RB + M_A) a + h = F + G + C with C = M_A [omega x v_r; 0] - C_A(v_r) v_r, as a is taken in axes that do not turn.
+    Hence Q = S (F + G - h + C) + h - G.
+    """
+    m, c, A = kind.mass, triple(kind.com), kind.added_mass
+    weight = upward(R, -kind.weight)
+    outward = cross(omega, cross(omega, c))
+    own_force = weight[0] - m * outward[0], weight[1] - m * outward[1], weight[2] - m * outward[2]
+    own_moment = subtract(cross(c, weight), cross(omega, product(kind.rigid, omega)))  # G - h
+    P = A[0] * s[0], A[1] * s[1], A[2] * s[2]  # momentum of the medium
+    L = A[3] * omega[0], A[4] * omega[1], A[5] * omega[2]
+    turn = cross(omega, s)
+    coupling = subtract((A[0] * turn[0], A[1] * turn[1], A[2] * turn[2]), cross(omega, P))
+    munk = add(cross(s, P), cross(omega, L))
+    f = add(add(force, own_force), coupling)
+    n = subtract(add(moment, own_moment), munk)
+    S = kind.rigid_wrench_map
+    shared_force = row_product(S[0], f, n), row_product(S[1], f, n), row_product(S[2], f, n)
+    shared_moment = row_product(S[3], f, n), row_product(S[4], f, n), row_product(S[5], f, n)
+    return subtract(shared_force, own_force), subtract(shared_moment, own_moment)
 
 
 _TIPPED = 0.5  # cosine of the tilt beyond which turning back comes before carrying the weight

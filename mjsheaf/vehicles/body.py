@@ -1,0 +1,171 @@
+"""What physics knows of a vehicle: mass, drag, and what pushes it; how it is steered comes on top.
+
+Wrenches are [force; moment] about the origin of the body frame, in body axes (x forward, y port, z up).
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Annotated, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from mjsheaf.arrays import Array
+from mjsheaf.io.section import Section
+from mjsheaf.vehicles.actuators import Channel, Thruster
+
+GRAVITY = 9.81  # m/s^2
+
+_STIFF = 0.01  # share of a velocity that drag takes in a step: as an applied force it is wrong by about this much
+
+ROW_NAMES = ("surge force", "sway force", "heave force", "roll moment", "pitch moment", "yaw moment")
+
+
+class Inertial(NamedTuple):
+    """Inertia of one body of an MJCF file, as compiled.
+
+    Attributes:
+        position: of the centre of mass in the body's frame, shape (3,), m.
+        quaternion: of the principal axes, shape (4,).
+        mass: kg.
+        diagonal: principal moments of inertia, shape (3,), kg m^2.
+    """
+
+    position: Array
+    quaternion: Array
+    mass: float
+    diagonal: Array
+
+
+class AttitudeHold(Section):
+    """The attitude that is wanted, held by the thrusters as a second-order system.
+
+    A boat at its hand point holds none; its numbers serve where underactuation is switched off.
+    """
+
+    frequency: Annotated[float, Field(gt=0)] = Field(description="natural frequency, rad/s")
+    damping: Annotated[float, Field(gt=0)] = Field(1.0, description="damping ratio")
+
+
+@dataclass(frozen=True)
+class Body:
+    """A rigid body in a medium, and its actuators.
+
+    Attributes:
+        dimension: of the controlled position: 2 on the surface, 3 in a volume.
+        mass: kg.
+        weight: what thrusters or water must carry, N: m g less what the MJCF compensates (gravcomp).
+        ballast: weight that the body does not have in the model, N; see effects.
+        centre_of_mass: in the body frame, shape (3,), m.
+        inertia: about the origin of the body frame, body axes, shape (3, 3), kg m^2.
+        inertials: of each body in the file, depth first.
+        actuators: what pushes it.
+        hold: of its attitude.
+        drag: linear drag D along the body axes, shape (3,), N s/m.
+        angular_drag: the same about them, shape (3,), N m s/rad.
+        quadratic_drag: of |v| v along and of |omega| omega about the body axes, shape (6,).
+        added_mass: mass of the medium that moves with the body along and about its axes, shape (6,), kg and kg m^2.
+    """
+
+    dimension: int
+    mass: float
+    weight: float
+    ballast: float
+    centre_of_mass: Array
+    inertia: Array
+    inertials: list[Inertial]
+    actuators: list[Thruster]
+    hold: AttitudeHold
+    drag: Array
+    angular_drag: Array
+    quadratic_drag: Array
+    added_mass: Array
+
+    @cached_property
+    def channels(self) -> list[Channel]:
+        """Its actuators in MuJoCo, length s: names, units and limits of commands."""
+        return [channel for actuator in self.actuators for channel in actuator.channels]
+
+    @property
+    def thrusters(self) -> list[str]:
+        """Names of the channels."""
+        return [channel.name for channel in self.channels]
+
+    @property
+    def limits(self) -> Array:
+        """Lowest and highest useful command of each channel, shape (s, 2)."""
+        return np.array([(channel.low, channel.high) for channel in self.channels]).reshape(-1, 2)
+
+    @cached_property
+    def W(self) -> Array:  # noqa: N802
+        """Wrench for each effort of 1, shape (6, s), N and N m; see `actuators`."""
+        return np.array([wrench for actuator in self.actuators for wrench in actuator.wrenches]).reshape(-1, 6).T
+
+    @property
+    def effort_bounds(self) -> Array:
+        """Lowest and highest of each effort, shape (s, 2)."""
+        return np.concatenate([np.zeros((0, 2)), *(actuator.bounds for actuator in self.actuators)])
+
+    @property
+    def half_planes(self) -> tuple[Array, Array]:
+        """A (r, s) and b (r,) of A u <= b, which efforts u obey beside their bounds."""
+        from scipy.linalg import block_diag
+
+        A, b = zip(*(actuator.half_planes for actuator in self.actuators), strict=True)
+        return block_diag(*A), np.concatenate(b)
+
+    def by_actuator(self, values: NDArray[Any]) -> list[NDArray[Any]]:
+        """Efforts or commands (s,) of each actuator."""
+        return np.split(values, np.cumsum([len(actuator.channels) for actuator in self.actuators])[:-1])
+
+    @property
+    def moving_mass(self) -> Array:
+        """Mass along, and inertia about, each body axis that a thruster must accelerate, shape (6,), kg and kg m^2."""
+        return np.concatenate([np.full(3, self.mass), np.diag(self.inertia)]) + self.added_mass
+
+    @property
+    def lag(self) -> float:
+        """Mean time constant of the actuators, s."""
+        return float(np.mean([actuator.lag for actuator in self.actuators])) if self.actuators else 0.0
+
+    @property
+    def rigid_mass(self) -> Array:
+        """Rigid-body mass matrix M_RB about the origin, shape (6, 6): kg, kg m, kg m^2."""
+        x, y, z = self.mass * self.centre_of_mass
+        cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        return np.block([[self.mass * np.eye(3), -cross], [cross, self.inertia]])
+
+    @property
+    def rigid_wrench_map(self) -> Array:
+        """M_RB (M_RB + M_A)^-1, shape (6, 6).
+
+        Maps an applied wrench to the one that gives the rigid body alone the same acceleration.
+        """
+        if not self.added_mass.any():
+            return np.eye(6)
+        rigid = self.rigid_mass
+        return np.asarray(np.linalg.solve(rigid + np.diag(self.added_mass), rigid).T)
+
+    def joint_damps(self, timestep: float) -> bool:
+        """Whether the free joint takes linear drag, in a step of so many s.
+
+        MuJoCo integrates what the joint takes implicitly: stiff drag then costs no small steps. But it factorizes the
+        mass matrix once more for it, so that drag which is not stiff had better be an applied force. What is shared
+        with the medium must be: see `simulation.bodies`.
+        """
+        fastest = max(*(self.drag / self.mass), *(self.angular_drag / np.diag(self.turning_inertia)))
+        return not self.added_mass.any() and bool(fastest * timestep > _STIFF)
+
+    @property
+    def gears(self) -> Array:
+        """Wrench on the free joint for each effort of 1 / gain, shape (s, 6): zero where the gain is."""
+        gain = np.array([a.gain for a in self.actuators for _ in a.channels])  # W holds gain times gear
+        wrenches = self.W.T @ self.rigid_wrench_map.T
+        return np.divide(wrenches, gain[:, None], out=np.zeros((len(gain), 6)), where=gain[:, None] != 0)
+
+    @property
+    def turning_inertia(self) -> Array:
+        """What a couple must overcome, shape (3, 3), kg m^2: inertia about the centre of mass, and added inertia."""
+        c = self.centre_of_mass
+        return self.inertia - self.mass * (c @ c * np.eye(3) - np.outer(c, c)) + np.diag(self.added_mass[3:])
