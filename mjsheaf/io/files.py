@@ -55,29 +55,23 @@ def write_whole(path: Path, content: bytes, *, tidy: bool = True) -> None:
 
 @contextmanager
 def whole_directory(path: Path) -> Iterator[Path]:
-    """Yield a fresh directory beside `path`, for `put_in_place`; it is removed with the end of the block.
+    """Yield a fresh directory that takes the place of `path` when the block ends without an exception.
+
+    One that is there is exchanged for it at one moment, where the file system can do that.
 
     Raises:
-        OSError: it cannot be made.
+        OSError: it cannot be made or renamed; what was there before still is.
     """
     with _part(path, directory=True) as fresh:
         yield fresh
-
-
-def put_in_place(fresh: Path, path: Path) -> None:
-    """Give a directory its final name; one that is there goes to the fresh one's, at the same moment where possible.
-
-    Raises:
-        OSError: it cannot be renamed; what was there before still is.
-    """
-    if not path.exists() or not _exchange(fresh, path):
-        old = fresh.with_suffix(".old")
-        try:
-            if path.exists():
-                path.rename(old)
-            fresh.rename(path)
-        finally:
-            _restore(old, path)
+        if not path.exists() or not _exchange(fresh, path):
+            old = fresh.with_suffix(".old")
+            try:
+                if path.exists():
+                    path.rename(old)
+                fresh.rename(path)
+            finally:
+                _restore(old, path)
 
 
 def replace_file(path: Path, data: bytes, *, expected: bytes) -> None:

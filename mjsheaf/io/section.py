@@ -200,9 +200,10 @@ class FiniteRecord(Record):
     model_config = ConfigDict(allow_inf_nan=False)
 
 
-def _finite(x: float | None) -> float | None:
+def finite(x: float | None) -> float | None:
+    """A number as JSON can hold it: None where it is infinite or not a number."""
     return None if x is None or not math.isfinite(x) else float(x)
 
 
-Finite = Annotated[float | None, BeforeValidator(_finite)]
-"""A number that becomes None, null in JSON, where it is infinite or not a number."""
+Finite = Annotated[float | None, BeforeValidator(finite)]
+"""A number, or null: see `finite`."""

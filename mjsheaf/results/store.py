@@ -16,7 +16,7 @@ from pydantic_core import to_json
 
 from mjsheaf._version import __version__
 from mjsheaf.errors import InputError
-from mjsheaf.io.files import is_part_of, put_in_place, whole_directory, write_whole
+from mjsheaf.io.files import is_part_of, whole_directory, write_whole
 from mjsheaf.results.netcdf import open_dataset
 
 FILES = (
@@ -190,7 +190,6 @@ def staging(directory: Path) -> Iterator[Path]:
         with whole_directory(place) as fresh:
             yield fresh
             check_replaceable(place)  # again: it may have changed meanwhile
-            put_in_place(fresh, place)
     except OSError as error:
         raise PlaceError(f"{directory}: cannot be written: {error.strerror or error}") from error
     finally:

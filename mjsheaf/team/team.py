@@ -140,10 +140,6 @@ class Team:
         """The sheaf of the targets alone, whose Laplacian drives their own formation."""
         return _sheaf_of(self.targets, self.target_edges)
 
-    def incident_edges(self, agent: str) -> list[Edge]:
-        """The edges at an agent, in the order of the sheaf: all that it can measure."""
-        return [e for e in self.communication + self.sensing + self.anchors if agent in (e.tail, e.head)]
-
     def formation_edges(self, formation: Formation) -> list[Edge]:
         """The communication edges with both ends in a formation."""
         inside = set(formation.members)

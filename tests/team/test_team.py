@@ -124,17 +124,6 @@ def test_packing_and_spreading_are_inverse(seed: int, batch: list[int]) -> None:
     np.testing.assert_array_equal(spread[..., 1, :], x[..., 2:5])
 
 
-def test_an_agent_knows_its_own_edges_only() -> None:
-    team = mixed_team()
-    assert [(e.tail, e.head) for e in team.incident_edges("A2")] == [
-        ("A1", "A2"),
-        ("A3", "A2"),
-        ("A2", "T1"),
-        ("A2", "T2"),
-    ]
-    assert [(e.tail, e.head) for e in team.incident_edges("A3")] == [("A3", "A2"), ("A3", "A4")]
-
-
 @pytest.mark.parametrize(
     ("agents", "links", "seen", "said"),
     [
