@@ -1,7 +1,7 @@
 """Files and directories that appear whole or not at all.
 
 Each is made beside its place, as a rename is atomic only within one file system, under a name such as
-`.summary.json.k3x_90ab.part`, and locked for as long as its process lives. The kernel gives the lock back however that
+`.summary.json.3f0a90ab.part`, and locked for as long as its process lives. The kernel gives the lock back however that
 process ends: so what a killed process left differs from what another is writing, and the next one removes it.
 
 Paths in files are confined: a user may name any file on the command line or in Python; a file, which may come from
@@ -16,14 +16,14 @@ import fcntl
 import os
 import re
 import shutil
-import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 
 from mjsheaf.errors import InputError, shortened
 
-_RANDOM = "[a-z0-9_]{8}"  # as tempfile makes it
+_RANDOM = "[a-z0-9_]{8}"  # versions differ in which of these they use
 _AT_FDCWD, _RENAME_EXCHANGE = -100, 2  # of Linux: fcntl.h, linux/fs.h
 
 
@@ -142,19 +142,14 @@ def _part(path: Path, *, directory: bool, tidy: bool = True) -> Iterator[Path]:
     """A new file or directory beside a path, locked; what is left of it at the end is removed."""
     if tidy:
         remove_stale(path)
-    affixes = f".{path.name}.", ".part"
     while True:
-        if directory:
-            part = Path(tempfile.mkdtemp(affixes[1], affixes[0], path.parent))
-        else:
-            descriptor, name = tempfile.mkstemp(affixes[1], affixes[0], path.parent)
-            os.close(descriptor)
-            part = Path(name)
+        part = path.with_name(f".{path.name}.{os.urandom(4).hex()}.part")
+        make = part.mkdir if directory else partial(part.touch, exist_ok=False)
+        make()
         try:
             with _locked(part, wait=True):
                 if not part.exists():  # another command has taken it for stale before it was locked
                     continue
-                part.chmod((0o777 if directory else 0o666) & ~_umask())
                 yield part
                 return
         finally:
@@ -211,12 +206,6 @@ def read_bytes(path: Path, largest: int) -> bytes:
     if len(data) > largest:
         raise InputError(f"{path}: larger than {largest // 10**6} MB")
     return data
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
 
 
 def confined(name: str, directory: Path, root: Path | None = None) -> Path:

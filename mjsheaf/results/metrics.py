@@ -86,7 +86,7 @@ def _centering(team: Team, formation: Formation, positions: Array) -> Array:
     members = [team.index[m] for m in formation.members]
     target = team.index[formation.about]
     shared = min(team.members[v].dimension for v in [*members, target])
-    wanted = np.array([team.displacement(m)[:shared] for m in formation.members])
+    wanted = np.array([team.displacement[m][:shared] for m in formation.members])
     mean = wanted.mean(axis=0)
     mean[np.abs(mean) <= _ROUNDING * np.abs(wanted).max()] = 0.0  # a polygon's corners cancel up to rounding only
     centroid = positions[:, members, :shared].mean(axis=1)

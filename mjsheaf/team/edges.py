@@ -59,6 +59,9 @@ class Edge:
     weight: Array
     offset: Array | None = None
 
+    def __str__(self) -> str:
+        return f"the anchor of {self.tail}" if self.head == GROUND else f"[{self.tail}, {self.head}]"
+
     @property
     def between(self) -> tuple[str, str]:
         """The ids of tail and head."""

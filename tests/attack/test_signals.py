@@ -23,7 +23,7 @@ from PIL import Image
 
 from mjsheaf.io import files as whole
 from mjsheaf.io.files import whole_directory, whole_file, write_whole
-from mjsheaf.results import load_run
+from mjsheaf.results import open_run
 from mjsheaf.results.store import FILES
 from tests.builders import REPOSITORY
 from tests.commands import CAN_DRAW, IDEAL, SMALL, answer_of, command_line, heed_interrupts, leftovers, one_line
@@ -170,8 +170,8 @@ class Attack:
             json.loads((directory / "compare.json").read_bytes())
             assert {"scenario.yaml", "report.txt", "errors.png", "budget.png", "convergence.png"} <= names
         else:
-            dataset, summary = load_run(directory)
-            assert isinstance(dataset, xr.Dataset)
+            with open_run(directory) as (dataset, summary):
+                assert isinstance(dataset.load(), xr.Dataset)
             assert names == set(FILES) - (set() if summary["video"] else {"video.mp4"})
         for path in directory.glob("[!.]*.png"):
             Image.open(path).load()

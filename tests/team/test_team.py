@@ -83,7 +83,7 @@ def test_formations_become_offsets_delta_o(seed: int) -> None:
     np.testing.assert_allclose(team.sheaf.offset(), team.sheaf.coboundary() @ stacked, atol=1e-14)
     assert np.any(team.sheaf.offset())
     for v in ("A1", "A2", "A3", "A4"):
-        np.testing.assert_array_equal(team.displacement(v), o[v])
+        np.testing.assert_array_equal(team.displacement[v], o[v])
 
 
 def test_an_offset_of_its_own_wins_over_the_formation() -> None:
