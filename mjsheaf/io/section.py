@@ -89,10 +89,9 @@ def describe_validation_error(error: ValidationError, model: type[BaseModel]) ->
     """
     schema = _schema(model)
     problems = [_Problem.of(dict(detail), schema) for detail in error.errors(include_url=False)]
-    first = next((p for p in problems if p.kind == "extra_forbidden"), problems[0])
-    if first.kind != "extra_forbidden":
-        rivals = [p for p in problems if p.value == first.value]
-        first = max(rivals, key=lambda p: (len(p.path), not p.kind.endswith("_type")))
+    rivals = [p for p in problems if p.value == problems[0].value]
+    deepest = max(rivals, key=lambda p: (len(p.path), not p.kind.endswith("_type")))
+    first = next((p for p in problems if p.kind == "extra_forbidden"), deepest)
     others = len({p.value for p in problems}) - 1
     more = f" (and {others} more)" if others else ""
     return f"{'.'.join(map(_visible, first.path)) or 'file'}: {first.text}{more}"

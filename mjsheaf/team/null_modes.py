@@ -130,8 +130,8 @@ def describe_null_modes(team: Team) -> list[str]:
 def null_modes(team: Team) -> list[NullMode]:
     """A sparse basis of H^0(G, G_p; F), each vector with largest entry 1."""
     basis = null_mode_basis(team)
-    spans = itertools.starmap(slice, itertools.pairwise(basis.indptr.tolist()))
-    return [null_mode_of(team, basis.data[span], basis.indices[span]) for span in spans]
+    spans = itertools.pairwise(basis.indptr.tolist())
+    return [null_mode_of(team, basis.data[a:b], basis.indices[a:b]) for a, b in spans]
 
 
 def null_mode_basis(team: Team) -> sparse.csc_array:

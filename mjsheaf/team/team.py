@@ -21,6 +21,9 @@ class Team:
 
     Attributes:
         agents, targets: members in order; ensemble vectors q and p are stacked in these orders.
+        members: all vehicles, agents before targets.
+        agent_ids, target_ids: their ids, in order.
+        index: number of each member by id.
         communication, sensing, target_edges: edges with their offsets filled in.
         anchors: edges from an agent to GROUND.
         displacement: o_i of each agent by id, in m; zero where it is in no formation, and for targets.
@@ -47,6 +50,9 @@ class Team:
                 (SheafError); the message begins with the field.
         """
         self.agents, self.targets = tuple(agents), tuple(targets)
+        self.members = self.agents + self.targets
+        self.agent_ids, self.target_ids = [a.id for a in self.agents], [t.id for t in self.targets]
+        self.index = {m.id: v for v, m in enumerate(self.members)}
         self.formations, self.target_formation = tuple(formations), target_formation
         for role, some in (("agent", self.agents), ("target", self.targets)):
             if not some:
@@ -71,26 +77,6 @@ class Team:
             )
 
     # -- members -----------------------------------------------------------------------------------------------
-
-    @cached_property
-    def members(self) -> tuple[Member, ...]:
-        """All vehicles: agents, then targets."""
-        return self.agents + self.targets
-
-    @property
-    def agent_ids(self) -> list[str]:
-        """Ids of the agents, in order."""
-        return [a.id for a in self.agents]
-
-    @property
-    def target_ids(self) -> list[str]:
-        """Ids of the targets, in order."""
-        return [t.id for t in self.targets]
-
-    @cached_property
-    def index(self) -> dict[str, int]:
-        """Number of each vehicle by id: agents, then targets."""
-        return {m.id: v for v, m in enumerate(self.members)}
 
     @cached_property
     def slots(self) -> IntArray:
