@@ -18,7 +18,6 @@ import re
 import shutil
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
-from functools import partial
 from pathlib import Path
 
 from mjsheaf.errors import InputError, shortened
@@ -144,8 +143,8 @@ def _part(path: Path, *, directory: bool, tidy: bool = True) -> Iterator[Path]:
         remove_stale(path)
     while True:
         part = path.with_name(f".{path.name}.{os.urandom(4).hex()}.part")
-        make = part.mkdir if directory else partial(part.touch, exist_ok=False)
-        make()
+        make = part.mkdir if directory else part.touch
+        make(exist_ok=False)
         try:
             with _locked(part, wait=True):
                 if not part.exists():  # another command has taken it for stale before it was locked

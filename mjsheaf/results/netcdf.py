@@ -1,7 +1,4 @@
-"""A file that HDF5 can write to on a disk that is full.
-
-result.nc: written piece by piece as a run goes on, and read where it is looked at.
-"""
+"""result.nc: written piece by piece as a run goes on, also to a disk that gets full; read where it is looked at."""
 
 import io
 import os

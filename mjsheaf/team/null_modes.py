@@ -130,8 +130,8 @@ def describe_null_modes(team: Team) -> list[str]:
 def null_modes(team: Team) -> list[NullMode]:
     """A sparse basis of H^0(G, G_p; F), each vector with largest entry 1."""
     basis = null_mode_basis(team)
-    spans = itertools.pairwise(basis.indptr.tolist())
-    return [null_mode_of(team, basis.data[a:b], basis.indices[a:b]) for a, b in spans]
+    ends = basis.indptr.tolist()
+    return [null_mode_of(team, basis.data[a:b], basis.indices[a:b]) for a, b in itertools.pairwise(ends)]
 
 
 def null_mode_basis(team: Team) -> sparse.csc_array:
@@ -176,7 +176,7 @@ def _in_few_directions(steps: Array) -> Array:
 
 
 def describe(team: Team, mode: NullMode, free: str = "free") -> str:
-    """Who is free along what, in a mode that no edge or anchor notices."""
+    """Who is free, or only nearly free, along what."""
     _, first, kind = np.unique(np.round(mode.steps / _STEP_TOLERANCE), axis=0, return_index=True, return_inverse=True)
     names = [team.agents[a].id for a in mode.agents]
     if len(first) == 1:

@@ -154,9 +154,8 @@ class Team:
                 known = [id for id, found in self._roles.items() if found == role]
                 raise InputError(f"members: unknown id {member!r}; {expected(member, known)}")
             if member in placed:
-                twice = placed[member] == formation.name
-                where = "named twice" if twice else f"already in formation {placed[member]!r}"
-                raise InputError(f"members: {member!r} is {where}")
+                other = f"already in formation {placed[member]!r}"
+                raise InputError(f"members: {member!r} is {'named twice' if placed[member] == formation.name else other}")
             placed[member] = formation.name
         dimensions = [self._ends[member].dimension for member in formation.members]
         displacement.update(zip(formation.members, formation.places(dimensions), strict=True))
