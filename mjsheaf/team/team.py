@@ -155,7 +155,9 @@ class Team:
                 raise InputError(f"members: unknown id {member!r}; {expected(member, known)}")
             if member in placed:
                 other = f"already in formation {placed[member]!r}"
-                raise InputError(f"members: {member!r} is {'named twice' if placed[member] == formation.name else other}")
+                raise InputError(
+                    f"members: {member!r} is {'named twice' if placed[member] == formation.name else other}"
+                )
             placed[member] = formation.name
         dimensions = [self._ends[member].dimension for member in formation.members]
         displacement.update(zip(formation.members, formation.places(dimensions), strict=True))
