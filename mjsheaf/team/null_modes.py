@@ -6,12 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse import csgraph
 
-from mjsheaf.arrays import Array, IntArray
+from mjsheaf.arrays import Array
+from mjsheaf.sheaf.blocks import Index, assembled, parts
 from mjsheaf.team.team import Team
-
-Index = IntArray
 
 _AXES = "xyz"
 _MOST_NAMED = 8  # agents named one by one before the rest are counted
@@ -55,29 +53,16 @@ def sparsified(basis: sparse.csr_array, owner: Index) -> sparse.csc_array:
         Array of shape (n, r), its columns in the order of the first row that moves; each has largest entry 1, and
         entries below 1e-7 are zero.
     """
-    n, r = basis.shape
-    if r == 0:
-        return sparse.csc_array((n, 0))
+    if basis.shape[1] == 0:
+        return sparse.csc_array(basis.shape)
     clean = sparse.csr_array(basis, copy=True)
     clean.data[np.abs(clean.data) <= _ENTRY_ROUNDING * np.abs(clean.data).max()] = 0.0
-    clean.eliminate_zeros()
-    _, label = csgraph.connected_components(sparse.block_array([[None, clean], [clean.T, None]]), directed=False)
-    by_row, by_column = np.argsort(label[:n], kind="stable"), np.argsort(label[n:], kind="stable")
-    parts = np.unique(label[n:])
-    row_ends = [np.searchsorted(label[:n][by_row], parts, side).tolist() for side in ("left", "right")]
-    column_ends = [np.searchsorted(label[n:][by_column], parts, side).tolist() for side in ("left", "right")]
-    ordered = clean[by_row][:, by_column]
-    rows, columns, values = list[Index](), list[Index](), list[Array]()
-    for top, bottom, left, right in zip(*row_ends, *column_ends, strict=True):
-        at = by_row[top:bottom]
-        block = ordered[top:bottom, left:right].toarray()
-        vectors = _echelon(block, _exchanged(_pivots(block, owner[at]), block, owner[at]))
-        place, vector = np.nonzero(vectors)
-        rows.append(at[place])
-        columns.append(left + vector)
-        values.append(vectors[place, vector])
-    found = sparse.csc_array((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=(n, r))
-    found.sort_indices()
+    blocks = []
+    for rows, columns, part in parts(clean):
+        block, agent = part.toarray(), owner[rows]
+        blocks.append((rows[:, None], columns, _echelon(block, _exchanged(_pivots(block, agent), block, agent))))
+    found = assembled(blocks, basis.shape).tocsc()
+    found.eliminate_zeros()
     return found[:, np.argsort(found.indices[found.indptr[:-1]], kind="stable")]
 
 
@@ -145,8 +130,8 @@ def describe_null_modes(team: Team) -> list[str]:
 def null_modes(team: Team) -> list[NullMode]:
     """A sparse basis of H^0(G, G_p; F), each vector with largest entry 1."""
     basis = null_mode_basis(team)
-    spans = itertools.starmap(slice, itertools.pairwise(basis.indptr.tolist()))
-    return [null_mode_of(team, basis.data[span], basis.indices[span]) for span in spans]
+    ends = basis.indptr.tolist()
+    return [null_mode_of(team, basis.data[a:b], basis.indices[a:b]) for a, b in itertools.pairwise(ends)]
 
 
 def null_mode_basis(team: Team) -> sparse.csc_array:
@@ -164,11 +149,6 @@ def null_mode_of(team: Team, values: Array, rows: Index | None = None) -> NullMo
     return NullMode(agents, steps)
 
 
-def describe(team: Team, mode: NullMode) -> str:
-    """Who is free along what, in a mode that no edge or anchor notices."""
-    return _describe(team, mode, "free")
-
-
 def describe_nearly(team: Team, mode: NullMode) -> str:
     """Who is nearly free along what, in a mode that edges and anchors notice little.
 
@@ -180,7 +160,7 @@ def describe_nearly(team: Team, mode: NullMode) -> str:
     steps = mode.steps[much] / far[much, None]
     steps[np.abs(steps) < _LEAST_SINE] = 0.0
     steps *= np.sign(steps[0, np.argmax(np.abs(steps[0]))])  # an eigenvector has no sign of its own
-    return _describe(team, NullMode(mode.agents[much], _in_few_directions(steps)), "nearly free")
+    return describe(team, NullMode(mode.agents[much], _in_few_directions(steps)), "nearly free")
 
 
 def _in_few_directions(steps: Array) -> Array:
@@ -195,7 +175,8 @@ def _in_few_directions(steps: Array) -> Array:
     return steps
 
 
-def _describe(team: Team, mode: NullMode, free: str) -> str:
+def describe(team: Team, mode: NullMode, free: str = "free") -> str:
+    """Who is free, or only nearly free, along what."""
     _, first, kind = np.unique(np.round(mode.steps / _STEP_TOLERANCE), axis=0, return_index=True, return_inverse=True)
     names = [team.agents[a].id for a in mode.agents]
     if len(first) == 1:
