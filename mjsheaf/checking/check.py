@@ -158,9 +158,7 @@ def examine(system: System, *, rate: float | None = None, radius: float = 1.0, r
         ok=all(a.verdict == "holds" for a in certificate.assumptions) and practice.bodies.stable is not False,
         region=_region(certificate),
         assumptions=certificate.assumptions,
-        relative_cohomology=ExplainedCohomology(
-            **dict(found), mending=plan_augmentation(system.team) if found.dimension else None
-        ),
+        relative_cohomology=ExplainedCohomology(**dict(found), mending=plan_augmentation(system.team)),
         theorem=_theorem(system, certificate, rate, radius, rho),
         margins=practice,
         fragility=fragility(system.team),
