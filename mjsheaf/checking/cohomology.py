@@ -133,14 +133,10 @@ def _above_zero(D: sparse.csr_array, null: sparse.csc_array, count: int) -> tupl
             values, vectors = _of_component(part, known, wanted)
             found += [(float(value), members, vector) for value, vector in zip(values, vectors.T, strict=True)]
     found = sorted(found, key=lambda pair: pair[0])[:count]
-    vectors = np.zeros((D.shape[1], len(found)))
+    largest, vectors = max((len(members) for _, members, _ in pieces), default=0), np.zeros((D.shape[1], len(found)))
     for k, (_, members, vector) in enumerate(found):
         vectors[members, k] = vector
-    return (
-        np.array([value for value, _, _ in found]),
-        vectors,
-        max((len(members) for _, members, _ in pieces), default=0),
-    )
+    return np.array([value for value, _, _ in found]), vectors, largest
 
 
 def _of_component(D: sparse.csr_array, known: Array, count: int) -> tuple[Array, Array]:
