@@ -23,9 +23,6 @@ from mjsheaf.dynamics.bounds import Supremum, largest_speed, lipschitz_constant
 from mjsheaf.dynamics.disturbance import evaluate
 from mjsheaf.system import System
 
-Radius = Callable[[Array], Array]
-"""A bound on |e| in m at times in s: monotone in time."""
-
 _MOST_CELLS = 50_000  # that are bounded
 _MOST_NUMBERS = 8_000_000  # of f_B over them
 _FEWEST_CELLS = 32  # to begin with
@@ -259,8 +256,8 @@ class Region:
     rho: Supremum
 
 
-def tube_about(system: System, path: TargetPath, carrier: Carrier, radius: Radius) -> Tube:
-    """The tube of a radius about the harmonic extension of a path that is known, in spans of time.
+def tube_about(system: System, path: TargetPath, carrier: Carrier, radius: Callable[[Array], Array]) -> Tube:
+    """The tube of a radius, monotone in time, about the harmonic extension of a path that is known, in spans of time.
 
     It has one box for each agent and span, or one for all agents where there are many.
     """

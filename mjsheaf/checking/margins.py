@@ -287,10 +287,9 @@ def body_loop(system: System, spectrum: Spectrum, medium: Array) -> BodyLoop:
             raise _UndecidedError("nothing is held")
         loop = _close(system, spectrum, _models(system, medium, timestep, steps), period)
     except (_UndecidedError, InputError, np.linalg.LinAlgError) as error:
-        stiff = isinstance(error, np.linalg.LinAlgError)  # a step that is not finite
         unknown = dict.fromkeys(("stable", "spectral_radius", "largest_gain", "least_damped"))
-        reason = "the vehicles cannot be linearised: " * stiff + str(error)
-        return BodyLoop(**unknown, period=period, reason=reason)
+        stiff = isinstance(error, np.linalg.LinAlgError)  # a step that is not finite
+        return BodyLoop(**unknown, period=period, reason="the vehicles cannot be linearised: " * stiff + str(error))
     none = _NEUTRAL_RATE * period
     modes = _Modes(*(np.concatenate(x) for x in zip(*loop.modes(system.gain), strict=True)))
     size = np.hypot(modes.factor.real, modes.factor.imag)
@@ -324,11 +323,8 @@ def mean_medium(system: System, time: Array, q_star: Array) -> Array:
     """
     stride = max(1, len(q_star) // _MOST_SAMPLES)
     w = agent_drift(system, q_star[::stride])
-    span = float(time[-1] - time[0])
-    if span <= 0.0:
-        return system.team.unpack(w)[0]
     mean = trapezoid(w, time[::stride], axis=0) / float(time[::stride][-1] - time[0])
-    return system.team.unpack((mean - (q_star[-1] - q_star[0]) / span)[None])[0]
+    return system.team.unpack(mean - (q_star[-1] - q_star[0]) / float(time[-1] - time[0]))
 
 
 def _models(system: System, medium: Array, timestep: float, steps: int) -> list[LinearVehicle]:
@@ -378,8 +374,7 @@ def _station(vehicle: Vehicle, medium: Array, heading: float, span: float) -> St
     """Where a vehicle holds station: one that holds no heading turns into the current, if the run gives it the time."""
     if vehicle.steering.attitude:
         return Station(vehicle, medium, heading)
-    speed = float(np.hypot(medium[0], medium[1]))
-    if speed * span < _TURNS * vehicle.steering.hand:
+    if float(np.hypot(medium[0], medium[1])) * span < _TURNS * vehicle.steering.hand:
         return Station(vehicle, np.zeros(3), heading)
     return Station(vehicle, medium, float(np.arctan2(-medium[1], -medium[0])))
 

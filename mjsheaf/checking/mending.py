@@ -97,24 +97,16 @@ class Candidate:
         return f"let {edge.tail} {verb} {edge.head}{about}"
 
 
-def edge_rows(team: Team, candidates: Iterable[Candidate]) -> sparse.csr_array:
+def edge_rows(team: Team, candidates: Sequence[Candidate]) -> sparse.csr_array:
     """The rows C of candidates in the coboundary on the agents, shape (m, n)."""
-    first = team.first_state
-    row, column, value = list[IntArray](), list[IntArray](), list[Array]()
-    m = 0
-    for candidate in candidates:
-        edge = candidate.edge(team)
-        ends = [(candidate.agent, edge.F_tail)]
+    first, edges = team.first_state, [candidate.edge(team) for candidate in candidates]
+    ends = np.cumsum([len(edge.F_tail) for edge in edges])
+    C = sparse.lil_array((int(ends[-1]), int(first[-1])))
+    for candidate, edge, end in zip(candidates, edges, ends, strict=True):
+        C[end - len(edge.F_tail) : end, first[candidate.agent] : first[candidate.agent + 1]] = edge.F_tail
         if candidate.kind == "communication":
-            ends.append((candidate.end, -edge.F_head))
-        for agent, F in ends:
-            k, axis = np.nonzero(F)
-            row.append(m + k)
-            column.append(first[agent] + axis)
-            value.append(F[k, axis])
-        m += len(edge.F_tail)
-    entries = (np.concatenate(value), (np.concatenate(row), np.concatenate(column)))
-    return sparse.coo_array(entries, shape=(m, int(first[-1]))).tocsr()
+            C[end - len(edge.F_head) : end, first[candidate.end] : first[candidate.end + 1]] = -edge.F_head
+    return C.tocsr()
 
 
 @dataclass

@@ -415,9 +415,7 @@ def _integrate(system: System, share: float, tolerance: float, margin: float) ->
     bound = _Step(*(np.zeros((M, 3) if name == "lead" else M) for name in _Step._fields))
     memory = new_memory(control.law, M)
     run = new_integrator(medium, system.effectiveness, (tolerance, tolerance), period, memory)
-    reference = control.motion._replace(pull=np.zeros(M))
-    moves = *_consensus(system), *_rates(system, control)
-    setting = _Setting(control, reference, *moves, share, margin, times, stride)
+    setting = _Setting(control, *_rates(system, control), share, margin, times, stride)
     follow = control if grid.continuous else None
     n = max(1, int(MOST_STEPS / (share * M)))  # memory is taken as it is written to
     shapes = (n,), (n,), (n, M, 3), (n, M, 3), (n, M), (n, M, 3), (n, M), (n, M)
@@ -459,16 +457,14 @@ def _targets_alone(system: System) -> tuple[ControlArrays, MediumArrays, Array]:
     return ControlArrays(alone, motion._replace(**own)), around, system.initial[N:].copy()
 
 
-def _consensus(system: System) -> tuple[IntArray, IntArray, Array]:
-    """start, column and value of `_Setting`."""
+def _rates(
+    system: System, control: ControlArrays
+) -> tuple[MotionArrays, IntArray, IntArray, Array, Array, Array, Array, float, float]:
+    """What `_Setting` says of the targets, from `reference` to `decay`."""
     L, places = system.team.target_sheaf.laplacian().tocoo(), _places(system)
     padded = sparse.csr_array((L.data, (places[L.row], places[L.col])), shape=(3 * len(system.team.targets),) * 2)
     padded.sort_indices()
-    return padded.indptr.astype(np.int64), padded.indices.astype(np.int64), padded.data
-
-
-def _rates(system: System, control: ControlArrays) -> tuple[Array, Array, Array, float, float]:
-    """acceleration, speed, shake, turn and decay of `_Setting`."""
+    rows = padded.indptr.astype(np.int64), padded.indices.astype(np.int64), padded.data
     speed, acceleration = reference_bounds(control.motion)
     harmonics = system.harmonics[len(system.team.agents) :]
     shake = (np.linalg.norm(harmonics[..., :3], axis=2) * np.abs(harmonics[..., 3])).sum(axis=1)
@@ -479,7 +475,9 @@ def _rates(system: System, control: ControlArrays) -> tuple[Array, Array, Array,
     if (pieces > 0.0).any():  # one turn in each piece of a path through waypoints
         fastest = max(fastest, 2.0 * np.pi / float(pieces[pieces > 0.0].min()))
     turn = _SHARE_OF_TURN / fastest if fastest > 0.0 else np.inf
-    return acceleration, speed, shake, turn, own_rate(system) if system.grid.continuous else 0.0
+    decay = own_rate(system) if system.grid.continuous else 0.0
+    reference = control.motion._replace(pull=np.zeros_like(speed))
+    return reference, *rows, acceleration, speed, shake, turn, decay
 
 
 def own_rate(system: System) -> float:
