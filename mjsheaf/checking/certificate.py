@@ -167,13 +167,14 @@ class _Search:
         self.spectrum = spectrum = spectrum_of(system.team)
         self._carrier = Carrier(system, spectrum)
         path = follow_targets(system, self._carrier)
-        largest = float(bounds(system.harmonics).max(initial=0.0))
-        counts = len(system.team.agents), len(system.team.targets)
+        largest, team = float(bounds(system.harmonics).max(initial=0.0)), system.team
         self.constants = Constants(
             path=path,
             difference=difference_along(system, path, self._carrier),
             largest_disturbance=largest,
-            omega_bar=disturbance_bound(spectrum.sigma_max_B, spectrum.lambda_min, *counts, largest),
+            omega_bar=disturbance_bound(
+                spectrum.sigma_max_B, spectrum.lambda_min, len(team.agents), len(team.targets), largest
+            ),
             initial_error=float(np.linalg.norm(path.q_star[0] - system.team.split(system.initial)[0])),
         )
 

@@ -105,8 +105,7 @@ def agent_coboundary(team: Team) -> tuple[sparse.csr_array, sparse.csr_array]:
 
 def smallest_eigenvalue(delta: sparse.csr_array, D: sparse.csr_array) -> float:
     """Smallest eigenvalue of H = D^T D; exactly 0 where the null space of delta is not trivial."""
-    n = D.shape[1]
-    if n <= DENSE_STATES:
+    if D.shape[1] <= DENSE_STATES:
         values = np.linalg.eigvalsh((D.T @ D).toarray())
         # Then delta is injective, unless inner products span 12 decades.
         if values[0] > _SQUARED_IS_ACCURATE * values[-1]:

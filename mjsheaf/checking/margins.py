@@ -33,7 +33,6 @@ from mjsheaf.simulation.loop import whole_ratio
 from mjsheaf.system import System
 from mjsheaf.threads import one_thread
 from mjsheaf.vehicles.effects import capability_of, of_each
-from mjsheaf.vehicles.vehicle import Vehicle
 
 LARGEST_WHOLE = 400
 """Largest number of states that act on one another for which the matrix of a team of unlike vehicles is solved."""
@@ -338,15 +337,13 @@ def _models(system: System, medium: Array, timestep: float, steps: int) -> list[
     agents = system.team.agents
     if not np.isfinite(medium).all():
         raise _UndecidedError("the mean flow along q* is not known")
-    span = system.grid.period * system.grid.steps
-    stations: dict[tuple[int, bytes], Station] = {}
-    keys = []
+    stations, keys = dict[tuple[int, bytes], Station](), list[tuple[int, bytes]]()
     for i, agent in enumerate(agents):
         if (speed := float(np.linalg.norm(medium[i]))) > system.law.limit[i]:
             raise _UndecidedError(
                 f"{agent.id}: the mean flow, {speed:.3g} m/s relative to its q*, is beyond its velocity limit"
             )
-        station = _station(system.vehicles[i], medium[i], float(system.bodies.heading[i]), span)
+        station = _station(system, i, medium[i])
         keys.append((id(station.vehicle), np.round([*station.medium, station.heading], 4).tobytes()))
         stations.setdefault(keys[-1], station)
     chosen, many = list(stations), len(stations) > _MOST_STATIONS
@@ -370,11 +367,15 @@ def _models(system: System, medium: Array, timestep: float, steps: int) -> list[
     return [models[chosen[0]]] * len(keys)
 
 
-def _station(vehicle: Vehicle, medium: Array, heading: float, span: float) -> Station:
-    """Where a vehicle holds station: one that holds no heading turns into the current, if the run gives it the time."""
+def _station(system: System, agent: int, medium: Array) -> Station:
+    """Where an agent holds station: one that holds no heading turns into the current, if the run gives it the time."""
+    vehicle, heading = system.vehicles[agent], float(system.bodies.heading[agent])
     if vehicle.steering.attitude:
         return Station(vehicle, medium, heading)
-    if float(np.hypot(medium[0], medium[1])) * span < _TURNS * vehicle.steering.hand:
+    if (
+        float(np.hypot(medium[0], medium[1])) * (system.grid.period * system.grid.steps)
+        < _TURNS * vehicle.steering.hand
+    ):
         return Station(vehicle, np.zeros(3), heading)
     return Station(vehicle, medium, float(np.arctan2(-medium[1], -medium[0])))
 

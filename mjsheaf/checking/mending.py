@@ -347,9 +347,7 @@ def _ranked(
         return C_N.T @ np.linalg.solve(np.eye(C.shape[0]) + C @ (C @ H_inverse).T, C_N)
 
     def best(choices: Sequence[Choice]) -> list[Choice]:
-        score = [round(float(np.linalg.eigvalsh(held(choice))[0]), 9) for choice in choices]
-        order = sorted(range(len(choices)), key=lambda k: (-score[k], _preference(choices[k])))
-        return [choices[k] for k in order]
+        return sorted(choices, key=lambda x: (-round(float(np.linalg.eigvalsh(held(x))[0]), 9), _preference(x)))
 
     combinations = combinations[:_MOST_COMBINATIONS]
     if len(combinations) > _COMBINATIONS_KEPT:

@@ -485,8 +485,7 @@ def own_rate(system: System) -> float:
 
     It is a sum over rows (Gershgorin) where there are many targets.
     """
-    N = len(system.team.agents)
-    L = system.team.target_sheaf.laplacian()
+    L, N = system.team.target_sheaf.laplacian(), len(system.team.agents)
     if L.shape[0] <= 600:
         fastest = float(np.linalg.eigvalsh(L.toarray())[-1])
     else:
