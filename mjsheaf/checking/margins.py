@@ -372,10 +372,8 @@ def _station(system: System, agent: int, medium: Array) -> Station:
     vehicle, heading = system.vehicles[agent], float(system.bodies.heading[agent])
     if vehicle.steering.attitude:
         return Station(vehicle, medium, heading)
-    if (
-        float(np.hypot(medium[0], medium[1])) * (system.grid.period * system.grid.steps)
-        < _TURNS * vehicle.steering.hand
-    ):
+    span = system.grid.period * system.grid.steps
+    if float(np.hypot(medium[0], medium[1])) * span < _TURNS * vehicle.steering.hand:
         return Station(vehicle, np.zeros(3), heading)
     return Station(vehicle, medium, float(np.arctan2(-medium[1], -medium[0])))
 
