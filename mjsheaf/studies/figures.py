@@ -2,10 +2,14 @@
 
 import io
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+from itertools import product
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.colors import LogNorm, Normalize
 from numpy.typing import NDArray
 
@@ -13,6 +17,9 @@ from mjsheaf.arrays import Array, IntArray
 from mjsheaf.plotting import BLUE, legend_below, log_axis, new_figure, save_figure
 from mjsheaf.results.metrics import MEASURES
 from mjsheaf.studies.schema import Choice, LogUniform, StudyFile
+
+Ends = NDArray[np.str_] | None
+"""How each run ended, in words."""
 
 _LABELS = {
     "mean_disagreement": "final disagreement, mean |η| (m)",
@@ -58,10 +65,6 @@ class SweptAxis:
     places: Array
     labels: list[str]
     index: IntArray
-
-    def groups(self, y: Array) -> list[Array]:
-        """The known values of y, shape (R,), at each place."""
-        return [own[np.isfinite(own)] for own in (y[self.index == k] for k in range(len(self.places)))]
 
     def label(self, panel: Any, which: str, places: NDArray[Any]) -> None:
         """Name an axis ('x' or 'y') of a panel and put the values' labels at these places."""
@@ -150,28 +153,25 @@ def plot_study(study: StudyFile, name: str, records: list[dict[str, Any]]) -> di
     return plots
 
 
-def _draw(title: str, axes: list[SweptAxis], values: dict[str, Array], ends: NDArray[np.str_] | None) -> bytes:
+def _draw(title: str, axes: list[SweptAxis], values: dict[str, Array], ends: Ends) -> bytes:
     """Panels for each kind of value; without `ends` the values are zeros and ones, whose shares are drawn."""
-    heat = len(axes) == 2 and _fill_a_grid(axes)
-    each_axis = len(axes) > 1 and not heat
-    columns = min(len(axes), _MOST_AXES) if each_axis else min(len(values), 2)
-    rows = len(values) if each_axis else -(-len(values) // 2)
+    if len(axes) == 2 and _fill_a_grid(axes):
+        kinds: list[Callable[..., None]] = [partial(_heat_map, axes=axes)]
+    elif axes:
+        over = " over all other fields and seeds" if len(axes) > 1 else ""
+        kinds = [partial(_marginal, axis=axis, over=over) for axis in axes[:_MOST_AXES]]
+    else:
+        kinds = [_distribution]
+    columns = len(kinds) if len(kinds) > 1 else min(len(values), 2)
+    rows = -(-len(values) * len(kinds) // columns)
     figure = new_figure(max(7.5, 5.6 * columns), 1.0 + 4.2 * rows, title)
     panels = figure.subplots(rows, columns, squeeze=False)
-    for k, (label, y) in enumerate(values.items()):
-        if each_axis:
-            for panel, axis in zip(panels[k], axes, strict=False):
-                _marginal(panel, axis, label, y, ends, " over all other fields and seeds")
-        elif heat:
-            _heat_map(panels.flat[k], axes[0], axes[1], label, y, shares=ends is None)
-        elif axes:
-            _marginal(panels.flat[k], axes[0], label, y, ends)
-        else:
-            _distribution(panels.flat[k], label, y, shares=ends is None)
-    for panel in panels.flat[len(values) :] if not each_axis else ():
+    for panel in panels.flat[len(values) * len(kinds) :]:
         panel.set_visible(False)
-    legends = [panel.get_legend_handles_labels() for panel in panels.flat]
-    handles = {label: handle for legend in legends for handle, label in zip(*legend, strict=True)}
+    handles: dict[str, Any] = {}
+    for panel, ((label, y), kind) in zip(panels.flat, product(values.items(), kinds), strict=False):
+        kind(panel, label, y, ends)
+        handles |= dict(zip(*reversed(panel.get_legend_handles_labels()), strict=True))
     if handles.keys() - {_SETTLED}:  # which needs no legend where there is nothing else
         legend_below(figure, list(handles.values()), 3)
     png = io.BytesIO()
@@ -186,7 +186,7 @@ def _fill_a_grid(axes: list[SweptAxis]) -> bool:
     return max(sizes) <= _MOST_CELLS and filled > 0.6 * sizes[0] * sizes[1]
 
 
-def _marginal(panel: Any, axis: SweptAxis, label: str, y: Array, ends: NDArray[np.str_] | None, over: str = "") -> None:
+def _marginal(panel: Any, label: str, y: Array, ends: Ends, axis: SweptAxis, over: str) -> None:
     """Values over one field; `over` says of what the band is the spread, where that is not the seeds alone."""
     panel.set(xlabel=axis.name, ylabel=label)
     panel.grid(True, which="major", alpha=0.3)
@@ -203,14 +203,13 @@ def _marginal(panel: Any, axis: SweptAxis, label: str, y: Array, ends: NDArray[n
     known = np.isfinite(y)
     many = known.sum() > 1.5 * len(axis.places)
     if not axis.drawn:
-        groups = zip(axis.places, axis.groups(y), strict=True)
-        found = [(x, np.median(group), group.min(), group.max()) for x, group in groups if group.size]
-        places, median, low, high = np.transpose(found)
+        found = pd.Series(y).groupby(axis.index).agg(["median", "min", "max"]).dropna()
+        places = axis.places[found.index]
         style = {"linewidth": 1.8} if axis.numeric else {"linewidth": 0.0, "marker": "_", "markersize": 22}
-        panel.plot(places, median, color=BLUE, label="median" if many else None, **style)
+        panel.plot(places, found["median"], color=BLUE, label="median" if many else None, **style)
         if many and axis.numeric:
             band = {"color": BLUE, "alpha": 0.18, "linewidth": 0}
-            panel.fill_between(places, low, high, label=f"smallest to largest{over}", **band)
+            panel.fill_between(places, found["min"], found["max"], label=f"smallest to largest{over}", **band)
     x, size = axis.places[axis.index], 5.0 if known.sum() <= 200 else 2.5
     for end, style in _MARKS.values():
         these = known & (ends == end)
@@ -231,20 +230,17 @@ def _shares(panel: Any, axis: SweptAxis, y: Array) -> None:
         bins = [part for part in np.array_split(np.argsort(x, kind="stable"), _BINS) if part.size]
         panel.plot([np.median(x[b]) for b in bins], [y[b].mean() for b in bins], "o-", color=BLUE)
         return
-    share = [group.mean() for group in axis.groups(y)]
+    share = pd.Series(y).groupby(axis.index).mean()
     if axis.numeric:
         panel.plot(axis.places, share, "o-", color=BLUE)
     else:
         panel.bar(axis.places, share, width=0.6, color=BLUE)
 
 
-def _heat_map(panel: Any, across: SweptAxis, up: SweptAxis, label: str, y: Array, *, shares: bool) -> None:
+def _heat_map(panel: Any, label: str, y: Array, ends: Ends, axes: list[SweptAxis]) -> None:
     """Median, or share, of the runs of every cell; a cell without a value is grey."""
-    cells = np.full((len(up.places), len(across.places)), np.nan)
-    for i, j in np.ndindex(cells.shape):
-        own = y[(up.index == i) & (across.index == j) & np.isfinite(y)]
-        if own.size:
-            cells[i, j] = own.mean() if shares else np.median(own)
+    (across, up), shares = axes, ends is None
+    cells = pd.Series(y).groupby([up.index, across.index]).agg("mean" if shares else "median").unstack().to_numpy()
     low, high = (0.0, 1.0) if shares else (np.nanmin(cells), np.nanmax(cells))
     log = not shares and _spans_decades(cells)
     norm: Normalize = LogNorm(low, high) if log else Normalize(low, high if high > low else low + 1.0)
@@ -265,11 +261,11 @@ def _heat_map(panel: Any, across: SweptAxis, up: SweptAxis, label: str, y: Array
             panel.text(j + 0.5, i + 0.5, text, ha="center", va="center", fontsize=8, color=colour)
 
 
-def _distribution(panel: Any, label: str, y: Array, *, shares: bool) -> None:
+def _distribution(panel: Any, label: str, y: Array, ends: Ends) -> None:
     """Nothing but the seed differs: how the values are spread."""
     panel.grid(True, which="major", alpha=0.3)
     panel.set_ylim(-0.02, 1.04)
-    if shares:
+    if ends is None:
         panel.bar(["finished", "did not"], [y.mean(), 1.0 - y.mean()], color=[BLUE, _GREY], width=0.6)
         panel.set_ylabel("share of runs")
         return

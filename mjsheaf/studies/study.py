@@ -9,9 +9,14 @@ from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import jinja2
+import pandas as pd
+import pyarrow as pa
 
 from mjsheaf._version import __version__
+from mjsheaf.checking.finished import LEVEL
 from mjsheaf.io.yaml import parse_yaml
 from mjsheaf.results.metrics import MEASURES
 from mjsheaf.runs.simulate import Progress, no_progress
@@ -20,9 +25,6 @@ from mjsheaf.studies.engine import Engine, SchedulerError
 from mjsheaf.studies.job import STATUSES, ForeignWorkerError
 from mjsheaf.studies.plan import Plan
 from mjsheaf.studies.schema import Point
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 _COLUMNS = {
     "seed": "int64",
@@ -113,7 +115,7 @@ def results_of(plan: Plan, records: list[dict[str, Any]]) -> dict[str, bytes]:
     return {"table.csv": csv_of(table), "table.parquet": table.to_parquet(index=False), **plots, "index.html": page}
 
 
-def make_table(plan: Plan, records: Iterable[dict[str, Any]]) -> "pd.DataFrame":
+def make_table(plan: Plan, records: Iterable[dict[str, Any]]) -> pd.DataFrame:
     """The table: run, a column for each swept field named by its path, then _COLUMNS.
 
     Errors are the team's at the last sample and, under `late_`, their RMS over the last half, m; nothing stands where a
@@ -124,8 +126,6 @@ def make_table(plan: Plan, records: Iterable[dict[str, Any]]) -> "pd.DataFrame":
         plan: the study.
         records: of all runs, in order.
     """
-    import pandas as pd
-
     rows = [
         {**record, **(record["final"] or {}), **{f"late_{m}": x for m, x in (record["late"] or {}).items()}}
         for record in records
@@ -139,15 +139,12 @@ def make_table(plan: Plan, records: Iterable[dict[str, Any]]) -> "pd.DataFrame":
     return pd.DataFrame(columns)
 
 
-def _array(values: list[Any], kind: str) -> "pd.api.extensions.ExtensionArray":
+def _array(values: list[Any], kind: str) -> pd.api.extensions.ExtensionArray:
     """Values, or None, as a column of an Arrow type: one that tells what is missing from what is no number."""
-    import pandas as pd
-    import pyarrow as pa
-
     return pd.array(values, dtype=pd.ArrowDtype(pa.type_for_alias(kind)))
 
 
-def _parameter(values: list[Any]) -> "pd.api.extensions.ExtensionArray":
+def _parameter(values: list[Any]) -> pd.api.extensions.ExtensionArray:
     kinds = {type(value) for value in values if value is not None}
     for among, kind in (({int}, "int64"), ({int, float}, "double"), ({bool}, "bool"), ({str}, "string")):
         if kinds <= among:
@@ -156,13 +153,13 @@ def _parameter(values: list[Any]) -> "pd.api.extensions.ExtensionArray":
     return _array(text, "string")
 
 
-def csv_of(table: "pd.DataFrame") -> bytes:
+def csv_of(table: pd.DataFrame) -> bytes:
     """The table as CSV: UTF-8, a header, numbers with all their digits."""
     words = {name: table[name].map({True: "true", False: "false"}) for name in table.select_dtypes("bool[pyarrow]")}
     return table.assign(**words).to_csv(index=False, lineterminator="\n").encode()
 
 
-def page_of(plan: Plan, table: "pd.DataFrame", plots: dict[str, bytes]) -> bytes:
+def page_of(plan: Plan, table: pd.DataFrame, plots: dict[str, bytes]) -> bytes:
     """The page as HTML, one file that opens from disk without a network.
 
     Args:
@@ -170,11 +167,6 @@ def page_of(plan: Plan, table: "pd.DataFrame", plots: dict[str, bytes]) -> bytes
         table: of all runs.
         plots: PNG by file name, which become part of the page.
     """
-    import jinja2
-    import pandas as pd
-
-    from mjsheaf.checking.finished import LEVEL
-
     environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
     environment.filters.update(shown=_shown, listed=_listed)
     statuses = table["status"].tolist()
