@@ -75,20 +75,13 @@ def sweep(
     )
     if plan.study.seeds is not None and not plan.seed_matters:
         note_idle_seed(plan.scenario["name"], plan.study.backend)
-    engine = partial(local_engine, workers, processes=not threads)
-    if scheduler is not None:
-        engine = partial(engine_at, scheduler, print_note)
-    ended = 0
+    here = partial(local_engine, workers, processes=not threads)
+    engine = here if scheduler is None else partial(engine_at, scheduler, print_note)
     with progress_bars() as bars:
-
-        def progress(what: str, done: int, total: int) -> None:
-            nonlocal ended
-            ended = done
-            bars(what, done, total)
-
         try:
-            study = run_study(plan, out, engine, retry_failed=retry_failed, progress=progress)
+            study = run_study(plan, out, engine, retry_failed=retry_failed, progress=bars)
         except Stopped as stopped:
+            ended = len(list(out.glob("runs/[0-9]*.json")))
             kept = f"{ended} of {len(plan.points)} runs have ended and are kept in {out}; the same command goes on"
             stopped.message = stopped.message.replace("nothing was written", kept)
             raise

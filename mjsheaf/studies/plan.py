@@ -10,7 +10,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from mjsheaf.errors import InputError, ScenarioError
-from mjsheaf.io.files import confined, list_studies
+from mjsheaf.io.files import confined, list_studies, naming
 from mjsheaf.io.section import describe_validation_error
 from mjsheaf.io.yaml import parse_yaml, read_yaml
 from mjsheaf.scenario import Scenario
@@ -196,10 +196,8 @@ def _vehicle_files(scenario: dict[str, Any], study: StudyFile, directory: Path) 
         from mjsheaf.vehicles.loading import files_of, read_description
 
         for path in [description, *files_of(description, read_description(description).mjcf)]:
-            try:
+            with naming(path, verb="read"):
                 digests[str(path)] = hashlib.sha256(path.read_bytes()).hexdigest()
-            except OSError as error:
-                raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
     return digests
 
 
