@@ -23,7 +23,6 @@ PEERS = {
 number of vehicles, and what ours are wanted to be over that. benchmarks/peers.py measures them where they are."""
 
 _GAINS = (5.0, 8.0, 10.0, 12.0)
-_SETTLING = 200  # steps before the clock starts
 
 
 def ideal(short: bool = False, end: float | None = None) -> list[Row]:
@@ -71,7 +70,7 @@ def _step(scenario: Scenario, repetitions: int, steps: int = 100) -> Row:
     to be seen; with that, as a World has it unless told otherwise, both steps are slower and their ratio is smaller.
     """
     world = World(scenario, visible=False)
-    world.step(_SETTLING)
+    world.step(200)  # before the clock starts
     model, twin = world.model, mujoco.MjData(world.model)
     turns = []
     for _ in range(repetitions):

@@ -7,8 +7,6 @@ import typer
 
 from mjsheaf.cli.terminal import make_console, make_table, progress_bars
 
-_WIDTH = 150  # columns of the table of `bench`, where the output is no terminal
-
 
 def list_(vehicles: Annotated[bool, typer.Option("--vehicles", help="List vehicles instead.")] = False) -> None:
     """List the scenarios and studies, or the vehicles, that come with mjsheaf."""
@@ -122,5 +120,5 @@ def bench(
         topic = row["topic"]
     console = make_console()
     if not console.is_terminal:
-        console.width = _WIDTH
+        console.width = 150  # columns
     console.print(table)

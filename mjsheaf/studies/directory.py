@@ -14,7 +14,7 @@ import json
 import os
 import re
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any
 
@@ -90,11 +90,9 @@ class StudyDirectory:
                     (self.path / name).unlink(missing_ok=True)
             _remove_empty([self.path / _RUNS, self.path / _TRAJECTORIES, *self._made])
 
-    @contextmanager
-    def writing(self) -> Iterator[None]:
+    def writing(self) -> AbstractContextManager[None]:
         """Turn an error of the file system into one that names the directory."""
-        with naming(self.path, "runs that have ended are kept, the same command goes on", PlaceError):
-            yield
+        return naming(self.path, "runs that have ended are kept, the same command goes on", PlaceError)
 
     def _file(self, folder: str, number: int) -> Path:
         return self.path / folder / f"{number:06d}.{'json' if folder == _RUNS else 'nc'}"

@@ -14,7 +14,7 @@ from matplotlib.colors import LogNorm, Normalize
 from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.plotting import BLUE, legend_below, log_axis, new_figure, save_figure
+from mjsheaf.plotting import BLUE, label_axes, legend_below, log_axis, new_figure, save_figure
 from mjsheaf.results.metrics import MEASURES
 from mjsheaf.studies.schema import Choice, LogUniform, StudyFile
 
@@ -188,8 +188,7 @@ def _fill_a_grid(axes: list[SweptAxis]) -> bool:
 
 def _marginal(panel: Any, label: str, y: Array, ends: Ends, axis: SweptAxis, over: str) -> None:
     """Values over one field; `over` says of what the band is the spread, where that is not the seeds alone."""
-    panel.set(xlabel=axis.name, ylabel=label)
-    panel.grid(True, which="major", alpha=0.3)
+    label_axes(panel, "", axis.name, label, which="major")
     if axis.log:
         log_axis(panel, "x", axis.places)
     if not axis.numeric:

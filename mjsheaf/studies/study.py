@@ -39,7 +39,6 @@ _COLUMNS = {
 """After `run` and the parameters: name to type."""
 
 _MOST_ROWS = 2000  # of the page
-_MOST_VALUES = 24  # of a field, on the page
 _WORD = re.compile(r"[\w./][\w./-]*")
 
 
@@ -168,7 +167,7 @@ def page_of(plan: Plan, table: pd.DataFrame, plots: dict[str, bytes]) -> bytes:
         plots: PNG by file name, which become part of the page.
     """
     environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
-    environment.filters.update(shown=_shown, listed=_listed)
+    environment.filters.update(shown=_shown)
     statuses = table["status"].tolist()
     example = statuses.index("finished") if "finished" in statuses else 0
     rows = [
@@ -218,8 +217,3 @@ def _cell(value: Any) -> str:
 def _shown(value: Any) -> str:
     """A value of what was asked."""
     return f"{value:g}" if isinstance(value, float) else value if isinstance(value, str) else json.dumps(value)
-
-
-def _listed(values: list[Any]) -> str:
-    more = f", ... ({len(values)} values)" if len(values) > _MOST_VALUES else ""
-    return ", ".join(map(_shown, values[:_MOST_VALUES])) + more
