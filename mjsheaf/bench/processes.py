@@ -30,8 +30,6 @@ process.returncode = os.waitstatus_to_exitcode(status)
 print(process.returncode, usage.ru_maxrss)
 """
 
-_BARE_FRAMES = 40  # drawn before the run, and again after it
-
 
 def _python(*arguments: str, **environment: str) -> str:
     """What a Python process prints.
@@ -183,7 +181,7 @@ def _bare_frame(painter: Any) -> float:
     for flag in COSTLY:
         renderer.scene.flags[flag.value] = False
     camera = mujoco.MjvCamera()
-    numbers = range(0, len(painter.times), max(1, len(painter.times) // _BARE_FRAMES))
+    numbers = range(0, len(painter.times), max(1, len(painter.times) // 40))  # some 40 frames
     seconds = []
     for number in [*numbers[:3], *numbers]:  # the first few warm it up
         begun = perf_counter()

@@ -32,9 +32,6 @@ VERTICES = 500
 GRID_SIDES = (100, 316, 1000)
 """Sides of the grids: 1e4, 1e5 and 1e6 vertices."""
 
-PINNED = 0.01
-"""Share of a grid's vertices whose value is given."""
-
 LARGE_WANTED = {
     "assembly_s": ("assembly, s", 3.0),
     "extension_s": ("harmonic extension, s", 10.0),
@@ -53,8 +50,8 @@ def sheaf(short: bool = False) -> list[Row]:
     for graph in ("path", "cycle"):
         for name, ms in measure_small(graph, 100 if short else 200).items():
             what, published = f"{graph} of {VERTICES}: {name.replace('_', ' ')}, ms", PUBLISHED_MS[name]
-            note = "CellularSheaves.jl, published"
-            rows.append(at_least("sheaf", what, ms, published, published / ms, WANTED["sheaf"], note))
+            ratio, source = published / ms, "CellularSheaves.jl, published"
+            rows.append(at_least("sheaf", what, ms, published, ratio, WANTED["sheaf"], source))
     grids = [measure_grid_apart(side) for side in (GRID_SIDES[:-1] if short else GRID_SIDES)]
     sizes = [grid["vertices"] for grid in grids]
     growth = float(np.polyfit(np.log(sizes), np.log([_total(grid) for grid in grids]), 1)[0])
@@ -108,14 +105,14 @@ def grid_maps(side: int, seed: int = 0) -> tuple[list[int], list[int], Array, Ar
         seed: of rotations, pinned vertices and their values.
 
     Returns:
-        Tails, heads, their maps (k, 3, 3), and the values of the pinned vertices.
+        Tails, heads, their maps (k, 3, 3), and the values of the pinned vertices, one in a hundred.
     """
     rng = np.random.default_rng(seed)
     number = np.arange(side * side).reshape(side, side)
     tails = np.concatenate([number[:, :-1].ravel(), number[:-1].ravel()])
     heads = np.concatenate([number[:, 1:].ravel(), number[1:].ravel()])
     frames = Rotation.random(side * side, rng).as_matrix().transpose(0, 2, 1)
-    pinned = np.sort(rng.choice(side * side, max(1, int(PINNED * side * side)), replace=False)).tolist()
+    pinned = np.sort(rng.choice(side * side, max(1, side * side // 100), replace=False)).tolist()
     values = dict(zip(pinned, rng.standard_normal((len(pinned), 3)), strict=True))
     return tails.tolist(), heads.tolist(), frames[tails], frames[heads], values
 

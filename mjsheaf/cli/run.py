@@ -198,7 +198,7 @@ def video(
     What is not given is taken from the run's scenario.
     """
     changes = {k: v for k, v in locals().items() if k not in ("directory", "out")}
-    from mjsheaf.results.store import open_run, save_summary
+    from mjsheaf.results.store import enclosing_run, open_run, save_summary
     from mjsheaf.runs.publish import video_entry
     from mjsheaf.scenario import load_scenario
     from mjsheaf.video import available_backend
@@ -210,7 +210,12 @@ def video(
         options = video_options(scenario, **changes)
         own = directory / "video.mp4"
         path = own if out is None else out
-        _check_place(path, own)
+        require_file_name("--out", path, ".mp4")
+        run = enclosing_run(path)
+        if run is not None and path.resolve() != own.resolve():  # before it is drawn
+            raise InputError(
+                f"--out {path}: lies in {run}, a run's directory; expected {own}, or a place outside of runs"
+            )
         backend, reason = available_backend()
         if backend is None:
             raise InputError(f"no video can be drawn here: {reason}")
@@ -219,16 +224,6 @@ def video(
     if path.resolve() == own.resolve():
         save_summary({**summary, "video": video_entry(frames, options)}, directory / "summary.json")
     print(f"{path}: {frames} frames, {options.width}x{options.height} at {options.fps:g} frames a second")
-
-
-def _check_place(path: Path, own: Path) -> None:
-    """Refuse a place where the video cannot lie, before it is drawn."""
-    from mjsheaf.results.store import enclosing_run
-
-    require_file_name("--out", path, ".mp4")
-    run = enclosing_run(path)
-    if run is not None and path.resolve() != own.resolve():
-        raise InputError(f"--out {path}: lies in {run}, a run's directory; expected {own}, or a place outside of runs")
 
 
 def _require_match(directory: Path, scenario: "Scenario", dataset: "xr.Dataset") -> None:

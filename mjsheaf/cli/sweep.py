@@ -86,11 +86,10 @@ def sweep(
             stopped.message = stopped.message.replace("nothing was written", kept)
             raise
     counts = Counter(record["status"] for record in study.records)
-    before = len(study.records) - study.begun
     failed = [record for record in study.records if record["status"] != "finished"]
     print_lines(
         f"{len(study.records)} runs: {', '.join(f'{count} {status}' for status, count in counts.items())}"
-        + (f" ({before} had ended before)" if before else ""),
+        + (f" ({len(study.records) - study.begun} had ended before)" if study.begun < len(study.records) else ""),
         *(f"  run {r['run']}: {r['status']}: {r['message'].removeprefix(r['status'] + ': ')}" for r in failed[:1]),
         *[f"  and {len(failed) - 1} more that did not finish; see {out / 'table.csv'}"] * (len(failed) > 1),
         *(f"  {out / name}" for name in study.files),

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-_NARROWEST = 20  # columns; in fewer, a table has no room for its text
 _WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated", signal.SIGHUP: "hung up"}
 _received: int | None = None
 
@@ -111,7 +110,7 @@ def make_console(**options: Any) -> "Console":
     from rich.console import Console
 
     console = Console(highlight=False, **options)
-    console.width = max(console.width, _NARROWEST)
+    console.width = max(console.width, 20)  # columns; in fewer, a table has no room for its text
     return console
 
 

@@ -30,8 +30,6 @@ _LEAST_AHEAD = 64
 _TOO_MUCH_MEMORY = 75
 """Exit code of a worker that took more than its share of memory."""
 
-_WATCH_S = 0.1  # between looks at a worker's memory
-
 _CONNECT_S = 10
 
 Work = Callable[[Job], JobResult]
@@ -165,7 +163,7 @@ def _watch(memory: int) -> None:
         while parent is not None and parent.is_alive():
             if me.memory_info().rss > memory:
                 os._exit(_TOO_MUCH_MEMORY)
-            parent.join(_WATCH_S)
+            parent.join(0.1)  # s between looks at the memory
         os._exit(1)
 
     Thread(target=watch, daemon=True).start()

@@ -26,9 +26,6 @@ STATUSES = ("finished", "unstable", "refused", "invalid", "failed", "lost")
 """How a run may end: well; blown up; refused, as its team is free to drift; invalid, as its point is no scenario; with
 an error that mjsheaf did not expect; with its worker, which died of it."""
 
-_LONGEST_MESSAGE = 600
-_MOST_WRITES = 5
-
 
 @cache
 def versions() -> dict[str, str]:
@@ -114,7 +111,7 @@ def new_record(point: Point, seed: int | None, status: str, message: str = "", *
         "parameters": point.parameters,
         "seed": seed,
         "status": status,
-        "message": shorten(message, _LONGEST_MESSAGE, placeholder=" ..."),
+        "message": shorten(message, 600, placeholder=" ..."),
         **dict.fromkeys(("final", "late", "settled", "ending", "bound_ratio")),
         **found,
     }
@@ -167,7 +164,7 @@ def _bytes_of(dataset: xr.Dataset) -> bytes:
     HDF5 once laid out a file differently for the same data, for no cause that thousands of writes since have shown;
     the bytes of a study must not depend on such an accident.
     """
-    for before, written in pairwise(dataset_bytes(dataset) for _ in range(_MOST_WRITES)):
+    for before, written in pairwise(dataset_bytes(dataset) for _ in range(5)):
         if written == before:
             break
     return written
