@@ -214,9 +214,9 @@ def engine_at(address: str, note: Callable[[str], None] | None = None) -> Iterat
         asyncio.run(_meet(address))  # first, as a client that nobody answers leaves a traceback behind
         client = Client(address, timeout=_CONNECT_S, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
-        reason = " ".join(str(error).split())
         raise SchedulerError(
-            f"--scheduler {address}: no scheduler answers: {reason}; expected an address as tcp://HOST:8786"
+            f"--scheduler {address}: no scheduler answers: {' '.join(str(error).split())}; expected an address as "
+            "tcp://HOST:8786"
         ) from None
 
     def submit(work: Work, job: Job) -> Future[JobResult]:

@@ -174,23 +174,28 @@ def page_of(plan: Plan, table: pd.DataFrame, plots: dict[str, bytes]) -> bytes:
         {name: _cell(value) for name, value in row.items() if pd.notna(value)}
         for row in table.head(_MOST_ROWS).to_dict("records")
     ]
-    page = environment.from_string(Path(__file__).with_name("page.html").read_text(encoding="utf-8")).render(
-        plan=plan,
-        study=plan.study,
-        version=__version__,
-        runs=len(table),
-        statuses=STATUSES,
-        counts=Counter(statuses),
-        plots={name: base64.b64encode(png).decode() for name, png in plots.items()},
-        level=LEVEL,
-        example=example,
-        command=command_of(plan, plan.points[example]),
-        columns=[name for name in table if table[name].replace("", None).notna().any()],  # others only widen the page
-        numbers={name for name in table if pd.api.types.is_numeric_dtype(table[name].dtype)},
-        measures=MEASURES,
-        rows=rows,
+    return (
+        environment.from_string(Path(__file__).with_name("page.html").read_text(encoding="utf-8"))
+        .render(
+            plan=plan,
+            study=plan.study,
+            version=__version__,
+            runs=len(table),
+            statuses=STATUSES,
+            counts=Counter(statuses),
+            plots={name: base64.b64encode(png).decode() for name, png in plots.items()},
+            level=LEVEL,
+            example=example,
+            command=command_of(plan, plan.points[example]),
+            columns=[
+                name for name in table if table[name].replace("", None).notna().any()
+            ],  # others only widen the page
+            numbers={name for name in table if pd.api.types.is_numeric_dtype(table[name].dtype)},
+            measures=MEASURES,
+            rows=rows,
+        )
+        .encode()
     )
-    return page.encode()
 
 
 def command_of(plan: Plan, point: Point) -> str:
