@@ -48,10 +48,10 @@ class UnstableError(MjsheafError):
 
 @contextmanager
 def in_field(field: str) -> Iterator[None]:
-    """Put the name of a field before the message of an InputError."""
+    """Put the name of a field before the message of an error."""
     try:
         yield
-    except InputError as error:
+    except MjsheafError as error:
         raise type(error)(f"{field}: {error}") from None
 
 

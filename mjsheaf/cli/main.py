@@ -8,7 +8,7 @@ import sys
 import warnings
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Annotated, Any, NoReturn
+from typing import Annotated, Any
 
 import typer
 
@@ -68,16 +68,10 @@ def main(arguments: list[str] | None = None) -> None:
     """Run the command line and exit."""
     open_streams()
     code = _exit_code(arguments)
-    if was_stopped():
-        _leave(code)
-    sys.exit(code)
-
-
-def _leave(code: int) -> NoReturn:
-    """End the process where a signal has stopped its work, without taking the interpreter down.
-
-    Threads may still be inside MuJoCo or OpenGL, which crash when what they use is freed.
-    """
+    if not was_stopped():
+        sys.exit(code)
+    # Without taking the interpreter down: threads may still be inside MuJoCo or OpenGL, which crash when what they use
+    # is freed.
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError):
             stream.flush()

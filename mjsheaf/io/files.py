@@ -27,6 +27,15 @@ _AT_FDCWD, _RENAME_EXCHANGE = -100, 2  # of Linux: fcntl.h, linux/fs.h
 
 
 @contextmanager
+def naming(place: object, hint: str = "", kind: type[InputError] = InputError, verb: str = "written") -> Iterator[None]:
+    """Turn an error of the file system into one that names the place and says what to do."""
+    try:
+        yield
+    except OSError as error:
+        raise kind(f"{place}: cannot be {verb}: {error.strerror or error}{hint and '; '}{hint}") from None
+
+
+@contextmanager
 def whole_file(path: Path, *, tidy: bool = True) -> Iterator[Path]:
     """Yield the place of a new, empty file that takes the place of `path` when the block ends without an exception.
 
@@ -86,7 +95,7 @@ def replace_file(path: Path, data: bytes, *, expected: bytes) -> None:
     """
     require_writable(path)
     real = path.resolve()
-    try:
+    with naming(path):
         if real.read_bytes() != expected:
             raise InputError(f"{path}: has changed meanwhile; nothing is written")
         with whole_file(real) as part:
@@ -95,8 +104,6 @@ def replace_file(path: Path, data: bytes, *, expected: bytes) -> None:
                 file.flush()
                 os.fsync(file.fileno())
             part.chmod(real.stat().st_mode & 0o7777)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
 def require_writable(path: Path) -> None:

@@ -41,7 +41,7 @@ class _Range(Section):
 
     @model_validator(mode="after")
     def _ordered(self) -> "_Range":
-        if self.high <= self.low:
+        if self.high < self.low or (self.high == self.low and not isinstance(self, Integers)):
             raise ValueError(f"high ({self.high}) must be above low ({self.low})")
         return self
 
@@ -81,18 +81,12 @@ class Normal(Section):
         return rng.normal(self.mean, self.deviation, count).tolist()
 
 
-class Integers(Section):
+class Integers(_Range):
     """Uniform on the integers from low to high, both included."""
 
     kind: Literal["integers"]
     low: Annotated[int, Field(gt=-(2**62), lt=2**62)]
     high: Annotated[int, Field(gt=-(2**62), lt=2**62)]
-
-    @model_validator(mode="after")
-    def _ordered(self) -> "Integers":
-        if self.high < self.low:
-            raise ValueError(f"high ({self.high}) must not be below low ({self.low})")
-        return self
 
     def sample(self, rng: np.random.Generator, count: int) -> list[Any]:
         """Draw `count` values."""
