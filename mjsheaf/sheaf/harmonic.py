@@ -38,7 +38,6 @@ from mjsheaf.sheaf.edges import (
     adjoint_product,
     bandwidth,
     block_rows,
-    fill_band,
     first_rows,
     laplacian_block,
     neighbours,
@@ -49,8 +48,6 @@ from mjsheaf.sheaf.sections import section_basis
 
 if TYPE_CHECKING:
     from mjsheaf.sheaf.sheaf import Sheaf
-
-Index = IntArray
 
 DIRECT_WORK = 5e8
 """Largest states * bandwidth^2 of a direct solution: a tenth of a second, once."""
@@ -194,7 +191,7 @@ class DirichletProblem:
             whole[self._columns_U] = flat.T
             w = product(self._table, whole)
             np.subtract(self._b[:, None], w, out=w)  # in place: a million vertices have enough arrays
-            result[:] = self._shortest(self.solver.least_squares(w)).T.reshape(result.shape)
+            result[:] = self._shortest(self.solver.solve(self._problem.pulled_back(w), w)).T.reshape(result.shape)
         return result
 
     def _shortest(self, x: Array) -> Array:
@@ -235,7 +232,7 @@ class DirichletProblem:
         return HarmonicExtension(self._sheaf.unpack(whole), self.unique, self.null_basis, energy)
 
 
-def _pivot_rows(null_basis: sparse.csc_array) -> Index:
+def _pivot_rows(null_basis: sparse.csc_array) -> IntArray:
     """As many rows as there are columns, on which they are independent; columns that share rows are treated apart."""
     pivots = [
         rows[linalg.qr(block.toarray().T, mode="r", pivoting=True)[1][: len(columns)]]
@@ -263,11 +260,11 @@ class FreeProblem:
     """
 
     table: EdgeTable
-    vertices: Index
-    columns: Index
+    vertices: IntArray
+    columns: IntArray
 
     @cached_property
-    def dimension(self) -> Index:
+    def dimension(self) -> IntArray:
         """Dimension of each free stalk, shape (W,)."""
         return self.table.column[self.vertices + 1] - self.table.column[self.vertices]
 
@@ -286,6 +283,10 @@ class FreeProblem:
         """D^T y for y of shape (m, k)."""
         return adjoint_product(self.table, y)[self.columns]
 
+    def left_over(self, x: Array, r: Array, w: Array | None) -> Array:
+        """R - H x; by D^T (w - D x), which is more exact, where r = D^T w."""
+        return r - self.pulled_back(self.image(x)) if w is None else self.pulled_back(w - self.image(x))
+
 
 class BandCholesky:
     """Cholesky factor of H in band storage, with a refinement by the residual of D x = w itself.
@@ -295,12 +296,16 @@ class BandCholesky:
         refinements: how many bring that to rounding.
     """
 
-    def __init__(self, problem: FreeProblem, place: Index, band: int, regularisation: Array) -> None:
-        """Factor H + diag(regularisation); `place`: first row of each free vertex in an order of that bandwidth."""
+    def __init__(self, problem: FreeProblem, order: IntArray, regularisation: Array) -> None:
+        """Factor H + diag(regularisation), with the free vertices in an order that keeps the band narrow."""
         self._problem, self._regularisation = problem, regularisation
+        place = first_rows(problem.table, order)
         self._to = ranges(place[problem.vertices], problem.dimension)
-        self._factor = np.zeros((problem.states, band + 1))
-        fill_band(problem.table, place, self._factor)
+        values, indices, indptr, diagonal = block_rows(problem.table, place, order, upper=True)
+        row = np.repeat(np.arange(problem.states), np.diff(indptr))
+        off = indices - row
+        self._factor = np.zeros((problem.states, off.max(initial=0) + 1))
+        self._factor[:, 0], self._factor[row, off] = diagonal, values
         self._factor[self._to, 0] += regularisation
         self.error = self._probed() if factor_band(self._factor) else np.inf
         self.refinements = 0 if self.error < _NO_REFINEMENT_BELOW else 1 if self.error < _ONE_REFINEMENT_BELOW else 5
@@ -316,20 +321,11 @@ class BandCholesky:
         solve_band(self._factor, ordered)
         return ordered[self._to]
 
-    def least_squares(self, w: Array) -> Array:
-        """X that minimises |D x - w|, for w of shape (m, k)."""
-        p = self._problem
-        return self._refined(p.pulled_back(w), lambda x: p.pulled_back(w - p.image(x)))
-
-    def solve(self, r: Array) -> Array:
-        """X with H x = r, for r of shape (n_W, k)."""
-        p = self._problem
-        return self._refined(r, lambda x: r - p.pulled_back(p.image(x)))
-
-    def _refined(self, r: Array, left_over: Callable[[Array], Array]) -> Array:
+    def solve(self, r: Array, w: Array | None = None) -> Array:
+        """X with H x = r, for r of shape (n_W, k); r = D^T w where w, shape (m, k), is given."""
         x = self._once(r)
         for _ in range(self.refinements):
-            x += self._once(left_over(x) - self._regularisation[:, None] * x)
+            x += self._once(self._problem.left_over(x, r, w) - self._regularisation[:, None] * x)
         return x
 
 
@@ -342,13 +338,9 @@ class DenseQR:
         Q, self._R = linalg.qr(np.vstack([D, scale * null.T]), mode="economic")
         self._Q_w = Q[: len(D)].T
 
-    def least_squares(self, w: Array) -> Array:
-        """X that minimises |D x - w|, for w of shape (m, k)."""
-        return linalg.solve_triangular(self._R, self._Q_w @ w)
-
-    def solve(self, r: Array) -> Array:
-        """X with H x = r, for r of shape (n_W, k)."""
-        return linalg.cho_solve((self._R, False), r)
+    def solve(self, r: Array, w: Array | None = None) -> Array:
+        """As `BandCholesky.solve`."""
+        return linalg.cho_solve((self._R, False), r) if w is None else linalg.solve_triangular(self._R, self._Q_w @ w)
 
 
 class ConjugateGradients:
@@ -367,22 +359,12 @@ class ConjugateGradients:
         self._rows = indptr, indices, values
         self.iterations, self.residual = 0, 0.0
 
-    def least_squares(self, w: Array) -> Array:
-        """X that minimises |D x - w|, for w of shape (m, k).
+    def solve(self, r: Array, w: Array | None = None) -> Array:
+        """As `BandCholesky.solve`, column by column; restarts on the true residual, which recurrences drift away from.
 
         Raises:
             SheafError: the residual stays over LARGEST_RESIDUAL.
         """
-        p = self._problem
-        return self._each(p.pulled_back(w), lambda x, k: p.pulled_back(w[:, k : k + 1] - p.image(x)))
-
-    def solve(self, r: Array) -> Array:
-        """X with H x = r, for r of shape (n_W, k); SheafError as in `least_squares`."""
-        p = self._problem
-        return self._each(r, lambda x, k: r[:, k : k + 1] - p.pulled_back(p.image(x)))
-
-    def _each(self, r: Array, left_over: Callable[[Array, int], Array]) -> Array:
-        """Column by column; `left_over` is the true residual of a column, which recurrences drift away from."""
         x = np.zeros_like(r)
         for k in range(r.shape[1]):
             column, left, size = x[:, k : k + 1], r[:, k : k + 1], _norm(r[:, k])
@@ -399,7 +381,7 @@ class ConjugateGradients:
                 )
                 step *= self._scale
                 column += step[:, None]
-                left = left_over(column, k)
+                left = self._problem.left_over(column, r[:, k : k + 1], None if w is None else w[:, k : k + 1])
                 self.iterations += iterations
                 self.residual = _norm(left[:, 0]) / size
             if not self.residual <= LARGEST_RESIDUAL:
@@ -429,11 +411,11 @@ def solver_of(problem: FreeProblem, null: sparse.csc_array, regularisation: Call
     free = first_rows(t, problem.vertices) >= 0
     graph = sparse.csr_array(neighbours(t, free), shape=(len(free), len(free)))
     order = csgraph.reverse_cuthill_mckee(graph, symmetric_mode=True)
-    place = first_rows(t, order[free[order]].astype(np.int64))
-    band = bandwidth(t, place)
+    order = order[free[order]].astype(np.int64)
+    band = bandwidth(t, first_rows(t, order))
     if n > DENSE_COLUMNS and n * float(band) ** 2 > DIRECT_WORK:
         return ConjugateGradients(problem)
-    factor = BandCholesky(problem, place, band, regularisation())
+    factor = BandCholesky(problem, order, regularisation())
     if factor.error <= _NO_QR_BELOW:
         return factor
     if n <= DENSE_COLUMNS:

@@ -32,7 +32,6 @@ from mjsheaf.sheaf.edges import (
 from mjsheaf.sheaf.harmonic import DirichletProblem, HarmonicExtension
 from mjsheaf.sheaf.sections import certified_sections, section_basis
 
-Index = IntArray
 Cochain = Array | Mapping[Hashable, ArrayLike]
 
 
@@ -99,18 +98,18 @@ class Sheaf:
             listed = ", ".join(map(repr, known[:12])) + (", ..." if len(known) > 12 else "")
             raise SheafError(f"unknown vertex {vertex!r}; the vertices are {listed}") from None
 
-    def numbers(self, vertices: Sequence[Hashable]) -> Index:
+    def numbers(self, vertices: Sequence[Hashable]) -> IntArray:
         """Numbers of the given vertices, counted from 0 in vertex order."""
         try:
             return np.fromiter(map(self._number.__getitem__, vertices), np.int64, len(vertices))
         except (KeyError, TypeError):
             return np.array([self._find(v) for v in vertices], dtype=np.int64)
 
-    def columns(self, vertices: Iterable[Hashable]) -> Index:
+    def columns(self, vertices: Iterable[Hashable]) -> IntArray:
         """Columns of the coboundary that belong to the given vertices, in the given order."""
         return self.columns_of(self.numbers(list(vertices)))
 
-    def columns_of(self, numbers: Index) -> Index:
+    def columns_of(self, numbers: IntArray) -> IntArray:
         """The same for vertices given by number."""
         return ranges(self._column[numbers], self._dimension[numbers])
 
@@ -348,7 +347,7 @@ class Sheaf:
     def _merged(self) -> list[EdgeBundle]:
         return merge(self._bundles)
 
-    def _rows(self) -> list[Index]:
+    def _rows(self) -> list[IntArray]:
         """First row of each edge in the coboundary, an array for each merged bundle."""
         return np.split(self.table.row, np.cumsum([len(b.number) for b in self._merged]))[:-1]
 
