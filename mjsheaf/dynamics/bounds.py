@@ -152,13 +152,12 @@ def _supremum(
     if not kernels.count:
         value = 0.0 if slope else float(np.linalg.norm(kernels.drift))
         return result(value, value, 0.5 * (a + b)[0])
-    for centre in kernels.singular:
-        if np.any(np.all((a <= centre) & (centre <= b), axis=1)):
-            return result(np.inf, np.inf, centre)
+    for centre in _inside(kernels.singular, a, b):
+        return result(np.inf, np.inf, centre)
 
     points = kernels.candidates()
     # In one box those outside have their nearest point inside it; in several, only those inside one count.
-    points = np.clip(points, a, b) if len(a) == 1 else _inside(points, a, b)
+    points = np.clip(points, a, b) if len(a) == 1 else np.concatenate([_inside(points, a, b), 0.5 * (a + b)])
     values = kernels.values(points, slope)
     seen, at = float(values.max()), points[np.argmax(values)]
     centres, halves, uppers = 0.5 * (a + b), 0.5 * (b - a), np.empty(len(a))
@@ -193,9 +192,8 @@ def _supremum(
 
 
 def _inside(points: Array, low: Array, high: Array) -> Array:
-    """The points (k, n) that lie in one of the boxes, and the boxes' centres."""
-    held = [p for p in points if np.any(np.all((low <= p) & (p <= high), axis=1))]
-    return np.concatenate([np.array(held).reshape(-1, points.shape[1]), 0.5 * (low + high)])
+    """Those of the points (k, n) that lie in one of the boxes."""
+    return points[[bool(np.any(np.all((low <= p) & (p <= high), axis=1))) for p in points]]
 
 
 def _cut(centres: Array, halves: Array, uppers: Array) -> tuple[Array, Array, Array]:

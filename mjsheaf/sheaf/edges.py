@@ -319,10 +319,12 @@ def block_rows(
         sign: a factor.
         upper: whether to keep only what lies above the diagonal; the diagonal comes last then, else an empty array.
     """
-    indptr = block_row_lengths(t, place, columns, upper, int(np.diff(t.column)[place >= 0].sum()))
+    indptr = np.zeros(int(np.diff(t.column)[place >= 0].sum()) + 1, dtype=np.int64)
+    nothing = indptr, np.empty(0, dtype=np.int32), np.empty(0)
+    np.cumsum(fill_block(t, place, columns, upper, sign, nothing, np.empty(0), True), out=indptr[1:])
     indices = np.empty(indptr[-1], dtype=np.int32 if indptr[-1] < 2**31 else np.int64)
     values, diagonal = np.zeros(indptr[-1]), np.zeros(len(indptr) - 1 if upper else 0)
-    fill_block(t, place, columns, upper, sign, (indptr, indices, values), diagonal)
+    fill_block(t, place, columns, upper, sign, (indptr, indices, values), diagonal, False)
     return values, indices, indptr, diagonal
 
 
@@ -400,33 +402,8 @@ def _add_adjoint_times(t, y, x):
 
 
 @allocating_jit
-def block_row_lengths(t, place, columns, upper, rows):
-    """The row pointers (rows + 1,) of the block of L that `fill_block` fills."""
-    column, tail, head, first, incident = t.column, t.tail, t.head, t.first, t.incident
-    indptr = np.zeros(rows + 1, dtype=np.int64)
-    last = np.full(len(place), -1, dtype=np.int64)
-    begin = 0
-    for u in columns:
-        n_u = column[u + 1] - column[u]
-        for at in range(first[u], first[u + 1]):
-            e = incident[at]
-            for v in (u, head[e] if tail[e] == u else tail[e]):
-                if place[v] < 0 or last[v] == u or (upper and place[v] > begin):
-                    continue
-                last[v] = u
-                for a in range(column[v + 1] - column[v]):
-                    row = place[v] + a
-                    skip = min(max(row + 1 - begin, 0), n_u) if upper else 0
-                    indptr[row + 1] += n_u - skip
-        begin += n_u
-    for a in range(rows):
-        indptr[a + 1] += indptr[a]
-    return indptr
-
-
-@allocating_jit
-def fill_block(t, place, columns, upper, sign, rows, diagonal):
-    """Fill a block of sign * L.
+def fill_block(t, place, columns, upper, sign, rows, diagonal, counting):
+    """Fill a block of sign * L; return where its rows end, which counts what they need if all begin at 0.
 
     Columns are walked in order and append themselves to the rows that they meet: rows come out sorted without sorting.
 
@@ -438,6 +415,7 @@ def fill_block(t, place, columns, upper, sign, rows, diagonal):
         sign: a factor.
         rows: (indptr, indices, values), compressed rows; values are zero before.
         diagonal: shape (rows,), zero before; not touched unless `upper`.
+        counting: whether to count alone, and to fill nothing.
     """
     _, column, tail, head, _, size, F, at_tail, at_head, first, incident = t
     indptr, indices, values = rows
@@ -466,9 +444,9 @@ def fill_block(t, place, columns, upper, sign, rows, diagonal):
                     if new:
                         start[row] = end[row]
                         end[row] += n_u - skip
-                        for b in range(skip, n_u):
+                        for b in range(n_u if counting else skip, n_u):
                             indices[start[row] + b - skip] = begin + b
-                    for b in range(max(skip - 1, 0), n_u):
+                    for b in range(n_u if counting else max(skip - 1, 0), n_u):
                         if b < skip and row != begin + b:
                             continue
                         total = 0.0
@@ -479,6 +457,7 @@ def fill_block(t, place, columns, upper, sign, rows, diagonal):
                         else:
                             values[start[row] + b - skip] += factor * total
         begin += n_u
+    return end
 
 
 @allocating_jit

@@ -149,8 +149,7 @@ class DirichletProblem:
     @cached_property
     def null_basis(self) -> Array:
         """`sparse_null_basis` as a dense array."""
-        basis = self.sparse_null_basis
-        return basis.toarray() if basis.shape[1] else np.zeros(basis.shape)
+        return self.sparse_null_basis.toarray()
 
     @property
     def unique(self) -> bool:
@@ -226,10 +225,15 @@ class DirichletProblem:
         whole = np.zeros(int(self._table.column[-1]))
         whole[self._columns_U] = y = np.concatenate(values)
         whole[self._columns_W] = self.extend(y)
-        residual = product(self._table, whole[:, None])[:, 0]
-        residual -= self._b
-        energy = 0.5 * float(np.einsum("i,i->", residual, residual))
+        energy = energy_of(self._table, whole, self._b)
         return HarmonicExtension(self._sheaf.unpack(whole), self.unique, self.null_basis, energy)
+
+
+def energy_of(t: EdgeTable, x: Array, b: Array) -> float:
+    """Half the square of |delta x - b|, for whitened edges."""
+    residual = product(t, x[:, None])[:, 0]
+    residual -= b  # in place: a million vertices have enough arrays
+    return 0.5 * float(np.einsum("i,i->", residual, residual))  # a BLAS product depends on the number of threads
 
 
 def _pivot_rows(null_basis: sparse.csc_array) -> IntArray:

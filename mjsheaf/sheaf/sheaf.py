@@ -29,7 +29,7 @@ from mjsheaf.sheaf.edges import (
     require_positive_definite,
     tabulate,
 )
-from mjsheaf.sheaf.harmonic import DirichletProblem, HarmonicExtension
+from mjsheaf.sheaf.harmonic import DirichletProblem, HarmonicExtension, energy_of
 from mjsheaf.sheaf.sections import certified_sections, section_basis
 
 Cochain = Array | Mapping[Hashable, ArrayLike]
@@ -334,10 +334,9 @@ class Sheaf:
         for e in edges:
             if isinstance(e, bool) or not isinstance(e, int | np.integer) or not 0 <= e < self._edges:
                 raise SheafError(f"unknown edge {e!r}; expected a number from 0 to {self._edges - 1}")
-            if chosen[e]:
-                raise SheafError(f"edge {e} is named twice")
-            if not inside[e]:
-                raise SheafError(f"edge {e} has an end outside of the subgraph's vertices")
+            if chosen[e] or not inside[e]:
+                wrong = "is named twice" if chosen[e] else "has an end outside of the subgraph's vertices"
+                raise SheafError(f"edge {e} {wrong}")
             chosen[e] = True
         return chosen
 
@@ -423,8 +422,7 @@ class Sheaf:
 
     def dirichlet_energy(self, x: Cochain) -> float:
         """Half the squared K-norm of the residual delta x - b."""
-        residual = product(self.whitened_table, self.pack(x)[:, None])[:, 0] - self.whitened_offset()
-        return 0.5 * float(np.einsum("i,i->", residual, residual))  # a BLAS product depends on the number of threads
+        return energy_of(self.whitened_table, self.pack(x), self.whitened_offset())
 
     # -- cohomology --------------------------------------------------------------------------------------------
 
