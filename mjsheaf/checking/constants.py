@@ -19,7 +19,7 @@ import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.checking.targets import Carrier, Cells, TargetPath
-from mjsheaf.dynamics.bounds import Supremum, largest_speed, lipschitz_constant
+from mjsheaf.dynamics.bounds import Supremum, supremum
 from mjsheaf.dynamics.disturbance import evaluate
 from mjsheaf.system import System
 
@@ -203,20 +203,20 @@ class Tube:
     @cached_property
     def slope(self) -> Supremum:
         """rho: the largest Lipschitz constant of the flow that agents meet in their boxes, 1/s."""
-        return self._largest(lipschitz_constant)
+        return self._largest(slope=True)
 
     @cached_property
     def speed(self) -> Supremum:
         """The largest speed of the flow that agents meet in their boxes, without uniform drift, m/s."""
-        return self._largest(lambda *box, planar: largest_speed(*box, planar=planar, drift=False))
+        return self._largest(slope=False)
 
-    def _largest(self, of: Callable[..., Supremum]) -> Supremum:
+    def _largest(self, *, slope: bool) -> Supremum:
         system, members, found = self.system, self.system.team.members, []
         kinds = [(int(system.field[i]), members[i].dimension == 2) for i in range(self.low.shape[1])]
         for field, planar in dict.fromkeys(kinds):
             own = [i for i, kind in enumerate(kinds) if kind == (field, planar)]
             boxes = np.unique(np.stack([x[:, own].reshape(-1, 3) for x in (self.low, self.high)], axis=1), axis=0)
-            found.append(of(system.flows[field], boxes[:, 0], boxes[:, 1], planar=planar))
+            found.append(supremum(system.flows[field], *boxes.swapaxes(0, 1), planar=planar, slope=slope, drift=False))
         return max(found, key=lambda s: s.upper)
 
 

@@ -100,13 +100,13 @@ def compare(
 
     loaded, directory, origin = prepare(scenario, overrides, seed, out, "physics", "compare")
     with in_field(scenario), progress_bars() as bars:
-        published = publish(loaded, directory, video=video, origin=origin, progress=bars)
-    for note in published.notes:
+        record, notes, replaced = publish(loaded, directory, video=video, origin=origin, progress=bars)
+    for note in notes:
         print_note(note)
     console = make_console()
     console.width = max(console.width, WIDTH)
-    console.print(report(published.record))
-    print_lines(*filter(None, [published.replaced]), *(f"  {path}" for path in sorted(directory.iterdir())))
-    for rung in map(published.record.rung, ("ideal", "all")):
+    console.print(report(record))
+    print_lines(*filter(None, [replaced]), *(f"  {path}" for path in sorted(directory.iterdir())))
+    for rung in map(record.rung, ("ideal", "all")):
         if rung.status != "finished":
             raise UnstableError(f"{rung.label}: {rung.message}; what was found is in {directory}")

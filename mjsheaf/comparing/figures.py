@@ -97,8 +97,10 @@ def plot_convergence(record: CompareRecord, path: Path) -> None:
         axis.legend(frameon=False)
     else:
         axis.text(0.5, 0.5, found.reason or "too few runs came to their end", transform=axis.transAxes, ha="center")
-    y = f"both begun at q*, from {found.start_s:.2g} s to {found.end_s:.2g} s"
-    y = f"largest distance of an agent to its ideal run (m)\n{y}"
+    y = (
+        "largest distance of an agent to its ideal run (m)\n"
+        f"both begun at q*, from {found.start_s:.2g} s to {found.end_s:.2g} s"
+    )
     label_axes(axis, title, "time constant tau of every vehicle (s)", y, which="both")
     save_figure(figure, path)
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from mjsheaf.arrays import Array
-from mjsheaf.sheaf.blocks import Index, assembled, parts
+from mjsheaf.arrays import Array, IntArray
+from mjsheaf.sheaf.blocks import assembled, parts
 from mjsheaf.team.team import Team
 
 _AXES = "xyz"
@@ -32,14 +32,14 @@ class NullMode:
         steps: how each moves, padded with zeros, shape (k, 3).
     """
 
-    agents: Index
+    agents: IntArray
     steps: Array
 
 
 # -- a sparse basis --------------------------------------------------------------------------------------------
 
 
-def sparsified(basis: sparse.csr_array, owner: Index) -> sparse.csc_array:
+def sparsified(basis: sparse.csr_array, owner: IntArray) -> sparse.csc_array:
     """A basis of the same space in which few agents move, and along axes where that is possible.
 
     Independent parts come apart, and no vector's support contains that of another: they form a reduced echelon form.
@@ -66,7 +66,7 @@ def sparsified(basis: sparse.csr_array, owner: Index) -> sparse.csc_array:
     return found[:, np.argsort(found.indices[found.indptr[:-1]], kind="stable")]
 
 
-def _pivots(block: Array, owner: Index) -> Index:
+def _pivots(block: Array, owner: IntArray) -> IntArray:
     """Rows that determine all others, all of one agent where it has as many."""
     residual, pivots = block.copy(), list[int]()
     while len(pivots) < block.shape[1]:
@@ -81,7 +81,7 @@ def _pivots(block: Array, owner: Index) -> Index:
     return np.array(pivots, dtype=np.int64)
 
 
-def _echelon(block: Array, pivots: Index) -> Array:
+def _echelon(block: Array, pivots: IntArray) -> Array:
     """The basis in which each pivot row is moved by one vector alone, scaled to largest entry 1."""
     vectors = np.linalg.solve(block[pivots].T, block.T).T
     vectors[np.abs(vectors) <= _ENTRY_ROUNDING * np.abs(vectors).max()] = 0.0
@@ -89,7 +89,7 @@ def _echelon(block: Array, pivots: Index) -> Array:
     return vectors / vectors[largest, np.arange(vectors.shape[1])]
 
 
-def _exchanged(pivots: Index, block: Array, owner: Index) -> Index:
+def _exchanged(pivots: IntArray, block: Array, owner: IntArray) -> IntArray:
     """Exchange one pivot after another while that leaves fewer agents, or else fewer coordinates, moving."""
     if block.shape[1] == 1:
         return pivots
@@ -140,7 +140,7 @@ def null_mode_basis(team: Team) -> sparse.csc_array:
     return sparsified(basis.tocsr(), team.slots[: basis.shape[0]] // 3)
 
 
-def null_mode_of(team: Team, values: Array, rows: Index | None = None) -> NullMode:
+def null_mode_of(team: Team, values: Array, rows: IntArray | None = None) -> NullMode:
     """A vector of the agents as a mode: its entries (k,), at ascending rows of the stacked q, all by default."""
     agent, axis = np.divmod(team.slots[: len(values)] if rows is None else team.slots[rows], 3)
     agents, place = np.unique(agent, return_inverse=True)
@@ -205,7 +205,7 @@ def _listed(names: Sequence[str], last: str = ", ") -> str:
     return last.join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
-def _direction(step: Array, team: Team, agents: Index) -> str:
+def _direction(step: Array, team: Team, agents: IntArray) -> str:
     """An axis by name, or a unit vector in the coordinates that the agents have."""
     axes = np.flatnonzero(step)
     if len(axes) == 1:
