@@ -41,8 +41,9 @@ class _Range(Section):
 
     @model_validator(mode="after")
     def _ordered(self) -> "_Range":
-        if self.high < self.low or (self.high == self.low and not isinstance(self, Integers)):
-            raise ValueError(f"high ({self.high}) must be above low ({self.low})")
+        whole = isinstance(self, Integers)  # of which both ends are drawn
+        if self.high < self.low or (self.high == self.low and not whole):
+            raise ValueError(f"high ({self.high}) must {'not be below' if whole else 'be above'} low ({self.low})")
         return self
 
 
