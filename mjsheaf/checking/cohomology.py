@@ -97,7 +97,7 @@ def agent_coboundary(team: Team) -> tuple[sparse.csr_array, sparse.csr_array]:
     """The coboundary on the agents, rows in the order of the sheaf's edges, columns in that of the stacked q.
 
     Returns:
-        delta, shape (m, n), whose kernel is the relative cohomology; and D = K^{1/2} delta, (m, n), with H = D^T D.
+        delta, shape (m, n), whose null space is the relative cohomology; and D = K^{1/2} delta, (m, n), with H = D^T D.
     """
     columns = team.sheaf.columns(team.dirichlet.interior)
     return team.sheaf.coboundary()[:, columns], team.sheaf.whitened_coboundary()[:, columns]
@@ -119,7 +119,7 @@ def _above_zero(D: sparse.csr_array, null: sparse.csc_array, count: int) -> tupl
 
     Args:
         D: shape (m, n).
-        null: orthonormal basis of the kernel of delta, shape (n, r).
+        null: orthonormal basis of the null space of delta, shape (n, r).
         count: how many.
     """
     null_rows, pieces = null.tocsr(), list(parts(sparser_rows(D)))
@@ -139,7 +139,7 @@ def _above_zero(D: sparse.csr_array, null: sparse.csc_array, count: int) -> tupl
 
 
 def _of_component(D: sparse.csr_array, known: Array, count: int) -> tuple[Array, Array]:
-    """The `count` smallest eigenvalues of D^T D off its kernel `known`, with orthonormal vectors."""
+    """The `count` smallest eigenvalues of D^T D off its null space `known`, with orthonormal vectors."""
     gram = D.T @ D
     n, r = known.shape
     if n <= DENSE_STATES:
@@ -152,7 +152,7 @@ def _of_component(D: sparse.csr_array, known: Array, count: int) -> tuple[Array,
         factor = shifted_factor(gram, 1e-10 * float(abs(gram).sum(axis=1).max()))
         candidates = smallest_eigenvectors(factor, known, count, EIGENVALUE_TOLERANCE)
     if r:
-        # Eigenvectors of H mix its kernel with what is close to it; the kernel itself was found on D, exactly.
+        # Eigenvectors of H mix its null space with what is close to it; the null space itself was found on D, exactly.
         candidates = np.linalg.svd(candidates - known @ (known.T @ candidates), full_matrices=False)[0][:, :count]
     # Squaring lost what is under 1e-8 of the largest singular value; D still has it.
     _, singular, turn = np.linalg.svd(np.linalg.qr(D @ candidates, mode="r"), full_matrices=True)

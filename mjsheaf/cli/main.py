@@ -121,8 +121,19 @@ def _exit_code(arguments: list[str] | None) -> int:
         if not hasattr(error, "format_message"):
             raise
         message = error.format_message()  # empty where help itself was the answer
-        message = message.replace("Value error, ", "")  # as the command-line library's own library has it
+        for its, ours in _PLAINER.items():
+            message = message.replace(its, ours)
         return _complain(f"{message} (see mjsheaf --help)", InputError.exit_code) if message else InputError.exit_code
+
+
+_PLAINER = {
+    "Value error, ": "",
+    "Input should be greater than or equal to ": "expected at least ",
+    "Input should be less than or equal to ": "expected at most ",
+    "Input should be ": "expected ",
+    " is not one of ": ": expected one of ",
+}
+"""What the command-line library and its validator say, and what mjsheaf says."""
 
 
 class _Notes(logging.Handler):

@@ -90,7 +90,7 @@ def _gather(trajectory: Trajectory) -> xr.Dataset:
     add("disagreement_vector", body, padded(log.residual)[:, :N], "m", "eta_i, the disagreement, as the law had it")
     add("tracking_error", ("time", "agent"), errors.tracking, "m", "|q*_i - q_i|")
     add("velocity_command", body, padded(log.command)[:, :N], "m s-1",
-        "commanded velocity of each agent relative to the medium, as the law gave it: -k1 eta_i, limited")  # fmt: skip
+        "commanded velocity of each agent relative to the medium, as the law gave it, limited: -k1 eta_i, or as a law in Python has it")  # fmt: skip
     add("formation_error", ("time",), errors.formation_rms(), "m", "RMS residual over the edges inside formations")
     add("centering_error", ("time",), errors.largest_centering(), "m",
         "largest distance of a group's centroid from where its formation wants it")  # fmt: skip
@@ -117,7 +117,7 @@ def _gather(trajectory: Trajectory) -> xr.Dataset:
     else:
         used = np.arange(log.inputs.shape[2]) < system.effectiveness.inputs[:, None]
         add("command", ("time", "agent", "channel"), np.where(used, log.inputs, np.nan), "1",
-            "u_i = g_i^+ (-k1 eta_i), control input of each agent")  # fmt: skip
+            "u_i = g_i^+ times the velocity command, control input of each agent")  # fmt: skip
     return xr.Dataset(variables, coordinates)
 
 

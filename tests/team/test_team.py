@@ -239,5 +239,5 @@ def test_edges_that_do_not_fit_the_stalks_are_refused(wrong: Edge) -> None:
 
 
 def test_a_loop_is_refused() -> None:
-    with pytest.raises(InputError, match=r"communication.0: \(B1, B1\) is a loop"):
+    with pytest.raises(InputError, match=r"communication.0: \(B1, B1\)"):
         Team(A, T, [edge("B1", "B1")], [])
