@@ -27,7 +27,7 @@ from scipy import sparse
 
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.checking.cohomology import Spectrum
-from mjsheaf.control.law import ControlArrays, new_memory, pack_edges, sample
+from mjsheaf.control.law import ControlArrays, evaluate_law, new_memory, pack_edges
 from mjsheaf.dynamics import disturbance
 from mjsheaf.dynamics.disturbance import disturbance_velocity
 from mjsheaf.dynamics.flow import flow_scale, flow_slope
@@ -304,7 +304,7 @@ def _follow(follow, setting, run, x, bound, cells, samples):
     k, done, step, count = 0, 0.0, run.period, 0
     while k < len(times) - 1:
         if done == 0.0 and follow is None:
-            sample(control, times[k], x, run.memory)
+            evaluate_law(control, times[k], x, run.memory)
         while done < period:
             t = times[k] + done
             slope_of(follow, run, t, x, 0, M, run.slope[0])

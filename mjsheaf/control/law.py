@@ -1,8 +1,8 @@
 """The law of a team as stages over its edges: measure, pull back, terms, reference, limit.
 
-`sample` is the list of stages. Both backends run it once a control period (or inside the integrator, where the control
-period is 0), and what it leaves in `Memory` is what runs record. On an edge e = (i, j) with maps F, weight K and
-desired value b,
+`evaluate_law` is the list of stages. Both backends run it once a control period (or inside the integrator, where the
+control period is 0), and what it leaves in `Memory` is what runs record. On an edge e = (i, j) with maps F, weight K
+and desired value b,
 
     measure     y_e = F_j x_j - F_i x_i
     pull back   eta_i = sum of -F_i^T K (y_e + b_e) over the edges whose tail is i, F_j^T K (y_e + b_e) where i is head
@@ -104,7 +104,7 @@ def new_memory(law: LawArrays, V: int) -> Memory:
 
 
 @inline_jit
-def sample(control, t, x, memory):
+def evaluate_law(control, t, x, memory):
     """Sample every onboard computer at time t, s: write memory.y, residual and command for positions x (V, 3), m."""
     law = control.law
     measure(law.edges, x, memory.y)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.control.controller import Controller, Law, controller_of
-from mjsheaf.control.law import ControlArrays, Memory, new_memory, sample
+from mjsheaf.control.law import ControlArrays, Memory, evaluate_law, new_memory
 from mjsheaf.dynamics.disturbance import evaluate_sines
 from mjsheaf.engine import mujoco
 from mjsheaf.errors import InputError, UnstableError, expected
@@ -109,7 +109,7 @@ def close_loop(loop, t, due):
     medium, kinds, bodies, q = loop.medium, loop.fleet.kinds, loop.fleet.bodies, loop.qpos
     if due:
         controlled_positions(loop.fleet, loop.qpos, loop.x)
-        sample(loop.control, t, loop.x, loop.memory)
+        evaluate_law(loop.control, t, loop.x, loop.memory)
     evaluate_sines(medium.harmonics, t, 0, bodies.shape[0], loop.sines)
     for v in range(bodies.shape[0]):
         body = bodies[v]

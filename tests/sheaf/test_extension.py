@@ -186,11 +186,11 @@ def test_wrong_boundaries_are_refused() -> None:
     sheaf.add_edge("a", "b", np.eye(2), np.eye(2))
     with pytest.raises(SheafError, match="named twice"):
         sheaf.dirichlet_problem(["a", "a"])
-    with pytest.raises(SheafError, match="'c'.* 'a', 'b'"):
+    with pytest.raises(SheafError, match=r"'c'.* 'a', 'b'"):
         sheaf.harmonic_extension({"c": [0, 0]})
     with pytest.raises(SheafError, match=r"'b'.* \(3,\).* \(2,\)"):
         sheaf.harmonic_extension({"b": [0, 0, 0]})
-    with pytest.raises(SheafError, match="'b'.* finite"):
+    with pytest.raises(SheafError, match=r"'b'.* finite"):
         sheaf.harmonic_extension({"b": [0, np.nan]})
     with pytest.raises(SheafError, match="unknown vertex 'c'"):
         sheaf.relative_sections(["c"])
