@@ -90,7 +90,7 @@ def _gather(trajectory: Trajectory) -> xr.Dataset:
     add("disagreement_vector", body, padded(log.residual)[:, :N], "m", "eta_i, the disagreement, as the law had it")
     add("tracking_error", ("time", "agent"), errors.tracking, "m", "|q*_i - q_i|")
     add("velocity_command", body, padded(log.command)[:, :N], "m s-1",
-        "commanded velocity of each agent relative to the medium, limited: -k1 eta_i, or of a law in Python")  # fmt: skip
+        "commanded velocity relative to the medium, limited: -k1 eta_i, or of a law in Python")  # fmt: skip
     add("formation_error", ("time",), errors.formation_rms(), "m", "RMS residual over the edges inside formations")
     add("centering_error", ("time",), errors.largest_centering(), "m",
         "largest distance of a group's centroid from where its formation wants it")  # fmt: skip
