@@ -345,13 +345,13 @@ class World:
         """Go on from a state of `get_state`, to the bit as the world did from which it was taken.
 
         Raises:
-            InputError: the state is of another size: it is not one of this scenario.
+            InputError: the state is of another size, so not one of this scenario, or not finite.
         """
         values, before = np.ascontiguousarray(state, dtype=np.float64), self.get_state()
-        if values.ndim != 1 or not self._restore(values):
+        if values.ndim != 1 or not np.isfinite(values).all() or not self._restore(values):
             self._restore(before)
             raise InputError(
-                f"state has shape {values.shape}; expected {before.shape}, as get_state gives it for this scenario"
+                f"state has shape {values.shape}; expected {before.shape} finite numbers, as get_state gives them"
             )
         mujoco.mj_fwdPosition(self.model, self.data)
 
