@@ -20,7 +20,7 @@ from mjsheaf.cli.options import (
     require_file_name,
 )
 from mjsheaf.cli.terminal import make_console, make_table, print_lines, print_note, progress_bars
-from mjsheaf.errors import InputError, MjsheafError, UnstableError, in_field
+from mjsheaf.errors import InputError, MjsheafError, PlaceError, UnstableError, in_field
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -81,6 +81,8 @@ def run(
                 origin=origin,
                 progress=bars,
             )
+    except PlaceError:
+        raise
     except MjsheafError as error:
         other = expect and refusal is not None and refusal not in str(error)
         verdict = f" (NOT as expected: expect.refused is {refusal!r})" if other else ""

@@ -15,7 +15,7 @@ import xarray as xr
 from pydantic_core import to_json
 
 from mjsheaf._version import __version__
-from mjsheaf.errors import InputError
+from mjsheaf.errors import InputError, PlaceError
 from mjsheaf.io.files import is_part_of, whole_directory, write_whole
 from mjsheaf.results.netcdf import open_dataset
 
@@ -52,10 +52,6 @@ RESULT_DIGEST = "result_sha256"
 
 _RECORDS = ("summary.json", "compare.json")
 _SCENARIO_SUFFIXES = (".yaml", ".yml")
-
-
-class PlaceError(InputError):
-    """The place where results should go cannot be used."""
 
 
 def check_replaceable(directory: Path) -> None:

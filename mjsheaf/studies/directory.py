@@ -18,10 +18,10 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any
 
-from mjsheaf.errors import InputError, shortened
+from mjsheaf.errors import InputError, PlaceError, shortened
 from mjsheaf.io.files import is_part_of, naming, write_whole
 from mjsheaf.io.yaml import dump_yaml
-from mjsheaf.results.store import PlaceError, digest, enclosing_run, read_mapping
+from mjsheaf.results.store import digest, enclosing_run, read_mapping
 from mjsheaf.studies.job import STATUSES, JobResult
 from mjsheaf.studies.plan import Plan
 from mjsheaf.studies.schema import Point

@@ -12,8 +12,7 @@ from typing import Any
 
 import pytest
 
-from mjsheaf.errors import InputError
-from mjsheaf.results.store import PlaceError
+from mjsheaf.errors import InputError, PlaceError
 from mjsheaf.studies import Plan, run_study
 from mjsheaf.studies.directory import BusyError, open_directory
 from mjsheaf.studies.engine import SchedulerError
