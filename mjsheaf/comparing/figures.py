@@ -10,7 +10,8 @@ from mjsheaf.arrays import Array
 from mjsheaf.comparing.ladder import Run, RungRecord, display_name
 from mjsheaf.comparing.measures import FORMATION, TEAM, TRACKING, BudgetRecord, distances
 from mjsheaf.comparing.verdict import CompareRecord
-from mjsheaf.plotting import BLUE, RED, label_axes, legend_below, log_axis, new_figure, palette, save_figure, thin
+from mjsheaf.plotting import BLUE, RED, label_axes, legend_below, log_axis, new_figure, palette, save_figure
+from mjsheaf.results.netcdf import thin
 
 _ALL, _BASE, _GREY = RED, "#8A94A6", "#C4CAD4"
 _MOST_LINES, _MOST_POINTS, _MOST_PANELS = 10, 2000, 4

@@ -11,6 +11,7 @@ import h5netcdf
 import numpy as np
 import xarray as xr
 
+from mjsheaf.arrays import IntArray
 from mjsheaf.results.dataset import join
 
 
@@ -179,11 +180,16 @@ def length_of_piece(dataset: xr.Dataset) -> int:
     return int(chunks[0]) if chunks else max(1, min(2048, dataset.sizes["time"]))
 
 
+def thin(samples: int, most: int) -> IntArray:
+    """Indices of at most so many samples, evenly spread, the first and the last among them."""
+    return np.unique(np.linspace(0, samples - 1, min(samples, most)).round().astype(np.int64))
+
+
 def thinned(dataset: xr.Dataset) -> xr.Dataset:
     """At most a few thousand samples of a run, in memory, the first and the last among them; fewer of a large team."""
     samples = dataset.sizes["time"]
     most = max(_FEWEST_SAMPLES, min(_MOST_SAMPLES, _MOST_POSITIONS // dataset.sizes["agent"]))
-    kept = np.unique(np.linspace(0, samples - 1, min(samples, most)).round().astype(np.int64))
+    kept = thin(samples, most)
     if len(kept) == samples:
         return dataset.load()
     step = length_of_piece(dataset)

@@ -129,7 +129,7 @@ class Vehicle(Body):
         """Efforts that make a wanted wrench, shape (s, 6); see `Steering.allocation`."""
         return self.steering.allocation(self)
 
-    @property
+    @cached_property
     def trim(self) -> Array:
         """Commands that carry the weight of the level vehicle, shape (s,)."""
         efforts = self.by_actuator(self.steering.trim_effort(self))
