@@ -46,12 +46,18 @@ class UnstableError(MjsheafError):
     exit_code = 3
 
 
+class PlaceError(InputError):
+    """The place where results should go cannot be used."""
+
+
 @contextmanager
 def in_field(field: str) -> Iterator[None]:
-    """Put the name of a field before the message of an InputError."""
+    """Put the name of a field before the message of an error, unless that is about the place of results."""
     try:
         yield
-    except InputError as error:
+    except PlaceError:
+        raise
+    except MjsheafError as error:
         raise type(error)(f"{field}: {error}") from None
 
 

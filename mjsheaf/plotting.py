@@ -16,7 +16,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 from numpy.typing import NDArray
 
-from mjsheaf.arrays import Array, IntArray
+from mjsheaf.arrays import Array
 from mjsheaf.team import Team
 
 # Okabe and Ito's palette (distinct with any colour vision), then Tol's muted scheme for further groups.
@@ -113,11 +113,6 @@ def draw_team(axis: Any, team: Team, place: Array) -> None:
         axis.plot(*place[v], "*" if target else "o", markersize=size, color=colours[groups[v]], zorder=3, **outline)
         if few:
             axis.annotate(member.id, place[v], xytext=(5, 5), textcoords="offset points", fontsize=8, zorder=5)
-
-
-def thin(samples: int, most: int) -> IntArray:
-    """Indices of at most so many samples, evenly spread, the first and the last among them."""
-    return np.unique(np.linspace(0, samples - 1, min(samples, most)).round().astype(np.int64))
 
 
 def log_axis(axis: Any, which: str, values: Array, decades: float = 12.0) -> None:

@@ -5,21 +5,12 @@ import os
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
-from mjsheaf.bench import Row, at_most, best, informs
+from mjsheaf.bench import WANTED, Row, at_most, best, informs, timed
 from mjsheaf.errors import MjsheafError
-
-STARTUP_S = 0.3
-"""Wanted: time of the command line's help."""
-
-VIDEO = 1.15
-"""Wanted: time of a run with its video, over that of bare drawing."""
-
-MEMORY = 1.15
-"""Wanted: peak memory of a run ten times as long, over that of the shorter; results stream to disk."""
 
 _FIRST_RUN = """
 import mjsheaf
@@ -38,8 +29,6 @@ _, status, usage = os.wait4(process.pid, 0)
 process.returncode = os.waitstatus_to_exitcode(status)
 print(process.returncode, usage.ru_maxrss)
 """
-
-_BARE_FRAMES = 40  # drawn before the run, and again after it
 
 
 def _python(*arguments: str, **environment: str) -> str:
@@ -65,8 +54,8 @@ def startup(short: bool = False) -> list[Row]:
     rows = []
     for option in ("--help", "--version"):
         seconds = best(lambda option=option: _python("-m", "mjsheaf", option), 5 if short else 15)  # type: ignore[misc]
-        ratio = seconds / STARTUP_S
-        rows.append(at_most("startup", f"mjsheaf {option}, s", seconds, STARTUP_S, ratio, 1.0, "wanted time"))
+        what, wanted = f"mjsheaf {option}, s", WANTED["startup"]
+        rows.append(at_most("startup", what, seconds, wanted, seconds / wanted, 1.0, "wanted time"))
     for backend in ("ideal", "physics"):
         code = _FIRST_RUN.format(backend=backend)
         _python("-c", code)  # compiles where no earlier process has
@@ -92,7 +81,7 @@ def memory(short: bool = False, ends: tuple[float, float] | None = None) -> list
         peak_of(backend, 1.0)  # compiles what is not in the cache
         before, after = (peak_of(backend, end) for end in ends)
         what, note = f"peak of {ends[1]:g} s on {backend}, MB", f"the same of {ends[0]:g} s"
-        rows.append(at_most("memory", what, after, before, after / before, MEMORY, note))
+        rows.append(at_most("memory", what, after, before, after / before, WANTED["memory"], note))
     return rows
 
 
@@ -139,10 +128,10 @@ def video(short: bool = False, end: float | None = None) -> list[Row]:
     t = json.loads(_python("-c", code, MUJOCO_GL=backend).strip().splitlines()[-1])
     frames, run, bare = t["frames"], t["run_s"], t["frames"] * t["bare_s"]
     frame, bare_frame = 1e3 * t["frame_s"], 1e3 * t["bare_s"]
-    drawn = "a frame, drawn and encoded, ms"
+    drawn, most = "a frame, drawn and encoded, ms", WANTED["video"]
     return [
-        at_most("video", f"run with {frames} frames, s", run, bare, run / bare, VIDEO, "bare mujoco.Renderer"),
-        at_most("video", drawn, frame, bare_frame, frame / bare_frame, VIDEO, "the same, bare"),
+        at_most("video", f"run with {frames} frames, s", run, bare, run / bare, most, "bare mujoco.Renderer"),
+        at_most("video", drawn, frame, bare_frame, frame / bare_frame, most, "the same, bare"),
         informs("video", "the same run with a draft, s", t["draft_s"], run, "quality good"),
     ]
 
@@ -165,12 +154,11 @@ def time_video(end: float) -> None:
 
         def progress(what: str, done: int, total: int) -> None:
             if what == "drawing video":
-                drawn.append(time.perf_counter())
+                drawn.append(perf_counter())
 
         with tempfile.TemporaryDirectory() as folder:
-            begun = time.perf_counter()
-            execute(of, "physics", Path(folder) / "run", video=video_options(of, quality=quality), progress=progress)
-            return time.perf_counter() - begun
+            place, options = Path(folder) / "run", video_options(of, quality=quality)
+            return timed(lambda: execute(of, "physics", place, video=options, progress=progress))[1]
 
     def bare() -> float:
         with Painter(film, model, video_options(scenario)) as painter:
@@ -179,8 +167,7 @@ def time_video(end: float) -> None:
     run(mjsheaf.load_scenario("paper", {"time.end": 0.2}), "good")
     before, ours = bare(), run(scenario, "good")
     found = {"frames": len(drawn), "run_s": ours, "frame_s": (drawn[-1] - drawn[0]) / (len(drawn) - 1)}
-    found |= {"bare_s": (before + bare()) / 2, "draft_s": run(scenario, "draft")}
-    print(json.dumps(found), flush=True)
+    print(json.dumps({**found, "bare_s": (before + bare()) / 2, "draft_s": run(scenario, "draft")}), flush=True)
     os._exit(0)  # some drivers' own clean-up complains when two contexts end
 
 
@@ -194,15 +181,15 @@ def _bare_frame(painter: Any) -> float:
     for flag in COSTLY:
         renderer.scene.flags[flag.value] = False
     camera = mujoco.MjvCamera()
-    numbers = range(0, len(painter.times), max(1, len(painter.times) // _BARE_FRAMES))
+    numbers = range(0, len(painter.times), max(1, len(painter.times) // 40))  # some 40 frames
     seconds = []
     for number in [*numbers[:3], *numbers]:  # the first few warm it up
-        begun = time.perf_counter()
+        begun = perf_counter()
         _, view = painter.pose(number)
         camera.lookat, camera.distance = view.lookat, view.distance
         camera.azimuth, camera.elevation = view.azimuth, view.elevation
         renderer.update_scene(painter.data, camera)
         renderer.render()
-        seconds.append(time.perf_counter() - begun)
+        seconds.append(perf_counter() - begun)
     renderer.close()
     return sum(seconds[-len(numbers) :]) / len(numbers)

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from mjsheaf.arrays import Array
-from mjsheaf.bench import Row, at_least, at_most, best, informs
+from mjsheaf.bench import WANTED, Row, at_least, at_most, best, informs, timed
 from mjsheaf.sheaf import Sheaf
 
 PUBLISHED_MS = {
@@ -32,23 +32,12 @@ VERTICES = 500
 GRID_SIDES = (100, 316, 1000)
 """Sides of the grids: 1e4, 1e5 and 1e6 vertices."""
 
-PINNED = 0.01
-"""Share of a grid's vertices whose value is given."""
-
-LEAD = 2.0
-"""Wanted: published time of an operation on a sheaf of 500 vertices, over ours."""
-
-GROWTH = 1.1
-"""Wanted: exponent with which time grows with the number of vertices of a grid."""
-
 LARGE_WANTED = {
     "assembly_s": ("assembly, s", 3.0),
     "extension_s": ("harmonic extension, s", 10.0),
     "peak_memory_gb": ("peak memory, GB", 3.0),
 }
 """Wanted of the largest grid: field of its record to what it is and its bound."""
-
-_REPETITIONS = 200
 
 
 def sheaf(short: bool = False) -> list[Row]:
@@ -59,19 +48,17 @@ def sheaf(short: bool = False) -> list[Row]:
     """
     rows = []
     for graph in ("path", "cycle"):
-        for name, ms in measure_small(graph, _REPETITIONS // (2 if short else 1)).items():
-            published = PUBLISHED_MS.get(name)
-            what = f"{graph} of {VERTICES}: {name.replace('_', ' ')}, ms"
-            if published is not None:
-                note = "CellularSheaves.jl, published"
-                rows.append(at_least("sheaf", what, ms, published, published / ms, LEAD, note))
+        for name, ms in measure_small(graph, 100 if short else 200).items():
+            what, published = f"{graph} of {VERTICES}: {name.replace('_', ' ')}, ms", PUBLISHED_MS[name]
+            ratio, source = published / ms, "CellularSheaves.jl, published"
+            rows.append(at_least("sheaf", what, ms, published, ratio, WANTED["sheaf"], source))
     grids = [measure_grid_apart(side) for side in (GRID_SIDES[:-1] if short else GRID_SIDES)]
     sizes = [grid["vertices"] for grid in grids]
     growth = float(np.polyfit(np.log(sizes), np.log([_total(grid) for grid in grids]), 1)[0])
     what = f"grids to {sizes[-1]:.0e} vertices: growth exponent"
     if short:
         return [*rows, informs("sheaf", what, growth, note=f"to {GRID_SIDES[-1] ** 2:.0e} with --full")]
-    rows.append(at_most("sheaf", what, growth, None, growth, GROWTH))
+    rows.append(at_most("sheaf", what, growth, None, growth, WANTED["grid growth"]))
     for name, (label, bound) in LARGE_WANTED.items():
         found = grids[-1][name]
         what = f"grid of {sizes[-1]:.0e} vertices: {label}"
@@ -118,14 +105,14 @@ def grid_maps(side: int, seed: int = 0) -> tuple[list[int], list[int], Array, Ar
         seed: of rotations, pinned vertices and their values.
 
     Returns:
-        Tails, heads, their maps (k, 3, 3), and the values of the pinned vertices.
+        Tails, heads, their maps (k, 3, 3), and the values of the pinned vertices, one in a hundred.
     """
     rng = np.random.default_rng(seed)
     number = np.arange(side * side).reshape(side, side)
     tails = np.concatenate([number[:, :-1].ravel(), number[:-1].ravel()])
     heads = np.concatenate([number[:, 1:].ravel(), number[1:].ravel()])
     frames = Rotation.random(side * side, rng).as_matrix().transpose(0, 2, 1)
-    pinned = np.sort(rng.choice(side * side, max(1, int(PINNED * side * side)), replace=False)).tolist()
+    pinned = np.sort(rng.choice(side * side, max(1, side * side // 100), replace=False)).tolist()
     values = dict(zip(pinned, rng.standard_normal((len(pinned), 3)), strict=True))
     return tails.tolist(), heads.tolist(), frames[tails], frames[heads], values
 
@@ -138,20 +125,16 @@ def measure_grid(side: int) -> dict[str, Any]:
     the coboundary matrix afterwards.
     """
     tails, heads, F_tails, F_heads, values = grid_maps(side)
-    clock = [perf_counter()]
+    begun = perf_counter()
     sheaf = Sheaf(dict.fromkeys(range(side * side), 3))
     sheaf.add_edges(tails, heads, F_tails, F_heads)
     delta = sheaf.coboundary()
     problem = sheaf.dirichlet_problem(list(values))
-    clock.append(perf_counter())
-    unique = problem.unique
-    clock.append(perf_counter())
-    solver = problem.solver
-    clock.append(perf_counter())
-    extension = problem.harmonic_extension(values)
-    clock.append(perf_counter())
+    build = perf_counter() - begun
+    unique, proof = timed(lambda: problem.unique)
+    solver, prepare = timed(lambda: problem.solver)
+    extension, solve = timed(lambda: problem.harmonic_extension(values))
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1e9 if sys.platform == "darwin" else 1e6)
-    build, proof, prepare, solve = np.diff(clock).tolist()
     x = sheaf.pack(np.concatenate(list(extension.x.values())))
     inside, held = sheaf.columns(problem.interior), sheaf.columns(values)
     at_rest = np.zeros_like(x)

@@ -1,33 +1,19 @@
 """Speed of simulations in this process: the published run, steps of bodies, threads, assembly, and peers."""
 
+from functools import partial
 from statistics import median
 from time import perf_counter, thread_time
 
 import mjsheaf
-from mjsheaf.bench import Row, at_least, at_most, best, elapsed, informs, swarm
+from mjsheaf.bench import WANTED, Row, at_least, at_most, best, elapsed, informs, swarm, timed
 from mjsheaf.engine import mujoco
 from mjsheaf.scenario import Scenario
 from mjsheaf.simulation.ideal import run_ideal
 from mjsheaf.simulation.loop import World
 from mjsheaf.threads import usable_processors
 
-IDEAL_S = 0.3
-"""Wanted: time of the published run."""
-
 AUTHORS_S = 38.0
 """The paper's own code, which calls scipy for each agent and step, on a machine of two cores."""
-
-OVERHEAD = 1.25
-"""Wanted: time of a step with the loop closed, over that of a bare step."""
-
-GROWTH = 1.2
-"""Wanted: time of a step per vehicle of the largest swarm, over that of the next smaller one."""
-
-SPEEDUP = 0.9
-"""Wanted: the speed-up by threads, over their number; 1.8 on two cores."""
-
-ASSEMBLY_S = 6.0
-"""Wanted: time to put a thousand vehicles into one model."""
 
 PEERS = {
     "crazyflow": {13: (2.9e5, 4.0), 100: (1.5e6, 1.0)},
@@ -37,7 +23,6 @@ PEERS = {
 number of vehicles, and what ours are wanted to be over that. benchmarks/peers.py measures them where they are."""
 
 _GAINS = (5.0, 8.0, 10.0, 12.0)
-_SETTLING = 200  # steps before the clock starts
 
 
 def ideal(short: bool = False, end: float | None = None) -> list[Row]:
@@ -55,7 +40,7 @@ def ideal(short: bool = False, end: float | None = None) -> list[Row]:
     simulate = best(lambda: mjsheaf.simulate(scenario, backend="ideal"), repetitions, thread_time)
     what = f"published run, {system.grid.steps} steps, s"
     return [
-        at_most("ideal", what, run, IDEAL_S, run / IDEAL_S, 1.0, "wanted time"),
+        at_most("ideal", what, run, WANTED["ideal"], run / WANTED["ideal"], 1.0, "wanted time"),
         informs("ideal", "simulate() of it, s", simulate, AUTHORS_S, "the authors' code"),
     ]
 
@@ -74,7 +59,7 @@ def loop(short: bool = False, sizes: tuple[int, ...] = (100, 1000)) -> list[Row]
     rows += [_step(swarm(size), max(3, repetitions * 100 // max(size, 100))) for size in sizes]
     small, large = ((row.ours or 0.0) / (size + 1) for row, size in zip(rows[-2:], sizes[-2:], strict=True))
     what = f"the same per vehicle, {sizes[-1] + 1} against {sizes[-2] + 1}"
-    return [*rows, at_most("loop", what, large, small, large / small, GROWTH)]
+    return [*rows, at_most("loop", what, large, small, large / small, WANTED["swarm growth"])]
 
 
 def _step(scenario: Scenario, repetitions: int, steps: int = 100) -> Row:
@@ -85,7 +70,7 @@ def _step(scenario: Scenario, repetitions: int, steps: int = 100) -> Row:
     to be seen; with that, as a World has it unless told otherwise, both steps are slower and their ratio is smaller.
     """
     world = World(scenario, visible=False)
-    world.step(_SETTLING)
+    world.step(200)  # before the clock starts
     model, twin = world.model, mujoco.MjData(world.model)
     turns = []
     for _ in range(repetitions):
@@ -95,7 +80,7 @@ def _step(scenario: Scenario, repetitions: int, steps: int = 100) -> Row:
     closed, bare = (1e6 * min(times) / steps for times in zip(*turns, strict=True))
     ratio = median(ours / bare for ours, bare in turns)
     what = f"step of {scenario.name}, {len(world.arena.vehicles)} vehicles, us"
-    return at_most("loop", what, closed, bare, ratio, OVERHEAD, "bare mj_step")
+    return at_most("loop", what, closed, bare, ratio, WANTED["loop"], "bare mj_step")
 
 
 def threads(short: bool = False, ends: tuple[float, float] = (49.99, 20.0)) -> list[Row]:
@@ -110,13 +95,12 @@ def threads(short: bool = False, ends: tuple[float, float] = (49.99, 20.0)) -> l
     for backend, end in zip(("ideal", "physics"), ends, strict=True):
         scenarios = [mjsheaf.load_scenario("paper", {"controller.gain": gain, "time.end": end}) for gain in _GAINS]
         mjsheaf.simulate(scenarios[0], backend=backend)  # compiles
+        simulate = partial(mjsheaf.simulate_many, scenarios, backend)
         turns = []
         for _ in range(3 if short else 8):
-            begun = perf_counter()
-            alone = mjsheaf.simulate_many(scenarios, backend, workers=1)
-            middle = perf_counter()
-            together = mjsheaf.simulate_many(scenarios, backend, workers=count)
-            turns.append((middle - begun, perf_counter() - middle))
+            alone, single = timed(partial(simulate, workers=1))
+            together, several = timed(partial(simulate, workers=count))
+            turns.append((single, several))
         same = all(a.identical(b) for a, b in zip(alone, together, strict=True))  # type: ignore[union-attr, arg-type]
         note = "one thread" if same else "one thread; the results DIFFER"
         what = f"{len(scenarios)} runs on {backend}, {count} threads, s"
@@ -125,7 +109,7 @@ def threads(short: bool = False, ends: tuple[float, float] = (49.99, 20.0)) -> l
         if count == 1:
             rows.append(informs("threads", what, several, single, "one processor only"))
         else:
-            rows.append(at_least("threads", what, several, single, speedup, SPEEDUP * count, note))
+            rows.append(at_least("threads", what, several, single, speedup, WANTED["speed-up"] * count, note))
     return rows
 
 
@@ -137,9 +121,9 @@ def assembly(short: bool = False, size: int = 1000) -> list[Row]:
         size: number of agents.
     """
     World(swarm(4)).step(1)  # compiles
-    total = elapsed(lambda: World(swarm(size)), perf_counter)
+    total, wanted = elapsed(lambda: World(swarm(size)), perf_counter), WANTED["assembly"]
     what = f"scenario to world, {size + 1} vehicles, s"
-    return [at_most("assembly", what, total, ASSEMBLY_S, total / ASSEMBLY_S, 1.0, "wanted time")]
+    return [at_most("assembly", what, total, wanted, total / wanted, 1.0, "wanted time")]
 
 
 def peers(short: bool = False, sizes: tuple[int, ...] = (13, 100)) -> list[Row]:

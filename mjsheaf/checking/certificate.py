@@ -89,7 +89,6 @@ class Certificate:
         assumptions: the paper's seven, decided.
         theorem: Theorem 1 with these constants; its own `applies` is the gain condition alone.
         weaker: the bound that holds whatever the slopes: rho = 0, and f_bar enlarged by 2 sqrt(sum_i sup |f_i|^2).
-        proven: whether a bound confines an unlimited law to the region; a guess proves nothing.
         approximate: whether the law is held over a period; the theorem's law is continuous.
         reason: why it does not apply; empty where the gain condition, every assumption and the rest hold.
         obstacle: what excludes any bound of continuous time, gain condition or not; or empty.
@@ -102,7 +101,6 @@ class Certificate:
     assumptions: list[Assumption]
     theorem: Theorem
     weaker: Theorem
-    proven: bool
     approximate: bool
     reason: str
     obstacle: str
@@ -146,17 +144,15 @@ def certify(system: System, rate: float | None = None, rho: Rho | None = None) -
     cohomology = explain(system.team, spectrum)
     obstacle = _obstacle(system, constants, spectrum, theorem if theorem.applies else weaker)
     reason = _gain_condition(constants, spectrum, theorem, rate) or ("" if region.verified else region.source)
-    checked = replace(region, verified=region.verified and not obstacle)
-    assumptions = _decide(system, checked, constants, cohomology)
+    assumptions = _decide(system, region, region.verified and not obstacle, constants, cohomology)
     return Certificate(
         spectrum=spectrum,
         cohomology=cohomology,
         constants=constants,
-        region=checked,
+        region=region,
         assumptions=assumptions,
         theorem=theorem,
         weaker=weaker,
-        proven=region.verified,
         approximate=not system.grid.continuous,
         reason=reason or obstacle or next((a.failure for a in assumptions if a.failure), ""),
         obstacle=obstacle,
@@ -171,13 +167,14 @@ class _Search:
         self.spectrum = spectrum = spectrum_of(system.team)
         self._carrier = Carrier(system, spectrum)
         path = follow_targets(system, self._carrier)
-        largest = float(bounds(system.harmonics).max(initial=0.0))
-        counts = len(system.team.agents), len(system.team.targets)
+        largest, team = float(bounds(system.harmonics).max(initial=0.0)), system.team
         self.constants = Constants(
             path=path,
             difference=difference_along(system, path, self._carrier),
             largest_disturbance=largest,
-            omega_bar=disturbance_bound(spectrum.sigma_max_B, spectrum.lambda_min, *counts, largest),
+            omega_bar=disturbance_bound(
+                spectrum.sigma_max_B, spectrum.lambda_min, len(team.agents), len(team.targets), largest
+            ),
             initial_error=float(np.linalg.norm(path.q_star[0] - system.team.split(system.initial)[0])),
         )
 
@@ -233,9 +230,9 @@ class _Search:
         path, start = self.constants.path, self.constants.initial_error
 
         def radius(time: Array) -> Array:
-            if self._system.grid.continuous:
-                return _TUBE_OVER_BOUND * bound.bound(start, time - path.time[0])
-            return np.full(time.shape, _TUBE_OVER_BOUND * max(start, bound.radius))  # R is at most the radius
+            held = np.full(time.shape, max(start, bound.radius))  # R is at most the radius
+            within = bound.bound(start, time - path.time[0]) if self._system.grid.continuous else held
+            return _TUBE_OVER_BOUND * within
 
         return tube_about(self._system, path, self._carrier, radius)
 
@@ -293,9 +290,11 @@ def _obstacle(system: System, constants: Constants, spectrum: Spectrum, bound: T
 # -- the paper's assumptions -----------------------------------------------------------------------------------
 
 
-def _decide(system: System, region: Region, constants: Constants, cohomology: RelativeCohomology) -> list[Assumption]:
-    """Decide all seven assumptions over a region."""
-    smooth, (rank, inverse) = _smooth(system, region, constants), _rank_and_inverse(system)
+def _decide(
+    system: System, region: Region, confined: bool, constants: Constants, cohomology: RelativeCohomology
+) -> list[Assumption]:
+    """Decide all seven assumptions over a region, to which the agents are confined or not."""
+    smooth, (rank, inverse) = _smooth(system, region, confined, constants), _rank_and_inverse(system)
     largest = constants.largest_disturbance
     sines = "sums of sines: continuous, and bounded by construction" if largest else "there is no disturbance"
     found = {
@@ -315,28 +314,26 @@ def _decide(system: System, region: Region, constants: Constants, cohomology: Re
     ]
 
 
-def _smooth(system: System, region: Region, constants: Constants) -> Finding:
+def _smooth(system: System, region: Region, confined: bool, constants: Constants) -> Finding:
     """A singularity with a core is smooth everywhere; without one it matters where an agent can reach its centre."""
     N, V, rho, path = len(system.team.agents), len(system.team.members), region.rho, constants.path
+    near = f"near ({', '.join(f'{x:.3g}' for x in rho.where)})"
     if _has_poles(system, N, V) and path.cells is None:
         why = f"a kernel of the flow that targets meet has no core, and their path is not known: {path.warning}"
         return "undecided", None, "1/s", why
     if not _has_poles(system, 0, N):
-        steepest = f"every kernel is smooth; the agents' field is steepest near ({_listed(rho.where)})"
+        steepest = f"every kernel is smooth; the agents' field is steepest {near}"
         return "holds", rho.upper, "1/s", steepest if rho.upper > 0.0 else "no agent's drift depends on where it is"
-    if region.verified and np.isfinite(rho.upper):
-        outside = "the singular kernels lie outside the agents' region, where the field is steepest near"
-        return "holds", rho.upper, "1/s", f"{outside} ({_listed(rho.where)})"
+    if confined and np.isfinite(rho.upper):
+        outside = f"the singular kernels lie outside the agents' region, where the field is steepest {near}"
+        return "holds", rho.upper, "1/s", outside
     between = tube_guessed(system, path, margin=0.0).slope
     if not np.isfinite(between.upper):
-        at = f"singular at ({_listed(between.where)}), inside their region: a core radius is 0"
-        return "fails", None, "1/s", f"the field that agents meet is {at}"
+        at = ", ".join(f"{x:.3g}" for x in between.where)
+        inside = f"the field that agents meet is singular at ({at}), inside their region: a core radius is 0"
+        return "fails", None, "1/s", inside
     why = "a kernel of the flow that agents meet has no core, and nothing proves that they keep away from it"
     return "undecided", None, "1/s", why
-
-
-def _listed(point: Array) -> str:
-    return ", ".join(f"{x:.3g}" for x in point)
 
 
 def _has_poles(system: System, first: int, last: int) -> bool:

@@ -152,15 +152,13 @@ def examine(system: System, *, rate: float | None = None, radius: float = 1.0, r
         if value is not None and not (isinstance(value, Real) and 0.0 < value < math.inf):
             raise InputError(f"{name} is {value!r}; expected a positive, finite number")
     certificate = certify(system, rate, rho)
-    found, practice = certificate.cohomology, margins(system, certificate)
+    practice = margins(system, certificate)
     record = CheckRecord(
         scenario=system.name,
         ok=all(a.verdict == "holds" for a in certificate.assumptions) and practice.bodies.stable is not False,
         region=_region(certificate),
         assumptions=certificate.assumptions,
-        relative_cohomology=ExplainedCohomology(
-            **dict(found), mending=plan_augmentation(system.team) if found.dimension else None
-        ),
+        relative_cohomology=ExplainedCohomology(**dict(certificate.cohomology), mending=plan_augmentation(system.team)),
         theorem=_theorem(system, certificate, rate, radius, rho),
         margins=practice,
         fragility=fragility(system.team),
@@ -174,7 +172,7 @@ def _region(certificate: Certificate) -> RegionSummary:
     time, cells = path.time, path.cells
     return RegionSummary(
         source=region.source,
-        verified=region.verified,
+        verified=region.verified and not certificate.obstacle,
         agents_low=low.tolist(),
         agents_high=high.tolist(),
         start=float(time[0]),
@@ -189,7 +187,8 @@ def _theorem(
 ) -> TheoremSummary:
     theorem, spectrum, constants = certificate.theorem, certificate.spectrum, certificate.constants
     slope, start = certificate.region.rho, constants.initial_error
-    holds = theorem.applies and certificate.proven
+    proven = certificate.region.verified
+    holds = theorem.applies and proven
     gain = gain_for_radius(
         radius, spectrum.lambda_min, constants.difference.bound, constants.omega_bar, rho or slope.upper, start
     )
@@ -224,7 +223,7 @@ def _theorem(
         wanted_radius=radius,
         gain_for_wanted_radius=gain or None,
         weaker=WeakerBound(
-            f_bar=certificate.weaker.f_bar if certificate.proven else None,
-            radius=certificate.weaker.radius if certificate.proven and not certificate.obstacle else None,
+            f_bar=certificate.weaker.f_bar if proven else None,
+            radius=certificate.weaker.radius if proven and not certificate.obstacle else None,
         ),
     )

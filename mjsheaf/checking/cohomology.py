@@ -19,7 +19,7 @@ import numpy as np
 from pydantic import Field
 from scipy import linalg, sparse
 
-from mjsheaf.arrays import Array, BoolArray, IntArray
+from mjsheaf.arrays import Array, IntArray
 from mjsheaf.io.section import Record
 from mjsheaf.sheaf import RANK_TOLERANCE
 from mjsheaf.sheaf.blocks import (
@@ -76,7 +76,7 @@ def spectrum_of(team: Team, count: int = 6) -> Spectrum:
         count: how many of the smallest eigenvalues above zero are wanted; fewer where H has fewer. Beyond
             DENSE_STATES a further copy of a multiple eigenvalue of one component may be missing.
     """
-    D, null = agent_coboundary(team).whitened, team.dirichlet.sparse_null_basis
+    (_, D), null = agent_coboundary(team), team.dirichlet.sparse_null_basis
     smallest, vectors, largest_component = _above_zero(D, null, count)
     nullity = null.shape[1]
     return Spectrum(
@@ -93,43 +93,24 @@ def spectrum_of(team: Team, count: int = 6) -> Spectrum:
     )
 
 
-@dataclass(frozen=True)
-class AgentCoboundary:
+def agent_coboundary(team: Team) -> tuple[sparse.csr_array, sparse.csr_array]:
     """The coboundary on the agents, rows in the order of the sheaf's edges, columns in that of the stacked q.
 
-    Attributes:
-        plain: delta, shape (m, n); its kernel is the relative cohomology.
-        whitened: D = K^{1/2} delta, shape (m, n); H = D^T D.
+    Returns:
+        delta, shape (m, n), whose null space is the relative cohomology; and D = K^{1/2} delta, (m, n), with H = D^T D.
     """
-
-    plain: sparse.csr_array
-    whitened: sparse.csr_array
-
-    def kept(self, rows: BoolArray, columns: BoolArray) -> "AgentCoboundary":
-        """The same without some edges and agents."""
-        return AgentCoboundary(self.plain[rows][:, columns], self.whitened[rows][:, columns])
-
-    def extended(self, rows: sparse.csr_array) -> "AgentCoboundary":
-        """The same with further edges of inner product I."""
-        return AgentCoboundary(*(sparse.vstack([x, rows]).tocsr() for x in (self.plain, self.whitened)))
-
-
-def agent_coboundary(team: Team) -> AgentCoboundary:
-    """The coboundary of a team on its agents."""
     columns = team.sheaf.columns(team.dirichlet.interior)
-    return AgentCoboundary(team.sheaf.coboundary()[:, columns], team.sheaf.whitened_coboundary()[:, columns])
+    return team.sheaf.coboundary()[:, columns], team.sheaf.whitened_coboundary()[:, columns]
 
 
-def smallest_eigenvalue(coboundary: AgentCoboundary) -> float:
-    """Smallest eigenvalue of H; exactly 0 where the null space of delta is not trivial."""
-    D = coboundary.whitened
-    n = D.shape[1]
-    if n <= DENSE_STATES:
+def smallest_eigenvalue(delta: sparse.csr_array, D: sparse.csr_array) -> float:
+    """Smallest eigenvalue of H = D^T D; exactly 0 where the null space of delta is not trivial."""
+    if D.shape[1] <= DENSE_STATES:
         values = np.linalg.eigvalsh((D.T @ D).toarray())
         # Then delta is injective, unless inner products span 12 decades.
         if values[0] > _SQUARED_IS_ACCURATE * values[-1]:
             return float(values[0])
-    null = sparse_null_space(coboundary.plain)
+    null = sparse_null_space(delta)
     return 0.0 if null.shape[1] else float(_above_zero(D, null, 1)[0][0])
 
 
@@ -138,14 +119,12 @@ def _above_zero(D: sparse.csr_array, null: sparse.csc_array, count: int) -> tupl
 
     Args:
         D: shape (m, n).
-        null: orthonormal basis of the kernel of delta, shape (n, r).
+        null: orthonormal basis of the null space of delta, shape (n, r).
         count: how many.
     """
-    null_rows = null.tocsr()
+    null_rows, pieces = null.tocsr(), list(parts(sparser_rows(D)))
     found: list[tuple[float, IntArray, Array]] = []
-    largest = 0
-    for _, members, part in parts(sparser_rows(D)):
-        largest = max(largest, len(members))
+    for _, members, part in pieces:
         known = null_rows[members]
         known = known[:, np.unique(known.indices)].toarray()
         wanted = min(count, len(members) - known.shape[1])
@@ -153,14 +132,14 @@ def _above_zero(D: sparse.csr_array, null: sparse.csc_array, count: int) -> tupl
             values, vectors = _of_component(part, known, wanted)
             found += [(float(value), members, vector) for value, vector in zip(values, vectors.T, strict=True)]
     found = sorted(found, key=lambda pair: pair[0])[:count]
-    vectors = np.zeros((D.shape[1], len(found)))
+    largest, vectors = max((len(members) for _, members, _ in pieces), default=0), np.zeros((D.shape[1], len(found)))
     for k, (_, members, vector) in enumerate(found):
         vectors[members, k] = vector
     return np.array([value for value, _, _ in found]), vectors, largest
 
 
 def _of_component(D: sparse.csr_array, known: Array, count: int) -> tuple[Array, Array]:
-    """The `count` smallest eigenvalues of D^T D off its kernel `known`, with orthonormal vectors."""
+    """The `count` smallest eigenvalues of D^T D off its null space `known`, with orthonormal vectors."""
     gram = D.T @ D
     n, r = known.shape
     if n <= DENSE_STATES:
@@ -173,7 +152,7 @@ def _of_component(D: sparse.csr_array, known: Array, count: int) -> tuple[Array,
         factor = shifted_factor(gram, 1e-10 * float(abs(gram).sum(axis=1).max()))
         candidates = smallest_eigenvectors(factor, known, count, EIGENVALUE_TOLERANCE)
     if r:
-        # Eigenvectors of H mix its kernel with what is close to it; the kernel itself was found on D, exactly.
+        # Eigenvectors of H mix its null space with what is close to it; the null space itself was found on D, exactly.
         candidates = np.linalg.svd(candidates - known @ (known.T @ candidates), full_matrices=False)[0][:, :count]
     # Squaring lost what is under 1e-8 of the largest singular value; D still has it.
     _, singular, turn = np.linalg.svd(np.linalg.qr(D @ candidates, mode="r"), full_matrices=True)
@@ -245,8 +224,8 @@ def explain(team: Team, spectrum: Spectrum | None = None) -> RelativeCohomology:
 
 
 def _motion(team: Team, mode: NullMode) -> dict[str, list[float]]:
-    moving = ((team.agents[a], step) for a, step in zip(mode.agents, mode.steps, strict=True))
-    return {agent.id: step[: agent.dimension].round(9).tolist() for agent, step in moving}
+    moving = zip([team.agents[a] for a in mode.agents], mode.steps.round(9), strict=True)
+    return {agent.id: step[: agent.dimension].tolist() for agent, step in moving}
 
 
 # -- fragility ------------------------------------------------------------------------------------------------
@@ -287,16 +266,6 @@ class Fragility(Record):
     worst: Loss | None = Field(description="the loss that breaks nothing with the smallest lambda_min; null if unknown")
 
 
-@dataclass(frozen=True)
-class _Single:
-    """One edge, or one agent with its edges."""
-
-    kind: Kind
-    name: str
-    edges: tuple[int, ...]  # places in the sheaf's order of edges
-    agent: int | None = None
-
-
 def fragility(team: Team) -> Fragility:
     """Which of the losses of `single_losses` break something, and the worst of the others."""
     losses, exact = single_losses(team)
@@ -326,26 +295,22 @@ def single_losses(team: Team) -> tuple[list[Loss], bool]:
     Returns:
         The losses, those that break something first, then by lambda_min; and whether each was tried out on H.
     """
-    singles = list(_singles(team))
-    breaks = _combinatorial(team, singles)
-    states = team.dirichlet.H.shape[0]
+    singles, states = list(_singles(team)), team.dirichlet.H.shape[0]
     if states > EXACT_STATES or len(singles) > EXACT_LOSSES:
-        found = zip(singles, breaks, strict=True)
-        return [Loss(kind=s.kind, name=s.name, breaks=broken, lambda_min=None) for s, broken in found if broken], False
+        return [loss for loss, _, _ in singles if loss.breaks], False
 
-    coboundary, free = agent_coboundary(team), team.dirichlet.sparse_null_basis.shape[1]
+    (delta, D), free = agent_coboundary(team), team.dirichlet.sparse_null_basis.shape[1]
     sizes = [len(edge.b) for _, edge in _edges(team)]
     edge_of_row, agent_of_state = np.repeat(np.arange(len(sizes)), sizes), team.slots[:states] // 3
     losses = []
-    for single, broken in zip(singles, breaks, strict=True):
-        lost = agent_of_state == single.agent
+    for loss, edges, agent in singles:
+        lost = agent_of_state == agent
         # What the lost agent alone was free to do is lost with it.
-        gone = sparse_null_space(coboundary.plain[:, lost]).shape[1] if free and lost.any() else 0
-        left = coboundary.kept(~np.isin(edge_of_row, single.edges), ~lost)
-        lambda_min = smallest_eigenvalue(left)
-        if lambda_min == 0.0 and sparse_null_space(left.plain).shape[1] > free - gone:
-            broken += (TRIVIAL,)
-        losses.append(Loss(kind=single.kind, name=single.name, breaks=broken, lambda_min=lambda_min))
+        gone = sparse_null_space(delta[:, lost]).shape[1] if free and lost.any() else 0
+        left = [x[~np.isin(edge_of_row, edges)][:, ~lost] for x in (delta, D)]
+        lambda_min = smallest_eigenvalue(*left)
+        frees = lambda_min == 0.0 and sparse_null_space(left[0]).shape[1] > free - gone
+        losses.append(Loss(**dict(loss) | {"breaks": loss.breaks + (TRIVIAL,) * frees, "lambda_min": lambda_min}))
     losses.sort(key=lambda loss: (not loss.breaks, round(loss.lambda_min or 0.0, 12)))  # rounding does not choose
     return losses, True
 
@@ -361,11 +326,27 @@ def _edges(team: Team) -> list[tuple[Kind | None, Edge]]:
     return [(kind, edge) for kind, edges in kinds for edge in edges]
 
 
-def _singles(team: Team) -> Iterator[_Single]:
-    """Everything that can be lost alone, edges first in the order of the sheaf."""
-    edges = _edges(team)
-    alike, seen = Counter(_ends(edge) for _, edge in edges), Counter[tuple[str, ...]]()
-    incident = defaultdict[str, list[int]](list)
+def _singles(team: Team) -> Iterator[tuple[Loss, list[int], int | None]]:
+    """Everything that can be lost alone, edges first in the order of the sheaf.
+
+    Yields:
+        What its loss breaks of CONNECTED and SENSED, which takes no linear algebra and is exact at any size; the edges
+        that are lost, by their places in the sheaf's order; and the number of the agent that is.
+    """
+    edges, links, seen = _edges(team), Counter(map(_ends, team.communication)), Counter[tuple[str, ...]]()
+    alike, incident = Counter(_ends(edge) for _, edge in edges), defaultdict[str, list[int]](list)
+    graph = nx.Graph(list(links))
+    graph.add_nodes_from(team.agent_ids)
+    bridges, cuts = {(min(pair), max(pair)) for pair in nx.bridges(graph)}, set(nx.articulation_points(graph))
+    sensors = defaultdict[str, list[str]](list)
+    for edge in team.sensing:
+        sensors[edge.head].append(edge.tail)
+    once = {target for target, by in sensors.items() if len(by) == 1}
+    alone = {by[0] for by in sensors.values() if len(set(by)) == 1}
+
+    def loss(kind: Kind, name: str, disconnects: bool, blinds: bool) -> Loss:
+        return Loss(kind=kind, name=name, breaks=(CONNECTED,) * disconnects + (SENSED,) * blinds, lambda_min=None)
+
     for e, (kind, edge) in enumerate(edges):
         if kind is not None:
             ends = _ends(edge)
@@ -373,10 +354,10 @@ def _singles(team: Team) -> Iterator[_Single]:
             incident[edge.tail].append(e)
             incident[edge.head].append(e)
             which = f" ({seen[ends]} of {alike[ends]})" if alike[ends] > 1 else ""
-            yield _Single(kind, _name(edge) + which, (e,))
+            yield loss(kind, _name(edge) + which, links[ends] == 1 and ends in bridges, edge.head in once), [e], None
     if len(team.agents) > 1:
         for i, agent in enumerate(team.agent_ids):
-            yield _Single("agent", agent, tuple(incident[agent]), i)
+            yield loss("agent", agent, agent in cuts, agent in alone), incident[agent], i
 
 
 def _ends(edge: Edge) -> tuple[str, ...]:
@@ -389,28 +370,3 @@ def _name(edge: Edge) -> str:
         return f"{edge.tail} - {edge.head}"
     axes = ["xyz"[k] for k in np.flatnonzero(np.any(edge.F_tail != 0.0, axis=0))]
     return f"{edge.tail} along {', '.join(axes)}" if len(axes) == len(edge.F_tail) else f"{edge.tail} to a fixed value"
-
-
-def _combinatorial(team: Team, singles: list[_Single]) -> list[tuple[str, ...]]:
-    """For each loss, which of CONNECTED and SENSED it breaks; this needs no linear algebra and is exact at any size."""
-    edges, links = [edge for _, edge in _edges(team)], Counter(map(_ends, team.communication))
-    graph = nx.Graph(list(links))
-    graph.add_nodes_from(team.agent_ids)
-    bridges = {(min(pair), max(pair)) for pair in nx.bridges(graph)}
-    cuts = set(nx.articulation_points(graph))
-
-    sensed_by = {target: Counter[str]() for target in team.target_ids}
-    for e in team.sensing:
-        sensed_by[e.head][e.tail] += 1
-    once = {target for target, by in sensed_by.items() if by.total() == 1}
-    alone = {agent for by in sensed_by.values() if len(by) == 1 for agent in by}
-
-    def of(single: _Single) -> tuple[str, ...]:
-        if single.agent is not None:
-            disconnects, blinds = single.name in cuts, single.name in alone
-        else:
-            edge = edges[single.edges[0]]
-            disconnects, blinds = links[_ends(edge)] == 1 and _ends(edge) in bridges, edge.head in once
-        return (CONNECTED,) * disconnects + (SENSED,) * blinds
-
-    return [of(single) for single in singles]

@@ -19,13 +19,9 @@ import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.checking.targets import Carrier, Cells, TargetPath
-from mjsheaf.dynamics.bounds import Supremum, largest_speed, lipschitz_constant
+from mjsheaf.dynamics.bounds import Supremum, supremum
 from mjsheaf.dynamics.disturbance import evaluate
 from mjsheaf.system import System
-
-Index = IntArray
-Radius = Callable[[Array], Array]
-"""A bound on |e| in m at times in s: monotone in time."""
 
 _MOST_CELLS = 50_000  # that are bounded
 _MOST_NUMBERS = 8_000_000  # of f_B over them
@@ -98,7 +94,7 @@ def _largest(system: System, cells: Cells, carrier: Carrier) -> tuple[float, flo
         upper = np.concatenate([upper[rest], np.minimum(bounds, upper[first][parent])])
 
 
-def _some(cells: Cells, which: BoolArray | Index) -> Cells:
+def _some(cells: Cells, which: BoolArray | IntArray) -> Cells:
     return Cells(*(x[which] for x in cells))
 
 
@@ -112,7 +108,9 @@ def _bound(system: System, carrier: Carrier, cells: Cells) -> tuple[Array, Array
     return np.where(np.isnan(upper), np.inf, upper), np.nan_to_num(np.maximum(centre - spread, 0.0))
 
 
-def _children(levels: list[Cells], level: Index, index: Index, cells: Cells) -> tuple[Index, Index, Index, Cells]:
+def _children(
+    levels: list[Cells], level: IntArray, index: IntArray, cells: Cells
+) -> tuple[IntArray, IntArray, IntArray, Cells]:
     """The cells of which cells are made, pairs below them or halves of their segments: parent, level, index, cell."""
     found = []
     for k in np.unique(level):
@@ -179,7 +177,7 @@ def agent_slopes(system: System, q: Array, radii: Array) -> Array:
     return slopes
 
 
-def _agents_by_field(system: System) -> list[tuple[int, Index]]:
+def _agents_by_field(system: System) -> list[tuple[int, IntArray]]:
     """Each flow field that agents meet, and the agents that meet it."""
     fields = system.field[: len(system.team.agents)]
     return [(int(field), np.flatnonzero(fields == field)) for field in np.unique(fields)]
@@ -205,20 +203,20 @@ class Tube:
     @cached_property
     def slope(self) -> Supremum:
         """rho: the largest Lipschitz constant of the flow that agents meet in their boxes, 1/s."""
-        return self._largest(lipschitz_constant)
+        return self._largest(slope=True)
 
     @cached_property
     def speed(self) -> Supremum:
         """The largest speed of the flow that agents meet in their boxes, without uniform drift, m/s."""
-        return self._largest(lambda *box, planar: largest_speed(*box, planar=planar, drift=False))
+        return self._largest(slope=False)
 
-    def _largest(self, of: Callable[..., Supremum]) -> Supremum:
+    def _largest(self, *, slope: bool) -> Supremum:
         system, members, found = self.system, self.system.team.members, []
         kinds = [(int(system.field[i]), members[i].dimension == 2) for i in range(self.low.shape[1])]
         for field, planar in dict.fromkeys(kinds):
             own = [i for i, kind in enumerate(kinds) if kind == (field, planar)]
             boxes = np.unique(np.stack([x[:, own].reshape(-1, 3) for x in (self.low, self.high)], axis=1), axis=0)
-            found.append(of(system.flows[field], boxes[:, 0], boxes[:, 1], planar=planar))
+            found.append(supremum(system.flows[field], *boxes.swapaxes(0, 1), planar=planar, slope=slope, drift=False))
         return max(found, key=lambda s: s.upper)
 
 
@@ -258,8 +256,8 @@ class Region:
     rho: Supremum
 
 
-def tube_about(system: System, path: TargetPath, carrier: Carrier, radius: Radius) -> Tube:
-    """The tube of a radius about the harmonic extension of a path that is known, in spans of time.
+def tube_about(system: System, path: TargetPath, carrier: Carrier, radius: Callable[[Array], Array]) -> Tube:
+    """The tube of a radius, monotone in time, about the harmonic extension of a path that is known, in spans of time.
 
     It has one box for each agent and span, or one for all agents where there are many.
     """

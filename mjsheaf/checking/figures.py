@@ -57,8 +57,9 @@ def _spectrum(axis: Any, system: System, record: CheckRecord) -> None:
     if record.margins.bodies.largest_gain is not None:
         limit = t.lambda_max * record.margins.bodies.largest_gain / t.gain
         axis.axhline(limit, color=_FREE, linestyle=":", label=f"{limit:.3g}: vehicles swing up above")
-    title = f"spectrum of H: {t.lambda_min:.3g} to {t.lambda_max:.3g}"
-    label_axes(axis, title, "number of the eigenvalue", "eigenvalue")
+    label_axes(
+        axis, f"spectrum of H: {t.lambda_min:.3g} to {t.lambda_max:.3g}", "number of the eigenvalue", "eigenvalue"
+    )
     legend_below(axis, axis.get_legend_handles_labels()[0], 2)
 
 
@@ -76,11 +77,10 @@ def _graph(axis: Any, system: System, record: CheckRecord) -> None:
             if len(motion) > 2 and abs(motion[2]) > 1e-6:  # up and down: a ring with a dot, as arrows seen head-on
                 axis.plot(*start, "o", markersize=20, markerfacecolor="none", markeredgecolor=_FREE, mew=2, zorder=4)
                 axis.plot(*start, ".", color=_FREE, markersize=6, zorder=4)
-    dimension = record.relative_cohomology.dimension
-    keys = [*edge_keys(), _TARGET_KEY]
+    dimension, keys = record.relative_cohomology.dimension, [*edge_keys(), _TARGET_KEY]
     if dimension:
-        keys.append(key("free along z", color=_FREE, marker="o", markerfacecolor="none", markersize=12, mew=2))
-        keys.append(key("free in the plane", color=_FREE, lw=2))
+        up_and_down = key("free along z", color=_FREE, marker="o", markerfacecolor="none", markersize=12, mew=2)
+        keys += [up_and_down, key("free in the plane", color=_FREE, lw=2)]
     title = f"who is free to drift: dimension {dimension}" + ("" if dimension else ", nobody")
     finish_map(axis, title, "x (m), initial configuration from above", 0.15)
     legend_below(axis, keys, 2)

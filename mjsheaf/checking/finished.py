@@ -21,7 +21,6 @@ import numpy as np
 from mjsheaf.arrays import Array
 from mjsheaf.checking.certificate import Certificate, certify
 from mjsheaf.checking.margins import loop_along
-from mjsheaf.control.theorem import Theorem
 from mjsheaf.results.netcdf import pieces_of
 from mjsheaf.system import System
 
@@ -67,11 +66,6 @@ class RunBound:
     ratio: float | None = None
     settled_ratio: float | None = None
     worst: float | None = None
-
-    @property
-    def theorem(self) -> Theorem:
-        """Theorem 1 with the certificate's constants."""
-        return self.certificate.theorem
 
     @property
     def reason(self) -> str:

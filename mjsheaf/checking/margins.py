@@ -33,9 +33,6 @@ from mjsheaf.simulation.loop import whole_ratio
 from mjsheaf.system import System
 from mjsheaf.threads import one_thread
 from mjsheaf.vehicles.effects import capability_of, of_each
-from mjsheaf.vehicles.vehicle import Vehicle
-
-Index = IntArray
 
 LARGEST_WHOLE = 400
 """Largest number of states that act on one another for which the matrix of a team of unlike vehicles is solved."""
@@ -191,27 +188,27 @@ def body_margin(system: System, spectrum: Spectrum, tau: Array) -> Inertia:
         tau: time constant m / D of each agent along its most sluggish controlled axis, shape (N,), s.
     """
     k, low, high = system.gain, float(tau.min()), float(tau.max())
-
-    def ratios(slowest: float, fastest: float) -> Inertia:
-        return Inertia(tau=[low, high], damping_slowest=slowest, damping_fastest=fastest)
-
     if not spectrum.smallest.size:  # nothing is held, so nothing swings
-        return ratios(np.inf, np.inf)
-    if high - low <= 1e-9 * high:
-        ends = float(spectrum.smallest[0]), spectrum.lambda_max
-        return ratios(*(float(1.0 / (2.0 * np.sqrt(k * eigenvalue * low))) for eigenvalue in ends))
-    if system.team.dirichlet.H.shape[0] > LARGEST_SECOND_ORDER:
-        bound = float(1.0 / (2.0 * np.sqrt(k * spectrum.lambda_max * high)))
-        return ratios(bound, bound)
+        damping = np.array([np.inf])
+    elif high - low <= 1e-9 * high:
+        damping = 1.0 / (2.0 * np.sqrt(k * np.array([spectrum.smallest[0], spectrum.lambda_max]) * low))
+    elif system.team.dirichlet.H.shape[0] > LARGEST_SECOND_ORDER:
+        damping = 1.0 / (2.0 * np.sqrt(k * np.array([spectrum.lambda_max]) * high))
+    else:
+        damping = _damping_of_unlike(system, spectrum, tau)
+    return Inertia(tau=[low, high], damping_slowest=damping[0], damping_fastest=damping[-1])
+
+
+def _damping_of_unlike(system: System, spectrum: Spectrum, tau: Array) -> Array:
+    """The damping of every mode by inertia alone, the slowest first."""
     each = np.concatenate([np.full(a.dimension, t) for a, t in zip(system.team.agents, tau, strict=True)])
     modes, Q = _held_modes(system, spectrum)
     m = len(modes)
-    swing = np.block([[np.zeros((m, m)), Q.T], [-k / each[:, None] * Q * modes, -np.diag(1.0 / each)]])
+    swing = np.block([[np.zeros((m, m)), Q.T], [-system.gain / each[:, None] * Q * modes, -np.diag(1.0 / each)]])
     values, vectors = linalg.eig(swing)  # on (z, v): z the held coordinates, v all velocities
     z, v = np.linalg.norm(vectors[:m], axis=0), np.linalg.norm(vectors[m:], axis=0)
-    roots = values[z > _POSITION_AT_REST * low * v]  # the others coast along what is free
-    damping = (-roots.real / np.abs(roots))[np.argsort(np.abs(roots))]
-    return ratios(float(damping[0]), float(damping[-1]))
+    roots = values[z > _POSITION_AT_REST * tau.min() * v]  # the others coast along what is free
+    return np.asarray((-roots.real / np.abs(roots))[np.argsort(np.abs(roots))])
 
 
 def _held_modes(system: System, spectrum: Spectrum) -> tuple[Array, Array]:
@@ -260,7 +257,7 @@ class _Modes(NamedTuple):
     """
 
     factor: NDArray[np.complex128]
-    agent: Index
+    agent: IntArray
     moves: BoolArray
 
 
@@ -289,10 +286,9 @@ def body_loop(system: System, spectrum: Spectrum, medium: Array) -> BodyLoop:
             raise _UndecidedError("nothing is held")
         loop = _close(system, spectrum, _models(system, medium, timestep, steps), period)
     except (_UndecidedError, InputError, np.linalg.LinAlgError) as error:
-        stiff = isinstance(error, np.linalg.LinAlgError)  # a step that is not finite
         unknown = dict.fromkeys(("stable", "spectral_radius", "largest_gain", "least_damped"))
-        reason = "the vehicles cannot be linearised: " * stiff + str(error)
-        return BodyLoop(**unknown, period=period, reason=reason)
+        stiff = isinstance(error, np.linalg.LinAlgError)  # a step that is not finite
+        return BodyLoop(**unknown, period=period, reason="the vehicles cannot be linearised: " * stiff + str(error))
     none = _NEUTRAL_RATE * period
     modes = _Modes(*(np.concatenate(x) for x in zip(*loop.modes(system.gain), strict=True)))
     size = np.hypot(modes.factor.real, modes.factor.imag)
@@ -326,11 +322,8 @@ def mean_medium(system: System, time: Array, q_star: Array) -> Array:
     """
     stride = max(1, len(q_star) // _MOST_SAMPLES)
     w = agent_drift(system, q_star[::stride])
-    span = float(time[-1] - time[0])
-    if span <= 0.0:
-        return system.team.unpack(w)[0]
     mean = trapezoid(w, time[::stride], axis=0) / float(time[::stride][-1] - time[0])
-    return system.team.unpack((mean - (q_star[-1] - q_star[0]) / span)[None])[0]
+    return system.team.unpack(mean - (q_star[-1] - q_star[0]) / float(time[-1] - time[0]))
 
 
 def _models(system: System, medium: Array, timestep: float, steps: int) -> list[LinearVehicle]:
@@ -344,15 +337,13 @@ def _models(system: System, medium: Array, timestep: float, steps: int) -> list[
     agents = system.team.agents
     if not np.isfinite(medium).all():
         raise _UndecidedError("the mean flow along q* is not known")
-    span = system.grid.period * system.grid.steps
-    stations: dict[tuple[int, bytes], Station] = {}
-    keys = []
+    stations, keys = dict[tuple[int, bytes], Station](), list[tuple[int, bytes]]()
     for i, agent in enumerate(agents):
         if (speed := float(np.linalg.norm(medium[i]))) > system.law.limit[i]:
             raise _UndecidedError(
                 f"{agent.id}: the mean flow, {speed:.3g} m/s relative to its q*, is beyond its velocity limit"
             )
-        station = _station(system.vehicles[i], medium[i], float(system.bodies.heading[i]), span)
+        station = _station(system, i, medium[i])
         keys.append((id(station.vehicle), np.round([*station.medium, station.heading], 4).tobytes()))
         stations.setdefault(keys[-1], station)
     chosen, many = list(stations), len(stations) > _MOST_STATIONS
@@ -376,12 +367,13 @@ def _models(system: System, medium: Array, timestep: float, steps: int) -> list[
     return [models[chosen[0]]] * len(keys)
 
 
-def _station(vehicle: Vehicle, medium: Array, heading: float, span: float) -> Station:
-    """Where a vehicle holds station: one that holds no heading turns into the current, if the run gives it the time."""
+def _station(system: System, agent: int, medium: Array) -> Station:
+    """Where an agent holds station: one that holds no heading turns into the current, if the run gives it the time."""
+    vehicle, heading = system.vehicles[agent], float(system.bodies.heading[agent])
     if vehicle.steering.attitude:
         return Station(vehicle, medium, heading)
-    speed = float(np.hypot(medium[0], medium[1]))
-    if speed * span < _TURNS * vehicle.steering.hand:
+    span = system.grid.period * system.grid.steps
+    if float(np.hypot(medium[0], medium[1])) * span < _TURNS * vehicle.steering.hand:
         return Station(vehicle, np.zeros(3), heading)
     return Station(vehicle, medium, float(np.arctan2(-medium[1], -medium[0])))
 
@@ -434,14 +426,12 @@ class _Part(NamedTuple):
     Attributes:
         plant: of each vehicle along the axes of this part.
         values: eigenvalues above zero, ascending, or a sampling of the interval that holds them, the largest exact.
-        agent: number of the agent that moves most in each one's mode, -1 where unknown.
-        exact: whether the values are the eigenvalues.
+        agent: number of the agent that moves most in each one's mode; -1 where the value need not be an eigenvalue.
     """
 
     plant: LinearVehicle
     values: Array
-    agent: Index
-    exact: bool
+    agent: IntArray
 
 
 def _parts(system: System, spectrum: Spectrum, model: LinearVehicle, period: float) -> list[_Part]:
@@ -468,25 +458,25 @@ def _parts(system: System, spectrum: Spectrum, model: LinearVehicle, period: flo
             axes, part, agents = axes[:1], H[rows][:, rows], rows // n
         else:
             return []
-        values, agent, exact = _eigenvalues(part, agents, float(spectrum.smallest[0]))
+        values, agent = _eigenvalues(part, agents, float(spectrum.smallest[0]))
         if len(values):
             plant = LinearVehicle(model.A, model.B[:, axes], model.C[axes], model.D[np.ix_(axes, axes)])
-            parts.append(_Part(plant, values, agent, exact))
+            parts.append(_Part(plant, values, agent))
     return parts
 
 
-def _eigenvalues(H: sparse.csr_array, agents: Index, least: float) -> tuple[Array, Index, bool]:
-    """Values, agents and whether exact as in `_Part`, of a part of H whose rows belong to `agents`.
+def _eigenvalues(H: sparse.csr_array, agents: IntArray, least: float) -> tuple[Array, IntArray]:
+    """Values and agents as in `_Part`, of a part of H whose rows belong to `agents`.
 
     `least` is the smallest eigenvalue of all H above zero.
     """
     if H.shape[0] <= DENSE_STATES:
         values, vectors = np.linalg.eigh(H.toarray())
         held = values > 0.5 * least
-        return values[held], agents[np.abs(vectors[:, held]).argmax(axis=0)], True
+        return values[held], agents[np.abs(vectors[:, held]).argmax(axis=0)]
     top, vector = eigsh(H, k=1, which="LA", v0=np.ones(H.shape[0]))
     values = np.geomspace(least, max(float(top[0]), least), 200)
-    return values, np.append(np.full(len(values) - 1, -1), agents[np.abs(vector[:, 0]).argmax()]), False
+    return values, np.append(np.full(len(values) - 1, -1), agents[np.abs(vector[:, 0]).argmax()])
 
 
 class _Split:
@@ -510,8 +500,7 @@ class _Split:
 
     def growth_at_ends(self, gain: float) -> float:
         """Growth of the modes at eigenvalues that H surely has."""
-        known = ((p.plant, p.values if p.exact else p.values[-1:]) for p in self._parts)
-        return max(float(_growths(plant, gain * values).max()) for plant, values in known)
+        return max(float(_growths(part.plant, gain * part.values[part.agent >= 0]).max()) for part in self._parts)
 
     def largest_gain(self, gain: float, most: float) -> float | None:
         """See BodyLoop; `most` is the growth over a period that counts as none."""

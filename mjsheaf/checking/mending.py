@@ -22,12 +22,11 @@ from scipy import sparse
 from scipy.sparse import csgraph
 
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.checking.cohomology import agent_coboundary, smallest_eigenvalue, spectrum_of
+from mjsheaf.checking.cohomology import agent_coboundary, smallest_eigenvalue
 from mjsheaf.io.section import Record
 from mjsheaf.team import Edge, Member, Team, anchor, restriction_maps
 from mjsheaf.team.null_modes import null_mode_basis
 
-Index = IntArray
 Kind = Literal["communication", "sensing", "anchor"]
 
 EXACT_COMBINATIONS = 20_000
@@ -98,24 +97,16 @@ class Candidate:
         return f"let {edge.tail} {verb} {edge.head}{about}"
 
 
-def edge_rows(team: Team, candidates: Iterable[Candidate]) -> sparse.csr_array:
+def edge_rows(team: Team, candidates: Sequence[Candidate]) -> sparse.csr_array:
     """The rows C of candidates in the coboundary on the agents, shape (m, n)."""
-    first = team.first_state
-    row, column, value = list[Index](), list[Index](), list[Array]()
-    m = 0
-    for candidate in candidates:
-        edge = candidate.edge(team)
-        ends = [(candidate.agent, edge.F_tail)]
+    first, edges = team.first_state, [candidate.edge(team) for candidate in candidates]
+    ends = np.cumsum([len(edge.F_tail) for edge in edges])
+    C = sparse.lil_array((int(ends[-1]), int(first[-1])))
+    for candidate, edge, end in zip(candidates, edges, ends, strict=True):
+        C[end - len(edge.F_tail) : end, first[candidate.agent] : first[candidate.agent + 1]] = edge.F_tail
         if candidate.kind == "communication":
-            ends.append((candidate.end, -edge.F_head))
-        for agent, F in ends:
-            k, axis = np.nonzero(F)
-            row.append(m + k)
-            column.append(first[agent] + axis)
-            value.append(F[k, axis])
-        m += len(edge.F_tail)
-    entries = (np.concatenate(value), (np.concatenate(row), np.concatenate(column)))
-    return sparse.coo_array(entries, shape=(m, int(first[-1]))).tocsr()
+            C[end - len(edge.F_head) : end, first[candidate.end] : first[candidate.end + 1]] = -edge.F_head
+    return C.tocsr()
 
 
 @dataclass
@@ -125,18 +116,17 @@ class Group:
     Attributes:
         projector: on the row space of C T, where T are the free directions, shape (r, r).
         rank: how many free directions each candidate holds.
-        count: how many candidates there are.
+        blocks: kind, agents and ends; each pair of them is a candidate.
     """
 
     projector: Array
     rank: int
-    count: int
-    _blocks: list[tuple[Kind, Sequence[int], Sequence[int]]]
+    blocks: list[tuple[Kind, Sequence[int], Sequence[int]]]
 
     def members(self, most: int) -> list[Candidate]:
-        """The candidates by preference; of each block of agents and ends at most `most`, spread evenly."""
+        """The candidates by preference; of each block at most `most`, spread evenly."""
         found = []
-        for kind, agents, ends in self._blocks:
+        for kind, agents, ends in self.blocks:
             size = len(agents) * len(ends)
             for k in np.unique(np.linspace(0, size - 1, min(size, most)).astype(np.int64)).tolist():
                 pair = agents[k // len(ends)], ends[k % len(ends)]
@@ -144,26 +134,12 @@ class Group:
         return sorted(found, key=lambda candidate: candidate.preference)
 
 
-@dataclass(frozen=True)
-class Alike:
-    """Agents of one dimension that move alike in all free directions.
-
-    Attributes:
-        agents: their numbers.
-        motion: how they move in each of r directions, shape (dimension, r).
-    """
-
-    agents: list[int]
-    motion: Array
+Alike = tuple[list[int], Array]
+"""Numbers of agents that move alike, and how they move in each of r directions, shape (dimension, r)."""
 
 
 def alike(team: Team, free: sparse.csc_array) -> list[Alike]:
-    """Sort the agents that move by how they move.
-
-    Args:
-        team: the team.
-        free: free directions T, shape (n, r).
-    """
+    """Sort the agents that move by how they move in the free directions T, shape (n, r)."""
     entries = free.tocoo()
     agent, axis = np.divmod(team.slots[entries.row], 3)
     agents, place = np.unique(agent, return_inverse=True)
@@ -173,7 +149,7 @@ def alike(team: Team, free: sparse.csc_array) -> list[Alike]:
     for i, block in zip(agents.tolist(), motion, strict=True):
         n = team.agents[i].dimension
         key = n, (np.round(block, 6) + 0.0).tobytes()
-        found.setdefault(key, Alike([], block[:n])).agents.append(i)
+        found.setdefault(key, ([], block[:n]))[0].append(i)
     return list(found.values())
 
 
@@ -203,22 +179,20 @@ def group_candidates(
     groups: dict[bytes, Group] = {}
 
     blocks: list[tuple[Array, Kind, Sequence[int], Sequence[int]]] = []
-    for c in classes:
-        blocks += [(c.motion[axis : axis + 1], "anchor", c.agents, [axis]) for axis in range(len(c.motion))]
-        blocks += [(c.motion[:n], "communication", c.agents, numbers) for n, numbers in still.items()]
-        blocks += [(c.motion[:n], "sensing", c.agents, numbers) for n, numbers in targets.items()]
-    for a, b in itertools.combinations(classes, 2) if links else ():
-        m = min(len(a.motion), len(b.motion))
-        blocks.append((a.motion[:m] - b.motion[:m], "communication", a.agents, b.agents))
+    for own, motion in classes:
+        blocks += [(motion[axis : axis + 1], "anchor", own, [axis]) for axis in range(len(motion))]
+        blocks += [(motion[:n], "communication", own, numbers) for n, numbers in still.items()]
+        blocks += [(motion[:n], "sensing", own, numbers) for n, numbers in targets.items()]
+    for (some, one), (others, other) in itertools.combinations(classes, 2) if links else ():
+        m = min(len(one), len(other))
+        blocks.append((one[:m] - other[:m], "communication", some, others))
     for rows, kind, agents, ends in blocks:
         _, singular, directions = np.linalg.svd(rows, full_matrices=False)
         directions = directions[singular > _RANK]
         if len(directions):
             projector = directions.T @ directions
             key = (np.round(projector, 6) + 0.0).tobytes()
-            group = groups.setdefault(key, Group(projector, len(directions), 0, []))
-            group.count += len(agents) * len(ends)
-            group._blocks.append((kind, agents, ends))
+            groups.setdefault(key, Group(projector, len(directions), [])).blocks.append((kind, agents, ends))
     return sorted(groups.values(), key=lambda group: -group.rank)
 
 
@@ -250,13 +224,12 @@ class Augmentation(Record):
     alternatives: list[list[str]] = Field(description="other sets of the same size, described, the best first")
 
 
-def plan_augmentation(team: Team) -> Augmentation:
-    """Find the smallest set of edges and anchors that makes H^0(G, G_p; F) trivial."""
+def plan_augmentation(team: Team) -> Augmentation | None:
+    """Find the smallest set of edges and anchors that makes H^0(G, G_p; F) trivial; None where it is."""
     free = null_mode_basis(team)
     r = free.shape[1]
     if r == 0:
-        lambda_min = spectrum_of(team, 1).lambda_min
-        return Augmentation(needed=0, exact=True, candidates=0, repairs=[], lambda_min=lambda_min, alternatives=[])
+        return None
     states = free.shape[0]
     owner, moving_axis = np.divmod(team.slots[:states], 3)
     still = by_dimension(team.agents, np.setdiff1d(np.arange(len(team.agents)), owner[free.indices]).tolist())
@@ -266,7 +239,7 @@ def plan_augmentation(team: Team) -> Augmentation:
     for part in parts:
         classes = alike(team, part)
         groups = group_candidates(team, classes, still, links=len(classes) <= JOINT_CLASSES)
-        count += sum(group.count for group in groups)
+        count += sum(len(agents) * len(ends) for group in groups for _, agents, ends in group.blocks)
         combinations, smallest = smallest_combinations(groups, part.shape[1])
         certain &= smallest and len(classes) <= JOINT_CLASSES
         if len(parts) == 1 and states <= RANKED_STATES:
@@ -279,8 +252,8 @@ def plan_augmentation(team: Team) -> Augmentation:
     certain |= len(choices[0]) == math.ceil(r / axes)
 
     most = next((most for limit, most in COMPARED if states <= limit), 1)
-    coboundary = agent_coboundary(team)
-    compared = [(smallest_eigenvalue(coboundary.extended(edge_rows(team, x))), x) for x in choices[:most]]
+    coboundary, added = agent_coboundary(team), ((edge_rows(team, x), x) for x in choices[:most])
+    compared = [(smallest_eigenvalue(*(sparse.vstack([y, C]).tocsr() for y in coboundary)), x) for C, x in added]
     scale = max(value for value, _ in compared) or 1.0
     compared.sort(key=lambda pair: (-round(pair[0] / scale, 9), _preference(pair[1])))
     lambda_min, chosen = compared[0]
@@ -289,31 +262,22 @@ def plan_augmentation(team: Team) -> Augmentation:
         needed=len(chosen),
         exact=certain,
         candidates=count,
-        repairs=[_repair(team, free, x, lambda_min if len(chosen) == 1 else 0.0, linked) for x in chosen],
+        repairs=[
+            Repair(
+                kind=x.kind,
+                description=x.describe(team, linked),
+                nullity_reduction=int(np.linalg.matrix_rank((edge_rows(team, [x]) @ free).toarray(), tol=_RANK)),
+                lambda_min_alone=lambda_min if len(chosen) == 1 else 0.0,
+                lambda_min_without=0.0,
+            )
+            for x in chosen
+        ],
         lambda_min=lambda_min,
         alternatives=[[x.describe(team, linked) for x in other] for _, other in compared[1 : 1 + _MOST_ALTERNATIVES]],
     )
 
 
-def _repair(
-    team: Team,
-    free: sparse.csc_array,
-    candidate: Candidate,
-    lambda_min_alone: float,
-    linked: Container[tuple[str, str]],
-) -> Repair:
-    held = edge_rows(team, [candidate]) @ free
-    held = held[:, np.unique(held.indices)].toarray()
-    return Repair(
-        kind=candidate.kind,
-        description=candidate.describe(team, linked),
-        nullity_reduction=int(np.linalg.matrix_rank(held, tol=1e-6)),
-        lambda_min_alone=lambda_min_alone,
-        lambda_min_without=0.0,
-    )
-
-
-def _parts(free: sparse.csc_array, owner: Index) -> list[sparse.csc_array]:
+def _parts(free: sparse.csc_array, owner: IntArray) -> list[sparse.csc_array]:
     """Free directions in which no agent of another part moves."""
     entries = free.tocoo()
     moves = sparse.coo_array((np.ones(free.nnz), (owner[entries.row], entries.col))).tocsr()
@@ -383,19 +347,18 @@ def _ranked(
         return C_N.T @ np.linalg.solve(np.eye(C.shape[0]) + C @ (C @ H_inverse).T, C_N)
 
     def best(choices: Sequence[Choice]) -> list[Choice]:
-        score = [round(float(np.linalg.eigvalsh(held(choice))[0]), 9) for choice in choices]
-        order = sorted(range(len(choices)), key=lambda k: (-score[k], _preference(choices[k])))
-        return [choices[k] for k in order]
+        return sorted(choices, key=lambda x: (-round(float(np.linalg.eigvalsh(held(x))[0]), 9), _preference(x)))
 
     combinations = combinations[:_MOST_COMBINATIONS]
     if len(combinations) > _COMBINATIONS_KEPT:
         first = {tuple(groups[k].members(1)[0] for k in combination): combination for combination in combinations}
         combinations = [first[choice] for choice in best(list(first))[:_COMBINATIONS_KEPT]]
     used = {k for combination in combinations for k in combination}
-    members = {}
-    for k in used:
-        found = groups[k].members(max(_MOST_CANDIDATES // len(used), 8))
-        members[k] = sorted(found, key=lambda candidate: -round(float(np.trace(held((candidate,)))), 9))
+    most = max(_MOST_CANDIDATES // len(used), 8)
+    members = {
+        k: sorted(groups[k].members(most), key=lambda candidate: -round(float(np.trace(held((candidate,)))), 9))
+        for k in used
+    }
     width = max(int(_MOST_SETS ** (1.0 / len(combinations[0])) + 1e-9), 1)
     choices = [
         choice

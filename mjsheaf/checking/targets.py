@@ -27,7 +27,7 @@ from scipy import sparse
 
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.checking.cohomology import Spectrum
-from mjsheaf.control.law import ControlArrays, new_memory, pack_edges, sample
+from mjsheaf.control.law import ControlArrays, evaluate_law, new_memory, pack_edges
 from mjsheaf.dynamics import disturbance
 from mjsheaf.dynamics.disturbance import disturbance_velocity
 from mjsheaf.dynamics.flow import flow_scale, flow_slope
@@ -40,7 +40,6 @@ MOST_STEPS = 1_500_000
 """Steps of the integrator times targets: a path that takes more is too long or too stiff to follow."""
 
 _DENSE = 200_000  # numbers of K = H^-1 B that are held as a matrix
-_BLOCK = 1 << 16  # steps times targets that are recorded between two looks at the count
 _SAMPLED = 2000  # instants at which the path is also kept as it is, for pictures and estimates
 _MOST_NUMBERS = 4_000_000  # of the harmonic extensions there, and of the samples kept to compare with a run
 _TOLERANCE = 1e-10  # of the integrator for each step, relative and absolute
@@ -53,8 +52,6 @@ _ERROR, _RELATIVE_ERROR = 1e-6, 1e-8  # at least allowed of the path: m, and rel
 _COMPARED = 2000  # instants of a continuous law at which two integrations are compared, at least about
 _DIFFERENCES = 20.0  # of two integrations, that are allowed
 _LARGEST_ERROR = 1e-4  # m, and relative to its farthest position: a path that may be farther off is not known
-
-_DONE, _FULL, _STUCK = 0, 1, 2
 
 
 class Carrier:
@@ -73,6 +70,7 @@ class Carrier:
         if spectrum is not None and spectrum.smallest.size:
             self._norm = spectrum.sigma_max_B / float(spectrum.smallest[0])
         self._K = self._problem.extend(np.eye(n_p)) - self._rest if n_q * n_p <= _DENSE else None  # (n_p, n_q)
+        self._own = _places(system)
 
     def extend(self, targets: Array) -> Array:
         """q* of targets at (..., M, 3), stacked, (..., n_q), m."""
@@ -99,12 +97,6 @@ class Carrier:
         return self._norm * np.linalg.norm(radii, axis=-1) + np.linalg.norm(own, axis=-1)
 
     @cached_property
-    def _own(self) -> IntArray:
-        """Places of the stacked p in padded targets (M, 3), flattened."""
-        slots = self._team.slots
-        return slots[self._problem.H.shape[0] :] - 3 * len(self._team.agents)
-
-    @cached_property
     def _blocks(self) -> Array:
         """|K_ik|, shape (N, M)."""
         N, M = len(self._team.agents), len(self._team.targets)
@@ -112,6 +104,11 @@ class Carrier:
         assert self._K is not None  # what reaches for its blocks
         padded[self._own] = self._team.unpack(self._K)
         return np.linalg.norm(padded.reshape(M, 3, N, 3).transpose(2, 0, 3, 1), ord=2, axis=(2, 3))
+
+
+def _places(system: System) -> IntArray:
+    """Places of the stacked p in padded targets (M, 3), flattened."""
+    return system.team.slots[system.team.first_state[-1] :] - 3 * len(system.team.agents)
 
 
 class Cells(NamedTuple):
@@ -187,7 +184,7 @@ class _Setting(NamedTuple):
         acceleration, speed: sup |v'| and sup |v| of their references, shape (M,), m/s^2 and m/s.
         shake: sup |omega'|, shape (M,), m/s^2.
         turn: a step that is short beside the fastest motion and disturbance, s.
-        decay: rate of consensus and pull, 1/s.
+        decay: rate of consensus and pull where the law is continuous, else 0, 1/s.
         share: of the usual steps.
         margin: about the ball that a step stays in, over which slopes are taken, m.
         times: of the samples, s.
@@ -267,14 +264,14 @@ def _tighten(setting, h, velocity, bound):
 
 
 @inline_jit
-def _shortened(setting, medium, decay, h, x, velocity, bound):
+def _shortened(setting, medium, h, x, velocity, bound):
     """The step h, no longer than what resolves flow and law at x; fills the speeds of `bound`."""
     for v in range(x.shape[0]):
         p = velocity[v]
         bound.speed[v] = np.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
         table = medium.kernels[medium.rows[v, 0] : medium.rows[v, 1]]
         reach = setting.share * _SHARE_OF_SCALE * flow_scale(table, x[v, 0], x[v, 1], x[v, 2])
-        rate = decay
+        rate = setting.decay
         if reach < np.inf:
             rate += flow_slope(table, x[v, 0], x[v, 1], x[v, 2], reach)
             h = min(h, reach / (bound.speed[v] + 1e-300))
@@ -296,28 +293,25 @@ def _lead(setting, t, x, velocity, bound):
 
 
 @jit
-def _follow(follow, setting, run, place, x, bound, cells, samples):
-    """Follow the targets from a place in the run until the cells are full; return what ended it, and how many are.
+def _follow(follow, setting, run, x, bound, cells, samples):
+    """Follow the targets until the end, until the cells are full, or until no step is short enough.
 
-    `follow` is the setting's `control` where the law is continuous, None where it is held; run is the integrator; place
-    (3,) is sample, time since then and next step, s.
+    `follow` is the setting's `control` where the law is continuous, None where it is held; run is the integrator.
+    Returned are how many cells there are, and how far they lead: the last sample, and the time since then, s.
     """
     control, share, times, stride = setting.control, setting.share, setting.times, setting.stride
-    decay = 0.0 if follow is None else setting.decay
     M, medium, period = x.shape[0], run.medium, run.period
-    k, done, step = int(place[0]), place[1], place[2]
-    count = 0
+    k, done, step, count = 0, 0.0, run.period, 0
     while k < len(times) - 1:
         if done == 0.0 and follow is None:
-            sample(control, times[k], x, None, run.memory)
+            evaluate_law(control, times[k], x, None, run.memory)
         while done < period:
             t = times[k] + done
             slope_of(follow, run, t, x, 0, M, run.slope[0])
             h = min(min(step, share * setting.turn), period - done)
-            h = _shortened(setting, medium, decay, h, x, run.slope[0], bound)
+            h = _shortened(setting, medium, h, x, run.slope[0], bound)
             if count == len(cells.begin):
-                place[0], place[1], place[2] = k, done, step
-                return _FULL, count
+                return count, k, done
             for v in range(M):  # f_p at t, while the sines are those of t
                 w = disturbance_velocity(medium.harmonics, run.sines, v)
                 for i in range(3):
@@ -327,8 +321,7 @@ def _follow(follow, setting, run, place, x, bound, cells, samples):
             error = np.inf
             while not error < 1.0:
                 if not h > 1e-14 * max(period, abs(t)):  # also where it is NaN
-                    place[0], place[1], place[2] = k, done, h
-                    return _STUCK, count
+                    return count, k, done
                 if _bound_speeds(setting, medium, follow is not None, h, x, bound):
                     error = take_step(follow, run, t, h, x, 0, M)
                     if not error < 1.0:
@@ -360,7 +353,7 @@ def _follow(follow, setting, run, place, x, bound, cells, samples):
             for v in range(M):
                 for i in range(3):
                     samples[k // stride, v, i] = x[v, i]
-    return _DONE, count
+    return count, k, done
 
 
 class _UnknownPathError(Exception):
@@ -377,7 +370,7 @@ def follow_targets(system: System, carrier: Carrier | None = None) -> TargetPath
     N, M, n_q = len(system.team.agents), len(system.team.targets), int(system.team.first_state[-1])
     extend = (carrier or Carrier(system)).extend
     try:
-        finer, _ = _integrate(system, share=0.5, tolerance=0.1 * _TOLERANCE, margin=None)
+        finer, _ = _integrate(system, share=0.5, tolerance=0.1 * _TOLERANCE, margin=0.0)
         farthest = float(np.abs(finer).max())
         error = _ERROR + _RELATIVE_ERROR * farthest
         samples, cells = _integrate(system, share=1.0, tolerance=_TOLERANCE, margin=error)
@@ -404,14 +397,14 @@ def follow_targets(system: System, carrier: Carrier | None = None) -> TargetPath
     return TargetPath(time, positions, drift, q_star, cells, error, samples[:: _between(system)], _stride(system), "")
 
 
-def _integrate(system: System, share: float, tolerance: float, margin: float | None) -> tuple[Array, Cells]:
+def _integrate(system: System, share: float, tolerance: float, margin: float) -> tuple[Array, Cells]:
     """The targets' positions at each stride-th sample and between, shape (S, M, 3), and the cells.
 
     Args:
         system: the system.
         share: of the usual steps.
         tolerance: of the integrator for each step, relative and absolute.
-        margin: error of the positions for which the cells' slopes hold, m; None where cells are not wanted.
+        margin: error of the positions for which the cells' slopes hold, m.
     """
     control, medium, x = _targets_alone(system)
     M, stride, between, grid = len(x), _stride(system), _between(system), system.grid
@@ -419,36 +412,27 @@ def _integrate(system: System, share: float, tolerance: float, margin: float | N
     times = np.asarray(grid.start + period * np.arange(grid.steps * between + 1), dtype=np.float64)
     samples = np.empty(((len(times) - 1) // stride + 1, M, 3))
     samples[0] = x
-    place, blocks, total = np.array([0.0, 0.0, period]), list[Cells](), 0
     bound = _Step(*(np.zeros((M, 3) if name == "lead" else M) for name in _Step._fields))
     memory = new_memory(control.law, M)
     run = new_integrator(medium, system.effectiveness, (tolerance, tolerance), period, memory)
-    reference = control.motion._replace(pull=np.zeros(M))
-    moves = *_consensus(system), *_rates(system, control)
-    setting = _Setting(control, reference, *moves, share, margin or 0.0, times, stride)
+    setting = _Setting(control, *_rates(system, control), share, margin, times, stride)
     follow = control if grid.continuous else None
-    n = max(1, _BLOCK // M)
+    n = max(1, int(MOST_STEPS / (share * M)))  # memory is taken as it is written to
     shapes = (n,), (n,), (n, M, 3), (n, M, 3), (n, M), (n, M, 3), (n, M), (n, M)
-    block = Cells(*map(np.empty, shapes))
-    while True:
-        ended, count = _follow(follow, setting, run, place, x, bound, block, samples)
-        total += count
-        if margin is not None:
-            blocks.append(Cells(*(part[:count].copy() for part in block)))
-        if ended == _DONE:
-            return samples, Cells(*(np.concatenate(parts) for parts in zip(*blocks, strict=True))) if blocks else block
-        now = times[int(place[0])] + place[1]
-        if ended == _STUCK:
-            fastest = system.team.target_ids[int(np.argmax(np.nan_to_num(bound.speed, nan=np.inf)))]
-            raise _UnknownPathError(
-                f"{fastest} cannot be followed beyond t = {now:.6g} s: it runs into a singularity, "
-                "or moves too fast for what numbers resolve so late"
-            )
-        if total * M * share > MOST_STEPS:
-            raise _UnknownPathError(
-                f"their path is too long or too stiff to follow: {total} steps lead to t = {now:.4g} s "
-                f"of {times[-1]:.4g} s"
-            )
+    cells = Cells(*map(np.empty, shapes))
+    count, k, since = _follow(follow, setting, run, x, bound, cells, samples)
+    now = times[k] + since
+    if k == len(times) - 1:
+        return samples, Cells(*(part[:count].copy() for part in cells))
+    if count == n:
+        raise _UnknownPathError(
+            f"their path is too long or too stiff to follow: {n} steps lead to t = {now:.4g} s of {times[-1]:.4g} s"
+        )
+    fastest = system.team.target_ids[int(np.argmax(np.nan_to_num(bound.speed, nan=np.inf)))]
+    raise _UnknownPathError(
+        f"{fastest} cannot be followed beyond t = {now:.6g} s: it runs into a singularity, "
+        "or moves too fast for what numbers resolve so late"
+    )
 
 
 def _between(system: System) -> int:
@@ -473,18 +457,14 @@ def _targets_alone(system: System) -> tuple[ControlArrays, MediumArrays, Array]:
     return ControlArrays(alone, motion._replace(**own)), around, system.initial[N:].copy()
 
 
-def _consensus(system: System) -> tuple[IntArray, IntArray, Array]:
-    """start, column and value of `_Setting`."""
-    team, N = system.team, len(system.team.agents)
-    slots = team.slots[team.first_state[-1] :] - 3 * N
-    L = team.target_sheaf.laplacian().tocoo()
-    padded = sparse.csr_array((L.data, (slots[L.row], slots[L.col])), shape=(3 * len(team.targets),) * 2)
+def _rates(
+    system: System, control: ControlArrays
+) -> tuple[MotionArrays, IntArray, IntArray, Array, Array, Array, Array, float, float]:
+    """What `_Setting` says of the targets, from `reference` to `decay`."""
+    L, places = system.team.target_sheaf.laplacian().tocoo(), _places(system)
+    padded = sparse.csr_array((L.data, (places[L.row], places[L.col])), shape=(3 * len(system.team.targets),) * 2)
     padded.sort_indices()
-    return padded.indptr.astype(np.int64), padded.indices.astype(np.int64), padded.data
-
-
-def _rates(system: System, control: ControlArrays) -> tuple[Array, Array, Array, float, float]:
-    """acceleration, speed, shake, turn and decay of `_Setting`."""
+    rows = padded.indptr.astype(np.int64), padded.indices.astype(np.int64), padded.data
     speed, acceleration = reference_bounds(control.motion)
     harmonics = system.harmonics[len(system.team.agents) :]
     shake = (np.linalg.norm(harmonics[..., :3], axis=2) * np.abs(harmonics[..., 3])).sum(axis=1)
@@ -495,7 +475,9 @@ def _rates(system: System, control: ControlArrays) -> tuple[Array, Array, Array,
     if (pieces > 0.0).any():  # one turn in each piece of a path through waypoints
         fastest = max(fastest, 2.0 * np.pi / float(pieces[pieces > 0.0].min()))
     turn = _SHARE_OF_TURN / fastest if fastest > 0.0 else np.inf
-    return acceleration, speed, shake, turn, own_rate(system)
+    decay = own_rate(system) if system.grid.continuous else 0.0
+    reference = control.motion._replace(pull=np.zeros_like(speed))
+    return reference, *rows, acceleration, speed, shake, turn, decay
 
 
 def own_rate(system: System) -> float:
@@ -503,8 +485,7 @@ def own_rate(system: System) -> float:
 
     It is a sum over rows (Gershgorin) where there are many targets.
     """
-    N = len(system.team.agents)
-    L = system.team.target_sheaf.laplacian()
+    L, N = system.team.target_sheaf.laplacian(), len(system.team.agents)
     if L.shape[0] <= 600:
         fastest = float(np.linalg.eigvalsh(L.toarray())[-1])
     else:

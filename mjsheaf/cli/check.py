@@ -17,7 +17,7 @@ from mjsheaf.cli.options import (
     require_file_name,
 )
 from mjsheaf.cli.terminal import make_console, print_lines, print_note, progress_bars
-from mjsheaf.errors import InputError, MjsheafError, UnstableError
+from mjsheaf.errors import InputError, UnstableError, in_field
 
 
 def check(
@@ -52,7 +52,7 @@ def check(
     from mjsheaf.checking import examine
     from mjsheaf.checking.report import report
     from mjsheaf.control.theorem import as_rho
-    from mjsheaf.io.files import whole_file
+    from mjsheaf.io.files import naming, whole_file
     from mjsheaf.scenario import load_scenario
 
     system = load_scenario(scenario, changes_of(overrides)).system
@@ -69,11 +69,8 @@ def check(
     if plot is not None:
         from mjsheaf.checking.figures import plot_check
 
-        try:
-            with whole_file(plot) as part:
-                plot_check(system, examination, part)
-        except OSError as error:
-            raise InputError(f"--plot {plot}: cannot be written: {error.strerror or error}") from None
+        with naming(f"--plot {plot}"), whole_file(plot) as part:
+            plot_check(system, examination, part)
         if not as_json:
             print(plot)
     told = [
@@ -100,22 +97,16 @@ def compare(
     bodies right) into the directory, runs/NAME-compare unless given.
     """
     from mjsheaf.comparing.report import WIDTH, publish, report
-    from mjsheaf.results.store import PlaceError
 
     loaded, directory, origin = prepare(scenario, overrides, seed, out, "physics", "compare")
-    try:
-        with progress_bars() as bars:
-            published = publish(loaded, directory, video=video, origin=origin, progress=bars)
-    except PlaceError:
-        raise
-    except MjsheafError as error:
-        raise type(error)(f"{scenario}: {error}") from None
-    for note in published.notes:
+    with in_field(scenario), progress_bars() as bars:
+        record, notes, replaced = publish(loaded, directory, video=video, origin=origin, progress=bars)
+    for note in notes:
         print_note(note)
     console = make_console()
     console.width = max(console.width, WIDTH)
-    console.print(report(published.record))
-    print_lines(*filter(None, [published.replaced]), *(f"  {path}" for path in sorted(directory.iterdir())))
-    for rung in map(published.record.rung, ("ideal", "all")):
+    console.print(report(record))
+    print_lines(*filter(None, [replaced]), *(f"  {path}" for path in sorted(directory.iterdir())))
+    for rung in map(record.rung, ("ideal", "all")):
         if rung.status != "finished":
             raise UnstableError(f"{rung.label}: {rung.message}; what was found is in {directory}")

@@ -5,9 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from mjsheaf.cli.terminal import make_console, progress_bars
-
-_WIDTH = 150  # columns of the table of `bench`, where the output is no terminal
+from mjsheaf.cli.terminal import make_console, make_table, progress_bars
 
 
 def list_(vehicles: Annotated[bool, typer.Option("--vehicles", help="List vehicles instead.")] = False) -> None:
@@ -19,20 +17,17 @@ def list_(vehicles: Annotated[bool, typer.Option("--vehicles", help="List vehicl
 
 
 def _list_scenarios() -> None:
-    from rich.table import Column, Table
-
     from mjsheaf.io.files import list_studies
     from mjsheaf.io.yaml import read_yaml
     from mjsheaf.scenario import Scenario, list_scenarios
     from mjsheaf.scenario.load import read_scenario
 
-    numbers = (Column(heading, justify="right") for heading in ("agents", "targets", "seconds"))
-    table = Table("name", *numbers, "what it shows", title="scenarios", title_justify="left", header_style="")
+    numbers = ("agents", "targets", "seconds")
+    table = make_table("name", *numbers, "what it shows", numbers=numbers, title="scenarios")
     for name in list_scenarios():
         s = Scenario.model_validate(read_scenario(name))  # no team is built, which takes longer than all the rest
         table.add_row(name, str(len(s.agents)), str(len(s.targets)), f"{s.time.end - s.time.start:g}", s.summary)
-    title = "studies, for mjsheaf sweep"
-    studies = Table("name", "scenario", "what it asks", title=title, title_justify="left", header_style="")
+    studies = make_table("name", "scenario", "what it asks", title="studies, for mjsheaf sweep")
     for name, path in list_studies().items():
         study = read_yaml(path)
         studies.add_row(name, study["scenario"], study.get("summary", ""))
@@ -40,16 +35,12 @@ def _list_scenarios() -> None:
 
 
 def _list_vehicles() -> None:
-    from rich.table import Column, Table
-
     from mjsheaf.vehicles.effects import capability_of
     from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 
-    columns = [Column(heading, no_wrap=True) for heading in ("name", "moves in")]
-    for heading in ("mass\n(kg)", "thrusters", "thrust\n(N)", "tau\n(s)", "speed\n(m/s)"):
-        columns.append(Column(heading, justify="right", no_wrap=True))
-    table = Table(*columns, title="vehicles", title_justify="left", header_style="", box=None, padding=(0, 1))
-    summaries = Table(box=None, show_header=False)
+    headings = ("name", "moves in", "mass\n(kg)", "thrusters", "thrust\n(N)", "tau\n(s)", "speed\n(m/s)")
+    table = make_table(*headings, numbers=headings[2:], fixed=headings, title="vehicles", box=None, padding=(0, 1))
+    summaries = make_table(box=None, show_header=False)
     for name in list_vehicles():
         vehicle = load_vehicle(name)
         tau, can = vehicle.reduced_model().tau, capability_of(vehicle)
@@ -108,8 +99,6 @@ def bench(
 
     Topics: startup, ideal, loop, threads, peers, assembly, sheaf, video, memory.
     """
-    from rich.table import Table
-
     from mjsheaf.bench import run_bench
 
     with progress_bars() as bars:
@@ -119,18 +108,17 @@ def bench(
         return
     machine = found["machine"]
     title = f"mjsheaf {machine['mjsheaf']} on {machine['processors']} processors, MuJoCo {machine['mujoco']}"
-    table = Table(title=title, title_justify="left", header_style="", box=None, padding=(0, 1))
-    for heading in ("", "", "ours", "reference", "ratio", "wanted", "met", "reference is"):
-        number = heading in ("ours", "reference", "ratio")
-        table.add_column(heading, justify="right" if number else "left", no_wrap=heading != "reference is")
+    figures = ("ours", "reference", "ratio")
+    headings = ("", "", *figures, "wanted", "met", "reference is")
+    table = make_table(*headings, numbers=figures, fixed=headings[:-1], title=title, box=None, padding=(0, 1))
     topic = ""
     for row in found["rows"]:
-        numbers = ("-" if row[name] is None else f"{row[name]:.3g}" for name in ("ours", "reference", "ratio"))
+        numbers = ("-" if row[name] is None else f"{row[name]:.3g}" for name in figures)
         met = {True: "yes", False: "NO", None: ""}[row["met"]]
         first = "" if row["topic"] == topic else row["topic"]
         table.add_row(first, row["what"], *numbers, row["wanted"], met, row["note"])
         topic = row["topic"]
     console = make_console()
     if not console.is_terminal:
-        console.width = _WIDTH
+        console.width = 150  # columns
     console.print(table)

@@ -8,7 +8,7 @@ import sys
 import warnings
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Annotated, Any, NoReturn
+from typing import Annotated, Any
 
 import typer
 
@@ -68,16 +68,10 @@ def main(arguments: list[str] | None = None) -> None:
     """Run the command line and exit."""
     open_streams()
     code = _exit_code(arguments)
-    if was_stopped():
-        _leave(code)
-    sys.exit(code)
-
-
-def _leave(code: int) -> NoReturn:
-    """End the process where a signal has stopped its work, without taking the interpreter down.
-
-    Threads may still be inside MuJoCo or OpenGL, which crash when what they use is freed.
-    """
+    if not was_stopped():
+        sys.exit(code)
+    # Without taking the interpreter down: threads may still be inside MuJoCo or OpenGL, which crash when what they use
+    # is freed.
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError):
             stream.flush()
@@ -127,8 +121,19 @@ def _exit_code(arguments: list[str] | None) -> int:
         if not hasattr(error, "format_message"):
             raise
         message = error.format_message()  # empty where help itself was the answer
-        message = message.replace("Value error, ", "")  # as the command-line library's own library has it
+        for its, ours in _PLAINER.items():
+            message = message.replace(its, ours)
         return _complain(f"{message} (see mjsheaf --help)", InputError.exit_code) if message else InputError.exit_code
+
+
+_PLAINER = {
+    "Value error, ": "",
+    "Input should be greater than or equal to ": "expected at least ",
+    "Input should be less than or equal to ": "expected at most ",
+    "Input should be ": "expected ",
+    " is not one of ": ": expected one of ",
+}
+"""What the command-line library and its validator say, and what mjsheaf says."""
 
 
 class _Notes(logging.Handler):

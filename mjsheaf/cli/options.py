@@ -18,12 +18,8 @@ if TYPE_CHECKING:
     from mjsheaf.scenario import Scenario
 
 
-class Backend(StrEnum):
-    """What moves the vehicles."""
-
-    PHYSICS = "physics"
-    IDEAL = "ideal"
-
+Backend = StrEnum("Backend", ["PHYSICS", "IDEAL"])
+"""What moves the vehicles; values are the names in small letters."""
 
 ScenarioArgument = Annotated[
     str, typer.Argument(metavar="SCENARIO", help="A name from `mjsheaf list`, or the path of a YAML file.")
@@ -39,14 +35,6 @@ SetOption = Annotated[
     ),
 ]
 SeedOption = Annotated[int | None, typer.Option(help="Seed of disturbances and of spread initial conditions.")]
-ControllerOption = Annotated[
-    str | None,
-    typer.Option(
-        metavar="FILE.py:NAME",
-        help="A law of your own in Python, a function or class, called once a control period: law(t, sample) returns "
-        "the agents' velocities, shape (N, 3), in m/s.",
-    ),
-]
 OutOption = Annotated[Path | None, typer.Option(metavar="DIR", help="Directory of the results.")]
 VideoOption = Annotated[bool, typer.Option("--video/--no-video", help="Whether to draw the video.")]
 QualityOption = Annotated[
@@ -76,8 +64,7 @@ def prepare(
     """
     from mjsheaf.results.store import require_same_origin
     from mjsheaf.runs.publish import default_directory
-    from mjsheaf.scenario import load_scenario
-    from mjsheaf.scenario.load import origin
+    from mjsheaf.scenario.load import load_scenario, origin
 
     changes = changes_of(overrides, seed)
     scenario = load_scenario(source, changes)

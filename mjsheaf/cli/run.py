@@ -9,7 +9,6 @@ import typer
 from mjsheaf.cli.options import (
     Backend,
     BackendOption,
-    ControllerOption,
     NotHeldError,
     OutOption,
     QualityOption,
@@ -20,8 +19,8 @@ from mjsheaf.cli.options import (
     prepare,
     require_file_name,
 )
-from mjsheaf.cli.terminal import make_console, print_lines, print_note, progress_bars
-from mjsheaf.errors import InputError, MjsheafError, UnstableError, in_field
+from mjsheaf.cli.terminal import make_console, make_table, print_lines, print_note, progress_bars
+from mjsheaf.errors import InputError, MjsheafError, PlaceError, UnstableError, in_field
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -43,7 +42,14 @@ def run(
     allow_drift: Annotated[
         bool, typer.Option("--allow-drift", help="Run it though agents are free to drift, against the least q*.")
     ] = False,
-    controller: ControllerOption = None,
+    controller: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE.py:NAME",
+            help="A law of your own in Python, a function or class, called once a control period: law(t, sample) "
+            "returns the agents' velocities, shape (N, 3), in m/s.",
+        ),
+    ] = None,
     quality: QualityOption = None,
 ) -> None:
     """Simulate a scenario and leave data, plots and a video.
@@ -53,7 +59,6 @@ def run(
     some agent is free to drift.
     """
     from mjsheaf.control.controller import load_controller
-    from mjsheaf.results.store import PlaceError
     from mjsheaf.runs.expecting import miss
     from mjsheaf.runs.publish import execute
     from mjsheaf.video.from_run import video_options
@@ -96,14 +101,12 @@ def run(
 
 
 def _print_outcome(outcome: "Outcome") -> None:
-    from rich.table import Column, Table
-
     from mjsheaf.results.metrics import MEASURES
 
     summary, final = outcome.summary, outcome.summary["final"]
     title = f"{summary['scenario']} on {summary['backend']}, errors in m at t = {final['time']:.6g} s"
-    numbers = (Column(m.removeprefix("mean_").removesuffix("_error"), justify="right") for m in MEASURES)
-    table = Table("", *numbers, title=title, title_justify="left", header_style="")
+    numbers = [measure.removeprefix("mean_").removesuffix("_error") for measure in MEASURES]
+    table = make_table("", *numbers, numbers=numbers, title=title)
     for name, values in {"team": final, **final["groups"]}.items():
         table.add_row(name, *("-" if values[m] is None else f"{values[m]:.4g}" for m in MEASURES))
     make_console().print(table)
@@ -144,8 +147,7 @@ def expect(
         missed,
         try_scenario,
     )
-    from mjsheaf.scenario import load_scenario
-    from mjsheaf.scenario.load import find_scenario
+    from mjsheaf.scenario.load import find_scenario, load_scenario
 
     loaded, path = load_scenario(scenario), find_scenario(scenario)
     data = path.read_bytes() if update else b""
@@ -198,8 +200,7 @@ def video(
     What is not given is taken from the run's scenario.
     """
     changes = {k: v for k, v in locals().items() if k not in ("directory", "out")}
-    from mjsheaf.results import open_run
-    from mjsheaf.results.store import save_summary
+    from mjsheaf.results.store import enclosing_run, open_run, save_summary
     from mjsheaf.runs.publish import video_entry
     from mjsheaf.scenario import load_scenario
     from mjsheaf.video import available_backend
@@ -211,7 +212,12 @@ def video(
         options = video_options(scenario, **changes)
         own = directory / "video.mp4"
         path = own if out is None else out
-        _check_place(path, own)
+        require_file_name("--out", path, ".mp4")
+        run = enclosing_run(path)
+        if run is not None and path.resolve() != own.resolve():  # before it is drawn
+            raise InputError(
+                f"--out {path}: lies in {run}, a run's directory; expected {own}, or a place outside of runs"
+            )
         backend, reason = available_backend()
         if backend is None:
             raise InputError(f"no video can be drawn here: {reason}")
@@ -220,16 +226,6 @@ def video(
     if path.resolve() == own.resolve():
         save_summary({**summary, "video": video_entry(frames, options)}, directory / "summary.json")
     print(f"{path}: {frames} frames, {options.width}x{options.height} at {options.fps:g} frames a second")
-
-
-def _check_place(path: Path, own: Path) -> None:
-    """Refuse a place where the video cannot lie, before it is drawn."""
-    from mjsheaf.results.store import enclosing_run
-
-    require_file_name("--out", path, ".mp4")
-    run = enclosing_run(path)
-    if run is not None and path.resolve() != own.resolve():
-        raise InputError(f"--out {path}: lies in {run}, a run's directory; expected {own}, or a place outside of runs")
 
 
 def _require_match(directory: Path, scenario: "Scenario", dataset: "xr.Dataset") -> None:

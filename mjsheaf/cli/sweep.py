@@ -75,29 +75,21 @@ def sweep(
     )
     if plan.study.seeds is not None and not plan.seed_matters:
         note_idle_seed(plan.scenario["name"], plan.study.backend)
-    engine = partial(local_engine, workers, processes=not threads)
-    if scheduler is not None:
-        engine = partial(engine_at, scheduler, print_note)
-    ended = 0
+    here = partial(local_engine, workers, processes=not threads)
+    engine = here if scheduler is None else partial(engine_at, scheduler, print_note)
     with progress_bars() as bars:
-
-        def progress(what: str, done: int, total: int) -> None:
-            nonlocal ended
-            ended = done
-            bars(what, done, total)
-
         try:
-            study = run_study(plan, out, engine, retry_failed=retry_failed, progress=progress)
+            study = run_study(plan, out, engine, retry_failed=retry_failed, progress=bars)
         except Stopped as stopped:
+            ended = len(list(out.glob("runs/[0-9]*.json")))
             kept = f"{ended} of {len(plan.points)} runs have ended and are kept in {out}; the same command goes on"
             stopped.message = stopped.message.replace("nothing was written", kept)
             raise
     counts = Counter(record["status"] for record in study.records)
-    before = len(study.records) - study.begun
     failed = [record for record in study.records if record["status"] != "finished"]
     print_lines(
         f"{len(study.records)} runs: {', '.join(f'{count} {status}' for status, count in counts.items())}"
-        + (f" ({before} had ended before)" if before else ""),
+        + (f" ({len(study.records) - study.begun} had ended before)" if study.begun < len(study.records) else ""),
         *(f"  run {r['run']}: {r['status']}: {r['message'].removeprefix(r['status'] + ': ')}" for r in failed[:1]),
         *[f"  and {len(failed) - 1} more that did not finish; see {out / 'table.csv'}"] * (len(failed) > 1),
         *(f"  {out / name}" for name in study.files),

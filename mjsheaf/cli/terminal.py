@@ -11,15 +11,15 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.table import Table
 
-_NARROWEST = 20  # columns; in fewer, a table has no room for its text
 _WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated", signal.SIGHUP: "hung up"}
 _received: int | None = None
 
@@ -110,8 +110,23 @@ def make_console(**options: Any) -> "Console":
     from rich.console import Console
 
     console = Console(highlight=False, **options)
-    console.width = max(console.width, _NARROWEST)
+    console.width = max(console.width, 20)  # columns; in fewer, a table has no room for its text
     return console
+
+
+def make_table(*headings: str, numbers: Sequence[str] = (), fixed: Sequence[str] = (), **options: Any) -> "Table":
+    """A table without rows.
+
+    Args:
+        headings: of the columns.
+        numbers: those of columns of numbers, which stand at the right.
+        fixed: those of columns that are never wrapped.
+        options: of rich's Table.
+    """
+    from rich.table import Column, Table
+
+    columns = [Column(h, justify="right" if h in numbers else "left", no_wrap=h in fixed) for h in headings]
+    return Table(*columns, title_justify="left", header_style="", **options)
 
 
 def print_lines(*lines: object) -> None:

@@ -2,7 +2,7 @@
 
 import time
 from dataclasses import dataclass
-from typing import Literal
+from typing import get_args
 
 from mjsheaf._version import __version__
 from mjsheaf.checking.margins import loop_along
@@ -13,6 +13,7 @@ from mjsheaf.comparing.measures import (
     FORMATION,
     TRACKING,
     BudgetRecord,
+    Statistic,
     budget_of,
     error_series,
     errors_by_scope,
@@ -24,8 +25,6 @@ from mjsheaf.comparing.verdict import CompareRecord, LoopRecord, verdict_of
 from mjsheaf.runs.simulate import Progress, no_progress, require_simulable
 from mjsheaf.scenario import Scenario
 from mjsheaf.system import System
-
-_STATISTICS: tuple[Literal["late"], Literal["final"]] = ("late", "final")
 
 
 @dataclass(frozen=True)
@@ -107,5 +106,5 @@ def _budgets(runs: dict[str, Run]) -> list[BudgetRecord]:
         )
         for scope in at_q_star
         for measure in (FORMATION, TRACKING)
-        for statistic in _STATISTICS
+        for statistic in get_args(Statistic)
     ]

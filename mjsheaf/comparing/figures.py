@@ -10,7 +10,8 @@ from mjsheaf.arrays import Array
 from mjsheaf.comparing.ladder import Run, RungRecord, display_name
 from mjsheaf.comparing.measures import FORMATION, TEAM, TRACKING, BudgetRecord, distances
 from mjsheaf.comparing.verdict import CompareRecord
-from mjsheaf.plotting import BLUE, RED, label_axes, legend_below, log_axis, new_figure, palette, save_figure, thin
+from mjsheaf.plotting import BLUE, RED, label_axes, legend_below, log_axis, new_figure, palette, save_figure
+from mjsheaf.results.netcdf import thin
 
 _ALL, _BASE, _GREY = RED, "#8A94A6", "#C4CAD4"
 _MOST_LINES, _MOST_POINTS, _MOST_PANELS = 10, 2000, 4
@@ -97,8 +98,10 @@ def plot_convergence(record: CompareRecord, path: Path) -> None:
         axis.legend(frameon=False)
     else:
         axis.text(0.5, 0.5, found.reason or "too few runs came to their end", transform=axis.transAxes, ha="center")
-    y = f"both begun at q*, from {found.start_s:.2g} s to {found.end_s:.2g} s"
-    y = f"largest distance of an agent to its ideal run (m)\n{y}"
+    y = (
+        "largest distance of an agent to its ideal run (m)\n"
+        f"both begun at q*, from {found.start_s:.2g} s to {found.end_s:.2g} s"
+    )
     label_axes(axis, title, "time constant tau of every vehicle (s)", y, which="both")
     save_figure(figure, path)
 

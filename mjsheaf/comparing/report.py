@@ -1,6 +1,5 @@
 """A comparison as a page (what to change, then ladder, budget, ringing, speeds, convergence) and as a directory."""
 
-from dataclasses import dataclass
 from functools import partial
 from io import StringIO
 from itertools import accumulate
@@ -224,24 +223,9 @@ def _convergence(record: CompareRecord) -> str:
     )
 
 
-@dataclass(frozen=True)
-class Published:
-    """A published comparison.
-
-    Attributes:
-        record: as compare.json.
-        notes: what else to report.
-        replaced: says which earlier run it replaced; None where there was none.
-    """
-
-    record: CompareRecord
-    notes: list[str]
-    replaced: str | None = None
-
-
 def publish(
     scenario: Scenario, directory: Path, *, video: bool, origin: str | None = None, progress: Progress = no_progress
-) -> Published:
+) -> tuple[CompareRecord, list[str], str | None]:
     """Compare a scenario's ideal kinematics with its bodies and write the directory, also where bodies blow up.
 
     Args:
@@ -250,6 +234,9 @@ def publish(
         video: whether to film ideal and physics side by side.
         origin: where the scenario comes from, as `scenario.load.origin` has it; compare.json keeps it.
         progress: called with (what is being done, done, in all).
+
+    Returns:
+        The comparison as compare.json has it; what else to report; and which earlier run it replaced, if any.
 
     Raises:
         InputError: a scenario that cannot be simulated; nothing is written.
@@ -271,7 +258,7 @@ def publish(
         (fresh / "report.txt").write_text(report_text(record), encoding="utf-8")
         progress("publishing", 0, 1)  # the last moment at which the user can stop it
         save_summary(record.model_dump(mode="json"), fresh / "compare.json")
-    return Published(record, notes, replaced)
+    return record, notes, replaced
 
 
 def _plot(comparison: Comparison, folder: Path) -> None:

@@ -258,8 +258,7 @@ def _release(system: System, mode: Mode, bodies: str) -> ReleaseRecord:
 
 def _fit_decay(e: Array, mode: Mode, period: float) -> tuple[float | None, float | None]:
     """Damping ratio and natural frequency of errors (T, n) along the mode; None where they do not swing."""
-    state = np.concatenate([e, np.gradient(e, period, axis=0, edge_order=2)], axis=1)
-    own = state @ mode.left
+    own = np.concatenate([e, np.gradient(e, period, axis=0, edge_order=2)], axis=1) @ mode.left
     step = max(1, round(2.0 * np.pi / mode.frequency / _POINTS_PER_PERIOD / period))
     signals = np.stack([own.real, own.imag])[: 2 if mode.swings else 1]
     # Every offset gives another recurrence with the same roots; a common length lets them share one fit.
@@ -301,18 +300,15 @@ def usable_gain(system: System, ringing: RingingRecord | None) -> float | None:
     stiffest = system.largest_eigenvalue
     if system.gain <= 0.0 or stiffest <= 0.0:
         return None
-    measured = None
     if ringing is not None:
         damping, frequency = ringing.predicted_damping_ratio, ringing.predicted_frequency_rad_s
-        measured = ringing.measured[0].damping_ratio
     else:
         slowest = max(float(inertial_tau(v).max()) for v in system.vehicles[: len(system.team.agents)])
         frequency = sqrt(system.gain * stiffest / slowest)
         damping = 0.5 / (frequency * slowest)
     period = 0.0 if system.grid.continuous else system.grid.period
-    delta = frequency * period / 4.0
-    if measured is not None:
-        delta = max(delta, damping - measured)
+    measured = None if ringing is None else ringing.measured[0].damping_ratio
+    delta = max(frequency * period / 4.0, 0.0 if measured is None else damping - measured)
     # The root sqrt(k) of delta k + 0.3 sqrt(k) - damping = 0, in the form that knows delta = 0.
     root = 2.0 * damping / (_LEAST_DAMPING + sqrt(_LEAST_DAMPING**2 + 4.0 * delta * damping))
     found = system.gain * root**2

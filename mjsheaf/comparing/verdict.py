@@ -131,14 +131,12 @@ def verdict_of(record: CompareRecord) -> list[str]:
 
 def _unsettled(record: CompareRecord) -> list[str]:
     """That the team as it stands does not settle, or its loop is unstable."""
-    ending, loop = record.rung("all").ending or "", record.loop
-    what = _UNSETTLED.get(ending, "")
-    if loop is None or loop.stable is not False:
-        return [f"the team never settles: {what}"] if what else []
-    most = loop.largest_gain
-    limit = "" if most is None else f" from a gain of {most:.3g} 1/s on: lower controller.gain"
-    what = what or "its vehicles' loop is unstable"
-    return [f"the team never settles: {what}; the loop of its vehicles is unstable{limit}"]
+    what, loop = _UNSETTLED.get(record.rung("all").ending or ""), record.loop
+    if loop is not None and loop.stable is False:
+        most = loop.largest_gain
+        limit = "" if most is None else f" from a gain of {most:.3g} 1/s on: lower controller.gain"
+        what = f"{what}; " * bool(what) + f"the loop of its vehicles is unstable{limit}"
+    return [f"the team never settles: {what}"] if what else []
 
 
 def _of_the_whole(record: CompareRecord) -> list[str]:
@@ -222,8 +220,7 @@ def _either(*choices: str) -> str:
 def _groups(record: CompareRecord) -> list[str]:
     """The groups' own levers where they differ: in full, but for what is said of the team already."""
     of_team = _lever(record, TEAM)
-    found = {scope: _lever(record, scope) for scope in record.scopes[1:]}
-    known = {scope: lever for scope, lever in found.items() if lever is not None}
+    known = {scope: lever for scope in record.scopes[1:] if (lever := _lever(record, scope)) is not None}
     if of_team is None or all(lever.kind == of_team.kind for lever in known.values()):
         return []
 
@@ -278,13 +275,14 @@ def _velocity_limit(record: CompareRecord) -> list[str]:
 
 def _with_and_without(record: CompareRecord, measure: str) -> list[str]:
     """One error with and without the velocity limit, where it differs notably."""
-    told, notably = [], False
-    for run, name in (("ideal", "ideal"), ("all", "as it stands")):
-        now, less = record.rung(run).errors[TEAM].error(measure), record.limit_costs(TEAM, measure, run)
-        if now is not None and less is not None:
-            told.append(f"{now:.3g} -> {now - less:.3g} m {name}")
-            notably = notably or abs(less) > _LEAST_BODY_SHARE * now
-    return [f"{display_name(measure)} {' and '.join(told)}"] if notably else []
+    found = [
+        (record.rung(run).errors[TEAM].error(measure), record.limit_costs(TEAM, measure, run), name)
+        for run, name in (("ideal", "ideal"), ("all", "as it stands"))
+    ]
+    known = [(now, less, name) for now, less, name in found if now is not None and less is not None]
+    told = " and ".join(f"{now:.3g} -> {now - less:.3g} m {name}" for now, less, name in known)
+    notably = any(abs(less) > _LEAST_BODY_SHARE * now for now, less, _ in known)
+    return [f"{display_name(measure)} {told}"] if notably else []
 
 
 def _raise_limit(record: CompareRecord) -> str:

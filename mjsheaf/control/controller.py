@@ -138,7 +138,7 @@ class Controller:
         N = len(self.team.agents)
         observe(law, x[None], memory.y, memory.residual[None])
         shown = Sample(self, x, memory, velocity, attitude)
-        wanted = self._guarded(f"t = {t:.6g} s", lambda: np.asarray(self.law(t, shown), dtype=np.float64))
+        wanted = self._guarded(f"t = {t:.6g} s", lambda: _real(self.law(t, shown)))
         if wanted.shape != (N, 3):
             raise InputError(f"controller {self.name} at t = {t:.6g} s: returned shape {wanted.shape}; "
                              f"expected ({N}, 3), a velocity in m/s for each agent")  # fmt: skip
@@ -152,10 +152,15 @@ class Controller:
     def _guarded(self, when: str, call: Callable[[], Any]) -> Any:
         try:
             return call()
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             who = f"{error}, " if isinstance(error, _AgentError) else ""
             cause = error.__cause__ if isinstance(error, _AgentError) and error.__cause__ else error
             raise InputError(f"controller {self.name}: {who}{when}: {_described(cause)}") from error
+
+
+def _real(values: ArrayLike) -> Array:
+    """Numbers as float64; complex ones are a TypeError, not a warning."""
+    return np.asarray(values).astype(np.float64, casting="same_kind")
 
 
 def _described(error: BaseException) -> str:
@@ -316,5 +321,5 @@ def load_controller(source: str, seed: int = 0) -> Controller:
         return Controller(cast(Law, law() if inspect.isclass(law) else law), source, seed)
     except InputError as error:
         raise InputError(f"--controller {source}: {error}") from None
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise InputError(f"--controller {source}: {_described(error)}") from error

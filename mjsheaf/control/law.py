@@ -1,8 +1,8 @@
 """The law of a team as stages over its edges: measure, pull back, terms, reference, limit.
 
-`sample` is the list of stages. Both backends run it once a control period (or inside the integrator, where the control
-period is 0), and what it leaves in `Memory` is what runs record. On an edge e = (i, j) with maps F, weight K and
-desired value b,
+`evaluate_law` is the list of stages. Both backends run it once a control period (or inside the integrator, where the
+control period is 0), and what it leaves in `Memory` is what runs record. On an edge e = (i, j) with maps F, weight K
+and desired value b,
 
     measure     y_e = F_j x_j - F_i x_i
     pull back   eta_i = sum of -F_i^T K (y_e + b_e) over the edges whose tail is i, F_j^T K (y_e + b_e) where i is head
@@ -133,7 +133,7 @@ def carry(memory: Memory, law: LawArrays) -> Memory:
 
 
 @inline_jit
-def sample(control, t, x, drift, memory):
+def evaluate_law(control, t, x, drift, memory):
     """Sample every onboard computer at time t, s: write memory.y, residual and command for positions x (V, 3), m.
 
     `drift` (V, 3), m/s, is what bodies measure of the medium that carries them; None on ideal kinematics.

@@ -1,6 +1,6 @@
 """What moves vehicles apart from the law: flow, disturbances, target motions, control effectiveness.
 
-Each module holds one concept: a class that people make, flat arrays that it packs into, and the compiled function
+Each module holds one concept: a class for users, flat arrays that it packs into, and the compiled function
 that evaluates them. How they are integrated is not known here.
 """
 

@@ -61,17 +61,25 @@ class Supremum:
     exact: bool
 
 
-def largest_speed(
+def singular_points(flow: FlowField, *, planar: bool) -> Array:
+    """Where the field that a vehicle meets is not C^1, shape (k, 2) or (k, 3), m: centres of kernels without a core."""
+    return _Kernels(flow, 2 if planar or flow.dimension == 2 else 3, drift=False).singular
+
+
+def supremum(
     flow: FlowField,
     low: ArrayLike,
     high: ArrayLike,
     *,
     planar: bool,
-    tolerance: float = 0.02,
+    slope: bool = False,
     drift: bool = True,
+    tolerance: float = 0.02,
     most_cells: int = 50_000,
 ) -> Supremum:
-    """Supremum of |w(x)| over a box, or the union of several, in m/s.
+    """Supremum over a box, or the union of several, of the speed |w(x)|, m/s, or of the slope |dw/dx|, 1/s.
+
+    The slope is the Jacobian's spectral norm; its supremum is the field's Lipschitz constant.
 
     Args:
         flow: the field.
@@ -79,51 +87,17 @@ def largest_speed(
             vehicle needs two numbers, and a third is not used; in space three are needed unless the field is planar.
         high: its highest corner, same shape; a box may be a point.
         planar: whether the vehicle lives in the plane: points are (x, y, 0), and only the x and y of w count.
+        slope: whether the slope is wanted, not the speed.
+        drift: whether the uniform drift counts; it has no slope.
         tolerance: the gap wanted between upper and seen, relative to seen.
-        drift: whether the uniform drift counts.
         most_cells: cells to bound before giving up on the tolerance.
 
     Returns:
-        The supremum's bounds; upper == seen == |drift| where no kernel has any strength.
+        The supremum's bounds; upper == seen == |drift|, of the slope 0, where no kernel has any strength.
 
     Raises:
         InputError: the box is not finite, its corners do not fit each other or the field, or tolerance < 0.
     """
-    return _supremum(flow, low, high, planar, False, drift, tolerance, most_cells)
-
-
-def lipschitz_constant(
-    flow: FlowField,
-    low: ArrayLike,
-    high: ArrayLike,
-    *,
-    planar: bool,
-    tolerance: float = 0.02,
-    most_cells: int = 50_000,
-) -> Supremum:
-    """Supremum of the Jacobian's spectral norm |dw/dx| over a box, in 1/s: the field's Lipschitz constant there.
-
-    Arguments, errors and result are those of `largest_speed`; for a planar vehicle the Jacobian's (x, y) block
-    counts. It is zero where no kernel has any strength.
-    """
-    return _supremum(flow, low, high, planar, True, False, tolerance, most_cells)
-
-
-def singular_points(flow: FlowField, *, planar: bool) -> Array:
-    """Where the field that a vehicle meets is not C^1, shape (k, 2) or (k, 3), m: centres of kernels without a core."""
-    return _Kernels(flow, 2 if planar or flow.dimension == 2 else 3, drift=False).singular
-
-
-def _supremum(
-    flow: FlowField,
-    low: ArrayLike,
-    high: ArrayLike,
-    planar: bool,
-    slope: bool,
-    drift: bool,
-    tolerance: float,
-    most_cells: int,
-) -> Supremum:
     given = np.array(low, dtype=np.float64), np.array(high, dtype=np.float64)
     corners = np.atleast_2d(given[0]), np.atleast_2d(given[1])
     shapes = {c.shape for c in corners}
@@ -142,7 +116,7 @@ def _supremum(
         raise InputError(f"tolerance is {tolerance}; expected zero or more")
     n = 2 if planar or flow.dimension == 2 else 3
     a, b = (c[:, :n] for c in corners)
-    kernels = _Kernels(flow, n, drift)
+    kernels = _Kernels(flow, n, drift and not slope)
 
     def result(upper: float, seen: float, at: Array) -> Supremum:
         where = np.concatenate([at, 0.5 * (corners[0] + corners[1])[0, n:]])[: 2 if planar else None]
@@ -150,15 +124,14 @@ def _supremum(
         return Supremum(upper, seen, where, upper <= (1.0 + tolerance) * seen)
 
     if not kernels.count:
-        value = 0.0 if slope else float(np.linalg.norm(kernels.drift))
+        value = float(np.linalg.norm(kernels.drift))
         return result(value, value, 0.5 * (a + b)[0])
-    for centre in kernels.singular:
-        if np.any(np.all((a <= centre) & (centre <= b), axis=1)):
-            return result(np.inf, np.inf, centre)
+    for centre in _inside(kernels.singular, a, b):
+        return result(np.inf, np.inf, centre)
 
     points = kernels.candidates()
     # In one box those outside have their nearest point inside it; in several, only those inside one count.
-    points = np.clip(points, a, b) if len(a) == 1 else _inside(points, a, b)
+    points = np.clip(points, a, b) if len(a) == 1 else np.concatenate([_inside(points, a, b), 0.5 * (a + b)])
     values = kernels.values(points, slope)
     seen, at = float(values.max()), points[np.argmax(values)]
     centres, halves, uppers = 0.5 * (a + b), 0.5 * (b - a), np.empty(len(a))
@@ -193,9 +166,8 @@ def _supremum(
 
 
 def _inside(points: Array, low: Array, high: Array) -> Array:
-    """The points (k, n) that lie in one of the boxes, and the boxes' centres."""
-    held = [p for p in points if np.any(np.all((low <= p) & (p <= high), axis=1))]
-    return np.concatenate([np.array(held).reshape(-1, points.shape[1]), 0.5 * (low + high)])
+    """Those of the points (k, n) that lie in one of the boxes."""
+    return points[[bool(np.any(np.all((low <= p) & (p <= high), axis=1))) for p in points]]
 
 
 def _cut(centres: Array, halves: Array, uppers: Array) -> tuple[Array, Array, Array]:

@@ -7,7 +7,7 @@ on position and time. R turns about z. As R is a rotation, g^+ = W^+ R^T, and g 
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from pydantic import Field
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
@@ -40,17 +40,6 @@ class ControlEffectiveness(Section):
     heading_gradient: Point | None = Field(None, description="degrees per m")
     heading_rate: Number = Field(0.0, description="degrees per s")
 
-    def matrix(self, q: ArrayLike, t: float) -> Array:
-        """g(q, t) at the position q (n,) in m and the time t in s, shape (n, s)."""
-        W = np.asarray(self.layout, dtype=np.float64)
-        psi = self.heading + self.heading_rate * t
-        if self.heading_gradient is not None:
-            psi += float(np.dot(self.heading_gradient, np.asarray(q)))
-        psi = np.deg2rad(psi)
-        R = np.eye(3)
-        R[:2, :2] = [[np.cos(psi), -np.sin(psi)], [np.sin(psi), np.cos(psi)]]
-        return R[: len(W), : len(W)] @ W
-
 
 @jit
 def allocate(effectiveness, i, q, t, velocity, u):
@@ -76,8 +65,7 @@ def pack(models: list[ControlEffectiveness | None], dimensions: list[int]) -> Ef
         InputError: a layout has rows of unequal length or the wrong number of them.
     """
     N = len(models)
-    width = max([len(g.layout[0]) for g in models if g is not None], default=0)
-    width = max(width, 3)
+    width = max([3, *(len(g.layout[0]) for g in models if g is not None)])
     arrays = EffectivenessArrays(
         np.zeros(N, dtype=np.bool_),
         np.array(dimensions, dtype=np.int64),

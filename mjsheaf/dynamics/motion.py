@@ -110,9 +110,8 @@ class Waypoints(Section):
                 raise InputError(f"waypoint {k} has {len(point)} entries; the target has dimension {len(initial)}")
         path = np.array([initial, *self.points, *[initial] * self.closed])
         legs = np.linalg.norm(np.diff(path, axis=0), axis=1)
-        if np.any(legs == 0.0):
-            k = int(np.flatnonzero(legs == 0.0)[0])
-            raise InputError(f"waypoint {k} is where the target already is; leave it out")
+        if not legs.all():
+            raise InputError(f"waypoint {int(legs.argmin())} is where the target already is; leave it out")
         times = start + np.concatenate([[0.0], np.cumsum(legs)]) / self.speed
         rest = [(1, np.zeros(len(initial))), (2, np.zeros(len(initial)))]
         spline = make_interp_spline(times, path, k=5, bc_type="periodic" if self.closed else (rest, rest))

@@ -1,7 +1,7 @@
 """Files and directories that appear whole or not at all.
 
 Each is made beside its place, as a rename is atomic only within one file system, under a name such as
-`.summary.json.k3x_90ab.part`, and locked for as long as its process lives. The kernel gives the lock back however that
+`.summary.json.3f0a90ab.part`, and locked for as long as its process lives. The kernel gives the lock back however that
 process ends: so what a killed process left differs from what another is writing, and the next one removes it.
 
 Paths in files are confined: a user may name any file on the command line or in Python; a file, which may come from
@@ -16,15 +16,23 @@ import fcntl
 import os
 import re
 import shutil
-import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from mjsheaf.errors import InputError, shortened
 
-_RANDOM = "[a-z0-9_]{8}"  # as tempfile makes it
+_RANDOM = "[a-z0-9_]{8}"  # versions differ in which of these they use
 _AT_FDCWD, _RENAME_EXCHANGE = -100, 2  # of Linux: fcntl.h, linux/fs.h
+
+
+@contextmanager
+def naming(place: object, hint: str = "", kind: type[InputError] = InputError, verb: str = "written") -> Iterator[None]:
+    """Turn an error of the file system into one that names the place and says what to do."""
+    try:
+        yield
+    except OSError as error:
+        raise kind(f"{place}: cannot be {verb}: {error.strerror or error}{hint and '; '}{hint}") from None
 
 
 @contextmanager
@@ -55,29 +63,23 @@ def write_whole(path: Path, content: bytes, *, tidy: bool = True) -> None:
 
 @contextmanager
 def whole_directory(path: Path) -> Iterator[Path]:
-    """Yield a fresh directory beside `path`, for `put_in_place`; it is removed with the end of the block.
+    """Yield a fresh directory that takes the place of `path` when the block ends without an exception.
+
+    One that is there is exchanged for it at one moment, where the file system can do that.
 
     Raises:
-        OSError: it cannot be made.
+        OSError: it cannot be made or renamed; what was there before still is.
     """
     with _part(path, directory=True) as fresh:
         yield fresh
-
-
-def put_in_place(fresh: Path, path: Path) -> None:
-    """Give a directory its final name; one that is there goes to the fresh one's, at the same moment where possible.
-
-    Raises:
-        OSError: it cannot be renamed; what was there before still is.
-    """
-    if not path.exists() or not _exchange(fresh, path):
-        old = fresh.with_suffix(".old")
-        try:
-            if path.exists():
-                path.rename(old)
-            fresh.rename(path)
-        finally:
-            _restore(old, path)
+        if not path.exists() or not _exchange(fresh, path):
+            old = fresh.with_suffix(".old")
+            try:
+                if path.exists():
+                    path.rename(old)
+                fresh.rename(path)
+            finally:
+                _restore(old, path)
 
 
 def replace_file(path: Path, data: bytes, *, expected: bytes) -> None:
@@ -93,7 +95,7 @@ def replace_file(path: Path, data: bytes, *, expected: bytes) -> None:
     """
     require_writable(path)
     real = path.resolve()
-    try:
+    with naming(path):
         if real.read_bytes() != expected:
             raise InputError(f"{path}: has changed meanwhile; nothing is written")
         with whole_file(real) as part:
@@ -102,8 +104,6 @@ def replace_file(path: Path, data: bytes, *, expected: bytes) -> None:
                 file.flush()
                 os.fsync(file.fileno())
             part.chmod(real.stat().st_mode & 0o7777)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
 def require_writable(path: Path) -> None:
@@ -148,19 +148,14 @@ def _part(path: Path, *, directory: bool, tidy: bool = True) -> Iterator[Path]:
     """A new file or directory beside a path, locked; what is left of it at the end is removed."""
     if tidy:
         remove_stale(path)
-    affixes = f".{path.name}.", ".part"
     while True:
-        if directory:
-            part = Path(tempfile.mkdtemp(affixes[1], affixes[0], path.parent))
-        else:
-            descriptor, name = tempfile.mkstemp(affixes[1], affixes[0], path.parent)
-            os.close(descriptor)
-            part = Path(name)
+        part = path.with_name(f".{path.name}.{os.urandom(4).hex()}.part")
+        make = part.mkdir if directory else part.touch
+        make(exist_ok=False)
         try:
             with _locked(part, wait=True):
                 if not part.exists():  # another command has taken it for stale before it was locked
                     continue
-                part.chmod((0o777 if directory else 0o666) & ~_umask())
                 yield part
                 return
         finally:
@@ -217,12 +212,6 @@ def read_bytes(path: Path, largest: int) -> bytes:
     if len(data) > largest:
         raise InputError(f"{path}: larger than {largest // 10**6} MB")
     return data
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
 
 
 def confined(name: str, directory: Path, root: Path | None = None) -> Path:

@@ -89,10 +89,9 @@ def describe_validation_error(error: ValidationError, model: type[BaseModel]) ->
     """
     schema = _schema(model)
     problems = [_Problem.of(dict(detail), schema) for detail in error.errors(include_url=False)]
-    first = next((p for p in problems if p.kind == "extra_forbidden"), problems[0])
-    if first.kind != "extra_forbidden":
-        rivals = [p for p in problems if p.value == first.value]
-        first = max(rivals, key=lambda p: (len(p.path), not p.kind.endswith("_type")))
+    rivals = [p for p in problems if p.value == problems[0].value]
+    deepest = max(rivals, key=lambda p: (len(p.path), not p.kind.endswith("_type")))
+    first = next((p for p in problems if p.kind == "extra_forbidden"), deepest)
     others = len({p.value for p in problems}) - 1
     more = f" (and {others} more)" if others else ""
     return f"{'.'.join(map(_visible, first.path)) or 'file'}: {first.text}{more}"
@@ -200,9 +199,10 @@ class FiniteRecord(Record):
     model_config = ConfigDict(allow_inf_nan=False)
 
 
-def _finite(x: float | None) -> float | None:
+def finite(x: float | None) -> float | None:
+    """A number as JSON can hold it: None where it is infinite or not a number."""
     return None if x is None or not math.isfinite(x) else float(x)
 
 
-Finite = Annotated[float | None, BeforeValidator(_finite)]
-"""A number that becomes None, null in JSON, where it is infinite or not a number."""
+Finite = Annotated[float | None, BeforeValidator(finite)]
+"""A number, or null: see `finite`."""

@@ -7,6 +7,8 @@ import json
 import math
 import re
 from collections.abc import Callable
+from contextlib import suppress
+from functools import partialmethod
 from pathlib import Path
 from typing import Any
 
@@ -32,21 +34,14 @@ class _Loader(yaml.SafeLoader):
     duplicate keys, tags, anchors and aliases (which let a short file stand for an endless one), and deep nesting.
     """
 
-    def __init__(self, stream: str) -> None:
-        super().__init__(stream)
-        self._depth = 0
-
-    def fetch_tag(self) -> None:
-        self._refuse("a tag")
-
-    def fetch_anchor(self) -> None:
-        self._refuse("an anchor")
-
-    def fetch_alias(self) -> None:
-        self._refuse("an alias")
+    _depth = 0
 
     def _refuse(self, what: str) -> None:
         raise _fault(f"{what} is not allowed; write the value out", self.get_mark())
+
+    fetch_tag = partialmethod(_refuse, "a tag")
+    fetch_anchor = partialmethod(_refuse, "an anchor")
+    fetch_alias = partialmethod(_refuse, "an alias")
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         if self._depth > _DEEPEST:
@@ -181,13 +176,10 @@ def with_field(text: str, key: str, value: dict[str, Any], source: str, comment:
         body = " " * (column + 2) + _lines(value, column + 2, newline)
         gap = "" if text.endswith(("\n", "\r")) else newline
         edited = text + gap + newline.join((head, body, ""))
-    try:
-        done = parse_yaml(edited, source) == {**old, key: value}
-    except ScenarioError:
-        done = False
-    if not done:
-        raise ScenarioError(f"{source}: {key}: cannot be written in its place; write {key}: {_braces(value, root)}")
-    return edited
+    with suppress(ScenarioError):
+        if parse_yaml(edited, source) == {**old, key: value}:
+            return edited
+    raise ScenarioError(f"{source}: {key}: cannot be written in its place; write {key}: {_braces(value, root)}")
 
 
 def _end(node: yaml.Node) -> int:

@@ -3,13 +3,12 @@
 from mjsheaf.results.dataset import join, make_dataset, make_datasets
 from mjsheaf.results.metrics import check_expectation, summarize
 from mjsheaf.results.netcdf import dataset_bytes, open_dataset, thinned, write_dataset
-from mjsheaf.results.store import load_run, open_run, staging
+from mjsheaf.results.store import open_run, staging
 
 __all__ = [
     "check_expectation",
     "dataset_bytes",
     "join",
-    "load_run",
     "make_dataset",
     "make_datasets",
     "open_dataset",

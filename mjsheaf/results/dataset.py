@@ -85,12 +85,12 @@ def _gather(trajectory: Trajectory) -> xr.Dataset:
     add("agent_position", body, padded(log.positions)[:, :N], "m", "controlled position of each agent")
     add("target_position", ("time", "target", "axis"), padded(log.positions)[:, N:], "m", "position of each target")
     add("harmonic_extension", body, errors.harmonic_extension, "m", "q*, the harmonic extension of the targets")
-    eta = np.linalg.norm(log.residual[:, :N], axis=2)
-    add("disagreement", ("time", "agent"), eta, "m", "|eta_i|, norm of the disagreement")
+    add("disagreement", ("time", "agent"), np.linalg.norm(log.residual[:, :N], axis=2), "m",
+        "|eta_i|, norm of the disagreement")  # fmt: skip
     add("disagreement_vector", body, padded(log.residual)[:, :N], "m", "eta_i, the disagreement, as the law had it")
     add("tracking_error", ("time", "agent"), errors.tracking, "m", "|q*_i - q_i|")
     add("velocity_command", body, padded(log.command)[:, :N], "m s-1",
-        "commanded velocity of each agent relative to the medium, as the law gave it: -k1 eta_i, limited")  # fmt: skip
+        "commanded velocity relative to the medium, limited: -k1 eta_i, or of a law in Python")  # fmt: skip
     add("formation_error", ("time",), errors.formation_rms(), "m", "RMS residual over the edges inside formations")
     add("centering_error", ("time",), errors.largest_centering(), "m",
         "largest distance of a group's centroid from where its formation wants it")  # fmt: skip
@@ -103,11 +103,11 @@ def _gather(trajectory: Trajectory) -> xr.Dataset:
         add("group_centering_error", by_group, np.column_stack([errors.centering[g] for g in groups]), "m",
             "distance of each centroid from its place: target's projection plus mean displacement")  # fmt: skip
     bodies = bool(len(log.origin))
-    where = log.origin if bodies else log.positions
     of_each("velocity", ("axis",), log.velocity if bodies else padded(log.velocity), "m s-1",
             "velocity over ground of {}" + ("'s body" if bodies else ""))  # fmt: skip
     of_each("flow", ("axis",), padded(log.medium), "m s-1", "velocity of flow and disturbance about {}")
-    of_each("separation", (), separations(where), "m", "distance from {} to the nearest other vehicle")
+    of_each("separation", (), separations(log.origin if bodies else log.positions), "m",
+            "distance from {} to the nearest other vehicle")  # fmt: skip
     if bodies:
         _add_body_data(variables, coordinates, system, log)
         of_each("body_position", ("axis",), log.origin, "m", "position of {}'s body, its origin")
@@ -117,7 +117,7 @@ def _gather(trajectory: Trajectory) -> xr.Dataset:
     else:
         used = np.arange(log.inputs.shape[2]) < system.effectiveness.inputs[:, None]
         add("command", ("time", "agent", "channel"), np.where(used, log.inputs, np.nan), "1",
-            "u_i = g_i^+ (-k1 eta_i), control input of each agent")  # fmt: skip
+            "u_i = g_i^+ times the velocity command, control input of each agent")  # fmt: skip
     return xr.Dataset(variables, coordinates)
 
 
@@ -151,18 +151,18 @@ def _add_body_data(variables: dict[str, Variable], coordinates: dict[str, Variab
     N, T = len(system.team.agents), len(log.positions)
     thrusters = [[channel.name for channel in vehicle.channels] for vehicle in system.vehicles]
     units = [[channel.unit for channel in vehicle.channels] for vehicle in system.vehicles]
-    first = np.cumsum([0, *(len(names) for names in thrusters)])
     width = max(len(names) for names in thrusters)
+    has = np.arange(width) < np.array([len(names) for names in thrusters])[:, None]
     # Of turning thrusters some channels are angles: see thruster_unit.
     unit = "N" if all(name == "N" for names in units for name in names) else "1"
-    for name, values, long_name in (
-        ("command", log.thruster_command, "u_i = W_i^+ [force; moment] + trim, thruster commands of {}"),
-        ("thrust", log.thruster_output, "what {}'s thrusters do at the sample: their commands after lag"),
-    ):
-        u = np.full((T, len(thrusters), width), np.nan)
-        for v, names in enumerate(thrusters):
-            u[:, v, : len(names)] = values[:, first[v] : first[v + 1]]
-        agents, targets = (name, f"target_{name}") if name == "command" else (f"agent_{name}", f"target_{name}")
+    for agents, targets, values, long_name in (
+        ("command", "target_command", log.thruster_command,
+         "u_i = W_i^+ [force; moment] + trim, thruster commands of {}"),
+        ("agent_thrust", "target_thrust", log.thruster_output,
+         "what {}'s thrusters do at the sample: their commands after lag"),
+    ):  # fmt: skip
+        u = np.full((T, *has.shape), np.nan)
+        u[:, has] = values
         for key, kind, own in ((agents, "agent", u[:, :N]), (targets, "target", u[:, N:])):
             attributes = {"units": unit, "long_name": long_name.format(f"each {kind}")}
             variables[key] = (("time", kind, "channel"), own, attributes)

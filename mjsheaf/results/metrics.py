@@ -11,6 +11,7 @@ import xarray as xr
 from scipy.spatial import cKDTree
 
 from mjsheaf.arrays import Array
+from mjsheaf.io.section import finite
 from mjsheaf.team import Formation, Team
 
 if TYPE_CHECKING:
@@ -85,7 +86,7 @@ def _centering(team: Team, formation: Formation, positions: Array) -> Array:
     members = [team.index[m] for m in formation.members]
     target = team.index[formation.about]
     shared = min(team.members[v].dimension for v in [*members, target])
-    wanted = np.array([team.displacement(m)[:shared] for m in formation.members])
+    wanted = np.array([team.displacement[m][:shared] for m in formation.members])
     mean = wanted.mean(axis=0)
     mean[np.abs(mean) <= _ROUNDING * np.abs(wanted).max()] = 0.0  # a polygon's corners cancel up to rounding only
     centroid = positions[:, members, :shared].mean(axis=1)
@@ -146,8 +147,8 @@ def _series_of(team: Team, dataset: xr.Dataset, begin: int) -> tuple[dict[str, A
 def summarize(team: Team, dataset: xr.Dataset) -> dict[str, Any]:
     """Errors at the last sample, of the team and of each group, in m; None where a measure has no meaning."""
     everyone, groups = _series_of(team, dataset, -1)
-    own = {group: {name: _plain(x[0]) for name, x in series.items()} for group, series in groups.items()}
-    final = {name: _plain(x[0]) for name, x in everyone.items()}
+    own = {group: {name: finite(x[0]) for name, x in series.items()} for group, series in groups.items()}
+    final = {name: finite(x[0]) for name, x in everyone.items()}
     return {"time": float(dataset["time"][-1]), **final, "groups": own}
 
 
@@ -155,7 +156,7 @@ def late_errors(team: Team, dataset: xr.Dataset) -> dict[str, float | None]:
     """RMS of the team's errors over the last half of a run, in m; None where a measure has no meaning."""
     time = dataset["time"].values
     everyone, _ = _series_of(team, dataset, int(np.searchsorted(time, 0.5 * (time[0] + time[-1]) - 1e-9)))
-    return {name: _plain(np.sqrt((x**2).mean())) for name, x in everyone.items()}
+    return {name: finite(np.sqrt((x**2).mean())) for name, x in everyone.items()}
 
 
 def check_expectation(expect: "Expect", backend: str, status: str, final: dict[str, Any]) -> dict[str, Any]:
@@ -176,7 +177,3 @@ def check_expectation(expect: "Expect", backend: str, status: str, final: dict[s
                 met = status == "finished" and found is not None and found <= bound
                 checks.append({"measure": name, "bound": bound, "found": found, "met": met})
     return {"met": all(c["met"] for c in checks) if checks else None, "checks": checks}
-
-
-def _plain(value: Any) -> float | None:
-    return float(value) if np.isfinite(value) else None

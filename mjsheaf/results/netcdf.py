@@ -1,7 +1,4 @@
-"""A file that HDF5 can write to on a disk that is full.
-
-result.nc: written piece by piece as a run goes on, and read where it is looked at.
-"""
+"""result.nc: written piece by piece as a run goes on, also to a disk that gets full; read where it is looked at."""
 
 import io
 import os
@@ -14,6 +11,7 @@ import h5netcdf
 import numpy as np
 import xarray as xr
 
+from mjsheaf.arrays import IntArray
 from mjsheaf.results.dataset import join
 
 
@@ -126,54 +124,37 @@ def dataset_bytes(dataset: xr.Dataset) -> bytes:
 
 def _write(pieces: Iterable[xr.Dataset], file: io.BytesIO | EnduringFile, check: Callable[[], None]) -> None:
     """Write pieces in a thread beside, where no signal gets between HDF5 and the file; check after each of them."""
-    growing = _GrowingFile(file)
     with ThreadPoolExecutor(1) as beside:
+        opened = beside.submit(h5netcdf.File, file, "w")
         try:
             for piece in pieces:
-                beside.submit(growing.append, piece).result()
+                beside.submit(_append, opened.result(), piece).result()
                 check()
         finally:
-            beside.submit(growing.close).result()
+            beside.submit(opened.result().close).result()
 
 
-class _GrowingFile:
-    """A netCDF-4 file to which pieces of a run are appended."""
-
-    def __init__(self, file: io.BytesIO | EnduringFile) -> None:
-        self._file = file
-        self._netcdf: h5netcdf.File | None = None
-        self._samples = 0
-        self._growing: list[str] = []
-
-    def append(self, piece: xr.Dataset) -> None:
-        if self._netcdf is None:
-            self._begin(piece)
-        elif piece.sizes["time"]:
-            samples = self._samples + piece.sizes["time"]
-            self._netcdf.resize_dimension("time", samples)
-            for name in self._growing:
-                self._netcdf.variables[name][self._samples : samples] = piece[name].values
-            self._samples = samples
-        assert self._netcdf is not None
-        for name in ("status", "message"):
-            if self._netcdf.attrs[name] != piece.attrs[name]:
-                self._netcdf.attrs[name] = piece.attrs[name]
-
-    def _begin(self, first: xr.Dataset) -> None:
+def _append(netcdf: h5netcdf.File, piece: xr.Dataset) -> None:
+    """Write a piece after those that the file holds already; the first one brings all that has no time, too."""
+    if not netcdf.dimensions:
+        packed = {"zlib": True, "complevel": 3, "shuffle": True}
         encoding: dict[str, Any] = {}
-        for name, variable in first.variables.items():
+        for name, variable in piece.variables.items():
             if variable.dtype.kind == "f" and variable.ndim > 0:
-                encoding[str(name)] = {"zlib": True, "complevel": 3, "shuffle": True}
-                if "time" in variable.dims and variable.size:
-                    encoding[str(name)]["chunksizes"] = variable.shape
-        self._netcdf = h5netcdf.File(self._file, "w")
-        first.dump_to_store(xr.backends.H5NetCDFStore(self._netcdf), encoding=encoding, unlimited_dims=["time"])
-        self._growing = [str(name) for name, variable in first.variables.items() if "time" in variable.dims]
-        self._samples = first.sizes["time"]
-
-    def close(self) -> None:
-        if self._netcdf is not None:
-            self._netcdf.close()
+                chunks = {"chunksizes": variable.shape} if "time" in variable.dims and variable.size else {}
+                encoding[str(name)] = packed | chunks
+        store = xr.backends.H5NetCDFStore(netcdf)
+        piece.dump_to_store(store, encoding=encoding, unlimited_dims=["time"])
+    elif piece.sizes["time"]:
+        begin = netcdf.dimensions["time"].size
+        end = begin + piece.sizes["time"]
+        netcdf.resize_dimension("time", end)
+        for name, variable in piece.variables.items():
+            if "time" in variable.dims:
+                netcdf.variables[name][begin:end] = variable.values
+    for name in ("status", "message"):
+        if netcdf.attrs[name] != piece.attrs[name]:
+            netcdf.attrs[name] = piece.attrs[name]
 
 
 def open_dataset(path: Path) -> xr.Dataset:
@@ -199,17 +180,19 @@ def length_of_piece(dataset: xr.Dataset) -> int:
     return int(chunks[0]) if chunks else max(1, min(2048, dataset.sizes["time"]))
 
 
+def thin(samples: int, most: int) -> IntArray:
+    """Indices of at most so many samples, evenly spread, the first and the last among them."""
+    return np.unique(np.linspace(0, samples - 1, min(samples, most)).round().astype(np.int64))
+
+
 def thinned(dataset: xr.Dataset) -> xr.Dataset:
     """At most a few thousand samples of a run, in memory, the first and the last among them; fewer of a large team."""
     samples = dataset.sizes["time"]
     most = max(_FEWEST_SAMPLES, min(_MOST_SAMPLES, _MOST_POSITIONS // dataset.sizes["agent"]))
-    kept = np.unique(np.linspace(0, samples - 1, min(samples, most)).round().astype(np.int64))
+    kept = thin(samples, most)
     if len(kept) == samples:
         return dataset.load()
     step = length_of_piece(dataset)
-    parts = []
-    for begin in range(0, samples, step):
-        here = kept[(kept >= begin) & (kept < begin + step)]
-        if len(here):
-            parts.append(dataset.isel(time=slice(begin, begin + step)).load().isel(time=here - begin))
-    return join(parts)
+    chosen = np.split(kept, np.searchsorted(kept, np.arange(step, samples, step)))
+    pieces = zip(split(dataset, step), chosen, strict=True)
+    return join(piece.load().isel(time=here % step) for piece, here in pieces if len(here))

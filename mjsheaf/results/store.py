@@ -15,8 +15,8 @@ import xarray as xr
 from pydantic_core import to_json
 
 from mjsheaf._version import __version__
-from mjsheaf.errors import InputError
-from mjsheaf.io.files import is_part_of, put_in_place, whole_directory, write_whole
+from mjsheaf.errors import InputError, PlaceError
+from mjsheaf.io.files import is_part_of, whole_directory, write_whole
 from mjsheaf.results.netcdf import open_dataset
 
 FILES = (
@@ -54,10 +54,6 @@ _RECORDS = ("summary.json", "compare.json")
 _SCENARIO_SUFFIXES = (".yaml", ".yml")
 
 
-class PlaceError(InputError):
-    """The place where results should go cannot be used."""
-
-
 def check_replaceable(directory: Path) -> None:
     """Refuse a place that holds anything but an earlier run.
 
@@ -91,25 +87,23 @@ def check_replaceable(directory: Path) -> None:
 
 def write_checksums(folder: Path) -> None:
     """Note what mjsheaf has put into the folder of vehicles' files."""
-    lines = [f"{digest(path)}  {path.relative_to(folder)}\n" for path in sorted(folder.rglob("*")) if path.is_file()]
-    (folder / CHECKSUMS).write_text("".join(lines), encoding="utf-8")
+    (folder / CHECKSUMS).write_text("".join(f"{line}\n" for line in _checksums(folder).values()), encoding="utf-8")
+
+
+def _checksums(folder: Path) -> dict[str, str]:
+    """The line of sha256sum for each file below a folder, by the file's name relative to it; also for links."""
+    files = [path for path in sorted(folder.rglob("*")) if path.is_symlink() or not path.is_dir()]
+    return {name: f"{digest(path)}  {name}" for path in files if (name := str(path.relative_to(folder))) != CHECKSUMS}
 
 
 def _strange_vehicles(folder: Path) -> list[str]:
     """What lies in the folder of vehicles' files and is not as mjsheaf left it, relative to the run's directory."""
     if not folder.is_dir() or folder.is_symlink():
         return [VEHICLES] if folder.exists() or folder.is_symlink() else []
-    try:
-        known = set((folder / CHECKSUMS).read_text(encoding="utf-8").splitlines())
-    except (OSError, ValueError):
-        known = set()
-    strange = []
-    for path in sorted(folder.rglob("*")):
-        name = str(path.relative_to(folder))
-        folder_of_files = path.is_dir() and not path.is_symlink()
-        if not folder_of_files and name != CHECKSUMS and f"{digest(path)}  {name}" not in known:
-            strange.append(f"{VEHICLES}/{name}")
-    return strange
+    known: list[str] = []
+    with suppress(OSError, ValueError):
+        known = (folder / CHECKSUMS).read_text(encoding="utf-8").splitlines()
+    return [f"{VEHICLES}/{name}" for name, line in _checksums(folder).items() if line not in known]
 
 
 def digest(path: Path) -> str:
@@ -190,7 +184,6 @@ def staging(directory: Path) -> Iterator[Path]:
         with whole_directory(place) as fresh:
             yield fresh
             check_replaceable(place)  # again: it may have changed meanwhile
-            put_in_place(fresh, place)
     except OSError as error:
         raise PlaceError(f"{directory}: cannot be written: {error.strerror or error}") from error
     finally:
@@ -207,16 +200,6 @@ def save_summary(summary: dict[str, Any], path: Path) -> None:
 
 _READ = "import sys, xarray; xarray.open_dataset(sys.argv[1], engine='h5netcdf').load()"
 _LONGEST_READ = 30.0  # s
-
-
-def load_run(directory: Path) -> tuple[xr.Dataset, dict[str, Any]]:
-    """Read result.nc and summary.json of a finished run.
-
-    Raises:
-        InputError: the directory holds no run.
-    """
-    with open_run(directory) as (dataset, summary):
-        return dataset.load(), summary
 
 
 def _require_readable(path: Path) -> None:
@@ -236,7 +219,7 @@ def _require_readable(path: Path) -> None:
 
 @contextmanager
 def open_run(directory: Path) -> Iterator[tuple[xr.Dataset, dict[str, Any]]]:
-    """Read as `load_run` does, but the data only where they are looked at, and within the block.
+    """The data and summary.json of a finished run; data are read where they are looked at, within the block.
 
     Raises:
         InputError: the directory holds no run.
@@ -244,18 +227,16 @@ def open_run(directory: Path) -> Iterator[tuple[xr.Dataset, dict[str, Any]]]:
     for name in ("result.nc", "summary.json", "scenario.yaml"):
         if not (directory / name).is_file():
             raise InputError(f"{directory}: holds no {name}; expected the directory of a finished run")
+    summary, data = read_mapping(directory / "summary.json"), directory / "result.nc"
+    if summary is None:
+        raise InputError(f"{directory}: summary.json cannot be read; expected the mapping that a run leaves there")
+    if RESULT_DIGEST not in summary:  # of an earlier version: it is trusted when all of it can be read
+        _require_readable(data)
     try:
-        summary = json.loads((directory / "summary.json").read_bytes())
-        if not isinstance(summary, dict):
-            raise InputError(f"{directory}: summary.json holds no mapping; expected is the directory of a finished run")
-        # First: HDF5 reads much that is damaged without a word.
-        if RESULT_DIGEST in summary and summary[RESULT_DIGEST] != digest(directory / "result.nc"):
-            raise InputError(f"{directory}: result.nc is not as the run wrote it; run the scenario again")
-        if RESULT_DIGEST not in summary:  # of an earlier version: it is trusted when all of it can be read
-            _require_readable(directory / "result.nc")
-        dataset = open_dataset(directory / "result.nc")
-    except InputError:
-        raise
+        found = digest(data)
+        if summary.get(RESULT_DIGEST, found) != found:  # HDF5 reads much that is damaged without a word
+            raise ValueError("result.nc is not as the run wrote it; run the scenario again")
+        dataset = open_dataset(data)
     except Exception as error:  # what a damaged file does to HDF5 and its readers has no class of its own
         raise InputError(f"{directory}: cannot be read: {' '.join(str(error).split())}") from None
     with dataset:

@@ -1,4 +1,4 @@
-"""Simulating a scenario, or many at once: from what a person wrote to data."""
+"""Simulating a scenario, or many at once: from a scenario to data."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed

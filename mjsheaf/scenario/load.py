@@ -152,7 +152,7 @@ def origin(source: str | Path, directory: Path) -> str:
 
 
 def _name_from(path: Path) -> str:
-    """A legal name for a scenario that has none: its file's."""
+    """A valid name for a scenario that has none: its file's."""
     name = re.sub(r"[^A-Za-z0-9_-]+", "_", path.stem)
     return name if re.match("[A-Za-z]", name) else f"scenario_{name}"
 

@@ -56,7 +56,7 @@ def expand_swarm(raw: dict[str, Any]) -> dict[str, Any]:
     try:
         swarm = Swarm.model_validate(raw["swarm"])
     except ValidationError:
-        return raw  # it is told of as any other field's
+        return raw  # the whole scenario's validation names the field
     made = [name for name in ("agents", "communication", "sensing", "formations") if raw.get(name)]
     if made:
         raise InputError(f"swarm: makes {', '.join(made)} itself; give either")

@@ -20,8 +20,6 @@ from scipy.sparse import linalg as splinalg
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.errors import SheafError
 
-Index = IntArray
-
 RANK_TOLERANCE = 1e-9
 """Default relative tolerance under which a singular value counts as zero."""
 
@@ -54,7 +52,7 @@ def assembled(blocks: Iterable[tuple[Any, Any, Any]], shape: tuple[int, int]) ->
     return sparse.coo_array((values, (rows, columns)), shape=shape)
 
 
-def parts(matrix: sparse.sparray) -> Iterator[tuple[Index, Index, sparse.csr_array]]:
+def parts(matrix: sparse.sparray) -> Iterator[tuple[IntArray, IntArray, sparse.csr_array]]:
     """Yield rows, columns and block of each connected part of a matrix: columns that share a row are in one part.
 
     Parts are in the order of their first columns; rows without entries are in none.
@@ -118,7 +116,7 @@ class InnerProduct:
     root_inverse: sparse.csr_array
 
     @classmethod
-    def of_blocks(cls, blocks: Iterable[tuple[Index, Array]], size: int) -> "InnerProduct":
+    def of_blocks(cls, blocks: Iterable[tuple[IntArray, Array]], size: int) -> "InnerProduct":
         """The inner product with the given blocks, the identity elsewhere.
 
         Args:
@@ -143,7 +141,7 @@ class InnerProduct:
             )
         )
 
-    def restricted(self, at: Index) -> "InnerProduct":
+    def restricted(self, at: IntArray) -> "InnerProduct":
         """The same on some coordinates, whole stalks of them, in the order given."""
         return InnerProduct(*(m[at][:, at] for m in (self.matrix, self.inverse, self.root, self.root_inverse)))
 

@@ -18,8 +18,6 @@ from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.errors import SheafError
 from mjsheaf.jit import allocating_jit, jit
 
-Index = IntArray
-
 
 @dataclass(frozen=True)
 class EdgeBundle:
@@ -34,13 +32,13 @@ class EdgeBundle:
         number: of each edge in the sheaf, in the order in which edges were added, shape (k,).
     """
 
-    tail: Index
-    head: Index
+    tail: IntArray
+    head: IntArray
     maps: Array
     shape: tuple[int, int, int]
     offset: Array
     weight: Array | None
-    number: Index
+    number: IntArray
 
     @property
     def F_tail(self) -> Array:  # noqa: N802 - the field's symbol
@@ -54,7 +52,7 @@ class EdgeBundle:
         k, (m, n_tail, n) = len(self.tail), self.shape
         return self.maps[k * m * n_tail :].reshape(k, m, n)
 
-    def selected(self, chosen: BoolArray, vertex: Index, number: Index) -> "EdgeBundle":
+    def selected(self, chosen: BoolArray, vertex: IntArray, number: IntArray) -> "EdgeBundle":
         """The chosen edges (k,), with new numbers of all vertices (V,) and edges (E,)."""
         return replace(
             self,
@@ -100,16 +98,16 @@ class EdgeTable(NamedTuple):
     """
 
     rows: int
-    column: Index
-    tail: Index
-    head: Index
-    row: Index
-    size: Index
+    column: IntArray
+    tail: IntArray
+    head: IntArray
+    row: IntArray
+    size: IntArray
     F: Array
-    at_tail: Index
-    at_head: Index
-    first: Index
-    incident: Index
+    at_tail: IntArray
+    at_head: IntArray
+    first: IntArray
+    incident: IntArray
 
 
 def merge(bundles: list[EdgeBundle]) -> list[EdgeBundle]:
@@ -133,17 +131,17 @@ def _join(group: list[EdgeBundle]) -> EdgeBundle:
     )
 
 
-def starts(length: Index) -> Index:
+def starts(length: IntArray) -> IntArray:
     """Where each of several stretches begins that follow one another, shape (k,)."""
     return np.cumsum(length) - length
 
 
-def ranges(begin: Index, length: Index) -> Index:
+def ranges(begin: IntArray, length: IntArray) -> IntArray:
     """The numbers from begin[k] up to begin[k] + length[k], stretch after stretch."""
     return np.repeat(begin - starts(length), length) + np.arange(length.sum())
 
 
-def tabulate(bundles: list[EdgeBundle], column: Index) -> EdgeTable:
+def tabulate(bundles: list[EdgeBundle], column: IntArray) -> EdgeTable:
     """The table of all edges of a sheaf, bundle after bundle, without their weights; `column` as in `EdgeTable`."""
     tail, head, number = (_joined([getattr(b, name) for b in bundles], np.int64) for name in ("tail", "head", "number"))
     F = _joined([b.maps for b in bundles], np.float64)
@@ -180,8 +178,8 @@ class Ends(NamedTuple):
 
     tails: Sequence[Any]
     heads: Sequence[Any]
-    tail: Index
-    head: Index
+    tail: IntArray
+    head: IntArray
 
     def name(self, e: int) -> str:
         """An edge, for messages."""
@@ -189,7 +187,7 @@ class Ends(NamedTuple):
 
 
 def checked_bundle(
-    ends: Ends, dimension: Index, F_tails: Any, F_heads: Any, offset: Any, weight: Any, number: Index
+    ends: Ends, dimension: IntArray, F_tails: Any, F_heads: Any, offset: Any, weight: Any, number: IntArray
 ) -> EdgeBundle:
     """A bundle of k edges of equal stalk dimensions.
 
@@ -289,7 +287,7 @@ def coboundary_matrix(t: EdgeTable) -> sparse.csr_array:
     return sparse.csr_array((values, indices, indptr), shape=(t.rows, int(t.column[-1])))
 
 
-def laplacian_block(t: EdgeTable, rows: Index, columns: Index, sign: float = 1.0) -> sparse.csr_array:
+def laplacian_block(t: EdgeTable, rows: IntArray, columns: IntArray, sign: float = 1.0) -> sparse.csr_array:
     """sign * (delta^T delta)[rows, columns], for vertex numbers that occur at most once.
 
     Of whitened edges this is a block of the Laplacian delta^T K delta.
@@ -301,7 +299,7 @@ def laplacian_block(t: EdgeTable, rows: Index, columns: Index, sign: float = 1.0
     return sparse.csr_array((values, indices, indptr.astype(indices.dtype)), shape=shape)
 
 
-def first_rows(t: EdgeTable, vertices: Index) -> Index:
+def first_rows(t: EdgeTable, vertices: IntArray) -> IntArray:
     """First row of each of some vertices, in the order given, by vertex; -1 at the others, shape (V,)."""
     dimension = t.column[vertices + 1] - t.column[vertices]
     place = np.full(len(t.column) - 1, -1)
@@ -310,8 +308,8 @@ def first_rows(t: EdgeTable, vertices: Index) -> Index:
 
 
 def block_rows(
-    t: EdgeTable, place: Index, columns: Index, *, sign: float = 1.0, upper: bool = False
-) -> tuple[Array, Index, Index, Array]:
+    t: EdgeTable, place: IntArray, columns: IntArray, *, sign: float = 1.0, upper: bool = False
+) -> tuple[Array, IntArray, IntArray, Array]:
     """Compressed rows (values, indices, indptr) of sign * delta^T delta, or of its strict upper triangle.
 
     Args:
@@ -321,10 +319,12 @@ def block_rows(
         sign: a factor.
         upper: whether to keep only what lies above the diagonal; the diagonal comes last then, else an empty array.
     """
-    indptr = block_row_lengths(t, place, columns, upper, int(np.diff(t.column)[place >= 0].sum()))
+    indptr = np.zeros(int(np.diff(t.column)[place >= 0].sum()) + 1, dtype=np.int64)
+    nothing = indptr, np.empty(0, dtype=np.int32), np.empty(0)
+    np.cumsum(fill_block(t, place, columns, upper, sign, nothing, np.empty(0), True), out=indptr[1:])
     indices = np.empty(indptr[-1], dtype=np.int32 if indptr[-1] < 2**31 else np.int64)
     values, diagonal = np.zeros(indptr[-1]), np.zeros(len(indptr) - 1 if upper else 0)
-    fill_block(t, place, columns, upper, sign, (indptr, indices, values), diagonal)
+    fill_block(t, place, columns, upper, sign, (indptr, indices, values), diagonal, False)
     return values, indices, indptr, diagonal
 
 
@@ -402,33 +402,8 @@ def _add_adjoint_times(t, y, x):
 
 
 @allocating_jit
-def block_row_lengths(t, place, columns, upper, rows):
-    """The row pointers (rows + 1,) of the block of L that `fill_block` fills."""
-    column, tail, head, first, incident = t.column, t.tail, t.head, t.first, t.incident
-    indptr = np.zeros(rows + 1, dtype=np.int64)
-    last = np.full(len(place), -1, dtype=np.int64)
-    begin = 0
-    for u in columns:
-        n_u = column[u + 1] - column[u]
-        for at in range(first[u], first[u + 1]):
-            e = incident[at]
-            for v in (u, head[e] if tail[e] == u else tail[e]):
-                if place[v] < 0 or last[v] == u or (upper and place[v] > begin):
-                    continue
-                last[v] = u
-                for a in range(column[v + 1] - column[v]):
-                    row = place[v] + a
-                    skip = min(max(row + 1 - begin, 0), n_u) if upper else 0
-                    indptr[row + 1] += n_u - skip
-        begin += n_u
-    for a in range(rows):
-        indptr[a + 1] += indptr[a]
-    return indptr
-
-
-@allocating_jit
-def fill_block(t, place, columns, upper, sign, rows, diagonal):
-    """Fill a block of sign * L.
+def fill_block(t, place, columns, upper, sign, rows, diagonal, counting):
+    """Fill a block of sign * L; return where its rows end, which counts what they need if all begin at 0.
 
     Columns are walked in order and append themselves to the rows that they meet: rows come out sorted without sorting.
 
@@ -440,6 +415,7 @@ def fill_block(t, place, columns, upper, sign, rows, diagonal):
         sign: a factor.
         rows: (indptr, indices, values), compressed rows; values are zero before.
         diagonal: shape (rows,), zero before; not touched unless `upper`.
+        counting: whether to count alone, and to fill nothing.
     """
     _, column, tail, head, _, size, F, at_tail, at_head, first, incident = t
     indptr, indices, values = rows
@@ -468,9 +444,9 @@ def fill_block(t, place, columns, upper, sign, rows, diagonal):
                     if new:
                         start[row] = end[row]
                         end[row] += n_u - skip
-                        for b in range(skip, n_u):
+                        for b in range(n_u if counting else skip, n_u):
                             indices[start[row] + b - skip] = begin + b
-                    for b in range(max(skip - 1, 0), n_u):
+                    for b in range(n_u if counting else max(skip - 1, 0), n_u):
                         if b < skip and row != begin + b:
                             continue
                         total = 0.0
@@ -481,34 +457,7 @@ def fill_block(t, place, columns, upper, sign, rows, diagonal):
                         else:
                             values[start[row] + b - skip] += factor * total
         begin += n_u
-
-
-@jit
-def fill_band(t, place, band):
-    """Add delta^T delta to a lower band: entry (i, j), i >= j, of the permuted matrix is band[j, i - j].
-
-    Args:
-        t: the edges.
-        place: first row of each vertex in the permuted matrix, or -1 where it has none, shape (V,).
-        band: shape (rows, bandwidth + 1), zero before: LAPACK's band storage, transposed.
-    """
-    for e in range(len(t.tail)):
-        for one in range(2):
-            v, at_v = (t.tail[e], t.at_tail[e]) if one == 0 else (t.head[e], t.at_head[e])
-            n_v = t.column[v + 1] - t.column[v]
-            for two in range(2):
-                u, at_u = (t.tail[e], t.at_tail[e]) if two == 0 else (t.head[e], t.at_head[e])
-                if place[u] < 0 or place[v] < place[u]:  # -1 is below every other
-                    continue
-                n_u = t.column[u + 1] - t.column[u]
-                factor = 1.0 if one == two else -1.0
-                for a in range(n_v):
-                    i = place[v] + a
-                    for j in range(place[u], min(place[u] + n_u, i + 1)):
-                        total = 0.0
-                        for k in range(t.size[e]):
-                            total += t.F[at_v + k * n_v + a] * t.F[at_u + k * n_u + j - place[u]]
-                        band[j, i - j] += factor * total
+    return end
 
 
 @allocating_jit

@@ -22,7 +22,7 @@ two triangular solutions little is left to do.
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -34,12 +34,12 @@ from mjsheaf.arrays import Array, IntArray
 from mjsheaf.errors import SheafError
 from mjsheaf.jit import allocating_jit, jit
 from mjsheaf.sheaf.blocks import DENSE_COLUMNS, RANK_TOLERANCE, parts
+from mjsheaf.sheaf.cochains import Cochains
 from mjsheaf.sheaf.edges import (
     EdgeTable,
     adjoint_product,
     bandwidth,
     block_rows,
-    fill_band,
     first_rows,
     laplacian_block,
     neighbours,
@@ -47,11 +47,6 @@ from mjsheaf.sheaf.edges import (
     ranges,
 )
 from mjsheaf.sheaf.sections import section_basis
-
-if TYPE_CHECKING:
-    from mjsheaf.sheaf.sheaf import Sheaf
-
-Index = IntArray
 
 DIRECT_WORK = 5e8
 """Largest states * bandwidth^2 of a direct solution: a tenth of a second, once."""
@@ -104,8 +99,17 @@ class DirichletProblem:
         boundary: the vertices U, in the order of boundary vectors.
     """
 
-    def __init__(self, sheaf: "Sheaf", boundary: Sequence[Hashable]) -> None:
-        """Name the boundary; edges that the sheaf gets later are not in the problem.
+    def __init__(
+        self, stalks: Cochains, table: EdgeTable, whitened: EdgeTable, offset: Array, boundary: Sequence[Hashable]
+    ) -> None:
+        """Name the boundary; `Sheaf.dirichlet_problem` does it for a sheaf.
+
+        Args:
+            stalks: of the vertices.
+            table: the edges, as given; those that the sheaf gets later are not in the problem.
+            whitened: the same in edge coordinates in which the inner product is the identity.
+            offset: b in these coordinates, shape (m,).
+            boundary: the vertices U.
 
         Raises:
             SheafError: a boundary vertex is unknown or named twice.
@@ -113,18 +117,18 @@ class DirichletProblem:
         if len(set(boundary)) != len(boundary):
             raise SheafError("a boundary vertex is named twice")
         self.boundary = list(boundary)
-        self._sheaf, self._plain, self._b = sheaf, sheaf.table, sheaf.whitened_offset()
-        self._U, self._free = sheaf.numbers(self.boundary), sheaf.free(self.boundary)
-        W, self._table = np.flatnonzero(self._free), sheaf.whitened_table
-        self._columns_U, self._columns_W = sheaf.columns_of(self._U), sheaf.columns_of(W)
+        self._stalks, self._plain, self._table, self._b = stalks, table, whitened, offset
+        self._U, self._free = stalks.numbers(self.boundary), stalks.free(self.boundary)
+        W = np.flatnonzero(self._free)
+        self._columns_U, self._columns_W = stalks.columns_of(self._U), stalks.columns_of(W)
         self._problem = FreeProblem(self._table, W, self._columns_W)
-        M = sheaf.vertex_product
+        M = stalks.vertex_product
         self._product = None if M is None else M.restricted(self._columns_W)
 
     @cached_property
     def interior(self) -> list[Hashable]:
         """The vertices W, in vertex order."""
-        return self._sheaf.interior(self.boundary)
+        return self._stalks.interior(self.boundary)
 
     @cached_property
     def H(self) -> sparse.csr_array:  # noqa: N802 - the paper's symbol
@@ -166,8 +170,7 @@ class DirichletProblem:
     @cached_property
     def null_basis(self) -> Array:
         """`sparse_null_basis` as a dense array."""
-        basis = self.sparse_null_basis
-        return basis.toarray() if basis.shape[1] else np.zeros(basis.shape)
+        return self.sparse_null_basis.toarray()
 
     @property
     def unique(self) -> bool:
@@ -208,7 +211,7 @@ class DirichletProblem:
             whole[self._columns_U] = flat.T
             w = product(self._table, whole)
             np.subtract(self._b[:, None], w, out=w)  # in place: a million vertices have enough arrays
-            result[:] = self._shortest(self.solver.least_squares(w)).T.reshape(result.shape)
+            result[:] = self._shortest(self.solver.solve(self._problem.pulled_back(w), w)).T.reshape(result.shape)
         return result
 
     def _shortest(self, x: Array) -> Array:
@@ -239,17 +242,22 @@ class DirichletProblem:
         missing = [v for v in self.boundary if v not in boundary]
         if missing:
             raise SheafError(f"no boundary value for {missing}")
-        values = [np.zeros(0), *(self._sheaf.stalk_value(v, boundary[v]) for v in self.boundary)]
+        values = [np.zeros(0), *(self._stalks.stalk_value(v, boundary[v]) for v in self.boundary)]
         whole = np.zeros(int(self._table.column[-1]))
         whole[self._columns_U] = y = np.concatenate(values)
         whole[self._columns_W] = self.extend(y)
-        residual = product(self._table, whole[:, None])[:, 0]
-        residual -= self._b
-        energy = 0.5 * float(np.einsum("i,i->", residual, residual))
-        return HarmonicExtension(self._sheaf.unpack(whole), self.unique, self.null_basis, energy)
+        energy = energy_of(self._table, whole, self._b)
+        return HarmonicExtension(self._stalks.unpack(whole), self.unique, self.null_basis, energy)
 
 
-def _pivot_rows(null_basis: sparse.csc_array) -> Index:
+def energy_of(t: EdgeTable, x: Array, b: Array) -> float:
+    """Half the square of |delta x - b|, for whitened edges."""
+    residual = product(t, x[:, None])[:, 0]
+    residual -= b  # in place: a million vertices have enough arrays
+    return 0.5 * float(np.einsum("i,i->", residual, residual))  # a BLAS product depends on the number of threads
+
+
+def _pivot_rows(null_basis: sparse.csc_array) -> IntArray:
     """As many rows as there are columns, on which they are independent; columns that share rows are treated apart."""
     pivots = [
         rows[linalg.qr(block.toarray().T, mode="r", pivoting=True)[1][: len(columns)]]
@@ -277,11 +285,11 @@ class FreeProblem:
     """
 
     table: EdgeTable
-    vertices: Index
-    columns: Index
+    vertices: IntArray
+    columns: IntArray
 
     @cached_property
-    def dimension(self) -> Index:
+    def dimension(self) -> IntArray:
         """Dimension of each free stalk, shape (W,)."""
         return self.table.column[self.vertices + 1] - self.table.column[self.vertices]
 
@@ -300,6 +308,10 @@ class FreeProblem:
         """D^T y for y of shape (m, k)."""
         return adjoint_product(self.table, y)[self.columns]
 
+    def left_over(self, x: Array, r: Array, w: Array | None) -> Array:
+        """R - H x; by D^T (w - D x), which is more exact, where r = D^T w."""
+        return r - self.pulled_back(self.image(x)) if w is None else self.pulled_back(w - self.image(x))
+
 
 class BandCholesky:
     """Cholesky factor of H in band storage, with a refinement by the residual of D x = w itself.
@@ -309,12 +321,16 @@ class BandCholesky:
         refinements: how many bring that to rounding.
     """
 
-    def __init__(self, problem: FreeProblem, place: Index, band: int, regularisation: Array) -> None:
-        """Factor H + diag(regularisation); `place`: first row of each free vertex in an order of that bandwidth."""
+    def __init__(self, problem: FreeProblem, order: IntArray, regularisation: Array) -> None:
+        """Factor H + diag(regularisation), with the free vertices in an order that keeps the band narrow."""
         self._problem, self._regularisation = problem, regularisation
+        place = first_rows(problem.table, order)
         self._to = ranges(place[problem.vertices], problem.dimension)
-        self._factor = np.zeros((problem.states, band + 1))
-        fill_band(problem.table, place, self._factor)
+        values, indices, indptr, diagonal = block_rows(problem.table, place, order, upper=True)
+        row = np.repeat(np.arange(problem.states), np.diff(indptr))
+        off = indices - row
+        self._factor = np.zeros((problem.states, off.max(initial=0) + 1))
+        self._factor[:, 0], self._factor[row, off] = diagonal, values
         self._factor[self._to, 0] += regularisation
         self.error = self._probed() if factor_band(self._factor) else np.inf
         self.refinements = 0 if self.error < _NO_REFINEMENT_BELOW else 1 if self.error < _ONE_REFINEMENT_BELOW else 5
@@ -330,20 +346,11 @@ class BandCholesky:
         solve_band(self._factor, ordered)
         return ordered[self._to]
 
-    def least_squares(self, w: Array) -> Array:
-        """X that minimises |D x - w|, for w of shape (m, k)."""
-        p = self._problem
-        return self._refined(p.pulled_back(w), lambda x: p.pulled_back(w - p.image(x)))
-
-    def solve(self, r: Array) -> Array:
-        """X with H x = r, for r of shape (n_W, k)."""
-        p = self._problem
-        return self._refined(r, lambda x: r - p.pulled_back(p.image(x)))
-
-    def _refined(self, r: Array, left_over: Callable[[Array], Array]) -> Array:
+    def solve(self, r: Array, w: Array | None = None) -> Array:
+        """X with H x = r, for r of shape (n_W, k); r = D^T w where w, shape (m, k), is given."""
         x = self._once(r)
         for _ in range(self.refinements):
-            x += self._once(left_over(x) - self._regularisation[:, None] * x)
+            x += self._once(self._problem.left_over(x, r, w) - self._regularisation[:, None] * x)
         return x
 
 
@@ -356,13 +363,9 @@ class DenseQR:
         Q, self._R = linalg.qr(np.vstack([D, scale * null.T]), mode="economic")
         self._Q_w = Q[: len(D)].T
 
-    def least_squares(self, w: Array) -> Array:
-        """X that minimises |D x - w|, for w of shape (m, k)."""
-        return linalg.solve_triangular(self._R, self._Q_w @ w)
-
-    def solve(self, r: Array) -> Array:
-        """X with H x = r, for r of shape (n_W, k)."""
-        return linalg.cho_solve((self._R, False), r)
+    def solve(self, r: Array, w: Array | None = None) -> Array:
+        """As `BandCholesky.solve`."""
+        return linalg.cho_solve((self._R, False), r) if w is None else linalg.solve_triangular(self._R, self._Q_w @ w)
 
 
 class ConjugateGradients:
@@ -381,22 +384,12 @@ class ConjugateGradients:
         self._rows = indptr, indices, values
         self.iterations, self.residual = 0, 0.0
 
-    def least_squares(self, w: Array) -> Array:
-        """X that minimises |D x - w|, for w of shape (m, k).
+    def solve(self, r: Array, w: Array | None = None) -> Array:
+        """As `BandCholesky.solve`, column by column; restarts on the true residual, which recurrences drift away from.
 
         Raises:
             SheafError: the residual stays over LARGEST_RESIDUAL.
         """
-        p = self._problem
-        return self._each(p.pulled_back(w), lambda x, k: p.pulled_back(w[:, k : k + 1] - p.image(x)))
-
-    def solve(self, r: Array) -> Array:
-        """X with H x = r, for r of shape (n_W, k); SheafError as in `least_squares`."""
-        p = self._problem
-        return self._each(r, lambda x, k: r[:, k : k + 1] - p.pulled_back(p.image(x)))
-
-    def _each(self, r: Array, left_over: Callable[[Array, int], Array]) -> Array:
-        """Column by column; `left_over` is the true residual of a column, which recurrences drift away from."""
         x = np.zeros_like(r)
         for k in range(r.shape[1]):
             column, left, size = x[:, k : k + 1], r[:, k : k + 1], _norm(r[:, k])
@@ -413,7 +406,7 @@ class ConjugateGradients:
                 )
                 step *= self._scale
                 column += step[:, None]
-                left = left_over(column, k)
+                left = self._problem.left_over(column, r[:, k : k + 1], None if w is None else w[:, k : k + 1])
                 self.iterations += iterations
                 self.residual = _norm(left[:, 0]) / size
             if not self.residual <= LARGEST_RESIDUAL:
@@ -443,11 +436,11 @@ def solver_of(problem: FreeProblem, null: sparse.csc_array, regularisation: Call
     free = first_rows(t, problem.vertices) >= 0
     graph = sparse.csr_array(neighbours(t, free), shape=(len(free), len(free)))
     order = csgraph.reverse_cuthill_mckee(graph, symmetric_mode=True)
-    place = first_rows(t, order[free[order]].astype(np.int64))
-    band = bandwidth(t, place)
+    order = order[free[order]].astype(np.int64)
+    band = bandwidth(t, first_rows(t, order))
     if n > DENSE_COLUMNS and n * float(band) ** 2 > DIRECT_WORK:
         return ConjugateGradients(problem)
-    factor = BandCholesky(problem, place, band, regularisation())
+    factor = BandCholesky(problem, order, regularisation())
     if factor.error <= _NO_QR_BELOW:
         return factor
     if n <= DENSE_COLUMNS:

@@ -21,8 +21,6 @@ from mjsheaf.jit import allocating_jit, inline_jit, jit
 from mjsheaf.sheaf.blocks import DENSE_COLUMNS, ROUNDING, assembled, largest_singular_value, sparse_null_space
 from mjsheaf.sheaf.edges import EdgeTable, coboundary_matrix, product, ranges
 
-Index = IntArray
-
 _LEAST_CONDITION = 1e-3  # of maps that may carry a value on along a forest
 _MOST_OPEN = 64  # free directions of one component; with more of them the small problem is not small
 _MOST_FOREST_ENTRIES = 30_000_000  # of P
@@ -41,9 +39,9 @@ class Forest(NamedTuple):
         norm_low, norm_high: bounds of the largest singular value of delta on the free vertices.
     """
 
-    order: Index
-    parent: Index
-    component: Index
+    order: IntArray
+    parent: IntArray
+    component: IntArray
     rows: Array
     columns: Array
     norm_low: float
@@ -237,7 +235,7 @@ def grow(t: EdgeTable, free: BoolArray) -> Forest:
     return Forest(*_grow(t, free, by_dimension, _workspace(t)), *_norms(t, free))
 
 
-def propagate(t: EdgeTable, free: BoolArray, forest: Forest, slot: Index, width: int) -> Array:
+def propagate(t: EdgeTable, free: BoolArray, forest: Forest, slot: IntArray, width: int) -> Array:
     """P of the forest, shape (n, width); the roots' values start at columns `slot`, -1 where a tree is left out."""
     P = np.zeros((int(t.column[-1]), width))
     _propagate(t, free, forest.order, forest.parent, slot, P, _workspace(t))
@@ -281,7 +279,7 @@ def section_basis(t: EdgeTable, free: BoolArray, rtol: float) -> sparse.csc_arra
     return basis
 
 
-def certified_sections(t: EdgeTable, free: BoolArray, rtol: float) -> tuple[list[tuple[Index, Array]], BoolArray]:
+def certified_sections(t: EdgeTable, free: BoolArray, rtol: float) -> tuple[list[tuple[IntArray, Array]], BoolArray]:
     """Sections that vanish on the held vertices, of the components for which a forest certifies that they are all.
 
     Args:
@@ -303,7 +301,7 @@ def certified_sections(t: EdgeTable, free: BoolArray, rtol: float) -> tuple[list
     wanted = np.flatnonzero((open_ > 0) & ~undecided)
     if open_[wanted].max(initial=0) * t.column[-1] > _MOST_FOREST_ENTRIES:
         undecided[wanted], wanted = True, wanted[:0]
-    found: list[tuple[Index, Array]] = []
+    found: list[tuple[IntArray, Array]] = []
     if not wanted.size:
         return found, free & undecided[forest.component]
 
@@ -337,7 +335,7 @@ def certified_sections(t: EdgeTable, free: BoolArray, rtol: float) -> tuple[list
     return found, free & undecided[forest.component]
 
 
-def _slots(t: EdgeTable, forest: Forest, chosen: BoolArray) -> Index:
+def _slots(t: EdgeTable, forest: Forest, chosen: BoolArray) -> IntArray:
     """First column in P of each free root's values, counted in each component apart; 0 at others, -1 if not chosen."""
     dimension, used = np.diff(t.column), np.zeros(len(chosen), dtype=np.int64)
     slot = np.where(chosen, 0, -1)
@@ -347,7 +345,7 @@ def _slots(t: EdgeTable, forest: Forest, chosen: BoolArray) -> Index:
     return slot
 
 
-def _grouped(label: Index, wanted: Index) -> list[Index]:
+def _grouped(label: IntArray, wanted: IntArray) -> list[IntArray]:
     """The places of each of the wanted labels, ascending."""
     order = np.argsort(label, kind="stable")
     begin, end = (np.searchsorted(label[order], wanted, side) for side in ("left", "right"))

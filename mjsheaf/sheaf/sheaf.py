@@ -1,6 +1,5 @@
 """The cellular sheaf on a graph: stalks, edges, inner products, its operators and its cohomology."""
 
-import itertools
 from collections import defaultdict
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from functools import cached_property
@@ -14,6 +13,7 @@ from scipy.sparse import linalg as splinalg
 from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.errors import SheafError
 from mjsheaf.sheaf.blocks import DENSE_COLUMNS, RANK_TOLERANCE, InnerProduct, cokernel_basis
+from mjsheaf.sheaf.cochains import Cochain, Cochains
 from mjsheaf.sheaf.edges import (
     EdgeBundle,
     EdgeTable,
@@ -25,18 +25,13 @@ from mjsheaf.sheaf.edges import (
     laplacian_block,
     merge,
     product,
-    ranges,
-    require_positive_definite,
     tabulate,
 )
-from mjsheaf.sheaf.harmonic import DirichletProblem, HarmonicExtension
+from mjsheaf.sheaf.harmonic import DirichletProblem, HarmonicExtension, energy_of
 from mjsheaf.sheaf.sections import certified_sections, section_basis
 
-Index = IntArray
-Cochain = Array | Mapping[Hashable, ArrayLike]
 
-
-class Sheaf:
+class Sheaf(Cochains):
     """A cellular sheaf on a graph, with inner products on its stalks and desired values on its edges.
 
     Vertex v has the stalk R^{n_v}; an edge e = (i, j) has the stalk R^{m_e} and restriction maps F_{i,e} (m_e, n_i)
@@ -64,134 +59,9 @@ class Sheaf:
         Raises:
             SheafError: a dimension is not a non-negative integer, there is no vertex, or as `set_inner_product`.
         """
-        if not stalks:
-            raise SheafError("a sheaf needs at least one vertex")
-        kinds = set(map(type, stalks.values()))
-        odd = {kind for kind in kinds if kind is bool or not issubclass(kind, int | np.integer)}
-        if odd or min(stalks.values()) < 0:
-            vertex, dimension = next((v, d) for v, d in stalks.items() if type(d) in odd or d < 0)
-            raise SheafError(f"stalk of vertex {vertex!r}: dimension {dimension!r}; expected a whole number >= 0")
-        self._dimension = np.fromiter(stalks.values(), np.int64, len(stalks))
-        self._number = {vertex: i for i, vertex in enumerate(stalks)}
-        self._column = np.concatenate([[0], np.cumsum(self._dimension)])
-        self._products: dict[int, Array] = {}
-        for vertex, M in (inner_products or {}).items():
-            self.set_inner_product(vertex, M)
+        super().__init__(stalks, inner_products=inner_products)
         self._bundles: list[EdgeBundle] = []
         self._edges = 0
-
-    # -- vertices ----------------------------------------------------------------------------------------------
-
-    @property
-    def vertices(self) -> list[Hashable]:
-        """The vertices, in order."""
-        return list(self._number)
-
-    def dimension(self, vertex: Hashable) -> int:
-        """Dimension of the stalk of a vertex."""
-        return int(self._dimension[self._find(vertex)])
-
-    def _find(self, vertex: Hashable) -> int:
-        try:
-            return self._number[vertex]
-        except (KeyError, TypeError):
-            known = list(self._number)
-            listed = ", ".join(map(repr, known[:12])) + (", ..." if len(known) > 12 else "")
-            raise SheafError(f"unknown vertex {vertex!r}; the vertices are {listed}") from None
-
-    def numbers(self, vertices: Sequence[Hashable]) -> Index:
-        """Numbers of the given vertices, counted from 0 in vertex order."""
-        try:
-            return np.fromiter(map(self._number.__getitem__, vertices), np.int64, len(vertices))
-        except (KeyError, TypeError):
-            return np.array([self._find(v) for v in vertices], dtype=np.int64)
-
-    def columns(self, vertices: Iterable[Hashable]) -> Index:
-        """Columns of the coboundary that belong to the given vertices, in the given order."""
-        return self.columns_of(self.numbers(list(vertices)))
-
-    def columns_of(self, numbers: Index) -> Index:
-        """The same for vertices given by number."""
-        return ranges(self._column[numbers], self._dimension[numbers])
-
-    def interior(self, boundary: Iterable[Hashable]) -> list[Hashable]:
-        """The vertices that are not in the boundary, in vertex order."""
-        return list(itertools.compress(self._number, self.free(list(boundary)).tolist()))
-
-    def free(self, boundary: Sequence[Hashable]) -> BoolArray:
-        """Which vertices are not in the boundary, shape (V,)."""
-        free = np.ones(len(self._number), dtype=bool)
-        free[self.numbers(boundary)] = False
-        return free
-
-    def pack(self, x: Cochain) -> Array:
-        """A 0-cochain as a vector of length n.
-
-        Raises:
-            SheafError: a vertex is missing or unknown, a value has the wrong length, or an entry is not finite.
-        """
-        if isinstance(x, Mapping):
-            missing = [v for v in self._number if v not in x]
-            if missing or len(x) != len(self._number):
-                strange = [v for v in x if v not in self._number]
-                raise SheafError(f"a 0-cochain needs a value for each vertex; missing {missing}, unknown {strange}")
-            return np.concatenate([self.stalk_value(v, x[v]) for v in self._number])
-        value = np.array(finite(x, "0-cochain"))
-        if value.shape != (self._column[-1],):
-            raise SheafError(f"a 0-cochain has shape ({self._column[-1]},); this one has {value.shape}")
-        return value
-
-    def unpack(self, x: Array) -> dict[Hashable, Array]:
-        """A vector of length n as a mapping from vertex to value."""
-        d = int(self._dimension[0])
-        if d and (self._dimension == d).all():  # a million slices take a second
-            return dict(zip(self._number, x.reshape(-1, d), strict=True))
-        ends = self._column.tolist()
-        return {v: x[i:j] for v, i, j in zip(self._number, ends, ends[1:], strict=False)}
-
-    def stalk_value(self, vertex: Hashable, value: ArrayLike) -> Array:
-        """A value in the stalk of a vertex, checked."""
-        x = np.atleast_1d(finite(value, f"value of vertex {vertex!r}"))
-        if x.shape != (self.dimension(vertex),):
-            raise SheafError(f"value of vertex {vertex!r} has shape {x.shape}; expected ({self.dimension(vertex)},)")
-        return x
-
-    # -- inner products ----------------------------------------------------------------------------------------
-
-    def set_inner_product(self, vertex: Hashable, M: ArrayLike) -> None:
-        """Give a vertex stalk the inner product M, in place of the one it has.
-
-        Args:
-            vertex: the vertex.
-            M: symmetric positive definite, shape (n_v, n_v), or a positive number times the identity.
-
-        Raises:
-            SheafError: unknown vertex, wrong shape, non-finite entry, or M is not SPD.
-        """
-        v = self._find(vertex)
-        d, name = int(self._dimension[v]), f"inner product of vertex {vertex!r}"
-        matrix = finite(M, name)
-        if matrix.shape == ():
-            matrix = matrix * np.eye(d)
-        if matrix.shape != (d, d):
-            raise SheafError(f"{name} has shape {matrix.shape}; expected ({d}, {d})")
-        require_positive_definite(matrix[None], lambda _: name)
-        self._products[v] = 0.5 * (matrix + matrix.T)
-        self.__dict__.pop("vertex_product", None)
-
-    def inner_product(self, vertex: Hashable) -> Array:
-        """The inner product M_v of a vertex stalk, shape (n_v, n_v)."""
-        v = self._find(vertex)
-        return self._products[v].copy() if v in self._products else np.eye(int(self._dimension[v]))
-
-    @cached_property
-    def vertex_product(self) -> InnerProduct | None:
-        """The inner product M of C^0; None where it is the identity."""
-        alike: dict[int, list[int]] = defaultdict(list)
-        for v, M in self._products.items():
-            alike[len(M)].append(v)
-        blocks = [(self._column[v], np.stack([self._products[k] for k in v])) for v in alike.values()]
-        return InnerProduct.of_blocks(blocks, int(self._column[-1])) if blocks else None
 
     @cached_property
     def edge_product(self) -> InnerProduct | None:
@@ -335,10 +205,9 @@ class Sheaf:
         for e in edges:
             if isinstance(e, bool) or not isinstance(e, int | np.integer) or not 0 <= e < self._edges:
                 raise SheafError(f"unknown edge {e!r}; expected a number from 0 to {self._edges - 1}")
-            if chosen[e]:
-                raise SheafError(f"edge {e} is named twice")
-            if not inside[e]:
-                raise SheafError(f"edge {e} has an end outside of the subgraph's vertices")
+            if chosen[e] or not inside[e]:
+                wrong = "is named twice" if chosen[e] else "has an end outside of the subgraph's vertices"
+                raise SheafError(f"edge {e} {wrong}")
             chosen[e] = True
         return chosen
 
@@ -348,7 +217,7 @@ class Sheaf:
     def _merged(self) -> list[EdgeBundle]:
         return merge(self._bundles)
 
-    def _rows(self) -> list[Index]:
+    def _rows(self) -> list[IntArray]:
         """First row of each edge in the coboundary, an array for each merged bundle."""
         return np.split(self.table.row, np.cumsum([len(b.number) for b in self._merged]))[:-1]
 
@@ -424,8 +293,7 @@ class Sheaf:
 
     def dirichlet_energy(self, x: Cochain) -> float:
         """Half the squared K-norm of the residual delta x - b."""
-        residual = product(self.whitened_table, self.pack(x)[:, None])[:, 0] - self.whitened_offset()
-        return 0.5 * float(np.einsum("i,i->", residual, residual))  # a BLAS product depends on the number of threads
+        return energy_of(self.whitened_table, self.pack(x), self.whitened_offset())
 
     # -- cohomology --------------------------------------------------------------------------------------------
 
@@ -488,7 +356,7 @@ class Sheaf:
         Raises:
             SheafError: a boundary vertex is unknown or named twice.
         """
-        return DirichletProblem(self, boundary)
+        return DirichletProblem(self, self.table, self.whitened_table, self.whitened_offset(), boundary)
 
     def harmonic_extension(self, boundary: Mapping[Any, ArrayLike]) -> HarmonicExtension:
         """The 0-cochain of least Dirichlet energy with the given values of boundary vertices.

@@ -21,7 +21,7 @@ import numpy as np
 
 from mjsheaf.arrays import Array
 from mjsheaf.control.controller import Controller
-from mjsheaf.control.law import Memory, carry, new_memory, sample
+from mjsheaf.control.law import Memory, carry, evaluate_law, new_memory
 from mjsheaf.dynamics.disturbance import evaluate_sines
 from mjsheaf.dynamics.effectiveness import EffectivenessArrays, allocate
 from mjsheaf.jit import inline_jit, jit
@@ -101,7 +101,7 @@ def slope_of(follow, run, t, x, first, last, out):
     """Write x' of the vehicles from first to last into out (V, 3); commands are those held unless there is a law."""
     medium, effectiveness = run.medium, run.effectiveness
     if follow is not None:
-        sample(follow, t, x, None, run.memory)
+        evaluate_law(follow, t, x, None, run.memory)
     evaluate_sines(medium.harmonics, t, first, last, run.sines)
     for v in range(first, last):
         for i in range(3):
@@ -242,7 +242,7 @@ def _run(control, follow, run, times, advances, x, log, placed):
         for v in range(M):
             for i in range(3):
                 x[V - M + v, i] = placed[k, v, i]
-        sample(control, times[k], x, None, run.memory)
+        evaluate_law(control, times[k], x, None, run.memory)
         _record(run, times[k], x, k, log)
         if k == advances:
             break

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.control.controller import Controller, Law, controller_of
-from mjsheaf.control.law import ControlArrays, Memory, carry, new_memory, sample
+from mjsheaf.control.law import ControlArrays, Memory, carry, evaluate_law, new_memory
 from mjsheaf.dynamics.disturbance import evaluate_sines
 from mjsheaf.engine import mujoco
 from mjsheaf.errors import InputError, UnstableError, expected
@@ -117,7 +117,7 @@ def close_loop(loop, t, due):
                 a, planar = bodies[v].qpos, kinds[bodies[v].kind].planar
                 w = medium_velocity(medium, loop.sines, v, q[a], q[a + 1], 0.0 if planar else q[a + 2])
                 loop.drift[v, 0], loop.drift[v, 1], loop.drift[v, 2] = w[0], w[1], w[2]
-        sample(loop.control, t, loop.x, loop.drift, loop.memory)
+        evaluate_law(loop.control, t, loop.x, loop.drift, loop.memory)
     for v in range(bodies.shape[0]):
         body = bodies[v]
         kind, a, first = kinds[body.kind], body.qpos, body.actuator
@@ -353,13 +353,13 @@ class World:
         """Go on from a state of `get_state`, to the bit as the world did from which it was taken.
 
         Raises:
-            InputError: the state is of another size: it is not one of this scenario.
+            InputError: the state is of another size, so not one of this scenario, or not finite.
         """
         values, before = np.ascontiguousarray(state, dtype=np.float64), self.get_state()
-        if values.ndim != 1 or not self._restore(values):
+        if values.ndim != 1 or not np.isfinite(values).all() or not self._restore(values):
             self._restore(before)
             raise InputError(
-                f"state has shape {values.shape}; expected {before.shape}, as get_state gives it for this scenario"
+                f"state has shape {values.shape}; expected {before.shape} finite numbers, as get_state gives them"
             )
         mujoco.mj_fwdPosition(self.model, self.data)
 

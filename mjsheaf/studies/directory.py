@@ -14,14 +14,14 @@ import json
 import os
 import re
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any
 
-from mjsheaf.errors import InputError
-from mjsheaf.io.files import is_part_of, write_whole
+from mjsheaf.errors import InputError, PlaceError, shortened
+from mjsheaf.io.files import is_part_of, naming, write_whole
 from mjsheaf.io.yaml import dump_yaml
-from mjsheaf.results.store import PlaceError, digest, enclosing_run, read_mapping
+from mjsheaf.results.store import digest, enclosing_run, read_mapping
 from mjsheaf.studies.job import STATUSES, JobResult
 from mjsheaf.studies.plan import Plan
 from mjsheaf.studies.schema import Point
@@ -29,7 +29,7 @@ from mjsheaf.studies.schema import Point
 _LOCK, _STUDY, _SCENARIO, _TIMINGS = ".lock", "study.json", "scenario.yaml", "timings.csv"
 _RUNS, _TRAJECTORIES = "runs", "trajectories"
 _NUMBERED = re.compile(r"[0-9]+\.(json|nc)")
-_SHOWN_DIFFERENCES, _LONGEST_VALUE = 3, 60
+_SHOWN_DIFFERENCES = 3
 _SEALS = ("result_sha256", "record_sha256")
 
 RESULT_FILES = {"table.csv", "table.parquet", "error.png", "success.png", "index.html"}
@@ -90,11 +90,9 @@ class StudyDirectory:
                     (self.path / name).unlink(missing_ok=True)
             _remove_empty([self.path / _RUNS, self.path / _TRAJECTORIES, *self._made])
 
-    @contextmanager
-    def writing(self) -> Iterator[None]:
+    def writing(self) -> AbstractContextManager[None]:
         """Turn an error of the file system into one that names the directory."""
-        with _place_errors(self.path, "runs that have ended are kept, the same command goes on"):
-            yield
+        return naming(self.path, "runs that have ended are kept, the same command goes on", PlaceError)
 
     def _file(self, folder: str, number: int) -> Path:
         return self.path / folder / f"{number:06d}.{'json' if folder == _RUNS else 'nc'}"
@@ -139,7 +137,7 @@ def open_directory(path: Path, plan: Plan) -> Iterator[StudyDirectory]:
     _check_place(path)
     missing = [place for place in (path, *path.absolute().parents) if not place.exists()]
     try:
-        with _place_errors(path, "choose another --out"):
+        with naming(path, "choose another --out", PlaceError):
             path.mkdir(parents=True, exist_ok=True)
             lock = (path / _LOCK).open("a")
     except PlaceError:
@@ -154,21 +152,14 @@ def open_directory(path: Path, plan: Plan) -> Iterator[StudyDirectory]:
         yield directory
 
 
-@contextmanager
-def _place_errors(path: Path, hint: str) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        raise PlaceError(f"{path}: cannot be written: {error.strerror or error}; {hint}") from None
-
-
 def _take(lock: IO[str], path: Path) -> None:
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        raise BusyError(f"{path}: another command works on this study; wait for it, or choose another --out") from None
-    except OSError as error:  # a file system without locks
-        raise PlaceError(f"{path}: cannot be locked: {error.strerror or error}; choose another --out") from None
+    with naming(path, "choose another --out", PlaceError, "locked"):  # as on a file system without locks
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise BusyError(
+                f"{path}: another command works on this study; wait for it, or choose another --out"
+            ) from None
 
 
 def _check_place(path: Path) -> None:
@@ -272,11 +263,7 @@ def _differences(before: dict[str, Any], now: dict[str, Any]) -> list[str]:
     """Each field of which the plain values differ, as 'field was A, is now B', in the order of `now`."""
     was, new = _leaves(before), _leaves(now)
     return [
-        f"{path} was {_short(was.get(path, 'absent'))}, is now {_short(new.get(path, 'absent'))}"
+        f"{path} was {shortened(was.get(path, 'absent'))}, is now {shortened(new.get(path, 'absent'))}"
         for path in {**new, **was}
         if was.get(path) != new.get(path)
     ]
-
-
-def _short(text: str) -> str:
-    return text if len(text) <= _LONGEST_VALUE else text[: _LONGEST_VALUE - 3] + "..."

@@ -8,20 +8,18 @@ import signal
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from contextlib import contextmanager
+from functools import partial
 from itertools import islice
 from multiprocessing import resource_tracker
 from multiprocessing.process import BaseProcess
 from threading import Thread
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import psutil
 
 from mjsheaf.errors import InputError
 from mjsheaf.studies.job import ForeignWorkerError, Job, JobResult, failed_record, new_record, run_job
 from mjsheaf.threads import ONE_THREAD, usable_processors
-
-if TYPE_CHECKING:
-    from distributed import Client
 
 _TRIES_ALONE = 2
 """Times that a run is begun again, with none beside it, after a worker died while it was under way."""
@@ -32,12 +30,9 @@ _LEAST_AHEAD = 64
 _TOO_MUCH_MEMORY = 75
 """Exit code of a worker that took more than its share of memory."""
 
-_WATCH_S = 0.1  # between looks at a worker's memory
-
 _CONNECT_S = 10
 
 Work = Callable[[Job], JobResult]
-Submit = Callable[[Work, Job], "Future[JobResult]"]
 
 
 class SchedulerError(InputError):
@@ -53,7 +48,7 @@ class Engine:
         cause: what is known of the last death of a worker.
     """
 
-    def __init__(self, submit: Submit, ahead: int, cause: Callable[[], str]) -> None:
+    def __init__(self, submit: Callable[[Work, Job], Future[JobResult]], ahead: int, cause: Callable[[], str]) -> None:
         self._submit, self._ahead, self._cause = submit, ahead, cause
 
     def run(self, jobs: Iterable[Job], work: Work = run_job) -> Iterator[JobResult]:
@@ -105,46 +100,39 @@ class _Processes:
     """A pool of processes, one BLAS thread each, which is made anew after one of them died."""
 
     def __init__(self, count: int, memory: int) -> None:
-        self._count, self._memory = count, memory
-        self._pool: ProcessPoolExecutor | None = None
+        spawn = mp.get_context("spawn")
+        self._make = partial(ProcessPoolExecutor, count, spawn, initializer=_watch, initargs=(memory,))
+        self._pool = self._make()
         self._workers: set[BaseProcess] = set()
-        self._exit_codes: set[int | None] = set()
 
-    def submit(self, work: Work, job: Job) -> "Future[JobResult]":
+    def submit(self, work: Work, job: Job) -> Future[JobResult]:
         """Hand a job to the pool."""
         before = set(mp.active_children())
         with _spawning():
             try:
-                return self._living().submit(work, job)
+                return self._pool.submit(work, job)
             except BrokenExecutor:
-                self.end()
-                return self._living().submit(work, job)
+                self._pool.shutdown()
+                self._pool, self._workers = self._make(), set()
+                return self._pool.submit(work, job)
             finally:
                 self._workers |= set(mp.active_children()) - before
 
-    def _living(self) -> ProcessPoolExecutor:
-        if self._pool is None:
-            spawn = mp.get_context("spawn")
-            self._pool = ProcessPoolExecutor(self._count, spawn, initializer=_watch, initargs=(self._memory,))
-        return self._pool
-
-    def end(self, *, kill: bool = False) -> None:
-        """End the pool: by itself, as it does where a worker died, or whatever its workers do."""
-        if self._pool is not None:
-            for process in self._workers if kill else ():
-                process.kill()
-            self._pool.shutdown(cancel_futures=True)
-            self._exit_codes = {process.exitcode for process in self._workers}
-            self._pool, self._workers = None, set()
+    def kill(self) -> None:
+        """End the workers, whatever they do."""
+        for process in self._workers:
+            process.kill()
+        self._pool.shutdown(cancel_futures=True)
 
     def cause(self) -> str:
-        """What a worker died of."""
-        self.end()
-        if _TOO_MUCH_MEMORY in self._exit_codes:
+        """What a worker of the pool, which ended with it, died of."""
+        self._pool.shutdown()
+        codes = {process.exitcode for process in self._workers}
+        if _TOO_MUCH_MEMORY in codes:
             return "as it took more than its share of memory; fewer --workers leave more to each"
-        if -signal.SIGKILL in self._exit_codes:
+        if -signal.SIGKILL in codes:
             return "killed by signal 9, most likely for want of memory; fewer --workers leave more to each"
-        codes = self._exit_codes - {0, None, -signal.SIGTERM}  # by which the pool ends the others
+        codes -= {0, None, -signal.SIGTERM}  # by which the pool ends the others
         return f"with exit code {codes.pop()}" if codes else "without a word"
 
 
@@ -175,7 +163,7 @@ def _watch(memory: int) -> None:
         while parent is not None and parent.is_alive():
             if me.memory_info().rss > memory:
                 os._exit(_TOO_MUCH_MEMORY)
-            parent.join(_WATCH_S)
+            parent.join(0.1)  # s between looks at the memory
         os._exit(1)
 
     Thread(target=watch, daemon=True).start()
@@ -202,12 +190,14 @@ def local_engine(workers: int | None = None, *, processes: bool = True, memory: 
     try:
         yield Engine(pool.submit, count, pool.cause)
     finally:
-        pool.end(kill=True)
+        pool.kill()
 
 
 @contextmanager
 def engine_at(address: str, note: Callable[[str], None] | None = None) -> Iterator[Engine]:
     """A cluster that exists, by its scheduler's address, such as tcp://10.0.0.1:8786. Its workers need this mjsheaf.
+
+    From then on this process prints nothing of dask's log.
 
     Args:
         address: of the scheduler.
@@ -218,43 +208,41 @@ def engine_at(address: str, note: Callable[[str], None] | None = None) -> Iterat
     """
     from distributed import Client
 
-    with _quiet():
-        try:
-            asyncio.run(_meet(address))  # first, as a client that nobody answers leaves a traceback behind
-            client = Client(address, timeout=_CONNECT_S, set_as_default=False)
-        except (OSError, ValueError, TypeError) as error:
-            reason = " ".join(str(error).split())
-            raise SchedulerError(
-                f"--scheduler {address}: no scheduler answers: {reason}; expected an address as tcp://HOST:8786"
-            ) from None
-        with client:
-            workers = sum(client.nthreads().values())
-            if note and not workers:
-                note(f"no worker yet at {address}; waiting")
-            yield Engine(_submitter(client), max(_LEAST_AHEAD, 4 * workers), lambda: "most likely for want of memory")
+    for handler in logging.getLogger("distributed").handlers:
+        handler.setLevel(logging.CRITICAL + 1)  # the one line of an exception says what dask's log would
+    try:
+        asyncio.run(_meet(address))  # first, as a client that nobody answers leaves a traceback behind
+        client = Client(address, timeout=_CONNECT_S, set_as_default=False)
+    except (OSError, ValueError, TypeError) as error:
+        raise SchedulerError(
+            f"--scheduler {address}: no scheduler answers: {' '.join(str(error).split())}; expected an address as "
+            "tcp://HOST:8786"
+        ) from None
 
-
-def _submitter(client: "Client") -> Submit:
-    """What hands jobs to a dask cluster, as `Engine` expects it of an executor."""
-    from distributed import KilledWorker
-
-    def submit(work: Work, job: Job) -> "Future[JobResult]":
+    def submit(work: Work, job: Job) -> Future[JobResult]:
         future: Future[JobResult] = Future()
-
-        def answer(done: Any) -> None:
-            try:
-                future.set_result(done.result())
-            except KilledWorker:
-                future.set_exception(BrokenExecutor())
-            except BaseException as error:
-                gone = SchedulerError("the scheduler went away; runs that have ended are kept")
-                future.set_exception(error if done.status == "error" else gone)
-
         # Two studies on one scheduler must not answer for each other: keys are made up, not derived.
-        client.submit(work, job, pure=False).add_done_callback(answer)
+        client.submit(work, job, pure=False).add_done_callback(partial(_answer, future))
         return future
 
-    return submit
+    with client:
+        workers = sum(client.nthreads().values())
+        if note and not workers:
+            note(f"no worker yet at {address}; waiting")
+        yield Engine(submit, max(_LEAST_AHEAD, 4 * workers), lambda: "most likely for want of memory")
+
+
+def _answer(future: Future[JobResult], done: Any) -> None:
+    """Settle a future as `Engine` expects it of an executor, by the future of dask that is done."""
+    from distributed import KilledWorker
+
+    try:
+        future.set_result(done.result())
+    except KilledWorker:
+        future.set_exception(BrokenExecutor())
+    except BaseException as error:
+        gone = SchedulerError("the scheduler went away; runs that have ended are kept")
+        future.set_exception(error if done.status == "error" else gone)
 
 
 async def _meet(address: str) -> None:
@@ -269,16 +257,3 @@ async def _meet(address: str) -> None:
         who = await asyncio.wait_for(there.identity(), _CONNECT_S)
     if who["type"] != "Scheduler":
         raise ValueError(f"it is a {who['type']}")
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Silence dask's log: the one line of the exception that follows says what it would."""
-    levels = {handler: handler.level for handler in logging.getLogger("distributed").handlers}
-    for handler in levels:
-        handler.setLevel(logging.CRITICAL + 1)
-    try:
-        yield
-    finally:
-        for handler, level in levels.items():
-            handler.setLevel(level)

@@ -2,17 +2,24 @@
 
 import io
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+from itertools import product
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.colors import LogNorm, Normalize
 from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.plotting import BLUE, legend_below, log_axis, new_figure, save_figure
+from mjsheaf.plotting import BLUE, label_axes, legend_below, log_axis, new_figure, save_figure
 from mjsheaf.results.metrics import MEASURES
 from mjsheaf.studies.schema import Choice, LogUniform, StudyFile
+
+Ends = NDArray[np.str_] | None
+"""How each run ended, in words."""
 
 _LABELS = {
     "mean_disagreement": "final disagreement, mean |η| (m)",
@@ -32,7 +39,6 @@ _DECADES = 30.0  # ratio of largest to smallest from which an axis is logarithmi
 _MOST_AXES = 6  # of the figures with a panel for each swept field
 _MOST_CELLS, _WRITTEN_CELLS = 40, 14  # along a side of a heat map; with their values in them
 _MOST_TICKS, _LONGEST_TICK, _UNROTATED = 12, 24, 40  # of tick labels: number; letters of one; of all, unless rotated
-_BINS = 8
 
 
 @dataclass(frozen=True)
@@ -58,10 +64,6 @@ class SweptAxis:
     places: Array
     labels: list[str]
     index: IntArray
-
-    def groups(self, y: Array) -> list[Array]:
-        """The known values of y, shape (R,), at each place."""
-        return [own[np.isfinite(own)] for own in (y[self.index == k] for k in range(len(self.places)))]
 
     def label(self, panel: Any, which: str, places: NDArray[Any]) -> None:
         """Name an axis ('x' or 'y') of a panel and put the values' labels at these places."""
@@ -150,28 +152,25 @@ def plot_study(study: StudyFile, name: str, records: list[dict[str, Any]]) -> di
     return plots
 
 
-def _draw(title: str, axes: list[SweptAxis], values: dict[str, Array], ends: NDArray[np.str_] | None) -> bytes:
+def _draw(title: str, axes: list[SweptAxis], values: dict[str, Array], ends: Ends) -> bytes:
     """Panels for each kind of value; without `ends` the values are zeros and ones, whose shares are drawn."""
-    heat = len(axes) == 2 and _fill_a_grid(axes)
-    each_axis = len(axes) > 1 and not heat
-    columns = min(len(axes), _MOST_AXES) if each_axis else min(len(values), 2)
-    rows = len(values) if each_axis else -(-len(values) // 2)
+    if len(axes) == 2 and _fill_a_grid(axes):
+        kinds: list[Callable[..., None]] = [partial(_heat_map, axes=axes)]
+    elif axes:
+        over = " over all other fields and seeds" if len(axes) > 1 else ""
+        kinds = [partial(_marginal, axis=axis, over=over) for axis in axes[:_MOST_AXES]]
+    else:
+        kinds = [_distribution]
+    columns = len(kinds) if len(kinds) > 1 else min(len(values), 2)
+    rows = -(-len(values) * len(kinds) // columns)
     figure = new_figure(max(7.5, 5.6 * columns), 1.0 + 4.2 * rows, title)
     panels = figure.subplots(rows, columns, squeeze=False)
-    for k, (label, y) in enumerate(values.items()):
-        if each_axis:
-            for panel, axis in zip(panels[k], axes, strict=False):
-                _marginal(panel, axis, label, y, ends, " over all other fields and seeds")
-        elif heat:
-            _heat_map(panels.flat[k], axes[0], axes[1], label, y, shares=ends is None)
-        elif axes:
-            _marginal(panels.flat[k], axes[0], label, y, ends)
-        else:
-            _distribution(panels.flat[k], label, y, shares=ends is None)
-    for panel in panels.flat[len(values) :] if not each_axis else ():
+    for panel in panels.flat[len(values) * len(kinds) :]:
         panel.set_visible(False)
-    legends = [panel.get_legend_handles_labels() for panel in panels.flat]
-    handles = {label: handle for legend in legends for handle, label in zip(*legend, strict=True)}
+    handles: dict[str, Any] = {}
+    for panel, ((label, y), kind) in zip(panels.flat, product(values.items(), kinds), strict=False):
+        kind(panel, label, y, ends)
+        handles |= dict(zip(*reversed(panel.get_legend_handles_labels()), strict=True))
     if handles.keys() - {_SETTLED}:  # which needs no legend where there is nothing else
         legend_below(figure, list(handles.values()), 3)
     png = io.BytesIO()
@@ -186,10 +185,9 @@ def _fill_a_grid(axes: list[SweptAxis]) -> bool:
     return max(sizes) <= _MOST_CELLS and filled > 0.6 * sizes[0] * sizes[1]
 
 
-def _marginal(panel: Any, axis: SweptAxis, label: str, y: Array, ends: NDArray[np.str_] | None, over: str = "") -> None:
+def _marginal(panel: Any, label: str, y: Array, ends: Ends, axis: SweptAxis, over: str) -> None:
     """Values over one field; `over` says of what the band is the spread, where that is not the seeds alone."""
-    panel.set(xlabel=axis.name, ylabel=label)
-    panel.grid(True, which="major", alpha=0.3)
+    label_axes(panel, "", axis.name, label, which="major")
     if axis.log:
         log_axis(panel, "x", axis.places)
     if not axis.numeric:
@@ -203,14 +201,13 @@ def _marginal(panel: Any, axis: SweptAxis, label: str, y: Array, ends: NDArray[n
     known = np.isfinite(y)
     many = known.sum() > 1.5 * len(axis.places)
     if not axis.drawn:
-        groups = zip(axis.places, axis.groups(y), strict=True)
-        found = [(x, np.median(group), group.min(), group.max()) for x, group in groups if group.size]
-        places, median, low, high = np.transpose(found)
+        found = pd.Series(y).groupby(axis.index).agg(["median", "min", "max"]).dropna()
+        places = axis.places[found.index]
         style = {"linewidth": 1.8} if axis.numeric else {"linewidth": 0.0, "marker": "_", "markersize": 22}
-        panel.plot(places, median, color=BLUE, label="median" if many else None, **style)
+        panel.plot(places, found["median"], color=BLUE, label="median" if many else None, **style)
         if many and axis.numeric:
             band = {"color": BLUE, "alpha": 0.18, "linewidth": 0}
-            panel.fill_between(places, low, high, label=f"smallest to largest{over}", **band)
+            panel.fill_between(places, found["min"], found["max"], label=f"smallest to largest{over}", **band)
     x, size = axis.places[axis.index], 5.0 if known.sum() <= 200 else 2.5
     for end, style in _MARKS.values():
         these = known & (ends == end)
@@ -225,26 +222,23 @@ def _marginal(panel: Any, axis: SweptAxis, label: str, y: Array, ends: NDArray[n
 
 
 def _shares(panel: Any, axis: SweptAxis, y: Array) -> None:
-    panel.set_ylim(-0.04, 1.04)
+    """The mean of zeros and ones at each place; of random numbers, of which few runs share one, in eight parts."""
+    found, group = pd.DataFrame({"x": axis.places[axis.index], "y": y}), axis.index
     if axis.numeric and axis.drawn:
-        x = axis.places[axis.index]
-        bins = [part for part in np.array_split(np.argsort(x, kind="stable"), _BINS) if part.size]
-        panel.plot([np.median(x[b]) for b in bins], [y[b].mean() for b in bins], "o-", color=BLUE)
-        return
-    share = [group.mean() for group in axis.groups(y)]
+        found = found.sort_values("x", kind="stable")
+        group = np.repeat(np.arange(8), [part.size for part in np.array_split(y, 8)])
+    found = found.groupby(group).agg({"x": "median", "y": "mean"})
+    panel.set_ylim(-0.04, 1.04)
     if axis.numeric:
-        panel.plot(axis.places, share, "o-", color=BLUE)
+        panel.plot(found["x"], found["y"], "o-", color=BLUE)
     else:
-        panel.bar(axis.places, share, width=0.6, color=BLUE)
+        panel.bar(found["x"], found["y"], width=0.6, color=BLUE)
 
 
-def _heat_map(panel: Any, across: SweptAxis, up: SweptAxis, label: str, y: Array, *, shares: bool) -> None:
+def _heat_map(panel: Any, label: str, y: Array, ends: Ends, axes: list[SweptAxis]) -> None:
     """Median, or share, of the runs of every cell; a cell without a value is grey."""
-    cells = np.full((len(up.places), len(across.places)), np.nan)
-    for i, j in np.ndindex(cells.shape):
-        own = y[(up.index == i) & (across.index == j) & np.isfinite(y)]
-        if own.size:
-            cells[i, j] = own.mean() if shares else np.median(own)
+    (across, up), shares = axes, ends is None
+    cells = pd.Series(y).groupby([up.index, across.index]).agg("mean" if shares else "median").unstack().to_numpy()
     low, high = (0.0, 1.0) if shares else (np.nanmin(cells), np.nanmax(cells))
     log = not shares and _spans_decades(cells)
     norm: Normalize = LogNorm(low, high) if log else Normalize(low, high if high > low else low + 1.0)
@@ -252,8 +246,7 @@ def _heat_map(panel: Any, across: SweptAxis, up: SweptAxis, label: str, y: Array
     if np.isnan(cells).any():
         panel.set_title("grey: no run finished", fontsize=9)
     mesh = panel.pcolormesh(np.ma.masked_invalid(cells), norm=norm, cmap="viridis", edgecolors="white", linewidth=0.4)
-    several = len(y) > cells.size and not shares
-    panel.figure.colorbar(mesh, ax=panel, label=label + ", median" * several)
+    panel.figure.colorbar(mesh, ax=panel, label=label if shares or len(y) <= cells.size else f"{label}, median")
     across.label(panel, "x", np.arange(len(across.places)) + 0.5)
     up.label(panel, "y", np.arange(len(up.places)) + 0.5)
     if max(cells.shape) > _WRITTEN_CELLS:
@@ -265,11 +258,11 @@ def _heat_map(panel: Any, across: SweptAxis, up: SweptAxis, label: str, y: Array
             panel.text(j + 0.5, i + 0.5, text, ha="center", va="center", fontsize=8, color=colour)
 
 
-def _distribution(panel: Any, label: str, y: Array, *, shares: bool) -> None:
+def _distribution(panel: Any, label: str, y: Array, ends: Ends) -> None:
     """Nothing but the seed differs: how the values are spread."""
     panel.grid(True, which="major", alpha=0.3)
     panel.set_ylim(-0.02, 1.04)
-    if shares:
+    if ends is None:
         panel.bar(["finished", "did not"], [y.mean(), 1.0 - y.mean()], color=[BLUE, _GREY], width=0.6)
         panel.set_ylabel("share of runs")
         return

@@ -8,23 +8,23 @@ from importlib.metadata import version
 from itertools import pairwise
 from pathlib import Path
 from textwrap import shorten
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import xarray as xr
 
 from mjsheaf._version import __version__
+from mjsheaf.checking.finished import bound_of_run, ending_of_run
 from mjsheaf.errors import InputError, NotUniqueError
+from mjsheaf.results import dataset_bytes, summarize
+from mjsheaf.results.metrics import late_errors
+from mjsheaf.runs.simulate import simulate
+from mjsheaf.scenario import Scenario, scenario_from_mapping
+from mjsheaf.scenario.load import map_vehicles
 from mjsheaf.studies.schema import Point
-
-if TYPE_CHECKING:
-    import xarray as xr
-
-    from mjsheaf.scenario import Scenario
 
 STATUSES = ("finished", "unstable", "refused", "invalid", "failed", "lost")
 """How a run may end: well; blown up; refused, as its team is free to drift; invalid, as its point is no scenario; with
 an error that mjsheaf did not expect; with its worker, which died of it."""
-
-_LONGEST_MESSAGE = 600
-_MOST_WRITES = 5
 
 
 @cache
@@ -64,8 +64,6 @@ class Job:
     @property
     def changes(self) -> dict[str, Any]:
         """What makes the point's scenario from the one that was read; paths of vehicles in it are absolute."""
-        from mjsheaf.scenario.load import map_vehicles
-
         directory = Path(self.directory)
         return {
             path: map_vehicles(value, lambda name: str(directory / name), tuple(path.split(".")))
@@ -78,14 +76,12 @@ class Job:
         given = (self.overrides | self.point.overrides).get("seed", self.scenario.get("seed", 0))
         return given if type(given) is int and abs(given) < 2**63 else None
 
-    def load(self) -> "Scenario":
+    def load(self) -> Scenario:
         """The scenario of the point.
 
         Raises:
             ScenarioError: the point is not valid.
         """
-        from mjsheaf.scenario.load import scenario_from_mapping
-
         return scenario_from_mapping(self.scenario, self.changes, self.source)
 
 
@@ -115,7 +111,7 @@ def new_record(point: Point, seed: int | None, status: str, message: str = "", *
         "parameters": point.parameters,
         "seed": seed,
         "status": status,
-        "message": shorten(message, _LONGEST_MESSAGE, placeholder=" ..."),
+        "message": shorten(message, 600, placeholder=" ..."),
         **dict.fromkeys(("final", "late", "settled", "ending", "bound_ratio")),
         **found,
     }
@@ -149,11 +145,6 @@ def failed_record(job: Job, error: Exception) -> dict[str, Any]:
 
 
 def _run(job: Job) -> tuple[dict[str, Any], bytes | None]:
-    from mjsheaf.checking.finished import bound_of_run, ending_of_run
-    from mjsheaf.results import summarize
-    from mjsheaf.results.metrics import late_errors
-    from mjsheaf.runs.simulate import simulate
-
     scenario = job.load()
     dataset = simulate(scenario, job.backend)
     system = scenario.system
@@ -167,15 +158,13 @@ def _run(job: Job) -> tuple[dict[str, Any], bytes | None]:
     return record, _bytes_of(dataset) if job.trajectories else None
 
 
-def _bytes_of(dataset: "xr.Dataset") -> bytes:
+def _bytes_of(dataset: xr.Dataset) -> bytes:
     """The bytes of result.nc, as two writes agree on them.
 
     HDF5 once laid out a file differently for the same data, for no cause that thousands of writes since have shown;
     the bytes of a study must not depend on such an accident.
     """
-    from mjsheaf.results import dataset_bytes
-
-    for before, written in pairwise(dataset_bytes(dataset) for _ in range(_MOST_WRITES)):
+    for before, written in pairwise(dataset_bytes(dataset) for _ in range(5)):
         if written == before:
             break
     return written

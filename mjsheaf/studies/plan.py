@@ -9,8 +9,8 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from mjsheaf.errors import InputError, ScenarioError
-from mjsheaf.io.files import confined, list_studies
+from mjsheaf.errors import InputError, ScenarioError, in_field
+from mjsheaf.io.files import confined, list_studies, naming
 from mjsheaf.io.section import describe_validation_error
 from mjsheaf.io.yaml import parse_yaml, read_yaml
 from mjsheaf.scenario import Scenario
@@ -22,8 +22,6 @@ _SUFFIXES = (".yaml", ".yml")
 
 _TRIED_POINTS = 20
 """Points of which one must be valid before anything begins: a field that does not exist fails them all."""
-
-_GOLDEN = 0.6180339887498949
 
 
 @dataclass(frozen=True)
@@ -139,21 +137,19 @@ def _read(source: str) -> Plan:
     if "scenario" not in raw:
         return Plan(path.stem, source, StudyFile(scenario=source), read_scenario(source), directory, {}, [])
     study = _validated(raw, source)
+    scenario: str | Path = study.scenario
     try:
         for field, value in study.values():
             map_vehicles(value, lambda name: str(confined(name, directory)), tuple(field.split(".")))
+        if scenario not in scenarios:
+            with in_field("scenario"):
+                scenario = confined(study.scenario, directory)
     except InputError as error:
         raise ScenarioError(f"{source}: {error}") from None
-    scenario: str | Path = study.scenario
-    if scenario not in scenarios:
-        try:
-            scenario = confined(study.scenario, directory)
-        except InputError as error:
-            raise ScenarioError(f"{source}: scenario: {error}") from None
-        if not scenario.is_file():
-            raise ScenarioError(
-                f"{source}: scenario: {study.scenario!r} is neither a file nor one of {', '.join(scenarios)}"
-            )
+    if isinstance(scenario, Path) and not scenario.is_file():
+        raise ScenarioError(
+            f"{source}: scenario: {study.scenario!r} is neither a file nor one of {', '.join(scenarios)}"
+        )
     return Plan(path.stem, source, study, read_scenario(scenario), directory, {}, [])
 
 
@@ -196,10 +192,8 @@ def _vehicle_files(scenario: dict[str, Any], study: StudyFile, directory: Path) 
         from mjsheaf.vehicles.loading import files_of, read_description
 
         for path in [description, *files_of(description, read_description(description).mjcf)]:
-            try:
+            with naming(path, verb="read"):
                 digests[str(path)] = hashlib.sha256(path.read_bytes()).hexdigest()
-            except OSError as error:
-                raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
     return digests
 
 
@@ -254,7 +248,7 @@ def _tried(plan: Plan) -> list[Point]:
     seeds = plan.study.seeds.stop - plan.study.seeds.start if plan.study.seeds else 1
     places = len(plan.points) // seeds
     # Steps of the golden ratio come near every place and fall in with no period of the grid.
-    steps = (int(places * (k * _GOLDEN % 1.0)) for k in range(_TRIED_POINTS))
+    steps = (int(places * (k * 0.6180339887498949 % 1.0)) for k in range(_TRIED_POINTS))
     spread = dict.fromkeys(steps if places > _TRIED_POINTS else range(places))
     return [plan.points[place * seeds + k] for k in range(min(seeds, _TRIED_POINTS)) for place in spread][
         :_TRIED_POINTS

@@ -41,8 +41,9 @@ class _Range(Section):
 
     @model_validator(mode="after")
     def _ordered(self) -> "_Range":
-        if self.high <= self.low:
-            raise ValueError(f"high ({self.high}) must be above low ({self.low})")
+        whole = isinstance(self, Integers)  # of which both ends are drawn
+        if self.high < self.low or (self.high == self.low and not whole):
+            raise ValueError(f"high ({self.high}) must {'not be below' if whole else 'be above'} low ({self.low})")
         return self
 
 
@@ -81,18 +82,12 @@ class Normal(Section):
         return rng.normal(self.mean, self.deviation, count).tolist()
 
 
-class Integers(Section):
+class Integers(_Range):
     """Uniform on the integers from low to high, both included."""
 
     kind: Literal["integers"]
     low: Annotated[int, Field(gt=-(2**62), lt=2**62)]
     high: Annotated[int, Field(gt=-(2**62), lt=2**62)]
-
-    @model_validator(mode="after")
-    def _ordered(self) -> "Integers":
-        if self.high < self.low:
-            raise ValueError(f"high ({self.high}) must not be below low ({self.low})")
-        return self
 
     def sample(self, rng: np.random.Generator, count: int) -> list[Any]:
         """Draw `count` values."""

@@ -9,9 +9,14 @@ from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import jinja2
+import pandas as pd
+import pyarrow as pa
 
 from mjsheaf._version import __version__
+from mjsheaf.checking.finished import LEVEL
 from mjsheaf.io.yaml import parse_yaml
 from mjsheaf.results.metrics import MEASURES
 from mjsheaf.runs.simulate import Progress, no_progress
@@ -20,9 +25,6 @@ from mjsheaf.studies.engine import Engine, SchedulerError
 from mjsheaf.studies.job import STATUSES, ForeignWorkerError
 from mjsheaf.studies.plan import Plan
 from mjsheaf.studies.schema import Point
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 _COLUMNS = {
     "seed": "int64",
@@ -37,7 +39,6 @@ _COLUMNS = {
 """After `run` and the parameters: name to type."""
 
 _MOST_ROWS = 2000  # of the page
-_MOST_VALUES = 24  # of a field, on the page
 _WORD = re.compile(r"[\w./][\w./-]*")
 
 
@@ -113,7 +114,7 @@ def results_of(plan: Plan, records: list[dict[str, Any]]) -> dict[str, bytes]:
     return {"table.csv": csv_of(table), "table.parquet": table.to_parquet(index=False), **plots, "index.html": page}
 
 
-def make_table(plan: Plan, records: Iterable[dict[str, Any]]) -> "pd.DataFrame":
+def make_table(plan: Plan, records: Iterable[dict[str, Any]]) -> pd.DataFrame:
     """The table: run, a column for each swept field named by its path, then _COLUMNS.
 
     Errors are the team's at the last sample and, under `late_`, their RMS over the last half, m; nothing stands where a
@@ -124,8 +125,6 @@ def make_table(plan: Plan, records: Iterable[dict[str, Any]]) -> "pd.DataFrame":
         plan: the study.
         records: of all runs, in order.
     """
-    import pandas as pd
-
     rows = [
         {**record, **(record["final"] or {}), **{f"late_{m}": x for m, x in (record["late"] or {}).items()}}
         for record in records
@@ -139,15 +138,12 @@ def make_table(plan: Plan, records: Iterable[dict[str, Any]]) -> "pd.DataFrame":
     return pd.DataFrame(columns)
 
 
-def _array(values: list[Any], kind: str) -> "pd.api.extensions.ExtensionArray":
+def _array(values: list[Any], kind: str) -> pd.api.extensions.ExtensionArray:
     """Values, or None, as a column of an Arrow type: one that tells what is missing from what is no number."""
-    import pandas as pd
-    import pyarrow as pa
-
     return pd.array(values, dtype=pd.ArrowDtype(pa.type_for_alias(kind)))
 
 
-def _parameter(values: list[Any]) -> "pd.api.extensions.ExtensionArray":
+def _parameter(values: list[Any]) -> pd.api.extensions.ExtensionArray:
     kinds = {type(value) for value in values if value is not None}
     for among, kind in (({int}, "int64"), ({int, float}, "double"), ({bool}, "bool"), ({str}, "string")):
         if kinds <= among:
@@ -156,13 +152,13 @@ def _parameter(values: list[Any]) -> "pd.api.extensions.ExtensionArray":
     return _array(text, "string")
 
 
-def csv_of(table: "pd.DataFrame") -> bytes:
+def csv_of(table: pd.DataFrame) -> bytes:
     """The table as CSV: UTF-8, a header, numbers with all their digits."""
     words = {name: table[name].map({True: "true", False: "false"}) for name in table.select_dtypes("bool[pyarrow]")}
     return table.assign(**words).to_csv(index=False, lineterminator="\n").encode()
 
 
-def page_of(plan: Plan, table: "pd.DataFrame", plots: dict[str, bytes]) -> bytes:
+def page_of(plan: Plan, table: pd.DataFrame, plots: dict[str, bytes]) -> bytes:
     """The page as HTML, one file that opens from disk without a network.
 
     Args:
@@ -170,36 +166,36 @@ def page_of(plan: Plan, table: "pd.DataFrame", plots: dict[str, bytes]) -> bytes
         table: of all runs.
         plots: PNG by file name, which become part of the page.
     """
-    import jinja2
-    import pandas as pd
-
-    from mjsheaf.checking.finished import LEVEL
-
     environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
-    environment.filters.update(shown=_shown, listed=_listed)
+    environment.filters.update(shown=_shown)
     statuses = table["status"].tolist()
     example = statuses.index("finished") if "finished" in statuses else 0
     rows = [
         {name: _cell(value) for name, value in row.items() if pd.notna(value)}
         for row in table.head(_MOST_ROWS).to_dict("records")
     ]
-    page = environment.from_string(Path(__file__).with_name("page.html").read_text(encoding="utf-8")).render(
-        plan=plan,
-        study=plan.study,
-        version=__version__,
-        runs=len(table),
-        statuses=STATUSES,
-        counts=Counter(statuses),
-        plots={name: base64.b64encode(png).decode() for name, png in plots.items()},
-        level=LEVEL,
-        example=example,
-        command=command_of(plan, plan.points[example]),
-        columns=[name for name in table if table[name].replace("", None).notna().any()],  # others only widen the page
-        numbers={name for name in table if pd.api.types.is_numeric_dtype(table[name].dtype)},
-        measures=MEASURES,
-        rows=rows,
+    return (
+        environment.from_string(Path(__file__).with_name("page.html").read_text(encoding="utf-8"))
+        .render(
+            plan=plan,
+            study=plan.study,
+            version=__version__,
+            runs=len(table),
+            statuses=STATUSES,
+            counts=Counter(statuses),
+            plots={name: base64.b64encode(png).decode() for name, png in plots.items()},
+            level=LEVEL,
+            example=example,
+            command=command_of(plan, plan.points[example]),
+            columns=[
+                name for name in table if table[name].replace("", None).notna().any()
+            ],  # others only widen the page
+            numbers={name for name in table if pd.api.types.is_numeric_dtype(table[name].dtype)},
+            measures=MEASURES,
+            rows=rows,
+        )
+        .encode()
     )
-    return page.encode()
 
 
 def command_of(plan: Plan, point: Point) -> str:
@@ -226,8 +222,3 @@ def _cell(value: Any) -> str:
 def _shown(value: Any) -> str:
     """A value of what was asked."""
     return f"{value:g}" if isinstance(value, float) else value if isinstance(value, str) else json.dumps(value)
-
-
-def _listed(values: list[Any]) -> str:
-    more = f", ... ({len(values)} values)" if len(values) > _MOST_VALUES else ""
-    return ", ".join(map(_shown, values[:_MOST_VALUES])) + more

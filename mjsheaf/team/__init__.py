@@ -10,8 +10,6 @@ from mjsheaf.team.edges import (
     LinearEdge,
     Member,
     anchor,
-    range_bearing,
-    relative_state,
     restriction_maps,
     rotation_to_local,
 )
@@ -27,8 +25,6 @@ __all__ = [
     "Member",
     "Team",
     "anchor",
-    "range_bearing",
-    "relative_state",
     "restriction_maps",
     "rotation_to_local",
 ]

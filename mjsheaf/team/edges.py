@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, Field, model_validator
 
 from mjsheaf.arrays import Array
@@ -59,6 +58,9 @@ class Edge:
     F_head: Array
     weight: Array
     offset: Array | None = None
+
+    def __str__(self) -> str:
+        return f"the anchor of {self.tail}" if self.head == GROUND else f"[{self.tail}, {self.head}]"
 
     @property
     def between(self) -> tuple[str, str]:
@@ -119,18 +121,12 @@ class LinearEdge(Section):
             InputError: a map, weight or offset has the wrong shape.
         """
         if isinstance(self.map, ExplicitMaps):
-            maps = _matrix(self.map.tail, "map.tail"), _matrix(self.map.head, "map.head")
-            for end, F, n in zip(("tail", "head"), maps, (tail.dimension, head.dimension), strict=True):
-                if F.shape[1] != n:
-                    raise InputError(f"map.{end} has shape {F.shape}; expected (m, {n})")
-            if len(maps[0]) != len(maps[1]):
-                raise InputError(f"map.tail has {len(maps[0])} rows and map.head {len(maps[1])}; they must be equal")
+            F = _matrix(self.map.tail, "map.tail", tail.dimension)
+            maps = F, _matrix(self.map.head, "map.head", head.dimension, len(F))
         else:
             maps = restriction_maps(self.map, tail.dimension, head.dimension, tail.attitude)
         m = len(maps[0])
-        if self.offset is not None and len(self.offset) != m:
-            raise InputError(f"offset has {len(self.offset)} entries; the edge stalk has dimension {m}")
-        offset = None if self.offset is None else np.array(self.offset, dtype=np.float64)
+        offset = None if self.offset is None else _vector(self.offset, "offset", m)
         return Edge(tail.id, head.id, *maps, _inner_product(self.weight, m), offset)
 
 
@@ -174,32 +170,34 @@ class Anchor(Section):
         """
         n = agent.dimension
         if self.map is not None:
-            F = _matrix(self.map, "map")
-            if F.shape[1] != n:
-                raise InputError(f"map has shape {F.shape}; expected (m, {n})")
+            F = _matrix(self.map, "map", n)
         else:
             rows = ["xyz".index(axis) for axis in self.axes or []]
             if max(rows) >= n or len(set(rows)) != len(rows):
                 raise InputError(f"axes: {agent.id} has the coordinates {', '.join('xyz'[:n])}, each at most once")
             F = np.eye(n)[rows]
-        if len(self.value) != len(F):
-            raise InputError(f"value has {len(self.value)} entries; {len(F)} numbers are measured")
-        return anchor(agent.id, F, np.array(self.value, dtype=np.float64), _inner_product(self.weight, len(F)))
+        return anchor(agent.id, F, _vector(self.value, "value", len(F)), _inner_product(self.weight, len(F)))
 
 
 def _inner_product(weight: float | Sequence[Sequence[float]] | None, m: int) -> Array:
     if weight is None or isinstance(weight, float | int):
         return (1.0 if weight is None else weight) * np.eye(m)
-    K = _matrix(weight, "weight")
-    if K.shape != (m, m):
-        raise InputError(f"weight has shape {K.shape}; expected ({m}, {m}) or a positive number")
-    return K
+    return _matrix(weight, "weight, a positive number or a matrix,", m, m)
 
 
-def _matrix(rows: Sequence[Sequence[float]], name: str) -> Array:
-    if len({len(row) for row in rows}) != 1:
-        raise InputError(f"{name}: rows have different lengths")
+def _matrix(rows: Sequence[Sequence[float]], name: str, width: int, height: int | None = None) -> Array:
+    """A field's rows as an array of shape (height, width), of any height where None is given."""
+    lengths = {len(row) for row in rows}
+    if lengths != {width} or height not in (None, len(rows)):
+        found = f"shape ({len(rows)}, {lengths.pop()})" if len(lengths) == 1 else "rows of different lengths"
+        raise InputError(f"{name} has {found}; expected shape ({height or 'm'}, {width})")
     return np.array(rows, dtype=np.float64)
+
+
+def _vector(values: Sequence[float], name: str, length: int) -> Array:
+    if len(values) != length:
+        raise InputError(f"{name} has {len(values)} numbers; expected {length}, one for each row of the map")
+    return np.array(values, dtype=np.float64)
 
 
 def require_ends(tail: str, head: str, roles: Mapping[str, str], wanted: tuple[str, str]) -> None:
@@ -268,26 +266,10 @@ def restriction_maps(
     Raises:
         InputError: unknown name, or `identity` between unequal dimensions.
     """
+    if name not in NAMES:
+        raise InputError(f"unknown restriction map {name!r}; {expected(name, NAMES)}")
+    if name == "identity" and n_tail != n_head:
+        raise InputError(f"map 'identity' needs equal dimensions, but they are {n_tail} and {n_head}; use 'shared'")
     m = min(n_tail, n_head)
-    tail, head = np.eye(m, n_tail), np.eye(m, n_head)
-    if name == "shared":
-        return tail, head
-    if name == "identity":
-        if n_tail != n_head:
-            raise InputError(f"map 'identity' needs equal dimensions, but they are {n_tail} and {n_head}; use 'shared'")
-        return tail, head
-    if name == "local_frame":
-        R = rotation_to_local(*attitude, dimension=m)
-        return R @ tail, R @ head
-    raise InputError(f"unknown restriction map {name!r}; expected {', '.join(NAMES)}")
-
-
-def relative_state(F_tail: Array, F_head: Array, x_tail: ArrayLike, x_head: ArrayLike) -> Array:
-    """y = F_head x_head - F_tail x_tail, the transported relative state in the edge stalk, shape (m,), m."""
-    return F_head @ np.asarray(x_head) - F_tail @ np.asarray(x_tail)
-
-
-def range_bearing(y: Array) -> tuple[float, Array]:
-    """Range |y| in m and unit bearing y / |y|; at range 0 the bearing is zero, so that range * bearing is y."""
-    r = float(np.linalg.norm(y))
-    return r, y / r if r > 0.0 else np.zeros_like(y)
+    R = rotation_to_local(*attitude, dimension=m) if name == "local_frame" else np.eye(m)
+    return R @ np.eye(m, n_tail), R @ np.eye(m, n_head)

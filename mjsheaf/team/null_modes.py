@@ -6,12 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse import csgraph
 
 from mjsheaf.arrays import Array, IntArray
+from mjsheaf.sheaf.blocks import assembled, parts
 from mjsheaf.team.team import Team
-
-Index = IntArray
 
 _AXES = "xyz"
 _MOST_NAMED = 8  # agents named one by one before the rest are counted
@@ -34,14 +32,14 @@ class NullMode:
         steps: how each moves, padded with zeros, shape (k, 3).
     """
 
-    agents: Index
+    agents: IntArray
     steps: Array
 
 
 # -- a sparse basis --------------------------------------------------------------------------------------------
 
 
-def sparsified(basis: sparse.csr_array, owner: Index) -> sparse.csc_array:
+def sparsified(basis: sparse.csr_array, owner: IntArray) -> sparse.csc_array:
     """A basis of the same space in which few agents move, and along axes where that is possible.
 
     Independent parts come apart, and no vector's support contains that of another: they form a reduced echelon form.
@@ -55,33 +53,20 @@ def sparsified(basis: sparse.csr_array, owner: Index) -> sparse.csc_array:
         Array of shape (n, r), its columns in the order of the first row that moves; each has largest entry 1, and
         entries below 1e-7 are zero.
     """
-    n, r = basis.shape
-    if r == 0:
-        return sparse.csc_array((n, 0))
+    if basis.shape[1] == 0:
+        return sparse.csc_array(basis.shape)
     clean = sparse.csr_array(basis, copy=True)
     clean.data[np.abs(clean.data) <= _ENTRY_ROUNDING * np.abs(clean.data).max()] = 0.0
-    clean.eliminate_zeros()
-    _, label = csgraph.connected_components(sparse.block_array([[None, clean], [clean.T, None]]), directed=False)
-    by_row, by_column = np.argsort(label[:n], kind="stable"), np.argsort(label[n:], kind="stable")
-    parts = np.unique(label[n:])
-    row_ends = [np.searchsorted(label[:n][by_row], parts, side).tolist() for side in ("left", "right")]
-    column_ends = [np.searchsorted(label[n:][by_column], parts, side).tolist() for side in ("left", "right")]
-    ordered = clean[by_row][:, by_column]
-    rows, columns, values = list[Index](), list[Index](), list[Array]()
-    for top, bottom, left, right in zip(*row_ends, *column_ends, strict=True):
-        at = by_row[top:bottom]
-        block = ordered[top:bottom, left:right].toarray()
-        vectors = _echelon(block, _exchanged(_pivots(block, owner[at]), block, owner[at]))
-        place, vector = np.nonzero(vectors)
-        rows.append(at[place])
-        columns.append(left + vector)
-        values.append(vectors[place, vector])
-    found = sparse.csc_array((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=(n, r))
-    found.sort_indices()
+    blocks = []
+    for rows, columns, part in parts(clean):
+        block, agent = part.toarray(), owner[rows]
+        blocks.append((rows[:, None], columns, _echelon(block, _exchanged(_pivots(block, agent), block, agent))))
+    found = assembled(blocks, basis.shape).tocsc()
+    found.eliminate_zeros()
     return found[:, np.argsort(found.indices[found.indptr[:-1]], kind="stable")]
 
 
-def _pivots(block: Array, owner: Index) -> Index:
+def _pivots(block: Array, owner: IntArray) -> IntArray:
     """Rows that determine all others, all of one agent where it has as many."""
     residual, pivots = block.copy(), list[int]()
     while len(pivots) < block.shape[1]:
@@ -96,7 +81,7 @@ def _pivots(block: Array, owner: Index) -> Index:
     return np.array(pivots, dtype=np.int64)
 
 
-def _echelon(block: Array, pivots: Index) -> Array:
+def _echelon(block: Array, pivots: IntArray) -> Array:
     """The basis in which each pivot row is moved by one vector alone, scaled to largest entry 1."""
     vectors = np.linalg.solve(block[pivots].T, block.T).T
     vectors[np.abs(vectors) <= _ENTRY_ROUNDING * np.abs(vectors).max()] = 0.0
@@ -104,7 +89,7 @@ def _echelon(block: Array, pivots: Index) -> Array:
     return vectors / vectors[largest, np.arange(vectors.shape[1])]
 
 
-def _exchanged(pivots: Index, block: Array, owner: Index) -> Index:
+def _exchanged(pivots: IntArray, block: Array, owner: IntArray) -> IntArray:
     """Exchange one pivot after another while that leaves fewer agents, or else fewer coordinates, moving."""
     if block.shape[1] == 1:
         return pivots
@@ -145,8 +130,8 @@ def describe_null_modes(team: Team) -> list[str]:
 def null_modes(team: Team) -> list[NullMode]:
     """A sparse basis of H^0(G, G_p; F), each vector with largest entry 1."""
     basis = null_mode_basis(team)
-    spans = itertools.starmap(slice, itertools.pairwise(basis.indptr.tolist()))
-    return [null_mode_of(team, basis.data[span], basis.indices[span]) for span in spans]
+    ends = basis.indptr.tolist()
+    return [null_mode_of(team, basis.data[a:b], basis.indices[a:b]) for a, b in itertools.pairwise(ends)]
 
 
 def null_mode_basis(team: Team) -> sparse.csc_array:
@@ -155,18 +140,13 @@ def null_mode_basis(team: Team) -> sparse.csc_array:
     return sparsified(basis.tocsr(), team.slots[: basis.shape[0]] // 3)
 
 
-def null_mode_of(team: Team, values: Array, rows: Index | None = None) -> NullMode:
+def null_mode_of(team: Team, values: Array, rows: IntArray | None = None) -> NullMode:
     """A vector of the agents as a mode: its entries (k,), at ascending rows of the stacked q, all by default."""
     agent, axis = np.divmod(team.slots[: len(values)] if rows is None else team.slots[rows], 3)
     agents, place = np.unique(agent, return_inverse=True)
     steps = np.zeros((len(agents), 3))
     steps[place, axis] = values
     return NullMode(agents, steps)
-
-
-def describe(team: Team, mode: NullMode) -> str:
-    """Who is free along what, in a mode that no edge or anchor notices."""
-    return _describe(team, mode, "free")
 
 
 def describe_nearly(team: Team, mode: NullMode) -> str:
@@ -180,7 +160,7 @@ def describe_nearly(team: Team, mode: NullMode) -> str:
     steps = mode.steps[much] / far[much, None]
     steps[np.abs(steps) < _LEAST_SINE] = 0.0
     steps *= np.sign(steps[0, np.argmax(np.abs(steps[0]))])  # an eigenvector has no sign of its own
-    return _describe(team, NullMode(mode.agents[much], _in_few_directions(steps)), "nearly free")
+    return describe(team, NullMode(mode.agents[much], _in_few_directions(steps)), "nearly free")
 
 
 def _in_few_directions(steps: Array) -> Array:
@@ -195,7 +175,8 @@ def _in_few_directions(steps: Array) -> Array:
     return steps
 
 
-def _describe(team: Team, mode: NullMode, free: str) -> str:
+def describe(team: Team, mode: NullMode, free: str = "free") -> str:
+    """Who is free, or only nearly free, along what."""
     _, first, kind = np.unique(np.round(mode.steps / _STEP_TOLERANCE), axis=0, return_index=True, return_inverse=True)
     names = [team.agents[a].id for a in mode.agents]
     if len(first) == 1:
@@ -224,7 +205,7 @@ def _listed(names: Sequence[str], last: str = ", ") -> str:
     return last.join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
-def _direction(step: Array, team: Team, agents: Index) -> str:
+def _direction(step: Array, team: Team, agents: IntArray) -> str:
     """An axis by name, or a unit vector in the coordinates that the agents have."""
     axes = np.flatnonzero(step)
     if len(axes) == 1:

@@ -21,8 +21,12 @@ class Team:
 
     Attributes:
         agents, targets: members in order; ensemble vectors q and p are stacked in these orders.
+        members: all vehicles, agents before targets.
+        agent_ids, target_ids: their ids, in order.
+        index: number of each member by id.
         communication, sensing, target_edges: edges with their offsets filled in.
         anchors: edges from an agent to GROUND.
+        displacement: o_i of each agent by id, in m; zero where it is in no formation, and for targets.
         formations: groups of agents.
         sheaf: the sheaf F over the whole graph G.
     """
@@ -46,6 +50,9 @@ class Team:
                 (SheafError); the message begins with the field.
         """
         self.agents, self.targets = tuple(agents), tuple(targets)
+        self.members = self.agents + self.targets
+        self.agent_ids, self.target_ids = [a.id for a in self.agents], [t.id for t in self.targets]
+        self.index = {m.id: v for v, m in enumerate(self.members)}
         self.formations, self.target_formation = tuple(formations), target_formation
         for role, some in (("agent", self.agents), ("target", self.targets)):
             if not some:
@@ -55,13 +62,14 @@ class Team:
             if member.id in self._roles:
                 raise InputError(f"agents, targets: id {member.id!r} is used twice; each needs its own")
             self._roles[member.id] = "agent" if v < len(self.agents) else "target"
-        self._displacement = {m.id: np.zeros(m.dimension) for m in (*self.members, _GROUND)}
-        own = dict(self._displacement)  # of targets among themselves; the agents' formation is about where they are
+        self._ends = {m.id: m for m in (*self.members, _GROUND)}
+        self.displacement = {id: np.zeros(m.dimension) for id, m in self._ends.items()}
+        own = dict(self.displacement)  # of targets among themselves; the agents' formation is about where they are
         self._place_formations(own)
-        self.communication = self._edges("communication", communication, ("agent", "agent"), self._displacement)
-        self.sensing = self._edges("sensing", sensing, ("agent", "target"), self._displacement)
+        self.communication = self._edges("communication", communication, ("agent", "agent"), self.displacement)
+        self.sensing = self._edges("sensing", sensing, ("agent", "target"), self.displacement)
         self.target_edges = self._edges("target_edges", target_edges, ("target", "target"), own)
-        self.anchors = self._edges("anchors", anchors, ("agent", "ground"), self._displacement)
+        self.anchors = self._edges("anchors", anchors, ("agent", "ground"), self.displacement)
         ground = (_GROUND,) if self.anchors else ()
         with in_field("team"):
             self.sheaf = _sheaf_of(
@@ -69,26 +77,6 @@ class Team:
             )
 
     # -- members -----------------------------------------------------------------------------------------------
-
-    @cached_property
-    def members(self) -> tuple[Member, ...]:
-        """All vehicles: agents, then targets."""
-        return self.agents + self.targets
-
-    @property
-    def agent_ids(self) -> list[str]:
-        """Ids of the agents, in order."""
-        return [a.id for a in self.agents]
-
-    @property
-    def target_ids(self) -> list[str]:
-        """Ids of the targets, in order."""
-        return [t.id for t in self.targets]
-
-    @cached_property
-    def index(self) -> dict[str, int]:
-        """Number of each vehicle by id: agents, then targets."""
-        return {m.id: v for v, m in enumerate(self.members)}
 
     @cached_property
     def slots(self) -> IntArray:
@@ -120,10 +108,6 @@ class Team:
         padded[..., self.slots[: x.shape[-1]]] = x
         return padded.reshape(*x.shape[:-1], count, 3)
 
-    def displacement(self, agent: str) -> Array:
-        """o_i of an agent in m; zero where it is in no formation."""
-        return self._displacement[agent]
-
     # -- the tracking problem ----------------------------------------------------------------------------------
 
     @cached_property
@@ -140,10 +124,6 @@ class Team:
         """The sheaf of the targets alone, whose Laplacian drives their own formation."""
         return _sheaf_of(self.targets, self.target_edges)
 
-    def incident_edges(self, agent: str) -> list[Edge]:
-        """The edges at an agent, in the order of the sheaf: all that it can measure."""
-        return [e for e in self.communication + self.sensing + self.anchors if agent in (e.tail, e.head)]
-
     def formation_edges(self, formation: Formation) -> list[Edge]:
         """The communication edges with both ends in a formation."""
         inside = set(formation.members)
@@ -158,7 +138,7 @@ class Team:
         placed: dict[str, str] = {}
         for k, formation in enumerate(self.formations):
             with in_field(f"formations.{k}"):
-                self._place(formation, self.agent_ids, placed, self._displacement)
+                self._place(formation, "agent", placed, self.displacement)
                 if formation.about is not None and formation.about not in self.target_ids:
                     close = expected(formation.about, self.target_ids)
                     raise InputError(f"about: {formation.about!r} is not a target; {close}")
@@ -166,21 +146,20 @@ class Team:
             with in_field("target_formation.group"):
                 if self.target_formation.about is not None:
                     raise InputError("about: targets hold their formation about no other; leave it out")
-                self._place(self.target_formation, self.target_ids, {}, own)
+                self._place(self.target_formation, "target", {}, own)
 
-    def _place(
-        self, formation: Formation, ids: Sequence[str], placed: dict[str, str], displacement: dict[str, Array]
-    ) -> None:
-        known, dimensions = set(ids), []
+    def _place(self, formation: Formation, role: str, placed: dict[str, str], displacement: dict[str, Array]) -> None:
         for member in formation.members:
-            if member not in known:
-                raise InputError(f"members: unknown id {member!r}; {expected(member, ids)}")
+            if self._roles.get(member) != role:
+                known = [id for id, found in self._roles.items() if found == role]
+                raise InputError(f"members: unknown id {member!r}; {expected(member, known)}")
             if member in placed:
-                twice = placed[member] == formation.name
-                where = "named twice" if twice else f"already in formation {placed[member]!r}"
-                raise InputError(f"members: {member!r} is {where}")
+                other = f"already in formation {placed[member]!r}"
+                raise InputError(
+                    f"members: {member!r} is {'named twice' if placed[member] == formation.name else other}"
+                )
             placed[member] = formation.name
-            dimensions.append(len(displacement[member]))
+        dimensions = [self._ends[member].dimension for member in formation.members]
         displacement.update(zip(formation.members, formation.places(dimensions), strict=True))
 
     def _edges(
@@ -199,22 +178,17 @@ class Team:
                 if isinstance(edge, Edge):
                     built = edge
                 else:
-                    built = edge.build(self._member(tail), self._member(head))
+                    built = edge.build(self._ends[tail], self._ends[head])
                     k, parallel = first.setdefault(built.equation, (len(made), edge.parallel))
                     if k < len(made) and not (parallel or edge.parallel):
-                        ends = f"the anchor of {tail}" if head == GROUND else f"[{tail}, {head}]"
-                        other = f"the anchor of {tail}" if head == GROUND else f"[{made[k].tail}, {made[k].head}]"
                         raise InputError(
-                            f"{ends} says the same as {field}.{k}, {other}, and would count double; leave one out, "
+                            f"{built} says the same as {field}.{k}, {made[k]}, and would count double; leave one out, "
                             "give it another weight, map or offset, or write parallel: true if there are two sensors"
                         )
                 made.append(_with_offset(built, displacement))
         except InputError as error:
             raise type(error)(f"{field}.{len(made)}: {error}") from None
         return tuple(made)
-
-    def _member(self, id: str) -> Member:
-        return self.members[self.index[id]] if id != GROUND else _GROUND
 
 
 def _sheaf_of(members: Sequence[Member], edges: Sequence[Edge]) -> Sheaf:

@@ -61,9 +61,10 @@ class Autopilot(Section):
 
 
 def _kind_of_steering(value: Any) -> str | None:
-    """The field that is given, if it is one alone, or the kind."""
-    given = {"hand_point", "largest_tilt"} & set(value if isinstance(value, dict) else type(value).model_fields)
-    return given.pop() if len(given) == 1 else None
+    """The class of the field that is given, if it is one alone."""
+    kinds = {"hand_point": "HandPoint", "largest_tilt": "ThrustVector"}
+    given = set(kinds) & set(value if isinstance(value, dict) else type(value).model_fields)
+    return kinds[given.pop()] if len(given) == 1 else None
 
 
 class VehicleDescription(Section):
@@ -79,7 +80,7 @@ class VehicleDescription(Section):
     actuators: dict[str, Azimuth] = Field({}, description="thrusters of the MJCF file that turn, by name")
     steering: (
         Annotated[
-            Annotated[HandPoint, Tag("hand_point")] | Annotated[ThrustVector, Tag("largest_tilt")],
+            Annotated[HandPoint, Tag("HandPoint")] | Annotated[ThrustVector, Tag("ThrustVector")],
             Discriminator(
                 _kind_of_steering,
                 custom_error_type="steering",
@@ -128,7 +129,7 @@ class Vehicle(Body):
         """Efforts that make a wanted wrench, shape (s, 6); see `Steering.allocation`."""
         return self.steering.allocation(self)
 
-    @property
+    @cached_property
     def trim(self) -> Array:
         """Commands that carry the weight of the level vehicle, shape (s,)."""
         efforts = self.by_actuator(self.steering.trim_effort(self))

@@ -22,8 +22,8 @@ import xarray as xr
 from PIL import Image
 
 from mjsheaf.io import files as whole
-from mjsheaf.io.files import put_in_place, whole_directory, whole_file, write_whole
-from mjsheaf.results import load_run
+from mjsheaf.io.files import whole_directory, whole_file, write_whole
+from mjsheaf.results import open_run
 from mjsheaf.results.store import FILES
 from tests.builders import REPOSITORY
 from tests.commands import CAN_DRAW, IDEAL, SMALL, answer_of, command_line, heed_interrupts, leftovers, one_line
@@ -62,9 +62,7 @@ def test_what_another_command_is_writing_is_left_alone(tmp_path: Path) -> None:
             assert one.is_dir()
             assert two.is_file()
             (other / "x").touch()
-            put_in_place(other, tmp_path / "a")
         (one / "y").touch()
-        put_in_place(one, tmp_path / "a")
     assert sorted(p.name for p in tmp_path.rglob("*")) == ["a", "b", "y"]
 
 
@@ -78,7 +76,6 @@ def test_a_directory_is_replaced_in_one_step_or_put_back(
     for word in ("first", "second"):
         with whole_directory(place) as fresh:
             (fresh / word).touch()
-            put_in_place(fresh, place)
         assert [p.name for p in tmp_path.rglob("*")] == ["a", word]
     place.rename(abandoned(place, "old").with_suffix(".old2"))  # killed between two renames
     shutil.rmtree(tmp_path / ".a.abcd_123.old")
@@ -173,8 +170,8 @@ class Attack:
             json.loads((directory / "compare.json").read_bytes())
             assert {"scenario.yaml", "report.txt", "errors.png", "budget.png", "convergence.png"} <= names
         else:
-            dataset, summary = load_run(directory)
-            assert isinstance(dataset, xr.Dataset)
+            with open_run(directory) as (dataset, summary):
+                assert isinstance(dataset.load(), xr.Dataset)
             assert names == set(FILES) - (set() if summary["video"] else {"video.mp4"})
         for path in directory.glob("[!.]*.png"):
             Image.open(path).load()

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from mjsheaf import World
 from mjsheaf.simulation.loop import run_physics
-from mjsheaf.vehicles import vehicle as vehicle_module
+from mjsheaf.vehicles import body
 from mjsheaf.vehicles.loading import load_vehicle
 from tests.builders import altered, find, make_scenario, medium, mixed_scenario, velocity_commands, xml_of
 
@@ -212,7 +212,7 @@ def test_a_body_comes_up_to_the_flow_as_its_drag_says(
     stiff: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """v(t) = w - exp(-R D R^T t / m) w, to first order, whether the joint takes drag or a force is applied."""
-    monkeypatch.setattr(vehicle_module, "_STIFF", stiff)
+    monkeypatch.setattr(body, "_STIFF", stiff)
     w = np.array([0.7, -0.4, 0.2])
     R = Rotation.from_euler("z", 35, degrees=True).as_matrix()
     A = R @ np.diag(LINEAR["linear"]) @ R.T / 300.0
@@ -261,7 +261,7 @@ def test_the_joint_damps_as_an_applied_force_does(
     for timestep in (0.002, 0.001, 0.0005):
         runs = []
         for stiff in (0.0, np.inf):
-            monkeypatch.setattr(vehicle_module, "_STIFF", stiff)
+            monkeypatch.setattr(body, "_STIFF", stiff)
             world = drifting(tmp_path, timestep, {"drift": [0.7, -0.4, 0.2]}, drag=drag)
             assert world.model.dof_damping[parts(world, 1)[1]].any() == (stiff == 0.0)
             world.data.qvel[parts(world, 1)[1]] = [0.5, 0.6, -0.3, 0.2, -0.1, 0.3]

@@ -173,7 +173,7 @@ def record_random() -> list[float]:
     """The gain at which each team of `test_theorem` is certified."""
     from tests.checking.test_theorem import CERTIFIED, certified_run
 
-    return [certified_run(seed).theorem.gain for seed in range(CERTIFIED)]
+    return [certified_run(seed).certificate.theorem.gain for seed in range(CERTIFIED)]
 
 
 def record_shipped() -> dict[str, Any]:

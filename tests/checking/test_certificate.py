@@ -81,7 +81,7 @@ def test_under_a_hold_the_floor_is_needed_and_enough(start: float, product: floa
     assert run.ratio <= BROKEN
     if start == 0.0 and product == 0.99:
         error = mjsheaf.simulate(scenario, "ideal")["tracking_error"].values[:, 0]
-        curve = run.theorem.bound(0.0, np.arange(len(error)) * 0.1)
+        curve = run.certificate.theorem.bound(0.0, np.arange(len(error)) * 0.1)
         assert error[1] > 1.2 * curve[1]  # without the floor the claim would be wrong
         assert run.ratio > 0.99
 

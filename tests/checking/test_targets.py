@@ -86,7 +86,6 @@ def test_a_path_that_takes_too_many_steps_is_not_known(monkeypatch: pytest.Monke
     raw = _moving(targets=[{"id": "T", "position": [0.0, 0.0], "motion": fast}])
     assert follow_targets(scenario_from_mapping(raw).system).warning == ""
     monkeypatch.setattr(targets, "MOST_STEPS", 1000)
-    monkeypatch.setattr(targets, "_BLOCK", 100)
     path = follow_targets(scenario_from_mapping(raw).system)
     assert path.cells is None
     assert "too long or too stiff" in path.warning

@@ -46,9 +46,10 @@ def test_wheel_installs_and_runs_elsewhere(tmp_path: Path) -> None:
     where = run(python, "-c", "import mjsheaf; print(mjsheaf.__file__)", cwd=elsewhere)
     assert str(REPOSITORY) not in where
 
-    from mjsheaf.results import load_run
+    from mjsheaf.results import open_run
 
-    installed, _ = load_run(elsewhere / "runs" / "local_frames-physics")
+    with open_run(elsewhere / "runs" / "local_frames-physics") as (dataset, _):
+        installed = dataset.load()
     here = mjsheaf.simulate(mjsheaf.load_scenario("local_frames", {"time.end": 0.5}), "physics")
     for name in here.data_vars:
         assert here[name].values.tobytes() == installed[name].values.tobytes(), name

@@ -15,11 +15,22 @@ from numpy.typing import NDArray
 from mjsheaf import load_scenario
 from mjsheaf.control import LawArrays, disagreement, pack_law
 from mjsheaf.control.terms import limit_speed
-from mjsheaf.team import Edge, Member, Team, range_bearing, relative_state
+from mjsheaf.team import Edge, Member, Team
 from mjsheaf.team.formation import Explicit
 from tests.builders import FACTS
 
 Array = NDArray[np.float64]
+
+
+def incident_edges(team: Team, agent: str) -> list[Edge]:
+    """The edges at an agent, in the order of the sheaf: all that it can measure."""
+    return [e for e in team.communication + team.sensing + team.anchors if agent in e.between]
+
+
+def range_bearing(y: Array) -> tuple[float, Array]:
+    """Range |y| in m and unit bearing y / |y|; at range 0 the bearing is zero, so that range * bearing is y."""
+    r = float(np.linalg.norm(y))
+    return r, y / r if r > 0.0 else np.zeros_like(y)
 
 
 class LocalLaw:
@@ -30,7 +41,7 @@ class LocalLaw:
     """
 
     def __init__(self, team: Team, agent: str, gain: float) -> None:
-        incident = team.incident_edges(agent)
+        incident = incident_edges(team, agent)
         self.edges = [(e.tail, e.head) for e in incident]
         self._gain, self._dimension = gain, team.sheaf.dimension(agent)
         self._pullback = [-e.F_tail.T @ e.weight if e.tail == agent else e.F_head.T @ e.weight for e in incident]
@@ -100,15 +111,15 @@ def measure(team: Team, agent: str, x: Array) -> list[Array]:
     """What the agent measures: range times bearing on each of its edges, and nothing else."""
     number = {m.id: (v, m.dimension) for v, m in enumerate(team.members)}
     y = []
-    for e in team.incident_edges(agent):
+    for e in incident_edges(team, agent):
         (tail, n_tail), (head, n_head) = number[e.tail], number[e.head]
-        distance, bearing = range_bearing(relative_state(e.F_tail, e.F_head, x[tail, :n_tail], x[head, :n_head]))
+        distance, bearing = range_bearing(e.F_head @ x[head, :n_head] - e.F_tail @ x[tail, :n_tail])
         y.append(distance * bearing)
     return y
 
 
 def neighbours(team: Team, agent: str) -> set[str]:
-    return {v for e in team.incident_edges(agent) for v in (e.tail, e.head)} | {agent}
+    return {v for e in incident_edges(team, agent) for v in (e.tail, e.head)} | {agent}
 
 
 @given(cases())

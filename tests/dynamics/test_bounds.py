@@ -6,6 +6,7 @@ peaks are known in closed form; the paper's field on a fine grid.
 
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,13 +16,16 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from mjsheaf.dynamics import FlowField
-from mjsheaf.dynamics.bounds import Supremum, _Kernels, largest_speed, lipschitz_constant
+from mjsheaf.dynamics.bounds import Supremum, _Kernels
+from mjsheaf.dynamics.bounds import supremum as supremum_of
 from mjsheaf.errors import InputError
 from tests.builders import FACTS, field_of, flow_jacobian, of_facts
 from tests.strategies import examples
 
 Array = NDArray[np.float64]
 
+largest_speed = partial(supremum_of, slope=False)
+lipschitz_constant = partial(supremum_of, slope=True)
 BOTH = pytest.mark.parametrize("supremum", [largest_speed, lipschitz_constant], ids=["speed", "slope"])
 SPACES = st.sampled_from(
     [(2, True), (2, False), (3, True), (3, False)]

@@ -1,6 +1,6 @@
-"""Control effectiveness: right inverses, and one meaning in Python and in compiled code.
+"""Control effectiveness: right inverses, and the turns that the compiled code gives a layout.
 
-Oracle: `ControlEffectiveness.matrix`, g(q, t) = R(psi) W written out, and numpy's pseudo-inverse of it.
+Oracle: `matrix`, g(q, t) = R(psi) W written out, and numpy's pseudo-inverse of it.
 """
 
 from typing import Any
@@ -9,9 +9,19 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import ArrayLike, NDArray
 
 from mjsheaf.dynamics import ControlEffectiveness, effectiveness
 from mjsheaf.errors import InputError
+
+
+def matrix(g: ControlEffectiveness, q: ArrayLike, t: float) -> NDArray[np.float64]:
+    """g(q, t) at the position q (n,) in m and the time t in s, shape (n, s)."""
+    W = np.array(g.layout, dtype=np.float64)
+    psi = g.heading + g.heading_rate * t + (0.0 if g.heading_gradient is None else np.dot(g.heading_gradient, q))
+    c, s = np.cos(np.deg2rad(psi)), np.sin(np.deg2rad(psi))
+    W[:2] = [[c, -s], [s, c]] @ W[:2]
+    return W
 
 
 @st.composite
@@ -42,27 +52,27 @@ def test_allocation_is_the_pseudo_inverse_and_gives_the_velocity_back(case: tupl
         assert packed.given[i] == (g is not None)
         q, t, velocity = np.zeros(3), float(rng.uniform(0, 50)), np.zeros(3)
         q[:n], velocity[:n] = rng.uniform(-20, 20, n), rng.standard_normal(n)
-        matrix = np.eye(n) if g is None else g.matrix(q[:n], t)
+        G = np.eye(n) if g is None else matrix(g, q[:n], t)
         got, u = velocity.copy(), np.full(packed.pinv.shape[1], np.nan)
         effectiveness.allocate(packed, i, q, t, got, u)
-        s = matrix.shape[1]
-        np.testing.assert_allclose(u[:s], np.linalg.pinv(matrix) @ velocity[:n], atol=1e-10)
+        s = G.shape[1]
+        np.testing.assert_allclose(u[:s], np.linalg.pinv(G) @ velocity[:n], atol=1e-10)
         np.testing.assert_array_equal(u[s:], 0.0)
-        np.testing.assert_allclose(matrix @ u[:s], velocity[:n], atol=1e-11)
+        np.testing.assert_allclose(G @ u[:s], velocity[:n], atol=1e-11)
         np.testing.assert_allclose(got, velocity, atol=1e-11)
-        assert np.linalg.matrix_rank(matrix) == n
+        assert np.linalg.matrix_rank(G) == n
 
 
 def test_the_layout_turns_with_position_and_time() -> None:
     """Psi = psi_0 + psi_q . q + psi_t t, about z."""
     g = ControlEffectiveness(
-        layout=[[1, 0], [0, 1], [0, 0]], heading=10.0, heading_gradient=[20.0, -30.0, 40.0], heading_rate=50.0
+        layout=np.eye(3).tolist(), heading=10.0, heading_gradient=[20.0, -30.0, 40.0], heading_rate=50.0
     )
     psi = np.pi / 180.0 * (10.0 + 20.0 * 1.0 - 30.0 * 2.0 + 40.0 * 3.0 + 50.0 * 4.0)
-    expected = [[np.cos(psi), -np.sin(psi)], [np.sin(psi), np.cos(psi)], [0, 0]]
-    np.testing.assert_allclose(g.matrix([1.0, 2.0, 3.0], 4.0), expected, atol=1e-15)
-    still = ControlEffectiveness(layout=[[2, 0], [0, 3]])
-    np.testing.assert_array_equal(still.matrix([5.0, 5.0], 9.0), [[2, 0], [0, 3]])
+    R = np.array([[np.cos(psi), -np.sin(psi), 0.0], [np.sin(psi), np.cos(psi), 0.0], [0.0, 0.0, 1.0]])
+    velocity, u = np.array([1.0, -2.0, 3.0]), np.zeros(3)
+    effectiveness.allocate(effectiveness.pack([g], [3]), 0, np.array([1.0, 2.0, 3.0]), 4.0, velocity.copy(), u)
+    np.testing.assert_allclose(u, R.T @ velocity, atol=1e-13)
 
 
 @pytest.mark.parametrize(

@@ -226,7 +226,7 @@ def test_a_refusal_is_written_as_one(tmp_path: Path, capsys: pytest.CaptureFixtu
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--backend", "real"], "'--backend': 'real' is not one of 'physics', 'ideal'"),
+        (["--backend", "real"], "'--backend': 'real': expected one of 'physics', 'ideal'"),
         (["--margin", "-1"], "'--margin'"),
         (["--margin", "nan", "--update"], "'--margin'"),
     ],

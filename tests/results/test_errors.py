@@ -39,7 +39,7 @@ def in_place(team: Team, shift: list[float]) -> np.ndarray:
     """One sample of the team where its formation wants it, all agents shifted, shape (1, V, 3)."""
     dimension = team.targets[0].dimension
     target = np.array([*TARGET[:dimension], 0.0, 0.0])[:3]
-    places = [target + np.pad(team.displacement(a), (0, 3 - len(team.displacement(a)))) + shift for a in team.agent_ids]
+    places = [target + np.pad(team.displacement[a], (0, 3 - len(team.displacement[a]))) + shift for a in team.agent_ids]
     return np.array([[*places, target]])
 
 

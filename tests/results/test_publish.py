@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from mjsheaf import simulate
-from mjsheaf.results.store import PlaceError
+from mjsheaf.errors import PlaceError
 from mjsheaf.runs.publish import execute, publish
 from mjsheaf.scenario import load_scenario
 

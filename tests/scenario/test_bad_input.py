@@ -79,7 +79,7 @@ CASES = {
     "maps of unequal rows": (
         "sensing",
         [{"between": ["A1", "T1"], "map": {"tail": [[1, 0], [0, 1]], "head": [[1, 0, 0]]}}],
-        ["sensing.0", "rows"],
+        ["sensing.0", "map.head", "(1, 3)", "(2, 3)"],
     ),
     "ragged map": (
         "sensing",

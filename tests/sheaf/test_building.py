@@ -186,7 +186,7 @@ def test_wrong_edges_are_refused_and_nothing_is_added(build: Build, message: str
 
 @pytest.mark.parametrize("dimension", [-1, 1.5, True, "2", None])
 def test_stalks_need_whole_dimensions(dimension: Any) -> None:
-    with pytest.raises(SheafError, match=r"stalk of vertex 'a': dimension .*; expected a whole number"):
+    with pytest.raises(SheafError, match="'a': dimension"):
         Sheaf({"a": dimension})
 
 

@@ -186,13 +186,13 @@ def test_wrong_boundaries_are_refused() -> None:
     sheaf.add_edge("a", "b", np.eye(2), np.eye(2))
     with pytest.raises(SheafError, match="named twice"):
         sheaf.dirichlet_problem(["a", "a"])
-    with pytest.raises(SheafError, match="unknown vertex 'c'; the vertices are 'a', 'b'"):
+    with pytest.raises(SheafError, match=r"'c'.* 'a', 'b'"):
         sheaf.harmonic_extension({"c": [0, 0]})
-    with pytest.raises(SheafError, match=r"value of vertex 'b' has shape \(3,\); expected \(2,\)"):
+    with pytest.raises(SheafError, match=r"'b'.* \(3,\).* \(2,\)"):
         sheaf.harmonic_extension({"b": [0, 0, 0]})
-    with pytest.raises(SheafError, match="value of vertex 'b': an entry is not finite"):
+    with pytest.raises(SheafError, match=r"'b'.* finite"):
         sheaf.harmonic_extension({"b": [0, np.nan]})
     with pytest.raises(SheafError, match="unknown vertex 'c'"):
         sheaf.relative_sections(["c"])
-    with pytest.raises(SheafError, match=r"boundary values have shape \(5, 3\); expected \(\.\.\., 2\)"):
+    with pytest.raises(SheafError, match=r"boundary.* \(5, 3\).* \(\.\.\., 2\)"):
         sheaf.dirichlet_problem(["b"]).extend(np.zeros((5, 3)))

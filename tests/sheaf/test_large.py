@@ -102,7 +102,7 @@ def test_one_run_gives_the_bits_of_another(unproved: pytest.MonkeyPatch) -> None
 def test_a_kernel_that_fills_the_space_is_refused(unproved: pytest.MonkeyPatch) -> None:
     large = Sheaf({"a": 20, "b": 20})
     large.add_edge("a", "b", np.ones((1, 20)), np.ones((1, 20)))
-    with pytest.raises(SheafError, match=r"the null space .* has dimension over 20: too large"):
+    with pytest.raises(SheafError, match=r"null space .* over 20"):
         large.betti()
 
 

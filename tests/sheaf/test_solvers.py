@@ -158,7 +158,7 @@ def test_a_grid_without_boundary_is_solved_with_minimum_norm() -> None:
 def test_what_does_not_converge_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(solvers, "MOST_ITERATIONS", 5)
     sheaf, _ = bundle_on_a_grid(80)
-    with pytest.raises(SheafError, match=r"did not converge: relative residual \S+ after 5 iterations, expected 1e-08"):
+    with pytest.raises(SheafError, match=r"residual \S+ .* 5 .* 1e-08"):
         sheaf.harmonic_extension({0: [1.0, 2.0, 3.0]})
 
 
@@ -168,7 +168,7 @@ def test_what_is_too_badly_conditioned_is_said(monkeypatch: pytest.MonkeyPatch) 
     path = Sheaf(dict.fromkeys(range(n), 1))
     maps = np.ones((n - 1, 1, 1))
     path.add_edges(range(n - 1), range(1, n), maps, maps, weight=[1e-17 if i == 3 else 1.0 for i in range(n - 1)])
-    with pytest.raises(SheafError, match=r"1499 states is too badly conditioned"):
+    with pytest.raises(SheafError, match="1499 states"):
         path.harmonic_extension({0: 1.0})
 
 

@@ -159,7 +159,7 @@ def test_h1_of_large_sheaves() -> None:
     heads = np.concatenate([number[:, 1:].ravel(), number[1:].ravel()])
     ones = np.ones((len(tails), 1, 1))
     grid.add_edges(tails.tolist(), heads.tolist(), ones, ones)
-    with pytest.raises(SheafError, match=r"basis of H\^1 of dimension 3481 over 7080 rows is too large"):
+    with pytest.raises(SheafError, match=r"3481 .* 7080"):
         grid.cohomology_basis()
     tree = Sheaf(dict.fromkeys(range(side * side), 1))
     tree.add_edges(

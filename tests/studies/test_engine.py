@@ -182,7 +182,7 @@ def cluster(folder: Path, workers: int = 1) -> Iterator[tuple[str, list["subproc
     ]
     try:
         deadline = time.monotonic() + 60
-        while not file.exists():
+        while not (file.exists() and file.read_text()):
             assert time.monotonic() < deadline, "no scheduler came up"
             time.sleep(0.05)
         yield json.loads(file.read_text())["address"], processes

@@ -125,7 +125,7 @@ def test_a_team_that_is_free_to_drift_is_refused() -> None:
 
 def test_bytes_that_differ_by_accident_are_written_again(monkeypatch: pytest.MonkeyPatch) -> None:
     layouts = iter(["usual", "odd", "usual", "usual", "never"])
-    monkeypatch.setattr("mjsheaf.results.dataset_bytes", lambda _: next(layouts).encode())
+    monkeypatch.setattr("mjsheaf.studies.job.dataset_bytes", lambda _: next(layouts).encode())
     plan = small_plan(gains=(1.0,), seeds=None, trajectories=True)
     assert run_job(plan.job(plan.points[0])).dataset == b"usual"
     assert next(layouts) == "never"

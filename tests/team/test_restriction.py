@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from mjsheaf.errors import InputError
-from mjsheaf.team import range_bearing, relative_state, restriction_maps, rotation_to_local
+from mjsheaf.team import restriction_maps, rotation_to_local
 
 angles = st.floats(-10.0, 10.0)
 attitudes = st.tuples(angles, angles, angles)
@@ -59,29 +59,21 @@ def test_local_frame_maps_are_r_and_r_p(attitude: tuple[float, float, float]) ->
 
 
 def test_maps_that_do_not_exist_are_refused() -> None:
-    with pytest.raises(InputError, match="unknown restriction map 'global'; expected identity, shared, local_frame"):
+    with pytest.raises(InputError, match=r"'global'.*identity, shared, local_frame"):
         restriction_maps("global", 2, 2)
-    with pytest.raises(InputError, match="'identity' needs equal dimensions, but they are 2 and 3; use 'shared'"):
+    with pytest.raises(InputError, match=r"'identity'.* 2 .* 3.*'shared'"):
         restriction_maps("identity", 2, 3)
 
 
 @given(attitudes, st.integers(0, 2**31), st.sampled_from([(2, 2), (2, 3), (3, 2), (3, 3)]))
-def test_range_and_bearing_rebuild_the_relative_state(
+def test_a_local_frame_keeps_the_distance_and_turns_back(
     attitude: tuple[float, float, float], seed: int, dimensions: tuple[int, int]
 ) -> None:
-    """Range is the distance of the projections whatever the frame; bearing is a unit vector in the frame."""
+    """What an edge measures in a frame has the length of the difference of the projections, and R^T gives that."""
     rng = np.random.default_rng(seed)
     x_tail, x_head = rng.standard_normal(dimensions[0]), rng.standard_normal(dimensions[1])
     m = min(dimensions)
-    y = relative_state(*restriction_maps("local_frame", *dimensions, attitude), x_tail, x_head)
-    distance, bearing = range_bearing(y)
-    np.testing.assert_allclose(distance, np.linalg.norm(x_head[:m] - x_tail[:m]), rtol=1e-12)
-    np.testing.assert_allclose(np.linalg.norm(bearing), 1.0, rtol=1e-12)
-    np.testing.assert_allclose(distance * bearing, y, rtol=1e-15)
+    F_tail, F_head = restriction_maps("local_frame", *dimensions, attitude)
+    y = F_head @ x_head - F_tail @ x_tail
+    np.testing.assert_allclose(np.linalg.norm(y), np.linalg.norm(x_head[:m] - x_tail[:m]), rtol=1e-12)
     np.testing.assert_allclose(rotation_to_local(*attitude, m).T @ y, x_head[:m] - x_tail[:m], atol=1e-12)
-
-
-def test_range_zero_gives_no_bearing_and_no_nan() -> None:
-    distance, bearing = range_bearing(np.zeros(3))
-    assert distance == 0.0
-    np.testing.assert_array_equal(distance * bearing, np.zeros(3))

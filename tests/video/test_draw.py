@@ -144,5 +144,5 @@ def test_no_backend(model: mujoco.MjModel, tmp_path: Path, monkeypatch: pytest.M
 def test_film_of_another_model(model: mujoco.MjModel, tmp_path: Path, field: str) -> None:
     film = make_film(model)
     wrong = make_film(model, **{field: getattr(film, field) + 1})
-    with pytest.raises(InputError, match="of A1 must have a free joint"):
+    with pytest.raises(InputError, match=r"A1 .* free joint"):
         draw_video([(wrong, model)], tmp_path / "a.mp4", SMALL)

@@ -98,5 +98,5 @@ def test_environment_is_left_as_it_was(monkeypatch: pytest.MonkeyPatch, before: 
 
 
 def test_context_that_cannot_be_opened() -> None:
-    with pytest.raises(MjsheafError, match="cannot open an OpenGL context with nonsense"):
+    with pytest.raises(MjsheafError, match="nonsense"):
         gl.open_context("nonsense", 64, 64)
