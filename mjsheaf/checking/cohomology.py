@@ -165,7 +165,7 @@ class FreeDirection(Record):
     """A direction in which agents can drift without any edge or anchor noticing, such as "A3 is free along z"."""
 
     description: str
-    motion: dict[str, list[float]] = Field(description="how each agent that moves does, largest entry 1")
+    motion: dict[str, list[float]] = Field(description="how each agent moves, largest entry 1; others are left out")
 
 
 class NearNull(Record):
