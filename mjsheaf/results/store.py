@@ -19,26 +19,12 @@ from mjsheaf.errors import InputError, PlaceError
 from mjsheaf.io.files import is_part_of, whole_directory, write_whole
 from mjsheaf.results.netcdf import open_dataset
 
-FILES = (
-    "result.nc",
-    "summary.json",
-    "scenario.yaml",
-    "errors.png",
-    "trajectories.png",
-    "configurations.png",
-    "video.mp4",
-)
+_PLOTS = ("errors.png", "trajectories.png", "configurations.png")
+FILES = ("result.nc", "summary.json", "scenario.yaml", *_PLOTS, "video.mp4")
 """What a run may leave in its directory."""
 
-COMPARISON_FILES = (
-    "compare.json",
-    "scenario.yaml",
-    "report.txt",
-    "errors.png",
-    "budget.png",
-    "convergence.png",
-    "compare.mp4",
-)
+_COMPARISON_PLOTS = ("errors.png", "budget.png", "convergence.png")
+COMPARISON_FILES = ("compare.json", "scenario.yaml", "report.txt", *_COMPARISON_PLOTS, "compare.mp4")
 """What a comparison may leave in its directory."""
 
 VEHICLES = "vehicles"

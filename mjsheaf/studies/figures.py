@@ -133,9 +133,7 @@ def plot_study(study: StudyFile, name: str, records: list[dict[str, Any]]) -> di
     """
     axes = swept_axes(study, records)
     finished = np.array([r["status"] == "finished" for r in records])
-    ends = np.array(
-        [_MARKS[r["settled"]][0] if done else _UNFINISHED for r, done in zip(records, finished, strict=True)]
-    )
+    ends = np.array([_MARKS[r["settled"]][0] if r["status"] == "finished" else _UNFINISHED for r in records])
     errors = {}
     for measure in [study.measure] if study.measure else MEASURES:
         found = [r["final"].get(measure) if done else None for r, done in zip(records, finished, strict=True)]

@@ -4,6 +4,7 @@ import hashlib
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -170,10 +171,7 @@ def _absolute(value: Any, path: str) -> Any:
 def _vehicle_files(scenario: dict[str, Any], study: StudyFile, directory: Path) -> dict[str, str]:
     """SHA-256 of the files of vehicles that do not come with mjsheaf: path of description, MJCF file or mesh to digest.
 
-    Args:
-        scenario: as read.
-        study: whose values may name vehicles too.
-        directory: to which paths in the study are relative.
+    The study's values may name vehicles too.
 
     Raises:
         InputError: a vehicle's files cannot be read, or lie outside its directory.
@@ -250,6 +248,4 @@ def _tried(plan: Plan) -> list[Point]:
     # Steps of the golden ratio come near every place and fall in with no period of the grid.
     steps = (int(places * (k * 0.6180339887498949 % 1.0)) for k in range(_TRIED_POINTS))
     spread = dict.fromkeys(steps if places > _TRIED_POINTS else range(places))
-    return [plan.points[place * seeds + k] for k in range(min(seeds, _TRIED_POINTS)) for place in spread][
-        :_TRIED_POINTS
-    ]
+    return list(islice((plan.points[place * seeds + k] for k in range(seeds) for place in spread), _TRIED_POINTS))
