@@ -226,7 +226,7 @@ def publish(
 ) -> tuple[CompareRecord, list[str], str | None]:
     """Compare a scenario's ideal kinematics with its bodies and write the directory, also where bodies blow up.
 
-    Args are those of `runs.publish.publish`; `video` asks for a film of ideal and physics side by side.
+    Arguments are those of `runs.publish.publish`, but `video` is whether to film ideal and physics side by side.
 
     Returns:
         The comparison as compare.json has it; what else to report; and which earlier run it replaced, if any.

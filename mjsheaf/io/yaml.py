@@ -17,6 +17,7 @@ import yaml
 from mjsheaf.errors import InputError, ScenarioError
 from mjsheaf.io.files import read_bytes
 
+SUFFIXES = (".yaml", ".yml")
 _LARGEST_FILE = 20_000_000  # bytes
 _DEEPEST = 50  # collections within one another; a scenario has six
 _SURROGATE = re.compile("[\\ud800-\\udfff]")  # "\ud800" in YAML; no file can hold it

@@ -15,7 +15,7 @@ import xarray as xr
 
 from mjsheaf.errors import InputError, MjsheafError
 from mjsheaf.io.section import LARGEST
-from mjsheaf.io.yaml import dump_yaml
+from mjsheaf.io.yaml import SUFFIXES, dump_yaml
 from mjsheaf.results import check_expectation, open_dataset, store, summarize, thinned, write_dataset
 from mjsheaf.results.netcdf import split
 from mjsheaf.runs.simulate import Progress, no_progress, require_simulable, stream
@@ -56,7 +56,7 @@ def write_scenario(scenario: Scenario, directory: Path) -> Path:
     copies: dict[str, str] = {}
     for holder, key in places:
         name = holder.get(key)
-        if name is None or Path(name).suffix not in (".yaml", ".yml"):
+        if name is None or Path(name).suffix not in SUFFIXES:
             continue
         if name not in copies:
             taken = {store.CHECKSUMS, *(Path(copy).parts[1] for copy in copies.values())}
@@ -128,11 +128,6 @@ class TimedIterator:
             return next(self._pieces)
         finally:
             self.seconds += time.perf_counter() - begun
-
-
-def default_directory(scenario: Scenario, backend: str) -> Path:
-    """The default directory of a run."""
-    return Path("runs") / f"{scenario.name}-{backend}"
 
 
 def execute(

@@ -13,13 +13,11 @@ from pydantic import ValidationError
 from mjsheaf.errors import InputError, ScenarioError, in_field
 from mjsheaf.io.files import confined, list_studies, naming
 from mjsheaf.io.section import describe_validation_error
-from mjsheaf.io.yaml import parse_yaml, read_yaml
+from mjsheaf.io.yaml import SUFFIXES, parse_yaml, read_yaml
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import list_scenarios, map_vehicles, read_scenario
 from mjsheaf.studies.job import Job, versions
 from mjsheaf.studies.schema import Point, StudyFile, points_of
-
-_SUFFIXES = (".yaml", ".yml")
 
 _TRIED_POINTS = 20
 """Points of which one must be valid before anything begins: a field that does not exist fails them all."""
@@ -126,7 +124,7 @@ def _read(source: str) -> Plan:
     """The plan of a study file, or of a scenario as a study of one run; without files and points."""
     studies, scenarios = list_studies(), list_scenarios()
     path = scenarios.get(source) or studies.get(source, Path(source))
-    if path.suffix not in _SUFFIXES and not path.exists():
+    if path.suffix not in SUFFIXES and not path.exists():
         raise ScenarioError(
             f"{source}: no such study or scenario; expected {', '.join([*studies, *scenarios])}, "
             "or the path of a YAML file"
