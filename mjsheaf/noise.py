@@ -13,6 +13,8 @@ _HALF = np.uint64(32)
 _MULTIPLIERS = (np.uint64(0xD2511F53), np.uint64(0xCD9E8D57))
 _WEYL = (np.uint64(0x9E3779B9), np.uint64(0xBB67AE85))
 _UNIT = 2.0**-32
+LARGEST_NORMAL = float(np.sqrt(-2.0 * np.log(0.5 * _UNIT)))
+"""No number of `normals` is larger."""
 
 
 @inline_jit

@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from mjsheaf.arrays import Array
+from mjsheaf.checking.body_loop import loop_along
 from mjsheaf.checking.certificate import Certificate, certify
-from mjsheaf.checking.margins import loop_along
 from mjsheaf.results.netcdf import pieces_of
 from mjsheaf.system import System
 

@@ -1,41 +1,18 @@
-"""What theory leaves out and practice needs: sampling, inertia, the loop of the real vehicles, speed limits, lag.
-
-For the loop of the real vehicles each is linearised about the equilibrium in which it holds station in the mean flow
-that it would meet (see `simulation.linear`), and all are closed through u = -k1 H e. Where every agent is the same
-vehicle in the same flow, the team falls apart into one small matrix for each eigenvalue of H, whatever its size; else
-the matrix is that of the whole team, up to LARGEST_WHOLE states that act on one another. Beyond that, vehicles whose
-responses to a command differ by 2 % at most count as the same, and of others nothing is claimed.
-
-The loop is that of small motions: in large ones thrusters meet their limits. It leaves out how the flow changes along
-the way, and the targets.
-"""
-
-from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+"""What theory leaves out and practice needs: sampling, inertia, the loop of the real vehicles, speed limits, lag."""
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
-from scipy import linalg, sparse
-from scipy.integrate import trapezoid
-from scipy.sparse.csgraph import connected_components
-from scipy.sparse.linalg import eigsh
+from scipy import linalg
 
-from mjsheaf.arrays import Array, BoolArray, IntArray
+from mjsheaf.arrays import Array
+from mjsheaf.checking.body_loop import BodyLoop, body_loop, held_modes, mean_medium
 from mjsheaf.checking.certificate import Certificate
-from mjsheaf.checking.cohomology import DENSE_STATES, Spectrum, spectrum_of
-from mjsheaf.checking.constants import Difference, agent_drift
+from mjsheaf.checking.cohomology import Spectrum
+from mjsheaf.checking.constants import Difference
 from mjsheaf.control import disagreement
-from mjsheaf.errors import InputError
 from mjsheaf.io.section import Finite, Record
-from mjsheaf.simulation.linear import LinearVehicle, Station, linearise, power
-from mjsheaf.simulation.loop import whole_ratio
 from mjsheaf.system import System
-from mjsheaf.threads import one_thread
 from mjsheaf.vehicles.effects import capability_of, of_each
-
-LARGEST_WHOLE = 400
-"""Largest number of states that act on one another for which the matrix of a team of unlike vehicles is solved."""
 
 LARGEST_SECOND_ORDER = 600
 """Largest n_q for which eigenvalues of the second-order system of unlike bodies are computed."""
@@ -45,18 +22,6 @@ MOST_ROWS = 20
 
 _POSITION_AT_REST = 1e-6  # share of z, against tau v, under which z is at rest
 _MOST_LAG_NUMBERS = 1_000_000  # of lags that are solved for
-_MOST_STATIONS = 200  # vehicles that are linearised one by one; larger teams are represented by some of theirs
-_MOST_SAMPLES = 200  # of the path, for the mean flow
-_NEUTRAL_RATE = 1e-5  # 1/s: rates below it are the rounding of neutral directions
-_OWN_MODE = 0.01  # relative: how far the loop must move a mode for it to count as the loop's
-_MODE_AT_REST = 1e-6  # m for 1 rad or 1 m/s of a mode: positions that move less do not take part in it
-_CROSS_RESPONSE = 1e-3  # of a vehicle's response, across axes or in difference between axes, that is neglected
-_RESPONSE_DIFFERENCE = 0.02  # of a vehicle's response, by which the representatives of a large team may differ
-_TURNS = 3.0  # time constants l / |w| of turning into the current that a run must last for a boat to be turned by it
-_RESPONSE_TIME = 10.0  # s, over which responses are compared
-_GAIN_ACCURACY = 1e-3  # relative, of the largest gain
-_LEAST_RATE, _LARGEST_RATE = 1e-3, 1e5  # 1/s, of k1 lambda: where the first instability is looked for
-_MOST_DOUBLINGS = 40
 
 
 class HoldMargin(Record):
@@ -80,37 +45,6 @@ class Inertia(Record):
     tau: list[float] = Field(description="smallest and largest m / D of the agents, s")
     damping_slowest: Finite = Field(description="ratio of the slowest mode, by inertia alone; null: it does not swing")
     damping_fastest: Finite = Field(description="ratio of the fastest mode, by inertia alone; null: it does not swing")
-
-
-class Swing(Record):
-    """A mode of the real vehicles' loop; s is the logarithm of its factor over a period."""
-
-    damping: float = Field(description="damping ratio -Re s / |s|; negative where the mode grows")
-    frequency: float = Field(description="natural frequency |s|, rad/s")
-    agent: str | None = Field(description="the agent that moves most in it; null where that is not known")
-
-
-class BodyLoop(Record):
-    """The loop of the real vehicles, for small motions: inertia, attitude, thruster lag, hold, in the mean flow."""
-
-    stable: bool | None = Field(description="whether every mode decays, but for what is free; null: see reason")
-    spectral_radius: float | None = Field(
-        description="largest factor by which a mode that moves a position grows from one evaluation of the law to the "
-        "next; below 1 it is stable; null where undecided"
-    )
-    period: float = Field(description="between evaluations of the law, s: the physics step where the law is continuous")
-    largest_gain: float | None = Field(description="from which on a mode grows, 1/s; null: undecided, or none found")
-    least_damped: Swing | None = Field(description="the mode with the smallest damping ratio; null where undecided")
-    reason: str = Field(description="why it is undecided, or empty")
-
-    def verdict(self) -> str:
-        """The loop in a few words."""
-        if self.stable is not False:
-            return "the vehicles' loop is " + ("stable" if self.stable else f"undecided: {self.reason}")
-        mode = self.least_damped
-        who = "" if mode is None or mode.agent is None else f" (about {mode.agent})"
-        limit = "" if self.largest_gain is None else f": stable below a gain of {self.largest_gain:.3g} 1/s"
-        return f"the vehicles' loop is unstable{who}{limit}"
 
 
 class BodyMargins(BodyLoop, Inertia):
@@ -193,19 +127,13 @@ def body_margin(system: System, spectrum: Spectrum, tau: Array) -> Inertia:
 def _damping_of_unlike(system: System, spectrum: Spectrum, tau: Array) -> Array:
     """The damping of every mode by inertia alone, the slowest first."""
     each = np.concatenate([np.full(a.dimension, t) for a, t in zip(system.team.agents, tau, strict=True)])
-    modes, Q = _held_modes(system, spectrum)
+    modes, Q = held_modes(system, spectrum)
     m = len(modes)
     swing = np.block([[np.zeros((m, m)), Q.T], [-system.gain / each[:, None] * Q * modes, -np.diag(1.0 / each)]])
     values, vectors = linalg.eig(swing)  # on (z, v): z the held coordinates, v all velocities
     z, v = np.linalg.norm(vectors[:m], axis=0), np.linalg.norm(vectors[m:], axis=0)
     roots = values[z > _POSITION_AT_REST * tau.min() * v]  # the others coast along what is free
     return np.asarray((-roots.real / np.abs(roots))[np.argsort(np.abs(roots))])
-
-
-def _held_modes(system: System, spectrum: Spectrum) -> tuple[Array, Array]:
-    """Eigenvalues of H above zero, ascending, and their vectors, shape (n, m)."""
-    values, vectors = linalg.eigh(system.team.dirichlet.H.toarray())
-    return np.maximum(values[spectrum.nullity :], spectrum.smallest[0]), vectors[:, spectrum.nullity :]
 
 
 def _speed_demands(system: System, difference: Difference, able: Array) -> list[SpeedDemand]:
@@ -233,370 +161,3 @@ def _lags(system: System, difference: Difference) -> list[Lag]:
         lag = np.linalg.norm(system.team.unpack(solved), axis=2).max(axis=0)
     order = np.argsort(-lag, kind="stable")[:MOST_ROWS]
     return [Lag(agent=system.team.agents[i].id, lag=lag[i]) for i in order.tolist()]
-
-
-class _Modes(NamedTuple):
-    """Modes of the closed loop.
-
-    Attributes:
-        factor: growth over a period, complex, shape (k,).
-        agent: number of the agent that moves most, -1 where unknown, shape (k,).
-        moves: whether positions take part, shape (k,).
-    """
-
-    factor: NDArray[np.complex128]
-    agent: IntArray
-    moves: BoolArray
-
-
-class _UndecidedError(Exception):
-    """The loop is undecided; the message says why."""
-
-
-@one_thread
-def body_loop(system: System, spectrum: Spectrum, medium: Array) -> BodyLoop:
-    """Close the loop of the team's vehicles in the medium that agents meet, shape (N, 3), m/s: see `mean_medium`."""
-    period, steps = system.grid.period, 1
-    try:
-        ratio = whole_ratio(period, system.bodies.timestep)
-        timestep = period / ratio
-        period, steps = (timestep, 1) if system.grid.continuous else (period, ratio)
-        if system.gain <= 0.0:
-            raise _UndecidedError("the gain is 0")
-        if not spectrum.smallest.size:
-            raise _UndecidedError("nothing is held")
-        loop = _close(system, spectrum, _models(system, medium, timestep, steps), period)
-    except (_UndecidedError, InputError, np.linalg.LinAlgError) as error:
-        unknown = dict.fromkeys(("stable", "spectral_radius", "largest_gain", "least_damped"))
-        stiff = isinstance(error, np.linalg.LinAlgError)  # a step that is not finite
-        return BodyLoop(**unknown, period=period, reason="the vehicles cannot be linearised: " * stiff + str(error))
-    none = _NEUTRAL_RATE * period
-    modes = _Modes(*(np.concatenate(x) for x in zip(*loop.modes(system.gain), strict=True)))
-    size = np.hypot(modes.factor.real, modes.factor.imag)
-    taking_part = modes.moves | (size > np.exp(none))
-    modes, radius = _Modes(*(x[taking_part] for x in modes)), float(size[taking_part].max())
-    stable = bool(np.log(radius) < none)
-    perhaps = isinstance(loop, _Split) and not stable and loop.growth_at_ends(system.gain) < none
-    return BodyLoop(
-        stable=None if perhaps else stable,
-        spectral_radius=radius,
-        period=period,
-        largest_gain=loop.largest_gain(system.gain, none),
-        least_damped=_least_damped(modes, loop.own, period, system),
-        reason="only eigenvalues between the smallest and the largest would swing up, if H has them" * perhaps,
-    )
-
-
-def loop_along(system: System, time: Array, q_star: Array) -> BodyLoop:
-    """The loop in the mean flow along harmonic extensions, padded, shape (T, N, 3), m, at times (T,), s."""
-    path = q_star.reshape(len(time), -1)[:, system.team.slots[: system.team.first_state[-1]]]
-    return body_loop(system, spectrum_of(system.team), mean_medium(system, time, path))
-
-
-def mean_medium(system: System, time: Array, q_star: Array) -> Array:
-    """Mean velocity of the medium relative to each agent's q*, along its path, shape (N, 3), m/s; no disturbance.
-
-    The path is the stacked harmonic extension (T, n_q), m, at times (T,), s.
-    """
-    stride = max(1, len(q_star) // _MOST_SAMPLES)
-    w = agent_drift(system, q_star[::stride])
-    mean = trapezoid(w, time[::stride], axis=0) / float(time[::stride][-1] - time[0])
-    return system.team.unpack(mean - (q_star[-1] - q_star[0]) / float(time[-1] - time[0]))
-
-
-def _models(system: System, medium: Array, timestep: float, steps: int) -> list[LinearVehicle]:
-    """The linear vehicle of every agent; agents that are alike share one.
-
-    Of a large team those that meet the extremes of the flow are linearised, and stand for all where they behave alike.
-
-    Raises:
-        _UndecidedError: one has none, or they do not.
-    """
-    agents = system.team.agents
-    if not np.isfinite(medium).all():
-        raise _UndecidedError("the mean flow along q* is not known")
-    stations, keys = dict[tuple[int, bytes], Station](), list[tuple[int, bytes]]()
-    for i, agent in enumerate(agents):
-        if (speed := float(np.linalg.norm(medium[i]))) > system.law.limit[i]:
-            raise _UndecidedError(
-                f"{agent.id}: the mean flow, {speed:.3g} m/s relative to its q*, is beyond its velocity limit"
-            )
-        station = _station(system, i, medium[i])
-        keys.append((id(station.vehicle), np.round([*station.medium, station.heading], 4).tobytes()))
-        stations.setdefault(keys[-1], station)
-    chosen, many = list(stations), len(stations) > _MOST_STATIONS
-    if many:
-        if len({key[0] for key in keys}) > 1:
-            raise _UndecidedError("too many unlike vehicles")
-        flows = np.array([station.medium for station in stations.values()])
-        extreme = {*flows.argmin(axis=0), *flows.argmax(axis=0), *np.linspace(0, len(flows) - 1, 20).astype(int)}
-        chosen = [chosen[k] for k in sorted(int(k) for k in extreme)]
-    models = {}
-    found = linearise([stations[key] for key in chosen], system.control, timestep, steps)
-    for key, model in zip(chosen, found, strict=True):
-        if isinstance(model, str):
-            flow = f"in a mean flow of {np.linalg.norm(stations[key].medium):.3g} m/s relative to its q*"
-            raise _UndecidedError(f"{agents[keys.index(key)].id} cannot hold station {flow}: {model}")
-        models[key] = model
-    if not many:
-        return [models[key] for key in keys]
-    if not _alike(list(models.values()), timestep * steps):
-        raise _UndecidedError("too many vehicles that behave differently in the flows that they meet")
-    return [models[chosen[0]]] * len(keys)
-
-
-def _station(system: System, agent: int, medium: Array) -> Station:
-    """Where an agent holds station: one that holds no heading turns into the current, if the run gives it the time."""
-    vehicle, heading = system.vehicles[agent], float(system.bodies.heading[agent])
-    if vehicle.steering.attitude:
-        return Station(vehicle, medium, heading)
-    span = system.grid.period * system.grid.steps
-    if float(np.hypot(medium[0], medium[1])) * span < _TURNS * vehicle.steering.hand:
-        return Station(vehicle, np.zeros(3), heading)
-    return Station(vehicle, medium, float(np.arctan2(-medium[1], -medium[0])))
-
-
-def _response(model: LinearVehicle, period: float) -> Array:
-    """Positions after a step of the command, less what an ideal vehicle makes, shape (T, n, n), m per m/s."""
-    s, n = model.B.shape
-    count = int(np.clip(_RESPONSE_TIME / period, 20, 400))
-    stride = max(1, round(_RESPONSE_TIME / period / count))
-    step = power(model, stride)
-    state, found = np.vstack([np.zeros((s + n, n)), np.eye(n)]), []
-    for k in range(count):
-        state = step @ state
-        found.append(state[s : s + n] - (k + 1) * stride * period * np.eye(n))
-    return np.array(found)
-
-
-def _difference(one: Array, other: Array) -> float:
-    """Largest difference of two responses, as a share of the larger of them."""
-    return float(np.abs(one - other).max() / max(np.abs(one).max(), np.abs(other).max()))
-
-
-def _alike(models: list[LinearVehicle], period: float) -> bool:
-    """Whether vehicles respond to a command in nearly the same way."""
-    first = _response(models[0], period)
-    responses = (_response(model, period) for model in models[1:])
-    return all(r.shape == first.shape and _difference(r, first) <= _RESPONSE_DIFFERENCE for r in responses)
-
-
-def _close(system: System, spectrum: Spectrum, models: list[LinearVehicle], period: float) -> "_Split | _Whole":
-    """The loop of the team, apart by modes of H where that is exact.
-
-    Raises:
-        _UndecidedError: it is too large.
-    """
-    kinds = list({id(model): model for model in models}.values())
-    if len(kinds) > 1:
-        try:
-            return _Whole(system, spectrum, models)
-        except _UndecidedError:
-            if not _alike(kinds, period):
-                raise
-    parts = _parts(system, spectrum, kinds[0], period)
-    return _Split(parts) if parts else _Whole(system, spectrum, models)
-
-
-class _Part(NamedTuple):
-    """Alike vehicles whose loop falls apart into one small matrix for each eigenvalue.
-
-    Attributes:
-        plant: of each vehicle along the axes of this part.
-        values: eigenvalues above zero, ascending, or a sampling of the interval that holds them, the largest exact.
-        agent: number of the agent that moves most in each one's mode; -1 where the value need not be an eigenvalue.
-    """
-
-    plant: LinearVehicle
-    values: Array
-    agent: IntArray
-
-
-def _parts(system: System, spectrum: Spectrum, model: LinearVehicle, period: float) -> list[_Part]:
-    """The parts of a team of alike vehicles; none where they do not fall apart.
-
-    Axes that neither the vehicle nor H couples are apart. Within one part, H is the same along all axes and does not
-    couple them; or the vehicle is and does not.
-    """
-    H, n = sparse.csr_array(system.team.dirichlet.H), model.D.shape[0]
-    response = _response(model, period)
-    by_vehicle = np.abs(response).max(axis=0) > _CROSS_RESPONSE * np.abs(response).max()
-    blocks = [[H[a::n, b::n] for b in range(n)] for a in range(n)]
-    by_sheaf = np.array([[abs(block).max() > 0.0 for block in row] for row in blocks])
-    count, group = connected_components(by_vehicle | by_sheaf, directed=False)
-    parts = []
-    for g in range(count):
-        axes = np.flatnonzero(group == g)
-        first, inside, off = axes[0], np.ix_(axes, axes), ~np.eye(len(axes), dtype=bool)
-        own = [response[:, a, a] for a in axes]
-        if not by_sheaf[inside][off].any() and all(abs(blocks[a][a] - blocks[first][first]).max() == 0.0 for a in axes):
-            part, agents = blocks[first][first], np.arange(H.shape[0] // n)
-        elif not by_vehicle[inside][off].any() and all(_difference(x, own[0]) <= _CROSS_RESPONSE for x in own):
-            rows = np.flatnonzero(np.isin(np.arange(H.shape[0]) % n, axes))
-            axes, part, agents = axes[:1], H[rows][:, rows], rows // n
-        else:
-            return []
-        values, agent = _eigenvalues(part, agents, float(spectrum.smallest[0]))
-        if len(values):
-            plant = LinearVehicle(model.A, model.B[:, axes], model.C[axes], model.D[np.ix_(axes, axes)])
-            parts.append(_Part(plant, values, agent))
-    return parts
-
-
-def _eigenvalues(H: sparse.csr_array, agents: IntArray, least: float) -> tuple[Array, IntArray]:
-    """Values and agents as in `_Part`, of a part of H whose rows belong to `agents`.
-
-    `least` is the smallest eigenvalue of all H above zero.
-    """
-    if H.shape[0] <= DENSE_STATES:
-        values, vectors = np.linalg.eigh(H.toarray())
-        held = values > 0.5 * least
-        return values[held], agents[np.abs(vectors[:, held]).argmax(axis=0)]
-    top, vector = eigsh(H, k=1, which="LA", v0=np.ones(H.shape[0]))
-    values = np.geomspace(least, max(float(top[0]), least), 200)
-    return values, np.append(np.full(len(values) - 1, -1), agents[np.abs(vector[:, 0]).argmax()])
-
-
-class _Split:
-    """Alike vehicles: one small matrix for each eigenvalue of H.
-
-    Attributes:
-        own: factors of the vehicles' own modes, under a command that does not change.
-    """
-
-    def __init__(self, parts: list[_Part]) -> None:
-        self._parts = parts
-        self.own = np.concatenate([np.linalg.eigvals(part.plant.A) for part in parts])
-
-    def modes(self, gain: float) -> Iterator[_Modes]:
-        """All modes, or those at the sampled eigenvalues."""
-        for part in self._parts:
-            n = part.plant.D.shape[0]
-            factors, vectors = np.linalg.eig(_matrices(part.plant, gain * part.values))
-            moved = np.linalg.norm(vectors[:, :n], axis=1) > _MODE_AT_REST * np.linalg.norm(vectors, axis=1)
-            yield _Modes(factors.ravel(), np.repeat(part.agent, factors.shape[1]), moved.ravel())
-
-    def growth_at_ends(self, gain: float) -> float:
-        """Growth of the modes at eigenvalues that H surely has."""
-        return max(float(_growths(part.plant, gain * part.values[part.agent >= 0]).max()) for part in self._parts)
-
-    def largest_gain(self, gain: float, most: float) -> float | None:
-        """See BodyLoop; `most` is the growth over a period that counts as none."""
-        found = [_first_unstable(part.plant, most) for part in self._parts]
-        gains = [rate / float(p.values[-1]) for rate, p in zip(found, self._parts, strict=True) if rate is not None]
-        return min(gains) if gains and min(gains) > 0.0 else None
-
-
-def _matrices(plant: LinearVehicle, rates: Array) -> Array:
-    """The closed loop of one vehicle on (p, x) under u = -rate p, for each rate; shape (k, n + s, n + s)."""
-    n, s = plant.D.shape[0], len(plant.A)
-    found = np.zeros((len(rates), n + s, n + s))
-    found[:, :n, :n] = np.eye(n) - rates[:, None, None] * plant.D
-    found[:, n:, :n] = -rates[:, None, None] * plant.B
-    found[:, :n, n:], found[:, n:, n:] = plant.C, plant.A
-    return found
-
-
-def _growths(plant: LinearVehicle, rates: Array) -> Array:
-    """Growth over a period of the fastest growing mode at each rate, shape (k,)."""
-    return np.log(np.abs(np.linalg.eigvals(_matrices(plant, rates))).max(axis=1))
-
-
-def _first_unstable(plant: LinearVehicle, most: float) -> float | None:
-    """The smallest rate k1 lambda at which a mode grows, 1/s; None where none does, 0 where the smallest tried does."""
-    grid = np.geomspace(_LEAST_RATE, _LARGEST_RATE, 200)
-    unstable = np.flatnonzero(_growths(plant, grid) > most)
-    if not unstable.size:
-        return None
-    if unstable[0] == 0:
-        return 0.0
-    low, high = grid[unstable[0] - 1], grid[unstable[0]]
-    return _bisect(lambda rate: bool(_growths(plant, np.array([rate]))[0] > most), float(low), float(high))
-
-
-def _bisect(unstable: Callable[[float], bool], low: float, high: float) -> float:
-    """Where a stable rate or gain becomes an unstable one."""
-    while high > (1.0 + _GAIN_ACCURACY) * low:
-        middle = float(np.sqrt(low * high))
-        low, high = (low, middle) if unstable(middle) else (middle, high)
-    return float(np.sqrt(low * high))
-
-
-class _Whole:
-    """Unlike vehicles: the matrix of the team on (z, x_1, ...), z the coordinates of what H holds.
-
-    M(k1) = free - k1 pull. It is block triangular over the sets of states that act on one another, whose own blocks
-    have all its eigenvalues.
-    """
-
-    def __init__(self, system: System, spectrum: Spectrum, models: list[LinearVehicle]) -> None:
-        team, H = system.team, system.team.dirichlet.H
-        states = sum(len(model.A) for model in models)
-        if H.shape[0] + states > 10 * LARGEST_WHOLE:
-            raise _UndecidedError(f"too many unlike vehicles: {H.shape[0] + states} states")
-        H = H.toarray()
-        Q, pulled = np.eye(len(H)), H
-        if spectrum.nullity:
-            values, Q = _held_modes(system, spectrum)
-            pulled = Q * values
-        A, B, C, D = (linalg.block_diag(*(model[k] for model in models)) for k in range(4))
-        m = Q.shape[1]
-        self.free = np.block([[np.eye(m), Q.T @ C], [np.zeros((len(A), m)), A]])
-        self.pull = np.block([[Q.T @ D @ pulled, np.zeros((m, len(A)))], [B @ pulled, np.zeros_like(A)]])
-        self.Q, self.m = Q, m
-        self.own = np.concatenate([np.linalg.eigvals(A) for A in {id(model): model.A for model in models}.values()])
-        self.owner = np.repeat(np.arange(len(team.agents)), [a.dimension for a in team.agents])
-        acts = (self.free != 0.0) | (self.pull != 0.0)
-        count, which = connected_components(sparse.csr_array(acts), directed=True, connection="strong")
-        self.sets = [np.flatnonzero(which == k) for k in range(count)]
-        largest = max(len(s) for s in self.sets)
-        if largest > LARGEST_WHOLE:
-            raise _UndecidedError(f"too many unlike vehicles: {largest} states act on one another")
-
-    def _block(self, gain: float, chosen: NDArray[np.integer]) -> Array:
-        at = np.ix_(chosen, chosen)
-        return np.asarray(self.free[at] - gain * self.pull[at])
-
-    def modes(self, gain: float) -> Iterator[_Modes]:
-        """All modes."""
-        for chosen in self.sets:
-            factors, vectors = linalg.eig(self._block(gain, chosen))
-            held = chosen < self.m
-            z = vectors[held]
-            moved = np.linalg.norm(z, axis=0) > _MODE_AT_REST * np.linalg.norm(vectors, axis=0)
-            far = np.abs(self.Q[:, chosen[held]] @ z)
-            yield _Modes(factors, np.where(moved, self.owner[far.argmax(axis=0)], -1), moved)
-
-    def _growth(self, gain: float) -> float:
-        return max(float(np.log(np.abs(linalg.eigvals(self._block(gain, s))).max())) for s in self.sets)
-
-    def largest_gain(self, gain: float, most: float) -> float | None:
-        """As in `_Split`."""
-        low = high = gain
-        factor = 2.0 if self._growth(gain) < most else 0.5
-        for _ in range(_MOST_DOUBLINGS):
-            low, high = (high, high * factor) if factor > 1.0 else (low * factor, low)
-            if (self._growth(high if factor > 1.0 else low) < most) == (factor < 1.0):
-                return _bisect(lambda k: self._growth(k) > most, low, high)
-        return None
-
-
-def _least_damped(modes: _Modes, own: Array, period: float, system: System) -> Swing:
-    """The mode with the smallest damping: of those that the loop moves, where none grows.
-
-    A hull's own rolling or pitching shows in the position a little, is hardly damped, and does not depend on the law.
-    A mode is a vehicle's own if its logarithm is within _OWN_MODE of one that the vehicle has under a steady command.
-    """
-    s = _logarithms(modes.factor) / period
-    size = np.maximum(np.abs(s), 1e-300)
-    damping = -s.real / size
-    if damping.min() >= 0.0:
-        moved = np.abs(s[:, None] - _logarithms(own) / period).min(axis=1) > _OWN_MODE * size
-        damping = np.where(moved, damping, np.inf) if moved.any() else damping
-    k = int(damping.argmin())
-    agent = system.team.agent_ids[modes.agent[k]] if modes.agent[k] >= 0 else None
-    return Swing(damping=float(damping[k]), frequency=float(size[k]), agent=agent)
-
-
-def _logarithms(factors: NDArray[Any]) -> NDArray[np.complex128]:
-    return np.log(np.where(factors != 0.0, factors, 1e-300).astype(np.complex128))

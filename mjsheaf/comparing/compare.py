@@ -4,7 +4,7 @@ import time
 from dataclasses import dataclass
 
 from mjsheaf._version import __version__
-from mjsheaf.checking.margins import loop_along
+from mjsheaf.checking.body_loop import loop_along
 from mjsheaf.comparing.convergence import converge
 from mjsheaf.comparing.demands import JUDGED, demands_of, examine_limit, fastest_vehicles
 from mjsheaf.comparing.ladder import Run, ladder_of, run_ablation

@@ -146,11 +146,16 @@ class DirichletProblem:
         return self._problem.pulled_back(self._b[:, None])[:, 0]
 
     @cached_property
+    def eigenvectors(self) -> tuple[Array, Array]:
+        """All eigenvalues of H, ascending, shape (n_W,), and orthonormal eigenvectors; H is made dense."""
+        return np.linalg.eigh(self.H.toarray())
+
+    @cached_property
     def eigenvalues(self) -> tuple[float, float]:
         """The smallest eigenvalue of H that belongs to no section of the null space, and the largest."""
         H, free = self.H, self._null_space.shape[1]
         if H.shape[0] <= _DENSE:
-            values = np.linalg.eigvalsh(H.toarray())
+            values = self.eigenvectors[0]
             return float(values[free]), float(values[-1])
         start = np.ones(H.shape[0])
         largest = float(eigsh(H, k=1, which="LA", v0=start, return_eigenvectors=False)[0])

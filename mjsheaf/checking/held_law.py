@@ -1,0 +1,476 @@
+"""The held law with its terms, per eigenvalue of H: its loop, the gains that hold it stable, and a bound on a run.
+
+With one gain for all, every term is a polynomial in H, and under a hold h the team falls apart into one small matrix
+for each eigenvalue lambda. With e = q* - q, W and F the means over a period of q*' and of what carries the agents,
+
+    s_k = alpha e_k + c s_{k-1}        newton: delta, c = T_r(..) as its rounds contract, alpha = 1 - c;
+                                       without it s = lambda e: alpha = lambda, c = 0
+    e_{k+1} = e_k - h (k1 s_k - k_I z_k) + h d_k,    z_{k+1} = z_k - h lambda e_k,    d_k = W_k - v_k - (F_k - phi_k)
+
+is exact on ideal kinematics while no command is clipped. Feedforward v and the drift's observer phi do not depend on e
+and stand in d. So with x = (e, s, z), x+ = M x + h g d, and in 2-norms over the team
+
+    |e_k| <= max |(M^k)_ee| |e_0| + h sum_j max |(M^j g)_e| |d_{k-1-j}|,    max over the eigenvalues.
+
+What is known of d along the targets' path is computed: the path does not depend on agents, the disturbances are drawn.
+What is not is bounded: q* by the path's error, the flow between two samples and at q instead of q* by its slope over
+balls that hold both, odometry by its largest errors. The slope is not in M; it adds at most rho_k |e| to |F_k|, which
+needs a bound on |e| itself. One comes from the largest speed of the flow, |f(q) - f(q*)| <= 2 sup |f|, or else, where a
+field is unbounded, from a radius that the bound made with it does not reach: before a first instant at which |e| comes
+to it, the bound holds, so there is none. From any bound, valid at all times of the run, a better one follows in the
+same way: the bounds of the rounds fall, and each is valid.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.polynomial import polynomial
+from pydantic import Field
+from scipy.signal import fftconvolve, lfilter
+
+from mjsheaf.arrays import Array
+from mjsheaf.checking.certificate import Certificate
+from mjsheaf.checking.cohomology import DENSE_STATES
+from mjsheaf.checking.constants import agent_drift, agent_slopes, speed_everywhere
+from mjsheaf.checking.targets import Carrier
+from mjsheaf.dynamics.disturbance import evaluate
+from mjsheaf.dynamics.effectiveness import without_full_row_rank
+from mjsheaf.io.section import Finite, Record
+from mjsheaf.noise import LARGEST_NORMAL
+from mjsheaf.system import System
+
+_MOST_NUMBERS = 20_000_000  # samples times states that are looked at
+_ROUNDING = 1e-9  # relative, of sums and eigenvalues
+_ON_CIRCLE = 1e-6  # from the unit circle, of roots that count as on it
+_BETTER = 0.99  # of the bound of the round before: more is not worth a round
+_MOST_ROUNDS = 12
+_NOTHING = 1e-40  # of a response: all that follows is lost in rounding
+_IMPULSE = 4000  # samples of a filter's response
+_TRIALS = 2.0 ** np.arange(1, 24)  # radii, over |e_0| and 1 mm, that are tried where a field is unbounded
+
+
+class Share(Record):
+    """A part of d that is left, and why."""
+
+    part: str = Field(description="what of d it is")
+    size: float = Field(description="its largest size over the last half of the run, 2-norm over the team, m/s")
+
+
+class LawLoop(Record):
+    """The law as it is, with its terms, held over a period on ideal kinematics."""
+
+    terms: list[str] = Field(description="terms beyond the paper's law")
+    stable: bool | None = Field(description="every spectral radius is below 1; null where undecided: see reason")
+    spectral_radius: Finite = Field(description="largest over the eigenvalues of H; null where undecided")
+    rate: Finite = Field(description="slowest decay, -log(spectral radius) / h, 1/s; null where undecided")
+    stable_gains: list[float] | None = Field(
+        description="the k1 between which the loop is stable, 1/s: about the gain, else the nearest; null where there "
+        "are none or where undecided"
+    )
+    ultimate: Finite = Field(
+        description="|e| of the team never exceeds it at samples of the last half of the run, m; null: see reason"
+    )
+    between: Finite = Field(description="the same between samples too, m")
+    largest: Finite = Field(description="the same over the whole run, m")
+    command: Finite = Field(description="no agent's command exceeds it over the last half of the run, m/s")
+    unlimited: Finite = Field(description="`ultimate` of the same law without limits of speed and integral, m")
+    left: list[Share] = Field(description="what is left of d, the largest first")
+    exchanges: float = Field(description="rounds of exchange between neighbours a second")
+    numbers: float = Field(description="numbers that an agent sends a second, mean over the agents")
+    noise: Finite = Field(description="RMS noise of the command over that of a sample of odometry at most, 1/s")
+    reason: str = Field(description="why a number is missing, or empty")
+
+
+class UndecidedError(Exception):
+    """Nothing can be claimed; the message says why."""
+
+
+def contraction(values: Array, rounds: int, low: float, high: float) -> Array:
+    """What `control.terms.solve` leaves of an error in eigenvectors of these values after some rounds, shape (L,).
+
+    By its own recurrence, so that the eigenvalues may also lie outside [low, high], or low be high.
+    """
+    middle, square = 0.5 * (low + high), 0.25 * (high - low) ** 2
+    error, direction, before, scale = np.ones_like(values), np.zeros_like(values), 0.0, 1.0 / middle
+    for r in range(rounds):
+        direction = -(2.0 if r else 1.0) * scale * values * error + (square * before * scale * direction if r else 0.0)
+        error = error + direction
+        before, scale = scale, 1.0 / (2.0 * middle - square * scale)
+    return error
+
+
+@dataclass(frozen=True)
+class Loop:
+    """The loop per eigenvalue of H, shape (L,) each.
+
+    Attributes:
+        values: the eigenvalues above zero.
+        alpha, c: see the module.
+        gain, integral: k1, 1/s, and k_I, 1/s^2.
+        period: h, s.
+    """
+
+    values: Array
+    alpha: Array
+    c: Array
+    gain: float
+    integral: float
+    period: float
+
+    def matrices(self, gain: float | None = None) -> Array:
+        """M at a gain, shape (L, 3, 3); the row of z is zero without integral."""
+        k, h, M = self.gain if gain is None else gain, self.period, np.zeros((len(self.values), 3, 3))
+        M[:, 0, 0], M[:, 0, 1], M[:, 0, 2] = 1.0 - h * k * self.alpha, -h * k * self.c, h * self.integral
+        M[:, 1, 0], M[:, 1, 1] = self.alpha, self.c
+        if self.integral > 0.0:
+            M[:, 2, 0], M[:, 2, 2] = -h * self.values, 1.0
+        return M
+
+    @cached_property
+    def radius(self) -> float:
+        """The largest spectral radius."""
+        return float(np.abs(np.linalg.eigvals(self.matrices())).max())
+
+    @cached_property
+    def stable_gains(self) -> tuple[float, float] | None:
+        """See LawLoop. A root passes the unit circle only where a(z) + k b(z) = 0 on it, the characteristic polynomial.
+
+        There 1 / z is the conjugate of z, so k real makes a(z) b(1 / z) = a(1 / z) b(z), which has at most 6 roots
+        besides z = 1 and z = -1. Between these gains nothing changes, for each eigenvalue.
+        """
+        stretches = np.array([[0.0, np.inf]])
+        for low, high in (self._stable(one) for one in range(len(self.values))):
+            begin, end = np.maximum(stretches[:, None, 0], low), np.minimum(stretches[:, None, 1], high)
+            stretches = np.stack([begin, end], axis=-1)[begin < end]
+        if not len(stretches):
+            return None
+        away = np.maximum(stretches[:, 0] - self.gain, self.gain - stretches[:, 1])
+        low, high = stretches[int(away.argmin())]
+        return float(low), float(high)
+
+    def _stable(self, one: int) -> tuple[Array, Array]:
+        """The gains between which one eigenvalue's loop is stable: where they begin and end, ascending."""
+        single = replace(self, values=self.values[[one]], alpha=self.alpha[[one]], c=self.c[[one]])
+        a = np.poly(single.matrices(0.0)[0])[::-1]  # ascending powers of z
+        b = np.poly(single.matrices(1.0)[0])[::-1] - a
+        crossing: Array = polynomial.polysub(polynomial.polymul(a, b[::-1]), polynomial.polymul(a[::-1], b))
+        roots = polynomial.polyroots(np.trim_zeros(crossing, "b")) if np.abs(crossing).max() > 0.0 else np.zeros(0)
+        z = np.concatenate([[1.0, -1.0], roots[np.abs(np.abs(roots) - 1.0) < _ON_CIRCLE]])
+        below = polynomial.polyval(z, b)
+        z = z[np.abs(below) > _ROUNDING * np.abs(b).max()]
+        found = -polynomial.polyval(z, a) / polynomial.polyval(z, b)
+        gains = np.unique(found.real[np.abs(found.imag) < _ON_CIRCLE * np.abs(found)])
+        gains = gains[gains > _ROUNDING * gains.max(initial=0.0)]
+        gains = np.concatenate([[0.0], gains, [2.0 * gains[-1] + 1.0 if len(gains) else 1.0]])
+        middle = 0.5 * (gains[1:] + gains[:-1])
+        stable = np.array([np.abs(np.linalg.eigvals(single.matrices(k)[0])).max() < 1.0 for k in middle], dtype=bool)
+        begin, end = gains[:-1][stable], gains[1:][stable]
+        return begin, np.where(end == gains[-1], np.inf, end)
+
+    def responses(self, count: int) -> tuple[Array, ...]:
+        """Largest sizes over the eigenvalues, shape (count,) each, of powers j = 0, 1, ...
+
+        (M^j)_ee; of h M^j g: e, s; what feedback asks for, -; and z, s^2; and what feedback asks for after e_0, 1/s.
+        """
+        M, h = self.matrices(), self.period
+        L = len(self.values)
+        start, hit = np.zeros((L, 3)), np.zeros((L, 3))
+        start[:, 0], hit[:, 0] = 1.0, h
+        ask = np.stack([self.gain * self.alpha, self.gain * self.c, np.full(L, -self.integral)], axis=1)
+        state, found = np.stack([start, hit], axis=2), np.zeros((5, count))
+        for j in range(count):
+            found[0, j], found[1, j] = np.abs(state[:, 0]).max(axis=0)
+            found[2, j] = np.abs((ask * state[:, :, 1]).sum(axis=1)).max()
+            found[3, j] = np.abs(state[:, 2, 1]).max()
+            found[4, j] = np.abs((ask * state[:, :, 0]).sum(axis=1)).max()
+            if np.abs(state).max() < _NOTHING:
+                break
+            state = M @ state
+        return tuple(found * (1.0 + _ROUNDING))
+
+
+def _eigen(system: System) -> tuple[Array, Array]:
+    """Eigenvalues and orthonormal eigenvectors of H."""
+    problem = system.team.dirichlet
+    if system.grid.continuous:
+        raise UndecidedError("the law is continuous: see Theorem 1")
+    if not problem.unique:
+        raise UndecidedError("the harmonic extension is not unique")
+    if (n := problem.H.shape[0]) > DENSE_STATES:
+        raise UndecidedError(f"H has {n} rows; all its eigenvalues are found up to {DENSE_STATES}")
+    if problem.eigenvectors[0][0] <= 0.0:
+        raise UndecidedError("the smallest eigenvalue of H is lost in rounding")
+    return problem.eigenvectors
+
+
+def loop_of(system: System) -> Loop:
+    """The held loop of a system's law.
+
+    Raises:
+        UndecidedError: the law is continuous, something is free, or H is too large for its eigenvalues.
+    """
+    values, terms = _eigen(system)[0], system.law.terms
+    c = contraction(values, terms.newton, *terms.eigenvalues) if terms.newton else np.zeros_like(values)
+    return Loop(values, 1.0 - c if terms.newton else values, c, system.gain, terms.integral, system.grid.period)
+
+
+@dataclass(frozen=True)
+class _Drive:
+    """What drives the loop along the targets' path, in K periods, and the errors of that.
+
+    Attributes:
+        left: W - v, what feedforward leaves, shape (K, n_q), m/s.
+        met: F - phi at q*, what the observer leaves, shape (K, n_q), m/s.
+        asked: v - phi, what the terms add to the command, shape (K, n_q), m/s.
+        unsure: largest error of these by path and odometry, m/s.
+        middle: q* in the middle of each period, shape (K, n_q), m.
+        moves: how far each agent's may be from there in the period, shape (K, N), m.
+        ripple: how far q*' - omega may be from some constant in each period, shape (K,), m/s.
+        share: of a new measurement in the drift's filter; 0 without.
+    """
+
+    left: Array
+    met: Array
+    asked: Array
+    unsure: float
+    middle: Array
+    moves: Array
+    ripple: Array
+    share: float
+
+    def observed(self, values: Array) -> Array:
+        """A bound on a part of phi from one on the same part of F, shape (K,)."""
+        return _filtered(values[:, None], self.share)[:, 0] if self.share else np.zeros_like(values)
+
+
+def _filtered(values: Array, share: float) -> Array:
+    """A first-order filter, a sample late: nothing, then the first value, then a share of each; shape (K, n)."""
+    found = np.zeros_like(values)
+    if len(values) > 1:
+        state = (1.0 - share) * values[:1]
+        found[1:] = lfilter([share], [1.0, share - 1.0], values[:-1], axis=0, zi=state)[0]
+    return found
+
+
+def _drive(system: System, certificate: Certificate, values: Array, vectors: Array) -> _Drive:
+    """Follow feedforward and observer along the targets' path."""
+    team, terms, h, path = system.team, system.law.terms, system.grid.period, certificate.constants.path
+    n_q, N = len(values), len(team.agents)
+    if path.cells is None:
+        raise UndecidedError(f"the targets' path is not known: {path.warning}")
+    if path.stride > 1 or len(path.samples) * n_q > _MOST_NUMBERS:
+        raise UndecidedError("the run has too many samples")
+    carrier = Carrier(system, certificate.spectrum)
+    q_star, K = carrier.extend(path.samples), len(path.samples) - 1
+    W, middle = np.diff(q_star, axis=0) / h, 0.5 * (q_star[1:] + q_star[:-1])
+    unsure = 2.0 * float(np.linalg.norm(carrier.reach(np.full(len(team.targets), path.error)))) / h
+    total, v = unsure, np.zeros_like(W)
+    if terms.feedforward:
+        c = contraction(values, terms.feedforward, *terms.eigenvalues)
+        rate, lead = _filtered(W @ vectors, terms.measured), float(terms.lead[0])
+        for one, kept in enumerate(c):
+            rate[:, one] = lfilter([1.0 - kept], [1.0, -kept], rate[:, one])
+        before = np.vstack([np.zeros((1, n_q)), rate[:-1]])
+        v = (rate + lead * (rate - before)) @ vectors.T
+        amplified = (1.0 + 2.0 * lead) * float((np.abs(1.0 - c) / (1.0 - np.abs(c))).max())
+        total += amplified * (unsure + _odometry(system, sensed=True))
+    harmonics = system.harmonics[:N].copy()
+    harmonics[..., :3] *= np.sinc(harmonics[..., 3:4] * h / (2.0 * np.pi))  # the mean of a sine over a period
+    shaken = evaluate(harmonics, system.grid.span(0, K) + 0.5 * h)
+    F = agent_drift(system, middle) + shaken.reshape(K, -1)[:, team.slots[:n_q]]
+    observed = np.zeros_like(F)
+    if terms.drift > 0.0:
+        observed = _filtered(F, terms.drift)
+        total += _odometry(system, sensed=False)
+    # How far q* may be from the middle of its period: by the cells that cover it.
+    cells = path.cells
+    period = np.clip(((0.5 * (cells.begin + cells.end) - system.grid.start) / h).astype(int), 0, K - 1)
+    reach = carrier.reach(np.linalg.norm(cells.half, axis=2) + cells.bend)
+    away = np.linalg.norm(team.unpack(carrier.extend(cells.centre) - middle[period]), axis=2) + reach
+    moves, ripple = np.zeros((K, N)), np.zeros(K)
+    np.maximum.at(moves, period, away)
+    carried = carrier.carry(cells.drift)
+    first = np.searchsorted(period, np.arange(K))
+    change = np.linalg.norm(carried - carried[first[period]], axis=1)
+    np.maximum.at(ripple, period, change + np.linalg.norm(carrier.reach(cells.spread), axis=1))
+    shake = 0.5 * h * (np.linalg.norm(system.harmonics[..., :3], axis=2) * np.abs(system.harmonics[..., 3])).sum(axis=1)
+    ripple += np.linalg.norm(shake[:N]) + np.linalg.norm(carrier.reach(shake[N:]))
+    return _Drive(W - v, F - observed, v - observed, total, middle, moves, ripple, terms.drift)
+
+
+def _odometry(system: System, *, sensed: bool) -> float:
+    """The largest error, over the team, of drift or of H^-1 B p' by odometry, m/s."""
+    terms, n_q = system.law.terms, system.team.dirichlet.H.shape[0]
+    if not (terms.noise or terms.bias):
+        return 0.0
+    wrong = np.sqrt(n_q) * (terms.noise * LARGEST_NORMAL / terms.period + abs(terms.bias))
+    return float(wrong * _carried_odometry(system)) if sensed else float(wrong)
+
+
+def _carried_odometry(system: System) -> float:
+    """The 2-norm of H^-1 S, S = sum of F_i^T K F_i over sensing edges."""
+    edges, team, N = system.law.edges, system.team, len(system.team.agents)
+    first, last = edges.first[system.law.terms.sensing]
+    S, owner = np.zeros((N, 3, 3)), np.repeat(edges.tail, np.diff(edges.first))[first:last]
+    np.add.at(S, owner, edges.F_tail[first:last, :, None] * edges.P_tail[first:last, None, :])
+    whole = np.zeros((3 * N, 3 * N))
+    for i in range(N):
+        whole[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] = S[i]
+    own = team.slots[: team.dirichlet.H.shape[0]]
+    return float(np.linalg.norm(np.linalg.solve(team.dirichlet.H.toarray(), whole[np.ix_(own, own)]), ord=2))
+
+
+@dataclass(frozen=True)
+class Envelope:
+    """A bound on a run of K periods on ideal kinematics, 2-norms over the team.
+
+    Attributes:
+        samples: on |e| at samples, shape (K + 1,), m.
+        within: on |e| within each period, shape (K,), m.
+        command: on every agent's command, shape (K, N), m/s.
+        integral: on the size of an agent's k_I z, m/s.
+        left: the parts of d that it was made from, by name, shape (K,) each, m/s.
+        clipped: why a limit may be met, so that this bounds the law without limits only; or empty.
+    """
+
+    samples: Array
+    within: Array
+    command: Array
+    integral: float
+    left: dict[str, Array]
+    clipped: str
+
+
+def envelope(system: System, certificate: Certificate) -> Envelope:
+    """Bound a run of a system; see the module.
+
+    Raises:
+        UndecidedError: there is no bound, and why.
+    """
+    loop, agents = loop_of(system), system.team.agents
+    for i in without_full_row_rank(system.effectiveness, [agent.dimension for agent in agents]):
+        raise UndecidedError(f"g of {agents[i].id} is not of full row rank: g g^+ is not the identity")
+    if not loop.radius < 1.0:
+        raise UndecidedError("the loop is unstable")
+    found = _bounded(system, certificate, loop, _drive(system, certificate, *_eigen(system)))
+    limit = system.law.limit[: len(agents)]
+    over = (found.command > limit).any(axis=0)
+    if over.any():
+        i = int(over.argmax())
+        most, allowed = f"{found.command[:, i].max():.3g} m/s", f"speed limit of {limit[i]:.3g} m/s"
+        return replace(found, clipped=f"the law may ask {agents[i].id} for {most}, beyond its {allowed}")
+    if found.integral > system.law.terms.largest:
+        return replace(found, clipped=f"the integral may reach its limit: it may ask for {found.integral:.3g} m/s")
+    return found
+
+
+def _bounded(system: System, certificate: Certificate, loop: Loop, drive: _Drive) -> Envelope:
+    K, N, h, constants = len(drive.left), len(system.team.agents), loop.period, certificate.constants
+    start = constants.initial_error
+    decay, hit, ask, kept, ask_start = loop.responses(K + 1)
+    known = np.linalg.norm(drive.left - drive.met, axis=1) + drive.unsure
+
+    def answer(apart: Array) -> tuple[Array, Array, Array]:
+        """Bounds at samples and within periods, and |d|, from one on f(q) - f(q*)."""
+        unknown = apart + change
+        d = known + unknown + drive.observed(unknown)
+        samples = decay * start
+        samples[1:] += fftconvolve(hit[:K], d)[:K] * (1.0 + _ROUNDING)
+        return samples, np.maximum(samples[1:], samples[:-1]) + 0.5 * h * (drive.ripple + unknown), d
+
+    def flow(within: Array) -> Array:
+        """A bound on f(q) - f(q*) from one on |e| within periods."""
+        slopes = agent_slopes(system, drive.middle, drive.moves + within[:, None])
+        with np.errstate(invalid="ignore"):
+            each = np.where(within[:, None] > 0.0, slopes * within[:, None], 0.0)
+        # The errors of all agents together are within, so either none adds more than the steepest, or each its own.
+        return np.minimum(each.max(axis=1), np.linalg.norm(np.minimum(each, fastest), axis=1))
+
+    with np.errstate(invalid="ignore"):  # an infinite slope where nothing moves
+        near = np.where(drive.moves > 0.0, agent_slopes(system, drive.middle, drive.moves) * drive.moves, 0.0)
+    change = np.linalg.norm(near, axis=1)
+    fastest = 2.0 * speed_everywhere(system)  # by which two points differ
+    within = np.full(K, np.inf)
+    if np.isfinite(fastest):
+        within = answer(np.full(K, np.sqrt(N) * fastest))[1]
+    else:
+        for radius in _TRIALS * max(start, 1e-3):
+            trial = np.full(K, radius)
+            if (answer(flow(trial))[1] < radius).all():
+                within = trial
+                break
+    if not np.isfinite(within).all():
+        raise UndecidedError("the flow is too steep or singular where the agents may be: no bound confines them")
+    for _ in range(_MOST_ROUNDS):
+        apart = flow(within)
+        samples, narrower, d = answer(apart)
+        better = narrower.sum() < _BETTER * within.sum()
+        within = np.minimum(within, narrower)
+        if not better:
+            break
+    fed = ask_start * start
+    fed[1:] += fftconvolve(ask[:K], d)[:K] * (1.0 + _ROUNDING)
+    added = np.linalg.norm(system.team.unpack(drive.asked), axis=2)
+    command = added + (fed[:K] + drive.unsure + drive.observed(apart + change))[:, None]
+    integral = loop.integral * float((fftconvolve(kept[:K], d)[:K]).max(initial=0.0))
+    left = {
+        "targets' motion, less feedforward": np.linalg.norm(drive.left, axis=1),
+        "flow and disturbance along q*, less the observer's drift": np.linalg.norm(drive.met, axis=1),
+        "flow at q instead of q*, by its slope": apart + drive.observed(apart),
+        "flow within a period": change + drive.observed(change),
+        "errors of the targets' path and of odometry": np.full(K, drive.unsure),
+    }
+    return Envelope(samples, within, command, integral, left, "")
+
+
+def law_loop(system: System, certificate: Certificate) -> LawLoop:
+    """The loop of a system's law, and a bound on its run where there is one."""
+    terms, h, unknown = system.law.terms, system.grid.period, None
+    rounds = 0 if system.grid.continuous else (terms.feedforward + terms.newton) / h
+    sizes = [2 * len(edge.b) for edge in system.team.communication]
+    names = ["feedforward", "newton", "drift", "integral"]
+    has = [terms.feedforward, terms.newton, terms.drift, terms.integral]
+    found: dict[str, Any] = {
+        "terms": [name for name, size in zip(names, has, strict=True) if size > 0.0],
+        "exchanges": rounds,
+        "numbers": rounds * sum(sizes) / len(system.team.agents),
+        **dict.fromkeys(["stable", "spectral_radius", "rate", "stable_gains", "noise"], unknown),
+        **dict.fromkeys(["ultimate", "between", "largest", "command", "unlimited"], unknown),
+        "left": [],
+        "reason": "",
+    }
+    try:
+        loop = loop_of(system)
+        found["noise"] = _noise(system, loop.values)
+        found["stable"], found["spectral_radius"] = loop.radius < 1.0, loop.radius
+        found["rate"], found["stable_gains"] = -np.log(loop.radius) / h, loop.stable_gains
+        bound = envelope(system, certificate)
+        late = slice(len(bound.within) // 2, None)
+        found["unlimited"], found["reason"] = bound.samples[late].max(), bound.clipped
+        shares = [Share(part=part, size=size[late].max()) for part, size in bound.left.items()]
+        found["left"] = sorted(shares, key=lambda share: -share.size)
+        if not bound.clipped:
+            found["ultimate"], found["between"] = bound.samples[late].max(), bound.within[late].max()
+            found["largest"], found["command"] = bound.within.max(), bound.command[late].max()
+    except UndecidedError as error:
+        found["reason"] = str(error)
+    return LawLoop(**found)
+
+
+def _noise(system: System, values: Array) -> float:
+    """See LawLoop: by the impulse responses of filters and rounds, added up."""
+    terms, found = system.law.terms, 0.0
+    impulse = np.zeros(_IMPULSE)
+    impulse[0] = 1.0
+    if terms.feedforward:
+        rate, lead = lfilter([terms.measured], [1.0, terms.measured - 1.0], impulse), float(terms.lead[0])
+        largest = 0.0
+        for kept in contraction(values, terms.feedforward, *terms.eigenvalues):
+            v = lfilter([(1.0 - kept) * (1.0 + lead), -(1.0 - kept) * lead], [1.0, -kept], rate)
+            largest = max(largest, float(np.linalg.norm(v)))
+        found += largest * _carried_odometry(system) / terms.period
+    if terms.drift > 0.0:
+        found += float(np.sqrt(terms.drift / (2.0 - terms.drift))) / terms.period
+    return found

@@ -1,0 +1,101 @@
+"""What would bring the error of a run below a wanted radius: which terms, rounds and gain, and what they cost."""
+
+from dataclasses import replace
+
+from pydantic import Field
+
+from mjsheaf.checking.certificate import Certificate
+from mjsheaf.checking.held_law import LawLoop, UndecidedError, law_loop, loop_of
+from mjsheaf.control.terms import Drift, Feedforward, Newton, Odometry, Terms, pack_terms
+from mjsheaf.io.section import Finite, Record
+from mjsheaf.system import System
+
+_ROUNDS = (1, 2, 3, 5, 8, 13)
+_GAINS = (1.0, 2.0, 5.0, 10.0, 20.0)  # times the scenario's
+_RESERVE = 2.0  # a gain so many times larger must be stable too
+_FILTER = 0.1  # s, of the drift's observer
+_MOST_NUMBERS = 3_000_000  # samples times states
+
+
+class Proposal(Record):
+    """A law whose bound is at most the wanted radius, and its cost."""
+
+    controller: dict[str, object] = Field(description="fields of the scenario's controller")
+    bound: float = Field(description="on |e| at samples of the last half of the run, without speed limits, m")
+    certified: bool = Field(description="whether no speed limit can be met, so that the bound is the run's")
+    command: Finite = Field(description="no agent's command exceeds it over the last half of the run, m/s")
+    exchanges: float = Field(description="rounds of exchange between neighbours a second")
+    numbers: float = Field(description="numbers that an agent sends a second, mean over the agents")
+    noise: Finite = Field(description="RMS noise of the command over that of a sample of odometry at most, 1/s")
+
+
+def propose(system: System, certificate: Certificate, radius: float) -> list[Proposal]:
+    """The cheapest of each kind of law whose bound is at most the radius, m: the smallest gain, then fewest rounds.
+
+    None where nothing can be decided, or where the run is long.
+    """
+    if system.grid.continuous or system.grid.steps * system.team.dirichlet.H.shape[0] > _MOST_NUMBERS:
+        return []
+    odometry = Odometry(noise=system.law.terms.noise, bias=system.law.terms.bias)
+    return [proposal for kind in range(4) if (proposal := _cheapest(system, certificate, radius, kind, odometry))]
+
+
+def _cheapest(
+    system: System, certificate: Certificate, radius: float, kind: int, odometry: Odometry
+) -> Proposal | None:
+    """Of one kind; None where none of those tried does it."""
+    rounds = _ROUNDS if kind else (0,)
+    for gain in (factor * system.gain for factor in _GAINS):
+        laws = [_law(system, gain, _terms(kind, r, odometry)) for r in rounds]
+        low, high = 0, len(laws)  # more rounds leave less, or nearly so: the first that does it, by halves
+        best = None
+        while low < high:
+            middle = (low + high) // 2
+            found = _loop_within(laws[middle], certificate, radius)
+            low, high, best = (low, middle, (middle, found)) if found else (middle + 1, high, best)
+        if best is not None:
+            fields = _terms(kind, rounds[best[0]], odometry)
+            return _proposal(gain, fields, best[1])
+    return None
+
+
+def _terms(kind: int, rounds: int, odometry: Odometry) -> Terms:
+    """The paper's law; feedforward; newton too; drift and extrapolation too."""
+    forward = Feedforward(rounds=rounds, extrapolate=kind == 3) if kind else None
+    drift = Drift(filter=_FILTER) if kind == 3 else None
+    return Terms(forward, Newton(rounds=rounds) if kind > 1 else None, drift, None, odometry)
+
+
+def _law(system: System, gain: float, terms: Terms) -> System:
+    """The system under another law."""
+    gains = system.law.gain.copy()
+    gains[: len(system.team.agents)] = gain
+    packed = pack_terms(terms, system.team, system.grid.period, 0)
+    return replace(system, gain=gain, law=system.law._replace(gain=gains, terms=packed))
+
+
+def _loop_within(system: System, certificate: Certificate, radius: float) -> LawLoop | None:
+    """The law's loop where its bound is at most the radius, and its gain well inside what is stable."""
+    try:
+        loop = loop_of(system)
+    except UndecidedError:
+        return None
+    if not max(loop.radius, replace(loop, gain=_RESERVE * loop.gain).radius) < 1.0:
+        return None
+    found = law_loop(system, certificate)
+    return found if found.unlimited is not None and found.unlimited <= radius else None
+
+
+def _proposal(gain: float, terms: Terms, found: LawLoop) -> Proposal:
+    fields = {name: getattr(terms, name) for name in ("feedforward", "newton", "drift")}
+    sections = {name: section.model_dump() for name, section in fields.items() if section is not None}
+    assert found.unlimited is not None  # of a loop that is within a radius
+    return Proposal(
+        controller={"gain": gain, **sections},
+        bound=found.unlimited,
+        certified=found.ultimate is not None,
+        command=found.command,
+        exchanges=found.exchanges,
+        numbers=found.numbers,
+        noise=found.noise,
+    )
