@@ -9,8 +9,10 @@ from pydantic import Field
 
 from mjsheaf.checking.certificate import Assumption, Certificate, certify
 from mjsheaf.checking.cohomology import Fragility, RelativeCohomology, fragility
+from mjsheaf.checking.held_law import LawLoop, law_loop
 from mjsheaf.checking.margins import Margins, margins
 from mjsheaf.checking.mending import Augmentation, plan_augmentation
+from mjsheaf.checking.proposals import Proposal, propose
 from mjsheaf.control.theorem import Rho, RhoLike, as_rho, gain_for_radius
 from mjsheaf.errors import InputError
 from mjsheaf.io.section import Finite, Record
@@ -84,13 +86,17 @@ class CheckRecord(Record):
 
     scenario: str
     ok: bool = Field(
-        description="every numbered assumption holds (none fails, none is undecided), and the vehicles' loop is not "
-        "unstable"
+        description="every numbered assumption holds (none fails, none is undecided), and neither the held law nor the "
+        "vehicles' loop is unstable"
     )
     region: RegionSummary
     assumptions: list[Assumption]
     relative_cohomology: ExplainedCohomology
-    theorem: TheoremSummary
+    theorem: TheoremSummary = Field(description="of the paper's law, whatever terms the scenario's has")
+    law: LawLoop
+    proposals: list[Proposal] = Field(
+        description="laws whose bound is at most the wanted radius, cheapest of each kind"
+    )
     margins: Margins
     fragility: Fragility
 
@@ -98,7 +104,8 @@ class CheckRecord(Record):
         """The check in a few words: what holds, where, and what does not."""
         region = f"along the targets' path from {self.region.start:g} to {self.region.end:g} s"
         counts = [sum(a.verdict == kind for a in self.assumptions) for kind in ("holds", "fails", "undecided")]
-        loop = "; " + self.margins.bodies.verdict() if self.margins.bodies.stable is False else ""
+        loop = "; the held law is unstable" if self.law.stable is False else ""
+        loop += "; " + self.margins.bodies.verdict() if self.margins.bodies.stable is False else ""
         if counts[0] == len(self.assumptions):
             return f"all {counts[0]} assumptions hold, the 7th {region}{loop}"
         named = [
@@ -117,7 +124,7 @@ def check(
     Args:
         scenario: from `load_scenario`.
         rate: lambda_V in 1/s; None takes the best.
-        radius: ultimate radius of |e| for which the smallest gain is wanted, m.
+        radius: ultimate radius of |e| for which the smallest gain, and other laws, are wanted, m.
         rho: |f_q(q*) - f_q(q)| <= rho(|e|) |e|, as the caller claims: a number, coefficients c_0, c_1, ... of a
             polynomial, pairs (radius, value) or a function; None takes the flow's largest slope over the region.
 
@@ -146,14 +153,17 @@ def examine(system: System, *, rate: float | None = None, radius: float = 1.0, r
         if value is not None and not (isinstance(value, Real) and 0.0 < value < math.inf):
             raise InputError(f"{name} is {value!r}; expected a positive, finite number")
     certificate = certify(system, rate, rho)
-    practice = margins(system, certificate)
+    practice, law = margins(system, certificate), law_loop(system, certificate)
+    loops_hold = practice.bodies.stable is not False and law.stable is not False
     record = CheckRecord(
         scenario=system.name,
-        ok=all(a.verdict == "holds" for a in certificate.assumptions) and practice.bodies.stable is not False,
+        ok=all(a.verdict == "holds" for a in certificate.assumptions) and loops_hold,
         region=_region(certificate),
         assumptions=certificate.assumptions,
         relative_cohomology=ExplainedCohomology(**dict(certificate.cohomology), mending=plan_augmentation(system.team)),
         theorem=_theorem(system, certificate, rate, radius, rho),
+        law=law,
+        proposals=propose(system, certificate, radius),
         margins=practice,
         fragility=fragility(system.team),
     )

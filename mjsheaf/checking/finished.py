@@ -49,7 +49,7 @@ class RunBound:
         blew_up: whether the run ended before its time.
         initial_error: measured |e| at the first sample, m.
         start: time of the first sample, s.
-        controller: name of the law in Python that the run had, or empty.
+        law: what the run's law is where that is not the paper's, or empty.
         ratio: largest measured / bound after the start, where both are |e(t0)|; None where no bound applies.
         settled_ratio: the same over the second half of the run, where the initial error has less to say.
         worst: when the ratio is attained, s.
@@ -62,7 +62,7 @@ class RunBound:
     blew_up: bool
     initial_error: float
     start: float
-    controller: str = ""
+    law: str = ""
     ratio: float | None = None
     settled_ratio: float | None = None
     worst: float | None = None
@@ -70,8 +70,8 @@ class RunBound:
     @property
     def reason(self) -> str:
         """Why the theorem does not apply, or empty: the certificate's reason, or that the run has other targets."""
-        if self.controller:
-            return f"the run has a law of its own, {self.controller}, and the theorem is about the paper's"
+        if self.law:
+            return f"the run has {self.law}, and the theorem is about the paper's law"
         error = self.certificate.constants.path.error
         if self.certificate.reason or self.bodies or self.departure <= error:
             return self.certificate.reason
@@ -124,9 +124,17 @@ def bound_of_run(system: System, dataset: "xr.Dataset") -> RunBound:
         blew_up=dataset.attrs["status"] == "unstable",
         initial_error=initial_error,
         start=float(dataset["time"][0]),
-        controller=dataset.attrs.get("controller", ""),
+        law=_other_law(system, dataset.attrs.get("controller", "")),
     )
     return bound if bound.reason else _compared(bound, dataset)
+
+
+def _other_law(system: System, controller: str) -> str:
+    """What the law of a run is where that is not the paper's, in words; or empty."""
+    if controller:
+        return f"a law of its own, {controller}"
+    terms = system.law.terms
+    return "terms beyond -k1 eta" if terms.agents else ""
 
 
 def _compared(bound: RunBound, dataset: "xr.Dataset") -> RunBound:

@@ -1,5 +1,7 @@
 """The report of `mjsheaf check`: a record as a page for a terminal."""
 
+from typing import Any
+
 from rich.console import Group
 from rich.table import Table
 from rich.text import Text
@@ -22,6 +24,8 @@ def report(record: CheckRecord) -> Group:
         _assumptions(record),
         *_cohomology(record),
         _theorem(record),
+        _law(record),
+        *_proposals(record),
         _margins(record),
         *_fragility(record),
     )
@@ -108,7 +112,66 @@ def _theorem(record: CheckRecord) -> Table:
         ),
         ("weaker bound", _number(t.weaker.radius, "m"), "ultimate radius with rho = 0, whatever the slopes"),
     ]
-    return _pairs("Theorem 1", rows)
+    return _pairs("Theorem 1" + ", of the paper's law alone" * bool(record.law.terms), rows)
+
+
+def _law(record: CheckRecord) -> Table:
+    """The law as it is held, with its terms, on ideal kinematics."""
+    law = record.law
+    name = "the held law, " + (" and ".join(["the paper's", *law.terms]) if law.terms else "the paper's")
+    if law.stable is None:
+        return _pairs(name, [("loop", "undecided", law.reason)])
+    word, h = "stable" if law.stable else "UNSTABLE", record.margins.hold
+    gains = "none" if law.stable_gains is None else " to ".join(f"{gain:.4g}" for gain in law.stable_gains) + " 1/s"
+    rows = [
+        ("loop", word, f"spectral radius {_number(law.spectral_radius)} over {h.period:g} s" if h else ""),
+        ("rate", _number(law.rate, "1/s"), "at which the slowest error decays"),
+        ("stable gains", gains, "under this hold, with these terms"),
+        ("bound on |e|", _number(law.ultimate, "m"), law.reason or "never exceeded at samples of the run's last half"),
+    ]
+    if law.ultimate is not None:
+        rows.append(
+            ("between samples", _number(law.between, "m"), f"and {_number(law.largest, 'm')} over the whole run")
+        )
+        rows.append(("command", _number(law.command, "m/s"), "no agent's exceeds it over the last half"))
+    elif law.unlimited is not None:
+        rows.append(("without limits", _number(law.unlimited, "m"), "the same bound, of the law without speed limits"))
+    rows += [("left of d", _number(share.size, "m/s"), share.part) for share in law.left if share.size > 0.0]
+    if law.terms:
+        sent = f"{law.numbers:.4g} numbers a second that an agent sends"
+        rows.append(("messages", _number(law.exchanges, "1/s"), f"rounds of exchange; {sent}"))
+        rows.append(("noise", _number(law.noise, "1/s"), "of the command in m/s over that of odometry in m, at most"))
+    return _pairs(name, rows)
+
+
+def _proposals(record: CheckRecord) -> list[Table]:
+    """Laws that would do."""
+    if not record.proposals:
+        return []
+    rows = []
+    for p in record.proposals:
+        cost = f"{p.exchanges:.4g} exchanges a second, {p.numbers:.4g} numbers an agent"
+        command = "" if p.command is None else f"; commands up to {p.command:.4g} m/s"
+        noise = f"; noise of the command {_number(p.noise, '1/s')}"
+        limits = "" if p.certified else "; without limits of speed"
+        rows.append((f"{p.bound:.4g} m", _in_yaml(p.controller), cost + command + noise + limits))
+    radius = record.theorem.wanted_radius
+    return [_pairs(f"laws with a bound of at most {radius:g} m, the cheapest of each kind", rows)]
+
+
+def _in_yaml(fields: dict[str, Any]) -> str:
+    """Fields of a controller, one a line, as a scenario has them; what is as it is by default is left out."""
+    plain = {"filter": 0.0, "extrapolate": False}
+    lines = []
+    for name, value in fields.items():
+        if isinstance(value, dict):
+            inner = ", ".join(
+                f"{k}: {str(v).lower()}" for k, v in value.items() if name == "drift" or plain.get(k) != v
+            )
+            lines.append(f"{name}: {{{inner}}}")
+        else:
+            lines.append(f"{name}: {value:g}")
+    return "\n".join(lines)
 
 
 def _beyond_hold(record: CheckRecord) -> str:

@@ -28,6 +28,7 @@ from scipy import sparse
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.checking.cohomology import Spectrum
 from mjsheaf.control.law import ControlArrays, evaluate_law, new_memory, pack_edges
+from mjsheaf.control.terms import no_terms
 from mjsheaf.dynamics import disturbance
 from mjsheaf.dynamics.disturbance import disturbance_velocity
 from mjsheaf.dynamics.flow import flow_scale, flow_slope
@@ -449,7 +450,7 @@ def _targets_alone(system: System) -> tuple[ControlArrays, MediumArrays, Array]:
     """Law, references, medium and initial positions of the targets by themselves; they hear nobody else."""
     N, law, motion, medium = len(system.team.agents), system.law, system.motion, system.medium
     edges = pack_edges(system.team.targets, [(system.team.target_edges, True)])
-    alone = law._replace(edges=edges, gain=law.gain[N:], limit=law.limit[N:])
+    alone = law._replace(edges=edges, gain=law.gain[N:], limit=law.limit[N:], terms=no_terms())
     own = {name: getattr(motion, name)[N:] for name in motion._fields if name not in ("knots", "coefficients")}
     around = medium._replace(
         agents=0, planar=medium.planar[N:], rows=medium.rows[N:], harmonics=disturbance.pack(system.harmonics[N:])
