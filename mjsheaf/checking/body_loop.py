@@ -24,7 +24,7 @@ from scipy.sparse.linalg import eigsh
 from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.checking.cohomology import DENSE_STATES, Spectrum, spectrum_of
 from mjsheaf.checking.constants import agent_drift
-from mjsheaf.checking.held_law import UndecidedError, contraction
+from mjsheaf.checking.held_law import UndecidedError, residual_polynomial
 from mjsheaf.control.terms import TermArrays
 from mjsheaf.errors import InputError
 from mjsheaf.io.section import Record
@@ -348,7 +348,7 @@ def _matrices(plant: LinearVehicle, terms: TermArrays, gain: float, values: Arra
     """
     n, m, k = plant.D.shape[0], len(plant.A), len(values)
     newton, integral = bool(terms.newton), terms.integral > 0.0
-    c = contraction(values, terms.newton, *terms.eigenvalues) if newton else np.zeros(k)
+    c = residual_polynomial(values, terms.newton, *terms.eigenvalues) if newton else np.zeros(k)
     alpha, eye = (1.0 - c if newton else values)[:, None, None], np.eye(n)
     size = n + m + n * (newton + integral)
     found = np.zeros((k, size, size))
@@ -477,7 +477,7 @@ class _Whole:
 def _polynomial(H: Array, terms: TermArrays) -> Array:
     """What the rounds of newton leave of an error, c(H), for a symmetric H."""
     values, vectors = np.linalg.eigh(H)
-    return np.asarray(vectors * contraction(values, terms.newton, *terms.eigenvalues) @ vectors.T)
+    return np.asarray(vectors * residual_polynomial(values, terms.newton, *terms.eigenvalues) @ vectors.T)
 
 
 def _least_damped(modes: _Modes, own: Array, period: float, system: System) -> Swing:

@@ -87,7 +87,7 @@ class UndecidedError(Exception):
     """Nothing can be claimed; the message says why."""
 
 
-def contraction(values: Array, rounds: int, low: float, high: float) -> Array:
+def residual_polynomial(values: Array, rounds: int, low: float, high: float) -> Array:
     """What `control.terms.solve` leaves of an error in eigenvectors of these values after some rounds, shape (L,).
 
     By its own recurrence, so that the eigenvalues may also lie outside [low, high], or low be high.
@@ -212,7 +212,7 @@ def loop_of(system: System) -> Loop:
         UndecidedError: the law is continuous, something is free, or H is too large for its eigenvalues.
     """
     values, terms = _eigen(system)[0], system.law.terms
-    c = contraction(values, terms.newton, *terms.eigenvalues) if terms.newton else np.zeros_like(values)
+    c = residual_polynomial(values, terms.newton, *terms.eigenvalues) if terms.newton else np.zeros_like(values)
     return Loop(values, 1.0 - c if terms.newton else values, c, system.gain, terms.integral, system.grid.period)
 
 
@@ -268,12 +268,13 @@ def _drive(system: System, certificate: Certificate, values: Array, vectors: Arr
     unsure = 2.0 * float(np.linalg.norm(carrier.reach(np.full(len(team.targets), path.error)))) / h
     total, v = unsure, np.zeros_like(W)
     if terms.feedforward:
-        c = contraction(values, terms.feedforward, *terms.eigenvalues)
+        c = residual_polynomial(values, terms.feedforward, *terms.eigenvalues)
         rate, lead = _filtered(W @ vectors, terms.measured), float(terms.lead[0])
         for one, kept in enumerate(c):
             rate[:, one] = lfilter([1.0 - kept], [1.0, -kept], rate[:, one])
         before = np.vstack([np.zeros((1, n_q)), rate[:-1]])
-        v = (rate + lead * (rate - before)) @ vectors.T
+        leads = np.where(np.arange(K) > terms.settled, lead, 0.0)[:, None]
+        v = (rate + leads * (rate - before)) @ vectors.T
         amplified = (1.0 + 2.0 * lead) * float((np.abs(1.0 - c) / (1.0 - np.abs(c))).max())
         total += amplified * (unsure + _odometry(system, sensed=True))
     harmonics = system.harmonics[:N].copy()
@@ -467,7 +468,7 @@ def _noise(system: System, values: Array) -> float:
     if terms.feedforward:
         rate, lead = lfilter([terms.measured], [1.0, terms.measured - 1.0], impulse), float(terms.lead[0])
         largest = 0.0
-        for kept in contraction(values, terms.feedforward, *terms.eigenvalues):
+        for kept in residual_polynomial(values, terms.feedforward, *terms.eigenvalues):
             v = lfilter([(1.0 - kept) * (1.0 + lead), -(1.0 - kept) * lead], [1.0, -kept], rate)
             largest = max(largest, float(np.linalg.norm(v)))
         found += largest * _carried_odometry(system) / terms.period

@@ -89,7 +89,12 @@ def stream(
     pieces = simulated(run, samples or samples_in_piece(first), progress, controller=called)
     for dataset in make_datasets(pieces, backend, seed):
         if called:
-            dataset.attrs |= {"controller": called.name, "exchange_rounds": called.rounds, "messages": called.messages}
+            dataset.attrs |= {
+                "controller": called.name,
+                "exchange_rounds": called.rounds,
+                "messages": called.messages,
+                "numbers_sent": called.numbers,
+            }
         yield dataset
 
 
