@@ -26,7 +26,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.polynomial import polynomial
 from pydantic import Field
 from scipy.signal import fftconvolve, lfilter
 
@@ -43,7 +42,7 @@ from mjsheaf.system import System
 
 _MOST_NUMBERS = 20_000_000  # samples times states that are looked at
 _ROUNDING = 1e-9  # relative, of sums and eigenvalues
-_ON_CIRCLE = 1e-6  # from the unit circle, of roots that count as on it
+_NO_GAIN = 1e-12  # times the period: a gain below it is rounding, and one over its inverse
 _BETTER = 0.99  # of the bound of the round before: more is not worth a round
 _MOST_ROUNDS = 12
 _NOTHING = 1e-40  # of a response: all that follows is lost in rounding
@@ -135,11 +134,7 @@ class Loop:
 
     @cached_property
     def stable_gains(self) -> tuple[float, float] | None:
-        """See LawLoop. A root passes the unit circle only where a(z) + k b(z) = 0 on it, the characteristic polynomial.
-
-        There 1 / z is the conjugate of z, so k real makes a(z) b(1 / z) = a(1 / z) b(z), which has at most 6 roots
-        besides z = 1 and z = -1. Between these gains nothing changes, for each eigenvalue.
-        """
+        """See LawLoop: where the intervals of all eigenvalues meet."""
         stretches = np.array([[0.0, np.inf]])
         for low, high in (self._stable(one) for one in range(len(self.values))):
             begin, end = np.maximum(stretches[:, None, 0], low), np.minimum(stretches[:, None, 1], high)
@@ -151,23 +146,28 @@ class Loop:
         return float(low), float(high)
 
     def _stable(self, one: int) -> tuple[Array, Array]:
-        """The gains between which one eigenvalue's loop is stable: where they begin and end, ascending."""
+        """The gains between which one eigenvalue's loop is stable: where they begin and end, ascending.
+
+        The characteristic polynomial is a(z) + k b(z), of degree 3. A root passes the unit circle only at a gain
+        -a(z) / b(z) with z on it. There 1 / z is the conjugate of z, so k is real where f = a b~ - a~ b is zero, with
+        a~(z) = z^3 a(1 / z). As f~ = -f, it is (z^2 - 1) times a polynomial that reads the same from both ends: a
+        quadratic in y = z + 1 / z. Every gain so found is tried between its neighbours, so one too many does no harm.
+        """
         single = replace(self, values=self.values[[one]], alpha=self.alpha[[one]], c=self.c[[one]])
         a = np.poly(single.matrices(0.0)[0])[::-1]  # ascending powers of z
         b = np.poly(single.matrices(1.0)[0])[::-1] - a
-        crossing: Array = polynomial.polysub(polynomial.polymul(a, b[::-1]), polynomial.polymul(a[::-1], b))
-        roots = polynomial.polyroots(np.trim_zeros(crossing, "b")) if np.abs(crossing).max() > 0.0 else np.zeros(0)
-        z = np.concatenate([[1.0, -1.0], roots[np.abs(np.abs(roots) - 1.0) < _ON_CIRCLE]])
-        below = polynomial.polyval(z, b)
-        z = z[np.abs(below) > _ROUNDING * np.abs(b).max()]
-        found = -polynomial.polyval(z, a) / polynomial.polyval(z, b)
-        gains = np.unique(found.real[np.abs(found.imag) < _ON_CIRCLE * np.abs(found)])
-        gains = gains[gains > _ROUNDING * gains.max(initial=0.0)]
+        f = np.convolve(a, b[::-1]) - np.convolve(a[::-1], b)
+        y = np.roots([-f[0], -f[1], f[0] - f[2]]) if f[:2].any() else np.zeros(0)  # c0 (y^2 - 2) + c1 y + c2
+        z = np.concatenate([[1.0, -1.0], np.exp(1j * np.arccos(np.clip(0.5 * y.real, -1.0, 1.0)))])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            gains = (-np.polyval(a[::-1], z) / np.polyval(b[::-1], z)).real
+        gains = np.sort(gains[(gains > _NO_GAIN / self.period) & (gains < 1.0 / (_NO_GAIN * self.period))])
         gains = np.concatenate([[0.0], gains, [2.0 * gains[-1] + 1.0 if len(gains) else 1.0]])
         middle = 0.5 * (gains[1:] + gains[:-1])
-        stable = np.array([np.abs(np.linalg.eigvals(single.matrices(k)[0])).max() < 1.0 for k in middle], dtype=bool)
-        begin, end = gains[:-1][stable], gains[1:][stable]
-        return begin, np.where(end == gains[-1], np.inf, end)
+        stable = [bool(np.abs(np.linalg.eigvals(single.matrices(k)[0])).max() < 1.0) for k in middle]
+        change = np.flatnonzero(np.diff([False, *stable, False]))
+        ends = np.append(gains[:-1], np.inf)[change]
+        return ends[::2], ends[1::2]
 
     def responses(self, count: int) -> tuple[Array, ...]:
         """Largest sizes over the eigenvalues, shape (count,) each, of powers j = 0, 1, ...
@@ -377,6 +377,8 @@ def _bounded(system: System, certificate: Certificate, loop: Loop, drive: _Drive
         """Bounds at samples and within periods, and |d|, from one on f(q) - f(q*)."""
         unknown = apart + change
         d = known + unknown + drive.observed(unknown)
+        if not np.isfinite(d).all():
+            return np.full(K + 1, np.inf), np.full(K, np.inf), d
         samples = decay * start
         samples[1:] += fftconvolve(hit[:K], d)[:K] * (1.0 + _ROUNDING)
         return samples, np.maximum(samples[1:], samples[:-1]) + 0.5 * h * (drive.ripple + unknown), d
