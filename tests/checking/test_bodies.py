@@ -121,6 +121,23 @@ def test_mixed_teams_swing_up_where_check_says(
     hold_against_simulation(chain(vehicles, drift, headings=headings), drift)
 
 
+TERMS: list[dict[str, Any]] = [
+    {"newton": {"rounds": 2}},
+    {"newton": {"rounds": 1}, "integral": {"gain": 0.05}},
+    {"integral": {"gain": 0.1}},
+    {"newton": {"rounds": 3}, "feedforward": {"rounds": 2}, "drift": {}},
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("terms", TERMS)
+@pytest.mark.parametrize("vehicles", [["quadrotor"] * 3, ["otter", "wamv", "x500"]])
+def test_terms_swing_up_where_check_says(vehicles: list[str], terms: dict[str, Any]) -> None:
+    """Alike vehicles by modes, and unlike ones whole."""
+    scenario = chain(vehicles)
+    hold_against_simulation({**scenario, "controller": {**scenario["controller"], **terms}})
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("period", [0.02, 0.1, 0.0])
 @pytest.mark.parametrize(
@@ -149,12 +166,16 @@ def test_teams_in_a_flow_swing_up_where_check_says(
     hold_against_simulation(chain(vehicles, drift, headings=headings), drift)
 
 
+@pytest.mark.parametrize("terms", [{}, *TERMS])
 @pytest.mark.parametrize("vehicle", ["quadrotor", "wamv"])
-def test_apart_by_modes_or_whole_is_the_same(vehicle: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_apart_by_modes_or_whole_is_the_same(
+    vehicle: str, terms: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
     scenario = chain([vehicle] * 4, headings=[0, 0, 0, 0])
-    apart = [loop_of(scenario, gain) for gain in (0.2, 5.0)]
+    scenario["controller"] |= terms
+    apart = [loop_of(scenario, gain) for gain in (0.2, 20.0)]
     monkeypatch.setattr(bodies, "_parts", lambda *_: [])
-    whole = [loop_of(scenario, gain) for gain in (0.2, 5.0)]
+    whole = [loop_of(scenario, gain) for gain in (0.2, 20.0)]
     assert [x.stable for x in apart] == [x.stable for x in whole] == [True, False]
     for one, other in zip(apart, whole, strict=True):
         assert one.spectral_radius == pytest.approx(other.spectral_radius, rel=1e-7)
