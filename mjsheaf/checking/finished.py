@@ -21,6 +21,7 @@ import numpy as np
 from mjsheaf.arrays import Array
 from mjsheaf.checking.body_loop import loop_along
 from mjsheaf.checking.certificate import Certificate, certify
+from mjsheaf.checking.held_law import UndecidedError, envelope
 from mjsheaf.results.netcdf import pieces_of
 from mjsheaf.system import System
 
@@ -72,9 +73,14 @@ class RunBound:
         """Why the theorem does not apply, or empty: the certificate's reason, or that the run has other targets."""
         if self.law:
             return f"the run has {self.law}, and the theorem is about the paper's law"
+        return self.certificate.reason or ("" if self.bodies else self.departed)
+
+    @property
+    def departed(self) -> str:
+        """That the run has other targets than were checked; or empty."""
         error = self.certificate.constants.path.error
-        if self.certificate.reason or self.bodies or self.departure <= error:
-            return self.certificate.reason
+        if self.departure <= error:
+            return ""
         return f"the run's targets leave the path that was checked by {self.departure:.2g} m, more than {error:.2g} m"
 
     @property
@@ -129,6 +135,55 @@ def bound_of_run(system: System, dataset: "xr.Dataset") -> RunBound:
     return bound if bound.reason else _compared(bound, dataset)
 
 
+@dataclass(frozen=True)
+class HeldBound:
+    """The bound of the held law on a run: see `held_law`.
+
+    Attributes:
+        samples: on |e| at each sample, shape (T,), m; None where there is none.
+        reason: why there is none, or empty.
+        ratio, settled_ratio, worst: as in `RunBound`.
+    """
+
+    samples: Array | None
+    reason: str
+    ratio: float | None = None
+    settled_ratio: float | None = None
+    worst: float | None = None
+
+    @property
+    def wrong(self) -> bool:
+        """Whether the run exceeds it."""
+        return self.ratio is not None and self.ratio > BROKEN
+
+    def violation(self) -> str:
+        """How the run exceeds it, in a sentence; empty where it does not."""
+        if not self.wrong:
+            return ""
+        where = f"|e| reaches {self.ratio:.4g} times the bound of the held law at t = {self.worst:.6g} s"
+        return f"{where}, which proves it wrong: please report it"
+
+
+def held_bound_of_run(system: System, dataset: "xr.Dataset", theorem: RunBound) -> HeldBound:
+    """Compare a run with the bound of its held law, whose bodies, blow-ups and laws in Python it does not know."""
+    python = f"the run has {theorem.law}" if dataset.attrs.get("controller") else ""
+    reason = "the run is one of bodies" if theorem.bodies else python or theorem.departed
+    if reason:
+        return HeldBound(None, reason)
+    try:
+        bound = envelope(system, theorem.certificate)
+    except UndecidedError as why:
+        return HeldBound(None, str(why))
+    if bound.clipped:
+        return HeldBound(None, bound.clipped)
+    error, time = _measured(dataset)
+    samples = bound.samples[: len(error)]
+    share = np.nan_to_num(error / (samples + theorem.accuracy), nan=np.inf)
+    worst = int(share.argmax())
+    settled = float(share[len(share) // 2 :].max())
+    return HeldBound(samples, "", float(share[worst]), settled, float(time[worst]))
+
+
 def _other_law(system: System, controller: str) -> str:
     """What the law of a run is where that is not the paper's, in words; or empty."""
     if controller:
@@ -138,12 +193,17 @@ def _other_law(system: System, controller: str) -> str:
 
 
 def _compared(bound: RunBound, dataset: "xr.Dataset") -> RunBound:
-    pieces = (piece["tracking_error"].values for piece in pieces_of(dataset, ["tracking_error"]))
-    error, time = np.concatenate([np.sqrt((values**2).sum(axis=1)) for values in pieces]), dataset["time"].values
+    error, time = _measured(dataset)
     share = np.nan_to_num(error / (bound.at(time) + bound.accuracy), posinf=np.inf)
     share[0] = 0.0  # where both are |e(t0)|
     settled, worst = float(share[len(share) // 2 :].max()), int(share.argmax())
     return replace(bound, ratio=float(share[worst]), settled_ratio=settled, worst=float(time[worst]))
+
+
+def _measured(dataset: "xr.Dataset") -> tuple[Array, Array]:
+    """|e| at the samples of a run, m, and their times, s, shape (T,) each."""
+    pieces = (piece["tracking_error"].values for piece in pieces_of(dataset, ["tracking_error"]))
+    return np.concatenate([np.sqrt((values**2).sum(axis=1)) for values in pieces]), dataset["time"].values
 
 
 def _departure(certificate: Certificate, dataset: "xr.Dataset") -> tuple[float, float]:
