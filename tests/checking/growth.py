@@ -41,13 +41,31 @@ def growth_rate(scenario: Mapping[str, Any], gain: float, *, settle: float, span
         parts["controller"] = {**parts["controller"], "control_period": parts["physics"]["timestep"]}
     system = scenario_from_mapping(parts).system
     world = mjsheaf.World(system, controller=law, visible=False)
-    data, agents, per = world.data, len(system.team.agents), world.steps_per_sample
+    agents, per = len(system.team.agents), world.steps_per_sample
     wanted["gain"] = system.gain
     world.reset()
     world.step(round(settle / system.grid.period) * per)
     wanted |= {"gain": gain, "own": system.gain, "rest": disagreement(system.law, world.positions())[:agents]}
-    rng = np.random.default_rng(seed)
+    return _growth_from_rest(world, span, seed)
+
+
+def growth_rate_with_terms(scenario: Mapping[str, Any], gain: float, *, settle: float, span: float) -> float:
+    """The same of a team whose law has terms, in still water and air, where it comes to rest with commands of zero."""
+    worlds = []
+    for k in (scenario["controller"]["gain"], gain):
+        parts = {**scenario, "controller": {**scenario["controller"], "gain": k}}
+        worlds.append(mjsheaf.World(scenario_from_mapping(parts).system, visible=False))
+    first, second = worlds
+    first.step(round(settle / first.system.grid.period) * first.steps_per_sample)
+    second.set_state(first.get_state())
+    return _growth_from_rest(second, span, 0)
+
+
+def _growth_from_rest(world: mjsheaf.World, span: float, seed: int) -> float:
+    """Move every agent a little, and see how fast that grows."""
+    data, agents, per = world.data, len(world.system.team.agents), world.steps_per_sample
     rest = world.positions()[:agents]
+    rng = np.random.default_rng(seed)
     for v in range(agents):
         n = world.arena.vehicles[v].dimension
         at = world.arena.qpos[v]
