@@ -650,12 +650,16 @@ def test_noise_is_the_same_in_pieces_threads_and_after_the_seed(backend: str) ->
         assert isinstance(one, xr.Dataset)
         xr.testing.assert_identical(one, other)
     assert np.nanmax(np.abs(whole[0]["agent_position"] - whole[1]["agent_position"])) > 1e-6
-    # The second phase does not draw the numbers of the first once more.
-    system = noisy(1).system
-    kept = list(stream([Phase(0, system), Phase(11, system)], backend, 1))
-    np.testing.assert_array_equal(
-        np.concatenate([d["agent_position"] for d in kept]), whole[0]["agent_position"].values
-    )
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_drift_and_integral_do_not_notice_a_phase(backend: str) -> None:
+    """Bit for bit, noise included: what is an agent's own goes on when edges are handed out anew."""
+    controller = {"gain": 3.0, "control_period": 0.01, "odometry": {"noise": 1e-3}, **DRIFT, **INTEGRAL}
+    system = mixed_scenario(time={"end": 0.3}, controller=controller).system
+    pieces = stream([Phase(0, system), Phase(11, replace(system)), Phase(20, replace(system))], backend, 0)
+    (whole,) = stream(system, backend, 0, samples=100)
+    xr.testing.assert_equal(xr.concat(list(pieces), "time", data_vars="minimal"), whole)
 
 
 # -- bodies ------------------------------------------------------------------------------------------------------------
