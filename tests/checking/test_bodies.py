@@ -126,7 +126,7 @@ def test_mixed_teams_swing_up_where_check_says(
 
 TERMS: list[dict[str, Any]] = [
     {"newton": {"rounds": 2}},
-    {"newton": {"rounds": 1}, "integral": {"gain": 0.05}},
+    {"gain": 1.0, "newton": {"rounds": 1}, "integral": {"gain": 0.3}},
     {"integral": {"gain": 0.1}},
     {"newton": {"rounds": 3}, "feedforward": {"rounds": 2}, "drift": {}},
 ]
