@@ -204,6 +204,7 @@ def publish(
     from mjsheaf.results import open_dataset, staging, thinned, write_dataset
     from mjsheaf.results.netcdf import split
     from mjsheaf.results.store import RESULT_DIGEST, digest, replaced_run, save_summary
+    from mjsheaf.runs.harm import examine_terms
     from mjsheaf.simulation.trajectory import samples_in_piece
 
     replaced = replaced_run(directory)
@@ -222,6 +223,10 @@ def publish(
         if seconds:
             summary["realtime_factor"] = float(drawn["time"][-1] - drawn["time"][0]) / seconds
         notes = [theorem.violation()] * bool(theorem.violation())
+        terms = examine_terms(system, dataset)
+        if terms is not None:
+            summary["terms"] = terms.record()
+            notes += terms.harm
         if summary["ending"] in _NEVER_SETTLES:
             notes.append(f"the team does not settle: {_NEVER_SETTLES[summary['ending']]}; see mjsheaf check")
         if video is not None:
@@ -306,6 +311,7 @@ def _summary_of(
             "measured_over_bound_settled": theorem.settled_ratio,
             "wrong": theorem.wrong,
         },
+        "terms": None,
         "video": None,
         RESULT_DIGEST: "",
     }
