@@ -90,7 +90,7 @@ def examine_terms(system: System, dataset: "xr.Dataset") -> TermsInRun | None:
         done += len(command)
     rest = count - begin
     found = TermsInRun(
-        on=_names(terms),
+        on=term_names(terms),
         jump=float(np.sqrt(jumps / (6.0 * (rest - 2) * terms.agents))),
         commanded=float(np.sqrt(speed / (count * terms.agents))),
         at_limit=at_limit / (rest * terms.agents),
@@ -99,7 +99,8 @@ def examine_terms(system: System, dataset: "xr.Dataset") -> TermsInRun | None:
     return replace(found, harm=tuple(_harm(system, terms, found)))
 
 
-def _names(terms: TermArrays) -> tuple[str, ...]:
+def term_names(terms: TermArrays) -> tuple[str, ...]:
+    """Names of the terms of a law; none of the paper's."""
     amounts = {name: getattr(terms, name) for name in ("feedforward", "newton", "drift", "integral")}
     return tuple(name for name, amount in amounts.items() if amount > 0)
 
@@ -116,7 +117,7 @@ def _harm(system: System, terms: TermArrays, found: TermsInRun) -> list[str]:
         told += f"; {limited}" * (found.at_limit >= _TOLD_SHARE)
         told += f"; {saturated}" * ((found.saturated or 0.0) >= _TOLD_SHARE)
         return [f"{told}: {_cause(system, terms, found.on)}"]
-    on, sentences = _listed(found.on), []
+    on, sentences = listed(found.on), []
     if found.at_limit > _LARGEST_SHARE:
         sentences.append(f"{limited}, which leaves {on} no room: raise velocity_limit, or slow the targets")
     if (found.saturated or 0.0) > _LARGEST_SHARE:
@@ -133,13 +134,14 @@ def _cause(system: System, terms: TermArrays, on: tuple[str, ...]) -> str:
         filters = " and ".join(f"controller.{term}.filter" for term in blamed)
         leads = "feedforward" in blamed and terms.lead.any()
         calm = ", or set controller.feedforward.extrapolate to false, which multiplies it" * bool(leads)
-        return f"{_listed(blamed)} pass{'es' * (len(blamed) == 1)} the noise of odometry on; raise {filters}{calm}"
+        return f"{listed(blamed)} pass{'es' * (len(blamed) == 1)} the noise of odometry on; raise {filters}{calm}"
     rounds = [f"controller.{term}.rounds" for term in ("feedforward", "newton") if term in on]
     more = f", or raise {' and '.join(rounds)}" * bool(rounds)
-    return f"with {_listed(on)} the loop rings; lower controller.gain ({system.gain:g} 1/s){more}; see mjsheaf check"
+    return f"with {listed(on)} the loop rings; lower controller.gain ({system.gain:g} 1/s){more}; see mjsheaf check"
 
 
-def _listed(names: Sequence[str]) -> str:
+def listed(names: Sequence[str]) -> str:
+    """Names in a sentence: a, b and c."""
     return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
 
 
