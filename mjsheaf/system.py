@@ -1,7 +1,7 @@
 """The closed-loop system that both backends turn into trajectories: team, law, flow, motions and disturbances."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.control import ControlArrays, LawArrays
+from mjsheaf.control.terms import TermArrays, cover
 from mjsheaf.dynamics import disturbance
 from mjsheaf.dynamics.disturbance import HarmonicArrays, disturbance_velocity
 from mjsheaf.dynamics.effectiveness import EffectivenessArrays
@@ -234,7 +235,7 @@ class Phase:
 
 
 def phases_of(run: System | Sequence[Phase]) -> tuple[Phase, ...]:
-    """A run as phases: one for a system alone.
+    """A run as phases: one for a system alone. Agents know bounds on the eigenvalues of H that hold in all phases.
 
     Raises:
         InputError: they do not begin with sample 0, do not follow one another, or have unlike vehicles or grids.
@@ -247,4 +248,14 @@ def phases_of(run: System | Sequence[Phase]) -> tuple[Phase, ...]:
     for phase in phases[1:]:
         if phase.system.team.members != first.team.members or phase.system.grid != first.grid:
             raise InputError(f"the phase from sample {phase.start} has other vehicles or sample times than the first")
-    return phases
+    systems = list({id(phase.system): phase.system for phase in phases}.values())
+    covering = zip(systems, cover([system.law.terms for system in systems]), strict=True)
+    known = {id(system): _with_terms(system, terms) for system, terms in covering}
+    return tuple(Phase(phase.start, known[id(phase.system)]) for phase in phases)
+
+
+def _with_terms(system: System, terms: TermArrays) -> System:
+    """The system under a law of these terms: itself where they are its own."""
+    if np.array_equal(terms.eigenvalues, system.law.terms.eigenvalues):
+        return system
+    return replace(system, law=system.law._replace(terms=terms))

@@ -114,10 +114,16 @@ def _print_outcome(outcome: "Outcome") -> None:
     print_lines(
         f"{summary['status']}, {verdict}; {summary['steps']} steps in {summary['wall_time_s']:.2f} s "
         f"({summary['realtime_factor']:.3g} x real time)",
+        *([_exchanges(summary["communication"])] if summary["communication"]["exchanges_per_second"] else []),
         *(f"DRIFTS: {direction}; errors are against the q* of least norm" for direction in summary["free_directions"]),
         *([outcome.replaced] if outcome.replaced else []),
         *(f"  {path}" for path in sorted(outcome.directory.iterdir())),
     )
+
+
+def _exchanges(found: dict[str, float]) -> str:
+    each, numbers = found["exchanges_per_second"], found["numbers_per_agent_second"]
+    return f"{each:.4g} exchanges between neighbours a second, in which an agent sends {numbers:.4g} numbers"
 
 
 def expect(

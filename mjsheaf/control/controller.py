@@ -52,16 +52,19 @@ class Sample:
         measurements: y_e = F_head x_head - F_tail x_tail of each edge, in its stalk, m.
         disagreement: eta, padded, shape (N, 3), m.
         velocity: over ground, shape (N, 3), m/s: of bodies now, on ideal kinematics the mean since the sample before.
+        displacement: of the controlled position since the sample before, zero at the first, shape (N, 3), m.
         attitude: quaternions (w, x, y, z), body to world, shape (N, 4).
     """
 
-    def __init__(self, door: "Controller", x: Array, memory: Memory, velocity: Array, attitude: Array) -> None:
+    def __init__(
+        self, door: "Controller", x: Array, memory: Memory, velocity: Array, displacement: Array, attitude: Array
+    ) -> None:
         team, N = door.team, len(door.team.agents)
         self.team = team
         self.edges = door.edges
         self.measurements = [memory.y[place].copy() for place in door.places]
         self.disagreement = memory.residual[:N].copy()
-        self.velocity, self.attitude = velocity, attitude
+        self.velocity, self.displacement, self.attitude = velocity, displacement, attitude
         self._door, self._x = door, x.copy()
 
     @cached_property
@@ -81,8 +84,10 @@ class Sample:
         sent = np.array(values, dtype=np.float64)
         if sent.shape[:1] != (len(self.team.agents),):
             raise InputError(f"exchange: values have shape {sent.shape}; expected ({len(self.team.agents)}, ...)")
+        messages = sum(map(len, self._door.neighbours))
         self._door.rounds += 1
-        self._door.messages += sum(map(len, self._door.neighbours))
+        self._door.messages += messages
+        self._door.numbers += messages * (sent.size // len(sent))
         return [{self.team.agent_ids[j]: sent[j].copy() for j in near} for near in self._door.neighbours]
 
 
@@ -92,7 +97,8 @@ class Controller:
     Attributes:
         name: what messages call it.
         team: the team that it controls now.
-        rounds, messages: of communication so far: calls of `exchange`, and what they sent from agent to agent.
+        rounds, messages, numbers: of communication so far: calls of `exchange`, what they sent from agent to agent, and
+            how many numbers were in that.
     """
 
     def __init__(self, law: Law, name: str = "", seed: int = 0) -> None:
@@ -106,11 +112,12 @@ class Controller:
         self.law = law
         self.name = name or getattr(law, "__name__", type(law).__name__)
         self.seed = seed
-        self.rounds = self.messages = 0
+        self.rounds = self.messages = self.numbers = 0
 
     def reset(self) -> None:
         """Begin a run with the team that was entered."""
-        self.rounds = self.messages = 0
+        self.rounds = self.messages = self.numbers = 0
+        self._time, self._before, self._now = -np.inf, np.zeros(0), np.zeros(0)
         reset = getattr(self.law, "reset", None)
         if reset is not None:
             rng = np.random.default_rng([self.seed, _STREAM])
@@ -137,7 +144,7 @@ class Controller:
         """
         N = len(self.team.agents)
         observe(law, x[None], memory.y, memory.residual[None])
-        shown = Sample(self, x, memory, velocity, attitude)
+        shown = Sample(self, x, memory, velocity, self._moved(t, x[:N].copy()), attitude)
         wanted = self._guarded(f"t = {t:.6g} s", lambda: _real(self.law(t, shown)))
         if wanted.shape != (N, 3):
             raise InputError(f"controller {self.name} at t = {t:.6g} s: returned shape {wanted.shape}; "
@@ -148,6 +155,13 @@ class Controller:
                              f"{self.team.agent_ids[i]}; expected finite velocities in m/s")  # fmt: skip
         for i, agent in enumerate(self.team.agents):
             memory.supplied[i, : agent.dimension] = wanted[i, : agent.dimension]
+
+    def _moved(self, t: float, q: Array) -> Array:
+        """How far agents at q (N, 3), m, have moved since the sample before, shape (N, 3), m."""
+        if t != self._time:  # a sample may be taken again
+            self._time, self._before = t, self._now
+        self._now = q
+        return q - self._before if len(self._before) else np.zeros_like(q)
 
     def _guarded(self, when: str, call: Callable[[], Any]) -> Any:
         try:
@@ -193,12 +207,14 @@ class LocalSample:
         measurements: y_e of each of the agent's edges, in the order of its `Agent.edges`, m.
         disagreement: eta_i, padded, shape (3,), m.
         velocity: over ground, shape (3,), m/s.
+        displacement: of its controlled position since the sample before, zero at the first, shape (3,), m.
         attitude: quaternion (w, x, y, z), body to world, shape (4,).
     """
 
     measurements: list[Array]
     disagreement: Array
     velocity: Array
+    displacement: Array
     attitude: Array
 
 
@@ -249,6 +265,7 @@ class PerAgent:
                 [sample.measurements[k].copy() for k in self._own[i]],
                 sample.disagreement[i],
                 sample.velocity[i],
+                sample.displacement[i],
                 sample.attitude[i],
             )
             with _naming(ids[i]):

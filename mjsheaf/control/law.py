@@ -25,6 +25,8 @@ from mjsheaf.control.terms import (
     TermArrays,
     TermMemory,
     add_terms,
+    begin_sample,
+    carry_terms,
     integrate,
     limit_speed,
     navigate,
@@ -126,9 +128,7 @@ def carry(memory: Memory, law: LawArrays) -> Memory:
     new = new_memory(law, V)
     vehicles = slice(len(new.y), len(new.y) + 9 * V)
     new.flat[vehicles] = memory.flat[m : m + 9 * V]
-    if law.terms.agents and len(memory.terms.samples):  # what is no difference of measurements
-        for name in ("rate", "v", "delta", "drift", "z"):
-            getattr(new.terms, name)[:] = getattr(memory.terms, name)
+    carry_terms(memory.terms, new.terms)
     return new
 
 
@@ -142,6 +142,7 @@ def evaluate_law(control, t, x, drift, memory):
     measure(law.edges, x, memory.y)
     pull_back(law.edges, memory.y, memory.residual)
     if law.terms.agents > 0:
+        begin_sample(t, memory.terms)
         navigate(law.terms, x, drift, memory.command, memory.terms)
     proportional(law, memory.residual, memory.supplied, memory.command)
     if law.terms.agents > 0:
@@ -152,7 +153,7 @@ def evaluate_law(control, t, x, drift, memory):
         if law.terms.agents > v and not clipped:
             integrate(law.terms, memory.residual[v], memory.terms.z[v])
     if law.terms.agents > 0:
-        remember(law.terms, x, memory.y, memory.terms)
+        remember(law.terms, t, x, memory.y, memory.terms)
 
 
 @inline_jit

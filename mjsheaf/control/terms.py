@@ -10,8 +10,12 @@ With H and B of the harmonic extension H q* = B p + c, an agent at a sample
 Both systems are solved by rounds of Chebyshev's iteration, begun with what the sample before left: a round is one
 exchange, in which agent i is sent F_j x_j by its neighbours j. Where the eigenvalues of H lie is fixed before the run.
 An agent that senses a target knows the velocity of that from how its measurement changed and how it moved itself.
+
+What differences need is missing at times: in the first sample of a run feedforward and drift add nothing, in the first
+of a phase with other edges v holds, and v is extrapolated once rounds have left a thousandth of what they began with.
 """
 
+from collections.abc import Sequence
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -24,14 +28,16 @@ from mjsheaf.noise import normals
 from mjsheaf.team import Team
 
 _ODOMETRY = 1  # stream of random numbers
+_SETTLED = 1e-3  # of an error: what rounds leave of it once v may be extrapolated
 
+_ROUNDS = "exchanges a control period, in each of which tail and head of a communication edge send each other F x"
 Rounds = Annotated[int, Field(ge=1, le=1000)]
 
 
 class Feedforward(Section):
     """The velocity of q*, from what agents sense of their targets' velocities."""
 
-    rounds: Rounds = Field(3, description="exchanges between neighbours a control period")
+    rounds: Rounds = Field(3, description=_ROUNDS)
     filter: NonNegative = Field(0.0, description="time constant on the measured velocity of targets, s")
     extrapolate: bool = Field(False, description="ahead by one control period and the vehicle's time constant")
 
@@ -39,7 +45,7 @@ class Feedforward(Section):
 class Newton(Section):
     """Straight to q* instead of down the slope of the disagreement."""
 
-    rounds: Rounds = Field(3, description="exchanges between neighbours a control period")
+    rounds: Rounds = Field(3, description=_ROUNDS)
 
 
 class Drift(Section):
@@ -76,6 +82,11 @@ class Terms(NamedTuple):
         """Whether the law is more than the paper's."""
         return any(term is not None for term in self[:4])
 
+    @property
+    def noisy(self) -> bool:
+        """Whether random numbers enter."""
+        return self.odometry.noise > 0.0 and (self.feedforward or self.drift) is not None
+
 
 class TermArrays(NamedTuple):
     """The terms for compiled code.
@@ -89,6 +100,7 @@ class TermArrays(NamedTuple):
         feedforward, newton: rounds; 0 without.
         measured, drift: share of a new measurement that the filters of target velocity and drift take; drift 0 without.
         lead: of feedforward, in samples, shape (N,).
+        settled: samples on the same edges after which feedforward leads.
         integral, largest: k_I, 1/s^2, 0 without, and the largest correction, m/s.
         noise, bias: of odometry, m and m/s.
         seed: of its random numbers.
@@ -104,6 +116,7 @@ class TermArrays(NamedTuple):
     measured: float
     drift: float
     lead: Array
+    settled: int
     integral: float
     largest: float
     noise: float
@@ -115,7 +128,8 @@ class TermMemory(NamedTuple):
     """What the terms of V vehicles hold from sample to sample; without terms V is 0.
 
     Attributes:
-        samples: how many so far, shape (1,).
+        now, before: all that follows, and the same before the present sample, shape (3 + m + 33 V,).
+        clock: samples so far, those of them with the present edges, and the time of the last, s, shape (3,).
         y: measurements of the sample before, shape (m,), m.
         x: positions then, of which an agent knows the difference to its own now, shape (V, 3), m.
         moved: displacement since then by odometry, shape (V, 3), m.
@@ -128,7 +142,9 @@ class TermMemory(NamedTuple):
         direction, residue: of Chebyshev's iteration, shape (V, 3).
     """
 
-    samples: Array
+    now: Array
+    before: Array
+    clock: Array
     y: Array
     x: Array
     moved: Array
@@ -145,14 +161,22 @@ class TermMemory(NamedTuple):
 
 def size_of_memory(terms: TermArrays, m: int, V: int) -> int:
     """How many numbers the terms hold."""
-    return 1 + m + 33 * V if terms.agents else 0
+    return 2 * (3 + m + 33 * V) if terms.agents else 0
 
 
 def split_memory(flat: Array, terms: TermArrays, m: int, V: int) -> TermMemory:
     """Views of so many numbers."""
     m, V = (m, V) if terms.agents else (0, 0)
-    count, y, rest = flat[: 1 if terms.agents else 0], flat[1 : 1 + m], flat[1 + m :]
-    return TermMemory(count, y, *rest.reshape(11, V, 3))
+    now, before = np.split(flat, 2)
+    return TermMemory(now, before, now[:3], now[3 : 3 + m], *now[3 + m :].reshape(11, V, 3))
+
+
+def carry_terms(old: TermMemory, new: TermMemory) -> None:
+    """Take over, under a law with other edges, what is no difference of measurements."""
+    if len(old.now) and len(new.now):
+        for name in ("clock", "x", "rate", "v", "delta", "drift", "z"):
+            getattr(new, name)[:] = getattr(old, name)
+        new.clock[1] = 0.0
 
 
 def no_terms() -> TermArrays:
@@ -168,6 +192,7 @@ def no_terms() -> TermArrays:
         measured=1.0,
         drift=0.0,
         lead=np.zeros(0),
+        settled=0,
         integral=0.0,
         largest=np.inf,
         noise=0.0,
@@ -189,24 +214,73 @@ def pack_terms(terms: Terms, team: Team, period: float, seed: int) -> TermArrays
         return no_terms()
     forward, newton, drift, integral, odometry = terms
     N, first = len(team.agents), len(team.communication)
-    solves = forward or newton
-    return TermArrays(
+    packed = TermArrays(
         agents=N,
         dimension=np.array([a.dimension for a in team.agents], dtype=np.int64),
         period=period,
         sensing=np.array([first, first + len(team.sensing)], dtype=np.int64),
-        eigenvalues=np.array(team.dirichlet.eigenvalues if solves else (1.0, 1.0)),
+        eigenvalues=np.ones(2),
         feedforward=forward.rounds if forward else 0,
         newton=newton.rounds if newton else 0,
         measured=_share(period, forward.filter) if forward else 1.0,
         drift=_share(period, drift.filter) if drift else 0.0,
         lead=np.full(N, float(forward is not None and forward.extrapolate)),
+        settled=0,
         integral=integral.gain if integral else 0.0,
         largest=integral.limit if integral else np.inf,
         noise=odometry.noise,
         bias=odometry.bias,
         seed=seed,
     )
+    return with_eigenvalues(packed, *team.dirichlet.eigenvalues) if forward or newton else packed
+
+
+def with_eigenvalues(terms: TermArrays, low: float, high: float) -> TermArrays:
+    """The terms, with bounds on the eigenvalues of H."""
+    left = contraction(terms.feedforward, low, high)
+    settled = int(np.ceil(np.log(_SETTLED) / np.log(left))) if left > 0.0 else 1
+    return terms._replace(eigenvalues=np.array([low, high]), settled=settled)
+
+
+def cover(laws: Sequence[TermArrays]) -> list[TermArrays]:
+    """The terms of a run's phases, with bounds on the eigenvalues of H that hold in all of them."""
+    bounds = np.array([terms.eigenvalues for terms in laws if terms.feedforward or terms.newton])
+    if not len(bounds):
+        return list(laws)
+    low, high = float(bounds[:, 0].min()), float(bounds[:, 1].max())
+    return [with_eigenvalues(terms, low, high) if terms.feedforward or terms.newton else terms for terms in laws]
+
+
+def contraction(rounds: int, low: float, high: float) -> float:
+    """What rounds leave of an error in the 2-norm, at most: 1 / T_r((kappa + 1) / (kappa - 1)), kappa = high / low."""
+    if rounds == 0 or high <= low:
+        return float(rounds == 0)
+    return float(1.0 / np.cosh(min(rounds * np.arccosh((high + low) / (high - low)), 700.0)))
+
+
+class Traffic(NamedTuple):
+    """What agents send one another.
+
+    Attributes:
+        rounds: exchanges, in each of which every agent sends to all its neighbours; measuring is none.
+        messages: from one agent to another.
+        numbers: in the messages.
+    """
+
+    rounds: int = 0
+    messages: int = 0
+    numbers: int = 0
+
+
+def traffic_of(terms: TermArrays, team: Team) -> Traffic:
+    """What the whole team sends in a sample.
+
+    A round of feedforward or of Newton is an exchange of its own: on each communication edge, of the dimension m, tail
+    and head send each other F x, m numbers.
+    """
+    rounds, edges = terms.feedforward + terms.newton, team.communication
+    pairs = {frozenset(e.between) for e in edges}
+    return Traffic(rounds, 2 * rounds * len(pairs), 2 * rounds * sum(len(e.F_tail) for e in edges))
 
 
 def _share(period: float, time_constant: float) -> float:
@@ -268,6 +342,15 @@ def solve(edges, terms, rounds, b, x, memory):
         before, scale = scale, 1.0 / (2.0 * middle - square * scale)
 
 
+@inline_jit
+def begin_sample(t, memory):
+    """Keep the memory of before the sample at time t, s; one that is taken again begins with what was kept."""
+    again = memory.clock[0] > 0.0 and memory.clock[2] == t
+    source, copy = (memory.before, memory.now) if again else (memory.now, memory.before)
+    for k in range(source.shape[0]):
+        copy[k] = source[k]
+
+
 @jit
 def navigate(terms, x, drift, command, memory):
     """Write what agents see of their own motion since the sample before.
@@ -280,13 +363,13 @@ def navigate(terms, x, drift, command, memory):
         command: since the sample before, as limited, shape (V, 3), m/s.
         memory: see TermMemory.
     """
-    if memory.samples[0] == 0.0:
+    if memory.clock[0] == 0.0:
         return
     h = terms.period
     for v in range(terms.agents):
         error = (0.0, 0.0, 0.0, 0.0)
         if terms.noise > 0.0:
-            error = normals(terms.seed, (_ODOMETRY, v), int(memory.samples[0]), 0)
+            error = normals(terms.seed, (_ODOMETRY, v), int(memory.clock[0]), 0)
         for i in range(terms.dimension[v]):
             wrong = terms.noise * error[i] + terms.bias * h
             memory.moved[v, i] = x[v, i] - memory.x[v, i] + wrong
@@ -299,13 +382,13 @@ def navigate(terms, x, drift, command, memory):
 @jit
 def add_terms(law, y, residual, command, memory):
     """Add the terms to the agents' commands (V, 3), which hold -k1 eta, from measurements (m,) and eta (V, 3)."""
-    terms, known = law.terms, memory.samples[0] > 0.0
+    terms = law.terms
     if terms.newton > 0:
         _ascend(law, residual, command, memory)
-    if terms.feedforward > 0 and known:
+    if terms.feedforward > 0:
         _feed_forward(law, y, command, memory)
-    if terms.drift > 0.0 and known:
-        share = terms.drift if memory.samples[0] > 1.0 else 1.0  # the first measurement has nothing to be mixed with
+    if terms.drift > 0.0 and memory.clock[0] > 0.0:
+        share = terms.drift if memory.clock[0] > 1.0 else 1.0  # the first measurement has nothing to be mixed with
         for v in range(terms.agents):
             for i in range(3):
                 memory.drift[v, i] += share * (memory.seen[v, i] - memory.drift[v, i])
@@ -331,9 +414,30 @@ def _ascend(law, residual, command, memory):
 
 @inline_jit
 def _feed_forward(law, y, command, memory):
-    """Add the velocity of q*, from how measurements of targets changed and how agents moved themselves."""
-    edges, terms, measured = law.edges, law.terms, memory.right
-    share = terms.measured if memory.samples[0] > 1.0 else 1.0
+    """Add the velocity of q*: v, and ahead of that by how it changed."""
+    terms = law.terms
+    if memory.clock[1] > 0.0:
+        lead = memory.clock[1] > terms.settled
+        _sense_targets(law.edges, terms, y, memory)
+        if lead:
+            for v in range(terms.agents):
+                for i in range(3):
+                    command[v, i] -= terms.lead[v] * memory.v[v, i]
+        solve(law.edges, terms, terms.feedforward, memory.rate, memory.v, memory)
+        if lead:
+            for v in range(terms.agents):
+                for i in range(3):
+                    command[v, i] += terms.lead[v] * memory.v[v, i]
+    for v in range(terms.agents):
+        for i in range(3):
+            command[v, i] += memory.v[v, i]
+
+
+@inline_jit
+def _sense_targets(edges, terms, y, memory):
+    """Filter B p', from how measurements of targets changed and how agents moved themselves, into memory.rate."""
+    measured = memory.right
+    share = terms.measured if memory.clock[1] > 1.0 else 1.0
     for v in range(terms.agents):
         measured[v, 0], measured[v, 1], measured[v, 2] = 0.0, 0.0, 0.0
     for e in range(terms.sensing[0], terms.sensing[1]):
@@ -347,11 +451,6 @@ def _feed_forward(law, y, command, memory):
     for v in range(terms.agents):
         for i in range(3):
             memory.rate[v, i] += share * (measured[v, i] - memory.rate[v, i])
-            command[v, i] -= terms.lead[v] * memory.v[v, i]
-    solve(edges, terms, terms.feedforward, memory.rate, memory.v, memory)
-    for v in range(terms.agents):
-        for i in range(3):
-            command[v, i] += (1.0 + terms.lead[v]) * memory.v[v, i]
 
 
 @inline_jit
@@ -364,9 +463,11 @@ def integrate(terms, residual, z):
 
 
 @inline_jit
-def remember(terms, x, y, memory):
-    """Keep what the next sample compares with."""
-    memory.samples[0] += 1.0
+def remember(terms, t, x, y, memory):
+    """Keep what the next sample compares with; t is the time of this one, s."""
+    memory.clock[0] += 1.0
+    memory.clock[1] += 1.0
+    memory.clock[2] = t
     for r in range(y.shape[0]):
         memory.y[r] = y[r]
     for v in range(terms.agents):

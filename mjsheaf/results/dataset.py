@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mjsheaf._version import __version__
 from mjsheaf.arrays import Array
+from mjsheaf.control.terms import traffic_of
 from mjsheaf.results.metrics import evaluate_errors, separations
 from mjsheaf.simulation.trajectory import Log, Trajectory
 from mjsheaf.system import System
@@ -35,12 +36,18 @@ def make_dataset(trajectory: Trajectory, backend: str, seed: int) -> xr.Dataset:
 
 
 def make_datasets(pieces: Iterable[Trajectory], backend: str, seed: int) -> Iterator[xr.Dataset]:
-    """Gather a trajectory that comes in pieces, each as `make_dataset` does; the last piece has the run's status."""
+    """Gather a trajectory that comes in pieces, each as `make_dataset` does.
+
+    The last piece has the run's status, and says what agents have sent one another (see `terms.traffic_of`).
+    """
     attributes: dict[str, Any] = {}
+    traffic = np.zeros(3, dtype=np.int64)
     for piece in pieces:
         attributes = attributes or _attributes(piece.system, backend, seed)
         dataset = _gather(piece)
+        traffic += len(piece.time) * np.array(traffic_of(piece.system.law.terms, piece.system.team))
         dataset.attrs = attributes | {"status": piece.status, "message": piece.message}
+        dataset.attrs |= dict(zip(("exchange_rounds", "messages", "numbers_sent"), traffic.tolist(), strict=True))
         yield dataset
 
 
@@ -90,7 +97,7 @@ def _gather(trajectory: Trajectory) -> xr.Dataset:
     add("disagreement_vector", body, padded(log.residual)[:, :N], "m", "eta_i, the disagreement, as the law had it")
     add("tracking_error", ("time", "agent"), errors.tracking, "m", "|q*_i - q_i|")
     add("velocity_command", body, padded(log.command)[:, :N], "m s-1",
-        "commanded velocity relative to the medium, limited: -k1 eta_i, or of a law in Python")  # fmt: skip
+        "commanded velocity relative to the medium, limited: -k1 eta_i and terms, or of a law in Python")  # fmt: skip
     add("formation_error", ("time",), errors.formation_rms(), "m", "RMS residual over the edges inside formations")
     add("centering_error", ("time",), errors.largest_centering(), "m",
         "largest distance of a group's centroid from where its formation wants it")  # fmt: skip

@@ -302,6 +302,7 @@ def _summary_of(
         "realtime_factor": None,
         "expect": check_expectation(scenario.expect, backend, status, final),
         "final": final,
+        "communication": _communication(system, drawn, periods + 1),
         "free_directions": describe_null_modes(system.team),
         "theorem": {
             "applies": theorem.applies,
@@ -314,6 +315,19 @@ def _summary_of(
         "terms": None,
         "video": None,
         RESULT_DIGEST: "",
+    }
+
+
+def _communication(system: "System", drawn: "xr.Dataset", samples: int) -> dict[str, float]:
+    """Exchanges a second, and numbers that an agent sends a second, the mean over agents.
+
+    In an exchange every agent sends to all its neighbours. A round of a term of the law is one, in which the ends of a
+    communication edge of the dimension m send each other m numbers; the paper's law measures, and sends nothing.
+    """
+    time = samples * system.grid.period
+    return {
+        "exchanges_per_second": drawn.attrs["exchange_rounds"] / time,
+        "numbers_per_agent_second": drawn.attrs["numbers_sent"] / (time * len(system.team.agents)),
     }
 
 

@@ -96,6 +96,7 @@ def stream(
                 "controller": called.name,
                 "exchange_rounds": called.rounds,
                 "messages": called.messages,
+                "numbers_sent": called.numbers,
             }
         yield dataset
 

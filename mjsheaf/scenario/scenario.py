@@ -372,4 +372,5 @@ class Scenario(Section):
     def uses_seed(self, backend: str) -> bool:
         """Whether another seed would change anything on a backend."""
         drawn = any(d is not None and d.bound > 0.0 for d in (self.disturbance.agents, self.disturbance.targets))
+        drawn = drawn or self.controller.terms.noisy
         return drawn or self.spread.position > 0.0 or (backend == "physics" and self.spread.heading > 0.0)

@@ -147,8 +147,10 @@ class DirichletProblem:
 
     @cached_property
     def eigenvalues(self) -> tuple[float, float]:
-        """The smallest eigenvalue of H that belongs to no section of the null space, and the largest."""
+        """The smallest eigenvalue of H that belongs to no section of the null space, and the largest; 1 if H = 0."""
         H, free = self.H, self._null_space.shape[1]
+        if free == H.shape[0]:
+            return 1.0, 1.0
         if H.shape[0] <= _DENSE:
             values = np.linalg.eigvalsh(H.toarray())
             return float(values[free]), float(values[-1])
