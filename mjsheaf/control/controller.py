@@ -204,13 +204,15 @@ class LocalSample:
     """What one agent may know at a sample.
 
     Attributes:
-        measurements: y_e of each of the agent's edges, in the order of its `Agent.edges`, m.
+        edges: of the agent, now; those of its `Agent.edges` up to a phase with other edges.
+        measurements: y_e of each of them, m.
         disagreement: eta_i, padded, shape (3,), m.
         velocity: over ground, shape (3,), m/s.
         displacement: of its controlled position since the sample before, zero at the first, shape (3,), m.
         attitude: quaternion (w, x, y, z), body to world, shape (4,).
     """
 
+    edges: tuple[Edge, ...]
     measurements: list[Array]
     disagreement: Array
     velocity: Array
@@ -249,19 +251,26 @@ class PerAgent:
 
     def reset(self, team: Team, rng: np.random.Generator) -> None:
         """Make the agents' laws."""
-        edges = (*team.communication, *team.sensing, *team.anchors)
-        self._own = [[k for k, e in enumerate(edges) if a.id in (e.tail, e.head)] for a in team.agents]
+        self._enter(team)
         self._laws = []
-        for agent, own, child in zip(team.agents, self._own, rng.spawn(len(team.agents)), strict=True):
+        for agent, edges, child in zip(team.agents, self._edges, rng.spawn(len(team.agents)), strict=True):
             with _naming(agent.id):
-                self._laws.append(self._make(Agent(agent.id, agent.dimension, tuple(edges[k] for k in own), child)))
+                self._laws.append(self._make(Agent(agent.id, agent.dimension, edges, child)))
+
+    def _enter(self, team: Team) -> None:
+        edges, self._team = (*team.communication, *team.sensing, *team.anchors), team
+        self._own = [[k for k, e in enumerate(edges) if a.id in (e.tail, e.head)] for a in team.agents]
+        self._edges = [tuple(edges[k] for k in own) for own in self._own]
 
     def __call__(self, t: float, sample: Sample) -> Array:
         """The velocities of all agents, shape (N, 3), m/s."""
+        if sample.team is not self._team:
+            self._enter(sample.team)
         ids, velocity = sample.team.agent_ids, np.zeros((len(self._laws), 3))
         running: dict[int, Any] = {}
         for i, law in enumerate(self._laws):
             local = LocalSample(
+                self._edges[i],
                 [sample.measurements[k].copy() for k in self._own[i]],
                 sample.disagreement[i],
                 sample.velocity[i],
