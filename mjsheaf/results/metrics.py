@@ -159,6 +159,24 @@ def late_errors(team: Team, dataset: xr.Dataset) -> dict[str, float | None]:
     return {name: finite(np.sqrt((x**2).mean())) for name, x in everyone.items()}
 
 
+def communication(dataset: xr.Dataset, samples: int, period: float) -> dict[str, float]:
+    """Exchanges a second, and numbers that an agent sends a second, the mean over agents.
+
+    In an exchange every agent sends to all its neighbours. A round of a term of the law is one, in which the ends of a
+    communication edge of the dimension m send each other m numbers; the paper's law measures, and sends nothing.
+
+    Args:
+        dataset: of a run, all of it or thinned.
+        samples: of the whole run.
+        period: between samples, s.
+    """
+    time = samples * period
+    return {
+        "exchanges_per_second": dataset.attrs["exchange_rounds"] / time,
+        "numbers_per_agent_second": dataset.attrs["numbers_sent"] / (time * dataset.sizes["agent"]),
+    }
+
+
 def check_expectation(expect: "Expect", backend: str, status: str, final: dict[str, Any]) -> dict[str, Any]:
     """Compare final errors with the scenario's `expect:` block for a backend.
 

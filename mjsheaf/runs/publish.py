@@ -319,16 +319,10 @@ def _summary_of(
 
 
 def _communication(system: "System", drawn: "xr.Dataset", samples: int) -> dict[str, float]:
-    """Exchanges a second, and numbers that an agent sends a second, the mean over agents.
+    """Of a run of so many samples: see `metrics.communication`."""
+    from mjsheaf.results.metrics import communication
 
-    In an exchange every agent sends to all its neighbours. A round of a term of the law is one, in which the ends of a
-    communication edge of the dimension m send each other m numbers; the paper's law measures, and sends nothing.
-    """
-    time = samples * system.grid.period
-    return {
-        "exchanges_per_second": drawn.attrs["exchange_rounds"] / time,
-        "numbers_per_agent_second": drawn.attrs["numbers_sent"] / (time * len(system.team.agents)),
-    }
+    return communication(drawn, samples, system.grid.period)
 
 
 def _plot(system: "System", drawn: "xr.Dataset", theorem: "RunBound", folder: Path, progress: Progress) -> None:
