@@ -152,6 +152,13 @@ def summarize(team: Team, dataset: xr.Dataset) -> dict[str, Any]:
     return {"time": float(dataset["time"][-1]), **final, "groups": own}
 
 
+def error_series_of(team: Team, dataset: xr.Dataset) -> dict[str, list[float | None]]:
+    """Time, s, and the team's errors over time, m, as plain numbers; None where a measure has no meaning."""
+    everyone, _ = _series_of(team, dataset, 0)
+    series = {"time": dataset["time"].values, **everyone}
+    return {name: [finite(x) for x in values.tolist()] for name, values in series.items()}
+
+
 def late_errors(team: Team, dataset: xr.Dataset) -> dict[str, float | None]:
     """RMS of the team's errors over the last half of a run, in m; None where a measure has no meaning."""
     time = dataset["time"].values

@@ -2,7 +2,7 @@
 
 import io
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
@@ -83,7 +83,15 @@ def swept_axes(study: StudyFile, records: list[dict[str, Any]]) -> list[SweptAxi
     """The swept fields that take more than one value, in the order of the study; fields that go together once."""
     drawn = study.draws.values if study.draws else {}
     axes = []
+    listed = {path for point in study.points for path in point} if study.names else set()
+    if study.names:
+        each = study.size // len(study.points)  # runs of a listed point, which change slowest
+        index = np.array([r["run"] // each for r in records], dtype=np.int64)
+        axes.append(SweptAxis("points", "", False, False, False, np.arange(len(study.names), dtype=np.float64),
+                              [_plain(name) for name in study.names], index))  # fmt: skip
     for path in study.paths:
+        if path in listed:
+            continue
         values = [r["parameters"].get(path) for r in records]
         how = drawn.get(path)
         numeric = all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
@@ -137,29 +145,34 @@ def plot_study(study: StudyFile, name: str, records: list[dict[str, Any]]) -> di
 
     Returns:
         PNG by file name: error.png where any run finished, success.png where any did not, messages.png where runs
-        differ in what agents send. One swept field gives a curve with its spread, two give a heat map, more (or random
-        draws) a panel for each field. Runs that did not finish are marked at the lower edge of a curve.
+        differ in what agents send, over_time.png of at most 10 runs whose trajectories are kept. One swept field gives
+        a curve with its spread, two give a heat map, more (or random draws) a panel for each field. Runs that did not
+        finish are marked at the lower edge of a curve.
     """
     axes = swept_axes(study, records)
     finished = np.array([r["status"] == "finished" for r in records])
     ends = np.array(
         [_MARKS[r["settled"]][0] if done else _UNFINISHED for r, done in zip(records, finished, strict=True)]
     )
-    errors = {}
-    for measure in [study.measure] if study.measure else MEASURES:
-        found = [r["final"].get(measure) if done else None for r, done in zip(records, finished, strict=True)]
+    errors, when = {}, "late" if study.late else "final"
+    measures = [study.measure] if study.measure else MEASURES
+    for measure in measures:
+        found = [(r[when] or {}).get(measure) if done else None for r, done in zip(records, finished, strict=True)]
         values = np.array(found, dtype=np.float64)
         if np.isfinite(values).any():
-            errors[_LABELS[measure]] = values
+            label = _LABELS[measure]
+            errors[f"{label.removeprefix('final ')}\nRMS over the last half" if study.late else label] = values
     count = f"{len(records)} runs" if finished.all() else f"{finished.sum()} of {len(records)} runs finished"
     title = f"{_plain(name)}   [{study.backend}, {count}]"
     plots = {}
     if errors:
         plots["error.png"] = _draw(title, axes, errors, ends)
-    traffic = [r["numbers_per_agent_second"] if done else None for r, done in zip(records, finished, strict=True)]
+    traffic = [r.get("numbers_per_agent_second") if done else None for r, done in zip(records, finished, strict=True)]
     sent = np.array(traffic, dtype=np.float64)
     if errors and len(np.unique(sent[np.isfinite(sent)])) > 1:
         plots["messages.png"] = _draw_messages(title, axes, errors, sent)
+    if len(records) <= _MOST_LINES and any(r.get("series") for r in records):
+        plots["over_time.png"] = _draw_over_time(title, axes, measures, records)
     if not finished.all():
         plots["success.png"] = _draw(title, axes, {"share of runs that finish": finished.astype(np.float64)}, None)
     return plots
@@ -186,6 +199,32 @@ def _draw(title: str, axes: list[SweptAxis], values: dict[str, Array], ends: End
         handles |= dict(zip(*reversed(panel.get_legend_handles_labels()), strict=True))
     if handles.keys() - {_SETTLED}:  # which needs no legend where there is nothing else
         legend_below(figure, list(handles.values()), 3)
+    png = io.BytesIO()
+    save_figure(figure, png)
+    return png.getvalue()
+
+
+def _draw_over_time(title: str, axes: list[SweptAxis], measures: Sequence[str], records: list[dict[str, Any]]) -> bytes:
+    """Errors over time, a line for each run."""
+    known = [(k, r["series"]) for k, r in enumerate(records) if r.get("series")]
+    drawn = [m for m in measures if any(x is not None for _, series in known for x in series[m])]
+    figure = new_figure(9.0, 1.6 + 3.4 * len(drawn), title)
+    panels = figure.subplots(len(drawn), 1, sharex=True, squeeze=False)[:, 0]
+    colours = palette(_MOST_LINES)
+    for panel, measure in zip(panels, drawn, strict=True):
+        values = []
+        for k, series in known:
+            named = [a.labels[a.index[k]] if a.path == "points" else f"{a.name}: {a.labels[a.index[k]]}" for a in axes]
+            name = ", ".join(named) or f"run {k}"
+            if records[k]["status"] != "finished":
+                name += f" ({records[k]['status']})"
+            y = np.array(series[measure], dtype=np.float64)
+            panel.plot(series["time"], y, color=colours[k], linewidth=1.4, label=name)
+            values.append(y)
+        log_axis(panel, "y", np.concatenate(values))
+        label_axes(panel, "", y=_LABELS[measure].removeprefix("final "))
+    panels[-1].set_xlabel("time (s)")
+    legend_below(figure, panels[0].lines, 2)
     png = io.BytesIO()
     save_figure(figure, png)
     return png.getvalue()
