@@ -94,13 +94,7 @@ def finish_map(axis: Any, title: str, x: str, margin: float) -> None:
 
 
 def draw_team(axis: Any, team: Team, place: Array) -> None:
-    """Draw a team from above: edges, agents in the colours of their groups, targets as stars.
-
-    Args:
-        axis: the panel.
-        team: the team.
-        place: of each vehicle, shape (V, 2), m.
-    """
+    """Draw a team from above: edges, agents in the colours of their groups, targets as stars; `place` (V, 2) in m."""
     for kind, edges in (("communication", team.communication), ("sensing", team.sensing)):
         lines = [place[[team.index[e.tail], team.index[e.head]]] for e in edges]
         axis.add_collection(LineCollection(lines, linewidths=1.0, zorder=1, **_EDGES[kind]))
@@ -116,13 +110,9 @@ def draw_team(axis: Any, team: Team, place: Array) -> None:
 
 
 def log_axis(axis: Any, which: str, values: Array, decades: float = 12.0) -> None:
-    """Make axis 'x' or 'y' of a panel logarithmic, with numbers written out.
+    """Make axis 'x' or 'y' of a panel logarithmic, of at most so many decades, with numbers written out.
 
-    Args:
-        axis: the panel.
-        which: 'x' or 'y'.
-        values: what is drawn; only what is finite and positive counts. Without any, a line says so.
-        decades: the most that are shown.
+    Of the values that are drawn only those that are finite and positive count; without any, a line says so.
     """
     positive = values[np.isfinite(values) & (values > 0)]
     if not positive.size:

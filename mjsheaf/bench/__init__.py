@@ -31,8 +31,7 @@ TOPICS = {
     "video": "processes",
     "memory": "processes",
 }
-"""Each is a function `topic(short) -> list[Row]` in the module here that is named."""
-
+"""Each is a function `topic(short) -> list[Row]` in the module here that is named; `short` takes fewer repetitions."""
 
 WANTED = {
     "startup": 0.3,
@@ -135,10 +134,7 @@ def swarm(size: int, vehicle: str = "hexarotor", **overrides: Any) -> Scenario:
 
 
 def run_bench(
-    topics: Sequence[str] | None = None,
-    *,
-    short: bool = True,
-    progress: Progress = no_progress,
+    topics: Sequence[str] | None = None, *, short: bool = True, progress: Progress = no_progress
 ) -> dict[str, Any]:
     """Measure on this machine.
 

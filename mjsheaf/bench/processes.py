@@ -48,8 +48,7 @@ def _python(*arguments: str, **environment: str) -> str:
 def startup(short: bool = False) -> list[Row]:
     """Whole processes by the wall, and first simulations in them, whose kernels an earlier process compiled.
 
-    Args:
-        short: fewer repetitions, and compiling is left out.
+    The short version leaves compiling out.
     """
     rows = []
     for option in ("--help", "--version"):
@@ -86,12 +85,7 @@ def memory(short: bool = False, ends: tuple[float, float] | None = None) -> list
 
 
 def peak_of(backend: str, end: float, *options: str) -> float:
-    """Peak resident memory of one run of `midpoint` without video, in MB.
-
-    Args:
-        backend: 'ideal' or 'physics'.
-        end: of the run, s.
-        options: more of the command's.
+    """Peak resident memory of one run of `midpoint` to time `end`, s, in MB; without video unless options are given.
 
     Raises:
         MjsheafError: the run failed.

@@ -20,12 +20,7 @@ from mjsheaf.arrays import Array
 from mjsheaf.bench import WANTED, Row, at_least, at_most, best, informs, timed
 from mjsheaf.sheaf import Sheaf
 
-PUBLISHED_MS = {
-    "coboundary": 0.34,
-    "laplacian": 0.36,
-    "harmonic_extension": 1.1,
-    "nearest_global_section": 451.0,
-}
+PUBLISHED_MS = {"coboundary": 0.34, "laplacian": 0.36, "harmonic_extension": 1.1, "nearest_global_section": 451.0}
 """CellularSheaves.jl's own figures for path and cycle graphs of 500 vertices in R^2, in ms."""
 
 VERTICES = 500
@@ -76,12 +71,7 @@ def small_sheaf(graph: str) -> Sheaf:
 
 
 def measure_small(graph: str, repetitions: int) -> dict[str, float]:
-    """Shortest time of each operation in ms, each time on a fresh `small_sheaf`, which nothing was computed of before.
-
-    Args:
-        graph: "path" or "cycle".
-        repetitions: the best of how many counts.
-    """
+    """Shortest time of each operation in ms, each time on a fresh `small_sheaf`, of which nothing is known yet."""
     x = np.random.default_rng(0).standard_normal(2 * VERTICES)
     held = {0: np.zeros(2), VERTICES // 2: np.ones(2)}
     operations: dict[str, Callable[[Sheaf], Any]] = {
@@ -99,10 +89,6 @@ def measure_small(graph: str, repetitions: int) -> dict[str, float]:
 
 def grid_maps(side: int, seed: int = 0) -> tuple[list[int], list[int], Array, Array, dict[int, Array]]:
     """A flat bundle on a square grid: one random rotation R_v for each vertex, R_v^T on all of its edges.
-
-    Args:
-        side: vertices on a side.
-        seed: of rotations, pinned vertices and their values.
 
     Returns:
         Tails, heads, their maps (k, 3, 3), and the values of the pinned vertices, one in a hundred.

@@ -28,9 +28,7 @@ _GAINS = (5.0, 8.0, 10.0, 12.0)
 def ideal(short: bool = False, end: float | None = None) -> list[Row]:
     """The published run on ideal kinematics: 4,998 held steps of 17 vehicles at a relative tolerance of 1e-9.
 
-    Args:
-        short: fewer repetitions.
-        end: an earlier end of the run, s.
+    It may end earlier, at `end`, s.
     """
     scenario = mjsheaf.load_scenario("paper", {} if end is None else {"time.end": end})
     system = scenario.system
@@ -48,11 +46,8 @@ def ideal(short: bool = False, end: float | None = None) -> list[Row]:
 def loop(short: bool = False, sizes: tuple[int, ...] = (100, 1000)) -> list[Row]:
     """What closing the loop costs: `World.step(n)` against bare `mj_step` of the same model from the same state.
 
-    The team of `paper`, and swarms of tilted hexarotors with lagged, limited rotors, in wind and disturbances.
-
-    Args:
-        short: fewer repetitions.
-        sizes: of the swarms, at least two.
+    The team of `paper`, and swarms (of at least two sizes) of tilted hexarotors with lagged, limited rotors, in wind
+    and disturbances.
     """
     repetitions = 10 if short else 40
     rows = [_step(mjsheaf.load_scenario("paper"), 3 * repetitions)]
@@ -86,9 +81,7 @@ def _step(scenario: Scenario, repetitions: int, steps: int = 100) -> Row:
 def threads(short: bool = False, ends: tuple[float, float] = (49.99, 20.0)) -> list[Row]:
     """Runs of `paper` with different gains: `simulate_many` on threads against one at a time, bit for bit the same.
 
-    Args:
-        short: fewer repetitions.
-        ends: end of the runs on ideal kinematics and on bodies, s.
+    Those on ideal kinematics and on bodies have `ends` of their own, s.
     """
     count = min(usable_processors(), len(_GAINS))
     rows = []
@@ -114,12 +107,7 @@ def threads(short: bool = False, ends: tuple[float, float] = (49.99, 20.0)) -> l
 
 
 def assembly(short: bool = False, size: int = 1000) -> list[Row]:
-    """Putting vehicles into one model: scenario, sheaf and law, bodies with MuJoCo's compiler; once, by the wall.
-
-    Args:
-        short: no difference; it is one pass.
-        size: number of agents.
-    """
+    """Putting agents into one model: scenario, sheaf and law, bodies with MuJoCo's compiler; once, by the wall."""
     World(swarm(4)).step(1)  # compiles
     total, wanted = elapsed(lambda: World(swarm(size)), perf_counter), WANTED["assembly"]
     what = f"scenario to world, {size + 1} vehicles, s"
@@ -130,11 +118,7 @@ def peers(short: bool = False, sizes: tuple[int, ...] = (13, 100)) -> list[Row]:
     """Vehicle-steps per second of a closed loop, beside what others reach: quadrotors that follow another in wind.
 
     Each simulator runs its own loop with its own controller on: 500 physics steps and 100 commands a second of ours and
-    of crazyflow, 240 and 48 of gym-pybullet-drones.
-
-    Args:
-        short: fewer repetitions.
-        sizes: numbers of vehicles.
+    of crazyflow, 240 and 48 of gym-pybullet-drones. `sizes` are numbers of vehicles.
     """
     rows = []
     for size in sizes:

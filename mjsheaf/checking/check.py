@@ -23,9 +23,7 @@ class RegionSummary(Record):
     """Where the constants were taken."""
 
     source: str
-    verified: bool = Field(
-        description="whether agents of an unlimited law are proven to stay there; else it is a guess"
-    )
+    verified: bool = Field(description="whether agents of an unlimited law are proven to stay there; else a guess")
     agents_low: list[float] = Field(description="corner of the box about the agents' region, m")
     agents_high: list[float] = Field(description="opposite corner, m")
     start: float = Field(description="s")
@@ -53,9 +51,7 @@ class TheoremSummary(Record):
     applies: bool = Field(
         description="the gain condition and every numbered assumption hold, and no hold or speed limit is in the way"
     )
-    gain_condition: bool = Field(
-        description="k_min > rho(2 sqrt(mu / lambda_V)) + lambda_V, over the targets' known path"
-    )
+    gain_condition: bool = Field(description="k_min > rho(2 sqrt(mu / lambda_V)) + lambda_V, the targets' path known")
     approximate: bool = Field(description="the law is held over a period; the theorem's is continuous")
     reason: str = Field(description="why it does not apply, or empty")
     gain: float = Field(description="k1, 1/s")
@@ -77,9 +73,7 @@ class TheoremSummary(Record):
     radius_S: Finite = Field(description="m; null: the whole space, or the condition fails")
     radius_U: Finite = Field(description="m; null where the condition fails")
     initial_error: float = Field(description="|e(t0)|, m")
-    initial_error_inside_S: bool | None = Field(
-        description="null where the gain condition fails, so that there is no S"
-    )
+    initial_error_inside_S: bool | None = Field(description="null where the gain condition fails: there is no S")
     wanted_radius: float = Field(description="m")
     gain_for_wanted_radius: Finite = Field(description="smallest k1 that meets it, 1/s")
     weaker: WeakerBound

@@ -69,12 +69,9 @@ class Spectrum:
 
 
 def spectrum_of(team: Team, count: int = 6) -> Spectrum:
-    """The spectrum of a team.
+    """The spectrum of a team, with `count` of the smallest eigenvalues above zero, fewer where H has fewer.
 
-    Args:
-        team: the team.
-        count: how many of the smallest eigenvalues above zero are wanted; fewer where H has fewer. Beyond
-            DENSE_STATES a further copy of a multiple eigenvalue of one component may be missing.
+    Beyond DENSE_STATES a further copy of a multiple eigenvalue of one component may be missing.
     """
     (_, D), null = agent_coboundary(team), team.dirichlet.sparse_null_basis
     smallest, vectors, largest_component = _above_zero(D, null, count)
@@ -115,12 +112,9 @@ def smallest_eigenvalue(delta: sparse.csr_array, D: sparse.csr_array) -> float:
 
 
 def _above_zero(D: sparse.csr_array, null: sparse.csc_array, count: int) -> tuple[Array, Array, int]:
-    """The smallest eigenvalues of D^T D above zero, their vectors, and the size of the largest component.
+    """The `count` smallest eigenvalues of D^T D above zero, their vectors, and the size of the largest component.
 
-    Args:
-        D: shape (m, n).
-        null: orthonormal basis of the null space of delta, shape (n, r).
-        count: how many.
+    D has shape (m, n); `null` is an orthonormal basis of the null space of delta, shape (n, r).
     """
     null_rows, pieces = null.tocsr(), list(parts(sparser_rows(D)))
     found: list[tuple[float, IntArray, Array]] = []
@@ -171,9 +165,7 @@ class FreeDirection(Record):
     """A direction in which agents can drift without any edge or anchor noticing, such as "A3 is free along z"."""
 
     description: str
-    motion: dict[str, list[float]] = Field(
-        description="how each agent moves, largest entry 1; agents that do not move are left out"
-    )
+    motion: dict[str, list[float]] = Field(description="how each agent moves, largest entry 1; others are left out")
 
 
 class NearNull(Record):
@@ -195,12 +187,7 @@ class RelativeCohomology(Record):
 
 
 def explain(team: Team, spectrum: Spectrum | None = None) -> RelativeCohomology:
-    """Explain the relative cohomology of a team.
-
-    Args:
-        team: the team.
-        spectrum: its spectrum where that is known already.
-    """
+    """Explain the relative cohomology of a team, whose spectrum may be known already."""
     spectrum = spectrum or spectrum_of(team)
     basis = [FreeDirection(description=describe(team, mode), motion=_motion(team, mode)) for mode in null_modes(team)]
     near = spectrum.smallest[:MOST_NEARLY] <= NEARLY * spectrum.lambda_max
@@ -227,8 +214,6 @@ def _motion(team: Team, mode: NullMode) -> dict[str, list[float]]:
     moving = zip([team.agents[a] for a in mode.agents], mode.steps.round(9), strict=True)
     return {agent.id: step[: agent.dimension].tolist() for agent, step in moving}
 
-
-# -- fragility ------------------------------------------------------------------------------------------------
 
 Kind = Literal["sensing", "communication", "anchor", "agent"]
 

@@ -180,7 +180,6 @@ def ending_of(system: System, time: Array, q_star: Array, positions: Array, *, o
     """How a run ended, from the agents' positions and harmonic extension, padded with 0, shape (T, N, 3), m."""
     offsets = q_star - positions
     error = np.sqrt((offsets**2).sum(axis=2).mean(axis=1))
-
     still = _swing(_quarters(q_star)[-1]) <= _STILL_SHARE * _swing(_quarters(offsets)[-1])
     alone = still and not system.harmonics[..., :3].any()
     unstable = (lambda: loop_along(system, time, q_star).stable is False) if on_bodies else None

@@ -93,17 +93,13 @@ class Swing(Record):
 class BodyLoop(Record):
     """The loop of the real vehicles, for small motions: inertia, attitude, thruster lag, hold, in the mean flow."""
 
-    stable: bool | None = Field(
-        description="whether every mode decays, but for what is free; null where undecided: see reason"
-    )
+    stable: bool | None = Field(description="whether every mode decays, but for what is free; null: see reason")
     spectral_radius: float | None = Field(
         description="largest factor by which a mode that moves a position grows from one evaluation of the law to the "
         "next; below 1 it is stable; null where undecided"
     )
     period: float = Field(description="between evaluations of the law, s: the physics step where the law is continuous")
-    largest_gain: float | None = Field(
-        description="from which on a mode grows, 1/s; null where undecided, or where none is found"
-    )
+    largest_gain: float | None = Field(description="from which on a mode grows, 1/s; null: undecided, or none found")
     least_damped: Swing | None = Field(description="the mode with the smallest damping ratio; null where undecided")
     reason: str = Field(description="why it is undecided, or empty")
 
@@ -128,9 +124,7 @@ class SpeedDemand(Record):
     asked: float = Field(description="by the law at the start, k1 |eta_i|")
     limit: Finite = Field(description="that the law keeps; null without one")
     steady: Finite = Field(description="largest |q*'_i - f_i(q*)| along the run; null where a field is singular")
-    able: Finite = Field(
-        description="of its body through the medium in every direction; null where its thrusters have no limits"
-    )
+    able: Finite = Field(description="of its body through the medium in every direction; null: unlimited thrusters")
 
 
 class Lag(Record):
@@ -182,10 +176,7 @@ def hold_margin(system: System, spectrum: Spectrum) -> HoldMargin | None:
 def body_margin(system: System, spectrum: Spectrum, tau: Array) -> Inertia:
     """The damping that inertia alone leaves, 1 / (2 sqrt(k1 lambda tau)) where all bodies are alike.
 
-    Args:
-        system: the system.
-        spectrum: of its H.
-        tau: time constant m / D of each agent along its most sluggish controlled axis, shape (N,), s.
+    `tau` is the time constant m / D of each agent along its most sluggish controlled axis, shape (N,), s.
     """
     k, low, high = system.gain, float(tau.min()), float(tau.max())
     if not spectrum.smallest.size:  # nothing is held, so nothing swings
@@ -244,9 +235,6 @@ def _lags(system: System, difference: Difference) -> list[Lag]:
     return [Lag(agent=system.team.agents[i].id, lag=lag[i]) for i in order.tolist()]
 
 
-# -- the loop of the real vehicles -----------------------------------------------------------------------------
-
-
 class _Modes(NamedTuple):
     """Modes of the closed loop.
 
@@ -267,14 +255,7 @@ class _UndecidedError(Exception):
 
 @one_thread
 def body_loop(system: System, spectrum: Spectrum, medium: Array) -> BodyLoop:
-    """Close the loop of the team's vehicles.
-
-    Args:
-        system: the system.
-        spectrum: of its H.
-        medium: mean velocity of the medium that each agent meets, relative to its q*, shape (N, 3), m/s: see
-            `mean_medium`.
-    """
+    """Close the loop of the team's vehicles in the medium that agents meet, shape (N, 3), m/s: see `mean_medium`."""
     period, steps = system.grid.period, 1
     try:
         ratio = whole_ratio(period, system.bodies.timestep)
@@ -315,10 +296,7 @@ def loop_along(system: System, time: Array, q_star: Array) -> BodyLoop:
 def mean_medium(system: System, time: Array, q_star: Array) -> Array:
     """Mean velocity of the medium relative to each agent's q*, along its path, shape (N, 3), m/s; no disturbance.
 
-    Args:
-        system: the system.
-        time: shape (T,), s.
-        q_star: harmonic extension, stacked, shape (T, n_q), m.
+    The path is the stacked harmonic extension (T, n_q), m, at times (T,), s.
     """
     stride = max(1, len(q_star) // _MOST_SAMPLES)
     w = agent_drift(system, q_star[::stride])

@@ -84,9 +84,7 @@ class Candidate:
     def describe(self, team: Team, linked: Container[tuple[str, str]] = ()) -> str:
         """Such as "give A2 an altimeter (anchor along z)", "let A1 talk to A4", "let A3 sense T2".
 
-        Args:
-            team: the team.
-            linked: pairs of ids, in the order agent 1, agent 2 or agent, target, that share an edge already.
+        `linked` holds the pairs of ids, agent before target, that share an edge already.
         """
         edge = self.edge(team)
         if self.kind == "anchor":
@@ -164,20 +162,15 @@ def by_dimension(members: Sequence[Member], numbers: Iterable[int]) -> dict[int,
 def group_candidates(
     team: Team, classes: Sequence[Alike], still: Mapping[int, Sequence[int]], links: bool
 ) -> list[Group]:
-    """Group all candidates that hold something by what they hold.
+    """Group all candidates that hold something by what they hold, groups of highest rank first.
 
     Args:
-        team: the team.
         classes: the agents that move, by how they move.
         still: numbers of the agents that move in no free direction, by dimension.
         links: whether links between agents that both move are candidates.
-
-    Returns:
-        Groups, those of highest rank first.
     """
     targets = by_dimension(team.targets, range(len(team.targets)))
     groups: dict[bytes, Group] = {}
-
     blocks: list[tuple[Array, Kind, Sequence[int], Sequence[int]]] = []
     for own, motion in classes:
         blocks += [(motion[axis : axis + 1], "anchor", own, [axis]) for axis in range(len(motion))]
@@ -286,15 +279,10 @@ def _parts(free: sparse.csc_array, owner: IntArray) -> list[sparse.csc_array]:
     return [free[:, columns] for columns in np.split(order, np.cumsum(np.bincount(label))[:-1])]
 
 
-# -- which subspaces -------------------------------------------------------------------------------------------
-
-
 def smallest_combinations(groups: Sequence[Group], r: int) -> tuple[list[tuple[int, ...]], bool]:
     """Smallest combinations of groups whose subspaces sum to R^r, and whether it is certain that none is smaller.
 
-    Args:
-        groups: those of highest rank first; all together they hold everything.
-        r: number of free directions.
+    Groups are those of highest rank first, and hold everything together; r is the number of free directions.
     """
     projectors = np.array([group.projector for group in groups])
     rank = np.array([group.rank for group in groups])
@@ -329,9 +317,6 @@ def _greedy(projectors: Array) -> tuple[int, ...]:
         if held(rest) == r:
             taken = rest
     return tuple(taken)
-
-
-# -- which edges -----------------------------------------------------------------------------------------------
 
 
 def _ranked(

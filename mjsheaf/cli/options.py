@@ -63,14 +63,13 @@ def prepare(
         PlaceError: the directory, not asked for by name, holds the results of another scenario of this name.
     """
     from mjsheaf.results.store import require_same_origin
-    from mjsheaf.runs.publish import default_directory
     from mjsheaf.scenario.load import load_scenario, origin
 
     changes = changes_of(overrides, seed)
     scenario = load_scenario(source, changes)
     if "seed" in changes and not scenario.uses_seed(backend):
         note_idle_seed(scenario.name, backend)
-    directory = default_directory(scenario, kind) if out is None else out
+    directory = Path("runs") / f"{scenario.name}-{kind}" if out is None else out
     where = origin(source, directory)
     if out is None:
         require_same_origin(directory, where)

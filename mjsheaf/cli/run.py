@@ -130,8 +130,7 @@ def expect(
     scenario: ScenarioArgument,
     update: Annotated[bool, typer.Option("--update", help="Write the `expect:` block from what is found.")] = False,
     backend: Annotated[
-        list[Backend] | None,
-        typer.Option(help="May be repeated; both, or those with an expectation, unless given."),
+        list[Backend] | None, typer.Option(help="May be repeated; both, or those with an expectation, unless given.")
     ] = None,
     margin: Annotated[
         float, typer.Option(min=0.0, max=10.0, help="How far --update puts bounds above what is found, as a share.")
@@ -144,24 +143,16 @@ def expect(
     """
     from mjsheaf.io.files import replace_file, require_writable
     from mjsheaf.io.yaml import with_field
-    from mjsheaf.runs.expecting import (
-        BACKEND_ORDER,
-        describe,
-        expectation_from,
-        expected_backends,
-        miss,
-        missed,
-        try_scenario,
-    )
+    from mjsheaf.runs import expecting
     from mjsheaf.scenario.load import find_scenario, load_scenario
 
     loaded, path = load_scenario(scenario), find_scenario(scenario)
     data = path.read_bytes() if update else b""
-    wanted = [name for name in BACKEND_ORDER if name in (backend or BACKEND_ORDER)]
+    wanted = [name for name in expecting.BACKEND_ORDER if name in (backend or expecting.BACKEND_ORDER)]
     if update:
         require_writable(path)
     else:
-        known = expected_backends(loaded)
+        known = expecting.expected_backends(loaded)
         missing = [name for name in wanted if name not in known]
         if missing and (backend or not known):
             raise InputError(f"{scenario}: expect.{missing[0]}: missing; --update writes it from a run")
@@ -169,16 +160,16 @@ def expect(
     trials = []
     for name in wanted:
         with in_field(scenario), progress_bars() as bars:
-            trials.append(try_scenario(loaded, name, progress=partial(bars, f"simulating ({name})")))
-        print(describe(trials[-1], loaded.name, scenario))
+            trials.append(expecting.try_scenario(loaded, name, progress=partial(bars, f"simulating ({name})")))
+        print(expecting.describe(trials[-1], loaded.name, scenario))
     if not update:
-        misses = [f"{miss(check)} on {trial.backend}" for trial in trials for check in missed(trial)]
+        misses = [f"{expecting.miss(c)} on {trial.backend}" for trial in trials for c in expecting.missed(trial)]
         if misses:
             raise NotHeldError(f"{scenario}: {', '.join(misses)}")
         return
     for trial in (t for t in trials if t.status == "unstable"):
         raise UnstableError(f"{scenario}: blew up on {trial.backend}: {trial.message}; nothing is written")
-    block = expectation_from(trials, margin, loaded.expect.model_dump(exclude_none=True))
+    block = expecting.expectation_from(trials, margin, loaded.expect.model_dump(exclude_none=True))
     comment = "" if "refused" in block else f"at most {100.0 * margin:g} % above what was found"
     text = with_field(data.decode("utf-8"), "expect", block, scenario, comment)
     replace_file(path, text.encode("utf-8"), expected=data)

@@ -33,11 +33,7 @@ class Stopped(SystemExit):
 
 
 def raise_if_stopped() -> None:
-    """Raise what a signal raised before, where that was lost.
-
-    Raises:
-        Stopped: a signal came.
-    """
+    """Raise `Stopped` where a signal came, whose own exception may have been lost."""
     if _received is not None:
         raise Stopped(_received)
 

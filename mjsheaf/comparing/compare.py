@@ -2,24 +2,13 @@
 
 import time
 from dataclasses import dataclass
-from typing import get_args
 
 from mjsheaf._version import __version__
 from mjsheaf.checking.margins import loop_along
 from mjsheaf.comparing.convergence import converge
 from mjsheaf.comparing.demands import JUDGED, demands_of, examine_limit, fastest_vehicles
 from mjsheaf.comparing.ladder import Run, ladder_of, run_ablation
-from mjsheaf.comparing.measures import (
-    FORMATION,
-    TRACKING,
-    BudgetRecord,
-    Statistic,
-    budget_of,
-    error_series,
-    errors_by_scope,
-    formation_size,
-    positions_at_q_star,
-)
+from mjsheaf.comparing.measures import budgets_of, error_series, errors_by_scope, formation_size, positions_at_q_star
 from mjsheaf.comparing.ringing import ringing_of, usable_gain
 from mjsheaf.comparing.verdict import CompareRecord, LoopRecord, verdict_of
 from mjsheaf.results import make_dataset
@@ -31,12 +20,7 @@ from mjsheaf.system import System
 
 @dataclass(frozen=True)
 class Comparison:
-    """A comparison and the runs that it stands on.
-
-    Attributes:
-        record: what compare.json holds.
-        runs: of the ladder, by key.
-    """
+    """A comparison, as compare.json holds it, and the runs of its ladder by key."""
 
     record: CompareRecord
     runs: dict[str, Run]
@@ -57,12 +41,14 @@ def compare(scenario: Scenario, progress: Progress = no_progress) -> Comparison:
     system = scenario.system
     require_simulable(system, "physics")
     runs = run_ablation(system, ladder_of(system), progress)
+    ideal = runs["ideal"]
+    at_q_star = error_series(ideal.system, positions_at_q_star(ideal.system, ideal.trajectory.positions))
     limit = examine_limit(system, runs)
     convergence = converge(system, progress)
     progress("free-decay test", 0, 1)
     ringing = ringing_of(system)
     progress("free-decay test", 1, 1)
-    loop = _loop(system, runs["ideal"])
+    loop = _loop(system, ideal)
     gains = [usable_gain(system, ringing), loop.largest_gain if loop else None]
     draft = CompareRecord(
         mjsheaf_version=__version__,
@@ -75,8 +61,10 @@ def compare(scenario: Scenario, progress: Progress = no_progress) -> Comparison:
         loop=loop,
         time_s=system.grid.period * system.grid.steps,
         formation_size_m=formation_size(system),
-        ladder=[run.record(runs["ideal"]) for run in runs.values()],
-        budgets=_budgets(runs),
+        ladder=[run.record(ideal) for run in runs.values()],
+        budgets=budgets_of(
+            {key: run.errors for key, run in runs.items()}, errors_by_scope(ideal.trajectory, at_q_star)
+        ),
         ringing=ringing,
         convergence=convergence,
         velocity_limit=limit,
@@ -103,20 +91,3 @@ def _harm(system: System, run: Run, seed: int) -> list[str]:
         return []
     found = examine_terms(system, make_dataset(run.trajectory, "physics", seed))
     return list(found.harm) if found else []
-
-
-def _budgets(runs: dict[str, Run]) -> list[BudgetRecord]:
-    """The budget of every error: by scope, measure and statistic."""
-    ideal, errors = runs["ideal"], {key: run.errors for key, run in runs.items()}
-    q_star = positions_at_q_star(ideal.system, ideal.trajectory.positions)
-    at_q_star = errors_by_scope(ideal.trajectory, error_series(ideal.system, q_star))
-    return [
-        budget_of(
-            (scope, measure, statistic),
-            {key: own[scope].error(measure, statistic) for key, own in errors.items()},
-            at_q_star[scope].error(measure, statistic),
-        )
-        for scope in at_q_star
-        for measure in (FORMATION, TRACKING)
-        for statistic in get_args(Statistic)
-    ]

@@ -53,10 +53,6 @@ def converge(system: System, progress: Progress = no_progress) -> ConvergenceRec
     The largest is half of the quickest vehicle's own, and at most a quarter of the time 1 / (k1 lambda_max) in which
     the law's fastest mode moves: beyond that, first order has not begun. Underactuated vehicles have thrusters along
     every axis. The timestep is at most a tenth of tau, and a whole number of them makes a period.
-
-    Args:
-        system: the scenario's system.
-        progress: called with ('converging', runs done, runs in all).
     """
     system = _with_inertia(replace(system, initial=positions_at_q_star(system, system.initial[None])[0]), None)
     grid, own = system.grid, min(float(inertial_tau(v).min()) for v in system.vehicles)

@@ -75,13 +75,7 @@ class FastestRecord(FiniteRecord):
 
 
 def demands_of(system: System, key: Literal["ideal", "all"], run: Run) -> list[DemandRecord]:
-    """What each kind of vehicle is asked for in the last half of a run, agents first; nothing where it blew up.
-
-    Args:
-        system: the scenario's, whose vehicles must do it.
-        key: of the run.
-        run: the run.
-    """
+    """What each kind of the system's vehicles is asked for in the last half of a run; nothing where it blew up."""
     if not run.finished:
         return []
     time = run.trajectory.time
@@ -119,12 +113,7 @@ def fastest_vehicles(system: System) -> list[FastestRecord]:
 
 
 def examine_limit(system: System, runs: dict[str, Run]) -> VelocityLimitRecord | None:
-    """Run a scenario without its velocity limits; None where no agent has one.
-
-    Args:
-        system: the scenario's system.
-        runs: of the ladder, by key.
-    """
+    """Run a scenario without its velocity limits, against the runs of its ladder; None where no agent has one."""
     limits = system.law.limit[: len(system.team.agents)]
     limited = np.flatnonzero(np.isfinite(limits))
     if not limited.size:

@@ -18,13 +18,7 @@ _MOST_LINES, _MOST_POINTS, _MOST_PANELS = 10, 2000, 4
 
 
 def plot_rungs(record: CompareRecord, runs: dict[str, Run], path: Path) -> None:
-    """Tracking and formation error of the team and distance to the ideal run over time, a line for each rung.
-
-    Args:
-        record: the comparison.
-        runs: its runs, by key of the rung.
-        path: the PNG.
-    """
+    """Tracking and formation error of the team and distance to the ideal run over time, a line for each rung."""
     ideal = runs["ideal"]
     drawn = {
         TRACKING: "tracking error (m)\nRMS over agents",
@@ -98,10 +92,8 @@ def plot_convergence(record: CompareRecord, path: Path) -> None:
         axis.legend(frameon=False)
     else:
         axis.text(0.5, 0.5, found.reason or "too few runs came to their end", transform=axis.transAxes, ha="center")
-    y = (
-        "largest distance of an agent to its ideal run (m)\n"
-        f"both begun at q*, from {found.start_s:.2g} s to {found.end_s:.2g} s"
-    )
+    watched = f"both begun at q*, from {found.start_s:.2g} s to {found.end_s:.2g} s"
+    y = f"largest distance of an agent to its ideal run (m)\n{watched}"
     label_axes(axis, title, "time constant tau of every vehicle (s)", y, which="both")
     save_figure(figure, path)
 
@@ -153,9 +145,8 @@ def _bars(axis: Any, scope: str, budget: BudgetRecord, order: list[str]) -> None
     given_back = "given back when it is removed from all (below 0: worse without it)"
     _barh(axis, y - 0.2, [e.give_back_m for e in effects], 0.36, _ALL, given_back)
     floor = "blew up" if budget.at_q_star_m is None else f"{1000.0 * budget.at_q_star_m:.0f} mm (no bar)"
-    axis.annotate(  # no bar: it would dwarf the others
-        floor, (0.0, 0), xytext=(4, 0), textcoords="offset points", va="center", fontsize=8
-    )
+    # No bar: it would dwarf the others.
+    axis.annotate(floor, (0.0, 0), xytext=(4, 0), textcoords="offset points", va="center", fontsize=8)
     for line in (0.5, 3.5):
         axis.axhline(line, color=_GREY, linewidth=0.8)
     axis.axvline(0.0, color="black", linewidth=0.8)

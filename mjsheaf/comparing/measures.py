@@ -1,7 +1,7 @@
 """What is measured of a run: errors, distance to the ideal run, saturation; and the budget of an error by effect."""
 
 from collections.abc import Callable, Mapping
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from pydantic import Field
@@ -172,6 +172,22 @@ class BudgetRecord(FiniteRecord):
     effects: list[ItemRecord]
     interaction_m: Finite = Field(description="what all effects have beyond the sum of each alone")
     all_m: Finite
+
+
+def budgets_of(
+    errors: Mapping[str, Mapping[str, ScopeRecord]], at_q_star: Mapping[str, ScopeRecord]
+) -> list[BudgetRecord]:
+    """The budget of every error, by scope, measure and statistic; see `budget_of`."""
+    return [
+        budget_of(
+            (scope, measure, statistic),
+            {key: own[scope].error(measure, statistic) for key, own in errors.items()},
+            there.error(measure, statistic),
+        )
+        for scope, there in at_q_star.items()
+        for measure in (FORMATION, TRACKING)
+        for statistic in get_args(Statistic)
+    ]
 
 
 def budget_of(

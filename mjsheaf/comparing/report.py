@@ -191,9 +191,8 @@ def _ringing(record: CompareRecord) -> Group | Text:
         "the prediction knows M / (M k_v + D) alone: no lag of thrusters and no turning"
         + "; no mode is predicted to swing" * r.overdamped
     )
-    return _under(
-        f"ringing: the least damped mode (about {r.agent}), released from rest with all else still", table, note
-    )
+    title = f"ringing: the least damped mode (about {r.agent}), released from rest with all else still"
+    return _under(title, table, note)
 
 
 def _speeds(record: CompareRecord) -> Group:
@@ -210,9 +209,8 @@ def _speeds(record: CompareRecord) -> Group:
             *("no limit" if v is None else f"{v:.3g}" for v in (d.least_speed_m_s, d.forward_speed_m_s)),
         )
     best = ", ".join(f"in {f.moves_in} {f.vehicle} {f.speed_m_s:.3g}" for f in record.fastest)
-    return _under(
-        "largest speeds asked in the last half, relative to the medium, m/s", table, f"fastest real vehicles: {best}"
-    )
+    title = "largest speeds asked in the last half, relative to the medium, m/s"
+    return _under(title, table, f"fastest real vehicles: {best}")
 
 
 def _convergence(record: CompareRecord) -> str:
@@ -232,12 +230,7 @@ def publish(
 ) -> tuple[CompareRecord, list[str], str | None]:
     """Compare a scenario's ideal kinematics with its bodies and write the directory, also where bodies blow up.
 
-    Args:
-        scenario: the scenario.
-        directory: where the results go.
-        video: whether to film ideal and physics side by side.
-        origin: where the scenario comes from, as `scenario.load.origin` has it; compare.json keeps it.
-        progress: called with (what is being done, done, in all).
+    Arguments are those of `runs.publish.publish`, but `video` is whether to film ideal and physics side by side.
 
     Returns:
         The comparison as compare.json has it; what else to report; and which earlier run it replaced, if any.

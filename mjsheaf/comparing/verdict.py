@@ -4,8 +4,8 @@ Errors, distances and their parts are in m, times in s, speeds in m/s. What has 
 run that blew up is null. Each part is defined by the module that computes it.
 """
 
-from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 from pydantic import Field
 
@@ -94,13 +94,7 @@ class CompareRecord(FiniteRecord):
         return TRACKING if self.rung("ideal").errors[TEAM].late.formation_error is None else FORMATION
 
     def limit_costs(self, scope: str, measure: str, run: str) -> float | None:
-        """What an error would lose without the velocity limit, RMS over the last half, m; None where it is not known.
-
-        Args:
-            scope: 'team' or a group.
-            measure: of ErrorsRecord.
-            run: 'ideal' or 'all'.
-        """
+        """What a late error of run 'ideal' or 'all' would lose without the velocity limit, m; None where unknown."""
         if self.velocity_limit is None:
             return None
         now = self.rung(run).errors[scope].error(measure)
@@ -108,15 +102,8 @@ class CompareRecord(FiniteRecord):
         return None if now is None or without is None else now - without
 
 
-@dataclass(frozen=True)
-class _Lever:
-    """What would lower an error most.
-
-    Attributes:
-        kind: what it is, before the first colon.
-        why: how much there is in it.
-        cure: what to do; may be empty.
-    """
+class _Lever(NamedTuple):
+    """What would lower an error most: what it is, how much there is in it, and what to do, which may be empty."""
 
     kind: str
     why: str
@@ -255,7 +242,6 @@ def _groups(record: CompareRecord) -> list[str]:
     known = {scope: lever for scope in record.scopes[1:] if (lever := _lever(record, scope)) is not None}
     if of_team is None or all(lever.kind == of_team.kind for lever in known.values()):
         return []
-
     errors = {scope: record.budget(scope, record.measure, "late").all_m or 0.0 for scope in known}
     chosen = sorted(known, key=lambda scope: errors[scope], reverse=True)[:_MOST_GROUPS]
     return [

@@ -82,7 +82,6 @@ def supremum(
     The slope is the Jacobian's spectral norm; its supremum is the field's Lipschitz constant.
 
     Args:
-        flow: the field.
         low: the box's lowest corner, shape (2,) or (3,), m, or those of k boxes, shape (k, 2) or (k, 3). A planar
             vehicle needs two numbers, and a third is not used; in space three are needed unless the field is planar.
         high: its highest corner, same shape; a box may be a point.
@@ -100,21 +99,14 @@ def supremum(
     """
     given = np.array(low, dtype=np.float64), np.array(high, dtype=np.float64)
     corners = np.atleast_2d(given[0]), np.atleast_2d(given[1])
-    shapes = {c.shape for c in corners}
-    width = corners[0].shape[-1]
-    if (
-        len(shapes) > 1
-        or corners[0].ndim != 2
-        or width not in (2, 3)
-        or (width == 2 and not planar and flow.dimension == 3)
-    ):
-        expected = "two of (2,) or (3,)" if planar or flow.dimension == 2 else "two of (3,) for vehicles in space"
+    n = 2 if planar or flow.dimension == 2 else 3
+    if corners[0].shape != corners[1].shape or corners[0].ndim != 2 or not n <= corners[0].shape[1] <= 3:
+        expected = "two of (2,) or (3,)" if n == 2 else "two of (3,) for vehicles in space"
         raise InputError(f"a box has corners of shapes {given[0].shape} and {given[1].shape}; expected {expected}")
-    if not (np.all(np.isfinite(corners[0])) and np.all(np.isfinite(corners[1])) and np.all(corners[0] <= corners[1])):
+    if not (np.isfinite(corners).all() and np.all(corners[0] <= corners[1])):
         raise InputError(f"a box needs finite corners with low <= high, not {given[0]} and {given[1]}")
     if not tolerance >= 0.0:
         raise InputError(f"tolerance is {tolerance}; expected zero or more")
-    n = 2 if planar or flow.dimension == 2 else 3
     a, b = (c[:, :n] for c in corners)
     kernels = _Kernels(flow, n, drift and not slope)
 

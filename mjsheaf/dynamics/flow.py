@@ -189,9 +189,7 @@ class FlowField(Section):
         if any((k.axis is not None) != space for k in self.vortices):
             raise ValueError("vortices: in space each needs an axis; in the plane the axis is z, leave it out")
         if (self.sources or self.vortices) and self.core is None:
-            raise ValueError(
-                "sources and vortices are singular at their centre: give a 'core' radius (0 leaves them so)"
-            )
+            raise ValueError("sources and vortices are singular at their centre: give a 'core' radius (0 leaves it so)")
         points = {"drift": self.drift} | {f"channels.{k}.direction": c.direction for k, c in enumerate(self.channels)}
         for name in ("sources", "vortices", "channels"):
             points |= {f"{name}.{k}.centre": kernel.centre for k, kernel in enumerate(getattr(self, name))}

@@ -83,12 +83,7 @@ def whole_directory(path: Path) -> Iterator[Path]:
 
 
 def replace_file(path: Path, data: bytes, *, expected: bytes) -> None:
-    """Put new bytes in the place of a file's, whole or not at all; its mode stays, a link to it stays a link.
-
-    Args:
-        path: of the file.
-        data: what it shall hold.
-        expected: what it should still hold.
+    """Put `data` in the place of a file's `expected` bytes, whole or not at all; its mode and links to it stay.
 
     Raises:
         InputError: the file has changed meanwhile, or cannot be written.
@@ -215,15 +210,12 @@ def read_bytes(path: Path, largest: int) -> bytes:
 
 
 def confined(name: str, directory: Path, root: Path | None = None) -> Path:
-    """The file that a path in a file names.
+    """The absolute path, with links resolved, of the file that a path in a file names; it need not exist.
 
     Args:
         name: as written; relative to `directory`, or absolute.
         directory: of the file in which it stands.
         root: the directory in which it must lie; None takes `directory`.
-
-    Returns:
-        Its absolute path, links resolved; it need not exist.
 
     Raises:
         InputError: it lies outside, or is no path.
@@ -246,11 +238,7 @@ _INSTALLED = {"studies": "studies/shipped"}  # mjsheaf/studies is a package of i
 
 
 def resource_directory(name: str) -> Path:
-    """Directory of the files that come with mjsheaf.
-
-    Args:
-        name: 'models', 'scenarios' or 'studies'.
-    """
+    """Directory of the 'models', 'scenarios' or 'studies' that come with mjsheaf."""
     installed = _PACKAGE / _INSTALLED.get(name, name)
     return installed if installed.is_dir() else _PACKAGE.parent / name
 

@@ -17,6 +17,7 @@ import yaml
 from mjsheaf.errors import InputError, ScenarioError
 from mjsheaf.io.files import read_bytes
 
+SUFFIXES = (".yaml", ".yml")
 _LARGEST_FILE = 20_000_000  # bytes
 _DEEPEST = 50  # collections within one another; a scenario has six
 _SURROGATE = re.compile("[\\ud800-\\udfff]")  # "\ud800" in YAML; no file can hold it
@@ -130,10 +131,7 @@ def parse_yaml(text: str, source: str, read: Callable[..., Any] = yaml.load) -> 
 def dump_yaml(value: dict[str, Any], *, flow: bool | None = None, width: float = 120) -> str:
     """Write a mapping as YAML that `read_yaml` reads to the same values, whether as YAML 1.1 or 1.2.
 
-    Args:
-        value: the mapping.
-        flow: whether all of it stands in braces; None puts only what is innermost there.
-        width: of a line.
+    With `flow` all of it stands in braces; None puts only what is innermost there.
     """
     return yaml.dump(value, Dumper=_Dumper, sort_keys=False, default_flow_style=flow, width=width)
 
@@ -145,10 +143,8 @@ def with_field(text: str, key: str, value: dict[str, Any], source: str, comment:
     file is: in lines where it stands in lines, in braces where the file or the field does.
 
     Args:
-        text: of the file.
-        key: of a field at the top.
-        value: its new value.
-        source: what errors call the file.
+        text, source: of the file, and what errors call it.
+        key, value: of a field at the top.
         comment: stands beside the key where the field is new.
 
     Raises:

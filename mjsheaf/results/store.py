@@ -17,28 +17,15 @@ from pydantic_core import to_json
 from mjsheaf._version import __version__
 from mjsheaf.errors import InputError, PlaceError
 from mjsheaf.io.files import is_part_of, whole_directory, write_whole
+from mjsheaf.io.yaml import SUFFIXES
 from mjsheaf.results.netcdf import open_dataset
 
-FILES = (
-    "result.nc",
-    "summary.json",
-    "scenario.yaml",
-    "errors.png",
-    "trajectories.png",
-    "configurations.png",
-    "video.mp4",
-)
+_PLOTS = ("errors.png", "trajectories.png", "configurations.png")
+FILES = ("result.nc", "summary.json", "scenario.yaml", *_PLOTS, "video.mp4")
 """What a run may leave in its directory."""
 
-COMPARISON_FILES = (
-    "compare.json",
-    "scenario.yaml",
-    "report.txt",
-    "errors.png",
-    "budget.png",
-    "convergence.png",
-    "compare.mp4",
-)
+_COMPARISON_PLOTS = ("errors.png", "budget.png", "convergence.png")
+COMPARISON_FILES = ("compare.json", "scenario.yaml", "report.txt", *_COMPARISON_PLOTS, "compare.mp4")
 """What a comparison may leave in its directory."""
 
 VEHICLES = "vehicles"
@@ -51,7 +38,6 @@ RESULT_DIGEST = "result_sha256"
 """The field of summary.json by which a result.nc that was damaged or changed is known."""
 
 _RECORDS = ("summary.json", "compare.json")
-_SCENARIO_SUFFIXES = (".yaml", ".yml")
 
 
 def check_replaceable(directory: Path) -> None:
@@ -145,7 +131,7 @@ def require_same_origin(directory: Path, origin: str) -> None:
         return
 
     def shown(of: str) -> str:
-        return of if os.sep not in of and not of.endswith(_SCENARIO_SUFFIXES) else os.path.relpath(directory / of)
+        return of if os.sep not in of and not of.endswith(SUFFIXES) else os.path.relpath(directory / of)
 
     raise PlaceError(
         f"{directory}: holds the run of {shown(before)}, another scenario of the same name as {shown(origin)}; choose "

@@ -147,13 +147,7 @@ def miss(check: Mapping[str, Any]) -> str:
 
 
 def describe(trial: Trial, name: str, watch: str) -> str:
-    """What was expected and found, line by line, and the command that shows the run.
-
-    Args:
-        trial: the trial.
-        name: of the scenario, as it is printed.
-        watch: what stands for the scenario in a command.
-    """
+    """What was expected and found, line by line, and the command that shows the run, where `watch` is the scenario."""
     verdict = {True: "as expected", False: "NOT as expected", None: "nothing is expected"}[trial.met]
     lines = [f"{name} on {trial.backend}: {trial.status}, {verdict}"]
     if trial.message:

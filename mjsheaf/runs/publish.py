@@ -11,17 +11,19 @@ from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import xarray as xr
+
 from mjsheaf.errors import InputError, MjsheafError
 from mjsheaf.io.section import LARGEST
-from mjsheaf.io.yaml import dump_yaml
-from mjsheaf.results.store import CHECKSUMS, VEHICLES, write_checksums
+from mjsheaf.io.yaml import SUFFIXES, dump_yaml
+from mjsheaf.results import check_expectation, open_dataset, store, summarize, thinned, write_dataset
+from mjsheaf.results.metrics import communication
+from mjsheaf.results.netcdf import split
 from mjsheaf.runs.simulate import Progress, no_progress, require_simulable, stream
 from mjsheaf.scenario import Scenario
 from mjsheaf.video import VideoOptions, available_backend
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from mjsheaf.checking.finished import RunBound
     from mjsheaf.control.controller import Controller
     from mjsheaf.system import System
@@ -55,14 +57,14 @@ def write_scenario(scenario: Scenario, directory: Path) -> Path:
     copies: dict[str, str] = {}
     for holder, key in places:
         name = holder.get(key)
-        if name is None or Path(name).suffix not in (".yaml", ".yml"):
+        if name is None or Path(name).suffix not in SUFFIXES:
             continue
         if name not in copies:
-            taken = {CHECKSUMS, *(Path(copy).parts[1] for copy in copies.values())}
+            taken = {store.CHECKSUMS, *(Path(copy).parts[1] for copy in copies.values())}
             copies[name] = _copy(Path(name), directory, taken)
         holder[key] = copies[name]
     if copies:
-        write_checksums(directory / VEHICLES)
+        store.write_checksums(directory / store.VEHICLES)
     path = directory / "scenario.yaml"
     path.write_text(dump_yaml(raw), encoding="utf-8")
     return path
@@ -76,14 +78,14 @@ def _copy(description: Path, directory: Path, taken: set[str]) -> str:
     folder = next(name for name in names if name not in taken)
     root = description.parent.resolve()
     files = files_of(description, read_description(description).mjcf)
-    home = directory / VEHICLES / folder
+    home = directory / store.VEHICLES / folder
     for file in files:
         copy = home / file.relative_to(root)
         copy.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(file, copy)
     home.mkdir(parents=True, exist_ok=True)
     shutil.copyfile(description, home / description.name)
-    return f"{VEHICLES}/{folder}/{description.name}"
+    return f"{store.VEHICLES}/{folder}/{description.name}"
 
 
 def _resolved(scenario: Scenario) -> dict[str, Any]:
@@ -112,30 +114,21 @@ class Outcome:
 
 
 class TimedIterator:
-    """Accumulates the time spent in `next`.
+    """An iterator that adds up the `seconds` spent in `next`."""
 
-    Attributes:
-        seconds: spent so far.
-    """
-
-    def __init__(self, pieces: "Iterator[xr.Dataset]") -> None:
+    def __init__(self, pieces: Iterator[xr.Dataset]) -> None:
         self._pieces = pieces
         self.seconds = 0.0
 
-    def __iter__(self) -> "Iterator[xr.Dataset]":
+    def __iter__(self) -> Iterator[xr.Dataset]:
         return self
 
-    def __next__(self) -> "xr.Dataset":
+    def __next__(self) -> xr.Dataset:
         begun = time.perf_counter()
         try:
             return next(self._pieces)
         finally:
             self.seconds += time.perf_counter() - begun
-
-
-def default_directory(scenario: Scenario, backend: str) -> Path:
-    """The default directory of a run."""
-    return Path("runs") / f"{scenario.name}-{backend}"
 
 
 def execute(
@@ -149,17 +142,9 @@ def execute(
     origin: str | None = None,
     progress: Progress = no_progress,
 ) -> Outcome:
-    """Run a scenario and publish its directory; a run that blows up is published too, with status 'unstable'.
+    """Run a scenario (see `simulate`) and publish its directory (see `publish`).
 
-    Args:
-        scenario: the scenario.
-        backend: 'physics' or 'ideal'.
-        directory: of the results.
-        video: how to film it, or None for no video.
-        allow_drift: run a team whose harmonic extension is not unique too, and mark the result.
-        controller: a law in Python in place of the agents' own.
-        origin: where the scenario comes from, as `scenario.load.origin` has it; summary.json keeps it.
-        progress: called with (what is being done, done, in all).
+    A run that blows up is published too, with status 'unstable'.
 
     Raises:
         InputError: unknown backend, or a scenario that cannot be simulated; nothing is written.
@@ -174,7 +159,7 @@ def execute(
 
 
 def publish(
-    run: "xr.Dataset | Iterable[xr.Dataset]",
+    run: xr.Dataset | Iterable[xr.Dataset],
     scenario: Scenario,
     system: "System",
     directory: Path,
@@ -198,18 +183,13 @@ def publish(
     Raises:
         PlaceError: the directory may not be replaced or cannot be written.
     """
-    import xarray as xr
-
     from mjsheaf.checking.finished import bound_of_run
-    from mjsheaf.results import open_dataset, staging, thinned, write_dataset
-    from mjsheaf.results.netcdf import split
-    from mjsheaf.results.store import RESULT_DIGEST, digest, replaced_run, save_summary
     from mjsheaf.runs.harm import examine_terms
     from mjsheaf.simulation.trajectory import samples_in_piece
 
-    replaced = replaced_run(directory)
+    replaced = store.replaced_run(directory)
     pieces = split(run, samples_in_piece(system)) if isinstance(run, xr.Dataset) else run
-    with staging(directory) as fresh, ExitStack() as held:
+    with store.staging(directory) as fresh, ExitStack() as held:
         write_dataset(pieces, fresh / "result.nc")
         dataset = held.enter_context(open_dataset(fresh / "result.nc"))
         write_scenario(scenario, fresh)
@@ -219,7 +199,7 @@ def publish(
             plots.result()
         seconds = run.seconds if isinstance(run, TimedIterator) else None
         summary = _summary_of(scenario, system, dataset.sizes["time"] - 1, drawn, theorem)
-        summary |= {"origin": origin, "wall_time_s": seconds, RESULT_DIGEST: digest(fresh / "result.nc")}
+        summary |= {"origin": origin, "wall_time_s": seconds, store.RESULT_DIGEST: store.digest(fresh / "result.nc")}
         if seconds:
             summary["realtime_factor"] = float(drawn["time"][-1] - drawn["time"][0]) / seconds
         notes = [theorem.violation()] * bool(theorem.violation())
@@ -238,11 +218,11 @@ def publish(
             summary["video"] = video_entry(frames, video) if not reason else None
         plots.result()
         progress("publishing", 0, 1)  # the last moment at which the user can stop it
-        save_summary(summary, fresh / "summary.json")
+        store.save_summary(summary, fresh / "summary.json")
     return Outcome(directory, summary, notes, replaced)
 
 
-def save(result: "xr.Dataset", directory: str | Path, *, video: bool = True) -> Outcome:
+def save(result: xr.Dataset, directory: str | Path, *, video: bool = True) -> Outcome:
     """Write all that `mjsheaf run` writes, from a result in memory: data, plots, video, summary, scenario.
 
     Args:
@@ -270,20 +250,10 @@ def save(result: "xr.Dataset", directory: str | Path, *, video: bool = True) -> 
 
 
 def _summary_of(
-    scenario: Scenario, system: "System", periods: int, drawn: "xr.Dataset", theorem: "RunBound"
+    scenario: Scenario, system: "System", periods: int, drawn: xr.Dataset, theorem: "RunBound"
 ) -> dict[str, Any]:
-    """What summary.json says of a run, in its order; what the data alone do not tell is None.
-
-    Args:
-        scenario: what was run.
-        system: the scenario's system.
-        periods: sample periods of the whole run.
-        drawn: the run, thinned.
-        theorem: the bound on the run.
-    """
+    """What summary.json says, in its order, of a run of `periods` sample periods; None where the data do not tell."""
     from mjsheaf.checking.finished import ending_of_run
-    from mjsheaf.results import check_expectation, summarize
-    from mjsheaf.results.store import RESULT_DIGEST
     from mjsheaf.team.null_modes import describe_null_modes
 
     backend, status, controller = drawn.attrs["backend"], drawn.attrs["status"], drawn.attrs.get("controller")
@@ -314,18 +284,16 @@ def _summary_of(
         },
         "terms": None,
         "video": None,
-        RESULT_DIGEST: "",
+        store.RESULT_DIGEST: "",
     }
 
 
-def _communication(system: "System", drawn: "xr.Dataset", samples: int) -> dict[str, float]:
+def _communication(system: "System", drawn: xr.Dataset, samples: int) -> dict[str, float]:
     """Of a run of so many samples: see `metrics.communication`."""
-    from mjsheaf.results.metrics import communication
-
     return communication(drawn, samples, system.grid.period)
 
 
-def _plot(system: "System", drawn: "xr.Dataset", theorem: "RunBound", folder: Path, progress: Progress) -> None:
+def _plot(system: "System", drawn: xr.Dataset, theorem: "RunBound", folder: Path, progress: Progress) -> None:
     """Draw the plots of a run; a video is drawn meanwhile, mostly outside the interpreter."""
     from mjsheaf.runs.figures import plot_configurations, plot_errors, plot_trajectories
 
@@ -348,11 +316,8 @@ def video_entry(frames: int, options: VideoOptions) -> dict[str, Any]:
 def draw_video(film: Callable[[], int]) -> tuple[int, str]:
     """Draw a video, or say why there is none: a machine that cannot draw still gets its data.
 
-    Args:
-        film: draws it and returns the number of frames.
-
     Returns:
-        The number of frames and ''; or 0 and the reason.
+        The number of frames, as `film` draws and returns it, and ''; or 0 and the reason.
 
     Raises:
         UnwritableError: the file cannot be written.

@@ -68,15 +68,12 @@ def stream(
     samples: int | None = None,
     controller: "Law | Controller | None" = None,
 ) -> "Iterator[xr.Dataset]":
-    """Yield a run as consecutive Datasets (see `simulate`).
+    """Yield a run as consecutive Datasets; arguments that are not listed are those of `simulate`.
 
     Args:
         run: a system that has passed `require_simulable`, or phases whose systems have.
-        backend: 'physics' or 'ideal'.
         seed: seed of the scenario.
-        progress: called now and then with (samples done, samples in all).
         samples: at most in each piece; a few megabytes of them unless given.
-        controller: a law in Python.
     """
     from mjsheaf.control.controller import controller_of
     from mjsheaf.results import make_datasets
@@ -168,11 +165,6 @@ def _require_backend(backend: str) -> None:
 
 def require_simulable(system: "System", backend: str, *, allow_drift: bool = False) -> None:
     """Refuse what cannot be simulated; the same on both backends, before anything is simulated or written.
-
-    Args:
-        system: of a scenario.
-        backend: 'physics' or 'ideal'.
-        allow_drift: whether the harmonic extension need not be unique.
 
     Raises:
         InputError: unknown backend; a vehicle that is unknown or does not fit its agent or target, which matters to the

@@ -39,9 +39,6 @@ _INVERTED_COLUMNS = 60  # from which a triangular inverse is tried before a deco
 _INVERSE_MARGIN = 0.5  # leaves room for the rounding of the inverse
 
 
-# -- blocks --------------------------------------------------------------------------------------------------------
-
-
 def assembled(blocks: Iterable[tuple[Any, Any, Any]], shape: tuple[int, int]) -> sparse.coo_array:
     """A matrix of blocks (rows, columns, values), three arrays each that are broadcast; zero elsewhere."""
     entries = [np.broadcast_arrays(*block) for block in blocks]
@@ -132,14 +129,8 @@ class InnerProduct:
             root_inverse = np.linalg.solve(root, np.broadcast_to(np.eye(M.shape[1]), M.shape))
             placed.append((at, (M, root_inverse @ root_inverse.transpose(0, 2, 1), root, root_inverse)))
         identity = (np.flatnonzero(rest), np.flatnonzero(rest), 1.0)
-        return cls(
-            *(
-                assembled(
-                    [identity, *((at[:, :, None], at[:, None], values[k]) for at, values in placed)], (size, size)
-                ).tocsr()
-                for k in range(4)
-            )
-        )
+        four = ([identity, *((at[:, :, None], at[:, None], values[k]) for at, values in placed)] for k in range(4))
+        return cls(*(assembled(entries, (size, size)).tocsr() for entries in four))
 
     def restricted(self, at: IntArray) -> "InnerProduct":
         """The same on some coordinates, whole stalks of them, in the order given."""
@@ -160,21 +151,12 @@ class InnerProduct:
         return assembled(blocks, basis.shape).tocsc()
 
 
-# -- null spaces ---------------------------------------------------------------------------------------------------
-
-
 def sparse_null_space(
     matrix: sparse.csr_array, rtol: float = RANK_TOLERANCE, scale: float | None = None
 ) -> sparse.csc_array:
-    """Return an orthonormal basis of the null space of a matrix, shape (columns, dimension).
+    """Return an orthonormal basis of the null space of a matrix, each vector on one part, shape (columns, dimension).
 
-    It is stored sparse, as each vector lives on one connected component: with a thousand small free components among
-    ten thousand vertices, the dense array would not be small.
-
-    Args:
-        matrix: the matrix.
-        rtol: singular values of at most rtol times the scale count as zero.
-        scale: the scale, where that is not the matrix's own largest singular value.
+    Singular values of at most rtol times the scale count as zero; that is the matrix's own largest unless given.
     """
     scale = largest_singular_value(matrix) if scale is None else scale
     blocks, found = [], 0
@@ -189,10 +171,7 @@ def sparse_null_space(
 def cokernel_basis(matrix: sparse.csr_array, dimension: int, rtol: float = RANK_TOLERANCE) -> sparse.csc_array:
     """Return an orthonormal basis of the complement of the image of a matrix, shape (rows, dimension).
 
-    Args:
-        matrix: the matrix.
-        dimension: of the cokernel, known from the rank.
-        rtol: singular values of at most rtol times the largest count as zero.
+    The dimension is known from the rank; singular values of at most rtol times the largest count as zero.
 
     Raises:
         SheafError: the basis has more than MOST_ENTRIES numbers; a component has more than DENSE_COLUMNS rows while the
@@ -254,8 +233,7 @@ def _dense_null_space(matrix: Array, scale: float, rtol: float) -> Array:
     if _surely_injective(matrix, rtol * scale):
         return np.zeros((matrix.shape[1], 0))
     _, singular, rows = np.linalg.svd(matrix, full_matrices=True)
-    rank = int(np.sum(singular > rtol * scale))
-    return rows[rank:].T
+    return rows[np.count_nonzero(singular > rtol * scale) :].T
 
 
 def _surely_injective(upper: Array, tolerance: float) -> bool:

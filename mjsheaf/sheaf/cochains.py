@@ -18,10 +18,7 @@ Cochain = Array | Mapping[Hashable, ArrayLike]
 
 
 class Cochains:
-    """The stalks R^{n_v} of the vertices of a sheaf, with inner products M_v.
-
-    0-cochains are vectors of length n = sum n_v in vertex order, or mappings from vertex to value.
-    """
+    """The stalks R^{n_v} of the vertices of a sheaf, with inner products M_v; n = sum n_v."""
 
     def __init__(self, stalks: Mapping[Any, int], *, inner_products: Mapping[Any, ArrayLike] | None = None) -> None:
         """Make the stalks; see `Sheaf`."""
@@ -114,11 +111,7 @@ class Cochains:
         return x
 
     def set_inner_product(self, vertex: Hashable, M: ArrayLike) -> None:
-        """Give a vertex stalk the inner product M, in place of the one it has.
-
-        Args:
-            vertex: the vertex.
-            M: symmetric positive definite, shape (n_v, n_v), or a positive number times the identity.
+        """Give a vertex stalk the inner product M, SPD (n_v, n_v) or a positive number times I, instead of its own.
 
         Raises:
             SheafError: unknown vertex, wrong shape, non-finite entry, or M is not SPD.

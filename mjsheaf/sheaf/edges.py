@@ -165,9 +165,6 @@ def _joined(parts: list[NDArray[Any]], dtype: type) -> NDArray[Any]:
     return parts[0] if len(parts) == 1 else np.concatenate([np.zeros(0, dtype=dtype), *parts])
 
 
-# -- what is added -------------------------------------------------------------------------------------------------
-
-
 class Ends(NamedTuple):
     """Where k edges begin and end.
 
@@ -189,18 +186,12 @@ class Ends(NamedTuple):
 def checked_bundle(
     ends: Ends, dimension: IntArray, F_tails: Any, F_heads: Any, offset: Any, weight: Any, number: IntArray
 ) -> EdgeBundle:
-    """A bundle of k edges of equal stalk dimensions.
+    """A bundle of k edges of equal stalk dimensions; maps, offset, weight and errors as in `Sheaf.add_edges`.
 
     Args:
         ends: of the edges.
-        dimension: dimension of each vertex stalk, shape (V,).
-        F_tails, F_heads: maps, shapes (k, m, n_tail) and (k, m, n_head).
-        offset: desired values, shape (k, m), or None.
-        weight: inner products, shape (k, m, m), or positive numbers of shape (k,) times the identity, or None.
+        dimension: of each vertex stalk, shape (V,).
         number: of each edge, shape (k,).
-
-    Raises:
-        SheafError: loop, wrong shape, non-finite entry, or a weight that is not SPD.
     """
     k = len(ends.tail)
     loops = np.flatnonzero(ends.tail == ends.head)
@@ -262,9 +253,6 @@ def finite(x: Any, name: str, ends: Ends | None = None) -> Array:
     return array
 
 
-# -- products and matrices -----------------------------------------------------------------------------------------
-
-
 def product(t: EdgeTable, x: Array) -> Array:
     """delta x for x of shape (n, k), without the matrix; shape (m, k)."""
     y = np.empty((t.rows, x.shape[1]))
@@ -313,7 +301,6 @@ def block_rows(
     """Compressed rows (values, indices, indptr) of sign * delta^T delta, or of its strict upper triangle.
 
     Args:
-        t: the edges.
         place: first row of each vertex, -1 at those without rows, shape (V,).
         columns: vertices of the columns, in order.
         sign: a factor.
@@ -326,9 +313,6 @@ def block_rows(
     values, diagonal = np.zeros(indptr[-1]), np.zeros(len(indptr) - 1 if upper else 0)
     fill_block(t, place, columns, upper, sign, (indptr, indices, values), diagonal, False)
     return values, indices, indptr, diagonal
-
-
-# -- compiled loops ------------------------------------------------------------------------------------------------
 
 
 @allocating_jit
@@ -408,7 +392,6 @@ def fill_block(t, place, columns, upper, sign, rows, diagonal, counting):
     Columns are walked in order and append themselves to the rows that they meet: rows come out sorted without sorting.
 
     Args:
-        t: the edges.
         place: first row of each vertex, or -1 where it has none, shape (V,).
         columns: vertices of the columns, in order.
         upper: whether to keep only what lies above the diagonal, and to put the diagonal into `diagonal`.

@@ -224,12 +224,7 @@ def _propagate(t, free, order, parent, slot, P, work):
 
 
 def grow(t: EdgeTable, free: BoolArray) -> Forest:
-    """The forest on the free vertices.
-
-    Args:
-        t: the edges.
-        free: which vertices are free, the others are held at a value, shape (V,).
-    """
+    """The forest on the free vertices, given by a mask (V,); the others are held at a value."""
     # Vertices of large stalks determine those of small ones, seldom the other way: they make the fewest roots.
     by_dimension = np.argsort(-np.diff(t.column), kind="stable")
     return Forest(*_grow(t, free, by_dimension, _workspace(t)), *_norms(t, free))
@@ -251,10 +246,7 @@ def _workspace(t: EdgeTable) -> Array:
 def section_basis(t: EdgeTable, free: BoolArray, rtol: float) -> sparse.csc_array:
     """Orthonormal basis of the sections that vanish where `free` is false, rows by the columns of the free vertices.
 
-    Args:
-        t: the edges, without inner products.
-        free: which vertices are free, shape (V,).
-        rtol: singular values of delta on the free vertices of at most rtol times the largest count as zero.
+    Arguments are those of `certified_sections`.
     """
     found, left = certified_sections(t, free, rtol)
     dimension = np.diff(t.column)

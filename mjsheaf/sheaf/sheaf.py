@@ -69,8 +69,6 @@ class Sheaf(Cochains):
         blocks = [(row, b.weight) for row, b in zip(self._rows(), self._merged, strict=True) if b.weight is not None]
         return InnerProduct.of_blocks(blocks, self.shape[0]) if blocks else None
 
-    # -- edges -------------------------------------------------------------------------------------------------
-
     @property
     def number_of_edges(self) -> int:
         """How many edges have been added, parallel ones counted apart."""
@@ -145,9 +143,7 @@ class Sheaf(Cochains):
         """
         given = [x for x in (F_tails, F_heads, offset, weight) if x is not None]
         if any(len(x) != len(tails) for x in (heads, *given)):
-            raise SheafError(
-                f"{len(tails)} tails: each edge needs a head and two maps, and where any has them, b and K"
-            )
+            raise SheafError(f"{len(tails)} tails: each edge needs a head and two maps, and, where any has it, b and K")
         i, j = self.numbers(tails), self.numbers(heads)
         alike: dict[Any, list[int]] = defaultdict(list)
         for e, shapes in enumerate(zip(*(map(np.shape, x) for x in given), strict=True)):
@@ -210,8 +206,6 @@ class Sheaf(Cochains):
                 raise SheafError(f"edge {e} {wrong}")
             chosen[e] = True
         return chosen
-
-    # -- operators ---------------------------------------------------------------------------------------------
 
     @cached_property
     def _merged(self) -> list[EdgeBundle]:
@@ -295,13 +289,10 @@ class Sheaf(Cochains):
         """Half the squared K-norm of the residual delta x - b."""
         return energy_of(self.whitened_table, self.pack(x), self.whitened_offset())
 
-    # -- cohomology --------------------------------------------------------------------------------------------
-
     def betti(self, *, rtol: float = RANK_TOLERANCE) -> tuple[int, int]:
         """Dimensions of H^0 = ker delta and H^1 = coker delta.
 
-        Args:
-            rtol: a singular value of delta at most rtol times the largest counts as zero.
+        A singular value of delta at most rtol times the largest counts as zero.
         """
         m, n = self.shape
         h0 = section_basis(self.table, self.free([]), rtol).shape[1]
@@ -333,7 +324,7 @@ class Sheaf(Cochains):
         delta has one representative there, its shortest.
 
         Raises:
-            SheafError: the basis is too large (see `sections.cokernel_basis`), or its dimension is not decided at this
+            SheafError: the basis is too large (see `blocks.cokernel_basis`), or its dimension is not decided at this
                 tolerance, which is as in `betti`.
         """
         basis = cokernel_basis(self.coboundary(), self.betti(rtol=rtol)[1], rtol)
@@ -348,10 +339,9 @@ class Sheaf(Cochains):
         return self._orthonormal_sections(list(boundary), rtol).toarray()
 
     def dirichlet_problem(self, boundary: Sequence[Hashable]) -> DirichletProblem:
-        """The problem of extending boundary values harmonically, for many of them; edges added later are not in it.
+        """The problem of extending values on U harmonically, for many of them; edges added later are not in it.
 
-        Args:
-            boundary: the vertices U, in the order of boundary vectors.
+        Boundary vectors are in the order of the given vertices U.
 
         Raises:
             SheafError: a boundary vertex is unknown or named twice.

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mjsheaf.arrays import Array
+from mjsheaf.control.terms import contraction
 from mjsheaf.system import Phase, System
 
 _PIECE = 2**16  # of vehicles and samples, their product: a few megabytes of results
@@ -132,8 +133,17 @@ def likely_cause(system: System, law_period: float) -> str:
     """
     h, target_gain = law_period, float(np.max(system.law.gain[len(system.team.agents) :], initial=0.0))
     consensus = np.linalg.eigvalsh(system.team.target_sheaf.laplacian().toarray())[-1] if target_gain > 0.0 else 0.0
+    agents = system.largest_eigenvalue, "k1 h lambda_max", "the held law"
+    terms = system.law.terms
+    if terms.newton:  # x+ = (1 - h k1) x - h k1 s, s+ = p (h k1 x + (1 + h k1) s), and p of the rounds is at least -c
+        c = contraction(terms.newton, *terms.eigenvalues)
+        agents = (
+            (1.0 + c) / max(1.0 - c, 1e-9),
+            "k1 h (1 + c) / (1 - c)",
+            f"the held law, whose rounds leave c = {c:.3g},",
+        )
     for gain, fastest, margin, what, field in (
-        (system.gain, system.largest_eigenvalue, "k1 h lambda_max", "the held law", "controller.gain"),
+        (system.gain, *agents, "controller.gain"),
         (target_gain, consensus, "gain h lambda_max", "the targets' own held consensus", "target_formation.gain"),
         (np.max(system.motion.pull, initial=0.0), 1.0, "pull h", "a target's held pull to its path", "its motion.pull"),
     ):

@@ -41,11 +41,7 @@ class BusyError(InputError):
 
 
 class StudyDirectory:
-    """A study's directory, locked by this process; made by `open_directory`.
-
-    Attributes:
-        path: where.
-    """
+    """A study's directory, locked by this process; made by `open_directory`."""
 
     def __init__(self, path: Path, plan: Plan, made: list[Path]) -> None:
         self.path = path

@@ -14,6 +14,7 @@ from matplotlib.colors import LogNorm, Normalize
 from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array, IntArray
+from mjsheaf.io.yaml import SUFFIXES
 from mjsheaf.plotting import BLUE, label_axes, legend_below, log_axis, new_figure, palette, save_figure
 from mjsheaf.results.metrics import MEASURES
 from mjsheaf.studies.schema import Choice, LogUniform, StudyFile
@@ -122,7 +123,7 @@ def _shortened(name: str) -> str:
     if len(name) <= _LONGEST_TICK:
         return name
     kept = _LONGEST_TICK - 1
-    return "…" + name[-kept:] if name.endswith((".yaml", ".yml")) else name[:kept] + "…"  # paths differ at their ends
+    return "…" + name[-kept:] if name.endswith(SUFFIXES) else name[:kept] + "…"  # paths differ at their ends
 
 
 def _plain(text: str) -> str:
@@ -151,9 +152,7 @@ def plot_study(study: StudyFile, name: str, records: list[dict[str, Any]]) -> di
     """
     axes = swept_axes(study, records)
     finished = np.array([r["status"] == "finished" for r in records])
-    ends = np.array(
-        [_MARKS[r["settled"]][0] if done else _UNFINISHED for r, done in zip(records, finished, strict=True)]
-    )
+    ends = np.array([_MARKS[r["settled"]][0] if r["status"] == "finished" else _UNFINISHED for r in records])
     errors, when = {}, "late" if study.late else "final"
     measures = [study.measure] if study.measure else MEASURES
     for measure in measures:

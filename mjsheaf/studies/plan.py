@@ -4,6 +4,7 @@ import hashlib
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +13,11 @@ from pydantic import ValidationError
 from mjsheaf.errors import InputError, ScenarioError, in_field
 from mjsheaf.io.files import confined, list_studies, naming
 from mjsheaf.io.section import describe_validation_error
-from mjsheaf.io.yaml import parse_yaml, read_yaml
+from mjsheaf.io.yaml import SUFFIXES, parse_yaml, read_yaml
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import list_scenarios, map_vehicles, read_scenario
 from mjsheaf.studies.job import Job, versions
 from mjsheaf.studies.schema import Point, StudyFile, points_of
-
-_SUFFIXES = (".yaml", ".yml")
 
 _TRIED_POINTS = 20
 """Points of which one must be valid before anything begins: a field that does not exist fails them all."""
@@ -125,7 +124,7 @@ def _read(source: str) -> Plan:
     """The plan of a study file, or of a scenario as a study of one run; without files and points."""
     studies, scenarios = list_studies(), list_scenarios()
     path = scenarios.get(source) or studies.get(source, Path(source))
-    if path.suffix not in _SUFFIXES and not path.exists():
+    if path.suffix not in SUFFIXES and not path.exists():
         raise ScenarioError(
             f"{source}: no such study or scenario; expected {', '.join([*studies, *scenarios])}, "
             "or the path of a YAML file"
@@ -170,10 +169,7 @@ def _absolute(value: Any, path: str) -> Any:
 def _vehicle_files(scenario: dict[str, Any], study: StudyFile, directory: Path) -> dict[str, str]:
     """SHA-256 of the files of vehicles that do not come with mjsheaf: path of description, MJCF file or mesh to digest.
 
-    Args:
-        scenario: as read.
-        study: whose values may name vehicles too.
-        directory: to which paths in the study are relative.
+    The study's values may name vehicles too.
 
     Raises:
         InputError: a vehicle's files cannot be read, or lie outside its directory.
@@ -250,6 +246,4 @@ def _tried(plan: Plan) -> list[Point]:
     # Steps of the golden ratio come near every place and fall in with no period of the grid.
     steps = (int(places * (k * 0.6180339887498949 % 1.0)) for k in range(_TRIED_POINTS))
     spread = dict.fromkeys(steps if places > _TRIED_POINTS else range(places))
-    return [plan.points[place * seeds + k] for k in range(min(seeds, _TRIED_POINTS)) for place in spread][
-        :_TRIED_POINTS
-    ]
+    return list(islice((plan.points[place * seeds + k] for k in range(seeds) for place in spread), _TRIED_POINTS))

@@ -121,10 +121,6 @@ def make_table(plan: Plan, records: Iterable[dict[str, Any]]) -> pd.DataFrame:
     Errors are the team's at the last sample and, under `late_`, their RMS over the last half, m; nothing stands where a
     measure has no meaning or a run did not get that far, and for a parameter that a listed point leaves as it is. A
     parameter's column is of numbers where all its values are, of text where all are text, else of JSON.
-
-    Args:
-        plan: the study.
-        records: of all runs, in order.
     """
     rows = [
         {**record, **(record["final"] or {}), **{f"late_{m}": x for m, x in (record["late"] or {}).items()}}
@@ -160,13 +156,7 @@ def csv_of(table: pd.DataFrame) -> bytes:
 
 
 def page_of(plan: Plan, table: pd.DataFrame, plots: dict[str, bytes]) -> bytes:
-    """The page as HTML, one file that opens from disk without a network.
-
-    Args:
-        plan: the study.
-        table: of all runs.
-        plots: PNG by file name, which become part of the page.
-    """
+    """The page as HTML, one file that opens from disk without a network; plots (PNG by file name) are part of it."""
     environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
     environment.filters.update(shown=_shown)
     statuses = table["status"].tolist()
@@ -175,28 +165,23 @@ def page_of(plan: Plan, table: pd.DataFrame, plots: dict[str, bytes]) -> bytes:
         {name: _cell(value) for name, value in row.items() if pd.notna(value)}
         for row in table.head(_MOST_ROWS).to_dict("records")
     ]
-    return (
-        environment.from_string(Path(__file__).with_name("page.html").read_text(encoding="utf-8"))
-        .render(
-            plan=plan,
-            study=plan.study,
-            version=__version__,
-            runs=len(table),
-            statuses=STATUSES,
-            counts=Counter(statuses),
-            plots={name: base64.b64encode(png).decode() for name, png in plots.items()},
-            level=LEVEL,
-            example=example,
-            command=command_of(plan, plan.points[example]),
-            columns=[
-                name for name in table if table[name].replace("", None).notna().any()
-            ],  # others only widen the page
-            numbers={name for name in table if pd.api.types.is_numeric_dtype(table[name].dtype)},
-            measures=MEASURES,
-            rows=rows,
-        )
-        .encode()
-    )
+    page = environment.from_string(Path(__file__).with_name("page.html").read_text(encoding="utf-8"))
+    return page.render(
+        plan=plan,
+        study=plan.study,
+        version=__version__,
+        runs=len(table),
+        statuses=STATUSES,
+        counts=Counter(statuses),
+        plots={name: base64.b64encode(png).decode() for name, png in plots.items()},
+        level=LEVEL,
+        example=example,
+        command=command_of(plan, plan.points[example]),
+        columns=[name for name in table if table[name].replace("", None).notna().any()],  # others only widen it
+        numbers={name for name in table if pd.api.types.is_numeric_dtype(table[name].dtype)},
+        measures=MEASURES,
+        rows=rows,
+    ).encode()
 
 
 def command_of(plan: Plan, point: Point) -> str:

@@ -3,16 +3,7 @@
 This layer turns a team into a sheaf. It knows nothing of dynamics.
 """
 
-from mjsheaf.team.edges import (
-    GROUND,
-    Anchor,
-    Edge,
-    LinearEdge,
-    Member,
-    anchor,
-    restriction_maps,
-    rotation_to_local,
-)
+from mjsheaf.team.edges import GROUND, Anchor, Edge, LinearEdge, Member, anchor, restriction_maps, rotation_to_local
 from mjsheaf.team.formation import Formation
 from mjsheaf.team.team import Team
 

@@ -83,13 +83,9 @@ class Edge:
 
 
 def anchor(agent: str, F: Array, value: Array, weight: Array) -> Edge:
-    """An edge that ties what an agent measures by itself to a fixed value: F q_i should be `value`.
+    """An edge that ties what an agent measures by itself to a fixed value (m,) in m: F q_i should be `value`.
 
-    Args:
-        agent: id of the agent.
-        F: what it measures, shape (m, n); for an altimeter [[0, 0, 1]].
-        value: shape (m,), m.
-        weight: inner product K, shape (m, m).
+    F has shape (m, n), for an altimeter [[0, 0, 1]]; the weight is the inner product K, shape (m, m).
     """
     return Edge(agent, GROUND, F, np.zeros((len(F), 0)), weight, value)
 
@@ -201,15 +197,12 @@ def _vector(values: Sequence[float], name: str, length: int) -> Array:
 
 
 def require_ends(tail: str, head: str, roles: Mapping[str, str], wanted: tuple[str, str]) -> None:
-    """Refuse an edge whose ends are unknown, of the wrong role, or the same.
+    """Raise an InputError that names an end of an edge if it is unknown, of the wrong role, or the same as the other.
 
     Args:
         tail, head: ids.
         roles: 'agent' or 'target' of every member by id.
         wanted: role of tail and head; 'ground' is that of GROUND.
-
-    Raises:
-        InputError: naming the end.
     """
 
     def unknown(end: str) -> str:

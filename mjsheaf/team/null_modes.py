@@ -36,9 +36,6 @@ class NullMode:
     steps: Array
 
 
-# -- a sparse basis --------------------------------------------------------------------------------------------
-
-
 def sparsified(basis: sparse.csr_array, owner: IntArray) -> sparse.csc_array:
     """A basis of the same space in which few agents move, and along axes where that is possible.
 
@@ -117,9 +114,6 @@ def _exchanged(pivots: IntArray, block: Array, owner: IntArray) -> IntArray:
         pivots[k] = row
         vectors = _echelon(block, pivots)
     return pivots
-
-
-# -- in words --------------------------------------------------------------------------------------------------
 
 
 def describe_null_modes(team: Team) -> list[str]:

@@ -76,8 +76,6 @@ class Team:
                 self.members + ground, self.communication + self.sensing + self.target_edges + self.anchors
             )
 
-    # -- members -----------------------------------------------------------------------------------------------
-
     @cached_property
     def slots(self) -> IntArray:
         """Places of the stacked vector (q, p) in a padded array of shape (V, 3), flattened; shape (n,)."""
@@ -108,8 +106,6 @@ class Team:
         padded[..., self.slots[: x.shape[-1]]] = x
         return padded.reshape(*x.shape[:-1], count, 3)
 
-    # -- the tracking problem ----------------------------------------------------------------------------------
-
     @cached_property
     def dirichlet(self) -> DirichletProblem:
         """The harmonic extension of the targets to the agents: H q* = B p + c."""
@@ -128,8 +124,6 @@ class Team:
         """The communication edges with both ends in a formation."""
         inside = set(formation.members)
         return [e for e in self.communication if e.tail in inside and e.head in inside]
-
-    # -- assembly ----------------------------------------------------------------------------------------------
 
     def _place_formations(self, own: dict[str, Array]) -> None:
         names = [formation.name for formation in self.formations]

@@ -4,9 +4,7 @@ Vehicles with some of what makes them real switched off, so that each effect's c
 
 - inertia: off, mass, inertia and added mass shrink until m / D is `massless_tau`; weight and drag stay what they are,
   and the autopilot, which has nothing left to do, is off.
-- drag_law: off, drag is linear.
 - limits: off, thrusters push as hard as asked, and multirotors tilt as far as 80 degrees.
-- lag: off, thrusters follow their commands at once.
 - underactuation: off, a vehicle has thrusters along every axis that it is controlled in, as strong and as slow as its
   own. A boat then holds its heading, is controlled at its origin, and is only as fast abeam as its sway drag leaves; a
   multirotor pushes sideways as hard as up.
@@ -80,7 +78,7 @@ class Effects(Section):
 
 
 def embody(vehicle: Vehicle, effects: Effects) -> Vehicle:
-    """The vehicle with the effects that are wanted; see the module for what each is."""
+    """The vehicle with the effects that are wanted; see `Effects` and the module for what each is."""
     if not effects.underactuation and vehicle.steering.underactuated:
         vehicle = _fully_actuated(vehicle)
     if not effects.limits:

@@ -40,6 +40,7 @@ _GRIDS = {"texture": ("width", "height"), "hfield": ("nrow", "ncol")}
 _WORDS = ("name", "class", "childclass")  # attributes that are words, whatever they look like
 _DIRECTORIES = ("meshdir", "texturedir", "assetdir")
 _IN_MESHDIR = ("mesh", "hfield", "skin")
+_LAG_NAMES = {int(getattr(mujoco.mjtDyn, f"mjDYN_{name.upper()}")): name for name in LAGS}
 
 
 class _Reference(NamedTuple):
@@ -161,9 +162,6 @@ def _numbers(value: str) -> list[float]:
         return [float(word) for word in value.split()]
     except ValueError:
         return []
-
-
-_LAG_NAMES = {int(getattr(mujoco.mjtDyn, f"mjDYN_{name.upper()}")): name for name in LAGS}
 
 
 def list_vehicles() -> dict[str, Path]:

@@ -25,6 +25,7 @@ FULL, THRUST_VECTOR, HAND_POINT = 0, 1, 2  # codes
 
 _USABLE = 0.9  # share of a multirotor's thrust that may carry and move it; the rest turns it
 _FREE_TILT = 80.0  # degrees
+_SHARE_OF_FALL = 0.5  # a multirotor that points its thrust sinks with at most this much of its weight
 _DIRECTIONS = 2.0 * np.pi * np.arange(24) / 24  # rad, of the plane
 
 
@@ -207,9 +208,6 @@ class ThrustVector(Steering):
         super().pack(body, kind)
         kind["tan_max_tilt"] = np.tan(np.deg2rad(self.largest_tilt))
         kind["most_thrust"] = self.largest_thrust(body)
-
-
-_SHARE_OF_FALL = 0.5  # a multirotor that points its thrust sinks with at most this much of its weight
 
 
 @inline_jit

@@ -51,8 +51,7 @@ class View:
 
         Args:
             points: Shape (n, 3), in m.
-            width: of the frame, in pixels.
-            height: of the frame, in pixels.
+            width, height: of the frame, in pixels.
 
         Returns:
             Columns and rows from the top left corner, shape (n, 2), in pixels; and depths along the view,
@@ -79,15 +78,7 @@ def axes(azimuth: float, elevation: float) -> FloatArray:
 
 @dataclass(frozen=True)
 class CameraPath:
-    """The camera over a film of F frames.
-
-    Attributes:
-        lookat: Shape (F, 3), in m.
-        distance: Shape (F,), in m.
-        azimuth: direction of view about z, in degrees.
-        elevation: angle above the horizon, in degrees.
-        fovy: vertical angle of view, in degrees.
-    """
+    """The camera over a film of F frames: see `View`, but `lookat` has shape (F, 3) and `distance` (F,)."""
 
     lookat: FloatArray
     distance: FloatArray
@@ -116,9 +107,7 @@ def camera_path(
     Args:
         points: what must stay in the picture at consecutive frames, a few frames at a time: each of shape (f, n, 3),
             in m, and finite.
-        azimuth: direction of view about z, in degrees.
-        elevation: angle above the horizon, in degrees.
-        fovy: vertical angle of view, in degrees.
+        azimuth, elevation, fovy: see `View`.
         aspect: width of the picture over its height.
         radius: of the ball about each point that must be in the picture, in m; positive.
         window: frames on either side over which motion is smoothed.

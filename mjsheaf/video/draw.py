@@ -101,12 +101,9 @@ class Painter(AbstractContextManager["Painter"]):
     """
 
     def __init__(self, film: Film, model: mujoco.MjModel, options: VideoOptions, beside: Sequence[Film] = ()) -> None:
-        """Set everything up.
+        """Set everything up; the model is not changed.
 
         Args:
-            film: the run.
-            model: arena and vehicles; it is not changed.
-            options: size, camera, speed and so on.
             beside: other films, as long and with as many vehicles, that the camera keeps in view too.
 
         Raises:

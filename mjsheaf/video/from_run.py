@@ -133,19 +133,14 @@ def video_options(scenario: Scenario, **changes: float | int | str | None) -> Vi
 class RecordedRun:
     """A run's data, read piece by piece when they are looked at.
 
-    Ideal kinematics have neither height in the plane nor attitude: vehicles lie on the surface and face where they go.
+    Ideal kinematics have neither height in the plane nor attitude: vehicles lie on the surface, whose z is given in m,
+    and face where they go.
 
     Attributes:
         time: of all samples, shape (T,), s.
     """
 
     def __init__(self, dataset: xr.Dataset, surface_height: float) -> None:
-        """Say where the data are.
-
-        Args:
-            dataset: of a run, in memory or opened.
-            surface_height: z of what lies on the surface, m.
-        """
         self._dataset, self._surface = dataset, surface_height
         self._physics = dataset.attrs["backend"] == "physics"
         self.time: FloatArray = dataset["time"].values

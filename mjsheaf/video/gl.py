@@ -78,12 +78,7 @@ def _probe(backend: str) -> str | None:
 
 
 def open_context(backend: str, width: int, height: int) -> Any:
-    """Create a GL context, with methods `make_current` and `free`, and make it current.
-
-    Args:
-        backend: one of BACKENDS, such as `available_backend` returns.
-        width: of the frames to draw, in pixels.
-        height: of the frames to draw, in pixels.
+    """Create a GL context for frames of a size in pixels, with methods `make_current` and `free`, and make it current.
 
     Raises:
         MjsheafError: the driver refuses.

@@ -41,13 +41,7 @@ class Overlay:
     """Writes on frames. One is made for a film and a size of frame."""
 
     def __init__(self, film: Film, options: VideoOptions, survey: Samples) -> None:
-        """Draw everything that stays the same.
-
-        Args:
-            film: names, colours, edges.
-            options: size of the frame.
-            survey: the film at some times, for the curve of its error.
-        """
+        """Draw everything that stays the same; `survey` is the film at some times, for the curve of its error."""
         self._film, self._unit = film, options.unit
         self._width, self._height = options.width, options.height
         widest = max(font(self._px(24), bold=True).getlength(film.name), font(self._px(14)).getlength(film.subtitle))

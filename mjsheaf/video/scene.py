@@ -154,9 +154,8 @@ def draw_lines(batches: Sequence[Lines]) -> None:
     from OpenGL.raw.GL.VERSION import GL_1_1 as RAW  # the plain functions keep no reference to arrays
 
     gl: Any = GL
-    gl.glPushAttrib(
-        gl.GL_ENABLE_BIT | gl.GL_LINE_BIT | gl.GL_COLOR_BUFFER_BIT | gl.GL_CURRENT_BIT | gl.GL_DEPTH_BUFFER_BIT
-    )
+    changed = gl.GL_ENABLE_BIT | gl.GL_LINE_BIT | gl.GL_COLOR_BUFFER_BIT | gl.GL_CURRENT_BIT | gl.GL_DEPTH_BUFFER_BIT
+    gl.glPushAttrib(changed)
     gl.glPushClientAttrib(gl.GL_CLIENT_VERTEX_ARRAY_BIT)
     try:
         for wanted in (gl.GL_LIGHTING, gl.GL_TEXTURE_2D, gl.GL_CULL_FACE):
@@ -189,19 +188,17 @@ class Renderer:
     """Draws a model's state, and what is added to it, into frames of one size; `close` frees the GL resources."""
 
     def __init__(self, model: mujoco.MjModel, width: int, height: int, backend: str, extra_geoms: int) -> None:
-        """Open a GL context and upload the model's meshes and textures to it.
+        """Open a GL context and upload the model's meshes and textures to it; its offscreen buffer is resized.
 
         Args:
-            model: the model to draw; its offscreen buffer is resized.
-            width: of the frames, in pixels.
-            height: of the frames, in pixels.
+            model: to draw.
+            width, height: of the frames, in pixels.
             backend: which GL, as `mjsheaf.video.gl.available_backend` returns.
             extra_geoms: how many geoms may be added to the scene in a frame.
 
         Raises:
             MjsheafError: the driver refuses.
         """
-        self.model = model
         self._model, self._closed = model, False
         self._rectangle = mujoco.MjrRect(0, 0, width, height)
         self._pixels = np.zeros((height, width, 3), np.uint8)
@@ -264,13 +261,7 @@ class Renderer:
 
 
 def enlarge_vehicles(model: mujoco.MjModel, body_id: IntArray, scale: float) -> None:
-    """Scale what is drawn of each vehicle about its root body's origin; the model is then for drawing only.
-
-    Args:
-        model: changed.
-        body_id: the vehicles' root bodies. Shape (V,).
-        scale: 1 leaves everything as it is.
-    """
+    """Scale what is drawn of each vehicle about its root body's origin; the model is then for drawing only."""
     if scale == 1:
         return
     bodies = np.flatnonzero(np.isin(model.body_rootid, body_id))
