@@ -237,8 +237,8 @@ def pack_terms(terms: Terms, team: Team, period: float, seed: int) -> TermArrays
 
 def with_eigenvalues(terms: TermArrays, low: float, high: float) -> TermArrays:
     """The terms, with bounds on the eigenvalues of H."""
-    left = np.clip(contraction(terms.feedforward, low, high), 1e-300, 1.0 - 1e-9)
-    settled = int(np.ceil(np.log(_SETTLED) / np.log(left)))
+    left = contraction(terms.feedforward, low, high)
+    settled = int(np.ceil(np.log(_SETTLED) / np.log(left))) if 0.0 < left < 1.0 else 1
     return terms._replace(eigenvalues=np.array([low, high]), settled=settled)
 
 

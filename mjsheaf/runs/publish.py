@@ -241,9 +241,8 @@ def save(result: xr.Dataset, directory: str | Path, *, video: bool = True) -> Ou
         raise InputError("save: the result does not know its scenario; expected a Dataset as `simulate` returns it")
     system = scenario.system
     parts = {"agent", "agent_position", "harmonic_extension", "tracking_error"} <= set(result.variables)
-    if not (parts and {"backend", "status"} <= set(result.attrs) and result.sizes["time"]) or (
-        result["agent"].values.tolist() != system.team.agent_ids
-    ):
+    said = {"backend", "status", "exchange_rounds", "numbers_sent"} <= set(result.attrs)
+    if not (parts and said and result.sizes["time"]) or (result["agent"].values.tolist() != system.team.agent_ids):
         raise InputError("save: the result is not whole; expected a Dataset as `simulate` returns it")
     options = video_options(scenario) if video else None
     return publish(result, scenario, system, Path(directory), video=options)
