@@ -11,6 +11,8 @@ from mjsheaf.comparing.ladder import Run, ladder_of, run_ablation
 from mjsheaf.comparing.measures import budgets_of, error_series, errors_by_scope, formation_size, positions_at_q_star
 from mjsheaf.comparing.ringing import ringing_of, usable_gain
 from mjsheaf.comparing.verdict import CompareRecord, LoopRecord, verdict_of
+from mjsheaf.results import make_dataset
+from mjsheaf.runs.harm import examine_terms, term_names
 from mjsheaf.runs.simulate import Progress, no_progress, require_simulable
 from mjsheaf.scenario import Scenario
 from mjsheaf.system import System
@@ -53,6 +55,8 @@ def compare(scenario: Scenario, progress: Progress = no_progress) -> Comparison:
         scenario=scenario.name,
         seed=scenario.seed,
         gain=system.gain,
+        terms=list(term_names(system.law.terms)),
+        harm=_harm(system, runs["all"], scenario.seed),
         usable_gain=min((gain for gain in gains if gain is not None), default=None),
         loop=loop,
         time_s=system.grid.period * system.grid.steps,
@@ -79,3 +83,11 @@ def _loop(system: System, ideal: Run) -> LoopRecord | None:
         return None
     found = loop_along(system, ideal.trajectory.time, system.team.harmonic_extension(ideal.trajectory.positions))
     return LoopRecord(stable=found.stable, largest_gain=found.largest_gain, reason=found.reason)
+
+
+def _harm(system: System, run: Run, seed: int) -> list[str]:
+    """What the terms of the law do wrong in the run of the scenario as it stands."""
+    if not system.law.terms.agents:
+        return []
+    found = examine_terms(system, make_dataset(run.trajectory, "physics", seed))
+    return list(found.harm) if found else []

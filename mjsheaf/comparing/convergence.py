@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from pydantic import Field
 
-from mjsheaf.comparing.ladder import inertial_tau
+from mjsheaf.comparing.ladder import inertial_tau, without_terms
 from mjsheaf.comparing.measures import largest_distance, positions_at_q_star
 from mjsheaf.io.section import FiniteRecord
 from mjsheaf.runs.simulate import Progress, no_progress
@@ -31,7 +31,10 @@ class PointRecord(FiniteRecord):
 
 
 class ConvergenceRecord(FiniteRecord):
-    """Largest distance to the ideal run, both from q*, against the time constant tau of all bodies."""
+    """Largest distance to the ideal run, both from q*, against the time constant tau of all bodies.
+
+    Both under the paper's law alone, of which theory speaks: terms know bodies from ideal kinematics.
+    """
 
     points: list[PointRecord]
     start_s: float
@@ -89,8 +92,8 @@ def converge(system: System, progress: Progress = no_progress) -> ConvergenceRec
 
 
 def _with_inertia(system: System, tau: float | None) -> System:
-    """The system on bodies whose only effect is inertia, with a time constant of their own unless given, s."""
+    """The system under the paper's law, on bodies with inertia alone; tau, s, is their own unless given."""
     plan = system.bodies
     only = Effects(inertia=True, drag_law=False, limits=False, lag=False, underactuation=False)
     constant = plan.time_constant if tau is None else tau
-    return replace(system, bodies=replace(plan, effects=only, time_constant=constant, contacts=False))
+    return replace(without_terms(system), bodies=replace(plan, effects=only, time_constant=constant, contacts=False))

@@ -104,7 +104,8 @@ def choose_rungs(record: CompareRecord) -> tuple[list[RungRecord], str]:
     All with one effect are drawn but those whose line is that of ideal thrusters, and, beyond 10 lines, those that do
     least.
     """
-    base, fixed = record.rung("base"), ("targets", "agents", "base", "all", "ideal")
+    law = [rung for rung in record.ladder if rung.key == "all-terms"]
+    base, fixed = record.rung("base"), ("targets", "agents", "base", "all", "ideal", *(rung.key for rung in law))
     alone = [rung for rung in record.ladder if rung.kind == "alone"]
     same = [r for r in alone if (r.status, r.errors, r.distance) == (base.status, base.errors, base.distance)]
     others = [rung for rung in alone if rung not in same]
@@ -119,12 +120,14 @@ def choose_rungs(record: CompareRecord) -> tuple[list[RungRecord], str]:
     missing = [f"{', '.join(display_name(r.effect or '') for r in rungs)} ({why})" for rungs, why in groups if rungs]
     missing += ["all but one"] if any(rung.kind == "without" for rung in record.ladder) else []
     footnote = f"not drawn: {'; '.join(missing)}" if missing else ""
-    return [*shown, record.rung("all"), record.rung("ideal")], footnote
+    return [*shown, *law, record.rung("all"), record.rung("ideal")], footnote
 
 
 def _style(rung: RungRecord, colour: Array) -> dict[str, Any]:
     if rung.kind == "ideal":
         return {"color": "black", "linewidth": 1.6, "linestyle": (0, (4, 2))}
+    if rung.kind == "law":
+        return {"color": _ALL, "linewidth": 1.4, "linestyle": (0, (1.5, 1.5))}
     if rung.kind == "all":
         return {"color": _ALL, "linewidth": 1.8}
     if rung.kind == "part":

@@ -7,8 +7,10 @@
     +EFFECT    base with one effect
     all        the scenario as it stands
     -EFFECT    the scenario with one effect switched off
+    X-terms    ideal kinematics and the scenario as it stands under the paper's law alone, without its terms
 
-The ladder has variants only for effects that some vehicle of the scenario has and that the scenario leaves on.
+The ladder has variants only for effects that some vehicle of the scenario has and that the scenario leaves on, and for
+the paper's law only where the scenario's has terms beyond it.
 
 A scenario may be worse without an effect than with it, as effects are not independent:
 
@@ -47,6 +49,7 @@ from mjsheaf.comparing.measures import (
     positions_at_q_star,
     saturation_of,
 )
+from mjsheaf.control.terms import no_terms
 from mjsheaf.io.section import FiniteRecord
 from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.simulation.ideal import run_ideal
@@ -56,7 +59,7 @@ from mjsheaf.system import System
 from mjsheaf.vehicles.effects import has_effects
 from mjsheaf.vehicles.vehicle import Vehicle
 
-Kind = Literal["ideal", "part", "base", "alone", "all", "without"]
+Kind = Literal["ideal", "part", "base", "alone", "all", "without", "law"]
 
 CONTACTS = "contacts"
 _OF_VEHICLES = ("inertia", "drag_law", "limits", "lag", "underactuation")
@@ -101,16 +104,19 @@ class Setup:
     Attributes:
         agents, targets: whether they are bodies.
         effects: those of EFFECTS that are on; without a meaning where nobody is a body.
+        terms: whether the law keeps what it has beyond the paper's.
     """
 
     agents: bool
     targets: bool
     effects: frozenset[str] = frozenset()
+    terms: bool = True
 
     def apply(self, system: System) -> System:
         """The system with these bodies."""
         effects = system.bodies.effects.model_copy(update={name: name in self.effects for name in _OF_VEHICLES})
-        return replace(system, bodies=replace(system.bodies, effects=effects, contacts=CONTACTS in self.effects))
+        bodies = replace(system.bodies, effects=effects, contacts=CONTACTS in self.effects)
+        return replace(system if self.terms else without_terms(system), bodies=bodies)
 
 
 @dataclass(frozen=True)
@@ -193,6 +199,11 @@ class Run:
         )
 
 
+def without_terms(system: System) -> System:
+    """The system under the paper's law alone."""
+    return replace(system, law=system.law._replace(terms=no_terms()))
+
+
 def display_name(effect: str) -> str:
     """Human-readable name of an effect."""
     return effect.replace("_", " ")
@@ -234,12 +245,16 @@ def _switched_on(system: System) -> frozenset[str]:
 
 
 def ladder_of(system: System) -> list[Variant]:
-    """The variants of a scenario, from ideal to all, then those without one effect."""
+    """The variants of a scenario, from ideal to all, those without one effect, and those under the paper's law."""
     effects, own = effects_of(system), _switched_on(system)
 
-    def bodies(effects: frozenset[str]) -> Setup:
-        return Setup(agents=True, targets=True, effects=effects)
+    def bodies(effects: frozenset[str], terms: bool = True) -> Setup:
+        return Setup(agents=True, targets=True, effects=effects, terms=terms)
 
+    law = [
+        Variant("ideal-terms", "ideal, paper's law", "law", Setup(agents=False, targets=False, terms=False)),
+        Variant("all-terms", "all, paper's law", "law", bodies(own, terms=False)),
+    ]
     return [
         Variant("ideal", "ideal kinematics", "ideal", Setup(agents=False, targets=False)),
         Variant("targets", "only targets are bodies", "part", Setup(agents=False, targets=True)),
@@ -248,6 +263,7 @@ def ladder_of(system: System) -> list[Variant]:
         *(Variant(f"+{e}", f"base + {display_name(e)}", "alone", bodies(frozenset([e])), e) for e in effects),
         Variant("all", "all: as it stands", "all", bodies(own)),
         *(Variant(f"-{e}", f"all - {display_name(e)}", "without", bodies(own - {e}), e) for e in effects),
+        *(law if system.law.terms.agents else []),
     ]
 
 

@@ -17,6 +17,7 @@ from mjsheaf.comparing.measures import FORMATION, TEAM, TRACKING, BudgetRecord, 
 from mjsheaf.comparing.verdict import CompareRecord
 from mjsheaf.results import make_dataset
 from mjsheaf.results.store import replaced_run, save_summary, staging
+from mjsheaf.runs.harm import listed
 from mjsheaf.runs.publish import draw_video, write_scenario
 from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.scenario import Scenario
@@ -41,14 +42,15 @@ _BEFORE_EFFECTS = {
 _AFTER_EFFECTS = {"interaction_m": "interaction", "all_m": "as it stands"}
 """Fields of a budget in the order of its table, with their labels."""
 
-_SECTION = {"ideal": 0, "part": 0, "base": 1, "alone": 1, "all": 2, "without": 2}
+_SECTION = {"ideal": 0, "part": 0, "base": 1, "alone": 1, "all": 2, "without": 2, "law": 3}
 
 
 def report(record: CompareRecord) -> Group:
     """The comparison as a page."""
     tables = [_ladder(record), _budget(record), _ringing(record), _speeds(record)]
     lines = [Padding(Text(f"- {sentence}"), (0, 0, 0, 2)) for sentence in record.verdict]
-    title = f"{record.scenario}: ideal kinematics against bodies, gain {record.gain:g} 1/s, {record.time_s:.6g} s"
+    law = "".join(f", {term}" for term in record.terms)
+    title = f"{record.scenario}: ideal kinematics against bodies, gain {record.gain:g} 1/s{law}, {record.time_s:.6g} s"
     return Group(Text(title, style="bold"), *lines, *tables, Text(_convergence(record)))
 
 
@@ -103,6 +105,7 @@ def _ladder(record: CompareRecord) -> Group:
         "moving: not yet; growing: it only gets worse; circling: the team swings by itself, without end",
         "limited: time share of agents' thrusters at a limit",
     ]
+    notes += [f"paper's law: without {listed(record.terms)}"] if record.terms else []
     notes += [f"with a tenth of the timestep, else it blows up: {finer}"] if finer else []
     notes += [f"{r.label}: {r.message}" for r in record.ladder if r.status != "finished"]
     title = "ladder: errors in m, RMS over the last half / at the end; largest distance to the ideal run in m"
@@ -214,10 +217,11 @@ def _convergence(record: CompareRecord) -> str:
     c = record.convergence
     if c.slope is None:
         return f"\nconvergence: none measured; {c.reason or 'too few runs came to their end'}"
+    law = ", by the paper's law alone" * bool(record.terms)
     points = ", ".join(f"{_number(p.distance_m)} m at {p.tau_s:.2g} s" for p in c.points)
     return (
-        f"\nconvergence to the ideal run with the bodies' time constant tau: slope {c.slope:.3f} (theory: 1); largest "
-        f"distance from {c.start_s:.3g} s to {c.end_s:.3g} s: {points}"
+        f"\nconvergence to the ideal run with the bodies' time constant tau{law}: slope {c.slope:.3f} (theory: 1); "
+        f"largest distance from {c.start_s:.3g} s to {c.end_s:.3g} s: {points}"
     )
 
 

@@ -8,6 +8,9 @@ second-order response is fitted.
 The prediction knows inertia alone, and beside that the hold of the law. Thrusters that lag, and attitudes that must
 turn first, come on top: so the test is repeated without them, where prediction and measurement must meet.
 
+With the Newton direction H is the identity in all of this: the prediction takes it for exact. The other terms add
+nothing while everything is still, and their odometry has no noise then.
+
 How far the gain may be raised before bodies, lag or the law's hold make the team ring.
 """
 
@@ -123,7 +126,7 @@ def second_order(system: System) -> Array:
 
     Time constants are those of inertia alone along each vehicle's axes, at its initial heading.
     """
-    H = system.team.dirichlet.H.toarray()
+    H = _stiffness(system)
     blocks = []
     for v, (agent, vehicle) in enumerate(zip(system.team.agents, system.vehicles, strict=False)):
         c, s = np.cos(system.bodies.heading[v]), np.sin(system.bodies.heading[v])
@@ -132,6 +135,12 @@ def second_order(system: System) -> Array:
     quickness = linalg.block_diag(*blocks)  # T^-1, 1/s
     zero, identity = np.zeros_like(H), np.eye(len(H))
     return np.block([[zero, identity], [-system.gain * quickness @ H, -quickness]])
+
+
+def _stiffness(system: System) -> Array:
+    """What the law turns e into: H, or the identity with the Newton direction, shape (n, n)."""
+    H = system.team.dirichlet.H.toarray()
+    return np.eye(len(H)) if system.law.terms.newton else np.asarray(H)
 
 
 def least_damped(system: System, matrix: Array) -> Mode:
@@ -146,7 +155,7 @@ def least_damped(system: System, matrix: Array) -> Mode:
         displacement, left = shape.real, np.linalg.pinv(right)[k]
         damping, frequency, rate = float(ratio[k]), float(abs(roots[k])), float(-roots[k].real)
     else:
-        values, vectors = np.linalg.eigh(system.team.dirichlet.H.toarray())
+        values, vectors = np.linalg.eigh(_stiffness(system))
         displacement, stiffness = vectors[:, -1], system.gain * float(values[-1])
         left = np.concatenate([displacement, np.zeros(n)]).astype(complex)
         quickness = float(-displacement @ matrix[n:, n:] @ displacement)
@@ -190,7 +199,7 @@ def _displaced_at_rest(system: System, mode: Mode) -> System:
     """The system with everything at rest and its agents displaced from q* along the mode."""
     team, grid = system.team, system.grid
     V, N = len(team.members), len(team.agents)
-    asked = system.gain * np.linalg.norm(team.unpack(team.dirichlet.H @ mode.displacement), axis=1)
+    asked = system.gain * np.linalg.norm(team.unpack(_stiffness(system) @ mode.displacement), axis=1)
     able = np.minimum(of_each(system.vehicles[:N], _ability), system.law.limit[:N])
     amplitude = min(_LARGEST_DISPLACEMENT, float((_SHARE_OF_ABILITY * able / np.maximum(asked, 1e-300)).min()))
     initial = positions_at_q_star(system, system.initial[None])[0]
@@ -203,7 +212,9 @@ def _displaced_at_rest(system: System, mode: Mode) -> System:
         system,
         initial=initial,
         grid=replace(grid, start=0.0, steps=max(steps, 8)),
-        law=system.law._replace(gain=np.where(np.arange(V) < N, system.law.gain, 0.0)),
+        law=system.law._replace(
+            gain=np.where(np.arange(V) < N, system.law.gain, 0.0), terms=system.law.terms._replace(noise=0.0, bias=0.0)
+        ),
         motion=system.motion._replace(
             pull=np.zeros(V), amplitude=np.zeros((V, 3)), path=np.zeros((V, 2), dtype=np.int64)
         ),
@@ -297,7 +308,7 @@ def usable_gain(system: System, ringing: RingingRecord | None) -> float | None:
     Returns:
         It, which may be below the present gain; None where any gain will do.
     """
-    stiffest = system.largest_eigenvalue
+    stiffest = 1.0 if system.law.terms.newton else system.largest_eigenvalue
     if system.gain <= 0.0 or stiffest <= 0.0:
         return None
     if ringing is not None:

@@ -15,6 +15,7 @@ from mjsheaf.comparing.ladder import RungRecord, display_name
 from mjsheaf.comparing.measures import FORMATION, TEAM, TRACKING, BudgetRecord, Measure
 from mjsheaf.comparing.ringing import RingingRecord
 from mjsheaf.io.section import Finite, FiniteRecord
+from mjsheaf.runs.harm import listed
 
 _CHANGE = {
     "inertia": "a faster autopilot (autopilot.rate), or a lower controller.gain",
@@ -54,6 +55,8 @@ class CompareRecord(FiniteRecord):
     origin: str | None = Field(None, description="scenario: its name, or its file relative to this directory")
     seed: int
     gain: float = Field(description="k1, 1/s")
+    terms: list[str] = Field(default_factory=list, description="of the law beyond the paper's")
+    harm: list[str] = Field(default_factory=list, description="what the terms do wrong as it stands, as `run` notes")
     usable_gain: float | None = Field(
         description="k1 up to which neither hold nor bodies ring, 1/s, from the least damped mode; null: any will do"
     )
@@ -112,7 +115,9 @@ class _Lever(NamedTuple):
 
 def verdict_of(record: CompareRecord) -> list[str]:
     """The sentences, the most telling first."""
-    parts = (_unsettled, _of_the_whole, _groups, _tracking, _velocity_limit, _speeds, _saturation, _ringing)
+    harmful = (_harmful_terms,) if _harmful_terms(record) else ()
+    law = () if harmful else (_terms, _groups, _tracking, _velocity_limit)  # advice for a law that does what it can
+    parts = (_unsettled, *harmful, _of_the_whole, *law, _speeds, _saturation, _ringing)
     return [sentence for part in parts for sentence in part(record)]
 
 
@@ -143,6 +148,33 @@ def _of_the_whole(record: CompareRecord) -> list[str]:
         f"{name}, RMS over the last half: ideal {budget.ideal_m:.3g} m, as it stands {budget.all_m:.3g} m; "
         f"bodies {'add' if cost >= 0 else 'take away'} {abs(cost):.2g} m ({_relative(budget.ideal_m, budget.all_m)})",
     ]
+
+
+def _harmful_terms(record: CompareRecord) -> list[str]:
+    """That the team would track better by the paper's law alone, and what the terms do wrong."""
+    cost = _costs_of_terms(record)
+    if cost is None or cost[1] - cost[0] <= _LEAST_BODY_SHARE * cost[0]:
+        return record.harm
+    gist = f"tracking error {cost[1]:.3g} m as it stands, {cost[0]:.3g} m by the paper's law alone"
+    return [f"{listed(record.terms)} HARM: {gist}", *record.harm]
+
+
+def _terms(record: CompareRecord) -> list[str]:
+    """What the terms of the law bring, where they do no harm."""
+    cost = _costs_of_terms(record)
+    if cost is None:
+        return []
+    ideal = [record.rung(key).errors[TEAM].error(TRACKING) for key in ("ideal-terms", "ideal")]
+    known = "" if None in ideal else f", ideal {ideal[0]:.3g} -> {ideal[1]:.3g} m"
+    return [f"{listed(record.terms)}: tracking error {cost[0]:.3g} -> {cost[1]:.3g} m as it stands{known}"]
+
+
+def _costs_of_terms(record: CompareRecord) -> tuple[float, float] | None:
+    """Tracking error as it stands by the paper's law alone, and with the terms, RMS over the last half, m."""
+    if not record.terms:
+        return None
+    without, now = (record.rung(key).errors[TEAM].error(TRACKING) for key in ("all-terms", "all"))
+    return None if without is None or now is None else (without, now)
 
 
 def _relative(ideal: float, now: float) -> str:

@@ -152,11 +152,36 @@ def summarize(team: Team, dataset: xr.Dataset) -> dict[str, Any]:
     return {"time": float(dataset["time"][-1]), **final, "groups": own}
 
 
+def error_series_of(team: Team, dataset: xr.Dataset) -> dict[str, list[float | None]]:
+    """Time, s, and the team's errors over time, m, as plain numbers; None where a measure has no meaning."""
+    everyone, _ = _series_of(team, dataset, 0)
+    series = {"time": dataset["time"].values, **everyone}
+    return {name: [finite(x) for x in values.tolist()] for name, values in series.items()}
+
+
 def late_errors(team: Team, dataset: xr.Dataset) -> dict[str, float | None]:
     """RMS of the team's errors over the last half of a run, in m; None where a measure has no meaning."""
     time = dataset["time"].values
     everyone, _ = _series_of(team, dataset, int(np.searchsorted(time, 0.5 * (time[0] + time[-1]) - 1e-9)))
     return {name: finite(np.sqrt((x**2).mean())) for name, x in everyone.items()}
+
+
+def communication(dataset: xr.Dataset, samples: int, period: float) -> dict[str, float]:
+    """Exchanges a second, and numbers that an agent sends a second, the mean over agents.
+
+    In an exchange every agent sends to all its neighbours. A round of a term of the law is one, in which the ends of a
+    communication edge of the dimension m send each other m numbers; the paper's law measures, and sends nothing.
+
+    Args:
+        dataset: of a run, all of it or thinned.
+        samples: of the whole run.
+        period: between samples, s.
+    """
+    time = samples * period
+    return {
+        "exchanges_per_second": dataset.attrs["exchange_rounds"] / time,
+        "numbers_per_agent_second": dataset.attrs["numbers_sent"] / (time * dataset.sizes["agent"]),
+    }
 
 
 def check_expectation(expect: "Expect", backend: str, status: str, final: dict[str, Any]) -> dict[str, Any]:

@@ -152,9 +152,11 @@ def _append(netcdf: h5netcdf.File, piece: xr.Dataset) -> None:
         for name, variable in piece.variables.items():
             if "time" in variable.dims:
                 netcdf.variables[name][begin:end] = variable.values
-    for name in ("status", "message"):
-        if netcdf.attrs[name] != piece.attrs[name]:
-            netcdf.attrs[name] = piece.attrs[name]
+    for name, value in piece.attrs.items():  # the last piece has the run's status, and what agents have sent
+        if netcdf.attrs[name] != value and isinstance(value, int):
+            netcdf._h5group.attrs.modify(name, value)  # in place, so that the bytes are those of one piece
+        elif netcdf.attrs[name] != value:
+            netcdf.attrs[name] = value
 
 
 def open_dataset(path: Path) -> xr.Dataset:

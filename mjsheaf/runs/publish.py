@@ -17,6 +17,7 @@ from mjsheaf.errors import InputError, MjsheafError
 from mjsheaf.io.section import LARGEST
 from mjsheaf.io.yaml import SUFFIXES, dump_yaml
 from mjsheaf.results import check_expectation, open_dataset, store, summarize, thinned, write_dataset
+from mjsheaf.results.metrics import communication
 from mjsheaf.results.netcdf import split
 from mjsheaf.runs.simulate import Progress, no_progress, require_simulable, stream
 from mjsheaf.scenario import Scenario
@@ -183,6 +184,7 @@ def publish(
         PlaceError: the directory may not be replaced or cannot be written.
     """
     from mjsheaf.checking.finished import bound_of_run
+    from mjsheaf.runs.harm import examine_terms
     from mjsheaf.simulation.trajectory import samples_in_piece
 
     replaced = store.replaced_run(directory)
@@ -201,6 +203,10 @@ def publish(
         if seconds:
             summary["realtime_factor"] = float(drawn["time"][-1] - drawn["time"][0]) / seconds
         notes = [theorem.violation()] * bool(theorem.violation())
+        terms = examine_terms(system, dataset)
+        if terms is not None:
+            summary["terms"] = terms.record()
+            notes += terms.harm
         if summary["ending"] in _NEVER_SETTLES:
             notes.append(f"the team does not settle: {_NEVER_SETTLES[summary['ending']]}; see mjsheaf check")
         if video is not None:
@@ -275,22 +281,15 @@ def _summary_of(
             "measured_over_bound_settled": theorem.settled_ratio,
             "wrong": theorem.wrong,
         },
+        "terms": None,
         "video": None,
         store.RESULT_DIGEST: "",
     }
 
 
 def _communication(system: "System", drawn: xr.Dataset, samples: int) -> dict[str, float]:
-    """Exchanges a second, and numbers that an agent sends a second, the mean over agents.
-
-    In an exchange every agent sends to all its neighbours. A round of a term of the law is one, in which the ends of a
-    communication edge of the dimension m send each other m numbers; the paper's law measures, and sends nothing.
-    """
-    time = samples * system.grid.period
-    return {
-        "exchanges_per_second": drawn.attrs["exchange_rounds"] / time,
-        "numbers_per_agent_second": drawn.attrs["numbers_sent"] / (time * len(system.team.agents)),
-    }
+    """Of a run of so many samples: see `metrics.communication`."""
+    return communication(drawn, samples, system.grid.period)
 
 
 def _plot(system: "System", drawn: xr.Dataset, theorem: "RunBound", folder: Path, progress: Progress) -> None:

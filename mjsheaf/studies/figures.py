@@ -2,7 +2,7 @@
 
 import io
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.io.yaml import SUFFIXES
-from mjsheaf.plotting import BLUE, label_axes, legend_below, log_axis, new_figure, save_figure
+from mjsheaf.plotting import BLUE, label_axes, legend_below, log_axis, new_figure, palette, save_figure
 from mjsheaf.results.metrics import MEASURES
 from mjsheaf.studies.schema import Choice, LogUniform, StudyFile
 
@@ -37,6 +37,7 @@ _MARKS: dict[bool | None, tuple[str, dict[str, Any]]] = {
 }
 """How runs that finished are marked, by whether they had settled."""
 _DECADES = 30.0  # ratio of largest to smallest from which an axis is logarithmic
+_MOST_LINES = 10  # of one panel
 _MOST_AXES = 6  # of the figures with a panel for each swept field
 _MOST_CELLS, _WRITTEN_CELLS = 40, 14  # along a side of a heat map; with their values in them
 _MOST_TICKS, _LONGEST_TICK, _UNROTATED = 12, 24, 40  # of tick labels: number; letters of one; of all, unless rotated
@@ -66,6 +67,10 @@ class SweptAxis:
     labels: list[str]
     index: IntArray
 
+    def alike(self, other: "SweptAxis") -> bool:
+        """Whether both fields have the same value in every run."""
+        return self.labels == other.labels and np.array_equal(self.index, other.index)
+
     def label(self, panel: Any, which: str, places: NDArray[Any]) -> None:
         """Name an axis ('x' or 'y') of a panel and put the values' labels at these places."""
         step = -(-len(places) // _MOST_TICKS)
@@ -76,10 +81,18 @@ class SweptAxis:
 
 
 def swept_axes(study: StudyFile, records: list[dict[str, Any]]) -> list[SweptAxis]:
-    """The swept fields that take more than one value, in the order of the study."""
+    """The swept fields that take more than one value, in the order of the study; fields that go together once."""
     drawn = study.draws.values if study.draws else {}
     axes = []
+    listed = {path for point in study.points for path in point} if study.names else set()
+    if study.names:
+        each = study.size // len(study.points)  # runs of a listed point, which change slowest
+        index = np.array([r["run"] // each for r in records], dtype=np.int64)
+        axes.append(SweptAxis("points", "", False, False, False, np.arange(len(study.names), dtype=np.float64),
+                              [_plain(name) for name in study.names], index))  # fmt: skip
     for path in study.paths:
+        if path in listed:
+            continue
         values = [r["parameters"].get(path) for r in records]
         how = drawn.get(path)
         numeric = all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
@@ -95,7 +108,11 @@ def swept_axes(study: StudyFile, records: list[dict[str, Any]]) -> list[SweptAxi
         log = numeric and (isinstance(how, LogUniform) or _spans_decades(places))
         name = _plain(study.labels.get(path, path))
         axes.append(SweptAxis(path, name, numeric, how is not None, log, places, labels, index))
-    return [axis for axis in axes if len(axis.places) > 1]
+    shown: list[SweptAxis] = []
+    for axis in axes:  # one of fields that always have the same value stands for all of them
+        if len(axis.places) > 1 and not any(axis.alike(other) for other in shown):
+            shown.append(axis)
+    return shown
 
 
 def _key(value: Any) -> str:
@@ -128,24 +145,33 @@ def plot_study(study: StudyFile, name: str, records: list[dict[str, Any]]) -> di
         records: of all runs.
 
     Returns:
-        PNG by file name: error.png where any run finished, success.png where any did not. One swept field gives a
-        curve with its spread, two give a heat map, more (or random draws) a panel for each field. Runs that did not
+        PNG by file name: error.png where any run finished, success.png where any did not, messages.png where runs
+        differ in what agents send, over_time.png of at most 10 runs whose trajectories are kept. One swept field gives
+        a curve with its spread, two give a heat map, more (or random draws) a panel for each field. Runs that did not
         finish are marked at the lower edge of a curve.
     """
     axes = swept_axes(study, records)
     finished = np.array([r["status"] == "finished" for r in records])
     ends = np.array([_MARKS[r["settled"]][0] if r["status"] == "finished" else _UNFINISHED for r in records])
-    errors = {}
-    for measure in [study.measure] if study.measure else MEASURES:
-        found = [r["final"].get(measure) if done else None for r, done in zip(records, finished, strict=True)]
+    errors, when = {}, "late" if study.late else "final"
+    measures = [study.measure] if study.measure else MEASURES
+    for measure in measures:
+        found = [(r[when] or {}).get(measure) if done else None for r, done in zip(records, finished, strict=True)]
         values = np.array(found, dtype=np.float64)
         if np.isfinite(values).any():
-            errors[_LABELS[measure]] = values
+            label = _LABELS[measure]
+            errors[f"{label.removeprefix('final ')}\nRMS over the last half" if study.late else label] = values
     count = f"{len(records)} runs" if finished.all() else f"{finished.sum()} of {len(records)} runs finished"
     title = f"{_plain(name)}   [{study.backend}, {count}]"
     plots = {}
     if errors:
         plots["error.png"] = _draw(title, axes, errors, ends)
+    traffic = [r.get("numbers_per_agent_second") if done else None for r, done in zip(records, finished, strict=True)]
+    sent = np.array(traffic, dtype=np.float64)
+    if errors and len(np.unique(sent[np.isfinite(sent)])) > 1:
+        plots["messages.png"] = _draw_messages(title, axes, errors, sent)
+    if len(records) <= _MOST_LINES and any(r.get("series") for r in records):
+        plots["over_time.png"] = _draw_over_time(title, axes, measures, records)
     if not finished.all():
         plots["success.png"] = _draw(title, axes, {"share of runs that finish": finished.astype(np.float64)}, None)
     return plots
@@ -172,6 +198,62 @@ def _draw(title: str, axes: list[SweptAxis], values: dict[str, Array], ends: End
         handles |= dict(zip(*reversed(panel.get_legend_handles_labels()), strict=True))
     if handles.keys() - {_SETTLED}:  # which needs no legend where there is nothing else
         legend_below(figure, list(handles.values()), 3)
+    png = io.BytesIO()
+    save_figure(figure, png)
+    return png.getvalue()
+
+
+def _draw_over_time(title: str, axes: list[SweptAxis], measures: Sequence[str], records: list[dict[str, Any]]) -> bytes:
+    """Errors over time, a line for each run."""
+    known = [(k, r["series"]) for k, r in enumerate(records) if r.get("series")]
+    drawn = [m for m in measures if any(x is not None for _, series in known for x in series[m])]
+    figure = new_figure(9.0, 1.6 + 3.4 * len(drawn), title)
+    panels = figure.subplots(len(drawn), 1, sharex=True, squeeze=False)[:, 0]
+    colours = palette(_MOST_LINES)
+    for panel, measure in zip(panels, drawn, strict=True):
+        values = []
+        for k, series in known:
+            named = [a.labels[a.index[k]] if a.path == "points" else f"{a.name}: {a.labels[a.index[k]]}" for a in axes]
+            name = ", ".join(named) or f"run {k}"
+            if records[k]["status"] != "finished":
+                name += f" ({records[k]['status']})"
+            y = np.array(series[measure], dtype=np.float64)
+            panel.plot(series["time"], y, color=colours[k], linewidth=1.4, label=name)
+            values.append(y)
+        log_axis(panel, "y", np.concatenate(values))
+        label_axes(panel, "", y=_LABELS[measure].removeprefix("final "))
+    panels[-1].set_xlabel("time (s)")
+    legend_below(figure, panels[0].lines, 2)
+    png = io.BytesIO()
+    save_figure(figure, png)
+    return png.getvalue()
+
+
+def _draw_messages(title: str, axes: list[SweptAxis], errors: dict[str, Array], sent: Array) -> bytes:
+    """Errors against numbers that an agent sends a second; a line for each value of the one field that changes none."""
+    others = [a for a in axes if pd.Series(sent).groupby(a.index).nunique().max() > 1]
+    lines = others[0] if len(others) == 1 and len(others[0].places) <= _MOST_LINES else None
+    columns = min(len(errors), 2)
+    rows = -(-len(errors) // columns)
+    figure = new_figure(max(7.5, 5.6 * columns), 1.0 + 4.2 * rows, title)
+    panels = figure.subplots(rows, columns, squeeze=False)
+    for panel in panels.flat[len(errors) :]:
+        panel.set_visible(False)
+    colours = palette(_MOST_LINES)
+    for panel, (label, y) in zip(panels.flat, errors.items(), strict=False):
+        label_axes(panel, "", "numbers that an agent sends (1/s), mean over agents", label, which="major")
+        known = np.isfinite(y) & np.isfinite(sent)
+        for k, name in enumerate(lines.labels if lines else [""]):
+            own = np.flatnonzero(known & (lines.index == k) if lines else known)
+            own = own[np.argsort(sent[own], kind="stable")]
+            panel.plot(sent[own], y[own], "o-" if lines else "o", color=colours[k], markersize=5, label=name or None)
+        if sent[known].min() > 0.0:
+            log_axis(panel, "x", sent[known])
+        if _spans_decades(y[known]):
+            log_axis(panel, "y", y[known])
+    if lines:
+        handles = panels.flat[0].get_legend_handles_labels()[0]
+        figure.legend(handles=handles, title=lines.name, loc="outside lower center", ncols=6, frameon=False)
     png = io.BytesIO()
     save_figure(figure, png)
     return png.getvalue()

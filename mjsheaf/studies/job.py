@@ -16,7 +16,8 @@ from mjsheaf._version import __version__
 from mjsheaf.checking.finished import bound_of_run, ending_of_run
 from mjsheaf.errors import InputError, NotUniqueError
 from mjsheaf.results import dataset_bytes, summarize
-from mjsheaf.results.metrics import late_errors
+from mjsheaf.results.metrics import communication, error_series_of, late_errors
+from mjsheaf.results.netcdf import thin
 from mjsheaf.runs.simulate import simulate
 from mjsheaf.scenario import Scenario, scenario_from_mapping
 from mjsheaf.scenario.load import map_vehicles
@@ -25,6 +26,9 @@ from mjsheaf.studies.schema import Point
 STATUSES = ("finished", "unstable", "refused", "invalid", "failed", "lost")
 """How a run may end: well; blown up; refused, as its team is free to drift; invalid, as its point is no scenario; with
 an error that mjsheaf did not expect; with its worker, which died of it."""
+
+_MOST_SAMPLES = 500  # of errors over time
+_TRAFFIC = "numbers_per_agent_second"
 
 
 @cache
@@ -104,7 +108,8 @@ def new_record(point: Point, seed: int | None, status: str, message: str = "", *
     """A run's record.
 
     Its run, parameters, seed, status, message; final (as summary.json), late (the same measures, RMS over the last
-    half), ending, settled (whether that is it), and bound_ratio.
+    half), ending, settled (whether that is it), bound_ratio, numbers_per_agent_second as summary.json has it, and
+    where trajectories are wanted the errors over time: series, with time, s, and each measure, m, at some samples.
     """
     return {
         "run": point.number,
@@ -112,7 +117,7 @@ def new_record(point: Point, seed: int | None, status: str, message: str = "", *
         "seed": seed,
         "status": status,
         "message": shorten(message, 600, placeholder=" ..."),
-        **dict.fromkeys(("final", "late", "settled", "ending", "bound_ratio")),
+        **dict.fromkeys(("final", "late", "settled", "ending", "bound_ratio", "series", _TRAFFIC)),
         **found,
     }
 
@@ -154,6 +159,9 @@ def _run(job: Job) -> tuple[dict[str, Any], bytes | None]:
         found["late"] = late_errors(system.team, dataset)
         found["ending"], found["settled"] = ending, None if ending is None else ending == "settled"
         found["bound_ratio"] = ratio if ratio is not None and math.isfinite(ratio) else None
+    if job.trajectories:
+        found["series"] = error_series_of(system.team, dataset.isel(time=thin(dataset.sizes["time"], _MOST_SAMPLES)))
+    found[_TRAFFIC] = communication(dataset, dataset.sizes["time"], system.grid.period)[_TRAFFIC]
     record = new_record(job.point, scenario.seed, dataset.attrs["status"], dataset.attrs["message"], **found)
     return record, _bytes_of(dataset) if job.trajectories else None
 

@@ -137,19 +137,25 @@ class StudyFile(Section):
     backend: Literal[BACKENDS] = "physics"  # type: ignore[valid-type]
     set: dict[str, Value] = Field(default_factory=dict, description="overrides of all runs: field path to value")
     points: list[dict[str, Value]] = Field(default_factory=list, description="listed points: field path to value")
+    names: list[Annotated[str, Field(min_length=1)]] = Field(
+        default_factory=list, description="what plots call the listed points, one each; they are then swept as one"
+    )
     paired: dict[str, Values] = Field(default_factory=dict, description="lists of one length that go together")
     grid: dict[str, Values] = Field(default_factory=dict, description="every value with every other")
     draws: Draws | None = None
     seeds: SeedRange | None = Field(None, description="the scenario's own seed unless given")
     measure: Measure | None = Field(None, description="the error that plots show; all that are defined unless given")
+    late: bool = Field(False, description="whether plots show RMS over the last half instead of the end")
     labels: dict[str, str] = Field(default_factory=dict, description="what plots call a swept field, with its unit")
-    trajectories: bool = Field(False, description="whether to keep result.nc of every run")
+    trajectories: bool = Field(False, description="whether to keep result.nc of every run, and draw errors over time")
 
     @model_validator(mode="after")
     def _fits(self) -> "StudyFile":
         if len({len(values) for values in self.paired.values()}) > 1:
             told = ", ".join(f"{path} has {len(values)}" for path, values in self.paired.items())
             raise ValueError(f"paired: lists must have one length, but {told}")
+        if self.names and (len(self.names) != len(self.points) or len(set(self.names)) < len(self.names)):
+            raise ValueError(f"names: {len(self.names)}; expected {len(self.points)} different ones, as many as points")
         swept = self.paths
         for k, path in enumerate(swept):
             if path in self.set:
@@ -194,7 +200,7 @@ class StudyFile(Section):
 
     def asked(self) -> dict[str, Any]:
         """All on which results depend but the scenario, in canonical form; not what only says how they are shown."""
-        shown = {"summary", "scenario", "measure", "labels"}
+        shown = {"summary", "scenario", "measure", "late", "labels", "names"}
         return self.model_dump(mode="json", exclude=shown, exclude_none=True)
 
 

@@ -34,6 +34,7 @@ _COLUMNS = {
     "ending": "string",
     "settled": "bool",
     "bound_ratio": "double",
+    "numbers_per_agent_second": "double",
     "message": "string",
 }
 """After `run` and the parameters: name to type."""

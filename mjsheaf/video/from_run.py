@@ -11,6 +11,7 @@ import xarray as xr
 
 from mjsheaf.plotting import groups_of
 from mjsheaf.results.netcdf import length_of_piece
+from mjsheaf.runs.harm import term_names
 from mjsheaf.scenario import Scenario
 from mjsheaf.video.film import UPRIGHT, Film, FloatArray, Samples, VideoOptions, error_range, frame_times
 
@@ -95,10 +96,11 @@ def film_of(scenario: Scenario, dataset: xr.Dataset, system: "System | None" = N
     if surface != "none":
         # MuJoCo repeats a uniform texture so many times in two metres; that of the ground has four squares.
         grid = 2.0 / float(arena.model.mat(surface).texrepeat[0]) / (2 if surface == "ground" else 1)
+    law = "".join(f", {term}" for term in term_names(system.law.terms) if not dataset.attrs.get("controller"))
     unstable = "" if dataset.attrs["status"] == "finished" else ", blew up"
     film = Film(
         name=scenario.name,
-        subtitle=f"{backend}, gain {scenario.controller.gain:g} 1/s{unstable}",
+        subtitle=f"{backend}, gain {scenario.controller.gain:g} 1/s{law}{unstable}",
         run=RecordedRun(dataset, scenario.scene.height),
         agent_ids=team.agent_ids,
         target_ids=team.target_ids,

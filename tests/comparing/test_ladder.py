@@ -86,6 +86,22 @@ def test_every_rung_is_the_run_that_it_says() -> None:
         np.testing.assert_array_equal(runs[key].trajectory.positions, expected.positions, err_msg=key)
 
 
+def test_terms_have_rungs_under_the_paper_s_law() -> None:
+    """The last two, against plain runs of the scenario without its terms, bit for bit."""
+    law = {"gain": 1.0, "control_period": 0.02}
+    terms = {"feedforward": {"rounds": 2}, "newton": {"rounds": 2}, "drift": {}}
+    scenario = two_boats("otter", "hull", time={"end": 1.0}, controller={**law, **terms})
+    plain = two_boats("otter", "hull", time={"end": 1.0}, controller=law)
+    ladder = ladder_of(scenario.system)
+    assert [rung.key for rung in ladder[-2:]] == ["ideal-terms", "all-terms"]
+    assert [rung.key for rung in ladder[:-2]] == [rung.key for rung in ladder_of(plain.system)]
+    runs = run_ablation(scenario.system, ladder)
+    for whole, backend in (("ideal", "ideal"), ("all", "physics")):
+        without = runs[f"{whole}-terms"].trajectory.positions
+        np.testing.assert_array_equal(without, positions(simulate(plain, backend)))
+        assert np.abs(runs[whole].trajectory.positions - without).max() > 0.01
+
+
 def test_part_rungs_place_targets_where_the_other_run_had_them() -> None:
     system = two_boats("wamv", "otter", time={"end": 1.0}).system
     runs = run_ablation(system, ladder_of(system))

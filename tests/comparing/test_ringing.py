@@ -52,6 +52,20 @@ def test_ideal_thrusters_ring_as_predicted(tau: float, gain: float) -> None:
     assert ringing.predicted_overshoot == pytest.approx(np.exp(-np.pi * ratio / np.sqrt(1.0 - ratio**2)), rel=1e-3)
 
 
+def test_the_newton_direction_rings_as_if_all_eigenvalues_were_one() -> None:
+    """1 / (2 sqrt(k1 tau)); noise of odometry is left out, as all else is still."""
+    fields = {"vehicles": {"agents": "hull", "targets": "hull", "tau": 0.3}, "physics": {"timestep": 0.002}}
+    law = {"gain": 5.0, "control_period": 0.002, "newton": {"rounds": 10}, "drift": {}, "odometry": {"noise": 1.0}}
+    system = two_boats("hull", "hull", controller=law, **fields).system
+    ringing = ringing_of(system)
+    assert ringing is not None
+    assert ringing.predicted_damping_ratio == pytest.approx(1.0 / (2.0 * np.sqrt(5.0 * 0.3)), rel=1e-9)
+    assert approx(ringing.measured[0].damping_ratio, rel=0.03) == ringing.predicted_damping_ratio
+    usual = ringing_of(with_tau(0.3, 5.0).system)
+    assert usual is not None
+    assert usual.predicted_damping_ratio < 0.9 * ringing.predicted_damping_ratio
+
+
 def test_overdamped_bodies_do_not_overshoot() -> None:
     ringing = ringing_of(with_tau(0.02, 1.0).system)
     assert ringing is not None

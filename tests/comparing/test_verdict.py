@@ -54,6 +54,40 @@ def two_groups(link: Any, **fields: Any) -> Scenario:
     )  # fmt: skip
 
 
+def with_terms(**odometry: float) -> CompareRecord:
+    """Two boats in a current, with feedforward and drift observers."""
+    law = {"gain": 1.0, "control_period": 0.02, "feedforward": {}, "drift": {}, "odometry": odometry}
+    flow = {"agents": {"dimension": 2, "drift": [0.3, 0.1]}}
+    vehicles = {"agents": "hull", "targets": "hull", "tau": 0.1}
+    return compare(two_boats("hull", "hull", controller=law, flow=flow, vehicles=vehicles, time={"end": 12.0})).record
+
+
+def test_what_terms_bring_is_said_with_both_errors() -> None:
+    record = with_terms()
+    paper, now = (record.rung(key).errors["team"].error("tracking_error") for key in ("all-terms", "all"))
+    assert paper is not None
+    assert now is not None
+    assert now < 0.2 * paper
+    assert record.terms == ["feedforward", "drift"]
+    assert record.harm == []
+    (sentence,) = (s for s in record.verdict if s.startswith("feedforward and drift"))
+    assert f"{paper:.3g}" in sentence
+    assert f"{now:.3g}" in sentence
+    assert "HARM" not in sentence
+    assert "without feedforward and drift" in report_text(record)
+    drawn, _ = choose_rungs(record)
+    assert [rung.key for rung in drawn][-3:] == ["all-terms", "all", "ideal"]
+
+
+def test_terms_that_harm_come_first_with_what_to_change() -> None:
+    record = with_terms(noise=3.0)
+    assert record.harm
+    assert "HARM" in record.verdict[0]
+    assert record.verdict[1] == record.harm[0]
+    assert "controller.drift.filter" in record.harm[0]
+    assert report_text(record).index("HARM") < report_text(record).index("largest lever")
+
+
 @pytest.fixture(scope="module")
 def torn() -> CompareRecord:
     return compare(two_groups(["T11", "T21"])).record

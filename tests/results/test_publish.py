@@ -16,10 +16,10 @@ from mjsheaf.scenario import load_scenario
 TIMES = ("wall_time_s", "realtime_factor")
 
 
-@pytest.mark.parametrize("backend", ["ideal", "physics"])
-def test_data_in_memory_leave_what_a_run_leaves(backend: str, tmp_path: Path) -> None:
-    """Over 2,048 samples, which a run writes in two pieces."""
-    scenario = load_scenario("midpoint", {"time.end": 21.0})
+@pytest.mark.parametrize(("backend", "law"), [("ideal", {}), ("physics", {}), ("ideal", {"rounds": 2})])
+def test_data_in_memory_leave_what_a_run_leaves(backend: str, law: dict[str, int], tmp_path: Path) -> None:
+    """Over 2,048 samples, which a run writes in two pieces; what agents send is counted over both."""
+    scenario = load_scenario("midpoint", {"time.end": 21.0} | ({"controller.newton": law} if law else {}))
     execute(scenario, backend, tmp_path / "run", video=None)
     saved = publish(simulate(scenario, backend), scenario, scenario.system, tmp_path / "saved")
     assert saved.replaced is None
@@ -30,6 +30,8 @@ def test_data_in_memory_leave_what_a_run_leaves(backend: str, tmp_path: Path) ->
     run, own = (json.loads((tmp_path / d / "summary.json").read_text()) for d in ("run", "saved"))
     assert list(own) == list(run)
     assert {key for key in run if run[key] != own[key]} == set(TIMES)
+    rounds, period = law.get("rounds", 0), scenario.system.grid.period
+    assert run["communication"]["exchanges_per_second"] == pytest.approx(rounds / period)
     assert [own[key] for key in TIMES] == [None, None]
     assert all(run[key] > 0.0 for key in TIMES)
 

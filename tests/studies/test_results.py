@@ -51,7 +51,8 @@ def test_the_table_has_a_row_a_run_in_order(mixed: Path) -> None:
     found = rows(mixed)
     columns = ["run", "controller.gain", "spread.position", "seed", "status", *MEASURES]
     late = [f"late_{measure}" for measure in MEASURES]
-    assert list(found[0]) == [*columns, *late, "ending", "settled", "bound_ratio", "message"]
+    others = ["ending", "settled", "bound_ratio", "numbers_per_agent_second", "message"]
+    assert list(found[0]) == [*columns, *late, *others]
     assert [row["run"] for row in found] == [str(k) for k in range(12)]
     assert [row["seed"] for row in found] == 6 * ["0", "1"]
     assert [row["status"] for row in found] == 4 * ["finished"] + 4 * ["invalid"] + 4 * ["unstable"]

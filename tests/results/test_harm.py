@@ -1,0 +1,120 @@
+"""Notes about terms that do harm in a run.
+
+Oracles: white noise of a known deviation; scenarios that ship for one side or the other; the same run from a file.
+"""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mjsheaf
+from mjsheaf.runs.harm import TermsInRun, examine_terms
+from mjsheaf.scenario import load_scenario
+from tests.builders import Simulated
+from tests.commands import answer_of
+
+BACKENDS = ("ideal", "physics")
+
+
+def examined(name: str, backend: str, **changes: Any) -> TermsInRun:
+    scenario = load_scenario(name, {path.replace("__", "."): value for path, value in changes.items()})
+    found = examine_terms(scenario.system, mjsheaf.simulate(scenario, backend))
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("name", ["harbour_feedforward", "otters_feedforward", "quads_feedforward", "steady_current"])
+def test_healthy_terms_are_not_blamed(name: str, backend: str, simulated: Simulated) -> None:
+    found = examine_terms(load_scenario(name).system, simulated(name, backend))
+    assert found is not None
+    assert not found.harm
+    assert found.jump < 0.01 * found.commanded
+    assert (found.saturated is None) == (backend == "ideal")
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_unfiltered_noise_is_blamed_on_the_terms_that_pass_it_on(backend: str, simulated: Simulated) -> None:
+    scenario = load_scenario("noisy_odometry")
+    found = examine_terms(scenario.system, simulated("noisy_odometry", backend))
+    assert found is not None
+    assert found.at_limit > 0.9
+    assert found.jump > 0.5 * found.commanded
+    (sentence,) = found.harm
+    assert "controller.feedforward.filter" in sentence
+    assert "controller.drift.filter" in sentence
+    mended = examined("noisy_odometry", backend, controller__feedforward__filter=2, controller__drift__filter=2)
+    assert not mended.harm
+
+
+def test_a_term_whose_filter_holds_the_noise_back_is_not_blamed() -> None:
+    filtered = {"controller__feedforward__filter": 2, "time__end": 20}
+    (sentence,) = examined("noisy_odometry", "ideal", **filtered).harm
+    assert "controller.drift.filter" in sentence
+    assert "controller.feedforward.filter" not in sentence
+
+
+def test_extrapolation_on_bodies_multiplies_noise_and_is_named() -> None:
+    """By 1 + tau / h, of which ideal kinematics know nothing: there the same law does no harm."""
+    law = {"controller__feedforward": {"rounds": 3, "extrapolate": True}, "time__end": 30}
+    (sentence,) = examined("harbour_feedforward", "physics", **law).harm
+    assert "controller.feedforward.extrapolate" in sentence
+    assert "controller.drift.filter" not in sentence
+    assert not examined("harbour_feedforward", "ideal", **law).harm
+
+
+def test_a_loop_that_rings_is_told_from_noise() -> None:
+    changes = {"controller__gain": 100, "controller__velocity_limit": 40, "time__end": 10}
+    (sentence,) = examined("paper_feedforward", "ideal", **changes).harm
+    assert "controller.gain" in sentence
+    assert "newton.rounds" in sentence
+    assert "filter" not in sentence
+    assert not examined("paper_feedforward", "ideal", controller__gain=60, time__end=10).harm
+
+
+def test_a_limit_that_leaves_terms_no_room_is_named() -> None:
+    found = examined("paper_feedforward", "ideal", controller__velocity_limit=15, time__end=10)
+    (sentence,) = found.harm
+    assert found.at_limit > 0.9
+    assert found.jump < 0.01 * found.commanded
+    assert "velocity_limit" in sentence
+    assert "jump" not in sentence
+
+
+@pytest.mark.parametrize("deviation", [0.3, 2.0])
+def test_the_jump_is_the_deviation_of_white_noise(deviation: float, simulated: Simulated) -> None:
+    dataset = simulated("quads_feedforward", "ideal").copy(deep=True)
+    command = dataset["velocity_command"].values
+    smooth = np.ones_like(command)
+    noise = deviation / np.sqrt(3.0) * np.random.default_rng(1).standard_normal(command.shape)
+    dataset["velocity_command"].values[:] = smooth + noise
+    found = examine_terms(load_scenario("quads_feedforward").system, dataset)
+    assert found is not None
+    assert found.jump == pytest.approx(deviation, rel=0.03)
+    assert found.commanded == pytest.approx(np.sqrt(3.0 + deviation**2), rel=0.03)
+
+
+def test_the_paper_s_law_and_laws_in_python_have_no_terms(simulated: Simulated) -> None:
+    assert examine_terms(load_scenario("midpoint").system, simulated("midpoint", "ideal")) is None
+    scenario = load_scenario("steady_current", {"time.end": 1})
+    own = mjsheaf.simulate(scenario, "ideal", controller=lambda t, sample: -sample.disagreement)
+    assert examine_terms(scenario.system, own) is None
+
+
+@pytest.mark.usefixtures("without_plots")
+def test_a_run_prints_the_note_and_keeps_it(tmp_path: Path) -> None:
+    """From a file of several pieces it is what the data in memory give."""
+    out = tmp_path / "run"
+    options = ("--backend", "ideal", "--set", "time.end=60", "--no-video")
+    answer = answer_of("run", "noisy_odometry", *options, "--out", out)
+    assert answer.code == 0
+    record = json.loads((out / "summary.json").read_text())["terms"]
+    found = examined("noisy_odometry", "ideal", time__end=60)
+    assert record["on"] == ["feedforward", "drift"]
+    assert record["jump_m_s"] == pytest.approx(found.jump, rel=1e-12)
+    assert record["share_at_limit"] == found.at_limit
+    assert record["harm"] == list(found.harm)
+    assert "controller.drift.filter" in answer.err
