@@ -179,6 +179,7 @@ def held_bound_of_run(system: System, dataset: "xr.Dataset", theorem: RunBound) 
     error, time = _measured(dataset)
     samples = bound.samples[: len(error)]
     share = np.nan_to_num(error / (samples + theorem.accuracy), nan=np.inf)
+    share[0] = 0.0  # where both are |e(t0)|
     worst = int(share.argmax())
     settled = float(share[len(share) // 2 :].max())
     return HeldBound(samples, "", float(share[worst]), settled, float(time[worst]))

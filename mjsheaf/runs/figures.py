@@ -23,17 +23,14 @@ from mjsheaf.plotting import (
 from mjsheaf.team import Team
 
 
-def plot_errors(
-    team: Team, dataset: xr.Dataset, path: Path, bound: Array | None = None, approximate: bool = False
-) -> None:
+def plot_errors(team: Team, dataset: xr.Dataset, path: Path, bound: tuple[str, Array] | None = None) -> None:
     """Errors over time on logarithmic axes: disagreement, tracking, formation and centering, by group.
 
     Args:
         team: the team.
         dataset: the run, thinned to what can be seen.
         path: the PNG.
-        bound: Theorem 1's bound on |e(t)|, shape (T,), m; drawn where given, over sqrt(N) as the error is.
-        approximate: whether the bound is only approximate: a held law, or bodies.
+        bound: a name, and a bound on |e(t)|, shape (T,), m; drawn where given, over sqrt(N) as the error is.
     """
     figure = new_figure(10.0, 9.0, _title(dataset, "errors over time"))
     groups, names, colours = groups_of(team)
@@ -64,7 +61,7 @@ def plot_errors(
     lines = {"all agents": (np.sqrt(square.mean(axis=1)), solid)}
     if bound is not None:
         dashed = {"linestyle": "--", "linewidth": 1.4}
-        lines["Theorem 1 / √N" + ", approximate" * approximate] = bound / np.sqrt(len(team.agents)), dashed
+        lines[f"{bound[0]} / √N"] = bound[1] / np.sqrt(len(team.agents)), dashed
     draw(panels[0, 1], "tracking error |q* − q|", "RMS over agents (m)", own, lines)
     for axis, name, label, whole in (
         (panels[1, 0], "formation", "RMS edge residual (m)", "all edges inside groups"),

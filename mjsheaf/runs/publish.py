@@ -11,8 +11,10 @@ from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import xarray as xr
 
+from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError, MjsheafError
 from mjsheaf.io.section import LARGEST
 from mjsheaf.io.yaml import SUFFIXES, dump_yaml
@@ -24,7 +26,7 @@ from mjsheaf.scenario import Scenario
 from mjsheaf.video import VideoOptions, available_backend
 
 if TYPE_CHECKING:
-    from mjsheaf.checking.finished import RunBound
+    from mjsheaf.checking.finished import HeldBound, RunBound
     from mjsheaf.control.controller import Controller
     from mjsheaf.system import System
 
@@ -183,7 +185,7 @@ def publish(
     Raises:
         PlaceError: the directory may not be replaced or cannot be written.
     """
-    from mjsheaf.checking.finished import bound_of_run
+    from mjsheaf.checking.finished import bound_of_run, held_bound_of_run
     from mjsheaf.runs.harm import examine_terms
     from mjsheaf.simulation.trajectory import samples_in_piece
 
@@ -194,15 +196,17 @@ def publish(
         dataset = held.enter_context(open_dataset(fresh / "result.nc"))
         write_scenario(scenario, fresh)
         theorem, drawn = bound_of_run(system, dataset), thinned(dataset)
-        plots = held.enter_context(ThreadPoolExecutor(1)).submit(_plot, system, drawn, theorem, fresh, progress)
+        of_law = held_bound_of_run(system, dataset, theorem)
+        shown = _shown_bound(system, drawn["time"].values, theorem, of_law)
+        plots = held.enter_context(ThreadPoolExecutor(1)).submit(_plot, system, drawn, shown, fresh, progress)
         if video is None:
             plots.result()
         seconds = run.seconds if isinstance(run, TimedIterator) else None
-        summary = _summary_of(scenario, system, dataset.sizes["time"] - 1, drawn, theorem)
+        summary = _summary_of(scenario, system, dataset.sizes["time"] - 1, drawn, theorem, of_law)
         summary |= {"origin": origin, "wall_time_s": seconds, store.RESULT_DIGEST: store.digest(fresh / "result.nc")}
         if seconds:
             summary["realtime_factor"] = float(drawn["time"][-1] - drawn["time"][0]) / seconds
-        notes = [theorem.violation()] * bool(theorem.violation())
+        notes = [violation for violation in (theorem.violation(), of_law.violation()) if violation]
         terms = examine_terms(system, dataset)
         if terms is not None:
             summary["terms"] = terms.record()
@@ -249,7 +253,12 @@ def save(result: xr.Dataset, directory: str | Path, *, video: bool = True) -> Ou
 
 
 def _summary_of(
-    scenario: Scenario, system: "System", periods: int, drawn: xr.Dataset, theorem: "RunBound"
+    scenario: Scenario,
+    system: "System",
+    periods: int,
+    drawn: xr.Dataset,
+    theorem: "RunBound",
+    of_law: "HeldBound",
 ) -> dict[str, Any]:
     """What summary.json says, in its order, of a run of `periods` sample periods; None where the data do not tell."""
     from mjsheaf.checking.finished import ending_of_run
@@ -271,7 +280,7 @@ def _summary_of(
         "realtime_factor": None,
         "expect": check_expectation(scenario.expect, backend, status, final),
         "final": final,
-        "communication": _communication(system, drawn, periods + 1),
+        "communication": communication(drawn, periods + 1, system.grid.period),
         "free_directions": describe_null_modes(system.team),
         "theorem": {
             "applies": theorem.applies,
@@ -281,25 +290,38 @@ def _summary_of(
             "measured_over_bound_settled": theorem.settled_ratio,
             "wrong": theorem.wrong,
         },
+        "held_law": {
+            "bounded": of_law.samples is not None,
+            "reason": of_law.reason,
+            "measured_over_bound": of_law.ratio,
+            "measured_over_bound_settled": of_law.settled_ratio,
+            "wrong": of_law.wrong,
+        },
         "terms": None,
         "video": None,
         store.RESULT_DIGEST: "",
     }
 
 
-def _communication(system: "System", drawn: xr.Dataset, samples: int) -> dict[str, float]:
-    """Of a run of so many samples: see `metrics.communication`."""
-    return communication(drawn, samples, system.grid.period)
+def _shown_bound(system: "System", time: Array, theorem: "RunBound", of_law: "HeldBound") -> tuple[str, Array] | None:
+    """The bound on |e| to be drawn at times in s, and what it is called; None where none is known."""
+    if theorem.applies:
+        bound = theorem.at(time)
+        name = "Theorem 1" + ", approximate" * theorem.approximate
+        return (name, bound) if bound.max() < LARGEST else None  # a blow-up satisfies any larger bound
+    if of_law.samples is None:
+        return None
+    return "bound of the held law", np.interp(time, system.grid.span(0, len(of_law.samples)), of_law.samples)
 
 
-def _plot(system: "System", drawn: xr.Dataset, theorem: "RunBound", folder: Path, progress: Progress) -> None:
+def _plot(
+    system: "System", drawn: xr.Dataset, bound: tuple[str, Array] | None, folder: Path, progress: Progress
+) -> None:
     """Draw the plots of a run; a video is drawn meanwhile, mostly outside the interpreter."""
     from mjsheaf.runs.figures import plot_configurations, plot_errors, plot_trajectories
 
-    bound = theorem.at(drawn["time"].values)
-    shown = bound if theorem.applies and bound.max() < LARGEST else None  # a blow-up satisfies any larger bound
     progress("plotting", 0, 3)
-    plot_errors(system.team, drawn, folder / "errors.png", shown, approximate=theorem.approximate)
+    plot_errors(system.team, drawn, folder / "errors.png", bound)
     progress("plotting", 1, 3)
     plot_trajectories(system.team, drawn, folder / "trajectories.png")
     progress("plotting", 2, 3)

@@ -768,19 +768,19 @@ def test_a_gain_that_only_newton_allows_and_one_too_large_for_both() -> None:
 
 def test_exchanges_and_numbers_are_counted() -> None:
     """Of a round: F x on each communication edge, in each direction; of a law in Python: what it was handed."""
-    from mjsheaf.runs.publish import _communication
+    from mjsheaf.results.metrics import communication
 
     paper = load_scenario("paper", {"time.end": 1.0})
     scenario = edited(paper, {"feedforward": {"rounds": 3}, "newton": {"rounds": 2}})
     data = simulate(scenario, "ideal")
     T = data.sizes["time"]
     assert [data.attrs[k] for k in ("exchange_rounds", "messages", "numbers_sent")] == [5 * T, 5 * 36 * T, 5 * 72 * T]
-    sent = _communication(scenario.system, data, T)
+    sent = communication(data, T, scenario.system.grid.period)
     assert sent["exchanges_per_second"] == pytest.approx(500.0)
     assert sent["numbers_per_agent_second"] == pytest.approx(500.0 * 72 / 13)
     own = simulate(scenario, "ideal", controller=agentwise(scenario, "ideal"))
     assert own.attrs["numbers_sent"] == 36 * 3 * own.attrs["exchange_rounds"]  # three coordinates to each neighbour
-    assert _communication(paper.system, simulate(paper, "ideal"), T) == dict.fromkeys(sent, 0.0)
+    assert communication(simulate(paper, "ideal"), T, paper.system.grid.period) == dict.fromkeys(sent, 0.0)
 
 
 def test_a_published_run_of_a_law_in_python_says_what_it_sent(tmp_path: Any) -> None:
