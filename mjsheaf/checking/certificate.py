@@ -23,6 +23,7 @@ The paper's numbered assumptions are decided here too, each with the number behi
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import networkx as nx
@@ -109,6 +110,11 @@ class Certificate:
     def applies(self) -> bool:
         """Whether the theorem applies."""
         return not self.reason
+
+    @cached_property
+    def largest_speed(self) -> float:
+        """A bound on the speed of the flow that agents meet anywhere, without uniform drift, m/s."""
+        return speed_everywhere(self.region.tube.system)
 
     def bound(self, initial_error: float, elapsed: Array) -> Array:
         """The bound on |e(t)| in m from |e(t0)| in m, at times since the start in s; infinite where there is none."""

@@ -32,11 +32,12 @@ from scipy.signal import fftconvolve, lfilter
 from mjsheaf.arrays import Array
 from mjsheaf.checking.certificate import Certificate
 from mjsheaf.checking.cohomology import DENSE_STATES
-from mjsheaf.checking.constants import agent_drift, agent_slopes, speed_everywhere
+from mjsheaf.checking.constants import agent_drift, agent_slopes
 from mjsheaf.checking.targets import Carrier
 from mjsheaf.dynamics.disturbance import evaluate
 from mjsheaf.dynamics.effectiveness import without_full_row_rank
 from mjsheaf.io.section import Finite, Record
+from mjsheaf.jit import jit
 from mjsheaf.noise import LARGEST_NORMAL
 from mjsheaf.system import System
 
@@ -169,26 +170,36 @@ class Loop:
         ends = np.append(gains[:-1], np.inf)[change]
         return ends[::2], ends[1::2]
 
-    def responses(self, count: int) -> tuple[Array, ...]:
-        """Largest sizes over the eigenvalues, shape (count,) each, of powers j = 0, 1, ...
+    def responses(self, count: int) -> Array:
+        """Largest sizes over the eigenvalues, shape (5, count), of powers j = 0, 1, ...
 
         (M^j)_ee; of h M^j g: e, s; what feedback asks for, -; and z, s^2; and what feedback asks for after e_0, 1/s.
         """
-        M, h = self.matrices(), self.period
-        L = len(self.values)
-        start, hit = np.zeros((L, 3)), np.zeros((L, 3))
-        start[:, 0], hit[:, 0] = 1.0, h
-        ask = np.stack([self.gain * self.alpha, self.gain * self.c, np.full(L, -self.integral)], axis=1)
-        state, found = np.stack([start, hit], axis=2), np.zeros((5, count))
-        for j in range(count):
-            found[0, j], found[1, j] = np.abs(state[:, 0]).max(axis=0)
-            found[2, j] = np.abs((ask * state[:, :, 1]).sum(axis=1)).max()
-            found[3, j] = np.abs(state[:, 2, 1]).max()
-            found[4, j] = np.abs((ask * state[:, :, 0]).sum(axis=1)).max()
-            if np.abs(state).max() < _NOTHING:
-                break
-            state = M @ state
-        return tuple(found * (1.0 + _ROUNDING))
+        ask = np.stack([self.gain * self.alpha, self.gain * self.c, np.full(len(self.values), -self.integral)], axis=1)
+        found = np.zeros((5, count))
+        _respond(self.matrices(), ask, self.period, found)
+        return found * (1.0 + _ROUNDING)
+
+
+@jit
+def _respond(M, ask, h, found):
+    """Write `Loop.responses` for M (L, 3, 3) and the rows of what feedback asks for, (L, 3)."""
+    for one in range(M.shape[0]):
+        m, k = M[one], ask[one]
+        for begin, own, fed in ((1.0, 0, 4), (h, 1, 2)):
+            e, s, z = begin, 0.0, 0.0
+            for j in range(found.shape[1]):
+                found[own, j] = max(found[own, j], abs(e))
+                found[fed, j] = max(found[fed, j], abs(k[0] * e + k[1] * s + k[2] * z))
+                if own == 1:
+                    found[3, j] = max(found[3, j], abs(z))
+                if max(abs(e), abs(s), abs(z)) < _NOTHING:
+                    break
+                e, s, z = (
+                    m[0, 0] * e + m[0, 1] * s + m[0, 2] * z,
+                    m[1, 0] * e + m[1, 1] * s + m[1, 2] * z,
+                    m[2, 0] * e + m[2, 1] * s + m[2, 2] * z,
+                )
 
 
 def _eigen(system: System) -> tuple[Array, Array]:
@@ -343,6 +354,10 @@ class Envelope:
     left: dict[str, Array]
     clipped: str
 
+    def late(self) -> float:
+        """The bound at samples of the last half of the run, m."""
+        return float(self.samples[len(self.within) // 2 :].max())
+
 
 def envelope(system: System, certificate: Certificate) -> Envelope:
     """Bound a run of a system; see the module.
@@ -394,7 +409,7 @@ def _bounded(system: System, certificate: Certificate, loop: Loop, drive: _Drive
     with np.errstate(invalid="ignore"):  # an infinite slope where nothing moves
         near = np.where(drive.moves > 0.0, agent_slopes(system, drive.middle, drive.moves) * drive.moves, 0.0)
     change = np.linalg.norm(near, axis=1)
-    fastest = 2.0 * speed_everywhere(system)  # by which two points differ
+    fastest = 2.0 * certificate.largest_speed  # by which two points differ
     within = np.full(K, np.inf)
     if np.isfinite(fastest):
         within = answer(np.full(K, np.sqrt(N) * fastest))[1]
@@ -451,11 +466,11 @@ def law_loop(system: System, certificate: Certificate) -> LawLoop:
         found["rate"], found["stable_gains"] = -np.log(loop.radius) / h, loop.stable_gains
         bound = envelope(system, certificate)
         late = slice(len(bound.within) // 2, None)
-        found["unlimited"], found["reason"] = bound.samples[late].max(), bound.clipped
+        found["unlimited"], found["reason"] = bound.late(), bound.clipped
         shares = [Share(part=part, size=size[late].max()) for part, size in bound.left.items()]
         found["left"] = sorted(shares, key=lambda share: -share.size)
         if not bound.clipped:
-            found["ultimate"], found["between"] = bound.samples[late].max(), bound.within[late].max()
+            found["ultimate"], found["between"] = bound.late(), bound.within[late].max()
             found["largest"], found["command"] = bound.within.max(), bound.command[late].max()
     except UndecidedError as error:
         found["reason"] = str(error)

@@ -30,7 +30,7 @@ def check(
         Path | None, typer.Option(metavar="PNG", help="Draw spectrum, graph and the bounded difference into this file.")
     ] = None,
     rate: Annotated[float | None, typer.Option(help="lambda_V of Theorem 1, 1/s; the best one unless given.")] = None,
-    radius: Annotated[float, typer.Option(help="Ultimate radius for which the smallest gain is wanted, m.")] = 1.0,
+    radius: Annotated[float, typer.Option(help="Wanted radius of |e|, m, for which gains and laws are looked for.")] = 1.0,
     rho: Annotated[
         str | None,
         typer.Option(
@@ -41,8 +41,9 @@ def check(
 ) -> None:
     """Decide the paper's assumptions for a scenario, and say who is free to drift and what would mend it.
 
-    Computes Theorem 1 over the region to which its own bound confines the agents, the margins that theory leaves out,
-    and which single loss breaks an assumption. Exit code 1 where a numbered assumption fails or is undecided, or the
+    Computes Theorem 1 over the region to which its own bound confines the agents, the loop of the law as it is held,
+    with its terms, and a bound on its run, laws that would do better, the margins that theory leaves out, and which
+    single loss breaks an assumption. Exit code 1 where a numbered assumption fails or is undecided, or the law's or the
     loop of the vehicles is unstable; the gain condition does not change it.
     """
     if plot is not None:
@@ -78,6 +79,9 @@ def check(
         for a in record.assumptions
         if a.verdict != "holds"
     ]
+    if record.law.stable is False:
+        gains = " to ".join(f"{gain:.4g}" for gain in record.law.stable_gains or []) or "no gain"
+        told.append(f"the held law is unstable: expected controller.gain from {gains} 1/s")
     told += [record.margins.bodies.verdict()] * (record.margins.bodies.stable is False)
     if told:
         raise NotHeldError(f"{scenario}: {'; '.join(told)}")

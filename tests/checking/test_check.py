@@ -12,6 +12,8 @@ import pytest
 
 import mjsheaf
 from mjsheaf.checking import CheckRecord
+from mjsheaf.checking.report import report
+from mjsheaf.cli.terminal import make_console
 from mjsheaf.errors import InputError
 from mjsheaf.scenario import list_scenarios
 from tests.builders import Simulated
@@ -38,7 +40,37 @@ def test_verdicts_schema_and_exit_code(name: str, capsys: pytest.CaptureFixture[
     assert record["ok"] is not bool(failing)
     assert code == (1 if failing else 0)
     assert printed.err.count("\n") == (1 if failing else 0)
-    assert record == mjsheaf.check(mjsheaf.load_scenario(name))
+    reads_as_a_whole(CheckRecord(**record), capsys)
+
+
+def reads_as_a_whole(record: CheckRecord, capsys: pytest.CaptureFixture[str]) -> None:
+    terminal = make_console()
+    terminal.print(report(record))
+    printed = capsys.readouterr().out
+    for heading in ("assumptions of the paper", "Theorem 1", "the held law", "margins in practice", "fragility"):
+        assert heading in printed
+    assert " nan" not in printed.lower()
+
+
+@pytest.mark.parametrize("name", ["quads_feedforward", "lost_thruster"])
+def test_command_and_function_say_the_same(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    call("check", name, "--json")
+    assert json.loads(capsys.readouterr().out) == mjsheaf.check(mjsheaf.load_scenario(name))
+    call("check", name)
+    assert "margins in practice" in capsys.readouterr().out
+
+
+def test_an_unstable_law_does_not_hold(capsys: pytest.CaptureFixture[str]) -> None:
+    change = ("--set", "controller.gain=150", "--set", "controller.newton.rounds=3")
+    assert call("check", "paper", "--json", *change) == 1
+    captured = capsys.readouterr()
+    record = json.loads(captured.out)
+    assert record["ok"] is False
+    assert record["law"]["stable"] is False
+    assert record["law"]["spectral_radius"] > 1.0
+    assert record["law"]["ultimate"] is None
+    assert record["law"]["stable_gains"] == pytest.approx([0.0, 90.589], abs=1e-3)
+    assert "controller.gain" in captured.err
 
 
 def test_failing_example_is_explained_and_mended(capsys: pytest.CaptureFixture[str]) -> None:
@@ -56,15 +88,6 @@ def test_failing_example_is_explained_and_mended(capsys: pytest.CaptureFixture[s
     mended = mjsheaf.check(mjsheaf.load_scenario("altitude_anchor"))
     assert mended["ok"] is True
     assert mended["relative_cohomology"]["mending"] is None
-
-
-@pytest.mark.parametrize("name", list_scenarios())
-def test_report_reads_as_a_whole(name: str, capsys: pytest.CaptureFixture[str]) -> None:
-    call("check", name)
-    printed = capsys.readouterr().out
-    for heading in ("assumptions of the paper", "Theorem 1", "margins in practice", "fragility"):
-        assert heading in printed
-    assert " nan" not in printed.lower()
 
 
 def test_theorem_applies_on_the_certified_scenario(tmp_path: Path) -> None:
