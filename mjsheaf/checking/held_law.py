@@ -448,10 +448,8 @@ def law_loop(system: System, certificate: Certificate) -> LawLoop:
     terms, h, unknown = system.law.terms, system.grid.period, None
     rounds = 0 if system.grid.continuous else (terms.feedforward + terms.newton) / h
     sizes = [2 * len(edge.b) for edge in system.team.communication]
-    names = ["feedforward", "newton", "drift", "integral"]
-    has = [terms.feedforward, terms.newton, terms.drift, terms.integral]
     found: dict[str, Any] = {
-        "terms": [name for name, size in zip(names, has, strict=True) if size > 0.0],
+        "terms": list(terms.names),
         "exchanges": rounds,
         "numbers": rounds * sum(sizes) / len(system.team.agents),
         **dict.fromkeys(["stable", "spectral_radius", "rate", "stable_gains", "noise"], unknown),

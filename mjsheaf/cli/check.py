@@ -30,7 +30,7 @@ def check(
         Path | None, typer.Option(metavar="PNG", help="Draw spectrum, graph and the bounded difference into this file.")
     ] = None,
     rate: Annotated[float | None, typer.Option(help="lambda_V of Theorem 1, 1/s; the best one unless given.")] = None,
-    radius: Annotated[float, typer.Option(help="Wanted radius of |e|, m, for which gains and laws are looked for.")] = 1.0,
+    radius: Annotated[float, typer.Option(help="Radius of |e| for which gain and laws are looked for, m.")] = 1.0,
     rho: Annotated[
         str | None,
         typer.Option(

@@ -12,7 +12,7 @@ from mjsheaf.comparing.measures import budgets_of, error_series, errors_by_scope
 from mjsheaf.comparing.ringing import ringing_of, usable_gain
 from mjsheaf.comparing.verdict import CompareRecord, LoopRecord, verdict_of
 from mjsheaf.results import make_dataset
-from mjsheaf.runs.harm import examine_terms, term_names
+from mjsheaf.runs.harm import examine_terms
 from mjsheaf.runs.simulate import Progress, no_progress, require_simulable
 from mjsheaf.scenario import Scenario
 from mjsheaf.system import System
@@ -55,7 +55,7 @@ def compare(scenario: Scenario, progress: Progress = no_progress) -> Comparison:
         scenario=scenario.name,
         seed=scenario.seed,
         gain=system.gain,
-        terms=list(term_names(system.law.terms)),
+        terms=list(system.law.terms.names),
         harm=_harm(system, runs["all"], scenario.seed),
         usable_gain=min((gain for gain in gains if gain is not None), default=None),
         loop=loop,

@@ -123,6 +123,12 @@ class TermArrays(NamedTuple):
     bias: float
     seed: int
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Those that are on."""
+        amounts = {name: getattr(self, name) for name in ("feedforward", "newton", "drift", "integral")}
+        return tuple(name for name, amount in amounts.items() if amount > 0.0)
+
 
 class TermMemory(NamedTuple):
     """What the terms of V vehicles hold from sample to sample; without terms V is 0.

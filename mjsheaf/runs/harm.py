@@ -90,19 +90,13 @@ def examine_terms(system: System, dataset: "xr.Dataset") -> TermsInRun | None:
         done += len(command)
     rest = count - begin
     found = TermsInRun(
-        on=term_names(terms),
+        on=terms.names,
         jump=float(np.sqrt(jumps / (6.0 * (rest - 2) * terms.agents))),
         commanded=float(np.sqrt(speed / (count * terms.agents))),
         at_limit=at_limit / (rest * terms.agents),
         saturated=saturated / rest if bodies else None,
     )
     return replace(found, harm=tuple(_harm(system, terms, found)))
-
-
-def term_names(terms: TermArrays) -> tuple[str, ...]:
-    """Names of the terms of a law; none of the paper's."""
-    amounts = {name: getattr(terms, name) for name in ("feedforward", "newton", "drift", "integral")}
-    return tuple(name for name, amount in amounts.items() if amount > 0)
 
 
 def _harm(system: System, terms: TermArrays, found: TermsInRun) -> list[str]:

@@ -11,7 +11,6 @@ import xarray as xr
 
 from mjsheaf.plotting import groups_of
 from mjsheaf.results.netcdf import length_of_piece
-from mjsheaf.runs.harm import term_names
 from mjsheaf.scenario import Scenario
 from mjsheaf.video.film import UPRIGHT, Film, FloatArray, Samples, VideoOptions, error_range, frame_times
 
@@ -96,7 +95,7 @@ def film_of(scenario: Scenario, dataset: xr.Dataset, system: "System | None" = N
     if surface != "none":
         # MuJoCo repeats a uniform texture so many times in two metres; that of the ground has four squares.
         grid = 2.0 / float(arena.model.mat(surface).texrepeat[0]) / (2 if surface == "ground" else 1)
-    law = "".join(f", {term}" for term in term_names(system.law.terms) if not dataset.attrs.get("controller"))
+    law = "".join(f", {term}" for term in system.law.terms.names if not dataset.attrs.get("controller"))
     unstable = "" if dataset.attrs["status"] == "finished" else ", blew up"
     film = Film(
         name=scenario.name,
