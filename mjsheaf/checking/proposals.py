@@ -1,12 +1,14 @@
 """What would bring the error of a run below a wanted radius: which terms, rounds and gain, and what they cost."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from pydantic import Field
 
+from mjsheaf.checking.body_loop import loop_on_path
 from mjsheaf.checking.certificate import Certificate
 from mjsheaf.checking.held_law import LawLoop, UndecidedError, law_loop, loop_of
-from mjsheaf.control.terms import Drift, Feedforward, Newton, Odometry, Terms, pack_terms
+from mjsheaf.control.terms import Drift, Feedforward, Newton, Odometry, Terms, pack_terms, term_names
 from mjsheaf.io.section import Finite, Record
 from mjsheaf.system import System
 
@@ -18,15 +20,18 @@ _MOST_NUMBERS = 3_000_000  # samples times states
 
 
 class Proposal(Record):
-    """A law whose bound is at most the wanted radius, and its cost."""
+    """A law whose bound on ideal kinematics is at most the wanted radius, and its cost."""
 
-    controller: dict[str, object] = Field(description="fields of the scenario's controller")
+    controller: dict[str, object] = Field(
+        description="fields of the scenario's controller to set; null takes a term away, others stay as they are"
+    )
     bound: float = Field(description="on |e| at samples of the last half of the run, without speed limits, m")
     certified: bool = Field(description="whether no speed limit can be met, so that the bound is the run's")
     command: Finite = Field(description="no agent's command exceeds it over the last half of the run, m/s")
+    stable_on_bodies: bool | None = Field(description="whether the loop of the real vehicles is too; null: undecided")
     exchanges: float = Field(description="rounds of exchange between neighbours a second")
     numbers: float = Field(description="numbers that an agent sends a second, mean over the agents")
-    noise: Finite = Field(description="RMS noise of the command over that of a sample of odometry at most, 1/s")
+    noise: Finite = Field(description="RMS noise of the command over that of a sample of odometry, at most, 1/s")
 
 
 def propose(system: System, certificate: Certificate, radius: float) -> list[Proposal]:
@@ -55,7 +60,8 @@ def _cheapest(
             low, high, best = (low, middle, (middle, found)) if found else (middle + 1, high, best)
         if best is not None:
             fields = _terms(kind, rounds[best[0]], odometry)
-            return _proposal(gain, fields, best[1])
+            on_bodies = loop_on_path(laws[best[0]], certificate).stable
+            return _proposal(gain, fields, term_names(system.law.terms), best[1], on_bodies)
     return None
 
 
@@ -86,15 +92,19 @@ def _loop_within(system: System, certificate: Certificate, radius: float) -> Law
     return found if found.unlimited is not None and found.unlimited <= radius else None
 
 
-def _proposal(gain: float, terms: Terms, found: LawLoop) -> Proposal:
-    fields = {name: getattr(terms, name) for name in ("feedforward", "newton", "drift")}
-    sections = {name: section.model_dump() for name, section in fields.items() if section is not None}
+def _proposal(gain: float, terms: Terms, present: Sequence[str], found: LawLoop, on_bodies: bool | None) -> Proposal:
+    """The law of these terms in place of one that has those that are present."""
+    fields = {name: getattr(terms, name) for name in ("feedforward", "newton", "drift", "integral")}
+    sections = {
+        name: section and section.model_dump() for name, section in fields.items() if section or name in present
+    }
     assert found.unlimited is not None  # of a loop that is within a radius
     return Proposal(
         controller={"gain": gain, **sections},
         bound=found.unlimited,
-        certified=found.ultimate is not None,
+        certified=found.radius is not None,
         command=found.command,
+        stable_on_bodies=on_bodies,
         exchanges=found.exchanges,
         numbers=found.numbers,
         noise=found.noise,

@@ -11,8 +11,9 @@ from mjsheaf.comparing.ladder import Run, ladder_of, run_ablation
 from mjsheaf.comparing.measures import budgets_of, error_series, errors_by_scope, formation_size, positions_at_q_star
 from mjsheaf.comparing.ringing import ringing_of, usable_gain
 from mjsheaf.comparing.verdict import CompareRecord, LoopRecord, verdict_of
+from mjsheaf.control.terms import term_names
 from mjsheaf.results import make_dataset
-from mjsheaf.runs.harm import examine_terms, term_names
+from mjsheaf.runs.harm import examine_terms
 from mjsheaf.runs.simulate import Progress, no_progress, require_simulable
 from mjsheaf.scenario import Scenario
 from mjsheaf.system import System

@@ -201,6 +201,12 @@ def no_terms() -> TermArrays:
     )
 
 
+def term_names(terms: TermArrays) -> tuple[str, ...]:
+    """Names of the terms of a law; none of the paper's."""
+    amounts = {name: getattr(terms, name) for name in ("feedforward", "newton", "drift", "integral")}
+    return tuple(name for name, amount in amounts.items() if amount > 0)
+
+
 def pack_terms(terms: Terms, team: Team, period: float, seed: int) -> TermArrays:
     """The terms of a law for compiled code, on ideal kinematics.
 
@@ -210,9 +216,9 @@ def pack_terms(terms: Terms, team: Team, period: float, seed: int) -> TermArrays
         period: between samples, s; with terms it is positive.
         seed: of the run.
     """
-    if not terms.any:
-        return no_terms()
     forward, newton, drift, integral, odometry = terms
+    if not terms.any:
+        return no_terms()._replace(noise=odometry.noise, bias=odometry.bias)
     N, first = len(team.agents), len(team.communication)
     packed = TermArrays(
         agents=N,

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mjsheaf.control.terms import TermArrays
+from mjsheaf.control.terms import TermArrays, term_names
 from mjsheaf.results.netcdf import pieces_of
 from mjsheaf.system import System
 
@@ -97,12 +97,6 @@ def examine_terms(system: System, dataset: "xr.Dataset") -> TermsInRun | None:
         saturated=saturated / rest if bodies else None,
     )
     return replace(found, harm=tuple(_harm(system, terms, found)))
-
-
-def term_names(terms: TermArrays) -> tuple[str, ...]:
-    """Names of the terms of a law; none of the paper's."""
-    amounts = {name: getattr(terms, name) for name in ("feedforward", "newton", "drift", "integral")}
-    return tuple(name for name, amount in amounts.items() if amount > 0)
 
 
 def _harm(system: System, terms: TermArrays, found: TermsInRun) -> list[str]:

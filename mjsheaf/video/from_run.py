@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
+from mjsheaf.control.terms import term_names
 from mjsheaf.plotting import groups_of
 from mjsheaf.results.netcdf import length_of_piece
-from mjsheaf.runs.harm import term_names
 from mjsheaf.scenario import Scenario
 from mjsheaf.video.film import UPRIGHT, Film, FloatArray, Samples, VideoOptions, error_range, frame_times
 
