@@ -118,7 +118,7 @@ def _theorem(record: CheckRecord) -> Table:
 def _law(record: CheckRecord) -> Table:
     """The law as it is held, with its terms, on ideal kinematics."""
     law = record.law
-    name = "the held law on ideal kinematics: " + (" and ".join(law.terms) if law.terms else "the paper's")
+    name = "the held law on ideal kinematics: " + (", ".join(law.terms) or "the paper's")
     if law.stable is None:
         return _pairs(name, [("loop", "undecided", law.reason)])
     word, h = "stable" if law.stable else "UNSTABLE", record.margins.hold
@@ -126,14 +126,13 @@ def _law(record: CheckRecord) -> Table:
     rows = [
         ("loop", word, f"spectral radius {_number(law.spectral_radius)} over {h.period:g} s" if h else ""),
         ("rate", _number(law.rate, "1/s"), "at which the slowest error decays"),
-        ("stable gains", gains, "under this hold, with these terms"),
-        (
-            "error per disturbance",
-            _number(law.error_per_disturbance, "s"),
-            "|e| in the end is at most this times the largest |d|",
-        ),
-        ("bound on |e|", _number(law.radius, "m"), law.reason or "never exceeded at samples of the run's last half"),
+        ("stable gains", gains, "under this hold" + ", with these terms" * bool(law.terms)),
     ]
+    if law.stable:
+        remark = "|e|, of all agents together, is in the end at most this times the largest |d|"
+        rows.append(("error per disturbance", _number(law.error_per_disturbance, "s"), remark))
+    never = "of all agents together, never exceeded at samples of the run's last half"
+    rows.append(("bound on |e|", _number(law.radius, "m"), law.reason or never))
     if law.radius is not None:
         rows.append(
             ("between samples", _number(law.between, "m"), f"and {_number(law.largest, 'm')} over the whole run")
@@ -145,12 +144,12 @@ def _law(record: CheckRecord) -> Table:
     if left:
         rows.append(("left of d", "", "what drives e away from 0, in the last half at most:"))
     rows += [("", _number(share.size, "m/s"), share.part) for share in left]
-    if law.terms:
+    if law.exchanges:
         sent = f"{law.numbers:.4g} numbers a second that an agent sends"
         rows.append(("messages", _number(law.exchanges, "1/s"), f"rounds of exchange; {sent}"))
-        rows.append(
-            ("noise", _number(law.noise, "1/s"), "of the command, m/s RMS for each m of noise of odometry, at most")
-        )
+    if law.noise:
+        remark = "of the command, m/s RMS for each m of noise of odometry, at most"
+        rows.append(("noise", _number(law.noise, "1/s"), remark))
     return _pairs(name, rows)
 
 
@@ -160,9 +159,11 @@ def _proposals(record: CheckRecord) -> list[Table]:
         return []
     rows = []
     for p in record.proposals:
-        cost = f"{p.exchanges:.4g} exchanges a second, {p.numbers:.4g} numbers an agent"
+        cost = (
+            f"{p.exchanges:.4g} exchanges a second, {p.numbers:.4g} numbers an agent" if p.exchanges else "no messages"
+        )
         command = "" if p.command is None else f"; commands up to {p.command:.4g} m/s"
-        noise = f"; noise of the command {_number(p.noise, '1/s')}"
+        noise = f"; noise of the command {_number(p.noise, '1/s')}" if p.noise else ""
         limits = "" if p.certified else "; bound without limits of speed"
         bodies = {True: "", False: "; UNSTABLE on the vehicles", None: "; undecided on the vehicles"}[
             p.stable_on_bodies

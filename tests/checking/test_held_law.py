@@ -268,6 +268,7 @@ def test_a_deadbeat_loop_has_a_rate() -> None:
     assert found.rate is not None
     assert found.rate > 1e3
     assert found.error_per_disturbance == pytest.approx(0.02)
+    assert found.largest_gain == pytest.approx(100.0)
 
 
 @pytest.mark.parametrize("kind", TERMS)
