@@ -22,6 +22,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import eigsh
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
+from mjsheaf.checking.certificate import Certificate
 from mjsheaf.checking.cohomology import DENSE_STATES, Spectrum, spectrum_of
 from mjsheaf.checking.constants import agent_drift
 from mjsheaf.checking.held_law import UndecidedError, residual_polynomial
@@ -139,6 +140,13 @@ def loop_along(system: System, time: Array, q_star: Array) -> BodyLoop:
     """The loop in the mean flow along harmonic extensions, padded, shape (T, N, 3), m, at times (T,), s."""
     path = q_star.reshape(len(time), -1)[:, system.team.slots[: system.team.first_state[-1]]]
     return body_loop(system, spectrum_of(system.team), mean_medium(system, time, path))
+
+
+def loop_on_path(system: System, certificate: Certificate) -> BodyLoop:
+    """The loop in the mean flow along the targets' path."""
+    path, N = certificate.constants.path, len(system.team.agents)
+    medium = mean_medium(system, path.time, path.q_star) if path.cells else np.full((N, 3), np.nan)
+    return body_loop(system, certificate.spectrum, medium)
 
 
 def mean_medium(system: System, time: Array, q_star: Array) -> Array:

@@ -27,7 +27,7 @@ from typing import Any
 
 import numpy as np
 from pydantic import Field
-from scipy.signal import fftconvolve, lfilter
+from scipy.signal import fftconvolve, lfilter, ss2tf
 
 from mjsheaf.arrays import Array
 from mjsheaf.checking.certificate import Certificate
@@ -48,6 +48,8 @@ _BETTER = 0.99  # of the bound of the round before: more is not worth a round
 _MOST_ROUNDS = 12
 _NOTHING = 1e-40  # of a response: all that follows is lost in rounding
 _IMPULSE = 4000  # samples of a filter's response
+_SUMMED = 1e-7  # of a sum of responses: what the rest may be
+_BLOCK, _MOST_BLOCKS = 1024, 2000  # samples of the loop's response that are found at a time, and how often
 _TRIALS = 2.0 ** np.arange(1, 24)  # radii, over |e_0| and 1 mm, that are tried where a field is unbounded
 
 
@@ -65,21 +67,31 @@ class LawLoop(Record):
     stable: bool | None = Field(description="every spectral radius is below 1; null where undecided: see reason")
     spectral_radius: Finite = Field(description="largest over the eigenvalues of H; null where undecided")
     rate: Finite = Field(description="slowest decay, -log(spectral radius) / h, 1/s; null where undecided")
+    largest_gain: Finite = Field(
+        description="the larger of `stable_gains`; null where there is none or where undecided"
+    )
     stable_gains: list[float] | None = Field(
         description="the k1 between which the loop is stable, 1/s: about the gain, else the nearest; null where there "
         "are none or where undecided"
     )
-    ultimate: Finite = Field(
+    error_per_disturbance: Finite = Field(
+        description="|e| of the team in the end is at most this times the largest size of what drives it, d, s; null "
+        "where undecided"
+    )
+    radius: Finite = Field(
         description="|e| of the team never exceeds it at samples of the last half of the run, m; null: see reason"
     )
     between: Finite = Field(description="the same between samples too, m")
     largest: Finite = Field(description="the same over the whole run, m")
     command: Finite = Field(description="no agent's command exceeds it over the last half of the run, m/s")
-    unlimited: Finite = Field(description="`ultimate` of the same law without limits of speed and integral, m")
+    unlimited: Finite = Field(description="`radius` of the same law without limits of speed and integral, m")
     left: list[Share] = Field(description="what is left of d, the largest first")
     exchanges: float = Field(description="rounds of exchange between neighbours a second")
     numbers: float = Field(description="numbers that an agent sends a second, mean over the agents")
-    noise: Finite = Field(description="RMS noise of the command over that of a sample of odometry at most, 1/s")
+    noise: Finite = Field(
+        description="RMS noise of the command over that of a sample of odometry, at most and with the answer of "
+        "feedback, 1/s; null where the loop is not stable"
+    )
     reason: str = Field(description="why a number is missing, or empty")
 
 
@@ -170,14 +182,42 @@ class Loop:
         ends = np.append(gains[:-1], np.inf)[change]
         return ends[::2], ends[1::2]
 
-    def responses(self, count: int) -> Array:
-        """Largest sizes over the eigenvalues, shape (5, count), of powers j = 0, 1, ...
+    @cached_property
+    def error_per_disturbance(self) -> float:
+        """h sum_j max |(M^j g)_e|, s; infinite where it does not converge, or too slowly."""
+        if not self.radius < 1.0:
+            return np.inf
+        power, found, total = self.matrices(), np.zeros((len(self.values), 3, 1)), 0.0
+        found[:, 0] = self.period
+        while found.shape[2] < _BLOCK:
+            found, power = np.concatenate([found, power @ found], axis=2), power @ power
+        for _ in range(_MOST_BLOCKS):
+            largest = np.abs(found[:, 0]).max(axis=0)
+            total += float(largest.sum())
+            if largest.max() < _SUMMED * (1.0 - self.radius) * total:
+                return total * (1.0 + _SUMMED)
+            found = power @ found
+        return np.inf
 
-        (M^j)_ee; of h M^j g: e, s; what feedback asks for, -; and z, s^2; and what feedback asks for after e_0, 1/s.
+    @property
+    def ask(self) -> Array:
+        """What feedback asks for is this times x, shape (L, 3): 1/s, 1/s and 1/s^2."""
+        k = np.full(len(self.values), self.gain)
+        return np.stack([k * self.alpha, k * self.c, np.full(len(k), -self.integral)], axis=1)
+
+    def answered(self, one: int, added: Array) -> Array:
+        """The command of one eigenvalue where this, shape (n,), is added to it, and feedback answers."""
+        push = [[-self.period], [0.0], [0.0]]
+        above, below = ss2tf(self.matrices()[one], push, self.ask[[one]], [[1.0]])
+        return np.asarray(lfilter(above[0], below, added))
+
+    def responses(self, count: int) -> Array:
+        """Largest sizes over the eigenvalues, shape (6, count), of powers j = 0, 1, ...
+
+        After e_0: e; what feedback asks for, 1/s; z, s. After h d: e, s; what feedback asks for; z, s^2.
         """
-        ask = np.stack([self.gain * self.alpha, self.gain * self.c, np.full(len(self.values), -self.integral)], axis=1)
-        found = np.zeros((5, count))
-        _respond(self.matrices(), ask, self.period, found)
+        found = np.zeros((6, count))
+        _respond(self.matrices(), self.ask, self.period, found)
         return found * (1.0 + _ROUNDING)
 
 
@@ -186,13 +226,12 @@ def _respond(M, ask, h, found):
     """Write `Loop.responses` for M (L, 3, 3) and the rows of what feedback asks for, (L, 3)."""
     for one in range(M.shape[0]):
         m, k = M[one], ask[one]
-        for begin, own, fed in ((1.0, 0, 4), (h, 1, 2)):
+        for row, begin in ((0, 1.0), (3, h)):
             e, s, z = begin, 0.0, 0.0
             for j in range(found.shape[1]):
-                found[own, j] = max(found[own, j], abs(e))
-                found[fed, j] = max(found[fed, j], abs(k[0] * e + k[1] * s + k[2] * z))
-                if own == 1:
-                    found[3, j] = max(found[3, j], abs(z))
+                found[row, j] = max(found[row, j], abs(e))
+                found[row + 1, j] = max(found[row + 1, j], abs(k[0] * e + k[1] * s + k[2] * z))
+                found[row + 2, j] = max(found[row + 2, j], abs(z))
                 if max(abs(e), abs(s), abs(z)) < _NOTHING:
                     break
                 e, s, z = (
@@ -260,7 +299,8 @@ def _filtered(values: Array, share: float) -> Array:
     """A first-order filter, a sample late: nothing, then the first value, then a share of each; shape (K, n)."""
     found = np.zeros_like(values)
     if len(values) > 1:
-        state = (1.0 - share) * values[:1]
+        with np.errstate(invalid="ignore"):  # 0 times what is infinite
+            state = (1.0 - share) * values[:1]
         found[1:] = lfilter([share], [1.0, share - 1.0], values[:-1], axis=0, zi=state)[0]
     return found
 
@@ -286,8 +326,7 @@ def _drive(system: System, certificate: Certificate, values: Array, vectors: Arr
         before = np.vstack([np.zeros((1, n_q)), rate[:-1]])
         leads = np.where(np.arange(K) > terms.settled, lead, 0.0)[:, None]
         v = (rate + leads * (rate - before)) @ vectors.T
-        amplified = (1.0 + 2.0 * lead) * float((np.abs(1.0 - c) / (1.0 - np.abs(c))).max())
-        total += amplified * (unsure + _odometry(system, sensed=True))
+        total += (1.0 + 2.0 * lead) * _amplified(c) * (unsure + _odometry(system, sensed=True))
     harmonics = system.harmonics[:N].copy()
     harmonics[..., :3] *= np.sinc(harmonics[..., 3:4] * h / (2.0 * np.pi))  # the mean of a sine over a period
     shaken = evaluate(harmonics, system.grid.span(0, K) + 0.5 * h)
@@ -310,6 +349,18 @@ def _drive(system: System, certificate: Certificate, values: Array, vectors: Arr
     shake = 0.5 * h * (np.linalg.norm(system.harmonics[..., :3], axis=2) * np.abs(system.harmonics[..., 3])).sum(axis=1)
     ripple += np.linalg.norm(shake[:N]) + np.linalg.norm(carrier.reach(shake[N:]))
     return _Drive(W - v, F - observed, v - observed, total, middle, moves, ripple, terms.drift)
+
+
+def _amplified(c: Array) -> float:
+    """By how much errors of any sizes up to 1, in the 2-norm over the team, grow in v: sum_j max |(1 - c) c^j|.
+
+    The largest of each power, as errors may come in another eigenvector at each sample.
+    """
+    share, slowest, found = np.abs(1.0 - c), float(np.abs(c).max()), 0.0
+    for _ in range(_IMPULSE):
+        found += float(share.max())
+        share = share * np.abs(c)
+    return found + float(share.max()) / (1.0 - slowest)
 
 
 def _odometry(system: System, *, sensed: bool) -> float:
@@ -385,7 +436,7 @@ def envelope(system: System, certificate: Certificate) -> Envelope:
 def _bounded(system: System, certificate: Certificate, loop: Loop, drive: _Drive) -> Envelope:
     K, N, h, constants = len(drive.left), len(system.team.agents), loop.period, certificate.constants
     start = constants.initial_error
-    decay, hit, ask, kept, ask_start = loop.responses(K + 1)
+    decay, ask_start, kept_start, hit, ask, kept = loop.responses(K + 1)
     known = np.linalg.norm(drive.left - drive.met, axis=1) + drive.unsure
 
     def answer(apart: Array) -> tuple[Array, Array, Array]:
@@ -432,15 +483,20 @@ def _bounded(system: System, certificate: Certificate, loop: Loop, drive: _Drive
     fed[1:] += fftconvolve(ask[:K], d)[:K] * (1.0 + _ROUNDING)
     added = np.linalg.norm(system.team.unpack(drive.asked), axis=2)
     command = added + (fed[:K] + drive.unsure + drive.observed(apart + change))[:, None]
-    integral = loop.integral * float((fftconvolve(kept[:K], d)[:K]).max(initial=0.0))
+    integrated = kept_start * start
+    integrated[1:] += fftconvolve(kept[:K], d)[:K] * (1.0 + _ROUNDING)
+    terms = system.law.terms
+    odometry = " and of odometry" * bool((terms.noise or terms.bias) and (terms.feedforward or terms.drift))
     left = {
-        "targets' motion, less feedforward": np.linalg.norm(drive.left, axis=1),
-        "flow and disturbance along q*, less the observer's drift": np.linalg.norm(drive.met, axis=1),
+        "targets' motion" + ", less feedforward" * bool(terms.feedforward): np.linalg.norm(drive.left, axis=1),
+        "flow and disturbance along q*" + ", less the observed drift" * bool(terms.drift): np.linalg.norm(
+            drive.met, axis=1
+        ),
         "flow at q instead of q*, by its slope": apart + drive.observed(apart),
         "flow within a period": change + drive.observed(change),
-        "errors of the targets' path and of odometry": np.full(K, drive.unsure),
+        "errors of the targets' path" + odometry: np.full(K, drive.unsure),
     }
-    return Envelope(samples, within, command, integral, left, "")
+    return Envelope(samples, within, command, loop.integral * float(integrated.max()), left, "")
 
 
 def law_loop(system: System, certificate: Certificate) -> LawLoop:
@@ -452,41 +508,44 @@ def law_loop(system: System, certificate: Certificate) -> LawLoop:
         "terms": list(terms.names),
         "exchanges": rounds,
         "numbers": rounds * sum(sizes) / len(system.team.agents),
-        **dict.fromkeys(["stable", "spectral_radius", "rate", "stable_gains", "noise"], unknown),
-        **dict.fromkeys(["ultimate", "between", "largest", "command", "unlimited"], unknown),
+        **dict.fromkeys(["stable", "spectral_radius", "rate", "largest_gain", "stable_gains", "noise"], unknown),
+        **dict.fromkeys(["error_per_disturbance", "radius", "between", "largest", "command", "unlimited"], unknown),
         "left": [],
         "reason": "",
     }
     try:
         loop = loop_of(system)
-        found["noise"] = _noise(system, loop.values)
         found["stable"], found["spectral_radius"] = loop.radius < 1.0, loop.radius
-        found["rate"], found["stable_gains"] = -np.log(loop.radius) / h, loop.stable_gains
+        found["rate"] = -np.log(max(loop.radius, _NOTHING)) / h
+        found["stable_gains"] = loop.stable_gains
+        found["largest_gain"] = loop.stable_gains[1] if loop.stable_gains else None
+        found["error_per_disturbance"] = loop.error_per_disturbance
+        found["noise"] = _noise(system, loop) if loop.radius < 1.0 else None
         bound = envelope(system, certificate)
         late = slice(len(bound.within) // 2, None)
         found["unlimited"], found["reason"] = bound.late(), bound.clipped
         shares = [Share(part=part, size=size[late].max()) for part, size in bound.left.items()]
         found["left"] = sorted(shares, key=lambda share: -share.size)
         if not bound.clipped:
-            found["ultimate"], found["between"] = bound.late(), bound.within[late].max()
+            found["radius"], found["between"] = bound.late(), bound.within[late].max()
             found["largest"], found["command"] = bound.within.max(), bound.command[late].max()
     except UndecidedError as error:
         found["reason"] = str(error)
     return LawLoop(**found)
 
 
-def _noise(system: System, values: Array) -> float:
-    """See LawLoop: by the impulse responses of filters and rounds, added up."""
+def _noise(system: System, loop: Loop) -> float:
+    """See LawLoop: by the impulse responses of filters, rounds and feedback, added up."""
     terms, found = system.law.terms, 0.0
-    impulse = np.zeros(_IMPULSE)
+    impulse, each = np.zeros(_IMPULSE), range(len(loop.values))
     impulse[0] = 1.0
     if terms.feedforward:
         rate, lead = lfilter([terms.measured], [1.0, terms.measured - 1.0], impulse), float(terms.lead[0])
-        largest = 0.0
-        for kept in residual_polynomial(values, terms.feedforward, *terms.eigenvalues):
-            v = lfilter([(1.0 - kept) * (1.0 + lead), -(1.0 - kept) * lead], [1.0, -kept], rate)
-            largest = max(largest, float(np.linalg.norm(v)))
+        c = residual_polynomial(loop.values, terms.feedforward, *terms.eigenvalues)
+        v = [lfilter([(1.0 - kept) * (1.0 + lead), -(1.0 - kept) * lead], [1.0, -kept], rate) for kept in c]
+        largest = max(float(np.linalg.norm(loop.answered(one, v[one]))) for one in each)
         found += largest * _carried_odometry(system) / terms.period
     if terms.drift > 0.0:
-        found += float(np.sqrt(terms.drift / (2.0 - terms.drift))) / terms.period
+        phi = lfilter([terms.drift], [1.0, terms.drift - 1.0], impulse)
+        found += max(float(np.linalg.norm(loop.answered(one, phi))) for one in each) / terms.period
     return found

@@ -5,7 +5,7 @@ from pydantic import Field
 from scipy import linalg
 
 from mjsheaf.arrays import Array
-from mjsheaf.checking.body_loop import BodyLoop, body_loop, held_modes, mean_medium
+from mjsheaf.checking.body_loop import BodyLoop, held_modes, loop_on_path
 from mjsheaf.checking.certificate import Certificate
 from mjsheaf.checking.cohomology import Spectrum
 from mjsheaf.checking.constants import Difference
@@ -79,11 +79,10 @@ class Margins(Record):
 
 def margins(system: System, certificate: Certificate) -> Margins:
     """All margins of a system."""
-    spectrum, path, difference = certificate.spectrum, certificate.constants.path, certificate.constants.difference
+    spectrum, difference = certificate.spectrum, certificate.constants.difference
     agents = system.vehicles[: len(system.team.agents)]
     inertia = body_margin(system, spectrum, of_each(agents, lambda vehicle: float(vehicle.reduced_model().tau.max())))
-    medium = mean_medium(system, path.time, path.q_star) if path.cells else np.full((len(agents), 3), np.nan)
-    loop = body_loop(system, spectrum, medium)
+    loop = loop_on_path(system, certificate)
     able = of_each(agents, lambda vehicle: capability_of(vehicle).least_speed)
     return Margins(
         hold=hold_margin(system, spectrum),

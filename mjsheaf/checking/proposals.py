@@ -1,10 +1,12 @@
 """What would bring the error of a run below a wanted radius: which terms, rounds and gain, and what they cost."""
 
 from bisect import bisect_left
+from collections.abc import Sequence
 from dataclasses import replace
 
 from pydantic import Field
 
+from mjsheaf.checking.body_loop import loop_on_path
 from mjsheaf.checking.certificate import Certificate
 from mjsheaf.checking.held_law import LawLoop, UndecidedError, envelope, law_loop, loop_of
 from mjsheaf.control.terms import Drift, Feedforward, Newton, Odometry, Terms, pack_terms
@@ -19,15 +21,18 @@ _MOST_NUMBERS = 3_000_000  # samples times states
 
 
 class Proposal(Record):
-    """A law whose bound is at most the wanted radius, and its cost."""
+    """A law whose bound on ideal kinematics is at most the wanted radius, and its cost."""
 
-    controller: dict[str, object] = Field(description="fields of the scenario's controller")
+    controller: dict[str, object] = Field(
+        description="fields of the scenario's controller to set; null takes a term away, others stay as they are"
+    )
     bound: float = Field(description="on |e| at samples of the last half of the run, without speed limits, m")
     certified: bool = Field(description="whether no speed limit can be met, so that the bound is the run's")
     command: Finite = Field(description="no agent's command exceeds it over the last half of the run, m/s")
+    stable_on_bodies: bool | None = Field(description="whether the loop of the real vehicles is too; null: undecided")
     exchanges: float = Field(description="rounds of exchange between neighbours a second")
     numbers: float = Field(description="numbers that an agent sends a second, mean over the agents")
-    noise: Finite = Field(description="RMS noise of the command over that of a sample of odometry at most, 1/s")
+    noise: Finite = Field(description="RMS noise of the command over that of a sample of odometry, at most, 1/s")
 
 
 def propose(system: System, certificate: Certificate, radius: float) -> list[Proposal]:
@@ -51,7 +56,8 @@ def _cheapest(
         # More rounds leave less, or nearly so: the first number that does it is found by halves.
         first = bisect_left(laws, True, key=lambda law: _keeps(law, certificate, radius))
         if first < len(laws):
-            return _proposal(gain, _terms(kind, rounds[first], odometry), law_loop(laws[first], certificate))
+            fields, on_bodies = _terms(kind, rounds[first], odometry), loop_on_path(laws[first], certificate).stable
+            return _proposal(gain, fields, system.law.terms.names, law_loop(laws[first], certificate), on_bodies)
     return None
 
 
@@ -81,15 +87,19 @@ def _keeps(system: System, certificate: Certificate, radius: float) -> bool:
         return False
 
 
-def _proposal(gain: float, terms: Terms, found: LawLoop) -> Proposal:
-    fields = {name: getattr(terms, name) for name in ("feedforward", "newton", "drift")}
-    sections = {name: section.model_dump() for name, section in fields.items() if section is not None}
+def _proposal(gain: float, terms: Terms, present: Sequence[str], found: LawLoop, on_bodies: bool | None) -> Proposal:
+    """The law of these terms in place of one that has those that are present."""
+    fields = {name: getattr(terms, name) for name in ("feedforward", "newton", "drift", "integral")}
+    sections = {
+        name: section and section.model_dump() for name, section in fields.items() if section or name in present
+    }
     assert found.unlimited is not None  # of a loop that is within a radius
     return Proposal(
         controller={"gain": gain, **sections},
         bound=found.unlimited,
-        certified=found.ultimate is not None,
+        certified=found.radius is not None,
         command=found.command,
+        stable_on_bodies=on_bodies,
         exchanges=found.exchanges,
         numbers=found.numbers,
         noise=found.noise,

@@ -118,7 +118,7 @@ def _theorem(record: CheckRecord) -> Table:
 def _law(record: CheckRecord) -> Table:
     """The law as it is held, with its terms, on ideal kinematics."""
     law = record.law
-    name = "the held law, " + (" and ".join(["the paper's", *law.terms]) if law.terms else "the paper's")
+    name = "the held law on ideal kinematics: " + (", ".join(law.terms) or "the paper's")
     if law.stable is None:
         return _pairs(name, [("loop", "undecided", law.reason)])
     word, h = "stable" if law.stable else "UNSTABLE", record.margins.hold
@@ -126,21 +126,30 @@ def _law(record: CheckRecord) -> Table:
     rows = [
         ("loop", word, f"spectral radius {_number(law.spectral_radius)} over {h.period:g} s" if h else ""),
         ("rate", _number(law.rate, "1/s"), "at which the slowest error decays"),
-        ("stable gains", gains, "under this hold, with these terms"),
-        ("bound on |e|", _number(law.ultimate, "m"), law.reason or "never exceeded at samples of the run's last half"),
+        ("stable gains", gains, "under this hold" + ", with these terms" * bool(law.terms)),
     ]
-    if law.ultimate is not None:
+    if law.stable:
+        remark = "|e|, of all agents together, is in the end at most this times the largest |d|"
+        rows.append(("error per disturbance", _number(law.error_per_disturbance, "s"), remark))
+    never = "of all agents together, never exceeded at samples of the run's last half"
+    rows.append(("bound on |e|", _number(law.radius, "m"), law.reason or never))
+    if law.radius is not None:
         rows.append(
             ("between samples", _number(law.between, "m"), f"and {_number(law.largest, 'm')} over the whole run")
         )
         rows.append(("command", _number(law.command, "m/s"), "no agent's exceeds it over the last half"))
     elif law.unlimited is not None:
         rows.append(("without limits", _number(law.unlimited, "m"), "the same bound, of the law without speed limits"))
-    rows += [("left of d", _number(share.size, "m/s"), share.part) for share in law.left if share.size > 0.0]
-    if law.terms:
+    left = [share for share in law.left if share.size > 0.0]
+    if left:
+        rows.append(("left of d", "", "what drives e away from 0, in the last half at most:"))
+    rows += [("", _number(share.size, "m/s"), share.part) for share in left]
+    if law.exchanges:
         sent = f"{law.numbers:.4g} numbers a second that an agent sends"
         rows.append(("messages", _number(law.exchanges, "1/s"), f"rounds of exchange; {sent}"))
-        rows.append(("noise", _number(law.noise, "1/s"), "of the command in m/s over that of odometry in m, at most"))
+    if law.noise:
+        remark = "of the command, m/s RMS for each m of noise of odometry, at most"
+        rows.append(("noise", _number(law.noise, "1/s"), remark))
     return _pairs(name, rows)
 
 
@@ -150,13 +159,18 @@ def _proposals(record: CheckRecord) -> list[Table]:
         return []
     rows = []
     for p in record.proposals:
-        cost = f"{p.exchanges:.4g} exchanges a second, {p.numbers:.4g} numbers an agent"
+        cost = (
+            f"{p.exchanges:.4g} exchanges a second, {p.numbers:.4g} numbers an agent" if p.exchanges else "no messages"
+        )
         command = "" if p.command is None else f"; commands up to {p.command:.4g} m/s"
-        noise = f"; noise of the command {_number(p.noise, '1/s')}"
-        limits = "" if p.certified else "; without limits of speed"
-        rows.append((f"{p.bound:.4g} m", _in_yaml(p.controller), cost + command + noise + limits))
+        noise = f"; noise of the command {_number(p.noise, '1/s')}" if p.noise else ""
+        limits = "" if p.certified else "; bound without limits of speed"
+        bodies = {True: "", False: "; UNSTABLE on the vehicles", None: "; undecided on the vehicles"}[
+            p.stable_on_bodies
+        ]
+        rows.append((f"{p.bound:.4g} m", _in_yaml(p.controller), cost + command + noise + limits + bodies))
     radius = record.theorem.wanted_radius
-    return [_pairs(f"laws with a bound of at most {radius:g} m, the cheapest of each kind", rows)]
+    return [_pairs(f"laws with a bound of at most {radius:g} m on ideal kinematics, the cheapest of each kind", rows)]
 
 
 def _in_yaml(fields: dict[str, Any]) -> str:
@@ -169,6 +183,8 @@ def _in_yaml(fields: dict[str, Any]) -> str:
                 f"{k}: {str(v).lower()}" for k, v in value.items() if name == "drift" or plain.get(k) != v
             )
             lines.append(f"{name}: {{{inner}}}")
+        elif value is None:
+            lines.append(f"{name}: null")
         else:
             lines.append(f"{name}: {value:g}")
     return "\n".join(lines)

@@ -8,8 +8,9 @@ second-order response is fitted.
 The prediction knows inertia alone, and beside that the hold of the law. Thrusters that lag, and attitudes that must
 turn first, come on top: so the test is repeated without them, where prediction and measurement must meet.
 
-With the Newton direction H is the identity in all of this: the prediction takes it for exact. The other terms add
-nothing while everything is still, and their odometry has no noise then.
+With the Newton direction H is the identity in all of this: the prediction takes it for exact. Feedforward and drift add
+nothing while targets and medium are still; their odometry has no noise here. The integral, which is slow and which the
+prediction does not know, is off.
 
 How far the gain may be raised before bodies, lag or the law's hold make the team ring.
 """
@@ -213,7 +214,8 @@ def _displaced_at_rest(system: System, mode: Mode) -> System:
         initial=initial,
         grid=replace(grid, start=0.0, steps=max(steps, 8)),
         law=system.law._replace(
-            gain=np.where(np.arange(V) < N, system.law.gain, 0.0), terms=system.law.terms._replace(noise=0.0, bias=0.0)
+            gain=np.where(np.arange(V) < N, system.law.gain, 0.0),
+            terms=system.law.terms._replace(noise=0.0, bias=0.0, integral=0.0),
         ),
         motion=system.motion._replace(
             pull=np.zeros(V), amplitude=np.zeros((V, 3)), path=np.zeros((V, 2), dtype=np.int64)

@@ -216,9 +216,9 @@ def pack_terms(terms: Terms, team: Team, period: float, seed: int) -> TermArrays
         period: between samples, s; with terms it is positive.
         seed: of the run.
     """
-    if not terms.any:
-        return no_terms()
     forward, newton, drift, integral, odometry = terms
+    if not terms.any:
+        return no_terms()._replace(noise=odometry.noise, bias=odometry.bias)
     N, first = len(team.agents), len(team.communication)
     packed = TermArrays(
         agents=N,

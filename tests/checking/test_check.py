@@ -68,7 +68,7 @@ def test_an_unstable_law_does_not_hold(capsys: pytest.CaptureFixture[str]) -> No
     assert record["ok"] is False
     assert record["law"]["stable"] is False
     assert record["law"]["spectral_radius"] > 1.0
-    assert record["law"]["ultimate"] is None
+    assert record["law"]["radius"] is None
     assert record["law"]["stable_gains"] == pytest.approx([0.0, 90.589], abs=1e-3)
     assert "controller.gain" in captured.err
 

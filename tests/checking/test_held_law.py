@@ -13,6 +13,7 @@ from scipy.integrate import solve_ivp
 
 import mjsheaf
 from mjsheaf.checking import held_law
+from mjsheaf.checking.body_loop import loop_on_path
 from mjsheaf.checking.certificate import certify
 from mjsheaf.checking.held_law import Envelope, UndecidedError, envelope, law_loop, loop_of
 from mjsheaf.checking.proposals import propose
@@ -230,9 +231,91 @@ def test_a_limit_that_may_be_met_leaves_it_undecided() -> None:
     system = scenario_from_mapping(raw).system
     found = law_loop(system, certify(system))
     assert found.stable
-    assert found.ultimate is None
+    assert found.radius is None
     assert found.unlimited is not None
     assert "0.5 m/s" in found.reason
+
+
+def test_an_integral_that_fills_up_at_the_start_leaves_it_undecided() -> None:
+    """Nothing drives the loop: the initial error alone brings the integral to its limit, beyond which it overshoots."""
+    still: dict[str, Any] = {"target": {"motion": {"kind": "static"}}}
+    still["agents"] = [{"id": "A0", "position": [50.0, 0.0]}]
+    free, bound = attained({"integral": {"gain": 0.5}}, **still)
+    assert not bound.clipped
+    assert (free <= bound.samples + 1e-4).all()
+    error, bound = attained({"integral": {"gain": 0.5, "limit": 0.5 * bound.integral}}, **still)
+    assert "integral" in bound.clipped
+    assert (error > bound.samples + 1e-4).any()
+
+
+def test_errors_in_another_eigenvector_at_each_sample_are_allowed_for() -> None:
+    """Rounds that keep nothing of one eigenvector and much of another: v is larger than either could make it alone."""
+    c = np.array([0.0, 0.9])
+    v = np.zeros(2)
+    for r in [*[(0.0, 1.0)] * 200, (1.0, 0.0)]:
+        v = c * v + (1.0 - c) * np.array(r)
+    assert np.linalg.norm(v) > 1.3
+    assert np.linalg.norm(v) <= held_law._amplified(c)
+
+
+def test_a_deadbeat_loop_has_a_rate() -> None:
+    """k1 h lambda = 1: the error is gone after a period, and the rate is a number."""
+    agents, target = [{"id": "A", "position": [5.0, 0.0]}], {"id": "T", "position": [0.0, 0.0]}
+    raw = {"name": "deadbeat", "agents": agents, "targets": [target], "communication": [], "sensing": [["A", "T"]]}
+    system = scenario_from_mapping({**raw, "controller": {"gain": 50.0, "control_period": 0.02}}).system
+    found = law_loop(system, certify(system))
+    assert found.spectral_radius == 0.0
+    assert found.rate is not None
+    assert found.rate > 1e3
+    assert found.error_per_disturbance == pytest.approx(0.02)
+    assert found.largest_gain == pytest.approx(100.0)
+
+
+@pytest.mark.parametrize("kind", TERMS)
+def test_error_per_disturbance(kind: str) -> None:
+    """The sum over a long horizon, of which the paper's law has a closed form where nothing overshoots."""
+    loop = loop_of(studied(1, kind))
+    summed = loop.responses(20_000)[3].sum()
+    assert summed * (1.0 - 1e-6) <= loop.error_per_disturbance <= summed * 1.002
+    if kind == "paper":
+        slow = replace(loop, gain=0.1 / loop.values[-1])
+        assert slow.error_per_disturbance == pytest.approx(10.0 * loop.values[-1] / loop.values[0], rel=1e-5)
+
+
+@pytest.mark.parametrize("gain", [1.0, 30.0])
+@pytest.mark.parametrize("fields", [{"drift": {"filter": 0.1}}, {"feedforward": {"rounds": 2, "extrapolate": True}}])
+def test_noise_of_the_command_is_that_of_a_run(gain: float, fields: dict[str, Any]) -> None:
+    """Odometry alone moves one agent; feedback answers, the more the higher the gain."""
+    s, noise = 1e-3, {"odometry": {"noise": 1e-3}}
+    system = scenario_from_mapping({
+        "name": "noise",
+        "agents": [{"id": "A", "position": [0.0, 0.0]}],
+        "targets": [{"id": "T", "position": [0.0, 0.0], "motion": {"kind": "static"}}],
+        "communication": [],
+        "sensing": [["A", "T"]],
+        "controller": {"gain": gain, "control_period": 0.05, **fields, **noise},
+        "time": {"end": 1000.0},
+    }).system  # fmt: skip
+    command = run_ideal(system).log.command[200:, 0, :2]
+    found = law_loop(system, certify(system)).noise
+    assert found == pytest.approx(np.sqrt((command**2).mean()) / s, rel=0.05)
+
+
+def test_proposals_allow_for_odometry_that_the_law_does_not_use_yet() -> None:
+    noisy = mjsheaf.load_scenario("paper", {"time.end": 3.0, "controller.odometry": {"noise": 1.0}}).system
+    assert all("feedforward" not in proposal.controller for proposal in propose(noisy, certify(noisy), 3.0))
+
+
+def test_proposals_say_what_vehicles_do_not_stand() -> None:
+    """Feedforward and drift see no error: without Newton direction the loop on bodies is the paper's."""
+    system = mjsheaf.load_scenario("quads", {"time.end": 4.0}).system
+    certificate = certify(system)
+    largest = loop_on_path(system, certificate).largest_gain
+    assert largest is not None
+    found = {radius: propose(system, certificate, radius) for radius in (1.0, 10.0)}
+    for proposal in [p for some in found.values() for p in some if "newton" not in p.controller]:
+        assert proposal.stable_on_bodies == (float(str(proposal.controller["gain"])) < largest)
+    assert {p.stable_on_bodies for some in found.values() for p in some} == {True, False}
 
 
 def test_an_unbounded_field_is_confined_or_undecided() -> None:
@@ -247,12 +330,14 @@ def test_an_unbounded_field_is_confined_or_undecided() -> None:
 
 
 def test_proposals_keep_what_they_promise() -> None:
-    scenario = mjsheaf.load_scenario("paper", {"time.end": 10.0})
+    present = {"time.end": 10.0, "controller.integral": {"gain": 0.1}}
+    scenario = mjsheaf.load_scenario("paper", present)
     proposals = propose(scenario.system, certify(scenario.system), 3.0)
     assert proposals
     for proposal in proposals:
+        assert proposal.controller.get("integral", 0) is None  # which the scenario has
         fields = {f"controller.{name}": value for name, value in proposal.controller.items()}
-        system = mjsheaf.load_scenario("paper", {"time.end": 10.0, **fields}).system
+        system = mjsheaf.load_scenario("paper", {**present, **fields}).system
         error = np.linalg.norm(errors(system), axis=1)
         assert error[len(error) // 2 :].max() <= proposal.bound <= 3.0
         run = run_ideal(system)

@@ -91,6 +91,14 @@ def test_real_vehicles_without_lag_ring_as_predicted(name: str) -> None:
     assert as_it_stands.damping_ratio < ringing.predicted_damping_ratio_held
 
 
+def test_the_integral_is_off_while_ringing_is_measured() -> None:
+    """The prediction does not know it."""
+    controller = {"gain": 1.0, "control_period": 0.02}
+    plain = ringing_of(two_boats("wamv", "hull", controller=controller).system)
+    with_integral = {**controller, "integral": {"gain": 0.2}}
+    assert ringing_of(two_boats("wamv", "hull", controller=with_integral).system) == plain
+
+
 def test_distance_to_the_ideal_run_is_of_first_order_in_tau() -> None:
     for scenario in (two_boats("wamv", "hull"), two_boats("otter", "hull")):
         system = scenario.system
