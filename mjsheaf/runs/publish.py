@@ -305,10 +305,8 @@ def _summary_of(
 
 def _shown_bound(system: "System", time: Array, theorem: "RunBound", of_law: "HeldBound") -> tuple[str, Array] | None:
     """The bound on |e| to be drawn at times in s, and what it is called; None where none is known."""
-    if theorem.applies:
-        bound = theorem.at(time)
-        name = "Theorem 1" + ", approximate" * theorem.approximate
-        return (name, bound) if bound.max() < LARGEST else None  # a blow-up satisfies any larger bound
+    if theorem.applies and (bound := theorem.at(time)).max() < LARGEST:  # a blow-up satisfies any larger bound
+        return "Theorem 1" + ", approximate" * theorem.approximate, bound
     if of_law.samples is None:
         return None
     return "bound of the held law", np.interp(time, system.grid.span(0, len(of_law.samples)), of_law.samples)
