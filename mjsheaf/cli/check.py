@@ -80,8 +80,9 @@ def check(
         if a.verdict != "holds"
     ]
     if record.law.stable is False:
-        gains = " to ".join(f"{gain:.4g}" for gain in record.law.stable_gains or []) or "no gain"
-        told.append(f"the held law is unstable: expected controller.gain from {gains} 1/s")
+        gains = " to ".join(f"{gain:.4g}" for gain in record.law.stable_gains or [])
+        wanted = f": expected controller.gain from {gains} 1/s" if gains else " at any controller.gain"
+        told.append(f"the held law is unstable{wanted}")
     told += [record.margins.bodies.verdict()] * (record.margins.bodies.stable is False)
     if told:
         raise NotHeldError(f"{scenario}: {'; '.join(told)}")

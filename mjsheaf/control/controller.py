@@ -81,7 +81,7 @@ class Sample:
         Returns:
             For each agent what it receives, by the neighbour's id.
         """
-        sent = np.array(values, dtype=np.float64)
+        sent = _real(values)
         if sent.shape[:1] != (len(self.team.agents),):
             raise InputError(f"exchange: values have shape {sent.shape}; expected ({len(self.team.agents)}, ...)")
         messages = sum(map(len, self._door.neighbours))
@@ -174,7 +174,10 @@ class Controller:
 
 def _real(values: ArrayLike) -> Array:
     """Numbers as float64; complex ones are a TypeError, not a warning."""
-    return np.asarray(values).astype(np.float64, casting="same_kind")
+    found = np.asarray(values)
+    if found.dtype.kind not in "buif":
+        raise TypeError(f"expected real numbers, not {str(values)[:40]}")
+    return found.astype(np.float64)
 
 
 def _described(error: BaseException) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 
 from mjsheaf.control.terms import TermArrays
 from mjsheaf.results.netcdf import pieces_of
+from mjsheaf.simulation.trajectory import largest_integral
 from mjsheaf.system import System
 
 if TYPE_CHECKING:
@@ -129,9 +130,13 @@ def _cause(system: System, terms: TermArrays, on: tuple[str, ...]) -> str:
         leads = "feedforward" in blamed and terms.lead.any()
         calm = ", or set controller.feedforward.extrapolate to false, which multiplies it" * bool(leads)
         return f"{listed(blamed)} pass{'es' * (len(blamed) == 1)} the noise of odometry on; raise {filters}{calm}"
-    rounds = [f"controller.{term}.rounds" for term in ("feedforward", "newton") if term in on]
-    more = f", or raise {' and '.join(rounds)}" * bool(rounds)
-    return f"with {listed(on)} the loop rings; lower controller.gain ({system.gain:g} 1/s){more}; see mjsheaf check"
+    if terms.integral >= largest_integral(system):  # less gain would make it worse
+        mend = f"controller.integral.gain ({terms.integral:g} 1/s^2)"
+    else:
+        mend = f"controller.gain ({system.gain:g} 1/s)"
+        mend += ", or raise controller.newton.rounds" * bool(terms.newton)
+    feedback = [term for term in on if term in ("newton", "integral")]  # the others do not depend on the error
+    return f"with {listed(feedback or ['this gain'])} the loop rings; lower {mend}; see mjsheaf check"
 
 
 def listed(names: Sequence[str]) -> str:

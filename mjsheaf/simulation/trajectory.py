@@ -153,7 +153,24 @@ def likely_cause(system: System, law_period: float) -> str:
                 f"below {2.0 / (h * fastest):.4g} or a shorter "
                 f"{'physics.timestep' if system.grid.continuous else 'controller.control_period'}"
             )
+    if 0.0 < (most := largest_integral(system)) <= terms.integral:
+        return (
+            f"likely cause: the integral diverges, as k_I is {terms.integral:.4g} 1/s^2; take controller.integral.gain "
+            f"below {most:.4g}, a larger controller.gain or a shorter controller.control_period"
+        )
     return (
         "likely cause: a flow or a motion too strong to integrate; look at flow (strengths, core radii) and "
         "target motions, and on bodies shorten physics.timestep"
     )
+
+
+def largest_integral(system: System) -> float:
+    """The k_I, 1/s^2, from which on the held integral diverges; 0 without terms.
+
+    For lambda, an eigenvalue of H, the held loop of e and z has the determinant 1 - h (k1 lambda - h k_I lambda), and
+    with the Newton direction, were its rounds exact, 1 - h (k1 - h k_I lambda): below one only for smaller k_I.
+    """
+    terms = system.law.terms
+    if not terms.agents:
+        return 0.0
+    return system.gain / (terms.period * (system.largest_eigenvalue if terms.newton else 1.0))

@@ -205,6 +205,8 @@ class Failing:
         (lambda t, sample: np.full((3, 3), np.nan), ["t = 0 s", "boat", "nan"]),
         (lambda t, sample: sample.nothing, ["t = 0 s", "AttributeError"]),
         (lambda t, sample: sample.exchange([1.0]), ["t = 0 s", "(1,)"]),
+        (lambda t, sample: sample.exchange([1j, 1j, 1j]), ["t = 0 s", "real numbers"]),
+        (lambda t, sample: None, ["t = 0 s", "real numbers", "None"]),
     ],
 )
 def test_errors_name_agent_and_time(law: Any, said: list[str], backend: str) -> None:

@@ -13,10 +13,11 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from mjsheaf import load_scenario, simulate
+from mjsheaf.checking.held_law import loop_of
 from mjsheaf.results import make_dataset
 from mjsheaf.scenario import Scenario
 from mjsheaf.simulation.ideal import run_ideal
-from mjsheaf.simulation.trajectory import Trajectory
+from mjsheaf.simulation.trajectory import Trajectory, largest_integral, likely_cause
 from mjsheaf.system import System
 from tests.builders import FACTS, FLOW, Simulated, make_scenario, medium, mixed_scenario, velocity_commands
 
@@ -285,6 +286,19 @@ def test_too_high_a_gain_is_unstable_and_says_why() -> None:
     assert 0.1 < last < 1.0
     assert np.isfinite(result.agent_position.sel(axis=["x", "y"])).all()
     assert np.abs(result.agent_position.sel(agent=vehicle, axis=["x", "y"])[-1]).max() > 1e6
+
+
+@pytest.mark.parametrize("newton", [None, {"rounds": 100}])
+def test_an_integral_is_blamed_from_where_the_loop_diverges(newton: dict[str, int] | None) -> None:
+    """Oracle: eigenvalues of the loop."""
+
+    def system(gain: float) -> System:
+        return load_scenario("paper", {"controller.newton": newton, "controller.integral": {"gain": gain}}).system
+
+    largest = largest_integral(system(1.0))
+    for gain, holds in ((0.99 * largest, True), (1.01 * largest, False)):
+        assert (loop_of(system(gain)).radius < 1.0) == holds
+        assert ("controller.integral.gain" in likely_cause(system(gain), 0.01)) != holds
 
 
 def test_the_margin_is_where_it_is_said_to_be() -> None:

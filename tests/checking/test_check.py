@@ -73,6 +73,14 @@ def test_an_unstable_law_does_not_hold(capsys: pytest.CaptureFixture[str]) -> No
     assert "controller.gain" in captured.err
 
 
+def test_an_integral_that_holds_at_no_gain_is_said_to(capsys: pytest.CaptureFixture[str]) -> None:
+    change = ("--set", "controller.integral.gain=1e9", "--set", "time.end=1")
+    assert call("check", "paper", "--json", *change) == 1
+    captured = capsys.readouterr()
+    assert json.loads(captured.out)["law"]["stable_gains"] is None
+    assert "unstable at any controller.gain" in captured.err
+
+
 def test_failing_example_is_explained_and_mended(capsys: pytest.CaptureFixture[str]) -> None:
     record = mjsheaf.check(mjsheaf.load_scenario("air_tracks_surface"))
     found = record["relative_cohomology"]

@@ -75,6 +75,20 @@ def test_a_loop_that_rings_is_told_from_noise() -> None:
     assert not examined("paper_feedforward", "ideal", controller__gain=60, time__end=10).harm
 
 
+def test_an_integral_that_no_gain_can_hold_is_named() -> None:
+    """With h k_I beyond k1 the loop's determinant 1 - h lambda (k1 - h k_I) is above one; less gain makes it worse."""
+    (sentence,) = examined("paper", "ideal", controller__integral__gain=1e4, time__end=1).harm
+    assert "controller.integral.gain" in sentence
+    assert "controller.gain" not in sentence
+
+
+def test_feedforward_has_no_part_in_ringing() -> None:
+    changes = {"controller__feedforward__rounds": 1, "controller__gain": 60, "time__end": 1}
+    (sentence,) = examined("paper", "ideal", **changes).harm
+    assert "controller.gain" in sentence
+    assert "feedforward" not in sentence
+
+
 def test_a_limit_that_leaves_terms_no_room_is_named() -> None:
     found = examined("paper_feedforward", "ideal", controller__velocity_limit=15, time__end=10)
     (sentence,) = found.harm
