@@ -84,7 +84,7 @@ class LawLoop(Record):
     between: Finite = Field(description="the same between samples too, m")
     largest: Finite = Field(description="the same over the whole run, m")
     command: Finite = Field(
-        description="no agent's command of a period in the last half of the run exceeds it (one at its end has none), m/s"
+        description="no agent's command exceeds it over the last half of the run, before its last sample, m/s"
     )
     unlimited: Finite = Field(description="`radius` of the same law without limits of speed and integral, m")
     left: list[Share] = Field(description="what is left of d, the largest first")
