@@ -138,7 +138,11 @@ class _Problem(NamedTuple):
         elif kind in ("union_tag_invalid", "union_tag_not_found"):
             path += (context["discriminator"].strip("'"),)
             missing = kind == "union_tag_not_found"
-            text = "field required" if missing else f"{context['tag']!r} is none of {context['expected_tags']}"
+            text = (
+                "field required"
+                if missing
+                else f"{shortened(repr(context['tag']))} is none of {context['expected_tags']}"
+            )
         elif kind in ("model_type", "model_attributes_type", "dict_type"):
             text = f"should be a mapping of fields to values, not {shown}"
         elif kind not in ("missing", "value_error"):

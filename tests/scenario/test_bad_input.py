@@ -55,6 +55,7 @@ CASES = {
         "target_motion", {"kind": "waypoints", "points": [[1, 2]], "speed": -1}, ["target_motion.speed: input"]
     ),
     "unknown motion": ("target_motion", {"kind": "hover"}, ["target_motion.kind: 'hover'", "'waypoints'"]),
+    "long motion": ("target_motion", {"kind": "a" * 3000}, ["target_motion.kind: 'aaaa", "...", "'waypoints'"]),
     "motion of no kind": ("target_motion", {"speed": 1}, ["target_motion.kind: field required"]),
     "infinity": ("time", {"end": float("inf")}, ["time.end", "finite"]),
     "negative gain": ("controller", {"gain": -1}, ["controller.gain", "greater than 0"]),
