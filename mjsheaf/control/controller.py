@@ -176,7 +176,7 @@ def _real(values: ArrayLike) -> Array:
     """Numbers as float64; complex ones are a TypeError, not a warning."""
     found = np.asarray(values)
     if found.dtype.kind not in "buif":
-        raise TypeError(f"expected real numbers, not {str(values)[:40]}")
+        raise TypeError(f"expected real numbers, not {str(values)[:40]} of type {found.dtype}")
     return found.astype(np.float64)
 
 
