@@ -82,7 +82,7 @@ def test_a_file_that_endures_reads_back_what_the_disk_refused(tmp_path: Path) ->
         assert (tmp_path / "a").stat().st_size <= 3000
 
 
-@pytest.mark.parametrize("kilobytes", [0, 2, 20, 60])
+@pytest.mark.parametrize("kilobytes", [2, *(pytest.param(k, marks=pytest.mark.slow) for k in (0, 20, 60))])
 def test_run_leaves_nothing(kilobytes: int, tmp_path: Path) -> None:
     run = ("run", "midpoint", *IDEAL, "--out", tmp_path / "a" / "out")
     assert answer_of(*run).code == 0  # compiles, which writes files too

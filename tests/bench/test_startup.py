@@ -71,6 +71,7 @@ def test_a_command_loads_only_what_it_needs(arguments: list[str], may_load: set[
     assert HEAVY & set(last_line(_COMMAND.format(arguments=arguments))) <= may_load
 
 
+@pytest.mark.slow
 def test_an_ideal_run_without_video_loads_no_drawing(tmp_path: object) -> None:
     """MuJoCo it does load: the files of the vehicles are checked by its compiler before anything is simulated."""
     arguments = [
@@ -88,6 +89,7 @@ def test_an_ideal_run_without_video_loads_no_drawing(tmp_path: object) -> None:
     assert not {"OpenGL", "imageio_ffmpeg"} & loaded
 
 
+@pytest.mark.slow
 def test_an_ideal_simulation_in_python_loads_neither_mujoco_nor_plots() -> None:
     code = (
         "import json, sys, mjsheaf\nmjsheaf.simulate(mjsheaf.load_scenario('midpoint', {'time.end': 0.1}), 'ideal')\n"

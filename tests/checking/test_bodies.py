@@ -87,6 +87,7 @@ def hold_against_simulation(
     assert growth(settling, (1.0 + WITHIN) * largest, settle=150.0, span=span) > 0.0
 
 
+@pytest.mark.slow
 def test_two_quadrotors_swing_up_where_check_says() -> None:
     coarse = {"controller": {"gain": 1.0, "control_period": 0.01}, "physics": {"timestep": 0.005}}
     hold_against_simulation({**QUADROTOR_PAIR, **coarse})
@@ -115,7 +116,7 @@ def test_check_refuses_the_ring(tmp_path: Path, capsys: pytest.CaptureFixture[st
     ("vehicles", "drift", "headings"),
     [
         (["otter", "wamv", "quadrotor"], [0.5, 0.3, 0.0], [120, 60, 0]),
-        (["otter", "x500", "otter"], None, [0, 0, 90]),
+        pytest.param(["otter", "x500", "otter"], None, [0, 0, 90], marks=pytest.mark.slow),
     ],
 )
 def test_mixed_teams_swing_up_where_check_says(

@@ -27,7 +27,7 @@ def _verdicts(record: dict[str, Any]) -> str:
     return "".join(a["verdict"][0] for a in record["assumptions"])
 
 
-@pytest.mark.parametrize("name", ["certified", "surface_tracks_air", "midpoint"])
+@pytest.mark.parametrize("name", [pytest.param("certified", marks=pytest.mark.slow), "surface_tracks_air", "midpoint"])
 def test_a_certified_run_stays_in_its_tube(name: str) -> None:
     system = mjsheaf.load_scenario(name).system
     certificate = certify(system)

@@ -28,7 +28,12 @@ FAILING = {
 }
 
 
-@pytest.mark.parametrize("name", list_scenarios())
+VARIANTS = [n for n in list_scenarios() if n.endswith("_feedforward")]
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=pytest.mark.slow) if n in VARIANTS else n for n in list_scenarios()]
+)
 def test_verdicts_schema_and_exit_code(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     code = call("check", name, "--json")
     printed = capsys.readouterr()

@@ -256,6 +256,7 @@ def test_help_loads_nothing_heavy() -> None:
     assert done.stdout.rstrip().endswith("heavy: []")
 
 
+@pytest.mark.slow
 def test_without_opengl_the_run_finishes_and_says_why(tmp_path: Path, mjsheaf: Callable[..., Any]) -> None:
     out = tmp_path / "out"
     done = mjsheaf("run", "midpoint", "--set", "time.end=0.2", "--out", out, MUJOCO_GL="nonsense")
@@ -373,7 +374,8 @@ def test_warnings_of_libraries_are_not_shown(capsys: pytest.CaptureFixture[str])
 @pytest.mark.parametrize(
     ("number", "code", "word"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")]
 )
-@pytest.mark.parametrize("backend", [pytest.param("ideal", marks=pytest.mark.slow), "physics"])
+@pytest.mark.slow
+@pytest.mark.parametrize("backend", ["ideal", "physics"])
 def test_signal_stops_a_run_and_leaves_nothing(
     number: signal.Signals, code: int, word: str, backend: str, tmp_path: Path
 ) -> None:

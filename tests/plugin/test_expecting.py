@@ -73,6 +73,7 @@ def trial_of(**expect: Any) -> Trial:
     return try_scenario(scenario_from_mapping({"name": "tiny", **raw, "expect": expect}), "ideal")
 
 
+@pytest.mark.slow
 def test_a_miss_shows_bound_and_value_and_the_command_to_watch() -> None:
     trial = trial_of(ideal={"tracking_error": 0.5, "mean_disagreement": 1.0})
     assert trial.met is False
@@ -190,6 +191,7 @@ def call(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> tuple[in
     return (code if isinstance(code, int) else 0), streams.out, streams.err
 
 
+@pytest.mark.slow
 def test_an_expectation_is_written_held_and_missed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "tiny.yaml"
     path.write_text(TINY)

@@ -27,6 +27,7 @@ from tests.strategies import scaled
 from .mutations import FUZZ, RUNS, TEXTS, in_time, load_or_refuse, mutated_text, mutated_tree, texts, trees, try_files
 
 NAMES = list(list_scenarios())
+QUICK = ("midpoint", "quads_feedforward", "local_frames")
 SHORT = ["time.start=0", "time.end=0.05", "controller.control_period=0.01"]
 VEHICLES = 250
 
@@ -45,7 +46,7 @@ def _compiled() -> None:
 
 
 @pytest.mark.usefixtures("_compiled", "without_plots")
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in NAMES])
 def test_a_mutated_file_runs_whole_or_leaves_nothing(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -155,6 +155,7 @@ def tells_of_itself(job: Job) -> JobResult:
     return JobResult(new_record(job.point, 0, "finished", f"{os.getpid()} {blocked} {alone}"))
 
 
+@pytest.mark.slow
 def test_workers_have_one_thread_and_end_with_the_engine() -> None:
     """And with a command that is killed: see `test_killed_ten_times`. Ctrl-C is for the command alone."""
     plan, before = small_plan(), dict(os.environ)
