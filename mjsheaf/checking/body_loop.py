@@ -337,13 +337,13 @@ class _Split:
         ends = (_growths(part.plant, self._terms, gain, part.values[part.agent >= 0]) for part in self._parts)
         return max(float(growths.max()) for growths in ends)
 
+    def _growth(self, gain: float) -> float:
+        return max(float(_growths(part.plant, self._terms, gain, part.values).max()) for part in self._parts)
+
     def largest_gain(self, gain: float, most: float) -> float | None:
         """See BodyLoop; `most` is the growth over a period that counts as none."""
         if self._terms.newton or self._terms.integral:  # which make more of the loop than k1 lambda
-            growths = lambda k: max(  # noqa: E731
-                float(_growths(part.plant, self._terms, k, part.values).max()) for part in self._parts
-            )
-            return _first_beyond(growths, gain, most)
+            return _first_beyond(self._growth, gain, most)
         found = [_first_unstable(part.plant, self._terms, most) for part in self._parts]
         gains = [rate / float(p.values[-1]) for rate, p in zip(found, self._parts, strict=True) if rate is not None]
         return min(gains) if gains and min(gains) > 0.0 else None

@@ -179,10 +179,7 @@ def held_bound_of_run(system: System, dataset: "xr.Dataset", theorem: RunBound) 
     error, time = _measured(dataset)
     samples = bound.samples[: len(error)]
     share = np.nan_to_num(error / (samples + theorem.accuracy), nan=np.inf)
-    share[0] = 0.0  # where both are |e(t0)|
-    worst = int(share.argmax())
-    settled = float(share[len(share) // 2 :].max())
-    return HeldBound(samples, "", float(share[worst]), settled, float(time[worst]))
+    return HeldBound(samples, "", *_largest(share, time))
 
 
 def _other_law(system: System, controller: str) -> str:
@@ -196,9 +193,15 @@ def _other_law(system: System, controller: str) -> str:
 def _compared(bound: RunBound, dataset: "xr.Dataset") -> RunBound:
     error, time = _measured(dataset)
     share = np.nan_to_num(error / (bound.at(time) + bound.accuracy), posinf=np.inf)
-    share[0] = 0.0  # where both are |e(t0)|
-    settled, worst = float(share[len(share) // 2 :].max()), int(share.argmax())
-    return replace(bound, ratio=float(share[worst]), settled_ratio=settled, worst=float(time[worst]))
+    ratio, settled, worst = _largest(share, time)
+    return replace(bound, ratio=ratio, settled_ratio=settled, worst=worst)
+
+
+def _largest(share: Array, time: Array) -> tuple[float, float, float]:
+    """The largest share of a bound after the start, where both are |e(t0)|; that of the last half; when, s."""
+    share[0] = 0.0
+    worst = int(share.argmax())
+    return float(share[worst]), float(share[len(share) // 2 :].max()), float(time[worst])
 
 
 def _measured(dataset: "xr.Dataset") -> tuple[Array, Array]:

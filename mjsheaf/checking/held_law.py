@@ -34,6 +34,7 @@ from mjsheaf.checking.certificate import Certificate
 from mjsheaf.checking.cohomology import DENSE_STATES
 from mjsheaf.checking.constants import agent_drift, agent_slopes
 from mjsheaf.checking.targets import Carrier
+from mjsheaf.control.terms import traffic_of
 from mjsheaf.dynamics.disturbance import evaluate
 from mjsheaf.dynamics.effectiveness import without_full_row_rank
 from mjsheaf.io.section import Finite, Record
@@ -503,15 +504,14 @@ def _bounded(system: System, certificate: Certificate, loop: Loop, drive: _Drive
 
 def law_loop(system: System, certificate: Certificate) -> LawLoop:
     """The loop of a system's law, and a bound on its run where there is one."""
-    terms, h, unknown = system.law.terms, system.grid.period, None
-    rounds = 0 if system.grid.continuous else (terms.feedforward + terms.newton) / h
-    sizes = [2 * len(edge.b) for edge in system.team.communication]
+    terms, h = system.law.terms, system.grid.period
+    sent = traffic_of(terms, system.team)
     found: dict[str, Any] = {
         "terms": list(terms.names),
-        "exchanges": rounds,
-        "numbers": rounds * sum(sizes) / len(system.team.agents),
-        **dict.fromkeys(["stable", "spectral_radius", "rate", "largest_gain", "stable_gains", "noise"], unknown),
-        **dict.fromkeys(["error_per_disturbance", "radius", "between", "largest", "command", "unlimited"], unknown),
+        "exchanges": sent.rounds / h,
+        "numbers": sent.numbers / (h * len(system.team.agents)),
+        **dict.fromkeys(["stable", "spectral_radius", "rate", "largest_gain", "stable_gains", "noise"]),
+        **dict.fromkeys(["error_per_disturbance", "radius", "between", "largest", "command", "unlimited"]),
         "left": [],
         "reason": "",
     }
