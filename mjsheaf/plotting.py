@@ -26,6 +26,8 @@ _COLOURS = (
 )
 _UNGROUPED, TARGET = "#F0E442", "#D62728"
 BLUE, RED = "#0072B2", "#D62728"
+LOST = "#9A9A9A"
+"""Of agents that are lost or have yet to join."""
 _EDGES: dict[str, dict[str, Any]] = {
     "communication": {"color": "#8A94A6", "linestyle": "-"},
     "sensing": {"color": "#B45309", "linestyle": ":"},
@@ -94,17 +96,25 @@ def finish_map(axis: Any, title: str, x: str, margin: float) -> None:
 
 
 def draw_team(axis: Any, team: Team, place: Array) -> None:
-    """Draw a team from above: edges, agents in the colours of their groups, targets as stars; `place` (V, 2) in m."""
+    """Draw a team from above: edges, agents in the colours of their groups, targets as stars; `place` (V, 2) in m.
+
+    Absent agents are grey, and left out where they are farther from the middle than all others.
+    """
     for kind, edges in (("communication", team.communication), ("sensing", team.sensing)):
         lines = [place[[team.index[e.tail], team.index[e.head]]] for e in edges]
         axis.add_collection(LineCollection(lines, linewidths=1.0, zorder=1, **_EDGES[kind]))
     groups, _, colours = groups_of(team)
     few = len(place) <= _MOST_LABELLED
+    there = np.array([member.id not in team.absent for member in team.members])
+    away = np.abs(place - place[there].mean(axis=0)).max(axis=1)
     for v, member in enumerate(team.members):
+        if away[v] > away[there].max():
+            continue
         target = v >= len(team.agents)
         size = (13 if target else 8) if few else 3
         outline = {"markeredgecolor": "white", "markeredgewidth": 0.6} if few else {}
-        axis.plot(*place[v], "*" if target else "o", markersize=size, color=colours[groups[v]], zorder=3, **outline)
+        colour = LOST if member.id in team.absent else colours[groups[v]]
+        axis.plot(*place[v], "*" if target else "o", markersize=size, color=colour, zorder=3, **outline)
         if few:
             axis.annotate(member.id, place[v], xytext=(5, 5), textcoords="offset points", fontsize=8, zorder=5)
 

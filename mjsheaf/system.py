@@ -127,6 +127,7 @@ class System:
         field: number of the flow field that each vehicle meets, shape (V,).
         tolerance: relative and absolute error of the ideal backend's integrator for each step.
         bodies: how the physics backend embodies it.
+        stopped: whether each vehicle's thrusters stand still, shape (V,); None where none of them does.
     """
 
     name: str
@@ -142,6 +143,7 @@ class System:
     field: IntArray
     tolerance: tuple[float, float]
     bodies: PhysicsOptions
+    stopped: BoolArray | None = None
 
     def described_vehicle(self, name: str) -> Vehicle:
         """A vehicle as its files describe it; they are compiled once for a system and all copies of it.
@@ -211,6 +213,34 @@ class System:
         return [(self.flows[k], planar) for k, planar in met]
 
     @cached_property
+    def remaining(self) -> "System":
+        """The system of the present agents and all targets alone; itself where no agent is absent."""
+        team, law, g, plan = self.team, self.law, self.effectiveness, self.bodies
+        if not team.absent:
+            return self
+        agents = np.flatnonzero(team.present)
+        rows = np.concatenate([agents, np.arange(len(team.agents), len(team.members))])
+        number = np.zeros(len(team.members), dtype=np.int64)
+        number[rows] = np.arange(len(rows))
+        edges = law.edges._replace(tail=number[law.edges.tail], head=number[law.edges.head])
+        terms = law.terms
+        if terms.agents:
+            terms = terms._replace(agents=len(agents), dimension=terms.dimension[agents], lead=terms.lead[agents])
+        by_vehicle = ("pull", "origin", "amplitude", "rate", "phase", "path", "period")
+        return replace(
+            self,
+            team=team.remaining,
+            initial=self.initial[rows],
+            law=law._replace(edges=edges, gain=law.gain[rows], limit=law.limit[rows], terms=terms),
+            motion=self.motion._replace(**{name: getattr(self.motion, name)[rows] for name in by_vehicle}),
+            harmonics=self.harmonics[rows],
+            effectiveness=g._replace(**{name: getattr(g, name)[agents] for name in g._fields}),
+            field=self.field[rows],
+            bodies=replace(plan, vehicle=[plan.vehicle[v] for v in rows], heading=plan.heading[rows]),
+            stopped=None if self.stopped is None else self.stopped[rows],
+        )
+
+    @cached_property
     def largest_eigenvalue(self) -> float:
         """lambda_max(H), which bounds the gain under a held law: k1 h lambda_max < 2."""
         H = self.team.dirichlet.H
@@ -228,10 +258,22 @@ class Phase:
     Attributes:
         start: number of the sample at which it begins.
         system: what runs from there on.
+        events: what happens there, in words; none at the start of most runs.
     """
 
     start: int
     system: System
+    events: tuple[str, ...] = ()
+
+    @property
+    def time(self) -> float:
+        """When it begins, s."""
+        return float(self.system.grid.span(self.start, self.start + 1)[0])
+
+    @property
+    def name(self) -> str:
+        """Its events in a line."""
+        return ", ".join(self.events) or "start"
 
 
 def phases_of(run: System | Sequence[Phase]) -> tuple[Phase, ...]:
@@ -251,7 +293,7 @@ def phases_of(run: System | Sequence[Phase]) -> tuple[Phase, ...]:
     systems = list({id(phase.system): phase.system for phase in phases}.values())
     covering = zip(systems, cover([system.law.terms for system in systems]), strict=True)
     known = {id(system): _with_terms(system, terms) for system, terms in covering}
-    return tuple(Phase(phase.start, known[id(phase.system)]) for phase in phases)
+    return tuple(replace(phase, system=known[id(phase.system)]) for phase in phases)
 
 
 def _with_terms(system: System, terms: TermArrays) -> System:

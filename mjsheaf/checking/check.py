@@ -1,12 +1,15 @@
 """`check`: all that can be said of a scenario before, or beside, running it."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from numbers import Real
 from typing import Any
 
+import numpy as np
 from pydantic import Field
 
+from mjsheaf.arrays import Array
 from mjsheaf.checking.certificate import Assumption, Certificate, certify
 from mjsheaf.checking.cohomology import Fragility, RelativeCohomology, fragility
 from mjsheaf.checking.held_law import LawLoop, law_loop
@@ -17,7 +20,7 @@ from mjsheaf.control.theorem import Rho, RhoLike, as_rho, gain_for_radius
 from mjsheaf.errors import InputError
 from mjsheaf.io.section import Finite, Record
 from mjsheaf.scenario import Scenario
-from mjsheaf.system import System
+from mjsheaf.system import Phase, System, phases_of
 from mjsheaf.threads import one_thread
 
 
@@ -81,13 +84,33 @@ class TheoremSummary(Record):
     weaker: WeakerBound
 
 
+class PhaseRecord(Record):
+    """A check of one phase of a run with events, of the present agents alone.
+
+    It begins as if the phase before had come to rest: each agent at its q* of then, one that joins where it began.
+    """
+
+    start: float = Field(description="s")
+    events: list[str] = Field(description="what happens there")
+    absent: list[str] = Field(description="agents that are lost or have yet to join")
+    jump: Finite = Field(description="|q*_new - q*_old| at its start, of the agents present before and after, m")
+    jumps: dict[str, Finite] = Field(description="the same of each of these agents, m")
+    ok: bool = Field(description="as of the whole check")
+    assumptions: list[Assumption]
+    relative_cohomology: ExplainedCohomology
+    theorem: TheoremSummary
+    law: LawLoop
+    margins: Margins
+    fragility: Fragility = Field(description="which single event more breaks an assumption")
+
+
 class CheckRecord(Record):
-    """A check of a scenario."""
+    """A check of a scenario; of a run with events it is about the first phase, and `phases` about all of them."""
 
     scenario: str
     ok: bool = Field(
         description="every numbered assumption holds (none fails, none is undecided), and neither the held law nor the "
-        "vehicles' loop is unstable"
+        "vehicles' loop is unstable, in any phase"
     )
     region: RegionSummary
     assumptions: list[Assumption]
@@ -99,6 +122,7 @@ class CheckRecord(Record):
     )
     margins: Margins
     fragility: Fragility
+    phases: list[PhaseRecord] = Field(default_factory=list, description="of a run with events, the first included")
 
     def verdict(self) -> str:
         """The check in a few words: what holds, where, and what does not."""
@@ -135,7 +159,7 @@ def check(
         InputError: rate or radius is not positive, rho is no bound, or a vehicle does not fit its agent.
     """
     own = None if rho is None else as_rho(rho)
-    return examine(scenario.system, rate=rate, radius=radius, rho=own).record.model_dump(mode="json")
+    return examine(scenario.phases, rate=rate, radius=radius, rho=own).record.model_dump(mode="json")
 
 
 @dataclass(frozen=True)
@@ -147,11 +171,81 @@ class Examination:
 
 
 @one_thread
-def examine(system: System, *, rate: float | None = None, radius: float = 1.0, rho: Rho | None = None) -> Examination:
-    """`check` of a system, as a typed record with its certificate."""
+def examine(
+    run: System | Sequence[Phase], *, rate: float | None = None, radius: float = 1.0, rho: Rho | None = None
+) -> Examination:
+    """`check` of a system, or of the phases of a run, as a typed record with the certificate of the first."""
     for name, value in (("rate", rate), ("radius", radius)):
         if value is not None and not (isinstance(value, Real) and 0.0 < value < math.inf):
             raise InputError(f"{name} is {value!r}; expected a positive, finite number")
+    phases = phases_of(run)
+    first = _examine_one(phases[0].system.remaining, rate, radius, rho)
+    if len(phases) == 1 and not phases[0].events:
+        return first
+    records, before = [], first
+    for k, phase in enumerate(phases):
+        system, jumps = phase.system.remaining, dict[str, float]()
+        if k > 0:
+            targets = _targets_at(before.certificate, phase.start - phases[k - 1].start, phase.time)
+            jumps = _jumps(phases[k - 1].system, phase.system, targets)
+            system = _begun(phases[k - 1].system, phase, targets)
+        found = first if k == 0 else _examine_one(system, rate, radius, rho)
+        record, before = found.record, found
+        records.append(
+            PhaseRecord(
+                start=phase.time,
+                events=list(phase.events),
+                absent=sorted(phase.system.team.absent, key=phase.system.team.index.__getitem__),
+                jump=math.hypot(*jumps.values()) if k > 0 else None,
+                jumps=jumps,
+                **{name: getattr(record, name) for name in PhaseRecord.model_fields if name in _OF_PHASE},
+            )
+        )
+    ok = all(record.ok for record in records)
+    return Examination(first.record.model_copy(update={"ok": ok, "phases": records}), first.certificate)
+
+
+_OF_PHASE = ("ok", "assumptions", "relative_cohomology", "theorem", "law", "margins", "fragility")
+
+
+def _targets_at(certificate: Certificate, sample: int, time: float) -> Array:
+    """Where the targets are at a sample of the certificate's path, at a time in s: padded, shape (M, 3), m."""
+    path = certificate.constants.path
+    row, rest = divmod(sample, path.stride)
+    if rest == 0 and row < len(path.samples):
+        return path.samples[row]
+    M = path.samples.shape[1]
+    known = path.positions[:, -M:].reshape(len(path.time), -1)
+    return np.array([np.interp(time, path.time, values) for values in known.T]).reshape(M, 3)
+
+
+def _q_star(system: System, targets: Array) -> Array:
+    """q* of targets (M, 3), padded, shape (N, 3), m; NaN for absent agents."""
+    positions = np.concatenate([np.zeros((len(system.team.agents), 3)), targets])
+    return system.team.harmonic_extension(positions)
+
+
+def _jumps(old: System, new: System, targets: Array) -> dict[str, float]:
+    """|q*_new - q*_old| of each agent that is present before and after, m."""
+    away = np.linalg.norm(_q_star(new, targets) - _q_star(old, targets), axis=1)
+    return {id: float(x) for id, x in zip(new.team.agent_ids, away, strict=True) if np.isfinite(x)}
+
+
+def _begun(old: System, phase: Phase, targets: Array) -> System:
+    """The system of a phase of the present agents, as if it began at its start with the phase before at rest."""
+    system, grid = phase.system, phase.system.grid
+    settled = _q_star(old, targets)
+    agents = np.where(np.isnan(settled), system.initial[: len(settled)], settled)
+    begun = replace(
+        system,
+        initial=np.concatenate([agents, targets]),
+        grid=replace(grid, start=phase.time, steps=max(grid.steps - phase.start, 1)),
+    )
+    return begun.remaining
+
+
+def _examine_one(system: System, rate: float | None, radius: float, rho: Rho | None) -> Examination:
+    """`check` of one phase."""
     certificate = certify(system, rate, rho)
     practice, law = margins(system, certificate), law_loop(system, certificate)
     loops_hold = practice.bodies.stable is not False and law.stable is not False

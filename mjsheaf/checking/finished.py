@@ -12,7 +12,7 @@ over the last quarters of a run:
 Whether an oscillation is the team's own cannot be seen where targets move. There the loop of the vehicles decides.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
@@ -22,8 +22,9 @@ from mjsheaf.arrays import Array
 from mjsheaf.checking.body_loop import loop_along
 from mjsheaf.checking.certificate import Certificate, certify
 from mjsheaf.checking.held_law import UndecidedError, envelope
+from mjsheaf.results.dataset import of_phase
 from mjsheaf.results.netcdf import pieces_of
-from mjsheaf.system import System
+from mjsheaf.system import Phase, System
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -116,8 +117,9 @@ class RunBound:
         return f"{found}; constants: {self.certificate.describe_constants()}"
 
 
-def bound_of_run(system: System, dataset: "xr.Dataset") -> RunBound:
-    """Compare a run with its system's certificate; the run is read in pieces."""
+def bound_of_run(run: System | Sequence[Phase], dataset: "xr.Dataset") -> RunBound:
+    """Compare a run, of one with events the first phase, with its system's certificate; the run is read in pieces."""
+    system, dataset = of_phase(run, dataset, 0)
     certificate, bodies = certify(system), dataset.attrs["backend"] == "physics"
     initial_error = float(np.sqrt((dataset["tracking_error"][0].values ** 2).sum()))
     farthest, departure = _departure(certificate, dataset)
@@ -164,8 +166,12 @@ class HeldBound:
         return f"{where}, which proves it wrong: please report it"
 
 
-def held_bound_of_run(system: System, dataset: "xr.Dataset", theorem: RunBound) -> HeldBound:
-    """Compare a run with the bound of its held law, whose bodies, blow-ups and laws in Python it does not know."""
+def held_bound_of_run(run: System | Sequence[Phase], dataset: "xr.Dataset", theorem: RunBound) -> HeldBound:
+    """Compare a run with the bound of its held law, whose bodies, blow-ups and laws in Python it does not know.
+
+    Of a run with events the first phase is compared.
+    """
+    system, dataset = of_phase(run, dataset, 0)
     python = f"the run has {theorem.law}" if dataset.attrs.get("controller") else ""
     reason = "the run is one of bodies" if theorem.bodies else python or theorem.departed
     if reason:
@@ -242,8 +248,9 @@ _SLOWING = 0.9  # of the growth of one quarter over the last: a rise that slows 
 _SETTLED_BAND, _SETTLED_RESIDUE = 1.25, 0.02  # of the late largest error, and of the largest of all: see settling_time
 
 
-def ending_of_run(system: System, dataset: "xr.Dataset") -> Ending | None:
-    """How a finished run, as `simulate` gives it, ended; None for fewer than 8 samples."""
+def ending_of_run(run: System | Sequence[Phase], dataset: "xr.Dataset") -> Ending | None:
+    """How a finished run, as `simulate` gives it, ended, of one with events the last phase; None below 8 samples."""
+    system, dataset = of_phase(run, dataset, -1)
     q_star, positions = (np.nan_to_num(dataset[name].values) for name in ("harmonic_extension", "agent_position"))
     return ending_of(system, dataset["time"].values, q_star, positions, on_bodies=dataset.attrs["backend"] == "physics")
 

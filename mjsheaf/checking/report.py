@@ -7,6 +7,7 @@ from rich.table import Table
 from rich.text import Text
 
 from mjsheaf.checking.check import CheckRecord
+from mjsheaf.checking.cohomology import Fragility
 from mjsheaf.checking.margins import BodyMargins, SpeedDemand
 
 Row = tuple[str, str, str]
@@ -27,7 +28,8 @@ def report(record: CheckRecord) -> Group:
         _law(record),
         *_proposals(record),
         _margins(record),
-        *_fragility(record),
+        *_fragility(record.fragility),
+        *_phases(record),
     )
 
 
@@ -270,8 +272,29 @@ def _speed_of_limits(speeds: list[SpeedDemand]) -> list[Row]:
     ]
 
 
-def _fragility(record: CheckRecord) -> list[Text]:
-    f = record.fragility
+def _phases(record: CheckRecord) -> list[Text | Table]:
+    """Each phase of a run with events, in a few lines."""
+    parts: list[Text | Table] = []
+    for p in record.phases:
+        t, what = p.theorem, ", ".join(p.events) or "start"
+        failed = "; ".join(a.failure for a in p.assumptions if a.failure)
+        rows = [
+            ("assumptions", "all hold" if not failed else "FAIL", failed),
+            ("absent", ", ".join(p.absent[:_MOST]) or "nobody", ""),
+            ("lambda_min, lambda_max", f"{t.lambda_min:.4g}, {t.lambda_max:.4g}", "of H"),
+            ("Theorem 1", "applies" if t.applies else "does not apply", t.reason),
+            ("ultimate radius", _number(t.radius_U, "m"), f"weaker bound {_number(t.weaker.radius, 'm')}"),
+            ("held law", {True: "stable", False: "UNSTABLE", None: "undecided"}[p.law.stable], p.law.reason),
+        ]
+        if p.jump is not None:
+            far = max(p.jumps, key=lambda id: p.jumps[id] or 0.0, default="")
+            most = f"of all; the most, {_number(p.jumps[far], 'm')}, of {far}" if far else ""
+            rows.insert(2, ("jump of q*", _number(p.jump, "m"), most))
+        parts += [_pairs(f"from t = {p.start:g} s on: {what}", rows), *_fragility(p.fragility)]
+    return parts
+
+
+def _fragility(f: Fragility) -> list[Text]:
     lines = [f"  losing {x.name} ({x.kind}) breaks: {', '.join(x.breaks)}" for x in f.critical[:_MOST]]
     if f.critical_count > _MOST:
         lines.append(f"  ... and {f.critical_count - _MOST} more")

@@ -1,7 +1,7 @@
 """`mjsheaf check` and `mjsheaf compare`."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -18,6 +18,9 @@ from mjsheaf.cli.options import (
 )
 from mjsheaf.cli.terminal import make_console, print_lines, print_note, progress_bars
 from mjsheaf.errors import InputError, UnstableError, in_field
+
+if TYPE_CHECKING:
+    from mjsheaf.checking.check import CheckRecord, PhaseRecord
 
 
 def check(
@@ -56,12 +59,12 @@ def check(
     from mjsheaf.io.files import naming, whole_file
     from mjsheaf.scenario import load_scenario
 
-    system = load_scenario(scenario, changes_of(overrides)).system
+    phases = load_scenario(scenario, changes_of(overrides)).phases
     try:
         bound = None if rho is None else as_rho([float(c) for c in rho.split(",")])
     except (ValueError, InputError):
         raise InputError(f"--rho {rho}: expected coefficients >= 0, separated by commas, such as 0.1,0.02") from None
-    examination = examine(system, rate=rate, radius=radius, rho=bound)
+    examination = examine(phases, rate=rate, radius=radius, rho=bound)
     record = examination.record
     if as_json:
         print(json.dumps(record.model_dump(mode="json"), indent=2, allow_nan=False))
@@ -71,21 +74,30 @@ def check(
         from mjsheaf.checking.figures import plot_check
 
         with naming(f"--plot {plot}"), whole_file(plot) as part:
-            plot_check(system, examination, part)
+            plot_check(phases[0].system.remaining, examination, part)
         if not as_json:
             print(plot)
     told = [
-        f"assumption {a.number} {'fails' if a.verdict == 'fails' else 'is undecided'} ({a.name}): {a.witness}"
-        for a in record.assumptions
-        if a.verdict != "holds"
-    ]
-    if record.law.stable is False:
-        gains = " to ".join(f"{gain:.4g}" for gain in record.law.stable_gains or [])
-        wanted = f": expected controller.gain from {gains} 1/s" if gains else " at any controller.gain"
-        told.append(f"the held law is unstable{wanted}")
-    told += [record.margins.bodies.verdict()] * (record.margins.bodies.stable is False)
+        f"from t = {part.start:g} s on ({', '.join(part.events) or 'start'}): {why}"
+        for part in record.phases
+        for why in _failures(part)
+    ] or _failures(record)
     if told:
         raise NotHeldError(f"{scenario}: {'; '.join(told)}")
+
+
+def _failures(part: "CheckRecord | PhaseRecord") -> list[str]:
+    """Why a check, or that of a phase, is not ok, in sentences."""
+    told = [
+        f"assumption {a.number} {'fails' if a.verdict == 'fails' else 'is undecided'} ({a.name}): {a.witness}"
+        for a in part.assumptions
+        if a.verdict != "holds"
+    ]
+    if part.law.stable is False:
+        gains = " to ".join(f"{gain:.4g}" for gain in part.law.stable_gains or [])
+        wanted = f": expected controller.gain from {gains} 1/s" if gains else " at any controller.gain"
+        told.append(f"the held law is unstable{wanted}")
+    return told + [part.margins.bodies.verdict()] * (part.margins.bodies.stable is False)
 
 
 def compare(

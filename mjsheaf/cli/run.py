@@ -109,6 +109,11 @@ def _print_outcome(outcome: "Outcome") -> None:
     table = make_table("", *numbers, numbers=numbers, title=title)
     for name, values in {"team": final, **final["groups"]}.items():
         table.add_row(name, *("-" if values[m] is None else f"{values[m]:.4g}" for m in MEASURES))
+    for k, phase in enumerate(summary["phases"]):
+        if phase["final"] is not None:
+            end, what = phase["final"], ", ".join(phase["events"]) or "start"
+            values = ("-" if end[m] is None else f"{end[m]:.4g}" for m in MEASURES)
+            table.add_row(f"phase {k}, {what}, at {end['time']:.6g} s", *values)
     make_console().print(table)
     verdict = {True: "as expected", False: "NOT as expected", None: "no expectation"}[summary["expect"]["met"]]
     print_lines(

@@ -11,6 +11,7 @@ from mjsheaf.comparing.ladder import Run, ladder_of, run_ablation
 from mjsheaf.comparing.measures import budgets_of, error_series, errors_by_scope, formation_size, positions_at_q_star
 from mjsheaf.comparing.ringing import ringing_of, usable_gain
 from mjsheaf.comparing.verdict import CompareRecord, LoopRecord, verdict_of
+from mjsheaf.errors import InputError
 from mjsheaf.results import make_dataset
 from mjsheaf.runs.harm import examine_terms
 from mjsheaf.runs.simulate import Progress, no_progress, require_simulable
@@ -34,9 +35,11 @@ def compare(scenario: Scenario, progress: Progress = no_progress) -> Comparison:
         progress: called with (what is being done, done, in all).
 
     Raises:
-        InputError: a vehicle that does not fit its agent, or a g that is not of full row rank.
+        InputError: a vehicle that does not fit its agent, a g that is not of full row rank, or events.
         NotUniqueError: the harmonic extension is not unique.
     """
+    if scenario.events:
+        raise InputError("events: a comparison is of one phase; expected none, as with --set events=[]")
     begun = time.perf_counter()
     system = scenario.system
     require_simulable(system, "physics")

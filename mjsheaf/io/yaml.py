@@ -188,7 +188,12 @@ def _end(node: yaml.Node) -> int:
 
 def _lines(value: dict[str, Any], column: int, newline: str) -> str:
     """A mapping in lines, of which all but the first are indented; mappings inside it are in braces."""
-    lines = [dump_yaml({k: v}, flow=None if isinstance(v, dict) else False, width=math.inf) for k, v in value.items()]
+    lines = [
+        f"{k}: {dump_yaml(v, flow=True, width=math.inf)}"
+        if isinstance(v, dict)
+        else dump_yaml({k: v}, flow=False, width=math.inf)
+        for k, v in value.items()
+    ]
     return (newline + " " * column).join(line.rstrip("\n") for line in lines)
 
 

@@ -1,7 +1,7 @@
 """A run as an xarray Dataset with CF attributes: what result.nc holds."""
 
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from mjsheaf.arrays import Array
 from mjsheaf.control.terms import traffic_of
 from mjsheaf.results.metrics import evaluate_errors, separations
 from mjsheaf.simulation.trajectory import Log, Trajectory
-from mjsheaf.system import System
+from mjsheaf.system import Phase, System
 from mjsheaf.team.null_modes import describe_null_modes
 
 Variable = tuple[str | tuple[str, ...], NDArray[Any], dict[str, str]]
@@ -61,10 +61,56 @@ def join(pieces: Iterable[xr.Dataset]) -> xr.Dataset:
     return xr.concat(parts, "time", **alike).assign_attrs(parts[-1].attrs)
 
 
+def in_pieces(pieces: Iterable[xr.Dataset], samples: int) -> Iterator[xr.Dataset]:
+    """The same run in pieces of so many samples, but for the last, whatever pieces it comes in."""
+    held: list[xr.Dataset] = []
+    for piece in pieces:
+        held.append(piece)
+        while sum(part.sizes["time"] for part in held) > samples:
+            whole = join(held)
+            yield whole.isel(time=slice(0, samples))
+            held = [whole.isel(time=slice(samples, None))]
+    if held:
+        yield join(held)
+
+
+def with_phases(pieces: Iterable[xr.Dataset], phases: Sequence[Phase]) -> Iterator[xr.Dataset]:
+    """Add to a run with events which phase each sample belongs to, and what the phases are."""
+    starts, done = [phase.start for phase in phases], 0
+    said = json.dumps([{"time": phase.time, "events": list(phase.events)} for phase in phases])
+    free = dict.fromkeys(words for phase in phases for words in describe_null_modes(phase.system.team.remaining))
+    for piece in pieces:
+        number = np.searchsorted(starts, np.arange(done, done + piece.sizes["time"]), side="right") - 1
+        done += piece.sizes["time"]
+        numbers = ("time", number.astype(np.int32), {"long_name": "number of the phase, from 0 on", "units": "1"})
+        yield piece.assign(phase=numbers).assign_attrs(phases=said, free_directions="; ".join(free))
+
+
+def of_phase(run: System | Sequence[Phase], dataset: xr.Dataset, which: int) -> tuple[System, xr.Dataset]:
+    """The system of one phase of a run and its samples, both of the present agents alone; all there is without events.
+
+    Args:
+        run: what was run.
+        dataset: its data.
+        which: number of the phase; -1 is the last that the run came to.
+    """
+    phases = (Phase(0, run),) if isinstance(run, System) else run
+    if len(phases) == 1 and not phases[0].system.team.absent:
+        return phases[0].system, dataset
+    time = dataset["time"].values
+    half = 0.5 * phases[0].system.grid.period
+    begin = np.searchsorted(time, [phase.time - half for phase in phases])
+    reached = [k for k in range(len(phases)) if begin[k] < len(time)]
+    k = reached[which]
+    end = begin[k + 1] if k + 1 in reached else len(time)
+    present = np.flatnonzero(phases[k].system.team.present)
+    return phases[k].system.remaining, dataset.isel(time=slice(begin[k], end), agent=present)
+
+
 def _gather(trajectory: Trajectory) -> xr.Dataset:
     system, log = trajectory.system, trajectory.log
     team, N = system.team, len(system.team.agents)
-    errors = evaluate_errors(team, log.positions)
+    errors, eta = evaluate_errors(team, log.positions), np.linalg.norm(log.residual[:, :N], axis=2)
     has = np.array([[axis < member.dimension for axis in range(3)] for member in team.members])
 
     # Gathered first: a dataset that grows variable by variable aligns all of them each time.
@@ -92,7 +138,7 @@ def _gather(trajectory: Trajectory) -> xr.Dataset:
     add("agent_position", body, padded(log.positions)[:, :N], "m", "controlled position of each agent")
     add("target_position", ("time", "target", "axis"), padded(log.positions)[:, N:], "m", "position of each target")
     add("harmonic_extension", body, errors.harmonic_extension, "m", "q*, the harmonic extension of the targets")
-    add("disagreement", ("time", "agent"), np.linalg.norm(log.residual[:, :N], axis=2), "m",
+    add("disagreement", ("time", "agent"), np.where(team.present, eta, np.nan), "m",
         "|eta_i|, norm of the disagreement")  # fmt: skip
     add("disagreement_vector", body, padded(log.residual)[:, :N], "m", "eta_i, the disagreement, as the law had it")
     add("tracking_error", ("time", "agent"), errors.tracking, "m", "|q*_i - q_i|")
@@ -143,7 +189,7 @@ def _attributes(system: System, backend: str, seed: int) -> dict[str, Any]:
         "backend": backend,
         "status": "",
         "message": "",
-        "free_directions": "; ".join(describe_null_modes(team)),
+        "free_directions": "; ".join(describe_null_modes(team.remaining)),
         "seed": seed,
         "gain": system.gain,
         "control_period": 0.0 if system.grid.continuous else system.grid.period,

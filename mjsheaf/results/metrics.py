@@ -3,6 +3,8 @@
 The final errors of a run, and whether they are what the scenario expects.
 """
 
+import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -24,7 +26,7 @@ _ROUNDING = 1e-12  # share of the largest displacement below which a mean displa
 
 @dataclass(frozen=True)
 class Errors:
-    """Errors of a run of T samples, in m.
+    """Errors of a run of T samples, in m; those of absent agents are NaN, and groups are their present members.
 
     Attributes:
         harmonic_extension: q*, padded with NaN, shape (T, N, 3).
@@ -57,7 +59,7 @@ class Errors:
 def evaluate_errors(team: Team, positions: Array) -> Errors:
     """Compute all errors from positions (T, V, 3)."""
     q, p = team.split(positions)
-    q_star = team.dirichlet.extend(p)
+    q_star = team.extend(p)
     return Errors(
         harmonic_extension=team.unpack(q_star, np.nan),
         tracking=np.linalg.norm(team.unpack(q_star - q), axis=2),
@@ -81,12 +83,13 @@ def _centering(team: Team, formation: Formation, positions: Array) -> Array:
     Only the coordinates that all members and the target have in common count. An explicit `offset` of an edge changes
     what the law does, not where the formation wants its members.
     """
-    if formation.about is None:
+    known = [m for m in formation.members if m not in team.absent]
+    if formation.about is None or not known:
         return np.full(len(positions), np.nan)
-    members = [team.index[m] for m in formation.members]
+    members = [team.index[m] for m in known]
     target = team.index[formation.about]
     shared = min(team.members[v].dimension for v in [*members, target])
-    wanted = np.array([team.displacement[m][:shared] for m in formation.members])
+    wanted = np.array([team.displacement[m][:shared] for m in known])
     mean = wanted.mean(axis=0)
     mean[np.abs(mean) <= _ROUNDING * np.abs(wanted).max()] = 0.0  # a polygon's corners cancel up to rounding only
     centroid = positions[:, members, :shared].mean(axis=1)
@@ -110,6 +113,16 @@ def separations(positions: Array) -> Array:
     return found
 
 
+def mean_known(values: Array) -> Array:
+    """Mean over the agents of values (T, N) that are known, shape (T,); NaN where none is."""
+    known = ~np.isnan(values)
+    if known.all():
+        return np.asarray(values.mean(axis=1))
+    count = known.sum(axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(np.where(known, values, 0.0).sum(axis=1) / count)
+
+
 MEASURES = ("mean_disagreement", "tracking_error", "formation_error", "centering_error")
 
 
@@ -126,8 +139,8 @@ def error_series(
     errors = evaluate_errors(team, positions)
 
     def measures(members: list[int] | slice, formation: Array, centering: Array) -> dict[str, Array]:
-        eta = {} if disagreement is None else {"mean_disagreement": disagreement[:, members].mean(axis=1)}
-        tracking = np.sqrt((errors.tracking[:, members] ** 2).mean(axis=1))
+        eta = {} if disagreement is None else {"mean_disagreement": mean_known(disagreement[:, members])}
+        tracking = np.sqrt(mean_known(errors.tracking[:, members] ** 2))
         return {**eta, "tracking_error": tracking, "formation_error": formation, "centering_error": centering}
 
     groups = {
@@ -138,10 +151,20 @@ def error_series(
 
 
 def _series_of(team: Team, dataset: xr.Dataset, begin: int) -> tuple[dict[str, Array], dict[str, dict[str, Array]]]:
-    """The `error_series` of a run from a sample on."""
+    """Errors over time of a run from a sample on, of the team and of each group by name, as `error_series` has them."""
     data = dataset.isel(time=slice(begin, None))
-    positions = np.concatenate([np.nan_to_num(data[n].values) for n in ("agent_position", "target_position")], axis=1)
-    return error_series(team, positions, data["disagreement"].values)
+    eta, tracking = data["disagreement"].values, data["tracking_error"].values
+
+    def measures(members: list[int] | slice, name: str, k: int | None) -> dict[str, Array]:
+        own = {f"{kind}_error": data[f"{name}{kind}_error"].values for kind in ("formation", "centering")}
+        return {
+            "mean_disagreement": mean_known(eta[:, members]),
+            "tracking_error": np.sqrt(mean_known(tracking[:, members] ** 2)),
+            **(own if k is None else {measure: values[:, k] for measure, values in own.items()}),
+        }
+
+    groups = {f.name: measures([team.index[m] for m in f.members], "group_", k) for k, f in enumerate(team.formations)}
+    return measures(slice(None), "", None), groups
 
 
 def summarize(team: Team, dataset: xr.Dataset) -> dict[str, Any]:
@@ -150,6 +173,23 @@ def summarize(team: Team, dataset: xr.Dataset) -> dict[str, Any]:
     own = {group: {name: finite(x[0]) for name, x in series.items()} for group, series in groups.items()}
     final = {name: finite(x[0]) for name, x in everyone.items()}
     return {"time": float(dataset["time"][-1]), **final, "groups": own}
+
+
+def summarize_phases(team: Team, dataset: xr.Dataset) -> list[dict[str, Any]]:
+    """Each phase of a run with events: when it begins, s, what happens there, and its errors at its last sample, m.
+
+    Phases that the run did not reach, and those without a sample, have no errors.
+    """
+    found, time = phases_in(dataset), dataset["time"].values
+    starts = np.searchsorted(time, [phase["time"] for phase in found] + [np.inf], side="left")
+    for phase, begin, end in zip(found, starts, starts[1:], strict=False):
+        phase["final"] = summarize(team, dataset.isel(time=slice(begin, end))) if end > begin else None
+    return found
+
+
+def phases_in(dataset: xr.Dataset) -> list[dict[str, Any]]:
+    """The phases of a run with events, else none: `time` of the first sample, s, and `events` in words."""
+    return json.loads(dataset.attrs["phases"]) if "phases" in dataset.attrs else []
 
 
 def error_series_of(team: Team, dataset: xr.Dataset) -> dict[str, list[float | None]]:
@@ -184,8 +224,10 @@ def communication(dataset: xr.Dataset, samples: int, period: float) -> dict[str,
     }
 
 
-def check_expectation(expect: "Expect", backend: str, status: str, final: dict[str, Any]) -> dict[str, Any]:
-    """Compare final errors with the scenario's `expect:` block for a backend.
+def check_expectation(
+    expect: "Expect", backend: str, status: str, final: dict[str, Any], phases: Sequence[dict[str, Any]] = ()
+) -> dict[str, Any]:
+    """Compare final errors, and those at the end of each phase, with the scenario's `expect:` block for a backend.
 
     Returns:
         {"met": True, False, or None where nothing is expected; "checks": one record for each bound}. A run that should
@@ -196,9 +238,13 @@ def check_expectation(expect: "Expect", backend: str, status: str, final: dict[s
     if expect.refused is not None:
         checks.append({"measure": "refused", "bound": expect.refused, "found": None, "met": False})
     if bounds is not None:
-        for name in MEASURES:
-            bound, found = getattr(bounds, name), final[name]
-            if bound is not None:
-                met = status == "finished" and found is not None and found <= bound
-                checks.append({"measure": name, "bound": bound, "found": found, "met": met})
+        own = [phase["final"] or {} for phase in phases]
+        places = [("", bounds, final), *((f"phases.{k}.", b, own[k] if k < len(own) else {})
+                                         for k, b in enumerate(bounds.phases or []))]  # fmt: skip
+        for place, part, errors in places:
+            for name in MEASURES:
+                bound, found = getattr(part, name), errors.get(name)
+                if bound is not None:
+                    met = status == "finished" and found is not None and found <= bound
+                    checks.append({"measure": place + name, "bound": bound, "found": found, "met": met})
     return {"met": all(c["met"] for c in checks) if checks else None, "checks": checks}

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from mjsheaf.errors import NotUniqueError, RankError
-from mjsheaf.results.metrics import MEASURES, check_expectation, summarize
+from mjsheaf.results.metrics import MEASURES, check_expectation, summarize, summarize_phases
 from mjsheaf.runs.simulate import simulate
 from mjsheaf.scenario import Scenario
 
@@ -28,7 +28,8 @@ class Trial:
         backend: 'ideal' or 'physics'.
         status: 'finished', 'unstable' or 'refused'.
         message: why it was refused or blew up; else empty.
-        final: the final errors, m, by measure; empty where it was refused.
+        final: the final errors, m, by measure, and those at the end of each phase of a run with events, by
+            phases.NUMBER.MEASURE; empty where it was refused.
         checks: as in summary.json, one record for each thing expected: measure, bound, found, met.
     """
 
@@ -59,8 +60,12 @@ def try_scenario(scenario: Scenario, backend: str, *, progress: Callable[[int, i
         return _refused(scenario, backend, str(error))
     status = dataset.attrs["status"]
     final = summarize(scenario.team, dataset)
-    checks = check_expectation(scenario.expect, backend, status, final)["checks"]
-    return Trial(backend, status, dataset.attrs["message"], {name: final[name] for name in MEASURES}, checks)
+    phases = summarize_phases(scenario.team, dataset)
+    checks = check_expectation(scenario.expect, backend, status, final, phases)["checks"]
+    errors = {name: final[name] for name in MEASURES}
+    for k, phase in enumerate(phases):
+        errors |= {f"phases.{k}.{name}": (phase["final"] or {}).get(name) for name in MEASURES}
+    return Trial(backend, status, dataset.attrs["message"], errors, checks)
 
 
 def _refused(scenario: Scenario, backend: str, reason: str) -> Trial:
@@ -86,19 +91,30 @@ def loose(trial: Trial, factor: float) -> list[dict[str, Any]]:
     return [
         check
         for check in trial.checks
-        if check["measure"] in MEASURES
+        if check["measure"] != "refused"
         and check["met"]
         and check["bound"] > max(factor * check["found"], SMALLEST_BOUND)
     ]
 
 
-def bounds_from(trial: Trial, margin: float) -> dict[str, float]:
-    """Bounds that a trial meets with a margin, such as 0.05, rounded up to three significant digits, m."""
-    return {
-        name: round_up(max(found * (1.0 + margin), SMALLEST_BOUND))
-        for name, found in trial.final.items()
-        if found is not None
-    }
+def bounds_from(trial: Trial, margin: float) -> dict[str, Any]:
+    """Bounds that a trial meets with a margin, such as 0.05, rounded up to three significant digits, m.
+
+    Of a run with events those at the end of each phase but the last are in the list `phases`.
+    """
+    bounds: dict[str, Any] = {}
+    for name, found in trial.final.items():
+        *phase, measure = name.split(".")
+        own = bounds
+        if phase:
+            phases = bounds.setdefault("phases", [])
+            phases += [{} for _ in range(int(phase[1]) + 1 - len(phases))]
+            own = phases[int(phase[1])]
+        if found is not None:
+            own[measure] = round_up(max(found * (1.0 + margin), SMALLEST_BOUND))
+    if "phases" in bounds:
+        bounds["phases"].pop()  # its last sample is that of the run
+    return bounds
 
 
 def expectation_from(trials: Sequence[Trial], margin: float, old: Mapping[str, Any]) -> dict[str, Any]:
@@ -156,17 +172,19 @@ def describe(trial: Trial, name: str, watch: str) -> str:
     refusal = bounds.pop("refused", None)
     if refusal is not None:
         lines.append(f"  expected a refusal that says {refusal['bound']!r}")
-    measures = [m for m in MEASURES if m in bounds or trial.final.get(m) is not None]
+    names = dict.fromkeys([*MEASURES, *trial.final, *bounds])
+    measures = [m for m in names if m in bounds or (m in MEASURES and trial.final.get(m) is not None)]
     if measures:
-        lines.append(f"  {'measure (m)':<18}{'expected':>12}{'found':>12}")
-    lines += [_line(m, bounds.get(m), trial.final.get(m), trial.status) for m in measures]
+        width = max(18, *(len(m) + 1 for m in measures))
+        lines.append(f"  {'measure (m)':<{width}}{'expected':>12}{'found':>12}")
+    lines += [_line(m, width, bounds.get(m), trial.final.get(m), trial.status) for m in measures]
     lines.append(f"  watch it: mjsheaf run {watch} --backend {trial.backend}")
     return "\n".join(lines)
 
 
-def _line(measure: str, check: dict[str, Any] | None, found: float | None, status: str) -> str:
+def _line(measure: str, width: int, check: dict[str, Any] | None, found: float | None, status: str) -> str:
     expected = "-" if check is None else f"<= {check['bound']:g}"
-    line = f"  {measure:<18}{expected:>12}{'-' if found is None else f'{found:.4g}':>12}"
+    line = f"  {measure:<{width}}{expected:>12}{'-' if found is None else f'{found:.4g}':>12}"
     if check is None or check["met"]:
         return line
     if found is None:

@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mjsheaf.control.terms import TermArrays
+from mjsheaf.results.dataset import of_phase
 from mjsheaf.results.netcdf import pieces_of
 from mjsheaf.simulation.trajectory import largest_integral
-from mjsheaf.system import System
+from mjsheaf.system import Phase, System
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -60,16 +61,17 @@ class TermsInRun:
         }
 
 
-def examine_terms(system: System, dataset: "xr.Dataset") -> TermsInRun | None:
-    """Look for harm of the terms in a run, which is read in pieces.
+def examine_terms(run: System | Sequence[Phase], dataset: "xr.Dataset") -> TermsInRun | None:
+    """Look for harm of the terms in a run, of one with events in the last phase; it is read in pieces.
 
     Args:
-        system: the run's.
+        run: what was run.
         dataset: as `simulate` gives it.
 
     Returns:
         None for the paper's law, a law in Python, and fewer than 8 samples.
     """
+    system, dataset = of_phase(run, dataset, -1)
     bodies, count = dataset.attrs["backend"] == "physics", dataset.sizes["time"]
     terms = (system.control_of_bodies if bodies else system.control).law.terms
     if not terms.agents or dataset.attrs.get("controller") or count < _FEWEST_SAMPLES:

@@ -2,7 +2,7 @@
 
 import shutil
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from mjsheaf.errors import InputError, MjsheafError
 from mjsheaf.io.section import LARGEST
 from mjsheaf.io.yaml import SUFFIXES, dump_yaml
 from mjsheaf.results import check_expectation, open_dataset, store, summarize, thinned, write_dataset
-from mjsheaf.results.metrics import communication
+from mjsheaf.results.metrics import communication, summarize_phases
 from mjsheaf.results.netcdf import split
 from mjsheaf.runs.simulate import Progress, no_progress, require_simulable, stream
 from mjsheaf.scenario import Scenario
@@ -28,7 +28,7 @@ from mjsheaf.video import VideoOptions, available_backend
 if TYPE_CHECKING:
     from mjsheaf.checking.finished import HeldBound, RunBound
     from mjsheaf.control.controller import Controller
-    from mjsheaf.system import System
+    from mjsheaf.system import Phase, System
 
 
 def dump_scenario(scenario: Scenario) -> str:
@@ -153,17 +153,17 @@ def execute(
         PlaceError: the directory may not be replaced or cannot be written.
         NotUniqueError: the harmonic extension is not unique and drift is not allowed; nothing is written.
     """
-    system = scenario.system
-    require_simulable(system, backend, allow_drift=allow_drift)
+    phases = scenario.phases
+    require_simulable(phases, backend, allow_drift=allow_drift)
     simulating = partial(progress, "simulating")
-    pieces = TimedIterator(stream(system, backend, scenario.seed, simulating, controller=controller))
-    return publish(pieces, scenario, system, directory, video=video, origin=origin, progress=progress)
+    pieces = TimedIterator(stream(phases, backend, scenario.seed, simulating, controller=controller))
+    return publish(pieces, scenario, phases, directory, video=video, origin=origin, progress=progress)
 
 
 def publish(
     run: xr.Dataset | Iterable[xr.Dataset],
     scenario: Scenario,
-    system: "System",
+    simulated: "System | Sequence[Phase]",
     directory: Path,
     *,
     video: VideoOptions | None = None,
@@ -176,7 +176,7 @@ def publish(
         run: its data, whole as from `simulate` or in consecutive pieces as from `stream`; result.nc is the same. A
             `TimedIterator` says how long the simulation took; else summary.json has null for it.
         scenario: what was run.
-        system: the scenario's system.
+        simulated: the scenario's system, or its phases.
         directory: of the results.
         video: how to film it, or None for no video.
         origin: where the scenario comes from, as `scenario.load.origin` has it; summary.json keeps it.
@@ -188,26 +188,30 @@ def publish(
     from mjsheaf.checking.finished import bound_of_run, held_bound_of_run
     from mjsheaf.runs.harm import examine_terms
     from mjsheaf.simulation.trajectory import samples_in_piece
+    from mjsheaf.system import phases_of
 
+    phases = phases_of(simulated)
+    system = phases[0].system
     replaced = store.replaced_run(directory)
     pieces = split(run, samples_in_piece(system)) if isinstance(run, xr.Dataset) else run
     with store.staging(directory) as fresh, ExitStack() as held:
         write_dataset(pieces, fresh / "result.nc")
         dataset = held.enter_context(open_dataset(fresh / "result.nc"))
         write_scenario(scenario, fresh)
-        theorem, drawn = bound_of_run(system, dataset), thinned(dataset)
-        of_law = held_bound_of_run(system, dataset, theorem)
-        shown = _shown_bound(system, drawn["time"].values, theorem, of_law)
-        plots = held.enter_context(ThreadPoolExecutor(1)).submit(_plot, system, drawn, shown, fresh, progress)
+        theorem, drawn = bound_of_run(phases, dataset), thinned(dataset)
+        of_law = held_bound_of_run(phases, dataset, theorem)
+        shown = _shown_bound(phases, drawn["time"].values, theorem, of_law)
+        plots = held.enter_context(ThreadPoolExecutor(1)).submit(_plot, phases, drawn, shown, fresh, progress)
         if video is None:
             plots.result()
         seconds = run.seconds if isinstance(run, TimedIterator) else None
-        summary = _summary_of(scenario, system, dataset.sizes["time"] - 1, drawn, theorem, of_law)
+        own = summarize_phases(system.team, dataset)
+        summary = _summary_of(scenario, phases, dataset.sizes["time"] - 1, drawn, own, theorem, of_law)
         summary |= {"origin": origin, "wall_time_s": seconds, store.RESULT_DIGEST: store.digest(fresh / "result.nc")}
         if seconds:
             summary["realtime_factor"] = float(drawn["time"][-1] - drawn["time"][0]) / seconds
         notes = [violation for violation in (theorem.violation(), of_law.violation()) if violation]
-        terms = examine_terms(system, dataset)
+        terms = examine_terms(phases, dataset)
         if terms is not None:
             summary["terms"] = terms.record()
             notes += terms.harm
@@ -217,7 +221,7 @@ def publish(
             from mjsheaf.video.from_run import film_run
 
             drawing, path = partial(progress, "drawing video"), fresh / "video.mp4"
-            frames, reason = draw_video(partial(film_run, scenario, dataset, path, video, drawing, system))
+            frames, reason = draw_video(partial(film_run, scenario, dataset, path, video, drawing, phases))
             notes += [reason] * bool(reason)
             summary["video"] = video_entry(frames, video) if not reason else None
         plots.result()
@@ -249,14 +253,15 @@ def save(result: xr.Dataset, directory: str | Path, *, video: bool = True) -> Ou
     if not (parts and said and result.sizes["time"]) or (result["agent"].values.tolist() != system.team.agent_ids):
         raise InputError("save: the result is not whole; expected a Dataset as `simulate` returns it")
     options = video_options(scenario) if video else None
-    return publish(result, scenario, system, Path(directory), video=options)
+    return publish(result, scenario, scenario.phases, Path(directory), video=options)
 
 
 def _summary_of(
     scenario: Scenario,
-    system: "System",
+    phases: "Sequence[Phase]",
     periods: int,
     drawn: xr.Dataset,
+    own: list[dict[str, Any]],
     theorem: "RunBound",
     of_law: "HeldBound",
 ) -> dict[str, Any]:
@@ -265,23 +270,26 @@ def _summary_of(
     from mjsheaf.team.null_modes import describe_null_modes
 
     backend, status, controller = drawn.attrs["backend"], drawn.attrs["status"], drawn.attrs.get("controller")
+    system = phases[0].system
     final = summarize(system.team, drawn)
+    free = dict.fromkeys(words for phase in phases for words in describe_null_modes(phase.system.team.remaining))
     return {
         "scenario": scenario.name,
         "origin": None,
         "backend": backend,
         "status": status,
         "message": drawn.attrs["message"],
-        "ending": ending_of_run(system, drawn) if status == "finished" and not controller else None,
+        "ending": ending_of_run(phases, drawn) if status == "finished" and not controller else None,
         "controller": controller,
         "seed": scenario.seed,
         "steps": periods * (round(system.grid.period / system.bodies.timestep) if backend == "physics" else 1),
         "wall_time_s": None,
         "realtime_factor": None,
-        "expect": check_expectation(scenario.expect, backend, status, final),
+        "expect": check_expectation(scenario.expect, backend, status, final, own),
         "final": final,
+        "phases": own,
         "communication": communication(drawn, periods + 1, system.grid.period),
-        "free_directions": describe_null_modes(system.team),
+        "free_directions": list(free),
         "theorem": {
             "applies": theorem.applies,
             "approximate": theorem.approximate,
@@ -303,27 +311,35 @@ def _summary_of(
     }
 
 
-def _shown_bound(system: "System", time: Array, theorem: "RunBound", of_law: "HeldBound") -> tuple[str, Array] | None:
-    """The bound on |e| to be drawn at times in s, and what it is called; None where none is known."""
+def _shown_bound(
+    phases: "Sequence[Phase]", time: Array, theorem: "RunBound", of_law: "HeldBound"
+) -> tuple[str, Array] | None:
+    """The bound on |e| to be drawn at times in s, and what it is called; None where none is known.
+
+    NaN from the first event on: it is that of the first phase.
+    """
+    grid, end = phases[0].system.grid, phases[1].time if len(phases) > 1 else np.inf
     if theorem.applies and (bound := theorem.at(time)).max() < LARGEST:  # a blow-up satisfies any larger bound
-        return "Theorem 1" + ", approximate" * theorem.approximate, bound
+        return "Theorem 1" + ", approximate" * theorem.approximate, np.where(time < end, bound, np.nan)
     if of_law.samples is None:
         return None
-    return "bound of the held law", np.interp(time, system.grid.span(0, len(of_law.samples)), of_law.samples)
+    held = np.interp(time, grid.span(0, len(of_law.samples)), of_law.samples)
+    return "bound of the held law", np.where(time < end, held, np.nan)
 
 
 def _plot(
-    system: "System", drawn: xr.Dataset, bound: tuple[str, Array] | None, folder: Path, progress: Progress
+    phases: "Sequence[Phase]", drawn: xr.Dataset, bound: tuple[str, Array] | None, folder: Path, progress: Progress
 ) -> None:
     """Draw the plots of a run; a video is drawn meanwhile, mostly outside the interpreter."""
     from mjsheaf.runs.figures import plot_configurations, plot_errors, plot_trajectories
 
     progress("plotting", 0, 3)
-    plot_errors(system.team, drawn, folder / "errors.png", bound)
+    first, last = phases[0].system.team, phases[-1].system.team
+    plot_errors(first, drawn, folder / "errors.png", bound)
     progress("plotting", 1, 3)
-    plot_trajectories(system.team, drawn, folder / "trajectories.png")
+    plot_trajectories(first, drawn, folder / "trajectories.png")
     progress("plotting", 2, 3)
-    plot_configurations(system.team, drawn, folder / "configurations.png")
+    plot_configurations(first, last, drawn, folder / "configurations.png")
     progress("plotting", 3, 3)
 
 

@@ -53,9 +53,9 @@ def simulate(
             law in Python raised an exception or returned no velocities: the message names agent and time.
         NotUniqueError: the harmonic extension is not unique, and drift is not allowed.
     """
-    system = scenario.system
-    require_simulable(system, backend, allow_drift=allow_drift)
-    result = next(stream(system, backend, scenario.seed, progress, system.grid.steps + 1, controller))
+    phases = scenario.phases
+    require_simulable(phases, backend, allow_drift=allow_drift)
+    result = next(stream(phases, backend, scenario.seed, progress, phases[0].system.grid.steps + 1, controller))
     result.encoding["scenario"] = scenario  # for `mjsheaf.save`; no file gets it
     return result
 
@@ -76,7 +76,7 @@ def stream(
         samples: at most in each piece; a few megabytes of them unless given.
     """
     from mjsheaf.control.controller import controller_of
-    from mjsheaf.results import make_datasets
+    from mjsheaf.results.dataset import in_pieces, make_datasets, with_phases
     from mjsheaf.simulation.trajectory import samples_in_piece
     from mjsheaf.system import phases_of
 
@@ -84,10 +84,11 @@ def stream(
         from mjsheaf.simulation.ideal import stream_ideal as simulated
     else:
         from mjsheaf.simulation.loop import stream_physics as simulated
-    first = phases_of(run)[0].system
-    called = controller_of(controller, first, seed)
-    pieces = simulated(run, samples or samples_in_piece(first), progress, controller=called)
-    for dataset in make_datasets(pieces, backend, seed):
+    phases = phases_of(run)
+    first, several = phases[0].system, any(phase.events for phase in phases)
+    called, length = controller_of(controller, first, seed), samples or samples_in_piece(first)
+    datasets = make_datasets(simulated(run, length, progress, controller=called), backend, seed)
+    for dataset in in_pieces(with_phases(datasets, phases), length) if several else datasets:
         if called:
             dataset.attrs |= {
                 "controller": called.name,
@@ -163,19 +164,21 @@ def _require_backend(backend: str) -> None:
         raise InputError(f"unknown backend {backend!r}; {expected(backend, BACKENDS)}")
 
 
-def require_simulable(system: "System", backend: str, *, allow_drift: bool = False) -> None:
+def require_simulable(run: "System | Sequence[Phase]", backend: str, *, allow_drift: bool = False) -> None:
     """Refuse what cannot be simulated; the same on both backends, before anything is simulated or written.
 
     Raises:
         InputError: unknown backend; a vehicle that is unknown or does not fit its agent or target, which matters to the
             ideal backend too, as a scenario that only one backend takes is not one to compare; or a g that is not of
             full row rank.
-        NotUniqueError: the harmonic extension is not unique, and drift is not allowed.
+        NotUniqueError: the harmonic extension is not unique, in some phase of the run, and drift is not allowed.
     """
     from mjsheaf.dynamics.effectiveness import without_full_row_rank
-    from mjsheaf.system import DEFAULT_VEHICLE
+    from mjsheaf.system import DEFAULT_VEHICLE, phases_of
 
     _require_backend(backend)
+    phases = phases_of(run)
+    system = phases[0].system
     team = system.team
     named = zip(team.members, system.bodies.vehicle, strict=True)
     if any(name != DEFAULT_VEHICLE[member.dimension] for member, name in named):
@@ -185,11 +188,14 @@ def require_simulable(system: "System", backend: str, *, allow_drift: bool = Fal
             f"agents.{team.agents[i].id}.effectiveness: g is not of full row rank {team.agents[i].dimension} "
             "(Assumption 2): no input makes every velocity"
         )
-    if not (allow_drift or team.dirichlet.unique):
+    for k, phase in enumerate(() if allow_drift else phases):
+        if phase.system.team.dirichlet.unique:
+            continue
         from mjsheaf.team.null_modes import describe_null_modes
 
-        free = describe_null_modes(team)
+        free = describe_null_modes(phase.system.team.remaining)
+        when = f" in phase {k}, from t = {phase.time:g} s on ({phase.name})" if len(phases) > 1 else ""
         raise NotUniqueError(
-            f"the harmonic extension is not unique: H^0(G, G_p; F) has dimension {len(free)}: "
+            f"the harmonic extension is not unique{when}: H^0(G, G_p; F) has dimension {len(free)}: "
             f"{'; '.join(free[:4])}{'; ...' if len(free) > 4 else ''}; sense or share the free coordinates"
         )

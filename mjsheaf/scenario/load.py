@@ -77,7 +77,7 @@ def scenario_from_mapping(
         for path, value in (overrides or {}).items():
             node = _with(node, path.split("."), plain(value), path)
         scenario = Scenario.model_validate(node)
-        _ = scenario.system  # fields that are valid one by one must also fit together
+        _ = scenario.phases  # fields that are valid one by one must also fit together
     except ValidationError as error:
         raise ScenarioError(f"{source}: {describe_validation_error(error, Scenario)}") from None
     except InputError as error:

@@ -4,7 +4,8 @@ Lengths in m, time in s, angles in degrees unless a field says otherwise. A sect
 expected, and builds its part of the system.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import Annotated, Any, Literal
 
@@ -19,8 +20,9 @@ from mjsheaf.dynamics import effectiveness as effectivenesses
 from mjsheaf.dynamics import motion as motions
 from mjsheaf.errors import InputError, in_field
 from mjsheaf.io.section import Duration, Id, NonNegative, Number, Point, Positive, Section
+from mjsheaf.scenario.events import AnyEvent, phases_of_events, with_changes
 from mjsheaf.scenario.swarm import Swarm, expand_swarm
-from mjsheaf.system import DEFAULT_VEHICLE, PhysicsOptions, System, TimeGrid
+from mjsheaf.system import DEFAULT_VEHICLE, Phase, PhysicsOptions, System, TimeGrid
 from mjsheaf.team import Anchor, Member, Team
 from mjsheaf.team.edges import PairOrEdge
 from mjsheaf.team.formation import Group
@@ -246,13 +248,19 @@ class Video(Section):
     )
 
 
-class Bounds(Section):
-    """Largest final errors that are expected; a missing one is not checked."""
+class PhaseBounds(Section):
+    """Largest errors that are expected; a missing one is not checked."""
 
     mean_disagreement: NonNegative | None = None
     tracking_error: NonNegative | None = None
     formation_error: NonNegative | None = None
     centering_error: NonNegative | None = None
+
+
+class Bounds(PhaseBounds):
+    """Largest final errors that are expected, and those at the end of each phase."""
+
+    phases: list[PhaseBounds] | None = Field(None, description="at the last sample of each phase of a run with events")
 
 
 class Expect(Section):
@@ -288,6 +296,7 @@ class Scenario(Section):
     formations: list[Group] = Field(default_factory=list)
     target_motion: Motion | None = None
     target_formation: TargetFormation | None = None
+    events: list[AnyEvent] = Field(default_factory=list, description="what happens during the run, at samples")
     flow: Flow = Flow()
     disturbance: Disturbances = Disturbances()
     spread: Spread = Spread()
@@ -322,8 +331,37 @@ class Scenario(Section):
         )
 
     @cached_property
+    def phases(self) -> tuple[Phase, ...]:
+        """The run as phases, one unless there are events; built once.
+
+        Raises:
+            InputError: an event cannot happen, or as for `whole`; the message begins with the field.
+        """
+        return phases_of_events(self.events, self.whole, self._adapted)
+
+    @property
     def system(self) -> System:
-        """The closed-loop system that this scenario describes, ready for a backend; built once.
+        """The closed-loop system with which the run begins; see `whole`."""
+        return self.phases[0].system
+
+    def _adapted(self, team: Team, changes: Mapping[str, Any]) -> System:
+        """The system of a changed team, under a controller with other fields."""
+        whole, law = self.whole, with_changes(self.controller, changes)
+        assert isinstance(law, Controller)
+        terms = pack_terms(law.terms, team, law.control_period, self.seed)
+        target_gain = self.target_formation.gain if self.target_formation else 0.0
+        packed = pack_law(team, law.gain, target_gain, self._limits(law), terms)
+        return replace(whole, team=team, gain=law.gain, law=packed)
+
+    def _limits(self, law: Controller) -> Array:
+        """Largest commanded speed of each vehicle, shape (V,), m/s."""
+        return np.array(
+            [a.velocity_limit or law.velocity_limit or np.inf for a in self.agents] + [np.inf] * len(self.targets)
+        )
+
+    @cached_property
+    def whole(self) -> System:
+        """The closed-loop system that this scenario describes, whatever happens to it; built once.
 
         Raises:
             InputError: fields do not fit together; the message begins with the field.
@@ -335,7 +373,6 @@ class Scenario(Section):
         rng = np.random.default_rng(self.seed)
         initial, heading = self.spread.place(agents, targets, rng)
         harmonics = self.disturbance.draw(team, max(abs(self.time.start), abs(self.time.end)), rng)
-        limits = [a.velocity_limit or law.velocity_limit or np.inf for a in agents] + [np.inf] * len(targets)
         flows, field = self.flow.met_by(team)
         moves = [*[None] * len(agents), *(target.motion or self.target_motion for target in targets)]
         with in_field("targets"):
@@ -350,7 +387,7 @@ class Scenario(Section):
             initial=initial,
             grid=grid,
             gain=law.gain,
-            law=pack_law(team, law.gain, target_gain, np.array(limits), terms),
+            law=pack_law(team, law.gain, target_gain, self._limits(law), terms),
             motion=motion,
             harmonics=harmonics,
             effectiveness=g,

@@ -15,7 +15,7 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from mjsheaf.arrays import Array, IntArray
+from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.control.controller import Controller, Law, controller_of
 from mjsheaf.control.law import ControlArrays, Memory, carry, evaluate_law, new_memory
 from mjsheaf.dynamics.disturbance import evaluate_sines
@@ -52,6 +52,7 @@ class Loop(NamedTuple):
         start: time of step 0, s.
         timestep: s.
         per_law, per_sample: physics steps between evaluations of the law, and between samples.
+        stopped: whether each vehicle's thrusters stand still, shape (V,).
     """
 
     control: ControlArrays
@@ -72,6 +73,7 @@ class Loop(NamedTuple):
     sines: Array
     model: int
     data: int
+    stopped: BoolArray
     start: float = 0.0
     timestep: float = 0.0
     per_law: int = 1
@@ -131,6 +133,10 @@ def close_loop(loop, t, due):
         sensed, act = Sensed(R, quaternion, s, omega), loop.act[body.state :]
         gear = loop.gear[first : first + kind.count]
         thruster_commands(kind, thrusters, body.heading, triple(loop.memory.command[v]), sensed, act, ctrl, gear)
+        if loop.stopped[v]:
+            for j in range(kind.count):
+                if thrusters[j].code != ANGLE:
+                    ctrl[j] = 0.0
 
 
 @jit
@@ -248,6 +254,7 @@ def new_loop(
         sines=np.zeros(len(medium.harmonics.rate)),
         model=model._address,
         data=data._address,
+        stopped=np.zeros(V, dtype=np.bool_),
     )
 
 
@@ -278,7 +285,7 @@ class World:
             InputError: a vehicle is unknown, or does not fit the dimension of its agent or target; or a law in Python
                 where the control period is 0.
         """
-        self._phases = phases_of(scenario.system if hasattr(scenario, "controller") else scenario)
+        self._phases = phases_of(scenario.phases if hasattr(scenario, "controller") else scenario)
         self.system: System = self._phases[0].system
         self.arena = arena_of(self.system, visible=visible)
         self.model: mujoco.MjModel = self.arena.model
@@ -290,6 +297,7 @@ class World:
         self._timestep = self.model.opt.timestep = grid.period / self.steps_per_sample
         loop = new_loop(self.arena, self.data, self._control(), self.system.medium, plan.heading, plan.surface_height)
         self._loop = loop._replace(
+            stopped=self._stopped(),
             start=grid.start,
             timestep=self._timestep,
             per_law=1 if grid.continuous else self.steps_per_sample,
@@ -423,8 +431,14 @@ class World:
         if system is not self.system:
             self.system = system
             control = self._control()
-            self._loop = self._loop._replace(control=control, memory=carry(self._loop.memory, control.law))
+            memory = carry(self._loop.memory, control.law)
+            self._loop = self._loop._replace(control=control, memory=memory, stopped=self._stopped())
         return self._loop
+
+    def _stopped(self) -> BoolArray:
+        """Whether each vehicle's thrusters stand still now, shape (V,)."""
+        stopped = self.system.stopped
+        return np.zeros(len(self.arena.vehicles), dtype=np.bool_) if stopped is None else stopped
 
     def _control(self) -> ControlArrays:
         """What onboard computers know now; a law in Python takes the agents over."""

@@ -155,7 +155,7 @@ def _run(job: Job) -> tuple[dict[str, Any], bytes | None]:
     system = scenario.system
     found: dict[str, Any] = {"final": summarize(system.team, dataset), "settled": False}
     if dataset.attrs["status"] == "finished":
-        ending, ratio = ending_of_run(system, dataset), bound_of_run(system, dataset).ratio
+        ending, ratio = ending_of_run(scenario.phases, dataset), bound_of_run(scenario.phases, dataset).ratio
         found["late"] = late_errors(system.team, dataset)
         found["ending"], found["settled"] = ending, None if ending is None else ending == "settled"
         found["bound_ratio"] = ratio if ratio is not None and math.isfinite(ratio) else None

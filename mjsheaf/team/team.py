@@ -1,17 +1,17 @@
 """The team: agents, targets and edges as one sheaf."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from mjsheaf.arrays import Array, IntArray
+from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.errors import InputError, SheafError, expected, in_field
 from mjsheaf.sheaf import DirichletProblem, Sheaf
 from mjsheaf.team.edges import GROUND, Anchor, Edge, LinearEdge, Member, require_ends
-from mjsheaf.team.formation import Formation
+from mjsheaf.team.formation import Explicit, Formation
 
 _GROUND = Member(GROUND, 0)
 
@@ -29,6 +29,8 @@ class Team:
         displacement: o_i of each agent by id, in m; zero where it is in no formation, and for targets.
         formations: groups of agents.
         sheaf: the sheaf F over the whole graph G.
+        absent: ids of agents that are no part of the team now, as they are lost or have yet to join: they keep their
+            places in all arrays, have no edges, and the harmonic extension is that of the others.
     """
 
     def __init__(
@@ -41,6 +43,7 @@ class Team:
         formations: Sequence[Formation] = (),
         target_formation: Formation | None = None,
         anchors: Iterable[Edge | Anchor] = (),
+        absent: Collection[str] = (),
     ) -> None:
         """Assemble the team.
 
@@ -54,6 +57,7 @@ class Team:
         self.agent_ids, self.target_ids = [a.id for a in self.agents], [t.id for t in self.targets]
         self.index = {m.id: v for v, m in enumerate(self.members)}
         self.formations, self.target_formation = tuple(formations), target_formation
+        self.absent = frozenset(absent)
         for role, some in (("agent", self.agents), ("target", self.targets)):
             if not some:
                 raise InputError(f"{role}s: a team needs at least one {role}")
@@ -75,6 +79,55 @@ class Team:
             self.sheaf = _sheaf_of(
                 self.members + ground, self.communication + self.sensing + self.target_edges + self.anchors
             )
+
+    def changed(self, absent: Collection[str], speaks: Callable[[Edge], bool]) -> "Team":
+        """The same agents and targets, some of them absent, with those edges of the present that still speak."""
+
+        def kept(edges: Iterable[Edge]) -> list[Edge]:
+            return [e for e in edges if not {e.tail, e.head} & set(absent) and speaks(e)]
+
+        return Team(
+            self.agents,
+            self.targets,
+            kept(self.communication),
+            kept(self.sensing),
+            self.target_edges,
+            self.formations,
+            self.target_formation,
+            kept(self.anchors),
+            absent,
+        )
+
+    @cached_property
+    def present(self) -> BoolArray:
+        """Whether each agent is part of the team now, shape (N,)."""
+        return np.array([agent.id not in self.absent for agent in self.agents])
+
+    @cached_property
+    def remaining(self) -> "Team":
+        """The team of the present agents alone, who keep their places in formations; itself where all are present."""
+        if not self.absent:
+            return self
+        members = {f.name: [m for m in f.members if m not in self.absent] for f in self.formations}
+        return Team(
+            [agent for agent in self.agents if agent.id not in self.absent],
+            self.targets,
+            self.communication,
+            self.sensing,
+            self.target_edges,
+            [
+                Explicit(
+                    name=f.name,
+                    about=f.about,
+                    members=members[f.name],
+                    displacements=[self.displacement[m].tolist() for m in members[f.name]],
+                )
+                for f in self.formations
+                if members[f.name]
+            ],
+            self.target_formation,
+            self.anchors,
+        )
 
     @cached_property
     def slots(self) -> IntArray:
@@ -108,12 +161,26 @@ class Team:
 
     @cached_property
     def dirichlet(self) -> DirichletProblem:
-        """The harmonic extension of the targets to the agents: H q* = B p + c."""
+        """The harmonic extension of the targets to the present agents: H q* = B p + c."""
+        if self.absent:
+            return self.remaining.dirichlet
         return self.sheaf.dirichlet_problem(self.target_ids + ([GROUND] if self.anchors else []))
 
     def harmonic_extension(self, positions: Array) -> Array:
-        """Padded q* (..., N, 3) of the targets in padded positions (..., V, 3), m; 0 in z for planar agents."""
-        return self.unpack(self.dirichlet.extend(self.split(positions)[1]))
+        """Padded q* (..., N, 3) of the targets in padded positions (..., V, 3), m; 0 in z for planar agents.
+
+        NaN for absent agents.
+        """
+        return self.unpack(self.extend(self.split(positions)[1]))
+
+    def extend(self, p: Array) -> Array:
+        """Stacked q* (..., n_q) of stacked targets (..., n_p), m; NaN for absent agents."""
+        known = self.dirichlet.extend(p)
+        if not self.absent:
+            return known
+        q = np.full((*p.shape[:-1], int(self.first_state[-1])), np.nan)
+        q[..., np.repeat(self.present, np.diff(self.first_state))] = known
+        return q
 
     @cached_property
     def target_sheaf(self) -> Sheaf:

@@ -19,7 +19,7 @@ from mjsheaf.video.camera import SMOOTHING, View, camera_path
 from mjsheaf.video.film import Film, Frames, Moment, VideoOptions
 from mjsheaf.video.gl import available_backend
 from mjsheaf.video.overlay import Overlay
-from mjsheaf.video.scene import Decorator, Renderer, enlarge_vehicles, set_detail, vehicle_radius
+from mjsheaf.video.scene import Decorator, Renderer, enlarge_vehicles, owners_of_geoms, set_detail, vehicle_radius
 
 QUALITY = 6  # imageio's, from 1 to 10: x264's constant rate factor 20; 18 looks lossless, 23 is x264's default
 PRESET = "veryfast"  # the picture is the costly part, and x264 competes with it for the same cores
@@ -123,7 +123,7 @@ class Painter(AbstractContextManager["Painter"]):
         films = [self._frames, *(Frames(other, options) for other in beside)]
         self.camera = camera_path(
             (
-                np.concatenate([frames.extent.followed(frames.chunk(chunk)) for frames in films], axis=1)
+                np.concatenate([frames.followed(chunk) for frames in films], axis=1)
                 for chunk in range(-(-len(self.times) // self._frames.step))
             ),
             azimuth=options.azimuth,
@@ -139,7 +139,7 @@ class Painter(AbstractContextManager["Painter"]):
         if options.quality == "draft":
             self.model.vis.quality.offsamples = 0  # edges are not smoothed
         self.data = mujoco.MjData(self.model)
-        self._decorator = Decorator(film, options)
+        self._decorator = Decorator(film, options, owners_of_geoms(self.model, film.body_id))
         self._overlay = Overlay(film, options, self._frames.extent.survey)
         self._renderer = Renderer(self.model, *options.drawn, backend, self._decorator.most_geoms)
 

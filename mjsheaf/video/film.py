@@ -76,6 +76,23 @@ class Run(Protocol):
 
 
 @dataclass(frozen=True)
+class Stage:
+    """What holds from some time on.
+
+    Attributes:
+        start: in s.
+        edges: as of a Film.
+        absent: numbers of the agents that are lost or have yet to join, which are drawn in grey and not followed.
+        name: what happened, drawn beside the time.
+    """
+
+    start: float
+    edges: Sequence[Edge]
+    absent: frozenset[int] = frozenset()
+    name: str = ""
+
+
+@dataclass(frozen=True)
 class Film:
     """A finished run, ready to be drawn.
 
@@ -96,6 +113,7 @@ class Film:
         surface_height: z of that plane, in m.
         grid: side of the squares on that plane, in m; None where it has none.
         end: time up to which the film lasts, in s; None for the run's end. After that everything stands still.
+        stages: what changes, in order, where events do; the first is what the film begins with.
     """
 
     name: str
@@ -114,6 +132,7 @@ class Film:
     surface_height: float = 0.0
     grid: float | None = None
     end: float | None = None
+    stages: Sequence[Stage] = ()
 
     def __post_init__(self) -> None:
         """Check that everything fits together.
@@ -142,7 +161,7 @@ class Film:
                 raise InputError(f"film.{name} has shape {np.shape(value)}; expected {shape}")
         if np.any((self.group < 0) | (self.group >= groups)):
             raise InputError(f"film.group: expected indices into group_names, 0 to {groups - 1}")
-        for i, j, kind in self.edges:
+        for i, j, kind in (*self.edges, *(edge for stage in self.stages for edge in stage.edges)):
             if not (0 <= i < vehicles and 0 <= j < vehicles) or kind not in ("communication", "sensing"):
                 raise InputError(f"film.edges has ({i}, {j}, {kind!r}); expected two vehicles and a kind of edge")
 
@@ -155,6 +174,14 @@ class Film:
     def vehicles(self) -> int:
         """Number of vehicles, V: agents and targets."""
         return len(self.agent_ids) + len(self.target_ids)
+
+    def stage(self, time: float) -> int:
+        """Number of the stage at a time in s, 0 where the film has none."""
+        return max(sum(stage.start <= time + 1e-9 for stage in self.stages) - 1, 0)
+
+    def absent(self, time: float) -> frozenset[int]:
+        """Numbers of the agents that are absent at a time in s."""
+        return self.stages[self.stage(time)].absent if self.stages else frozenset()
 
     @property
     def span(self) -> tuple[float, float]:
@@ -353,6 +380,15 @@ class Frames:
     def chunk(self, number: int) -> Samples:
         """Read `step` consecutive frames, made drawable; there are `len(times) / step` such chunks."""
         return self.extent.drawable(self.film.run.at(self.times[number * self.step : (number + 1) * self.step]))
+
+    def followed(self, number: int) -> FloatArray:
+        """Return what the camera keeps in view in a chunk, (F, V + N, 3), m; absent agents are where a target is."""
+        samples, film = self.chunk(number), self.film
+        points = self.extent.followed(samples)
+        for row, time in enumerate(samples.time.tolist() if film.stages else []):
+            gone = np.array(sorted(film.absent(time)), dtype=np.int64)
+            points[row, np.concatenate([gone, film.vehicles + gone])] = points[row, film.vehicles - 1]
+        return points
 
     def moment(self, number: int) -> Moment:
         """Return what a frame shows; frames are best asked for in order."""

@@ -1,6 +1,6 @@
 """A run's data as a film; and two runs', side by side."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -10,13 +10,15 @@ import numpy as np
 import xarray as xr
 
 from mjsheaf.plotting import groups_of
+from mjsheaf.results.metrics import mean_known
 from mjsheaf.results.netcdf import length_of_piece
 from mjsheaf.scenario import Scenario
-from mjsheaf.video.film import UPRIGHT, Film, FloatArray, Samples, VideoOptions, error_range, frame_times
+from mjsheaf.team import Team
+from mjsheaf.video.film import UPRIGHT, Edge, Film, FloatArray, Samples, Stage, VideoOptions, error_range, frame_times
 
 if TYPE_CHECKING:
     from mjsheaf.engine import mujoco
-    from mjsheaf.system import System
+    from mjsheaf.system import Phase
 
 DRAFT_FPS = 15
 HALF_FPS = 24  # most, where two runs are drawn side by side,
@@ -30,12 +32,12 @@ def film_run(
     path: Path,
     options: VideoOptions,
     progress: Callable[[int, int], None] | None = None,
-    system: "System | None" = None,
+    phases: "Sequence[Phase] | None" = None,
 ) -> int:
     """Draw a run to an MP4; see `film_of` and `draw_video`. Returns the number of frames."""
     from mjsheaf.video.draw import draw_video
 
-    return draw_video([film_of(scenario, dataset, system)], path, options, progress)
+    return draw_video([film_of(scenario, dataset, phases)], path, options, progress)
 
 
 def film_side_by_side(
@@ -76,17 +78,20 @@ def half_options(scenario: Scenario) -> VideoOptions:
     return video_options(scenario, width=width, fps=min(video.fps, HALF_FPS), speed=min(float(f"{speed:.3g}"), 1e3))
 
 
-def film_of(scenario: Scenario, dataset: xr.Dataset, system: "System | None" = None) -> "tuple[Film, mujoco.MjModel]":
+def film_of(
+    scenario: Scenario, dataset: xr.Dataset, phases: "Sequence[Phase] | None" = None
+) -> "tuple[Film, mujoco.MjModel]":
     """What is drawn of a run, and the model that it is drawn with.
 
     Args:
         scenario: the scenario that was run.
         dataset: its data, in memory or opened: they are read as they are drawn.
-        system: the scenario's, where it was built already.
+        phases: the scenario's, where they were built already.
     """
     from mjsheaf.simulation.loop import arena_of
 
-    system = scenario.system if system is None else system
+    phases = scenario.phases if phases is None else phases
+    system = phases[0].system
     team = system.team
     group, names, colours = groups_of(team)
     arena = arena_of(system, colours[group])
@@ -108,13 +113,27 @@ def film_of(scenario: Scenario, dataset: xr.Dataset, system: "System | None" = N
         group=group,
         group_names=names,
         colours=colours,
-        edges=[(team.index[e.tail], team.index[e.head], "communication") for e in team.communication]
-        + [(team.index[e.tail], team.index[e.head], "sensing") for e in team.sensing],
+        edges=_edges(team),
         surface=surface,
         surface_height=scenario.scene.height,
         grid=grid,
+        stages=[_stage(phase) for phase in phases] if any(phase.events for phase in phases) else (),
     )
     return film, arena.model
+
+
+def _edges(team: Team) -> list[Edge]:
+    """The edges of a team, as a film has them."""
+    return [(team.index[e.tail], team.index[e.head], "communication") for e in team.communication] + [
+        (team.index[e.tail], team.index[e.head], "sensing") for e in team.sensing
+    ]
+
+
+def _stage(phase: "Phase") -> Stage:
+    """A phase, as a film has it."""
+    team = phase.system.team
+    absent = frozenset(np.flatnonzero(~team.present).tolist())
+    return Stage(phase.time, _edges(team), absent, ", ".join(phase.events))
 
 
 def video_options(scenario: Scenario, **changes: float | int | str | None) -> VideoOptions:
@@ -176,7 +195,7 @@ class RecordedRun:
             positions[..., 2] = np.where(np.isnan(positions[..., 2]), self._surface, positions[..., 2])
             quaternions = np.broadcast_to(UPRIGHT, (*positions.shape[:2], 4))
         q_star[..., 2] = np.where(np.isnan(q_star[..., 2]), positions[:, : q_star.shape[1], 2], q_star[..., 2])
-        return data["time"].values, positions, quaternions, q_star, data["disagreement"].values.mean(axis=1)
+        return data["time"].values, positions, quaternions, q_star, mean_known(data["disagreement"].values)
 
     def _headings(self, times: FloatArray) -> FloatArray:
         """Level attitudes that follow the horizontal velocity, smoothed over half a second. Shape (K, V, 4)."""

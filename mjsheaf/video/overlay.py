@@ -57,6 +57,8 @@ class Overlay:
         ((self._bare, _),) = _cut(figure, plate)
         self._dot = text("●", self._px(12), WHITE)
         self._labels = self._draw_labels()
+        ever = {agent for stage in film.stages for agent in stage.absent}
+        self._grey = {i: text(film.agent_ids[i], self._px(14), GREY, bold=True, outline=self._px(2)) for i in ever}
 
     def write(self, image: Image.Image, moment: Moment, view: View) -> None:
         """Write on a frame, RGB, in place."""
@@ -70,7 +72,9 @@ class Overlay:
         _paste(image, self._bare.crop((split, 0, self._bare.width, self._bare.height)), (left + split, top))
         if np.isfinite(row):
             _paste(image, self._dot, (round(column - self._dot.width / 2), round(row - self._dot.height / 2)))
-        time = f"t = {moment.time:.2f} s"
+        stages = self._film.stages
+        event = stages[self._film.stage(moment.time)].name if stages else ""
+        time = f"t = {moment.time:.2f} s" + (f"   {event}" if event else "")
         error = f"mean |η| = {number(moment.error)} m"
         draw = ImageDraw.Draw(image)
         for words, line, size, colour in ((time, TIME, 18, WHITE), (error, ERROR, 14, BLUE)):
@@ -209,9 +213,12 @@ class Overlay:
 
     def _write_labels(self, image: Image.Image, moment: Moment, view: View) -> None:
         pixels, depth = view.project(moment.positions, self._width, self._height)
+        absent = self._film.absent(moment.time)
         for vehicle, label, sign in self._labels:
             if depth[vehicle] <= 0:
                 continue
+            if vehicle in absent:
+                label = self._grey[vehicle]
             column, row = np.clip(np.round(pixels[vehicle]), -1e5, 1e5).astype(int).tolist()
             if sign is not None:
                 _paste(image, sign, (column - sign.width // 2, row - sign.height // 2))

@@ -17,13 +17,15 @@ from PIL import Image
 
 from mjsheaf.errors import MjsheafError
 from mjsheaf.video.camera import CameraPath, View
-from mjsheaf.video.film import Film, FloatArray, IntArray, Moment, VideoOptions
+from mjsheaf.video.film import Edge, Film, FloatArray, IntArray, Moment, VideoOptions
 from mjsheaf.video.gl import open_context
 
 Float32Array = npt.NDArray[np.float32]
 
 COMMUNICATION: Float32Array = np.array([0.93, 0.96, 1.0, 0.4], np.float32)  # RGBA in 0..1, as MuJoCo's geoms have it
 SENSING: Float32Array = np.array([1.0, 0.86, 0.25, 0.9], np.float32)
+
+ABSENT: Float32Array = np.array([0.6, 0.6, 0.6, 1.0], np.float32)
 
 DASHES = (2, 40)  # on one sensing edge: the least whatever the budget for all together, and the most
 DASH_BUDGET = 800
@@ -65,27 +67,32 @@ class Decorator:
         most_geoms: no frame adds more geoms than this.
     """
 
-    def __init__(self, film: Film, options: VideoOptions) -> None:
-        self._film = film
+    def __init__(self, film: Film, options: VideoOptions, owners: IntArray | None = None) -> None:
+        """Prepare; `owners` has the vehicle of each geom of the model, -1 for none, by which absent ones turn grey."""
+        self._film, self._owners = film, owners
         self._colours = film.colours[film.group].astype(np.float32)  # (V, 3)
         self._unit = options.drawn_unit
         self._height = options.drawn[1]
         self._trail = min(options.trail, film.span[1] - film.span[0])
-        self._communication = _pairs(film, "communication")
-        self._sensing = _pairs(film, "sensing")
-        self._dashes = int(np.clip(DASH_BUDGET // max(len(self._sensing), 1), *DASHES))
+        stages = [stage.edges for stage in film.stages] or [film.edges]
+        self._edges = [(_pairs(edges, "communication"), _pairs(edges, "sensing")) for edges in stages]
         self.most_geoms = 2 * film.vehicles  # for a vehicle at most the foot of its stem and a ball at q*
 
     def add(self, scene: mujoco.MjvScene, moment: Moment, view: View) -> list[Lines]:
         """Add one frame's balls to the scene and return its lines."""
+        communication, sensing = self._edges[self._film.stage(moment.time)]
+        absent = self._film.absent(moment.time)
+        if absent:
+            self._turn_grey(scene, absent)
         size = self._unit * view.metres_per_pixel(self._height)  # of a pixel of the reference frame, in m
         radius = MARKER * min(1.0, (SMALL_TEAM / max(self._film.agents, 1)) ** 0.5) * size
-        for goal, rgba in zip(moment.harmonic_extension, self._with_alpha(0.55), strict=False):
-            _add_ball(scene, goal, radius, rgba)
+        for i, (goal, rgba) in enumerate(zip(moment.harmonic_extension, self._with_alpha(0.55), strict=False)):
+            if i not in absent:
+                _add_ball(scene, goal, radius, rgba)
         stems = [] if self._film.surface == "none" else [self._stems(scene, moment, size)]
-        tails, heads = (moment.positions[ends] for ends in self._communication.T)
+        tails, heads = (moment.positions[ends] for ends in communication.T)
         edges = Lines.of(tails, heads, COMMUNICATION, 1.0 * self._unit)
-        return [*stems, self._trails(moment), edges, self._dashed(moment, size), self._links(moment, radius)]
+        return [*stems, self._trails(moment), edges, self._dashed(moment, sensing, size), self._links(moment, radius)]
 
     def _trails(self, moment: Moment) -> Lines:
         """Show where each vehicle was; older pieces fade."""
@@ -93,14 +100,25 @@ class Decorator:
         age = (moment.time - (times[:-1] + times[1:]) / 2) / max(self._trail, 1e-12)
         rgba = np.empty((len(age), self._film.vehicles, 4), np.float32)
         rgba[..., :3] = self._colours
+        rgba[:, sorted(self._film.absent(moment.time)), :3] = ABSENT[:3]
         rgba[..., 3] = 0.9 * (1 - age[:, None]) ** 1.2
         return Lines.of(trail[:-1].reshape(-1, 3), trail[1:].reshape(-1, 3), rgba.reshape(-1, 4), 2.0 * self._unit)
 
-    def _dashed(self, moment: Moment, size: float) -> Lines:
+    def _turn_grey(self, scene: mujoco.MjvScene, absent: frozenset[int]) -> None:
+        """Paint the vehicles of absent agents grey."""
+        geom_type, owners = mujoco.mjtObj.mjOBJ_GEOM.value, self._owners
+        if owners is None:
+            return
+        for geom in scene.geoms[: scene.ngeom]:
+            if geom.objtype == geom_type and 0 <= geom.objid < len(owners) and owners[geom.objid] in absent:
+                geom.matid, geom.rgba = -1, ABSENT
+
+    def _dashed(self, moment: Moment, sensing: IntArray, size: float) -> Lines:
         """Show who sees whom."""
-        starts, along = moment.positions[self._sensing[:, 0]], np.diff(moment.positions[self._sensing], axis=1)[:, 0]
+        starts, along = moment.positions[sensing[:, 0]], np.diff(moment.positions[sensing], axis=1)[:, 0]
         wanted = np.linalg.norm(along, axis=1) / (2 * DASH * size)
-        dashes = np.clip(np.round(wanted), DASHES[0], self._dashes).astype(int)
+        most = int(np.clip(DASH_BUDGET // max(len(sensing), 1), *DASHES))
+        dashes = np.clip(np.round(wanted), DASHES[0], most).astype(int)
         edge = np.repeat(np.arange(len(dashes)), dashes)
         number = np.arange(len(edge)) - np.repeat(np.cumsum(dashes) - dashes, dashes)
         begin, count, step = (number + 0.25)[:, None], dashes[edge, None], along[edge]
@@ -111,6 +129,7 @@ class Decorator:
         """Join each agent to the ball that shows where it should be, unless it is there."""
         places = moment.positions[: self._film.agents]
         away = np.linalg.norm(moment.harmonic_extension - places, axis=1) > radius
+        away[sorted(self._film.absent(moment.time))] = False
         rgba = self._with_alpha(0.8)[: self._film.agents][away]
         return Lines.of(places[away], moment.harmonic_extension[away], rgba, 1.5 * self._unit)
 
@@ -129,9 +148,16 @@ class Decorator:
         return np.column_stack([self._colours, np.full(len(self._colours), alpha, np.float32)])
 
 
-def _pairs(film: Film, kind: str) -> IntArray:
+def owners_of_geoms(model: mujoco.MjModel, body_id: IntArray) -> IntArray:
+    """The vehicle that each geom of a model belongs to, -1 for none; root bodies of the vehicles are given."""
+    vehicle = np.full(model.nbody, -1)
+    vehicle[body_id] = np.arange(len(body_id))
+    return np.asarray(vehicle[model.body_rootid[model.geom_bodyid]])
+
+
+def _pairs(edges: Sequence[Edge], kind: str) -> IntArray:
     """Return the edges of one kind, shape (n, 2); parallel edges are drawn once."""
-    pairs = sorted({(i, j) for i, j, edge_kind in film.edges if edge_kind == kind})
+    pairs = sorted({(i, j) for i, j, edge_kind in edges if edge_kind == kind})
     return np.array(pairs, dtype=np.int64).reshape(-1, 2)
 
 

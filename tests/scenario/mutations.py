@@ -135,6 +135,8 @@ def base(name: str) -> dict[str, Any]:
         field.update({kind: parts[:1] for kind, parts in field.items() if kind in ("sources", "vortices", "channels")})
     if "swarm" in raw:
         raw["swarm"]["size"] = 4
+    if "events" in raw:  # of those who are left
+        raw["events"] = [{"time": 1, "set": {"controller.gain": 0.5}}, {"time": 2, "lose": raw["agents"][1]["id"]}]
     return {field: value for field, value in raw.items() if value != []}
 
 

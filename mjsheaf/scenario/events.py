@@ -1,0 +1,322 @@
+"""Events: agents that are lost or join, links that are cut or restored, targets nobody sees, gains that change.
+
+Each event happens at a sample and begins a phase of the run there (see `phases_of_events`). An agent or a target whose
+first event is to join is silent until then: an agent keeps afloat at no commanded velocity. A lost agent is silent and
+its thrusters stop; a lost target goes on unseen.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Discriminator, Field, Tag, ValidationError
+
+from mjsheaf.errors import InputError, expected, in_field
+from mjsheaf.io.section import Id, NonNegative, Section, describe_validation_error
+from mjsheaf.system import Phase, System, TimeGrid
+from mjsheaf.team import Edge, Team
+
+_FIXED = ("controller.control_period", "controller.record_period")  # samples are those of the whole run
+_ROUNDING = 1e-6  # of a period, by which a time may miss its sample
+_Pair = Annotated[list[Id], Field(min_length=2, max_length=2)]
+
+
+@dataclass
+class State:
+    """What events have changed so far.
+
+    Attributes:
+        team: with everybody present and all edges.
+        lost: ids of agents and targets that are lost.
+        waiting: ids of those that have yet to join.
+        cut: pairs whose edges are cut.
+        changes: fields of the controller by path, as `set` gives them.
+    """
+
+    team: Team
+    lost: set[str] = field(default_factory=set)
+    waiting: set[str] = field(default_factory=set)
+    cut: set[frozenset[str]] = field(default_factory=set)
+    changes: dict[str, Any] = field(default_factory=dict)
+
+    def require_known(self, id: str) -> None:
+        """Raise an InputError unless an agent or a target has this id."""
+        if id not in self.team.index:
+            raise InputError(f"unknown id {id!r}; {expected(id, self.team.index)}")
+
+    def require_edge(self, pair: Sequence[str]) -> frozenset[str]:
+        """The ends of an edge between agents, or of an agent and a target that it senses.
+
+        Raises:
+            InputError: an end is unknown, or there is no edge.
+        """
+        for id in pair:
+            self.require_known(id)
+        edges = [frozenset(e.between) for e in (*self.team.communication, *self.team.sensing)]
+        if frozenset(pair) not in edges:
+            near = sorted({id for e in edges if pair[0] in e for id in e - {pair[0]}}, key=self.team.index.__getitem__)
+            raise InputError(
+                f"{pair[0]} has no link to {pair[1]}; {expected(pair[1], near) if near else 'it has none at all'}"
+            )
+        return frozenset(pair)
+
+    @property
+    def absent(self) -> set[str]:
+        """Agents that are no part of the team."""
+        return {id for id in self.lost | self.waiting if id in self.team.agent_ids}
+
+    def present_team(self) -> Team:
+        """The team as it is now.
+
+        Raises:
+            InputError: no agent is left.
+        """
+        if len(self.absent) == len(self.team.agents):
+            raise InputError("no agent is left; expected at least one")
+        unseen = (self.lost | self.waiting) - self.absent
+
+        def speaks(edge: Edge) -> bool:
+            return frozenset(edge.between) not in self.cut and edge.head not in unseen
+
+        return self.team.changed(sorted(self.absent), speaks) if self.absent | unseen | self.cut else self.team
+
+
+class Event(Section):
+    """Base of all events; subclasses must implement `apply`, which changes a State, and `words`."""
+
+    time: NonNegative = Field(description="s; that of a sample")
+
+    def apply(self, state: State) -> None:
+        """Change the state.
+
+        Raises:
+            InputError: the event cannot happen then; the message begins with the field.
+        """
+        raise NotImplementedError
+
+    @property
+    def words(self) -> str:
+        """The event in a few words."""
+        raise NotImplementedError
+
+
+class Lose(Event):
+    """An agent falls silent and its thrusters stop; or nobody senses a target any more."""
+
+    lose: Id = Field(description="an agent or a target")
+
+    def apply(self, state: State) -> None:
+        """Lose it, if it is there."""
+        with in_field("lose"):
+            state.require_known(self.lose)
+            if self.lose in state.lost | state.waiting:
+                what = "is lost already" if self.lose in state.lost else "has not joined yet"
+                raise InputError(f"{self.lose} {what}; expected who is there")
+            state.lost.add(self.lose)
+
+    @property
+    def words(self) -> str:
+        """For example: lose A5."""
+        return f"lose {self.lose}"
+
+
+class Cut(Event):
+    """A link is cut: the edges between two agents, or of an agent that senses a target."""
+
+    cut: _Pair = Field(description="its ends")
+
+    def apply(self, state: State) -> None:
+        """Cut it, if it is whole."""
+        with in_field("cut"):
+            pair = state.require_edge(self.cut)
+            if pair in state.cut:
+                raise InputError(f"{' - '.join(self.cut)} is cut already; expected a link that is not")
+            state.cut.add(pair)
+
+    @property
+    def words(self) -> str:
+        """For example: cut A1 - A4."""
+        return f"cut {' - '.join(self.cut)}"
+
+
+class Restore(Event):
+    """A link that was cut is restored."""
+
+    restore: _Pair = Field(description="its ends")
+
+    def apply(self, state: State) -> None:
+        """Restore it, if it is cut."""
+        with in_field("restore"):
+            pair = state.require_edge(self.restore)
+            if pair not in state.cut:
+                raise InputError(f"{' - '.join(self.restore)} is not cut; expected a link that is")
+            state.cut.remove(pair)
+
+    @property
+    def words(self) -> str:
+        """For example: restore A1 - A4."""
+        return f"restore {' - '.join(self.restore)}"
+
+
+class Join(Event):
+    """An agent or a target joins: one that was lost, or that has been there from the start, silent until now."""
+
+    join: Id = Field(description="an agent or a target")
+
+    def apply(self, state: State) -> None:
+        """Let it join, if it is not there."""
+        with in_field("join"):
+            state.require_known(self.join)
+            if self.join not in state.lost | state.waiting:
+                raise InputError(f"{self.join} is there already; expected who is lost or has yet to join")
+            state.lost.discard(self.join)
+            state.waiting.discard(self.join)
+
+    @property
+    def words(self) -> str:
+        """For example: join A6."""
+        return f"join {self.join}"
+
+
+class Change(Event):
+    """Fields of the controller change."""
+
+    set: dict[str, Any] = Field(description="values by path, such as controller.gain", min_length=1)
+
+    def apply(self, state: State) -> None:
+        """Change them; whether the values are valid is for the controller to say."""
+        for path, value in self._flat():
+            with in_field(f"set.{path}"):
+                if not path.startswith("controller.") or path in _FIXED:
+                    raise InputError("cannot change during a run; expected a field of controller, but for its periods")
+            state.changes[path] = value
+
+    def _flat(self) -> Iterator[tuple[str, Any]]:
+        for name, value in self.set.items():
+            if name == "controller" and isinstance(value, Mapping):
+                yield from ((f"{name}.{below}", item) for below, item in value.items())
+            else:
+                yield name, value
+
+    @property
+    def words(self) -> str:
+        """For example: gain = 5."""
+        return ", ".join(f"{path.removeprefix('controller.')} = {value}" for path, value in self._flat())
+
+
+_KINDS = {"lose": Lose, "cut": Cut, "restore": Restore, "join": Join, "set": Change}
+
+
+def _kind_of(event: Any) -> str | None:
+    """The name of the class of an event, as a file has it."""
+    if isinstance(event, Event):
+        return type(event).__name__
+    return next((_KINDS[key].__name__ for key in event if key in _KINDS), None) if isinstance(event, dict) else None
+
+
+AnyEvent = Annotated[
+    Annotated[Lose, Tag("Lose")]
+    | Annotated[Cut, Tag("Cut")]
+    | Annotated[Restore, Tag("Restore")]
+    | Annotated[Join, Tag("Join")]
+    | Annotated[Change, Tag("Change")],
+    Discriminator(
+        _kind_of,
+        custom_error_type="event_kind",
+        custom_error_message=f"expected time and one of {', '.join(_KINDS)}",
+    ),
+]
+"""An event as a file has it: its kind is the name of its field."""
+
+
+def with_changes(section: Section, changes: Mapping[str, Any]) -> Section:
+    """A section with fields changed, by paths that begin with the section's own name.
+
+    Raises:
+        InputError: a field is unknown or its value not valid; the message begins with the field.
+    """
+    raw = section.model_dump(mode="json", exclude_none=True)
+    for path, value in changes.items():
+        name, *between, last = path.split(".")
+        node = raw
+        for part in between:
+            node = node.setdefault(part, {})
+            if not isinstance(node, dict):
+                raise InputError(f"{path}: {part!r} has no fields")
+        node[last] = value
+    try:
+        return type(section).model_validate(raw)
+    except ValidationError as error:
+        raise InputError(f"{name}.{describe_validation_error(error, type(section))}") from None
+
+
+def phases_of_events(
+    events: Sequence[Event],
+    whole: System,
+    adapt: Callable[[Team, Mapping[str, Any]], System],
+) -> tuple[Phase, ...]:
+    """The phases of a run: one that begins with the run, and one at each sample at which something happens.
+
+    Args:
+        events: in any order; those at one time happen in the order given.
+        whole: the system with everybody present.
+        adapt: the system of another team, and of a controller whose fields were changed.
+
+    Raises:
+        InputError: an event cannot happen; the message begins with the field.
+    """
+    if not events:
+        return (Phase(0, whole),)
+    state = State(whole.team)
+    samples = []
+    for k, event in enumerate(events):
+        with in_field(f"events.{k}.time"):
+            samples.append(_sample_of(event.time, whole.grid))
+    order = sorted(range(len(events)), key=samples.__getitem__)
+    for k in order[::-1]:  # the first event of each decides
+        event = events[k]
+        if isinstance(event, Join) and event.join in whole.team.index:
+            state.waiting.add(event.join)
+        elif isinstance(event, Lose):
+            state.waiting.discard(event.lose)
+    phases: list[Phase] = []
+    for start in sorted({0, *samples}):
+        last, own = 0, [k for k in order if samples[k] == start]
+        for k in own:
+            last, event = k, events[k]
+            with in_field(f"events.{k}"):
+                if start == 0 and isinstance(event, Join):
+                    raise InputError("join: at the start of the run; expected a later time, or no event")
+                event.apply(state)
+        with in_field(f"events.{last}"):
+            team = state.present_team()
+            system = adapt(team, state.changes) if team is not whole.team or state.changes else whole
+        phases.append(Phase(start, _stopped(system, state), tuple(events[k].words for k in own)))
+    return tuple(phases)
+
+
+def _stopped(system: System, state: State) -> System:
+    """The system with the thrusters of lost agents stopped, and nobody commanded who is absent."""
+    if not state.absent:
+        return system
+    ids = [member.id for member in system.team.members]
+    limit = np.where([id in state.absent for id in ids], 0.0, system.law.limit)
+    lost = state.lost & state.absent
+    stopped = np.array([id in lost for id in ids]) if lost else None
+    return replace(system, law=system.law._replace(limit=limit), stopped=stopped)
+
+
+def _sample_of(time: float, grid: TimeGrid) -> int:
+    """The number of the sample at a time in s."""
+    place = (time - grid.start) / grid.period
+    nearest = round(place)
+    at = f"{grid.start + nearest * grid.period:.9g}"
+    if not 0 <= nearest <= grid.steps:
+        end = grid.start + grid.steps * grid.period
+        raise InputError(f"{time:g} s lies outside the run; expected {grid.start:g} to {end:g} s")
+    if abs(place - nearest) > _ROUNDING * max(1.0, abs(place) * 1e-3):
+        raise InputError(
+            f"{time:.9g} s lies between samples, which are {grid.period:g} s apart; expected {at} s, the nearest"
+        )
+    return nearest

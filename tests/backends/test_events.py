@@ -1,0 +1,388 @@
+"""Events, against runs of smaller teams written out by hand, against the same run without them, and dense algebra."""
+
+import itertools
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+import xarray as xr
+
+from mjsheaf import World, check, load_scenario, save, simulate
+from mjsheaf.errors import InputError, NotUniqueError
+from mjsheaf.results import dataset_bytes, summarize
+from mjsheaf.runs.publish import execute
+from mjsheaf.runs.simulate import stream
+from mjsheaf.scenario import Scenario
+from mjsheaf.system import Phase
+from mjsheaf.video.camera import View
+from mjsheaf.video.film import Frames, VideoOptions
+from mjsheaf.video.from_run import film_of
+from mjsheaf.video.scene import ABSENT, COMMUNICATION, Decorator, owners_of_geoms
+from tests.builders import mixed_scenario
+
+BACKENDS = ["ideal", "physics"]
+LOST = 20  # sample at which an event happens in most of these tests
+CHANNEL = {"centre": [4, 0], "direction": [0, 1], "beta": 0.5, "width": 4, "length": 10}
+TERMS: dict[str, Any] = {"newton": {"rounds": 2}, "drift": {"filter": 0.1}, "integral": {"gain": 0.1}}
+
+
+def chain(count: int, events: list[dict[str, Any]], **fields: Any) -> Scenario:
+    """Boats in a row, each tied to the next, of which the first and the last sense a target."""
+    ids = [f"A{i}" for i in range(count)]
+    raw = {
+        "time": {"end": 0.4},
+        "controller": {"gain": 5.0, "control_period": 0.01},
+        "agents": [{"id": id, "position": [2.0 * i, (-1.0) ** i]} for i, id in enumerate(ids)],
+        "targets": [{"id": "T1", "position": [3, 3]}, {"id": "T2", "position": [9, 0]}],
+        "communication": [list(pair) for pair in itertools.pairwise(ids)],
+        "sensing": [[ids[0], "T1"], [ids[-1], "T2"]],
+        "flow": {"agents": {"dimension": 2, "drift": [0.3, 0.2], "channels": [CHANNEL]}},
+        "events": events,
+        **fields,
+    }
+    return load_scenario(raw)
+
+
+def positions_of(data: xr.Dataset) -> np.ndarray:
+    return np.concatenate([data["agent_position"].values, data["target_position"].values], axis=1)
+
+
+def test_after_a_loss_the_run_is_that_of_the_smaller_team_from_there_on() -> None:
+    """The smaller team is written out by hand, its formation with explicit places."""
+    whole = mixed_scenario(time={"end": 0.6}, events=[{"time": 0.2, "lose": "boat"}])
+    data = simulate(whole, "ideal").isel(time=slice(LOST, None))
+    before = positions_of(data)[0]
+    raw = whole.model_dump(mode="json", exclude_none=True)
+    raw |= {"events": [], "time": {"start": 0.2, "end": 0.6}, "communication": [["front", "back"]]}
+    raw["agents"] = [{**a, "position": before[k + 1].tolist()} for k, a in enumerate(raw["agents"][1:])]
+    raw["targets"] = [{**t, "position": before[3 + k, : 3 - k].tolist()} for k, t in enumerate(raw["targets"])]
+    raw["sensing"] = raw["sensing"][1:]
+    fresh = simulate(load_scenario(raw), "ideal")
+    np.testing.assert_allclose(positions_of(data)[:, 1:], positions_of(fresh), rtol=0, atol=1e-12, equal_nan=True)
+    for name in ("disagreement", "tracking_error", "harmonic_extension", "velocity_command"):
+        np.testing.assert_allclose(data[name].values[:, 1:], fresh[name].values, rtol=0, atol=1e-11, err_msg=name)
+    for name in ("formation_error", "centering_error"):
+        np.testing.assert_allclose(data[name].values, fresh[name].values, rtol=0, atol=1e-11, err_msg=name)
+    found, wanted = (summarize(s.team, d) for s, d in ((whole, data), (load_scenario(raw), fresh)))
+    for name in ("mean_disagreement", "tracking_error", "formation_error", "centering_error"):
+        assert found[name] == pytest.approx(wanted[name], abs=1e-11), name
+    assert np.isnan(data["tracking_error"].values[:, 0]).all()
+    assert np.isnan(data["disagreement"].values[:, 0]).all()
+    assert np.isnan(data["harmonic_extension"].values[:, 0]).all()
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_news_of_a_loss_travels_one_edge_a_sample(backend: str) -> None:
+    """To the bit: on bodies too, which an unlike neighbour moves only through the law."""
+    plain, lost = (simulate(chain(5, e), backend) for e in ([], [{"time": 0.2, "lose": "A0"}]))
+    apart = (plain["agent_position"].values != lost["agent_position"].values)[..., :2].any(axis=2)
+    first = [int(np.flatnonzero(column)[0]) for column in apart.T]
+    assert first == [LOST + 1, LOST + 1, LOST + 2, LOST + 3, LOST + 4]
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_what_a_lost_agent_does(backend: str) -> None:
+    """It drifts with the medium; on bodies its thrusters stop, an aircraft falls and a boat floats."""
+    scenario = mixed_scenario(
+        time={"end": 1.0},
+        controller={"gain": 3.0, "control_period": 0.01, **TERMS},
+        events=[{"time": 0.2, "lose": "boat"}, {"time": 0.3, "lose": "back"}],
+        flow={"agents": {"dimension": 3, "drift": [0.3, 0.2, 0]}},
+    )
+    aircraft = scenario.agents[2].model_copy(update={"vehicle": "hexarotor"})
+    scenario = scenario.model_copy(update={"agents": [*scenario.agents[:2], aircraft]})
+    data = simulate(scenario, backend)
+    for agent, begin in ((0, 20), (2, 30)):
+        assert not data["velocity_command"].values[begin:, agent, : 2 + (agent > 0)].any()
+        assert data["velocity_command"].values[:begin, agent, :2].any()
+        if backend == "ideal":
+            after = data.isel(time=slice(begin, None), agent=agent)
+            np.testing.assert_array_equal(after["agent_velocity"].values, after["agent_flow"].values)
+        else:
+            command = data["command"].values[begin:, agent]
+            assert not np.nan_to_num(command).any()
+            assert np.nan_to_num(data["command"].values[begin - 1, agent]).any()
+    if backend == "physics":
+        height = data["agent_height"].values
+        thrown = data["agent_velocity"].values[30, 2, 2] * 0.7
+        assert height[-1, 2] - height[30, 2] == pytest.approx(thrown - 0.5 * 9.81 * 0.7**2, rel=0.25)  # some drag
+        assert abs(height[-1, 0] - height[LOST, 0]) < 0.05
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_one_who_joins_is_silent_until_then_and_keeps_afloat(backend: str) -> None:
+    joins = mixed_scenario(time={"end": 0.6}, events=[{"time": 0.2, "join": "back"}])
+    data, never = simulate(joins, backend), mixed_scenario(time={"end": 0.6}, events=[{"time": 0.6, "join": "back"}])
+    alone = simulate(never, backend)
+    np.testing.assert_array_equal(positions_of(data)[: LOST + 1], positions_of(alone)[: LOST + 1])
+    assert (positions_of(data)[LOST + 1] != positions_of(alone)[LOST + 1])[2].any()
+    np.testing.assert_array_equal(np.isnan(data["tracking_error"].values).sum(axis=0), [0, 0, LOST])
+    if backend == "physics":
+        assert abs(data["agent_height"].values[LOST, 2] - 5.0) < 0.1  # its rotors turn
+        assert np.nan_to_num(data["command"].values[LOST - 1, 2]).any()
+
+
+def test_cut_restore_lost_targets_and_gains_against_dense_algebra() -> None:
+    scenario = mixed_scenario(
+        time={"end": 0.6},
+        events=[
+            {"time": 0.1, "cut": ["back", "front"]},
+            {"time": 0.2, "lose": "ship"},
+            {"time": 0.3, "restore": ["front", "back"]},
+            {"time": 0.3, "set": {"controller.gain": 1.5, "controller.velocity_limit": 0.75}},
+            {"time": 0.4, "join": "ship"},
+        ],
+    )
+    data, phases = simulate(scenario, "ideal", allow_drift=True), scenario.phases
+    left = [[0, 1], [0], [0], [0, 1], [0, 1]]
+    gains, seen = [3.0, 3.0, 3.0, 1.5, 1.5], [True, True, False, False, True]
+    assert [phase.start for phase in phases] == [0, 10, 20, 30, 40]
+    plain = mixed_scenario().team
+    for k, phase in enumerate(phases):
+        edges = [e for j, e in enumerate(plain.communication) if j in left[k]]
+        edges += [e for e in plain.sensing if seen[k] or e.head != "ship"]
+        x = np.nan_to_num(positions_of(data)[phase.start])
+        eta = np.zeros((3, 3))
+        for e in edges:
+            i, j = plain.index[e.tail], plain.index[e.head]
+            z = e.F_tail @ x[i, : e.F_tail.shape[1]] - e.F_head @ x[j, : e.F_head.shape[1]] - e.b
+            eta[i, : e.F_tail.shape[1]] += e.F_tail.T @ z
+            if j < 3:
+                eta[j, : e.F_head.shape[1]] -= e.F_head.T @ z
+        np.testing.assert_allclose(
+            np.nan_to_num(data["disagreement_vector"].values[phase.start]), eta, rtol=0, atol=1e-12
+        )
+        wanted, limit = -gains[k] * eta, 0.75 if k > 2 else np.inf
+        speed = np.linalg.norm(wanted, axis=1, keepdims=True)
+        wanted *= np.minimum(1.0, limit / speed)
+        np.testing.assert_allclose(np.nan_to_num(data["velocity_command"].values[phase.start]), wanted, atol=1e-12)
+    assert data["phase"].values.tolist() == [min(k // 10, 4) for k in range(61)]
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_the_law_keeps_its_memory_over_an_event(backend: str) -> None:
+    """An event that changes nothing leaves a run with Newton's direction, observer and integral as it was."""
+    law = {"gain": 3.0, "control_period": 0.01, **TERMS}
+    flow = {"agents": {"dimension": 3, "drift": [0.3, 0.2, 0.1]}}
+    nothing = [{"time": 0.5, "set": {"controller.gain": 3.0}}]
+    plain, same = (simulate(mixed_scenario(controller=law, flow=flow, events=e), backend) for e in ([], nothing))
+    for name in ("agent_position", "velocity_command", "disagreement_vector"):
+        np.testing.assert_array_equal(same[name].values, plain[name].values, err_msg=name)
+    law["feedforward"] = {"rounds": 3}  # its v holds for a sample, as there are no two measurements of one kind
+    plain, same = (simulate(mixed_scenario(controller=law, flow=flow, events=e), backend) for e in ([], nothing))
+    away = np.nanmax(np.abs(same["velocity_command"].values - plain["velocity_command"].values), axis=(1, 2))
+    moves = np.nanmax(np.abs(plain["target_velocity"].values[50]))
+    assert not away[:50].any()
+    assert 0.0 < away.max() < 0.05 * moves
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_pieces_and_states_give_the_same_bits(backend: str) -> None:
+    events = [{"time": 0.13, "lose": "back"}, {"time": 0.3, "set": {"controller.gain": 1.0}}]
+    scenario = mixed_scenario(time={"end": 0.4}, events=events, disturbance={"agents": {"bound": 1.0}})
+    whole = simulate(scenario, backend)
+    parts = list(stream(scenario.phases, backend, scenario.seed, samples=7))
+    assert {part.sizes["time"] for part in parts[:-1]} == {7}
+    for name in whole.variables:
+        if "time" in whole[name].dims:
+            joined = np.concatenate([part[name].values for part in parts])
+            np.testing.assert_array_equal(joined, whole[name].values, err_msg=str(name))
+    assert parts[-1].attrs == whole.attrs
+    if backend == "physics":
+        one, other = World(scenario), World(scenario)
+        for steps in (125, 200):
+            one.step(steps)
+            state = one.get_state()
+            other.step(390)  # past both events, or on from where it was
+            other.set_state(state)
+        one.step(60)
+        other.step(60)
+        np.testing.assert_array_equal(one.get_state(), other.get_state())
+        np.testing.assert_array_equal(np.nan_to_num(positions_of(whole)[38]), _at(World(scenario), 380))
+
+
+def _at(world: World, steps: int) -> np.ndarray:
+    world.step(steps)
+    return world.positions()
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_law_in_python_stops_with_its_agent(backend: str) -> None:
+    def law(_: float, sample: Any) -> Any:
+        return -3.0 * sample.disagreement + 0.1
+
+    scenario = mixed_scenario(time={"end": 0.4}, events=[{"time": 0.2, "lose": "front"}])
+    command = simulate(scenario, backend, controller=law, allow_drift=True)["velocity_command"].values
+    assert not command[LOST:, 1].any()
+    assert (np.abs(command[:, [0, 2], :2]) > 0.0).all()
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_run_without_events_has_no_phases(backend: str) -> None:
+    plain, none = simulate(mixed_scenario(), backend), simulate(mixed_scenario(events=[]), backend)
+    assert dataset_bytes(plain) == dataset_bytes(none)
+    assert "phases" not in plain.attrs
+    assert "phase" not in plain
+    assert [type(phase) for phase in mixed_scenario().phases] == [Phase]
+
+
+def test_a_phase_that_leaves_agents_free_is_refused_beforehand() -> None:
+    events = [{"time": 0.1, "set": {"controller.gain": 4}}, {"time": 0.2, "cut": ["A2", "A1"]}]
+    scenario = chain(3, [*events, {"time": 0.3, "lose": "T2"}])
+    with pytest.raises(NotUniqueError, match=r"phase 3, from t = 0\.3 s on \(lose T2\).*A2"):
+        simulate(scenario, "ideal")
+    data = simulate(scenario, "ideal", allow_drift=True)
+    assert data.attrs["status"] == "finished"
+    assert "A2" in data.attrs["free_directions"]
+
+
+BAD = [
+    ([{"time": 0.1, "lose": "A9"}], "events.0: lose", "A9", "A1"),
+    ([{"time": 0.1, "lose": "A1"}, {"time": 0.2, "lose": "A1"}], "events.1: lose", "A1", "expected"),
+    ([{"time": 0.2, "cut": ["A0", "A1"]}, {"time": 0.3, "cut": ["A1", "A0"]}], "events.1: cut", "A1 - A0", "expected"),
+    ([{"time": 0.2, "cut": ["A0", "A2"]}], "events.0: cut", "A2", "A1"),
+    ([{"time": 0.2, "restore": ["A0", "A1"]}], "events.0: restore", "A0 - A1", "expected"),
+    ([{"time": 0.2, "join": "A1"}, {"time": 0.3, "join": "A1"}], "events.1: join", "A1", "expected"),
+    ([{"time": 0.0, "join": "A1"}], "events.0: join", "start", "expected"),
+    ([{"time": 0.2047, "lose": "A1"}], "events.0.time", "0.2047", "0.2 s"),
+    ([{"time": 0.41, "lose": "A1"}], "events.0.time", "0.41", "0 to 0.4"),
+    ([{"time": 0.1, "set": {"controller.gain": -1}}], "events.0: controller.gain", "-1", "greater than 0"),
+    ([{"time": 0.1, "set": {"controller.gian": 1}}], "events.0: controller.gian", "unknown field", "gain"),
+    ([{"time": 0.1, "set": {"seed": 1}}], "events.0: set.seed", "cannot", "controller"),
+    ([{"time": 0.1, "set": {"controller.control_period": 1}}], "events.0: set.controller.control_period", "", "period"),
+    ([{"time": 0.1, "set": {}}], "events.0.set", "{}", "at least 1"),
+    ([{"time": 0.1, "drop": "A1"}], "events.0", "drop", "lose, cut, restore, join, set"),
+    ([{"time": 0.1, "cut": ["A1"]}], "events.0.cut", "A1", "2"),
+    ([{"time": 0.1, "lose": id} for id in ("A0", "A1", "A2")], "events.2", "no agent", "at least one"),
+]
+
+
+@pytest.mark.parametrize(("events", "field", "value", "accepted"), BAD, ids=[f"{b[1]} {b[2]}" for b in BAD])
+def test_bad_events_are_one_line(events: list[dict[str, Any]], field: str, value: str, accepted: str) -> None:
+    with pytest.raises(InputError) as told:
+        chain(3, events)
+    line = str(told.value)
+    assert "\n" not in line
+    assert len(line) < 300
+    for part in (f": {field}: ", value, accepted):
+        assert part in line
+
+
+def test_a_published_run_knows_its_phases(tmp_path: Any) -> None:
+    expected = {"tracking_error": 99, "phases": [{}, {"tracking_error": 99}, {"mean_disagreement": 1e-9}]}
+    scenario = mixed_scenario(
+        time={"end": 0.6},
+        events=[{"time": 0.2, "lose": "boat"}, {"time": 0.4, "cut": ["front", "back"]}],
+        expect={"ideal": expected},
+    )
+    outcome = execute(scenario, "ideal", tmp_path / "run", video=None)
+    found = outcome.summary["phases"]
+    assert [(p["time"], p["events"]) for p in found] == [(0.0, []), (0.2, ["lose boat"]), (0.4, ["cut front - back"])]
+    data = simulate(scenario, "ideal")
+    for phase, last in zip(found, (19, 39, 60), strict=True):
+        error = np.sqrt(np.nanmean(data["tracking_error"].values[last] ** 2))
+        assert phase["final"]["tracking_error"] == pytest.approx(error, rel=1e-12)
+    assert found[2]["final"] == outcome.summary["final"]
+    verdicts = {check["measure"]: check["met"] for check in outcome.summary["expect"]["checks"]}
+    assert verdicts == {
+        "tracking_error": True,
+        "phases.1.tracking_error": True,
+        "phases.2.mean_disagreement": False,
+    }
+    with xr.open_dataset(tmp_path / "run" / "result.nc", engine="h5netcdf") as written:
+        np.testing.assert_array_equal(written["phase"].values, data["phase"].values)
+        assert written.attrs["phases"] == data.attrs["phases"]
+    save(data, tmp_path / "saved", video=False)
+    assert (tmp_path / "saved" / "result.nc").read_bytes() == (tmp_path / "run" / "result.nc").read_bytes()
+    again = load_scenario(tmp_path / "run" / "scenario.yaml")
+    np.testing.assert_array_equal(positions_of(simulate(again, "ideal")), positions_of(data))
+
+
+def test_check_of_every_phase() -> None:
+    scenario = chain(4, [{"time": 0.2, "lose": "A3"}, {"time": 0.3, "set": {"controller.gain": 300.0}}])
+    record = check(scenario)
+    first, second, third = record["phases"]
+    assert [p["start"] for p in record["phases"]] == [0.0, 0.2, 0.3]
+    assert second["absent"] == ["A3"]
+    for name in ("assumptions", "theorem", "law", "margins", "fragility"):
+        assert record[name] == first[name] == check(chain(4, []))[name]
+    # Without A3 nobody senses T2, and the others follow T1: q* by dense algebra.
+    assert [a["verdict"] for a in second["assumptions"]][4] == "fails"
+    assert not second["ok"]
+    assert not record["ok"]
+    H = np.diag([2.0, 2, 2, 2]) - np.eye(4, k=1) - np.eye(4, k=-1)
+    target = np.zeros((4, 2))
+    target[0], target[3] = [3, 3], [9, 0]
+    old, new = np.linalg.solve(H, target), np.tile([3.0, 3.0], (3, 1))
+    jumps = np.linalg.norm(new - old[:3], axis=1)
+    assert list(second["jumps"]) == ["A0", "A1", "A2"]
+    np.testing.assert_allclose(list(second["jumps"].values()), jumps, rtol=1e-9)
+    assert second["jump"] == pytest.approx(np.linalg.norm(jumps), rel=1e-9)
+    assert second["theorem"]["initial_error"] == pytest.approx(second["jump"], rel=1e-9)
+    H_left = np.array([[2.0, -1, 0], [-1, 2, -1], [0, -1, 1]])
+    assert second["theorem"]["lambda_min"] == pytest.approx(np.linalg.eigvalsh(H_left)[0], rel=1e-9)
+    assert {x["name"] for x in second["fragility"]["critical"]} >= {"A0", "A1", "A0 - A1", "A0 - T1"}
+    assert third["jump"] == pytest.approx(0.0, abs=1e-9)
+    assert second["law"]["stable"]
+    assert third["law"]["stable"] is False
+
+
+def test_the_film_shows_who_is_there() -> None:
+    scenario = mixed_scenario(
+        time={"end": 0.6}, events=[{"time": 0.2, "lose": "boat"}, {"time": 0.4, "cut": ["front", "back"]}]
+    )
+    film, model = film_of(scenario, simulate(scenario, "ideal"))
+    assert [film.stage(t) for t in (0.0, 0.19, 0.2, 0.39, 0.4, 0.6)] == [0, 0, 1, 1, 2, 2]
+    assert [film.absent(t) for t in (0.1, 0.3, 0.5)] == [frozenset(), {0}, {0}]
+    assert [[(i, j) for i, j, _ in stage.edges] for stage in film.stages] == [
+        [(0, 1), (1, 2), (0, 4), (1, 3), (2, 3)],
+        [(1, 2), (1, 3), (2, 3)],
+        [(1, 3), (2, 3)],
+    ]
+    assert [stage.name for stage in film.stages] == ["", "lose boat", "cut front - back"]
+    # Grey geoms are those of the boat, once it is lost; a ball stands at the q* of each agent that is there.
+    options, owners = VideoOptions(), owners_of_geoms(model, film.body_id)
+    frames, decorator = Frames(film, options), Decorator(film, options, owners)
+    everything, camera, view = mujoco.mjtCatBit.mjCAT_ALL.value, mujoco.MjvCamera(), mujoco.MjvOption()
+    boats, spheres = set(np.flatnonzero(owners == 0).tolist()), mujoco.mjtGeom.mjGEOM_SPHERE.value
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    for time, lost in ((0.1, False), (0.3, True)):
+        scene = mujoco.MjvScene(model, 500)
+        mujoco.mjv_updateScene(model, data, view, None, camera, everything, scene)
+        own = scene.ngeom
+        now = frames.moment(int(np.abs(frames.times - time).argmin()))
+        lines = decorator.add(scene, now, View(np.zeros(3), 30.0, -60.0, -35.0, 45.0))
+        grey = {g.objid for g in scene.geoms[:own] if g.matid == -1 and np.array_equal(g.rgba, ABSENT)}
+        seen = {g.objid for g in scene.geoms[:own] if g.objtype == mujoco.mjtObj.mjOBJ_GEOM.value}
+        assert grey == (boats & seen if lost else set())
+        large = [g for g in scene.geoms[own : scene.ngeom] if g.type == spheres and g.rgba[3] == np.float32(0.55)]
+        assert len(large) == 3 - lost
+        assert [len(batch.ends) for batch in lines if np.allclose(batch.rgba, COMMUNICATION)] == [2 - lost]
+    assert boats & seen
+
+
+def test_the_camera_does_not_follow_the_lost() -> None:
+    """Wherever it goes, the camera's points of an absent agent lie where a target is."""
+    scenario = mixed_scenario(time={"end": 0.6}, events=[{"time": 0.2, "lose": "back"}])
+    film, _ = film_of(scenario, simulate(scenario, "physics"))
+    frames = Frames(film, VideoOptions(fps=100))
+    points, samples = frames.followed(0), frames.chunk(0)
+    gone = samples.time >= 0.2
+    for column in (2, 5 + 2):
+        np.testing.assert_array_equal(points[gone, column], points[gone, 4])
+    np.testing.assert_array_equal(points[~gone, 2], samples.positions[~gone, 2])
+
+
+def test_jumps_are_those_of_the_run() -> None:
+    """With targets that move: check follows their path, the run knows where they are."""
+    scenario = load_scenario("paper", {"time.end": 2.0, "events": [{"time": 1.5, "lose": "A5"}]})
+    data, k = simulate(scenario, "ideal"), scenario.phases[1].start
+    old = scenario.whole.team.harmonic_extension(np.nan_to_num(positions_of(data)[k]))
+    jump = np.linalg.norm(np.nan_to_num(data["harmonic_extension"].values[k]) - old, axis=1)
+    found = check(scenario)["phases"][1]["jumps"]
+    assert "A5" not in found
+    for id, size in zip(scenario.team.agent_ids, jump, strict=True):
+        assert id == "A5" or found[id] == pytest.approx(size, abs=1e-6)
+    assert max(found.values()) > 1.0
