@@ -13,6 +13,7 @@ from mjsheaf.arrays import Array
 from mjsheaf.checking.certificate import Assumption, Certificate, certify
 from mjsheaf.checking.cohomology import Fragility, RelativeCohomology, fragility
 from mjsheaf.checking.held_law import LawLoop, law_loop
+from mjsheaf.checking.links import LinkRecord, link_answers
 from mjsheaf.checking.margins import Margins, margins
 from mjsheaf.checking.mending import Augmentation, plan_augmentation
 from mjsheaf.checking.proposals import Proposal, propose
@@ -109,14 +110,15 @@ class CheckRecord(Record):
 
     scenario: str
     ok: bool = Field(
-        description="every numbered assumption holds (none fails, none is undecided), and neither the held law nor the "
-        "vehicles' loop is unstable, in any phase"
+        description="every numbered assumption holds (none fails, none is undecided), and neither the held law, alone "
+        "and over its links, nor the vehicles' loop is unstable, in any phase"
     )
     region: RegionSummary
     assumptions: list[Assumption]
     relative_cohomology: ExplainedCohomology
     theorem: TheoremSummary = Field(description="of the paper's law, whatever terms the scenario's has")
     law: LawLoop
+    links: LinkRecord | None = Field(description="what links do to the law; null without a held law")
     proposals: list[Proposal] = Field(
         description="laws whose bound is at most the wanted radius, cheapest of each kind"
     )
@@ -129,6 +131,7 @@ class CheckRecord(Record):
         region = f"along the targets' path from {self.region.start:g} to {self.region.end:g} s"
         counts = [sum(a.verdict == kind for a in self.assumptions) for kind in ("holds", "fails", "undecided")]
         loop = "; the held law is unstable" if self.law.stable is False else ""
+        loop += "; over its links the law is unstable" if self.links is not None and not self.links.stable else ""
         loop += "; " + self.margins.bodies.verdict() if self.margins.bodies.stable is False else ""
         if counts[0] == len(self.assumptions):
             return f"all {counts[0]} assumptions hold, the 7th {region}{loop}"
@@ -248,7 +251,9 @@ def _examine_one(system: System, rate: float | None, radius: float, rho: Rho | N
     """`check` of one phase."""
     certificate = certify(system, rate, rho)
     practice, law = margins(system, certificate), law_loop(system, certificate)
+    links = link_answers(system, certificate.constants.path)
     loops_hold = practice.bodies.stable is not False and law.stable is not False
+    loops_hold = loops_hold and (links is None or links.stable)
     record = CheckRecord(
         scenario=system.name,
         ok=all(a.verdict == "holds" for a in certificate.assumptions) and loops_hold,
@@ -257,6 +262,7 @@ def _examine_one(system: System, rate: float | None, radius: float, rho: Rho | N
         relative_cohomology=ExplainedCohomology(**dict(certificate.cohomology), mending=plan_augmentation(system.team)),
         theorem=_theorem(system, certificate, rate, radius, rho),
         law=law,
+        links=links,
         proposals=propose(system, certificate, radius),
         margins=practice,
         fragility=fragility(system.team),

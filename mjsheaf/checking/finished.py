@@ -172,7 +172,7 @@ def held_bound_of_run(run: System | Sequence[Phase], dataset: "xr.Dataset", theo
     Of a run with events the first phase is compared.
     """
     system, dataset = of_phase(run, dataset, 0)
-    python = f"the run has {theorem.law}" if dataset.attrs.get("controller") else ""
+    python = f"the run has {theorem.law}" if dataset.attrs.get("controller") or len(system.law.links.table) else ""
     reason = "the run is one of bodies" if theorem.bodies else python or theorem.departed
     if reason:
         return HeldBound(None, reason)
@@ -192,6 +192,8 @@ def _other_law(system: System, controller: str) -> str:
     """What the law of a run is where that is not the paper's, in words; or empty."""
     if controller:
         return f"a law of its own, {controller}"
+    if len(system.law.links.table):
+        return "links that are not exact"
     terms = system.law.terms
     return "terms beyond -k1 eta" if terms.agents else ""
 

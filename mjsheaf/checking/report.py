@@ -8,6 +8,7 @@ from rich.text import Text
 
 from mjsheaf.checking.check import CheckRecord
 from mjsheaf.checking.cohomology import Fragility
+from mjsheaf.checking.links import LinkRecord
 from mjsheaf.checking.margins import BodyMargins, SpeedDemand
 
 Row = tuple[str, str, str]
@@ -26,6 +27,7 @@ def report(record: CheckRecord) -> Group:
         *_cohomology(record),
         _theorem(record),
         _law(record),
+        *_links(record.links),
         *_proposals(record),
         _margins(record),
         *_fragility(record.fragility),
@@ -153,6 +155,38 @@ def _law(record: CheckRecord) -> Table:
         remark = "of the command, m/s RMS for each m of noise of odometry, at most"
         rows.append(("noise", _number(law.noise, "1/s"), remark))
     return _pairs(name, rows)
+
+
+def _links(links: LinkRecord | None) -> list[Table]:
+    """What links do to the law."""
+    if links is None:
+        return []
+    delay, noise, loss = links.delay, links.noise, links.loss
+    words = {True: "stable", False: "UNSTABLE", None: "undecided"}
+    oldest = "" if delay.delay is None else f"measurements up to {_number(delay.delay, 's')} old"
+    radius = "" if delay.spectral_radius is None else f", spectral radius {_number(delay.spectral_radius)}"
+    margin = delay.reason if delay.margin is None else "all edges alike, in whole periods"
+    rows = [("delay", words[delay.stable], oldest + radius), ("delay margin", _number(delay.margin, "s"), margin)]
+    if noise is not None:
+        rows.append(
+            (
+                "error by noise",
+                _number(noise.error, "m"),
+                noise.reason or "RMS of |e| about its mean" + ", linearised" * noise.linearised,
+            )
+        )
+        if noise.error is not None:
+            worst = max(noise.agents, key=lambda agent: agent.error)
+            rows.append(("  of one agent", _number(worst.error, "m"), f"the largest, of {worst.agent}"))
+            rows.append(("  of the command", _number(noise.command, "m/s"), "RMS over the team"))
+            rows.append(("  by bias", _number(noise.mean, "m"), "|mean of e|"))
+    if loss is not None:
+        rate = f"E|e|^2 at {_number(loss.rate, '1/s')} in the root" if loss.rate is not None else loss.reason
+        rows.append(("loss", words[loss.stable], rate))
+        if loss.factor is not None:
+            bound = f"times E|e|^2 in a period in the long run; at most {_number(loss.bound)} in any"
+            rows.append(("  factor", f"{loss.factor:.6g}", bound))
+    return [_pairs("the law over its links", rows)]
 
 
 def _proposals(record: CheckRecord) -> list[Table]:

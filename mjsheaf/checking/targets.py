@@ -28,6 +28,7 @@ from scipy import sparse
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.checking.cohomology import Spectrum
 from mjsheaf.control.law import ControlArrays, evaluate_law, new_memory, pack_edges
+from mjsheaf.control.links import no_links
 from mjsheaf.control.terms import no_terms
 from mjsheaf.dynamics import disturbance
 from mjsheaf.dynamics.disturbance import disturbance_velocity
@@ -451,6 +452,7 @@ def _targets_alone(system: System) -> tuple[ControlArrays, MediumArrays, Array]:
     N, law, motion, medium = len(system.team.agents), system.law, system.motion, system.medium
     edges = pack_edges(system.team.targets, [(system.team.target_edges, True)])
     alone = law._replace(edges=edges, gain=law.gain[N:], limit=law.limit[N:], terms=no_terms())
+    alone = alone._replace(links=no_links())
     own = {name: getattr(motion, name)[N:] for name in motion._fields if name not in ("knots", "coefficients")}
     around = medium._replace(
         agents=0, planar=medium.planar[N:], rows=medium.rows[N:], harmonics=disturbance.pack(system.harmonics[N:])

@@ -49,8 +49,10 @@ class Sample:
     Attributes:
         team: the team; `team.agent_ids` names the rows of arrays.
         edges: those at which agents measure: communication, sensing, anchors.
-        measurements: y_e = F_head x_head - F_tail x_tail of each edge, in its stalk, m.
-        disagreement: eta, padded, shape (N, 3), m.
+        measurements: y_e = F_head x_head - F_tail x_tail of each edge, in its stalk, m, as its link delivers it; -b_e
+            where nothing is heard.
+        heard: whether each edge has a measurement, new or held.
+        disagreement: eta by these, padded, shape (N, 3), m.
         velocity: over ground, shape (N, 3), m/s: of bodies now, on ideal kinematics the mean since the sample before.
         displacement: of the controlled position since the sample before, zero at the first, shape (N, 3), m.
         attitude: quaternions (w, x, y, z), body to world, shape (N, 4).
@@ -63,6 +65,7 @@ class Sample:
         self.team = team
         self.edges = door.edges
         self.measurements = [memory.y[place].copy() for place in door.places]
+        self.heard = [link < 0 or bool(memory.links.heard[link] > 0.0) for link in door.links]
         self.disagreement = memory.residual[:N].copy()
         self.velocity, self.displacement, self.attitude = velocity, displacement, attitude
         self._door, self._x = door, x.copy()
@@ -129,6 +132,8 @@ class Controller:
         self.edges = (*team.communication, *team.sensing, *team.anchors)
         slices = [slice(begin, end) for begin, end in pairwise(control.law.edges.first)]
         self.places = slices[: len(team.communication + team.sensing)] + slices[len(slices) - len(team.anchors) :]
+        linked = control.law.links.of[: len(team.communication + team.sensing)].tolist()
+        self.links = linked + [-1] * (len(self.edges) - len(linked))
         near: list[dict[int, None]] = [{} for _ in team.agents]
         for e in team.communication:
             i, j = team.index[e.tail], team.index[e.head]
@@ -136,14 +141,18 @@ class Controller:
         self.neighbours = [list(js) for js in near]
         return control._replace(law=control.law._replace(supplied=len(team.agents), terms=no_terms()))
 
-    def supply(self, law: LawArrays, t: float, x: Array, memory: Memory, velocity: Array, attitude: Array) -> None:
+    def supply(
+        self, law: LawArrays, t: float, x: Array, memory: Memory, velocity: Array, attitude: Array, *, bodies: bool
+    ) -> None:
         """Call the law at time t, s, for positions x (V, 3), m, and leave in the memory what it asks for.
+
+        `bodies` says that the links' memory has the vehicles' attitudes.
 
         Raises:
             InputError: the law raised an exception, or did not return finite velocities of shape (N, 3).
         """
         N = len(self.team.agents)
-        observe(law, x[None], memory.y, memory.residual[None])
+        observe(law, t, x, bodies, memory)
         shown = Sample(self, x, memory, velocity, self._moved(t, x[:N].copy()), attitude)
         wanted = self._guarded(f"t = {t:.6g} s", lambda: _real(self.law(t, shown)))
         if wanted.shape != (N, 3):
@@ -208,7 +217,7 @@ class LocalSample:
 
     Attributes:
         edges: of the agent, now; those of its `Agent.edges` up to a phase with other edges.
-        measurements: y_e of each of them, m.
+        measurements: y_e of each of them, m; -b_e where nothing is heard.
         disagreement: eta_i, padded, shape (3,), m.
         velocity: over ground, shape (3,), m/s.
         displacement: of its controlled position since the sample before, zero at the first, shape (3,), m.

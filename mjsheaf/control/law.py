@@ -5,6 +5,7 @@ control period is 0), and what it leaves in `Memory` is what runs record. On an 
 and desired value b,
 
     measure     y_e = F_j x_j - F_i x_i
+    deliver     y_e as sensor and link leave it, where the edge has any (see `mjsheaf.control.links`)
     pull back   eta_i = sum of -F_i^T K (y_e + b_e) over the edges whose tail is i, F_j^T K (y_e + b_e) where i is head
     terms       -k1 eta (eq. controller-1), or the velocities that a law in Python asks for
     reference   targets' own motion
@@ -21,6 +22,15 @@ from typing import NamedTuple
 import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
+from mjsheaf.control.links import (
+    LinkArrays,
+    LinkMemory,
+    carry_links,
+    deliver,
+    no_links,
+    size_of_link_memory,
+    split_link_memory,
+)
 from mjsheaf.control.terms import (
     TermArrays,
     TermMemory,
@@ -72,6 +82,7 @@ class LawArrays(NamedTuple):
         limit: largest commanded speed, shape (V,), m/s; infinite where there is none.
         supplied: how many vehicles, from the first on, take their velocity from `Memory.supplied` instead of -gain eta.
         terms: what is added to -gain eta.
+        links: what happens to measurements.
     """
 
     edges: EdgeArrays
@@ -79,6 +90,7 @@ class LawArrays(NamedTuple):
     limit: Array
     supplied: int
     terms: TermArrays
+    links: LinkArrays
 
 
 class ControlArrays(NamedTuple):
@@ -97,12 +109,13 @@ class Memory(NamedTuple):
     """What onboard computers hold from one sample to the next: views of one array, which is saved with the state.
 
     Attributes:
-        flat: all of it, shape (m + 9 V + what the terms hold,).
-        y: measurements, shape (m,), m.
-        residual: eta of the agents, L_T p - c_T of the targets, padded, shape (V, 3), m.
+        flat: all of it, shape (m + 9 V + what terms and links hold,).
+        y: measurements as delivered, -b where nothing is heard, shape (m,), m.
+        residual: eta of the agents by these, L_T p - c_T of the targets, padded, shape (V, 3), m.
         command: commanded velocities, limited, shape (V, 3), m/s.
         supplied: velocities that a law in Python asks for, shape (V, 3), m/s.
         terms: what the terms hold.
+        links: what the links hold.
     """
 
     flat: Array
@@ -111,24 +124,28 @@ class Memory(NamedTuple):
     command: Array
     supplied: Array
     terms: TermMemory
+    links: LinkMemory
 
 
 def new_memory(law: LawArrays, V: int) -> Memory:
     """The memory of a law of V vehicles before its first sample: zeros."""
     m = len(law.edges.b)
-    flat = np.zeros(m + 9 * V + size_of_memory(law.terms, m, V))
-    y, rest, terms = np.split(flat, [m, m + 9 * V])
+    ends = np.cumsum([m, 9 * V, size_of_memory(law.terms, m, V), size_of_link_memory(law.links, m)])
+    flat = np.zeros(ends[-1])
+    y, rest, terms, links, _ = np.split(flat, ends)
     residual, command, supplied = rest.reshape(3, V, 3)
-    return Memory(flat, y, residual, command, supplied, split_memory(terms, law.terms, m, V))
+    of_terms, of_links = split_memory(terms, law.terms, m, V), split_link_memory(links, law.links, m)
+    return Memory(flat, y, residual, command, supplied, of_terms, of_links)
 
 
 def carry(memory: Memory, law: LawArrays) -> Memory:
-    """The memory of another law of the same vehicles, who keep what they hold of themselves."""
+    """The memory of another law of the same vehicles, who keep what they hold of themselves and what is under way."""
     V, m = len(memory.command), len(memory.y)
     new = new_memory(law, V)
     vehicles = slice(len(new.y), len(new.y) + 9 * V)
     new.flat[vehicles] = memory.flat[m : m + 9 * V]
     carry_terms(memory.terms, new.terms)
+    carry_links(memory.links, new.links)
     return new
 
 
@@ -139,14 +156,13 @@ def evaluate_law(control, t, x, drift, memory):
     `drift` (V, 3), m/s, is what bodies measure of the medium that carries them; None on ideal kinematics.
     """
     law = control.law
-    measure(law.edges, x, memory.y)
-    pull_back(law.edges, memory.y, memory.residual)
     if law.terms.agents > 0:
         begin_sample(t, memory.terms)
         navigate(law.terms, x, drift, memory.command, memory.terms)
+    hear(law, t, x, drift is not None, memory)
     proportional(law, memory.residual, memory.supplied, memory.command)
     if law.terms.agents > 0:
-        add_terms(law, memory.y, memory.residual, memory.command, memory.terms)
+        add_terms(law, memory.y, memory.residual, memory.command, memory.terms, memory.links)
     for v in range(x.shape[0]):
         add_reference(control.motion, v, t, x[v], memory.command[v])
         clipped = limit_speed(law.limit[v], memory.command[v])
@@ -154,6 +170,21 @@ def evaluate_law(control, t, x, drift, memory):
             integrate(law.terms, memory.residual[v], memory.terms.z[v])
     if law.terms.agents > 0:
         remember(law.terms, t, x, memory.y, memory.terms)
+
+
+@inline_jit
+def hear(law, t, x, bodies, memory):
+    """Write into the memory what agents hear at time t, s, and eta by it; of `bodies` it holds the attitudes."""
+    measure(law.edges, x, memory.y)
+    if law.links.table.shape[0] > 0:
+        deliver(law, t, x, bodies, memory.y, memory.terms, memory.links)
+    pull_back(law.edges, memory.y, memory.residual)
+
+
+@jit
+def observe(law, t, x, bodies, memory):
+    """`hear`, for a law in Python, before it is called."""
+    hear(law, t, x, bodies, memory)
 
 
 @inline_jit
@@ -194,7 +225,7 @@ def proportional(law, residual, supplied, command):
 
 
 @jit
-def observe(law, x, y, residual):
+def _disagreement(law, x, y, residual):
     """Write residual (T, V, 3) for positions x (T, V, 3), m, and leave the last measurements in y (m,)."""
     for k in range(x.shape[0]):
         measure(law.edges, x[k], y)
@@ -202,7 +233,7 @@ def observe(law, x, y, residual):
 
 
 def disagreement(law: LawArrays, positions: Array) -> Array:
-    """eta = delta^T K (delta x - b) of every vehicle, as the loops compute it.
+    """eta = delta^T K (delta x - b) of every vehicle, as the loops compute it where links are exact.
 
     Args:
         law: the law.
@@ -214,11 +245,18 @@ def disagreement(law: LawArrays, positions: Array) -> Array:
     x = np.ascontiguousarray(positions, dtype=np.float64)
     flat = x.reshape(-1, *x.shape[-2:])
     residual = np.empty_like(flat)
-    observe(law, flat, np.empty(len(law.edges.b)), residual)
+    _disagreement(law, flat, np.empty(len(law.edges.b)), residual)
     return residual.reshape(x.shape)
 
 
-def pack_law(team: Team, gain: float, target_gain: float, limits: Array, terms: TermArrays | None = None) -> LawArrays:
+def pack_law(
+    team: Team,
+    gain: float,
+    target_gain: float,
+    limits: Array,
+    terms: TermArrays | None = None,
+    links: LinkArrays | None = None,
+) -> LawArrays:
     """Assemble the law of a team.
 
     Args:
@@ -226,10 +264,13 @@ def pack_law(team: Team, gain: float, target_gain: float, limits: Array, terms: 
         gain: k1 of the agents, 1/s.
         target_gain: gain of the targets' own consensus, 1/s; 0 where they have none.
         limits: largest commanded speed of each vehicle, m/s, shape (V,).
+        terms: beyond the paper's law.
+        links: of its edges; exact unless given.
     """
     gains = np.concatenate([np.full(len(team.agents), gain), np.full(len(team.targets), target_gain)])
     kinds = [(team.communication, True), (team.sensing, False), (team.target_edges, True), (team.anchors, False)]
-    return LawArrays(pack_edges(team.members, kinds), gains, limits.astype(float), 0, terms or no_terms())
+    edges = pack_edges(team.members, kinds)
+    return LawArrays(edges, gains, limits.astype(float), 0, terms or no_terms(), links or no_links())
 
 
 def pack_edges(members: Sequence[Member], kinds: Sequence[tuple[Sequence[Edge], bool]]) -> EdgeArrays:

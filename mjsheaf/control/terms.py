@@ -134,11 +134,12 @@ class TermMemory(NamedTuple):
     """What the terms of V vehicles hold from sample to sample; without terms V is 0.
 
     Attributes:
-        now, before: all that follows, and the same before the present sample, shape (3 + m + 33 V,).
+        now, before: all that follows, and the same before the present sample, shape (3 + m + 36 V,).
         clock: samples so far, those of them with the present edges, and the time of the last, s, shape (3,).
         y: measurements of the sample before, shape (m,), m.
         x: positions then, of which an agent knows the difference to its own now, shape (V, 3), m.
         moved: displacement since then by odometry, shape (V, 3), m.
+        walked: the sum of that since the start, shape (V, 3), m.
         seen: drift since then, as measured, shape (V, 3), m/s.
         rate: B p', filtered; v: the solution of H v = B p'; shape (V, 3), m/s.
         delta: the solution of H delta = -eta, shape (V, 3), m.
@@ -154,6 +155,7 @@ class TermMemory(NamedTuple):
     y: Array
     x: Array
     moved: Array
+    walked: Array
     seen: Array
     rate: Array
     v: Array
@@ -167,20 +169,20 @@ class TermMemory(NamedTuple):
 
 def size_of_memory(terms: TermArrays, m: int, V: int) -> int:
     """How many numbers the terms hold."""
-    return 2 * (3 + m + 33 * V) if terms.agents else 0
+    return 2 * (3 + m + 36 * V) if terms.agents else 0
 
 
 def split_memory(flat: Array, terms: TermArrays, m: int, V: int) -> TermMemory:
     """Views of so many numbers."""
     m, V = (m, V) if terms.agents else (0, 0)
     now, before = np.split(flat, 2)
-    return TermMemory(now, before, now[:3], now[3 : 3 + m], *now[3 + m :].reshape(11, V, 3))
+    return TermMemory(now, before, now[:3], now[3 : 3 + m], *now[3 + m :].reshape(12, V, 3))
 
 
 def carry_terms(old: TermMemory, new: TermMemory) -> None:
     """Take over, under a law with other edges, what is no difference of measurements."""
     if len(old.now) and len(new.now):
-        for name in ("clock", "x", "rate", "v", "delta", "drift", "z"):
+        for name in ("clock", "x", "walked", "rate", "v", "delta", "drift", "z"):
             getattr(new, name)[:] = getattr(old, name)
         new.clock[1] = 0.0
 
@@ -379,6 +381,7 @@ def navigate(terms, x, drift, command, memory):
         for i in range(terms.dimension[v]):
             wrong = terms.noise * error[i] + terms.bias * h
             memory.moved[v, i] = x[v, i] - memory.x[v, i] + wrong
+            memory.walked[v, i] += memory.moved[v, i]
             if drift is None:
                 memory.seen[v, i] = memory.moved[v, i] / h - command[v, i]
             else:
@@ -386,13 +389,16 @@ def navigate(terms, x, drift, command, memory):
 
 
 @jit
-def add_terms(law, y, residual, command, memory):
-    """Add the terms to the agents' commands (V, 3), which hold -k1 eta, from measurements (m,) and eta (V, 3)."""
+def add_terms(law, y, residual, command, memory, links):
+    """Add the terms to the agents' commands (V, 3), which hold -k1 eta, from measurements (m,) and eta (V, 3).
+
+    `links` is the links' memory, which knows the velocities of targets that are sensed over a link.
+    """
     terms = law.terms
     if terms.newton > 0:
         _ascend(law, residual, command, memory)
     if terms.feedforward > 0:
-        _feed_forward(law, y, command, memory)
+        _feed_forward(law, y, command, memory, links)
     if terms.drift > 0.0 and memory.clock[0] > 0.0:
         share = terms.drift if memory.clock[0] > 1.0 else 1.0  # the first measurement has nothing to be mixed with
         for v in range(terms.agents):
@@ -419,12 +425,12 @@ def _ascend(law, residual, command, memory):
 
 
 @inline_jit
-def _feed_forward(law, y, command, memory):
+def _feed_forward(law, y, command, memory, links):
     """Add the velocity of q*: v, and ahead of that by how it changed."""
     terms = law.terms
     if memory.clock[1] > 0.0:
         lead = memory.clock[1] > terms.settled
-        _sense_targets(law.edges, terms, y, memory)
+        _sense_targets(law, y, memory, links)
         if lead:
             for v in range(terms.agents):
                 for i in range(3):
@@ -440,9 +446,9 @@ def _feed_forward(law, y, command, memory):
 
 
 @inline_jit
-def _sense_targets(edges, terms, y, memory):
+def _sense_targets(law, y, memory, links):
     """Filter B p', from how measurements of targets changed and how agents moved themselves, into memory.rate."""
-    measured = memory.right
+    edges, terms, measured, linked = law.edges, law.terms, memory.right, law.links.of.shape[0] > 0
     share = terms.measured if memory.clock[1] > 1.0 else 1.0
     for v in range(terms.agents):
         measured[v, 0], measured[v, 1], measured[v, 2] = 0.0, 0.0, 0.0
@@ -452,6 +458,8 @@ def _sense_targets(edges, terms, y, memory):
             F, P = edges.F_tail[r], edges.P_tail[r]
             own = F[0] * memory.moved[i, 0] + F[1] * memory.moved[i, 1] + F[2] * memory.moved[i, 2]
             velocity = (y[r] - memory.y[r] + own) / terms.period
+            if linked and law.links.of[e] >= 0:
+                velocity = links.velocity[r]
             for c in range(3):
                 measured[i, c] += P[c] * velocity
     for v in range(terms.agents):

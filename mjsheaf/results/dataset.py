@@ -9,11 +9,14 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from mjsheaf._version import __version__
-from mjsheaf.arrays import Array
+from mjsheaf.arrays import Array, IntArray
+from mjsheaf.control.law import disagreement
+from mjsheaf.control.links import NEW, SILENT
 from mjsheaf.control.terms import traffic_of
 from mjsheaf.results.metrics import evaluate_errors, separations
 from mjsheaf.simulation.trajectory import Log, Trajectory
 from mjsheaf.system import Phase, System
+from mjsheaf.team import Edge
 from mjsheaf.team.null_modes import describe_null_modes
 
 Variable = tuple[str | tuple[str, ...], NDArray[Any], dict[str, str]]
@@ -35,16 +38,21 @@ def make_dataset(trajectory: Trajectory, backend: str, seed: int) -> xr.Dataset:
     return next(make_datasets([trajectory], backend, seed))
 
 
-def make_datasets(pieces: Iterable[Trajectory], backend: str, seed: int) -> Iterator[xr.Dataset]:
+def make_datasets(
+    pieces: Iterable[Trajectory], backend: str, seed: int, phases: Sequence[Phase] = ()
+) -> Iterator[xr.Dataset]:
     """Gather a trajectory that comes in pieces, each as `make_dataset` does.
 
-    The last piece has the run's status, and says what agents have sent one another (see `terms.traffic_of`).
+    The last piece has the run's status, and says what agents have sent one another (see `terms.traffic_of`) and what
+    share of their measurements has arrived. Phases say which edges there are in all; one needs not be told.
     """
     attributes: dict[str, Any] = {}
+    delivery = Delivery([phase.system for phase in phases])
     traffic = np.zeros(3, dtype=np.int64)
     for piece in pieces:
         attributes = attributes or _attributes(piece.system, backend, seed)
-        dataset = _gather(piece)
+        delivery.add(piece)
+        dataset = _gather(piece, delivery)
         traffic += len(piece.time) * np.array(traffic_of(piece.system.law.terms, piece.system.team))
         dataset.attrs = attributes | {"status": piece.status, "message": piece.message}
         dataset.attrs |= dict(zip(("exchange_rounds", "messages", "numbers_sent"), traffic.tolist(), strict=True))
@@ -58,7 +66,8 @@ def join(pieces: Iterable[xr.Dataset]) -> xr.Dataset:
         return parts[0]
     alike: dict[str, Any] = dict.fromkeys(("data_vars", "coords"), "minimal")
     alike |= dict.fromkeys(("compat", "join", "combine_attrs"), "override")
-    return xr.concat(parts, "time", **alike).assign_attrs(parts[-1].attrs)
+    whole = xr.concat(parts, "time", **alike).assign_attrs(parts[-1].attrs)
+    return whole.assign(delivery=parts[-1]["delivery"]) if "delivery" in whole else whole
 
 
 def in_pieces(pieces: Iterable[xr.Dataset], samples: int) -> Iterator[xr.Dataset]:
@@ -107,10 +116,74 @@ def of_phase(run: System | Sequence[Phase], dataset: xr.Dataset, which: int) -> 
     return phases[k].system.remaining, dataset.isel(time=slice(begin[k], end), agent=present)
 
 
-def _gather(trajectory: Trajectory) -> xr.Dataset:
+class Delivery:
+    """What arrives over the links of a run, counted piece by piece.
+
+    Attributes:
+        edges: that have a link in some phase: kind and name, in order.
+        sizes: how many numbers each edge of communication and sensing measures, with a link or without.
+        share: of the measurements that could have arrived, new ones that did; NaN where none could, shape (L,).
+    """
+
+    def __init__(self, systems: Sequence[System]) -> None:
+        """Begin to count, in a run under these systems; those of pieces are added."""
+        self._number: dict[tuple[str, str], int] = {}
+        self.sizes: dict[tuple[str, str], int] = {}
+        self._new, self._due, self._waiting = (np.zeros(0, dtype=np.int64) for _ in range(3))
+        for system in systems:
+            self._enter(system)
+
+    @property
+    def edges(self) -> list[tuple[str, str]]:
+        """Kind and name of each link's edge."""
+        return list(self._number)
+
+    @property
+    def share(self) -> Array:
+        """See the class."""
+        return np.where(self._due > 0, self._new / np.maximum(self._due, 1), np.nan)
+
+    def _enter(self, system: System) -> IntArray:
+        """The numbers of a system's links, in order."""
+        labelled = labelled_edges(system)
+        self.sizes |= {key: len(edge.b) for key, edge in labelled}
+        names = [key for key, _ in labelled]
+        keys = [names[e] for e in system.law.links.table["edge"]]
+        for key in keys:
+            self._number.setdefault(key, len(self._number))
+        more = (0, len(self._number) - len(self._new))
+        self._new, self._due, self._waiting = (np.pad(x, more) for x in (self._new, self._due, self._waiting))
+        return np.array([self._number[key] for key in keys], dtype=np.int64)
+
+    def add(self, piece: Trajectory) -> None:
+        """Count a piece's."""
+        own, table, T = self._enter(piece.system), piece.system.law.links.table, len(piece.time)
+        under_way = self._waiting.copy()  # samples that each link has been there, up to its delay
+        self._waiting[:] = 0
+        self._waiting[own] = np.minimum(under_way[own] + T, table["delay"])
+        self._due[own] += T - (self._waiting[own] - under_way[own])
+        self._new[own] += (piece.log.heard == NEW).sum(axis=0)
+
+
+def labelled_edges(system: System) -> list[tuple[tuple[str, str], Edge]]:
+    """The edges of communication and sensing in the order of the law: kind and name, such as 'A1-A2', and the edge.
+
+    The second of several edges between the same ends is 'A1-A2-2'.
+    """
+    met: dict[tuple[str, str], int] = {}
+    found = []
+    for kind, edges in (("communication", system.team.communication), ("sensing", system.team.sensing)):
+        for edge in edges:
+            key = kind, f"{edge.tail}-{edge.head}"
+            met[key] = met.get(key, 0) + 1
+            found.append(((kind, key[1] + (f"-{met[key]}" if met[key] > 1 else "")), edge))
+    return found
+
+
+def _gather(trajectory: Trajectory, delivery: Delivery) -> xr.Dataset:
     system, log = trajectory.system, trajectory.log
     team, N = system.team, len(system.team.agents)
-    errors, eta = evaluate_errors(team, log.positions), np.linalg.norm(log.residual[:, :N], axis=2)
+    errors = evaluate_errors(team, log.positions)
     has = np.array([[axis < member.dimension for axis in range(3)] for member in team.members])
 
     # Gathered first: a dataset that grows variable by variable aligns all of them each time.
@@ -138,9 +211,22 @@ def _gather(trajectory: Trajectory) -> xr.Dataset:
     add("agent_position", body, padded(log.positions)[:, :N], "m", "controlled position of each agent")
     add("target_position", ("time", "target", "axis"), padded(log.positions)[:, N:], "m", "position of each target")
     add("harmonic_extension", body, errors.harmonic_extension, "m", "q*, the harmonic extension of the targets")
-    add("disagreement", ("time", "agent"), np.where(team.present, eta, np.nan), "m",
+    linked = bool(delivery.edges)
+    eta = disagreement(system.law, log.positions) if linked else log.residual
+    size = np.linalg.norm(eta[:, :N], axis=2)
+    add("disagreement", ("time", "agent"), np.where(team.present, size, np.nan), "m",
         "|eta_i|, norm of the disagreement")  # fmt: skip
-    add("disagreement_vector", body, padded(log.residual)[:, :N], "m", "eta_i, the disagreement, as the law had it")
+    add("disagreement_vector", body, padded(eta)[:, :N], "m",
+        "eta_i, the disagreement" + (", the true one" if linked else ", as the law had it"))  # fmt: skip
+    if linked:
+        add("measured_disagreement_vector", body, padded(log.residual)[:, :N], "m",
+            "eta_i by what was heard, as the law had it")  # fmt: skip
+        kinds, names = zip(*delivery.edges, strict=True)
+        coordinates["edge"] = _labels("edge", list(names), "edge that has a link")
+        coordinates["edge_kind"] = _labels("edge", list(kinds), "communication or sensing")
+        add("delivery", ("edge",), delivery.share, "1", "share of an edge's measurements that arrived, so far")
+    if system.law.links.record:
+        _add_measurements(variables, coordinates, trajectory, delivery)
     add("tracking_error", ("time", "agent"), errors.tracking, "m", "|q*_i - q_i|")
     add("velocity_command", body, padded(log.command)[:, :N], "m s-1",
         "commanded velocity relative to the medium, limited: -k1 eta_i and terms, or of a law in Python")  # fmt: skip
@@ -197,6 +283,37 @@ def _attributes(system: System, backend: str, seed: int) -> dict[str, Any]:
             {f.name: {"members": list(f.members), "about": f.about or ""} for f in team.formations}, sort_keys=True
         ),
     }
+
+
+def _add_measurements(
+    variables: dict[str, Variable], coordinates: dict[str, Variable], trajectory: Trajectory, delivery: Delivery
+) -> None:
+    """What was heard, and each measurement as delivered: NaN where nothing was heard, or an edge is not there."""
+    system, log = trajectory.system, trajectory.log
+    first, T = system.law.edges.first, len(log.positions)
+    own = [key for key, _ in labelled_edges(system)]
+    begin = np.cumsum([0, *delivery.sizes.values()])
+    number = {key: e for e, key in enumerate(delivery.sizes)}
+    heard, measured = np.full((T, len(number)), SILENT), np.full((T, begin[-1]), np.nan)
+    heard[:, [number[key] for key in own]] = NEW
+    heard[:, [number[own[e]] for e in system.law.links.table["edge"]]] = log.heard
+    for e, key in enumerate(own):
+        k = number[key]
+        y = log.measurements[:, first[e] : first[e + 1]]
+        measured[:, begin[k] : begin[k + 1]] = np.where(heard[:, [k]] == SILENT, np.nan, y)
+    rows = [f"{kind} {name} {r}" for (kind, name), m in delivery.sizes.items() for r in range(m)]
+    coordinates["measuring_edge"] = _labels("measuring_edge", [" ".join(key) for key in number], "edge")
+    coordinates["measured_number"] = _labels("measured_number", rows, "edge, and number in its stalk")
+    variables["heard"] = (
+        ("time", "measuring_edge"),
+        heard.astype(np.int8),
+        {"units": "1", "long_name": "what an edge heard: 0 nothing, 1 the last measurement held, 2 a new one"},
+    )
+    variables["measurement"] = (
+        ("time", "measured_number"),
+        measured,
+        {"units": "m", "long_name": "y_e = F_head x_head - F_tail x_tail as delivered; NaN where nothing was heard"},
+    )
 
 
 def _add_body_data(variables: dict[str, Variable], coordinates: dict[str, Variable], system: System, log: Log) -> None:

@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 from mjsheaf.arrays import Array
 from mjsheaf.io.section import finite
 from mjsheaf.team import Formation, Team
+from mjsheaf.team.links import KINDS
 
 if TYPE_CHECKING:
     from mjsheaf.scenario.scenario import Expect
@@ -222,6 +223,18 @@ def communication(dataset: xr.Dataset, samples: int, period: float) -> dict[str,
         "exchanges_per_second": dataset.attrs["exchange_rounds"] / time,
         "numbers_per_agent_second": dataset.attrs["numbers_sent"] / (time * dataset.sizes["agent"]),
     }
+
+
+def delivery_by_kind(dataset: xr.Dataset) -> dict[str, float | None] | None:
+    """Share of measurements that arrived, the mean over a kind's edges that have links; None without links.
+
+    A kind without such edges, or a run too short for any to arrive, has None.
+    """
+    if "delivery" not in dataset:
+        return None
+    share, kind = dataset["delivery"].values, dataset["edge_kind"].values
+    counted = {name: share[(kind == name) & np.isfinite(share)] for name in KINDS}
+    return {name: float(own.mean()) if len(own) else None for name, own in counted.items()}
 
 
 def check_expectation(

@@ -95,6 +95,7 @@ class EnduringFile(io.FileIO):
             self.refusal = self.refusal or error
 
 
+_COUNTED = ("delivery",)  # variables without time that later pieces know better
 _MOST_SAMPLES = 4000  # of a thinned run: more cannot be seen in a plot
 _MOST_POSITIONS = 400_000  # of agents in a thinned run, which bounds its memory where there are many
 _FEWEST_SAMPLES = 200
@@ -140,7 +141,9 @@ def _append(netcdf: h5netcdf.File, piece: xr.Dataset) -> None:
         packed = {"zlib": True, "complevel": 3, "shuffle": True}
         encoding: dict[str, Any] = {}
         for name, variable in piece.variables.items():
-            if variable.dtype.kind == "f" and variable.ndim > 0:
+            if name in _COUNTED:
+                continue  # in one place, to be written anew
+            if variable.dtype.kind in "fi" and variable.ndim > 0:
                 chunks = {"chunksizes": variable.shape} if "time" in variable.dims and variable.size else {}
                 encoding[str(name)] = packed | chunks
         store = xr.backends.H5NetCDFStore(netcdf)
@@ -152,6 +155,8 @@ def _append(netcdf: h5netcdf.File, piece: xr.Dataset) -> None:
         for name, variable in piece.variables.items():
             if "time" in variable.dims:
                 netcdf.variables[name][begin:end] = variable.values
+            elif name in _COUNTED:
+                netcdf.variables[name][:] = variable.values
     for name, value in piece.attrs.items():  # the last piece has the run's status, and what agents have sent
         if netcdf.attrs[name] != value and isinstance(value, int):
             netcdf._h5group.attrs.modify(name, value)  # in place, so that the bytes are those of one piece

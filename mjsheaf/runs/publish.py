@@ -19,7 +19,7 @@ from mjsheaf.errors import InputError, MjsheafError
 from mjsheaf.io.section import LARGEST
 from mjsheaf.io.yaml import SUFFIXES, dump_yaml
 from mjsheaf.results import check_expectation, open_dataset, store, summarize, thinned, write_dataset
-from mjsheaf.results.metrics import communication, summarize_phases
+from mjsheaf.results.metrics import communication, delivery_by_kind, summarize_phases
 from mjsheaf.results.netcdf import split
 from mjsheaf.runs.simulate import Progress, no_progress, require_simulable, stream
 from mjsheaf.scenario import Scenario
@@ -289,6 +289,7 @@ def _summary_of(
         "final": final,
         "phases": own,
         "communication": communication(drawn, periods + 1, system.grid.period),
+        "delivery": delivery_by_kind(drawn),
         "free_directions": list(free),
         "theorem": {
             "applies": theorem.applies,

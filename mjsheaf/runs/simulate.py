@@ -87,7 +87,7 @@ def stream(
     phases = phases_of(run)
     first, several = phases[0].system, any(phase.events for phase in phases)
     called, length = controller_of(controller, first, seed), samples or samples_in_piece(first)
-    datasets = make_datasets(simulated(run, length, progress, controller=called), backend, seed)
+    datasets = make_datasets(simulated(run, length, progress, controller=called), backend, seed, phases)
     for dataset in in_pieces(with_phases(datasets, phases), length) if several else datasets:
         if called:
             dataset.attrs |= {

@@ -14,6 +14,7 @@ from pydantic import ConfigDict, Field, model_validator
 
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.control import pack_law
+from mjsheaf.control.links import LinkArrays, linked_edges, pack_links
 from mjsheaf.control.terms import Drift, Feedforward, Integral, Newton, Odometry, Terms, pack_terms
 from mjsheaf.dynamics import ControlEffectiveness, Disturbance, FlowField, Motion, disturbance
 from mjsheaf.dynamics import effectiveness as effectivenesses
@@ -26,6 +27,7 @@ from mjsheaf.system import DEFAULT_VEHICLE, Phase, PhysicsOptions, System, TimeG
 from mjsheaf.team import Anchor, Member, Team
 from mjsheaf.team.edges import PairOrEdge
 from mjsheaf.team.formation import Group
+from mjsheaf.team.links import Links
 from mjsheaf.vehicles.effects import Effects
 
 EDGE_FIELDS = ("communication", "sensing", "target_edges")
@@ -293,6 +295,7 @@ class Scenario(Section):
     sensing: list[PairOrEdge] = Field(default_factory=list, description="agent to target")
     target_edges: list[PairOrEdge] = Field(default_factory=list, description="target to target")
     anchors: list[Anchor] = Field(default_factory=list, description="agent to a fixed value")
+    links: Links = Links()
     formations: list[Group] = Field(default_factory=list)
     target_motion: Motion | None = None
     target_formation: TargetFormation | None = None
@@ -350,7 +353,8 @@ class Scenario(Section):
         assert isinstance(law, Controller)
         terms = pack_terms(law.terms, team, law.control_period, self.seed)
         target_gain = self.target_formation.gain if self.target_formation else 0.0
-        packed = pack_law(team, law.gain, target_gain, self._limits(law), terms)
+        links = self._pack_links(team, law, whole.bodies.heading)
+        packed = pack_law(team, law.gain, target_gain, self._limits(law), terms, links)
         return replace(whole, team=team, gain=law.gain, law=packed)
 
     def _limits(self, law: Controller) -> Array:
@@ -381,13 +385,14 @@ class Scenario(Section):
             g = effectivenesses.pack([agent.effectiveness for agent in agents], dimensions[: len(agents)])
         target_gain = self.target_formation.gain if self.target_formation else 0.0
         terms = pack_terms(law.terms, team, law.control_period, self.seed)
+        links = self._pack_links(team, law, heading)
         return System(
             name=self.name,
             team=team,
             initial=initial,
             grid=grid,
             gain=law.gain,
-            law=pack_law(team, law.gain, target_gain, self._limits(law), terms),
+            law=pack_law(team, law.gain, target_gain, self._limits(law), terms, links),
             motion=motion,
             harmonics=harmonics,
             effectiveness=g,
@@ -406,8 +411,22 @@ class Scenario(Section):
             ),
         )
 
+    def _pack_links(self, team: Team, law: Controller, heading: Array) -> LinkArrays:
+        """The links of a team under a controller, its vehicles' initial headings (V,) in rad."""
+        return pack_links(
+            team,
+            self.links,
+            period=law.control_period,
+            start=self.time.start,
+            seed=self.seed,
+            height=self.scene.height,
+            heading=heading,
+            feedforward=law.feedforward is not None,
+        )
+
     def uses_seed(self, backend: str) -> bool:
         """Whether another seed would change anything on a backend."""
         drawn = any(d is not None and d.bound > 0.0 for d in (self.disturbance.agents, self.disturbance.targets))
         drawn = drawn or self.controller.terms.noisy
+        drawn = drawn or any(link.random for *_, link in linked_edges(self.team, self.links))
         return drawn or self.spread.position > 0.0 or (backend == "physics" and self.spread.heading > 0.0)

@@ -25,7 +25,7 @@ from mjsheaf.control.law import Memory, carry, evaluate_law, new_memory
 from mjsheaf.dynamics.disturbance import evaluate_sines
 from mjsheaf.dynamics.effectiveness import EffectivenessArrays, allocate
 from mjsheaf.jit import inline_jit, jit
-from mjsheaf.simulation.trajectory import Trajectory, blow_up_message, new_log, pieces_of, quaternions_of
+from mjsheaf.simulation.trajectory import Trajectory, blow_up_message, new_log, pieces_of, quaternions_of, record_links
 from mjsheaf.system import MediumArrays, Phase, System, medium_velocity, phases_of
 
 _A = np.array(
@@ -210,6 +210,7 @@ def _advance(follow, run, t, x, first, last):
 def _record(run, t, x, k, log):
     """Write sample k at time t: positions x (V, 3), commands just made, and x', kept in run.slope[0]."""
     medium, memory, slope = run.medium, run.memory, run.slope[0]
+    record_links(memory, log, k)
     evaluate_sines(medium.harmonics, t, 0, x.shape[0], run.sines)
     for v in range(x.shape[0]):
         w = medium_velocity(medium, run.sines, v, x[v, 0], x[v, 1], x[v, 2])
@@ -304,7 +305,7 @@ def stream_ideal(
         if system is not present:
             memory, present = carry(memory, control.law), system
         integrator = new_integrator(system.medium, system.effectiveness, system.tolerance, grid.period, memory)
-        log = new_log(end - begin, len(x), inputs=(N, system.effectiveness.pinv.shape[1]))
+        log = new_log(end - begin, control.law, inputs=(N, system.effectiveness.pinv.shape[1]))
         done, message = 0, ""
         while done < end - begin and not message:
             count = min(1 if controller else _CHUNK, end - begin - done)
@@ -312,7 +313,8 @@ def stream_ideal(
             placed = np.empty((count, 0, 3)) if targets is None else targets[begin + done : begin + done + count]
             if controller:
                 x[len(x) - placed.shape[1] :] = placed[0]
-                controller.supply(control.law, float(times[0]), x, memory, (x[:N] - before) / grid.period, attitude)
+                velocity = (x[:N] - before) / grid.period
+                controller.supply(control.law, float(times[0]), x, memory, velocity, attitude, bodies=False)
                 before = x[:N].copy()
             new, broken = _run(
                 control,

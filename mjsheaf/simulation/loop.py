@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.control.controller import Controller, Law, controller_of
-from mjsheaf.control.law import ControlArrays, Memory, carry, evaluate_law, new_memory
+from mjsheaf.control.law import ControlArrays, LawArrays, Memory, carry, evaluate_law, new_memory
 from mjsheaf.dynamics.disturbance import evaluate_sines
 from mjsheaf.engine import mujoco
 from mjsheaf.errors import InputError, UnstableError, expected
@@ -31,7 +31,15 @@ from mjsheaf.simulation.bodies import (
     thruster_commands,
     velocity_through_medium,
 )
-from mjsheaf.simulation.trajectory import Log, Trajectory, blow_up_message, new_log, pieces_of, quaternions_of
+from mjsheaf.simulation.trajectory import (
+    Log,
+    Trajectory,
+    blow_up_message,
+    new_log,
+    pieces_of,
+    quaternions_of,
+    record_links,
+)
 from mjsheaf.system import MediumArrays, Phase, System, medium_velocity, phases_of
 from mjsheaf.vehicles.actuators import ANGLE
 from mjsheaf.vehicles.vectors import rotation, triple
@@ -119,6 +127,10 @@ def close_loop(loop, t, due):
                 a, planar = bodies[v].qpos, kinds[bodies[v].kind].planar
                 w = medium_velocity(medium, loop.sines, v, q[a], q[a + 1], 0.0 if planar else q[a + 2])
                 loop.drift[v, 0], loop.drift[v, 1], loop.drift[v, 2] = w[0], w[1], w[2]
+        attitude = loop.memory.links.attitude
+        for v in range(attitude.shape[0]):
+            for i in range(4):
+                attitude[v, i] = q[bodies[v].qpos + 3 + i]
         evaluate_law(loop.control, t, loop.x, loop.drift, loop.memory)
     for v in range(bodies.shape[0]):
         body = bodies[v]
@@ -157,6 +169,7 @@ def record(loop, recorder):
     """Write the present state, and the commands just made for it, as the next sample."""
     fleet, log, k = loop.fleet, recorder.log, recorder.written[0]
     recorder.written[0] = k + 1
+    record_links(loop.memory, log, k)
     for v in range(fleet.bodies.shape[0]):
         body = fleet.bodies[v]
         kind, a, d = fleet.kinds[body.kind], body.qpos, body.dof
@@ -304,7 +317,7 @@ class World:
             per_sample=self.steps_per_sample,
         )
         self._chunk = max(1, min(4000, _CHUNK // len(self.arena.vehicles)))
-        self._unrecorded = self._recorder(0)
+        self._unrecorded = self._recorder(0, self.system.law)
         self.reset()
 
     @property
@@ -450,7 +463,10 @@ class World:
         if self._controller:
             N, memory = len(self.system.team.agents), self._loop.memory
             velocity, attitude = self.data.qvel.reshape(-1, 6)[:N, :3].copy(), self.quaternions()[:N]
-            self._controller.supply(self._loop.control.law, self.time, self.positions(), memory, velocity, attitude)
+            if len(memory.links.attitude):
+                memory.links.attitude[:] = self.quaternions()
+            law, x = self._loop.control.law, self.positions()
+            self._controller.supply(law, self.time, x, memory, velocity, attitude, bodies=True)
 
     def record(
         self, samples: int, targets: Array | None, progress: Callable[[int, int], None] | None
@@ -465,7 +481,7 @@ class World:
         grid = self.system.grid
         of = grid.steps + 1 if targets is None else min(grid.steps + 1, len(targets))
         for system, begin, end in pieces_of(self._phases, samples, of):
-            recorder = self._recorder(end - begin, None if targets is None else targets[begin:end])
+            recorder = self._recorder(end - begin, system.law, None if targets is None else targets[begin:end])
             left, message = (end - begin - (end == of)) * self.steps_per_sample, ""
             try:
                 while left > 0:
@@ -485,9 +501,9 @@ class World:
             if message:
                 return
 
-    def _recorder(self, T: int, placed: Array | None = None) -> Recorder:
+    def _recorder(self, T: int, law: LawArrays, placed: Array | None = None) -> Recorder:
         """A place for T samples; 0 records nothing."""
-        log = new_log(T, len(self.arena.vehicles), actuators=self.model.nu)
+        log = new_log(T, law, actuators=self.model.nu)
         placed = np.empty((0, 0, 3)) if placed is None else np.ascontiguousarray(placed)
         return Recorder(log, placed, np.zeros(1, dtype=np.int64))
 

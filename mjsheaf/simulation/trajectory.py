@@ -7,7 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from mjsheaf.arrays import Array
+from mjsheaf.control.law import LawArrays
 from mjsheaf.control.terms import contraction
+from mjsheaf.jit import inline_jit
 from mjsheaf.system import Phase, System
 
 _PIECE = 2**16  # of vehicles and samples, their product: a few megabytes of results
@@ -23,7 +25,7 @@ class Log(NamedTuple):
 
     Attributes:
         positions: where the law sees the vehicles, padded, shape (T, V, 3), m.
-        residual: eta of the agents, L_T p - c_T of the targets, padded, shape (T, V, 3), m.
+        residual: eta of the agents by what they heard, L_T p - c_T of the targets, padded, shape (T, V, 3), m.
         command: commanded velocities relative to the medium, limited, shape (T, V, 3), m/s.
         velocity: of the controlled state on ideal kinematics, of the body's origin on bodies, shape (T, V, 3), m/s.
         medium: velocity of flow and disturbance about each vehicle, shape (T, V, 3), m/s.
@@ -33,6 +35,8 @@ class Log(NamedTuple):
         thruster_command: of all actuators, shape (T, A).
         thruster_output: what lags leave of it: the actuators' forces, N, or angles, rad, shape (T, A).
         saturation: share of each vehicle's thrusters at a limit, shape (T, V).
+        heard: what each link heard (see `mjsheaf.control.links`), shape (T, L).
+        measurements: as delivered, -b where nothing was heard, shape (T, m), m; only where they are asked for.
     """
 
     positions: Array
@@ -46,14 +50,17 @@ class Log(NamedTuple):
     thruster_command: Array
     thruster_output: Array
     saturation: Array
+    heard: Array
+    measurements: Array
 
     def span(self, begin: int, end: int) -> "Log":
         """Views of the samples from `begin` up to but without `end`."""
         return Log(*(values[begin:end] for values in self))
 
 
-def new_log(T: int, V: int, *, inputs: tuple[int, int] | None = None, actuators: int | None = None) -> Log:
-    """A log for T samples of V vehicles, of ideal kinematics with `inputs` (N, s), or of bodies with `actuators`."""
+def new_log(T: int, law: LawArrays, *, inputs: tuple[int, int] | None = None, actuators: int | None = None) -> Log:
+    """A log for T samples of a law's vehicles, on ideal kinematics with `inputs` (N, s) or bodies with `actuators`."""
+    V, links = len(law.gain), law.links
     ideal, bodies = T * (inputs is not None), T * (actuators is not None)
     return Log(
         positions=np.empty((T, V, 3)),
@@ -67,6 +74,8 @@ def new_log(T: int, V: int, *, inputs: tuple[int, int] | None = None, actuators:
         thruster_command=np.empty((bodies, actuators or 0)),
         thruster_output=np.empty((bodies, actuators or 0)),
         saturation=np.empty((bodies, V)),
+        heard=np.empty((T, len(links.table))),
+        measurements=np.empty((T, len(law.edges.b) if links.record else 0)),
     )
 
 
@@ -95,6 +104,15 @@ class Trajectory:
     def positions(self) -> Array:
         """Controlled positions, agents then targets, shape (T, V, 3), m."""
         return self.log.positions
+
+
+@inline_jit
+def record_links(memory, log, k):
+    """Write what was heard, and measurements where they are asked for, as sample k."""
+    for i in range(log.heard.shape[1]):
+        log.heard[k, i] = memory.links.heard[i]
+    for i in range(log.measurements.shape[1]):
+        log.measurements[k, i] = memory.y[i]
 
 
 def quaternions_of(heading: Array) -> Array:
@@ -134,7 +152,7 @@ def likely_cause(system: System, law_period: float) -> str:
     h, target_gain = law_period, float(np.max(system.law.gain[len(system.team.agents) :], initial=0.0))
     consensus = np.linalg.eigvalsh(system.team.target_sheaf.laplacian().toarray())[-1] if target_gain > 0.0 else 0.0
     agents = system.largest_eigenvalue, "k1 h lambda_max", "the held law"
-    terms = system.law.terms
+    terms, late = system.law.terms, 0
     if terms.newton:  # x+ = (1 - h k1) x - h k1 s, s+ = p (h k1 x + (1 + h k1) s), and p of the rounds is at least -c
         c = contraction(terms.newton, *terms.eigenvalues)
         agents = (
@@ -142,16 +160,21 @@ def likely_cause(system: System, law_period: float) -> str:
             "k1 h (1 + c) / (1 - c)",
             f"the held law, whose rounds leave c = {c:.3g},",
         )
-    for gain, fastest, margin, what, field in (
-        (system.gain, *agents, "controller.gain"),
-        (target_gain, consensus, "gain h lambda_max", "the targets' own held consensus", "target_formation.gain"),
-        (np.max(system.motion.pull, initial=0.0), 1.0, "pull h", "a target's held pull to its path", "its motion.pull"),
+    elif late := int(np.max(system.law.links.table["delay"], initial=0)):
+        agents = system.largest_eigenvalue, "k1 h lambda_max", f"the held law on measurements {late} periods old"
+    shorter = "physics.timestep" if system.grid.continuous else "controller.control_period"
+    most = 2.0 * np.sin(0.5 * np.pi / (2 * late + 1))  # of all edges alike, without terms
+    pull = np.max(system.motion.pull, initial=0.0)
+    for gain, fastest, limit, margin, what, field in (
+        (system.gain, agents[0], most, *agents[1:], "controller.gain"),
+        (target_gain, consensus, 2.0, "gain h lambda_max", "the targets' own held consensus", "target_formation.gain"),
+        (pull, 1.0, 2.0, "pull h", "a target's held pull to its path", "its motion.pull"),
     ):
-        if gain * h * fastest >= 2.0:
+        if gain * h * fastest >= limit:
             return (
-                f"likely cause: {what} diverges, as {margin} = {gain * h * fastest:.3g} is not below 2; take {field} "
-                f"below {2.0 / (h * fastest):.4g} or a shorter "
-                f"{'physics.timestep' if system.grid.continuous else 'controller.control_period'}"
+                f"likely cause: {what} diverges, as {margin} = {gain * h * fastest:.3g} is not below {limit:.3g}; take "
+                f"{field} below {limit / (h * fastest):.4g} or a shorter "
+                f"{shorter if limit == 2.0 else 'delay'}"
             )
     if 0.0 < (most := largest_integral(system)) <= terms.integral:
         return (

@@ -19,6 +19,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError, expected
 from mjsheaf.io.section import Id, Matrix, Number, Positive, Section
+from mjsheaf.team.links import Link
 
 NAMES = ("identity", "shared", "local_frame")
 
@@ -50,6 +51,7 @@ class Edge:
         F_tail, F_head: restriction maps, shapes (m, n_tail) and (m, n_head).
         weight: inner product K of the edge stalk, shape (m, m).
         offset: desired value b of F_tail x_tail - F_head x_head, shape (m,), in m; None takes it from formations.
+        link: what it has of a link's fields by itself; None where nothing.
     """
 
     tail: str
@@ -58,6 +60,7 @@ class Edge:
     F_head: Array
     weight: Array
     offset: Array | None = None
+    link: Link | None = None
 
     def __str__(self) -> str:
         return f"the anchor of {self.tail}" if self.head == GROUND else f"[{self.tail}, {self.head}]"
@@ -101,8 +104,11 @@ _Ends = Annotated[list[Id], Field(min_length=2, max_length=2)]
 _Weight = Positive | Matrix | None
 
 
-class LinearEdge(Section):
-    """An edge; a bare pair [tail, head] is short for {between: [tail, head]}."""
+class LinearEdge(Link):
+    """An edge; a bare pair [tail, head] is short for {between: [tail, head]}.
+
+    What it has of a link's fields precedes that of `links`.
+    """
 
     between: _Ends
     map: Literal["shared", "identity", "local_frame"] | ExplicitMaps = "shared"
@@ -123,7 +129,8 @@ class LinearEdge(Section):
             maps = restriction_maps(self.map, tail.dimension, head.dimension, tail.attitude)
         m = len(maps[0])
         offset = None if self.offset is None else _vector(self.offset, "offset", m)
-        return Edge(tail.id, head.id, *maps, _inner_product(self.weight, m), offset)
+        link = Link(**self.own) if self.own else None
+        return Edge(tail.id, head.id, *maps, _inner_product(self.weight, m), offset, link)
 
 
 def edge_from_pair(value: Any) -> Any:

@@ -1,0 +1,443 @@
+"""Links and sensors in the loop: the stage after `measure`, which hands agents what they hear in place of the truth.
+
+Of every edge with a link, at sample n, in this order:
+
+    loss       the link's chain changes state, and the measurement is lost with the probability of that state
+    range      beyond its range the link is silent
+    sensor     the tail's errors are added to y_e: white noise and bias, or those of range and bearing in its body frame
+    delay      what was measured d periods ago arrives, if it was sent
+    hold       without an arrival the last one stays for up to so many periods; else y_e = -b_e, which pulls at nobody
+
+Random numbers are those of the edge's stream at n (see `mjsheaf.noise`), whichever piece, thread or machine asks. A
+sample may be taken again: what changes from sample to sample is kept for n and for n - 1 in turn.
+
+Numbers that agents send each other in rounds (see `mjsheaf.control.terms`) arrive at once and are never lost.
+"""
+
+from collections.abc import Sequence
+from hashlib import blake2b
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjsheaf.arrays import Array, IntArray
+from mjsheaf.errors import InputError, in_field
+from mjsheaf.jit import inline_jit, jit
+from mjsheaf.noise import normal_of, uniforms
+from mjsheaf.team import Edge, Team
+from mjsheaf.team.links import KINDS, LinkModel, Links, require_bearing, whole_periods
+
+SILENT, HELD, NEW = 0.0, 1.0, 2.0
+"""What an edge hears at a sample: nothing, the last measurement once more, a new one."""
+
+_MOST_NUMBERS = 100_000_000  # in delay lines
+_HEADER = 4  # of what was received: begun, bad, count, last
+_STILL = 1e-9  # m in a period: no direction of motion
+
+LINK = np.dtype(
+    [
+        ("edge", "i8"),  # its number
+        ("place", "i8"),  # where its numbers begin in LinkMemory.cells
+        ("received", "i8"),  # where, after the delay line, what was received begins
+        ("delay", "i8"),  # periods
+        ("hold", "i8"),  # periods
+        ("lossy", "i8"),  # whether anything is lost at random
+        ("bursts", "i8"),  # whether losses depend on the state of a chain
+        ("bearing", "i8"),  # whether the sensor is range_bearing
+        ("noise", "f8"),  # m
+        ("bias", "f8"),  # m
+        ("range_noise", "f8"),  # m
+        ("bearing_noise", "f8"),  # rad
+        ("range", "f8"),  # m
+        ("to_bad", "f8"),
+        ("to_good", "f8"),
+        ("bad", "f8"),  # probability that it begins in the bad state
+        ("loss_good", "f8"),
+        ("loss_bad", "f8"),
+        ("stream", "i8", 2),  # of its random numbers, the same wherever the edge stands
+    ]
+)
+
+
+class LinkArrays(NamedTuple):
+    """The links of a team of V vehicles: L edges of E have one that changes anything.
+
+    Attributes:
+        table: the links, of the type LINK, shape (L,).
+        of: the link of each edge, or -1, shape (E,); empty without links.
+        lift: what is added to z for the distance between bodies, shape (V,), m.
+        facing: initial attitudes where a sensor needs them, quaternions (w, x, y, z), shape (V, 4) or (0, 4).
+        size: of LinkMemory.cells.
+        odometry: whether agents remember how they moved since a measurement, for feedforward.
+        start, period: time of sample 0 and between samples, s.
+        seed: of the run.
+        record: whether measurements are recorded.
+    """
+
+    table: NDArray[np.void]
+    of: IntArray
+    lift: Array
+    facing: Array
+    size: int
+    odometry: bool
+    start: float
+    period: float
+    seed: int
+    record: bool
+
+
+class LinkMemory(NamedTuple):
+    """What links hold from sample to sample, views of the law's memory but for the last two; of size 0 without links.
+
+    Attributes:
+        heard: SILENT, HELD or NEW, of each link at the present sample, shape (L,).
+        velocity: F p' of targets by sensing edges that have links, shape (m,), m/s; empty without feedforward.
+        attitude: of the vehicles, shape (V, 4), where a sensor needs it.
+        before: positions at the present sample and at the one before, in turn, shape (2, V, 3), m.
+        cells: of each link its delay line, a slot for each sample under way (sent or not, y, own displacement so far),
+            then twice what was received (begun, state of the chain, how many, number of the sample of the last; y,
+            displacement, velocity), for samples of even and of odd number.
+        streams, places: of the links, shapes (L, 2) and (L,), by which they are known again in another phase.
+    """
+
+    heard: Array
+    velocity: Array
+    attitude: Array
+    before: Array
+    cells: Array
+    streams: IntArray
+    places: IntArray
+
+    def of_link(self) -> list[Array]:
+        """Each link's cells."""
+        return np.split(self.cells, self.places[1:]) if len(self.places) else []
+
+
+def no_links(record: bool = False) -> LinkArrays:
+    """All that is measured is heard at once, as it is."""
+    none, nobody = np.zeros(0, dtype=np.int64), np.zeros((0, 4))
+    return LinkArrays(np.zeros(0, dtype=LINK), none, np.zeros(0), nobody, 0, False, 0.0, 1.0, 0, record)
+
+
+def size_of_link_memory(links: LinkArrays, m: int) -> int:
+    """How many numbers the links of edges with m numbers hold."""
+    return len(links.table) + m * links.odometry + 10 * len(links.facing) + links.size
+
+
+def split_link_memory(flat: Array, links: LinkArrays, m: int) -> LinkMemory:
+    """Views of so many numbers."""
+    V = len(links.facing)
+    ends = np.cumsum([len(links.table), m * links.odometry, 4 * V, 6 * V])
+    heard, velocity, attitude, before, cells = np.split(flat, ends)
+    known = np.ascontiguousarray(links.table["stream"]), np.ascontiguousarray(links.table["place"])
+    return LinkMemory(heard, velocity, attitude.reshape(V, 4), before.reshape(2, V, 3), cells, *known)
+
+
+def carry_links(old: LinkMemory, new: LinkMemory) -> None:
+    """Take over, under a law with other edges, what is under way and was received on the edges that remain."""
+    known = {tuple(stream): cells for stream, cells in zip(old.streams.tolist(), old.of_link(), strict=True)}
+    for stream, cells in zip(new.streams.tolist(), new.of_link(), strict=True):
+        before = known.get(tuple(stream), cells)
+        if len(before) == len(cells):
+            cells[:] = before
+    if len(old.attitude) == len(new.attitude):
+        new.attitude[:], new.before[:] = old.attitude, old.before
+
+
+def stream_of(kind: str, edge: Edge, nth: int) -> tuple[int, int]:
+    """The stream of the nth of a kind's edges between the same ends: 61 bits that depend on nothing else.
+
+    Its first number is at least 2^30: apart from those that other random numbers take.
+    """
+    word = blake2b(f"{kind} {edge.tail} {edge.head} {nth}".encode(), digest_size=8).digest()
+    return 2**30 + (int.from_bytes(word[:4]) >> 2), int.from_bytes(word[4:]) >> 1
+
+
+def linked_edges(team: Team, links: Links) -> list[tuple[str, int, Edge, LinkModel]]:
+    """Kind, number within the kind, and link of every edge of communication and sensing.
+
+    Raises:
+        InputError: sections do not fit together; the message begins with the field.
+    """
+    found, plain = [], {}
+    for kind in KINDS:
+        with in_field(f"links.{kind}"):
+            plain[kind] = links.resolve(kind)
+    for kind, edges in zip(KINDS, (team.communication, team.sensing), strict=True):
+        for k, edge in enumerate(edges):
+            if edge.link is None:
+                found.append((kind, k, edge, plain[kind]))
+                continue
+            with in_field(f"{kind}.{k}"):
+                found.append((kind, k, edge, links.resolve(kind, edge.link)))
+    return found
+
+
+def pack_links(
+    team: Team,
+    links: Links,
+    *,
+    period: float,
+    start: float = 0.0,
+    seed: int = 0,
+    height: float = 0.0,
+    heading: Array | None = None,
+    feedforward: bool = False,
+) -> LinkArrays:
+    """The links of a team for compiled code.
+
+    Args:
+        team: the team; its edges have their own link fields.
+        links: those of all and of each kind.
+        period: the control period, s; 0 where the law is continuous.
+        start: of the run, s.
+        seed: of the run.
+        height: of the surface on which planar vehicles are, m.
+        heading: initial, of all vehicles, shape (V,), rad.
+        feedforward: whether the law has it.
+
+    Raises:
+        InputError: a delay is no whole number of periods, the period is 0, or a sensor does not fit an edge's maps; the
+            message begins with the field.
+    """
+    _require_delays(team, links, period)
+    everyone = linked_edges(team, links)
+    if all(link.exact for *_, link in everyone):
+        return no_links(bool(links.record))
+    if period == 0.0:
+        raise InputError(
+            "links: controller.control_period is 0; expected a positive one with noise, delay, loss or range"
+        )
+    edges = len(everyone) + len(team.target_edges) + len(team.anchors)
+    of, place, turning = np.full(edges, -1), 0, False
+    table: list[tuple[Any, ...]] = []
+    met: dict[tuple[str, ...], int] = {}
+    for e, (kind, k, edge, link) in enumerate(everyone):
+        ends = (kind, *edge.between)
+        met[ends] = met.get(ends, -1) + 1
+        if link.exact:
+            continue
+        m = len(edge.F_tail)
+        if link.range_bearing:
+            with in_field(f"{kind}.{k}, {edge}"):
+                require_bearing(edge.F_tail, edge.F_head)
+            turning = turning or m == 3
+        delay, hold = whole_periods(link.delay, period), int(min(link.hold / period + 1e-6, 1e9))
+        received = place + (delay + 1) * (1 + m * (1 + feedforward))
+        of[e] = len(table)
+        loss = link.loss
+        sensor = link.range_bearing, link.noise, link.bias, link.range_noise, link.bearing_noise, link.range
+        chain = loss.to_bad, loss.to_good, loss.bad, loss.loss_good, loss.loss_bad
+        bursts = loss.loss_good != loss.loss_bad
+        stream = stream_of(kind, edge, met[ends])
+        table.append((e, place, received, delay, hold, link.lossy, bursts, *sensor, *chain, stream))
+        place = received + 2 * (_HEADER + m * (1 + 2 * feedforward))
+        if place > _MOST_NUMBERS:
+            raise InputError(f"links: delay lines hold more than {_MOST_NUMBERS} numbers; expected shorter delays")
+    half = 0.5 * (np.zeros(len(team.members)) if heading is None else heading)
+    facing = np.column_stack([np.cos(half), 0.0 * half, 0.0 * half, np.sin(half)])
+    return LinkArrays(
+        table=np.array(table, dtype=LINK),
+        of=of,
+        lift=np.array([height if member.dimension == 2 else 0.0 for member in team.members]),
+        facing=facing if turning else np.zeros((0, 4)),
+        size=place,
+        odometry=feedforward,
+        start=start,
+        period=period,
+        seed=seed,
+        record=bool(links.record),
+    )
+
+
+def _require_delays(team: Team, links: Links, period: float) -> None:
+    """Raise an InputError that names the section whose delay is no whole number of periods."""
+    sections = [(f"links.{name}", getattr(links, name)) for name in ("all", *KINDS)]
+    for kind in KINDS:
+        edges: Sequence[Edge] = getattr(team, kind)
+        sections += [(f"{kind}.{k}", edge.link) for k, edge in enumerate(edges)]
+    for field, section in sections:
+        if section is not None and section.delay and period > 0.0:
+            with in_field(field):
+                whole_periods(section.delay, period)
+
+
+@jit
+def deliver(law, t, x, bodies, y, terms, memory):
+    """Turn true measurements y (m,) of time t, s, into those that arrive now; y = -b where nothing does.
+
+    Args:
+        law: the law.
+        t: time, s.
+        x: positions, shape (V, 3), m.
+        bodies: whether memory.attitude has the true attitudes; else vehicles face where they move.
+        y: measurements, in place.
+        terms: memory of the terms.
+        memory: of the links.
+    """
+    links, edges, cells = law.links, law.edges, memory.cells
+    n = int(np.rint((t - links.start) / links.period))
+    if memory.attitude.shape[0] > 0 and not bodies:
+        face_along(links, x, n, memory)
+    for k in range(links.table.shape[0]):
+        link = links.table[k]
+        first, end = edges.first[link.edge], edges.first[link.edge + 1]
+        m = end - first
+        tail, head = edges.tail[link.edge], edges.head[link.edge]
+        own = m if links.odometry else 0
+        width = _HEADER + m + 2 * own
+        now, before = link.received + (n % 2) * width, link.received + ((n + 1) % 2) * width
+
+        bad, lost = cells[before + 1], False
+        draw = uniforms(links.seed, link.stream, n, 0)
+        if link.lossy:
+            if link.bursts:
+                chance = uniforms(links.seed, link.stream, n, 1)[0]
+                if cells[before] == 0.0:
+                    bad = 1.0 if chance < link.bad else 0.0
+                elif bad > 0.0:
+                    bad = 1.0 if chance >= link.to_good else 0.0
+                else:
+                    bad = 1.0 if chance < link.to_bad else 0.0
+            lost = draw[0] < (link.loss_bad if bad > 0.0 else link.loss_good)
+        if not lost and link.range < np.inf:
+            lost = distance(x[tail], links.lift[tail], x[head], links.lift[head]) > link.range
+
+        turn_of_ring = n % (link.delay + 1)
+        slot = link.place + turn_of_ring * (1 + m + own)
+        cells[slot] = 0.0 if lost else 1.0
+        if not lost:
+            sense(links, link, edges, first, end, n, draw, memory.attitude, tail, y)
+            for i in range(m):
+                cells[slot + 1 + i] = y[first + i]
+            if own > 0 and law.terms.feedforward > 0:
+                walked = terms.walked[tail]
+                for i in range(m):
+                    F = edges.F_tail[first + i]
+                    cells[slot + 1 + m + i] = F[0] * walked[0] + F[1] * walked[1] + F[2] * walked[2]
+
+        slot = link.place if turn_of_ring == link.delay else slot + 1 + m + own
+        count, last = cells[before + 2], cells[before + 3]
+        cells[now], cells[now + 1] = 1.0, bad
+        keeps = link.hold > 0 or own > 0
+        if cells[slot] > 0.0:
+            for i in range(m):
+                y[first + i] = cells[slot + 1 + i]
+            if keeps:
+                receive(
+                    links, cells, slot + 1, before + _HEADER, now + _HEADER, m, own, n - last if count > 0.0 else 0.0
+                )
+            count, last = count + 1.0, float(n)
+            memory.heard[k] = NEW
+        else:
+            held = count > 0.0 and n - last <= link.hold
+            if keeps:
+                for i in range(m + 2 * own):
+                    cells[now + _HEADER + i] = cells[before + _HEADER + i]
+            for i in range(m):
+                y[first + i] = cells[now + _HEADER + i] if held else -edges.b[first + i]
+            memory.heard[k] = HELD if held else SILENT
+        cells[now + 2], cells[now + 3] = count, last
+        for i in range(own):
+            memory.velocity[first + i] = cells[now + _HEADER + 2 * m + i]
+
+
+@inline_jit
+def receive(links, cells, slot, before, now, m, own, periods):
+    """Keep the m numbers that arrive, and with odometry what they say of a velocity since so many periods, if any."""
+    for i in range(own):
+        a, b = cells[slot + i] + cells[slot + m + i], cells[before + i] + cells[before + m + i]
+        cells[now + 2 * m + i] = (a - b) / (periods * links.period) if periods > 0.0 else 0.0
+    for i in range(m + own):
+        cells[now + i] = cells[slot + i]
+
+
+@inline_jit
+def distance(x, x_lift, y, y_lift):
+    """Between bodies at x and y (3,), m, whose z is taken so much higher."""
+    dx, dy, dz = y[0] - x[0], y[1] - x[1], y[2] + y_lift - x[2] - x_lift
+    return np.sqrt(dx * dx + dy * dy + dz * dz)
+
+
+@inline_jit
+def sense(links, link, edges, first, end, n, draw, attitude, tail, y):
+    """Add the errors of sample n to the measurement y[first:end] of an edge; of `draw` (4,) the last three are used."""
+    if link.bearing:
+        far, angle = link.range_noise * normal_of(draw[1]), link.bearing_noise * normal_of(draw[2])
+        if end - first == 2:
+            y[first], y[first + 1] = perceive_plane(y[first], y[first + 1], far, angle)
+        else:
+            tilt = link.bearing_noise * normal_of(draw[3])
+            perceive_space(edges.F_tail[first:end], attitude[tail], far, angle, tilt, y[first:end])
+    elif link.noise > 0.0:
+        y[first] += link.noise * normal_of(draw[1])
+        if end - first > 1:
+            y[first + 1] += link.noise * normal_of(draw[2])
+        if end - first > 2:
+            y[first + 2] += link.noise * normal_of(draw[3])
+        for r in range(first + 3, end):
+            more = (r - first - 3) % 4
+            if more == 0:
+                draw = uniforms(links.seed, link.stream, n, 2 + (r - first - 3) // 4)
+            y[r] += link.noise * normal_of(draw[more])
+    if link.bias != 0.0:
+        for r in range(first, end):
+            y[r] += link.bias
+
+
+@inline_jit
+def perceive_plane(y0, y1, far, angle):
+    """Range times bearing in the plane, the range `far` m too long and the bearing `angle` rad too large.
+
+    A range of 0 has no direction, and is measured as 0.
+    """
+    r, c, s = np.sqrt(y0 * y0 + y1 * y1), np.cos(angle), np.sin(angle)
+    longer = (r + far) / r if r > 0.0 else 0.0
+    return longer * (c * y0 - s * y1), longer * (s * y0 + c * y1)
+
+
+@inline_jit
+def perceive_space(F, attitude, far, azimuth, elevation, y):
+    """The same in space, in place: azimuth and elevation in the frame of a body, y (3,) = F times a relative state."""
+    dx = F[0, 0] * y[0] + F[1, 0] * y[1] + F[2, 0] * y[2]
+    dy = F[0, 1] * y[0] + F[1, 1] * y[1] + F[2, 1] * y[2]
+    dz = F[0, 2] * y[0] + F[1, 2] * y[1] + F[2, 2] * y[2]
+    w, i, j, k = attitude[0], attitude[1], attitude[2], attitude[3]
+    bx, by, bz = turn(w, -i, -j, -k, dx, dy, dz)
+    across = np.sqrt(bx * bx + by * by)
+    r = np.sqrt(across * across + bz * bz)
+    a, e = np.arctan2(by, bx) + azimuth, np.arctan2(bz, across) + elevation
+    r = r + far if r > 0.0 else 0.0
+    dx, dy, dz = turn(w, i, j, k, r * np.cos(e) * np.cos(a), r * np.cos(e) * np.sin(a), r * np.sin(e))
+    for row in range(3):
+        y[row] = F[row, 0] * dx + F[row, 1] * dy + F[row, 2] * dz
+
+
+@inline_jit
+def turn(w, i, j, k, x, y, z):
+    """The vector (x, y, z) turned by the unit quaternion (w, i, j, k)."""
+    a, b, c = 2.0 * (j * z - k * y), 2.0 * (k * x - i * z), 2.0 * (i * y - j * x)
+    return x + w * a + (j * c - k * b), y + w * b + (k * a - i * c), z + w * c + (i * b - j * a)
+
+
+@jit
+def face_along(links, x, n, memory):
+    """Let every vehicle face where it moved since the sample before, its first axis ahead and its second level.
+
+    One that does not move stays as it was; at the first sample the initial headings hold.
+    """
+    for v in range(memory.attitude.shape[0]):
+        attitude, last = memory.attitude[v], memory.before[(n + 1) % 2, v]
+        dx, dy, dz = x[v, 0] - last[0], x[v, 1] - last[1], x[v, 2] - last[2]
+        if n == 0:
+            for i in range(4):
+                attitude[i] = links.facing[v, i]
+        elif dx * dx + dy * dy + dz * dz > _STILL * _STILL:
+            level = np.sqrt(dx * dx + dy * dy)
+            yaw = 0.5 * np.arctan2(dy, dx) if level > 0.0 else 0.0
+            pitch = -0.5 * np.arctan2(dz, level)
+            attitude[0], attitude[1] = np.cos(yaw) * np.cos(pitch), -np.sin(yaw) * np.sin(pitch)
+            attitude[2], attitude[3] = np.cos(yaw) * np.sin(pitch), np.sin(yaw) * np.cos(pitch)
+        for i in range(3):
+            memory.before[n % 2, v, i] = x[v, i]

@@ -1,0 +1,202 @@
+"""Links: how measurements are made and how they get from one end of an edge to the other, as a file says it.
+
+A measurement of an edge is made by the tail at every sample and sent to the head; what is lost is lost for both. Fields
+are set for all edges, for those of a kind, or on an edge itself: the finest that names a field counts, field by field.
+"""
+
+from typing import Annotated, Any, Literal, NamedTuple
+
+import numpy as np
+from pydantic import ConfigDict, Field, model_validator
+
+from mjsheaf.arrays import Array
+from mjsheaf.errors import InputError
+from mjsheaf.io.section import NonNegative, Number, Positive, Section, tagged
+
+KINDS = ("communication", "sensing")
+"""The kinds of edges that have links."""
+
+Probability = Annotated[float, Field(ge=0, le=1)]
+
+
+class Exact(Section):
+    """The relative state itself, with white noise and bias where the link has them."""
+
+    model_config = ConfigDict(json_schema_extra=tagged("kind"))
+
+    kind: Literal["exact"] = "exact"
+
+
+class RangeBearing(Section):
+    """Range and bearing in the frame of the tail's body, of which the tail knows the attitude.
+
+    On an edge with two rows the bearing is an angle in their plane, on one with three azimuth and elevation in the body
+    frame as it turns: along the motion on ideal kinematics, the true attitude on bodies.
+    """
+
+    model_config = ConfigDict(json_schema_extra=tagged("kind"))
+
+    kind: Literal["range_bearing"] = "range_bearing"
+    range_noise: NonNegative = Field(0.0, description="standard deviation of the range, m")
+    bearing_noise: Annotated[float, Field(ge=0, le=180)] = Field(
+        0.0, description="standard deviation of every angle, degrees"
+    )
+
+
+class GilbertElliott(Section):
+    """Losses in bursts: a Markov chain of a good and a bad state, which changes before each sample."""
+
+    model_config = ConfigDict(json_schema_extra=tagged("kind"))
+
+    kind: Literal["gilbert_elliott"] = "gilbert_elliott"
+    to_bad: Probability = Field(description="probability of good to bad, a sample")
+    to_good: Probability = Field(description="probability of bad to good, a sample")
+    loss_good: Probability = Field(0.0, description="probability of a loss in the good state")
+    loss_bad: Probability = Field(1.0, description="probability of a loss in the bad state")
+
+    @property
+    def bad(self) -> float:
+        """Stationary probability of the bad state, in which an edge begins; 0 where no state ever changes."""
+        total = self.to_bad + self.to_good
+        return self.to_bad / total if total > 0.0 else 0.0
+
+    @property
+    def mean(self) -> float:
+        """Stationary probability of a loss."""
+        return self.loss_bad * self.bad + self.loss_good * (1.0 - self.bad)
+
+
+class Link(Section):
+    """What a link does to the measurements of an edge; None leaves a field to a coarser section."""
+
+    noise: NonNegative | None = Field(None, description="standard deviation of each measured number, white, m")
+    bias: Number | None = Field(None, description="of each measured number, m")
+    delay: NonNegative | None = Field(None, description="age of a measurement, whole control periods, s")
+    loss: Probability | GilbertElliott | None = Field(None, description="probability for each sample, or bursts")
+    range: Positive | None = Field(None, description="distance of the bodies beyond which the link is silent, m")
+    hold: NonNegative | None = Field(None, description="how long a lost measurement is held before it is skipped, s")
+    sensor: Annotated[Exact | RangeBearing, Field(discriminator="kind")] | None = None
+
+    @model_validator(mode="after")
+    def _one_noise(self) -> "Link":
+        if self.noise and isinstance(self.sensor, RangeBearing):
+            raise ValueError("noise beside sensor range_bearing; expected its range_noise and bearing_noise, or exact")
+        return self
+
+    @property
+    def own(self) -> dict[str, Any]:
+        """The fields that are named."""
+        return {name: value for name in Link.model_fields if (value := getattr(self, name)) is not None}
+
+
+class Links(Section):
+    """Links of all edges and of each kind; an edge may have the same fields."""
+
+    all: Link | None = Field(None, description="communication and sensing")
+    communication: Link | None = None
+    sensing: Link | None = None
+    record: bool | None = Field(None, description="whether result.nc has every measurement, as agents had it")
+
+    def resolve(self, kind: str, own: Link | None = None) -> "LinkModel":
+        """The link of an edge of a kind, with its own fields.
+
+        Raises:
+            InputError: a sensor range_bearing has a finer section's noise beside it.
+        """
+        return _model(self.all, getattr(self, kind), own)
+
+
+class LinkModel(NamedTuple):
+    """A link with every field.
+
+    Attributes:
+        noise, bias, range_noise: m; bearing_noise: rad.
+        range_bearing: whether the sensor is.
+        delay, hold: s.
+        range: m, infinite without one.
+        loss: as a chain of two states, alike where losses are independent.
+    """
+
+    noise: float = 0.0
+    bias: float = 0.0
+    range_bearing: bool = False
+    range_noise: float = 0.0
+    bearing_noise: float = 0.0
+    delay: float = 0.0
+    hold: float = 0.0
+    range: float = np.inf
+    loss: GilbertElliott = GilbertElliott(to_bad=0.0, to_good=1.0, loss_bad=0.0)
+
+    @property
+    def lossy(self) -> bool:
+        """Whether a measurement can be lost at random."""
+        return self.loss.mean > 0.0 or self.loss.loss_good > 0.0
+
+    @property
+    def exact(self) -> bool:
+        """Whether measurements arrive at once, all of them, without error."""
+        erring = self.noise > 0.0 or self.bias != 0.0 or self.range_noise > 0.0 or self.bearing_noise > 0.0
+        return not (erring or self.delay > 0.0 or np.isfinite(self.range) or self.lossy)
+
+    @property
+    def random(self) -> bool:
+        """Whether random numbers enter."""
+        return self.noise > 0.0 or self.range_noise > 0.0 or self.bearing_noise > 0.0 or self.lossy
+
+
+def _model(*sections: Link | None) -> LinkModel:
+    """The link of sections from the coarsest to the finest."""
+    fields: dict[str, Any] = {}
+    for section in sections:
+        own = section.own if section else {}
+        if isinstance(own.get("sensor"), RangeBearing):
+            fields.pop("noise", None)  # that of the exact sensor which it replaces
+        fields |= own
+    sensor, loss = fields.pop("sensor", None), fields.pop("loss", None)
+    if isinstance(sensor, RangeBearing):
+        if fields.get("noise"):
+            raise InputError(
+                "noise beside a coarser section's sensor range_bearing; expected sensor: {kind: exact} with it"
+            )
+        angle = float(np.deg2rad(sensor.bearing_noise))
+        fields |= {"range_bearing": True, "range_noise": sensor.range_noise, "bearing_noise": angle}
+    if isinstance(loss, GilbertElliott):
+        fields["loss"] = loss
+    elif loss:
+        fields["loss"] = GilbertElliott(to_bad=0.0, to_good=1.0, loss_good=loss, loss_bad=loss)
+    return LinkModel(**fields)
+
+
+def require_bearing(F_tail: Array, F_head: Array) -> None:
+    """Check that maps are F_tail = R P and F_head = R P, P two or three common axes and R a rotation.
+
+    Raises:
+        InputError: they are not.
+    """
+    used = [np.flatnonzero(np.abs(F).max(axis=0, initial=0.0) > 0.0) for F in (F_tail, F_head)]
+    m = len(F_tail)
+    fits = m in (2, 3) and np.array_equal(used[0], used[1]) and len(used[0]) == m
+    R = F_tail[:, used[0]] if fits else np.eye(2)
+    if not (fits and np.array_equal(R, F_head[:, used[1]]) and np.allclose(R.T @ R, np.eye(m), rtol=0.0, atol=1e-9)
+            and np.linalg.det(R) > 0.0):  # fmt: skip
+        raise InputError(
+            "sensor range_bearing: expected maps F_tail = R P and F_head = R P, P two or three common axes and R a "
+            "rotation: shared, identity or local_frame"
+        )
+
+
+def whole_periods(seconds: float, period: float) -> int:
+    """A delay in control periods.
+
+    Raises:
+        InputError: it is no whole number of them.
+    """
+    ratio = seconds / period
+    n = round(ratio)
+    if abs(ratio - n) > 1e-6 * max(1.0, ratio):
+        below, above = (f"{k * period:.6g}" for k in (int(ratio), int(ratio) + 1))
+        raise InputError(
+            f"delay: {seconds:.6g} s is no whole number of control periods of {period:.6g} s; "
+            f"expected {below} or {above}"
+        )
+    return n
