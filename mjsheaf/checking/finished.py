@@ -234,7 +234,7 @@ def _departure(certificate: Certificate, dataset: "xr.Dataset") -> tuple[float, 
 
 LEVEL = (
     "A run has settled if the mean of its RMS tracking error over the last quarter differs from that over the quarter "
-    "before by at most 1 % of the range that the error went through, or by at most 5 % of both that range and the "
+    "before by at most 1e-9 m, or 1 % of the range that the error went through, or 5 % of both that range and the "
     "mean, or by what the unfinished periods of an oscillation make, and if the team does not swing by itself."
 )
 
@@ -315,7 +315,7 @@ def is_level(error: Array) -> bool:
     (first, _), (before, _), (level, _) = means = [_mean(quarter) for quarter in quarters]
     trend = (level - before) * (before - first) > 0.0 and all(whole for _, whole in means)
     through, reversals = float(np.ptp(error)), _reversals(quarters[-1])
-    allowed = max(_LEVEL_OF_RANGE * through, _LEVEL_OF_BOTH * min(through, level))
+    allowed = max(_LEVEL_OF_RANGE * through, _LEVEL_OF_BOTH * min(through, level), _ROUNDING)
     if reversals >= 2 and not trend:
         # A sine of n half periods and a part of one has a mean of at most its swing over n pi.
         allowed = max(allowed, 2.0 * float(np.ptp(quarters[-1])) / reversals / np.pi)

@@ -94,10 +94,6 @@ def _resolved(scenario: Scenario) -> dict[str, Any]:
     return scenario.model_dump(mode="json", exclude_none=True)
 
 
-_NEVER_SETTLES = {"growing": "its error grows to the end", "circling": "it swings by itself, without end"}
-"""What to say of endings that no longer run mends."""
-
-
 @dataclass(frozen=True)
 class Outcome:
     """A published run.
@@ -187,6 +183,7 @@ def publish(
     """
     from mjsheaf.checking.finished import bound_of_run, held_bound_of_run
     from mjsheaf.runs.harm import examine_terms
+    from mjsheaf.runs.notes import notes_of_run
     from mjsheaf.simulation.trajectory import samples_in_piece
     from mjsheaf.system import phases_of
 
@@ -210,13 +207,11 @@ def publish(
         summary |= {"origin": origin, "wall_time_s": seconds, store.RESULT_DIGEST: store.digest(fresh / "result.nc")}
         if seconds:
             summary["realtime_factor"] = float(drawn["time"][-1] - drawn["time"][0]) / seconds
-        notes = [violation for violation in (theorem.violation(), of_law.violation()) if violation]
         terms = examine_terms(phases, dataset)
         if terms is not None:
             summary["terms"] = terms.record()
-            notes += terms.harm
-        if summary["ending"] in _NEVER_SETTLES:
-            notes.append(f"the team does not settle: {_NEVER_SETTLES[summary['ending']]}; see mjsheaf check")
+        found = notes_of_run(phases, dataset, summary["ending"], theorem, of_law, terms)
+        summary["notes"], notes = [note.record() for note in found], [note.text for note in found]
         if video is not None:
             from mjsheaf.video.from_run import film_run
 

@@ -1,0 +1,315 @@
+"""What a person should know of a run, in sentences: on the terminal, in summary.json and on the run's page.
+
+    saturated     thrusters at a limit for more than a tenth of the time
+    limited       commands at the velocity limit for more than a tenth of the time
+    medium        flow and disturbance are faster than a vehicle can be
+    approaching   the team's error still falls at the end; changing: it does something else
+    circling, growing   the team swings by itself, or its error grows to the end
+    close         vehicles closer than their size, or through each other, while contacts are off
+    submerged     an aircraft under water or in the ground
+    bound         a bound that theory gives is exceeded
+    terms         the law's terms do harm (see `harm`)
+
+Each is said once, of the vehicle that is worst.
+"""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from mjsheaf.arrays import Array, BoolArray
+from mjsheaf.checking.finished import HeldBound, RunBound
+from mjsheaf.results.netcdf import pieces_of
+from mjsheaf.system import Phase, System
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from mjsheaf.runs.harm import TermsInRun
+
+Kind = Literal[
+    "saturated",
+    "limited",
+    "medium",
+    "approaching",
+    "changing",
+    "circling",
+    "growing",
+    "close",
+    "submerged",
+    "bound",
+    "terms",
+]
+
+_MUCH = 0.1  # of the time, that thrusters or commands may be at a limit
+_GUST = 0.01  # of the time, for which a medium may be too fast
+_AT_LIMIT = 1.0 - 1e-9  # of the velocity limit
+_FEW = 100  # vehicles up to which all pairs are compared at all samples
+
+
+@dataclass(frozen=True)
+class Note:
+    """Something to know of a run.
+
+    Attributes:
+        kind: of what.
+        text: the sentence.
+        agent: id of the agent or target that it is about, the worst of several; None where it is the team.
+        time: at which it is worst, or begins, s; None where there is no such time.
+        number: how bad: a share of time, or m, m/s, or a ratio to a bound, as the text says.
+    """
+
+    kind: Kind
+    text: str
+    agent: str | None = None
+    time: float | None = None
+    number: float | None = None
+
+    def record(self) -> dict[str, Any]:
+        """What summary.json has of it."""
+        return asdict(self)
+
+
+def notes_of_run(
+    phases: Sequence[Phase],
+    dataset: "xr.Dataset",
+    ending: str | None,
+    theorem: RunBound,
+    held: HeldBound,
+    terms: "TermsInRun | None",
+) -> list[Note]:
+    """All that should be known of a run; it is read in pieces.
+
+    Args:
+        phases: what was run.
+        dataset: as `simulate` gives it.
+        ending: how it ended (see `finished`).
+        theorem, held: its bounds.
+        terms: what its terms did.
+    """
+    found = [
+        Note("bound", bound.violation(), None, bound.worst, bound.ratio)
+        for bound in (theorem, held)
+        if bound.violation()
+    ]
+    found += [Note("terms", sentence) for sentence in (terms.harm if terms else ())]
+    found += _about_the_end(dataset, ending)
+    found += _about_limits(phases, dataset)
+    found += _about_the_surface(phases[0].system, dataset)
+    if dataset.attrs["backend"] == "physics" and not phases[0].system.bodies.contacts:
+        found += _about_distances(phases[0].system, dataset)
+    return found
+
+
+def _about_the_end(dataset: "xr.Dataset", ending: str | None) -> list[Note]:
+    """Whether the error still changes, or the team swings by itself."""
+    if ending in (None, "settled"):
+        return []
+    time = dataset["time"].values
+    quarter = max(1, len(time) // 4)
+    squares = dataset["tracking_error"][-2 * quarter :].values ** 2
+    before, last = (np.sqrt(np.nanmean(part)) for part in (squares[:-quarter], squares[-quarter:]))
+    size = f"RMS tracking error {last:.3g} m over the last quarter, {before:.3g} m over the one before"
+    never = "the team does not settle"
+    kind: Kind
+    if ending == "moving":
+        kind, what = ("approaching", "still approaching") if last < before else ("changing", "not settled yet")
+        text = f"the team is {what} at the end of the run: {size}; a later time.end shows where it settles"
+    elif ending == "growing":
+        kind, text = "growing", f"{never}: its error grows to the end ({size}); see mjsheaf check"
+    else:
+        kind, text = "circling", f"{never}: it swings by itself, without end ({size}); see mjsheaf check"
+    return [Note(kind, text, None, float(time[-1]), float(last))]
+
+
+def _about_limits(phases: Sequence[Phase], dataset: "xr.Dataset") -> list[Note]:
+    """Agents whose thrusters or commands are at their limits, or whose medium is too fast for them."""
+    system, bodies = phases[0].system, dataset.attrs["backend"] == "physics"
+    names = ["agent_flow", *["velocity_command"] * (not dataset.attrs.get("controller"))]
+    names += ["agent_saturation"] * bodies
+    agents = system.team.agents
+    able = _able(system, bodies)
+    N, done = len(agents), 0
+    present, full, capped, swept = (np.zeros(N) for _ in range(4))
+    fastest, when = np.zeros(N), np.zeros(N)
+    for piece in pieces_of(dataset, names):
+        T = piece.sizes["time"]
+        there, limit = _conditions(phases, done, T)
+        present += there.sum(axis=0)
+        if bodies:
+            full += ((piece["agent_saturation"].values > 0.0) & there).sum(axis=0)
+        if "velocity_command" in names:
+            speed = np.linalg.norm(np.nan_to_num(piece["velocity_command"].values), axis=2)
+            capped += ((speed >= _AT_LIMIT * limit) & (limit > 0.0) & there).sum(axis=0)
+        flow = np.where(there, np.linalg.norm(np.nan_to_num(piece["agent_flow"].values), axis=2), 0.0)
+        swept += (flow > able).sum(axis=0)
+        most = flow.argmax(axis=0)
+        peak = flow[most, np.arange(N)]
+        when = np.where(peak > fastest, piece["time"].values[most], when)
+        fastest = np.maximum(fastest, peak)
+        done += T
+    full, capped, swept = (count / np.maximum(present, 1) for count in (full, capped, swept))
+    found: list[Note] = []
+
+    def worst(badness: Array, least: float) -> tuple[int, str]:
+        """The worst agent and a name for all that are bad; -1 where none is."""
+        over = int((badness > least).sum())
+        v = int(badness.argmax())
+        return (v, _and_others(agents[v].id, over - 1)) if over else (-1, "")
+
+    v, ids = worst(full, _MUCH)
+    if v >= 0:
+        text = f"thrusters of {ids} are at a limit for {100 * full[v]:.0f} % of the time: the law asks too much"
+        found.append(Note("saturated", text, agents[v].id, None, float(full[v])))
+    v, ids = worst(capped, _MUCH)
+    if v >= 0:
+        text = f"the law asks {ids} for the velocity limit or more for {100 * capped[v]:.0f} % of the time"
+        text += "; raise velocity_limit, or lower the gain"
+        found.append(Note("limited", text, agents[v].id, None, float(capped[v])))
+    v, ids = worst(np.where(swept > _GUST, fastest / able, 0.0), 0.0)
+    if v >= 0:
+        what = "its vehicle makes" if able[v] < _limits(system)[v] else "its velocity limit allows"
+        text = (
+            f"the medium is faster than {ids} can be: {fastest[v]:.3g} m/s about {agents[v].id} at t = {when[v]:.6g} s"
+        )
+        text += f", where {what} {able[v]:.3g} m/s in its slowest direction"
+        found.append(Note("medium", text, agents[v].id, float(when[v]), float(fastest[v])))
+    return found
+
+
+def _limits(system: System) -> Array:
+    """Largest commanded speed of each agent, shape (N,), m/s."""
+    return system.law.limit[: len(system.team.agents)]
+
+
+def _able(system: System, bodies: bool) -> Array:
+    """How fast each agent can be through the medium, shape (N,), m/s; infinite without limits."""
+    from mjsheaf.vehicles.effects import capability_of, of_each
+
+    limits = _limits(system)
+    if not bodies:
+        return limits
+    return np.minimum(
+        limits, of_each(system.vehicles[: len(limits)], lambda vehicle: capability_of(vehicle).least_speed)
+    )
+
+
+def _conditions(phases: Sequence[Phase], first: int, count: int) -> tuple[BoolArray, Array]:
+    """Who is present at so many samples from the first on, and their limits of speed then, shapes (T, N), m/s."""
+    number = np.searchsorted([phase.start for phase in phases], np.arange(first, first + count), side="right") - 1
+    there = np.array([phase.system.team.present for phase in phases])
+    limit = np.array([_limits(phase.system) for phase in phases])
+    return there[number], limit[number]
+
+
+def _about_the_surface(system: System, dataset: "xr.Dataset") -> list[Note]:
+    """Aircraft below the surface of the scene."""
+    surface, height = system.bodies.surface, system.bodies.surface_height
+    flying = [(v, member) for v, member in enumerate(system.team.members) if member.dimension == 3]
+    if surface == "none" or not flying:
+        return []
+    bodies, N = dataset.attrs["backend"] == "physics", len(system.team.agents)
+    names = [f"{kind}_{'height' if bodies else 'position'}" for kind in ("agent", "target")]
+    deepest = (0.0, -1)
+    below: dict[int, float] = {}
+    for piece in pieces_of(dataset, names):
+        z = np.concatenate([piece[name].values if bodies else piece[name].values[..., 2] for name in names], axis=1)
+        for v, _ in flying:
+            below_surface = height - z[:, v]
+            under = np.flatnonzero(below_surface > 0.0)
+            if under.size:
+                below.setdefault(v, float(piece["time"].values[under[0]]))
+                deepest = max(deepest, (float(below_surface.max()), v), key=lambda found: found[0])
+    if not below:
+        return []
+    depth, v = deepest
+    member, where = system.team.members[v], "under water" if surface == "water" else "in the ground"
+    what = "an aircraft" if v < N else "an aerial target"
+    text = f"{_and_others(member.id, len(below) - 1)} {'is' if len(below) == 1 else 'are'} {where}"
+    text += f": {member.id}, {what}, from t = {below[v]:.6g} s on, down to {depth:.3g} m"
+    return [Note("submerged", text, member.id, below[v], depth)]
+
+
+def _about_distances(system: System, dataset: "xr.Dataset") -> list[Note]:
+    """Vehicles that are closer than their size; of teams of more than 100, when each is closest to another."""
+    from mjsheaf.simulation.arena import size_of
+    from mjsheaf.vehicles.effects import of_each
+
+    members = system.team.members
+    if len(members) < 2:
+        return []
+    sizes = of_each(system.vehicles, size_of)
+    kinds, measured = ("agent", "target"), ("body_position", "orientation", "separation")
+    names = [f"{kind}_{what}" for kind in kinds for what in measured]
+    closest: tuple[float, float, float, tuple[int, int], Any] = (1.0, 0.0, 0.0, (0, 0), None)
+    together: set[int] = set()
+    for piece in pieces_of(dataset, names):
+        x, turned, apart = (
+            np.concatenate([piece[f"{kind}_{what}"].values for kind in kinds], axis=1) for what in measured
+        )
+        for k, i, j, distance in _close_pairs(x, apart, sizes):
+            together |= {i, j}
+            share = distance / (0.5 * (sizes[i] + sizes[j]))
+            if share < closest[0]:
+                placed = x[k, [i, j]], turned[k, [i, j]]
+                closest = share, distance, float(piece["time"].values[k]), (i, j), placed
+    share, distance, time, (i, j), placed = closest
+    if placed is None:
+        return []
+    pair = f"{members[i].id} and {members[j].id}"
+    text = (
+        f"{pair} go through each other" if _overlap([system.vehicles[v] for v in (i, j)], *placed)
+        else f"{pair} come closer to each other than their size, {0.5 * (sizes[i] + sizes[j]):.3g} m"
+    )  # fmt: skip
+    text += f": {distance:.3g} m between their origins at t = {time:.6g} s, and physics.contacts is off"
+    text += f"; {len(together)} vehicles come so close in all" * (len(together) > 2)
+    return [Note("close", text, members[i].id, time, distance)]
+
+
+def _close_pairs(x: Array, apart: Array, sizes: Array) -> "list[tuple[int, int, int, float]]":
+    """Sample, two vehicles and their distance, m, for each pair closer than their size, when they are closest.
+
+    Args:
+        x: origins of bodies, shape (T, V, 3), m.
+        apart: distance to the nearest other vehicle, shape (T, V), m.
+        sizes: shape (V,), m.
+    """
+    V, most, found = len(sizes), float(sizes.max()), []
+    if V <= _FEW:
+        if not (apart < most).any():
+            return []
+        for i in range(V - 1):
+            distance = np.linalg.norm(x[:, i + 1 :] - x[:, i : i + 1], axis=2)
+            k = distance.argmin(axis=0)
+            least = distance[k, np.arange(V - 1 - i)]
+            near = np.flatnonzero(least < 0.5 * (sizes[i] + sizes[i + 1 :]))
+            found += [(int(k[n]), i, int(i + 1 + n), float(least[n])) for n in near]
+        return found
+    for k in np.unique(apart.argmin(axis=0)[apart.min(axis=0) < most]).tolist():
+        pairs = cKDTree(x[k]).query_pairs(most, output_type="ndarray")
+        distance = np.linalg.norm(x[k, pairs[:, 0]] - x[k, pairs[:, 1]], axis=1)
+        near = distance < 0.5 * sizes[pairs].sum(axis=1)
+        found += [(k, int(i), int(j), float(d)) for (i, j), d in zip(pairs[near], distance[near], strict=True)]
+    return found
+
+
+def _overlap(vehicles: "list[Any]", positions: Array, quaternions: Array) -> bool:
+    """Whether two vehicles at positions (2, 3), m, and attitudes (2, 4) share space; geoms count as convex."""
+    from mjsheaf.engine import mujoco
+    from mjsheaf.simulation.arena import compose
+
+    arena = compose(vehicles, ["a", "b"])
+    model, data = arena.model, mujoco.MjData(arena.model)
+    for at, position, quaternion in zip(arena.qpos, positions, quaternions, strict=True):
+        data.qpos[at : at + 7] = *position, *quaternion
+    mujoco.mj_kinematics(model, data)
+    owner = model.body_rootid[model.geom_bodyid]
+    first, second = (np.flatnonzero(owner == body) for body in arena.body)
+    return any(mujoco.mj_geomDistance(model, data, int(a), int(b), 1.0, None) <= 0.0 for a in first for b in second)
+
+
+def _and_others(name: str, others: int) -> str:
+    return name + (f" and {others} other{'s' * (others > 1)}" if others else "")

@@ -1,0 +1,168 @@
+"""Notes of runs: each kind on a run that has it, and a healthy run that has none of them."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mjsheaf import World, load_scenario, save, simulate
+from mjsheaf.checking.finished import bound_of_run, ending_of_run, held_bound_of_run
+from mjsheaf.engine import mujoco
+from mjsheaf.runs.notes import notes_of_run
+from mjsheaf.scenario import Scenario
+from mjsheaf.simulation.arena import size_of
+from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
+from tests.builders import QUADROTOR_PAIR
+
+CALM: dict[str, Any] = {
+    "name": "calm",
+    "time": {"end": 8},
+    "controller": {"gain": 1, "control_period": 0.02, "velocity_limit": 3},
+    "agents": [
+        {"id": "Q1", "position": [0, 0, 5], "vehicle": "hexarotor"},
+        {"id": "Q2", "position": [6, 0, 5], "vehicle": "hexarotor"},
+    ],
+    "targets": [{"id": "T1", "position": [3, 4, 6]}],
+    "sensing": [{"between": [q, "T1"], "offset": [x, -4, -1]} for q, x in (("Q1", -3), ("Q2", 3))],
+    "physics": {"timestep": 0.005},
+    "scene": {"surface": "ground"},
+}
+"""Two hexarotors that stand where they should, far from each other."""
+
+
+def found_in(scenario: Scenario, backend: str = "physics") -> dict[str, Any]:
+    """The notes of a run by kind."""
+    phases, result = scenario.phases, simulate(scenario, backend=backend)
+    theorem, ending = bound_of_run(phases, result), ending_of_run(phases, result)
+    notes = notes_of_run(phases, result, ending, theorem, held_bound_of_run(phases, result, theorem), None)
+    assert len({note.kind for note in notes}) == len(notes)
+    return {note.kind: note for note in notes}
+
+
+def noted(changes: dict[str, Any], backend: str = "physics") -> dict[str, Any]:
+    """The notes of a run of the calm team, changed."""
+    return found_in(load_scenario(CALM, changes), backend)
+
+
+@pytest.mark.parametrize("backend", ["ideal", "physics"])
+def test_a_healthy_run_has_no_notes(backend: str) -> None:
+    assert noted({}, backend) == {}
+
+
+def test_a_medium_faster_than_the_vehicles_and_what_it_does_to_them() -> None:
+    found = noted({"flow.agents.drift": [20, 0, 0], "flow.agents.dimension": 3})
+    assert found["medium"].number == pytest.approx(20.0)
+    assert "velocity limit" in found["medium"].text
+    assert found["growing"].agent is None
+    assert found["growing"].number > 20.0
+    assert found["limited"].number > 0.8
+    assert not {"medium", "growing"} & set(noted({"flow.agents.drift": [1, 0, 0], "flow.agents.dimension": 3}))
+
+
+def test_what_the_vehicle_itself_cannot_do() -> None:
+    free = {"controller.velocity_limit": 100, "flow.agents.drift": [40, 0, 0], "flow.agents.dimension": 3}
+    found = noted(free)
+    assert "its vehicle makes" in found["medium"].text
+    assert found["saturated"].number > 0.5
+    assert found["saturated"].agent in ("Q1", "Q2")
+
+
+def test_a_run_that_ends_before_the_team_arrives() -> None:
+    found = noted({"agents.Q1.position": [0, 60, 5], "controller.velocity_limit": 3}, "ideal")
+    assert found["approaching"].time == 8.0
+    assert found["limited"].agent == "Q1"
+    assert found["limited"].number == pytest.approx(1.0)
+
+
+def test_vehicles_through_each_other() -> None:
+    cross = {"agents.Q1.position": [6, 0.02, 5], "agents.Q2.position": [0, 0, 5]}
+    found = noted(cross)
+    assert "through each other" in found["close"].text
+    assert found["close"].agent == "Q1"
+    assert found["close"].number < 0.3
+    with_contacts = noted({**cross, "physics.contacts": True})
+    assert "close" not in with_contacts
+    assert "close" not in noted(cross, "ideal")
+
+
+def test_vehicles_closer_than_their_size() -> None:
+    size = size_of(load_vehicle("hexarotor"))
+    near = {"sensing.0.offset": [0, -4, -1], "sensing.1.offset": [-0.95 * size, -4, -1]}
+    places = {"agents.Q1.position": [3, 0, 5], "agents.Q2.position": [3 - 0.95 * size, 0, 5]}
+    found = noted({**near, **places})["close"]
+    assert found.number == pytest.approx(0.95 * size, rel=0.02)
+    far = {"sensing.1.offset": [-1.2 * size, -4, -1], "agents.Q2.position": [3 - 1.2 * size, 0, 5]}
+    assert "close" not in noted({**near, **places, **far})
+
+
+@pytest.mark.parametrize(("surface", "words"), [("water", "under water"), ("ground", "in the ground")])
+def test_an_aircraft_below_the_surface(surface: str, words: str) -> None:
+    deep = {"scene.surface": surface, "agents.Q2.position": [6, 0, -2]}
+    for backend in ("ideal", "physics"):
+        found = noted(deep, backend)["submerged"]
+        assert words in found.text
+        assert (found.agent, found.time) == ("Q2", 0.0)
+        assert found.number == pytest.approx(2.0, abs=0.05)
+    assert "submerged" not in noted({**deep, "scene.surface": "none"})
+    assert "submerged" not in noted({**deep, "scene.height": -3})
+
+
+def test_an_agent_that_is_lost_is_not_said_to_be_at_its_limits() -> None:
+    found = noted({"events": [{"time": 1, "lose": "Q2"}]})
+    assert not {"limited", "saturated"} & set(found)
+    assert found["submerged"].agent == "Q2"
+
+
+@pytest.mark.parametrize(("gain", "circles"), [(1.5, False), (2.0, True)])
+def test_a_team_that_circles(gain: float, circles: bool) -> None:
+    changes = {"controller": {"gain": gain, "control_period": 0.02}, "physics": {"timestep": 0.005}}
+    assert ("circling" in found_in(load_scenario({**QUADROTOR_PAIR, **changes}))) is circles
+
+
+@pytest.mark.parametrize("name", list_vehicles())
+def test_the_size_of_a_vehicle_is_that_of_its_vertices(name: str) -> None:
+    vehicle = load_vehicle(name)
+    model = mujoco.MjModel.from_xml_path(str(vehicle.path))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    corners = []
+    for g in range(model.ngeom):
+        if model.geom_type[g] == mujoco.mjtGeom.mjGEOM_PLANE:
+            continue
+        mesh = model.geom_dataid[g]
+        if mesh >= 0:
+            first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+            own = model.mesh_vert[first : first + count]
+        else:
+            signs = np.array(np.meshgrid(*[[-1, 1]] * 3)).reshape(3, -1).T
+            own = model.geom_aabb[g, :3] + signs * model.geom_aabb[g, 3:]
+        corners.append(data.geom_xpos[g] + own @ data.geom_xmat[g].reshape(3, 3).T)
+    points = np.concatenate(corners)
+    longest = np.ptp(points, axis=0).max()
+    assert longest - 1e-9 <= size_of(vehicle) <= 1.5 * longest
+
+
+def test_the_paper_s_bodies_go_through_each_other_and_a_world_says_nothing() -> None:
+    scenario = load_scenario("paper", {"time.end": 1.0})
+    close = found_in(scenario)["close"]
+    assert close.agent is not None
+    assert close.time is not None
+    world = World(scenario)
+    world.step(round((close.time - world.time) / world.model.opt.timestep))
+    placed = world.data.qpos[world.arena.qpos[:, None] + np.arange(3)]
+    apart = np.linalg.norm(placed - placed[scenario.system.team.index[close.agent]], axis=1)
+    assert np.sort(apart)[1] == pytest.approx(close.number, abs=1e-9)
+
+
+def test_the_summary_has_what_run_prints(tmp_path: Path) -> None:
+    scenario = load_scenario(CALM, {"scene.height": 5.5, "agents.Q1.position": [0, 60, 5]})
+    outcome = save(simulate(scenario, backend="ideal"), tmp_path / "run", video=False)
+    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
+    assert [note["text"] for note in summary["notes"]] == outcome.notes
+    assert {note["kind"]: note["agent"] for note in summary["notes"]} == {
+        "approaching": None,
+        "limited": "Q1",
+        "submerged": "Q1",
+    }
