@@ -76,13 +76,30 @@ def scenario_from_mapping(
     try:
         for path, value in (overrides or {}).items():
             node = _with(node, path.split("."), plain(value), path)
-        scenario = Scenario.model_validate(node)
+        scenario = Scenario.model_validate(_shortened(node, overrides or {}))
         _ = scenario.phases  # fields that are valid one by one must also fit together
     except ValidationError as error:
         raise ScenarioError(f"{source}: {describe_validation_error(error, Scenario)}") from None
     except InputError as error:
         raise ScenarioError(f"{source}: {error}") from None
     return scenario
+
+
+def _shortened(node: dict[str, Any], overrides: Mapping[str, Any]) -> dict[str, Any]:
+    """A scenario without the events that come after its end, where that, and no event, is overridden.
+
+    A file whose events come after its own end is wrong; but a run that is cut short for a look needs no other events.
+    """
+    events, end = node.get("events"), overrides.get("time.end")
+    own = any(path.split(".")[0] == "events" for path in overrides)
+    if own or not isinstance(events, list) or not isinstance(end, int | float):
+        return node
+
+    def later(event: Any) -> bool:
+        time = event.get("time") if isinstance(event, dict) else None
+        return isinstance(time, int | float) and time > end
+
+    return {**node, "events": [event for event in events if not later(event)]}
 
 
 def parse_override(text: str) -> tuple[str, Any]:

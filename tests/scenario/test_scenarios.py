@@ -213,6 +213,15 @@ def test_name_is_derived_from_any_file(file: str, name: str, tmp_path: Path) -> 
     assert load_scenario(tmp_path / file).name == name
 
 
+def test_a_run_cut_short_by_an_override_has_no_later_events() -> None:
+    name = "harbour_lost_hexarotor"
+    assert [len(load_scenario(name, {"time.end": end}).events) for end in (45, 46, 90)] == [2, 2, 3]
+    assert len(load_scenario(name, {"time.end": 10}).phases) == 1
+    for overrides in ({"time.end": 10, "events.0.time": 45}, {"events.1.time": 100}, {"time": {"end": 10}}):
+        with pytest.raises(ScenarioError, match=r"events\.\d\.time: .* lies outside the run"):
+            load_scenario(name, overrides)
+
+
 def test_override_values_are_yaml() -> None:
     assert parse_override("controller.gain=1e-3") == ("controller.gain", 1e-3)
     assert parse_override("agents.A1.position=[1, 2]") == ("agents.A1.position", [1, 2])
