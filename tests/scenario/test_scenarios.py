@@ -12,7 +12,7 @@ import pytest
 import xarray as xr
 
 import mjsheaf
-from mjsheaf.errors import NotUniqueError
+from mjsheaf.errors import NotUniqueError, ScenarioError
 from mjsheaf.io.yaml import parse_yaml, read_yaml
 from mjsheaf.results import summarize
 from mjsheaf.scenario import Scenario, list_scenarios, load_scenario, scenario_from_mapping
