@@ -97,7 +97,7 @@ def run(
     if expect and missed:
         raise NotHeldError(f"{scenario}: {', '.join(missed)}")
     if expect and (summary["theorem"]["wrong"] or summary["held_law"]["wrong"]):  # an error of mjsheaf's
-        raise NotHeldError(f"{scenario}: {next(note for note in outcome.notes if 'please report it' in note)}")
+        raise NotHeldError(f"{scenario}: {next(n['text'] for n in summary['notes'] if n['kind'] == 'bound')}")
 
 
 def _print_outcome(outcome: "Outcome") -> None:
@@ -120,6 +120,7 @@ def _print_outcome(outcome: "Outcome") -> None:
         f"{summary['status']}, {verdict}; {summary['steps']} steps in {summary['wall_time_s']:.2f} s "
         f"({summary['realtime_factor']:.3g} x real time)",
         *([_exchanges(summary["communication"])] if summary["communication"]["exchanges_per_second"] else []),
+        *(f"note: {note['text']}" for note in summary["notes"]),
         *(f"DRIFTS: {direction}; errors are against the q* of least norm" for direction in summary["free_directions"]),
         *([outcome.replaced] if outcome.replaced else []),
         *(f"  {path}" for path in sorted(outcome.directory.iterdir())),

@@ -100,7 +100,7 @@ class Outcome:
 
     Attributes:
         directory: where it is.
-        summary: as summary.json.
+        summary: as summary.json; its notes are of the run.
         notes: what else to report.
         replaced: says which earlier run it replaced; None where there was none.
     """
@@ -211,7 +211,7 @@ def publish(
         if terms is not None:
             summary["terms"] = terms.record()
         found = notes_of_run(phases, dataset, summary["ending"], theorem, of_law, terms)
-        summary["notes"], notes = [note.record() for note in found], [note.text for note in found]
+        summary["notes"], notes = [note.record() for note in found], []
         if video is not None:
             from mjsheaf.video.from_run import film_run
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mjsheaf import World, load_scenario, save, simulate
+from mjsheaf import World, load_scenario, simulate
 from mjsheaf.checking.finished import bound_of_run, ending_of_run, held_bound_of_run
 from mjsheaf.engine import mujoco
 from mjsheaf.runs.notes import notes_of_run
@@ -15,6 +15,7 @@ from mjsheaf.scenario import Scenario
 from mjsheaf.simulation.arena import size_of
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 from tests.builders import QUADROTOR_PAIR
+from tests.commands import call
 
 CALM: dict[str, Any] = {
     "name": "calm",
@@ -156,11 +157,15 @@ def test_the_paper_s_bodies_go_through_each_other_and_a_world_says_nothing() -> 
     assert np.sort(apart)[1] == pytest.approx(close.number, abs=1e-9)
 
 
-def test_the_summary_has_what_run_prints(tmp_path: Path) -> None:
-    scenario = load_scenario(CALM, {"scene.height": 5.5, "agents.Q1.position": [0, 60, 5]})
-    outcome = save(simulate(scenario, backend="ideal"), tmp_path / "run", video=False)
-    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
-    assert [note["text"] for note in summary["notes"]] == outcome.notes
+def test_run_prints_what_the_summary_has(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path, out = tmp_path / "calm.yaml", tmp_path / "out"
+    path.write_text(json.dumps(CALM))
+    changes = ["--set", "scene.height=5.5", "--set", "agents.Q1.position=[0, 60, 5]", "--no-video"]
+    assert call("run", path, "--backend", "ideal", *changes, "--out", out) == 0
+    printed, summary = capsys.readouterr(), json.loads((out / "summary.json").read_text())
+    assert printed.err == ""
+    words = " ".join(printed.out.split())
+    assert all(f"note: {note['text']}" in words for note in summary["notes"])
     assert {note["kind"]: note["agent"] for note in summary["notes"]} == {
         "approaching": None,
         "limited": "Q1",
