@@ -4,6 +4,7 @@ A target moves by p' = w(p) + v(t) + pull (r(t) - p) - gain (L_T p - c_T)_k + om
 is the paper's: the flow carries the target away from its reference. The consensus term is the law's and is not here.
 """
 
+import csv
 from math import factorial
 from typing import Annotated, Literal, NamedTuple
 
@@ -12,8 +13,8 @@ from pydantic import ConfigDict, Field
 from scipy.interpolate import BPoly, PPoly, make_interp_spline
 
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.errors import InputError
-from mjsheaf.io.section import NonNegative, Point, Positive, Section, tagged
+from mjsheaf.errors import InputError, shortened
+from mjsheaf.io.section import NonNegative, Number, Point, Positive, Section, tagged
 from mjsheaf.jit import inline_jit
 
 _ORDER = 6  # coefficients of the quintic pieces of a waypoint path
@@ -55,9 +56,13 @@ def add_reference(motion, v, t, x, command):
             s = motion.knots[first] + (t - motion.knots[first]) % motion.period[v]
         last = motion.knots[first + pieces]
         s = min(max(s, motion.knots[first]), last)
-        k = first
-        while k < first + pieces - 1 and s >= motion.knots[k + 1]:
-            k += 1
+        k, beyond = first, first + pieces
+        while beyond - k > 1:  # knots[k] <= s, and s < knots[beyond] unless that is the last
+            middle = (k + beyond) // 2
+            if s >= motion.knots[middle]:
+                k = middle
+            else:
+                beyond = middle
         h = s - motion.knots[k]
         for i in range(3):
             position, velocity = 0.0, 0.0
@@ -120,6 +125,88 @@ class Waypoints(Section):
         return PPoly(np.array(taylor), knots)
 
 
+class Recorded(Section):
+    """A path through recorded positions: the cubic spline (not-a-knot) through them, with continuous acceleration.
+
+    Its velocity is the reference; what lies between the target's initial position and the path's, pull takes away.
+    """
+
+    model_config = ConfigDict(json_schema_extra=tagged("kind"))
+
+    kind: Literal["recorded"] = "recorded"
+    samples: Annotated[list[Annotated[list[Number], Field(min_length=3, max_length=4)]], Field(min_length=2)] = Field(
+        description="rows t (s), x, y and in space z (m), t rising, from the start of the run to its end or beyond"
+    )
+    pull: NonNegative = Field(1.0, description="return to the path where the target is off it, 1/s")
+
+    def spline(self, n: int, start: float, end: float) -> PPoly:
+        """The path, its first n coordinates, m, over time, s, of the degree of `Waypoints.spline`.
+
+        Raises:
+            InputError: samples are of another dimension, do not rise, or do not cover the run from `start` to `end`.
+        """
+        for k, row in enumerate(self.samples):
+            if len(row) < n + 1:
+                raise InputError(f"sample {k} has {len(row)} entries; expected t and {n} coordinates")
+        t, path = np.array([row[0] for row in self.samples]), np.array([row[1 : n + 1] for row in self.samples])
+        if not (np.diff(t) > 0.0).all():
+            k = int((np.diff(t) > 0.0).argmin())
+            raise InputError(f"sample {k + 1} is of t = {t[k + 1]:g} s, after one of {t[k]:g} s; expected a later time")
+        if t[0] > start or t[-1] < end:
+            raise InputError(f"samples cover {t[0]:g} to {t[-1]:g} s; expected all of the run, {start:g} to {end:g} s")
+        cubic = make_interp_spline(t, path, k=min(3, len(t) - 1))
+        knots = cubic.t[cubic.k : len(cubic.t) - cubic.k]
+        taylor = [cubic(knots[:-1], order) / factorial(order) for order in range(cubic.k, -1, -1)]
+        higher = np.zeros((_ORDER - 1 - cubic.k, *taylor[0].shape))
+        return PPoly(np.concatenate([higher, taylor]), knots)
+
+
+class File(Section):
+    """A path through positions recorded in a CSV file; see `recorded`, which a loaded scenario has in its place."""
+
+    model_config = ConfigDict(json_schema_extra=tagged("kind"))
+
+    kind: Literal["file"] = "file"
+    path: str = Field(description="of a CSV file with rows t, x, y, z or a header that names them, beside the scenario")
+    pull: NonNegative = Field(1.0, description="return to the path where the target is off it, 1/s")
+
+    def read(self) -> Recorded:
+        """The samples of the file.
+
+        Raises:
+            InputError: it cannot be read, or is no table of numbers; the message names file and line.
+        """
+        name = shortened(self.path, 100)
+        try:
+            with open(self.path, newline="", encoding="utf-8-sig") as file:
+                lines = [(k, row) for k, row in enumerate(csv.reader(file), 1) if "".join(row).strip()]
+        except (OSError, ValueError, csv.Error) as error:
+            raise InputError(f"{name}: {getattr(error, 'strerror', None) or error}") from None
+        places = list(range(len(lines[0][1]))) if lines else []
+        if lines and not all(map(_is_number, lines[0][1])):
+            header = [_COLUMNS.get(title.strip().lower()) for title in lines.pop(0)[1]]
+            places = [header.index(column) for column in "txyz" if column in header]
+            if not {"t", "x", "y"} <= set(header):
+                raise InputError(f"{name}: expected a table of numbers with columns t, x, y, and in space z")
+        samples = []
+        for number, row in lines:
+            if not all(at < len(row) and _is_number(row[at]) for at in places):
+                shown = shortened(",".join(row))
+                raise InputError(f"{name}: line {number}: expected a number in each column, not {shown!r}")
+            samples.append([float(row[at]) for at in places])
+        return Recorded(samples=samples, pull=self.pull)
+
+
+_COLUMNS = {"t": "t", "time": "t", "time_s": "t", "x": "x", "y": "y", "z": "z"}
+
+
+def _is_number(text: str) -> bool:
+    try:
+        return bool(np.isfinite(float(text)))
+    except ValueError:
+        return False
+
+
 class Static(Section):
     """No motion of its own; flow and disturbance still move it, unless it is pulled back."""
 
@@ -129,10 +216,12 @@ class Static(Section):
     pull: NonNegative = Field(0.0, description="return to the initial position, 1/s")
 
 
-Motion = Annotated[Lissajous | Waypoints | Static, Field(discriminator="kind")]
+Motion = Annotated[Lissajous | Waypoints | Recorded | File | Static, Field(discriminator="kind")]
 
 
-def pack(motions: list[Motion | None], positions: Array, start: float, dimensions: list[int]) -> MotionArrays:
+def pack(
+    motions: list[Motion | None], positions: Array, start: float, dimensions: list[int], end: float | None = None
+) -> MotionArrays:
     """Pack the reference of each vehicle (None: none) into arrays.
 
     Args:
@@ -140,9 +229,11 @@ def pack(motions: list[Motion | None], positions: Array, start: float, dimension
         positions: initial positions, shape (V, 3), m.
         start: initial time, s.
         dimensions: dimension of each vehicle.
+        end: time, s, up to which recorded positions must reach; `start` unless given.
 
     Raises:
-        InputError: a motion has the wrong dimension, or a path visits the same point twice in a row.
+        InputError: a motion has the wrong dimension, a path visits the same point twice in a row, or recorded positions
+            do not cover the run.
     """
     V = len(motions)
     arrays = MotionArrays(
@@ -160,11 +251,12 @@ def pack(motions: list[Motion | None], positions: Array, start: float, dimension
         arrays.pull[v] = motion.pull if motion else 0.0
         if isinstance(motion, Lissajous):
             motion.write(arrays, v, n, start)
-        elif isinstance(motion, Waypoints):
-            spline = motion.spline(positions[v, :n], start)
+        elif isinstance(motion, Waypoints | Recorded | File):
+            spline = _spline(motion, positions[v, :n], start, start if end is None else end)
             pieces = len(spline.x) - 1
             arrays.path[v] = len(arrays.knots), pieces
-            arrays.period[v] = spline.x[-1] - spline.x[0] if motion.closed else 0.0
+            closed = isinstance(motion, Waypoints) and motion.closed
+            arrays.period[v] = spline.x[-1] - spline.x[0] if closed else 0.0
             padded = np.zeros((pieces + 1, _ORDER, 3))  # a row for the last knot keeps both arrays aligned
             padded[:-1, :, :n] = spline.c.transpose(1, 0, 2)
             arrays = arrays._replace(
@@ -172,6 +264,14 @@ def pack(motions: list[Motion | None], positions: Array, start: float, dimension
                 coefficients=np.concatenate([arrays.coefficients, padded]),
             )
     return arrays
+
+
+def _spline(motion: Waypoints | Recorded | File, initial: Array, start: float, end: float) -> PPoly:
+    """The path of a target that is at `initial` (n,), m, at the start."""
+    if isinstance(motion, Waypoints):
+        return motion.spline(initial, start)
+    recorded = motion.read() if isinstance(motion, File) else motion
+    return recorded.spline(len(initial), start, end)
 
 
 def reference_bounds(motion: MotionArrays) -> tuple[Array, Array]:

@@ -8,6 +8,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from mjsheaf.dynamics.motion import File
 from mjsheaf.errors import InputError, ScenarioError, expected, in_field, suggestion
 from mjsheaf.io.files import confined, resource_directory
 from mjsheaf.io.section import describe_validation_error, plain
@@ -62,6 +63,7 @@ def read_scenario(source: str | Path) -> dict[str, Any]:
     found = read_yaml(path)
     try:
         raw = map_vehicles(found, lambda name: str(confined(name, path.parent)))
+        raw = _with_recorded(raw, lambda name: str(confined(name, path.parent)))
     except InputError as error:
         raise ScenarioError(f"{source}: {error}") from None
     raw.setdefault("name", _name_from(path))
@@ -76,13 +78,38 @@ def scenario_from_mapping(
     try:
         for path, value in (overrides or {}).items():
             node = _with(node, path.split("."), plain(value), path)
-        scenario = Scenario.model_validate(_shortened(node, overrides or {}))
+        node = _with_recorded(_shortened(node, overrides or {}), str)
+        scenario = Scenario.model_validate(node)
         _ = scenario.phases  # fields that are valid one by one must also fit together
     except ValidationError as error:
         raise ScenarioError(f"{source}: {describe_validation_error(error, Scenario)}") from None
     except InputError as error:
         raise ScenarioError(f"{source}: {error}") from None
     return scenario
+
+
+def _with_recorded(node: Any, place: Callable[[str], str]) -> Any:
+    """A scenario whose motions from files hold what the files say; `place` finds a file from what is written."""
+
+    def read(motion: Any, field: str) -> Any:
+        if not isinstance(motion, dict) or motion.get("kind") != "file" or not isinstance(motion.get("path"), str):
+            return motion
+        with in_field(field):
+            return File(**{**motion, "path": place(motion["path"])}).read().model_dump()
+
+    if not isinstance(node, dict):
+        return node
+    node = {**node, "target_motion": read(node["target_motion"], "target_motion")} if "target_motion" in node else node
+    targets = node.get("targets")
+    if not isinstance(targets, list):
+        return node
+    moving = [
+        {**target, "motion": read(target["motion"], f"targets.{k}.motion")}
+        if isinstance(target, dict) and "motion" in target
+        else target
+        for k, target in enumerate(targets)
+    ]
+    return {**node, "targets": moving}
 
 
 def _shortened(node: dict[str, Any], overrides: Mapping[str, Any]) -> dict[str, Any]:

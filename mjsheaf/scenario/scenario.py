@@ -380,7 +380,7 @@ class Scenario(Section):
         flows, field = self.flow.met_by(team)
         moves = [*[None] * len(agents), *(target.motion or self.target_motion for target in targets)]
         with in_field("targets"):
-            motion = motions.pack(moves, initial, self.time.start, dimensions)
+            motion = motions.pack(moves, initial, self.time.start, dimensions, self.time.end)
         with in_field("agents"):
             g = effectivenesses.pack([agent.effectiveness for agent in agents], dimensions[: len(agents)])
         target_gain = self.target_formation.gain if self.target_formation else 0.0
