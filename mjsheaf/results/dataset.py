@@ -122,7 +122,8 @@ class Delivery:
     Attributes:
         edges: that have a link in some phase: kind and name, in order.
         sizes: how many numbers each edge of communication and sensing measures, with a link or without.
-        share: of the measurements that could have arrived, new ones that did; NaN where none could, shape (L,).
+        share: of the measurements that could have arrived, new ones that did, in phases without the link all of them;
+            NaN where none could, shape (L,).
     """
 
     def __init__(self, systems: Sequence[System]) -> None:
@@ -163,6 +164,10 @@ class Delivery:
         self._waiting[own] = np.minimum(under_way[own] + T, table["delay"])
         self._due[own] += T - (self._waiting[own] - under_way[own])
         self._new[own] += (piece.log.heard == NEW).sum(axis=0)
+        there = {self._number[key] for key, _ in labelled_edges(piece.system) if key in self._number}
+        plain = sorted(there.difference(own.tolist()))
+        self._due[plain] += T
+        self._new[plain] += T
 
 
 def labelled_edges(system: System) -> list[tuple[tuple[str, str], Edge]]:
