@@ -208,7 +208,14 @@ class Change(Event):
     @property
     def words(self) -> str:
         """For example: gain = 5, or: all.loss = 0.5."""
-        return ", ".join(f"{path.partition('.')[2]} = {value}" for path, value in self.values())
+        return ", ".join(f"{path.partition('.')[2]} = {_in_words(value)}" for path, value in self.values())
+
+
+def _in_words(value: Any) -> str:
+    """A value of a field, of a section its kind or what it has."""
+    if not isinstance(value, Mapping):
+        return str(value)
+    return str(value.get("kind") or ", ".join(f"{name} {_in_words(item)}" for name, item in value.items()))
 
 
 _KINDS = {"lose": Lose, "cut": Cut, "restore": Restore, "join": Join, "set": Change}
