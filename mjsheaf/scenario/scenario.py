@@ -322,6 +322,9 @@ class Scenario(Section):
         Raises:
             InputError: fields do not fit together; the message begins with the field.
         """
+        for k, edge in enumerate(self.target_edges):
+            for name in edge.own:
+                raise InputError(f"target_edges.{k}.{name}: targets have no links; expected between, map, weight, offset")
         return Team(
             [agent.member for agent in self.agents],
             [Member(target.id, len(target.position)) for target in self.targets],
