@@ -324,7 +324,9 @@ class Scenario(Section):
         """
         for k, edge in enumerate(self.target_edges):
             for name in edge.own:
-                raise InputError(f"target_edges.{k}.{name}: targets have no links; expected between, map, weight, offset")
+                raise InputError(
+                    f"target_edges.{k}.{name}: targets have no links; expected between, map, weight, offset"
+                )
         return Team(
             [agent.member for agent in self.agents],
             [Member(target.id, len(target.position)) for target in self.targets],
