@@ -229,6 +229,9 @@ def _gather(trajectory: Trajectory, delivery: Delivery) -> xr.Dataset:
         kinds, names = zip(*delivery.edges, strict=True)
         coordinates["edge"] = _labels("edge", list(names), "edge that has a link")
         coordinates["edge_kind"] = _labels("edge", list(kinds), "communication or sensing")
+        edges = len(team.communication) + len(team.sensing)
+        arrived = edges - log.heard.shape[1] + (log.heard == NEW).sum(axis=1)
+        add("arrival", ("time",), arrived / max(edges, 1), "1", "share of all edges by which a new measurement arrives")
         add("delivery", ("edge",), delivery.share, "1", "share of an edge's measurements that arrived, so far")
     if system.law.links.record:
         _add_measurements(variables, coordinates, trajectory, delivery)

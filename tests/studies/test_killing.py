@@ -10,6 +10,7 @@ import signal
 import subprocess
 import time
 from pathlib import Path
+from typing import Any
 
 import psutil
 import pytest
@@ -139,7 +140,11 @@ def run_in_threads(out: Path) -> dict[str, bytes]:
 def test_a_study_over_links_and_events_goes_on_to_the_byte(tmp_path: Path) -> None:
     """Random numbers of links are counted by sample, whoever runs; events are parameters as any other."""
     ring = [{"time": 2, "lose": "A9"}, {"time": 4, "join": "A9"}]
-    grid = {"links.all.loss": [0, 0.2, 0.5], "links.all.delay": [0, 0.01], "events.0.time": [1, 2]}
+    grid: dict[str, list[Any]] = {
+        "links.all.loss": [0, 0.2, 0.5],
+        "links.all.delay": [0, 0.01],
+        "events.0.time": [1, 2],
+    }
     fixed = {"time.end": 6, "links.all.noise": 0.2, "events": ring}
     plan = load_plan("paper", grid=grid, seeds=(0, 2), overrides=fixed, backend="ideal")
     run_study(plan, tmp_path / "undisturbed", IN_THREADS)
