@@ -4,6 +4,7 @@ import fcntl
 import hashlib
 import os
 import pickle
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -16,6 +17,19 @@ from hypothesis import settings
 settings.register_profile("fast", deadline=None, derandomize=True, max_examples=20)
 settings.register_profile("ci", deadline=None, derandomize=True, max_examples=60)
 settings.load_profile("fast")  # `make test-all` asks for --hypothesis-profile=ci
+
+
+ALSO_SHOWN = ("noisy_harbour", "paper_delay", "paper_half_lost", "swarm_radio_shadow")
+"""Scenarios that ship and are others over links, or large: what is tried of each one is tried of them with the slow."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the tests that are about one of these scenarios, among those that there are of every scenario, as slow."""
+    for item in items:
+        named = item.nodeid.rpartition("::")[2] if "/test_" in item.nodeid else item.path.stem
+        words = re.split(r"[\[\]-]", named)
+        if not {*words}.isdisjoint(ALSO_SHOWN):
+            item.add_marker(pytest.mark.slow)
 
 
 @pytest.fixture(autouse=True)

@@ -3,6 +3,8 @@
 import time
 from dataclasses import dataclass
 
+import numpy as np
+
 from mjsheaf._version import __version__
 from mjsheaf.checking.body_loop import loop_along
 from mjsheaf.comparing.convergence import converge
@@ -39,7 +41,10 @@ def compare(scenario: Scenario, progress: Progress = no_progress) -> Comparison:
         NotUniqueError: the harmonic extension is not unique.
     """
     if scenario.events:
-        raise InputError("events: a comparison is of one phase; expected none, as with --set events=[]")
+        raise InputError(
+            "events: a comparison is of one team; expected none, as with --set events=[]; of a run with events, "
+            "`mjsheaf expect` shows the errors of both backends at the end of each phase"
+        )
     begun = time.perf_counter()
     system = scenario.system
     require_simulable(system, "physics")
@@ -84,6 +89,9 @@ def _loop(system: System, ideal: Run) -> LoopRecord | None:
     """The loop of the scenario's bodies in the mean flow along the ideal run."""
     if not ideal.finished:
         return None
+    links = system.law.links.table
+    if links["delay"].any() or links["lossy"].any() or np.isfinite(links["range"]).any():
+        return LoopRecord(stable=None, largest_gain=None, reason="measurements are late or lost")
     found = loop_along(system, ideal.trajectory.time, system.team.harmonic_extension(ideal.trajectory.positions))
     return LoopRecord(stable=found.stable, largest_gain=found.largest_gain, reason=found.reason)
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from pydantic import Field
 
-from mjsheaf.comparing.ladder import inertial_tau, without_terms
+from mjsheaf.comparing.ladder import inertial_tau, without_links, without_terms
 from mjsheaf.comparing.measures import largest_distance, positions_at_q_star
 from mjsheaf.io.section import FiniteRecord
 from mjsheaf.runs.simulate import Progress, no_progress
@@ -33,7 +33,8 @@ class PointRecord(FiniteRecord):
 class ConvergenceRecord(FiniteRecord):
     """Largest distance to the ideal run, both from q*, against the time constant tau of all bodies.
 
-    Both under the paper's law alone, of which theory speaks: terms know bodies from ideal kinematics.
+    Both under the paper's law alone and over perfect links, of which theory speaks: terms and sensors know bodies from
+    ideal kinematics.
     """
 
     points: list[PointRecord]
@@ -92,8 +93,10 @@ def converge(system: System, progress: Progress = no_progress) -> ConvergenceRec
 
 
 def _with_inertia(system: System, tau: float | None) -> System:
-    """The system under the paper's law, on bodies with inertia alone; tau, s, is their own unless given."""
+    """The system under the paper's law over perfect links, on bodies with inertia alone; tau, s, their own if None."""
     plan = system.bodies
     only = Effects(inertia=True, drag_law=False, limits=False, lag=False, underactuation=False)
     constant = plan.time_constant if tau is None else tau
-    return replace(without_terms(system), bodies=replace(plan, effects=only, time_constant=constant, contacts=False))
+    return replace(
+        without_links(without_terms(system)), bodies=replace(plan, effects=only, time_constant=constant, contacts=False)
+    )

@@ -104,7 +104,7 @@ def choose_rungs(record: CompareRecord) -> tuple[list[RungRecord], str]:
     All with one effect are drawn but those whose line is that of ideal thrusters, and, beyond 10 lines, those that do
     least.
     """
-    law = [rung for rung in record.ladder if rung.key == "all-terms"]
+    law = [rung for rung in record.ladder if rung.key in ("all-terms", "all-links")]
     base, fixed = record.rung("base"), ("targets", "agents", "base", "all", "ideal", *(rung.key for rung in law))
     alone = [rung for rung in record.ladder if rung.kind == "alone"]
     same = [r for r in alone if (r.status, r.errors, r.distance) == (base.status, base.errors, base.distance)]
@@ -128,6 +128,8 @@ def _style(rung: RungRecord, colour: Array) -> dict[str, Any]:
         return {"color": "black", "linewidth": 1.6, "linestyle": (0, (4, 2))}
     if rung.kind == "law":
         return {"color": _ALL, "linewidth": 1.4, "linestyle": (0, (1.5, 1.5))}
+    if rung.kind == "links":
+        return {"color": _ALL, "linewidth": 1.2, "linestyle": (0, (6, 2))}
     if rung.kind == "all":
         return {"color": _ALL, "linewidth": 1.8}
     if rung.kind == "part":

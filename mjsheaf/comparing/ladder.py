@@ -8,9 +8,10 @@
     all        the scenario as it stands
     -EFFECT    the scenario with one effect switched off
     X-terms    ideal kinematics and the scenario as it stands under the paper's law alone, without its terms
+    X-links    the same two over perfect links: no noise, delay or loss
 
-The ladder has variants only for effects that some vehicle of the scenario has and that the scenario leaves on, and for
-the paper's law only where the scenario's has terms beyond it.
+The ladder has variants only for effects that some vehicle of the scenario has and that the scenario leaves on, for
+the paper's law only where the scenario's has terms beyond it, and for perfect links only where its own are not.
 
 A scenario may be worse without an effect than with it, as effects are not independent:
 
@@ -49,6 +50,7 @@ from mjsheaf.comparing.measures import (
     positions_at_q_star,
     saturation_of,
 )
+from mjsheaf.control.links import no_links
 from mjsheaf.control.terms import no_terms
 from mjsheaf.io.section import FiniteRecord
 from mjsheaf.runs.simulate import Progress, no_progress
@@ -59,7 +61,7 @@ from mjsheaf.system import System
 from mjsheaf.vehicles.effects import has_effects
 from mjsheaf.vehicles.vehicle import Vehicle
 
-Kind = Literal["ideal", "part", "base", "alone", "all", "without", "law"]
+Kind = Literal["ideal", "part", "base", "alone", "all", "without", "law", "links"]
 
 CONTACTS = "contacts"
 _OF_VEHICLES = ("inertia", "drag_law", "limits", "lag", "underactuation")
@@ -105,18 +107,21 @@ class Setup:
         agents, targets: whether they are bodies.
         effects: those of EFFECTS that are on; without a meaning where nobody is a body.
         terms: whether the law keeps what it has beyond the paper's.
+        links: whether links are as they are, or perfect.
     """
 
     agents: bool
     targets: bool
     effects: frozenset[str] = frozenset()
     terms: bool = True
+    links: bool = True
 
     def apply(self, system: System) -> System:
         """The system with these bodies."""
         effects = system.bodies.effects.model_copy(update={name: name in self.effects for name in _OF_VEHICLES})
         bodies = replace(system.bodies, effects=effects, contacts=CONTACTS in self.effects)
-        return replace(system if self.terms else without_terms(system), bodies=bodies)
+        lawful = system if self.terms else without_terms(system)
+        return replace(lawful if self.links else without_links(lawful), bodies=bodies)
 
 
 @dataclass(frozen=True)
@@ -204,6 +209,11 @@ def without_terms(system: System) -> System:
     return replace(system, law=system.law._replace(terms=no_terms()))
 
 
+def without_links(system: System) -> System:
+    """The system over perfect links."""
+    return replace(system, law=system.law._replace(links=no_links()))
+
+
 def display_name(effect: str) -> str:
     """Human-readable name of an effect."""
     return effect.replace("_", " ")
@@ -245,15 +255,19 @@ def _switched_on(system: System) -> frozenset[str]:
 
 
 def ladder_of(system: System) -> list[Variant]:
-    """The variants of a scenario, from ideal to all, those without one effect, and those under the paper's law."""
+    """The variants of a scenario: ideal to all, without one effect, under the paper's law, over perfect links."""
     effects, own = effects_of(system), _switched_on(system)
 
-    def bodies(effects: frozenset[str], terms: bool = True) -> Setup:
-        return Setup(agents=True, targets=True, effects=effects, terms=terms)
+    def bodies(effects: frozenset[str], terms: bool = True, links: bool = True) -> Setup:
+        return Setup(agents=True, targets=True, effects=effects, terms=terms, links=links)
 
     law = [
         Variant("ideal-terms", "ideal, paper's law", "law", Setup(agents=False, targets=False, terms=False)),
         Variant("all-terms", "all, paper's law", "law", bodies(own, terms=False)),
+    ]
+    links = [
+        Variant("ideal-links", "ideal, perfect links", "links", Setup(agents=False, targets=False, links=False)),
+        Variant("all-links", "all, perfect links", "links", bodies(own, links=False)),
     ]
     return [
         Variant("ideal", "ideal kinematics", "ideal", Setup(agents=False, targets=False)),
@@ -264,6 +278,7 @@ def ladder_of(system: System) -> list[Variant]:
         Variant("all", "all: as it stands", "all", bodies(own)),
         *(Variant(f"-{e}", f"all - {display_name(e)}", "without", bodies(own - {e}), e) for e in effects),
         *(law if system.law.terms.agents else []),
+        *(links if len(system.law.links.table) else []),
     ]
 
 

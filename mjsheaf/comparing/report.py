@@ -42,7 +42,7 @@ _BEFORE_EFFECTS = {
 _AFTER_EFFECTS = {"interaction_m": "interaction", "all_m": "as it stands"}
 """Fields of a budget in the order of its table, with their labels."""
 
-_SECTION = {"ideal": 0, "part": 0, "base": 1, "alone": 1, "all": 2, "without": 2, "law": 3}
+_SECTION = {"ideal": 0, "part": 0, "base": 1, "alone": 1, "all": 2, "without": 2, "law": 3, "links": 4}
 
 
 def report(record: CompareRecord) -> Group:

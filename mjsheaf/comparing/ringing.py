@@ -10,7 +10,8 @@ turn first, come on top: so the test is repeated without them, where prediction 
 
 With the Newton direction H is the identity in all of this: the prediction takes it for exact. Feedforward and drift add
 nothing while targets and medium are still; their odometry has no noise here. The integral, which is slow and which the
-prediction does not know, is off.
+prediction does not know, is off. So is what links do at random, noise and losses: measurements are only as old as they
+are, which predictions do not know either.
 
 How far the gain may be raised before bodies, lag or the law's hold make the team ring.
 """
@@ -28,6 +29,7 @@ from mjsheaf.arrays import Array
 from mjsheaf.checking.margins import LARGEST_SECOND_ORDER
 from mjsheaf.comparing.ladder import effects_of, inertial_tau
 from mjsheaf.comparing.measures import positions_at_q_star
+from mjsheaf.control.links import LinkArrays
 from mjsheaf.dynamics import FlowField
 from mjsheaf.io.section import FiniteRecord
 from mjsheaf.simulation.loop import run_physics
@@ -70,6 +72,7 @@ class RingingRecord(FiniteRecord):
     predicted_frequency_rad_s: float
     predicted_overshoot: float = Field(description="in the same experiment, of the displacement")
     overdamped: bool = Field(description="whether no mode is predicted to swing")
+    delay_s: float = Field(0.0, description="age of the oldest measurements, which the predictions do not know")
     measured: list[ReleaseRecord]
 
 
@@ -118,6 +121,7 @@ def ringing_of(system: System) -> RingingRecord | None:
         predicted_frequency_rad_s=mode.frequency,
         predicted_overshoot=_overshoot(np.array(states)[:, :n], mode),
         overdamped=not mode.swings,
+        delay_s=system.grid.period * _late(system),
         measured=measured,
     )
 
@@ -216,6 +220,7 @@ def _displaced_at_rest(system: System, mode: Mode) -> System:
         law=system.law._replace(
             gain=np.where(np.arange(V) < N, system.law.gain, 0.0),
             terms=system.law.terms._replace(noise=0.0, bias=0.0, integral=0.0),
+            links=_only_late(system.law.links),
         ),
         motion=system.motion._replace(
             pull=np.zeros(V), amplitude=np.zeros((V, 3)), path=np.zeros((V, 2), dtype=np.int64)
@@ -224,6 +229,20 @@ def _displaced_at_rest(system: System, mode: Mode) -> System:
         flows=[FlowField(dimension=3)],
         field=np.zeros(V, dtype=np.int64),
     )
+
+
+def _late(system: System) -> int:
+    """Age of the oldest measurements, in periods."""
+    return int(np.max(system.law.links.table["delay"], initial=0))
+
+
+def _only_late(links: LinkArrays) -> LinkArrays:
+    """The links with their delays alone."""
+    table = links.table.copy()
+    for name in ("lossy", "bursts", "bearing", "noise", "bias", "range_noise", "bearing_noise"):
+        table[name] = 0
+    table["range"] = np.inf
+    return links._replace(table=table)
 
 
 def _ability(vehicle: Vehicle) -> float:
@@ -296,11 +315,13 @@ def usable_gain(system: System, ringing: RingingRecord | None) -> float | None:
     """The gain at which the least damped mode's damping ratio falls to 0.3 or the held law begins to ring, 1/s.
 
     With inertia alone the damping ratio of a mode falls as zeta / sqrt(k), k the gain as a share of the present one.
-    A delay l, such as the hold's h / 2 or a thruster's lag, takes about omega l / 2 of it, which grows as sqrt(k):
+    A delay l, such as the hold's h / 2, a link's or a thruster's lag, takes about omega l / 2 of it, which grows as
+    sqrt(k):
 
         zeta / sqrt(k) - delta sqrt(k) = 0.3
 
-    where delta is the larger of the hold's and of what the experiment on the scenario's bodies lacks beside zeta.
+    where delta is the larger of hold's and links', and of what the experiment on bodies lacks beside zeta.
+    On measurements d periods old the held law does not ring up to k1 h lambda_max = d^d / (d + 1)^(d + 1).
 
     Args:
         system: the scenario's system.
@@ -321,8 +342,10 @@ def usable_gain(system: System, ringing: RingingRecord | None) -> float | None:
         damping = 0.5 / (frequency * slowest)
     period = 0.0 if system.grid.continuous else system.grid.period
     measured = None if ringing is None else ringing.measured[0].damping_ratio
-    delta = max(frequency * period / 4.0, 0.0 if measured is None else damping - measured)
+    late = _late(system)
+    delta = max(frequency * period * (1.0 + 2.0 * late) / 4.0, 0.0 if measured is None else damping - measured)
     # The root sqrt(k) of delta k + 0.3 sqrt(k) - damping = 0, in the form that knows delta = 0.
     root = 2.0 * damping / (_LEAST_DAMPING + sqrt(_LEAST_DAMPING**2 + 4.0 * delta * damping))
     found = system.gain * root**2
-    return min(found, 1.0 / (period * stiffest)) if period > 0.0 else found
+    calm = late**late / (late + 1.0) ** (late + 1)
+    return min(found, calm / (period * stiffest)) if period > 0.0 else found

@@ -116,7 +116,9 @@ class _Lever(NamedTuple):
 def verdict_of(record: CompareRecord) -> list[str]:
     """The sentences, the most telling first."""
     harmful = (_harmful_terms,) if _harmful_terms(record) else ()
-    law = () if harmful else (_terms, _groups, _tracking, _velocity_limit)  # advice for a law that does what it can
+    law = (
+        () if harmful else (_terms, _links, _groups, _tracking, _velocity_limit)
+    )  # advice for a law that does what it can
     parts = (_unsettled, *harmful, _of_the_whole, *law, _speeds, _saturation, _ringing)
     return [sentence for part in parts for sentence in part(record)]
 
@@ -167,6 +169,22 @@ def _terms(record: CompareRecord) -> list[str]:
     ideal = [record.rung(key).errors[TEAM].error(TRACKING) for key in ("ideal-terms", "ideal")]
     known = "" if None in ideal else f", ideal {ideal[0]:.3g} -> {ideal[1]:.3g} m"
     return [f"{listed(record.terms)}: tracking error {cost[0]:.3g} -> {cost[1]:.3g} m as it stands{known}"]
+
+
+def _links(record: CompareRecord) -> list[str]:
+    """What links cost, where they are not perfect."""
+    if not any(rung.kind == "links" for rung in record.ladder):
+        return []
+    found = [
+        (record.rung(f"{key}-links").errors[TEAM].error(TRACKING), record.rung(key).errors[TEAM].error(TRACKING))
+        for key in ("all", "ideal")
+    ]
+    costs = [
+        f"{perfect:.3g} -> {now:.3g} m {name}"
+        for (perfect, now), name in zip(found, ("as it stands", "ideal"), strict=True)
+        if perfect is not None and now is not None
+    ]
+    return [f"links as they are, against perfect ones: tracking error {', '.join(costs)}"] if costs else []
 
 
 def _costs_of_terms(record: CompareRecord) -> tuple[float, float] | None:
@@ -347,10 +365,11 @@ def _ringing(record: CompareRecord) -> list[str]:
         return [f"the least damped mode (about {ringing.agent}) GROWS: lower controller.gain"]
     predicted = ringing.predicted_damping_ratio_held
     why = "" if measured > 0.7 * predicted else f", where inertia and the law's hold alone would leave {predicted:.2g}"
+    late = f" and measurements were not {ringing.delay_s:.3g} s old" if why and ringing.delay_s else ""
     known = [(m.bodies, m.damping_ratio) for m in ringing.measured if m.damping_ratio is not None]
     blamed = max(((later[1] - now[1], later[0]) for now, later in pairwise(known)), default=(0.0, ""))[1]
     cures = [f", or {cure}" for effect, cure in _RINGING_CURES.items() if blamed.endswith(effect)]
     return [
-        f"it rings: damping ratio {measured:.2g} of the mode about {ringing.agent}{why}; "
+        f"it rings: damping ratio {measured:.2g} of the mode about {ringing.agent}{why}{late}; "
         f"lower controller.gain{''.join(cures)}"
     ]

@@ -187,14 +187,32 @@ def _end(node: yaml.Node) -> int:
 
 
 def _lines(value: dict[str, Any], column: int, newline: str) -> str:
-    """A mapping in lines, of which all but the first are indented; mappings inside it are in braces."""
-    lines = [
-        f"{k}: {dump_yaml(v, flow=True, width=math.inf)}"
-        if isinstance(v, dict)
-        else dump_yaml({k: v}, flow=False, width=math.inf)
-        for k, v in value.items()
-    ]
-    return (newline + " " * column).join(line.rstrip("\n") for line in lines)
+    """A mapping in lines, of which all but the first are indented.
+
+    Mappings inside it are in braces, but for those that hold a list of mappings: of these each is, on its own line.
+    """
+
+    def dump(item: dict[str, Any], flow: bool) -> str:
+        return dump_yaml(item, flow=flow, width=math.inf).rstrip("\n")
+
+    lines = []
+    for k, v in value.items():
+        if not isinstance(v, dict):
+            lines.append(dump({k: v}, False))
+        elif not any(_of_mappings(item) for item in v.values()):
+            lines.append(f"{k}: {dump(v, True)}")
+        else:
+            lines.append(f"{k}:")
+            for name, item in v.items():
+                if _of_mappings(item):
+                    lines += [f"  {name}:", *(f"    - {dump(each, True)}" for each in item)]
+                else:
+                    lines.append(f"  {dump({name: item}, False)}")
+    return (newline + " " * column).join(lines)
+
+
+def _of_mappings(value: Any) -> bool:
+    return isinstance(value, list) and any(isinstance(item, dict) for item in value)
 
 
 def _braces(value: dict[str, Any], root: yaml.Node) -> str:

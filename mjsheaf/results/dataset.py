@@ -122,7 +122,8 @@ class Delivery:
     Attributes:
         edges: that have a link in some phase: kind and name, in order.
         sizes: how many numbers each edge of communication and sensing measures, with a link or without.
-        share: of the measurements that could have arrived, new ones that did; NaN where none could, shape (L,).
+        share: of the measurements that could have arrived, new ones that did, in phases without the link all of them;
+            NaN where none could, shape (L,).
     """
 
     def __init__(self, systems: Sequence[System]) -> None:
@@ -163,6 +164,10 @@ class Delivery:
         self._waiting[own] = np.minimum(under_way[own] + T, table["delay"])
         self._due[own] += T - (self._waiting[own] - under_way[own])
         self._new[own] += (piece.log.heard == NEW).sum(axis=0)
+        there = {self._number[key] for key, _ in labelled_edges(piece.system) if key in self._number}
+        plain = sorted(there.difference(own.tolist()))
+        self._due[plain] += T
+        self._new[plain] += T
 
 
 def labelled_edges(system: System) -> list[tuple[tuple[str, str], Edge]]:
@@ -224,6 +229,9 @@ def _gather(trajectory: Trajectory, delivery: Delivery) -> xr.Dataset:
         kinds, names = zip(*delivery.edges, strict=True)
         coordinates["edge"] = _labels("edge", list(names), "edge that has a link")
         coordinates["edge_kind"] = _labels("edge", list(kinds), "communication or sensing")
+        edges = len(team.communication) + len(team.sensing)
+        arrived = edges - log.heard.shape[1] + (log.heard == NEW).sum(axis=1)
+        add("arrival", ("time",), arrived / max(edges, 1), "1", "share of all edges by which a new measurement arrives")
         add("delivery", ("edge",), delivery.share, "1", "share of an edge's measurements that arrived, so far")
     if system.law.links.record:
         _add_measurements(variables, coordinates, trajectory, delivery)

@@ -34,11 +34,18 @@ def plot_errors(team: Team, dataset: xr.Dataset, path: Path, bound: tuple[str, A
         path: the PNG.
         bound: a name, and a bound on |e(t)|, shape (T,), m; drawn where given, over sqrt(N) as the error is.
     """
-    figure = new_figure(10.0, 9.0, _title(dataset, "errors over time"))
+    linked = "arrival" in dataset
+    figure = new_figure(10.0, 10.5 if linked else 9.0, _title(dataset, "errors over time"))
     groups, names, colours = groups_of(team)
     agents = groups[: len(team.agents)]
     time = dataset["time"].values
-    panels = figure.subplots(2, 2, sharex=True)
+    if linked:
+        parts: Any = figure.subfigures(2, 1, height_ratios=[4, 1])
+        errors, below = parts
+        panels = errors.subplots(2, 2, sharex=True)
+        _plot_arrival(below.subplots(), dataset)
+    else:
+        panels = figure.subplots(2, 2, sharex=True)
 
     def draw(
         axis: Any, title: str, label: str, parts: dict[int, Array], lines: dict[str, tuple[Array, dict[str, Any]]]
@@ -77,6 +84,18 @@ def plot_errors(team: Team, dataset: xr.Dataset, path: Path, bound: tuple[str, A
     named = [line for line in panels[0, 0].lines if not str(line.get_label()).startswith("_")]
     legend_below(figure, named[:-1], min(len(members), 6))
     save_figure(figure, path)
+
+
+def _plot_arrival(axis: Any, dataset: xr.Dataset) -> None:
+    """The share of measurements that arrive, the mean over a hundredth of the run about each sample."""
+    time, share = dataset["time"].values, dataset["arrival"].values
+    total = np.cumsum(np.r_[0.0, share])
+    half, k = max(1, len(share) // 200), np.arange(len(share))
+    low, high = np.maximum(k - half, 0), np.minimum(k + half + 1, len(share))
+    axis.plot(time, (total[high] - total[low]) / (high - low), color="black", linewidth=1.2)
+    label_axes(axis, "measurements that arrive", "time (s)", "share of edges")
+    axis.set_ylim(-0.03, 1.03)
+    mark_events(axis, dataset, named=False)
 
 
 def mark_events(axis: Any, dataset: xr.Dataset, *, named: bool) -> None:

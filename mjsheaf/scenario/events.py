@@ -1,10 +1,11 @@
-"""Events: agents that are lost or join, links that are cut or restored, targets nobody sees, gains that change.
+"""Events: agents lost or joining, links cut or restored, targets nobody sees, gains and losses that change.
 
 Each event happens at a sample and begins a phase of the run there (see `phases_of_events`). An agent or a target whose
 first event is to join is silent until then: an agent keeps afloat at no commanded velocity. A lost agent is silent and
 its thrusters stop; a lost target goes on unseen.
 """
 
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Any
@@ -18,6 +19,7 @@ from mjsheaf.system import Phase, System, TimeGrid
 from mjsheaf.team import Edge, Team
 
 _FIXED = ("controller.control_period", "controller.record_period")  # samples are those of the whole run
+_OF_LINKS = re.compile(r"links\.(all|communication|sensing)\.(noise|bias|loss|range|hold)(\..+)?")
 _ROUNDING = 1e-6  # of a period, by which a time may miss its sample
 _Pair = Annotated[list[Id], Field(min_length=2, max_length=2)]
 
@@ -31,7 +33,7 @@ class State:
         lost: ids of agents and targets that are lost.
         waiting: ids of those that have yet to join.
         cut: pairs whose edges are cut.
-        changes: fields of the controller by path, as `set` gives them.
+        changes: fields of the controller and of links by path, as `set` gives them.
     """
 
     team: Team
@@ -180,19 +182,23 @@ class Join(Event):
 
 
 class Change(Event):
-    """Fields of the controller change."""
+    """Fields of the controller, or of the links of all edges or of a kind, change."""
 
-    set: dict[str, Any] = Field(description="values by path, such as controller.gain", min_length=1)
+    set: dict[str, Any] = Field(description="values by path, such as controller.gain or links.all.loss", min_length=1)
 
     def apply(self, state: State) -> None:
-        """Change them; whether the values are valid is for the controller to say."""
-        for path, value in self._flat():
+        """Change them; whether the values are valid is for controller and links to say."""
+        for path, value in self.values():
             with in_field(f"set.{path}"):
-                if not path.startswith("controller.") or path in _FIXED:
-                    raise InputError("cannot change during a run; expected a field of controller, but for its periods")
+                if not _OF_LINKS.fullmatch(path) and (not path.startswith("controller.") or path in _FIXED):
+                    raise InputError(
+                        "cannot change during a run; expected a field of controller but for its periods, or noise, "
+                        "bias, loss, range or hold of links.all, links.communication or links.sensing"
+                    )
             state.changes[path] = value
 
-    def _flat(self) -> Iterator[tuple[str, Any]]:
+    def values(self) -> Iterator[tuple[str, Any]]:
+        """Path and value of every field."""
         for name, value in self.set.items():
             if name == "controller" and isinstance(value, Mapping):
                 yield from ((f"{name}.{below}", item) for below, item in value.items())
@@ -201,8 +207,15 @@ class Change(Event):
 
     @property
     def words(self) -> str:
-        """For example: gain = 5."""
-        return ", ".join(f"{path.removeprefix('controller.')} = {value}" for path, value in self._flat())
+        """For example: gain = 5, or: all.loss = 0.5."""
+        return ", ".join(f"{path.partition('.')[2]} = {_in_words(value)}" for path, value in self.values())
+
+
+def _in_words(value: Any) -> str:
+    """A value of a field, of a section its kind or what it has."""
+    if not isinstance(value, Mapping):
+        return str(value)
+    return str(value.get("kind") or ", ".join(f"{name} {_in_words(item)}" for name, item in value.items()))
 
 
 _KINDS = {"lose": Lose, "cut": Cut, "restore": Restore, "join": Join, "set": Change}
@@ -230,15 +243,17 @@ AnyEvent = Annotated[
 """An event as a file has it: its kind is the name of its field."""
 
 
-def with_changes(section: Section, changes: Mapping[str, Any]) -> Section:
-    """A section with fields changed, by paths that begin with the section's own name.
+def with_changes(section: Section, name: str, changes: Mapping[str, Any]) -> Any:
+    """A section with fields changed, by paths; those that do not begin with the section's own name are of others.
 
     Raises:
         InputError: a field is unknown or its value not valid; the message begins with the field.
     """
     raw = section.model_dump(mode="json", exclude_none=True)
     for path, value in changes.items():
-        name, *between, last = path.split(".")
+        first, *between, last = path.split(".")
+        if first != name:
+            continue
         node = raw
         for part in between:
             node = node.setdefault(part, {})
@@ -261,7 +276,7 @@ def phases_of_events(
     Args:
         events: in any order; those at one time happen in the order given.
         whole: the system with everybody present.
-        adapt: the system of another team, and of a controller whose fields were changed.
+        adapt: the system of another team, and of a controller and links whose fields were changed.
 
     Raises:
         InputError: an event cannot happen; the message begins with the field.

@@ -7,7 +7,7 @@ expected, and builds its part of the system.
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, cast
 
 import numpy as np
 from pydantic import ConfigDict, Field, model_validator
@@ -21,7 +21,7 @@ from mjsheaf.dynamics import effectiveness as effectivenesses
 from mjsheaf.dynamics import motion as motions
 from mjsheaf.errors import InputError, in_field
 from mjsheaf.io.section import Duration, Id, NonNegative, Number, Point, Positive, Section
-from mjsheaf.scenario.events import AnyEvent, phases_of_events, with_changes
+from mjsheaf.scenario.events import AnyEvent, Change, phases_of_events, with_changes
 from mjsheaf.scenario.swarm import Swarm, expand_swarm
 from mjsheaf.system import DEFAULT_VEHICLE, Phase, PhysicsOptions, System, TimeGrid
 from mjsheaf.team import Anchor, Member, Team
@@ -322,6 +322,11 @@ class Scenario(Section):
         Raises:
             InputError: fields do not fit together; the message begins with the field.
         """
+        for k, edge in enumerate(self.target_edges):
+            for name in edge.own:
+                raise InputError(
+                    f"target_edges.{k}.{name}: targets have no links; expected between, map, weight, offset"
+                )
         return Team(
             [agent.member for agent in self.agents],
             [Member(target.id, len(target.position)) for target in self.targets],
@@ -348,12 +353,11 @@ class Scenario(Section):
         return self.phases[0].system
 
     def _adapted(self, team: Team, changes: Mapping[str, Any]) -> System:
-        """The system of a changed team, under a controller with other fields."""
-        whole, law = self.whole, with_changes(self.controller, changes)
-        assert isinstance(law, Controller)
+        """The system of a changed team, under a controller and over links with other fields."""
+        whole, law = self.whole, cast(Controller, with_changes(self.controller, "controller", changes))
         terms = pack_terms(law.terms, team, law.control_period, self.seed)
         target_gain = self.target_formation.gain if self.target_formation else 0.0
-        links = self._pack_links(team, law, whole.bodies.heading)
+        links = self._pack_links(team, law, whole.bodies.heading, with_changes(self.links, "links", changes))
         packed = pack_law(team, law.gain, target_gain, self._limits(law), terms, links)
         return replace(whole, team=team, gain=law.gain, law=packed)
 
@@ -385,7 +389,7 @@ class Scenario(Section):
             g = effectivenesses.pack([agent.effectiveness for agent in agents], dimensions[: len(agents)])
         target_gain = self.target_formation.gain if self.target_formation else 0.0
         terms = pack_terms(law.terms, team, law.control_period, self.seed)
-        links = self._pack_links(team, law, heading)
+        links = self._pack_links(team, law, heading, self.links)
         return System(
             name=self.name,
             team=team,
@@ -411,11 +415,11 @@ class Scenario(Section):
             ),
         )
 
-    def _pack_links(self, team: Team, law: Controller, heading: Array) -> LinkArrays:
+    def _pack_links(self, team: Team, law: Controller, heading: Array, links: Links) -> LinkArrays:
         """The links of a team under a controller, its vehicles' initial headings (V,) in rad."""
         return pack_links(
             team,
-            self.links,
+            links,
             period=law.control_period,
             start=self.time.start,
             seed=self.seed,
@@ -428,5 +432,7 @@ class Scenario(Section):
         """Whether another seed would change anything on a backend."""
         drawn = any(d is not None and d.bound > 0.0 for d in (self.disturbance.agents, self.disturbance.targets))
         drawn = drawn or self.controller.terms.noisy
-        drawn = drawn or any(link.random for *_, link in linked_edges(self.team, self.links))
+        changed = [with_changes(self.links, "links", dict(e.values())) for e in self.events if isinstance(e, Change)]
+        for links in (self.links, *changed):
+            drawn = drawn or any(link.random for *_, link in linked_edges(self.team, links))
         return drawn or self.spread.position > 0.0 or (backend == "physics" and self.spread.heading > 0.0)

@@ -161,6 +161,25 @@ def test_cut_restore_lost_targets_and_gains_against_dense_algebra() -> None:
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
+def test_while_nothing_arrives_nobody_is_commanded_and_then_all_goes_on(backend: str) -> None:
+    """From its last event on the ideal run is one without links that begins where agents are then."""
+    silence = [{"time": 0.2, "set": {"links.all.loss": 1}}, {"time": 0.3, "set": {"links.all.loss": 0}}]
+    scenario = chain(4, silence)
+    assert scenario.uses_seed(backend)
+    data = simulate(scenario, backend)
+    asked = np.abs(data["velocity_command"].values[..., :2]).max(axis=(1, 2))
+    assert (asked[20:30] == 0.0).all()
+    assert (np.delete(asked, np.s_[20:30]) > 0.1).all()
+    np.testing.assert_allclose(data["delivery"].values, 31 / 41)
+    if backend == "ideal":
+        late = positions_of(data)[30:]
+        raw = scenario.model_dump(mode="json", exclude_none=True) | {"events": [], "time": {"start": 0.3, "end": 0.4}}
+        for role, first in (("agents", 0), ("targets", 4)):
+            raw[role] = [{**m, "position": late[0, first + k, :2].tolist()} for k, m in enumerate(raw[role])]
+        np.testing.assert_allclose(positions_of(simulate(load_scenario(raw), "ideal")), late, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
 def test_the_law_keeps_its_memory_over_an_event(backend: str) -> None:
     """An event that changes nothing leaves a run with Newton's direction, observer and integral as it was."""
     law = {"gain": 3.0, "control_period": 0.01, **TERMS}

@@ -38,6 +38,21 @@ def test_bodies_with_ideal_thrusters_have_no_effect_rungs() -> None:
     np.testing.assert_array_equal(runs["all"].trajectory.positions, runs["base"].trajectory.positions)
 
 
+def test_a_team_over_links_has_rungs_over_perfect_ones() -> None:
+    """They are the runs of the same scenario without links; the others are runs with them."""
+    links = {"all": {"noise": 0.3, "loss": 0.2, "delay": 0.02}}
+    fields: dict[str, Any] = {"vehicles": {"agents": "hull", "targets": "hull", "tau": 0.01}, "time": {"end": 0.5}}
+    noisy, perfect = two_boats("hull", "hull", links=links, **fields), two_boats("hull", "hull", **fields)
+    ladder = ladder_of(noisy.system)
+    assert [rung.key for rung in ladder][-2:] == ["ideal-links", "all-links"]
+    runs = run_ablation(noisy.system, ladder)
+    for key, backend in (("ideal", "ideal"), ("all", "physics")):
+        of_links, plain = (positions(simulate(scenario, backend)) for scenario in (noisy, perfect))
+        np.testing.assert_array_equal(np.nan_to_num(runs[key].trajectory.positions), of_links)
+        np.testing.assert_array_equal(np.nan_to_num(runs[f"{key}-links"].trajectory.positions), plain)
+        assert np.abs(of_links - plain).max() > 0.01
+
+
 def test_a_slow_body_without_an_autopilot_has_inertia() -> None:
     slow = {"agents": "hull", "targets": "hull", "tau": 0.2}
     assert effects_of(two_boats("hull", "hull", vehicles=slow).system) == ["inertia"]

@@ -3,13 +3,15 @@
 Oracles: the closed form 1 / (2 sqrt(k1 lambda tau)); signals with known roots; first order in tau.
 """
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from mjsheaf.checking.cohomology import spectrum_of
 from mjsheaf.checking.margins import body_margin
 from mjsheaf.comparing.convergence import converge
-from mjsheaf.comparing.ringing import fit_roots, least_damped, ringing_of, second_order
+from mjsheaf.comparing.ringing import fit_roots, least_damped, ringing_of, second_order, usable_gain
 from mjsheaf.scenario import Scenario
 from tests.builders import approx, two_aircraft, two_boats
 
@@ -50,6 +52,37 @@ def test_ideal_thrusters_ring_as_predicted(tau: float, gain: float) -> None:
     assert release.overshoot == pytest.approx(ringing.predicted_overshoot, rel=0.05)
     ratio = ringing.predicted_damping_ratio
     assert ringing.predicted_overshoot == pytest.approx(np.exp(-np.pi * ratio / np.sqrt(1.0 - ratio**2)), rel=1e-3)
+
+
+def test_noise_and_losses_do_not_ring_and_delay_leaves_less_gain() -> None:
+    """A decay is fitted to bodies alone. The law does not swing up to k1 h lambda = d^d / (d + 1)^(d + 1) by itself."""
+    system = with_tau(0.3, 5.0).system
+    perfect = ringing_of(system)
+    boats: dict[str, Any] = {"vehicles": {"agents": "hull", "targets": "hull", "tau": 0.3}}
+    boats |= {"physics": {"timestep": 0.002}, "controller": {"gain": 5.0, "control_period": 0.002}}
+    noisy = ringing_of(
+        two_boats("hull", "hull", links={"all": {"noise": 1.0, "bias": 1.0, "loss": 0.5}}, **boats).system
+    )
+    assert noisy == perfect
+    late = two_boats("hull", "hull", links={"all": {"delay": 0.02}}, **boats).system
+    ringing = ringing_of(late)
+    assert perfect is not None
+    assert ringing is not None
+    assert ringing.delay_s == pytest.approx(0.02)
+    damping = [found.measured[0].damping_ratio or np.nan for found in (ringing, perfect)]
+    gains = [usable_gain(*pair) or np.nan for pair in ((late, ringing), (system, perfect))]
+    assert damping[0] < 0.9 * damping[1]
+    assert gains[0] < 0.9 * gains[1]
+    quick = two_boats("hull", "hull", vehicles={"agents": "hull", "targets": "hull", "tau": 1e-4},
+                      links={"all": {"delay": 0.02}}, controller=boats["controller"]).system  # fmt: skip
+    lost = 10**10 / 11**11
+    assert (usable_gain(quick, None) or np.nan) <= lost / (0.002 * quick.largest_eigenvalue) * (1 + 1e-12)
+    # x+ = x - a x_10 swings above this alone.
+    for gain, swings in ((lost * 0.999, False), (lost * 1.3, True)):
+        x = [1.0] * 11
+        for _ in range(3000):
+            x.append(x[-1] - gain * x[-11])
+        assert (min(x) < 0.0) is swings
 
 
 def test_the_newton_direction_rings_as_if_all_eigenvalues_were_one() -> None:

@@ -94,6 +94,11 @@ CASES = {
         [{"between": ["A1", "T1"], "weight": [[1, 2], [2, 1]]}],
         ["not symmetric positive definite", "A1", "T1"],
     ),
+    "link of targets": (
+        "target_edges",
+        [{"between": ["T1", "T2"], "noise": 1}],
+        ["target_edges.0.noise", "targets have no links", "weight"],
+    ),
     "offset of the wrong length": ("sensing", [{"between": ["A1", "T1"], "offset": [1]}], ["sensing.0", "offset"]),
     "member twice in one formation": (
         "formations",

@@ -3,12 +3,14 @@
 Oracle: the same study, undisturbed, byte for byte; and the files of runs that had ended, untouched.
 """
 
+import json
 import os
 import random
 import signal
 import subprocess
 import time
 from pathlib import Path
+from typing import Any
 
 import psutil
 import pytest
@@ -132,3 +134,33 @@ def run_in_threads(out: Path) -> dict[str, bytes]:
     _, errors = running.communicate(timeout=120)
     assert running.returncode == 0, errors
     return contents(out)
+
+
+@pytest.mark.slow
+def test_a_study_over_links_and_events_goes_on_to_the_byte(tmp_path: Path) -> None:
+    """Random numbers of links are counted by sample, whoever runs; events are parameters as any other."""
+    ring = [{"time": 2, "lose": "A9"}, {"time": 4, "join": "A9"}]
+    grid: dict[str, list[Any]] = {
+        "links.all.loss": [0, 0.2, 0.5],
+        "links.all.delay": [0, 0.01],
+        "events.0.time": [1, 2],
+    }
+    fixed = {"time.end": 6, "links.all.noise": 0.2, "events": ring}
+    plan = load_plan("paper", grid=grid, seeds=(0, 2), overrides=fixed, backend="ideal")
+    run_study(plan, tmp_path / "undisturbed", IN_THREADS)
+    asked = ["paper", "--backend", "ideal", "--seeds", "0:2", "--workers", "1"]
+    for path, value in fixed.items():
+        asked += ["--set", f"{path}={json.dumps(value)}"]
+    for path, values in grid.items():
+        asked += ["--grid", f"{path}={','.join(map(str, values))}"]
+    running = start("sweep", *asked, "--out", tmp_path / "out")
+    deadline = time.monotonic() + 60
+    while len(ended(tmp_path / "out")) < 5:
+        assert time.monotonic() < deadline, "no progress"
+        assert running.poll() is None, "it ended before it was killed"
+        time.sleep(0.01)
+    running.kill()
+    running.communicate()
+    again = start("sweep", *asked, "--out", tmp_path / "out")
+    assert again.wait(timeout=120) == 0, again.communicate()[1]
+    assert contents(tmp_path / "out") == contents(tmp_path / "undisturbed")
