@@ -138,16 +138,45 @@ class _Problem(NamedTuple):
         elif kind in ("union_tag_invalid", "union_tag_not_found"):
             path += (context["discriminator"].strip("'"),)
             missing = kind == "union_tag_not_found"
-            text = (
-                "field required"
-                if missing
-                else f"{shortened(repr(context['tag']))} is none of {context['expected_tags']}"
-            )
-        elif kind in ("model_type", "model_attributes_type", "dict_type"):
-            text = f"should be a mapping of fields to values, not {shown}"
-        elif kind not in ("missing", "value_error"):
-            text += f", not {shown}"
+            given = "missing" if missing else f"unknown {shortened(repr(context['tag']))}"
+            branches = [node.get("properties", {}).get(path[-1], {}) for node in _variants(nodes, schema)]
+            tags = sorted({tag for node in branches for tag in _tags({"properties": {"": node}})})
+            text = f"{given}; expected {', '.join(tags)}"
+        elif kind == "missing":
+            text = "missing; expected a value"
+        elif kind != "value_error":
+            text = f"{_expectation(kind, context, text)}, not {shown}"
         return cls(kind, path, path if value is None else value, text[:1].lower() + text[1:])
+
+
+_EXPECTATIONS = {
+    "greater_than": "a number above {gt:g}",
+    "greater_than_equal": "at least {ge:g}",
+    "less_than": "a number below {lt:g}",
+    "less_than_equal": "at most {le:g}",
+    "finite_number": "a finite number",
+    "float_type": "a number",
+    "int_type": "a whole number",
+    "int_from_float": "a whole number",
+    "bool_type": "true or false",
+    "string_type": "text",
+    "list_type": "a list",
+    "dict_type": "a mapping of fields to values",
+    "model_type": "a mapping of fields to values",
+    "model_attributes_type": "a mapping of fields to values",
+    "literal_error": "{expected}",
+    "multiple_of": "a multiple of {multiple_of:g}",
+    "too_short": "a list of at least {min_length}",
+    "too_long": "a list of at most {max_length}",
+    "string_too_long": "at most {max_length} characters",
+    "string_pattern_mismatch": "a letter, then letters, digits, _ and -",
+}
+"""What is expected, by pydantic's name of an error and its numbers."""
+
+
+def _expectation(kind: str, context: dict[str, Any], text: str) -> str:
+    """A sentence of what is expected in place of a value; pydantic's own where none is known."""
+    return f"expected {_EXPECTATIONS[kind].format(**context)}" if kind in _EXPECTATIONS else text
 
 
 def _follow(

@@ -386,7 +386,7 @@ def upward(root: ElementTree.Element) -> None:
         (None, swivel(angle=[90, -90]), r"actuators\.thruster_port: angle: expected the lowest, then the highest"),
         (None, swivel(angle=[-400, 0]), r"actuators\.thruster_port: angle: .* -360 to 360"),
         (None, swivel(angle=[0]), r"actuators\.thruster_port\.angle: "),
-        (None, swivel(rate=0), r"actuators\.thruster_port\.rate: .*greater than 0"),
+        (None, swivel(rate=0), r"actuators\.thruster_port\.rate: .*above 0"),
         (None, swivel(kind="rudder"), r"actuators\.thruster_port\.kind: .*azimuth"),
         (None, swivel(reach=1), r"actuators\.thruster_port\.reach: unknown field; expected angle, kind, lag, rate"),
         (upward, swivel(), r"actuators\.thruster_port: expected a horizontal thrust"),

@@ -266,7 +266,7 @@ BAD = [
     ([{"time": 0.0, "join": "A1"}], "events.0: join", "start", "expected"),
     ([{"time": 0.2047, "lose": "A1"}], "events.0.time", "0.2047", "0.2 s"),
     ([{"time": 0.41, "lose": "A1"}], "events.0.time", "0.41", "0 to 0.4"),
-    ([{"time": 0.1, "set": {"controller.gain": -1}}], "events.0: controller.gain", "-1", "greater than 0"),
+    ([{"time": 0.1, "set": {"controller.gain": -1}}], "events.0: controller.gain", "-1", "above 0"),
     ([{"time": 0.1, "set": {"controller.gian": 1}}], "events.0: controller.gian", "unknown field", "gain"),
     ([{"time": 0.1, "set": {"seed": 1}}], "events.0: set.seed", "cannot", "controller"),
     ([{"time": 0.1, "set": {"controller.control_period": 1}}], "events.0: set.controller.control_period", "", "period"),

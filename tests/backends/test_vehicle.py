@@ -266,9 +266,9 @@ def flat(root: ElementTree.Element) -> None:
             r"hull\.yaml: colour: unknown field; expected actuators",
         ),
         ("hull", None, {"drag": {}}, r"hull\.yaml: drag: give either time_constant or linear"),
-        ("hull", None, {"drag": {"linear": [1, 2, 0]}}, r"drag\.linear\.2: .*greater than 0"),
-        ("hull", None, {"drag": {"time_constant": 0}}, r"drag\.time_constant: input should be greater than 0"),
-        ("hull", None, {"domain": "ground"}, r"domain: input should be 'surface' or 'volume'"),
+        ("hull", None, {"drag": {"linear": [1, 2, 0]}}, r"drag\.linear\.2: .*above 0"),
+        ("hull", None, {"drag": {"time_constant": 0}}, r"drag\.time_constant: expected a number above 0"),
+        ("hull", None, {"domain": "ground"}, r"domain: expected 'surface' or 'volume'"),
     ],
 )
 def test_wrong_vehicle_files_are_refused(

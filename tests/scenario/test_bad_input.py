@@ -33,39 +33,39 @@ CASES = {
     "position of no Earth": (
         "agents", [{"id": "A1", "position": [1e200, 0]}, {"id": "A2", "position": [1, 0]}], ["agents.0.position.0"]
     ),
-    "endless time": ("time", {"end": 1e308}, ["time.end", "1000000000"]),
-    "endless gain": ("controller", {"gain": 1e300}, ["controller.gain", "1000000000"]),
-    "no timestep at all": ("physics", {"timestep": 1e-310}, ["physics.timestep", "0.000000001"]),
-    "tiny timestep": ("physics", {"timestep": 1e-30}, ["physics.timestep", "0.000000001"]),
+    "endless time": ("time", {"end": 1e308}, ["time.end", "at most 1e+09"]),
+    "endless gain": ("controller", {"gain": 1e300}, ["controller.gain", "at most 1e+09"]),
+    "no timestep at all": ("physics", {"timestep": 1e-310}, ["physics.timestep", "at least 1e-09"]),
+    "tiny timestep": ("physics", {"timestep": 1e-30}, ["physics.timestep", "at least 1e-09"]),
     "yes is text": ("physics", {"contacts": "yes"}, ["physics.contacts", "'yes'"]),
     "a phase without digits": (
         "disturbance", {"agents": {"bound": 1, "frequencies": [1, 1e9]}},
         ["disturbance.agents: frequencies", "1e+09 Hz over 0.1 s", "at most 1e+07 rad", "time.end up to", "Hz"]
     ),
-    "negative weight": ("sensing", [{"between": ["A1", "T1"], "weight": -2}], ["sensing.0.weight: input should be gr"]),
+    "negative weight": ("sensing", [{"between": ["A1", "T1"], "weight": -2}], ["sensing.0.weight: expected"]),
     "text in a weight": (
         "sensing", [{"between": ["A1", "T1"], "weight": [[1, "x"]]}], ["sensing.0.weight.0.1: ", "'x'"]
     ),
-    "half a map": ("sensing", [{"between": ["A1", "T1"], "map": {"tail": [[1, 0]]}}], ["sensing.0.map.head: field"]),
+    "half a map": ("sensing", [{"between": ["A1", "T1"], "map": {"tail": [[1, 0]]}}], ["sensing.0.map.head: missing"]),
     "unknown key in a map": (
         "sensing", [{"between": ["A1", "T1"], "map": {"tall": [[1, 0]]}}], ["sensing.0.map.tall", "head, tail"]
     ),
-    "number for an edge": ("sensing", [3], ["sensing.0: should be a mapping"]),
+    "number for an edge": ("sensing", [3], ["sensing.0: expected a mapping"]),
     "speed of a motion": (
-        "target_motion", {"kind": "waypoints", "points": [[1, 2]], "speed": -1}, ["target_motion.speed: input"]
+        "target_motion", {"kind": "waypoints", "points": [[1, 2]], "speed": -1}, ["target_motion.speed: expected"]
     ),
-    "unknown motion": ("target_motion", {"kind": "hover"}, ["target_motion.kind: 'hover'", "'waypoints'"]),
-    "long motion": ("target_motion", {"kind": "a" * 3000}, ["target_motion.kind: 'aaaa", "...", "'waypoints'"]),
-    "motion of no kind": ("target_motion", {"speed": 1}, ["target_motion.kind: field required"]),
+    "unknown motion": ("target_motion", {"kind": "hover"}, ["target_motion.kind: unknown 'hover'", "waypoints"]),
+    "long motion": ("target_motion", {"kind": "a" * 3000}, ["target_motion.kind: unknown 'aaaa", "...", "waypoints"]),
+    "motion of no kind": ("target_motion", {"speed": 1}, ["target_motion.kind: missing"]),
     "infinity": ("time", {"end": float("inf")}, ["time.end", "finite"]),
-    "negative gain": ("controller", {"gain": -1}, ["controller.gain", "greater than 0"]),
-    "negative time": ("time", {"start": -1, "end": 3}, ["time.start", "greater than or equal to 0"]),
+    "negative gain": ("controller", {"gain": -1}, ["controller.gain", "above 0"]),
+    "negative time": ("time", {"start": -1, "end": 3}, ["time.start", "at least 0"]),
     "end before start": ("time", {"start": 3, "end": 1}, ["time", "after start"]),
     "too short": ("time", {"end": 0.001}, ["time", "end", "control periods"]),
     "no agents": ("agents", [], ["agents"]),
     "duplicate id": ("agents", [{"id": a, "position": [0, 0]} for a in ("A1", "A2", "A1")], ["'A1'", "twice"]),
     "id of agent and target": ("targets", [{"id": "A1", "position": [0, 0]}], ["'A1'", "twice"]),
-    "strange id": ("targets", [{"id": "a/b", "position": [0, 0]}], ["targets.0.id", "pattern"]),
+    "strange id": ("targets", [{"id": "a/b", "position": [0, 0]}], ["targets.0.id", "letters"]),
     "four dimensions": ("targets", [{"id": "T1", "position": [0, 0, 0, 0]}], ["targets.0.position", "3"]),
     "edge to unknown id": ("sensing", [["A1", "T9"]], ["sensing.0", "'T9'", "A1, A2, T1"]),
     "edge of the wrong kind": (
@@ -213,9 +213,9 @@ USAGE: dict[str, tuple[list[str], list[str]]] = {
     "override of an unknown item": (["run", "midpoint", "--set", "agents.A9.heading=3"], ["A9", "A1"]),
     "override of an item by a strange digit": (["run", "midpoint", "--set", "agents.²=3"], ["'²'", "A1"]),
     "override of an endless item": (["run", "midpoint", "--set", "agents." + "9" * 5000 + "=3"], ["A1"]),
-    "override inside a number": (["run", "midpoint", "--set", "seed.x=3"], ["seed", "integer"]),
+    "override inside a number": (["run", "midpoint", "--set", "seed.x=3"], ["seed", "whole number"]),
     "override that is not YAML": (["run", "midpoint", "--set", "seed=[1"], ["--set seed"]),
-    "seed that is no number": (["run", "midpoint", "--seed", "x"], ["--seed", "integer"]),
+    "seed that is no number": (["run", "midpoint", "--seed", "x"], ["--seed", "whole number"]),
     "negative seed": (["run", "midpoint", "--seed", "-1"], ["seed"]),
     "unknown option": (["run", "midpoint", "--fast"], ["--fast"]),
     "unknown command": (["fly"], ["fly"]),

@@ -130,8 +130,8 @@ def test_the_resolved_swarm_is_written_out_and_runs_alike(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("overrides", "message"),
     [
-        ({"swarm.size": 0}, "swarm.size: input should be greater than or equal to 1"),
-        ({"swarm.graph": "torus"}, "swarm.graph: input should be 'nearest'"),
+        ({"swarm.size": 0}, "swarm.size: expected at least 1"),
+        ({"swarm.graph": "torus"}, "swarm.graph: expected 'nearest'"),
         ({"swarm.about": "nobody"}, "swarm.about: 'nobody' is no target with a position"),
         ({"swarm.graph": "k_regular", "swarm.size": 5, "swarm.degree": 3}, "swarm.degree: no graph of 5 agents has 3"),
         ({"swarm.degree": 5}, "swarm.degree: 5 is odd; expected an even number with graph nearest"),

@@ -66,7 +66,7 @@ def test_the_table_has_a_row_a_run_in_order(mixed: Path) -> None:
             assert row["ending"] in ("settled", "moving", "growing", "circling")
             assert float(row["late_tracking_error"]) == record["late"]["tracking_error"]
             assert row["formation_error"] == ""  # one boat has no formation
-    assert "greater than 0" in found[4]["message"]
+    assert "above 0" in found[4]["message"]
     assert found[8]["message"]
     assert found[8]["settled"] == "false"
     assert found[8]["ending"] == found[8]["late_tracking_error"] == ""
