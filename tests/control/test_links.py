@@ -466,7 +466,7 @@ def test_the_finest_section_counts_field_by_field() -> None:
         ({"links.all.delay": 0.055}, ["links.all: delay", "0.055", "0.05 or 0.06"]),
         ({"links.sensing.loss": 1.2}, ["links.sensing.loss", "at most 1"]),
         ({"links.all.loss": -0.1}, ["links.all.loss", "at least 0"]),
-        ({"links.all.loss": {"kind": "gilbert_elliott", "to_bad": 2, "to_good": 0.1}}, ["loss.to_bad", "equal to 1"]),
+        ({"links.all.loss": {"kind": "gilbert_elliott", "to_bad": 2, "to_good": 0.1}}, ["loss.to_bad", "at most 1"]),
         ({"links.all.loss": {"to_bad": 0.1, "to_good": 0.1, "loss_good": 2}}, ["links.all.loss"]),
         ({"links.all.hold": -1}, ["links.all.hold", "at least 0"]),
         ({"links.all.range": 0}, ["links.all.range", "above 0"]),

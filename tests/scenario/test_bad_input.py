@@ -215,7 +215,7 @@ USAGE: dict[str, tuple[list[str], list[str]]] = {
     "override of an endless item": (["run", "midpoint", "--set", "agents." + "9" * 5000 + "=3"], ["A1"]),
     "override inside a number": (["run", "midpoint", "--set", "seed.x=3"], ["seed", "whole number"]),
     "override that is not YAML": (["run", "midpoint", "--set", "seed=[1"], ["--set seed"]),
-    "seed that is no number": (["run", "midpoint", "--seed", "x"], ["--seed", "whole number"]),
+    "seed that is no number": (["run", "midpoint", "--seed", "x"], ["--seed", "integer"]),
     "negative seed": (["run", "midpoint", "--seed", "-1"], ["seed"]),
     "unknown option": (["run", "midpoint", "--fast"], ["--fast"]),
     "unknown command": (["fly"], ["fly"]),
