@@ -130,11 +130,11 @@ class Memory(NamedTuple):
 def new_memory(law: LawArrays, V: int) -> Memory:
     """The memory of a law of V vehicles before its first sample: zeros."""
     m = len(law.edges.b)
-    ends = np.cumsum([m, 9 * V, size_of_memory(law.terms, m, V), size_of_link_memory(law.links, m)])
+    ends = np.cumsum([m, 9 * V, size_of_memory(law.terms, law.edges.first, V), size_of_link_memory(law.links, m)])
     flat = np.zeros(ends[-1])
     y, rest, terms, links, _ = np.split(flat, ends)
     residual, command, supplied = rest.reshape(3, V, 3)
-    of_terms, of_links = split_memory(terms, law.terms, m, V), split_link_memory(links, law.links, m)
+    of_terms, of_links = split_memory(terms, law.terms, law.edges.first, V), split_link_memory(links, law.links, m)
     return Memory(flat, y, residual, command, supplied, of_terms, of_links)
 
 
@@ -162,7 +162,7 @@ def evaluate_law(control, t, x, drift, memory):
     hear(law, t, x, drift is not None, memory)
     proportional(law, memory.residual, memory.supplied, memory.command)
     if law.terms.agents > 0:
-        add_terms(law, memory.y, memory.residual, memory.command, memory.terms, memory.links)
+        add_terms(law, x, memory.y, memory.residual, memory.command, memory.terms, memory.links)
     for v in range(x.shape[0]):
         add_reference(control.motion, v, t, x[v], memory.command[v])
         clipped = limit_speed(law.limit[v], memory.command[v])

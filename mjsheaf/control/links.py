@@ -11,7 +11,7 @@ Of every edge with a link, at sample n, in this order:
 Random numbers are those of the edge's stream at n (see `mjsheaf.noise`), whichever piece, thread or machine asks. A
 sample may be taken again: what changes from sample to sample is kept for n and for n - 1 in turn.
 
-Numbers that agents send each other in rounds (see `mjsheaf.control.terms`) arrive at once and are never lost.
+Numbers that agents send each other in rounds have links of their own: see `mjsheaf.control.rounds`.
 """
 
 from collections.abc import Sequence
@@ -233,8 +233,8 @@ def pack_links(
         stream = stream_of(kind, edge, met[ends])
         table.append((e, place, received, delay, hold, link.lossy, bursts, *sensor, *chain, stream))
         place = received + 2 * (_HEADER + m * (1 + 2 * feedforward))
-        if place > _MOST_NUMBERS:
-            raise InputError(f"links: delay lines hold more than {_MOST_NUMBERS} numbers; expected shorter delays")
+        with in_field("links"):
+            require_held(place)
     half = 0.5 * (np.zeros(len(team.members)) if heading is None else heading)
     facing = np.column_stack([np.cos(half), 0.0 * half, 0.0 * half, np.sin(half)])
     return LinkArrays(
@@ -249,6 +249,12 @@ def pack_links(
         seed=seed,
         record=bool(links.record),
     )
+
+
+def require_held(numbers: int) -> None:
+    """Raise an InputError if so many numbers are too many for delay lines."""
+    if numbers > _MOST_NUMBERS:
+        raise InputError(f"delay lines hold more than {_MOST_NUMBERS} numbers; expected shorter delays")
 
 
 def _require_delays(team: Team, links: Links, period: float) -> None:
