@@ -139,12 +139,20 @@ def new_memory(law: LawArrays, V: int) -> Memory:
 
 
 def carry(memory: Memory, law: LawArrays) -> Memory:
-    """The memory of another law of the same vehicles, who keep what they hold of themselves and what is under way."""
+    """The memory of another law of the same vehicles, who keep what they hold of themselves and what is under way.
+
+    One whom none of the edges moves, as it is lost or has yet to join, knows nothing of where the team goes.
+    """
     V, m = len(memory.command), len(memory.y)
     new = new_memory(law, V)
     vehicles = slice(len(new.y), len(new.y) + 9 * V)
     new.flat[vehicles] = memory.flat[m : m + 9 * V]
     carry_terms(memory.terms, new.terms)
+    if law.terms.agents:
+        edges, alone = law.edges, np.ones(V, dtype=np.bool_)
+        alone[edges.tail[edges.listens[:, 0]]] = alone[edges.head[edges.listens[:, 1]]] = False
+        for values in (new.terms.rate, new.terms.v, new.terms.delta):
+            values[alone] = 0.0
     carry_links(memory.links, new.links)
     return new
 
@@ -176,7 +184,7 @@ def evaluate_law(control, t, x, drift, memory):
 def hear(law, t, x, bodies, memory):
     """Write into the memory what agents hear at time t, s, and eta by it; of `bodies` it holds the attitudes."""
     measure(law.edges, x, memory.y)
-    if law.links.table.shape[0] > 0:
+    if law.links.of.shape[0] > 0:
         deliver(law, t, x, bodies, memory.y, memory.terms, memory.links)
     pull_back(law.edges, memory.y, memory.residual)
 

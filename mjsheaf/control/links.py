@@ -40,6 +40,7 @@ LINK = np.dtype(
         ("edge", "i8"),  # its number
         ("place", "i8"),  # where its numbers begin in LinkMemory.cells
         ("received", "i8"),  # where, after the delay line, what was received begins
+        ("own", "i8"),  # how many numbers of own displacement go with a sample: feedforward's, of sensing
         ("delay", "i8"),  # periods
         ("hold", "i8"),  # periods
         ("lossy", "i8"),  # whether anything is lost at random
@@ -69,7 +70,7 @@ class LinkArrays(NamedTuple):
         lift: what is added to z for the distance between bodies, shape (V,), m.
         facing: initial attitudes where a sensor needs them, quaternions (w, x, y, z), shape (V, 4) or (0, 4).
         size: of LinkMemory.cells.
-        odometry: whether agents remember how they moved since a measurement, for feedforward.
+        odometry: whether agents remember how they moved since they sensed a target, for feedforward.
         start, period: time of sample 0 and between samples, s.
         seed: of the run.
         record: whether measurements are recorded.
@@ -184,6 +185,7 @@ def pack_links(
     height: float = 0.0,
     heading: Array | None = None,
     feedforward: bool = False,
+    run: Team | None = None,
 ) -> LinkArrays:
     """The links of a team for compiled code.
 
@@ -195,22 +197,24 @@ def pack_links(
         seed: of the run.
         height: of the surface on which planar vehicles are, m.
         heading: initial, of all vehicles, shape (V,), rad.
-        feedforward: whether the law has it.
+        feedforward: whether the law has it, in any phase of the run.
+        run: the team with all edges that it has in any phase; it has no others unless given.
 
     Raises:
         InputError: a delay is no whole number of periods, the period is 0, or a sensor does not fit an edge's maps; the
             message begins with the field.
     """
     _require_delays(team, links, period)
-    everyone = linked_edges(team, links)
-    if all(link.exact for *_, link in everyone):
+    everyone, ever = linked_edges(team, links), linked_edges(run or team, links)
+    if all(link.exact for *_, link in ever):
         return no_links(bool(links.record))
     if period == 0.0:
         raise InputError(
             "links: controller.control_period is 0; expected a positive one with noise, delay, loss or range"
         )
     edges = len(everyone) + len(team.target_edges) + len(team.anchors)
-    of, place, turning = np.full(edges, -1), 0, False
+    of, place = np.full(edges, -1), 0
+    turning = any(link.range_bearing and not link.exact and len(edge.F_tail) == 3 for *_, edge, link in ever)
     table: list[tuple[Any, ...]] = []
     met: dict[tuple[str, ...], int] = {}
     for e, (kind, k, edge, link) in enumerate(everyone):
@@ -222,17 +226,17 @@ def pack_links(
         if link.range_bearing:
             with in_field(f"{kind}.{k}, {edge}"):
                 require_bearing(edge.F_tail, edge.F_head)
-            turning = turning or m == 3
         delay, hold = whole_periods(link.delay, period), int(min(link.hold / period + 1e-6, 1e9))
-        received = place + (delay + 1) * (1 + m * (1 + feedforward))
+        own = m * (feedforward and kind == "sensing")
+        received = place + (delay + 1) * (1 + m + own)
         of[e] = len(table)
         loss = link.loss
         sensor = link.range_bearing, link.noise, link.bias, link.range_noise, link.bearing_noise, link.range
         chain = loss.to_bad, loss.to_good, loss.bad, loss.loss_good, loss.loss_bad
         bursts = loss.loss_good != loss.loss_bad
         stream = stream_of(kind, edge, met[ends])
-        table.append((e, place, received, delay, hold, link.lossy, bursts, *sensor, *chain, stream))
-        place = received + 2 * (_HEADER + m * (1 + 2 * feedforward))
+        table.append((e, place, received, own, delay, hold, link.lossy, bursts, *sensor, *chain, stream))
+        place = received + 2 * (_HEADER + m + 2 * own)
         with in_field("links"):
             require_held(place)
     half = 0.5 * (np.zeros(len(team.members)) if heading is None else heading)
@@ -291,7 +295,7 @@ def deliver(law, t, x, bodies, y, terms, memory):
         first, end = edges.first[link.edge], edges.first[link.edge + 1]
         m = end - first
         tail, head = edges.tail[link.edge], edges.head[link.edge]
-        own = m if links.odometry else 0
+        own = link.own
         width = _HEADER + m + 2 * own
         now, before = link.received + (n % 2) * width, link.received + ((n + 1) % 2) * width
 
@@ -317,7 +321,7 @@ def deliver(law, t, x, bodies, y, terms, memory):
             sense(links, link, edges, first, end, n, draw, memory.attitude, tail, y)
             for i in range(m):
                 cells[slot + 1 + i] = y[first + i]
-            if own > 0 and law.terms.feedforward > 0:
+            if own > 0 and law.terms.agents > 0:
                 walked = terms.walked[tail]
                 for i in range(m):
                     F = edges.F_tail[first + i]
@@ -330,10 +334,9 @@ def deliver(law, t, x, bodies, y, terms, memory):
         if cells[slot] > 0.0:
             for i in range(m):
                 y[first + i] = cells[slot + 1 + i]
-            if keeps:
-                receive(
-                    links, cells, slot + 1, before + _HEADER, now + _HEADER, m, own, n - last if count > 0.0 else 0.0
-                )
+            if keeps:  # of a velocity it says something if odometry has gone on since the last was measured
+                known = own > 0 and law.terms.agents > 0 and count > 0.0 and last - link.delay >= n - terms.clock[0]
+                receive(links, cells, slot + 1, before + _HEADER, now + _HEADER, m, own, n - last if known else 0.0)
             count, last = count + 1.0, float(n)
             memory.heard[k] = NEW
         else:

@@ -95,6 +95,10 @@ class Event(Section):
         """
         raise NotImplementedError
 
+    def touches(self, part: str) -> bool:
+        """Whether it changes that part of the controller."""
+        return False
+
     @property
     def words(self) -> str:
         """The event in a few words."""
@@ -191,6 +195,10 @@ class Change(Event):
                 if not path.startswith("controller.") or path in _FIXED:
                     raise InputError("cannot change during a run; expected a field of controller, but for its periods")
             state.changes[path] = value
+
+    def touches(self, part: str) -> bool:
+        """Whether it changes that part of the controller, or fields in it."""
+        return any(f"{path}.".startswith(f"controller.{part}.") for path, _ in self._flat())
 
     def _flat(self) -> Iterator[tuple[str, Any]]:
         for name, value in self.set.items():

@@ -436,7 +436,8 @@ class Scenario(Section):
             seed=self.seed,
             height=self.scene.height,
             heading=heading,
-            feedforward=law.feedforward is not None,
+            feedforward=self.controller.feedforward is not None or any(e.touches("feedforward") for e in self.events),
+            run=self.team,
         )
 
     def uses_seed(self, backend: str) -> bool:

@@ -23,7 +23,7 @@ import mjsheaf
 from mjsheaf import World, load_scenario, simulate, simulate_many
 from mjsheaf.control import pack_law
 from mjsheaf.control.controller import LocalSample, PerAgent
-from mjsheaf.control.law import evaluate_law, new_memory
+from mjsheaf.control.law import carry, evaluate_law, new_memory
 from mjsheaf.control.links import linked_edges, pack_links, stream_of
 from mjsheaf.errors import InputError
 from mjsheaf.noise import LARGEST_NORMAL, normal_of, uniforms
@@ -441,6 +441,108 @@ def test_the_file_is_the_same_in_pieces(tmp_path: Path) -> None:
     assert not outcome.summary["held_law"]["bounded"]
     again = load_scenario(str(tmp_path / "run" / "scenario.yaml"))
     assert dataset_bytes(simulate(again, "ideal")) == dataset_bytes(whole)
+
+
+# -- phases ------------------------------------------------------------------------------------------------------------
+
+
+def changing(events: list[dict[str, Any]], **fields: Any) -> Scenario:
+    """Boats and aircraft over links that are late, with events; fields replace fields."""
+    links = {"all": {"delay": 0.05}, "record": True}
+    return mixed_scenario(**({"time": {"end": 0.4}, "links": links, "events": events} | fields))
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_an_edge_of_a_later_phase_alone_is_delivered_and_recorded(backend: str) -> None:
+    """One who has yet to join has no eta; then its edge hears after a delay, which counts as no loss."""
+    data = simulate(changing([{"time": 0.2, "join": "back"}]), backend)
+    k = data["edge"].values.tolist().index("front-back")
+    heard = data["heard"].values[:, data["measuring_edge"].values.tolist().index("communication front-back")]
+    assert heard.tolist() == [0] * 25 + [2] * 16
+    assert data.sizes["edge"] == 5
+    assert data["delivery"].values[k] == 1.0
+    rows = [str(row).startswith("communication front-back") for row in data["measured_number"].values]
+    assert (np.isnan(data["measurement"].values[:, rows]).all(axis=1) == (heard == 0)).all()
+    for name in ("disagreement_vector", "measured_disagreement_vector"):
+        assert np.isnan(data[name].values[:20, 2]).all()
+        assert np.isfinite(data[name].values[20:, 2]).all()
+        assert np.isfinite(data[name].values[:, 1]).all()
+
+
+@pytest.mark.parametrize("how", [{"cut": ["back", "diver"]}, {"lose": "back"}, {"lose": "diver"}], ids=str)
+def test_nothing_from_before_arrives_over_a_link_that_is_back(how: dict[str, Any]) -> None:
+    """Neither what was under way, nor what was held, nor a velocity from a difference over the gap."""
+    back = {"restore": how["cut"]} if "cut" in how else {"join": how["lose"]}
+    scenario = changing(
+        [{"time": 0.2, **how}, {"time": 0.23, **back}],
+        controller={"control_period": H, "feedforward": {"rounds": 2}},
+        links={"all": {"delay": 0.05, "hold": 10.0, "noise": 0.1}, "record": True},
+    )
+    data = simulate(scenario, "ideal", allow_drift=True)
+    heard = data["heard"].values[:, data["measuring_edge"].values.tolist().index("sensing back-diver")]
+    assert heard.tolist() == [0] * 5 + [2] * 15 + [0] * 8 + [2] * 13
+    memory, now = new_memory(scenario.phases[0].system.law, 5), scenario.phases[0].system
+    for n in range(40):
+        phase = [p.system for p in scenario.phases if p.start <= n][-1]
+        if phase is not now:
+            memory, now = carry(memory, phase.law), phase
+        x = now.initial + n * H * np.array([1.0, 0.5, 0.0])
+        evaluate_law(now.control, n * H, x, None, memory)
+        if n >= 23:
+            rows = slice(*now.law.edges.first[len(now.team.communication) + 2 :][:2])
+            assert (np.abs(memory.links.velocity[rows]).max() > 0.0) == (n > 28)
+
+
+def test_a_term_that_begins_later_changes_nothing_of_what_is_heard() -> None:
+    """Nor does odometry that begins with it say anything of how the agent moved before."""
+    events = [{"time": 0.2, "set": {"controller.feedforward.rounds": 2}}]
+    links = {"sensing": {"delay": 0.05, "loss": 0.3, "hold": 0.02}, "record": True}
+    scenario, plain = (changing(e, links=links, controller={"control_period": H, "gain": 3.0}) for e in (events, []))
+    data, alone = simulate(scenario, "ideal"), simulate(plain, "ideal")
+    np.testing.assert_array_equal(data["heard"], alone["heard"])
+    np.testing.assert_array_equal(data["measurement"][:21], alone["measurement"][:21])
+    np.testing.assert_array_equal(data["measurement"].values[:25, -3:], alone["measurement"].values[:25, -3:])
+    (first, second), x = (phase.system for phase in scenario.phases), plain.system.initial.copy()
+    memory, rng = new_memory(first.law, 5), np.random.default_rng(2)
+    velocity, seen = np.array([[0.5, -0.4, 1.0], [2.0, 1.0, 0.0]]), 0
+    for n in range(80):
+        now = first if n < 20 else second
+        memory = carry(memory, now.law) if n == 20 else memory
+        evaluate_law(now.control, n * H, x, None, memory)
+        evaluate_law(now.control, n * H, x, None, memory)
+        for k, target in enumerate((1, 0)):
+            begin, end = now.law.edges.first[2 + k : 4 + k]
+            found = memory.links.velocity[begin:end]
+            if found.any():
+                np.testing.assert_allclose(found, velocity[target, : len(found)], rtol=0, atol=1e-9)
+                assert n >= 26
+                seen += 1
+        x[:3] += rng.normal(0, 0.1, (3, 3)) * [[1, 1, 0], [1, 1, 1], [1, 1, 1]]
+        x[3:] += velocity * H
+    assert seen > 100
+
+
+def test_one_who_comes_back_has_forgotten_where_the_team_goes() -> None:
+    """While it is alone, what a filter left of its targets' velocity is added to v at every round."""
+    law = {"control_period": H, "gain": 1.0, "feedforward": {"rounds": 3, "filter": 1.0}, "newton": {"rounds": 2}}
+    events = [{"time": 0.5, "lose": "boat"}, {"time": 1.0, "join": "boat"}]
+    fields = {"time": {"end": 1.2}, "controller": law, "links": {}}
+    data = simulate(changing(events, **fields), "ideal")
+    speed = np.linalg.norm(np.nan_to_num(data["velocity_command"].values), axis=2)
+    assert speed[100:, 0].max() < 2.0 * speed[:50].max()
+
+
+def test_one_who_joins_faces_where_it_moves() -> None:
+    """Though nobody's sensor needed its attitude until then."""
+    sensing = [["boat", "ship"], ["front", "diver"], {"between": ["back", "diver"], "sensor": RANGE_BEARING}]
+    scenario = changing([{"time": 0.2, "join": "back"}], sensing=sensing, links={"record": True}, seed=4)
+    data = simulate(scenario, "ideal")
+    body = attitudes(scenario, data)[2]
+    kind, edge, y, _ = true_measurements(scenario, data)[4]
+    line = Line(kind, edge, linked_edges(scenario.team, scenario.links)[4][-1], 4)
+    for n in range(20, 41):
+        found = data["measurement"].values[n, -3:]
+        np.testing.assert_allclose(found, line.sense(n, y[n], body[n]), rtol=0, atol=2e-5)
 
 
 # -- what a file may say -----------------------------------------------------------------------------------------------
