@@ -32,7 +32,7 @@ SILENT, HELD, NEW = 0.0, 1.0, 2.0
 """What an edge hears at a sample: nothing, the last measurement once more, a new one."""
 
 _MOST_NUMBERS = 100_000_000  # in delay lines
-_HEADER = 4  # of what was received: begun, bad, count, last
+_HEADER = 2  # of what was received: state, last
 _STILL = 1e-9  # m in a period: no direction of motion
 
 LINK = np.dtype(
@@ -43,6 +43,8 @@ LINK = np.dtype(
         ("own", "i8"),  # how many numbers of own displacement go with a sample: feedforward's, of sensing
         ("delay", "i8"),  # periods
         ("hold", "i8"),  # periods
+        ("remembers", "i8"),  # whether what was received, or the state of a chain, counts at the next sample
+        ("random", "i8"),  # whether it takes random numbers
         ("lossy", "i8"),  # whether anything is lost at random
         ("bursts", "i8"),  # whether losses depend on the state of a chain
         ("bearing", "i8"),  # whether the sensor is range_bearing
@@ -96,9 +98,10 @@ class LinkMemory(NamedTuple):
         velocity: F p' of targets by sensing edges that have links, shape (m,), m/s; empty without feedforward.
         attitude: of the vehicles, shape (V, 4), where a sensor needs it.
         before: positions at the present sample and at the one before, in turn, shape (2, V, 3), m.
-        cells: of each link its delay line, a slot for each sample under way (sent or not, y, own displacement so far),
-            then twice what was received (begun, state of the chain, how many, number of the sample of the last; y,
-            displacement, velocity), for samples of even and of odd number.
+        cells: of each link its delay line, a slot for each sample under way (1 + its number, 0 if lost; y, own
+            displacement so far), then, if it remembers anything, twice what was received, for samples of even and of
+            odd number: state of the chain (0 before it begins, 1 good, 2 bad), 1 + the number of the sample at which
+            the last arrived (0 before any), y, displacement, velocity.
         streams, places: of the links, shapes (L, 2) and (L,), by which they are known again in another phase.
     """
 
@@ -235,8 +238,10 @@ def pack_links(
         chain = loss.to_bad, loss.to_good, loss.bad, loss.loss_good, loss.loss_bad
         bursts = loss.loss_good != loss.loss_bad
         stream = stream_of(kind, edge, met[ends])
-        table.append((e, place, received, own, delay, hold, link.lossy, bursts, *sensor, *chain, stream))
-        place = received + 2 * (_HEADER + m + 2 * own)
+        remembers = hold > 0 or own > 0 or bursts
+        kind_of_loss = remembers, link.random, link.lossy, bursts
+        table.append((e, place, received, own, delay, hold, *kind_of_loss, *sensor, *chain, stream))
+        place = received + 2 * (_HEADER + m + 2 * own) * remembers
         with in_field("links"):
             require_held(place)
     half = 0.5 * (np.zeros(len(team.members)) if heading is None else heading)
@@ -290,33 +295,40 @@ def deliver(law, t, x, bodies, y, terms, memory):
     n = int(np.rint((t - links.start) / links.period))
     if memory.attitude.shape[0] > 0 and not bodies:
         face_along(links, x, n, memory)
+    delay, ring, oldest = -1, 0, 0
     for k in range(links.table.shape[0]):
         link = links.table[k]
         first, end = edges.first[link.edge], edges.first[link.edge + 1]
-        m = end - first
+        m, own = end - first, link.own
         tail, head = edges.tail[link.edge], edges.head[link.edge]
-        own = link.own
         width = _HEADER + m + 2 * own
         now, before = link.received + (n % 2) * width, link.received + ((n + 1) % 2) * width
+        state, last = 0.0, 0.0
+        if link.remembers:
+            state, last = cells[before], cells[before + 1]
 
-        bad, lost = cells[before + 1], False
-        draw = uniforms(links.seed, link.stream, n, 0)
+        lost, draw = False, (0.5, 0.5, 0.5, 0.5)
+        if link.random:
+            draw = uniforms(links.seed, link.stream, n, 0)
+        if link.bursts:
+            chance = uniforms(links.seed, link.stream, n, 1)[0]
+            if state == 0.0:
+                bad = chance < link.bad
+            elif state == 2.0:
+                bad = chance >= link.to_good
+            else:
+                bad = chance < link.to_bad
+            state = 2.0 if bad else 1.0
         if link.lossy:
-            if link.bursts:
-                chance = uniforms(links.seed, link.stream, n, 1)[0]
-                if cells[before] == 0.0:
-                    bad = 1.0 if chance < link.bad else 0.0
-                elif bad > 0.0:
-                    bad = 1.0 if chance >= link.to_good else 0.0
-                else:
-                    bad = 1.0 if chance < link.to_bad else 0.0
-            lost = draw[0] < (link.loss_bad if bad > 0.0 else link.loss_good)
+            lost = draw[0] < (link.loss_bad if state == 2.0 else link.loss_good)
         if not lost and link.range < np.inf:
             lost = distance(x[tail], links.lift[tail], x[head], links.lift[head]) > link.range
 
-        turn_of_ring = n % (link.delay + 1)
-        slot = link.place + turn_of_ring * (1 + m + own)
-        cells[slot] = 0.0 if lost else 1.0
+        if link.delay != delay:
+            delay = link.delay
+            ring, oldest = n % (delay + 1), (n + 1) % (delay + 1)
+        slot = link.place + ring * (1 + m + own)
+        cells[slot] = 0.0 if lost else n + 1.0
         if not lost:
             sense(links, link, edges, first, end, n, draw, memory.attitude, tail, y)
             for i in range(m):
@@ -327,27 +339,25 @@ def deliver(law, t, x, bodies, y, terms, memory):
                     F = edges.F_tail[first + i]
                     cells[slot + 1 + m + i] = F[0] * walked[0] + F[1] * walked[1] + F[2] * walked[2]
 
-        slot = link.place if turn_of_ring == link.delay else slot + 1 + m + own
-        count, last = cells[before + 2], cells[before + 3]
-        cells[now], cells[now + 1] = 1.0, bad
-        keeps = link.hold > 0 or own > 0
-        if cells[slot] > 0.0:
-            for i in range(m):
+        slot = link.place + oldest * (1 + m + own)
+        arrives = n >= delay and cells[slot] == n - delay + 1.0
+        held = not arrives and last > 0.0 and n + 1.0 - last <= link.hold
+        memory.heard[k] = NEW if arrives else HELD if held else SILENT
+        for i in range(m):
+            if arrives:
                 y[first + i] = cells[slot + 1 + i]
-            if keeps:  # of a velocity it says something if odometry has gone on since the last was measured
-                known = own > 0 and law.terms.agents > 0 and count > 0.0 and last - link.delay >= n - terms.clock[0]
-                receive(links, cells, slot + 1, before + _HEADER, now + _HEADER, m, own, n - last if known else 0.0)
-            count, last = count + 1.0, float(n)
-            memory.heard[k] = NEW
-        else:
-            held = count > 0.0 and n - last <= link.hold
-            if keeps:
+            else:
+                y[first + i] = cells[before + _HEADER + i] if held else -edges.b[first + i]
+        if link.remembers:
+            if arrives:  # of a velocity it says something if odometry has gone on since the last was measured
+                known = own > 0 and law.terms.agents > 0 and last > 0.0 and last - 1.0 - delay >= n - terms.clock[0]
+                age = n + 1.0 - last if known else 0.0
+                receive(links, cells, slot + 1, before + _HEADER, now + _HEADER, m, own, age)
+                last = n + 1.0
+            else:
                 for i in range(m + 2 * own):
                     cells[now + _HEADER + i] = cells[before + _HEADER + i]
-            for i in range(m):
-                y[first + i] = cells[now + _HEADER + i] if held else -edges.b[first + i]
-            memory.heard[k] = HELD if held else SILENT
-        cells[now + 2], cells[now + 3] = count, last
+            cells[now], cells[now + 1] = state, last
         for i in range(own):
             memory.velocity[first + i] = cells[now + _HEADER + 2 * m + i]
 
@@ -379,7 +389,7 @@ def sense(links, link, edges, first, end, n, draw, attitude, tail, y):
         else:
             tilt = link.bearing_noise * normal_of(draw[3])
             perceive_space(edges.F_tail[first:end], attitude[tail], far, angle, tilt, y[first:end])
-    elif link.noise > 0.0:
+    elif link.noise > 0.0 and end > first:
         y[first] += link.noise * normal_of(draw[1])
         if end - first > 1:
             y[first + 1] += link.noise * normal_of(draw[2])
