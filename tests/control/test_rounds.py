@@ -14,6 +14,7 @@ import pytest
 import xarray as xr
 
 from mjsheaf import World, load_scenario, simulate, simulate_many
+from mjsheaf.checking.held_law import UndecidedError, loop_of
 from mjsheaf.control.law import Memory, carry, evaluate_law, new_memory
 from mjsheaf.control.links import stream_of
 from mjsheaf.errors import InputError
@@ -312,3 +313,13 @@ def test_traffic_is_one_round_a_term_and_period_under_a_delay() -> None:
         for link in ({}, {"loss": 0.5}, {"delay": 0.01}, {"delay": 0.1, "loss": 0.1})
     ]
     assert sent == [5 * 20, 5 * 20, 2 * 20, 2 * 20]
+
+
+@pytest.mark.parametrize(
+    "fields", [{"links.rounds.delay": 0.01}, {"links.rounds.loss": 0.1}, {"links.communication.range": 90}]
+)
+def test_check_does_not_claim_to_know_the_held_law(fields: dict[str, Any]) -> None:
+    scenario = load_scenario("paper", {"controller.newton.rounds": 3, **fields})
+    with pytest.raises(UndecidedError, match="late or lost"):
+        loop_of(scenario.system)
+    assert loop_of(load_scenario("paper", fields).system).radius < 1.0  # the paper's law has no rounds
