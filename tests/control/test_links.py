@@ -364,7 +364,7 @@ def test_samples_that_were_never_taken_do_not_arrive() -> None:
     assert {n for n, arrives in heard.items() if not arrives} == silent
 
 
-@pytest.mark.parametrize("m", [1, 4, 6])
+@pytest.mark.parametrize("m", [1, pytest.param(4, marks=pytest.mark.slow), 6])
 def test_every_number_of_an_edge_has_noise_of_its_own(m: int) -> None:
     rng = np.random.default_rng(m)
     maps = {"tail": rng.normal(size=(m, 2)).tolist(), "head": rng.normal(size=(m, 2)).tolist()}

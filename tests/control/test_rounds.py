@@ -169,7 +169,7 @@ TEAMS: dict[str, Callable[[], Scenario]] = {
     "paper": lambda: load_scenario("paper", {"controller.newton.rounds": 3}),
     "long": lambda: long_team(1, **NEWTON),
     "frustrated": lambda: frustrated(**NEWTON),
-    **{f"unlike {seed}": partial(unlike_team, seed, **NEWTON) for seed in range(4)},
+    **{f"unlike {seed}": partial(unlike_team, seed, **NEWTON) for seed in range(2)},
 }
 
 
@@ -222,7 +222,7 @@ def test_feedforward_follows_over_late_and_lossy_rounds(backend: str) -> None:
     assert late["tracking_error"].values[50].max() > plain["tracking_error"].values[50].max() + 1e-3
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("backend", ["ideal", pytest.param("physics", marks=pytest.mark.slow)])
 def test_without_delay_and_losses_no_bit_changes(backend: str) -> None:
     """And a link that loses measurements loses no rounds, nor do rounds matter to the paper's law."""
     fields: dict[str, Any] = {"time": {"end": 0.2}, "targets": MOVING, "seed": 3}
