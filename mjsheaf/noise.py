@@ -44,18 +44,22 @@ def uniforms(seed, stream, number, count):
 
 @inline_jit
 def normal_of(p):
-    """The standard normal number below which a share p of them lies, 2^-33 <= p <= 1 - 2^-33, to 1e-6.
+    """The standard normal number below which a share p of them lies, 0 < p < 1, to 1.2e-9 of it.
 
-    Wichura, The percentage points of the normal distribution, Applied Statistics 37 (1988), algorithm AS 241, PPND7.
+    Acklam, An algorithm for computing the inverse normal cumulative distribution function (2003). One in twenty numbers
+    takes the logarithm, which costs as much as all else.
     """
     q = p - 0.5
-    if abs(q) <= 0.425:
-        r = 0.180625 - q * q
-        above = ((59.10937472 * r + 159.29113202) * r + 50.434271938) * r + 3.3871327179
-        return q * above / (((67.18756360 * r + 78.757757664) * r + 17.895169469) * r + 1.0)
-    r = np.sqrt(-np.log(min(p, 1.0 - p))) - 1.6
-    above = ((0.17023821103 * r + 1.3067284816) * r + 2.7568153900) * r + 1.4234372777
-    return np.copysign(above / ((0.12021132975 * r + 0.73700164250) * r + 1.0), q)
+    if abs(q) <= 0.47575:
+        r = q * q
+        above = ((-39.69683028665376 * r + 220.9460984245205) * r - 275.9285104469687) * r + 138.3577518672690
+        below = ((-54.47609879822406 * r + 161.5858368580409) * r - 155.6989798598866) * r + 66.80131188771972
+        above = (above * r - 30.66479806614716) * r + 2.506628277459239
+        return q * above / ((below * r - 13.28068155288572) * r + 1.0)
+    r = np.sqrt(-2.0 * np.log(min(p, 1.0 - p)))
+    above = ((-0.007784894002430293 * r - 0.3223964580411365) * r - 2.400758277161838) * r - 2.549732539343734
+    below = ((0.007784695709041462 * r + 0.3224671290700398) * r + 2.445134137142996) * r + 3.754408661907416
+    return np.copysign(((above * r + 4.374664141464968) * r + 2.938163982698783) / (below * r + 1.0), q)
 
 
 @jit

@@ -25,7 +25,7 @@ from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.checking.certificate import Certificate
 from mjsheaf.checking.cohomology import DENSE_STATES, Spectrum, spectrum_of
 from mjsheaf.checking.constants import agent_drift
-from mjsheaf.checking.held_law import UndecidedError, residual_polynomial
+from mjsheaf.checking.held_law import UNKNOWN_ROUNDS, UndecidedError, residual_polynomial
 from mjsheaf.control.terms import TermArrays
 from mjsheaf.errors import InputError
 from mjsheaf.io.section import Record
@@ -114,6 +114,8 @@ def body_loop(system: System, spectrum: Spectrum, medium: Array) -> BodyLoop:
             raise UndecidedError("the gain is 0")
         if not spectrum.smallest.size:
             raise UndecidedError("nothing is held")
+        if system.law.terms.rounds.imperfect:
+            raise UndecidedError(UNKNOWN_ROUNDS)
         loop = _close(system, spectrum, _models(system, medium, timestep, steps), period)
     except (UndecidedError, InputError, np.linalg.LinAlgError) as error:
         unknown = dict.fromkeys(("stable", "spectral_radius", "largest_gain", "least_damped"))

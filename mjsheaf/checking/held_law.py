@@ -98,6 +98,10 @@ class LawLoop(Record):
     reason: str = Field(description="why a number is missing, or empty")
 
 
+UNKNOWN_ROUNDS = "messages of rounds can be late or lost, by links.rounds or a range of communication"
+"""Why the loop of feedforward or newton is not known."""
+
+
 class UndecidedError(Exception):
     """Nothing can be claimed; the message says why."""
 
@@ -262,9 +266,12 @@ def loop_of(system: System) -> Loop:
     """The held loop of a system's law.
 
     Raises:
-        UndecidedError: the law is continuous, something is free, or H is too large for its eigenvalues.
+        UndecidedError: the law is continuous, something is free, H is too large for its eigenvalues, or rounds can be
+            late or lost.
     """
     values, terms = _eigen(system)[0], system.law.terms
+    if terms.rounds.imperfect:
+        raise UndecidedError(UNKNOWN_ROUNDS)
     c = residual_polynomial(values, terms.newton, *terms.eigenvalues) if terms.newton else np.zeros_like(values)
     return Loop(values, 1.0 - c if terms.newton else values, c, system.gain, terms.integral, system.grid.period)
 

@@ -130,21 +130,29 @@ class Memory(NamedTuple):
 def new_memory(law: LawArrays, V: int) -> Memory:
     """The memory of a law of V vehicles before its first sample: zeros."""
     m = len(law.edges.b)
-    ends = np.cumsum([m, 9 * V, size_of_memory(law.terms, m, V), size_of_link_memory(law.links, m)])
+    ends = np.cumsum([m, 9 * V, size_of_memory(law.terms, law.edges.first, V), size_of_link_memory(law.links, m)])
     flat = np.zeros(ends[-1])
     y, rest, terms, links, _ = np.split(flat, ends)
     residual, command, supplied = rest.reshape(3, V, 3)
-    of_terms, of_links = split_memory(terms, law.terms, m, V), split_link_memory(links, law.links, m)
+    of_terms, of_links = split_memory(terms, law.terms, law.edges.first, V), split_link_memory(links, law.links, m)
     return Memory(flat, y, residual, command, supplied, of_terms, of_links)
 
 
 def carry(memory: Memory, law: LawArrays) -> Memory:
-    """The memory of another law of the same vehicles, who keep what they hold of themselves and what is under way."""
+    """The memory of another law of the same vehicles, who keep what they hold of themselves and what is under way.
+
+    One whom none of the edges moves, as it is lost or has yet to join, knows nothing of where the team goes.
+    """
     V, m = len(memory.command), len(memory.y)
     new = new_memory(law, V)
     vehicles = slice(len(new.y), len(new.y) + 9 * V)
     new.flat[vehicles] = memory.flat[m : m + 9 * V]
     carry_terms(memory.terms, new.terms)
+    if law.terms.agents:
+        edges, alone = law.edges, np.ones(V, dtype=np.bool_)
+        alone[edges.tail[edges.listens[:, 0]]] = alone[edges.head[edges.listens[:, 1]]] = False
+        for values in (new.terms.rate, new.terms.v, new.terms.delta):
+            values[alone] = 0.0
     carry_links(memory.links, new.links)
     return new
 
@@ -162,7 +170,7 @@ def evaluate_law(control, t, x, drift, memory):
     hear(law, t, x, drift is not None, memory)
     proportional(law, memory.residual, memory.supplied, memory.command)
     if law.terms.agents > 0:
-        add_terms(law, memory.y, memory.residual, memory.command, memory.terms, memory.links)
+        add_terms(law, x, memory.y, memory.residual, memory.command, memory.terms, memory.links)
     for v in range(x.shape[0]):
         add_reference(control.motion, v, t, x[v], memory.command[v])
         clipped = limit_speed(law.limit[v], memory.command[v])
@@ -176,7 +184,7 @@ def evaluate_law(control, t, x, drift, memory):
 def hear(law, t, x, bodies, memory):
     """Write into the memory what agents hear at time t, s, and eta by it; of `bodies` it holds the attitudes."""
     measure(law.edges, x, memory.y)
-    if law.links.table.shape[0] > 0:
+    if law.links.of.shape[0] > 0:
         deliver(law, t, x, bodies, memory.y, memory.terms, memory.links)
     pull_back(law.edges, memory.y, memory.residual)
 

@@ -11,7 +11,7 @@ Of every edge with a link, at sample n, in this order:
 Random numbers are those of the edge's stream at n (see `mjsheaf.noise`), whichever piece, thread or machine asks. A
 sample may be taken again: what changes from sample to sample is kept for n and for n - 1 in turn.
 
-Numbers that agents send each other in rounds (see `mjsheaf.control.terms`) arrive at once and are never lost.
+Numbers that agents send each other in rounds have links of their own: see `mjsheaf.control.rounds`.
 """
 
 from collections.abc import Sequence
@@ -32,7 +32,7 @@ SILENT, HELD, NEW = 0.0, 1.0, 2.0
 """What an edge hears at a sample: nothing, the last measurement once more, a new one."""
 
 _MOST_NUMBERS = 100_000_000  # in delay lines
-_HEADER = 4  # of what was received: begun, bad, count, last
+_HEADER = 2  # of what was received: state, last
 _STILL = 1e-9  # m in a period: no direction of motion
 
 LINK = np.dtype(
@@ -40,8 +40,11 @@ LINK = np.dtype(
         ("edge", "i8"),  # its number
         ("place", "i8"),  # where its numbers begin in LinkMemory.cells
         ("received", "i8"),  # where, after the delay line, what was received begins
+        ("own", "i8"),  # how many numbers of own displacement go with a sample: feedforward's, of sensing
         ("delay", "i8"),  # periods
         ("hold", "i8"),  # periods
+        ("remembers", "i8"),  # whether what was received, or the state of a chain, counts at the next sample
+        ("random", "i8"),  # whether it takes random numbers
         ("lossy", "i8"),  # whether anything is lost at random
         ("bursts", "i8"),  # whether losses depend on the state of a chain
         ("bearing", "i8"),  # whether the sensor is range_bearing
@@ -69,7 +72,7 @@ class LinkArrays(NamedTuple):
         lift: what is added to z for the distance between bodies, shape (V,), m.
         facing: initial attitudes where a sensor needs them, quaternions (w, x, y, z), shape (V, 4) or (0, 4).
         size: of LinkMemory.cells.
-        odometry: whether agents remember how they moved since a measurement, for feedforward.
+        odometry: whether agents remember how they moved since they sensed a target, for feedforward.
         start, period: time of sample 0 and between samples, s.
         seed: of the run.
         record: whether measurements are recorded.
@@ -95,9 +98,10 @@ class LinkMemory(NamedTuple):
         velocity: F p' of targets by sensing edges that have links, shape (m,), m/s; empty without feedforward.
         attitude: of the vehicles, shape (V, 4), where a sensor needs it.
         before: positions at the present sample and at the one before, in turn, shape (2, V, 3), m.
-        cells: of each link its delay line, a slot for each sample under way (sent or not, y, own displacement so far),
-            then twice what was received (begun, state of the chain, how many, number of the sample of the last; y,
-            displacement, velocity), for samples of even and of odd number.
+        cells: of each link its delay line, a slot for each sample under way (1 + its number, 0 if lost; y, own
+            displacement so far), then, if it remembers anything, twice what was received, for samples of even and of
+            odd number: state of the chain (0 before it begins, 1 good, 2 bad), 1 + the number of the sample at which
+            the last arrived (0 before any), y, displacement, velocity.
         streams, places: of the links, shapes (L, 2) and (L,), by which they are known again in another phase.
     """
 
@@ -184,6 +188,7 @@ def pack_links(
     height: float = 0.0,
     heading: Array | None = None,
     feedforward: bool = False,
+    run: Team | None = None,
 ) -> LinkArrays:
     """The links of a team for compiled code.
 
@@ -195,22 +200,24 @@ def pack_links(
         seed: of the run.
         height: of the surface on which planar vehicles are, m.
         heading: initial, of all vehicles, shape (V,), rad.
-        feedforward: whether the law has it.
+        feedforward: whether the law has it, in any phase of the run.
+        run: the team with all edges that it has in any phase; it has no others unless given.
 
     Raises:
         InputError: a delay is no whole number of periods, the period is 0, or a sensor does not fit an edge's maps; the
             message begins with the field.
     """
     _require_delays(team, links, period)
-    everyone = linked_edges(team, links)
-    if all(link.exact for *_, link in everyone):
+    everyone, ever = linked_edges(team, links), linked_edges(run or team, links)
+    if all(link.exact for *_, link in ever):
         return no_links(bool(links.record))
     if period == 0.0:
         raise InputError(
             "links: controller.control_period is 0; expected a positive one with noise, delay, loss or range"
         )
     edges = len(everyone) + len(team.target_edges) + len(team.anchors)
-    of, place, turning = np.full(edges, -1), 0, False
+    of, place = np.full(edges, -1), 0
+    turning = any(link.range_bearing and not link.exact and len(edge.F_tail) == 3 for *_, edge, link in ever)
     table: list[tuple[Any, ...]] = []
     met: dict[tuple[str, ...], int] = {}
     for e, (kind, k, edge, link) in enumerate(everyone):
@@ -222,19 +229,21 @@ def pack_links(
         if link.range_bearing:
             with in_field(f"{kind}.{k}, {edge}"):
                 require_bearing(edge.F_tail, edge.F_head)
-            turning = turning or m == 3
         delay, hold = whole_periods(link.delay, period), int(min(link.hold / period + 1e-6, 1e9))
-        received = place + (delay + 1) * (1 + m * (1 + feedforward))
+        own = m * (feedforward and kind == "sensing")
+        received = place + (delay + 1) * (1 + m + own)
         of[e] = len(table)
         loss = link.loss
         sensor = link.range_bearing, link.noise, link.bias, link.range_noise, link.bearing_noise, link.range
         chain = loss.to_bad, loss.to_good, loss.bad, loss.loss_good, loss.loss_bad
         bursts = loss.loss_good != loss.loss_bad
         stream = stream_of(kind, edge, met[ends])
-        table.append((e, place, received, delay, hold, link.lossy, bursts, *sensor, *chain, stream))
-        place = received + 2 * (_HEADER + m * (1 + 2 * feedforward))
-        if place > _MOST_NUMBERS:
-            raise InputError(f"links: delay lines hold more than {_MOST_NUMBERS} numbers; expected shorter delays")
+        remembers = hold > 0 or own > 0 or bursts
+        kind_of_loss = remembers, link.random, link.lossy, bursts
+        table.append((e, place, received, own, delay, hold, *kind_of_loss, *sensor, *chain, stream))
+        place = received + 2 * (_HEADER + m + 2 * own) * remembers
+        with in_field("links"):
+            require_held(place)
     half = 0.5 * (np.zeros(len(team.members)) if heading is None else heading)
     facing = np.column_stack([np.cos(half), 0.0 * half, 0.0 * half, np.sin(half)])
     return LinkArrays(
@@ -249,6 +258,12 @@ def pack_links(
         seed=seed,
         record=bool(links.record),
     )
+
+
+def require_held(numbers: int) -> None:
+    """Raise an InputError if so many numbers are too many for delay lines."""
+    if numbers > _MOST_NUMBERS:
+        raise InputError(f"delay lines hold more than {_MOST_NUMBERS} numbers; expected shorter delays")
 
 
 def _require_delays(team: Team, links: Links, period: float) -> None:
@@ -280,65 +295,69 @@ def deliver(law, t, x, bodies, y, terms, memory):
     n = int(np.rint((t - links.start) / links.period))
     if memory.attitude.shape[0] > 0 and not bodies:
         face_along(links, x, n, memory)
+    delay, ring, oldest = -1, 0, 0
     for k in range(links.table.shape[0]):
         link = links.table[k]
         first, end = edges.first[link.edge], edges.first[link.edge + 1]
-        m = end - first
+        m, own = end - first, link.own
         tail, head = edges.tail[link.edge], edges.head[link.edge]
-        own = m if links.odometry else 0
         width = _HEADER + m + 2 * own
         now, before = link.received + (n % 2) * width, link.received + ((n + 1) % 2) * width
+        state, last = 0.0, 0.0
+        if link.remembers:
+            state, last = cells[before], cells[before + 1]
 
-        bad, lost = cells[before + 1], False
-        draw = uniforms(links.seed, link.stream, n, 0)
+        lost, draw = False, (0.5, 0.5, 0.5, 0.5)
+        if link.random:
+            draw = uniforms(links.seed, link.stream, n, 0)
+        if link.bursts:
+            chance = uniforms(links.seed, link.stream, n, 1)[0]
+            if state == 0.0:
+                bad = chance < link.bad
+            elif state == 2.0:
+                bad = chance >= link.to_good
+            else:
+                bad = chance < link.to_bad
+            state = 2.0 if bad else 1.0
         if link.lossy:
-            if link.bursts:
-                chance = uniforms(links.seed, link.stream, n, 1)[0]
-                if cells[before] == 0.0:
-                    bad = 1.0 if chance < link.bad else 0.0
-                elif bad > 0.0:
-                    bad = 1.0 if chance >= link.to_good else 0.0
-                else:
-                    bad = 1.0 if chance < link.to_bad else 0.0
-            lost = draw[0] < (link.loss_bad if bad > 0.0 else link.loss_good)
+            lost = draw[0] < (link.loss_bad if state == 2.0 else link.loss_good)
         if not lost and link.range < np.inf:
             lost = distance(x[tail], links.lift[tail], x[head], links.lift[head]) > link.range
 
-        turn_of_ring = n % (link.delay + 1)
-        slot = link.place + turn_of_ring * (1 + m + own)
-        cells[slot] = 0.0 if lost else 1.0
+        if link.delay != delay:
+            delay = link.delay
+            ring, oldest = n % (delay + 1), (n + 1) % (delay + 1)
+        slot = link.place + ring * (1 + m + own)
+        cells[slot] = 0.0 if lost else n + 1.0
         if not lost:
             sense(links, link, edges, first, end, n, draw, memory.attitude, tail, y)
             for i in range(m):
                 cells[slot + 1 + i] = y[first + i]
-            if own > 0 and law.terms.feedforward > 0:
+            if own > 0 and law.terms.agents > 0:
                 walked = terms.walked[tail]
                 for i in range(m):
                     F = edges.F_tail[first + i]
                     cells[slot + 1 + m + i] = F[0] * walked[0] + F[1] * walked[1] + F[2] * walked[2]
 
-        slot = link.place if turn_of_ring == link.delay else slot + 1 + m + own
-        count, last = cells[before + 2], cells[before + 3]
-        cells[now], cells[now + 1] = 1.0, bad
-        keeps = link.hold > 0 or own > 0
-        if cells[slot] > 0.0:
-            for i in range(m):
+        slot = link.place + oldest * (1 + m + own)
+        arrives = n >= delay and cells[slot] == n - delay + 1.0
+        held = not arrives and last > 0.0 and n + 1.0 - last <= link.hold
+        memory.heard[k] = NEW if arrives else HELD if held else SILENT
+        for i in range(m):
+            if arrives:
                 y[first + i] = cells[slot + 1 + i]
-            if keeps:
-                receive(
-                    links, cells, slot + 1, before + _HEADER, now + _HEADER, m, own, n - last if count > 0.0 else 0.0
-                )
-            count, last = count + 1.0, float(n)
-            memory.heard[k] = NEW
-        else:
-            held = count > 0.0 and n - last <= link.hold
-            if keeps:
+            else:
+                y[first + i] = cells[before + _HEADER + i] if held else -edges.b[first + i]
+        if link.remembers:
+            if arrives:  # of a velocity it says something if odometry has gone on since the last was measured
+                known = own > 0 and law.terms.agents > 0 and last > 0.0 and last - 1.0 - delay >= n - terms.clock[0]
+                age = n + 1.0 - last if known else 0.0
+                receive(links, cells, slot + 1, before + _HEADER, now + _HEADER, m, own, age)
+                last = n + 1.0
+            else:
                 for i in range(m + 2 * own):
                     cells[now + _HEADER + i] = cells[before + _HEADER + i]
-            for i in range(m):
-                y[first + i] = cells[now + _HEADER + i] if held else -edges.b[first + i]
-            memory.heard[k] = HELD if held else SILENT
-        cells[now + 2], cells[now + 3] = count, last
+            cells[now], cells[now + 1] = state, last
         for i in range(own):
             memory.velocity[first + i] = cells[now + _HEADER + 2 * m + i]
 
@@ -370,7 +389,7 @@ def sense(links, link, edges, first, end, n, draw, attitude, tail, y):
         else:
             tilt = link.bearing_noise * normal_of(draw[3])
             perceive_space(edges.F_tail[first:end], attitude[tail], far, angle, tilt, y[first:end])
-    elif link.noise > 0.0:
+    elif link.noise > 0.0 and end > first:
         y[first] += link.noise * normal_of(draw[1])
         if end - first > 1:
             y[first + 1] += link.noise * normal_of(draw[2])

@@ -9,6 +9,7 @@ With H and B of the harmonic extension H q* = B p + c, an agent at a sample
 
 Both systems are solved by rounds of Chebyshev's iteration, begun with what the sample before left: a round is one
 exchange, in which agent i is sent F_j x_j by its neighbours j. Where the eigenvalues of H lie is fixed before the run.
+Over links on which messages can be late or lost, rounds are those of `mjsheaf.control.rounds`.
 An agent that senses a target knows the velocity of that from how its measurement changed and how it moved itself.
 
 What differences need is missing at times: in the first sample of a run feedforward and drift add nothing, in the first
@@ -22,6 +23,16 @@ import numpy as np
 from pydantic import Field
 
 from mjsheaf.arrays import Array, IntArray
+from mjsheaf.control.rounds import (
+    FEEDFORWARD,
+    NEWTON,
+    RoundArrays,
+    RoundMemory,
+    carry_rounds,
+    no_rounds,
+    relax,
+    size_of_round_memory,
+)
 from mjsheaf.io.section import NonNegative, Positive, Section
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.noise import normals
@@ -83,6 +94,11 @@ class Terms(NamedTuple):
         return any(term is not None for term in self[:4])
 
     @property
+    def rounds(self) -> bool:
+        """Whether agents exchange numbers."""
+        return self.feedforward is not None or self.newton is not None
+
+    @property
     def noisy(self) -> bool:
         """Whether random numbers enter."""
         return self.odometry.noise > 0.0 and (self.feedforward or self.drift) is not None
@@ -104,6 +120,7 @@ class TermArrays(NamedTuple):
         integral, largest: k_I, 1/s^2, 0 without, and the largest correction, m/s.
         noise, bias: of odometry, m and m/s.
         seed: of its random numbers.
+        rounds: links over which rounds go.
     """
 
     agents: int
@@ -122,6 +139,7 @@ class TermArrays(NamedTuple):
     noise: float
     bias: float
     seed: int
+    rounds: RoundArrays
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -134,7 +152,7 @@ class TermMemory(NamedTuple):
     """What the terms of V vehicles hold from sample to sample; without terms V is 0.
 
     Attributes:
-        now, before: all that follows, and the same before the present sample, shape (3 + m + 36 V,).
+        now, before: all that follows, and the same before the present sample, shape (3 + m + 36 V,) and `rounds.held`.
         clock: samples so far, those of them with the present edges, and the time of the last, s, shape (3,).
         y: measurements of the sample before, shape (m,), m.
         x: positions then, of which an agent knows the difference to its own now, shape (V, 3), m.
@@ -147,6 +165,7 @@ class TermMemory(NamedTuple):
         z: integral of eta, shape (V, 3), m s.
         right: a right side, shape (V, 3).
         direction, residue: of Chebyshev's iteration, shape (V, 3).
+        rounds: what was sent in rounds; of it `now` and `before` have no line.
     """
 
     now: Array
@@ -165,18 +184,24 @@ class TermMemory(NamedTuple):
     right: Array
     direction: Array
     residue: Array
+    rounds: RoundMemory
 
 
-def size_of_memory(terms: TermArrays, m: int, V: int) -> int:
-    """How many numbers the terms hold."""
-    return 2 * (3 + m + 36 * V) if terms.agents else 0
+def size_of_memory(terms: TermArrays, first: IntArray, V: int) -> int:
+    """How many numbers the terms of V vehicles hold, whose edges' numbers begin at `first` (E + 1,)."""
+    held, line = size_of_round_memory(terms.rounds, first)
+    return 2 * (3 + int(first[-1]) + 36 * V + held) + line if terms.agents else 0
 
 
-def split_memory(flat: Array, terms: TermArrays, m: int, V: int) -> TermMemory:
+def split_memory(flat: Array, terms: TermArrays, first: IntArray, V: int) -> TermMemory:
     """Views of so many numbers."""
-    m, V = (m, V) if terms.agents else (0, 0)
-    now, before = np.split(flat, 2)
-    return TermMemory(now, before, now[:3], now[3 : 3 + m], *now[3 + m :].reshape(12, V, 3))
+    rounds = terms.rounds
+    m, V, C = (int(first[-1]), V, len(rounds.streams)) if terms.agents else (0, 0, 0)
+    line = size_of_round_memory(rounds, first)[1] * bool(terms.agents)
+    now, before, under_way = np.split(flat, [(len(flat) - line) // 2, len(flat) - line])
+    clock, y, vehicles, held = np.split(now, np.minimum([3, 3 + m, 3 + m + 36 * V], len(now)))
+    sent = RoundMemory(held, under_way, np.ascontiguousarray(rounds.streams[:C]), np.ascontiguousarray(first[: C + 1]))
+    return TermMemory._make((now, before, clock, y, *vehicles.reshape(12, V, 3), sent))
 
 
 def carry_terms(old: TermMemory, new: TermMemory) -> None:
@@ -185,6 +210,7 @@ def carry_terms(old: TermMemory, new: TermMemory) -> None:
         for name in ("clock", "x", "walked", "rate", "v", "delta", "drift", "z"):
             getattr(new, name)[:] = getattr(old, name)
         new.clock[1] = 0.0
+        carry_rounds(old.rounds, new.rounds)
 
 
 def no_terms() -> TermArrays:
@@ -206,10 +232,11 @@ def no_terms() -> TermArrays:
         noise=0.0,
         bias=0.0,
         seed=0,
+        rounds=no_rounds(),
     )
 
 
-def pack_terms(terms: Terms, team: Team, period: float, seed: int) -> TermArrays:
+def pack_terms(terms: Terms, team: Team, period: float, seed: int, rounds: RoundArrays | None = None) -> TermArrays:
     """The terms of a law for compiled code, on ideal kinematics.
 
     Args:
@@ -217,6 +244,7 @@ def pack_terms(terms: Terms, team: Team, period: float, seed: int) -> TermArrays
         team: the team.
         period: between samples, s; with terms it is positive.
         seed: of the run.
+        rounds: links over which they go; perfect ones unless given.
     """
     forward, newton, drift, integral, odometry = terms
     if not terms.any:
@@ -239,6 +267,7 @@ def pack_terms(terms: Terms, team: Team, period: float, seed: int) -> TermArrays
         noise=odometry.noise,
         bias=odometry.bias,
         seed=seed,
+        rounds=rounds if rounds and (forward or newton) else no_rounds(),
     )
     return with_eigenvalues(packed, *team.dirichlet.eigenvalues) if forward or newton else packed
 
@@ -246,6 +275,8 @@ def pack_terms(terms: Terms, team: Team, period: float, seed: int) -> TermArrays
 def with_eigenvalues(terms: TermArrays, low: float, high: float) -> TermArrays:
     """The terms, with bounds on the eigenvalues of H."""
     left = contraction(terms.feedforward, low, high)
+    if terms.rounds.imperfect:
+        left = 1.0 - terms.rounds.settling(terms.feedforward, low)
     settled = int(np.ceil(np.log(_SETTLED) / np.log(left))) if 0.0 < left < 1.0 else 1
     return terms._replace(eigenvalues=np.array([low, high]), settled=settled)
 
@@ -284,9 +315,10 @@ def traffic_of(terms: TermArrays, team: Team) -> Traffic:
     """What the whole team sends in a sample.
 
     A round of feedforward or of Newton is an exchange of its own: on each communication edge, of the dimension m, tail
-    and head send each other F x, m numbers.
+    and head send each other F x, m numbers, which may be lost. Under a delay a term has one round a sample.
     """
-    rounds, edges = terms.feedforward + terms.newton, team.communication
+    most = 1 if terms.rounds.delay else terms.feedforward + terms.newton
+    rounds, edges = min(terms.feedforward, most) + min(terms.newton, most), team.communication
     pairs = {frozenset(e.between) for e in edges}
     return Traffic(rounds, 2 * rounds * len(pairs), 2 * rounds * sum(len(e.F_tail) for e in edges))
 
@@ -389,16 +421,17 @@ def navigate(terms, x, drift, command, memory):
 
 
 @jit
-def add_terms(law, y, residual, command, memory, links):
+def add_terms(law, x, y, residual, command, memory, links):
     """Add the terms to the agents' commands (V, 3), which hold -k1 eta, from measurements (m,) and eta (V, 3).
 
-    `links` is the links' memory, which knows the velocities of targets that are sensed over a link.
+    Of the positions x (V, 3) only links know, whether rounds reach a neighbour. `links` is the memory of links, which
+    knows the velocities of targets that are sensed over one.
     """
     terms = law.terms
     if terms.newton > 0:
-        _ascend(law, residual, command, memory)
+        _ascend(law, x, residual, command, memory)
     if terms.feedforward > 0:
-        _feed_forward(law, y, command, memory, links)
+        _feed_forward(law, x, y, command, memory, links)
     if terms.drift > 0.0 and memory.clock[0] > 0.0:
         share = terms.drift if memory.clock[0] > 1.0 else 1.0  # the first measurement has nothing to be mixed with
         for v in range(terms.agents):
@@ -412,20 +445,33 @@ def add_terms(law, y, residual, command, memory, links):
 
 
 @inline_jit
-def _ascend(law, residual, command, memory):
+def _exchange(law, term, x, b, found, memory):
+    """Improve the solution (V, 3) of H found = b (V, 3) by a term's rounds."""
+    terms = law.terms
+    rounds = terms.newton if term == NEWTON else terms.feedforward
+    if terms.rounds.imperfect:
+        first, n = 0 if term == NEWTON else terms.newton, int(memory.clock[0])
+        sent = memory.rounds
+        relax(law.edges, terms.rounds, terms.seed, n, term, rounds, first, b, found, x, sent, memory.residue)
+    else:
+        solve(law.edges, terms, rounds, b, found, memory)
+
+
+@inline_jit
+def _ascend(law, x, residual, command, memory):
     """Put k1 delta in place of -k1 eta, where H delta = -eta."""
     terms = law.terms
     for v in range(terms.agents):
         for i in range(3):
             memory.right[v, i] = -residual[v, i]
-    solve(law.edges, terms, terms.newton, memory.right, memory.delta, memory)
+    _exchange(law, NEWTON, x, memory.right, memory.delta, memory)
     for v in range(terms.agents):
         for i in range(3):
             command[v, i] = law.gain[v] * memory.delta[v, i]
 
 
 @inline_jit
-def _feed_forward(law, y, command, memory, links):
+def _feed_forward(law, x, y, command, memory, links):
     """Add the velocity of q*: v, and ahead of that by how it changed."""
     terms = law.terms
     if memory.clock[1] > 0.0:
@@ -435,7 +481,7 @@ def _feed_forward(law, y, command, memory, links):
             for v in range(terms.agents):
                 for i in range(3):
                     command[v, i] -= terms.lead[v] * memory.v[v, i]
-        solve(law.edges, terms, terms.feedforward, memory.rate, memory.v, memory)
+        _exchange(law, FEEDFORWARD, x, memory.rate, memory.v, memory)
         if lead:
             for v in range(terms.agents):
                 for i in range(3):

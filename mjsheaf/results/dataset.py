@@ -218,13 +218,18 @@ def _gather(trajectory: Trajectory, delivery: Delivery) -> xr.Dataset:
     add("harmonic_extension", body, errors.harmonic_extension, "m", "q*, the harmonic extension of the targets")
     linked = bool(delivery.edges)
     eta = disagreement(system.law, log.positions) if linked else log.residual
+
+    def of_present(values: Array) -> Array:
+        """Of agents, padded; NaN in those that are absent."""
+        return np.where(team.present[:, None], padded(values)[:, :N], np.nan)
+
     size = np.linalg.norm(eta[:, :N], axis=2)
     add("disagreement", ("time", "agent"), np.where(team.present, size, np.nan), "m",
         "|eta_i|, norm of the disagreement")  # fmt: skip
-    add("disagreement_vector", body, padded(eta)[:, :N], "m",
+    add("disagreement_vector", body, of_present(eta), "m",
         "eta_i, the disagreement" + (", the true one" if linked else ", as the law had it"))  # fmt: skip
     if linked:
-        add("measured_disagreement_vector", body, padded(log.residual)[:, :N], "m",
+        add("measured_disagreement_vector", body, of_present(log.residual), "m",
             "eta_i by what was heard, as the law had it")  # fmt: skip
         kinds, names = zip(*delivery.edges, strict=True)
         coordinates["edge"] = _labels("edge", list(names), "edge that has a link")

@@ -97,6 +97,10 @@ class Event(Section):
         """
         raise NotImplementedError
 
+    def touches(self, part: str) -> bool:
+        """Whether it changes that part of the controller."""
+        return False
+
     @property
     def words(self) -> str:
         """The event in a few words."""
@@ -196,6 +200,10 @@ class Change(Event):
                         "bias, loss, range or hold of links.all, links.communication or links.sensing"
                     )
             state.changes[path] = value
+
+    def touches(self, part: str) -> bool:
+        """Whether it changes that part of the controller, or fields in it."""
+        return any(f"{path}.".startswith(f"controller.{part}.") for path, _ in self.values())
 
     def values(self) -> Iterator[tuple[str, Any]]:
         """Path and value of every field."""

@@ -15,7 +15,17 @@ from pydantic import ConfigDict, Field, model_validator
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.control import pack_law
 from mjsheaf.control.links import LinkArrays, linked_edges, pack_links
-from mjsheaf.control.terms import Drift, Feedforward, Integral, Newton, Odometry, Terms, pack_terms
+from mjsheaf.control.rounds import pack_rounds
+from mjsheaf.control.terms import (
+    Drift,
+    Feedforward,
+    Integral,
+    Newton,
+    Odometry,
+    TermArrays,
+    Terms,
+    pack_terms,
+)
 from mjsheaf.dynamics import ControlEffectiveness, Disturbance, FlowField, Motion, disturbance
 from mjsheaf.dynamics import effectiveness as effectivenesses
 from mjsheaf.dynamics import motion as motions
@@ -27,7 +37,7 @@ from mjsheaf.system import DEFAULT_VEHICLE, Phase, PhysicsOptions, System, TimeG
 from mjsheaf.team import Anchor, Member, Team
 from mjsheaf.team.edges import PairOrEdge
 from mjsheaf.team.formation import Group
-from mjsheaf.team.links import Links
+from mjsheaf.team.links import Links, chain_of
 from mjsheaf.vehicles.effects import Effects
 
 EDGE_FIELDS = ("communication", "sensing", "target_edges")
@@ -355,10 +365,11 @@ class Scenario(Section):
     def _adapted(self, team: Team, changes: Mapping[str, Any]) -> System:
         """The system of a changed team, under a controller and over links with other fields."""
         whole, law = self.whole, cast(Controller, with_changes(self.controller, "controller", changes))
-        terms = pack_terms(law.terms, team, law.control_period, self.seed)
+        links = with_changes(self.links, "links", changes)
+        terms = self._pack_terms(team, law, links)
         target_gain = self.target_formation.gain if self.target_formation else 0.0
-        links = self._pack_links(team, law, whole.bodies.heading, with_changes(self.links, "links", changes))
-        packed = pack_law(team, law.gain, target_gain, self._limits(law), terms, links)
+        packed_links = self._pack_links(team, law, whole.bodies.heading, links)
+        packed = pack_law(team, law.gain, target_gain, self._limits(law), terms, packed_links)
         return replace(whole, team=team, gain=law.gain, law=packed)
 
     def _limits(self, law: Controller) -> Array:
@@ -388,7 +399,7 @@ class Scenario(Section):
         with in_field("agents"):
             g = effectivenesses.pack([agent.effectiveness for agent in agents], dimensions[: len(agents)])
         target_gain = self.target_formation.gain if self.target_formation else 0.0
-        terms = pack_terms(law.terms, team, law.control_period, self.seed)
+        terms = self._pack_terms(team, law, self.links)
         links = self._pack_links(team, law, heading, self.links)
         return System(
             name=self.name,
@@ -415,6 +426,11 @@ class Scenario(Section):
             ),
         )
 
+    def _pack_terms(self, team: Team, law: Controller, links: Links) -> TermArrays:
+        """The terms of a controller for a team, over its links."""
+        rounds = pack_rounds(team, links, period=law.control_period, height=self.scene.height)
+        return pack_terms(law.terms, team, law.control_period, self.seed, rounds)
+
     def _pack_links(self, team: Team, law: Controller, heading: Array, links: Links) -> LinkArrays:
         """The links of a team under a controller, its vehicles' initial headings (V,) in rad."""
         return pack_links(
@@ -425,7 +441,8 @@ class Scenario(Section):
             seed=self.seed,
             height=self.scene.height,
             heading=heading,
-            feedforward=law.feedforward is not None,
+            feedforward=self.controller.feedforward is not None or any(e.touches("feedforward") for e in self.events),
+            run=self.team,
         )
 
     def uses_seed(self, backend: str) -> bool:
@@ -435,4 +452,7 @@ class Scenario(Section):
         changed = [with_changes(self.links, "links", dict(e.values())) for e in self.events if isinstance(e, Change)]
         for links in (self.links, *changed):
             drawn = drawn or any(link.random for *_, link in linked_edges(self.team, links))
+        drawn = drawn or bool(
+            self.controller.terms.rounds and self.links.rounds and chain_of(self.links.rounds.loss).lossy
+        )
         return drawn or self.spread.position > 0.0 or (backend == "physics" and self.spread.heading > 0.0)

@@ -153,6 +153,7 @@ def likely_cause(system: System, law_period: float) -> str:
     consensus = np.linalg.eigvalsh(system.team.target_sheaf.laplacian().toarray())[-1] if target_gain > 0.0 else 0.0
     agents = system.largest_eigenvalue, "k1 h lambda_max", "the held law"
     terms, late = system.law.terms, 0
+    rough = terms.newton > 0 and terms.rounds.imperfect  # what its rounds leave is not known
     if terms.newton:  # x+ = (1 - h k1) x - h k1 s, s+ = p (h k1 x + (1 + h k1) s), and p of the rounds is at least -c
         c = contraction(terms.newton, *terms.eigenvalues)
         agents = (
@@ -166,7 +167,7 @@ def likely_cause(system: System, law_period: float) -> str:
     most = 2.0 * np.sin(0.5 * np.pi / (2 * late + 1))  # of all edges alike, without terms
     pull = np.max(system.motion.pull, initial=0.0)
     for gain, fastest, limit, margin, what, field in (
-        (system.gain, agents[0], most, *agents[1:], "controller.gain"),
+        (0.0 if rough else system.gain, agents[0], most, *agents[1:], "controller.gain"),
         (target_gain, consensus, 2.0, "gain h lambda_max", "the targets' own held consensus", "target_formation.gain"),
         (pull, 1.0, 2.0, "pull h", "a target's held pull to its path", "its motion.pull"),
     ):
@@ -176,6 +177,11 @@ def likely_cause(system: System, law_period: float) -> str:
                 f"{field} below {limit / (h * fastest):.4g} or a shorter "
                 f"{shorter if limit == 2.0 else 'delay'}"
             )
+    if rough:
+        return (
+            "likely cause: the gain is too high for newton over links that delay or lose its rounds; take a lower "
+            "controller.gain, or a shorter links.rounds.delay"
+        )
     if 0.0 < (most := largest_integral(system)) <= terms.integral:
         return (
             f"likely cause: the integral diverges, as k_I is {terms.integral:.4g} 1/s^2; take controller.integral.gain "

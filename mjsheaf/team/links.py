@@ -65,6 +65,18 @@ class GilbertElliott(Section):
         """Stationary probability of a loss."""
         return self.loss_bad * self.bad + self.loss_good * (1.0 - self.bad)
 
+    @property
+    def lossy(self) -> bool:
+        """Whether anything can be lost."""
+        return self.mean > 0.0 or self.loss_good > 0.0
+
+
+def chain_of(loss: float | GilbertElliott | None) -> GilbertElliott:
+    """Losses as a chain of two states, alike where losses are independent."""
+    return loss if isinstance(loss, GilbertElliott) else GilbertElliott(
+        to_bad=0.0, to_good=1.0, loss_good=loss or 0.0, loss_bad=loss or 0.0
+    )  # fmt: skip
+
 
 class Link(Section):
     """What a link does to the measurements of an edge; None leaves a field to a coarser section."""
@@ -89,12 +101,26 @@ class Link(Section):
         return {name: value for name in Link.model_fields if (value := getattr(self, name)) is not None}
 
 
+class RoundLink(Section):
+    """What links do to the messages that agents send each other in rounds of feedforward and newton."""
+
+    delay: NonNegative = Field(
+        0.0, description="age of a message, whole control periods, s; if positive, one round a period"
+    )
+    loss: Probability | GilbertElliott = Field(
+        0.0, description="probability for each message, or bursts, round by round"
+    )
+
+
 class Links(Section):
     """Links of all edges and of each kind; an edge may have the same fields."""
 
     all: Link | None = Field(None, description="communication and sensing")
     communication: Link | None = None
     sensing: Link | None = None
+    rounds: RoundLink | None = Field(
+        None, description="messages of feedforward and newton; at once and never lost unless given"
+    )
     record: bool | None = Field(None, description="whether result.nc has every measurement, as agents had it")
 
     def resolve(self, kind: str, own: Link | None = None) -> "LinkModel":
@@ -125,12 +151,12 @@ class LinkModel(NamedTuple):
     delay: float = 0.0
     hold: float = 0.0
     range: float = np.inf
-    loss: GilbertElliott = GilbertElliott(to_bad=0.0, to_good=1.0, loss_bad=0.0)
+    loss: GilbertElliott = chain_of(None)
 
     @property
     def lossy(self) -> bool:
         """Whether a measurement can be lost at random."""
-        return self.loss.mean > 0.0 or self.loss.loss_good > 0.0
+        return self.loss.lossy
 
     @property
     def exact(self) -> bool:
@@ -160,11 +186,7 @@ def _model(*sections: Link | None) -> LinkModel:
             )
         angle = float(np.deg2rad(sensor.bearing_noise))
         fields |= {"range_bearing": True, "range_noise": sensor.range_noise, "bearing_noise": angle}
-    if isinstance(loss, GilbertElliott):
-        fields["loss"] = loss
-    elif loss:
-        fields["loss"] = GilbertElliott(to_bad=0.0, to_good=1.0, loss_good=loss, loss_bad=loss)
-    return LinkModel(**fields)
+    return LinkModel(**fields, loss=chain_of(loss))
 
 
 def require_bearing(F_tail: Array, F_head: Array) -> None:

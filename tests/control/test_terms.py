@@ -390,7 +390,7 @@ def test_drift_and_integral_are_an_agents_own(terms: dict[str, Any]) -> None:
 
 
 def test_a_law_without_terms_holds_nothing_of_them() -> None:
-    assert size_of_memory(no_terms(), 40, 17) == 0
+    assert size_of_memory(no_terms(), np.array([0, 40]), 17) == 0
     for path in sorted((REPOSITORY / "scenarios").glob("*.yaml")):
         scenario = load_scenario(str(path))
         terms = scenario.system.law.terms

@@ -1,0 +1,244 @@
+"""Rounds over links: what neighbours send each other for terms of the law, where it can be late or lost.
+
+Solving H x = b, agent i is sent F_j x_j by its neighbours. Where all of that arrives at once, rounds are Chebyshev's
+iteration (`terms.solve`). Over links with a delay, losses or a range, every agent instead takes its own numbers towards
+what solves its own rows, given the last that it was sent (damped block Jacobi), a round a period under a delay:
+
+    x_i <- x_i + w D_i^-1 (b_i - D_i x_i + sum F_i^T K z_e),   D_i = H_ii,   z_e = the last F_j x_j that arrived
+
+Its fixed point is the same. It converges whatever the delay is: where H is positive definite, eigenvalues mu of
+D^-1 (D - H) lie in [-1, 1), as F_i x_i + F_j x_j has a Laplacian too, and then no root of z^(d+1) = (1 - w) z^d + w mu
+is on the unit circle or beyond (0 < w < 1). Nor does a loss with a probability p of its own each time, after which
+neighbours' last numbers stay, let it diverge: F_i x_i solves agent i's rows by a projection of z, so that the mean of
+(1 - w) / w |F x|_K^2 + |z|_K^2 / (1 - p) falls.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from mjsheaf.arrays import Array, IntArray
+from mjsheaf.control.links import distance, linked_edges, require_held, stream_of
+from mjsheaf.errors import in_field
+from mjsheaf.jit import inline_jit, jit
+from mjsheaf.noise import uniforms
+from mjsheaf.team import Team
+from mjsheaf.team.links import Links, chain_of, whole_periods
+
+NEWTON, FEEDFORWARD = 0, 1
+"""Whose rounds they are."""
+
+_WEIGHT = 0.9  # w
+_COUNT = 2**20  # random numbers of rounds are counted from here on within a sample: apart from those of measurements
+
+
+class RoundArrays(NamedTuple):
+    """Links of the rounds of N agents with C communication edges, the first of a law; of size 0 where all is perfect.
+
+    Attributes:
+        imperfect: whether a message can be late or lost, on any edge.
+        delay: of a message, periods; if positive, there is one round a period.
+        loss: to_bad, to_good, bad, loss_good, loss_bad of the chain of each edge, shape (5,).
+        streams: of random numbers, shape (C, 2).
+        range: beyond which an edge carries no messages, shape (C,), m.
+        lift: what is added to z for the distance between bodies, shape (V,), m.
+        own, inverse: D_i of each agent and its pseudo-inverse, shape (N, 3, 3).
+        stiffest: largest eigenvalue of any D_i.
+    """
+
+    imperfect: bool
+    delay: int
+    loss: Array
+    streams: IntArray
+    range: Array
+    lift: Array
+    own: Array
+    inverse: Array
+    stiffest: float
+
+    def settling(self, rounds: int, low: float) -> float:
+        """Share of the slowest error that a period of so many rounds takes away, nearly; `low` bounds H from below."""
+        bad, good_loss, bad_loss = self.loss[2:]
+        lost = bad * bad_loss + (1.0 - bad) * good_loss
+        late = self.delay + lost / max(1.0 - lost, 1e-3)
+        return min(1.0, (1 if self.delay else rounds) * _WEIGHT * low / self.stiffest / (1.0 + _WEIGHT * late))
+
+
+class RoundMemory(NamedTuple):
+    """What agents were sent, and what is under way.
+
+    Attributes:
+        held: of each edge the state of its chain (0 before it begins, 1 good, 2 bad), then, of either term and either
+            end, whether and what that end has sent last, shape (5 C + 4 m,).
+        line: of each edge a slot for each sample under way, with, of either term and end, 1 + the number of the sample
+            where the message was sent and not lost, and its numbers, shape ((delay + 1) 4 (C + m),).
+        streams: of the edges, by which they are known again in another phase, shape (C, 2).
+        first: where each edge's numbers begin, and m at the end, shape (C + 1,).
+    """
+
+    held: Array
+    line: Array
+    streams: IntArray
+    first: IntArray
+
+    def of_edge(self) -> list[tuple[Array, Array]]:
+        """Each edge's part of `held` and `line`."""
+        ends = np.arange(1, len(self.first)) + self.first[1:]
+        slots = len(self.line) // max(len(self.held) - len(self.streams), 1)
+        held = np.split(self.held, (np.arange(1, len(self.first)) + 4 * ends)[:-1])
+        return list(zip(held, np.split(self.line, 4 * slots * ends[:-1]), strict=True)) if len(self.streams) else []
+
+
+def no_rounds() -> RoundArrays:
+    """All messages arrive at once."""
+    one, none = np.zeros(0), np.zeros((0, 3, 3))
+    return RoundArrays(False, 0, np.zeros(5), np.zeros((0, 2), dtype=np.int64), one, one, none, none, 1.0)
+
+
+def size_of_round_memory(rounds: RoundArrays, first: IntArray) -> tuple[int, int]:
+    """How many numbers `held` and `line` have, of edges whose numbers begin at `first`."""
+    edges = len(rounds.streams)
+    m = int(first[edges])
+    return 5 * edges + 4 * m, (rounds.delay + 1) * 4 * (edges + m)
+
+
+def carry_rounds(old: RoundMemory, new: RoundMemory) -> None:
+    """Take over what was sent on the edges that remain."""
+    known = dict(zip(map(tuple, old.streams.tolist()), old.of_edge(), strict=True))
+    for stream, own in zip(map(tuple, new.streams.tolist()), new.of_edge(), strict=True):
+        for values, before in zip(own, known.get(stream, own), strict=True):
+            values[:] = before
+
+
+def pack_rounds(team: Team, links: Links, *, period: float, height: float = 0.0) -> RoundArrays:
+    """The links of a team's rounds for compiled code.
+
+    Args:
+        team: the team.
+        links: those of all and of each kind; `links.rounds`, and the range of communication edges, count here.
+        period: the control period, s; 0 where the law is continuous, which has no rounds.
+        height: of the surface on which planar vehicles are, m.
+
+    Raises:
+        InputError: the delay is no whole number of periods, or too long; the message begins with the field.
+    """
+    wanted, delay = links.rounds, 0
+    if wanted and wanted.delay and period > 0.0:
+        with in_field("links.rounds"):
+            delay = whole_periods(wanted.delay, period)
+    loss = chain_of(wanted.loss if wanted else None)
+    edges = linked_edges(team, links)[: len(team.communication)]
+    far = np.array([link.range for *_, link in edges])
+    if not (delay or loss.lossy or np.isfinite(far).any()):
+        return no_rounds()
+    with in_field("links.rounds"):
+        require_held(4 * (delay + 1) * sum(1 + len(edge.F_tail) for edge in team.communication))
+    met: dict[tuple[str, ...], int] = {}
+    streams = []
+    for kind, _, edge, _ in edges:
+        met[edge.between] = met.get(edge.between, -1) + 1
+        streams.append(stream_of(kind, edge, met[edge.between]))
+    own = np.zeros((len(team.agents), 3, 3))
+    for edge in (*team.communication, *team.sensing, *team.anchors):
+        for end, F in ((edge.tail, edge.F_tail), (edge.head, edge.F_head)):
+            if team.index.get(end, len(own)) < len(own):
+                n = F.shape[1]
+                own[team.index[end], :n, :n] += F.T @ edge.weight @ F
+    return RoundArrays(
+        imperfect=True,
+        delay=delay,
+        loss=np.array([loss.to_bad, loss.to_good, loss.bad, loss.loss_good, loss.loss_bad]),
+        streams=np.array(streams, dtype=np.int64).reshape(-1, 2),
+        range=far,
+        lift=np.array([height if member.dimension == 2 else 0.0 for member in team.members]),
+        own=own,
+        inverse=np.asarray(np.linalg.pinv(own, hermitian=True), dtype=np.float64),
+        stiffest=float(np.linalg.eigvalsh(own)[:, -1].max()),
+    )
+
+
+@jit
+def relax(edges, rounds, seed, n, term, count, first, b, x, positions, memory, residue):
+    """Improve the solution x (V, 3) of H x = b (V, 3) by rounds over links.
+
+    Args:
+        edges: of the law.
+        rounds: their links.
+        seed: of the run.
+        n: number of the sample.
+        term: NEWTON or FEEDFORWARD.
+        count: rounds; one under a delay.
+        first: rounds of this sample so far.
+        b, x: shape (V, 3).
+        positions: of the vehicles, shape (V, 3), m.
+        memory: see RoundMemory.
+        residue: shape (V, 3), overwritten.
+    """
+    delay, N = rounds.delay, rounds.own.shape[0]
+    for k in range(first, first + (1 if delay else count)):
+        if delay == 0:
+            send(edges, rounds, seed, n, term, k, x, positions, memory)
+        for v in range(N):
+            D = rounds.own[v]
+            for i in range(3):
+                residue[v, i] = b[v, i] - (D[i, 0] * x[v, 0] + D[i, 1] * x[v, 1] + D[i, 2] * x[v, 2])
+        receive(edges, rounds, n, term, x, memory, residue)
+        for v in range(N):
+            r, inverse = residue[v], rounds.inverse[v]
+            for i in range(3):
+                x[v, i] += _WEIGHT * (inverse[i, 0] * r[0] + inverse[i, 1] * r[1] + inverse[i, 2] * r[2])
+        if delay > 0:
+            send(edges, rounds, seed, n, term, k, x, positions, memory)
+
+
+@inline_jit
+def send(edges, rounds, seed, n, term, k, x, positions, memory):
+    """Let both ends of every edge send F x in round k of sample n, unless the message is lost."""
+    to_bad, to_good, begins_bad, loss_good, loss_bad = rounds.loss
+    for e in range(rounds.streams.shape[0]):
+        first, end = edges.first[e], edges.first[e + 1]
+        tail, head, m = edges.tail[e], edges.head[e], end - first
+        chance, state = uniforms(seed, rounds.streams[e], n, _COUNT + k), 5 * e + 4 * first
+        if memory.held[state] == 0.0:
+            bad = chance[2] < begins_bad
+        elif memory.held[state] == 2.0:
+            bad = chance[2] >= to_good
+        else:
+            bad = chance[2] < to_bad
+        memory.held[state] = 2.0 if bad else 1.0
+        loss = loss_bad if bad else loss_good
+        if rounds.range[e] < np.inf:
+            far = distance(positions[tail], rounds.lift[tail], positions[head], rounds.lift[head])
+            loss = 1.0 if far > rounds.range[e] else loss
+        for side in range(2):
+            slot = 4 * (rounds.delay + 1) * (e + first)
+            slot += (4 * (n % (rounds.delay + 1)) + 2 * term + side) * (1 + m)
+            memory.line[slot] = 0.0 if chance[side] < loss else n + 1.0
+            F, own = (edges.F_head, x[head]) if side else (edges.F_tail, x[tail])
+            for i in range(m):
+                row = F[first + i]
+                memory.line[slot + 1 + i] = row[0] * own[0] + row[1] * own[1] + row[2] * own[2]
+
+
+@inline_jit
+def receive(edges, rounds, n, term, x, memory, residue):
+    """Add to the residue (V, 3) what neighbours sent last; an edge on which nothing ever came adds no difference."""
+    for e in range(rounds.streams.shape[0]):
+        first, end = edges.first[e], edges.first[e + 1]
+        m = end - first
+        for side in range(2):  # of the sender
+            slot = 4 * (rounds.delay + 1) * (e + first)
+            slot += (4 * ((n + 1) % (rounds.delay + 1)) + 2 * term + side) * (1 + m)
+            last = 5 * e + 4 * first + 1 + (2 * term + side) * (1 + m)
+            if n >= rounds.delay and memory.line[slot] == n - rounds.delay + 1.0:
+                memory.held[last] = 1.0
+                for i in range(m):
+                    memory.held[last + 1 + i] = memory.line[slot + 1 + i]
+            v = edges.tail[e] if side else edges.head[e]
+            F, P = (edges.F_tail, edges.P_tail) if side else (edges.F_head, edges.P_head)
+            for i in range(m):
+                z, row = memory.held[last + 1 + i], F[first + i]
+                if memory.held[last] == 0.0:
+                    z = row[0] * x[v, 0] + row[1] * x[v, 1] + row[2] * x[v, 2]
+                for c in range(3):
+                    residue[v, c] += P[first + i, c] * z
