@@ -38,8 +38,10 @@ class Proposal(Record):
 def propose(system: System, certificate: Certificate, radius: float) -> list[Proposal]:
     """The cheapest of each kind of law whose bound is at most the radius, m: the smallest gain, then fewest rounds.
 
-    None where nothing can be decided, or where the run is long.
+    None where nothing can be decided, where links are not exact, or where the run is long.
     """
+    if len(system.law.links.table):  # no bound is known
+        return []
     if system.grid.continuous or system.grid.steps * system.team.dirichlet.H.shape[0] > _MOST_NUMBERS:
         return []
     odometry = Odometry(noise=system.law.terms.noise, bias=system.law.terms.bias)

@@ -14,16 +14,15 @@ import pytest
 from numpy.typing import NDArray
 
 from mjsheaf.checking.certificate import certify
+from mjsheaf.checking.delay import largest_delay
 from mjsheaf.checking.held_law import loop_of
-from mjsheaf.checking.links import (
-    LinkRecord,
-    answers_for,
-    largest_delay,
-    link_answers,
+from mjsheaf.checking.linked_law import (
+    LinkedLaw,
     measured_edges,
     perfect_links,
     range_bearing_covariance,
 )
+from mjsheaf.checking.links import LinkRecord, answers_for, link_answers
 from mjsheaf.scenario import load_scenario, scenario_from_mapping
 from mjsheaf.simulation.ideal import run_ideal
 from mjsheaf.system import System
@@ -207,11 +206,18 @@ def growth(system: System, delay: NDArray[np.int64] | int, steps: int) -> float:
     return float((sizes[-window:].max() / sizes[-2 * window : -window].max()) ** (1.0 / window))
 
 
+def plain_law(system: System) -> LinkedLaw:
+    """Its law over exact links."""
+    edges, vectors = measured_edges(system.team), system.team.dirichlet.eigenvectors[1]
+    return LinkedLaw(loop_of(system), vectors, edges, perfect_links(edges), system.law.terms)
+
+
 def answers(system: System, **changed: Any) -> LinkRecord:
-    links = perfect_links(measured_edges(system.team))
+    """What check says of a system whose links have these parameters."""
+    law = plain_law(system)
     if np.isscalar(changed.get("delay")):
-        changed["delay"] = np.full(len(links.delay), changed["delay"])
-    return answers_for(system, loop_of(system), replace(links, **changed))
+        changed["delay"] = np.full(len(law.edges), changed["delay"])
+    return answers_for(replace(law, links=replace(law.links, **changed)), system.team)
 
 
 @pytest.mark.parametrize("seed", [pytest.param(3, marks=pytest.mark.slow), 11])
@@ -278,10 +284,10 @@ def test_unlike_delays_of_the_papers_law_up_to_a_sufficient_one(seed: int) -> No
 def test_the_limit_of_the_papers_law_in_closed_form() -> None:
     """k1 h lambda_max < 2 sin(pi / (2 (2 d + 1))), of which pi / (2 k1 lambda_max) is left as h goes to 0."""
     system = load_scenario("scenarios/paper.yaml").system
-    loop, terms = loop_of(system), system.law.terms
+    law = plain_law(system)
     for period in (0.01, 0.003, 1e-3, 1e-5):
-        fine = replace(loop, period=period)
-        d = int(known(largest_delay(fine, terms)))
+        fine = replace(law.loop, period=period)
+        d = int(known(largest_delay(replace(law, loop=fine))))
         product = fine.gain * period * fine.values[-1]
         assert product < 2.0 * np.sin(np.pi / (2.0 * (2.0 * d + 1.0)))
         assert product >= 2.0 * np.sin(np.pi / (2.0 * (2.0 * d + 3.0)))
@@ -611,7 +617,7 @@ def test_what_is_not_known_is_null_with_a_reason(kind: str) -> None:
         assert fields.pop("reason")
         assert not fields.pop("linearised", False)
         assert not any(fields.values())
-    assert found.stable == (found.delay.stable is not False)
+    assert found.stable is None
     calm = answers(system)
     assert calm.loss is None
     assert calm.noise is None
