@@ -265,6 +265,8 @@ class _Search:
 
 def _gain_condition(constants: Constants, spectrum: Spectrum, theorem: Theorem, rate: float | None) -> str:
     """Why there is no bound by Theorem 1, or an empty string where there is."""
+    if not np.isfinite(constants.initial_error):
+        return "the error with which the phase begins is not known"
     if constants.path.warning:
         return f"the targets' path is not known: {constants.path.warning}"
     if spectrum.lambda_min <= 0.0:

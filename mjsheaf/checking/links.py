@@ -79,8 +79,8 @@ def answers_for(law: LinkedLaw, team: Team) -> LinkRecord:
         noise_rms=None if noise is None else noise.error,
         mean_square_rate=None if loss is None else loss.rate,
         delivery={kind: sum(own) / len(own) if own else None for kind, own in arrive.items()},
-        assumed="small errors about q*, within limits of speed, without the slope of the flow"
-        + ", bodies within range of one another" * links.ranged,
+        assumed="no command at a limit of speed; the slope of the flow is left out"
+        + "; bodies within range of one another, as at the start and at q*" * links.ranged,
         delay=delay,
         noise=noise,
         loss=loss,

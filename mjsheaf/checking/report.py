@@ -84,10 +84,11 @@ def _pairs(title: str, rows: list[Row]) -> Table:
 def _theorem(record: CheckRecord) -> Table:
     t, corners = record.theorem, (record.region.agents_low, record.region.agents_high)
     low, high = (", ".join(f"{x:.3g}" for x in corner) for corner in corners)
+    source = record.region.source + ", not proven" * (not record.region.verified)
     verdict = "applies" if t.applies else "does not apply: " + t.reason
     rows = [
         ("gain condition", "holds" if t.gain_condition else "fails", verdict + (" (approximately)" * t.approximate)),
-        ("region", "", f"agents in ({low}) to ({high}) m; {record.region.source}"),
+        ("region", "", f"agents in ({low}) to ({high}) m; {source}"),
         ("lambda_min, lambda_max", f"{t.lambda_min:.4g}, {t.lambda_max:.4g}", "of H"),
         ("sigma_max(B)", _number(t.sigma_max_B), ""),
         ("f_bar", _number(t.f_bar, "m/s"), "never exceeded by |H^-1 B f_p - f_q(q*)| along the targets' path"),
@@ -116,7 +117,8 @@ def _theorem(record: CheckRecord) -> Table:
         ),
         ("weaker bound", _number(t.weaker.radius, "m"), "ultimate radius with rho = 0, whatever the slopes"),
     ]
-    return _pairs("Theorem 1" + ", of the paper's law alone" * bool(record.law.terms), rows)
+    over = " over exact links" * (record.links is not None and not record.links.exact)
+    return _pairs("Theorem 1" + f", of the paper's law{over or ' alone'}" * bool(record.law.terms or over), rows)
 
 
 def _law(record: CheckRecord) -> Table:
@@ -168,6 +170,7 @@ def _links(links: LinkRecord | None) -> list[Table]:
     delay, noise, loss, rows = links.delay, links.noise, links.loss, list[Row]()
     if not links.exact:
         late = "" if delay.delay is None else f"measurements up to {_number(delay.delay, 's')} old"
+        late = "measurements arrive at once" if delay.delay == 0.0 else late
         late += ", as if none were lost" * (loss is not None)
         radius = "" if delay.spectral_radius is None else f", spectral radius {delay.spectral_radius:.6g} over a period"
         rows.append(("delay", _WORDS[delay.stable], (late + radius) or delay.reason))
@@ -322,24 +325,19 @@ def _phases(record: CheckRecord) -> list[Text | Table]:
     parts: list[Text | Table] = []
     for p in record.phases:
         t, what = p.theorem, ", ".join(p.events) or "start"
-        failed = "; ".join(a.failure for a in p.assumptions if a.failure)
+        failed, known = "; ".join(a.failure for a in p.assumptions if a.failure), t.initial_error is not None
         rows = [
             ("assumptions", "all hold" if not failed else "FAIL", failed),
             ("absent", ", ".join(p.absent[:_MOST]) or "nobody", ""),
             ("lambda_min, lambda_max", f"{t.lambda_min:.4g}, {t.lambda_max:.4g}", "of H"),
             ("Theorem 1", "applies" if t.applies else "does not apply", t.reason),
             ("ultimate radius", _number(t.radius_U, "m"), f"weaker bound {_number(t.weaker.radius, 'm')}"),
-            (
-                "initial error",
-                _number(t.initial_error, "m"),
-                "at most" * (t.initial_error is not None and p.jump is not None),
-            ),
+            ("initial error", _number(t.initial_error, "m"), "at most" if known and p.jump is not None else ""),
             ("held law", _WORDS[p.law.stable], p.law.reason),
         ]
         if p.links is not None:
-            rows.append(
-                ("over its links", _WORDS[p.links.stable], f"delay margin {_number(p.links.delay_margin, 's')}")
-            )
+            margin = f"delay margin {_number(p.links.delay_margin, 's')}"
+            rows.append(("over its links", _WORDS[p.links.stable], margin))
         rows.append(("loop on bodies", _WORDS[p.margins.bodies.stable], p.margins.bodies.reason))
         if p.jump is not None:
             far = max(p.jumps, key=lambda id: p.jumps[id] or 0.0, default="")
