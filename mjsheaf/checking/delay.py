@@ -28,7 +28,7 @@ import numpy as np
 from numpy.polynomial.chebyshev import chebroots
 from pydantic import Field
 
-from mjsheaf.arrays import Array, IntArray
+from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.checking.held_law import Loop, UndecidedError, residual_polynomial
 from mjsheaf.checking.linked_law import LinkedLaw
 from mjsheaf.control.terms import TermArrays
@@ -43,12 +43,13 @@ _ROUNDING = 1e-9  # of a spectral radius: closer to 1 nothing is decided
 class DelayAnswer(Record):
     """The loop with measurements as old as they are, all of which arrive."""
 
-    delay: Finite = Field(description="of the oldest measurements, s; null where not known")
-    stable: bool | None = Field(description="null where undecided: see reason")
-    spectral_radius: Finite = Field(description="of a period, with these delays; null where not computed")
+    delay: Finite = Field(None, description="of the oldest measurements, s; null where not known")
+    stable: bool | None = Field(None, description="null where undecided: see reason")
+    spectral_radius: Finite = Field(None, description="of a period, with these delays; null where not computed")
     margin: Finite = Field(
+        None,
         description="largest delay of all links alike, in whole periods, up to which the loop is stable, s; null where "
-        "it is unstable without delay, or undecided"
+        "it is unstable without delay, or undecided",
     )
     reason: str = Field(description="why a number is missing, or empty")
 
@@ -182,11 +183,20 @@ def is_stable(radius: float) -> bool | None:
     return None if abs(radius - 1.0) < _ROUNDING else radius < 1.0
 
 
+def papers_limit(product: float) -> int | None:
+    """The largest delay in periods with which the paper's law is stable, from k1 h lambda_max; None without any."""
+    if not 0.0 < product < 2.0 - _ROUNDING:
+        return None
+    return int(np.ceil(0.25 * np.pi / np.arcsin(0.5 * product) - 0.5 - _ROUNDING)) - 1
+
+
 def alike_limit(law: LinkedLaw) -> int | None:
     """The largest delay of all edges alike, in periods, up to which the loop is stable, and from which on it is not.
 
     None where it is unstable without delay, and where a mode has several frequencies at which |L| = 1.
     """
+    if law.paper:
+        return papers_limit(law.loop.gain * law.loop.period * float(law.loop.values[-1]))
     limits = [_limit(law.loop, one) for one in range(len(law.loop.values))] if is_stable(law.loop.radius) else [None]
     known = [limit for limit in limits if limit is not None]
     return int(np.ceil(min(known) - _ROUNDING)) - 1 if len(known) == len(limits) else None
@@ -234,11 +244,22 @@ def _limit(loop: Loop, one: int) -> float | None:
     return float(((np.angle(L) + np.pi) % (2.0 * np.pi)) / theta)
 
 
+def papers_answer(gain: float, period: float, largest: float, delay: IntArray, linked: BoolArray) -> DelayAnswer:
+    """What lambda_max alone says of the paper's law, 1/s and s, with a delay in periods for each edge."""
+    d, limit = int(delay.max(initial=0)), papers_limit(gain * period * largest)
+    enough = limit is not None and d <= limit
+    decided = enough or bool((delay == d).all())
+    reason = "" if decided and linked.all() else "edges have unlike delays, anchors none, and H is large"
+    margin = None if limit is None or not linked.all() else limit * period
+    stable = enough if decided else None
+    return DelayAnswer(delay=d * period, stable=stable, margin=margin, reason=reason)
+
+
 def delay_answer(law: LinkedLaw) -> DelayAnswer:
     """The loop with the delays of its links."""
     delay, h = law.links.delay, law.loop.period
     d = int(delay.max(initial=0))
-    found: dict[str, Any] = dict.fromkeys(["stable", "spectral_radius", "margin"])
+    found: dict[str, Any] = {}
     reason, limit = "", None
     try:
         limit = largest_delay(law)
@@ -257,5 +278,5 @@ def delay_answer(law: LinkedLaw) -> DelayAnswer:
             found["stable"] = True
         elif alike and (most := alike_limit(law)) is not None:
             found["stable"] = d <= most
-        reason = reason or str(error) * (found["stable"] is None)
+        reason = reason or str(error) * ("stable" not in found)
     return DelayAnswer(delay=d * h, reason=reason, **found)

@@ -33,9 +33,9 @@ class NoiseAnswer(Record):
     They add to those of targets' motion, flow and losses: means to means, and squares of the RMS to squares.
     """
 
-    mean: Finite = Field(description="|mean of e| of the team, by biases, m; null: see reason")
-    error: Finite = Field(description="RMS of |e| of the team about its mean, m; null: see reason")
-    command: Finite = Field(description="RMS of the commands of the team, 2-norm, m/s; null: see reason")
+    mean: Finite = Field(None, description="|mean of e| of the team, by biases, m; null: see reason")
+    error: Finite = Field(None, description="RMS of |e| of the team about its mean, m; null: see reason")
+    command: Finite = Field(None, description="RMS of the commands of the team, 2-norm, m/s; null: see reason")
     agents: list[AgentNoise] = Field(description="each agent, in order; empty where there is no answer")
     linearised: bool = Field(
         description="noise of range and bearing is linearised along q*, in space in bodies that face along q*: to its "
@@ -50,7 +50,7 @@ def noise_answer(law: LinkedLaw, team: Team) -> NoiseAnswer:
     try:
         (error, command), mean = noise_variances(law), mean_error(law)
     except UndecidedError as why:
-        return NoiseAnswer(mean=None, error=None, command=None, agents=[], linearised=linearised, reason=str(why))
+        return NoiseAnswer(agents=[], linearised=linearised, reason=str(why))
     first = team.first_state
     each = np.sqrt(np.add.reduceat([error, command], first[:-1], axis=1))
     return NoiseAnswer(

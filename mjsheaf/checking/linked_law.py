@@ -104,6 +104,16 @@ class LinkParameters:
         return np.asarray((self.loss[:, 2:] > 0.0).any(axis=1))
 
     @property
+    def noisy(self) -> bool:
+        """Whether an edge has noise or bias."""
+        return any(x.any() for x in (*self.noise, *self.bias))
+
+    @property
+    def exact(self) -> bool:
+        """Whether all is measured at once, without error."""
+        return not (self.lossy.any() or self.delay.any() or self.noisy or self.ranged)
+
+    @property
     def delivered(self) -> Array:
         """The share of an edge's measurements that arrive in the long run, shape (E,)."""
         to_bad, to_good, good, bad = self.loss.T

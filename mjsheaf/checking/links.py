@@ -4,16 +4,19 @@ All of it is linear about q*: within limits of speed, while bodies are within ra
 the flow. See `linked_law` for what each edge measures, and `delay`, `link_noise` and `loss` for the answers.
 """
 
-from typing import Any
+from collections.abc import Sequence
 
+import numpy as np
 from pydantic import Field
 
-from mjsheaf.checking.delay import DelayAnswer, delay_answer
+from mjsheaf.checking.cohomology import DENSE_STATES
+from mjsheaf.checking.delay import DelayAnswer, delay_answer, papers_answer
 from mjsheaf.checking.held_law import UndecidedError
 from mjsheaf.checking.link_noise import NoiseAnswer, noise_answer
-from mjsheaf.checking.linked_law import LinkedLaw, linked_law
+from mjsheaf.checking.linked_law import LinkedLaw, LinkParameters, MeasuredEdge, linked_law, links_of, measured_edges
 from mjsheaf.checking.loss import LossAnswer, loss_answer
 from mjsheaf.checking.targets import TargetPath
+from mjsheaf.control.terms import TermArrays
 from mjsheaf.io.section import Finite, Record
 from mjsheaf.system import System
 from mjsheaf.team import Team
@@ -48,40 +51,85 @@ def link_answers(system: System, path: TargetPath) -> LinkRecord | None:
         system: the system.
         path: of its targets.
     """
-    exact = not len(system.law.links.table)
+    law, team = system.law, system.team
     try:
-        return answers_for(linked_law(system, path), system.team)
+        if team.dirichlet.H.shape[0] > DENSE_STATES and not (system.grid.continuous or law.terms.newton):
+            return _of_large_team(system, path)
+        return answers_for(linked_law(system, path), team)
     except UndecidedError as error:
-        unknown: dict[str, Any] = dict.fromkeys(
-            ("stable", "delay_margin", "noise_rms", "mean_square_rate", "noise", "loss")
-        )
-        nothing: dict[str, Any] = dict.fromkeys(("delay", "stable", "spectral_radius", "margin"))
-        delay = DelayAnswer(reason=str(error), **nothing)
-        return None if exact else LinkRecord(exact=False, delivery={}, assumed="", delay=delay, **unknown)
+        return _record(DelayAnswer(reason=str(error)), None, None, {}, "") if len(law.links.table) else None
 
 
 def answers_for(law: LinkedLaw, team: Team) -> LinkRecord:
     """What the links of a law do to it, for a team."""
     links, terms = law.links, law.terms
-    lossy, late = bool(links.lossy.any()), bool(links.delay.any())
-    noisy = any(x.any() for x in (*links.noise, *links.bias))
-    strayed = (terms.noise > 0.0 or terms.bias != 0.0) and (terms.feedforward > 0 or terms.drift > 0.0)
-    delay, loss = delay_answer(law), loss_answer(law) if lossy else None
-    noise = noise_answer(law, team) if noisy or strayed else None
-    arrive = {
-        kind: [x for x, edge in zip(links.delivered.tolist(), law.edges, strict=True) if edge.kind == kind]
-        for kind in KINDS
-    }
+    loss = loss_answer(law) if links.lossy.any() else None
+    noise = noise_answer(law, team) if links.noisy or _strays(terms) else None
+    return _record(delay_answer(law), noise, loss, _delivery(law.edges, links), _assumed(links), links.exact)
+
+
+def _of_large_team(system: System, path: TargetPath) -> LinkRecord:
+    """What lambda_max says of a team of which the other eigenvalues are not known.
+
+    Raises:
+        UndecidedError: nothing.
+    """
+    if not system.team.dirichlet.unique:
+        raise UndecidedError("the harmonic extension is not unique")
+    why = f"H has {system.team.dirichlet.H.shape[0]} rows; all its eigenvalues are found up to {DENSE_STATES}"
+    if system.law.terms.integral:
+        raise UndecidedError(why)
+    edges, links = measured_edges(system.team), links_of(system, path)
+    linked = np.array([edge.linked for edge in edges])
+    delay = papers_answer(system.gain, system.grid.period, system.largest_eigenvalue, links.delay, linked)
+    noisy = links.noisy or _strays(system.law.terms)
+    return _record(
+        delay,
+        NoiseAnswer(agents=[], linearised=links.linearised, reason=why) if noisy else None,
+        LossAnswer(reason=why) if links.lossy.any() else None,
+        _delivery(edges, links),
+        _assumed(links),
+        links.exact,
+    )
+
+
+def _record(
+    delay: DelayAnswer,
+    noise: NoiseAnswer | None,
+    loss: LossAnswer | None,
+    delivery: dict[str, float | None],
+    assumed: str,
+    exact: bool = False,
+) -> LinkRecord:
+    """The record of these answers."""
     return LinkRecord(
-        exact=not (lossy or late or noisy or links.ranged),
+        exact=exact,
         stable=delay.stable if loss is None else loss.stable,
         delay_margin=delay.margin,
         noise_rms=None if noise is None else noise.error,
         mean_square_rate=None if loss is None else loss.rate,
-        delivery={kind: sum(own) / len(own) if own else None for kind, own in arrive.items()},
-        assumed="no command at a limit of speed; the slope of the flow is left out"
-        + "; bodies within range of one another, as at the start and at q*" * links.ranged,
+        delivery=delivery,
+        assumed=assumed,
         delay=delay,
         noise=noise,
         loss=loss,
     )
+
+
+def _strays(terms: TermArrays) -> bool:
+    """Whether errors of odometry enter the law."""
+    return (terms.noise > 0.0 or terms.bias != 0.0) and (terms.feedforward > 0 or terms.drift > 0.0)
+
+
+def _delivery(edges: Sequence[MeasuredEdge], links: LinkParameters) -> dict[str, float | None]:
+    """See LinkRecord."""
+    share = {
+        kind: [x for x, e in zip(links.delivered.tolist(), edges, strict=True) if e.kind == kind] for kind in KINDS
+    }
+    return {kind: sum(own) / len(own) if own else None for kind, own in share.items()}
+
+
+def _assumed(links: LinkParameters) -> str:
+    """See LinkRecord."""
+    ranged = "; bodies within range of one another, as at the start and at q*" * links.ranged
+    return f"no command at a limit of speed; the slope of the flow is left out{ranged}"

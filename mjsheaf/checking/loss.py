@@ -39,22 +39,23 @@ class LossAnswer(Record):
     not counted.
     """
 
-    stable: bool | None = Field(description="E|e|^2 falls; null where undecided: see reason")
-    factor: Finite = Field(description="by which E|e|^2 falls in a period, in the long run")
+    stable: bool | None = Field(None, description="E|e|^2 falls; null where undecided: see reason")
+    factor: Finite = Field(None, description="by which E|e|^2 falls in a period, in the long run")
     accuracy: Finite = Field(
+        None,
         description="norm of the residual of the factor's eigenvector: an error bound of the factor of the paper's law "
-        "without delay, else an estimate"
+        "without delay, else an estimate",
     )
     bound: Finite = Field(
-        description="of E|e|^2 in any one period, at most; null where e is not all that the loop remembers"
+        None, description="of E|e|^2 in any one period, at most; null where e is not all that the loop remembers"
     )
-    rate: Finite = Field(description="at which the root of E|e|^2 decays, 1/s; negative where it grows")
+    rate: Finite = Field(None, description="at which the root of E|e|^2 decays, 1/s; negative where it grows")
     reason: str = Field(description="why a number is missing, or empty")
 
 
 def loss_answer(law: LinkedLaw) -> LossAnswer:
     """How fast E|e|^2 falls."""
-    found: dict[str, Any] = dict.fromkeys(["stable", "factor", "accuracy", "bound", "rate"])
+    found: dict[str, Any] = {}
     try:
         moments = moments_of(law)
         found["bound"] = moments.bound
