@@ -89,11 +89,7 @@ def notes_of_run(
         bounds: those of its phases.
         terms: what its terms did.
     """
-    found = [
-        Note("bound", bound.violation(), None, bound.worst, bound.ratio)
-        for bound in bounds
-        if bound.violation()
-    ]
+    found = [Note("bound", bound.violation(), None, bound.worst, bound.ratio) for bound in bounds if bound.violation()]
     found += [Note("terms", sentence) for sentence in (terms.harm if terms else ())]
     found += _about_the_end(dataset, ending)
     found += _about_limits(phases, dataset)
