@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from mjsheaf import check
 from mjsheaf.checking.certificate import certify
-from mjsheaf.checking.delay import largest_delay
+from mjsheaf.checking.delay import largest_delay, team_loop
 from mjsheaf.checking.held_law import loop_of
 from mjsheaf.checking.linked_law import (
     LinkedLaw,
@@ -579,6 +579,29 @@ def test_the_rate_under_loss_is_that_of_all_patterns(seed: int, bursts: int) -> 
     assert accuracy < 1e-8
     assert factor <= known(found.bound) + 1e-12
     assert found.stable == (factor < 1.0)
+
+
+@pytest.mark.parametrize(("kind", "late"), [("newton", 0), slow("paper", 1), slow("integral", 1), slow("all", 1)])
+def test_the_rate_under_loss_with_delay_and_terms_is_that_of_all_patterns(kind: str, late: int) -> None:
+    """The squares of the loop's matrix for each set of edges that are heard, weighted by its probability."""
+    tried = 0
+    for seed in SMALL:
+        system = resting(seed, kind, share=0.3)
+        E = len(measured_edges(system.team))
+        law, loss, delay = plain_law(system), chains(seed, E, 0), np.arange(E) % (late + 1)
+        M, L, C = team_loop(law, delay)
+        if len(M) > 14 or E > 6:
+            continue
+        tried += 1
+        found = answers(system, loss=loss, delay=delay).loss
+        assert found is not None
+        of = np.repeat(np.arange(E), [len(edge.D) for edge in law.edges])
+        whole = np.zeros((len(M) ** 2,) * 2)
+        for heard in itertools.product([0.0, 1.0], repeat=E):
+            A = M + L * np.array(heard)[of] @ C
+            whole += np.prod(np.where(heard, 1.0 - loss[:, 2], loss[:, 2])) * np.kron(A, A)
+        assert found.factor == pytest.approx(np.abs(np.linalg.eigvals(whole)).max(), abs=1e-8)
+    assert tried
 
 
 @pytest.mark.parametrize("bursts", [0, 2])
