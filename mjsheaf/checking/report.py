@@ -250,12 +250,13 @@ def _beyond_hold(record: CheckRecord) -> str:
 
 def _margins(record: CheckRecord) -> Table:
     m, hold = record.margins, record.margins.hold
+    over = "; over exact links" * (record.links is not None and not record.links.exact)
     rows = [("sampling", "none", "the law is continuous")]
     if hold is not None:
         word = "diverges" if hold.product >= 2 else "rings" if hold.product > 1 else "does not ring"
         rows = [
-            ("k1 h lambda_max", _number(hold.product), f"{word}; below 2 it converges, up to 1 it does not ring"),
-            ("largest gain", _number(hold.largest_gain, "1/s"), f"under a hold of {hold.period:g} s"),
+            ("k1 h lambda_max", _number(hold.product), f"{word}; below 2 it converges, up to 1 it does not ring{over}"),
+            ("largest gain", _number(hold.largest_gain, "1/s"), f"under a hold of {hold.period:g} s{over}"),
             ("gain without ringing", _number(hold.ringing_gain, "1/s"), ""),
         ]
     tau = " to ".join(f"{x:.3g}" for x in dict.fromkeys(m.bodies.tau))
@@ -336,8 +337,8 @@ def _phases(record: CheckRecord) -> list[Text | Table]:
             ("held law", _WORDS[p.law.stable], p.law.reason),
         ]
         if p.links is not None:
-            margin = f"delay margin {_number(p.links.delay_margin, 's')}"
-            rows.append(("over its links", _WORDS[p.links.stable], margin))
+            over, word = ("over exact links", "") if p.links.exact else ("over its links", _WORDS[p.links.stable])
+            rows.append((over, word, f"delay margin {_number(p.links.delay_margin, 's')}"))
         rows.append(("loop on bodies", _WORDS[p.margins.bodies.stable], p.margins.bodies.reason))
         if p.jump is not None:
             far = max(p.jumps, key=lambda id: p.jumps[id] or 0.0, default="")

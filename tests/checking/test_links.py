@@ -32,6 +32,7 @@ from mjsheaf.cli.options import NotHeldError
 from mjsheaf.scenario import load_scenario, scenario_from_mapping
 from mjsheaf.simulation.ideal import run_ideal
 from mjsheaf.system import System
+from mjsheaf.team.links import Links
 from tests.builders import random_scenario
 
 Array = NDArray[np.float64]
@@ -835,6 +836,22 @@ def test_no_bound_is_claimed_over_links_that_are_not_exact(links: dict[str, Any]
     assert found["proposals"] == []
     assert found["margins"]["bodies"]["stable"] is bodies
     assert found["ok"]
+
+
+@pytest.mark.skipif("rounds" not in Links.model_fields, reason="rounds have no links of their own")
+@pytest.mark.parametrize("term", ["feedforward", "newton"])
+def test_rounds_that_are_late_or_lost_are_undecided(term: str) -> None:
+    """Neither loop nor bound nor noise is known, and no law is proposed, whose bound would be of prompt rounds."""
+    team = plain_team(False, **{term: {"rounds": 2}})
+    for rounds in ({"delay": 0.04}, {"loss": 0.2}):
+        found = check(scenario_from_mapping({**team, "links": {"sensing": {"noise": 0.1}, "rounds": rounds}}))
+        assert found["law"]["stable"] is None
+        assert found["law"]["radius"] is None
+        assert found["links"]["stable"] is None
+        assert found["links"]["noise_rms"] is None
+        assert found["margins"]["bodies"]["stable"] is None
+        assert found["proposals"] == []
+        assert found["ok"]  # null alone fails nothing
 
 
 def test_links_beyond_range_are_undecided() -> None:
