@@ -226,12 +226,16 @@ class System:
         terms = law.terms
         if terms.agents:
             terms = terms._replace(agents=len(agents), dimension=terms.dimension[agents], lead=terms.lead[agents])
+        links = law.links
+        if len(links.table):
+            facing = links.facing[rows] if len(links.facing) else links.facing
+            links = links._replace(lift=links.lift[rows], facing=facing)
         by_vehicle = ("pull", "origin", "amplitude", "rate", "phase", "path", "period")
         return replace(
             self,
             team=team.remaining,
             initial=self.initial[rows],
-            law=law._replace(edges=edges, gain=law.gain[rows], limit=law.limit[rows], terms=terms),
+            law=law._replace(edges=edges, gain=law.gain[rows], limit=law.limit[rows], terms=terms, links=links),
             motion=self.motion._replace(**{name: getattr(self.motion, name)[rows] for name in by_vehicle}),
             harmonics=self.harmonics[rows],
             effectiveness=g._replace(**{name: getattr(g, name)[agents] for name in g._fields}),
@@ -274,6 +278,18 @@ class Phase:
     def name(self) -> str:
         """Its events in a line."""
         return ", ".join(self.events) or "start"
+
+
+def during(phases: Sequence[Phase], k: int, initial: Array | None = None) -> System:
+    """The system of the agents present in phase k of a run, over that phase alone.
+
+    `initial` holds the positions of all vehicles at its start, shape (V, 3), m; None takes those of the run's.
+    """
+    phase, grid = phases[k], phases[k].system.grid
+    end = phases[k + 1].start if k + 1 < len(phases) else grid.steps
+    own = replace(grid, start=phase.time, steps=max(end - phase.start, 1))
+    system = phase.system if initial is None else replace(phase.system, initial=initial)
+    return system.remaining if own == grid else replace(system.remaining, grid=own)
 
 
 def phases_of(run: System | Sequence[Phase]) -> tuple[Phase, ...]:

@@ -112,6 +112,9 @@ def body_loop(system: System, spectrum: Spectrum, medium: Array) -> BodyLoop:
         period, steps = (timestep, 1) if system.grid.continuous else (period, ratio)
         if system.gain <= 0.0:
             raise UndecidedError("the gain is 0")
+        links = system.law.links.table
+        if links["delay"].any() or links["lossy"].any() or np.isfinite(links["range"]).any():
+            raise UndecidedError("measurements are late or lost")
         if not spectrum.smallest.size:
             raise UndecidedError("nothing is held")
         if system.law.terms.rounds.imperfect:

@@ -118,11 +118,20 @@ class Certificate:
 
     def bound(self, initial_error: float, elapsed: Array) -> Array:
         """The bound on |e(t)| in m from |e(t0)| in m, at times since the start in s; infinite where there is none."""
-        t = self.theorem
-        bound = t.bound(initial_error, elapsed)
-        if not self.approximate or not t.applies:
+        return self._bound(self.theorem, initial_error, elapsed)
+
+    def at_end(self, elapsed: float) -> float:
+        """The smaller of this bound and the weaker one at a time since the start, s; infinite where neither holds."""
+        start, time = self.constants.initial_error, np.array(elapsed)
+        weaker = self._bound(self.weaker, start, time) if self.region.verified and not self.obstacle else np.inf
+        return float(min(weaker, self.bound(start, time) if self.applies else np.inf))
+
+    def _bound(self, theorem: Theorem, initial_error: float, elapsed: Array) -> Array:
+        bound = theorem.bound(initial_error, elapsed)
+        if not self.approximate or not theorem.applies:
             return bound
-        return np.maximum(bound, (t.f_bar + t.omega_bar) / (t.gain * t.lambda_min - t.lipschitz))
+        held = theorem.gain * theorem.lambda_min - theorem.lipschitz
+        return np.maximum(bound, (theorem.f_bar + theorem.omega_bar) / held)
 
     def describe_constants(self) -> str:
         """The constants in a line, for a report of a bound that was broken."""
@@ -135,15 +144,18 @@ class Certificate:
 
 
 @one_thread
-def certify(system: System, rate: float | None = None, rho: Rho | None = None) -> Certificate:
+def certify(
+    system: System, rate: float | None = None, rho: Rho | None = None, initial_error: float | None = None
+) -> Certificate:
     """Decide what the theory says of a system.
 
     Args:
         system: the system.
         rate: lambda_V in 1/s; None takes the best.
         rho: the user's own bound of the agents' slopes, for all |e|; None takes the flow's over the region.
+        initial_error: a bound on |e(t0)| in m, infinite where there is none; None takes that of the initial positions.
     """
-    search = _Search(system, rate, rho)
+    search = _Search(system, rate, rho, initial_error)
     constants, spectrum, region = search.constants, search.spectrum, search.region()
     theorem = search.theorem(rho or region.rho.upper, rate)
     weaker = search.weaker(region.tube.speed.upper)
@@ -168,12 +180,14 @@ def certify(system: System, rate: float | None = None, rho: Rho | None = None) -
 class _Search:
     """The constants along the targets' path, and the search for a region to which a bound confines the agents."""
 
-    def __init__(self, system: System, rate: float | None, rho: Rho | None) -> None:
+    def __init__(self, system: System, rate: float | None, rho: Rho | None, initial_error: float | None) -> None:
         self._system, self._rate, self._rho = system, rate, rho
         self.spectrum = spectrum = spectrum_of(system.team)
         self._carrier = Carrier(system, spectrum)
         path = follow_targets(system, self._carrier)
         largest, team = float(bounds(system.harmonics).max(initial=0.0)), system.team
+        if initial_error is None:
+            initial_error = float(np.linalg.norm(path.q_star[0] - team.split(system.initial)[0]))
         self.constants = Constants(
             path=path,
             difference=difference_along(system, path, self._carrier),
@@ -181,7 +195,7 @@ class _Search:
             omega_bar=disturbance_bound(
                 spectrum.sigma_max_B, spectrum.lambda_min, len(team.agents), len(team.targets), largest
             ),
-            initial_error=float(np.linalg.norm(path.q_star[0] - system.team.split(system.initial)[0])),
+            initial_error=initial_error,
         )
 
     def region(self) -> Region:
@@ -190,6 +204,8 @@ class _Search:
             return self._guess(f"the targets' path is not known: {self.constants.path.warning}")
         if self.spectrum.lambda_min <= 0.0:
             return self._guess("the harmonic extension is not unique")
+        if not np.isfinite(self.constants.initial_error):
+            return self._guess("the error with which the phase begins is not known")
         for rate in dict.fromkeys([self._rate, None]):  # the best rate, where the wanted one is too fast
             if (region := self._own_tube(rate)) is not None:
                 return region
@@ -249,6 +265,8 @@ class _Search:
 
 def _gain_condition(constants: Constants, spectrum: Spectrum, theorem: Theorem, rate: float | None) -> str:
     """Why there is no bound by Theorem 1, or an empty string where there is."""
+    if not np.isfinite(constants.initial_error):
+        return "the error with which the phase begins is not known"
     if constants.path.warning:
         return f"the targets' path is not known: {constants.path.warning}"
     if spectrum.lambda_min <= 0.0:
@@ -272,8 +290,10 @@ def _gain_condition(constants: Constants, spectrum: Spectrum, theorem: Theorem, 
 
 
 def _obstacle(system: System, constants: Constants, spectrum: Spectrum, bound: Theorem) -> str:
-    """Why no bound of the continuous, unlimited law holds: g lacks full rank, a hold, a speed limit; or empty."""
+    """Why no bound of the continuous, unlimited law holds: links, rank of g, a hold, a speed limit; or empty."""
     agents = system.team.agents
+    if len(system.law.links.table):
+        return "links are not exact: the theorem's agents measure everything at once, without error"
     for i in without_full_row_rank(system.effectiveness, [agent.dimension for agent in agents]):
         return f"g of {agents[i].id} is not of full row rank: g g^+ is not the identity"
     if not system.grid.continuous:

@@ -2,7 +2,9 @@
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 from numbers import Real
 from typing import Any
 
@@ -11,17 +13,18 @@ from pydantic import Field
 
 from mjsheaf.arrays import Array
 from mjsheaf.checking.certificate import Assumption, Certificate, certify
-from mjsheaf.checking.cohomology import Fragility, RelativeCohomology, fragility
-from mjsheaf.checking.held_law import LawLoop, law_loop
-from mjsheaf.checking.links import LinkRecord, link_answers
+from mjsheaf.checking.cohomology import Fragility, RelativeCohomology, fragility, spectrum_of
+from mjsheaf.checking.held_law import LawLoop, UndecidedError, envelope, law_loop
+from mjsheaf.checking.links import UNSTABLE_LINKS, LinkRecord, link_answers
 from mjsheaf.checking.margins import Margins, margins
 from mjsheaf.checking.mending import Augmentation, plan_augmentation
 from mjsheaf.checking.proposals import Proposal, propose
+from mjsheaf.checking.targets import Carrier
 from mjsheaf.control.theorem import Rho, RhoLike, as_rho, gain_for_radius
 from mjsheaf.errors import InputError
 from mjsheaf.io.section import Finite, Record
 from mjsheaf.scenario import Scenario
-from mjsheaf.system import Phase, System, phases_of
+from mjsheaf.system import Phase, System, during, phases_of
 from mjsheaf.threads import one_thread
 
 
@@ -78,7 +81,10 @@ class TheoremSummary(Record):
     radius_D: Finite = Field(description="m; null: the whole space, or the condition fails")
     radius_S: Finite = Field(description="m; null: the whole space, or the condition fails")
     radius_U: Finite = Field(description="m; null where the condition fails")
-    initial_error: float = Field(description="|e(t0)|, m")
+    initial_error: Finite = Field(
+        description="|e(t0)|, m; of a later phase a bound: that of the phase before at its end, and the jump "
+        "of q*; null where there is none"
+    )
     initial_error_inside_S: bool | None = Field(description="null where the gain condition fails: there is no S")
     wanted_radius: float = Field(description="m")
     gain_for_wanted_radius: Finite = Field(description="smallest k1 that meets it, 1/s")
@@ -86,9 +92,11 @@ class TheoremSummary(Record):
 
 
 class PhaseRecord(Record):
-    """A check of one phase of a run with events, of the present agents alone.
+    """A check of one phase of a run with events, of the present agents alone and the time until the next event.
 
-    It begins as if the phase before had come to rest: each agent at its q* of then, one that joins where it began.
+    Its |e(t0)| is at most the smallest bound of the phase before at its end, and the jump of q* more. Where that is not
+    known, and where an agent joins, from wherever it has drifted to, no bound is claimed. What is asked at the start
+    (`margins.speed`) is as if the phase before had come to rest.
     """
 
     start: float = Field(description="s")
@@ -101,12 +109,13 @@ class PhaseRecord(Record):
     relative_cohomology: ExplainedCohomology
     theorem: TheoremSummary
     law: LawLoop
+    links: LinkRecord | None
     margins: Margins
     fragility: Fragility = Field(description="which single event more breaks an assumption")
 
 
 class CheckRecord(Record):
-    """A check of a scenario; of a run with events it is about the first phase, and `phases` about all of them."""
+    """A check of a scenario; of a run with events it is about the first phase, and `phases` about each of them."""
 
     scenario: str
     ok: bool = Field(
@@ -131,7 +140,7 @@ class CheckRecord(Record):
         region = f"along the targets' path from {self.region.start:g} to {self.region.end:g} s"
         counts = [sum(a.verdict == kind for a in self.assumptions) for kind in ("holds", "fails", "undecided")]
         loop = "; the held law is unstable" if self.law.stable is False else ""
-        loop += "; over its links the law is unstable" if self.links is not None and not self.links.stable else ""
+        loop += "; " + UNSTABLE_LINKS if self.links is not None and self.links.stable is False else ""
         loop += "; " + self.margins.bodies.verdict() if self.margins.bodies.stable is False else ""
         if counts[0] == len(self.assumptions):
             return f"all {counts[0]} assumptions hold, the 7th {region}{loop}"
@@ -171,6 +180,18 @@ class Examination:
 
     record: CheckRecord
     certificate: Certificate
+    system: System
+
+    @cached_property
+    def end(self) -> float:
+        """The smallest bound on |e| at the end of the system's time, m; infinite where there is none."""
+        certificate, system = self.certificate, self.system
+        found = [certificate.at_end(system.grid.period * system.grid.steps)]
+        if not system.law.terms.agents:
+            with suppress(UndecidedError):
+                bound = envelope(system, certificate)
+                found += [] if bound.clipped else [float(bound.samples[-1])]
+        return min(found) + _carried_error(system, certificate.constants.path.error)
 
 
 @one_thread
@@ -182,18 +203,21 @@ def examine(
         if value is not None and not (isinstance(value, Real) and 0.0 < value < math.inf):
             raise InputError(f"{name} is {value!r}; expected a positive, finite number")
     phases = phases_of(run)
-    first = _examine_one(phases[0].system.remaining, rate, radius, rho)
+    first = before = _examine_one(during(phases, 0), rate, radius, rho)
     if len(phases) == 1 and not phases[0].events:
         return first
-    records, before = [], first
+    records = []
     for k, phase in enumerate(phases):
-        system, jumps = phase.system.remaining, dict[str, float]()
+        jumps = dict[str, float]()
         if k > 0:
+            old, path = phases[k - 1].system, before.certificate.constants.path
             targets = _targets_at(before.certificate, phase.start - phases[k - 1].start, phase.time)
-            jumps = _jumps(phases[k - 1].system, phase.system, targets)
-            system = _begun(phases[k - 1].system, phase, targets)
-        found = first if k == 0 else _examine_one(system, rate, radius, rho)
-        record, before = found.record, found
+            jumps = _jumps(old, phase.system, targets)
+            joined = (phase.system.team.present & ~old.team.present).any()
+            start = math.inf if joined else before.end + math.hypot(*jumps.values())
+            system = during(phases, k, _settled(old, phase.system, targets))
+            before = _examine_one(system, rate, radius, rho, start + _carried_error(system, path.error))
+        record = before.record
         records.append(
             PhaseRecord(
                 start=phase.time,
@@ -205,10 +229,10 @@ def examine(
             )
         )
     ok = all(record.ok for record in records)
-    return Examination(first.record.model_copy(update={"ok": ok, "phases": records}), first.certificate)
+    return replace(first, record=first.record.model_copy(update={"ok": ok, "phases": records}))
 
 
-_OF_PHASE = ("ok", "assumptions", "relative_cohomology", "theorem", "law", "margins", "fragility")
+_OF_PHASE = ("ok", "assumptions", "relative_cohomology", "theorem", "law", "links", "margins", "fragility")
 
 
 def _targets_at(certificate: Certificate, sample: int, time: float) -> Array:
@@ -234,26 +258,29 @@ def _jumps(old: System, new: System, targets: Array) -> dict[str, float]:
     return {id: float(x) for id, x in zip(new.team.agent_ids, away, strict=True) if np.isfinite(x)}
 
 
-def _begun(old: System, phase: Phase, targets: Array) -> System:
-    """The system of a phase of the present agents, as if it began at its start with the phase before at rest."""
-    system, grid = phase.system, phase.system.grid
+def _settled(old: System, new: System, targets: Array) -> Array:
+    """Where vehicles are if the phase of the old system came to rest, shape (V, 3), m; who joins is where it began."""
     settled = _q_star(old, targets)
-    agents = np.where(np.isnan(settled), system.initial[: len(settled)], settled)
-    begun = replace(
-        system,
-        initial=np.concatenate([agents, targets]),
-        grid=replace(grid, start=phase.time, steps=max(grid.steps - phase.start, 1)),
-    )
-    return begun.remaining
+    return np.concatenate([np.where(np.isnan(settled), new.initial[: len(settled)], settled), targets])
 
 
-def _examine_one(system: System, rate: float | None, radius: float, rho: Rho | None) -> Examination:
-    """`check` of one phase."""
-    certificate = certify(system, rate, rho)
-    practice, law = margins(system, certificate), law_loop(system, certificate)
+def _carried_error(system: System, error: float) -> float:
+    """How far q* of the present agents may be off where targets are by an error, m."""
+    if not (error > 0.0 and system.team.dirichlet.unique):
+        return 0.0
+    reach = Carrier(system, spectrum_of(system.team)).reach(np.full(len(system.team.targets), error))
+    return float(np.linalg.norm(reach))
+
+
+def _examine_one(
+    system: System, rate: float | None, radius: float, rho: Rho | None, start: float | None = None
+) -> Examination:
+    """`check` of one phase, whose |e(t0)| in m is at most `start`; None takes that of the initial positions."""
+    certificate = certify(system, rate, rho, start)
+    practice, law = margins(system, certificate), law_loop(system, certificate, carried=start is not None)
     links = link_answers(system, certificate.constants.path)
-    loops_hold = practice.bodies.stable is not False and law.stable is not False
-    loops_hold = loops_hold and (links is None or links.stable)
+    loops = (practice.bodies.stable, law.stable, None if links is None else links.stable)
+    loops_hold = all(stable is not False for stable in loops)
     record = CheckRecord(
         scenario=system.name,
         ok=all(a.verdict == "holds" for a in certificate.assumptions) and loops_hold,
@@ -267,7 +294,7 @@ def _examine_one(system: System, rate: float | None, radius: float, rho: Rho | N
         margins=practice,
         fragility=fragility(system.team),
     )
-    return Examination(record, certificate)
+    return Examination(record, certificate, system)
 
 
 def _region(certificate: Certificate) -> RegionSummary:

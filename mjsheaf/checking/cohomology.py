@@ -215,7 +215,7 @@ def _motion(team: Team, mode: NullMode) -> dict[str, list[float]]:
     return {agent.id: step[: agent.dimension].tolist() for agent, step in moving}
 
 
-Kind = Literal["sensing", "communication", "anchor", "agent"]
+Kind = Literal["sensing", "communication", "anchor", "agent", "link", "target"]
 
 CONNECTED = "agent graph connected"
 """Broken where agents that were connected no longer are."""
@@ -233,10 +233,10 @@ EXACT_LOSSES = 1000
 
 
 class Loss(Record):
-    """What the loss of one edge or agent does."""
+    """What the loss of one edge, agent or target does, or of all edges between two ends (a link)."""
 
     kind: Kind
-    name: str = Field(description='such as "A1 - T2", "A1 - A4 (1 of 2)", "A2 along z" (an anchor), "A3"')
+    name: str = Field(description='such as "A1 - T2", "A1 - A4 (1 of 2)", "A1 - A4 (all 2)", "A2 along z", "A3"')
     breaks: tuple[str, ...] = Field(description="what is newly broken, whatever failed before")
     lambda_min: float | None = Field(description="smallest eigenvalue of H after it; null where not computed")
 
@@ -259,8 +259,8 @@ def fragility(team: Team) -> Fragility:
         f"exact: H decomposed again after each of {len(losses)} losses"
         if exact
         else f"over {EXACT_STATES} states or {EXACT_LOSSES} single losses: bridges and articulation points of the "
-        "agent graph, and targets that a single edge or agent senses; lambda_min and the relative cohomology after a "
-        "loss were not computed"
+        "agent graph, targets, and those that a single edge or agent senses; lambda_min and the relative cohomology "
+        "after a loss were not computed"
     )
     known = exact and team.dirichlet.unique
     return Fragility(
@@ -275,7 +275,8 @@ def fragility(team: Team) -> Fragility:
 def single_losses(team: Team) -> tuple[list[Loss], bool]:
     """Try out each single loss; of a large team find those that break CONNECTED or SENSED without linear algebra.
 
-    The loss of an agent takes its edges along; the last agent is not lost. Parallel edges are lost one at a time.
+    The loss of an agent takes its edges along, that of a target those that sense it; the last agent is not lost.
+    Parallel edges are lost one at a time, and all at once where the link between their ends is cut.
 
     Returns:
         The losses, those that break something first, then by lambda_min; and whether each was tried out on H.
@@ -327,19 +328,29 @@ def _singles(team: Team) -> Iterator[tuple[Loss, list[int], int | None]]:
     for edge in team.sensing:
         sensors[edge.head].append(edge.tail)
     once = {target for target, by in sensors.items() if len(by) == 1}
-    alone = {by[0] for by in sensors.values() if len(set(by)) == 1}
+    only = {target: by[0] for target, by in sensors.items() if len(set(by)) == 1}
+    alone = set(only.values())
 
     def loss(kind: Kind, name: str, disconnects: bool, blinds: bool) -> Loss:
         return Loss(kind=kind, name=name, breaks=(CONNECTED,) * disconnects + (SENSED,) * blinds, lambda_min=None)
 
+    together = defaultdict[tuple[str, ...], list[int]](list)
     for e, (kind, edge) in enumerate(edges):
         if kind is not None:
             ends = _ends(edge)
+            together[ends] += [e] * (kind != "anchor")
             seen[ends] += 1
             incident[edge.tail].append(e)
             incident[edge.head].append(e)
             which = f" ({seen[ends]} of {alike[ends]})" if alike[ends] > 1 else ""
             yield loss(kind, _name(edge) + which, links[ends] == 1 and ends in bridges, edge.head in once), [e], None
+    for ends, several in together.items():
+        if len(several) > 1:
+            tail, head = edges[several[0]][1].between
+            name = f"{tail} - {head} (all {len(several)})"
+            yield loss("link", name, ends in bridges, only.get(head) == tail), several, None
+    for target in sensors:
+        yield loss("target", target, False, True), incident[target], None
     if len(team.agents) > 1:
         for i, agent in enumerate(team.agent_ids):
             yield loss("agent", agent, agent in cuts, agent in alone), incident[agent], i

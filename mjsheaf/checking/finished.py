@@ -24,7 +24,7 @@ from mjsheaf.checking.certificate import Certificate, certify
 from mjsheaf.checking.held_law import UndecidedError, envelope
 from mjsheaf.results.dataset import of_phase
 from mjsheaf.results.netcdf import pieces_of
-from mjsheaf.system import Phase, System
+from mjsheaf.system import Phase, System, during
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -117,9 +117,10 @@ class RunBound:
         return f"{found}; constants: {self.certificate.describe_constants()}"
 
 
-def bound_of_run(run: System | Sequence[Phase], dataset: "xr.Dataset") -> RunBound:
-    """Compare a run, of one with events the first phase, with its system's certificate; the run is read in pieces."""
-    system, dataset = of_phase(run, dataset, 0)
+def bound_of_run(run: System | Sequence[Phase], dataset: "xr.Dataset", which: int = 0) -> RunBound:
+    """Compare one phase of a run with its system's certificate, from where it began; the run is read in pieces."""
+    last = dataset["time"].values[-1:]
+    system, dataset = _phase_of(run, dataset, which)
     certificate, bodies = certify(system), dataset.attrs["backend"] == "physics"
     initial_error = float(np.sqrt((dataset["tracking_error"][0].values ** 2).sum()))
     farthest, departure = _departure(certificate, dataset)
@@ -129,7 +130,7 @@ def bound_of_run(run: System | Sequence[Phase], dataset: "xr.Dataset") -> RunBou
         bodies=bodies,
         departure=departure,
         accuracy=max(_ACCURACY_IN_TOLERANCES * (atol + rtol * farthest), _ACCURACY_ON_BODIES * initial_error * bodies),
-        blew_up=dataset.attrs["status"] == "unstable",
+        blew_up=dataset.attrs["status"] == "unstable" and bool((dataset["time"].values[-1:] == last).all()),
         initial_error=initial_error,
         start=float(dataset["time"][0]),
         law=_other_law(system, dataset.attrs.get("controller", "")),
@@ -166,14 +167,18 @@ class HeldBound:
         return f"{where}, which proves it wrong: please report it"
 
 
-def held_bound_of_run(run: System | Sequence[Phase], dataset: "xr.Dataset", theorem: RunBound) -> HeldBound:
-    """Compare a run with the bound of its held law, whose bodies, blow-ups and laws in Python it does not know.
+def held_bound_of_run(
+    run: System | Sequence[Phase], dataset: "xr.Dataset", theorem: RunBound, which: int = 0
+) -> HeldBound:
+    """Compare one phase of a run with the bound of its held law.
 
-    Of a run with events the first phase is compared.
+    The bound knows no bodies, no laws in Python, and nothing that terms remember of a phase before.
     """
-    system, dataset = of_phase(run, dataset, 0)
+    system, dataset = _phase_of(run, dataset, which)
     python = f"the run has {theorem.law}" if dataset.attrs.get("controller") or len(system.law.links.table) else ""
     reason = "the run is one of bodies" if theorem.bodies else python or theorem.departed
+    if not reason and which > 0 and system.law.terms.agents:
+        reason = "terms remember the phase before, of which the bound knows nothing"
     if reason:
         return HeldBound(None, reason)
     try:
@@ -186,6 +191,20 @@ def held_bound_of_run(run: System | Sequence[Phase], dataset: "xr.Dataset", theo
     samples = bound.samples[: len(error)]
     share = np.nan_to_num(error / (samples + theorem.accuracy), nan=np.inf)
     return HeldBound(samples, "", *_largest(share, time))
+
+
+def _phase_of(run: System | Sequence[Phase], dataset: "xr.Dataset", which: int) -> tuple[System, "xr.Dataset"]:
+    """As `of_phase`, the system over that phase alone and from where the run was at its start."""
+    system, own = of_phase(run, dataset, which)
+    if isinstance(run, System) or len(run) == 1:
+        return system, own
+    initial = None
+    if which > 0:
+        start = [np.nan_to_num(own[name][0].values) for name in ("agent_position", "target_position")]
+        initial = run[which].system.initial.copy()
+        here = np.append(run[which].system.team.present, np.ones(len(system.team.targets), dtype=np.bool_))
+        initial[here] = np.concatenate(start)
+    return during(run, which, initial), own
 
 
 def _other_law(system: System, controller: str) -> str:

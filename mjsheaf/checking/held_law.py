@@ -427,6 +427,10 @@ def envelope(system: System, certificate: Certificate) -> Envelope:
         UndecidedError: there is no bound, and why.
     """
     loop, agents = loop_of(system), system.team.agents
+    if not np.isfinite(certificate.constants.initial_error):
+        raise UndecidedError("the error with which the phase begins is not known")
+    if len(system.law.links.table):
+        raise UndecidedError("links are not exact: no bound is known with noise, delay, loss or range")
     for i in without_full_row_rank(system.effectiveness, [agent.dimension for agent in agents]):
         raise UndecidedError(f"g of {agents[i].id} is not of full row rank: g g^+ is not the identity")
     if not loop.radius < 1.0:
@@ -509,8 +513,12 @@ def _bounded(system: System, certificate: Certificate, loop: Loop, drive: _Drive
     return Envelope(samples, within, command, loop.integral * float(integrated.max()), left, "")
 
 
-def law_loop(system: System, certificate: Certificate) -> LawLoop:
-    """The loop of a system's law, and a bound on its run where there is one."""
+def law_loop(system: System, certificate: Certificate, *, carried: bool = False) -> LawLoop:
+    """The loop of a system's law, and a bound on its run where there is one.
+
+    `carried` says that the law's terms remember a phase before: then the bound, in which they begin with nothing, is
+    only of the paper's law.
+    """
     terms, h = system.law.terms, system.grid.period
     sent = traffic_of(terms, system.team)
     found: dict[str, Any] = {
@@ -530,6 +538,8 @@ def law_loop(system: System, certificate: Certificate) -> LawLoop:
         found["largest_gain"] = loop.stable_gains[1] if loop.stable_gains else None
         found["error_per_disturbance"] = loop.error_per_disturbance
         found["noise"] = _noise(system, loop) if loop.radius < 1.0 else None
+        if carried and terms.agents:
+            raise UndecidedError("terms remember the phase before, of which the bound knows nothing")
         bound = envelope(system, certificate)
         late = slice(len(bound.within) // 2, None)
         found["unlimited"], found["reason"] = bound.late(), bound.clipped

@@ -38,9 +38,13 @@ class Proposal(Record):
 def propose(system: System, certificate: Certificate, radius: float) -> list[Proposal]:
     """The cheapest of each kind of law whose bound is at most the radius, m: the smallest gain, then fewest rounds.
 
-    None where nothing can be decided, or where the run is long.
+    None where nothing can be decided, where links are not exact, or where the run is long.
     """
-    if system.grid.continuous or system.grid.steps * system.team.dirichlet.H.shape[0] > _MOST_NUMBERS:
+    try:
+        loop_of(system)  # of rounds that can be late or lost nothing is known, and laws with others are none of these
+    except UndecidedError:
+        return []
+    if len(system.law.links.table) or system.grid.steps * system.team.dirichlet.H.shape[0] > _MOST_NUMBERS:
         return []
     odometry = Odometry(noise=system.law.terms.noise, bias=system.law.terms.bias)
     return [proposal for kind in range(4) if (proposal := _cheapest(system, certificate, radius, kind, odometry))]

@@ -84,10 +84,11 @@ def _pairs(title: str, rows: list[Row]) -> Table:
 def _theorem(record: CheckRecord) -> Table:
     t, corners = record.theorem, (record.region.agents_low, record.region.agents_high)
     low, high = (", ".join(f"{x:.3g}" for x in corner) for corner in corners)
+    source = record.region.source + ", not proven" * (not record.region.verified)
     verdict = "applies" if t.applies else "does not apply: " + t.reason
     rows = [
         ("gain condition", "holds" if t.gain_condition else "fails", verdict + (" (approximately)" * t.approximate)),
-        ("region", "", f"agents in ({low}) to ({high}) m; {record.region.source}"),
+        ("region", "", f"agents in ({low}) to ({high}) m; {source}"),
         ("lambda_min, lambda_max", f"{t.lambda_min:.4g}, {t.lambda_max:.4g}", "of H"),
         ("sigma_max(B)", _number(t.sigma_max_B), ""),
         ("f_bar", _number(t.f_bar, "m/s"), "never exceeded by |H^-1 B f_p - f_q(q*)| along the targets' path"),
@@ -116,13 +117,15 @@ def _theorem(record: CheckRecord) -> Table:
         ),
         ("weaker bound", _number(t.weaker.radius, "m"), "ultimate radius with rho = 0, whatever the slopes"),
     ]
-    return _pairs("Theorem 1" + ", of the paper's law alone" * bool(record.law.terms), rows)
+    over = " over exact links" * (record.links is not None and not record.links.exact)
+    return _pairs("Theorem 1" + f", of the paper's law{over or ' alone'}" * bool(record.law.terms or over), rows)
 
 
 def _law(record: CheckRecord) -> Table:
     """The law as it is held, with its terms, on ideal kinematics."""
     law = record.law
     name = "the held law on ideal kinematics: " + (", ".join(law.terms) or "the paper's")
+    name += ", as if its links were exact" * (record.links is not None and not record.links.exact)
     if law.stable is None:
         return _pairs(name, [("loop", "undecided", law.reason)])
     word, h = "stable" if law.stable else "UNSTABLE", record.margins.hold
@@ -157,40 +160,51 @@ def _law(record: CheckRecord) -> Table:
     return _pairs(name, rows)
 
 
+_WORDS = {True: "stable", False: "UNSTABLE", None: "undecided"}
+
+
 def _links(links: LinkRecord | None) -> list[Table]:
     """What links do to the law."""
     if links is None:
         return []
-    delay, noise, loss = links.delay, links.noise, links.loss
-    words = {True: "stable", False: "UNSTABLE", None: "undecided"}
-    oldest = "" if delay.delay is None else f"measurements up to {_number(delay.delay, 's')} old"
-    radius = "" if delay.spectral_radius is None else f", spectral radius {_number(delay.spectral_radius)}"
-    margin = delay.reason if delay.margin is None else "all edges alike, in whole periods"
-    rows = [("delay", words[delay.stable], oldest + radius), ("delay margin", _number(delay.margin, "s"), margin)]
+    delay, noise, loss, rows = links.delay, links.noise, links.loss, list[Row]()
+    if not links.exact:
+        late = "" if delay.delay is None else f"measurements up to {_number(delay.delay, 's')} old"
+        late = "measurements arrive at once" if delay.delay == 0.0 else late
+        late += ", as if none were lost" * (loss is not None)
+        radius = "" if delay.spectral_radius is None else f", spectral radius {delay.spectral_radius:.6g} over a period"
+        rows.append(("delay", _WORDS[delay.stable], (late + radius) or delay.reason))
+    if delay.delay is not None:
+        alike = "all links alike and in whole periods; one period more is unstable"
+        rows.append(("delay margin", _number(delay.margin, "s"), delay.reason or alike))
     if noise is not None:
-        rows.append(
-            (
-                "error by noise",
-                _number(noise.error, "m"),
-                noise.reason or "RMS of |e| about its mean" + ", linearised" * noise.linearised,
-            )
-        )
+        what = "RMS of |e| of all agents together that noise makes, at samples"
+        what += ", beside what losses make" * (loss is not None) + ", linearised" * noise.linearised
+        rows.append(("error by noise", _number(noise.error, "m"), noise.reason or what))
         if noise.error is not None:
             worst = max(noise.agents, key=lambda agent: agent.error)
-            rows.append(("  of one agent", _number(worst.error, "m"), f"the largest, of {worst.agent}"))
-            rows.append(("  of the command", _number(noise.command, "m/s"), "RMS over the team"))
+            rows.append(("  of one agent", _number(worst.error, "m"), f"RMS of |e_i|, the largest, of {worst.agent}"))
+            rows.append(("  of commands", _number(noise.command, "m/s"), "RMS of the commands of all agents together"))
             rows.append(("  by bias", _number(noise.mean, "m"), "|mean of e|"))
     if loss is not None:
-        rate = f"E|e|^2 at {_number(loss.rate, '1/s')} in the root" if loss.rate is not None else loss.reason
-        rows.append(("loss", words[loss.stable], rate))
+        arrive = ", ".join(f"{100.0 * x:.4g} % of {kind}" for kind, x in links.delivery.items() if x is not None)
+        rows.append(("arrives", "", f"{arrive}, in the long run"))
+        falls = "in mean square, with these delays" if loss.factor is None else "E|e|^2, with these delays"
+        rows.append(("loss", _WORDS[loss.stable], loss.reason or falls))
         if loss.factor is not None:
-            bound = f"times E|e|^2 in a period in the long run; at most {_number(loss.bound)} in any"
-            rows.append(("  factor", f"{loss.factor:.6g}", bound))
-    return [_pairs("the law over its links", rows)]
+            most = "" if loss.bound is None else f"; in any one period times {loss.bound:.6g} at most"
+            rows.append(("  factor", f"{loss.factor:.6g}", f"of E|e|^2 over a period in the long run{most}"))
+            rows.append(("  rate", _number(loss.rate, "1/s"), "at which the RMS of |e| decays"))
+        rows.append(("  not counted", "", "what losses leave where edges disagree at q*, or where e is not zero"))
+    if links.assumed and not links.exact:
+        rows.append(("holds for", "", links.assumed))
+    return [_pairs("the law over its links, on ideal kinematics", rows)]
 
 
-def _proposals(record: CheckRecord) -> list[Table]:
+def _proposals(record: CheckRecord) -> list[Text | Table]:
     """Laws that would do."""
+    if record.links is not None and not record.links.exact:
+        return [Text("\nno laws are proposed: no bound is known with noise, delay, loss or range", style="bold")]
     if not record.proposals:
         return []
     rows = []
@@ -236,12 +250,13 @@ def _beyond_hold(record: CheckRecord) -> str:
 
 def _margins(record: CheckRecord) -> Table:
     m, hold = record.margins, record.margins.hold
+    over = "; over exact links" * (record.links is not None and not record.links.exact)
     rows = [("sampling", "none", "the law is continuous")]
     if hold is not None:
         word = "diverges" if hold.product >= 2 else "rings" if hold.product > 1 else "does not ring"
         rows = [
-            ("k1 h lambda_max", _number(hold.product), f"{word}; below 2 it converges, up to 1 it does not ring"),
-            ("largest gain", _number(hold.largest_gain, "1/s"), f"under a hold of {hold.period:g} s"),
+            ("k1 h lambda_max", _number(hold.product), f"{word}; below 2 it converges, up to 1 it does not ring{over}"),
+            ("largest gain", _number(hold.largest_gain, "1/s"), f"under a hold of {hold.period:g} s{over}"),
             ("gain without ringing", _number(hold.ringing_gain, "1/s"), ""),
         ]
     tau = " to ".join(f"{x:.3g}" for x in dict.fromkeys(m.bodies.tau))
@@ -311,15 +326,20 @@ def _phases(record: CheckRecord) -> list[Text | Table]:
     parts: list[Text | Table] = []
     for p in record.phases:
         t, what = p.theorem, ", ".join(p.events) or "start"
-        failed = "; ".join(a.failure for a in p.assumptions if a.failure)
+        failed, known = "; ".join(a.failure for a in p.assumptions if a.failure), t.initial_error is not None
         rows = [
             ("assumptions", "all hold" if not failed else "FAIL", failed),
             ("absent", ", ".join(p.absent[:_MOST]) or "nobody", ""),
             ("lambda_min, lambda_max", f"{t.lambda_min:.4g}, {t.lambda_max:.4g}", "of H"),
             ("Theorem 1", "applies" if t.applies else "does not apply", t.reason),
             ("ultimate radius", _number(t.radius_U, "m"), f"weaker bound {_number(t.weaker.radius, 'm')}"),
-            ("held law", {True: "stable", False: "UNSTABLE", None: "undecided"}[p.law.stable], p.law.reason),
+            ("initial error", _number(t.initial_error, "m"), "at most" if known and p.jump is not None else ""),
+            ("held law", _WORDS[p.law.stable], p.law.reason),
         ]
+        if p.links is not None:
+            over, word = ("over exact links", "") if p.links.exact else ("over its links", _WORDS[p.links.stable])
+            rows.append((over, word, f"delay margin {_number(p.links.delay_margin, 's')}"))
+        rows.append(("loop on bodies", _WORDS[p.margins.bodies.stable], p.margins.bodies.reason))
         if p.jump is not None:
             far = max(p.jumps, key=lambda id: p.jumps[id] or 0.0, default="")
             most = f"of all; the most, {_number(p.jumps[far], 'm')}, of {far}" if far else ""

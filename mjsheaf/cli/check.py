@@ -47,7 +47,7 @@ def check(
     Computes Theorem 1 over the region to which its own bound confines the agents, the loop of the law as it is held,
     with its terms, and a bound on its run, laws that would do better, the margins that theory leaves out, and which
     single loss breaks an assumption. Exit code 1 where a numbered assumption fails or is undecided, or the law's or the
-    loop of the vehicles is unstable; the gain condition does not change it.
+    loop of the vehicles is unstable, or the law over its links; the gain condition does not change it.
     """
     if plot is not None:
         require_file_name("--plot", plot, ".png")
@@ -88,6 +88,8 @@ def check(
 
 def _failures(part: "CheckRecord | PhaseRecord") -> list[str]:
     """Why a check, or that of a phase, is not ok, in sentences."""
+    from mjsheaf.checking.links import UNSTABLE_LINKS
+
     told = [
         f"assumption {a.number} {'fails' if a.verdict == 'fails' else 'is undecided'} ({a.name}): {a.witness}"
         for a in part.assumptions
@@ -97,6 +99,10 @@ def _failures(part: "CheckRecord | PhaseRecord") -> list[str]:
         gains = " to ".join(f"{gain:.4g}" for gain in part.law.stable_gains or [])
         wanted = f": expected controller.gain from {gains} 1/s" if gains else " at any controller.gain"
         told.append(f"the held law is unstable{wanted}")
+    if part.links is not None and part.links.stable is False:
+        margin, late = part.links.delay_margin, part.links.delay
+        bears = f"; it bears up to {margin:.6g} s of delay" if margin is not None and not late.stable else ""
+        told.append(f"{UNSTABLE_LINKS}{bears}")
     return told + [part.margins.bodies.verdict()] * (part.margins.bodies.stable is False)
 
 

@@ -77,8 +77,7 @@ def notes_of_run(
     phases: Sequence[Phase],
     dataset: "xr.Dataset",
     ending: str | None,
-    theorem: RunBound,
-    held: HeldBound,
+    bounds: Sequence[RunBound | HeldBound],
     terms: "TermsInRun | None",
 ) -> list[Note]:
     """All that should be known of a run; it is read in pieces.
@@ -87,14 +86,10 @@ def notes_of_run(
         phases: what was run.
         dataset: as `simulate` gives it.
         ending: how it ended (see `finished`).
-        theorem, held: its bounds.
+        bounds: those of its phases.
         terms: what its terms did.
     """
-    found = [
-        Note("bound", bound.violation(), None, bound.worst, bound.ratio)
-        for bound in (theorem, held)
-        if bound.violation()
-    ]
+    found = [Note("bound", bound.violation(), None, bound.worst, bound.ratio) for bound in bounds if bound.violation()]
     found += [Note("terms", sentence) for sentence in (terms.harm if terms else ())]
     found += _about_the_end(dataset, ending)
     found += _about_limits(phases, dataset)

@@ -195,14 +195,18 @@ def publish(
         write_dataset(pieces, fresh / "result.nc")
         dataset = held.enter_context(open_dataset(fresh / "result.nc"))
         write_scenario(scenario, fresh)
-        theorem, drawn = bound_of_run(phases, dataset), thinned(dataset)
-        of_law = held_bound_of_run(phases, dataset, theorem)
+        own, drawn = summarize_phases(system.team, dataset), thinned(dataset)
+        came = [k for k in range(len(phases)) if k == 0 or own[k]["final"] is not None]
+        theorems = [bound_of_run(phases, dataset, k) for k in came]
+        of_laws = [held_bound_of_run(phases, dataset, theorem, k) for k, theorem in zip(came, theorems, strict=True)]
+        theorem, of_law = theorems[0], of_laws[0]
         shown = _shown_bound(phases, drawn["time"].values, theorem, of_law)
         plots = held.enter_context(ThreadPoolExecutor(1)).submit(_plot, phases, drawn, shown, fresh, progress)
         if video is None:
             plots.result()
         seconds = run.seconds if isinstance(run, TimedIterator) else None
-        own = summarize_phases(system.team, dataset)
+        for phase, theorem_then, of_law_then in zip(own, theorems, of_laws, strict=False):
+            phase |= _bounds_summary(theorem_then, of_law_then)
         summary = _summary_of(scenario, phases, dataset.sizes["time"] - 1, drawn, own, theorem, of_law)
         summary |= {"origin": origin, "wall_time_s": seconds, store.RESULT_DIGEST: store.digest(fresh / "result.nc")}
         if seconds:
@@ -210,7 +214,7 @@ def publish(
         terms = examine_terms(phases, dataset)
         if terms is not None:
             summary["terms"] = terms.record()
-        found = notes_of_run(phases, dataset, summary["ending"], theorem, of_law, terms)
+        found = notes_of_run(phases, dataset, summary["ending"], [*theorems, *of_laws], terms)
         summary["notes"], notes = [note.record() for note in found], []
         if video is not None:
             from mjsheaf.video.from_run import film_run
@@ -286,6 +290,16 @@ def _summary_of(
         "communication": communication(drawn, periods + 1, system.grid.period),
         "delivery": delivery_by_kind(drawn),
         "free_directions": list(free),
+        **_bounds_summary(theorem, of_law),
+        "terms": None,
+        "video": None,
+        store.RESULT_DIGEST: "",
+    }
+
+
+def _bounds_summary(theorem: "RunBound", of_law: "HeldBound") -> dict[str, Any]:
+    """What summary.json says of the bounds of a run, or of one of its phases."""
+    return {
         "theorem": {
             "applies": theorem.applies,
             "approximate": theorem.approximate,
@@ -301,9 +315,6 @@ def _summary_of(
             "measured_over_bound_settled": of_law.settled_ratio,
             "wrong": of_law.wrong,
         },
-        "terms": None,
-        "video": None,
-        store.RESULT_DIGEST: "",
     }
 
 

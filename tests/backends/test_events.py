@@ -324,8 +324,9 @@ def test_check_of_every_phase() -> None:
     first, second, third = record["phases"]
     assert [p["start"] for p in record["phases"]] == [0.0, 0.2, 0.3]
     assert second["absent"] == ["A3"]
-    for name in ("assumptions", "theorem", "law", "margins", "fragility"):
-        assert record[name] == first[name] == check(chain(4, []))[name]
+    alone = check(chain(4, [], time={"end": 0.2}))  # each phase is checked over its own time
+    for name in ("assumptions", "theorem", "law", "links", "margins", "fragility"):
+        assert record[name] == first[name] == alone[name]
     # Without A3 nobody senses T2, and the others follow T1: q* by dense algebra.
     assert [a["verdict"] for a in second["assumptions"]][4] == "fails"
     assert not second["ok"]
@@ -338,7 +339,10 @@ def test_check_of_every_phase() -> None:
     assert list(second["jumps"]) == ["A0", "A1", "A2"]
     np.testing.assert_allclose(list(second["jumps"].values()), jumps, rtol=1e-9)
     assert second["jump"] == pytest.approx(np.linalg.norm(jumps), rel=1e-9)
-    assert second["theorem"]["initial_error"] == pytest.approx(second["jump"], rel=1e-9)
+    data = simulate(scenario, "ideal")
+    error = np.sqrt(np.nansum(data["tracking_error"].values[LOST] ** 2))
+    assert error <= second["theorem"]["initial_error"]
+    assert second["jump"] < second["theorem"]["initial_error"]  # the first phase has not settled
     H_left = np.array([[2.0, -1, 0], [-1, 2, -1], [0, -1, 1]])
     assert second["theorem"]["lambda_min"] == pytest.approx(np.linalg.eigvalsh(H_left)[0], rel=1e-9)
     assert {x["name"] for x in second["fragility"]["critical"]} >= {"A0", "A1", "A0 - A1", "A0 - T1"}

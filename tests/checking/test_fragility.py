@@ -64,6 +64,14 @@ def by_trying(team: Team) -> list[Loss]:
         for k, lost in enumerate(edges):
             alike = f" ({ends[: k + 1].count(ends[k])} of {ends.count(ends[k])})" if ends.count(ends[k]) > 1 else ""
             lose(kind, plain[k] + alike, lambda e, lost=lost: e is not lost, team.agent_ids)  # type: ignore[misc]
+    linked = (*team.communication, *team.sensing)
+    for pair in dict.fromkeys(frozenset(e.between) for e in linked):
+        own = [e for e in linked if pair == frozenset(e.between)]
+        if len(own) > 1:
+            name = f"{own[0].tail} - {own[0].head} (all {len(own)})"
+            lose("link", name, lambda e, pair=pair: frozenset(e.between) != pair, team.agent_ids)  # type: ignore[misc]
+    for target in dict.fromkeys(e.head for e in team.sensing):
+        lose("target", target, lambda e, target=target: e.head != target, team.agent_ids)  # type: ignore[misc]
     for agent in team.agent_ids if len(team.agents) > 1 else []:
         rest = [a for a in team.agent_ids if a != agent]
         lose("agent", agent, lambda e, agent=agent: agent not in (e.tail, e.head), rest)  # type: ignore[misc]
@@ -132,9 +140,10 @@ def test_the_large_path_finds_what_trying_shows(team: Team) -> None:
 def test_many_losses_take_the_large_path_too(monkeypatch: pytest.MonkeyPatch) -> None:
     ring = make_team("U1 U2 U3", "V1", RING, [("U1", "V1")])
     assert fragility(ring).exact
-    monkeypatch.setattr("mjsheaf.checking.cohomology.EXACT_LOSSES", 6)
+    monkeypatch.setattr("mjsheaf.checking.cohomology.EXACT_LOSSES", 7)
     assert [(loss.kind, loss.name, loss.breaks) for loss in single_losses(ring)[0]] == [
         ("sensing", "U1 - V1", (SENSED,)),
+        ("target", "V1", (SENSED,)),
         ("agent", "U1", (SENSED,)),
     ]
 
@@ -149,6 +158,7 @@ def test_a_chain_hangs_on_everything() -> None:
         "U1": (SENSED, TRIVIAL),
         "U2": (CONNECTED, TRIVIAL),
         "U3": (),
+        "V1": (SENSED, TRIVIAL),
     }
 
 
@@ -156,7 +166,7 @@ def test_the_only_altimeter_is_what_the_aircraft_hang_on() -> None:
     held = make_team("U1 U2", "S1", [("U1", "U2")], [("U1", "S1"), ("U2", "S1")], [hold("U1", "z")])
     found = fragility(held)
     broken = {loss.name: loss for loss in found.critical}
-    assert broken.keys() == {"U1 along z", "U1", "U1 - U2"}
+    assert broken.keys() == {"U1 along z", "U1", "U1 - U2", "S1"}
     assert (broken["U1 along z"].kind, broken["U1 along z"].breaks) == ("anchor", (TRIVIAL,))
     assert broken["U1"].breaks == (TRIVIAL,)
     assert found.worst is not None
@@ -164,10 +174,13 @@ def test_the_only_altimeter_is_what_the_aircraft_hang_on() -> None:
 
 
 def test_parallel_edges_are_lost_one_at_a_time() -> None:
-    """Losing one of two leaves the other: nothing breaks, and each is named."""
+    """Losing one of two leaves the other: nothing breaks, and each is named; a cut takes both."""
     double = make_team("B1 B2", "S1", [("B1", "B2"), ("B2", "B1")], [("B1", "S1"), ("B1", "S1")])
     found = {loss.name: loss for loss in single_losses(double)[0]}
-    assert found.keys() == {"B1 - B2 (1 of 2)", "B2 - B1 (2 of 2)", "B1 - S1 (1 of 2)", "B1 - S1 (2 of 2)", "B1", "B2"}
+    each = {"B1 - B2 (1 of 2)", "B2 - B1 (2 of 2)", "B1 - S1 (1 of 2)", "B1 - S1 (2 of 2)", "B1", "B2", "S1"}
+    assert found.keys() == each | {"B1 - B2 (all 2)", "B1 - S1 (all 2)"}
+    assert found["B1 - B2 (all 2)"].breaks == (CONNECTED, TRIVIAL)
+    assert found["B1 - S1 (all 2)"].breaks == found["S1"].breaks == (SENSED, TRIVIAL)
     assert all(not loss.breaks for name, loss in found.items() if "of 2" in name)
     assert found["B1"].breaks == (SENSED, TRIVIAL)
     half = make_edge("B1", "B2", weight=0.5)
@@ -178,7 +191,10 @@ def test_parallel_edges_are_lost_one_at_a_time() -> None:
 
 def test_the_last_agent_is_not_lost() -> None:
     found = fragility(make_team("B1", "S1", [], [("B1", "S1")]))
-    assert [(loss.kind, loss.breaks) for loss in found.critical] == [("sensing", (SENSED, TRIVIAL))]
+    assert [(loss.kind, loss.breaks) for loss in found.critical] == [
+        ("sensing", (SENSED, TRIVIAL)),
+        ("target", (SENSED, TRIVIAL)),
+    ]
     assert found.worst is None
 
 
@@ -196,6 +212,8 @@ def test_what_fails_already_hides_nothing(exact: bool, monkeypatch: pytest.Monke
     assert {loss.name: loss.breaks for loss in found.critical} == {
         "B1 - S1": (SENSED,),
         "B2 - S2": (SENSED,),
+        "S1": (SENSED,),
+        "S2": (SENSED,),
         "B1": (SENSED,),
         "B2": (SENSED,),
         "B1 - B2": (CONNECTED,),

@@ -5,7 +5,10 @@ noisy or not at all, and agents follow the law from them, by Chebyshev's iterati
 noise it is the ideal backend's run.
 """
 
+import itertools
+import json
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import replace
 from typing import Any
 
@@ -13,17 +16,19 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from mjsheaf import check
 from mjsheaf.checking.certificate import certify
+from mjsheaf.checking.delay import largest_delay, team_loop
 from mjsheaf.checking.held_law import loop_of
-from mjsheaf.checking.links import (
-    LinkRecord,
-    answers_for,
-    largest_delay,
-    link_answers,
+from mjsheaf.checking.linked_law import (
+    LinkedLaw,
     measured_edges,
     perfect_links,
     range_bearing_covariance,
 )
+from mjsheaf.checking.links import LinkRecord, answers_for, link_answers
+from mjsheaf.cli.check import check as check_command
+from mjsheaf.cli.options import NotHeldError
 from mjsheaf.scenario import load_scenario, scenario_from_mapping
 from mjsheaf.simulation.ideal import run_ideal
 from mjsheaf.system import System
@@ -49,7 +54,12 @@ TERMS: dict[str, dict[str, Any]] = {
 }
 
 
-SLOW = ["feedforward", "drift", "integral", "all"]
+def slow(*values: Any) -> Any:
+    """Parameters that are tried with the slow tests alone."""
+    return pytest.param(*values, marks=pytest.mark.slow)
+
+
+EACH = ["paper", "newton", *map(slow, ("feedforward", "drift", "integral", "all"))]
 
 
 def known(number: float | None) -> float:
@@ -58,7 +68,9 @@ def known(number: float | None) -> float:
     return number
 
 
-def resting(seed: int, kind: str, period: float = 0.02, share: float = 0.3, controller: Any = None) -> System:
+def resting_raw(
+    seed: int, kind: str, period: float = 0.02, share: float = 0.3, controller: Any = None
+) -> dict[str, Any]:
     """A random team whose targets rest, without flow, at a share of its largest stable gain."""
     raw = random_scenario(seed)
     raw |= {"flow": {}, "disturbance": {}}
@@ -69,7 +81,12 @@ def resting(seed: int, kind: str, period: float = 0.02, share: float = 0.3, cont
     raw["controller"] = {"gain": 1.0, "control_period": period, **(TERMS[kind] if controller is None else controller)}
     low, high = loop_of(scenario_from_mapping(raw).system).stable_gains or (0.0, 0.0)
     raw["controller"]["gain"] = low + share * (min(high, 1e3) - low)
-    return scenario_from_mapping(raw).system
+    return raw
+
+
+def resting(seed: int, kind: str, period: float = 0.02, share: float = 0.3, controller: Any = None) -> System:
+    """The same as a system."""
+    return scenario_from_mapping(resting_raw(seed, kind, period, share, controller)).system
 
 
 def chebyshev(H: Array, interval: Array, rounds: int, x: Array, b: Array) -> Array:
@@ -207,15 +224,22 @@ def growth(system: System, delay: NDArray[np.int64] | int, steps: int) -> float:
     return float((sizes[-window:].max() / sizes[-2 * window : -window].max()) ** (1.0 / window))
 
 
+def plain_law(system: System) -> LinkedLaw:
+    """Its law over exact links."""
+    edges, vectors = measured_edges(system.team), system.team.dirichlet.eigenvectors[1]
+    return LinkedLaw(loop_of(system), vectors, edges, perfect_links(edges), system.law.terms)
+
+
 def answers(system: System, **changed: Any) -> LinkRecord:
-    links = perfect_links(measured_edges(system.team))
+    """What check says of a system whose links have these parameters."""
+    law = plain_law(system)
     if np.isscalar(changed.get("delay")):
-        changed["delay"] = np.full(len(links.delay), changed["delay"])
-    return answers_for(system, loop_of(system), replace(links, **changed))
+        changed["delay"] = np.full(len(law.edges), changed["delay"])
+    return answers_for(replace(law, links=replace(law.links, **changed)), system.team)
 
 
-@pytest.mark.parametrize("seed", [pytest.param(3, marks=pytest.mark.slow), 11])
-@pytest.mark.parametrize("kind", TERMS)
+@pytest.mark.parametrize("seed", [slow(3), 11])
+@pytest.mark.parametrize("kind", EACH)
 def test_the_limit_of_delay_to_the_period(kind: str, seed: int) -> None:
     limited(kind, seed, 0.15)
 
@@ -241,7 +265,7 @@ def limited(kind: str, seed: int, share: float) -> None:
         assert seen == pytest.approx(rate, rel=0.05, abs=10.0 / steps)
 
 
-@pytest.mark.parametrize("kind", ["paper", "newton", "integral", "all"])
+@pytest.mark.parametrize("kind", ["paper", *map(slow, ("newton", "integral", "all"))])
 def test_unlike_delays(kind: str) -> None:
     """Of the whole team's matrix; on the paper's law the largest delay suffices where it would do for all."""
     decided = set()
@@ -262,7 +286,7 @@ def test_unlike_delays(kind: str) -> None:
     assert decided == {True, False}
 
 
-@pytest.mark.parametrize("seed", range(40, 60))
+@pytest.mark.parametrize("seed", [40, 41, 42, *map(slow, range(43, 60))])
 def test_unlike_delays_of_the_papers_law_up_to_a_sufficient_one(seed: int) -> None:
     rng = np.random.default_rng(seed)
     system = resting(seed, "paper", share=float(rng.uniform(0.05, 0.5)))
@@ -278,10 +302,10 @@ def test_unlike_delays_of_the_papers_law_up_to_a_sufficient_one(seed: int) -> No
 def test_the_limit_of_the_papers_law_in_closed_form() -> None:
     """k1 h lambda_max < 2 sin(pi / (2 (2 d + 1))), of which pi / (2 k1 lambda_max) is left as h goes to 0."""
     system = load_scenario("scenarios/paper.yaml").system
-    loop, terms = loop_of(system), system.law.terms
+    law = plain_law(system)
     for period in (0.01, 0.003, 1e-3, 1e-5):
-        fine = replace(loop, period=period)
-        d = int(known(largest_delay(fine, terms)))
+        fine = replace(law.loop, period=period)
+        d = int(known(largest_delay(replace(law, loop=fine))))
         product = fine.gain * period * fine.values[-1]
         assert product < 2.0 * np.sin(np.pi / (2.0 * (2.0 * d + 1.0)))
         assert product >= 2.0 * np.sin(np.pi / (2.0 * (2.0 * d + 3.0)))
@@ -289,7 +313,7 @@ def test_the_limit_of_the_papers_law_in_closed_form() -> None:
     assert limit == pytest.approx(FACTS_LIMIT, abs=2e-5)
 
 
-@pytest.mark.parametrize("kind", ["paper", "newton", *(pytest.param(k, marks=pytest.mark.slow) for k in SLOW)])
+@pytest.mark.parametrize("kind", ["paper", *map(slow, list(TERMS)[1:])])
 def test_the_published_team_on_both_sides_of_the_limit(kind: str) -> None:
     """At gain 10, targets at rest where they begin."""
     scenario = load_scenario("scenarios/paper.yaml").model_dump(mode="json", exclude_none=True)
@@ -303,6 +327,82 @@ def test_the_published_team_on_both_sides_of_the_limit(kind: str) -> None:
         assert found.stable == (delay == d)
         steps = int(min(15_000, 40 + 25.0 / abs(np.log(known(found.spectral_radius)))))
         assert (growth(system, delay, steps) < 1.0) == found.stable
+
+
+def anchored(seed: int, kind: str, share: float) -> System:
+    """A team that is held to a fixed value along x too; anchors are never late."""
+    raw = resting_raw(seed, kind, share=share)
+    raw["anchors"] = [{"agent": raw["agents"][0]["id"], "axes": ["x"], "value": [1.0]}]
+    return scenario_from_mapping(raw).system
+
+
+@pytest.mark.parametrize("kind", ["paper", *map(slow, list(TERMS)[1:])])
+def test_the_margin_of_delay_is_that_of_links_not_of_anchors(kind: str) -> None:
+    """The whole team, on both sides of the margin; without any law's own limit the scan finds it."""
+    for seed in (3, 11, 14):
+        system = anchored(seed, kind, 0.3)
+        linked = np.array([edge.linked for edge in measured_edges(system.team)])
+        assert not linked.all()
+        d = round(known(answers(system).delay.margin) / system.grid.period)
+        for delay in (d, d + 1):
+            found = answers(system, delay=delay * linked).delay
+            assert found.stable == (delay == d)
+            steps = int(min(15_000, 40 + 25.0 / abs(np.log(known(found.spectral_radius)))))
+            assert (growth(system, delay * linked, steps) < 1.0) == found.stable
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(24))
+def test_the_limit_of_delay_of_the_program(seed: int) -> None:
+    """Runs of the ideal backend over links as a file names them, by one period on both sides of the margin."""
+    kind, rng = list(TERMS)[seed % len(TERMS)], np.random.default_rng(seed)
+    raw = resting_raw(seed, kind, float(rng.choice([0.02, 0.1])), float(rng.uniform(0.05, 0.6)))
+    period, margin = raw["controller"]["control_period"], known(answers(scenario_from_mapping(raw).system).delay.margin)
+    d = round(margin / period)
+    for delay in (d, d + 1):
+        raw["links"] = {"all": {"delay": delay * period}} if delay else {}
+        system = scenario_from_mapping(raw).system
+        found = link_answers(system, certify(system).constants.path)
+        assert found is not None
+        assert found.stable == (delay == d)
+        rate = np.log(known(found.delay.spectral_radius))
+        steps = int(min(30_000, 100 + 20.0 / abs(rate)))
+        run = run_ideal(scenario_from_mapping({**raw, "time": {"end": round(steps * period, 6)}}).system)
+        q, p = system.team.split(run.positions)
+        e = np.linalg.norm(system.team.dirichlet.extend(p) - q, axis=1)
+        before, after = e[len(e) // 4 : len(e) // 2].max(), e[-len(e) // 4 :].max()
+        assert (after > before) == (delay > d) or max(after, before) < 1e-6, (kind, delay, rate)
+
+
+def test_large_teams_answer_by_lambda_max_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As all eigenvalues do; of noise and loss they say nothing."""
+    stable = []
+    for seed, delay in itertools.product(range(3, 9), (2, 6)):
+        raw = resting_raw(seed, "paper", share=0.2)
+        raw.pop("anchors", None)
+        raw["links"] = {"all": {"delay": 0.02 * delay}}
+        system = scenario_from_mapping(raw).system
+        if not system.team.dirichlet.unique:
+            continue
+        path = certify(system).constants.path
+        found = link_answers(system, path)
+        with monkeypatch.context() as patch:
+            patch.setattr("mjsheaf.checking.links.DENSE_STATES", 0)
+            large = link_answers(system, path)
+        assert found is not None
+        assert large is not None
+        assert (large.stable, large.delay_margin) == (found.stable, found.delay_margin)
+        stable.append(large.stable)
+    assert set(stable) == {True, False}
+    raw["links"] = {"all": {"loss": 0.2, "noise": 0.1}}
+    monkeypatch.setattr("mjsheaf.checking.links.DENSE_STATES", 0)
+    lossy = link_answers(scenario_from_mapping(raw).system, path)
+    assert lossy is not None
+    assert lossy.delay.stable
+    assert lossy.stable is None
+    for part in (lossy.loss, lossy.noise):
+        assert part is not None
+        assert "eigenvalues" in part.reason
 
 
 # -- noise -------------------------------------------------------------------------------------------------------------
@@ -350,13 +450,13 @@ def noisy(kind: str, seed: int, delay: Any, runs: int, steps: int, most: float) 
         assert (np.abs(rms[1:] - agent_rms) < 4.0 * error[1:]).all()  # of many agents, some are beyond three
 
 
-@pytest.mark.parametrize("delay", [pytest.param(0, marks=pytest.mark.slow), 2])
-@pytest.mark.parametrize("kind", ["paper", "all"])
+@pytest.mark.parametrize("delay", [slow(0), 2])
+@pytest.mark.parametrize("kind", ["paper", slow("all")])
 def test_the_errors_that_noise_makes(kind: str, delay: int) -> None:
     noisy(kind, 11, delay, runs=200, steps=1200, most=0.01)
 
 
-@pytest.mark.parametrize("kind", ["paper", "newton", "integral"])
+@pytest.mark.parametrize("kind", [slow("paper"), "newton", slow("integral")])
 def test_the_errors_that_noise_makes_with_unlike_delays(kind: str) -> None:
     noisy(kind, 11, np.array([0, 3, 1, 2]), runs=200, steps=1200, most=0.01)
 
@@ -384,8 +484,8 @@ def test_noise_of_the_papers_law_in_closed_form() -> None:
     assert found.command == pytest.approx(np.sqrt(np.trace(U)), rel=1e-10)
 
 
-@pytest.mark.parametrize("delay", [pytest.param(0, marks=pytest.mark.slow), 2])
-@pytest.mark.parametrize("kind", TERMS)
+@pytest.mark.parametrize("delay", [slow(0), 2])
+@pytest.mark.parametrize("kind", ["paper", "drift", *map(slow, ("feedforward", "newton", "integral", "all"))])
 def test_the_mean_that_biases_make(kind: str, delay: int) -> None:
     raw = TERMS[kind] | ({"odometry": {"bias": 0.02}} if kind in ("feedforward", "drift", "all") else {})
     system = resting(11, kind, share=0.1, controller=raw)
@@ -481,6 +581,29 @@ def test_the_rate_under_loss_is_that_of_all_patterns(seed: int, bursts: int) -> 
     assert found.stable == (factor < 1.0)
 
 
+@pytest.mark.parametrize(("kind", "late"), [("newton", 0), slow("paper", 1), slow("integral", 1), slow("all", 1)])
+def test_the_rate_under_loss_with_delay_and_terms_is_that_of_all_patterns(kind: str, late: int) -> None:
+    """The squares of the loop's matrix for each set of edges that are heard, weighted by its probability."""
+    tried = 0
+    for seed in SMALL:
+        system = resting(seed, kind, share=0.3)
+        E = len(measured_edges(system.team))
+        law, loss, delay = plain_law(system), chains(seed, E, 0), np.arange(E) % (late + 1)
+        M, L, C = team_loop(law, delay)
+        if len(M) > 14 or E > 6:
+            continue
+        tried += 1
+        found = answers(system, loss=loss, delay=delay).loss
+        assert found is not None
+        of = np.repeat(np.arange(E), [len(edge.D) for edge in law.edges])
+        whole = np.zeros((len(M) ** 2,) * 2)
+        for heard in itertools.product([0.0, 1.0], repeat=E):
+            A = M + L * np.array(heard)[of] @ C
+            whole += np.prod(np.where(heard, 1.0 - loss[:, 2], loss[:, 2])) * np.kron(A, A)
+        assert found.factor == pytest.approx(np.abs(np.linalg.eigvals(whole)).max(), abs=1e-8)
+    assert tried
+
+
 @pytest.mark.parametrize("bursts", [0, 2])
 @pytest.mark.parametrize("seed", SMALL[:2])
 def test_the_rate_under_loss_of_runs(seed: int, bursts: int) -> None:
@@ -522,7 +645,7 @@ def test_the_rate_under_loss_of_runs(seed: int, bursts: int) -> None:
         assert abs(seen[k].mean() / seen[0].mean() - expected) < 3.0 * error, k
 
 
-@pytest.mark.parametrize("bursts", [0, 2])
+@pytest.mark.parametrize("bursts", [slow(0), 2])
 @pytest.mark.parametrize("seed", SMALL[:1])
 def test_noise_under_loss(seed: int, bursts: int) -> None:
     """Of the measurements that arrive, against runs, and by all patterns to the last digits."""
@@ -555,7 +678,7 @@ def test_noise_under_loss(seed: int, bursts: int) -> None:
 
 @pytest.mark.parametrize(
     ("kind", "late"),
-    [("paper", 0), ("paper", 2), ("newton", 1), pytest.param("integral", 1, marks=pytest.mark.slow)],
+    [slow("paper", 0), slow("paper", 2), ("newton", 1), slow("integral", 1)],
 )
 def test_loss_with_delay_and_terms(kind: str, late: int) -> None:
     """Noise and second moments against runs with unlike delays; the factor is their growth."""
@@ -611,7 +734,7 @@ def test_what_is_not_known_is_null_with_a_reason(kind: str) -> None:
         assert fields.pop("reason")
         assert not fields.pop("linearised", False)
         assert not any(fields.values())
-    assert found.stable == (found.delay.stable is not False)
+    assert found.stable is None
     calm = answers(system)
     assert calm.loss is None
     assert calm.noise is None
@@ -664,6 +787,102 @@ def test_what_check_says_of_noise_is_what_a_run_has(links: dict[str, Any], contr
     rms, error = np.sqrt(squares.mean()), squares.std(ddof=1) / np.sqrt(60) / (2.0 * np.sqrt(squares.mean()))
     assert error < 0.01 * rms
     assert abs(rms - known(found.noise.error)) < 3.0 * error
+
+
+def checked(links: dict[str, Any], **fields: Any) -> dict[str, Any]:
+    """The record of a plain team over links."""
+    found: dict[str, Any] = check(scenario_from_mapping({**plain_team(False), "links": links, **fields}))
+    return found
+
+
+def test_the_fields_that_others_rely_on() -> None:
+    links = checked({"all": {"noise": 0.1, "delay": 0.02, "loss": 0.25}})["links"]
+    assert links["stable"] is True
+    assert links["delay_margin"] == links["delay"]["margin"] > 0.02
+    assert links["noise_rms"] == links["noise"]["error"] > 0.0
+    assert links["mean_square_rate"] == links["loss"]["rate"] > 0.0
+    assert links["delivery"] == {"communication": 0.75, "sensing": 0.75}
+    assert not links["exact"]
+    bursts = {"kind": "gilbert_elliott", "to_bad": 0.1, "to_good": 0.3, "loss_good": 0.05, "loss_bad": 0.9}
+    exact = checked({"sensing": {"loss": bursts}})["links"]["delivery"]
+    assert exact == {"communication": 1.0, "sensing": pytest.approx(1.0 - 0.25 * 0.9 - 0.75 * 0.05)}
+    assert checked({})["links"]["exact"]
+
+
+@pytest.mark.parametrize(
+    ("links", "bodies"),
+    [
+        ({"delay": 0.02}, None),
+        pytest.param({"noise": 0.1}, True, marks=pytest.mark.slow),
+        pytest.param({"loss": 0.1}, None, marks=pytest.mark.slow),
+        pytest.param({"range": 90.0}, None, marks=pytest.mark.slow),
+    ],
+)
+def test_no_bound_is_claimed_over_links_that_are_not_exact(links: dict[str, Any], bodies: bool | None) -> None:
+    """Not by Theorem 1, of the held law, or of other laws; and no loop of bodies with late or lost measurements."""
+    plain, found = checked({}), checked({"all": links})
+    assert plain["theorem"]["applies"]
+    assert plain["law"]["radius"] > 0.0
+    assert plain["proposals"]
+    assert plain["margins"]["bodies"]["stable"]
+    assert not found["theorem"]["applies"]
+    assert "links are not exact" in found["theorem"]["reason"]
+    assert found["theorem"]["weaker"]["radius"] is None
+    assert not found["region"]["verified"]
+    for name in ("radius", "between", "largest", "command", "unlimited"):
+        assert found["law"][name] is None
+    assert "links are not exact" in found["law"]["reason"]
+    assert found["proposals"] == []
+    assert found["margins"]["bodies"]["stable"] is bodies
+    assert found["ok"]
+
+
+@pytest.mark.parametrize("term", ["feedforward", "newton"])
+def test_rounds_that_are_late_or_lost_are_undecided(term: str) -> None:
+    """Neither loop nor bound nor noise is known, and no law is proposed, whose bound would be of prompt rounds."""
+    team = plain_team(False, **{term: {"rounds": 2}})
+    for rounds in ({"delay": 0.04}, {"loss": 0.2}):
+        found = check(scenario_from_mapping({**team, "links": {"sensing": {"noise": 0.1}, "rounds": rounds}}))
+        assert found["law"]["stable"] is None
+        assert found["law"]["radius"] is None
+        assert found["links"]["stable"] is None
+        assert found["links"]["noise_rms"] is None
+        assert found["margins"]["bodies"]["stable"] is None
+        assert found["proposals"] == []
+        assert found["ok"]  # null alone fails nothing
+
+
+def test_links_beyond_range_are_undecided() -> None:
+    """At q* the agents are 11.4 m apart, at the start of a run that begins elsewhere 30 m."""
+    near, far = {"communication": {"range": 12.0}}, {"communication": {"range": 11.0}}
+    assert checked(near)["links"]["stable"] is True
+    assert "within range" in checked(near)["links"]["assumed"]
+    team = plain_team(False)
+    away = [{**team["agents"][0], "position": [27.0, -5.0]}, team["agents"][1]]
+    for links, fields, why in ((far, {}, "at the start"), (near, {"agents": away}, "at the start")):
+        found = checked(links, **fields)
+        assert found["links"]["stable"] is None
+        assert why in found["links"]["delay"]["reason"]
+        assert found["ok"]  # null alone fails nothing
+
+
+def test_losses_decide_where_there_are_any() -> None:
+    """Of a delay that is too long, with which the loop without losses is unstable, bursts leave nothing decided."""
+    bursts = {"kind": "gilbert_elliott", "to_bad": 0.1, "to_good": 0.3}
+    found = checked({"all": {"delay": 0.6, "loss": bursts}}, controller={"gain": 3.0, "control_period": 0.02})["links"]
+    assert found["delay"]["stable"] is False
+    assert found["stable"] is None
+    lost = checked({"all": {"delay": 0.3, "loss": 0.01}}, controller={"gain": 3.0, "control_period": 0.02})["links"]
+    assert lost["stable"] is False
+
+
+@pytest.mark.parametrize(("delay", "stable"), [(0.01, True), (0.02, False)])
+def test_the_exit_code_is_that_of_the_links_too(delay: float, stable: bool, capsys: pytest.CaptureFixture[str]) -> None:
+    with nullcontext() if stable else pytest.raises(NotHeldError, match="over its links the law is unstable; it bears"):
+        check_command("paper", [f"links.all.delay={delay}"], True)
+    record = json.loads(capsys.readouterr().out)
+    assert record["ok"] is stable
+    assert record["links"]["stable"] is stable
 
 
 @pytest.mark.slow

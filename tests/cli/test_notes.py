@@ -37,7 +37,7 @@ def found_in(scenario: Scenario, backend: str = "physics") -> dict[str, Any]:
     """The notes of a run by kind."""
     phases, result = scenario.phases, simulate(scenario, backend=backend)
     theorem, ending = bound_of_run(phases, result), ending_of_run(phases, result)
-    notes = notes_of_run(phases, result, ending, theorem, held_bound_of_run(phases, result, theorem), None)
+    notes = notes_of_run(phases, result, ending, [theorem, held_bound_of_run(phases, result, theorem)], None)
     assert len({note.kind for note in notes}) == len(notes)
     return {note.kind: note for note in notes}
 

@@ -1,0 +1,282 @@
+"""The law with measurements as old as they are, on ideal kinematics: stable or not, and up to which delay.
+
+A measurement that is d periods old is met by odometry of the same age, so that feedforward and the drift's observer
+stay outside the loop: they carry noise into it, and nothing back. In each eigenvector of H, with e = q* - q and the
+symbols of `held_law`,
+
+    s_k = alpha (e_{k-d} - n_k / lambda) + c s_{k-1},    z_{k+1} = z_k - h lambda e_{k-d} + h n_k,
+    e_{k+1} = e_k - h (k1 s_k - k_I z_k + v_k + lead (v_k - v_{k-1}) - phi_k),
+
+where n is the noise of eta, and v and phi are what feedforward and observer make of noise alone.
+
+The loop is 1 + L(z) z^-d = 0 in each mode, L that of the loop without delay, whose poles lie on z = 1 or inside the
+circle. Where |L| = 1 at one frequency theta only, the loop is stable up to d theta = pi + arg L there, and unstable
+from there on (Nyquist). Of the paper's law that is k1 h lambda < 2 sin(pi / (2 (2 d + 1))).
+
+Where the edges of the paper's law have unlike delays up to d, that with lambda_max suffices. A root z = exp(i theta) of
+the team's loop, with x its vector and w_e = k1 h x* H_e x >= 0, has sum w_e cos(theta (d_e + 1/2)) = 0 and
+sum w_e sin(theta (d_e + 1/2)) = 2 sin(theta / 2). The first takes theta >= pi / (2 d + 1), so that by the second
+sum w_e >= 2 sin(pi / (2 (2 d + 1))), while sum w_e <= k1 h lambda_max. So no root crosses the circle as the gain rises
+from a small one, with which the loop is stable.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.polynomial.chebyshev import chebroots
+from pydantic import Field
+
+from mjsheaf.arrays import Array, BoolArray, IntArray
+from mjsheaf.checking.held_law import Loop, UndecidedError, residual_polynomial
+from mjsheaf.checking.linked_law import LinkedLaw
+from mjsheaf.control.terms import TermArrays
+from mjsheaf.io.section import Finite, Record
+
+MOST_STATES = 900  # of a matrix whose eigenvalues are found
+MOST_WORK = 3e10  # modes times states cubed, of eigenvalues or of covariances
+_MOST_SCANNED = 200  # periods of delay that are tried one by one
+_ROUNDING = 1e-9  # of a spectral radius: closer to 1 nothing is decided
+
+
+class DelayAnswer(Record):
+    """The loop with measurements as old as they are, all of which arrive."""
+
+    delay: Finite = Field(None, description="of the oldest measurements, s; null where not known")
+    stable: bool | None = Field(None, description="null where undecided: see reason")
+    spectral_radius: Finite = Field(None, description="of a period, with these delays; null where not computed")
+    margin: Finite = Field(
+        None,
+        description="largest delay of all links alike, in whole periods, up to which the loop is stable, s; null where "
+        "it is unstable without delay, or undecided",
+    )
+    reason: str = Field(description="why a number is missing, or empty")
+
+
+@dataclass(frozen=True)
+class DelayedLoop:
+    """The loop per eigenvalue of H with measurements d periods old, and how noise enters it.
+
+    The state holds e_k, ..., e_{k-d}, then s and z where the law has them, then what makes feedforward and drift of
+    noise; the inputs are the noise of eta, that of B p', what odometry adds to that, and that of odometry.
+
+    Attributes:
+        loop: without delay.
+        terms: of the law.
+        delay: d, in periods.
+    """
+
+    loop: Loop
+    terms: TermArrays
+    delay: int
+
+    @cached_property
+    def _names(self) -> list[str]:
+        """The states, those of the loop itself first."""
+        d, terms = self.delay, self.terms
+        names = [f"e{j}" for j in range(d + 1)] + ["s"] * (terms.newton > 0) + ["z"] * (terms.integral > 0.0)
+        if terms.feedforward:
+            names += ["rate", "v", "sensed", *(f"odometry{j}" for j in range(1, d + 1))]
+        return names + ["drift"] * (terms.drift > 0.0)
+
+    @cached_property
+    def matrices(self) -> tuple[Array, Array, Array]:
+        """M and G of x+ = M x + G u, and rows that give the command of x and u: (L, n, n), (L, n, 4), (L, n + 4)."""
+        loop, terms, d, values, names = self.loop, self.terms, self.delay, self.loop.values, self._names
+        h, n, L = loop.period, len(names), len(values)
+
+        def unit(name: str) -> Array:
+            row = np.zeros((L, n + 4))
+            if name in names:
+                row[:, names.index(name)] = 1.0
+            return row
+
+        def given(i: int) -> Array:
+            row = np.zeros((L, n + 4))
+            row[:, n + i] = 1.0
+            return row
+
+        def each(number: Array) -> Array:
+            return number[:, None]
+
+        eta = each(-values) * unit(f"e{d}") + given(0)
+        s = each(-loop.alpha / values) * eta + each(loop.c) * unit("s")
+        command, new = loop.gain * s - loop.integral * unit("z"), {"s": s, "z": unit("z") + h * eta}
+        if terms.feedforward:
+            c, lead = residual_polynomial(values, terms.feedforward, *terms.eigenvalues), float(terms.lead[0])
+            moved = unit(f"odometry{d}") if d else given(2)
+            rate = unit("rate") + terms.measured * ((given(1) - unit("sensed") + moved) / h - unit("rate"))
+            v = each(c) * unit("v") + each((1.0 - c) / values) * rate
+            command = command + v + lead * (v - unit("v"))
+            new |= {"rate": rate, "v": v, "sensed": given(1), "odometry1": given(2)}
+            new |= {f"odometry{j}": unit(f"odometry{j - 1}") for j in range(2, d + 1)}
+        if terms.drift > 0.0:
+            new["drift"] = unit("drift") + terms.drift * (given(3) / h - unit("drift"))
+            command = command - new["drift"]
+        new |= {"e0": unit("e0") - h * command} | {f"e{j}": unit(f"e{j - 1}") for j in range(1, d + 1)}
+        rows = np.stack([new[name] for name in names], axis=1)
+        return rows[..., :n], rows[..., n:], command
+
+    @property
+    def own(self) -> Array:
+        """The matrices of the loop itself, shape (L, n, n)."""
+        n = self.delay + 1 + (self.terms.newton > 0) + (self.terms.integral > 0.0)
+        return self.matrices[0][:, :n, :n]
+
+    @cached_property
+    def radius(self) -> float:
+        """The largest spectral radius of the loop itself."""
+        return float(np.abs(np.linalg.eigvals(self.own)).max())
+
+
+def team_loop(law: LinkedLaw, delay: IntArray, most: int = MOST_STATES) -> tuple[Array, Array, Array]:
+    """The loop of the whole team with a delay for each edge, in periods: x+ = (M + L C) x, m rows of C for m numbers.
+
+    The states are e_k, e_{k-1}, ..., then s and z where the law has them; C x is D_e e_{k-d} of each edge.
+
+    Raises:
+        UndecidedError: it has more than `most` states.
+    """
+    loop, terms, vectors = law.loop, law.terms, law.vectors
+    n, d, h = len(vectors), int(delay.max(initial=0)), loop.period
+    newton, integral = terms.newton > 0, terms.integral > 0.0
+    if (size := n * (d + 1 + newton + integral)) > most:
+        raise UndecidedError(f"with unlike delays, or losses, the loop has {size} states; up to {most} are looked at")
+    m, begin = sum(len(edge.D) for edge in law.edges), 0
+    C, pulled = np.zeros((m, size)), np.zeros((n, m))
+    for edge, age in zip(law.edges, delay.tolist(), strict=True):
+        rows = slice(begin, begin := begin + len(edge.D))
+        C[rows, n * age + edge.slots] = edge.D
+        pulled[edge.slots, rows] = edge.pull
+    e, s, z = slice(0, n), slice(n * (d + 1), n * (d + 2)), slice(size - n, size)
+    M, L = np.zeros((size, size)), np.zeros((size, m))
+    M[n : n * (d + 1), : n * d] = np.eye(n * d)
+    M[e, e] += np.eye(n)
+    climbed = vectors * (loop.alpha / loop.values) @ vectors.T @ pulled
+    L[e] = -h * loop.gain * climbed
+    if newton:
+        kept = vectors * loop.c @ vectors.T
+        M[e, s], M[s, s], L[s] = -h * loop.gain * kept, kept, climbed
+    if integral:
+        M[e, z], M[z, z], L[z] = h * loop.integral * np.eye(n), np.eye(n), -h * pulled
+    return M, L, C
+
+
+def spectral_radius(law: LinkedLaw, delay: IntArray) -> float:
+    """Of the loop with a delay for each edge, in periods.
+
+    Raises:
+        UndecidedError: it has too many states.
+    """
+    d = int(delay.max(initial=0))
+    if (delay == d).all():
+        if len(law.vectors) * (d + 3.0) ** 3 > MOST_WORK / 25.0 or d + 3 > MOST_STATES:
+            raise UndecidedError(f"with {d} periods of delay each of {len(law.vectors)} modes has too many states")
+        return DelayedLoop(law.loop, law.terms, d).radius
+    M, L, C = team_loop(law, delay)
+    return float(np.abs(np.linalg.eigvals(M + L @ C)).max())
+
+
+def is_stable(radius: float) -> bool | None:
+    """What a spectral radius says; None where it is too close to 1."""
+    return None if abs(radius - 1.0) < _ROUNDING else radius < 1.0
+
+
+def papers_limit(product: float) -> int | None:
+    """The largest delay in periods with which the paper's law is stable, from k1 h lambda_max; None without any."""
+    if not 0.0 < product < 2.0 - _ROUNDING:
+        return None
+    return int(np.ceil(0.25 * np.pi / np.arcsin(0.5 * product) - 0.5 - _ROUNDING)) - 1
+
+
+def alike_limit(law: LinkedLaw) -> int | None:
+    """The largest delay of all edges alike, in periods, up to which the loop is stable, and from which on it is not.
+
+    None where it is unstable without delay, and where a mode has several frequencies at which |L| = 1.
+    """
+    if law.paper:
+        return papers_limit(law.loop.gain * law.loop.period * float(law.loop.values[-1]))
+    limits = [_limit(law.loop, one) for one in range(len(law.loop.values))] if is_stable(law.loop.radius) else [None]
+    known = [limit for limit in limits if limit is not None]
+    return int(np.ceil(min(known) - _ROUNDING)) - 1 if len(known) == len(limits) else None
+
+
+def largest_delay(law: LinkedLaw) -> int | None:
+    """The largest delay of all links in periods up to which the loop is stable; None where it is unstable without.
+
+    Raises:
+        UndecidedError: it is not known.
+    """
+    if not is_stable(law.loop.radius):
+        return None
+    alike, linked, n = alike_limit(law), np.array([edge.linked for edge in law.edges]), len(law.vectors)
+    if alike is not None and linked.all():
+        return alike
+    known, work = alike if alike is not None and law.paper else 0, 0.0
+    for d in range(known + 1, _MOST_SCANNED):
+        work += n * (d + 3.0) ** 3 if linked.all() else (n * (d + 3.0)) ** 3
+        if work > MOST_WORK:
+            break
+        if not is_stable(spectral_radius(law, d * linked)):
+            return d - 1
+        known = d
+    raise UndecidedError(f"the loop is stable with any delay up to {known} periods; more are not looked at")
+
+
+def _limit(loop: Loop, one: int) -> float | None:
+    """The delay, in periods, with which a mode is no more stable; None where |L| is 1 at several frequencies."""
+    h, k, value, alpha, c = loop.period, loop.gain, loop.values[one], loop.alpha[one], loop.c[one]
+    below, above = np.array([1.0, -1.0 - c, c]), np.array([0.0, h * k * alpha, 0.0])  # of L, powers of z descending
+    if loop.integral > 0.0:
+        below = np.convolve(below, [1.0, -1.0])
+        above = np.convolve(above[1:], [1.0, -1.0])
+        above = np.concatenate([[0.0], above]) + h * h * loop.integral * value * np.array([0.0, 0.0, 1.0, -c])
+    square = [np.correlate(p, p, "full")[len(p) - 1 :] for p in (below, above)]
+    series = (square[0] - square[1]) * np.concatenate([[1.0], np.full(len(below) - 1, 2.0)])
+    roots = chebroots(np.trim_zeros(series, "b"))
+    cosines = roots[(np.abs(roots.imag) < _ROUNDING) & (np.abs(roots.real) < 1.0)].real
+    if len(cosines) != 1:
+        return None
+    theta = float(np.arccos(cosines[0]))
+    z = np.exp(1j * theta)
+    L = np.polyval(above, z) / np.polyval(below, z)
+    return float(((np.angle(L) + np.pi) % (2.0 * np.pi)) / theta)
+
+
+def papers_answer(gain: float, period: float, largest: float, delay: IntArray, linked: BoolArray) -> DelayAnswer:
+    """What lambda_max alone says of the paper's law, 1/s and s, with a delay in periods for each edge."""
+    d, limit = int(delay.max(initial=0)), papers_limit(gain * period * largest)
+    enough = limit is not None and d <= limit
+    decided = enough or bool((delay == d).all())
+    reason = "" if decided and linked.all() else "edges have unlike delays, anchors none, and H is large"
+    margin = None if limit is None or not linked.all() else limit * period
+    stable = enough if decided else None
+    return DelayAnswer(delay=d * period, stable=stable, margin=margin, reason=reason)
+
+
+def delay_answer(law: LinkedLaw) -> DelayAnswer:
+    """The loop with the delays of its links."""
+    delay, h = law.links.delay, law.loop.period
+    d = int(delay.max(initial=0))
+    found: dict[str, Any] = {}
+    reason, limit = "", None
+    try:
+        limit = largest_delay(law)
+        if limit is None:
+            reason = "the loop is unstable without delay"
+        else:
+            found["margin"] = limit * h
+    except UndecidedError as error:
+        reason = str(error)
+    try:
+        found["spectral_radius"] = spectral_radius(law, delay)
+        found["stable"] = is_stable(found["spectral_radius"])
+    except UndecidedError as error:
+        alike = bool((delay == d).all())
+        if limit is not None and d <= limit and (law.paper or alike):
+            found["stable"] = True
+        elif alike and (most := alike_limit(law)) is not None:
+            found["stable"] = d <= most
+        reason = reason or str(error) * ("stable" not in found)
+    return DelayAnswer(delay=d * h, reason=reason, **found)

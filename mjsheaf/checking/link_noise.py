@@ -1,0 +1,138 @@
+"""The stationary errors that noise of links and of odometry makes, exactly.
+
+Noise is white in time, so that the covariance of the states P = M P M^T + G U G^T, between each pair of modes of
+`delay`: summed up by doubling. Where delays are unlike or measurements are lost, that of the whole team: see `loss`.
+"""
+
+import numpy as np
+from pydantic import Field
+
+from mjsheaf.arrays import Array
+from mjsheaf.checking.delay import MOST_WORK, DelayedLoop
+from mjsheaf.checking.held_law import UndecidedError
+from mjsheaf.checking.linked_law import LinkedLaw
+from mjsheaf.checking.loss import moments_of
+from mjsheaf.io.section import Finite, Record
+from mjsheaf.team import Team
+
+_CHUNK = 4_000_000  # numbers of covariances at once
+_SMALLEST = 1e-12  # of a power of a stable matrix: what it adds to a covariance is lost
+
+
+class AgentNoise(Record):
+    """What noise alone does to an agent."""
+
+    agent: str
+    error: float = Field(description="RMS of |e_i| about its mean, m")
+    command: float = Field(description="RMS of the command, m/s")
+
+
+class NoiseAnswer(Record):
+    """The stationary errors that noise and bias of links and of odometry make, at samples.
+
+    They add to those of targets' motion, flow and losses: means to means, and squares of the RMS to squares.
+    """
+
+    mean: Finite = Field(None, description="|mean of e| of the team, by biases, m; null: see reason")
+    error: Finite = Field(None, description="RMS of |e| of the team about its mean, m; null: see reason")
+    command: Finite = Field(None, description="RMS of the commands of the team, 2-norm, m/s; null: see reason")
+    agents: list[AgentNoise] = Field(description="each agent, in order; empty where there is no answer")
+    linearised: bool = Field(
+        description="noise of range and bearing is linearised along q*, in space in bodies that face along q*: to its "
+        "second order, and in space as far as the noise itself does not turn them"
+    )
+    reason: str = Field(description="why a number is missing, or empty")
+
+
+def noise_answer(law: LinkedLaw, team: Team) -> NoiseAnswer:
+    """What noise of measurements and odometry does in the long run, nobody being clipped."""
+    linearised = law.links.linearised
+    try:
+        (error, command), mean = noise_variances(law), mean_error(law)
+    except UndecidedError as why:
+        return NoiseAnswer(agents=[], linearised=linearised, reason=str(why))
+    first = team.first_state
+    each = np.sqrt(np.add.reduceat([error, command], first[:-1], axis=1))
+    return NoiseAnswer(
+        mean=np.linalg.norm(mean),
+        error=np.sqrt(error.sum()),
+        command=np.sqrt(command.sum()),
+        agents=[
+            AgentNoise(agent=id, error=e, command=u) for id, (e, u) in zip(team.agent_ids, each.T.tolist(), strict=True)
+        ],
+        linearised=linearised,
+        reason="",
+    )
+
+
+def mean_error(law: LinkedLaw) -> Array:
+    """The mean of e that biases make, shape (n,), m: where neither eta nor the command has a mean.
+
+    Raises:
+        UndecidedError: measurements with a bias are lost.
+    """
+    loop, vectors, links, terms = law.loop, law.vectors, law.links, law.terms
+    if links.lossy.any() and any(bias.any() for bias in links.bias):
+        raise UndecidedError("measurements with a bias are lost")
+    eta, sensed = np.zeros((2, len(vectors)))
+    for edge, bias in zip(law.edges, links.bias, strict=True):
+        eta[edge.slots] += edge.pull @ bias
+        sensed[edge.slots] += edge.sensing * terms.bias * edge.H.sum(axis=1)
+    added = vectors.T @ sensed / loop.values * (terms.feedforward > 0)
+    if terms.drift > 0.0:
+        added -= terms.bias * vectors.sum(axis=0)
+    if terms.integral > 0.0:
+        added[:] = 0.0  # the integral takes it up
+    slow = loop.alpha / (1.0 - loop.c) if terms.newton else loop.values  # s of a constant e
+    return np.asarray(vectors @ (vectors.T @ eta / loop.values - added / (loop.gain * slow)))
+
+
+def noise_variances(law: LinkedLaw) -> tuple[Array, Array]:
+    """Stationary variances of e, m^2, and of the command, m^2/s^2, of each state of q, shape (n,) each.
+
+    Raises:
+        UndecidedError: they are not known, and why.
+    """
+    links, terms, n, Q = law.links, law.terms, len(law.vectors), law.vectors
+    pulled = [edge.pull @ noise @ edge.pull.T for edge, noise in zip(law.edges, links.noise, strict=True)]
+    unlike = bool((links.delay != links.delay[:1]).any())
+    if links.lossy.any() or unlike:
+        if terms.feedforward or terms.drift > 0.0:
+            what = "measurements are lost" if links.lossy.any() else "delays are unlike"
+            raise UndecidedError(f"{what}, and the law has feedforward or drift")
+        return moments_of(law).variances(pulled)
+    delayed = DelayedLoop(law.loop, terms, int(links.delay.max(initial=0)))
+    M, G, command = delayed.matrices
+    states, inputs = G.shape[1:]
+    if n * n * states**3 > MOST_WORK:
+        raise UndecidedError(f"{n} modes of {states} states each have too many covariances")
+    if not delayed.radius < 1.0:
+        raise UndecidedError("the loop is unstable")
+    sensing = [edge.sensing for edge in law.edges]
+    eta, rate = (Q.T @ law.spread(parts) @ Q for parts in (pulled, list(map(np.multiply, sensing, pulled))))
+    S = Q.T @ law.spread([edge.sensing * edge.H for edge in law.edges]) @ Q
+    U = np.zeros((n, n, inputs, inputs))
+    U[..., 0, 0], U[..., 1, 1] = eta, rate
+    U[..., 0, 1] = U[..., 1, 0] = -rate  # a sensing agent is the tail: -F^T K in eta, F^T K in B p'
+    U[..., 2, 2], U[..., 3, 3] = terms.noise**2 * S @ S, terms.noise**2 * np.eye(n)
+    U[..., 2, 3] = U[..., 3, 2] = terms.noise**2 * S
+    of_state, of_input = command[:, :states], command[:, states:]
+    moments = np.zeros((2, n, n))
+    step = max(1, _CHUNK // (n * states * states))
+    for begin in range(0, n, step):
+        rows = slice(begin, begin + step)
+        P = _stationary(M[rows], M, np.einsum("aik,abkl,bjl->abij", G[rows], U[rows], G, optimize=True))
+        moments[0, rows] = P[..., 0, 0]
+        moments[1, rows] = np.einsum("ai,abij,bj->ab", of_state[rows], P, of_state, optimize=True)
+        moments[1, rows] += np.einsum("ai,abij,bj->ab", of_input[rows], U[rows], of_input, optimize=True)
+    error, asked = np.einsum("ia,cab,ib->ci", Q, moments, Q, optimize=True)
+    return np.maximum(error, 0.0), np.maximum(asked, 0.0)
+
+
+def _stationary(A: Array, B: Array, W: Array) -> Array:
+    """P_ab = A_a P_ab B_b^T + W_ab by doubling, for stable A (k, n, n), B (L, n, n) and W (k, L, n, n)."""
+    P = W
+    while np.abs(A).max() * np.abs(B).max() > _SMALLEST:
+        P = P + A[:, None] @ P @ B[None].swapaxes(-1, -2)
+        A, B = A @ A, B @ B
+    return P
