@@ -33,8 +33,10 @@ class LinkRecord(Record):
         description="with the delays of the links, and where measurements are lost in mean square; null: undecided"
     )
     delay_margin: Finite = Field(description="that of `delay`, s")
-    noise_rms: Finite = Field(description="RMS of |e| of the team that noise makes, m; null without noise")
-    mean_square_rate: Finite = Field(description="that of `loss`, 1/s; null without loss")
+    noise_rms: Finite = Field(description="RMS of |e| of the team that noise makes in the long run, m")
+    mean_square_rate: Finite = Field(
+        description="by which E|e|^2 falls in a period, in the long run: the spectral radius of X -> E[A X A^T]"
+    )
     delivery: dict[str, Finite] = Field(
         description="share of measurements that arrive in the long run, mean over a kind's edges, within range"
     )
@@ -57,7 +59,11 @@ def link_answers(system: System, path: TargetPath) -> LinkRecord | None:
             return _of_large_team(system, path)
         return answers_for(linked_law(system, path), team)
     except UndecidedError as error:
-        return _record(DelayAnswer(reason=str(error)), None, None, {}, "") if len(law.links.table) else None
+        if not len(law.links.table):
+            return None
+        why = str(error)
+        noise = NoiseAnswer(agents=[], linearised=False, reason=why)
+        return _record(DelayAnswer(reason=why), noise, LossAnswer(reason=why), {}, "")
 
 
 def answers_for(law: LinkedLaw, team: Team) -> LinkRecord:
@@ -106,14 +112,18 @@ def _record(
         exact=exact,
         stable=delay.stable if loss is None else loss.stable,
         delay_margin=delay.margin,
-        noise_rms=None if noise is None else noise.error,
-        mean_square_rate=None if loss is None else loss.rate,
+        noise_rms=0.0 if noise is None else noise.error,
+        mean_square_rate=_square(delay.spectral_radius) if loss is None else loss.factor,
         delivery=delivery,
         assumed=assumed,
         delay=delay,
         noise=noise,
         loss=loss,
     )
+
+
+def _square(radius: float | None) -> float | None:
+    return None if radius is None else radius**2
 
 
 def _strays(terms: TermArrays) -> bool:

@@ -800,13 +800,16 @@ def test_the_fields_that_others_rely_on() -> None:
     assert links["stable"] is True
     assert links["delay_margin"] == links["delay"]["margin"] > 0.02
     assert links["noise_rms"] == links["noise"]["error"] > 0.0
-    assert links["mean_square_rate"] == links["loss"]["rate"] > 0.0
+    assert 0.0 < links["mean_square_rate"] == links["loss"]["factor"] < 1.0
     assert links["delivery"] == {"communication": 0.75, "sensing": 0.75}
     assert not links["exact"]
     bursts = {"kind": "gilbert_elliott", "to_bad": 0.1, "to_good": 0.3, "loss_good": 0.05, "loss_bad": 0.9}
     exact = checked({"sensing": {"loss": bursts}})["links"]["delivery"]
     assert exact == {"communication": 1.0, "sensing": pytest.approx(1.0 - 0.25 * 0.9 - 0.75 * 0.05)}
-    assert checked({})["links"]["exact"]
+    plain = checked({})["links"]
+    assert plain["exact"]
+    assert plain["noise_rms"] == 0.0
+    assert plain["mean_square_rate"] == pytest.approx(checked({})["law"]["spectral_radius"] ** 2)
 
 
 @pytest.mark.parametrize(
