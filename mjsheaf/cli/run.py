@@ -23,10 +23,7 @@ from mjsheaf.cli.terminal import make_console, make_table, print_lines, print_no
 from mjsheaf.errors import InputError, MjsheafError, PlaceError, UnstableError, in_field
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from mjsheaf.runs.publish import Outcome
-    from mjsheaf.scenario import Scenario
 
 
 def run(
@@ -202,7 +199,7 @@ def video(
     What is not given is taken from the run's scenario.
     """
     changes = {k: v for k, v in locals().items() if k not in ("directory", "out")}
-    from mjsheaf.results.store import enclosing_run, open_run, save_summary
+    from mjsheaf.results.store import enclosing_run, open_run, require_match, save_summary
     from mjsheaf.runs.publish import video_entry
     from mjsheaf.scenario import load_scenario
     from mjsheaf.video import available_backend
@@ -210,7 +207,7 @@ def video(
 
     with open_run(directory) as (dataset, summary):
         scenario = load_scenario(directory / "scenario.yaml")
-        _require_match(directory, scenario, dataset)
+        require_match(directory, scenario, dataset)
         options = video_options(scenario, **changes)
         own = directory / "video.mp4"
         path = own if out is None else out
@@ -228,26 +225,3 @@ def video(
     if path.resolve() == own.resolve():
         save_summary({**summary, "video": video_entry(frames, options)}, directory / "summary.json")
     print(f"{path}: {frames} frames, {options.width}x{options.height} at {options.fps:g} frames a second")
-
-
-def _require_match(directory: Path, scenario: "Scenario", dataset: "xr.Dataset") -> None:
-    """Refuse a run whose data are not those of its scenario.
-
-    Raises:
-        InputError: naming the directory and what differs.
-    """
-    backend = dataset.attrs.get("backend")
-    drawn = {"time", "agent", "target", "agent_position", "target_position", "harmonic_extension", "disagreement"}
-    if backend == "physics":
-        drawn |= {"agent_orientation", "target_orientation", "agent_height", "target_height"}
-    missing = sorted(drawn - set(dataset.variables))
-    if missing or backend not in ("physics", "ideal") or "status" not in dataset.attrs:
-        what = missing[0] if missing else "backend or status"
-        raise InputError(f"{directory}: result.nc is not that of a run: it has no {what}")
-    for kind, members in (("agent", scenario.agents), ("target", scenario.targets)):
-        place = dataset[f"{kind}_position"].isel(time=0).transpose(kind, "axis").notnull()
-        found = dict(zip(map(str, dataset[kind].values), place.sum("axis").values.tolist(), strict=True))
-        if found != {m.id: len(m.position) for m in members}:
-            raise InputError(
-                f"{directory}: result.nc and scenario.yaml do not match: their {kind}s differ; run the scenario again"
-            )
