@@ -1,4 +1,4 @@
-"""`mjsheaf run`, `mjsheaf video` and `mjsheaf expect`."""
+"""`mjsheaf run`, `mjsheaf video`, `mjsheaf report` and `mjsheaf expect`."""
 
 from functools import partial
 from pathlib import Path
@@ -49,11 +49,11 @@ def run(
     ] = None,
     quality: QualityOption = None,
 ) -> None:
-    """Simulate a scenario and leave data, plots and a video.
+    """Simulate a scenario and leave data, plots, a page to look at and a video.
 
-    Writes result.nc, summary.json, scenario.yaml, errors.png, trajectories.png, configurations.png and video.mp4 into
-    the directory (runs/NAME-BACKEND unless given), all at once when done. Refuses, with exit code 1, a team in which
-    some agent is free to drift.
+    Writes result.nc, summary.json, scenario.yaml, errors.png, trajectories.png, configurations.png, report.html and
+    video.mp4 into the directory (runs/NAME-BACKEND unless given), all at once when done. Refuses, with exit code 1, a
+    team in which some agent is free to drift.
     """
     from mjsheaf.control.controller import load_controller
     from mjsheaf.runs.expecting import miss
@@ -225,3 +225,20 @@ def video(
     if path.resolve() == own.resolve():
         save_summary({**summary, "video": video_entry(frames, options)}, directory / "summary.json")
     print(f"{path}: {frames} frames, {options.width}x{options.height} at {options.fps:g} frames a second")
+
+
+def report(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="The directory of a finished run.")],
+    out: Annotated[Path | None, typer.Option(metavar="FILE", help="The page; report.html in DIR unless given.")] = None,
+) -> None:
+    """Write the page of a finished run again: one HTML file that replays it in any browser, offline."""
+    from mjsheaf.page import write_page_again
+    from mjsheaf.results.store import enclosing_run
+
+    own = directory / "report.html"
+    path = own if out is None else out
+    require_file_name("--out", path, ".html")
+    run = enclosing_run(path)
+    if run is not None and path.resolve() != own.resolve():
+        raise InputError(f"--out {path}: lies in {run}, a run's directory; expected {own}, or a place outside of runs")
+    print(write_page_again(directory, path))

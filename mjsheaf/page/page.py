@@ -31,8 +31,7 @@ _ARROWS = 12  # of the flow, along each side of the grid
 _REACH = 1.25  # of the grid, times the scene's size
 
 
-def write_page(
-    path: Path,
+def page_of(
     scenario: Scenario,
     phases: "Sequence[Phase]",
     dataset: xr.Dataset,
@@ -43,11 +42,10 @@ def write_page(
     notes: Sequence[Any] = (),
     ideal: xr.Dataset | None = None,
     again: str | None = None,
-) -> None:
-    """Write the page of a run.
+) -> bytes:
+    """The page of a run, as HTML.
 
     Args:
-        path: the file.
         scenario: what was run.
         phases: of the run.
         dataset: its data, in memory or opened.
@@ -55,10 +53,7 @@ def write_page(
         theorem, of_law: what the bounds say of the run.
         notes: what a reader should know: sentences, or mappings with `text`, and `agent` and `time` where they apply.
         ideal: the same scenario on ideal kinematics, shown as ghosts; or None.
-        again: the command that makes the directory again; None for that of a run.
-
-    Raises:
-        OSError: the file cannot be written.
+        again: the command that makes the run again, and where; None for that in a run's directory.
     """
     replay = pack(dataset, phases, scenario.scene.height, _bounds(phases, dataset, theorem, of_law), ideal)
     said = {
@@ -67,7 +62,7 @@ def write_page(
         "facts": _facts(scenario, dataset, summary, theorem, of_law, again),
         "notes": [note if isinstance(note, dict) else {"text": str(note)} for note in notes],
     }
-    write_whole(path, _fill(said, replay.data))
+    return _fill(said, replay.data)
 
 
 def write_page_again(directory: Path, path: Path | None = None) -> Path:
@@ -88,7 +83,8 @@ def write_page_again(directory: Path, path: Path | None = None) -> Path:
         phases = scenario.phases
         theorem = bound_of_run(phases, dataset)
         of_law = held_bound_of_run(phases, dataset, theorem)
-        write_page(path, scenario, phases, dataset, summary, theorem, of_law, notes=summary.get("notes", ()))
+        page = page_of(scenario, phases, dataset, summary, theorem, of_law, notes=summary.get("notes", ()))
+        write_whole(path, page)
     return path
 
 
@@ -205,7 +201,7 @@ def _facts(
             "page by": f"mjsheaf {__version__}",
             "MuJoCo": version("mujoco"),
         },
-        "command": again or f"mjsheaf run scenario.yaml --backend {backend}{controller}",
+        "command": again or f"mjsheaf run scenario.yaml --backend {backend}{controller}, in this run's directory",
     }
 
 

@@ -12,7 +12,7 @@ their sign in the lowest bit, byte plane by byte plane, then compress well; the 
 
 import base64
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -30,6 +30,7 @@ from mjsheaf.video.from_run import RecordedRun
 _TOLERANCE = 2e-4  # of the scene's size, by which a path may be missed
 _FEWEST, _MOST = 400, 3000  # samples
 _MOST_POSITIONS = 500_000  # vehicles times samples, where that allows _FEWEST
+_MOST_HELD = 6_000_000  # positions that are kept between passes over a run
 _OUTLIER = 100.0  # times the scene's size: what is farther out has blown up, and is drawn no farther
 _UNKNOWN = np.iinfo(np.int32).min
 _QUATERNION_STEP = 2.0**-13
@@ -143,19 +144,25 @@ def pack(
         bounds: by name, on the team's RMS tracking error at every sample of the run, shape (T,), m.
         ideal: the same scenario on ideal kinematics, shown as ghosts; or None.
     """
-    scene, bend = _survey(dataset, surface_height)
+    pieces = _Positions(dataset, surface_height)
+    scene, bend = _survey(pieces, dataset.sizes["time"], phases)
     rows = _kept(bend, scene.tolerance, dataset.sizes["agent"] + dataset.sizes["target"], _event_rows(phases))
     time = dataset["time"].values[rows]
-    recorded = RecordedRun(dataset, surface_height)
-    samples = recorded.at(time)
     step, packer = scene.tolerance / 4.0, Packer()
-    shown = packer.add_fixed("position", scene.confined(samples.positions), step)
-    packer.add_fixed("q_star", scene.confined(samples.harmonic_extension), step)
-    packer.add_fixed("quaternion", _continuous(samples.quaternions), _QUATERNION_STEP)
-    wanted = ["disagreement", "tracking_error", "velocity_command", "agent_flow"]
+    wanted = ["disagreement", "tracking_error", "velocity_command", "agent_flow", "harmonic_extension"]
     wanted += ["formation_error", "centering_error", "agent_saturation", "group_formation_error"]
-    wanted += ["group_centering_error", "heard"]
+    wanted += ["group_centering_error", "heard", "agent_orientation", "target_orientation"]
     own = _at_rows(dataset, [name for name in wanted if name in dataset], rows)
+    positions = _positions_at(pieces, rows)
+    shown = packer.add_fixed("position", scene.confined(positions), step)
+    q_star = own["harmonic_extension"].values
+    q_star = np.where(np.isnan(q_star), positions[:, : q_star.shape[1]] * [np.nan, np.nan, 1.0], q_star)
+    packer.add_fixed("q_star", scene.confined(q_star), step)
+    if dataset.attrs["backend"] == "physics":
+        attitude = np.concatenate([own[f"{kind}_orientation"].values for kind in ("agent", "target")], axis=1)
+    else:  # facing where they go
+        attitude = RecordedRun(dataset, surface_height).at(time).quaternions
+    packer.add_fixed("quaternion", _continuous(attitude), _QUATERNION_STEP)
     packer.add_float("disagreement", own["disagreement"].values)
     packer.add_float("tracking_error", own["tracking_error"].values)
     packer.add_float("speed", np.linalg.norm(np.nan_to_num(own["velocity_command"].values), axis=2))
@@ -165,7 +172,7 @@ def pack(
             packer.add_float(name, own[name].values)
     if "agent_saturation" in own:
         packer.add_fixed("saturation", own["agent_saturation"].values, 2.0**-7)
-    edges = _add_edges(packer, phases, samples.positions, own, rows)
+    edges = _add_edges(packer, phases, positions, own, rows)
     for k, values in enumerate(bounds.values()):
         packer.add_float(f"bound{k}", np.where(np.abs(values) < 1e30, values, np.nan)[rows])
     record: dict[str, Any] = {
@@ -175,45 +182,79 @@ def pack(
         "size": scene.size,
         "edges": edges,
         "bounds": list(bounds),
-        "largest_error": _largest_error(dataset, surface_height, scene, time, shown),
+        "largest_error": _largest_error(pieces, dataset["time"].values, scene, time, shown),
     }
     if ideal is not None:
         end = ideal["time"].values[-1]
         other = RecordedRun(ideal, surface_height).at(np.minimum(time, end)).positions
         packer.add_fixed("ghost", scene.confined(other), step)
         agents = dataset.sizes["agent"]
-        apart = np.linalg.norm((samples.positions - other)[:, :agents], axis=2)
+        apart = np.linalg.norm((positions - other)[:, :agents], axis=2)
         packer.add_float("apart", np.where(time[:, None] <= end + 1e-9, apart, np.nan))
     record["arrays"] = packer.index
     return Replay(record, packer.packed())
 
 
-def _positions(dataset: xr.Dataset, surface_height: float) -> Iterator[Array]:
-    """Positions of all vehicles, piece by piece, shape (n, V, 3), m, as `RecordedRun` has them."""
-    bodies = dataset.attrs["backend"] == "physics"
-    names = [f"{kind}_position" for kind in ("agent", "target")]
-    names += [f"{kind}_height" for kind in ("agent", "target")] if bodies else []
-    for piece in pieces_of(dataset, names):
-        places = np.concatenate([piece[name].values for name in names[:2]], axis=1)
-        if bodies:
-            places[..., 2] = np.concatenate([piece[name].values for name in names[2:]], axis=1)
-        else:
-            places[..., 2] = np.where(np.isnan(places[..., 2]), surface_height, places[..., 2])
-        yield places
+class _Positions:
+    """Positions of all vehicles, piece by piece, shape (n, V, 3), m, as `RecordedRun` has them.
+
+    Those of a run that is not long are read but once, and kept as 32-bit floats.
+    """
+
+    def __init__(self, dataset: xr.Dataset, surface_height: float) -> None:
+        vehicles = dataset.sizes["agent"] + dataset.sizes["target"]
+        self._dataset, self._surface = dataset, surface_height
+        self._held: list[Array] | None = [] if dataset.sizes["time"] * vehicles <= _MOST_HELD else None
+
+    def __iter__(self) -> Iterator[Array]:
+        if self._held is None:
+            yield from self._pieces()
+            return
+        if not self._held:
+            self._held = [places.astype(np.float32) for places in self._pieces()]
+        yield from self._held
+
+    def _pieces(self) -> Iterator[Array]:
+        bodies = self._dataset.attrs["backend"] == "physics"
+        names = [f"{kind}_position" for kind in ("agent", "target")]
+        names += [f"{kind}_height" for kind in ("agent", "target")] if bodies else []
+        for piece in pieces_of(self._dataset, names):
+            places = np.concatenate([piece[name].values for name in names[:2]], axis=1)
+            if bodies:
+                places[..., 2] = np.concatenate([piece[name].values for name in names[2:]], axis=1)
+            else:
+                places[..., 2] = np.where(np.isnan(places[..., 2]), self._surface, places[..., 2])
+            yield places
 
 
-def _survey(dataset: xr.Dataset, surface_height: float) -> tuple[Scene, Array]:
-    """Where a run takes place, and the largest second difference of a path at each sample, shape (T,), m."""
-    every = max(1, dataset.sizes["time"] // 400)
+def _positions_at(pieces: Iterable[Array], rows: IntArray) -> Array:
+    """Positions at some samples, shape (K, V, 3), m."""
+    found, done = [], 0
+    for places in pieces:
+        found.append(places[rows[(rows >= done) & (rows < done + len(places))] - done])
+        done += len(places)
+    return np.concatenate(found).astype(np.float64)
+
+
+def _survey(pieces: Iterable[Array], samples: int, phases: Sequence[Phase]) -> tuple[Scene, Array]:
+    """Where the present agents and the targets of a run are, and the largest second difference of a path, (T,), m."""
+    every, done = max(1, samples // 400), 0
     seen, bends, before = [], [], np.zeros((0, 1, 3))
-    for places in _positions(dataset, surface_height):
-        seen.append(places[::every])
+    starts = [phase.start for phase in phases]
+    for places in pieces:
+        rows = np.arange(-done % every, len(places), every)
+        some = places[rows].copy()
+        phase = np.searchsorted(starts, done + rows, side="right") - 1
+        for k in np.unique(phase):
+            lost = np.flatnonzero(~phases[k].system.team.present)
+            some[np.ix_(phase == k, lost)] = np.nan
+        seen.append(some)
         joined = np.concatenate([before, places]) if len(before) else places
         with np.errstate(all="ignore"):
-            second = np.diff(joined, 2, axis=0)
-            bends.append(np.sqrt(np.nan_to_num((second**2).sum(axis=2), nan=0.0, posinf=1e30).max(axis=1)))
-        before = joined[-2:]
-    bend = np.concatenate([[0.0], *bends, [0.0]])[: dataset.sizes["time"]]
+            second = joined[2:] - 2.0 * joined[1:-1] + joined[:-2]
+            bends.append(np.sqrt(np.nan_to_num(np.einsum("tvi,tvi->tv", second, second), posinf=1e30).max(axis=1)))
+        before, done = joined[-2:], done + len(places)
+    bend = np.concatenate([[0.0], *bends, [0.0]])[:samples].astype(np.float64)
     return Scene.of(np.concatenate(seen)), bend
 
 
@@ -258,10 +299,10 @@ def _continuous(quaternions: Array) -> Array:
     return np.asarray(known * np.concatenate([np.ones((1, known.shape[1])), signs])[..., None])
 
 
-def _largest_error(dataset: xr.Dataset, surface_height: float, scene: Scene, time: Array, shown: Array) -> float:
+def _largest_error(pieces: Iterable[Array], every: Array, scene: Scene, time: Array, shown: Array) -> float:
     """The largest distance of a vehicle from where the page has it at any sample, m, but for what blew up."""
-    largest, done, every = 0.0, 0, dataset["time"].values
-    for places in _positions(dataset, surface_height):
+    largest, done = 0.0, 0
+    for places in pieces:
         now = every[done : done + len(places)]
         done += len(places)
         after = np.searchsorted(time, now, side="right").clip(1, max(len(time) - 1, 1))
@@ -271,7 +312,7 @@ def _largest_error(dataset: xr.Dataset, surface_height: float, scene: Scene, tim
             share = ((now - time[after - 1]) / (time[after] - time[after - 1])).clip(0.0, 1.0)[:, None, None]
             between = shown[after - 1] + share * (shown[after] - shown[after - 1])
         with np.errstate(all="ignore"):
-            away = np.sqrt(((places - between) ** 2).sum(axis=2))
+            away = np.linalg.norm(places - between, axis=2)
             inside = np.abs(places - scene.centre).max(axis=2) < 10.0 * scene.size
         largest = max(largest, float(np.nan_to_num(away[inside]).max(initial=0.0)))
     return largest
@@ -294,7 +335,7 @@ def _add_edges(
     for phase, begin, end in zip(phases, starts, starts[1:], strict=False):
         here = (rows >= begin) & (rows < end)
         labelled = labelled_edges(phase.system)
-        columns = [number[key] for key, _ in labelled]
+        columns = np.array([number[key] for key, _ in labelled], dtype=np.int64)
         if here.any() and labelled:
             residual[np.ix_(here, columns)] = _residuals([edge for _, edge in labelled], index, positions[here])
             far = _out_of_range(phase, labelled, index, positions[here])
@@ -334,7 +375,7 @@ def _out_of_range(phase: Phase, labelled: Sequence[Any], index: dict[str, int], 
     table = phase.system.law.links.table
     ranges[table["edge"]] = table["range"]
     far = np.zeros((len(positions), len(labelled)), dtype=bool)
-    for e in np.flatnonzero(np.isfinite(ranges)):
+    for e in np.flatnonzero(np.isfinite(ranges)).tolist():
         edge = labelled[e][1]
         apart = np.linalg.norm(positions[:, index[edge.tail]] - positions[:, index[edge.head]], axis=1)
         far[:, e] = apart > ranges[e]

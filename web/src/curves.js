@@ -62,7 +62,7 @@ export class Curves extends EventTarget {
       scales: { x: { time: false, range: [this.run.start, Math.max(this.run.end, this.run.start + 1e-9)] }, y: panel.log ? { distr: 3, range: (_, low, high) => logRange(panel, low, high) } : { range: (_, low, high) => [0, linearTop(panel, high)] } },
       axes: [
         { ...axis, size: 18, gap: 2, values: (_, ticks) => ticks.map((t) => `${+t.toFixed(6)}`) },
-        { ...axis, size: 42, gap: 4, splits: panel.log ? (_, __, low, high) => decades(low, high) : undefined, values: (_, ticks) => ticks.map((x) => (x === null ? "" : plain(x))) },
+        { ...axis, size: 42, gap: 4, filter: (_, ticks) => ticks, splits: panel.log ? (_, __, low, high) => decades(low, high) : undefined, values: (_, ticks) => ticks.map((x) => (x === null ? "" : plain(x))) },
       ],
       series: [{}, ...panel.lines.map((line) => ({
         label: "",
@@ -248,7 +248,7 @@ function linearTop(panel, high) {
 
 /** Ticks of a logarithmic axis: powers of ten, or 1, 2, 5 where there are few. */
 function decades(low, high) {
-  for (const steps of [[1], [1, 3], [1, 2, 5]]) {
+  for (const steps of [[1], [1, 3], [1, 2, 5], [1, 1.5, 2, 3, 4, 5, 6, 8]]) {
     const found = [];
     for (let power = Math.floor(Math.log10(low)); power <= Math.ceil(Math.log10(high)); power++) {
       for (const step of steps) {
@@ -256,7 +256,7 @@ function decades(low, high) {
         if (tick >= low && tick <= high) found.push(tick);
       }
     }
-    if (found.length >= 2) return found.filter((_, k) => k % Math.ceil(found.length / 4) === 0);
+    if (found.length >= 3 || (found.length === 2 && steps.length > 2)) return found.filter((_, k) => k % Math.ceil(found.length / 4) === 0);
   }
   return [low, high];
 }

@@ -141,7 +141,7 @@ export function writeLegend(run, world) {
     if (run.series.residual.some((x) => x < 0)) rows.push(row(make("i", "silent"), "grey: silent"));
   }
   if (world.flowScale) {
-    for (const flow of run.said.flow) rows.push(row(make("i", flow.second ? "arrow air" : "arrow"), `${flow.name}, longest ${digits(world.flowScale.speed * 1.25)} m/s`));
+    for (const flow of run.said.flow) rows.push(row(make("i", flow.second ? "arrow air" : "arrow"), `${flow.name}: up to ${digits(Math.max(...flow.velocity.map((w) => Math.hypot(...w))))} m/s`));
   }
   world.larger = make("span", "");
   rows.push(make("div", "row", make("i"), world.larger));
@@ -179,7 +179,7 @@ export function writeFacts(run, goTo) {
   const say = (name, ...value) => made.append(make("dt", "", name), make("dd", "", ...value));
   for (const [name, value] of Object.entries(facts.versions)) say(name, own(value));
   say("seed", String(facts.seed));
-  say("again", make("code", "", facts.command), " in this run's directory");
+  say("again", make("code", "", facts.command));
   say("samples", `${run.time.length} of ${run.said.samples} are kept here; no vehicle is shown more than ${digits(run.said.largest_error)} m from where result.nc has it at any sample`);
   card("How it was made", made);
 }

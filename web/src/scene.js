@@ -140,7 +140,7 @@ export class World extends EventTarget {
         corner & 4 ? this.box.max.z : this.box.min.z,
       ).sub(centre);
       const across = Math.max(Math.abs(p.dot(right)) / (tan * this.camera.aspect), Math.abs(p.dot(up)) / tan);
-      distance = Math.max(distance, p.dot(way) + across * 1.08);
+      distance = Math.max(distance, p.dot(way) + across * 0.94);
     }
     this.controls.target.copy(centre);
     this.camera.position.copy(centre).addScaledVector(way, distance);
@@ -334,7 +334,8 @@ export class World extends EventTarget {
         if (silent) colour.copy(theme.quiet);
         else colour.copy(theme.low).lerp(theme.high, share);
         const lit = tail === this.lit || head === this.lit;
-        const strength = lit ? 1 : silent ? 0.5 : (some ? 0.55 : 0.22) + 0.4 * share;
+        const plain = some ? 0.55 : kind === "sensing" ? 0.06 : 0.16; // many lines to one target would hide the rest
+        const strength = lit ? 1 : silent ? 0.5 * plain : plain * (1 + 0.7 * share);
         const width = (lit ? 3 : some ? 1.6 : 0.7) + (silent ? 0 : share * (some ? 1.2 : 0.6));
         lines.addNumbers(p[3 * tail], p[3 * tail + 1], p[3 * tail + 2], p[3 * head], p[3 * head + 1], p[3 * head + 2], colour, strength, width, kind === "sensing" ? 7 : silent ? 2.5 : 0);
       });
