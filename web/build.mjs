@@ -1,9 +1,10 @@
 // Build mjsheaf/page/bundle.js and bundle.css, with the licences of what is in them; `make bundle` calls this.
+// Another directory may be named.
 
 import { build } from "esbuild";
 import { readFileSync } from "node:fs";
 
-const home = new URL("../mjsheaf/page/", import.meta.url).pathname;
+const home = process.argv[2] ?? new URL("../mjsheaf/page/", import.meta.url).pathname;
 const licences = ["three", "uplot"].map((name) => {
   const { version } = JSON.parse(readFileSync(`node_modules/${name}/package.json`));
   return `${name} ${version}\n\n${readFileSync(`node_modules/${name}/LICENSE`, "utf8").trim()}\n`;

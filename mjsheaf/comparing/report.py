@@ -290,7 +290,7 @@ def _page(scenario: Scenario, comparison: Comparison) -> bytes:
         "ending": ending_of_run(phases, physics) if finished else None,
     }
     of_law = held_bound_of_run(phases, physics, theorem)
-    again = "mjsheaf compare scenario.yaml, in this directory"
+    again = "mjsheaf compare scenario.yaml", " in this directory"
     notes = comparison.record.verdict
     return page_of(scenario, phases, physics, summary, theorem, of_law, notes=notes, ideal=ideal, again=again)
 

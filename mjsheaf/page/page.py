@@ -41,7 +41,7 @@ def page_of(
     *,
     notes: Sequence[Any] = (),
     ideal: xr.Dataset | None = None,
-    again: str | None = None,
+    again: tuple[str, str] | None = None,
 ) -> bytes:
     """The page of a run, as HTML.
 
@@ -170,13 +170,14 @@ def _facts(
     summary: dict[str, Any],
     theorem: "RunBound",
     of_law: "HeldBound",
-    again: str | None,
+    again: tuple[str, str] | None,
 ) -> dict[str, Any]:
     attrs, backend = dataset.attrs, dataset.attrs["backend"]
     controller = f" --controller {attrs['controller']}" if attrs.get("controller") else ""
     final = summary.get("final") or {}
     rows = [["team", *(final.get(m) for m in MEASURES)]]
     rows += [[name, *(own.get(m) for m in MEASURES)] for name, own in (final.get("groups") or {}).items()]
+    command, where = again or (f"mjsheaf run scenario.yaml --backend {backend}{controller}", " in this directory")
     laws = [f"gain {scenario.controller.gain:g} 1/s", *scenario.system.law.terms.names]
     return {
         "scenario": scenario.name,
@@ -201,7 +202,8 @@ def _facts(
             "page by": f"mjsheaf {__version__}",
             "MuJoCo": version("mujoco"),
         },
-        "command": again or f"mjsheaf run scenario.yaml --backend {backend}{controller}, in this run's directory",
+        "command": command,
+        "where": where,
     }
 
 

@@ -176,7 +176,7 @@ def _page_of(scenario: Scenario, dataset: xr.Dataset, found: dict[str, Any]) -> 
     phases = scenario.phases
     theorem = bound_of_run(phases, dataset)
     of_law = held_bound_of_run(phases, dataset, theorem)
-    again = f"mjsheaf sweep, of which this is a run of {scenario.name}; index.html beside has the command"
+    again = "mjsheaf sweep", "; the study's index.html says of what"
     return page_of(scenario, phases, dataset, found, theorem, of_law, again=again)
 
 

@@ -3,39 +3,80 @@
 import * as THREE from "three";
 import { mergeGeometries } from "three/addons/utils/BufferGeometryUtils.js";
 
-const MOST_TRIANGLES = 140_000; // of all vehicles together: a machine without a graphics card draws these too
+// Of all vehicles as they are usually seen, small; a processor that draws them has time for fewer.
+const MOST_TRIANGLES = { hardware: 300_000, software: 26_000 };
 // Sides of round things, and the smallest solid that is drawn as a share of its vehicle; the finest that fits is used.
-const DETAILS = [[20, 0], [12, 0], [8, 0.05], [6, 0.12], [5, 0.2], [4, 0.3], [4, 0.5]];
-const LOST = new THREE.Color("#8b8f96");
+const DETAILS = [[20, 0], [12, 0.03], [8, 0.08], [6, 0.15], [5, 0.25], [4, 0.35], [3, 0.5]];
+const NEAR_PIXELS = 90; // length on the screen from which a vehicle is drawn with everything it has,
+const MOST_NEAR = 12; // as many as these
+const LOST = new THREE.Color(-1, -1, -1);
+
+// One light, at the corners of triangles: the standard material costs several times as much where nothing but a
+// processor draws. `base` has the colour of a corner, and whether it is painted in the colour of the vehicle's group.
+const VERTEX = `
+attribute vec4 base; varying vec3 tint;
+void main() {
+  vec3 n = normalize(mat3(instanceMatrix) * normal);
+  vec3 paint = instanceColor.r < 0.0 ? vec3(0.26, 0.28, 0.3) : mix(base.rgb, instanceColor, base.a);
+  tint = paint * (0.66 + 0.3 * dot(n, vec3(-0.32, -0.48, 0.82)) + 0.18 * n.z);
+  gl_Position = projectionMatrix * viewMatrix * instanceMatrix * vec4(position, 1.0);
+}`;
+const FRAGMENT = `
+uniform float opacity; varying vec3 tint;
+void main() {
+  gl_FragColor = vec4(tint, opacity);
+  #include <colorspace_fragment>
+}`;
+
+/** Of one kind: instances of its shape in one detail, of which the first few of `mesh.count` are drawn. */
+class Instances {
+  constructor(geometry, room, material) {
+    this.room = room;
+    this.vehicles = new Array(room).fill(-1); // which one each instance shows, and how it is painted
+    this.painted = new Array(room).fill(null);
+    this.count = 0;
+    this.mesh = new THREE.InstancedMesh(geometry, material, room);
+    this.mesh.frustumCulled = false;
+    this.mesh.instanceMatrix.setUsage(THREE.DynamicDrawUsage);
+    for (let i = 0; i < room; i++) this.mesh.setColorAt(i, LOST);
+  }
+
+  add(vehicle, matrix, colour, here) {
+    const i = this.count++;
+    this.mesh.setMatrixAt(i, matrix);
+    if (this.vehicles[i] === vehicle && this.painted[i] === here) return;
+    this.mesh.setColorAt(i, here ? colour : LOST);
+    this.mesh.instanceColor.needsUpdate = true;
+    [this.vehicles[i], this.painted[i]] = [vehicle, here];
+  }
+
+  finish() {
+    this.mesh.count = this.count;
+    this.mesh.visible = this.count > 0;
+    this.mesh.instanceMatrix.needsUpdate = true;
+    this.count = 0;
+  }
+}
 
 export class Bodies {
-  constructor(run) {
+  constructor(run, software, opacity = 1) {
     const { kinds, kind } = run.said;
     this.run = run;
     const count = kinds.map((_, k) => kind.filter((own) => own === k).length);
+    const most = MOST_TRIANGLES[software ? "software" : "hardware"];
+    const material = new THREE.ShaderMaterial({ vertexShader: VERTEX, fragmentShader: FRAGMENT, uniforms: { opacity: { value: opacity } } });
+    Object.assign(material, { transparent: opacity < 1, depthWrite: opacity === 1 });
     let built;
     for (const [sides, least] of DETAILS) {
-      built = kinds.map((own) => shapesOf(own, sides, least));
-      const triangles = built.reduce((sum, shapes, k) => sum + count[k] * trianglesOf(shapes), 0);
-      if (triangles <= MOST_TRIANGLES) break;
+      built = kinds.map((own) => shapeOf(own, sides, least));
+      if (built.reduce((sum, shape, k) => sum + (count[k] * shape.index.count) / 3, 0) <= most) break;
     }
+    this.usual = built.map((shape, k) => new Instances(shape, count[k], material));
+    this.near = kinds.map((own, k) => new Instances(shapeOf(own, ...DETAILS[0]), Math.min(count[k], MOST_NEAR), material));
     this.group = new THREE.Group();
-    this.meshes = kinds.map((_, k) =>
-      Object.entries(built[k]).filter(([, geometry]) => geometry).map(([part, geometry]) => {
-        const own = part === "livery" ? { color: 0xffffff } : { vertexColors: true };
-        const mesh = new THREE.InstancedMesh(geometry, new THREE.MeshLambertMaterial(own), count[k]);
-        mesh.frustumCulled = false;
-        mesh.livery = part === "livery";
-        mesh.instanceMatrix.setUsage(THREE.DynamicDrawUsage);
-        this.group.add(mesh);
-        return mesh;
-      }),
-    );
-    const next = kinds.map(() => 0);
-    this.place = kind.map((k) => next[k]++); // of each vehicle among those of its kind
+    this.group.add(...[...this.usual, ...this.near].map(({ mesh }) => mesh));
     this.groupColours = run.said.groups.map((group) => new THREE.Color(group.colour));
     this.colours = run.groupOf.map((g) => this.groupColours[g]);
-    this.shown = new Array(run.vehicles).fill(null); // whether each is painted as present
     this.matrix = new THREE.Matrix4();
     this.turn = new THREE.Quaternion();
     this.at = new THREE.Vector3();
@@ -47,60 +88,48 @@ export class Bodies {
    * Place every vehicle.
    *
    * positions: of the controlled points, V * 3; quaternions: w x y z, V * 4; scales: of each kind; present: of each
-   * agent, or null for ghosts, which are all there.
+   * agent, or null for ghosts, which are all there; camera, and metres in a pixel at a distance of 1 m from it.
    */
-  update(positions, quaternions, scales, present) {
+  update(positions, quaternions, scales, present, camera, metres) {
     const { kind, kinds } = this.run.said;
     for (let v = 0; v < this.run.vehicles; v++) {
       const k = kind[v];
       const scale = Number.isNaN(positions[3 * v]) ? 0 : scales[k];
       this.turn.set(quaternions[4 * v + 1], quaternions[4 * v + 2], quaternions[4 * v + 3], quaternions[4 * v]).normalize();
       this.size.setScalar(scale);
+      this.at.set(positions[3 * v] || 0, positions[3 * v + 1] || 0, positions[3 * v + 2] || 0);
+      const pixels = (2 * kinds[k].radius * scale) / (metres * this.at.distanceTo(camera.position));
       // A boat is controlled at a point ahead of its origin, about which it is drawn larger.
-      this.ahead.set(-kinds[k].ahead * scale, 0, 0).applyQuaternion(this.turn);
-      this.at.set(positions[3 * v] || 0, positions[3 * v + 1] || 0, positions[3 * v + 2] || 0).add(this.ahead);
+      this.at.add(this.ahead.set(-kinds[k].ahead * scale, 0, 0).applyQuaternion(this.turn));
       this.matrix.compose(this.at, this.turn, this.size);
       const here = !present || v >= this.run.agents || present[v];
-      for (const mesh of this.meshes[k]) {
-        mesh.setMatrixAt(this.place[v], this.matrix);
-        if (this.shown[v] !== here) {
-          mesh.setColorAt(this.place[v], here ? (mesh.livery ? this.colours[v] : WHITE) : LOST);
-          mesh.instanceColor.needsUpdate = true;
-        }
-        mesh.instanceMatrix.needsUpdate = true;
-      }
-      this.shown[v] = here;
+      const near = pixels > NEAR_PIXELS && this.near[k].count < this.near[k].room;
+      (near ? this.near[k] : this.usual[k]).add(v, this.matrix, this.colours[v], here);
     }
+    for (const instances of [...this.usual, ...this.near]) instances.finish();
   }
 }
 
-const WHITE = new THREE.Color(0xffffff);
-
-function trianglesOf(shapes) {
-  return Object.values(shapes).reduce((sum, geometry) => sum + (geometry ? geometry.index.count / 3 : 0), 0);
-}
-
-/** The geometry of a kind: what is painted in the group's colour, and the rest. */
-function shapesOf(kind, sides, least) {
-  const parts = { livery: [], fixed: [] };
+/** The shape of a kind, in one piece. */
+function shapeOf(kind, sides, least) {
   const big = kind.solids.filter((solid) => extentOf(solid) >= least * kind.radius);
-  for (const solid of big.length ? big : kind.solids) {
-    const geometry = shapeOf(solid, sides);
+  const chosen = big.length || !kind.solids.length ? big : [kind.solids.reduce((a, b) => (extentOf(b) > extentOf(a) ? b : a))];
+  const parts = chosen.map((solid) => {
+    const geometry = geometryOf(solid, sides);
     geometry.applyQuaternion(new THREE.Quaternion(...solid.quaternion.slice(1), solid.quaternion[0]));
     geometry.translate(...solid.position);
-    for (const name of Object.keys(geometry.attributes)) {
-      if (name !== "position" && name !== "normal") geometry.deleteAttribute(name);
-    }
-    if (!solid.livery) {
-      const colour = new THREE.Color().setRGB(...solid.colour, THREE.SRGBColorSpace);
-      const colours = new Float32Array(geometry.attributes.position.count * 3);
-      for (let i = 0; i < colours.length; i += 3) colour.toArray(colours, i);
-      geometry.setAttribute("color", new THREE.BufferAttribute(colours, 3));
-    }
-    parts[solid.livery ? "livery" : "fixed"].push(geometry);
-  }
-  return Object.fromEntries(Object.entries(parts).map(([name, all]) => [name, all.length ? mergeGeometries(all) : null]));
+    for (const name of Object.keys(geometry.attributes)) if (name !== "position" && name !== "normal") geometry.deleteAttribute(name);
+    const colour = new THREE.Color().setRGB(...solid.colour, THREE.SRGBColorSpace);
+    const base = new Float32Array(geometry.attributes.position.count * 4);
+    for (let i = 0; i < base.length; i += 4) base.set([colour.r, colour.g, colour.b, solid.livery ? 1 : 0], i);
+    geometry.setAttribute("base", new THREE.BufferAttribute(base, 4));
+    return geometry;
+  });
+  // A vehicle without anything to see is a ball.
+  return parts.length ? mergeGeometries(parts) : shapeOf({ radius: kind.radius, solids: [{ ...BALL, size: [kind.radius] }] }, sides, 0);
 }
+
+const BALL = { shape: "sphere", position: [0, 0, 0], quaternion: [1, 0, 0, 0], colour: [0.6, 0.6, 0.6], livery: true };
 
 function extentOf({ shape, size }) {
   if (shape === "mesh") return Infinity;
@@ -108,7 +137,7 @@ function extentOf({ shape, size }) {
 }
 
 /** A solid at the origin, with MuJoCo's sizes: half lengths, along z. */
-function shapeOf({ shape, size, vertices, faces }, sides) {
+function geometryOf({ shape, size, vertices, faces }, sides) {
   const rings = Math.max(3, sides >> 1);
   if (shape === "box") return new THREE.BoxGeometry(2 * size[0], 2 * size[1], 2 * size[2]);
   if (shape === "sphere") return new THREE.SphereGeometry(size[0], sides, rings);

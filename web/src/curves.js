@@ -6,6 +6,7 @@ import { digits } from "./data.js";
 const MOST_LINES = 40; // agents with a line of their own; of more, the spread is drawn
 const DECADES = 5; // most that a logarithmic axis shows
 const HEIGHT = 104;
+const BOUNDS = ["#c2379b", "#d55e00"];
 
 export class Curves extends EventTarget {
   constructor(run, clock, home) {
@@ -28,7 +29,14 @@ export class Curves extends EventTarget {
     const unit = document.createElement("span");
     unit.textContent = panel.unit;
     panel.reading = document.createElement("output");
-    heading.append(title, unit, panel.reading);
+    const keys = [...(panel.bounds ?? []).map((name, k) => [`bound: ${name}`, BOUNDS[k % 2]]), ...(panel.limits ?? []).map(({ name }) => [name, "var(--quiet)"])];
+    const dashes = keys.map(([name, colour]) => {
+      const key = document.createElement("span");
+      key.textContent = `┄ ${name}`;
+      key.style.color = colour;
+      return key;
+    });
+    heading.append(title, unit, ...dashes, panel.reading);
     const plot = document.createElement("div");
     plot.className = "plot";
     box.append(heading, plot);
@@ -180,16 +188,16 @@ function panelsOf(run) {
   said.fastest.forEach((speed, i) => {
     if (speed !== null && Number.isFinite(speed)) known.set(said.kinds[said.kind[i]].name, speed);
   });
-  for (const [name, speed] of known) limits.push({ name: `${name} at most`, at: speed });
+  for (const [name, speed] of known) limits.push({ name: `${name} can make ${digits(speed)}`, at: speed });
   const lowest = Math.min(...said.limit.filter((x) => x !== null));
-  if (Number.isFinite(lowest)) limits.push({ name: "the law's limit", at: lowest });
+  if (Number.isFinite(lowest)) limits.push({ name: `limit ${digits(lowest)}`, at: lowest });
   return [
     { title: "Distance from its place", unit: "|q* − q|, m", agents: "tracking_error", how: "rms", log: true, bounds: said.bounds },
     series.apart && { title: "Bodies from their ideal twins", unit: "m", agents: "apart", how: "rms", log: true },
     { title: "Disagreement", unit: "|η|, m", agents: "disagreement", how: "mean", log: true },
     { title: "Formation error", unit: "RMS over a group's links, m", team: "formation_error", groups: "group_formation_error", log: true },
     { title: "Centering error", unit: "centre off its target, m", team: "centering_error", groups: "group_centering_error", log: true },
-    { title: "Speed asked for", unit: "m/s; dashed: what is possible", agents: "speed", how: "mean", limits, log: isSpread(run) },
+    { title: "Speed asked for", unit: "m/s", agents: "speed", how: "mean", limits, log: isSpread(run) },
     series.saturation && { title: "Thrusters at a limit", unit: "share", agents: "saturation", how: "mean", most: 1 },
   ].filter((panel) => panel && (panel.agents || run.column(panel.team, 0).some((x) => x !== null)));
 }
@@ -220,7 +228,7 @@ function linesOf(run, panel, all) {
     said.formations.forEach((name, g) => lines.push({ values: run.column(panel.groups, g), colour: colour(g), width: 1.4 }));
     lines.push({ name: "team", values: run.column(panel.team, 0), colour: "--ink", width: 2 });
   }
-  panel.bounds?.forEach((name, k) => lines.push({ values: run.column(`bound${k}`, 0), colour: k ? "#d55e00" : "#b5179e", width: 1.6, dash: [7, 4], bound: name }));
+  panel.bounds?.forEach((name, k) => lines.push({ values: run.column(`bound${k}`, 0), colour: BOUNDS[k % 2], width: 1.6, dash: [7, 4], bound: name }));
   panel.limits?.forEach(({ at }) => lines.push({ values: nothing.map(() => at), colour: "--quiet", width: 1.3, dash: [5, 4], limit: true }));
   return lines;
 }

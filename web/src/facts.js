@@ -26,6 +26,15 @@ const MEASURES = {
   centering_error: "centering",
 };
 
+const ALONG = 0.8; // cosine from which one thing is said to go along another
+const SLOW = 0.05; // m/s: what is slower does not explain anything
+
+/** The cosine between an offset and a velocity; 0 where either is small. */
+function along(offset, velocity) {
+  const [far, fast] = [Math.hypot(...offset), Math.hypot(...velocity)];
+  return far > 1e-6 && fast > SLOW ? offset.reduce((sum, x, axis) => sum + x * velocity[axis], 0) / far / fast : 0;
+}
+
 /** Why an agent may be where it is at a sample: what is measured there, in words. */
 export function reasons(run, k, agent) {
   const { said, series } = run;
@@ -38,13 +47,20 @@ export function reasons(run, k, agent) {
   if (at("saturation") >= 0.5) found.push("thrusters at their limits");
   const flow = Math.hypot(...series.flow.subarray((k * run.agents + agent) * 3, (k * run.agents + agent) * 3 + 3));
   if (fastest !== null && flow > fastest) found.push(`the flow of ${digits(flow)} m/s is faster than it`);
+  const place = (name, row) => Array.from(series[name].subarray((row * run.columns(name)) + 3 * agent, (row * run.columns(name)) + 3 * agent + 3));
+  const [q, goal, w] = [place("position", k), place("q_star", k), place("flow", k)];
+  const [before, after] = [Math.max(k - 1, 0), Math.min(k + 1, run.time.length - 1)];
+  const moved = place("q_star", after).map((x, axis) => (x - place("q_star", before)[axis]) / (run.time[after] - run.time[before] || 1));
+  const off = goal.map((x, axis) => x - q[axis]);
+  if (along(off, moved) > ALONG) found.push(`lags behind its place, which moves at ${digits(Math.hypot(...moved))} m/s`);
+  else if (along(off, w) < -ALONG) found.push(`carried off by the flow of ${digits(Math.hypot(...w))} m/s`);
   const width = said.edges.length;
   const links = said.edges.map((edge, e) => [edge, series.residual?.[k * width + e]]).filter(([edge, x]) => (edge.tail === agent || edge.head === agent) && !Number.isNaN(x));
   const silent = links.filter(([, x]) => x < 0).length;
   if (!links.length) found.push("has no links");
   else if (silent) found.push(`${silent} of its ${links.length} links silent`);
-  const before = run.events.filter(({ time }) => time <= run.time[k] && run.time[k] - time < 0.1 * (run.end - run.start) && time > run.start);
-  if (before.length) found.push(`soon after ${before[before.length - 1].events.join(", ")}`);
+  const events = run.events.filter(({ time }) => time <= run.time[k] && run.time[k] - time < 0.1 * (run.end - run.start) && time > run.start);
+  if (events.length) found.push(`soon after ${events[events.length - 1].events.join(", ")}`);
   return found;
 }
 
@@ -179,7 +195,7 @@ export function writeFacts(run, goTo) {
   const say = (name, ...value) => made.append(make("dt", "", name), make("dd", "", ...value));
   for (const [name, value] of Object.entries(facts.versions)) say(name, own(value));
   say("seed", String(facts.seed));
-  say("again", make("code", "", facts.command));
+  say("again", make("code", "", facts.command), facts.where);
   say("samples", `${run.time.length} of ${run.said.samples} are kept here; no vehicle is shown more than ${digits(run.said.largest_error)} m from where result.nc has it at any sample`);
   card("How it was made", made);
 }

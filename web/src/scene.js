@@ -14,14 +14,16 @@ const VIEWS = { angle: [-60, 32], above: [-90, 89.9], side: [-90, 4] }; // azimu
 const MOST_LABELS = 60; // agents; the names of more would cover one another
 const LEAST_PIXELS = 34; // length of a vehicle on the screen, as far as its neighbours leave room
 const TRAIL_PIECES = 9000; // in all
+const MOST_BALLS = 200; // agents; of more the dotted line to its place is drawn without the ball at its end
 const GHOST_PIXELS = 6; // radius of the ball where an agent should be
+const FILL = 0.74; // share of the picture that a view fills
 const NEAR = 30; // pixels: what is pointed at
 
 export class World extends EventTarget {
   constructor(run, clock, canvas, labels) {
     super();
     Object.assign(this, { run, clock, canvas, labels });
-    this.layers = { links: true, goals: true, trails: true, flow: true, names: true, stems: true, larger: true };
+    this.layers = { links: true, goals: true, trails: true, flow: true, names: true, stems: run.agents <= 100, larger: true };
     this.lit = -1; // vehicle that is pointed at
     this.followed = ""; // "", "team" or the number of a vehicle
     this.dirty = true;
@@ -32,7 +34,8 @@ export class World extends EventTarget {
     this.present = new Array(run.agents).fill(true);
     this.screen = new Float32Array(run.vehicles * 2).fill(NaN); // in pixels of the page
     this.measure();
-    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true, powerPreference: "high-performance" });
+    this.software = drawsInSoftware();
+    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: !this.software, powerPreference: "high-performance" });
     this.scene = new THREE.Scene();
     this.camera = new THREE.PerspectiveCamera(42, 1, 0.1, 1e5);
     this.camera.up.set(0, 0, 1);
@@ -60,16 +63,22 @@ export class World extends EventTarget {
     const { centre, size } = run.said;
     const box = new THREE.Box3();
     const gaps = [];
+    this.seen = []; // points that views show
+    const thin = Math.max(1, Math.floor((run.vehicles * Math.min(run.time.length, 200)) / 4000));
     const p = new THREE.Vector3();
     const every = Math.max(1, Math.floor(run.time.length / 200));
     for (let k = 0; k < run.time.length; k += every) {
       for (let v = 0; v < run.vehicles; v++) {
         if (v < run.agents && !run.present(k, v)) continue;
         p.fromArray(run.series.position, (k * run.vehicles + v) * 3);
-        if (Math.max(Math.abs(p.x - centre[0]), Math.abs(p.y - centre[1]), Math.abs(p.z - centre[2])) < 3 * size) box.expandByPoint(p);
+        if (Math.max(Math.abs(p.x - centre[0]), Math.abs(p.y - centre[1]), Math.abs(p.z - centre[2])) < 3 * size) {
+          box.expandByPoint(p);
+          if ((k / every + v) % thin < 1) this.seen.push(p.x, p.y, p.z);
+        }
       }
     }
     if (box.isEmpty()) box.expandByPoint(p.fromArray(centre));
+    if (!this.seen.length) this.seen.push(...centre);
     const last = run.time.length - 1;
     const some = Math.max(1, Math.floor(run.vehicles / 40));
     for (let v = 0; v < run.vehicles; v += some) {
@@ -84,6 +93,7 @@ export class World extends EventTarget {
     gaps.sort((a, b) => a - b);
     this.gap = gaps.length ? gaps[gaps.length >> 1] : Infinity;
     const radius = Math.max(...run.said.kinds.map((kind) => kind.radius));
+    this.largest = radius;
     box.expandByScalar(radius);
     this.box = box;
     this.extent = box.getSize(new THREE.Vector3()).length();
@@ -92,17 +102,12 @@ export class World extends EventTarget {
 
   build() {
     const { run, scene } = this;
-    scene.add(new THREE.HemisphereLight(0xffffff, 0x8899a6, 2.0));
-    const sun = new THREE.DirectionalLight(0xffffff, 1.6);
-    sun.position.set(-0.4, -0.6, 1);
-    scene.add(sun);
     this.surface = surfaceOf(this);
     scene.add(this.surface);
-    this.bodies = new Bodies(run);
+    this.bodies = new Bodies(run, this.software);
     scene.add(this.bodies.group);
     if (run.series.ghost) {
-      this.ideal = new Bodies(run);
-      for (const mesh of this.ideal.meshes.flat()) Object.assign(mesh.material, { transparent: true, opacity: 0.38, depthWrite: false });
+      this.ideal = new Bodies(run, this.software, 0.4);
       this.idealAt = new Float32Array(run.vehicles * 3);
       scene.add(this.ideal.group);
     }
@@ -125,29 +130,39 @@ export class World extends EventTarget {
   // ---- the camera ----
 
   /** Look from "angle", "above" or "side", at everything. */
-  view(name, tall = false) {
+  view(name) {
     const [azimuth, elevation] = VIEWS[name].map((angle) => (angle * Math.PI) / 180);
     const way = new THREE.Vector3(Math.cos(elevation) * Math.cos(azimuth), Math.cos(elevation) * Math.sin(azimuth), Math.sin(elevation));
-    const centre = this.box.getCenter(new THREE.Vector3());
-    const right = new THREE.Vector3(-Math.sin(azimuth), Math.cos(azimuth), 0);
-    const up = new THREE.Vector3().crossVectors(way, right);
-    const tan = Math.tan((this.camera.fov * Math.PI) / 360);
-    let distance = 1;
-    for (let corner = 0; corner < 8; corner++) {
-      const p = new THREE.Vector3(
-        corner & 1 ? this.box.max.x : this.box.min.x,
-        corner & 2 ? this.box.max.y : this.box.min.y,
-        corner & 4 ? this.box.max.z : this.box.min.z,
-      ).sub(centre);
-      const across = Math.max(Math.abs(p.dot(right)) / (tan * this.camera.aspect), Math.abs(p.dot(up)) / tan);
-      distance = Math.max(distance, p.dot(way) + across * 0.94);
+    const { camera } = this;
+    const target = this.box.getCenter(new THREE.Vector3());
+    const tan = Math.tan((camera.fov * Math.PI) / 360);
+    let distance = 2 * this.extent;
+    const p = new THREE.Vector3();
+    for (let round = 0; round < 12; round++) {
+      // Move and zoom until all that is ever seen fills the picture.
+      camera.position.copy(target).addScaledVector(way, distance);
+      camera.lookAt(target);
+      [camera.near, camera.far] = [distance / 1000, distance * 10];
+      camera.updateProjectionMatrix();
+      camera.updateMatrixWorld();
+      const [low, high] = [new THREE.Vector2(Infinity, Infinity), new THREE.Vector2(-Infinity, -Infinity)];
+      for (let i = 0; i < this.seen.length; i += 3) {
+        p.fromArray(this.seen, i).project(camera);
+        low.min(p);
+        high.max(p);
+      }
+      const { elements } = camera.matrixWorld;
+      const [right, up] = [0, 4].map((at) => new THREE.Vector3(elements[at], elements[at + 1], elements[at + 2]));
+      target.addScaledVector(right, ((low.x + high.x) / 2) * distance * tan * camera.aspect);
+      target.addScaledVector(up, ((low.y + high.y) / 2) * distance * tan);
+      distance *= Math.min(Math.max(high.x - low.x, high.y - low.y, 1e-3) / 2 / FILL, 3);
+      distance = Math.max(distance, 4 * this.largest);
     }
-    this.controls.target.copy(centre);
-    this.camera.position.copy(centre).addScaledVector(way, distance);
+    this.controls.target.copy(target);
+    camera.position.copy(target).addScaledVector(way, distance);
     this.controls.update();
     this.anchor = null;
     this.changed();
-    return tall;
   }
 
   /** Six numbers for the address: where the camera is and what it looks at. */
@@ -294,11 +309,12 @@ export class World extends EventTarget {
       const room = Math.min((LEAST_PIXELS * metres) / 2, 0.42 * this.gap);
       return this.layers.larger ? Math.max(1, room / radius) : 1;
     });
-    this.bodies.update(this.positions, this.quaternions, this.scales, this.present);
-    this.ideal?.update(this.idealAt, this.quaternions, this.scales, null);
+    const unit = metres / distance;
+    this.bodies.update(this.positions, this.quaternions, this.scales, this.present, this.camera, unit);
+    this.ideal?.update(this.idealAt, this.quaternions, this.scales, null, this.camera, unit);
     this.drawGoals(metres);
     this.drawLines(metres);
-    this.arrows.finish(this.width, this.height, 1);
+    this.arrows.finish(this.width, this.height);
     this.arrows.mesh.visible = this.layers.flow;
     this.renderer.render(this.scene, this.camera);
     this.writeLabels(metres);
@@ -307,8 +323,8 @@ export class World extends EventTarget {
 
   drawGoals(metres) {
     const { run, balls } = this;
-    balls.visible = this.layers.goals;
-    if (!this.layers.goals) return;
+    balls.visible = this.layers.goals && run.agents <= MOST_BALLS;
+    if (!balls.visible) return;
     const matrix = new THREE.Matrix4();
     const radius = metres * GHOST_PIXELS * Math.min(1, Math.sqrt(60 / run.agents));
     for (let i = 0; i < run.agents; i++) {
@@ -337,24 +353,24 @@ export class World extends EventTarget {
         const plain = some ? 0.55 : kind === "sensing" ? 0.06 : 0.16; // many lines to one target would hide the rest
         const strength = lit ? 1 : silent ? 0.5 * plain : plain * (1 + 0.7 * share);
         const width = (lit ? 3 : some ? 1.6 : 0.7) + (silent ? 0 : share * (some ? 1.2 : 0.6));
-        lines.addNumbers(p[3 * tail], p[3 * tail + 1], p[3 * tail + 2], p[3 * head], p[3 * head + 1], p[3 * head + 2], colour, strength, width, kind === "sensing" ? 7 : silent ? 2.5 : 0);
+        lines.add(p[3 * tail], p[3 * tail + 1], p[3 * tail + 2], p[3 * head], p[3 * head + 1], p[3 * head + 2], colour, strength, width, kind === "sensing" ? 7 : silent ? 2.5 : 0);
       });
     }
     if (layers.goals) {
       for (let i = 0; i < run.agents; i++) {
-        if (this.present[i]) lines.addNumbers(p[3 * i], p[3 * i + 1], p[3 * i + 2], g[3 * i], g[3 * i + 1], g[3 * i + 2], this.bodies.colours[i], 0.9, i === this.lit ? 3 : some ? 1.6 : 0.8, 3);
+        if (this.present[i]) lines.add(p[3 * i], p[3 * i + 1], p[3 * i + 2], g[3 * i], g[3 * i + 1], g[3 * i + 2], this.bodies.colours[i], 0.9, i === this.lit ? 3 : some ? 1.6 : 0.8, 3);
       }
     }
     if (this.ideal) {
       for (let v = 0; v < run.agents; v++) {
         const o = this.idealAt;
-        lines.addNumbers(p[3 * v], p[3 * v + 1], p[3 * v + 2], o[3 * v], o[3 * v + 1], o[3 * v + 2], theme.ink, 0.6, 1);
+        lines.add(p[3 * v], p[3 * v + 1], p[3 * v + 2], o[3 * v], o[3 * v + 1], o[3 * v + 2], theme.ink, 0.6, 1);
       }
     }
     if (layers.stems && this.floor !== null) {
       for (let v = 0; v < run.vehicles; v++) {
         if (Math.abs(p[3 * v + 2] - this.floor) > 12 * metres) {
-          lines.addNumbers(p[3 * v], p[3 * v + 1], p[3 * v + 2], p[3 * v], p[3 * v + 1], this.floor, theme.ink, some ? 0.3 : 0.1, 1);
+          lines.add(p[3 * v], p[3 * v + 1], p[3 * v + 2], p[3 * v], p[3 * v + 1], this.floor, theme.ink, some ? 0.3 : 0.1, 1);
         }
       }
     }
@@ -362,7 +378,7 @@ export class World extends EventTarget {
       const flow = run.at("flow", this.clock.t, new Float32Array(3), 3 * this.lit, 3);
       addArrow(lines, p.subarray(3 * this.lit, 3 * this.lit + 3), flow, this.flowScale, theme.medium, 1, 3);
     }
-    lines.finish(this.width, this.height, 1);
+    lines.finish(this.width, this.height);
   }
 
   /** Where every vehicle was; older pieces fade. Joints stand at multiples of one interval, not to shiver. */
@@ -384,7 +400,7 @@ export class World extends EventTarget {
       for (let v = 0; v < run.vehicles; v++) {
         const colour = v < run.agents && !this.present[v] ? this.theme.quiet : this.bodies.colours[v];
         const [a, b] = [before.at, joint.at];
-        lines.addNumbers(a[3 * v], a[3 * v + 1], a[3 * v + 2], b[3 * v], b[3 * v + 1], b[3 * v + 2], colour, old, v === this.lit ? width + 1.5 : width, 0, young);
+        lines.add(a[3 * v], a[3 * v + 1], a[3 * v + 2], b[3 * v], b[3 * v + 1], b[3 * v + 2], colour, old, v === this.lit ? width + 1.5 : width, 0, young);
       }
       before = joint;
     }
@@ -451,12 +467,26 @@ export class World extends EventTarget {
       screen[2 * v + 1] = shown ? ((1 - at.y) / 2) * this.height : NaN;
     }
     if (this.extra) for (const v of [this.lit, this.worst]) if (v >= 0 && !this.tags.has(v)) this.extra(v);
-    for (const [v, tag] of this.tags) {
-      const wanted = this.layers.names && !Number.isNaN(screen[2 * v]) && (!this.extra || v >= run.agents || v === this.lit || v === this.worst);
+    const taken = [];
+    const order = [...this.tags.keys()].sort((v, w) => (w === this.lit) - (v === this.lit));
+    for (const v of order) {
+      const tag = this.tags.get(v);
+      const [x, y] = [screen[2 * v], screen[2 * v + 1]];
+      const wanted = this.layers.names && !Number.isNaN(x) && (!this.extra || v >= run.agents || v === this.lit || v === this.worst);
       tag.hidden = !wanted;
       if (!wanted) continue;
-      tag.style.transform = `translate(${(screen[2 * v] + 9).toFixed(1)}px, ${(screen[2 * v + 1] - 20).toFixed(1)}px)`;
-      tag.className = `${v < run.agents ? "agent" : "target"}${v === this.lit ? " lit" : ""}${v < run.agents && !this.present[v] ? " lost" : ""}`;
+      tag.wide ??= tag.offsetWidth + 2;
+      // Of four places about the vehicle the first that is free, the one that it had before all others.
+      const places = [[9, -20], [9, 6], [-9 - tag.wide, -20], [-9 - tag.wide, 6]];
+      const free = ([dx, dy]) => !taken.some(([a, b, wide]) => x + dx < a + wide && a < x + dx + tag.wide && Math.abs(y + dy - b) < 15);
+      const tried = [tag.at ?? 0, 0, 1, 2, 3];
+      tag.at = tried.find((n) => free(places[n])) ?? tried[0];
+      const [dx, dy] = places[tag.at];
+      taken.push([x + dx, y + dy, tag.wide]);
+      const transform = `translate(${(x + dx).toFixed(1)}px, ${(y + dy).toFixed(1)}px)`;
+      if (tag.transform !== transform) tag.style.transform = tag.transform = transform;
+      const name = `${v < run.agents ? "agent" : "target"}${v === this.lit ? " lit" : ""}${v < run.agents && !this.present[v] ? " lost" : ""}`;
+      if (tag.className !== name) tag.className = name;
     }
     const whom = this.lit >= 0 ? this.lit : -1;
     this.ring.hidden = whom < 0 || Number.isNaN(screen[2 * whom]);
@@ -499,6 +529,15 @@ export class World extends EventTarget {
   }
 }
 
+/** Whether there is no graphics card: less is drawn then. */
+function drawsInSoftware() {
+  const gl = document.createElement("canvas").getContext("webgl2");
+  const info = gl?.getExtension("WEBGL_debug_renderer_info");
+  const name = info ? gl.getParameter(info.UNMASKED_RENDERER_WEBGL) : "";
+  gl?.getExtension("WEBGL_lose_context")?.loseContext();
+  return /swiftshader|llvmpipe|software|basic render/i.test(name);
+}
+
 function digitsOf(x) {
   return String(+x.toPrecision(6)).replace("-", "−");
 }
@@ -510,9 +549,9 @@ function addArrow(lines, at, w, scale, colour, opacity, width) {
   const [x, y, z] = [(w[0] / length) * shown, (w[1] / length) * shown, (w[2] / length) * shown];
   const [ax, ay, az] = [at[0] - x / 2, at[1] - y / 2, at[2] - z / 2];
   const [bx, by, bz] = [ax + x, ay + y, az + z];
-  lines.addNumbers(ax, ay, az, bx, by, bz, colour, 0.35 * opacity, width, 0, opacity);
+  lines.add(ax, ay, az, bx, by, bz, colour, 0.35 * opacity, width, 0, opacity);
   for (const side of [1, -1]) {
-    lines.addNumbers(bx, by, bz, bx - 0.3 * x - side * 0.16 * y, by - 0.3 * y + side * 0.16 * x, bz - 0.3 * z, colour, opacity, width);
+    lines.add(bx, by, bz, bx - 0.3 * x - side * 0.16 * y, by - 0.3 * y + side * 0.16 * x, bz - 0.3 * z, colour, opacity, width);
   }
 }
 
