@@ -8,6 +8,7 @@ Needs playwright and a Chromium; see tests/page. Also prints the size of each pa
 import statistics
 import sys
 import time
+from itertools import pairwise
 from pathlib import Path
 
 from tests.page.browser import open_browser, open_page
@@ -34,7 +35,7 @@ def main() -> None:
             page = open_page(browser, path, width=1280, height=720)
             opened = time.perf_counter() - begun
             times = page.evaluate(FRAMES, SECONDS)
-            each = [after - before for before, after in zip(times, times[1:], strict=False)]
+            each = [after - before for before, after in pairwise(times)]
             rate = 1000.0 / statistics.median(each)
             print(f"{name}: {path.stat().st_size / 1e6:.2f} MB, opens in {opened:.1f} s, {rate:.1f} frames/s (median)")
             page.context.close()

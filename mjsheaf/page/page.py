@@ -112,7 +112,8 @@ def _scene(
     team, N = system.team, len(system.team.agents)
     group, names, colours = groups_of(team)
     kinds, kind = kinds_of(system.vehicles)
-    able = of_each(system.vehicles, lambda vehicle: capability_of(vehicle).least_speed)
+    agents = system.vehicles[:N] if bodies else []
+    able = of_each(agents, lambda vehicle: capability_of(vehicle).least_speed)
     limit = system.law.limit[:N]
     return {
         "agents": team.agent_ids,
@@ -126,7 +127,7 @@ def _scene(
         "kinds": kinds,
         "kind": kind,
         "bodies": bodies,
-        "fastest": able[:N].tolist() if bodies else [None] * N,
+        "fastest": able.tolist() if bodies else [None] * N,
         "limit": limit.tolist(),
         "surface": scenario.scene.surface,
         "height": scenario.scene.height,

@@ -94,7 +94,7 @@ async function begin() {
   let [last, frames, remembered] = [performance.now(), 0, ""];
   let written = 0;
   const tick = (now) => {
-    clock.advance(Math.min((now - last) / 1000, 0.5));
+    clock.advance(Math.min((now - last) / 1000, 2)); // a page that was hidden does not leap
     last = now;
     if (world?.draw()) {
       frames++;
