@@ -32,6 +32,7 @@ _FEWEST, _MOST = 400, 3000  # samples
 _MOST_POSITIONS = 500_000  # vehicles times samples, where that allows _FEWEST
 _MOST_HELD = 6_000_000  # positions that are kept between passes over a run
 _OUTLIER = 100.0  # times the scene's size: what is farther out has blown up, and is drawn no farther
+_ROOM_OF_BLOWN_UP = 4.0  # of the scene of such a run, times the size at its start
 _UNKNOWN = np.iinfo(np.int32).min
 _QUATERNION_STEP = 2.0**-13
 _DROPPED_BITS = 11  # of a float's mantissa
@@ -146,6 +147,9 @@ def pack(
     """
     pieces = _Positions(dataset, surface_height)
     scene, bend = _survey(pieces, dataset.sizes["time"], phases)
+    if dataset.attrs["status"] != "finished":  # what blew up leaves the picture
+        began = Scene.of(next(iter(pieces))[:1])
+        scene = Scene(began.centre, min(scene.size, _ROOM_OF_BLOWN_UP * began.size))
     rows = _kept(bend, scene.tolerance, dataset.sizes["agent"] + dataset.sizes["target"], _event_rows(phases))
     time = dataset["time"].values[rows]
     step, packer = scene.tolerance / 4.0, Packer()

@@ -218,6 +218,7 @@ def publish(
             notes += terms.harm
         if summary["ending"] in _NEVER_SETTLES:
             notes.append(f"the team does not settle: {_NEVER_SETTLES[summary['ending']]}; see mjsheaf check")
+        summary["notes"] = [{"text": note} for note in notes]
         if video is not None:
             from mjsheaf.video.from_run import film_run
 
@@ -227,7 +228,7 @@ def publish(
             summary["video"] = video_entry(frames, video) if not reason else None
         plots.result()
         progress("writing the page", 0, 1)
-        page = page_of(scenario, phases, dataset, summary, theorem, of_law, notes=notes)
+        page = page_of(scenario, phases, dataset, summary, theorem, of_law, notes=summary["notes"])
         (fresh / "report.html").write_bytes(page)
         progress("publishing", 0, 1)  # the last moment at which the user can stop it
         store.save_summary(summary, fresh / "summary.json")
@@ -311,6 +312,7 @@ def _summary_of(
             "wrong": of_law.wrong,
         },
         "terms": None,
+        "notes": [],
         "video": None,
         store.RESULT_DIGEST: "",
     }

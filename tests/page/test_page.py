@@ -2,7 +2,9 @@
 
 import base64
 import hashlib
+import json
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,8 +12,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from mjsheaf.page import page as page_module
 from mjsheaf.page.replay import Packer
+from mjsheaf.runs.publish import execute
+from mjsheaf.scenario import load_scenario
+from tests.commands import call
 from tests.page.pages import Elements, Made, make_page, positions_of, said_in, series_in
 
 HOSTILE = "</script><script>document.title='broken'</script><!--<b>&amp;&lt;\u202egnol\u2028\u2029'\"`${1}{{ data }}"
@@ -35,7 +39,7 @@ def test_arrays_come_back_as_near_as_is_said(fixed: np.ndarray, loose: np.ndarra
     packer = Packer()
     returned = packer.add_fixed("fixed", fixed, 0.01)
     packer.add_float("loose", loose)
-    said = page_module.to_json({"arrays": packer.index}).decode()
+    said = json.dumps({"arrays": packer.index})
     page = f'<script id="said">{said}</script><script id="data">{packer.packed()}</script>'.encode()
     found = series_in(page)
     np.testing.assert_allclose(found["fixed"], fixed, atol=0.0050001)
@@ -130,3 +134,24 @@ def test_the_bundle_carries_the_licences_of_what_is_in_it(small: Made) -> None:
     for words in ("three.js authors", "Leon Sorokin", "Permission is hereby granted, free of charge"):
         assert words in script
     assert re.search(r"three \d+\.\d+\.\d+", script)
+
+
+def test_a_page_is_written_again_from_the_directory_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """To the byte, also from a directory that was moved; one that is damaged is refused."""
+    scenario = load_scenario("midpoint", {"time.end": 0.5})
+    execute(scenario, "physics", tmp_path / "run", video=None)
+    first = (tmp_path / "run" / "report.html").read_bytes()
+    moved = (tmp_path / "run").rename(tmp_path / "moved")
+    (moved / "report.html").write_text("broken")
+    assert call("report", moved) == 0
+    assert (moved / "report.html").read_bytes() == first
+    assert call("report", moved, "--out", tmp_path / "other.html") == 0
+    assert (tmp_path / "other.html").read_bytes() == first
+    for wrong in ("page.txt", "moved/other.html"):
+        assert call("report", moved, "--out", tmp_path / wrong) == 2
+        assert not (tmp_path / wrong).exists()
+    data = bytearray((moved / "result.nc").read_bytes())
+    data[len(data) // 2] ^= 1
+    (moved / "result.nc").write_bytes(data)
+    assert call("report", moved) == 2
+    assert "result.nc" in capsys.readouterr().err

@@ -1,7 +1,7 @@
 // The curves: panels over time that share the clock, in which agents light up.
 
 import uPlot from "uplot";
-import { digits } from "./data.js";
+import { digits, legible } from "./data.js";
 
 const MOST_LINES = 40; // agents with a line of their own; of more, the spread is drawn
 const DECADES = 5; // most that a logarithmic axis shows
@@ -74,7 +74,7 @@ export class Curves extends EventTarget {
       ],
       series: [{}, ...panel.lines.map((line) => ({
         label: "",
-        stroke: typeof line.colour === "string" && line.colour.startsWith("--") ? ink(line.colour) : line.colour,
+        stroke: line.colour.startsWith("--") ? ink(line.colour) : line.agent >= 0 || line.group ? () => legible(line.colour, document.documentElement.dataset.theme === "dark") : line.colour,
         width: line.width,
         dash: line.dash,
         alpha: line.alpha ?? 1,
@@ -225,7 +225,7 @@ function linesOf(run, panel, all) {
     if (all.length > 1) lines.push({ name: "team", values: run.over(panel.agents, all, panel.how), colour: "--ink", width: 2 });
     if (all.length > MOST_LINES) lines.push({ values: nothing, colour: "#d9480f", width: 1.8, extra: true, agent: -1 });
   } else {
-    said.formations.forEach((name, g) => lines.push({ values: run.column(panel.groups, g), colour: colour(g), width: 1.4 }));
+    said.formations.forEach((name, g) => lines.push({ values: run.column(panel.groups, g), colour: colour(g), width: 1.4, group: true }));
     lines.push({ name: "team", values: run.column(panel.team, 0), colour: "--ink", width: 2 });
   }
   panel.bounds?.forEach((name, k) => lines.push({ values: run.column(`bound${k}`, 0), colour: BOUNDS[k % 2], width: 1.6, dash: [7, 4], bound: name }));

@@ -145,6 +145,15 @@ export function digits(x) {
   return x.toFixed(Math.max(0, 2 - Math.floor(Math.log10(size)))).replace("-", "−");
 }
 
+/** A group's colour as a line that can be told from a light or a dark ground. */
+export function legible(code, dark) {
+  const [r, g, b] = [1, 3, 5].map((at) => parseInt(code.slice(at, at + 2), 16));
+  const light = (0.21 * r + 0.72 * g + 0.07 * b) / 255;
+  const share = dark ? Math.max(0, 0.42 - light) : Math.max(0, light - 0.66) * 1.6;
+  const to = dark ? 255 : 0;
+  return `rgb(${[r, g, b].map((x) => Math.round(x + share * (to - x))).join(", ")})`;
+}
+
 /** 1, 2 or 5 times a power of ten, at most x. */
 export function nice(x) {
   const power = 10 ** Math.floor(Math.log10(x));

@@ -120,8 +120,8 @@ export class Card {
       const f = (k * run.agents + v) * 3;
       rows.push(["from its place", `${digits(at("tracking_error"))} m`], ["disagreement", `${digits(at("disagreement"))} m`]);
       const most = said.fastest[v] ?? said.limit[v];
-      rows.push(["asks for", `${digits(at("speed"))}${most === null ? "" : ` of ${digits(most)}`} m/s`]);
-      rows.push(["flow about it", `${digits(Math.hypot(series.flow[f], series.flow[f + 1], series.flow[f + 2]))} m/s`]);
+      rows.push(["asks for, m/s", `${digits(at("speed"))}${most === null ? "" : ` of ${digits(most)}`}`]);
+      rows.push(["flow about it, m/s", digits(Math.hypot(series.flow[f], series.flow[f + 1], series.flow[f + 2]))]);
       if (series.saturation) rows.push(["thrusters at a limit", `${Math.round(100 * at("saturation"))} %`]);
       if (series.apart) rows.push(["from its ideal twin", `${digits(at("apart"))} m`]);
       why = reasons(run, k, v);

@@ -82,6 +82,7 @@ async function begin() {
   }
   curves.addEventListener("point", ({ detail }) => light(detail));
 
+  await new Promise(requestAnimationFrame); // until the plots are there
   const said = readHash();
   if (said.speed > 0) clock.setSpeed(+said.speed);
   clock.seek(Number.isFinite(+said.t) && said.t !== undefined ? +said.t : run.start);

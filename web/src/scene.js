@@ -411,7 +411,7 @@ export class World extends EventTarget {
     if (!this.flowScale) return;
     for (const flow of this.run.said.flow) {
       const colour = this.flowColour(flow);
-      flow.places.forEach((place, k) => addArrow(this.arrows, place, flow.velocity[k], this.flowScale, colour, 0.45, 1.3));
+      flow.places.forEach((place, k) => addArrow(this.arrows, place, flow.velocity[k], this.flowScale, colour, 0.5, 1.6));
     }
   }
 
