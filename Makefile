@@ -17,8 +17,8 @@ $(STAMP): pyproject.toml constraints.txt
 demo: $(STAMP)
 	$(BIN)/mjsheaf run paper --expect --out $(DEMO)
 	@echo
-	@test -e $(DEMO)/video.mp4 && echo "video   $(DEMO)/video.mp4" || echo "video   none: see the note above"
 	@echo "look    $(DEMO)/report.html in any browser"
+	@test -e $(DEMO)/video.mp4 && echo "video   $(DEMO)/video.mp4" || echo "video   none: see the note above"
 	@echo "plots   $(DEMO)/errors.png trajectories.png configurations.png"
 	@echo "data    $(DEMO)/result.nc summary.json"
 

@@ -237,8 +237,11 @@ def report(
 
     own = directory / "report.html"
     path = own if out is None else out
-    require_file_name("--out", path, ".html")
-    run = enclosing_run(path)
-    if run is not None and path.resolve() != own.resolve():
-        raise InputError(f"--out {path}: lies in {run}, a run's directory; expected {own}, or a place outside of runs")
+    if out is not None:
+        require_file_name("--out", path, ".html")
+        run = enclosing_run(path)
+        if run is not None and path.resolve() != own.resolve():
+            raise InputError(
+                f"--out {path}: lies in {run}, a run's directory; expected {own}, or a place outside of runs"
+            )
     print(write_page_again(directory, path))

@@ -83,7 +83,9 @@ def _mesh(model: mujoco.MjModel, mesh: int) -> dict[str, Any]:
     vertices = np.asarray(model.mesh_vert[first : first + count], "<f4")
     first, count = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
     faces = np.asarray(model.mesh_face[first : first + count], "<u4")[:: -(-count // _MOST_TRIANGLES)]
-    return {name: base64.b64encode(x.tobytes()).decode() for name, x in (("vertices", vertices), ("faces", faces))}
+    used, corners = np.unique(faces, return_inverse=True)
+    parts = (("vertices", vertices[used]), ("faces", corners.astype("<u4")))
+    return {name: base64.b64encode(np.ascontiguousarray(x).tobytes()).decode() for name, x in parts}
 
 
 def _rounded(values: Array) -> list[float]:

@@ -15,9 +15,10 @@ from pydantic_core import to_json
 
 from mjsheaf._version import __version__
 from mjsheaf.arrays import Array
+from mjsheaf.errors import InputError
 from mjsheaf.io.files import write_whole
 from mjsheaf.io.section import LARGEST
-from mjsheaf.page.replay import pack
+from mjsheaf.page.replay import REQUIRED, pack
 from mjsheaf.plotting import groups_of
 from mjsheaf.results.metrics import MEASURES, phases_in
 from mjsheaf.scenario import Scenario
@@ -69,7 +70,8 @@ def write_page_again(directory: Path, path: Path | None = None) -> Path:
     """Write the page of a finished run from its directory alone; returns the file, report.html there unless given.
 
     Raises:
-        InputError: the directory holds no run, or one that does not fit its scenario.
+        InputError: the directory holds no run, one that does not fit its scenario, or one of a version
+            that recorded less.
         OSError: the file cannot be written.
     """
     from mjsheaf.checking.finished import bound_of_run, held_bound_of_run
@@ -80,6 +82,9 @@ def write_page_again(directory: Path, path: Path | None = None) -> Path:
     with open_run(directory) as (dataset, summary):
         scenario = load_scenario(directory / "scenario.yaml")
         require_match(directory, scenario, dataset)
+        missing = sorted(REQUIRED - set(dataset.variables))
+        if missing:
+            raise InputError(f"{directory}: result.nc has no {missing[0]}; run the scenario again")
         phases = scenario.phases
         theorem = bound_of_run(phases, dataset)
         of_law = held_bound_of_run(phases, dataset, theorem)

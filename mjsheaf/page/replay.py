@@ -33,6 +33,15 @@ _MOST_POSITIONS = 500_000  # vehicles times samples, where that allows _FEWEST
 _MOST_HELD = 6_000_000  # positions that are kept between passes over a run
 _OUTLIER = 100.0  # times the scene's size: what is farther out has blown up, and is drawn no farther
 _ROOM_OF_BLOWN_UP = 4.0  # of the scene of such a run, times the size at its start
+REQUIRED = frozenset(
+    {"disagreement", "tracking_error", "velocity_command", "agent_flow", "harmonic_extension"}
+    | {"formation_error", "centering_error"}
+)
+"""Variables of every run that a page shows, beside positions."""
+_WHERE_THERE = (
+    *("agent_saturation", "group_formation_error", "group_centering_error", "heard"),
+    *("agent_orientation", "target_orientation"),
+)
 _UNKNOWN = np.iinfo(np.int32).min
 _QUATERNION_STEP = 2.0**-13
 _DROPPED_BITS = 11  # of a float's mantissa
@@ -153,10 +162,7 @@ def pack(
     rows = _kept(bend, scene.tolerance, dataset.sizes["agent"] + dataset.sizes["target"], _event_rows(phases))
     time = dataset["time"].values[rows]
     step, packer = scene.tolerance / 4.0, Packer()
-    wanted = ["disagreement", "tracking_error", "velocity_command", "agent_flow", "harmonic_extension"]
-    wanted += ["formation_error", "centering_error", "agent_saturation", "group_formation_error"]
-    wanted += ["group_centering_error", "heard", "agent_orientation", "target_orientation"]
-    own = _at_rows(dataset, [name for name in wanted if name in dataset], rows)
+    own = _at_rows(dataset, [name for name in (*sorted(REQUIRED), *_WHERE_THERE) if name in dataset], rows)
     positions = _positions_at(pieces, rows)
     shown = packer.add_fixed("position", scene.confined(positions), step)
     q_star = own["harmonic_extension"].values

@@ -39,10 +39,13 @@ def open_browser() -> Iterator[Any]:
         browser.close()
 
 
-def open_page(browser: Any, path: Path, *, width: int = 900, height: int = 600, hash: str = "", **context: Any) -> Any:
+def open_page(
+    browser: Any, path: Path, *, width: int = 900, height: int = 600, hash: str = "", before: str = "", **context: Any
+) -> Any:
     """Open a page from disk, without a network, and wait until it is ready.
 
-    What it asks for, says on the console and fails with are the lists `requests`, `words` and `failures` of the result.
+    `before` is a script that runs before those of the page. What the page asks for, says on the console and fails with
+    are the lists `requests`, `words` and `failures` of the result.
     """
     made = browser.new_context(viewport={"width": width, "height": height}, offline=True, **context)
     page = made.new_page()
@@ -50,6 +53,8 @@ def open_page(browser: Any, path: Path, *, width: int = 900, height: int = 600, 
     page.on("request", lambda request: page.requests.append(request.url))
     page.on("console", lambda said: page.words.append((said.type, said.text)))
     page.on("pageerror", lambda error: page.failures.append(str(error)))
+    if before:
+        page.add_init_script(before)
     page.goto(path.resolve().as_uri() + hash)
     page.wait_for_selector("html[data-ready=yes]", timeout=60_000)
     return page

@@ -24,6 +24,8 @@ pytestmark = [pytest.mark.slow, pytest.mark.skipif(bool(missing()), reason=f"no 
 
 UNNAMED = """() => [...document.querySelectorAll('button, select, input, #scene, [role=img]')].filter(e =>
   !(e.getAttribute('aria-label') || e.textContent.trim() || e.labels?.[0]?.textContent.trim())).map(e => e.outerHTML)"""
+WITHOUT_WEBGL = """HTMLCanvasElement.prototype.getContext = (own => function (kind, ...rest) {
+  return /webgl/.test(kind) ? null : own.call(this, kind, ...rest); })(HTMLCanvasElement.prototype.getContext)"""
 AT = "t => { const m = window.mjsheaf; m.clock.seek(t); m.world.read(); return Array.from(m.world.positions); }"
 
 
@@ -228,6 +230,16 @@ def test_a_phone(browser: Any, harbour: tuple[Path, Made]) -> None:
     page.locator("#play").tap()
     assert page.evaluate("window.mjsheaf.clock.playing")
     require_quiet(page)
+
+
+def test_a_browser_without_webgl_shows_curves_and_facts(browser: Any, harbour: tuple[Path, Made]) -> None:
+    page = open_page(browser, harbour[0], hash="#t=20", before=WITHOUT_WEBGL)
+    assert "cannot draw in three dimensions" in page.locator("#nothing").inner_text()
+    page.keyboard.press("End")
+    page.keyboard.press("n")
+    assert page.locator("#card .name").inner_text() == "H1"
+    assert "team" in page.locator("figcaption output").first.inner_text()
+    assert page.failures == []
 
 
 def test_a_run_that_blew_up(browser: Any, tmp_path: Path) -> None:

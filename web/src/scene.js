@@ -342,7 +342,7 @@ export class World extends EventTarget {
     if (layers.trails) this.drawTrails(some ? 2 : 1.2);
     const colour = new THREE.Color();
     if (layers.links) {
-      run.said.edges.forEach(({ tail, head, kind }, e) => {
+      run.said.edges.forEach(({ tail, head, kind, numbers }, e) => {
         const residual = this.residuals[e];
         if (Number.isNaN(residual)) return;
         const silent = residual < 0;
@@ -352,7 +352,8 @@ export class World extends EventTarget {
         const lit = tail === this.lit || head === this.lit;
         const plain = some ? 0.55 : kind === "sensing" ? 0.06 : 0.16; // many lines to one target would hide the rest
         const strength = lit ? 1 : silent ? 0.5 * plain : plain * (1 + 0.7 * share);
-        const width = (lit ? 3 : some ? 1.6 : 0.7) + (silent ? 0 : share * (some ? 1.2 : 0.6));
+        // The more numbers an edge compares, the wider it is.
+        const width = ((lit ? 3 : some ? 1.6 : 0.7) + (silent ? 0 : share * (some ? 1.2 : 0.6))) * (0.55 + 0.15 * Math.min(numbers, 3));
         lines.add(p[3 * tail], p[3 * tail + 1], p[3 * tail + 2], p[3 * head], p[3 * head + 1], p[3 * head + 2], colour, strength, width, kind === "sensing" ? 7 : silent ? 2.5 : 0);
       });
     }
