@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 DEMO := runs/paper-physics
 
-.PHONY: demo test test-slow test-all lint clean
+.PHONY: demo test test-slow test-all lint clean bundle check-bundle
 
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "mjsheaf needs Python 3.11 or later; set PYTHON=")'
@@ -17,6 +17,7 @@ $(STAMP): pyproject.toml constraints.txt
 demo: $(STAMP)
 	$(BIN)/mjsheaf run paper --expect --out $(DEMO)
 	@echo
+	@echo "look    $(DEMO)/report.html in any browser"
 	@test -e $(DEMO)/video.mp4 && echo "video   $(DEMO)/video.mp4" || echo "video   none: see the note above"
 	@echo "plots   $(DEMO)/errors.png trajectories.png configurations.png"
 	@echo "data    $(DEMO)/result.nc summary.json"
@@ -43,5 +44,18 @@ test-all: EXAMPLES := ci
 test-all: lint
 	$(PYTEST)
 
+# The page's script and style, from web/: only who changes those needs node 18 or later. CI compares.
+web/node_modules: web/package-lock.json
+	cd web && npm ci --ignore-scripts --no-audit --no-fund
+	touch web/node_modules
+
+bundle: web/node_modules
+	cd web && node build.mjs
+
+check-bundle: web/node_modules
+	cd web && node build.mjs ../build/bundle
+	cmp build/bundle/bundle.js mjsheaf/page/bundle.js
+	cmp build/bundle/bundle.css mjsheaf/page/bundle.css
+
 clean:
-	rm -rf $(VENV) runs dist build
+	rm -rf $(VENV) runs dist build web/node_modules

@@ -20,7 +20,7 @@ from tests.builders import names
 IDEAL = ("--backend", "ideal", "--no-video", "--set", "time.end=0.2")
 SMALL = ("--set", "video.width=160", "--set", "video.height=120", "--set", "video.fps=5")
 CAN_DRAW = available_backend()[0] is not None
-DATA_FILES = {"result.nc", "summary.json", "scenario.yaml"}
+DATA_FILES = {"result.nc", "summary.json", "scenario.yaml", "report.html"}
 RUN_FILES = DATA_FILES | {"errors.png", "trajectories.png", "configurations.png"}
 """What `mjsheaf run --no-video` writes."""
 

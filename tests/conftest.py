@@ -41,8 +41,9 @@ def _plain_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def without_plots(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Runs draw no plots, which takes longer than a short run does."""
+    """Runs draw no plots and an empty page, which take longer than a short run does."""
     monkeypatch.setattr("mjsheaf.runs.publish._plot", lambda *_: None)
+    monkeypatch.setattr("mjsheaf.page.page_of", lambda *_, **__: b"")
 
 
 @pytest.fixture(scope="session")

@@ -1,4 +1,4 @@
-"""`mjsheaf run`, `mjsheaf video` and `mjsheaf expect`."""
+"""`mjsheaf run`, `mjsheaf video`, `mjsheaf report` and `mjsheaf expect`."""
 
 from functools import partial
 from pathlib import Path
@@ -23,10 +23,7 @@ from mjsheaf.cli.terminal import make_console, make_table, print_lines, print_no
 from mjsheaf.errors import InputError, MjsheafError, PlaceError, UnstableError, in_field
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from mjsheaf.runs.publish import Outcome
-    from mjsheaf.scenario import Scenario
 
 
 def run(
@@ -52,11 +49,11 @@ def run(
     ] = None,
     quality: QualityOption = None,
 ) -> None:
-    """Simulate a scenario and leave data, plots and a video.
+    """Simulate a scenario and leave data, plots, a page to look at and a video.
 
-    Writes result.nc, summary.json, scenario.yaml, errors.png, trajectories.png, configurations.png and video.mp4 into
-    the directory (runs/NAME-BACKEND unless given), all at once when done. Refuses, with exit code 1, a team in which
-    some agent is free to drift.
+    Writes result.nc, summary.json, scenario.yaml, errors.png, trajectories.png, configurations.png, report.html and
+    video.mp4 into the directory (runs/NAME-BACKEND unless given), all at once when done. Refuses, with exit code 1, a
+    team in which some agent is free to drift.
     """
     from mjsheaf.control.controller import load_controller
     from mjsheaf.runs.expecting import miss
@@ -204,7 +201,7 @@ def video(
     What is not given is taken from the run's scenario.
     """
     changes = {k: v for k, v in locals().items() if k not in ("directory", "out")}
-    from mjsheaf.results.store import enclosing_run, open_run, save_summary
+    from mjsheaf.results.store import enclosing_run, open_run, require_match, save_summary
     from mjsheaf.runs.publish import video_entry
     from mjsheaf.scenario import load_scenario
     from mjsheaf.video import available_backend
@@ -212,7 +209,7 @@ def video(
 
     with open_run(directory) as (dataset, summary):
         scenario = load_scenario(directory / "scenario.yaml")
-        _require_match(directory, scenario, dataset)
+        require_match(directory, scenario, dataset)
         options = video_options(scenario, **changes)
         own = directory / "video.mp4"
         path = own if out is None else out
@@ -232,24 +229,21 @@ def video(
     print(f"{path}: {frames} frames, {options.width}x{options.height} at {options.fps:g} frames a second")
 
 
-def _require_match(directory: Path, scenario: "Scenario", dataset: "xr.Dataset") -> None:
-    """Refuse a run whose data are not those of its scenario.
+def report(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="The directory of a finished run.")],
+    out: Annotated[Path | None, typer.Option(metavar="FILE", help="The page; report.html in DIR unless given.")] = None,
+) -> None:
+    """Write the page of a finished run again: one HTML file that replays it in any browser, offline."""
+    from mjsheaf.page import write_page_again
+    from mjsheaf.results.store import enclosing_run
 
-    Raises:
-        InputError: naming the directory and what differs.
-    """
-    backend = dataset.attrs.get("backend")
-    drawn = {"time", "agent", "target", "agent_position", "target_position", "harmonic_extension", "disagreement"}
-    if backend == "physics":
-        drawn |= {"agent_orientation", "target_orientation", "agent_height", "target_height"}
-    missing = sorted(drawn - set(dataset.variables))
-    if missing or backend not in ("physics", "ideal") or "status" not in dataset.attrs:
-        what = missing[0] if missing else "backend or status"
-        raise InputError(f"{directory}: result.nc is not that of a run: it has no {what}")
-    for kind, members in (("agent", scenario.agents), ("target", scenario.targets)):
-        place = dataset[f"{kind}_position"].isel(time=0).transpose(kind, "axis").notnull()
-        found = dict(zip(map(str, dataset[kind].values), place.sum("axis").values.tolist(), strict=True))
-        if found != {m.id: len(m.position) for m in members}:
+    own = directory / "report.html"
+    path = own if out is None else out
+    if out is not None:
+        require_file_name("--out", path, ".html")
+        run = enclosing_run(path)
+        if run is not None and path.resolve() != own.resolve():
             raise InputError(
-                f"{directory}: result.nc and scenario.yaml do not match: their {kind}s differ; run the scenario again"
+                f"--out {path}: lies in {run}, a run's directory; expected {own}, or a place outside of runs"
             )
+    print(write_page_again(directory, path))

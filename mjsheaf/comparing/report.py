@@ -5,6 +5,7 @@ from io import StringIO
 from itertools import accumulate
 from pathlib import Path
 
+import xarray as xr
 from rich.box import SIMPLE_HEAD
 from rich.console import Console, Group
 from rich.padding import Padding
@@ -15,7 +16,7 @@ from mjsheaf.comparing.compare import Comparison, compare
 from mjsheaf.comparing.ladder import RungRecord, display_name
 from mjsheaf.comparing.measures import FORMATION, TEAM, TRACKING, BudgetRecord, ItemRecord
 from mjsheaf.comparing.verdict import CompareRecord
-from mjsheaf.results import make_dataset
+from mjsheaf.results import make_dataset, summarize
 from mjsheaf.results.store import replaced_run, save_summary, staging
 from mjsheaf.runs.harm import listed
 from mjsheaf.runs.publish import draw_video, write_scenario
@@ -252,6 +253,8 @@ def publish(
             _, reason = draw_video(partial(_film, scenario, comparison, fresh / "compare.mp4", progress))
             notes += [reason] * bool(reason)
             record = record.model_copy(update={"video": None if reason else "compare.mp4"})
+        progress("writing the page", 0, 1)
+        (fresh / "report.html").write_bytes(_page(scenario, comparison))
         (fresh / "report.txt").write_text(report_text(record), encoding="utf-8")
         progress("publishing", 0, 1)  # the last moment at which the user can stop it
         save_summary(record.model_dump(mode="json"), fresh / "compare.json")
@@ -266,11 +269,34 @@ def _plot(comparison: Comparison, folder: Path) -> None:
     plot_convergence(comparison.record, folder / "convergence.png")
 
 
+def _datasets(scenario: Scenario, comparison: Comparison) -> tuple[xr.Dataset, xr.Dataset]:
+    """The runs on ideal kinematics and on the bodies as they stand."""
+    both = (("ideal", "ideal"), ("all", "physics"))
+    ideal, physics = (make_dataset(comparison.runs[key].trajectory, name, scenario.seed) for key, name in both)
+    return ideal, physics
+
+
+def _page(scenario: Scenario, comparison: Comparison) -> bytes:
+    """The run on bodies, with the ideal one as its ghost."""
+    from mjsheaf.checking.finished import bound_of_run, ending_of_run, held_bound_of_run
+    from mjsheaf.page import page_of
+
+    phases = scenario.phases
+    ideal, physics = _datasets(scenario, comparison)
+    theorem = bound_of_run(phases, physics)
+    finished = physics.attrs["status"] == "finished"
+    summary = {
+        "final": summarize(scenario.system.team, physics),
+        "ending": ending_of_run(phases, physics) if finished else None,
+    }
+    of_law = held_bound_of_run(phases, physics, theorem)
+    again = "mjsheaf compare scenario.yaml", " in this directory"
+    notes = comparison.record.verdict
+    return page_of(scenario, phases, physics, summary, theorem, of_law, notes=notes, ideal=ideal, again=again)
+
+
 def _film(scenario: Scenario, comparison: Comparison, path: Path, progress: Progress) -> int:
     from mjsheaf.video.from_run import film_side_by_side
 
-    ideal, physics = (
-        make_dataset(comparison.runs[key].trajectory, backend, scenario.seed)
-        for key, backend in (("ideal", "ideal"), ("all", "physics"))
-    )
+    ideal, physics = _datasets(scenario, comparison)
     return film_side_by_side(scenario, ideal, physics, path, partial(progress, "drawing video"))

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import xarray as xr
 from pydantic_core import to_json
@@ -20,12 +20,15 @@ from mjsheaf.io.files import is_part_of, whole_directory, write_whole
 from mjsheaf.io.yaml import SUFFIXES
 from mjsheaf.results.netcdf import open_dataset
 
+if TYPE_CHECKING:
+    from mjsheaf.scenario import Scenario
+
 _PLOTS = ("errors.png", "trajectories.png", "configurations.png")
-FILES = ("result.nc", "summary.json", "scenario.yaml", *_PLOTS, "video.mp4")
+FILES = ("result.nc", "summary.json", "scenario.yaml", *_PLOTS, "video.mp4", "report.html")
 """What a run may leave in its directory."""
 
 _COMPARISON_PLOTS = ("errors.png", "budget.png", "convergence.png")
-COMPARISON_FILES = ("compare.json", "scenario.yaml", "report.txt", *_COMPARISON_PLOTS, "compare.mp4")
+COMPARISON_FILES = ("compare.json", "scenario.yaml", "report.txt", *_COMPARISON_PLOTS, "compare.mp4", "report.html")
 """What a comparison may leave in its directory."""
 
 VEHICLES = "vehicles"
@@ -227,3 +230,26 @@ def open_run(directory: Path) -> Iterator[tuple[xr.Dataset, dict[str, Any]]]:
         raise InputError(f"{directory}: cannot be read: {' '.join(str(error).split())}") from None
     with dataset:
         yield dataset, summary
+
+
+def require_match(directory: Path, scenario: "Scenario", dataset: xr.Dataset) -> None:
+    """Refuse a run whose data are not those of its scenario.
+
+    Raises:
+        InputError: naming the directory and what differs.
+    """
+    backend = dataset.attrs.get("backend")
+    drawn = {"time", "agent", "target", "agent_position", "target_position", "harmonic_extension", "disagreement"}
+    if backend == "physics":
+        drawn |= {"agent_orientation", "target_orientation", "agent_height", "target_height"}
+    missing = sorted(drawn - set(dataset.variables))
+    if missing or backend not in ("physics", "ideal") or "status" not in dataset.attrs:
+        what = missing[0] if missing else "backend or status"
+        raise InputError(f"{directory}: result.nc is not that of a run: it has no {what}")
+    for kind, members in (("agent", scenario.agents), ("target", scenario.targets)):
+        place = dataset[f"{kind}_position"].isel(time=0).transpose(kind, "axis").notnull()
+        found = dict(zip(map(str, dataset[kind].values), place.sum("axis").values.tolist(), strict=True))
+        if found != {m.id: len(m.position) for m in members}:
+            raise InputError(
+                f"{directory}: result.nc and scenario.yaml do not match: their {kind}s differ; run the scenario again"
+            )

@@ -182,6 +182,7 @@ def publish(
         PlaceError: the directory may not be replaced or cannot be written.
     """
     from mjsheaf.checking.finished import bound_of_run, held_bound_of_run
+    from mjsheaf.page import page_of
     from mjsheaf.runs.harm import examine_terms
     from mjsheaf.runs.notes import notes_of_run
     from mjsheaf.simulation.trajectory import samples_in_piece
@@ -224,6 +225,9 @@ def publish(
             notes += [reason] * bool(reason)
             summary["video"] = video_entry(frames, video) if not reason else None
         plots.result()
+        progress("writing the page", 0, 1)
+        page = page_of(scenario, phases, dataset, summary, theorem, of_law, notes=summary["notes"])
+        (fresh / "report.html").write_bytes(page)
         progress("publishing", 0, 1)  # the last moment at which the user can stop it
         store.save_summary(summary, fresh / "summary.json")
     return Outcome(directory, summary, notes, replaced)
@@ -292,6 +296,7 @@ def _summary_of(
         "free_directions": list(free),
         **_bounds_summary(theorem, of_law),
         "terms": None,
+        "notes": [],
         "video": None,
         store.RESULT_DIGEST: "",
     }

@@ -3,7 +3,8 @@
 - study.json: what was asked. With it the same command resumes, and another one is refused.
 - scenario.yaml: the scenario as read, to look at any run by itself; not where it has vehicles of its own.
 - runs/000017.json: one file a run, written whole as it ends.
-- trajectories/000017.nc: its result.nc, where wanted; written before the run's file, which says that it is there.
+- trajectories/000017.nc, .html: its result.nc and its page, where wanted; written before the run's file, which
+  says that they are there.
 - timings.csv: how long runs took; the only file that differs between equal studies.
 - table.csv, table.parquet, plots, index.html: written when all runs have ended.
 """
@@ -28,7 +29,7 @@ from mjsheaf.studies.schema import Point
 
 _LOCK, _STUDY, _SCENARIO, _TIMINGS = ".lock", "study.json", "scenario.yaml", "timings.csv"
 _RUNS, _TRAJECTORIES = "runs", "trajectories"
-_NUMBERED = re.compile(r"[0-9]+\.(json|nc)")
+_NUMBERED = re.compile(r"[0-9]+\.(json|nc|html)")
 _SHOWN_DIFFERENCES = 3
 _SEALS = ("result_sha256", "record_sha256")
 
@@ -62,6 +63,8 @@ class StudyDirectory:
         with self.writing():
             if result.dataset is not None:
                 write_whole(self._file(_TRAJECTORIES, number), result.dataset, tidy=False)
+            if result.page is not None:
+                write_whole(self.path / page_of_run(number), result.page, tidy=False)
             write_whole(self._file(_RUNS, number), canonical(sealed(result)), tidy=False)
             with (self.path / _TIMINGS).open("a") as file:
                 file.write(f"{number},{result.seconds:.6f}\n")
@@ -103,6 +106,11 @@ class StudyDirectory:
         found = {key: record.pop(key, None) for key in _SEALS}
         kept = digest(self._file(_TRAJECTORIES, point.number)) or None if found["result_sha256"] else None
         return record if found == {"result_sha256": kept, "record_sha256": _digest(record)} else None
+
+
+def page_of_run(number: int) -> str:
+    """Where the page of a run is in the directory of its study."""
+    return f"{_TRAJECTORIES}/{number:06d}.html"
 
 
 def sealed(result: JobResult) -> dict[str, Any]:
@@ -205,7 +213,7 @@ def _begin(path: Path, plan: Plan) -> None:
     _remove_parts(path)
     if found:
         (path / _SCENARIO).unlink(missing_ok=True)
-        for stale in (path / _TRAJECTORIES).glob("[0-9]*.nc"):
+        for stale in (path / _TRAJECTORIES).glob("[0-9]*.*"):
             stale.unlink()
     if found or before is None:
         write_whole(path / _STUDY, canonical(asked))

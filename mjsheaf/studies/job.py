@@ -13,7 +13,7 @@ from typing import Any
 import xarray as xr
 
 from mjsheaf._version import __version__
-from mjsheaf.checking.finished import bound_of_run, ending_of_run
+from mjsheaf.checking.finished import bound_of_run, ending_of_run, held_bound_of_run
 from mjsheaf.errors import InputError, NotUniqueError
 from mjsheaf.results import dataset_bytes, summarize
 from mjsheaf.results.metrics import communication, error_series_of, late_errors
@@ -97,11 +97,13 @@ class JobResult:
         record: see `new_record`; a function of the job alone.
         seconds: that it took.
         dataset: bytes of result.nc, where wanted and the run began.
+        page: the same as a page to look at: see `mjsheaf.page`.
     """
 
     record: dict[str, Any]
     seconds: float = 0.0
     dataset: bytes | None = None
+    page: bytes | None = None
 
 
 def new_record(point: Point, seed: int | None, status: str, message: str = "", **found: Any) -> dict[str, Any]:
@@ -132,12 +134,12 @@ def run_job(job: Job) -> JobResult:
         if job.versions[name] != here:
             raise ForeignWorkerError(f"a worker has {name} {here}; expected {job.versions[name]}")
     begun = time.perf_counter()
-    dataset = None
+    dataset = page = None
     try:
-        record, dataset = _run(job)
+        record, dataset, page = _run(job)
     except Exception as error:  # one bad point must not end the study: the table reports it
         record = failed_record(job, error)
-    return JobResult(record, time.perf_counter() - begun, dataset)
+    return JobResult(record, time.perf_counter() - begun, dataset, page)
 
 
 def failed_record(job: Job, error: Exception) -> dict[str, Any]:
@@ -149,7 +151,7 @@ def failed_record(job: Job, error: Exception) -> dict[str, Any]:
     return new_record(job.point, job.seed, "failed", f"{what}: {told}")
 
 
-def _run(job: Job) -> tuple[dict[str, Any], bytes | None]:
+def _run(job: Job) -> tuple[dict[str, Any], bytes | None, bytes | None]:
     scenario = job.load()
     dataset = simulate(scenario, job.backend)
     system = scenario.system
@@ -163,7 +165,19 @@ def _run(job: Job) -> tuple[dict[str, Any], bytes | None]:
         found["series"] = error_series_of(system.team, dataset.isel(time=thin(dataset.sizes["time"], _MOST_SAMPLES)))
     found[_TRAFFIC] = communication(dataset, dataset.sizes["time"], system.grid.period)[_TRAFFIC]
     record = new_record(job.point, scenario.seed, dataset.attrs["status"], dataset.attrs["message"], **found)
-    return record, _bytes_of(dataset) if job.trajectories else None
+    if not job.trajectories:
+        return record, None, None
+    return record, _bytes_of(dataset), _page_of(scenario, dataset, found)
+
+
+def _page_of(scenario: Scenario, dataset: xr.Dataset, found: dict[str, Any]) -> bytes:
+    from mjsheaf.page import page_of
+
+    phases = scenario.phases
+    theorem = bound_of_run(phases, dataset)
+    of_law = held_bound_of_run(phases, dataset, theorem)
+    again = "mjsheaf sweep", "; the study's index.html says of what"
+    return page_of(scenario, phases, dataset, found, theorem, of_law, again=again)
 
 
 def _bytes_of(dataset: xr.Dataset) -> bytes:

@@ -20,7 +20,7 @@ from mjsheaf.checking.finished import LEVEL
 from mjsheaf.io.yaml import parse_yaml
 from mjsheaf.results.metrics import MEASURES
 from mjsheaf.runs.simulate import Progress, no_progress
-from mjsheaf.studies.directory import open_directory
+from mjsheaf.studies.directory import open_directory, page_of_run
 from mjsheaf.studies.engine import Engine, SchedulerError
 from mjsheaf.studies.job import STATUSES, ForeignWorkerError
 from mjsheaf.studies.plan import Plan
@@ -181,6 +181,7 @@ def page_of(plan: Plan, table: pd.DataFrame, plots: dict[str, bytes]) -> bytes:
         numbers={name for name in table if pd.api.types.is_numeric_dtype(table[name].dtype)},
         measures=MEASURES,
         rows=rows,
+        pages={point.number: page_of_run(point.number) for point in plan.points} if plan.study.trajectories else {},
     ).encode()
 
 

@@ -1,0 +1,20 @@
+"""One HTML file that replays a run in three dimensions beside its curves, on one clock, and asks for nothing else.
+
+Where to look:
+
+- replay: which samples of a run are kept, and how they are packed;
+- geometry: the vehicles' shapes, from MuJoCo's compiled model;
+- page: what else the page is told, and the file;
+- page.html and bundle.js: the page itself. The bundle is built from web/ by `make bundle`, with three.js and uPlot in
+  it, whose licences it carries.
+
+A run's directory is all that it takes: `mjsheaf report DIR` writes the page again.
+
+Whatever a scenario contains is data to the page: JSON without `<`, which scripts put into text nodes alone. The page's
+content security policy allows the one script and the one style that it is written with, by their hashes, and no
+connection at all.
+"""
+
+from mjsheaf.page.page import page_of, write_page_again
+
+__all__ = ["page_of", "write_page_again"]

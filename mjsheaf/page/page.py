@@ -1,0 +1,235 @@
+"""The page of a run: what it is told beside the samples, and the file."""
+
+import base64
+import hashlib
+import re
+from collections.abc import Sequence
+from importlib.metadata import version
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+from pydantic_core import to_json
+
+from mjsheaf._version import __version__
+from mjsheaf.arrays import Array
+from mjsheaf.errors import InputError
+from mjsheaf.io.files import write_whole
+from mjsheaf.io.section import LARGEST
+from mjsheaf.page.replay import REQUIRED, pack
+from mjsheaf.plotting import groups_of
+from mjsheaf.results.metrics import MEASURES, phases_in
+from mjsheaf.scenario import Scenario
+from mjsheaf.vehicles.effects import capability_of, of_each
+
+if TYPE_CHECKING:
+    from mjsheaf.checking.finished import HeldBound, RunBound
+    from mjsheaf.system import Phase, System
+
+_ARROWS = 12  # of the flow, along each side of the grid
+_REACH = 1.25  # of the grid, times the scene's size
+
+
+def page_of(
+    scenario: Scenario,
+    phases: "Sequence[Phase]",
+    dataset: xr.Dataset,
+    summary: dict[str, Any],
+    theorem: "RunBound",
+    of_law: "HeldBound",
+    *,
+    notes: Sequence[Any] = (),
+    ideal: xr.Dataset | None = None,
+    again: tuple[str, str] | None = None,
+) -> bytes:
+    """The page of a run, as HTML.
+
+    Args:
+        scenario: what was run.
+        phases: of the run.
+        dataset: its data, in memory or opened.
+        summary: as summary.json, as far as it is known.
+        theorem, of_law: what the bounds say of the run.
+        notes: what a reader should know: sentences, or mappings with `text`, and `agent` and `time` where they apply.
+        ideal: the same scenario on ideal kinematics, shown as ghosts; or None.
+        again: the command that makes the run again, and where; None for that in a run's directory.
+    """
+    replay = pack(dataset, phases, scenario.scene.height, _bounds(phases, dataset, theorem, of_law), ideal)
+    said = {
+        **replay.record,
+        **_scene(scenario, phases, dataset, replay.record["centre"], replay.record["size"]),
+        "facts": _facts(scenario, dataset, summary, theorem, of_law, again),
+        "notes": [note if isinstance(note, dict) else {"text": str(note)} for note in notes],
+    }
+    return _fill(said, replay.data)
+
+
+def write_page_again(directory: Path, path: Path | None = None) -> Path:
+    """Write the page of a finished run from its directory alone; returns the file, report.html there unless given.
+
+    Raises:
+        InputError: the directory holds no run, one that does not fit its scenario, or one of a version
+            that recorded less.
+        OSError: the file cannot be written.
+    """
+    from mjsheaf.checking.finished import bound_of_run, held_bound_of_run
+    from mjsheaf.results.store import open_run, require_match
+    from mjsheaf.scenario import load_scenario
+
+    path = directory / "report.html" if path is None else path
+    with open_run(directory) as (dataset, summary):
+        scenario = load_scenario(directory / "scenario.yaml")
+        require_match(directory, scenario, dataset)
+        missing = sorted(REQUIRED - set(dataset.variables))
+        if missing:
+            raise InputError(f"{directory}: result.nc has no {missing[0]}; run the scenario again")
+        phases = scenario.phases
+        theorem = bound_of_run(phases, dataset)
+        of_law = held_bound_of_run(phases, dataset, theorem)
+        page = page_of(scenario, phases, dataset, summary, theorem, of_law, notes=summary.get("notes", ()))
+        write_whole(path, page)
+    return path
+
+
+def _bounds(
+    phases: "Sequence[Phase]", dataset: xr.Dataset, theorem: "RunBound", of_law: "HeldBound"
+) -> dict[str, Array]:
+    """The bounds on the RMS tracking error by name, shape (T,), m; NaN from the first event on."""
+    time, system = dataset["time"].values, phases[0].system
+    end = phases[1].time if len(phases) > 1 else np.inf
+    root, found = np.sqrt(max(system.team.present.sum(), 1)), {}
+    if theorem.applies and (bound := theorem.at(time)).max() < LARGEST:
+        found["Theorem 1" + " (approximate)" * theorem.approximate] = bound
+    if of_law.samples is not None:
+        found["held law"] = np.interp(time, system.grid.span(0, len(of_law.samples)), of_law.samples)
+    return {name: np.where(time < end, bound, np.nan) / root for name, bound in found.items()}
+
+
+def _scene(
+    scenario: Scenario, phases: "Sequence[Phase]", dataset: xr.Dataset, centre: list[float], size: float
+) -> dict[str, Any]:
+    """Names, groups, shapes, flow and events."""
+    from mjsheaf.page.geometry import kinds_of
+
+    system, bodies = phases[0].system, dataset.attrs["backend"] == "physics"
+    team, N = system.team, len(system.team.agents)
+    group, names, colours = groups_of(team)
+    kinds, kind = kinds_of(system.vehicles)
+    agents = system.vehicles[:N] if bodies else []
+    able = of_each(agents, lambda vehicle: capability_of(vehicle).least_speed)
+    limit = system.law.limit[:N]
+    return {
+        "agents": team.agent_ids,
+        "targets": team.target_ids,
+        "group": group.tolist(),
+        "groups": [
+            {"name": name, "colour": "#" + "".join(f"{round(255 * x):02x}" for x in colour)}
+            for name, colour in zip(names, colours.tolist(), strict=True)
+        ],
+        "formations": [f.name for f in team.formations],
+        "kinds": kinds,
+        "kind": kind,
+        "bodies": bodies,
+        "fastest": able.tolist() if bodies else [None] * N,
+        "limit": limit.tolist(),
+        "surface": scenario.scene.surface,
+        "height": scenario.scene.height,
+        "flow": _flow(scenario, system, centre, size),
+        "phases": phases_in(dataset),
+        "speed": scenario.video.speed,
+        "trail": scenario.video.trail,
+    }
+
+
+def _flow(scenario: Scenario, system: "System", centre: list[float], size: float) -> list[dict[str, Any]]:
+    """Each medium that moves: its name, and its velocity on a level grid where its vehicles are."""
+    side = np.linspace(-_REACH * size, _REACH * size, _ARROWS)
+    x, y = (part.ravel() for part in np.meshgrid(centre[0] + side, centre[1] + side))
+    own = scenario.flow.air is not None or scenario.flow.water is not None
+    found = []
+    for k, flow in enumerate(system.flows):
+        met = [v for v in range(len(system.team.members)) if system.field[v] == k]
+        if not met or not np.any(flow.table[:, 2:5] if len(flow.table) == 1 else flow.table):
+            continue
+        planar = all(system.team.members[v].dimension == 2 for v in met)
+        level = scenario.scene.height if planar else float(np.median(system.initial[met, 2]))
+        with np.errstate(all="ignore"):
+            velocity = flow.velocity(np.column_stack([x, y, np.full_like(x, level)]))
+        velocity[:, 2] *= not planar
+        found.append(
+            {
+                "name": ("air", "water")[k] if own else f"medium about the {('agents', 'targets')[k]}",
+                "second": k == (0 if own else 1),
+                "spacing": float(side[1] - side[0]),
+                "places": np.column_stack([x, y, np.full_like(x, level)]).round(3).tolist(),
+                "velocity": np.where(np.isfinite(velocity), velocity, 0.0).round(4).tolist(),
+            }
+        )
+    return found
+
+
+def _facts(
+    scenario: Scenario,
+    dataset: xr.Dataset,
+    summary: dict[str, Any],
+    theorem: "RunBound",
+    of_law: "HeldBound",
+    again: tuple[str, str] | None,
+) -> dict[str, Any]:
+    attrs, backend = dataset.attrs, dataset.attrs["backend"]
+    controller = f" --controller {attrs['controller']}" if attrs.get("controller") else ""
+    final = summary.get("final") or {}
+    rows = [["team", *(final.get(m) for m in MEASURES)]]
+    rows += [[name, *(own.get(m) for m in MEASURES)] for name, own in (final.get("groups") or {}).items()]
+    command, where = again or (f"mjsheaf run scenario.yaml --backend {backend}{controller}", " in this directory")
+    laws = [f"gain {scenario.controller.gain:g} 1/s", *scenario.system.law.terms.names]
+    return {
+        "scenario": scenario.name,
+        "summary": scenario.summary,
+        "backend": "MuJoCo bodies" if backend == "physics" else "ideal kinematics",
+        "law": f"a law in Python, {attrs['controller']}" if controller else "sheaf law, " + ", ".join(laws),
+        "status": attrs["status"],
+        "message": attrs.get("message", ""),
+        "ending": summary.get("ending"),
+        "seed": scenario.seed,
+        "measures": list(MEASURES),
+        "final": rows,
+        "expect": (summary.get("expect") or {}).get("checks", []),
+        "assumptions": [
+            {"number": a.number, "name": a.name, "verdict": a.verdict, "why": a.witness}
+            for a in theorem.certificate.assumptions
+        ],
+        "theorem": {"applies": theorem.applies, "approximate": theorem.approximate, "reason": theorem.reason},
+        "held": {"applies": of_law.samples is not None, "reason": of_law.reason},
+        "versions": {
+            "run by": str(attrs.get("source", "")),
+            "page by": f"mjsheaf {__version__}",
+            "MuJoCo": version("mujoco"),
+        },
+        "command": command,
+        "where": where,
+    }
+
+
+def _fill(said: dict[str, Any], data: str) -> bytes:
+    """The page with everything in it."""
+    home = files("mjsheaf.page")
+    script, style, template = (
+        home.joinpath(name).read_text(encoding="utf-8") for name in ("bundle.js", "bundle.css", "page.html")
+    )
+    parts = {
+        "script": script,
+        "style": style,
+        "script_hash": _hash(script),
+        "style_hash": _hash(style),
+        # Within a script element only `<` can end the data or hide what follows.
+        "said": to_json(said, inf_nan_mode="null", ensure_ascii=True).decode("ascii").replace("<", "\\u003c"),
+        "data": data,
+    }
+    return re.sub(r"\{\{ (\w+) \}\}", lambda match: parts[match[1]], template).encode("utf-8")
+
+
+def _hash(text: str) -> str:
+    return base64.b64encode(hashlib.sha256(text.encode("utf-8")).digest()).decode("ascii")

@@ -1,0 +1,109 @@
+"""Pages of short runs, and what they hold, read as a browser reads it but by other code."""
+
+import base64
+import json
+import re
+import zlib
+from dataclasses import dataclass
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from mjsheaf import simulate
+from mjsheaf.checking.finished import bound_of_run, held_bound_of_run
+from mjsheaf.page import page_of
+from mjsheaf.scenario import Scenario, load_scenario
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Made:
+    """A page, and the run that it is of."""
+
+    page: bytes
+    scenario: Scenario
+    dataset: xr.Dataset
+
+    def write(self, path: Path) -> Path:
+        """Write the page."""
+        path.write_bytes(self.page)
+        return path
+
+
+def make_page(name: str, backend: str, overrides: dict[str, Any] | None = None, **options: Any) -> Made:
+    """The page of a scenario that ships; options are those of `page_of`."""
+    scenario = load_scenario(name, overrides or {})
+    dataset = simulate(scenario, backend)
+    phases = scenario.phases
+    theorem = bound_of_run(phases, dataset)
+    of_law = held_bound_of_run(phases, dataset, theorem)
+    return Made(page_of(scenario, phases, dataset, {}, theorem, of_law, **options), scenario, dataset)
+
+
+class Elements(HTMLParser):
+    """Elements of a page with their attributes, and the text of each script and style."""
+
+    def __init__(self, page: bytes) -> None:
+        super().__init__()
+        self.found: list[tuple[str, dict[str, str | None]]] = []
+        self.texts: list[str] = []
+        self._open = False
+        self.feed(page.decode())
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.found.append((tag, dict(attrs)))
+        self._open = tag in ("script", "style")
+        if self._open:
+            self.texts.append("")
+
+    def handle_endtag(self, tag: str) -> None:
+        self._open = False
+
+    def handle_data(self, data: str) -> None:
+        if self._open:
+            self.texts[-1] += data
+
+
+def said_in(page: bytes) -> dict[str, Any]:
+    """What a page is told."""
+    return json.loads(_element(page, "said"))
+
+
+def series_in(page: bytes) -> dict[str, Array]:
+    """The arrays of a page by name, shape (K, columns)."""
+    data = zlib.decompress(base64.b64decode(_element(page, "data")))
+    found = {}
+    for name, entry in said_in(page)["arrays"].items():
+        rows, columns = entry["shape"]
+        count = rows * columns
+        planes = np.frombuffer(data, np.uint8, 4 * count, entry["at"]).reshape(4, count).astype(np.uint32)
+        z = planes[0] | planes[1] << 8 | planes[2] << 16 | planes[3] << 24
+        change = (z >> 1) ^ (np.uint32(0) - (z & 1))
+        whole = np.cumsum(change.reshape(columns, rows), axis=1, dtype=np.uint32).view(np.int32).T
+        if entry["step"]:
+            found[name] = np.where(whole == -(2**31), np.nan, whole * entry["step"])
+        else:
+            found[name] = np.ascontiguousarray(whole).view(np.float32).astype(np.float64)
+    return found
+
+
+def _element(page: bytes, name: str) -> str:
+    match = re.search(rf'id="{name}">(.*?)</script>', page.decode(), re.DOTALL)
+    assert match is not None
+    return match[1]
+
+
+def positions_of(dataset: xr.Dataset, surface: float = 0.0) -> Array:
+    """Where result.nc has every vehicle, shape (T, V, 3), m."""
+    parts = []
+    for kind in ("agent", "target"):
+        place = dataset[f"{kind}_position"].values.copy()
+        level = dataset[f"{kind}_height"].values if f"{kind}_height" in dataset else surface
+        place[..., 2] = np.where(np.isnan(place[..., 2]), level, place[..., 2])
+        parts.append(place)
+    return np.concatenate(parts, axis=1)

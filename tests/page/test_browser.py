@@ -1,0 +1,318 @@
+"""Pages in a real browser, opened from disk without a network.
+
+Oracle: the run's own data, and what the browser says.
+"""
+
+import io
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from mjsheaf import simulate
+from mjsheaf.page import page as page_module
+from mjsheaf.scenario import load_scenario
+from tests.page.browser import missing, open_browser, open_page
+from tests.page.pages import Made, make_page, positions_of, said_in
+from tests.page.test_page import HOSTILE
+
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(bool(missing()), reason=f"no browser: {missing()}")]
+
+UNNAMED = """() => [...document.querySelectorAll('button, select, input, #scene, [role=img]')].filter(e =>
+  !(e.getAttribute('aria-label') || e.textContent.trim() || e.labels?.[0]?.textContent.trim())).map(e => e.outerHTML)"""
+WITHOUT_WEBGL = """HTMLCanvasElement.prototype.getContext = (own => function (kind, ...rest) {
+  return /webgl/.test(kind) ? null : own.call(this, kind, ...rest); })(HTMLCanvasElement.prototype.getContext)"""
+AT = "t => { const m = window.mjsheaf; m.clock.seek(t); m.world.read(); return Array.from(m.world.positions); }"
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with open_browser() as opened:
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def harbour(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Made]:
+    made = make_page("harbour_lost_hexarotor", "physics", {"time.end": 55})
+    return made.write(tmp_path_factory.mktemp("harbour") / "report.html"), made
+
+
+def require_quiet(page: Any) -> None:
+    """Nothing went wrong, and nothing outside the file was asked for."""
+    assert page.failures == []
+    assert [words for kind, words in page.words if kind == "error"] == []
+    assert [url for url in page.requests if not url.startswith("file:")] == []
+    assert len(page.requests) == 1
+
+
+def wait_until(page: Any, condition: str, seconds: float = 20.0) -> None:
+    """Wait for a condition; the browser's own way to do so is against the page's policy."""
+    for _ in range(round(10 * seconds)):
+        if page.evaluate(condition):
+            return
+        page.wait_for_timeout(100)
+    raise AssertionError(f"not within {seconds} s: {condition}")
+
+
+def colours_of(page: Any) -> set[tuple[int, ...]]:
+    """The colours of the scene's picture, without what is written over it."""
+    over = "'#labels, #stage .panel, #scale'"
+    page.evaluate(f"for (const e of document.querySelectorAll({over})) e.style.display = 'none'")
+    page.wait_for_timeout(300)
+    picture = Image.open(io.BytesIO(page.locator("#stage").screenshot())).convert("RGB")
+    return {tuple(colour) for colour in np.asarray(picture).reshape(-1, 3)[::3].tolist()}
+
+
+def test_a_page_opens_from_disk_without_a_network(browser: Any, harbour: tuple[Path, Made]) -> None:
+    page = open_page(browser, harbour[0], hash="#t=20")
+    assert page.title() == "harbour_lost_hexarotor: mjsheaf run"
+    assert len(colours_of(page)) > 200
+    require_quiet(page)
+
+
+def test_the_policy_stops_what_would_go_outside(browser: Any, harbour: tuple[Path, Made]) -> None:
+    page = open_page(browser, harbour[0])
+    stopped = page.evaluate(
+        """async () => {
+          const seen = [];
+          document.addEventListener('securitypolicyviolation', event => seen.push(event.effectiveDirective));
+          await fetch('https://example.org/').catch(() => {});
+          document.body.append(Object.assign(new Image(), { src: 'https://example.org/x.png' }));
+          document.body.append(Object.assign(document.createElement('script'), { textContent: 'window.broken = 1' }));
+          await new Promise(done => setTimeout(done, 300));
+          return [seen, window.broken];
+        }"""
+    )
+    assert set(stopped[0]) == {"connect-src", "img-src", "script-src-elem"}
+    assert stopped[1] is None
+
+
+def test_scrubbing_puts_vehicles_where_the_data_have_them(browser: Any, harbour: tuple[Path, Made]) -> None:
+    """Between kept samples too; and bodies, drawn in their true size, about their own origins."""
+    path, made = harbour
+    page = open_page(browser, path)
+    data, there = made.dataset, positions_of(made.dataset)
+    error, rounding = said_in(made.page)["largest_error"], 1e-4  # m, of 32-bit floats
+    every = data["time"].values
+    for t in (0.0, 0.02, 3.14, 17.77, 44.98, 45.0, 49.99, 55.0):
+        k = int(np.searchsorted(every, t - 1e-9))
+        found = np.array(page.evaluate(AT, float(every[k]))).reshape(-1, 3)
+        assert np.abs(found - there[k]).max() <= error + rounding
+    page.evaluate("window.mjsheaf.world.layers.larger = false; window.mjsheaf.clock.seek(30)")
+    page.wait_for_timeout(300)
+    places = page.evaluate(
+        """() => { const { world, run } = window.mjsheaf; const found = [];
+          for (const shown of [...world.bodies.usual, ...world.bodies.near]) for (let i = 0; i < shown.mesh.count; i++)
+            found[shown.vehicles[i]] = Array.from(shown.mesh.instanceMatrix.array.slice(16 * i + 12, 16 * i + 15));
+          return found; }"""
+    )
+    k = int(np.searchsorted(every, 30 - 1e-9))
+    bodies = np.concatenate([data[f"{kind}_body_position"].values[k] for kind in ("agent", "target")])
+    assert np.abs(np.array(places) - bodies).max() < 0.05
+    require_quiet(page)
+
+
+def test_playing_keeps_time_and_ends_or_begins_again(browser: Any, harbour: tuple[Path, Made]) -> None:
+    page = open_page(browser, harbour[0])
+    played, passed = page.evaluate(
+        """async () => { const { clock } = window.mjsheaf; clock.setSpeed(5); clock.seek(2); clock.play();
+          const begun = performance.now(); await new Promise(done => setTimeout(done, 2500));
+          const found = [clock.t - 2, (performance.now() - begun) / 1000]; clock.pause(); return found; }"""
+    )
+    assert played == pytest.approx(5 * passed, abs=5 * 0.5)
+    page.evaluate("window.mjsheaf.clock.setLoop(false); window.mjsheaf.clock.seek(54.5); window.mjsheaf.clock.play()")
+    wait_until(page, "!window.mjsheaf.clock.playing && window.mjsheaf.clock.t === 55")
+    page.evaluate("window.mjsheaf.clock.setLoop(true); window.mjsheaf.clock.seek(54); window.mjsheaf.clock.play()")
+    wait_until(page, "window.mjsheaf.clock.playing && window.mjsheaf.clock.t < 50")
+
+
+def test_everything_is_reached_by_keyboard_and_named(browser: Any, harbour: tuple[Path, Made]) -> None:
+    page = open_page(browser, harbour[0])
+    assert page.evaluate(UNNAMED) == []
+    state = "[window.mjsheaf.clock.t, window.mjsheaf.clock.playing, window.mjsheaf.world.place]"
+    page.keyboard.press("Space")
+    assert page.evaluate("window.mjsheaf.clock.playing")
+    page.keyboard.press("Space")
+    page.keyboard.press("Home")
+    assert page.evaluate(state)[:2] == [0, False]
+    page.keyboard.press("ArrowRight")
+    assert page.evaluate("window.mjsheaf.clock.t === window.mjsheaf.run.time[1]")
+    page.keyboard.press("End")
+    assert page.evaluate(state)[0] == 55
+    seen = {page.evaluate(state)[2]}
+    for key in ("2", "3", "1"):
+        page.keyboard.press(key)
+        seen.add(page.evaluate(state)[2])
+    page.locator("#scene").focus()
+    for key in ("ArrowLeft", "ArrowUp", "+", "Shift+ArrowRight"):
+        page.keyboard.press(key)
+        seen.add(page.evaluate(state)[2])
+    assert len(seen) == 3 + 4
+    page.keyboard.press("n")
+    assert page.locator("#card .name").inner_text() == "H1"
+    page.keyboard.press("f")
+    assert page.evaluate("window.mjsheaf.world.followed") == 0
+    reached = set()
+    for _ in range(40):
+        page.keyboard.press("Tab")
+        reached.add(page.evaluate("document.activeElement.id || document.activeElement.innerText"))
+    assert {"scene", "play", "slider", "speed", "loop", "theme", "help", "follow", "Above"} <= reached
+    require_quiet(page)
+
+
+def test_pointing_lights_an_agent_in_both_halves_and_a_click_on_a_curve_goes_there(
+    browser: Any, harbour: tuple[Path, Made]
+) -> None:
+    page = open_page(browser, harbour[0], width=1280, height=720, hash="#t=20")
+    page.wait_for_timeout(300)
+    x, y = page.evaluate("Array.from(window.mjsheaf.world.screen.slice(10, 12))")  # W2, the sixth
+    box = page.locator("#scene").bounding_box()
+    page.mouse.move(box["x"] + x, box["y"] + y)
+    lit = "[window.mjsheaf.state.lit, window.mjsheaf.curves.lit, window.mjsheaf.world.lit]"
+    assert page.evaluate(lit) == [5, 5, 5]
+    assert "W2" in page.locator("figcaption output").first.inner_text()
+    over = page.locator(".u-over").first.bounding_box()
+    page.mouse.click(over["x"] + over["width"] * 0.5, over["y"] + 5)
+    assert page.evaluate("window.mjsheaf.clock.t") == pytest.approx(27.5, abs=0.2)
+    y = page.evaluate(
+        "(() => { const { u } = window.mjsheaf.curves.panels[0], k = window.mjsheaf.run.locate(40)[0];"
+        "return [u.valToPos(40, 'x'), u.valToPos(u.data[4][k], 'y')]; })()"
+    )
+    page.mouse.move(over["x"] + y[0], over["y"] + y[1])
+    assert page.evaluate("window.mjsheaf.world.lit") in range(8)
+    require_quiet(page)
+
+
+def test_events_are_named_and_lost_agents_turn_grey(browser: Any, harbour: tuple[Path, Made]) -> None:
+    page = open_page(browser, harbour[0], hash="#t=46")
+    page.wait_for_timeout(300)
+    assert page.locator("#event").inner_text() == "lose H3 (45.0 s)"
+    assert page.evaluate("[...document.querySelectorAll('#labels .lost')].map(e => e.textContent)") == ["H3"]
+    assert page.evaluate("window.mjsheaf.world.present") == [True, True, False, True, True, True, True, True]
+
+
+def test_an_address_shows_a_moment_to_somebody_else(browser: Any, harbour: tuple[Path, Made]) -> None:
+    page = open_page(browser, harbour[0])
+    page.evaluate("window.mjsheaf.clock.seek(12.5); window.mjsheaf.world.view('above')")
+    page.keyboard.press("n")
+    wait_until(page, "location.hash.includes('t=12.5') && location.hash.includes('lit=H1')")
+    state = "[window.mjsheaf.clock.t, window.mjsheaf.world.place, window.mjsheaf.state.chosen]"
+    first, hash = page.evaluate(state), page.evaluate("location.hash")
+    other = open_page(browser, harbour[0], hash=hash)
+    assert other.evaluate(state) == first
+
+
+def test_both_themes(browser: Any, harbour: tuple[Path, Made]) -> None:
+    light, dark = (open_page(browser, harbour[0], color_scheme=name) for name in ("light", "dark"))
+    ground = "getComputedStyle(document.body).backgroundColor"
+    grounds = [[int(x) for x in re.findall(r"\d+", page.evaluate(ground))] for page in (light, dark)]
+    assert min(grounds[0]) > 200
+    assert max(grounds[1]) < 60
+    dark.locator("#theme").click()
+    dark.wait_for_timeout(200)
+    assert dark.evaluate(ground) == light.evaluate(ground)
+    pictures = [np.mean([sum(colour) for colour in colours_of(page)]) for page in (light, dark)]
+    assert pictures[0] == pytest.approx(pictures[1], rel=0.05)
+
+
+def test_a_phone(browser: Any, harbour: tuple[Path, Made]) -> None:
+    page = open_page(browser, harbour[0], width=390, height=844, hash="#t=20", has_touch=True, is_mobile=True)
+    page.wait_for_timeout(500)
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    x, y = page.evaluate("Array.from(window.mjsheaf.world.screen.slice(8, 10))")
+    box = page.locator("#scene").bounding_box()
+    page.touchscreen.tap(box["x"] + x, box["y"] + y)
+    assert page.evaluate("window.mjsheaf.state.lit") >= 0
+    page.locator("#play").tap()
+    assert page.evaluate("window.mjsheaf.clock.playing")
+    require_quiet(page)
+
+
+def test_a_browser_without_webgl_shows_curves_and_facts(browser: Any, harbour: tuple[Path, Made]) -> None:
+    page = open_page(browser, harbour[0], hash="#t=20", before=WITHOUT_WEBGL)
+    assert "cannot draw in three dimensions" in page.locator("#nothing").inner_text()
+    page.keyboard.press("End")
+    page.keyboard.press("n")
+    assert page.locator("#card .name").inner_text() == "H1"
+    assert "team" in page.locator("figcaption output").first.inner_text()
+    assert page.failures == []
+
+
+def test_a_run_that_blew_up(browser: Any, tmp_path: Path) -> None:
+    made = make_page("paper", "ideal", {"controller.gain": 300, "time.end": 5, "controller.control_period": 0.02})
+    assert made.dataset.attrs["status"] == "unstable"
+    page = open_page(browser, made.write(tmp_path / "report.html"))
+    assert page.locator("#worst").inner_text().startswith("Blew up")
+    for t in np.linspace(0.01, float(made.dataset["time"][-1]), 5):
+        page.evaluate(f"window.mjsheaf.clock.seek({t})")
+        page.wait_for_timeout(150)
+    assert len(colours_of(page)) > 50
+    require_quiet(page)
+
+
+@pytest.mark.parametrize("backend", ["ideal", "physics"])
+def test_a_run_of_one_agent(browser: Any, backend: str, tmp_path: Path) -> None:
+    made = make_page("midpoint", backend, {"time.end": 5})
+    page = open_page(browser, made.write(tmp_path / "report.html"), hash="#t=2")
+    assert len(colours_of(page)) > 50
+    found = np.array(page.evaluate(AT, 3.0)).reshape(-1, 3)
+    there = positions_of(made.dataset)[int(np.searchsorted(made.dataset["time"].values, 3.0 - 1e-9))]
+    assert np.abs(found - there).max() < said_in(made.page)["largest_error"] + 1e-4
+    require_quiet(page)
+
+
+def test_a_thousand_agents(browser: Any, tmp_path: Path) -> None:
+    made = make_page("swarm", "ideal", {"swarm.size": 1000, "time.end": 2})
+    page = open_page(browser, made.write(tmp_path / "report.html"), width=1280, height=720, hash="#t=1")
+    found = np.array(page.evaluate(AT, 2.0)).reshape(-1, 3)
+    assert len(found) == 1001
+    assert np.abs(found - positions_of(made.dataset)[-1]).max() < said_in(made.page)["largest_error"] + 1e-4
+    page.keyboard.press("w")
+    assert page.locator("#card .name").inner_text() in made.scenario.team.agent_ids
+    assert len(colours_of(page)) > 200
+    require_quiet(page)
+
+
+def test_ghosts_of_ideal_kinematics_and_their_distance(browser: Any, tmp_path: Path) -> None:
+    ideal = simulate(load_scenario("harbour", {"time.end": 10}), "ideal")
+    made = make_page("harbour", "physics", {"time.end": 10}, ideal=ideal)
+    page = open_page(browser, made.write(tmp_path / "report.html"))
+    k = 250
+    apart = page.evaluate("window.mjsheaf.run.column('apart', 2)[window.mjsheaf.run.locate(5)[0]]")
+    away = positions_of(made.dataset)[k, 2] - positions_of(ideal)[k, 2]
+    assert apart == pytest.approx(np.linalg.norm(away), rel=1e-3)
+    assert "Bodies from their ideal twins" in page.locator("#curves").inner_text()
+    page.evaluate(AT, 5.0)
+    ghost = page.evaluate("Array.from(window.mjsheaf.world.idealAt.slice(6, 9))")
+    assert np.abs(np.array(ghost) - positions_of(ideal)[k, 2]).max() < 0.05
+    require_quiet(page)
+
+
+def test_names_are_text_whatever_they_contain(browser: Any, tmp_path: Path) -> None:
+    """Every text that the page is told, names of agents and groups too, which no scenario can have like this."""
+    made = make_page("midpoint", "physics", {"time.end": 2})
+
+    def spoilt(value: Any, key: str = "") -> Any:
+        if isinstance(value, dict):
+            return {name: spoilt(own, name) for name, own in value.items()}
+        if isinstance(value, list):
+            return [spoilt(own, key) for own in value]
+        kept = ("colour", "shape", "vertices", "faces", "surface", "status", "verdict", "kind", "measures", "measure")
+        return HOSTILE + value if isinstance(value, str) and key not in kept else value
+
+    said = spoilt({**said_in(made.page), "notes": [{"text": "note", "time": 1.0, "agent": "A1"}]})
+    data = re.search(rb'id="data">(.*?)</script>', made.page, re.DOTALL)
+    assert data is not None
+    path = tmp_path / "report.html"
+    path.write_bytes(page_module._fill(said, data[1].decode()))
+    page = open_page(browser, path, hash="#t=1")
+    page.keyboard.press("n")
+    assert page.locator("#card .name").text_content() == HOSTILE + "A1"
+    assert page.locator("#title").text_content() == HOSTILE + "midpoint"
+    assert page.evaluate("[...document.querySelectorAll('script')].length") == 3
+    assert page.title().endswith("mjsheaf run")
+    require_quiet(page)

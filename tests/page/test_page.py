@@ -1,0 +1,157 @@
+"""What a page holds. Oracles: the run's own data, a decoder of its own, and an HTML parser."""
+
+import base64
+import hashlib
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from mjsheaf.page.replay import Packer
+from mjsheaf.runs.publish import execute
+from mjsheaf.scenario import load_scenario
+from tests.commands import call
+from tests.page.pages import Elements, Made, make_page, positions_of, said_in, series_in
+
+HOSTILE = "</script><script>document.title='broken'</script><!--<b>&amp;&lt;\u202egnol\u2028\u2029'\"`${1}{{ data }}"
+
+
+@pytest.fixture(scope="module")
+def lost() -> Made:
+    return make_page("harbour_lost_hexarotor", "ideal", {"time.end": 63})
+
+
+@pytest.fixture(scope="module")
+def small() -> Made:
+    return make_page("midpoint", "ideal", {"time.end": 0.1})
+
+
+@given(
+    arrays(np.float64, (7, 3), elements=st.floats(-1e6, 1e6) | st.just(np.nan)),
+    arrays(np.float64, (5, 2), elements=st.floats(width=32)),
+)
+def test_arrays_come_back_as_near_as_is_said(fixed: np.ndarray, loose: np.ndarray) -> None:
+    packer = Packer()
+    returned = packer.add_fixed("fixed", fixed, 0.01)
+    packer.add_float("loose", loose)
+    said = json.dumps({"arrays": packer.index})
+    page = f'<script id="said">{said}</script><script id="data">{packer.packed()}</script>'.encode()
+    found = series_in(page)
+    np.testing.assert_allclose(found["fixed"], fixed, atol=0.0050001)
+    np.testing.assert_array_equal(found["fixed"], returned)
+    np.testing.assert_array_equal(np.isnan(found["loose"]), np.isnan(loose))
+    usual = np.abs(loose) < 3e38  # what is larger may round to infinity
+    np.testing.assert_allclose(found["loose"][usual], loose[usual], rtol=2.0**-12, atol=1e-38)
+    np.testing.assert_array_equal(found["loose"][np.isinf(loose)], loose[np.isinf(loose)])
+
+
+@pytest.mark.slow
+def test_no_vehicle_is_farther_off_than_is_said(lost: Made) -> None:
+    """At every sample of the run, also those that the page leaves out; and what is said is not much too large."""
+    said, found = said_in(lost.page), series_in(lost.page)
+    every, time = lost.dataset["time"].values, np.array(said["time"])
+    assert len(time) < len(every)
+    there = positions_of(lost.dataset).reshape(len(every), -1)
+    shown = np.column_stack([np.interp(every, time, column) for column in found["position"].T])
+    away = np.linalg.norm((shown - there).reshape(len(every), -1, 3), axis=2).max()
+    assert away == pytest.approx(said["largest_error"], rel=1e-3, abs=1e-6)
+    assert away < 1e-3 * said["size"]
+
+
+@pytest.mark.slow
+def test_samples_on_both_sides_of_events_are_kept(lost: Made) -> None:
+    time, period = said_in(lost.page)["time"], lost.scenario.system.grid.period
+    for event in (45.0, 50.0):
+        assert min(abs(t - event) for t in time) < 1e-9
+        assert min(abs(t - (event - period)) for t in time) < 1e-9
+
+
+@pytest.mark.slow
+def test_links_carry_their_residuals_while_they_are_there(lost: Made) -> None:
+    """|F_i x_i - F_j x_j - b| of the edges themselves; NaN before the spare link is restored, and once H3 is lost."""
+    said, found = said_in(lost.page), series_in(lost.page)
+    names = [edge["name"] for edge in said["edges"]]
+    time, residual = np.array(said["time"]), found["residual"]
+    assert np.isnan(residual[time < 49.99, names.index("H2-H4")]).all()
+    assert not np.isnan(residual[time > 50.01, names.index("H2-H4")]).any()
+    assert np.isnan(residual[time > 45.01, names.index("H3-W2")]).all()
+    team = lost.scenario.phases[0].system.team
+    x = found["position"].reshape(len(time), -1, 3)
+    k = int(np.searchsorted(time, 20.0))
+    for edge in (*team.communication, *team.sensing):
+        tail, head = (x[k, team.index[end]] for end in (edge.tail, edge.head))
+        off = edge.F_tail @ tail[: edge.F_tail.shape[1]] - edge.F_head @ head[: edge.F_head.shape[1]] - edge.b
+        shown = residual[k, names.index(f"{edge.tail}-{edge.head}")]
+        assert shown == pytest.approx(np.linalg.norm(off), rel=1e-2, abs=0.02)
+
+
+@pytest.mark.slow
+def test_links_that_hear_nothing_are_told_from_others() -> None:
+    """What was recorded of links decides; and without records the range of a link."""
+    overrides = {"time.end": 2, "links.record": True, "links.all.loss": 0.5}
+    made = make_page("midpoint", "ideal", overrides)
+    residual = series_in(made.page)["residual"]
+    heard = made.dataset["heard"].values
+    assert len(residual) == len(heard)
+    np.testing.assert_array_equal(residual < 0, heard == 0)
+    near = series_in(make_page("midpoint", "ideal", {"time.end": 2, "links.all.range": 14.0}).page)
+    agent, first, second = (near["position"][:, 3 * v : 3 * v + 3] for v in range(3))
+    apart = np.column_stack([np.linalg.norm(agent - target, axis=1) for target in (first, second)])
+    clear = abs(apart - 14) > 0.1
+    assert set((apart > 14)[clear].tolist()) == {True, False}
+    np.testing.assert_array_equal((near["residual"] < 0)[clear], (apart > 14)[clear])
+
+
+def test_text_of_a_scenario_cannot_leave_its_element(small: Made) -> None:
+    made = make_page("midpoint", "ideal", {"time.end": 0.1, "summary": HOSTILE}, notes=[HOSTILE, {"text": HOSTILE}])
+    tags = [[tag for tag, _ in Elements(page).found] for page in (made.page, small.page)]
+    assert tags[0] == tags[1]
+    said = said_in(made.page)
+    assert said["facts"]["summary"] == HOSTILE
+    assert [note["text"] for note in said["notes"]] == [HOSTILE] * 2
+
+
+def test_the_policy_allows_the_script_and_the_style_and_nothing_else(small: Made) -> None:
+    elements = Elements(small.page)
+    policy = next(a["content"] for _, a in elements.found if a.get("http-equiv") == "Content-Security-Policy") or ""
+    rules = dict(rule.strip().split(" ", 1) for rule in policy.split(";"))
+    assert rules.pop("default-src") == "'none'"
+    assert set(rules) == {"script-src", "style-src", "img-src", "base-uri", "form-action"}
+    digests = [f"'sha256-{base64.b64encode(hashlib.sha256(t.encode()).digest()).decode()}'" for t in elements.texts]
+    style, _, _, script = digests
+    assert (rules["style-src"], rules["script-src"], rules["img-src"]) == (style, script, "data:")
+    outside = [a for _, a in elements.found for key in a if key in ("src", "href", "srcset", "action")]
+    assert not outside
+
+
+def test_the_bundle_carries_the_licences_of_what_is_in_it(small: Made) -> None:
+    script = Elements(small.page).texts[-1]
+    for words in ("three.js authors", "Leon Sorokin", "Permission is hereby granted, free of charge"):
+        assert words in script
+    assert re.search(r"three \d+\.\d+\.\d+", script)
+
+
+def test_a_page_is_written_again_from_the_directory_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """To the byte, also from a directory that was moved; one that is damaged is refused."""
+    scenario = load_scenario("midpoint", {"time.end": 0.5})
+    execute(scenario, "physics", tmp_path / "run", video=None)
+    first = (tmp_path / "run" / "report.html").read_bytes()
+    moved = (tmp_path / "run").rename(tmp_path / "moved")
+    (moved / "report.html").write_text("broken")
+    assert call("report", moved) == 0
+    assert (moved / "report.html").read_bytes() == first
+    assert call("report", moved, "--out", tmp_path / "other.html") == 0
+    assert (tmp_path / "other.html").read_bytes() == first
+    for wrong in ("page.txt", "moved/other.html"):
+        assert call("report", moved, "--out", tmp_path / wrong) == 2
+        assert not (tmp_path / wrong).exists()
+    data = bytearray((moved / "result.nc").read_bytes())
+    data[len(data) // 2] ^= 1
+    (moved / "result.nc").write_bytes(data)
+    assert call("report", moved) == 2
+    assert "result.nc" in capsys.readouterr().err

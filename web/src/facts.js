@@ -1,0 +1,260 @@
+// What is written beside the scene: headings, the agent that is looked at, the legend, and the facts below.
+
+import { digits } from "./data.js";
+
+/** An element with a class and contents; strings become text, whatever they contain. */
+export function make(tag, name = "", ...contents) {
+  const element = document.createElement(tag);
+  if (name) element.className = name;
+  element.append(...contents.filter((part) => part !== null && part !== undefined));
+  return element;
+}
+
+const byId = (id) => document.getElementById(id);
+const own = (text) => make("bdi", "", text);
+
+const ENDINGS = {
+  settled: "The errors have settled.",
+  moving: "The errors still change at the end.",
+  growing: "The errors grow to the end.",
+  circling: "The team swings by itself, without end.",
+};
+const MEASURES = {
+  mean_disagreement: "disagreement",
+  tracking_error: "from its place",
+  formation_error: "formation",
+  centering_error: "centering",
+};
+
+const ALONG = 0.8; // cosine from which one thing is said to go along another
+const SLOW = 0.05; // m/s: what is slower does not explain anything
+
+/** The cosine between an offset and a velocity; 0 where either is small. */
+function along(offset, velocity) {
+  const [far, fast] = [Math.hypot(...offset), Math.hypot(...velocity)];
+  return far > 1e-6 && fast > SLOW ? offset.reduce((sum, x, axis) => sum + x * velocity[axis], 0) / far / fast : 0;
+}
+
+/** Why an agent may be where it is at a sample: what is measured there, in words. */
+export function reasons(run, k, agent) {
+  const { said, series } = run;
+  const found = [];
+  if (!run.present(k, agent)) return ["lost"];
+  const at = (name) => series[name]?.[k * run.agents + agent];
+  const [speed, fastest, limit] = [at("speed"), said.fastest[agent], said.limit[agent]];
+  if (limit !== null && speed >= 0.99 * limit) found.push(`asks for its speed limit of ${digits(limit)} m/s`);
+  if (fastest !== null && speed > fastest) found.push(`asks for ${digits(speed)} m/s, and can make ${digits(fastest)}`);
+  if (at("saturation") >= 0.5) found.push("thrusters at their limits");
+  const flow = Math.hypot(...series.flow.subarray((k * run.agents + agent) * 3, (k * run.agents + agent) * 3 + 3));
+  if (fastest !== null && flow > fastest) found.push(`the flow of ${digits(flow)} m/s is faster than it`);
+  const place = (name, row) => Array.from(series[name].subarray((row * run.columns(name)) + 3 * agent, (row * run.columns(name)) + 3 * agent + 3));
+  const [q, goal, w] = [place("position", k), place("q_star", k), place("flow", k)];
+  const [before, after] = [Math.max(k - 1, 0), Math.min(k + 1, run.time.length - 1)];
+  const moved = place("q_star", after).map((x, axis) => (x - place("q_star", before)[axis]) / (run.time[after] - run.time[before] || 1));
+  const off = goal.map((x, axis) => x - q[axis]);
+  if (along(off, moved) > ALONG) found.push(`lags behind its place, which moves at ${digits(Math.hypot(...moved))} m/s`);
+  else if (along(off, w) < -ALONG) found.push(`carried off by the flow of ${digits(Math.hypot(...w))} m/s`);
+  const width = said.edges.length;
+  const links = said.edges.map((edge, e) => [edge, series.residual?.[k * width + e]]).filter(([edge, x]) => (edge.tail === agent || edge.head === agent) && !Number.isNaN(x));
+  const silent = links.filter(([, x]) => x < 0).length;
+  if (!links.length) found.push("has no links");
+  else if (silent) found.push(`${silent} of its ${links.length} links silent`);
+  const events = run.events.filter(({ time }) => time <= run.time[k] && run.time[k] - time < 0.1 * (run.end - run.start) && time > run.start);
+  if (events.length) found.push(`soon after ${events[events.length - 1].events.join(", ")}`);
+  return found;
+}
+
+/** Title, what it is, and who is worst. */
+export function writeHeader(run, goTo) {
+  const { facts } = run.said;
+  document.title = `${facts.scenario}: mjsheaf run`;
+  byId("title").textContent = facts.scenario;
+  byId("subtitle").append(own(facts.summary || ""), facts.summary ? " · " : "", `${facts.backend}, ${facts.law}`);
+  const worst = byId("worst");
+  if (facts.status !== "finished") {
+    worst.append(make("strong", "bad", "Blew up"), ` at ${digits(run.end)} s. `, own(facts.message || ""));
+    return;
+  }
+  const half = run.locate((run.start + run.end) / 2)[0];
+  let [at, who, most] = [0, -1, -1];
+  for (let k = half; k < run.time.length; k++) {
+    const i = run.worst(k);
+    const x = i < 0 ? -1 : run.series.tracking_error[k * run.agents + i];
+    if (x > most) [at, who, most] = [k, i, x];
+  }
+  if (who < 0) return;
+  const link = make("button", "link", own(run.names[who]), `, ${digits(most)} m from its place at ${digits(run.time[at])} s`);
+  link.title = "Go there";
+  link.addEventListener("click", () => goTo(run.time[at], who));
+  const why = reasons(run, at, who);
+  worst.append("Farthest off in the second half: ", link, why.length ? `: ${why.join("; ")}.` : ".");
+}
+
+/** The agent that is lit, or else the one that is worst now; kept up to date. */
+export class Card {
+  constructor(run, onFollow) {
+    this.run = run;
+    this.home = byId("card");
+    this.name = make("bdi", "name");
+    this.role = make("span", "role");
+    this.rows = make("dl");
+    this.why = make("p", "why");
+    const button = make("button", "", "Follow");
+    button.addEventListener("click", () => onFollow(this.vehicle));
+    this.home.append(make("div", "top", this.name, this.role, button), this.rows, this.why);
+    this.said = "";
+  }
+
+  show(t, lit, worst) {
+    const { run } = this;
+    const v = lit >= 0 ? lit : worst;
+    this.vehicle = v;
+    this.home.hidden = v < 0;
+    if (v < 0) return;
+    const [k] = run.locate(t);
+    const rows = [];
+    const { said, series } = run;
+    let why = [];
+    if (v < run.agents) {
+      const at = (name) => series[name]?.[k * run.agents + v];
+      const f = (k * run.agents + v) * 3;
+      rows.push(["from its place", `${digits(at("tracking_error"))} m`], ["disagreement", `${digits(at("disagreement"))} m`]);
+      const most = said.fastest[v] ?? said.limit[v];
+      rows.push(["asks for, m/s", `${digits(at("speed"))}${most === null ? "" : ` of ${digits(most)}`}`]);
+      rows.push(["flow about it, m/s", digits(Math.hypot(series.flow[f], series.flow[f + 1], series.flow[f + 2]))]);
+      if (series.saturation) rows.push(["thrusters at a limit", `${Math.round(100 * at("saturation"))} %`]);
+      if (series.apart) rows.push(["from its ideal twin", `${digits(at("apart"))} m`]);
+      why = reasons(run, k, v);
+    } else rows.push(["", "a target: it does not cooperate"]);
+    const text = JSON.stringify([v, lit >= 0, rows, why]);
+    if (text === this.said) return;
+    this.said = text;
+    this.name.textContent = run.names[v];
+    this.name.style.setProperty("--own", said.groups[run.groupOf[v]].colour);
+    this.role.textContent = `${said.kinds[said.kind[v]].name}, ${lit >= 0 ? said.groups[run.groupOf[v]].name : "farthest off now"}`;
+    this.rows.replaceChildren(...rows.flatMap(([name, value]) => [make("dt", "", name), make("dd", "", value)]));
+    this.why.textContent = why.join("; ");
+  }
+}
+
+/** What colours and lines mean. */
+export function writeLegend(run, world) {
+  const home = byId("legend");
+  const swatch = (style, name = "swatch") => {
+    const mark = make("i", name);
+    for (const [key, value] of Object.entries(style)) mark.style.setProperty(key, value);
+    return mark;
+  };
+  const row = (mark, ...words) => make("div", "row", mark, make("span", "", ...words));
+  const used = [...new Set(run.groupOf)].slice(0, 9);
+  const rows = used.map((g) => row(swatch({ background: run.said.groups[g].colour }, g === run.groupOf[run.agents] ? "swatch target" : "swatch"), own(run.said.groups[g].name)));
+  rows.push(row(make("i", "goal"), "where an agent should be, q*"));
+  if (run.series.ghost) rows.push(row(make("i", "ghost"), "pale vehicle: ideal kinematics"));
+  if (run.said.edges.length) {
+    const [low, high] = world.residualRange;
+    rows.push(row(make("i", "bar"), `link, blue to red: ${digits(low)} to ${digits(high)} m off`));
+    if (run.said.edges.some(({ kind }) => kind === "sensing")) rows.push(row(make("i", "dashed"), "sees a target (solid: agents talk)"));
+    if (run.series.residual.some((x) => x < 0)) rows.push(row(make("i", "silent"), "grey: silent"));
+  }
+  if (world.flowScale) {
+    for (const flow of run.said.flow) rows.push(row(make("i", flow.second ? "arrow air" : "arrow"), `${flow.name}: up to ${digits(Math.max(...flow.velocity.map((w) => Math.hypot(...w))))} m/s`));
+  }
+  world.larger = make("span", "");
+  rows.push(make("div", "row", make("i"), world.larger));
+  const details = make("details", "", make("summary", "", "Legend"), ...rows);
+  details.open = window.innerWidth > 700;
+  home.append(details);
+}
+
+/** The facts below the scene. */
+export function writeFacts(run, goTo) {
+  const { facts, notes } = run.said;
+  const home = byId("facts");
+  const card = (title, ...contents) => {
+    const box = make("article", "", make("h2", "", title), ...contents);
+    home.append(box);
+    return box;
+  };
+  const time = (t, who = -1) => {
+    const button = make("button", "link", `${digits(t)} s`);
+    button.addEventListener("click", () => goTo(t, who));
+    return button;
+  };
+
+  const state = facts.status === "finished" ? (ENDINGS[facts.ending] ?? "The run came to its end.") : `The run blew up: ${facts.message}`;
+  const list = make("ul");
+  for (const note of notes) {
+    const who = note.agent === undefined || note.agent === null ? -1 : run.names.indexOf(note.agent);
+    list.append(make("li", "", own(note.text), note.time === undefined || note.time === null ? null : make("span", "", " ", time(note.time, who))));
+  }
+  card("What happened", make("p", facts.status === "finished" ? "" : "bad", own(state)), notes.length ? list : null, eventsOf(run, time));
+  card("At the end", finalOf(facts));
+  card("Does the theory hold", theoryOf(facts));
+  card("Agents", agentsOf(run, goTo));
+  const made = make("dl");
+  const say = (name, ...value) => made.append(make("dt", "", name), make("dd", "", ...value));
+  for (const [name, value] of Object.entries(facts.versions)) say(name, own(value));
+  say("seed", String(facts.seed));
+  say("again", make("code", "", facts.command), facts.where);
+  say("samples", `${run.time.length} of ${run.said.samples} are kept here; no vehicle is shown more than ${digits(run.said.largest_error)} m from where result.nc has it at any sample`);
+  card("How it was made", made);
+}
+
+function eventsOf(run, time) {
+  if (!run.events.length) return null;
+  const list = make("ul");
+  for (const event of run.events) list.append(make("li", "", time(event.time), " ", own(event.events.join(", "))));
+  return list;
+}
+
+function table(headings, rows) {
+  const head = make("tr");
+  for (const heading of headings) head.append(make("th", "", heading));
+  head.querySelectorAll("th").forEach((th) => th.setAttribute("scope", "col"));
+  return make("div", "wide", make("table", "", make("thead", "", head), make("tbody", "", ...rows)));
+}
+
+function finalOf(facts) {
+  const bounds = Object.fromEntries(facts.expect.map((check) => [check.measure, check]));
+  const rows = facts.final.map(([name, ...values]) => {
+    const cells = values.map((x, k) => {
+      const check = name === "team" ? bounds[facts.measures[k]] : null;
+      const cell = make("td", check ? (check.met ? "good" : "bad") : "", digits(x));
+      if (check) cell.append(make("small", "", check.met ? ` ✓ at most ${digits(check.bound)}` : ` ✗ expected at most ${digits(check.bound)}`));
+      return cell;
+    });
+    return make("tr", "", make("th", "", own(name)), ...cells);
+  });
+  return table(["m", ...facts.measures.map((name) => MEASURES[name])], rows);
+}
+
+function theoryOf(facts) {
+  const list = make("ul", "verdicts");
+  const say = (verdict, ...words) => list.append(make("li", verdict === "holds" ? "good" : verdict === "fails" ? "bad" : "", make("b", "", { holds: "✓ ", fails: "✗ ", undecided: "? " }[verdict]), ...words));
+  for (const a of facts.assumptions) say(a.verdict, `Assumption ${a.number}, ${a.name}: ${a.verdict}`, a.why && a.verdict !== "holds" ? make("small", "", ` ${a.why}`) : null);
+  const { theorem, held } = facts;
+  say(theorem.applies ? "holds" : "undecided", theorem.applies ? `Theorem 1 bounds the error${theorem.approximate ? ", approximately" : ""}` : `Theorem 1 does not apply: ${theorem.reason}`);
+  say(held.applies ? "holds" : "undecided", held.applies ? "The bound of the held law applies" : `No bound of the held law: ${held.reason}`);
+  return list;
+}
+
+function agentsOf(run, goTo) {
+  const last = run.time.length - 1;
+  const rows = run.said.agents.map((name, i) => {
+    let [most, at] = [-1, 0];
+    for (let k = run.locate((run.start + run.end) / 2)[0]; k <= last; k++) {
+      const x = run.series.tracking_error[k * run.agents + i];
+      if (x > most) [most, at] = [x, k];
+    }
+    return { name, i, most, at, end: run.series.tracking_error[last * run.agents + i] };
+  });
+  rows.sort((a, b) => b.most - a.most);
+  const shown = rows.slice(0, 30).map(({ name, i, most, at, end }) => {
+    const button = make("button", "link", own(name));
+    button.addEventListener("click", () => goTo(run.time[at], i));
+    return make("tr", "", make("th", "", button), make("td", "", own(run.said.groups[run.groupOf[i]].name)), make("td", "", run.said.kinds[run.said.kind[i]].name), make("td", "", most < 0 ? "–" : digits(most)), make("td", "", most < 0 ? "–" : digits(run.time[at])), make("td", "", digits(end)));
+  });
+  const whole = table(["agent", "group", "vehicle", "farthest off, m", "when, s", "at the end, m"], shown);
+  if (rows.length > 30) whole.append(make("p", "", `The 30 of ${rows.length} that are farthest off in the second half.`));
+  return whole;
+}
