@@ -9,13 +9,16 @@ import typer
 from mjsheaf.cli.options import (
     Backend,
     BackendOption,
+    FormatOption,
     NotHeldError,
     OutOption,
     QualityOption,
     ScenarioArgument,
     SeedOption,
     SetOption,
+    TitleOption,
     VideoOption,
+    figure_options,
     prepare,
     require_file_name,
 )
@@ -51,6 +54,8 @@ def run(
         ),
     ] = None,
     quality: QualityOption = None,
+    formats: FormatOption = "png",
+    title: TitleOption = True,
 ) -> None:
     """Simulate a scenario and leave data, plots and a video.
 
@@ -63,6 +68,7 @@ def run(
     from mjsheaf.runs.publish import execute
     from mjsheaf.video.from_run import video_options
 
+    figures = figure_options(formats, title)
     loaded, directory, origin = prepare(scenario, overrides, seed, out, str(backend), str(backend))
     refusal = loaded.expect.refused
     if expect and getattr(loaded.expect, backend) is None and refusal is None:
@@ -79,6 +85,7 @@ def run(
                 allow_drift=allow_drift,
                 controller=law,
                 origin=origin,
+                figures=figures,
                 progress=bars,
             )
     except PlaceError:

@@ -16,16 +16,17 @@ from pydantic_core import to_json
 
 from mjsheaf._version import __version__
 from mjsheaf.errors import InputError, PlaceError
+from mjsheaf.io.figures import names_of
 from mjsheaf.io.files import is_part_of, whole_directory, write_whole
 from mjsheaf.io.yaml import SUFFIXES
 from mjsheaf.results.netcdf import open_dataset
 
-_PLOTS = ("errors.png", "trajectories.png", "configurations.png")
-FILES = ("result.nc", "summary.json", "scenario.yaml", *_PLOTS, "video.mp4")
+_FIGURES = names_of(("errors", "trajectories", "configurations"))
+FILES = ("result.nc", "summary.json", "scenario.yaml", *_FIGURES, "video.mp4")
 """What a run may leave in its directory."""
 
-_COMPARISON_PLOTS = ("errors.png", "budget.png", "convergence.png")
-COMPARISON_FILES = ("compare.json", "scenario.yaml", "report.txt", *_COMPARISON_PLOTS, "compare.mp4")
+_COMPARISON_FIGURES = names_of(("errors", "budget", "convergence"))
+COMPARISON_FILES = ("compare.json", "scenario.yaml", "report.txt", *_COMPARISON_FIGURES, "compare.mp4")
 """What a comparison may leave in its directory."""
 
 VEHICLES = "vehicles"
