@@ -163,6 +163,9 @@ def test_both_curves_of_the_video_have_one_axis() -> None:
     assert low == max(min(error.min() for error in errors), high / 1e6)
     assert errors[0].min() != pytest.approx(errors[1].min(), rel=0.1)  # axes of their own would differ
     same = replace(surveys[0], error=np.geomspace(low, high, len(surveys[0].time)))
-    rows = [Overlay(film, options, same)._curve[1] for film in films]
+    films[1] = replace(films[1], subtitle=f"{films[1].subtitle}, feedforward, newton, drift")  # a wider plate
+    overlays = [Overlay(film, options, same, [other]) for film, other in (films, films[::-1])]
+    columns, rows = zip(*(overlay._curve for overlay in overlays), strict=True)
     np.testing.assert_array_equal(rows[0], rows[1])
+    np.testing.assert_array_equal(columns[0], columns[1])
     assert rows[0][0] - rows[0][-1] > 30  # pixels: it fills the axis
