@@ -152,14 +152,6 @@ def test_what_is_no_format_is_refused(formats: tuple[str, ...]) -> None:
         FigureOptions(formats)
 
 
-@pytest.fixture
-def drawn(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
-    """The figures that are written meanwhile, in place of their files."""
-    figures: list[Figure] = []
-    monkeypatch.setattr("mjsheaf.plotting.write_figure", lambda figure, file, form: figures.append(figure))
-    return figures
-
-
 def plots_of(name: str, overrides: dict[str, Any], options: FigureOptions = FigureOptions()) -> None:  # noqa: B008
     from mjsheaf import load_scenario, simulate
     from mjsheaf.results import thinned
@@ -188,7 +180,10 @@ def test_plots_of_a_run_are_legible(size: int, drawn: list[Figure]) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["midpoint", "harbour", "harbour_lost_hexarotor", "tetrahedron", "certified", "quads"])
+@pytest.mark.parametrize(
+    "name",
+    ["midpoint", "harbour", "harbour_lost_hexarotor", "noisy_harbour", "tetrahedron", "certified", "quads"],
+)
 def test_plots_of_other_teams_are_legible(name: str, drawn: list[Figure]) -> None:
     plots_of(name, {"time.end": 60.0 if "lost" in name else 3.0})
     assert all(map(is_legible, drawn))

@@ -41,7 +41,7 @@ _TARGET_KEY = key("target", color=TARGET, marker="*")
 def draw_check(system: System, examination: Examination, options: FigureOptions = AS_USUAL) -> Figure:
     """Draw a check: a figure for `write_figure`."""
     record = examination.record
-    figure = new_figure(WIDTH, 7.0, f"{record.scenario}: {record.verdict()}", options)
+    figure = new_figure(WIDTH, 7.4, f"{record.scenario}: {record.verdict()}", options)
     ((spectrum, graph), (difference, corner)) = figure.subplots(2, 2)
     keys = {
         "spectrum": _spectrum(spectrum, system, record),
@@ -49,16 +49,16 @@ def draw_check(system: System, examination: Examination, options: FigureOptions 
         "bounded difference": _difference(difference, system, examination.certificate),
     }
     corner.set_axis_off()
-    top = 1.02
+    settle(figure)
+    top = 1.03
     for title, rows in keys.items():
         if rows:
-            style: dict[str, Any] = {"frameon": False, "fontsize": TICK, "title_fontsize": NORMAL, "handlelength": 2.2}
-            legend = Legend(corner, rows, [str(row.get_label()) for row in rows], title=title, loc="upper left",
-                            bbox_to_anchor=(-0.08, top), alignment="left", borderaxespad=0.0, **style)  # fmt: skip
-            legend.set_in_layout(False)
+            labels = [str(row.get_label()) for row in rows]
+            style: dict[str, Any] = {"title_fontsize": NORMAL, "handlelength": 2.2, "labelspacing": 0.3}
+            legend = Legend(corner, rows, labels, title=title, loc="upper left", bbox_to_anchor=(-0.08, top),
+                            alignment="left", borderaxespad=0.0, frameon=False, fontsize=TICK, **style)  # fmt: skip
             corner.add_artist(legend)
-            top -= 0.06 * (len(rows) + 2.2)
-    settle(figure)
+            top -= legend.get_window_extent().height / corner.bbox.height + 0.02
     place = system.initial[:, :2]
     names = [member.id for member in system.team.members]
     targets = np.arange(len(system.team.agents), len(names))

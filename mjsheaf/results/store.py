@@ -21,13 +21,14 @@ from mjsheaf.io.files import is_part_of, whole_directory, write_whole
 from mjsheaf.io.yaml import SUFFIXES
 from mjsheaf.results.netcdf import open_dataset
 
-_FIGURES = names_of(("errors", "trajectories", "configurations"))
-FILES = ("result.nc", "summary.json", "scenario.yaml", *_FIGURES, "video.mp4")
-"""What a run may leave in its directory."""
+_FIGURES = ("errors", "trajectories", "configurations", "budget", "convergence")
+_PLOTS = ("errors.png", "trajectories.png", "configurations.png")
+FILES = ("result.nc", "summary.json", "scenario.yaml", *_PLOTS, "video.mp4")
+"""What a run may leave in its directory; plots may have other formats."""
 
-_COMPARISON_FIGURES = names_of(("errors", "budget", "convergence"))
-COMPARISON_FILES = ("compare.json", "scenario.yaml", "report.txt", *_COMPARISON_FIGURES, "compare.mp4")
-"""What a comparison may leave in its directory."""
+_COMPARISON_PLOTS = ("errors.png", "budget.png", "convergence.png")
+COMPARISON_FILES = ("compare.json", "scenario.yaml", "report.txt", *_COMPARISON_PLOTS, "compare.mp4")
+"""What a comparison may leave in its directory; plots may have other formats."""
 
 VEHICLES = "vehicles"
 """The folder in either directory with the files of vehicles that do not come with mjsheaf, where there are any."""
@@ -61,7 +62,7 @@ def check_replaceable(directory: Path) -> None:
     entries = {path.name for path in directory.iterdir()}
     if not entries:
         return
-    ours = {*FILES, *COMPARISON_FILES, VEHICLES}
+    ours = {*FILES, *COMPARISON_FILES, *names_of(_FIGURES), VEHICLES}
     strange = sorted(name for name in entries - ours if not is_part_of(name, ours))
     strange += _strange_vehicles(directory / VEHICLES)
     if strange:

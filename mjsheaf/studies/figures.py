@@ -90,11 +90,15 @@ class SweptAxis:
 
     def label(self, panel: Any, which: str, places: NDArray[Any]) -> None:
         """Name an axis ('x' or 'y') of a panel and put the values' labels at these places."""
-        step = -(-len(places) // _MOST_TICKS)
-        shown = self.labels[::step]
-        upright = which == "x" and sum(map(len, shown)) + 2 * len(shown) > _UNROTATED
+        step, rotation = -(-len(places) // _MOST_TICKS), 90.0 if which == "x" and self.upright else 0.0
         getattr(panel, f"set_{which}label")(self.name, fontsize=NORMAL)
-        getattr(panel, f"set_{which}ticks")(places[::step], shown, rotation=90.0 if upright else 0.0, fontsize=TICK)
+        getattr(panel, f"set_{which}ticks")(places[::step], self.labels[::step], rotation=rotation, fontsize=TICK)
+
+    @property
+    def upright(self) -> bool:
+        """Whether labels of the values stand upright below a panel, as they have no room side by side."""
+        shown = self.labels[:: -(-len(self.places) // _MOST_TICKS)]
+        return sum(map(len, shown)) + 2 * len(shown) > _UNROTATED
 
 
 def swept_axes(study: StudyFile, records: list[dict[str, Any]]) -> list[SweptAxis]:
@@ -210,7 +214,8 @@ def _draw(title: str, axes: list[SweptAxis], values: dict[str, Array], ends: End
         kinds = [_distribution]
     columns = len(kinds) if len(kinds) > 1 else min(len(values), 2)
     rows = -(-len(values) * len(kinds) // columns)
-    figure = _figure(columns, rows, title)
+    upright = [len(max(axis.labels, key=len)) for axis in axes if axis.upright and not axis.numeric]
+    figure = _figure(columns, rows, title, 0.065 * max(upright, default=0))
     panels = figure.subplots(rows, columns, squeeze=False)
     for panel in panels.flat[len(values) * len(kinds) :]:
         panel.set_visible(False)
@@ -226,9 +231,10 @@ def _draw(title: str, axes: list[SweptAxis], values: dict[str, Array], ends: End
     return figure
 
 
-def _figure(columns: int, rows: int, title: str) -> Figure:
+def _figure(columns: int, rows: int, title: str, below: float = 0.0) -> Figure:
+    """A figure for so many panels, with room below each, in."""
     width = max(WIDTH if columns > 1 else 0.65 * WIDTH, _PANEL * columns)
-    return new_figure(width, 0.6 + 2.7 * rows, title)
+    return new_figure(width, 0.6 + (2.7 + below) * rows, title)
 
 
 def _drop_what_does_not_fit(panel: Any) -> None:
