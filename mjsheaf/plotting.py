@@ -1,44 +1,66 @@
-"""What figures have in common: colours of groups (the same in videos), teams seen from above, logarithmic axes, PNG.
+"""What figures have in common: size, type, colours (the same in videos), names that never overlap, PNG, SVG and PDF.
+
+Figures are drawn at the width of two columns of a journal, with type of the size that is printed. Groups differ by
+colour, marker and dash at once, so that they can be told apart without colour too.
 
 Matplotlib's object interface is used throughout: no global state, no display.
 """
 
+import io
 from collections.abc import Sequence
 from pathlib import Path
+from textwrap import fill
+from threading import Lock
 from typing import IO, Any
 
 import numpy as np
+from matplotlib import rc_context
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+from matplotlib.text import Text
+from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array
+from mjsheaf.io.figures import AS_USUAL, FigureOptions
 from mjsheaf.team import Team
 
-# Okabe and Ito's palette (distinct with any colour vision), then Tol's muted scheme for further groups.
+WIDTH = 7.16
+"""Width of two columns, in."""
+HEADING, NORMAL, TICK, SMALL = 9.5, 8.0, 7.5, 7.0
+"""Sizes of type, pt."""
+_DPI = 200
+
+# Okabe and Ito's palette without its vermilion, which is too like the targets' red for some, then mostly Tol's muted
+# scheme for further groups. Their sky blue is for agents without a group.
 _COLOURS = (
-    *("#E69F00", "#0072B2", "#009E73", "#CC79A7", "#56B4E9", "#D55E00"),
-    *("#882255", "#44AA99", "#999933", "#332288", "#AA4499", "#117733"),
+    *("#E69F00", "#0072B2", "#009E73", "#CC79A7", "#882255", "#332288"),
+    *("#D55E00", "#999933", "#44AA99", "#AA4499", "#117733", "#661100"),
 )
-_UNGROUPED, TARGET = "#F0E442", "#D62728"
+_UNGROUPED, TARGET = "#56B4E9", "#D62728"
 BLUE, RED = "#0072B2", "#D62728"
 LOST = "#9A9A9A"
 """Of agents that are lost or have yet to join."""
+MARKERS = "os^Dv<>Phdp8"
+DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)), (0, (9, 2)))
 _EDGES: dict[str, dict[str, Any]] = {
     "communication": {"color": "#8A94A6", "linestyle": "-"},
     "sensing": {"color": "#B45309", "linestyle": ":"},
 }
-_MOST_LABELLED = 60  # vehicles; more are drawn small and without their names
+MOST_NAMED = 60
+"""Vehicles of a team whose names are drawn; of more, only the targets' and those of the worst agents are."""
+_MOST_KEYS = 12  # groups in a legend
+_LONGEST_NAME, _SHORTER_NAME = 90, 30  # letters of a name in a legend; in one of many rows
 
 
 def palette(count: int) -> Array:
     """RGB of `count` groups, then of ungrouped agents and of targets, shape (count + 2, 3)."""
     chosen = [_COLOURS[k % len(_COLOURS)] for k in range(count)]
-    return np.array([to_rgb(code) for code in [*chosen, _UNGROUPED, TARGET]])
+    return np.array([to_rgb(code) for code in [*chosen, _UNGROUPED if count else BLUE, TARGET]])
 
 
 def groups_of(team: Team) -> tuple[NDArray[np.int64], list[str], Array]:
@@ -51,24 +73,87 @@ def groups_of(team: Team) -> tuple[NDArray[np.int64], list[str], Array]:
     return index_of_each, [*names, others, "targets"], palette(len(names))
 
 
-def new_figure(width: float, height: float, title: str) -> Figure:
+def marker_of(group: int, names: Sequence[str]) -> str:
+    """The marker of a group of `groups_of`."""
+    return "*" if group == len(names) - 1 else MARKERS[group % len(MARKERS)]
+
+
+def line_style(k: int) -> dict[str, Any]:
+    """Colour, dashes and markers of the k-th of some lines, which stay distinct in grey."""
+    colour, dashes, marker = (among[k % len(among)] for among in (_COLOURS, DASHES, MARKERS))
+    return {"color": colour, "linestyle": dashes, "linewidth": 1.1, "marker": marker, "markersize": 4.0,
+            "markevery": (0.015 * (k % 10), 0.15)}  # fmt: skip
+
+
+def new_figure(width: float, height: float, title: str, options: FigureOptions = AS_USUAL) -> Figure:
     """A figure of the given size in inches, with its title; panels and legends get the room that they need."""
-    figure = Figure((width, height), dpi=120, layout=ConstrainedLayoutEngine(h_pad=0.1, w_pad=0.1))
-    figure.suptitle(title)
+    figure = Figure((width, height), dpi=_DPI, layout=ConstrainedLayoutEngine(h_pad=0.06, w_pad=0.06))
+    FigureCanvasAgg(figure)
+    if options.title and title:
+        figure.suptitle(fill(title, int(width * 13)), fontsize=10.5)
     return figure
 
 
-def save_figure(figure: Figure, file: Path | IO[bytes]) -> None:
-    """Write a figure as PNG; equal figures give equal bytes."""
-    # No metadata: a version or date would make equal runs differ.
-    figure.savefig(file, format="png", metadata={"Software": None})
+def settle(figure: Figure) -> None:
+    """Fix where everything is, so that names can be placed; what is added later takes no more room."""
+    if figure.get_layout_engine() is not None:
+        lay_out(figure)
+        figure.set_layout_engine("none")
+
+
+def lay_out(figure: Figure) -> None:
+    """Give panels and legends their places, without drawing anything."""
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        engine.execute(figure)
+    for axis in figure.axes:
+        axis.apply_aspect()
+
+
+_WRITING = Lock()  # settings of matplotlib belong to the process
+# Type that journals take (TrueType in PDF) and that editors can change (text in SVG); ids that are the same each time.
+_SETTINGS: Any = {"pdf.fonttype": 42, "svg.fonttype": "none", "svg.hashsalt": "mjsheaf"}
+# A version or a date would make equal runs differ.
+_METADATA: dict[str, dict[str, None]] = {
+    "png": {"Software": None},
+    "svg": {"Date": None, "Creator": None},
+    "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+}
+
+
+def write_figure(figure: Figure, file: Path | IO[bytes], form: str) -> None:
+    """Write a figure in one format; equal figures give equal bytes."""
+    settle(figure)
+    with _WRITING, rc_context(_SETTINGS):
+        figure.savefig(file, format=form, metadata=_METADATA[form])
+
+
+def save_figure(figure: Figure, path: Path, options: FigureOptions) -> None:
+    """Write a figure in each format; the suffix of `path` gives way to theirs."""
+    for file in options.paths(path):
+        write_figure(figure, file, file.suffix[1:])
+
+
+def figure_bytes(figure: Figure, options: FigureOptions) -> dict[str, bytes]:
+    """A figure in each format, by the format's name."""
+    found = {}
+    for form in options.formats:
+        buffer = io.BytesIO()
+        write_figure(figure, buffer, form)
+        found[form] = buffer.getvalue()
+    return found
 
 
 def label_axes(axis: Any, title: str, x: str = "", y: str = "", **grid: Any) -> None:
-    """Give a panel its title, labels and a pale grid."""
-    axis.set_title(title, fontsize=11)
-    axis.set(xlabel=x, ylabel=y)
-    axis.grid(True, alpha=0.3, **grid)
+    """Give a panel its title, labels and a pale grid, and open it above and at the right."""
+    axis.set_title(title, fontsize=HEADING)
+    axis.set_xlabel(x, fontsize=NORMAL)
+    axis.set_ylabel(y, fontsize=NORMAL)
+    axis.tick_params(labelsize=TICK, length=3)
+    axis.tick_params(which="minor", length=1.8)
+    axis.spines[["top", "right"]].set_visible(False)
+    axis.grid(True, alpha=0.3, linewidth=0.6, **grid)
+    axis.set_axisbelow(True)
 
 
 def key(label: str, **style: Any) -> Line2D:
@@ -76,16 +161,46 @@ def key(label: str, **style: Any) -> Line2D:
     return Line2D([], [], label=label, **({"linestyle": ""} if "marker" in style else {}) | style)
 
 
+def group_keys(groups: NDArray[np.int64], names: list[str], colours: Array, *, lines: bool = True) -> list[Line2D]:
+    """The rows of a legend for the groups of `groups_of` that are there; of very many, the first ones."""
+    there = sorted(set(groups.tolist()))
+    targets = [k for k in there if names[k] == "targets"]
+    agents = [k for k in there if k not in targets]
+    keys = []
+    for k in [*agents[:_MOST_KEYS], *targets]:
+        style: dict[str, Any] = {"marker": marker_of(k, names), "markersize": 7 if k in targets else 5}
+        if lines:
+            style |= {"linestyle": (0, (4, 1.5)) if k in targets else "-", "linewidth": 1.1}
+        keys.append(key(names[k], color=colours[k], **style))
+    if len(agents) > _MOST_KEYS:
+        keys.insert(_MOST_KEYS, key(f"and {len(agents) - _MOST_KEYS} more groups", linestyle=""))
+    return keys
+
+
 def edge_keys() -> list[Line2D]:
     """The rows of a legend for the edges of `draw_team`."""
-    return [key(kind, **style) for kind, style in _EDGES.items()]
+    return [key(kind, linewidth=1.0, **style) for kind, style in _EDGES.items()]
 
 
-def legend_below(holder: Any, keys: Sequence[Any], columns: int) -> None:
-    """Add a legend below the panels of a figure, or below a panel."""
-    figure = isinstance(holder, Figure)
-    place = {"loc": "outside lower center"} if figure else {"loc": "upper center", "bbox_to_anchor": (0.5, -0.12)}
-    holder.legend(handles=keys, ncols=columns, frameon=False, fontsize=9, **place)
+def legend_below(figure: Figure, keys: Sequence[Any], columns: int, **style: Any) -> None:
+    """Add a legend below the panels of a figure, which grows by it; with as many columns as there is room for."""
+    longest = _LONGEST_NAME if len(keys) <= columns else _SHORTER_NAME
+    names = [name if len(name) <= longest else name[: longest - 1] + "…" for name in map(_label, keys)]
+    for most in range(min(columns, len(keys)), 0, -1):
+        count = -(-len(keys) // -(-len(keys) // most))  # rows of about one length
+        legend = figure.legend(
+            keys, names, ncols=count, frameon=False, fontsize=NORMAL, title_fontsize=NORMAL, columnspacing=1.5,
+            handlelength=2.6, loc="outside lower center", **style,
+        )  # fmt: skip
+        size = legend.get_window_extent()
+        if count == 1 or size.width <= figure.bbox.width:
+            figure.set_figheight(figure.get_figheight() + size.height / figure.dpi)
+            return
+        legend.remove()
+
+
+def _label(item: Any) -> str:
+    return str(item.get_label())
 
 
 def finish_map(axis: Any, title: str, x: str, margin: float) -> None:
@@ -93,59 +208,212 @@ def finish_map(axis: Any, title: str, x: str, margin: float) -> None:
     label_axes(axis, title, x, "y (m)")
     axis.set_aspect("equal", adjustable="datalim")
     axis.margins(margin)
+    for side in (axis.xaxis, axis.yaxis):
+        side.set_major_locator(MaxNLocator(6, steps=[1, 2, 2.5, 5, 10]))
 
 
-def draw_team(axis: Any, team: Team, place: Array) -> None:
+def draw_team(axis: Any, team: Team, place: Array) -> NDArray[np.int64]:
     """Draw a team from above: edges, agents in the colours of their groups, targets as stars; `place` (V, 2) in m.
 
     Absent agents are grey, and left out where they are farther from the middle than all others.
+
+    Returns:
+        Which vehicles are drawn, for `place_names`.
     """
     for kind, edges in (("communication", team.communication), ("sensing", team.sensing)):
         lines = [place[[team.index[e.tail], team.index[e.head]]] for e in edges]
-        axis.add_collection(LineCollection(lines, linewidths=1.0, zorder=1, **_EDGES[kind]))
-    groups, _, colours = groups_of(team)
-    few = len(place) <= _MOST_LABELLED
+        width = 0.9 if len(edges) <= 2 * MOST_NAMED else 0.4
+        axis.add_collection(LineCollection(lines, linewidths=width, zorder=1, **_EDGES[kind]))
+    groups, names, colours = groups_of(team)
+    few = len(place) <= MOST_NAMED
     there = np.array([member.id not in team.absent for member in team.members])
     away = np.abs(place - place[there].mean(axis=0)).max(axis=1)
-    for v, member in enumerate(team.members):
-        if away[v] > away[there].max():
+    shown = away <= away[there].max()
+    for k in sorted(set(groups.tolist())):
+        target = names[k] == "targets"
+        size = 11.0 if target else 6.0 if few else 2.5
+        outline = {"markeredgecolor": "white", "markeredgewidth": 0.5} if few or target else {"markeredgewidth": 0.0}
+        for own, colour in ((there, colours[k]), (~there, LOST)):
+            chosen = (groups == k) & own & shown
+            if chosen.any():
+                style = {"marker": marker_of(k, names), "markersize": size, "color": colour, **outline}
+                axis.plot(*place[chosen].T, linestyle="", zorder=4 if target else 3, **style)
+    return np.flatnonzero(shown)
+
+
+def place_names(
+    axis: Any, names: Sequence[str], places: Array, obstacles: Array | None = None, colour: str = "black"
+) -> int:
+    """Write names beside points of a panel, none over another; call it after `settle`.
+
+    Each name takes the first place about its point, near ones first, that is free of other text and covers the fewest
+    points; one that is farther off is joined to its point. A name for which there is no place is left out.
+
+    Args:
+        axis: the panel.
+        names: those of more importance first.
+        places: of their points, shape (K, 2), in data coordinates; NaN where there is none.
+        obstacles: further points that names should not cover, shape (M, 2).
+        colour: of the names.
+
+    Returns:
+        How many were placed.
+    """
+    pixel = axis.figure.dpi / 72.0
+    points = axis.transData.transform(np.asarray(places, dtype=np.float64).reshape(-1, 2))
+    avoid = points if obstacles is None else np.vstack([points, axis.transData.transform(obstacles)])
+    room, taken, placed = axis.bbox.extents, _boxes_in(axis), 0
+    for name, place, point in zip(names, places, points, strict=True):
+        if not (np.isfinite(point).all() and _inside(np.tile(point, 2), room)):
             continue
-        target = v >= len(team.agents)
-        size = (13 if target else 8) if few else 3
-        outline = {"markeredgecolor": "white", "markeredgewidth": 0.6} if few else {}
-        colour = LOST if member.id in team.absent else colours[groups[v]]
-        axis.plot(*place[v], "*" if target else "o", markersize=size, color=colour, zorder=3, **outline)
-        if few:
-            axis.annotate(member.id, place[v], xytext=(5, 5), textcoords="offset points", fontsize=8, zorder=5)
+        half = _size_of(axis.figure, name) / 2.0 + 0.8 * pixel
+        spot = _spot_for(point, half, pixel, room, taken, avoid)
+        if spot is None:
+            continue
+        centre, distance = spot
+        taken = np.vstack([taken, [*(centre - half), *(centre + half)]])
+        joined = {"arrowstyle": "-", "color": colour, "linewidth": 0.4, "shrinkA": 0.0, "shrinkB": 1.5}
+        text = axis.annotate(
+            name, place, (centre - point) / pixel, textcoords="offset points", ha="center", va="center",
+            fontsize=SMALL, color=colour, zorder=6, arrowprops=joined if distance > _NEAR[0] else None,
+        )  # fmt: skip
+        text.set_in_layout(False)
+        placed += 1
+    return placed
+
+
+_NEAR = (4.0, 8.0, 14.0, 22.0, 32.0, 44.0)  # gaps between a point and its name, pt
+_DIRECTIONS = np.array([(1, 1), (-1, 1), (1, -1), (-1, -1), (1, 0), (-1, 0), (0, 1), (0, -1)], dtype=np.float64)
+
+
+def _spot_for(
+    point: Array, half: Array, pixel: float, room: Array, taken: Array, avoid: Array
+) -> tuple[Array, float] | None:
+    """The middle of a name of half this size near a point, and how far off it is, pt; all else in pixels."""
+    best, fewest = None, len(avoid) + 1
+    for distance in _NEAR:
+        for direction in _DIRECTIONS:
+            centre = point + direction * (half + distance * pixel * (0.7 if direction.all() else 1.0))
+            frame = np.concatenate([centre - half, centre + half])
+            if not _inside(frame, room) or _overlapping(taken, frame).any():
+                continue
+            covered = int(((avoid > frame[:2]) & (avoid < frame[2:])).all(axis=1).sum())
+            if covered < fewest:
+                best, fewest = (centre, distance), covered
+        if fewest == 0:
+            break
+    return best
+
+
+def label_ends(axis: Any, ends: Sequence[tuple[float, str, Any]]) -> None:
+    """Name lines at their right ends beside a panel, in their colours; make room with `spread_ends` after `settle`.
+
+    Args:
+        axis: the panel, its limits final.
+        ends: value at the end, name and colour of each line; a value that is not finite has its name at the foot.
+    """
+    low = axis.get_ylim()[0]
+    for value, name, colour in ends:
+        at = float(np.clip(value, *axis.get_ylim())) if np.isfinite(value) else low
+        joined = {"arrowstyle": "-", "color": colour, "linewidth": 0.6, "shrinkA": 0.0, "shrinkB": 0.0}
+        text = axis.annotate(
+            name, (1.0, at), (14.0, 0.0), xycoords=axis.get_yaxis_transform(), textcoords="offset points",
+            va="center", fontsize=SMALL, color=colour, annotation_clip=False,
+            arrowprops={**joined, "relpos": (0.0, 0.5)},
+        )  # fmt: skip
+        text.set_gid("end")
+
+
+def spread_ends(axis: Any) -> None:
+    """Move the names of `label_ends` up and down until none is over another; call it after `settle`."""
+    texts = [text for text in axis.texts if text.get_gid() == "end"]
+    if not texts:
+        return
+    pixel = axis.figure.dpi / 72.0
+    wanted = axis.get_yaxis_transform().transform([text.xy for text in texts])[:, 1]
+    heights = [_size_of(axis.figure, text.get_text())[1] for text in texts]
+    places = spread(wanted, max(heights) + 0.6 * pixel, axis.bbox.y0, axis.bbox.y1)
+    for text, place, line in zip(texts, places, wanted, strict=True):
+        text.set_position((14.0, (place - line) / pixel))
+
+
+def spread(wanted: Array, gap: float, low: float, high: float) -> Array:
+    """Places near the wanted ones, shape (K,), in the same order and `gap` apart, within a range if there is room."""
+    order = np.argsort(wanted, kind="stable")
+    steps = gap * np.arange(len(order))
+    # Without the gaps, places only have to ascend: the nearest that do are found by pooling those that do not.
+    pools: list[list[float]] = []
+    for value in (wanted[order] - steps).tolist():
+        pools.append([value, 1.0])
+        while len(pools) > 1 and pools[-2][0] > pools[-1][0]:
+            (a, m), (b, n) = pools[-2], pools.pop()
+            pools[-1] = [(m * a + n * b) / (m + n), m + n]
+    ascending = np.repeat([mean for mean, _ in pools], [int(count) for _, count in pools])
+    places = np.empty(len(order))
+    places[order] = np.clip(ascending, low + gap / 2, max(high - gap / 2 - steps[-1], low + gap / 2)) + steps
+    return places
+
+
+def _size_of(figure: Figure, words: str) -> Array:
+    """Width and height of a small line of text, shape (2,), pixels."""
+    canvas: Any = figure.canvas
+    probe = Text(0.0, 0.0, words, fontsize=SMALL)
+    probe.set_figure(figure)
+    return np.array(probe.get_window_extent(canvas.get_renderer()).size)
+
+
+def _boxes_in(axis: Any) -> Array:
+    """The boxes of what is written in a panel, its legend among them, shape (K, 4), pixels."""
+    renderer = axis.figure.canvas.get_renderer()
+    legend = axis.get_legend()
+    held = [*axis.texts, *([legend] if legend else [])]
+    return np.array([item.get_window_extent(renderer).extents for item in held]).reshape(-1, 4)
+
+
+def _inside(frame: Array, room: Array) -> bool:
+    return bool((frame[:2] >= room[:2]).all() and (frame[2:] <= room[2:]).all())
+
+
+def _overlapping(boxes: Array, frame: Array) -> NDArray[np.bool_]:
+    """Which of some boxes, shape (K, 4), overlap with one."""
+    return np.asarray((boxes[:, :2] < frame[2:]).all(axis=1) & (boxes[:, 2:] > frame[:2]).all(axis=1))
+
+
+_NARROW = 5.0  # ratio of largest to smallest value below which a logarithmic axis would have no labels to speak of
 
 
 def log_axis(axis: Any, which: str, values: Array, decades: float = 12.0) -> None:
-    """Make axis 'x' or 'y' of a panel logarithmic, of at most so many decades, with numbers written out.
+    """Make axis 'x' or 'y' of a panel logarithmic, of at most so many decades; all such axes have the same labels.
 
-    Of the values that are drawn only those that are finite and positive count; without any, a line says so.
+    They are powers of 10, of which at least two are seen, with marks between them. Of the values that are drawn only
+    those that are finite and positive count; without any, a line says so. Values that hardly differ stay linear.
     """
     positive = values[np.isfinite(values) & (values > 0)]
     if not positive.size:
-        axis.text(0.5, 0.5, "not defined for this team", transform=axis.transAxes, ha="center", color="grey")
+        axis.text(0.5, 0.5, "not defined for this team", transform=axis.transAxes, ha="center", color="grey",
+                  fontsize=NORMAL)  # fmt: skip
+        axis.set(**{f"{which}ticks": []})
         return
-    low, high = max(positive.min() / 1.5, positive.max() / 10.0**decades), positive.max() * 1.5
-    axis.set(**{f"{which}scale": "log", f"{which}lim": (low, high)})
-    ticks = getattr(axis, f"{which}axis")
-    ticks.set_major_locator(FixedLocator(log_ticks(low, high)))
-    ticks.set_minor_locator(NullLocator())
-    ticks.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    if positive.max() < _NARROW * positive.min() and np.nanmin(values) > 0.0:
+        return
+    low, high, powers = log_limits(max(positive.min() / 1.5, positive.max() / 10.0**decades), positive.max() * 1.5)
+    axis.set(**{f"{which}scale": "log", f"{which}lim": (0.999 * low, 1.001 * high)})
+    side = getattr(axis, f"{which}axis")
+    step = -(-len(powers) // 6)
+    side.set_major_locator(FixedLocator((10.0 ** powers[::step].astype(np.float64)).tolist()))
+    between = np.arange(2, 10) if step == 1 else np.array([1])
+    marks = (between * 10.0 ** np.arange(powers[0] - 1.0, powers[-1] + 1.0)[:, None]).ravel()
+    side.set_minor_locator(FixedLocator(marks.tolist()))
+    side.set_major_formatter(FuncFormatter(lambda value, _: f"$10^{{{round(np.log10(value))}}}$"))
+    side.set_minor_formatter(NullFormatter())
 
 
-def log_ticks(low: float, high: float) -> list[float]:
-    """Ticks of a logarithmic axis: powers of 10 where three or more are seen, else as few between as make it three.
-
-    Two at least are seen where the axis spans a factor of 2.
-    """
-    ticks: list[float] = []
-    first, last = int(np.floor(np.log10(low))), int(np.ceil(np.log10(high)))
-    for steps in ((1,), (1, 2, 5), (1, 1.5, 2, 3, 4, 5, 6, 7, 8, 9)):
-        ticks = [float(f"{step}e{power}") for power in range(first, last + 1) for step in steps]
-        ticks = [tick for tick in ticks if low <= tick <= high]
-        if len(ticks) >= 3:
-            break
-    return ticks
+def log_limits(low: float, high: float) -> tuple[float, float, NDArray[np.int64]]:
+    """Limits of a logarithmic axis, no narrower than those given, and the powers of 10 in them: two at least."""
+    while True:
+        first, last = int(np.ceil(np.log10(low) - 1e-9)), int(np.floor(np.log10(high) + 1e-9))
+        if last > first:
+            return low, high, np.arange(first, last + 1)
+        # Out to the nearer one of the next powers below and above.
+        below, above = 10.0 ** (first - 1), 10.0 ** (last + 1)
+        low, high = (below, high) if low / below < above / high else (low, above)

@@ -9,10 +9,14 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 import xarray as xr
 from hypothesis import settings
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 settings.register_profile("fast", deadline=None, derandomize=True, max_examples=20)
 settings.register_profile("ci", deadline=None, derandomize=True, max_examples=60)
@@ -44,6 +48,14 @@ def without_plots(monkeypatch: pytest.MonkeyPatch) -> None:
     """Runs draw no plots and an empty page, which take longer than a short run does."""
     monkeypatch.setattr("mjsheaf.runs.publish._plot", lambda *_: None)
     monkeypatch.setattr("mjsheaf.page.page_of", lambda *_, **__: b"")
+
+
+@pytest.fixture
+def drawn(monkeypatch: pytest.MonkeyPatch) -> "list[Figure]":
+    """The figures that are written meanwhile, in place of their files."""
+    figures: list[Figure] = []
+    monkeypatch.setattr("mjsheaf.plotting.write_figure", lambda figure, file, form: figures.append(figure))
+    return figures
 
 
 @pytest.fixture(scope="session")

@@ -1,26 +1,35 @@
 """The picture of a check: spectrum of H, who is free to drift, and the bounded difference."""
 
-from pathlib import Path
 from textwrap import fill
 from typing import Any
 
 import numpy as np
 from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.legend import Legend
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
 
 from mjsheaf.checking.certificate import Certificate
 from mjsheaf.checking.check import CheckRecord, Examination
+from mjsheaf.io.figures import AS_USUAL, FigureOptions
 from mjsheaf.plotting import (
     BLUE,
+    MOST_NAMED,
+    NORMAL,
     RED,
     TARGET,
+    TICK,
+    WIDTH,
     draw_team,
     edge_keys,
     finish_map,
     key,
     label_axes,
-    legend_below,
+    log_axis,
     new_figure,
-    save_figure,
+    place_names,
+    settle,
 )
 from mjsheaf.system import System
 
@@ -29,18 +38,36 @@ _FREE, _CARRIED, _OWN, _GAP = RED, BLUE, "#E69F00", "#4B5563"
 _TARGET_KEY = key("target", color=TARGET, marker="*")
 
 
-def plot_check(system: System, examination: Examination, path: Path) -> None:
-    """Draw a check into a PNG."""
+def draw_check(system: System, examination: Examination, options: FigureOptions = AS_USUAL) -> Figure:
+    """Draw a check: a figure for `write_figure`."""
     record = examination.record
-    figure = new_figure(18.0, 6.6, f"{record.scenario}: {record.verdict()}")
-    panels = figure.subplots(1, 3)
-    _spectrum(panels[0], system, record)
-    _graph(panels[1], system, record)
-    _difference(panels[2], system, examination.certificate)
-    save_figure(figure, path)
+    figure = new_figure(WIDTH, 7.4, f"{record.scenario}: {record.verdict()}", options)
+    ((spectrum, graph), (difference, corner)) = figure.subplots(2, 2)
+    keys = {
+        "spectrum": _spectrum(spectrum, system, record),
+        "who is free to drift": _graph(graph, system, record),
+        "bounded difference": _difference(difference, system, examination.certificate),
+    }
+    corner.set_axis_off()
+    settle(figure)
+    top = 1.03
+    for title, rows in keys.items():
+        if rows:
+            labels = [str(row.get_label()) for row in rows]
+            style: dict[str, Any] = {"title_fontsize": NORMAL, "handlelength": 2.2, "labelspacing": 0.3}
+            legend = Legend(corner, rows, labels, title=title, loc="upper left", bbox_to_anchor=(-0.08, top),
+                            alignment="left", borderaxespad=0.0, frameon=False, fontsize=TICK, **style)  # fmt: skip
+            corner.add_artist(legend)
+            top -= legend.get_window_extent().height / corner.bbox.height + 0.02
+    place = system.initial[:, :2]
+    names = [member.id for member in system.team.members]
+    targets = np.arange(len(system.team.agents), len(names))
+    named = np.concatenate([targets, np.arange(len(system.team.agents))]) if len(names) <= MOST_NAMED else targets
+    place_names(graph, [names[v] for v in named[:MOST_NAMED]], place[named[:MOST_NAMED]], place)
+    return figure
 
 
-def _spectrum(axis: Any, system: System, record: CheckRecord) -> None:
+def _spectrum(axis: Any, system: System, record: CheckRecord) -> list[Line2D]:
     H = system.team.dirichlet.H
     t, few = record.theorem, H.shape[0] <= _LARGEST_SPECTRUM
     values = np.linalg.eigvalsh(H.toarray()) if few else np.array([t.lambda_min, t.lambda_max])
@@ -48,9 +75,9 @@ def _spectrum(axis: Any, system: System, record: CheckRecord) -> None:
     null = values <= record.relative_cohomology.tolerance**2 * t.lambda_max + floor
     index = np.arange(1, len(values) + 1)
     shown = np.where(null, t.lambda_max * 1e-4, values)
-    axis.semilogy(index[~null], shown[~null], "o", color=_CARRIED, markersize=5, label="eigenvalues of H")
+    axis.plot(index[~null], shown[~null], "o", color=_CARRIED, markersize=4, label="eigenvalues of H")
     if null.any():
-        axis.semilogy(index[null], shown[null], "v", color=_FREE, markersize=9, label="zero: free directions")
+        axis.plot(index[null], shown[null], "v", color=_FREE, markersize=7, label="zero: free directions")
     if record.margins.hold is not None:
         limit = 2.0 / (t.gain * record.margins.hold.period)
         axis.axhline(limit, color=_GAP, linestyle="--", label=f"2 / (k1 h) = {limit:.3g}: the held law diverges above")
@@ -60,10 +87,13 @@ def _spectrum(axis: Any, system: System, record: CheckRecord) -> None:
     label_axes(
         axis, f"spectrum of H: {t.lambda_min:.3g} to {t.lambda_max:.3g}", "number of the eigenvalue", "eigenvalue"
     )
-    legend_below(axis, axis.get_legend_handles_labels()[0], 2)
+    axis.xaxis.set_major_locator(MaxNLocator(6, integer=True))
+    drawn = np.concatenate([np.ravel(line.get_ydata()) for line in axis.lines])
+    log_axis(axis, "y", drawn)
+    return list(axis.get_legend_handles_labels()[0])
 
 
-def _graph(axis: Any, system: System, record: CheckRecord) -> None:
+def _graph(axis: Any, system: System, record: CheckRecord) -> list[Line2D]:
     place = system.initial[:, :2]
     draw_team(axis, system.team, place)
     reach = 0.12 * max(float(np.ptp(place, axis=0).max()), 1.0)
@@ -73,52 +103,53 @@ def _graph(axis: Any, system: System, record: CheckRecord) -> None:
             if np.linalg.norm(step) > 1e-6:
                 for sign in (1.0, -1.0):
                     axis.annotate("", start + sign * reach * step / np.linalg.norm(step), start,
-                                  arrowprops={"arrowstyle": "-|>", "color": _FREE, "lw": 2}, zorder=4)  # fmt: skip
+                                  arrowprops={"arrowstyle": "-|>", "color": _FREE, "lw": 1.5}, zorder=4)  # fmt: skip
             if len(motion) > 2 and abs(motion[2]) > 1e-6:  # up and down: a ring with a dot, as arrows seen head-on
-                axis.plot(*start, "o", markersize=20, markerfacecolor="none", markeredgecolor=_FREE, mew=2, zorder=4)
-                axis.plot(*start, ".", color=_FREE, markersize=6, zorder=4)
+                axis.plot(*start, "o", markersize=13, markerfacecolor="none", markeredgecolor=_FREE, mew=1.5, zorder=5)
+                axis.plot(*start, ".", color=_FREE, markersize=4, zorder=5)
     dimension, keys = record.relative_cohomology.dimension, [*edge_keys(), _TARGET_KEY]
     if dimension:
-        up_and_down = key("free along z", color=_FREE, marker="o", markerfacecolor="none", markersize=12, mew=2)
+        up_and_down = key("free along z", color=_FREE, marker="o", markerfacecolor="none", markersize=9, mew=1.5)
         keys += [up_and_down, key("free in the plane", color=_FREE, lw=2)]
-    title = f"who is free to drift: dimension {dimension}" + ("" if dimension else ", nobody")
+    title = f"free to drift: {f'dimension {dimension}' if dimension else 'nobody'}"
     finish_map(axis, title, "x (m), initial configuration from above", 0.15)
-    legend_below(axis, keys, 2)
+    return keys
 
 
-def _difference(axis: Any, system: System, certificate: Certificate) -> None:
+def _difference(axis: Any, system: System, certificate: Certificate) -> list[Line2D]:
     """The paper's figure of Assumption 7, at the instant at which the difference is largest."""
     team = system.team
     path, along = certificate.constants.path, certificate.constants.difference
     size = np.linalg.norm(along.values, axis=1)
     if not np.isfinite(size).all():
         why = path.warning or "a target or q* meets a singular kernel"
-        axis.text(0.5, 0.5, fill(f"not known: {why}", 50), transform=axis.transAxes, ha="center", va="center")
-        axis.set_title("bounded difference", fontsize=11)
-        return
+        label_axes(axis, "bounded difference")
+        axis.text(0.5, 0.5, fill(f"not known: {why}", 40), transform=axis.transAxes, ha="center", va="center",
+                  fontsize=NORMAL)  # fmt: skip
+        axis.set(xticks=[], yticks=[])
+        return []
     k, N = int(np.argmax(size)), len(team.agents)
     q_star, targets = team.unpack(path.q_star[k])[:, :2], path.positions[k, N:, :2]
     arrows = [team.unpack(x[k])[:, :2] for x in (along.own, along.carried)]
     longest = max(float(np.linalg.norm(a, axis=1).max()) for a in arrows) or 1.0
     scale = 0.2 * max(float(np.ptp(np.vstack([q_star, targets]), axis=0).max()), 1.0) / longest
-    axis.plot(*targets.T, "*", color=TARGET, markersize=12, zorder=2)
-    axis.plot(*q_star.T, "x", color="black", markersize=7, zorder=3)
+    axis.plot(*targets.T, "*", color=TARGET, markersize=8, zorder=2)
+    axis.plot(*q_star.T, "x", color="black", markersize=5, zorder=3)
     for a, colour in zip(arrows, (_OWN, _CARRIED), strict=True):
         axis.quiver(
             *q_star.T, *(scale * a).T, angles="xy", scale_units="xy", scale=1, color=colour, width=5e-3, zorder=4
         )
     ends = [[q + scale * a, q + scale * b] for q, a, b in zip(q_star, *arrows, strict=True)]
-    axis.add_collection(LineCollection(ends, colors=_GAP, linestyles="--", linewidths=1.4, zorder=5))
+    axis.add_collection(LineCollection(ends, colors=_GAP, linestyles="--", linewidths=1.0, zorder=5))
     # Arrows do not count for the limits of the axes.
     axis.update_datalim(np.concatenate([*ends, targets]))
     axis.autoscale_view()
-    title = f"bounded difference, largest at t = {path.time[k]:.4g} s: |f_B| = {size[k]:.3g} m/s"
+    title = f"bounded difference: |f_B| = {size[k]:.3g} m/s at t = {path.time[k]:.4g} s"
     finish_map(axis, title, "x (m), from above", 0.1)
-    keys = [
+    return [
         key("q*", color="black", marker="x"),
         _TARGET_KEY,
         key("targets' drift, extended: $H^{-1} B f_p$", color=_CARRIED, lw=2),
         key("agents' own drift $f_q(q^*)$", color=_OWN, lw=2),
         key("the gap $f_B$", color=_GAP, linestyle="--"),
     ]
-    legend_below(axis, keys, 2)

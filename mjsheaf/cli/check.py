@@ -6,18 +6,22 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mjsheaf.cli.options import (
+    FormatOption,
     NotHeldError,
     OutOption,
     ScenarioArgument,
     SeedOption,
     SetOption,
+    TitleOption,
     VideoOption,
     changes_of,
+    figure_options,
     prepare,
     require_file_name,
 )
 from mjsheaf.cli.terminal import make_console, print_lines, print_note, progress_bars
 from mjsheaf.errors import InputError, UnstableError, in_field
+from mjsheaf.io.figures import FORMATS, FigureOptions
 
 if TYPE_CHECKING:
     from mjsheaf.checking.check import CheckRecord, PhaseRecord
@@ -30,8 +34,16 @@ def check(
         bool, typer.Option("--json", help="Print the record as JSON (see mjsheaf schema --check).")
     ] = False,
     plot: Annotated[
-        Path | None, typer.Option(metavar="PNG", help="Draw spectrum, graph and the bounded difference into this file.")
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="Draw spectrum, graph and the bounded difference into this file: .png, .svg or .pdf."
+        ),
     ] = None,
+    formats: Annotated[
+        str | None,
+        typer.Option("--format", metavar="F1[,F2,...]", help="Of the plot, beside its own: png, svg, pdf."),
+    ] = None,
+    title: TitleOption = True,
     rate: Annotated[float | None, typer.Option(help="lambda_V of Theorem 1, 1/s; the best one unless given.")] = None,
     radius: Annotated[float, typer.Option(help="Radius of |e| for which gain and laws are looked for, m.")] = 1.0,
     rho: Annotated[
@@ -50,7 +62,10 @@ def check(
     loop of the vehicles is unstable, or the law over its links; the gain condition does not change it.
     """
     if plot is not None:
-        require_file_name("--plot", plot, ".png")
+        require_file_name("--plot", plot, *(f".{form}" for form in FORMATS))
+        own = plot.suffix[1:]
+        given = [own, *(form for form in (formats or own).split(",") if form != own)]
+        figures = FigureOptions(tuple(given), title)
     import json
 
     from mjsheaf.checking import examine
@@ -71,12 +86,15 @@ def check(
     else:
         make_console().print(report(record))
     if plot is not None:
-        from mjsheaf.checking.figures import plot_check
+        from mjsheaf.checking.figures import draw_check
+        from mjsheaf.plotting import write_figure
 
-        with naming(f"--plot {plot}"), whole_file(plot) as part:
-            plot_check(phases[0].system.remaining, examination, part)
-        if not as_json:
-            print(plot)
+        figure = draw_check(phases[0].system.remaining, examination, figures)
+        for path in figures.paths(plot):
+            with naming(f"--plot {path}"), whole_file(path) as part:
+                write_figure(figure, part, path.suffix[1:])
+            if not as_json:
+                print(path)
     told = [
         f"from t = {part.start:g} s on ({', '.join(part.events) or 'start'}): {why}"
         for part in record.phases
@@ -112,6 +130,8 @@ def compare(
     seed: SeedOption = None,
     out: OutOption = None,
     video: VideoOption = True,
+    formats: FormatOption = "png",
+    title: TitleOption = True,
 ) -> None:
     """Compare ideal kinematics with bodies: what each effect costs, and what to change.
 
@@ -121,9 +141,10 @@ def compare(
     """
     from mjsheaf.comparing.report import WIDTH, publish, report
 
+    figures = figure_options(formats, title)
     loaded, directory, origin = prepare(scenario, overrides, seed, out, "physics", "compare")
     with in_field(scenario), progress_bars() as bars:
-        record, notes, replaced = publish(loaded, directory, video=video, origin=origin, progress=bars)
+        record, notes, replaced = publish(loaded, directory, video=video, origin=origin, figures=figures, progress=bars)
     for note in notes:
         print_note(note)
     console = make_console()

@@ -15,6 +15,7 @@ from mjsheaf.cli.terminal import print_note
 from mjsheaf.errors import InputError, MjsheafError
 
 if TYPE_CHECKING:
+    from mjsheaf.io.figures import FigureOptions
     from mjsheaf.scenario import Scenario
 
 
@@ -47,6 +48,23 @@ QualityOption = Annotated[
 ]
 
 
+FormatOption = Annotated[
+    str, typer.Option("--format", metavar="F1[,F2,...]", help="Of the plots: png, svg, pdf, or several of them.")
+]
+TitleOption = Annotated[bool, typer.Option("--title/--no-title", help="Whether the plots have a title.")]
+
+
+def figure_options(formats: str, title: bool) -> "FigureOptions":
+    """What --format and --no-title say.
+
+    Raises:
+        InputError: there is no such format.
+    """
+    from mjsheaf.io.figures import FigureOptions
+
+    return FigureOptions(tuple(formats.split(",")), title)
+
+
 class NotHeldError(MjsheafError):
     """What was asked does not hold: an assumption, an expectation or a bound."""
 
@@ -76,14 +94,14 @@ def prepare(
     return scenario, directory, where
 
 
-def require_file_name(option: str, path: Path, suffix: str) -> None:
+def require_file_name(option: str, path: Path, *suffixes: str) -> None:
     """Refuse the name of a file that cannot be written.
 
     Raises:
         InputError: it has another suffix, is a directory, or is not in one that exists.
     """
-    if path.suffix != suffix or path.is_dir():
-        raise InputError(f"{option} {path}: expected a file whose name ends in {suffix}")
+    if path.suffix not in suffixes or path.is_dir():
+        raise InputError(f"{option} {path}: expected a file whose name ends in {' or '.join(suffixes)}")
     if not path.parent.is_dir():
         raise InputError(f"{option} {path}: there is no directory {path.parent}")
 

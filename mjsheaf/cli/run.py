@@ -2,20 +2,23 @@
 
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from mjsheaf.cli.options import (
     Backend,
     BackendOption,
+    FormatOption,
     NotHeldError,
     OutOption,
     QualityOption,
     ScenarioArgument,
     SeedOption,
     SetOption,
+    TitleOption,
     VideoOption,
+    figure_options,
     prepare,
     require_file_name,
 )
@@ -48,6 +51,8 @@ def run(
         ),
     ] = None,
     quality: QualityOption = None,
+    formats: FormatOption = "png",
+    title: TitleOption = True,
 ) -> None:
     """Simulate a scenario and leave data, plots, a page to look at and a video.
 
@@ -60,6 +65,7 @@ def run(
     from mjsheaf.runs.publish import execute
     from mjsheaf.video.from_run import video_options
 
+    figures = figure_options(formats, title)
     loaded, directory, origin = prepare(scenario, overrides, seed, out, str(backend), str(backend))
     refusal = loaded.expect.refused
     if expect and getattr(loaded.expect, backend) is None and refusal is None:
@@ -76,6 +82,7 @@ def run(
                 allow_drift=allow_drift,
                 controller=law,
                 origin=origin,
+                figures=figures,
                 progress=bars,
             )
     except PlaceError:
@@ -192,7 +199,12 @@ def video(
     distance: Annotated[float | None, typer.Option(help="Distance of the camera, m; default follows the team.")] = None,
     trail: Annotated[float | None, typer.Option(help="Length of the trails, s.")] = None,
     vehicle_scale: Annotated[
-        float | None, typer.Option("--scale", help="Draw vehicles this many times larger.")
+        str | None,
+        typer.Option(
+            "--scale",
+            metavar="S|NAME=S,...",
+            help="Draw vehicles this many times larger; agents, targets and kinds of vehicle by name: 2,wamv=1.",
+        ),
     ] = None,
     quality: QualityOption = None,
 ) -> None:
@@ -201,6 +213,7 @@ def video(
     What is not given is taken from the run's scenario.
     """
     changes = {k: v for k, v in locals().items() if k not in ("directory", "out")}
+    changes |= {"vehicle_scale": None} if vehicle_scale is None else _scales(vehicle_scale)
     from mjsheaf.results.store import enclosing_run, open_run, require_match, save_summary
     from mjsheaf.runs.publish import video_entry
     from mjsheaf.scenario import load_scenario
@@ -227,6 +240,21 @@ def video(
     if path.resolve() == own.resolve():
         save_summary({**summary, "video": video_entry(frames, options)}, directory / "summary.json")
     print(f"{path}: {frames} frames, {options.width}x{options.height} at {options.fps:g} frames a second")
+
+
+def _scales(text: str) -> dict[str, Any]:
+    """What --scale says, as options of a video; it replaces all that the scenario says.
+
+    Raises:
+        InputError: it says nothing.
+    """
+    try:
+        parts = [part.rpartition("=") for part in text.split(",")]
+        named = {name: float(number) for name, equals, number in parts if equals}
+        whole = [float(number) for _, equals, number in parts if not equals]
+        return {"vehicle_scales": named} | ({"vehicle_scale": whole[0]} if whole else {})
+    except ValueError:
+        raise InputError(f"--scale {text}: expected a number, NAME=NUMBER, or several such as 2,wamv=1") from None
 
 
 def report(

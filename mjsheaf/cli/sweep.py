@@ -8,7 +8,15 @@ from typing import Annotated, Literal
 
 import typer
 
-from mjsheaf.cli.options import Backend, SetOption, changes_of, note_idle_seed
+from mjsheaf.cli.options import (
+    Backend,
+    FormatOption,
+    SetOption,
+    TitleOption,
+    changes_of,
+    figure_options,
+    note_idle_seed,
+)
 from mjsheaf.cli.terminal import Stopped, print_lines, print_note, progress_bars
 from mjsheaf.errors import InputError
 
@@ -41,6 +49,8 @@ def sweep(
         bool, typer.Option("--trajectories", help="Keep result.nc of every run in DIR/trajectories.")
     ] = False,
     measure: Annotated[Measure | None, typer.Option(help="The error that plots show.", show_default="all")] = None,
+    formats: FormatOption = "png",
+    title: TitleOption = True,
 ) -> None:
     """Run a scenario many times, on every core or a cluster; killed at any moment, the same command goes on.
 
@@ -60,6 +70,7 @@ def sweep(
     from mjsheaf.studies.engine import engine_at, local_engine
     from mjsheaf.studies.plan import parse_grid, parse_seeds
 
+    figures = figure_options(formats, title)
     swept = [parse_grid(text) for text in grid or ()]
     twice = [path for path, count in Counter(path for path, _ in swept).items() if count > 1]
     if twice:
@@ -79,7 +90,7 @@ def sweep(
     engine = here if scheduler is None else partial(engine_at, scheduler, print_note)
     with progress_bars() as bars:
         try:
-            study = run_study(plan, out, engine, retry_failed=retry_failed, progress=bars)
+            study = run_study(plan, out, engine, retry_failed=retry_failed, figures=figures, progress=bars)
         except Stopped as stopped:
             ended = len(list(out.glob("runs/[0-9]*.json")))
             kept = f"{ended} of {len(plan.points)} runs have ended and are kept in {out}; the same command goes on"

@@ -11,6 +11,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from types import FrameType
@@ -19,6 +20,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
+
+BETWEEN_LINES = 15.0
+"""Time between lines of progress where there is no terminal, s."""
 
 _WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated", signal.SIGHUP: "hung up"}
 _received: int | None = None
@@ -140,7 +144,8 @@ def print_note(text: str) -> None:
 def progress_bars() -> Iterator[Callable[[str, int, int], None]]:
     """Yield a function of (what is being done, done, in all) that keeps a bar for each kind of work, on stderr.
 
-    Where stderr is not a terminal nothing is drawn. Each call ends the work if a signal has asked for that.
+    Where stderr is not a terminal, what takes long has a line now and then instead. Each call ends the work if a signal
+    has asked for that.
     """
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
@@ -148,9 +153,18 @@ def progress_bars() -> Iterator[Callable[[str, int, int], None]]:
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     bars = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
     tasks: dict[str, TaskID] = {}
+    begun = told = time.monotonic()
 
     def report(what: str, done: int, total: int) -> None:
+        nonlocal told
         raise_if_stopped()
+        now = time.monotonic()
+        if bars.disable:
+            if now - told >= BETWEEN_LINES and total > 1:
+                told = now
+                line = f"{what}: {done} of {total} ({100 * done // total} %), {now - begun:.0f} s since the start"
+                print(line, file=sys.stderr, flush=True)
+            return
         if what not in tasks:
             tasks[what] = bars.add_task(what, total=total)
         bars.update(tasks[what], completed=done, total=total)

@@ -6,19 +6,39 @@ from typing import Any
 
 import numpy as np
 
-from mjsheaf.arrays import Array
 from mjsheaf.comparing.ladder import Run, RungRecord, display_name
 from mjsheaf.comparing.measures import FORMATION, TEAM, TRACKING, BudgetRecord, distances
 from mjsheaf.comparing.verdict import CompareRecord
-from mjsheaf.plotting import BLUE, RED, label_axes, legend_below, log_axis, new_figure, palette, save_figure
+from mjsheaf.io.figures import AS_USUAL, FigureOptions
+from mjsheaf.plotting import (
+    BLUE,
+    NORMAL,
+    RED,
+    SMALL,
+    TICK,
+    WIDTH,
+    label_axes,
+    label_ends,
+    legend_below,
+    line_style,
+    log_axis,
+    new_figure,
+    save_figure,
+    settle,
+    spread_ends,
+)
 from mjsheaf.results.netcdf import thin
 
 _ALL, _BASE, _GREY = RED, "#8A94A6", "#C4CAD4"
-_MOST_LINES, _MOST_POINTS, _MOST_PANELS = 10, 2000, 4
+_GREYS = {0: "#7B8494", 1: "#5B6472", 2: "#2F3A4A"}  # of the first three rungs, which have no effect yet
+_MOST_LINES, _MOST_POINTS, _MOST_PANELS = 10, 1500, 4
 
 
-def plot_rungs(record: CompareRecord, runs: dict[str, Run], path: Path) -> None:
-    """Tracking and formation error of the team and distance to the ideal run over time, a line for each rung."""
+def plot_rungs(record: CompareRecord, runs: dict[str, Run], path: Path, options: FigureOptions = AS_USUAL) -> None:
+    """Tracking and formation error of the team and distance to the ideal run over time, a line for each rung.
+
+    Each line differs from all others in colour, dashes and marker, and is named where it ends.
+    """
     ideal = runs["ideal"]
     drawn = {
         TRACKING: "tracking error (m)\nRMS over agents",
@@ -28,12 +48,11 @@ def plot_rungs(record: CompareRecord, runs: dict[str, Run], path: Path) -> None:
     if np.isnan(ideal.series[TEAM][FORMATION]).all():  # a team without formations
         del drawn[FORMATION]
     title = f"{record.scenario}: what each effect does, gain {record.gain:g} 1/s"
-    figure = new_figure(11.0, 1.5 + 2.6 * len(drawn), title)
+    figure = new_figure(WIDTH, 1.1 + 2.1 * len(drawn), title, options)
     panels = figure.subplots(len(drawn), 1, sharex=True)
     drawn_rungs, footnote = choose_rungs(record)
-    colours = palette(_MOST_LINES)
     for axis, (name, title) in zip(panels, drawn.items(), strict=True):
-        values = []
+        values, ends = [], []
         for k, rung in enumerate(drawn_rungs):
             run = runs[rung.key]
             apart = distances(run.trajectory, ideal.trajectory).max(axis=1)
@@ -43,18 +62,26 @@ def plot_rungs(record: CompareRecord, runs: dict[str, Run], path: Path) -> None:
             if rung.status == "finished":
                 values.append(y)
             label = rung.label + " (BLOWS UP)" * (rung.status != "finished")
-            axis.plot(run.trajectory.time[keep], y, label=label, **_style(rung, colours[k]))
+            style = _style(rung, k)
+            axis.plot(run.trajectory.time[keep], y, **style)
+            if np.isfinite(y).any():
+                ends.append((float(y[np.isfinite(y)][-1]), label, style["color"]))
         log_axis(axis, "y", np.concatenate([*values, np.zeros(0)]), decades=4)
         label_axes(axis, "", y=title)
         end = float(ideal.trajectory.time[0]) + record.time_s
         axis.axvspan(end - record.time_s / 2, end, color="black", alpha=0.04, linewidth=0)
-    panels[-1].set_xlabel("time (s); the shaded half is what the error budget counts\n" + fill(footnote, 120))
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right upper", frameon=False, fontsize=9)
+        axis.set_xlim(float(ideal.trajectory.time[0]), end)
+        label_ends(axis, ends)
+    words = "time (s); the shaded half is what the error budget counts\n" + fill(footnote, 80)
+    panels[-1].set_xlabel(words.strip(), fontsize=NORMAL)
     figure.align_ylabels(panels)
-    save_figure(figure, path)
+    settle(figure)
+    for axis in panels:
+        spread_ends(axis)
+    save_figure(figure, path, options)
 
 
-def plot_budget(record: CompareRecord, path: Path) -> None:
+def plot_budget(record: CompareRecord, path: Path, options: FigureOptions = AS_USUAL) -> None:
     """Bars: what each effect adds alone and gives back when it is removed, for the team and its groups."""
     known = record.scopes
     scopes = known[:1] if len(known) == 2 else known[: _MOST_PANELS + 1]  # an only group is the team over again
@@ -63,19 +90,19 @@ def plot_budget(record: CompareRecord, path: Path) -> None:
     names = ["targets become bodies", "agents become bodies", "interaction of effects"]
     rows = ["at q* already", *names, *(display_name(item.effect) for item in order)]
     title = f"{record.scenario}: what makes the {display_name(record.measure)} (RMS over the last half of the run)"
-    figure = new_figure(max(9.0, 3.4 + 3.3 * len(scopes)), 2.8 + 0.48 * len(rows), title)
+    figure = new_figure(max(WIDTH, 1.9 + 1.75 * len(scopes)), 1.2 + 0.36 * len(rows), title, options)
     panels = np.atleast_1d(figure.subplots(1, len(scopes), sharey=True))
     for axis, scope, budget in zip(panels, scopes, budgets, strict=True):
         _bars(axis, scope, budget, [item.effect for item in order])
-    panels[0].set_yticks(range(len(rows)), rows)
+    panels[0].set_yticks(range(len(rows)), rows, fontsize=NORMAL)
     legend_below(figure, panels[0].get_legend_handles_labels()[0], 2)
-    save_figure(figure, path)
+    save_figure(figure, path, options)
 
 
-def plot_convergence(record: CompareRecord, path: Path) -> None:
+def plot_convergence(record: CompareRecord, path: Path, options: FigureOptions = AS_USUAL) -> None:
     """Distance to the ideal run against the time constant, on logarithmic axes, with fitted and predicted slope."""
     title = f"{record.scenario}: bodies converge to the ideal run as their time constant tau shrinks"
-    figure = new_figure(7.0, 5.5, "")
+    figure = new_figure(0.65 * WIDTH, 3.6, title, options)
     axis: Any = figure.add_subplot()
     found = record.convergence
     known = [(p.tau_s, p.distance_m) for p in found.points if p.distance_m]
@@ -86,16 +113,17 @@ def plot_convergence(record: CompareRecord, path: Path) -> None:
         axis.loglog(span, first * span, color=_GREY, linewidth=5, label="slope 1, as theory has it")
         axis.loglog(span, found.constant * span**found.slope, color=_ALL, label=f"fitted slope {found.slope:.3f}")
         axis.loglog(tau, distance, "o", color="black", label="bodies with inertia alone")
-        axis.set_xticks(tau, [f"{t:.2g}" for t in tau])
-        axis.set_yticks(distance, [f"{d:.2g}" for d in distance])
-        axis.minorticks_off()
-        axis.legend(frameon=False)
+        axis.legend(frameon=False, fontsize=TICK)
+        log_axis(axis, "x", span)
+        log_axis(axis, "y", np.concatenate([distance, first * span]))
     else:
-        axis.text(0.5, 0.5, found.reason or "too few runs came to their end", transform=axis.transAxes, ha="center")
+        why = fill(found.reason or "too few runs came to their end", 60)
+        axis.text(0.5, 0.5, why, transform=axis.transAxes, ha="center", va="center", fontsize=NORMAL)
+        axis.set(xticks=[], yticks=[])
     watched = f"both begun at q*, from {found.start_s:.2g} s to {found.end_s:.2g} s"
     y = f"largest distance of an agent to its ideal run (m)\n{watched}"
-    label_axes(axis, title, "time constant tau of every vehicle (s)", y, which="both")
-    save_figure(figure, path)
+    label_axes(axis, "", "time constant tau of every vehicle (s)", y)
+    save_figure(figure, path, options)
 
 
 def choose_rungs(record: CompareRecord) -> tuple[list[RungRecord], str]:
@@ -123,19 +151,13 @@ def choose_rungs(record: CompareRecord) -> tuple[list[RungRecord], str]:
     return [*shown, *law, record.rung("all"), record.rung("ideal")], footnote
 
 
-def _style(rung: RungRecord, colour: Array) -> dict[str, Any]:
+def _style(rung: RungRecord, k: int) -> dict[str, Any]:
+    """Colour, dashes, marker and width of a rung's line, the k-th; the two that matter most have no markers."""
     if rung.kind == "ideal":
-        return {"color": "black", "linewidth": 1.6, "linestyle": (0, (4, 2))}
-    if rung.kind == "law":
-        return {"color": _ALL, "linewidth": 1.4, "linestyle": (0, (1.5, 1.5))}
-    if rung.kind == "links":
-        return {"color": _ALL, "linewidth": 1.2, "linestyle": (0, (6, 2))}
+        return {"color": "black", "linewidth": 1.5, "linestyle": (0, (4, 2)), "zorder": 4}
     if rung.kind == "all":
-        return {"color": _ALL, "linewidth": 1.8}
-    if rung.kind == "part":
-        dots = (0, (1, 1.5)) if rung.key == "targets" else (0, (5, 1.5, 1, 1.5))
-        return {"color": "#5B6472", "linewidth": 1.1, "linestyle": dots, "alpha": 0.85}
-    return {"color": _BASE if rung.kind == "base" else colour, "linewidth": 1.1, "alpha": 0.85}
+        return {"color": _ALL, "linewidth": 1.7, "zorder": 3}
+    return line_style(k) | {"linewidth": 0.9, "markersize": 3.5} | ({"color": _GREYS[k]} if k in _GREYS else {})
 
 
 def _bars(axis: Any, scope: str, budget: BudgetRecord, order: list[str]) -> None:
@@ -148,19 +170,20 @@ def _bars(axis: Any, scope: str, budget: BudgetRecord, order: list[str]) -> None
     _barh(axis, y - 0.2, [e.give_back_m for e in effects], 0.36, _ALL, given_back)
     floor = "blew up" if budget.at_q_star_m is None else f"{1000.0 * budget.at_q_star_m:.0f} mm (no bar)"
     # No bar: it would dwarf the others.
-    axis.annotate(floor, (0.0, 0), xytext=(4, 0), textcoords="offset points", va="center", fontsize=8)
+    axis.annotate(floor, (0.0, 0), xytext=(4, 0), textcoords="offset points", va="center", fontsize=SMALL)
     for line in (0.5, 3.5):
         axis.axhline(line, color=_GREY, linewidth=0.8)
     axis.axvline(0.0, color="black", linewidth=0.8)
     ideal, whole = ("blew up" if v is None else f"{v:.3g} m" for v in (budget.ideal_m, budget.all_m))
     title = "the whole team" if scope == TEAM else f"group {scope}"
-    axis.set_title(f"{title}\nideal {ideal}, as it stands {whole}", fontsize=10)
-    low, high = axis.get_xlim()
-    reach = max(abs(low), abs(high), 1.0)
-    left = -1.35 * reach if low < -0.02 * reach else -0.3 * reach
-    axis.set(xlabel="part of the error (mm)", xlim=(left, 1.35 * reach), ylim=(-0.6, 3.6 + len(order)))
-    axis.locator_params(axis="x", nbins=5)
-    axis.grid(True, axis="x", alpha=0.3)
+    low, high = min([0.0, *axis.dataLim.intervalx]), max([0.0, *axis.dataLim.intervalx])
+    reach = max(high - low, 1.0)
+    label_axes(axis, "", "part of the error (mm)")
+    axis.grid(False, axis="y")
+    axis.set_title(f"{title}\nideal {ideal}\nas it stands {whole}", fontsize=TICK)
+    room = 0.35 * reach  # for numbers beside the bars
+    axis.set(xlim=(low - (room if low < 0.0 else 0.1 * reach), high + room), ylim=(-0.6, 3.6 + len(order)))
+    axis.locator_params(axis="x", nbins=4)
 
 
 def _barh(axis: Any, y: Any, values: list[float | None], height: float, colour: str, label: str | None = None) -> None:
@@ -169,4 +192,4 @@ def _barh(axis: Any, y: Any, values: list[float | None], height: float, colour: 
     texts = ["0" if abs(x) < 0.05 else f"{x:+.1f}" if abs(x) < 10 else f"{x:+.0f}" for x in lengths]
     bars = axis.barh(y, lengths, height=height, color=colour, label=label if values else None)
     shown = ["blew up" if value is None else text for value, text in zip(values, texts, strict=True)]
-    axis.bar_label(bars, shown, padding=4, fontsize=8)
+    axis.bar_label(bars, shown, padding=3, fontsize=SMALL)

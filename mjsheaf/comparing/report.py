@@ -16,6 +16,7 @@ from mjsheaf.comparing.compare import Comparison, compare
 from mjsheaf.comparing.ladder import RungRecord, display_name
 from mjsheaf.comparing.measures import FORMATION, TEAM, TRACKING, BudgetRecord, ItemRecord
 from mjsheaf.comparing.verdict import CompareRecord
+from mjsheaf.io.figures import AS_USUAL, FigureOptions
 from mjsheaf.results import make_dataset, summarize
 from mjsheaf.results.store import replaced_run, save_summary, staging
 from mjsheaf.runs.harm import listed
@@ -227,7 +228,13 @@ def _convergence(record: CompareRecord) -> str:
 
 
 def publish(
-    scenario: Scenario, directory: Path, *, video: bool, origin: str | None = None, progress: Progress = no_progress
+    scenario: Scenario,
+    directory: Path,
+    *,
+    video: bool,
+    origin: str | None = None,
+    figures: FigureOptions = AS_USUAL,
+    progress: Progress = no_progress,
 ) -> tuple[CompareRecord, list[str], str | None]:
     """Compare a scenario's ideal kinematics with its bodies and write the directory, also where bodies blow up.
 
@@ -247,7 +254,7 @@ def publish(
         comparison = compare(scenario, progress)
         record = comparison.record.model_copy(update={"origin": origin})
         write_scenario(scenario, fresh)
-        _plot(comparison, fresh)
+        _plot(comparison, fresh, figures)
         progress("plotting", 1, 1)
         if video:
             _, reason = draw_video(partial(_film, scenario, comparison, fresh / "compare.mp4", progress))
@@ -261,12 +268,12 @@ def publish(
     return record, notes, replaced
 
 
-def _plot(comparison: Comparison, folder: Path) -> None:
+def _plot(comparison: Comparison, folder: Path, figures: FigureOptions) -> None:
     from mjsheaf.comparing.figures import plot_budget, plot_convergence, plot_rungs
 
-    plot_rungs(comparison.record, comparison.runs, folder / "errors.png")
-    plot_budget(comparison.record, folder / "budget.png")
-    plot_convergence(comparison.record, folder / "convergence.png")
+    plot_rungs(comparison.record, comparison.runs, folder / "errors", figures)
+    plot_budget(comparison.record, folder / "budget", figures)
+    plot_convergence(comparison.record, folder / "convergence", figures)
 
 
 def _datasets(scenario: Scenario, comparison: Comparison) -> tuple[xr.Dataset, xr.Dataset]:

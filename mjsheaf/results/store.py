@@ -16,6 +16,7 @@ from pydantic_core import to_json
 
 from mjsheaf._version import __version__
 from mjsheaf.errors import InputError, PlaceError
+from mjsheaf.io.figures import names_of
 from mjsheaf.io.files import is_part_of, whole_directory, write_whole
 from mjsheaf.io.yaml import SUFFIXES
 from mjsheaf.results.netcdf import open_dataset
@@ -23,13 +24,14 @@ from mjsheaf.results.netcdf import open_dataset
 if TYPE_CHECKING:
     from mjsheaf.scenario import Scenario
 
+_FIGURES = ("errors", "trajectories", "configurations", "budget", "convergence")
 _PLOTS = ("errors.png", "trajectories.png", "configurations.png")
 FILES = ("result.nc", "summary.json", "scenario.yaml", *_PLOTS, "video.mp4", "report.html")
-"""What a run may leave in its directory."""
+"""What a run may leave in its directory; plots may have other formats."""
 
 _COMPARISON_PLOTS = ("errors.png", "budget.png", "convergence.png")
 COMPARISON_FILES = ("compare.json", "scenario.yaml", "report.txt", *_COMPARISON_PLOTS, "compare.mp4", "report.html")
-"""What a comparison may leave in its directory."""
+"""What a comparison may leave in its directory; plots may have other formats."""
 
 VEHICLES = "vehicles"
 """The folder in either directory with the files of vehicles that do not come with mjsheaf, where there are any."""
@@ -63,7 +65,7 @@ def check_replaceable(directory: Path) -> None:
     entries = {path.name for path in directory.iterdir()}
     if not entries:
         return
-    ours = {*FILES, *COMPARISON_FILES, VEHICLES}
+    ours = {*FILES, *COMPARISON_FILES, *names_of(_FIGURES), VEHICLES}
     strange = sorted(name for name in entries - ours if not is_part_of(name, ours))
     strange += _strange_vehicles(directory / VEHICLES)
     if strange:

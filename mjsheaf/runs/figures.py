@@ -1,89 +1,141 @@
-"""The figures of a run: errors over time, trajectories, first and last configuration."""
+"""The figures of a run: errors over time and by agent, trajectories, first and last configuration."""
 
 from pathlib import Path
+from textwrap import wrap
 from typing import Any
 
 import numpy as np
 import xarray as xr
+from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
+from mjsheaf.io.figures import AS_USUAL, FigureOptions
 from mjsheaf.plotting import (
+    DASHES,
+    HEADING,
     LOST,
+    MOST_NAMED,
+    NORMAL,
+    SMALL,
+    WIDTH,
     draw_team,
     edge_keys,
     finish_map,
+    group_keys,
     groups_of,
     key,
     label_axes,
+    label_ends,
+    lay_out,
     legend_below,
     log_axis,
+    marker_of,
     new_figure,
+    place_names,
     save_figure,
+    settle,
+    spread_ends,
 )
 from mjsheaf.results.metrics import mean_known, phases_in
+from mjsheaf.results.netcdf import thin
 from mjsheaf.team import Team
 
+_WORST = 3  # agents that stand out and are named among all
+_MOST_CURVES, _MOST_RANKED = 60, 26  # agents with a curve each; with a name each below their bars
+_MOST_POINTS = 1500  # of a curve: a panel is that many dots of a printer wide
+_MOST_KEYS = 12  # groups in a legend
+_MOST_EVENTS = 12  # listed below a figure
 
-def plot_errors(team: Team, dataset: xr.Dataset, path: Path, bound: tuple[str, Array] | None = None) -> None:
-    """Errors over time on logarithmic axes: disagreement, tracking, formation and centering, by group.
+
+def plot_errors(
+    team: Team,
+    dataset: xr.Dataset,
+    path: Path,
+    bound: tuple[str, Array] | None = None,
+    options: FigureOptions = AS_USUAL,
+) -> None:
+    """Errors over time: disagreement, tracking, formation and centering by group, and tracking by agent.
+
+    The last two panels show which agents are worst: their curves, and all agents by their error over the last half.
 
     Args:
         team: the team.
         dataset: the run, thinned to what can be seen.
-        path: the PNG.
+        path: of the figure; each format has its own suffix.
         bound: a name, and a bound on |e(t)|, shape (T,), m; drawn where given, over sqrt(N) as the error is.
+        options: how figures are written.
     """
-    linked = "arrival" in dataset
-    figure = new_figure(10.0, 10.5 if linked else 9.0, _title(dataset, "errors over time"))
     groups, names, colours = groups_of(team)
     agents = groups[: len(team.agents)]
+    kept, all_of_it = thin(dataset.sizes["time"], _MOST_POINTS), dataset
+    dataset = dataset.isel(time=kept)
     time = dataset["time"].values
+    eta, tracking = dataset["disagreement"].values, dataset["tracking_error"].values
+    of_groups = {
+        "formation": ("formation error", "RMS edge residual (m)"),
+        "centering": ("centering error; team: the largest", "centroid off its place (m)"),
+    }
+    grouped = any(not np.isnan(dataset[f"{name}_error"].values).all() for name in of_groups)
+    rows, linked = 3 if grouped else 2, "arrival" in dataset
+    title = _title(dataset, "errors over time")
+    figure = new_figure(WIDTH, 0.6 + 2.3 * rows + 1.4 * linked, title, options)
+    grid = figure.add_gridspec(rows + linked, 2, height_ratios=[1.0] * rows + [0.45] * linked)
+    panels = np.array([[figure.add_subplot(grid[row, column]) for column in (0, 1)] for row in range(rows)])
     if linked:
-        parts: Any = figure.subfigures(2, 1, height_ratios=[4, 1])
-        errors, below = parts
-        panels = errors.subplots(2, 2, sharex=True)
-        _plot_arrival(below.subplots(), dataset)
-    else:
-        panels = figure.subplots(2, 2, sharex=True)
+        _plot_arrival(figure.add_subplot(grid[rows, :]), all_of_it)
+    members = {k: agents == k for k in sorted(set(agents.tolist()))}
+    styles = {k: {"color": colours[k], "linestyle": DASHES[k % len(DASHES)], "linewidth": 1.0} for k in members}
+    everyone = {"color": "black", "linewidth": 1.5}
 
     def draw(
-        axis: Any, title: str, label: str, parts: dict[int, Array], lines: dict[str, tuple[Array, dict[str, Any]]]
+        axis: Any, title: str, label: str, own: dict[int, Array], whole: Array, limit: Array | None = None
     ) -> None:
-        """Draw the groups' errors, and lines of the team by name."""
-        for k, values in parts.items():
-            if not np.isnan(values).all():
-                axis.plot(time, values, color=colours[k], linewidth=1.1, label=names[k])
-        known = {name: line for name, line in lines.items() if not np.isnan(line[0]).all()}
-        drawn = [axis.plot(time, y, color="black", label=name, **style)[0] for name, (y, style) in known.items()]
-        if drawn:
-            axis.legend(handles=drawn, loc="upper right", frameon=False, fontsize=9)
-        log_axis(axis, "y", np.concatenate([*parts.values(), *(y for y, _ in lines.values())]))
+        """Draw an error of the groups and of the whole team, and a bound on the latter."""
+        for k, values in own.items() if len(members) > 1 else ():
+            axis.plot(time, values, **styles[k])
+        axis.plot(time, whole, **everyone)
+        drawn = [*own.values(), whole]
+        if limit is not None:
+            axis.plot(time, limit, **_BOUND)
+            drawn.append(limit)
+        log_axis(axis, "y", np.concatenate(drawn))
         label_axes(axis, title, y=label)
-        mark_events(axis, dataset, named=axis in panels[0])
+        axis.set_xlim(*_span(time))
 
-    solid: dict[str, Any] = {"linewidth": 1.8}
-    members = {k: agents == k for k in sorted(set(agents.tolist()))}
-    eta, square = dataset["disagreement"].values, dataset["tracking_error"].values ** 2
     own = {k: mean_known(eta[:, chosen]) for k, chosen in members.items()}
-    draw(panels[0, 0], "disagreement", "mean |η| (m)", own, {"all agents": (mean_known(eta), solid)})
-    own = {k: np.sqrt(mean_known(square[:, chosen])) for k, chosen in members.items()}
-    lines = {"all agents": (np.sqrt(mean_known(square)), solid)}
-    if bound is not None:
-        dashed = {"linestyle": "--", "linewidth": 1.4}
-        lines[f"{bound[0]} / √N"] = bound[1] / np.sqrt(team.present.sum()), dashed
-    draw(panels[0, 1], "tracking error |q* − q|", "RMS over agents (m)", own, lines)
-    for axis, name, label, whole in (
-        (panels[1, 0], "formation", "RMS edge residual (m)", "all edges inside groups"),
-        (panels[1, 1], "centering", "centroid off its place (m)", "largest"),
-    ):
+    draw(panels[0, 0], "disagreement", "mean |η| (m)", own, mean_known(eta))
+    own = {k: np.sqrt(mean_known(tracking[:, chosen] ** 2)) for k, chosen in members.items()}
+    limit = None if bound is None else bound[1][kept] / np.sqrt(team.present.sum())
+    draw(panels[0, 1], "tracking error |q* − q|", "RMS over agents (m)", own, np.sqrt(mean_known(tracking**2)), limit)
+    for axis, (name, (title, label)) in zip(panels[1] if grouped else (), of_groups.items(), strict=False):
         own = dict(enumerate(dataset[f"group_{name}_error"].values.T)) if team.formations else {}
-        draw(axis, f"{name} error", label, own, {whole: (dataset[f"{name}_error"].values, solid)})
-        axis.set_xlabel("time (s)")
-    # Each panel says what its black lines are; the groups' colours are the same in all.
-    named = [line for line in panels[0, 0].lines if not str(line.get_label()).startswith("_")]
-    legend_below(figure, named[:-1], min(len(members), 6))
-    save_figure(figure, path)
+        draw(axis, title, label, own, dataset[f"{name}_error"].values)
+    half = tracking[time >= (time[0] + time[-1]) / 2]
+    there = ~np.isnan(tracking[-1])
+    late = np.where(there, np.sqrt(mean_known(half.T**2)), np.nan)
+    order = np.argsort(np.where(there, -late, np.inf), kind="stable")[: int(there.sum())]
+    keys = _draw_agents(panels[-1, 0], team, time, tracking, order, colours[agents])
+    _draw_ranking(panels[-1, 1], team, half, late, order, agents)
+    for axis in panels.flat[:-1]:
+        mark_events(axis, dataset)
+    panels[-1, 0].set_xlabel("time (s)", fontsize=NORMAL)
+    if bound is not None:
+        keys.insert(0, key(f"{bound[0]} / √N", **_BOUND))
+    keys.insert(0, key("whole team", **everyone))
+    if len(members) > 1:
+        marks = {k: {"marker": marker_of(k, names), "markersize": 4.5} for k in members}
+        keys = [*(key(names[k], **styles[k], **marks[k]) for k in [*members][:_MOST_KEYS]), *keys]
+    events = _events_in_words(dataset)
+    keys += [key("events", **_EVENT)] if events else []
+    legend_below(figure, keys, 6, title=events)
+    settle(figure)
+    spread_ends(panels[-1, 0])
+    if len(order) > _MOST_RANKED:
+        places = np.column_stack([np.arange(1, len(order) + 1), late[order]])
+        place_names(panels[-1, 1], [team.agents[i].id for i in order[:_WORST]], places[:_WORST], places)
+    save_figure(figure, path, options)
 
 
 def _plot_arrival(axis: Any, dataset: xr.Dataset) -> None:
@@ -92,58 +144,239 @@ def _plot_arrival(axis: Any, dataset: xr.Dataset) -> None:
     total = np.cumsum(np.r_[0.0, share])
     half, k = max(1, len(share) // 200), np.arange(len(share))
     low, high = np.maximum(k - half, 0), np.minimum(k + half + 1, len(share))
-    axis.plot(time, (total[high] - total[low]) / (high - low), color="black", linewidth=1.2)
+    axis.plot(time, (total[high] - total[low]) / (high - low), color="black", linewidth=1.0)
     label_axes(axis, "measurements that arrive", "time (s)", "share of edges")
+    axis.set_xlim(*_span(time))
     axis.set_ylim(-0.03, 1.03)
-    mark_events(axis, dataset, named=False)
+    mark_events(axis, dataset)
 
 
-def mark_events(axis: Any, dataset: xr.Dataset, *, named: bool) -> None:
-    """Mark when each phase of a run with events begins, and name what happens there."""
-    for phase in phases_in(dataset):
-        if phase["events"]:
-            axis.axvline(phase["time"], color=LOST, linewidth=0.9, linestyle=(0, (4, 3)), zorder=1)
-            if named:
-                place = {"xycoords": axis.get_xaxis_transform(), "xytext": (3, 3), "textcoords": "offset points"}
-                words = "\n".join(phase["events"])
-                axis.annotate(words, (phase["time"], 0.0), rotation=90, fontsize=7.5, color="dimgrey", **place)
+def _draw_agents(axis: Any, team: Team, time: Array, errors: Array, order: IntArray, colours: Array) -> list[Line2D]:
+    """Each agent's tracking error (T, N) over time, the worst of all bold and named; of very many, how they spread.
 
-
-def plot_trajectories(team: Team, dataset: xr.Dataset, path: Path) -> None:
-    """All trajectories over the whole run, in space or, for a planar team, in the plane; the run thinned.
-
-    Absent agents are grey, and drawn as far as they stay where the others are.
+    `order` has the agents that are there at the end, the worst first; `colours` are the agents', (N, 3). Returns rows
+    for a legend.
     """
-    count = max(m.dimension for m in team.members)
-    figure = new_figure(10.0, 8.0, _title(dataset, "all trajectories"))
-    axis: Any = figure.add_subplot(projection="3d" if count == 3 else None)
-    groups, names, colours = groups_of(team)
-    absent = np.isnan(dataset["tracking_error"].values).T
-    tracks = np.moveaxis(_positions(dataset)[..., :count], 0, 2)
-    low, high = _room(tracks, absent)
-    for v, whole in enumerate(tracks):
-        target, colour, xyz = v >= len(team.agents), colours[groups[v]], whole
-        if not target and absent[v].any():
-            outside = ((whole < low) | (whole > high)).any(axis=0)
-            axis.plot(*np.where(absent[v] & ~outside, whole, np.nan), color=LOST, linewidth=0.8)
-            xyz = whole[:, ~absent[v]]
-        axis.plot(*xyz, color=colour, linewidth=0.8, alpha=0.75, linestyle="--" if target else "-")
-        axis.plot(*xyz[:, :1], marker="o", markersize=4, color=colour, markerfacecolor="white")
-        lost = not target and absent[v, -1]
-        end, size = ("X", 7) if lost else ("*", 9) if target else ("o", 5)
-        axis.plot(*xyz[:, -1:], marker=end, markersize=size, color=LOST if lost else colour)
-    label_axes(axis, "", "x (m)", "y (m)")
-    if count == 3:  # equal scales, and as large as the figure allows
-        axis.set_zlabel("z (m)")
-        axis.view_init(elev=28, azim=-60)
-        axis.set_box_aspect(np.ptp([axis.get_xlim(), axis.get_ylim(), axis.get_zlim()], axis=1), zoom=1.05)
+    keys = []
+    worst = order[:_WORST] if len(order) > 1 else order
+    others = np.setdiff1d(np.arange(errors.shape[1]), worst)
+    if len(others) > _MOST_CURVES:
+        with np.errstate(all="ignore"):
+            low, middle, high = np.nanquantile(np.where(np.isfinite(errors), errors, np.nan), (0.05, 0.5, 0.95), axis=1)
+        axis.fill_between(time, low, high, color="#B8BEC8", linewidth=0, alpha=0.6)
+        axis.plot(time, middle, color="#4B5563", linewidth=0.9)
+        keys = [key("90 % of the agents", color="#B8BEC8", linewidth=6, alpha=0.6)]
+        keys.append(key("median agent", color="#4B5563", linewidth=0.9))
     else:
-        axis.set_aspect("equal", adjustable="datalim")
-    ends = [key("start", color="black", marker="o", markerfacecolor="white"), key("end", color="black", marker="o")]
+        lines = [np.column_stack([time, errors[:, i]]) for i in others]
+        axis.add_collection(LineCollection(lines, colors=[(*colours[i], 0.55) for i in others], linewidths=0.6))
+    for k, i in enumerate(worst):
+        axis.plot(time, errors[:, i], color=colours[i], linewidth=1.5, linestyle=DASHES[k])
+    log_axis(axis, "y", errors)
+    title = "tracking error by agent" + (", the worst named" if len(order) > 1 else "")
+    label_axes(axis, title, y="|q* − q| (m)")
+    axis.set_xlim(*_span(time))
+    label_ends(axis, [(errors[-1, i], _short(team.agents[i].id), "black") for i in worst])
+    return keys
+
+
+def _draw_ranking(axis: Any, team: Team, errors: Array, late: Array, order: IntArray, groups: IntArray) -> None:
+    """All agents by their RMS error over the last half (N,), the worst first, with the range of their errors (T, N)."""
+    _, names, colours = groups_of(team)
+    rank = np.arange(1, len(order) + 1)
+    few = len(order) <= _MOST_RANKED
+    with np.errstate(all="ignore"):
+        low, high = (bound(errors[:, order], axis=0) for bound in (np.nanmin, np.nanmax))
+    axis.vlines(rank, low, high, color=[colours[k] for k in groups[order]], linewidth=2.5 if few else 0.6, alpha=0.45)
+    for k in sorted(set(groups[order].tolist())):
+        own = groups[order] == k
+        style = {"color": colours[k], "markersize": 5.0 if few else 2.0}
+        axis.plot(rank[own], late[order][own], linestyle="", marker=marker_of(k, names), **style)
+    log_axis(axis, "y", errors)
+    label_axes(axis, "agents by error over the last half", "" if few else "rank of the agent", "RMS and range (m)")
+    axis.set_xlim(0.3, max(len(order), 1) + 0.7)
+    if few:
+        axis.set_xticks(rank, [_short(team.agents[i].id) for i in order], rotation=90, fontsize=SMALL)
+        axis.grid(False, axis="x")
+
+
+def _short(name: str) -> str:
+    return name if len(name) <= 12 else name[:11] + "…"
+
+
+def _span(time: Array) -> tuple[float, float]:
+    """Limits of an axis of time, s."""
+    start, end = float(time[0]), float(time[-1])
+    room = 0.01 * (end - start) or 0.5
+    return start - room, end + room
+
+
+_BOUND: dict[str, Any] = {"color": "black", "linewidth": 1.2, "linestyle": (0, (3, 1.2))}
+_EVENT: dict[str, Any] = {"color": "#6B7280", "linewidth": 0.9, "linestyle": (0, (4, 3))}
+
+
+def mark_events(axis: Any, dataset: xr.Dataset) -> None:
+    """Mark and number when each phase of a run with events begins; events that are close have their numbers together.
+
+    What the numbers mean is for a legend to say.
+    """
+    times = [phase["time"] for phase in phases_in(dataset) if phase["events"]]
+    low, high = axis.get_xlim()
+    first = 0
+    for k, time in enumerate(times):
+        axis.axvline(time, zorder=1, **_EVENT)
+        if k + 1 == len(times) or times[k + 1] - time > 0.04 * (high - low):
+            number = f"{first + 1}" if first == k else f"{first + 1}–{k + 1}"
+            axis.annotate(number, (time, 0.0), (2, 2), xycoords=axis.get_xaxis_transform(),
+                          textcoords="offset points", fontsize=SMALL, color="#4B5563")  # fmt: skip
+            first = k + 1
+
+
+def _events_in_words(dataset: xr.Dataset) -> str:
+    """What happens in a run, by number, in lines that fit below a figure; empty where nothing does."""
+    found = [phase for phase in phases_in(dataset) if phase["events"]]
+    told = [f"{k}: {', '.join(p['events'])} ({p['time']:.6g} s)" for k, p in enumerate(found[:_MOST_EVENTS], 1)]
+    told += [f"and {len(found) - _MOST_EVENTS} more"] * (len(found) > _MOST_EVENTS)
+    return "\n".join(wrap("   ".join(told), 105, max_lines=5, placeholder=" …"))
+
+
+def plot_trajectories(team: Team, dataset: xr.Dataset, path: Path, options: FigureOptions = AS_USUAL) -> None:
+    """All trajectories over the whole run from above and, for a team in space, from two sides; the run thinned.
+
+    All views have one scale, but heights may be stretched, which is then said. Absent agents are grey, and drawn as far
+    as they stay where the others are.
+    """
+    groups, names, colours = groups_of(team)
+    dataset = dataset.isel(time=thin(dataset.sizes["time"], _MOST_POINTS))
+    absent = np.isnan(dataset["tracking_error"].values).T
+    spatial = max(m.dimension for m in team.members) == 3
+    tracks = np.moveaxis(_positions(dataset), 0, 2)  # (V, 3, T)
+    low, high = _room(tracks, absent)
+    middle = (low + high)[:, 0] / 2.0
+    size = np.maximum(high - low, 0.02 * float((high - low).max()) or 1.0)[:, 0]
+    wide, deep = max(size[0], size[1] / 3.0), max(size[1], size[0] / 3.0)
+    tall = float(np.clip(size[2], 0.25 * min(wide, deep), 0.5 * min(wide, deep))) if spatial else 0.0
+    scale = min((WIDTH - 1.2) / (wide + tall), 5.6 / (deep + tall))  # in/m
+    title = _title(dataset, "all trajectories")
+    figure = new_figure(WIDTH, scale * (deep + tall) + (1.5 if spatial else 1.1), title, options)
+    if spatial:
+        ratios = {"width_ratios": [wide, tall], "height_ratios": [deep, tall]}
+        ((above, side), (front, corner)) = figure.subplots(2, 2, gridspec_kw=ratios)
+        views = {above: (0, 1), front: (0, 2), side: (2, 1)}
+    else:
+        above = figure.subplots()
+        views = {above: (0, 1)}
+    inside = np.asarray(((tracks >= low) & (tracks <= high)).all(axis=1))
+    for axis, plane in views.items():
+        _draw_tracks(axis, team, tracks[:, plane], absent, inside)
+        label_axes(axis, "", *(f"{'xyz'[coordinate]} (m)" for coordinate in plane))
+        for line in (axis.xaxis, axis.yaxis):
+            line.set_major_locator(MaxNLocator(6 if axis is above else "auto", steps=[1, 2, 2.5, 5, 10]))
+    ends = [key("start", color="black", marker="o", markerfacecolor="white", markersize=4)]
+    ends.append(key("end", color="black", marker="o", markersize=5))
     if absent[:, -1].any():
-        ends.append(key("lost", color=LOST, marker="X"))
-    legend_below(figure, [*_group_keys(groups, names, colours), *ends], 4)
-    save_figure(figure, path)
+        ends.append(key("lost", color="black", marker="X", markersize=5))
+    legend_below(figure, [*group_keys(groups, names, colours), *ends], 6)
+    lay_out(figure)  # the sizes of the panels decide how much of space each shows
+    stretched = _fill_views(views, middle, size)
+    if spatial:
+        above.set_title("from above", fontsize=HEADING)
+        front.set_title("from the front" + stretched, fontsize=HEADING)
+        side.set_title("from the side", fontsize=HEADING)
+        _draw_in_space(corner, team, tracks, absent, inside)
+    settle(figure)
+    _name_members(above, team, dataset, tracks[:, :2, -1], tracks[:, :2, 0])
+    save_figure(figure, path, options)
+
+
+def _fill_views(views: dict[Any, tuple[int, int]], middle: Array, size: Array) -> str:
+    """Set the limits of views, panel to its two coordinates, such that space has one scale and fills the first.
+
+    Heights have a scale of their own where theirs would leave a view empty, or not fit into it.
+
+    Returns:
+        Words that say so, else nothing.
+    """
+    extents = {axis: axis.get_window_extent() for axis in views}
+    above = next(iter(views))
+    metre = min(extents[above].width / size[0], extents[above].height / size[1])  # pixels
+    pixels = [extents[above].width, extents[above].height]
+    heights = [extents[a].width if plane[0] == 2 else extents[a].height for a, plane in views.items() if 2 in plane]
+    stretch = 1.0
+    if heights:
+        pixels.append(min(heights))
+        stretch = pixels[2] / (size[2] * metre)
+        metre *= stretch if 0.75 < stretch < 1.0 else 1.0
+        stretch = 1.0 if 0.75 < stretch < 1.5 else stretch
+    reach = [0.5 * p / (metre * k) for p, k in zip(pixels, (1.0, 1.0, stretch), strict=False)]
+    for axis, plane in views.items():
+        for set_limits, k in zip((axis.set_xlim, axis.set_ylim), plane, strict=True):
+            set_limits(middle[k] - reach[k], middle[k] + reach[k])
+    return "" if stretch == 1.0 else f", heights ×{stretch:.2g}"
+
+
+def _draw_tracks(axis: Any, team: Team, tracks: Array, absent: BoolArray, inside: BoolArray) -> None:
+    """Draw the trajectories (V, 2, T) in a view: lines, where they start and where they end.
+
+    `absent` (N, T) and `inside` (V, T) say when agents are absent, and whether vehicles are near the others.
+    """
+    groups, names, colours = groups_of(team)
+    N, few = len(absent), len(tracks) <= MOST_NAMED
+    there = np.vstack([~absent, np.ones((len(tracks) - N, tracks.shape[2]), dtype=bool)])
+    seen = np.where(there, 0, np.where(inside, 1, 2))  # 2: not drawn
+    width, faint = (0.8, 0.8) if few else (0.3, 0.5)
+    for own, dashes in ((slice(0, N), "-"), (slice(N, None), (0, (4, 1.5)))):
+        for kind, colour in ((0, [(*colours[k], faint) for k in groups[own]]), (1, LOST)):
+            lines = [np.where(w == kind, xy, np.nan).T for xy, w in zip(tracks[own], seen[own], strict=True)]
+            if kind == 0 or (seen[own] == 1).any():
+                drawn = LineCollection(lines, colors=colour, linewidths=width, linestyles=[dashes], zorder=2)
+                axis.add_collection(drawn)
+    first = tracks[np.arange(len(tracks)), :, there.argmax(axis=1)]
+    lost = ~there[:, -1]
+    for k in sorted(set(groups.tolist())):
+        target, own = names[k] == "targets", groups == k
+        size = 7.0 if target else 4.5 if few else 1.6
+        start = {"marker": "o", "markersize": 3.5 if few else 1.2, "markerfacecolor": "white", "markeredgewidth": 0.7}
+        axis.plot(*first[own].T, linestyle="", color=colours[k], zorder=3, **start)
+        edge = {"markeredgecolor": "white", "markeredgewidth": 0.4} if few or target else {}
+        here = own & ~lost
+        axis.plot(*tracks[here, :, -1].T, linestyle="", color=colours[k], zorder=4,
+                  marker=marker_of(k, names), markersize=size, **edge)  # fmt: skip
+    gone = np.flatnonzero(lost & there.any(axis=1))
+    when = tracks.shape[2] - 1 - there[gone, ::-1].argmax(axis=1)
+    axis.plot(*tracks[gone, :, when].T, linestyle="", marker="X", color="black", markersize=5, zorder=4)
+
+
+def _draw_in_space(axis: Any, team: Team, tracks: Array, absent: BoolArray, inside: BoolArray) -> None:
+    """Draw the trajectories (V, 3, T) as they look from beside and above, without numbers, in a small panel."""
+    turn, tilt = np.radians(-60.0), np.radians(28.0)
+    right = np.array([-np.sin(turn), np.cos(turn), 0.0])
+    up = np.array([-np.sin(tilt) * np.cos(turn), -np.sin(tilt) * np.sin(turn), np.cos(tilt)])
+    seen = np.stack([right, up])
+    flat = np.einsum("ij,vjt->vit", seen, tracks)
+    _draw_tracks(axis, team, flat, absent, inside)
+    axis.set_axis_off()
+    axis.set_aspect("equal", adjustable="datalim")
+    axis.margins(0.05)
+    axis.set_title("in space", fontsize=HEADING)
+    for direction, name in zip(seen.T, "xyz", strict=True):  # axes, in the corner
+        tip = np.array([0.16, 0.06]) + 0.13 * direction
+        axis.annotate("", tip, (0.16, 0.06), xycoords=axis.transAxes, textcoords=axis.transAxes,
+                      arrowprops={"arrowstyle": "->", "linewidth": 0.7, "shrinkA": 0.0, "shrinkB": 0.0})  # fmt: skip
+        axis.text(*(tip + 0.05 * direction), name, transform=axis.transAxes, fontsize=SMALL, ha="center", va="center")
+
+
+def _name_members(axis: Any, team: Team, dataset: xr.Dataset, places: Array, avoid: Array) -> None:
+    """Name vehicles at places (V, 2): all of a small team, the targets and the worst agents of a large one.
+
+    Names keep off the points to `avoid`, (M, 2), too.
+    """
+    N = len(team.agents)
+    error = np.nan_to_num(dataset["tracking_error"].values[-1], nan=-1.0, posinf=np.inf)
+    order = np.argsort(-error, kind="stable")
+    agents = order if len(team.members) <= MOST_NAMED else order[:_WORST]
+    chosen = np.concatenate([np.arange(N, len(team.members))[:MOST_NAMED], agents])
+    place_names(axis, [team.members[v].id for v in chosen], places[chosen], np.vstack([places, avoid]))
 
 
 def _room(tracks: Array, absent: BoolArray) -> tuple[Array, Array]:
@@ -154,23 +387,44 @@ def _room(tracks: Array, absent: BoolArray) -> tuple[Array, Array]:
     return low - 0.1 * (high - low), high + 0.1 * (high - low)
 
 
-def plot_configurations(team: Team, last: Team, dataset: xr.Dataset, path: Path) -> None:
+def plot_configurations(
+    team: Team, last: Team, dataset: xr.Dataset, path: Path, options: FigureOptions = AS_USUAL
+) -> None:
     """Initial against final configuration from above, with edges and each agent's harmonic extension.
 
     `last` is the team of the last phase; absent agents are grey.
     """
-    figure = new_figure(14.0, 7.0, _title(dataset, "initial and final configuration, seen from above"))
+    title = _title(dataset, "initial and final configuration, seen from above")
+    sizes = [np.ptp(_positions(dataset.isel(time=[k]))[0, :, :2], axis=0) + 1e-9 for k in (0, -1)]
+    ratio = max(float(y / x) for x, y in sizes)
+    figure = new_figure(WIDTH, 1.2 + 3.2 * float(np.clip(ratio, 0.55, 1.2)), title, options)
     groups, names, colours = groups_of(team)
-    shown = zip(figure.subplots(1, 2), (0, -1), ("initial", "final"), (team, last), strict=True)
+    N, few = len(team.agents), len(team.members) <= MOST_NAMED
+    panels = figure.subplots(1, 2)
+    shown = zip(panels, (0, -1), ("initial", "final"), (team, last), strict=True)
+    placed = []
     for axis, k, word, now_team in shown:
         now = dataset.isel(time=[k])
-        draw_team(axis, now_team, _positions(now)[0, :, :2])
-        for i, goal in enumerate(now["harmonic_extension"].values[0, :, :2]):
-            axis.plot(*goal, marker="x", markersize=8, color=colours[groups[i]], zorder=2)
+        place, goals = _positions(now)[0, :, :2], now["harmonic_extension"].values[0, :, :2]
+        drawn = draw_team(axis, now_team, place)
+        ties = np.stack([place[:N], goals], axis=1)
+        tints = colours[groups[:N]]
+        axis.add_collection(
+            LineCollection(list(ties), colors=tints, linewidths=0.7, linestyles=[(0, (2, 1.5))], zorder=2)
+        )
+        for group in sorted(set(groups[:N].tolist())):
+            own = goals[groups[:N] == group]
+            axis.plot(*own.T, "x", color=colours[group], markersize=5 if few else 2, mew=1.0 if few else 0.5, zorder=2)
         finish_map(axis, f"{word}, t = {float(now['time'][0]):.6g} s", "x (m)", 0.08)
-    goals = key("harmonic extension q*", color="black", marker="x")
-    legend_below(figure, [*_group_keys(groups, names, colours), *edge_keys(), goals], 5)
-    save_figure(figure, path)
+        if axis is panels[1]:
+            axis.set_ylabel("")
+        placed.append((axis, now, np.where(np.isin(np.arange(len(place)), drawn)[:, None], place, np.nan), goals))
+    keys = [*group_keys(groups, names, colours, lines=False), *edge_keys()]
+    legend_below(figure, [*keys, key("harmonic extension q*", color="black", marker="x", markersize=5)], 5)
+    settle(figure)
+    for axis, now, place, goals in placed:
+        _name_members(axis, team, now, place, goals)
+    save_figure(figure, path, options)
 
 
 def _title(dataset: xr.Dataset, what: str) -> str:
@@ -183,8 +437,3 @@ def _positions(dataset: xr.Dataset) -> Array:
     """Positions (T, V, 3); planar vehicles at z = 0."""
     both = [dataset["agent_position"].values, dataset["target_position"].values]
     return np.nan_to_num(np.concatenate(both, axis=1))
-
-
-def _group_keys(groups: IntArray, names: list[str], colours: Array) -> list[Line2D]:
-    style = {True: {"marker": "*", "linestyle": "--"}, False: {"marker": "o", "linestyle": "-"}}
-    return [key(names[k], color=colours[k], **style[names[k] == "targets"]) for k in sorted(set(groups.tolist()))]

@@ -16,6 +16,7 @@ import xarray as xr
 
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError, MjsheafError
+from mjsheaf.io.figures import AS_USUAL, FigureOptions
 from mjsheaf.io.section import LARGEST
 from mjsheaf.io.yaml import SUFFIXES, dump_yaml
 from mjsheaf.results import check_expectation, open_dataset, store, summarize, thinned, write_dataset
@@ -138,6 +139,7 @@ def execute(
     allow_drift: bool = False,
     controller: "Controller | None" = None,
     origin: str | None = None,
+    figures: FigureOptions = AS_USUAL,
     progress: Progress = no_progress,
 ) -> Outcome:
     """Run a scenario (see `simulate`) and publish its directory (see `publish`).
@@ -153,7 +155,7 @@ def execute(
     require_simulable(phases, backend, allow_drift=allow_drift)
     simulating = partial(progress, "simulating")
     pieces = TimedIterator(stream(phases, backend, scenario.seed, simulating, controller=controller))
-    return publish(pieces, scenario, phases, directory, video=video, origin=origin, progress=progress)
+    return publish(pieces, scenario, phases, directory, video=video, origin=origin, figures=figures, progress=progress)
 
 
 def publish(
@@ -164,6 +166,7 @@ def publish(
     *,
     video: VideoOptions | None = None,
     origin: str | None = None,
+    figures: FigureOptions = AS_USUAL,
     progress: Progress = no_progress,
 ) -> Outcome:
     """Write the directory of a run, whole or not at all.
@@ -176,6 +179,7 @@ def publish(
         directory: of the results.
         video: how to film it, or None for no video.
         origin: where the scenario comes from, as `scenario.load.origin` has it; summary.json keeps it.
+        figures: how the plots are written.
         progress: called with (what is being done, done, in all).
 
     Raises:
@@ -202,7 +206,7 @@ def publish(
         of_laws = [held_bound_of_run(phases, dataset, theorem, k) for k, theorem in zip(came, theorems, strict=True)]
         theorem, of_law = theorems[0], of_laws[0]
         shown = _shown_bound(phases, drawn["time"].values, theorem, of_law)
-        plots = held.enter_context(ThreadPoolExecutor(1)).submit(_plot, phases, drawn, shown, fresh, progress)
+        plots = held.enter_context(ThreadPoolExecutor(1)).submit(_plot, phases, drawn, shown, fresh, progress, figures)
         if video is None:
             plots.result()
         seconds = run.seconds if isinstance(run, TimedIterator) else None
@@ -233,13 +237,22 @@ def publish(
     return Outcome(directory, summary, notes, replaced)
 
 
-def save(result: xr.Dataset, directory: str | Path, *, video: bool = True) -> Outcome:
+def save(
+    result: xr.Dataset,
+    directory: str | Path,
+    *,
+    video: bool = True,
+    formats: Sequence[str] = ("png",),
+    title: bool = True,
+) -> Outcome:
     """Write all that `mjsheaf run` writes, from a result in memory: data, plots, video, summary, scenario.
 
     Args:
         result: from `simulate`; on bodies or ideal, with a law in Python or without.
         directory: where it goes, whole or not at all; one that mjsheaf did not write is not replaced.
         video: whether to draw the video.
+        formats: of the plots: png, svg, pdf.
+        title: whether the plots have one.
 
     Raises:
         InputError: the result is not one of `simulate`, or has lost its scenario on the way through other functions.
@@ -256,7 +269,8 @@ def save(result: xr.Dataset, directory: str | Path, *, video: bool = True) -> Ou
     if not (parts and said and result.sizes["time"]) or (result["agent"].values.tolist() != system.team.agent_ids):
         raise InputError("save: the result is not whole; expected a Dataset as `simulate` returns it")
     options = video_options(scenario) if video else None
-    return publish(result, scenario, scenario.phases, Path(directory), video=options)
+    figures = FigureOptions(tuple(formats), title)
+    return publish(result, scenario, scenario.phases, Path(directory), video=options, figures=figures)
 
 
 def _summary_of(
@@ -340,18 +354,23 @@ def _shown_bound(
 
 
 def _plot(
-    phases: "Sequence[Phase]", drawn: xr.Dataset, bound: tuple[str, Array] | None, folder: Path, progress: Progress
+    phases: "Sequence[Phase]",
+    drawn: xr.Dataset,
+    bound: tuple[str, Array] | None,
+    folder: Path,
+    progress: Progress,
+    figures: FigureOptions,
 ) -> None:
     """Draw the plots of a run; a video is drawn meanwhile, mostly outside the interpreter."""
     from mjsheaf.runs.figures import plot_configurations, plot_errors, plot_trajectories
 
     progress("plotting", 0, 3)
     first, last = phases[0].system.team, phases[-1].system.team
-    plot_errors(first, drawn, folder / "errors.png", bound)
+    plot_errors(first, drawn, folder / "errors", bound, figures)
     progress("plotting", 1, 3)
-    plot_trajectories(first, drawn, folder / "trajectories.png")
+    plot_trajectories(first, drawn, folder / "trajectories", figures)
     progress("plotting", 2, 3)
-    plot_configurations(first, last, drawn, folder / "configurations.png")
+    plot_configurations(first, last, drawn, folder / "configurations", figures)
     progress("plotting", 3, 3)
 
 

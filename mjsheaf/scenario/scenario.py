@@ -29,7 +29,7 @@ from mjsheaf.control.terms import (
 from mjsheaf.dynamics import ControlEffectiveness, Disturbance, FlowField, Motion, disturbance
 from mjsheaf.dynamics import effectiveness as effectivenesses
 from mjsheaf.dynamics import motion as motions
-from mjsheaf.errors import InputError, in_field
+from mjsheaf.errors import InputError, in_field, shortened
 from mjsheaf.io.section import Duration, Id, NonNegative, Number, Point, Positive, Section
 from mjsheaf.scenario.events import AnyEvent, Change, phases_of_events, with_changes
 from mjsheaf.scenario.swarm import Swarm, expand_swarm
@@ -232,13 +232,39 @@ class Ideal(Section):
     atol: Annotated[float, Field(gt=0, le=1)] = 1e-12
 
 
+Scale = Annotated[float, Field(ge=1e-3, le=1e4)]
+"""How many times larger than life something is drawn."""
+
+
+def scales_of(scale: float, named: Mapping[str, float], ids: Sequence[str], kinds: Sequence[str]) -> Array:
+    """How many times larger each of some vehicles is drawn, shape (V,).
+
+    Args:
+        scale: of those that are not named.
+        named: by id, or by kind of vehicle; an id counts more than its kind.
+        ids: of the vehicles.
+        kinds: of the vehicles.
+
+    Raises:
+        InputError: a name is that of no vehicle.
+    """
+    unknown = sorted(set(named) - {*ids, *kinds})
+    if unknown:
+        known = shortened(", ".join(dict.fromkeys([*kinds, *ids])))
+        raise InputError(f"vehicle_scales.{unknown[0]}: there is none of this name; expected one of {known}")
+    return np.array([named.get(name, named.get(kind, scale)) for name, kind in zip(ids, kinds, strict=True)])
+
+
 class Scene(Section):
     """What the video shows beside the vehicles."""
 
     surface: Literal["water", "ground", "none"] = "water"
     height: Number = 0.0
-    vehicle_scale: Annotated[float, Field(ge=1e-3, le=1e4)] = Field(
-        1.0, description="vehicles are drawn this many times larger"
+    vehicle_scale: Scale = Field(1.0, description="vehicles are drawn this many times larger")
+    vehicle_scales: dict[str, Scale] = Field(
+        default_factory=dict,
+        description="the same for agents and targets by id, or for kinds of vehicle by name, such as {wamv: 1}; an id "
+        "counts more than its kind",
     )
 
 
@@ -324,6 +350,19 @@ class Scenario(Section):
     @classmethod
     def _write_out_swarm(cls, raw: Any) -> Any:
         return expand_swarm(raw) if isinstance(raw, dict) else raw
+
+    @model_validator(mode="after")
+    def _scaled(self) -> "Scenario":
+        with in_field("scene"):
+            _ = self.drawn_scales
+        return self
+
+    @property
+    def drawn_scales(self) -> Array:
+        """How many times larger each vehicle is drawn, shape (V,), agents first."""
+        ids = [*(agent.id for agent in self.agents), *(target.id for target in self.targets)]
+        kinds, scene = self.vehicles.names(self.agents, self.targets), self.scene
+        return scales_of(scene.vehicle_scale, scene.vehicle_scales, ids, kinds)
 
     @cached_property
     def team(self) -> Team:

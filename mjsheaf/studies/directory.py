@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from mjsheaf.errors import InputError, PlaceError, shortened
+from mjsheaf.io.figures import names_of
 from mjsheaf.io.files import is_part_of, naming, write_whole
 from mjsheaf.io.yaml import dump_yaml
 from mjsheaf.results.store import digest, enclosing_run, read_mapping
@@ -33,7 +34,8 @@ _NUMBERED = re.compile(r"[0-9]+\.(json|nc|html)")
 _SHOWN_DIFFERENCES = 3
 _SEALS = ("result_sha256", "record_sha256")
 
-RESULT_FILES = {"table.csv", "table.parquet", "error.png", "success.png", "index.html"}
+_FIGURES = names_of(("error", "success", "messages", "over_time"))
+RESULT_FILES = {"table.csv", "table.parquet", "index.html", *_FIGURES}
 """What is made of the runs once all have ended."""
 
 

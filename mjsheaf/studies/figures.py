@@ -1,6 +1,5 @@
 """Figures of a study, which answer what was asked: error against what was swept, and how often runs end well."""
 
-import io
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -11,11 +10,28 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib.colors import LogNorm, Normalize
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array, IntArray
+from mjsheaf.io.figures import AS_USUAL, FigureOptions
 from mjsheaf.io.yaml import SUFFIXES
-from mjsheaf.plotting import BLUE, label_axes, legend_below, log_axis, new_figure, palette, save_figure
+from mjsheaf.plotting import (
+    BLUE,
+    HEADING,
+    NORMAL,
+    SMALL,
+    TICK,
+    WIDTH,
+    figure_bytes,
+    label_axes,
+    legend_below,
+    line_style,
+    log_axis,
+    new_figure,
+    settle,
+)
 from mjsheaf.results.metrics import MEASURES
 from mjsheaf.studies.schema import Choice, LogUniform, StudyFile
 
@@ -39,8 +55,9 @@ _MARKS: dict[bool | None, tuple[str, dict[str, Any]]] = {
 _DECADES = 30.0  # ratio of largest to smallest from which an axis is logarithmic
 _MOST_LINES = 10  # of one panel
 _MOST_AXES = 6  # of the figures with a panel for each swept field
-_MOST_CELLS, _WRITTEN_CELLS = 40, 14  # along a side of a heat map; with their values in them
-_MOST_TICKS, _LONGEST_TICK, _UNROTATED = 12, 24, 40  # of tick labels: number; letters of one; of all, unless rotated
+_MOST_CELLS = 40  # along a side of a heat map
+_MOST_TICKS, _LONGEST_TICK, _UNROTATED = 12, 24, 32  # of tick labels: number; letters of one; of all, unless upright
+_PANEL = 2.5  # least width of one, in
 
 
 @dataclass(frozen=True)
@@ -73,11 +90,15 @@ class SweptAxis:
 
     def label(self, panel: Any, which: str, places: NDArray[Any]) -> None:
         """Name an axis ('x' or 'y') of a panel and put the values' labels at these places."""
-        step = -(-len(places) // _MOST_TICKS)
-        shown = self.labels[::step]
-        rotated = which == "x" and sum(map(len, shown)) > _UNROTATED
-        panel.set(**{f"{which}label": self.name})
-        getattr(panel, f"set_{which}ticks")(places[::step], shown, rotation=20.0 if rotated else 0.0)
+        step, rotation = -(-len(places) // _MOST_TICKS), 90.0 if which == "x" and self.upright else 0.0
+        getattr(panel, f"set_{which}label")(self.name, fontsize=NORMAL)
+        getattr(panel, f"set_{which}ticks")(places[::step], self.labels[::step], rotation=rotation, fontsize=TICK)
+
+    @property
+    def upright(self) -> bool:
+        """Whether labels of the values stand upright below a panel, as they have no room side by side."""
+        shown = self.labels[:: -(-len(self.places) // _MOST_TICKS)]
+        return sum(map(len, shown)) + 2 * len(shown) > _UNROTATED
 
 
 def swept_axes(study: StudyFile, records: list[dict[str, Any]]) -> list[SweptAxis]:
@@ -136,17 +157,20 @@ def _spans_decades(values: Array) -> bool:
     return bool(known.size and known.min() > 0.0 and known.max() >= _DECADES * known.min())
 
 
-def plot_study(study: StudyFile, name: str, records: list[dict[str, Any]]) -> dict[str, bytes]:
+def plot_study(
+    study: StudyFile, name: str, records: list[dict[str, Any]], options: FigureOptions = AS_USUAL
+) -> dict[str, bytes]:
     """Draw a study.
 
     Args:
         study: what was asked; its `measure` is drawn, or else every error that is defined.
         name: of the study, for titles.
         records: of all runs.
+        options: how figures are written.
 
     Returns:
-        PNG by file name: error.png where any run finished, success.png where any did not, messages.png where runs
-        differ in what agents send, over_time.png of at most 10 runs whose trajectories are kept. One swept field gives
+        Pictures by file name, in each format: error where any run finished, success where any did not, messages where
+        runs differ in what agents send, over_time of at most 10 runs whose trajectories are kept. One swept field gives
         a curve with its spread, two give a heat map, more (or random draws) a panel for each field. Runs that did not
         finish are marked at the lower edge of a curve.
     """
@@ -163,21 +187,23 @@ def plot_study(study: StudyFile, name: str, records: list[dict[str, Any]]) -> di
             errors[f"{label.removeprefix('final ')}\nRMS over the last half" if study.late else label] = values
     count = f"{len(records)} runs" if finished.all() else f"{finished.sum()} of {len(records)} runs finished"
     title = f"{_plain(name)}   [{study.backend}, {count}]"
+    title = title if options.title else ""
     plots = {}
     if errors:
-        plots["error.png"] = _draw(title, axes, errors, ends)
+        plots["error"] = _draw(title, axes, errors, ends)
     traffic = [r.get("numbers_per_agent_second") if done else None for r, done in zip(records, finished, strict=True)]
     sent = np.array(traffic, dtype=np.float64)
     if errors and len(np.unique(sent[np.isfinite(sent)])) > 1:
-        plots["messages.png"] = _draw_messages(title, axes, errors, sent)
+        plots["messages"] = _draw_messages(title, axes, errors, sent)
     if len(records) <= _MOST_LINES and any(r.get("series") for r in records):
-        plots["over_time.png"] = _draw_over_time(title, axes, measures, records)
+        plots["over_time"] = _draw_over_time(title, axes, measures, records)
     if not finished.all():
-        plots["success.png"] = _draw(title, axes, {"share of runs that finish": finished.astype(np.float64)}, None)
-    return plots
+        plots["success"] = _draw(title, axes, {"share of runs that finish": finished.astype(np.float64)}, None)
+    drawn = {plot: figure_bytes(figure, options) for plot, figure in plots.items()}
+    return {f"{plot}.{form}": data for plot, forms in drawn.items() for form, data in forms.items()}
 
 
-def _draw(title: str, axes: list[SweptAxis], values: dict[str, Array], ends: Ends) -> bytes:
+def _draw(title: str, axes: list[SweptAxis], values: dict[str, Array], ends: Ends) -> Figure:
     """Panels for each kind of value; without `ends` the values are zeros and ones, whose shares are drawn."""
     if len(axes) == 2 and _fill_a_grid(axes):
         kinds: list[Callable[..., None]] = [partial(_heat_map, axes=axes)]
@@ -188,7 +214,8 @@ def _draw(title: str, axes: list[SweptAxis], values: dict[str, Array], ends: End
         kinds = [_distribution]
     columns = len(kinds) if len(kinds) > 1 else min(len(values), 2)
     rows = -(-len(values) * len(kinds) // columns)
-    figure = new_figure(max(7.5, 5.6 * columns), 1.0 + 4.2 * rows, title)
+    upright = [len(max(axis.labels, key=len)) for axis in axes if axis.upright and not axis.numeric]
+    figure = _figure(columns, rows, title, 0.065 * max(upright, default=0))
     panels = figure.subplots(rows, columns, squeeze=False)
     for panel in panels.flat[len(values) * len(kinds) :]:
         panel.set_visible(False)
@@ -198,18 +225,37 @@ def _draw(title: str, axes: list[SweptAxis], values: dict[str, Array], ends: End
         handles |= dict(zip(*reversed(panel.get_legend_handles_labels()), strict=True))
     if handles.keys() - {_SETTLED}:  # which needs no legend where there is nothing else
         legend_below(figure, list(handles.values()), 3)
-    png = io.BytesIO()
-    save_figure(figure, png)
-    return png.getvalue()
+    settle(figure)
+    for panel in panels.flat:
+        _drop_what_does_not_fit(panel)
+    return figure
 
 
-def _draw_over_time(title: str, axes: list[SweptAxis], measures: Sequence[str], records: list[dict[str, Any]]) -> bytes:
+def _figure(columns: int, rows: int, title: str, below: float = 0.0) -> Figure:
+    """A figure for so many panels, with room below each, in."""
+    width = max(WIDTH if columns > 1 else 0.65 * WIDTH, _PANEL * columns)
+    return new_figure(width, 0.6 + (2.7 + below) * rows, title)
+
+
+def _drop_what_does_not_fit(panel: Any) -> None:
+    """Leave out all that is written in the cells of a heat map where any of it is wider than a cell."""
+    cells = [text for text in panel.texts if text.get_gid() == "cell"]
+    renderer = panel.figure.canvas.get_renderer()
+    (left, low), (right, high) = panel.transData.transform([(0.0, 0.0), (1.0, 1.0)])
+    sizes = [text.get_window_extent(renderer) for text in cells]
+    if any(size.width > right - left or size.height > high - low for size in sizes):
+        for text in cells:
+            text.remove()
+
+
+def _draw_over_time(
+    title: str, axes: list[SweptAxis], measures: Sequence[str], records: list[dict[str, Any]]
+) -> Figure:
     """Errors over time, a line for each run."""
     known = [(k, r["series"]) for k, r in enumerate(records) if r.get("series")]
     drawn = [m for m in measures if any(x is not None for _, series in known for x in series[m])]
-    figure = new_figure(9.0, 1.6 + 3.4 * len(drawn), title)
+    figure = new_figure(WIDTH, 0.8 + 2.2 * len(drawn), title)
     panels = figure.subplots(len(drawn), 1, sharex=True, squeeze=False)[:, 0]
-    colours = palette(_MOST_LINES)
     for panel, measure in zip(panels, drawn, strict=True):
         values = []
         for k, series in known:
@@ -218,45 +264,41 @@ def _draw_over_time(title: str, axes: list[SweptAxis], measures: Sequence[str], 
             if records[k]["status"] != "finished":
                 name += f" ({records[k]['status']})"
             y = np.array(series[measure], dtype=np.float64)
-            panel.plot(series["time"], y, color=colours[k], linewidth=1.4, label=name)
+            panel.plot(series["time"], y, label=name, **line_style(k))
             values.append(y)
         log_axis(panel, "y", np.concatenate(values))
         label_axes(panel, "", y=_LABELS[measure].removeprefix("final "))
-    panels[-1].set_xlabel("time (s)")
-    legend_below(figure, panels[0].lines, 2)
-    png = io.BytesIO()
-    save_figure(figure, png)
-    return png.getvalue()
+    panels[-1].set_xlabel("time (s)", fontsize=NORMAL)
+    legend_below(figure, panels[0].lines, 3)
+    return figure
 
 
-def _draw_messages(title: str, axes: list[SweptAxis], errors: dict[str, Array], sent: Array) -> bytes:
+def _draw_messages(title: str, axes: list[SweptAxis], errors: dict[str, Array], sent: Array) -> Figure:
     """Errors against numbers that an agent sends a second; a line for each value of the one field that changes none."""
     others = [a for a in axes if pd.Series(sent).groupby(a.index).nunique().max() > 1]
     lines = others[0] if len(others) == 1 and len(others[0].places) <= _MOST_LINES else None
     columns = min(len(errors), 2)
     rows = -(-len(errors) // columns)
-    figure = new_figure(max(7.5, 5.6 * columns), 1.0 + 4.2 * rows, title)
+    figure = _figure(columns, rows, title)
     panels = figure.subplots(rows, columns, squeeze=False)
     for panel in panels.flat[len(errors) :]:
         panel.set_visible(False)
-    colours = palette(_MOST_LINES)
     for panel, (label, y) in zip(panels.flat, errors.items(), strict=False):
-        label_axes(panel, "", "numbers that an agent sends (1/s), mean over agents", label, which="major")
+        label_axes(panel, "", "numbers that an agent sends (1/s)", label, which="major")
         known = np.isfinite(y) & np.isfinite(sent)
         for k, name in enumerate(lines.labels if lines else [""]):
             own = np.flatnonzero(known & (lines.index == k) if lines else known)
             own = own[np.argsort(sent[own], kind="stable")]
-            panel.plot(sent[own], y[own], "o-" if lines else "o", color=colours[k], markersize=5, label=name or None)
+            style = line_style(k) | {"markevery": None} | ({} if lines else {"linestyle": ""})
+            panel.plot(sent[own], y[own], label=name or None, **style)
         if sent[known].min() > 0.0:
             log_axis(panel, "x", sent[known])
         if _spans_decades(y[known]):
             log_axis(panel, "y", y[known])
     if lines:
         handles = panels.flat[0].get_legend_handles_labels()[0]
-        figure.legend(handles=handles, title=lines.name, loc="outside lower center", ncols=6, frameon=False)
-    png = io.BytesIO()
-    save_figure(figure, png)
-    return png.getvalue()
+        legend_below(figure, handles, 6, title=lines.name)
+    return figure
 
 
 def _fill_a_grid(axes: list[SweptAxis]) -> bool:
@@ -271,6 +313,8 @@ def _marginal(panel: Any, label: str, y: Array, ends: Ends, axis: SweptAxis, ove
     label_axes(panel, "", axis.name, label, which="major")
     if axis.log:
         log_axis(panel, "x", axis.places)
+    elif axis.numeric:
+        panel.xaxis.set_major_locator(MaxNLocator(5))
     if not axis.numeric:
         axis.label(panel, "x", axis.places)
         panel.set_xlim(-0.5, len(axis.places) - 0.5)
@@ -325,29 +369,30 @@ def _heat_map(panel: Any, label: str, y: Array, ends: Ends, axes: list[SweptAxis
     norm: Normalize = LogNorm(low, high) if log else Normalize(low, high if high > low else low + 1.0)
     panel.set_facecolor(_GREY)
     if np.isnan(cells).any():
-        panel.set_title("grey: no run finished", fontsize=9)
+        panel.set_title("grey: no run finished", fontsize=HEADING)
     mesh = panel.pcolormesh(np.ma.masked_invalid(cells), norm=norm, cmap="viridis", edgecolors="white", linewidth=0.4)
-    panel.figure.colorbar(mesh, ax=panel, label=label if shares or len(y) <= cells.size else f"{label}, median")
+    bar = panel.figure.colorbar(mesh, ax=panel)
+    bar.set_label(label if shares or len(y) <= cells.size else f"{label}, median", fontsize=NORMAL)
+    bar.ax.tick_params(labelsize=TICK)
     across.label(panel, "x", np.arange(len(across.places)) + 0.5)
     up.label(panel, "y", np.arange(len(up.places)) + 0.5)
-    if max(cells.shape) > _WRITTEN_CELLS:
-        return
     for (i, j), value in np.ndenumerate(cells):
         if np.isfinite(value):
             text = f"{100 * value:.0f}%" if shares else f"{value:.0f}" if 10.0 <= abs(value) < 1e5 else f"{value:.2g}"
             colour = "white" if norm(value) < 0.6 else "black"
-            panel.text(j + 0.5, i + 0.5, text, ha="center", va="center", fontsize=8, color=colour)
+            place = {"ha": "center", "va": "center", "gid": "cell", "in_layout": False}
+            panel.text(j + 0.5, i + 0.5, text, fontsize=SMALL, color=colour, **place)
 
 
 def _distribution(panel: Any, label: str, y: Array, ends: Ends) -> None:
     """Nothing but the seed differs: how the values are spread."""
-    panel.grid(True, which="major", alpha=0.3)
-    panel.set_ylim(-0.02, 1.04)
     if ends is None:
         panel.bar(["finished", "did not"], [y.mean(), 1.0 - y.mean()], color=[BLUE, _GREY], width=0.6)
-        panel.set_ylabel("share of runs")
+        label_axes(panel, "", y="share of runs")
+        panel.set_ylim(-0.02, 1.04)
         return
+    label_axes(panel, "", label, "share of runs at or below", which="major")
+    panel.set_ylim(-0.02, 1.04)
     panel.ecdf(y[np.isfinite(y)], color=BLUE, marker="o", markersize=4)
     if _spans_decades(y):
         log_axis(panel, "x", y)
-    panel.set(xlabel=label, ylabel="share of runs at or below")

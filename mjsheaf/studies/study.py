@@ -7,7 +7,7 @@ import shlex
 from collections import Counter
 from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ import pyarrow as pa
 
 from mjsheaf._version import __version__
 from mjsheaf.checking.finished import LEVEL
+from mjsheaf.io.figures import AS_USUAL, FigureOptions
 from mjsheaf.io.yaml import parse_yaml
 from mjsheaf.results.metrics import MEASURES
 from mjsheaf.runs.simulate import Progress, no_progress
@@ -66,6 +67,7 @@ def run_study(
     engine: Callable[[], AbstractContextManager[Engine]],
     *,
     retry_failed: bool = False,
+    figures: FigureOptions = AS_USUAL,
     progress: Progress = no_progress,
 ) -> Study:
     """Run what of a study has not ended, and write its table, plots and page.
@@ -75,6 +77,7 @@ def run_study(
         directory: of this study; new, or with an earlier part of it.
         engine: makes the workers; called only where something is left to run.
         retry_failed: run again what did not finish.
+        figures: how the plots are written.
         progress: called with (what is being done, done, in all).
 
     Raises:
@@ -100,18 +103,20 @@ def run_study(
                 place.leave()
                 raise
         ordered = [records[point.number] for point in plan.points]
-        files = results_of(plan, ordered)
+        files = results_of(plan, ordered, figures)
         place.publish(files)
         return Study(directory, ordered, len(missing), list(files))
 
 
-def results_of(plan: Plan, records: list[dict[str, Any]]) -> dict[str, bytes]:
+def results_of(plan: Plan, records: list[dict[str, Any]], figures: FigureOptions = AS_USUAL) -> dict[str, bytes]:
     """The files that show a study whose runs have all ended: name to content, equal for equal records."""
     from mjsheaf.studies.figures import plot_study
 
     table = make_table(plan, records)
-    plots = plot_study(plan.study, plan.name, records)
-    page = page_of(plan, table, plots)
+    drawn = figures if "png" in figures.formats else replace(figures, formats=("png", *figures.formats))
+    plots = plot_study(plan.study, plan.name, records, drawn)
+    page = page_of(plan, table, {name: data for name, data in plots.items() if name.endswith(".png")})
+    plots = {name: data for name, data in plots.items() if Path(name).suffix[1:] in figures.formats}
     return {"table.csv": csv_of(table), "table.parquet": table.to_parquet(index=False), **plots, "index.html": page}
 
 

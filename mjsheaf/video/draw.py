@@ -19,7 +19,15 @@ from mjsheaf.video.camera import SMOOTHING, View, camera_path
 from mjsheaf.video.film import Film, Frames, Moment, VideoOptions
 from mjsheaf.video.gl import available_backend
 from mjsheaf.video.overlay import Overlay
-from mjsheaf.video.scene import Decorator, Renderer, enlarge_vehicles, owners_of_geoms, set_detail, vehicle_radius
+from mjsheaf.video.scene import (
+    ARROWS,
+    Decorator,
+    Renderer,
+    enlarge_vehicles,
+    owners_of_geoms,
+    set_detail,
+    vehicle_radius,
+)
 
 QUALITY = 6  # imageio's, from 1 to 10: x264's constant rate factor 20; 18 looks lossless, 23 is x264's default
 PRESET = "veryfast"  # the picture is the costly part, and x264 competes with it for the same cores
@@ -118,7 +126,7 @@ class Painter(AbstractContextManager["Painter"]):
         self._frames = Frames(film, options)
         self.times = self._frames.times
         self.model = copy(model)  # its vehicles' size and its visual settings are changed
-        enlarge_vehicles(self.model, film.body_id, options.vehicle_scale)
+        enlarge_vehicles(self.model, film.body_id, film.scales(options))
         radius = vehicle_radius(self.model, film.body_id)
         films = [self._frames, *(Frames(other, options) for other in beside)]
         self.camera = camera_path(
@@ -140,7 +148,10 @@ class Painter(AbstractContextManager["Painter"]):
             self.model.vis.quality.offsamples = 0  # edges are not smoothed
         self.data = mujoco.MjData(self.model)
         self._decorator = Decorator(film, options, owners_of_geoms(self.model, film.body_id))
-        self._overlay = Overlay(film, options, self._frames.extent.survey)
+        survey, middle = self._frames.extent.survey, self.camera.view(len(self.times) // 2)
+        self._decorator.lay_out_arrows(survey, middle)
+        arrows = {medium.name: (speed, ARROWS[k]) for k, (medium, speed) in enumerate(self._decorator.speeds)}
+        self._overlay = Overlay(film, options, survey, beside, arrows)
         self._renderer = Renderer(self.model, *options.drawn, backend, self._decorator.most_geoms)
 
     def draw(self, number: int) -> Callable[[], Image.Image]:

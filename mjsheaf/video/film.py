@@ -1,15 +1,15 @@
 """A film: a team over time, how the viewer wants to see it, and what is seen in each frame."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Literal, Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
 from mjsheaf.errors import InputError
-from mjsheaf.scenario.scenario import Video
+from mjsheaf.scenario.scenario import Scale, Video, scales_of
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -93,6 +93,23 @@ class Stage:
 
 
 @dataclass(frozen=True)
+class Medium:
+    """What moves about some of the vehicles, and is drawn as arrows.
+
+    Attributes:
+        name: such as 'wind'.
+        velocity: velocities, shape (K, 3), m/s, at points, shape (K, 3), m.
+        vehicles: numbers of those that meet it. Shape (M,).
+        level: whether it moves in the plane alone, at the surface.
+    """
+
+    name: str
+    velocity: Callable[[FloatArray], FloatArray]
+    vehicles: IntArray
+    level: bool
+
+
+@dataclass(frozen=True)
 class Film:
     """A finished run, ready to be drawn.
 
@@ -114,6 +131,8 @@ class Film:
         grid: side of the squares on that plane, in m; None where it has none.
         end: time up to which the film lasts, in s; None for the run's end. After that everything stands still.
         stages: what changes, in order, where events do; the first is what the film begins with.
+        kinds: of each vehicle, by which a viewer may scale them; none where that is not wanted.
+        media: what moves about the vehicles.
     """
 
     name: str
@@ -133,6 +152,8 @@ class Film:
     grid: float | None = None
     end: float | None = None
     stages: Sequence[Stage] = ()
+    kinds: Sequence[str] = ()
+    media: Sequence[Medium] = ()
 
     def __post_init__(self) -> None:
         """Check that everything fits together.
@@ -175,6 +196,15 @@ class Film:
         """Number of vehicles, V: agents and targets."""
         return len(self.agent_ids) + len(self.target_ids)
 
+    def scales(self, options: "VideoOptions") -> FloatArray:
+        """How many times larger each vehicle is drawn, shape (V,).
+
+        Raises:
+            InputError: the options name what is not there.
+        """
+        ids = [*self.agent_ids, *self.target_ids]
+        return scales_of(options.vehicle_scale, options.vehicle_scales, ids, self.kinds or ids)
+
     def stage(self, time: float) -> int:
         """Number of the stage at a time in s, 0 where the film has none."""
         return max(sum(stage.start <= time + 1e-9 for stage in self.stages) - 1, 0)
@@ -196,7 +226,8 @@ class VideoOptions(Video):
     is as sharp as ever.
     """
 
-    vehicle_scale: Annotated[float, Field(ge=1e-3, le=1e4)] = Field(1.0, description="times larger than life")
+    vehicle_scale: Scale = Field(1.0, description="times larger than life")
+    vehicle_scales: dict[str, Scale] = Field(default_factory=dict, description="the same, by id or kind of vehicle")
 
     @property
     def drawn(self) -> tuple[int, int]:

@@ -14,11 +14,22 @@ from mjsheaf.results.metrics import mean_known
 from mjsheaf.results.netcdf import length_of_piece
 from mjsheaf.scenario import Scenario
 from mjsheaf.team import Team
-from mjsheaf.video.film import UPRIGHT, Edge, Film, FloatArray, Samples, Stage, VideoOptions, error_range, frame_times
+from mjsheaf.video.film import (
+    UPRIGHT,
+    Edge,
+    Film,
+    FloatArray,
+    Medium,
+    Samples,
+    Stage,
+    VideoOptions,
+    error_range,
+    frame_times,
+)
 
 if TYPE_CHECKING:
     from mjsheaf.engine import mujoco
-    from mjsheaf.system import Phase
+    from mjsheaf.system import Phase, System
 
 DRAFT_FPS = 15
 HALF_FPS = 24  # most, where two runs are drawn side by side,
@@ -117,9 +128,24 @@ def film_of(
         surface=surface,
         surface_height=scenario.scene.height,
         grid=grid,
+        kinds=system.bodies.vehicle,
+        media=_media(scenario, system),
         stages=[_stage(phase) for phase in phases] if any(phase.events for phase in phases) else (),
     )
     return film, arena.model
+
+
+def _media(scenario: Scenario, system: "System") -> list[Medium]:
+    """The flow fields that vehicles meet and that move."""
+    by_medium = scenario.flow.air is not None or scenario.flow.water is not None
+    names = ("wind", "current") if by_medium else ("flow about agents", "flow about targets")
+    found = []
+    for k, (name, flow) in enumerate(zip(names, system.flows, strict=True)):
+        met = np.flatnonzero(system.field == k)
+        level = all(system.team.members[v].dimension == 2 for v in met)
+        if len(met) and (len(flow.table) > 1 or flow.table[0, 2:5].any()):
+            found.append(Medium(name, flow.velocity, met, level))
+    return found
 
 
 def _edges(team: Team) -> list[Edge]:
@@ -136,13 +162,14 @@ def _stage(phase: "Phase") -> Stage:
     return Stage(phase.time, _edges(team), absent, ", ".join(phase.events))
 
 
-def video_options(scenario: Scenario, **changes: float | int | str | None) -> VideoOptions:
+def video_options(scenario: Scenario, **changes: float | int | str | dict[str, float] | None) -> VideoOptions:
     """The scenario's video section as options; changes that are None leave it as it is.
 
     A draft has at most 15 frames a second, unless `fps` is among the changes.
     """
     changes = {name: value for name, value in changes.items() if value is not None}
-    given = scenario.video.model_dump() | {"vehicle_scale": scenario.scene.vehicle_scale} | changes
+    scales = {name: getattr(scenario.scene, name) for name in ("vehicle_scale", "vehicle_scales")}
+    given = scenario.video.model_dump() | scales | changes
     if given["quality"] == "draft" and "fps" not in changes:
         given["fps"] = min(given["fps"], DRAFT_FPS)
     return VideoOptions(**given)

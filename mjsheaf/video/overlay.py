@@ -3,6 +3,7 @@
 What stays the same is one matplotlib figure, drawn once when the overlay is made. A frame costs a few pastes.
 """
 
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from mjsheaf.video.camera import View
 from mjsheaf.video.film import Film, FloatArray, Moment, Samples, VideoOptions, error_range
-from mjsheaf.video.scene import COMMUNICATION, SENSING
+from mjsheaf.video.scene import COMMUNICATION, SENSING, round_length
 
 LABELLED_AGENTS = 24  # labels of more than these would cover the picture
 MOST_GROUPS = 8  # in the legend, for the same reason
@@ -32,6 +33,7 @@ PLATE = (0.03, 0.05, 0.08, 0.65)  # ground of what is written, RGBA in 0..1
 
 # Sizes in pixels of a 1000x720 frame.
 MARGIN, PAD, CORNER = 14, 12, 8
+SCALE_BAR = 150  # longest
 STATUS_WIDTH = (330, 460)  # of the status plate: as wide as its title needs, within these
 TITLE, SUBTITLE, TIME, ERROR, CURVE, STATUS_HEIGHT = 8, 40, 66, 93, 120, 202  # rows in the status plate
 CURVE_HEIGHT, TICKS = 58, 56  # of the curve; width of the numbers beside it
@@ -40,11 +42,28 @@ CURVE_HEIGHT, TICKS = 58, 56  # of the curve; width of the numbers beside it
 class Overlay:
     """Writes on frames. One is made for a film and a size of frame."""
 
-    def __init__(self, film: Film, options: VideoOptions, survey: Samples) -> None:
-        """Draw everything that stays the same; `survey` is the film at some times, for the curve of its error."""
+    def __init__(
+        self,
+        film: Film,
+        options: VideoOptions,
+        survey: Samples,
+        beside: Sequence[Film] = (),
+        arrows: Mapping[str, tuple[float, npt.NDArray[np.float32]]] | None = None,
+    ) -> None:
+        """Draw everything that stays the same.
+
+        Args:
+            film: what is written about.
+            options: size of the frame and so on.
+            survey: the film at some times, for the curve of its error.
+            beside: films whose pictures stand beside this one; their curves are of one size with its own.
+            arrows: what arrows show: the speed of those of full length, m/s, and their colour.
+        """
         self._film, self._unit = film, options.unit
+        self._arrows = dict(arrows or {})
         self._width, self._height = options.width, options.height
-        widest = max(font(self._px(24), bold=True).getlength(film.name), font(self._px(14)).getlength(film.subtitle))
+        title, note = font(self._px(24), bold=True), font(self._px(14))
+        widest = max(max(title.getlength(f.name), note.getlength(f.subtitle)) for f in (film, *beside))
         least, most = (self._px(width - 2 * PAD) for width in STATUS_WIDTH)
         self._inner = min(max(int(np.ceil(widest)), least), most)
         figure = Figure(figsize=(options.width / 72, options.height / 72), dpi=72)  # a point is a pixel
@@ -77,9 +96,24 @@ class Overlay:
         time = f"t = {moment.time:.2f} s" + (f"   {event}" if event else "")
         error = f"mean |η| = {number(moment.error)} m"
         draw = ImageDraw.Draw(image)
+        self._write_scale(draw, view)
         for words, line, size, colour in ((time, TIME, 18, WHITE), (error, ERROR, 14, BLUE)):
             words = shorten(words, self._px(size), self._inner)
             draw.text((self._px(MARGIN + PAD), self._px(MARGIN + line)), words, to_hex(colour), font(self._px(size)))
+
+    def _write_scale(self, draw: ImageDraw.ImageDraw, view: View) -> None:
+        """Draw a bar of a round length at the bottom right, as long as that is at the team's middle."""
+        metre = 1.0 / view.metres_per_pixel(self._height)
+        length = round_length(self._px(SCALE_BAR) / metre)
+        right, row, width = self._width - self._px(2 * MARGIN), self._height - self._px(2 * MARGIN), self._px(2)
+        left, end = right - length * metre, self._px(5)
+        marks = [(x, row - end, x, row + end) for x in (left, right)]
+        for thickness, colour in ((width + 2 * self._px(1), PLATE[:3]), (width, WHITE)):  # an outline, then the bar
+            for ends in ((left, row, right, row), *marks):
+                draw.line(ends, to_hex(colour), thickness)
+        words = f"{length:g} m at the team's middle"
+        outline: dict[str, Any] = {"stroke_width": self._px(2), "stroke_fill": to_hex(PLATE[:3])}
+        draw.text((right, row - self._px(10)), words, to_hex(WHITE), font(self._px(13)), anchor="rs", **outline)
 
     def _add_status(self, figure: Figure) -> Artist:
         """Add the plate at the top left, with title and subtitle; return the plate."""
@@ -174,13 +208,16 @@ class Overlay:
             rows.append(("agents communicate", line(COMMUNICATION, "-")))
         if "sensing" in kinds:
             rows.append(("agent senses target", line(SENSING, (0, (2.0, 1.4)))))
+        for name, (speed, rgba) in self._arrows.items():
+            arrow = marker(tuple(rgba[:3]), r"$\rightarrow$", markersize=1.6 * size)
+            rows.append((f"{name}: full arrow {speed:g} m/s or more", arrow))
         off = bool((np.abs(survey.positions[..., 2] - film.surface_height) > 1.0).any())  # 1 m; stems begin about there
         notes = [
             "upright line: to the surface" if off and film.surface != "none" else "",
             f"squares {film.grid:g} m wide" if film.grid else "",
             f"tracks {options.trail:g} s long" if options.trail else "",
             f"{options.speed:g}x speed" if options.speed != 1 else "",
-            f"vehicles drawn {options.vehicle_scale:g}x larger" if options.vehicle_scale != 1 else "",
+            _larger(film, options),
         ]
         for several in (notes[:1], notes[1:3], notes[3:]):
             rows += [(", ".join(filter(None, several)), marker("none"))] if any(several) else []
@@ -227,6 +264,14 @@ class Overlay:
     def _px(self, size: float) -> int:
         """Convert a size given for a frame of the reference size to this frame's pixels."""
         return max(1, round(size * self._unit))
+
+
+def _larger(film: Film, options: VideoOptions) -> str:
+    """How much larger vehicles are drawn, in words; empty where none is."""
+    scales = film.scales(options)
+    if np.ptp(scales) == 0.0:
+        return f"vehicles drawn {scales[0]:g}x larger" if scales[0] != 1.0 else ""
+    return f"vehicles drawn {scales.min():g}x to {scales.max():g}x larger"
 
 
 def _cut(figure: Figure, *artists: Artist) -> list[tuple[Image.Image, tuple[int, int]]]:

@@ -17,7 +17,7 @@ from PIL import Image
 
 from mjsheaf.errors import MjsheafError
 from mjsheaf.video.camera import CameraPath, View
-from mjsheaf.video.film import Edge, Film, FloatArray, IntArray, Moment, VideoOptions
+from mjsheaf.video.film import Edge, Film, FloatArray, IntArray, Medium, Moment, Samples, VideoOptions
 from mjsheaf.video.gl import open_context
 
 Float32Array = npt.NDArray[np.float32]
@@ -29,8 +29,14 @@ ABSENT: Float32Array = np.array([0.6, 0.6, 0.6, 1.0], np.float32)
 
 DASHES = (2, 40)  # on one sensing edge: the least whatever the budget for all together, and the most
 DASH_BUDGET = 800
+FEW_DASHED = 60  # sensing edges; more are fainter, not to hide all else
+
+ARROWS: Float32Array = np.array([[1.0, 1.0, 1.0, 0.75], [0.36, 0.9, 1.0, 0.85]], np.float32)
+"""RGBA of the arrows of the first and the second medium."""
+ARROW_REACH = 7  # arrows from the middle of the picture to where they fade
 
 # Sizes in pixels of a 1000x720 frame, at the team's middle.
+ARROW_SPACING = 95.0
 DASH = 10.0  # length of a dash and of the gap after it
 MARKER = 10.5  # radius of the ball at q*
 SMALL_TEAM = 50  # agents; in a larger team the balls are smaller, not to cover each other
@@ -65,6 +71,7 @@ class Decorator:
 
     Attributes:
         most_geoms: no frame adds more geoms than this.
+        speeds: the media that are drawn, at most two, each with the speed at which its arrows are full length, m/s.
     """
 
     def __init__(self, film: Film, options: VideoOptions, owners: IntArray | None = None) -> None:
@@ -77,6 +84,23 @@ class Decorator:
         stages = [stage.edges for stage in film.stages] or [film.edges]
         self._edges = [(_pairs(edges, "communication"), _pairs(edges, "sensing")) for edges in stages]
         self.most_geoms = 2 * film.vehicles  # for a vehicle at most the foot of its stem and a ball at q*
+        self._spacing = 0.0
+        self.speeds: list[tuple[Medium, float]] = []
+
+    def lay_out_arrows(self, survey: Samples, view: View) -> None:
+        """Decide how the media are drawn: arrows so far apart as suits a view, the speed at which one is full length.
+
+        Args:
+            survey: the film at some times; what the vehicles meet then decides.
+            view: one of the film's.
+        """
+        self._spacing = ARROW_SPACING * self._unit * view.metres_per_pixel(self._height)
+        for medium in self._film.media:
+            places = survey.positions[:, medium.vehicles].reshape(-1, 3)
+            speeds = np.linalg.norm(_velocities(medium, places[np.isfinite(places).all(axis=1)]), axis=1)
+            top = float(np.quantile(speeds, 0.9)) if len(speeds) else 0.0
+            if top > 0.0:
+                self.speeds.append((medium, float(f"{top:.1g}")))
 
     def add(self, scene: mujoco.MjvScene, moment: Moment, view: View) -> list[Lines]:
         """Add one frame's balls to the scene and return its lines."""
@@ -92,7 +116,35 @@ class Decorator:
         stems = [] if self._film.surface == "none" else [self._stems(scene, moment, size)]
         tails, heads = (moment.positions[ends] for ends in communication.T)
         edges = Lines.of(tails, heads, COMMUNICATION, 1.0 * self._unit)
-        return [*stems, self._trails(moment), edges, self._dashed(moment, sensing, size), self._links(moment, radius)]
+        media = [self._arrows(moment, view, k) for k in range(len(self.speeds))]
+        links = self._links(moment, radius)
+        return [*media, *stems, self._trails(moment), edges, self._dashed(moment, sensing, size), links]
+
+    def _arrows(self, moment: Moment, view: View, number: int) -> Lines:
+        """Show how a medium moves, on a level grid that stays where it is: at the surface, or as high as its vehicles.
+
+        Arrows fade towards the edge of the picture.
+        """
+        medium, top = self.speeds[number]
+        steps = self._spacing * np.arange(-ARROW_REACH, ARROW_REACH + 1)
+        # Two grids are shifted against each other.
+        x, y = (self._spacing * (round(at / self._spacing) + 0.5 * number) + steps for at in view.lookat[:2])
+        height = self._film.surface_height if medium.level else float(np.median(moment.positions[medium.vehicles, 2]))
+        places = np.stack([*np.meshgrid(x, y), np.full((len(x), len(y)), height)], axis=-1).reshape(-1, 3)
+        velocity = _velocities(medium, places)
+        speed = np.linalg.norm(velocity, axis=1)
+        away = np.linalg.norm(places[:, :2] - view.lookat[:2], axis=1) / (ARROW_REACH * self._spacing)
+        shown = np.isfinite(speed) & (speed > 0.03 * top) & (away < 1.0)
+        places, velocity, speed, away = places[shown], velocity[shown], speed[shown], away[shown]
+        along = velocity / speed[:, None]
+        length = 0.8 * self._spacing * np.minimum(speed / top, 1.0)[:, None]
+        aside = np.cross(along, [0.0, 0.0, 1.0])
+        tip, barb = places + along * length / 2.0, 0.3 * np.minimum(length, 0.5 * self._spacing)
+        starts = np.concatenate([places - along * length / 2.0, tip, tip])
+        ends = np.concatenate([tip, *(tip - barb * (along + 0.5 * side * aside) for side in (-1.0, 1.0))])
+        rgba = np.tile(ARROWS[number], (len(starts), 1))
+        rgba[:, 3] *= np.tile(1.0 - away**2, 3)
+        return Lines.of(starts, ends, rgba, 1.6 * self._unit)
 
     def _trails(self, moment: Moment) -> Lines:
         """Show where each vehicle was; older pieces fade."""
@@ -123,7 +175,8 @@ class Decorator:
         number = np.arange(len(edge)) - np.repeat(np.cumsum(dashes) - dashes, dashes)
         begin, count, step = (number + 0.25)[:, None], dashes[edge, None], along[edge]
         first = starts[edge] + begin / count * step
-        return Lines.of(first, first + 0.5 / count * step, SENSING, 1.5 * self._unit)
+        rgba = SENSING * np.array([1, 1, 1, min(1.0, (FEW_DASHED / max(len(sensing), 1)) ** 0.5)], np.float32)
+        return Lines.of(first, first + 0.5 / count * step, rgba, 1.5 * self._unit)
 
     def _links(self, moment: Moment, radius: float) -> Lines:
         """Join each agent to the ball that shows where it should be, unless it is there."""
@@ -146,6 +199,18 @@ class Decorator:
     def _with_alpha(self, alpha: float) -> Float32Array:
         """Return every vehicle's colour with one opacity. Shape (V, 4)."""
         return np.column_stack([self._colours, np.full(len(self._colours), alpha, np.float32)])
+
+
+def round_length(length: float) -> float:
+    """The largest of 1, 2 and 5 times a power of 10 that is no longer, m."""
+    power = 10.0 ** np.floor(np.log10(length))
+    return float(max(step * power for step in (1.0, 2.0, 5.0) if step * power <= length * (1 + 1e-9)))
+
+
+def _velocities(medium: Medium, places: FloatArray) -> FloatArray:
+    """Velocities of a medium, shape (K, 3); at a singular place they are not finite."""
+    with np.errstate(all="ignore"):
+        return medium.velocity(places) * [1.0, 1.0, not medium.level]
 
 
 def owners_of_geoms(model: mujoco.MjModel, body_id: IntArray) -> IntArray:
@@ -286,27 +351,35 @@ class Renderer:
         self._held.close()
 
 
-def enlarge_vehicles(model: mujoco.MjModel, body_id: IntArray, scale: float) -> None:
-    """Scale what is drawn of each vehicle about its root body's origin; the model is then for drawing only."""
-    if scale == 1:
+def enlarge_vehicles(model: mujoco.MjModel, body_id: IntArray, scales: FloatArray | float) -> None:
+    """Scale what is drawn of each vehicle about its root body's origin; the model is then for drawing only.
+
+    Args:
+        model: changed.
+        body_id: root body of each vehicle. Shape (V,).
+        scales: how many times larger each becomes, shape (V,), or all of them.
+    """
+    of_body = np.ones(model.nbody)
+    of_body[body_id] = scales
+    of_body = of_body[model.body_rootid]  # of a body of no vehicle: 1
+    if (of_body == 1.0).all():
         return
-    bodies = np.flatnonzero(np.isin(model.body_rootid, body_id))
-    parts = bodies[~np.isin(bodies, body_id)]  # a root body's own place is in qpos
-    model.body_pos[parts] *= scale
+    parts = np.flatnonzero(np.isin(model.body_rootid, body_id) & ~np.isin(np.arange(model.nbody), body_id))
+    model.body_pos[parts] *= of_body[parts, None]  # a root body's own place is in qpos
     joints = np.isin(model.jnt_bodyid, parts)
-    model.jnt_pos[joints] *= scale
-    geoms = _geoms(model, body_id)
-    model.geom_pos[geoms] *= scale
-    model.geom_size[geoms] *= scale
-    model.geom_rbound[geoms] *= scale
-    sites = np.isin(model.site_bodyid, bodies)
-    model.site_pos[sites] *= scale
-    model.site_size[sites] *= scale
-    # A mesh's size is in its vertices; one that the arena has too is scaled there as well.
-    meshes = geoms[model.geom_type[geoms] == mujoco.mjtGeom.mjGEOM_MESH.value]
-    for mesh in np.unique(model.geom_dataid[meshes]):
+    model.jnt_pos[joints] *= of_body[model.jnt_bodyid[joints], None]
+    of_geom, of_site = of_body[model.geom_bodyid], of_body[model.site_bodyid]
+    model.geom_pos *= of_geom[:, None]
+    model.geom_size *= of_geom[:, None]
+    model.geom_rbound *= of_geom
+    model.site_pos *= of_site[:, None]
+    model.site_size *= of_site[:, None]
+    # A mesh's size is in its vertices; one that several have is scaled as its first vehicle is.
+    meshes = np.flatnonzero((model.geom_type == mujoco.mjtGeom.mjGEOM_MESH.value) & (of_geom != 1.0))
+    own, first = np.unique(model.geom_dataid[meshes], return_index=True)
+    for mesh, geom in zip(own, meshes[first], strict=True):
         start = model.mesh_vertadr[mesh]
-        model.mesh_vert[start : start + model.mesh_vertnum[mesh]] *= scale
+        model.mesh_vert[start : start + model.mesh_vertnum[mesh]] *= of_geom[geom]
 
 
 def vehicle_radius(model: mujoco.MjModel, body_id: IntArray) -> float:

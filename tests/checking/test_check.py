@@ -11,13 +11,15 @@ import numpy as np
 import pytest
 
 import mjsheaf
-from mjsheaf.checking import CheckRecord
+from mjsheaf.checking import CheckRecord, examine
+from mjsheaf.checking.figures import draw_check
 from mjsheaf.checking.report import report
 from mjsheaf.cli.terminal import make_console
 from mjsheaf.errors import InputError
 from mjsheaf.scenario import list_scenarios
 from tests.builders import Simulated
 from tests.commands import call
+from tests.pictures import is_legible
 
 FAILING = {
     "air_tracks_surface": {6},
@@ -159,6 +161,21 @@ def test_plot_is_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> No
     assert path.stat().st_size > 20_000
     assert call("check", "paper", "--plot", tmp_path / "none" / "x.png") == 2
     assert "--plot" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["harbour", "air_tracks_surface", "split_team", "midpoint", "swarm", "tetrahedron"])
+def test_the_plot_is_legible(name: str) -> None:
+    phases = mjsheaf.load_scenario(name).phases
+    assert is_legible(draw_check(phases[0].system.remaining, examine(phases)))
+
+
+def test_the_plot_s_formats_are_its_suffix_and_those_given(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "a.svg"
+    assert call("check", "midpoint", "--plot", path, "--format", "pdf,svg", "--no-title") == 0
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.pdf", "a.svg"]
+    assert "a.pdf" in capsys.readouterr().out
+    assert call("check", "midpoint", "--plot", tmp_path / "a.gif") == 2
 
 
 def test_bad_rate_and_radius() -> None:

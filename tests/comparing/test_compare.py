@@ -12,11 +12,13 @@ import jsonschema
 import numpy as np
 import pytest
 import yaml
+from matplotlib.figure import Figure
 
 from mjsheaf import simulate
 from mjsheaf.comparing import CompareRecord, compare
 from mjsheaf.comparing.ladder import ladder_of, run_ablation
 from mjsheaf.comparing.report import WIDTH, report_text
+from mjsheaf.io.figures import AS_USUAL
 from mjsheaf.results import make_dataset, summarize
 from mjsheaf.results.store import COMPARISON_FILES
 from mjsheaf.scenario import load_scenario
@@ -26,6 +28,7 @@ from mjsheaf.video.from_run import both_films, half_options
 from mjsheaf.video.overlay import Overlay
 from tests.builders import approx, two_boats
 from tests.commands import call
+from tests.pictures import is_legible
 
 DATA = set(COMPARISON_FILES) - {"compare.mp4"}
 SHORT = ["--set", "time.end=1"]
@@ -163,6 +166,44 @@ def test_both_curves_of_the_video_have_one_axis() -> None:
     assert low == max(min(error.min() for error in errors), high / 1e6)
     assert errors[0].min() != pytest.approx(errors[1].min(), rel=0.1)  # axes of their own would differ
     same = replace(surveys[0], error=np.geomspace(low, high, len(surveys[0].time)))
-    rows = [Overlay(film, options, same)._curve[1] for film in films]
+    films[1] = replace(films[1], subtitle=f"{films[1].subtitle}, feedforward, newton, drift")  # a wider plate
+    overlays = [Overlay(film, options, same, [other]) for film, other in (films, films[::-1])]
+    columns, rows = zip(*(overlay._curve for overlay in overlays), strict=True)
     np.testing.assert_array_equal(rows[0], rows[1])
+    np.testing.assert_array_equal(columns[0], columns[1])
     assert rows[0][0] - rows[0][-1] > 30  # pixels: it fills the axis
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["quads", "otters", "harbour"])
+def test_plots_are_legible(name: str, drawn: list[Figure]) -> None:
+    """Also where nine lines end in nearly one point, and with a panel for each group."""
+    from mjsheaf.comparing.report import _plot
+
+    comparison = compare(load_scenario(name, {"time.end": 4.0}))
+    _plot(comparison, Path("."), AS_USUAL)
+    assert len(drawn) == 3
+    assert all(map(is_legible, drawn))
+    lines = [line for line in drawn[0].axes[0].lines if np.size(line.get_xdata()) > 10]
+    looks = {(str(x.get_color()), str(x.get_linestyle()), str(x.get_marker()), str(x.get_linewidth())) for x in lines}
+    assert len(looks) == len(lines) >= 7
+    for axis in drawn[0].axes:
+        named = [text.get_text() for text in axis.texts]
+        assert {"all: as it stands"} <= set(named)
+
+
+def test_formats_and_title_are_given_on_the_command_line(drawn: list[Figure], tmp_path: Path) -> None:
+    """Files are named by their formats. Oracle: what is asked to be written."""
+    assert call("compare", "midpoint", "--format", "gif", "--no-video", "--out", tmp_path / "a") == 2
+    assert (
+        call("run", "midpoint", *SHORT, "--format", "svg,pdf", "--no-title", "--no-video", "--out", tmp_path / "b") == 0
+    )
+    assert len(drawn) == 6
+    assert not any(figure.get_suptitle() for figure in drawn)
+
+
+def test_a_run_in_other_formats_may_be_replaced(tmp_path: Path) -> None:
+    run = ["run", "midpoint", "--backend", "ideal", *SHORT, "--no-video", "--out", str(tmp_path / "a")]
+    assert call(*run, "--format", "svg") == 0
+    assert call(*run) == 0
+    assert {p.suffix for p in (tmp_path / "a").iterdir()} == {".nc", ".json", ".yaml", ".png"}

@@ -26,7 +26,6 @@ from mjsheaf.comparing.report import report_text
 from mjsheaf.comparing.ringing import ringing_of, usable_gain
 from mjsheaf.comparing.verdict import verdict_of
 from mjsheaf.control import disagreement
-from mjsheaf.plotting import log_ticks
 from mjsheaf.results.metrics import evaluate_errors
 from mjsheaf.scenario import Scenario
 from mjsheaf.simulation.ideal import run_ideal
@@ -236,13 +235,3 @@ def test_every_rung_is_drawn_or_named() -> None:
     told, note = choose_rungs(record.model_copy(update={"ladder": twin}))
     assert "+lag" not in [rung.key for rung in told]
     assert "lag (as ideal thrusters)" in note
-
-
-@given(st.floats(-8.0, 8.0), st.floats(0.31, 6.0))
-def test_a_logarithmic_axis_has_at_least_two_labels(exponent: float, decades: float) -> None:
-    low, high = 10.0**exponent, 10.0 ** (exponent + decades)
-    ticks = log_ticks(low, high)
-    assert len(ticks) >= 2
-    assert ticks == sorted(ticks)
-    assert low <= ticks[0] < ticks[-1] <= high
-    assert len(ticks) <= 10

@@ -14,17 +14,20 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from matplotlib.figure import Figure
 from PIL import Image
 
+from mjsheaf.io.figures import FigureOptions
 from mjsheaf.results.metrics import MEASURES
 from mjsheaf.studies import load_plan, run_study
 from mjsheaf.studies.directory import sealed
 from mjsheaf.studies.figures import plot_study, swept_axes
 from mjsheaf.studies.job import JobResult, new_record, run_job
 from mjsheaf.studies.schema import StudyFile, points_of
-from mjsheaf.studies.study import csv_of, make_table
+from mjsheaf.studies.study import csv_of, make_table, results_of
 from tests.builders import IN_THREADS, small_plan
 from tests.commands import contents
+from tests.pictures import is_legible
 
 
 @pytest.fixture(scope="module")
@@ -147,24 +150,48 @@ def made_up(study: StudyFile, failing: bool = False) -> list[dict[str, Any]]:
     return records
 
 
+STUDIES: list[dict[str, Any]] = [
+    {},
+    {"seeds": {"stop": 5}},
+    {"grid": {"a": [0.01, 0.1, 1, 10]}},
+    {"grid": {"a": ["ring", "small_world", [1, 2]]}, "seeds": {"stop": 4}},
+    {"grid": {"a": [1, 2, 3], "b": ["x", "y"]}, "seeds": {"stop": 2}},
+    {"grid": {"a": list(range(60)), "b": [1, 2]}},
+    {"grid": {"a": [1, 2], "b": [1, 2], "c": [True, False]}},
+    {"paired": {"a": [1, 2, 3, 4, 5], "b": [5, 4, 3, 2, 1]}, "measure": "tracking_error"},
+    {"points": [{"a": 1}, {"a": 2, "b": 3}]},
+    {"draws": {"count": 30, "values": {"a": {"kind": "uniform", "low": 0, "high": 1}}}},
+    {"grid": {"a": [2]}},
+    {"grid": {"a": ["$\\frac$", "$x", "a" * 60 + ".yaml"]}, "labels": {"a": "what $\\this$ costs (m)"}},
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("failing", [False, True])
+@pytest.mark.parametrize("fields", [*STUDIES, {"grid": {"a": list(range(14)), "b": [x / 7 for x in range(14)]}}])
+def test_every_kind_of_study_is_legible(fields: dict[str, Any], failing: bool, drawn: list[Figure]) -> None:
+    study = StudyFile.model_validate({"scenario": "midpoint", **fields})
+    records = made_up(study, failing)
+    for record in records:
+        record["numbers_per_agent_second"] = 10.0 * record["run"]
+        if len(records) < 10 and record["status"] == "finished":
+            record["series"] = {"time": [0.0, 1.0, 2.0]} | {m: [3.0, 2.0, 1.0 + record["run"]] for m in MEASURES}
+    plot_study(study, "name", records)
+    assert drawn
+    assert all(map(is_legible, drawn))
+
+
+def test_a_page_has_its_pictures_whatever_the_files_are() -> None:
+    plan = small_plan()
+    records = [new_record(p, 0, "finished", final=dict.fromkeys(MEASURES, 1.0), settled=True) for p in plan.points]
+    files = results_of(plan, records, FigureOptions(("pdf",), title=False))
+    assert "error.pdf" in files
+    assert not any(name.endswith((".png", ".svg")) for name in files)
+    assert b"data:image/png;base64," in files["index.html"]
+
+
 @pytest.mark.parametrize("failing", [False, pytest.param(True, marks=pytest.mark.slow)])
-@pytest.mark.parametrize(
-    "fields",
-    [
-        {},
-        {"seeds": {"stop": 5}},
-        {"grid": {"a": [0.01, 0.1, 1, 10]}},
-        {"grid": {"a": ["ring", "small_world", [1, 2]]}, "seeds": {"stop": 4}},
-        {"grid": {"a": [1, 2, 3], "b": ["x", "y"]}, "seeds": {"stop": 2}},
-        {"grid": {"a": list(range(60)), "b": [1, 2]}},
-        {"grid": {"a": [1, 2], "b": [1, 2], "c": [True, False]}},
-        {"paired": {"a": [1, 2, 3, 4, 5], "b": [5, 4, 3, 2, 1]}, "measure": "tracking_error"},
-        {"points": [{"a": 1}, {"a": 2, "b": 3}]},
-        {"draws": {"count": 30, "values": {"a": {"kind": "uniform", "low": 0, "high": 1}}}},
-        {"grid": {"a": [2]}},
-        {"grid": {"a": ["$\\frac$", "$x", "a" * 60 + ".yaml"]}, "labels": {"a": "what $\\this$ costs (m)"}},
-    ],
-)
+@pytest.mark.parametrize("fields", STUDIES)
 def test_every_kind_of_study_is_drawn(fields: dict[str, Any], failing: bool, tmp_path: Path) -> None:
     study = StudyFile.model_validate({"scenario": "midpoint", **fields})
     records = made_up(study, failing)

@@ -6,17 +6,22 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image, ImageDraw
 
 import mjsheaf.video
 from mjsheaf import simulate
+from mjsheaf.errors import InputError
 from mjsheaf.results import open_dataset, write_dataset
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario, load_scenario, scenario_from_mapping
 from mjsheaf.simulation import trajectory
 from mjsheaf.video import Film, VideoOptions
+from mjsheaf.video.camera import View
 from mjsheaf.video.draw import Painter
-from mjsheaf.video.film import Samples
+from mjsheaf.video.film import Frames, Samples
 from mjsheaf.video.from_run import film_of, film_run, video_options
+from mjsheaf.video.overlay import Overlay
+from mjsheaf.video.scene import Decorator
 
 
 @pytest.mark.parametrize("backend", ["ideal", "physics"])
@@ -100,7 +105,9 @@ def test_squares_of_the_surface_have_the_size_that_the_legend_says(surface: str)
     backend, reason = mjsheaf.video.available_backend()
     if backend is None:
         pytest.skip(reason)
-    scenario = scenario_from_mapping(chase(0.05).model_dump(exclude_unset=True) | {"scene": {"surface": surface}})
+    scenario = scenario_from_mapping(
+        chase(0.05).model_dump(exclude_unset=True) | {"scene": {"surface": surface}, "flow": {}}
+    )
     options = video_options(scenario, width=640, height=640, elevation=-90.0, azimuth=90.0, distance=200.0, trail=0.0)
     film, model = film_of(scenario, simulate(scenario, "ideal"))
     with Painter(film, model, options) as painter:
@@ -137,3 +144,83 @@ def test_a_swarm_of_hundreds_can_be_drawn() -> None:
     with Painter(film, bare, video_options(scenario, quality="draft", trail=0.0)) as painter:
         without = painter.paint(0)
     assert (frame != without).any(axis=2).sum() > 210
+
+
+SIZES = {"hexarotor": 4.0, "boat": 3.0}
+
+
+@pytest.mark.parametrize("named", [{}, SIZES, SIZES | {"H2": 1.5}])
+def test_vehicles_are_scaled_by_kind_and_by_id(named: dict[str, float]) -> None:
+    """What is drawn of each is that many times larger. Oracle: the geoms of the same film at the vehicles' own size."""
+    backend, reason = mjsheaf.video.available_backend()
+    if backend is None:
+        pytest.skip(reason)
+    scenario = load_scenario("harbour", {"time.end": 0.02, "scene.vehicle_scale": 2.5, "scene.vehicle_scales": named})
+    film, model = film_of(scenario, simulate(scenario, backend="ideal"))
+    small = video_options(scenario, width=64, height=64)
+    with Painter(film, model, small) as painter:
+        drawn = copy(painter.model)
+    root = model.body_rootid[model.geom_bodyid]
+    ids, kinds = [*film.agent_ids, *film.target_ids], film.kinds
+    for v, (name, kind) in enumerate(zip(ids, kinds, strict=True)):
+        wanted = named.get(name, named.get(kind, 2.5))
+        assert scenario.drawn_scales[v] == wanted
+        own = root == film.body_id[v]
+        np.testing.assert_allclose(drawn.geom_size[own], wanted * model.geom_size[own], rtol=1e-12)
+        np.testing.assert_allclose(drawn.geom_pos[own], wanted * model.geom_pos[own], rtol=1e-12)
+    rest = ~np.isin(root, film.body_id)
+    np.testing.assert_array_equal(drawn.geom_size[rest], model.geom_size[rest])
+
+
+def test_a_scale_for_nobody_is_refused() -> None:
+    with pytest.raises(InputError, match=r"scene.*vehicle_scales\.otters.*otter\b"):
+        load_scenario("otters", {"scene.vehicle_scales": {"otters": 2.0}})
+    film, _ = film_of(chase(), simulate(chase(0.1), backend="ideal"))
+    with pytest.raises(InputError, match=r"vehicle_scales\.C\b.*\bA, B, T"):
+        film.scales(VideoOptions(vehicle_scales={"C": 2.0}))
+
+
+def test_arrows_show_the_medium() -> None:
+    """Each points where the medium goes at its middle, at the height of those that meet it; the drifts are known."""
+    film, _ = film_of(chase(), simulate(chase(0.1), backend="ideal"))
+    options = VideoOptions()
+    frames = Frames(film, options)
+    view = View(np.array([3.0, 1.0, 1.0]), 30.0, -60.0, -35.0, 45.0)
+    decorator = Decorator(film, options)
+    decorator.lay_out_arrows(frames.extent.survey, view)
+    assert [medium.name for medium, _ in decorator.speeds] == ["flow about agents", "flow about targets"]
+    moment = frames.moment(0)
+    for k, (drift, height) in enumerate([([1.0, 0.5, 0.0], 1.0), ([1.0, 1.0, 0.0], 2.0)]):
+        ends = decorator._arrows(moment, view, k).ends
+        shafts = ends[: len(ends) // 3]
+        along = np.diff(shafts, axis=1)[:, 0]
+        assert len(shafts) > 50
+        directions = along / np.linalg.norm(along, axis=1)[:, None]
+        np.testing.assert_allclose(directions - np.divide(drift, np.linalg.norm(drift)), 0.0, atol=1e-5)
+        np.testing.assert_allclose(shafts[..., 2], height, atol=1e-5)
+        assert np.ptp(np.linalg.norm(along, axis=1)) < 1e-4
+        tips = ends[len(shafts) :, 0]
+        np.testing.assert_allclose(tips, np.tile(shafts[:, 1], (2, 1)), atol=1e-5)  # heads begin at the tips
+
+
+def test_a_medium_at_rest_has_no_arrows() -> None:
+    scenario = load_scenario("midpoint", {"time.end": 0.1})
+    assert not film_of(scenario, simulate(scenario, backend="ideal"))[0].media
+
+
+@pytest.mark.parametrize("distance", [0.3, 7.0, 900.0])
+def test_the_bar_is_as_long_as_it_says(distance: float) -> None:
+    """Oracle: two points so far apart, side by side at the middle, as the camera projects them."""
+    film, _ = film_of(chase(), simulate(chase(0.1), backend="ideal"))
+    options = VideoOptions(width=1000, height=720)
+    image = Image.new("RGB", (1000, 720), (128, 128, 128))
+    view = View(np.zeros(3), distance, 90.0, -35.0, 45.0)
+    written: list[str] = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ImageDraw.ImageDraw, "text", lambda self, place, words, *_, **__: written.append(words))
+        Overlay(film, options, Frames(film, options).extent.survey).write(image, Frames(film, options).moment(0), view)
+    (length,) = [float(words.split()[0]) for words in written if "middle" in words]
+    assert float(f"{length:.0e}"[0]) in (1, 2, 5)
+    bright = np.flatnonzero((np.asarray(image)[692] > 250).all(axis=1))
+    pixels, _ = view.project(np.array([[0.0, 0.0, 0.0], [length, 0.0, 0.0]]), 1000, 720)
+    assert bright[bright > 700].max() - bright[bright > 700].min() == pytest.approx(np.ptp(pixels[:, 0]), abs=4)

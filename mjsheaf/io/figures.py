@@ -1,0 +1,45 @@
+"""How figures are written: formats, and with a title or not. Without matplotlib, which takes long to import."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from mjsheaf.errors import InputError
+
+FORMATS = ("png", "svg", "pdf")
+
+
+@dataclass(frozen=True)
+class FigureOptions:
+    """How figures are written.
+
+    Attributes:
+        formats: of their files, one for each; of FORMATS.
+        title: whether they have one; papers have captions instead.
+    """
+
+    formats: tuple[str, ...] = ("png",)
+    title: bool = True
+
+    def __post_init__(self) -> None:
+        """Check the formats.
+
+        Raises:
+            InputError: there are none, or one is unknown or given twice.
+        """
+        unknown = [form for form in self.formats if form not in FORMATS]
+        if unknown or not self.formats or len(set(self.formats)) < len(self.formats):
+            what = f"{unknown[0]!r} is none of them" if unknown else f"not {','.join(self.formats) or 'none'!r}"
+            raise InputError(f"format: expected one or more of {', '.join(FORMATS)}, each once; {what}")
+
+    def paths(self, path: Path) -> list[Path]:
+        """The files of a figure: `path` with the suffix of each format."""
+        return [path.with_suffix(f".{form}") for form in self.formats]
+
+
+AS_USUAL = FigureOptions()
+
+
+def names_of(figures: Iterable[str]) -> list[str]:
+    """All names that the files of some figures, named without suffix, may have."""
+    return [f"{figure}.{form}" for figure in figures for form in FORMATS]
