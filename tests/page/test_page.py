@@ -155,3 +155,27 @@ def test_a_page_is_written_again_from_the_directory_alone(tmp_path: Path, capsys
     (moved / "result.nc").write_bytes(data)
     assert call("report", moved) == 2
     assert "result.nc" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_the_page_of_a_study_links_those_of_its_runs(tmp_path: Path) -> None:
+    out = tmp_path / "study"
+    grid = ("--grid", "controller.gain=1,2", "--set", "time.end=1", "--backend", "ideal")
+    assert call("sweep", "midpoint", *grid, "--trajectories", "--workers", "1", "--out", out) == 0
+    links = [a["href"] or "" for tag, a in Elements((out / "index.html").read_bytes()).found if tag == "a"]
+    pages = [link for link in links if link.startswith("trajectories/")]
+    assert pages == ["trajectories/000000.html", "trajectories/000001.html"]
+    for number, link in enumerate(pages):
+        said = said_in((out / link).read_bytes())
+        assert f"gain {number + 1} 1/s" in said["facts"]["law"]
+
+
+def test_long_runs_are_read_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
+    """To the same page, but for the rounding of positions that are kept between passes."""
+    whole = said_in(make_page("midpoint", "ideal", {"time.end": 1.0}).page)
+    monkeypatch.setattr("mjsheaf.page.replay._MOST_HELD", 0)
+    pieces = said_in(make_page("midpoint", "ideal", {"time.end": 1.0}).page)
+    assert pieces.pop("largest_error") == pytest.approx(whole.pop("largest_error"), abs=1e-5)
+    assert pieces.pop("size") == pytest.approx(whole.pop("size"), rel=1e-6)
+    assert pieces["time"] == whole["time"]
+    assert pieces["edges"] == whole["edges"]
