@@ -91,6 +91,21 @@ def test_links_carry_their_residuals_while_they_are_there(lost: Made) -> None:
 
 
 @pytest.mark.slow
+def test_bounds_are_drawn_in_every_phase_and_lie_above_the_error() -> None:
+    """Over sqrt(N), as the error is the RMS over agents."""
+    made = make_page("certified", "ideal", {"time.end": 12, "events": [{"time": 6, "cut": ["A1", "A2"]}]})
+    said, found = said_in(made.page), series_in(made.page)
+    team = np.sqrt(np.nanmean(found["tracking_error"] ** 2, axis=1))
+    assert said["bounds"] == ["Theorem 1"]
+    bound = found["bound0"][:, 0]
+    k = said["time"].index(6.0)
+    assert not np.isnan(bound).any()
+    assert (team <= bound * 1.001).all()
+    assert bound[0] == pytest.approx(team[0], rel=1e-3)
+    assert bound[k] == pytest.approx(team[k], rel=1e-3)  # each phase begins with its own error
+
+
+@pytest.mark.slow
 def test_links_that_hear_nothing_are_told_from_others() -> None:
     """What was recorded of links decides; and without records the range of a link."""
     overrides = {"time.end": 2, "links.record": True, "links.all.loss": 0.5}
