@@ -285,21 +285,20 @@ def _datasets(scenario: Scenario, comparison: Comparison) -> tuple[xr.Dataset, x
 
 def _page(scenario: Scenario, comparison: Comparison) -> bytes:
     """The run on bodies, with the ideal one as its ghost."""
-    from mjsheaf.checking.finished import bound_of_run, ending_of_run, held_bound_of_run
-    from mjsheaf.page import page_of
+    from mjsheaf.checking.finished import ending_of_run
+    from mjsheaf.page import bounds_of_phases, page_of
 
     phases = scenario.phases
     ideal, physics = _datasets(scenario, comparison)
-    theorem = bound_of_run(phases, physics)
     finished = physics.attrs["status"] == "finished"
     summary = {
         "final": summarize(scenario.system.team, physics),
         "ending": ending_of_run(phases, physics) if finished else None,
     }
-    of_law = held_bound_of_run(phases, physics, theorem)
+    bounds = bounds_of_phases(phases, physics)
     again = "mjsheaf compare scenario.yaml", " in this directory"
     notes = comparison.record.verdict
-    return page_of(scenario, phases, physics, summary, theorem, of_law, notes=notes, ideal=ideal, again=again)
+    return page_of(scenario, phases, physics, summary, bounds, notes=notes, ideal=ideal, again=again)
 
 
 def _film(scenario: Scenario, comparison: Comparison, path: Path, progress: Progress) -> int:

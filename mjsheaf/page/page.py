@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from mjsheaf.checking.finished import HeldBound, RunBound
     from mjsheaf.system import Phase, System
 
+Bounds = list[tuple["RunBound", "HeldBound"]]
+
 _ARROWS = 12  # of the flow, along each side of the grid
 _REACH = 1.25  # of the grid, times the scene's size
 
@@ -37,8 +39,7 @@ def page_of(
     phases: "Sequence[Phase]",
     dataset: xr.Dataset,
     summary: dict[str, Any],
-    theorem: "RunBound",
-    of_law: "HeldBound",
+    bounds: Bounds,
     *,
     notes: Sequence[Any] = (),
     ideal: xr.Dataset | None = None,
@@ -51,16 +52,16 @@ def page_of(
         phases: of the run.
         dataset: its data, in memory or opened.
         summary: as summary.json, as far as it is known.
-        theorem, of_law: what the bounds say of the run.
+        bounds: what they say of each phase of the run: see `bounds_of_phases`.
         notes: what a reader should know: sentences, or mappings with `text`, and `agent` and `time` where they apply.
         ideal: the same scenario on ideal kinematics, shown as ghosts; or None.
         again: the command that makes the run again, and where; None for that in a run's directory.
     """
-    replay = pack(dataset, phases, scenario.scene.height, _bounds(phases, dataset, theorem, of_law), ideal)
+    replay = pack(dataset, phases, scenario.scene.height, _curves(phases, dataset, bounds), ideal)
     said = {
         **replay.record,
         **_scene(scenario, phases, dataset, replay.record["centre"], replay.record["size"]),
-        "facts": _facts(scenario, dataset, summary, theorem, of_law, again),
+        "facts": _facts(scenario, dataset, summary, *bounds[0], again),
         "notes": [note if isinstance(note, dict) else {"text": str(note)} for note in notes],
     }
     return _fill(said, replay.data)
@@ -74,7 +75,6 @@ def write_page_again(directory: Path, path: Path | None = None) -> Path:
             that recorded less.
         OSError: the file cannot be written.
     """
-    from mjsheaf.checking.finished import bound_of_run, held_bound_of_run
     from mjsheaf.results.store import open_run, require_match
     from mjsheaf.scenario import load_scenario
 
@@ -86,25 +86,40 @@ def write_page_again(directory: Path, path: Path | None = None) -> Path:
         if missing:
             raise InputError(f"{directory}: result.nc has no {missing[0]}; run the scenario again")
         phases = scenario.phases
-        theorem = bound_of_run(phases, dataset)
-        of_law = held_bound_of_run(phases, dataset, theorem)
-        page = page_of(scenario, phases, dataset, summary, theorem, of_law, notes=summary.get("notes", ()))
+        bounds = bounds_of_phases(phases, dataset)
+        page = page_of(scenario, phases, dataset, summary, bounds, notes=summary.get("notes", ()))
         write_whole(path, page)
     return path
 
 
-def _bounds(
-    phases: "Sequence[Phase]", dataset: xr.Dataset, theorem: "RunBound", of_law: "HeldBound"
-) -> dict[str, Array]:
-    """The bounds on the RMS tracking error by name, shape (T,), m; NaN from the first event on."""
-    time, system = dataset["time"].values, phases[0].system
-    end = phases[1].time if len(phases) > 1 else np.inf
-    root, found = np.sqrt(max(system.team.present.sum(), 1)), {}
-    if theorem.applies and (bound := theorem.at(time)).max() < LARGEST:
-        found["Theorem 1" + " (approximate)" * theorem.approximate] = bound
-    if of_law.samples is not None:
-        found["held law"] = np.interp(time, system.grid.span(0, len(of_law.samples)), of_law.samples)
-    return {name: np.where(time < end, bound, np.nan) / root for name, bound in found.items()}
+def bounds_of_phases(phases: "Sequence[Phase]", dataset: xr.Dataset) -> Bounds:
+    """What Theorem 1 and the held law say of each phase that a run came to."""
+    from mjsheaf.checking.finished import bound_of_run, held_bound_of_run
+
+    end = float(dataset["time"][-1]) + 0.5 * phases[0].system.grid.period
+    came = [k for k, phase in enumerate(phases) if k == 0 or phase.time < end]
+    theorems = [bound_of_run(phases, dataset, k) for k in came]
+    return [
+        (theorem, held_bound_of_run(phases, dataset, theorem, k)) for k, theorem in zip(came, theorems, strict=True)
+    ]
+
+
+def _curves(phases: "Sequence[Phase]", dataset: xr.Dataset, bounds: Bounds) -> dict[str, Array]:
+    """The bounds on the RMS tracking error by name, shape (T,), m; NaN in phases in which there is none."""
+    time, found = dataset["time"].values, dict[str, Array]()
+    half = 0.5 * phases[0].system.grid.period
+    starts = np.searchsorted(time, [phase.time - half for phase in phases[: len(bounds)]]).tolist()
+    for phase, (theorem, of_law), begin, end in zip(phases, bounds, starts, [*starts[1:], len(time)], strict=False):
+        root = np.sqrt(max(phase.system.team.present.sum(), 1))
+        own: dict[str, Array] = {}
+        if theorem.applies and (bound := theorem.at(time[begin:end])).max() < LARGEST:
+            own["Theorem 1" + " (approximate)" * theorem.approximate] = bound
+        if of_law.samples is not None:
+            own["held law"] = of_law.samples[: end - begin]
+        for name, values in own.items():
+            curve = found.setdefault(name, np.full(len(time), np.nan))
+            curve[begin : begin + len(values)] = values / root
+    return found
 
 
 def _scene(

@@ -230,7 +230,8 @@ def publish(
             summary["video"] = video_entry(frames, video) if not reason else None
         plots.result()
         progress("writing the page", 0, 1)
-        page = page_of(scenario, phases, dataset, summary, theorem, of_law, notes=summary["notes"])
+        bounds = list(zip(theorems, of_laws, strict=True))
+        page = page_of(scenario, phases, dataset, summary, bounds, notes=summary["notes"])
         (fresh / "report.html").write_bytes(page)
         progress("publishing", 0, 1)  # the last moment at which the user can stop it
         store.save_summary(summary, fresh / "summary.json")

@@ -13,7 +13,7 @@ from typing import Any
 import xarray as xr
 
 from mjsheaf._version import __version__
-from mjsheaf.checking.finished import bound_of_run, ending_of_run, held_bound_of_run
+from mjsheaf.checking.finished import bound_of_run, ending_of_run
 from mjsheaf.errors import InputError, NotUniqueError
 from mjsheaf.results import dataset_bytes, summarize
 from mjsheaf.results.metrics import communication, error_series_of, late_errors
@@ -171,13 +171,11 @@ def _run(job: Job) -> tuple[dict[str, Any], bytes | None, bytes | None]:
 
 
 def _page_of(scenario: Scenario, dataset: xr.Dataset, found: dict[str, Any]) -> bytes:
-    from mjsheaf.page import page_of
+    from mjsheaf.page import bounds_of_phases, page_of
 
     phases = scenario.phases
-    theorem = bound_of_run(phases, dataset)
-    of_law = held_bound_of_run(phases, dataset, theorem)
     again = "mjsheaf sweep", "; the study's index.html says of what"
-    return page_of(scenario, phases, dataset, found, theorem, of_law, again=again)
+    return page_of(scenario, phases, dataset, found, bounds_of_phases(phases, dataset), again=again)
 
 
 def _bytes_of(dataset: xr.Dataset) -> bytes:

@@ -14,8 +14,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from mjsheaf import simulate
-from mjsheaf.checking.finished import bound_of_run, held_bound_of_run
-from mjsheaf.page import page_of
+from mjsheaf.page import bounds_of_phases, page_of
 from mjsheaf.scenario import Scenario, load_scenario
 
 Array = NDArray[np.float64]
@@ -40,9 +39,8 @@ def make_page(name: str, backend: str, overrides: dict[str, Any] | None = None, 
     scenario = load_scenario(name, overrides or {})
     dataset = simulate(scenario, backend)
     phases = scenario.phases
-    theorem = bound_of_run(phases, dataset)
-    of_law = held_bound_of_run(phases, dataset, theorem)
-    return Made(page_of(scenario, phases, dataset, {}, theorem, of_law, **options), scenario, dataset)
+    bounds = bounds_of_phases(phases, dataset)
+    return Made(page_of(scenario, phases, dataset, {}, bounds, **options), scenario, dataset)
 
 
 class Elements(HTMLParser):

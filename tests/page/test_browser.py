@@ -24,6 +24,18 @@ pytestmark = [pytest.mark.slow, pytest.mark.skipif(bool(missing()), reason=f"no 
 
 UNNAMED = """() => [...document.querySelectorAll('button, select, input, #scene, [role=img]')].filter(e =>
   !(e.getAttribute('aria-label') || e.textContent.trim() || e.labels?.[0]?.textContent.trim())).map(e => e.outerHTML)"""
+ALONE = """(() => { // where the line of an agent is farthest from all others: x, y and the agent
+  const { u, lines } = window.mjsheaf.curves.panels[0], { time } = window.mjsheaf.run;
+  let best = [0];
+  for (let k = 0; time[k] < 40; k += 20) {
+    if (time[k] < 1) continue;
+    const rows = lines.map((line, n) => u.valToPos(u.data[n + 1][k], 'y'));
+    lines.forEach(({ agent }, n) => {
+      const apart = Math.min(...rows.filter((_, m) => m !== n).map(other => Math.abs(other - rows[n])));
+      if (agent >= 0 && apart > best[0]) best = [apart, u.valToPos(time[k], 'x'), rows[n], agent];
+    });
+  }
+  return best; })()"""
 WITHOUT_WEBGL = """HTMLCanvasElement.prototype.getContext = (own => function (kind, ...rest) {
   return /webgl/.test(kind) ? null : own.call(this, kind, ...rest); })(HTMLCanvasElement.prototype.getContext)"""
 AT = "t => { const m = window.mjsheaf; m.clock.seek(t); m.world.read(); return Array.from(m.world.positions); }"
@@ -178,12 +190,11 @@ def test_pointing_lights_an_agent_in_both_halves_and_a_click_on_a_curve_goes_the
     over = page.locator(".u-over").first.bounding_box()
     page.mouse.click(over["x"] + over["width"] * 0.5, over["y"] + 5)
     assert page.evaluate("window.mjsheaf.clock.t") == pytest.approx(27.5, abs=0.2)
-    y = page.evaluate(
-        "(() => { const { u } = window.mjsheaf.curves.panels[0], k = window.mjsheaf.run.locate(40)[0];"
-        "return [u.valToPos(40, 'x'), u.valToPos(u.data[4][k], 'y')]; })()"
-    )
-    page.mouse.move(over["x"] + y[0], over["y"] + y[1])
-    assert page.evaluate("window.mjsheaf.world.lit") in range(8)
+    apart, x, y, agent = page.evaluate(ALONE)
+    assert apart > 5  # pixels
+    page.mouse.move(over["x"] + x, over["y"] + y)
+    wait_until(page, f"window.mjsheaf.state.lit === {agent}")
+    assert page.evaluate(lit) == [agent] * 3
     require_quiet(page)
 
 

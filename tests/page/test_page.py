@@ -91,6 +91,21 @@ def test_links_carry_their_residuals_while_they_are_there(lost: Made) -> None:
 
 
 @pytest.mark.slow
+def test_bounds_are_drawn_in_every_phase_and_lie_above_the_error() -> None:
+    """Over sqrt(N), as the error is the RMS over agents."""
+    made = make_page("certified", "ideal", {"time.end": 12, "events": [{"time": 6, "cut": ["A1", "A2"]}]})
+    said, found = said_in(made.page), series_in(made.page)
+    team = np.sqrt(np.nanmean(found["tracking_error"] ** 2, axis=1))
+    assert said["bounds"] == ["Theorem 1"]
+    bound = found["bound0"][:, 0]
+    k = said["time"].index(6.0)
+    assert not np.isnan(bound).any()
+    assert (team <= bound * 1.001).all()
+    assert bound[0] == pytest.approx(team[0], rel=1e-3)
+    assert bound[k] == pytest.approx(team[k], rel=1e-3)  # each phase begins with its own error
+
+
+@pytest.mark.slow
 def test_links_that_hear_nothing_are_told_from_others() -> None:
     """What was recorded of links decides; and without records the range of a link."""
     overrides = {"time.end": 2, "links.record": True, "links.all.loss": 0.5}
@@ -155,3 +170,27 @@ def test_a_page_is_written_again_from_the_directory_alone(tmp_path: Path, capsys
     (moved / "result.nc").write_bytes(data)
     assert call("report", moved) == 2
     assert "result.nc" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_the_page_of_a_study_links_those_of_its_runs(tmp_path: Path) -> None:
+    out = tmp_path / "study"
+    grid = ("--grid", "controller.gain=1,2", "--set", "time.end=1", "--backend", "ideal")
+    assert call("sweep", "midpoint", *grid, "--trajectories", "--workers", "1", "--out", out) == 0
+    links = [a["href"] or "" for tag, a in Elements((out / "index.html").read_bytes()).found if tag == "a"]
+    pages = [link for link in links if link.startswith("trajectories/")]
+    assert pages == ["trajectories/000000.html", "trajectories/000001.html"]
+    for number, link in enumerate(pages):
+        said = said_in((out / link).read_bytes())
+        assert f"gain {number + 1} 1/s" in said["facts"]["law"]
+
+
+def test_long_runs_are_read_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
+    """To the same page, but for the rounding of positions that are kept between passes."""
+    whole = said_in(make_page("midpoint", "ideal", {"time.end": 1.0}).page)
+    monkeypatch.setattr("mjsheaf.page.replay._MOST_HELD", 0)
+    pieces = said_in(make_page("midpoint", "ideal", {"time.end": 1.0}).page)
+    assert pieces.pop("largest_error") == pytest.approx(whole.pop("largest_error"), abs=1e-5)
+    assert pieces.pop("size") == pytest.approx(whole.pop("size"), rel=1e-6)
+    assert pieces["time"] == whole["time"]
+    assert pieces["edges"] == whole["edges"]

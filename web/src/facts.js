@@ -27,6 +27,7 @@ const MEASURES = {
 };
 
 const ALONG = 0.8; // cosine from which one thing is said to go along another
+const MOST_AGENTS = 20; // in the table of agents
 const SLOW = 0.05; // m/s: what is slower does not explain anything
 
 /** The cosine between an offset and a velocity; 0 where either is small. */
@@ -249,12 +250,12 @@ function agentsOf(run, goTo) {
     return { name, i, most, at, end: run.series.tracking_error[last * run.agents + i] };
   });
   rows.sort((a, b) => b.most - a.most);
-  const shown = rows.slice(0, 30).map(({ name, i, most, at, end }) => {
+  const shown = rows.slice(0, MOST_AGENTS).map(({ name, i, most, at, end }) => {
     const button = make("button", "link", own(name));
     button.addEventListener("click", () => goTo(run.time[at], i));
     return make("tr", "", make("th", "", button), make("td", "", own(run.said.groups[run.groupOf[i]].name)), make("td", "", run.said.kinds[run.said.kind[i]].name), make("td", "", most < 0 ? "–" : digits(most)), make("td", "", most < 0 ? "–" : digits(run.time[at])), make("td", "", digits(end)));
   });
   const whole = table(["agent", "group", "vehicle", "farthest off, m", "when, s", "at the end, m"], shown);
-  if (rows.length > 30) whole.append(make("p", "", `The 30 of ${rows.length} that are farthest off in the second half.`));
+  if (rows.length > MOST_AGENTS) whole.append(make("p", "", `The ${MOST_AGENTS} of ${rows.length} that are farthest off in the second half.`));
   return whole;
 }

@@ -259,9 +259,7 @@ function bindKeys(run, clock, world, state, { choose, follow }) {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
     const { target, key, shiftKey } = event;
     if (target.matches("select") || (target.matches("button, summary, input[type=checkbox]") && (key === " " || key === "Enter"))) return;
-    if (target.matches("input[type=range]") && key.startsWith("Arrow") && !shiftKey) {
-      // The slider's own steps would be of any size: those of samples serve better.
-    }
+    // On the slider arrows go by samples, as anywhere: its own steps would be of any size.
     const act = (target === byId("scene") && world && inScene[key]) || anywhere[key] || anywhere[key.toLowerCase()];
     if (!act) return;
     event.preventDefault();

@@ -4,7 +4,7 @@ import * as THREE from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { Bodies } from "./bodies.js";
 import { Lines } from "./lines.js";
-import { digits, nice } from "./data.js";
+import { nice } from "./data.js";
 
 export const THEMES = {
   light: { sky: "#f4f7f9", water: "#cfe2ec", ground: "#e9e5d9", none: "#e6ebf0", grid: "#7d97a6", ink: "#17222b", low: "#3f6fb5", high: "#c2410c", quiet: "#9aa3ab", air: "#3d7f86", medium: "#2f6fa3" },
@@ -317,7 +317,7 @@ export class World extends EventTarget {
     this.arrows.finish(this.width, this.height);
     this.arrows.mesh.visible = this.layers.flow;
     this.renderer.render(this.scene, this.camera);
-    this.writeLabels(metres);
+    this.writeLabels();
     return true;
   }
 
@@ -489,9 +489,8 @@ export class World extends EventTarget {
       const name = `${v < run.agents ? "agent" : "target"}${v === this.lit ? " lit" : ""}${v < run.agents && !this.present[v] ? " lost" : ""}`;
       if (tag.className !== name) tag.className = name;
     }
-    const whom = this.lit >= 0 ? this.lit : -1;
-    this.ring.hidden = whom < 0 || Number.isNaN(screen[2 * whom]);
-    if (!this.ring.hidden) this.ring.style.transform = `translate(${screen[2 * whom]}px, ${screen[2 * whom + 1]}px)`;
+    this.ring.hidden = this.lit < 0 || Number.isNaN(screen[2 * this.lit]);
+    if (!this.ring.hidden) this.ring.style.transform = `translate(${screen[2 * this.lit]}px, ${screen[2 * this.lit + 1]}px)`;
     for (const { tag, at: place } of this.gridTags) {
       at.copy(place).project(this.camera);
       tag.hidden = at.z > 1 || Math.abs(at.x) > 1 || Math.abs(at.y) > 1;
@@ -609,4 +608,3 @@ function surfaceOf({ run, extent, box, floor }) {
   return mesh;
 }
 
-export { digits };
