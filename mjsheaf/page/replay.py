@@ -348,8 +348,6 @@ def _add_edges(
         columns = np.array([number[key] for key, _ in labelled], dtype=np.int64)
         if here.any() and labelled:
             residual[np.ix_(here, columns)] = _residuals([edge for _, edge in labelled], index, positions[here])
-            far = _out_of_range(phase, labelled, index, positions[here])
-            residual[np.ix_(here, columns)] *= np.where(far, -1.0, 1.0)
     if "heard" in own:
         heard = {name: k for k, name in enumerate(own["measuring_edge"].values.tolist())}
         for key, e in number.items():
@@ -377,16 +375,3 @@ def _residuals(edges: list[Edge], index: dict[str, int], positions: Array) -> Ar
             head = np.einsum("kei,emi->kem", positions[:, heads, :m], np.stack([e.F_head for e in own]))
             found[:, chosen] = np.linalg.norm(tail - head - np.stack([e.b for e in own]), axis=2)
     return found
-
-
-def _out_of_range(phase: Phase, labelled: Sequence[Any], index: dict[str, int], positions: Array) -> NDArray[np.bool_]:
-    """Whether the ends of each edge are beyond the range of its link, shape (K, E)."""
-    ranges = np.full(len(labelled), np.inf)
-    table = phase.system.law.links.table
-    ranges[table["edge"]] = table["range"]
-    far = np.zeros((len(positions), len(labelled)), dtype=bool)
-    for e in np.flatnonzero(np.isfinite(ranges)).tolist():
-        edge = labelled[e][1]
-        apart = np.linalg.norm(positions[:, index[edge.tail]] - positions[:, index[edge.head]], axis=1)
-        far[:, e] = apart > ranges[e]
-    return far

@@ -238,8 +238,8 @@ def _gather(trajectory: Trajectory, delivery: Delivery) -> xr.Dataset:
         arrived = edges - log.heard.shape[1] + (log.heard == NEW).sum(axis=1)
         add("arrival", ("time",), arrived / max(edges, 1), "1", "share of all edges by which a new measurement arrives")
         add("delivery", ("edge",), delivery.share, "1", "share of an edge's measurements that arrived, so far")
-    if system.law.links.record:
-        _add_measurements(variables, coordinates, trajectory, delivery)
+    if linked or system.law.links.record:
+        _add_heard(variables, coordinates, trajectory, delivery)
     add("tracking_error", ("time", "agent"), errors.tracking, "m", "|q*_i - q_i|")
     add("velocity_command", body, padded(log.command)[:, :N], "m s-1",
         "commanded velocity relative to the medium, limited: -k1 eta_i and terms, or of a law in Python")  # fmt: skip
@@ -298,30 +298,36 @@ def _attributes(system: System, backend: str, seed: int) -> dict[str, Any]:
     }
 
 
-def _add_measurements(
+def _add_heard(
     variables: dict[str, Variable], coordinates: dict[str, Variable], trajectory: Trajectory, delivery: Delivery
 ) -> None:
-    """What was heard, and each measurement as delivered: NaN where nothing was heard, or an edge is not there."""
+    """What each edge heard, and where they are recorded its measurements as delivered.
+
+    They are NaN where nothing was heard, or an edge is not there.
+    """
     system, log = trajectory.system, trajectory.log
     first, T = system.law.edges.first, len(log.positions)
     own = [key for key, _ in labelled_edges(system)]
-    begin = np.cumsum([0, *delivery.sizes.values()])
     number = {key: e for e, key in enumerate(delivery.sizes)}
-    heard, measured = np.full((T, len(number)), SILENT), np.full((T, begin[-1]), np.nan)
+    heard = np.full((T, len(number)), SILENT, dtype=np.int8)
     heard[:, [number[key] for key in own]] = NEW
     heard[:, [number[own[e]] for e in system.law.links.table["edge"]]] = log.heard
+    coordinates["measuring_edge"] = _labels("measuring_edge", [" ".join(key) for key in number], "edge")
+    variables["heard"] = (
+        ("time", "measuring_edge"),
+        heard,
+        {"units": "1", "long_name": "what an edge heard: 0 nothing, 1 the last measurement held, 2 a new one"},
+    )
+    if not system.law.links.record:
+        return
+    begin = np.cumsum([0, *delivery.sizes.values()])
+    measured = np.full((T, begin[-1]), np.nan)
     for e, key in enumerate(own):
         k = number[key]
         y = log.measurements[:, first[e] : first[e + 1]]
         measured[:, begin[k] : begin[k + 1]] = np.where(heard[:, [k]] == SILENT, np.nan, y)
     rows = [f"{kind} {name} {r}" for (kind, name), m in delivery.sizes.items() for r in range(m)]
-    coordinates["measuring_edge"] = _labels("measuring_edge", [" ".join(key) for key in number], "edge")
     coordinates["measured_number"] = _labels("measured_number", rows, "edge, and number in its stalk")
-    variables["heard"] = (
-        ("time", "measuring_edge"),
-        heard.astype(np.int8),
-        {"units": "1", "long_name": "what an edge heard: 0 nothing, 1 the last measurement held, 2 a new one"},
-    )
     variables["measurement"] = (
         ("time", "measured_number"),
         measured,

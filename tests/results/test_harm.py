@@ -131,4 +131,4 @@ def test_a_run_prints_the_note_and_keeps_it(tmp_path: Path) -> None:
     assert record["jump_m_s"] == pytest.approx(found.jump, rel=1e-12)
     assert record["share_at_limit"] == found.at_limit
     assert record["harm"] == list(found.harm)
-    assert "controller.drift.filter" in answer.err
+    assert "controller.drift.filter" in " ".join(answer.out.split())
