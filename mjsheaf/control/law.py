@@ -92,6 +92,11 @@ class LawArrays(NamedTuple):
     terms: TermArrays
     links: LinkArrays
 
+    @property
+    def random(self) -> bool:
+        """Whether random numbers enter."""
+        return bool(self.links.table["random"].any()) or self.terms.noisy or self.terms.rounds.lossy
+
 
 class ControlArrays(NamedTuple):
     """What onboard computers know.
