@@ -79,6 +79,7 @@ def test_a_phase_begins_with_what_the_one_before_may_leave() -> None:
             assert own[0] <= before + phase["jump"] + 0.02 * (own[0] + before)
 
 
+@pytest.mark.slow
 def test_a_phase_that_begins_as_if_settled_would_claim_too_much() -> None:
     """An event before the team has settled: the error is far more than the jump of q*."""
     scenario = still([{"time": 0.2, "set": {"controller.gain": 2.1}}])

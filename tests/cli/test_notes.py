@@ -98,7 +98,9 @@ def test_vehicles_closer_than_their_size() -> None:
     assert "close" not in noted({**near, **places, **far})
 
 
-@pytest.mark.parametrize(("surface", "words"), [("water", "under water"), ("ground", "in the ground")])
+@pytest.mark.parametrize(
+    ("surface", "words"), [("water", "under water"), pytest.param("ground", "in the ground", marks=pytest.mark.slow)]
+)
 def test_an_aircraft_below_the_surface(surface: str, words: str) -> None:
     deep = {"scene.surface": surface, "agents.Q2.position": [6, 0, -2]}
     for backend in ("ideal", "physics"):
