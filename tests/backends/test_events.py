@@ -1,14 +1,18 @@
 """Events, against runs of smaller teams written out by hand, against the same run without them, and dense algebra."""
 
 import itertools
+from io import StringIO
 from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
 import xarray as xr
+from rich.console import Console
 
 from mjsheaf import World, check, load_scenario, save, simulate
+from mjsheaf.checking.check import examine
+from mjsheaf.checking.report import report
 from mjsheaf.errors import InputError, NotUniqueError
 from mjsheaf.results import summarize
 from mjsheaf.runs.publish import execute
@@ -252,6 +256,16 @@ def test_a_phase_that_leaves_agents_free_is_refused_beforehand() -> None:
     data = simulate(scenario, "ideal", allow_drift=True)
     assert data.attrs["status"] == "finished"
     assert "A2" in data.attrs["free_directions"]
+
+
+def test_the_report_of_a_phase_says_what_is_free_and_what_mends_it() -> None:
+    record = examine(chain(3, [{"time": 0.2, "cut": ["A2", "A1"]}, {"time": 0.3, "lose": "T2"}]).phases).record
+    terminal = Console(width=200, file=StringIO())
+    terminal.print(report(record))
+    before, after = terminal.file.getvalue().split("from t = 0.3 s on: lose T2")  # type: ignore[attr-defined]
+    for words in ("free to drift: H^0(G, G_p; F) has dimension 2", "what mends it: the smallest set", "A2"):
+        assert words in after
+    assert "free to drift: " not in before
 
 
 BAD = [
