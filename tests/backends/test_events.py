@@ -14,7 +14,8 @@ from mjsheaf import World, check, load_scenario, save, simulate
 from mjsheaf.checking.check import examine
 from mjsheaf.checking.report import report
 from mjsheaf.errors import InputError, NotUniqueError
-from mjsheaf.results import summarize
+from mjsheaf.results import check_expectation, summarize
+from mjsheaf.results.metrics import summarize_phases
 from mjsheaf.runs.publish import execute
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario
@@ -312,37 +313,42 @@ def test_the_seed_counts_where_events_make_something_random() -> None:
         assert load_scenario("paper", law | {"events": events}).uses_seed("ideal")
 
 
-def test_a_published_run_knows_its_phases(tmp_path: Any) -> None:
-    expected = {"tracking_error": 99, "phases": [{}, {"tracking_error": 99}, {"mean_disagreement": 1e-9}]}
-    scenario = mixed_scenario(
-        time={"end": 0.6},
-        events=[{"time": 0.2, "lose": "boat"}, {"time": 0.4, "cut": ["front", "back"]}],
-        expect={"ideal": expected},
-    )
-    outcome = execute(scenario, "ideal", tmp_path / "run", video=None)
-    found = outcome.summary["phases"]
+PHASED: dict[str, Any] = {
+    "time": {"end": 0.6},
+    "events": [{"time": 0.2, "lose": "boat"}, {"time": 0.4, "cut": ["front", "back"]}],
+    "expect": {
+        "ideal": {"tracking_error": 99, "phases": [{}, {"tracking_error": 99}, {"mean_disagreement": 1e-9}]},
+    },
+}
+
+
+def test_a_run_knows_its_phases() -> None:
+    scenario = mixed_scenario(**PHASED)
+    data, team = simulate(scenario, "ideal"), scenario.team
+    found, final = summarize_phases(team, data), summarize(team, data)
     assert [(p["time"], p["events"]) for p in found] == [(0.0, []), (0.2, ["lose boat"]), (0.4, ["cut front - back"])]
-    data = simulate(scenario, "ideal")
     for phase, last in zip(found, (19, 39, 60), strict=True):
         error = np.sqrt(np.nanmean(data["tracking_error"].values[last] ** 2))
         assert phase["final"]["tracking_error"] == pytest.approx(error, rel=1e-12)
-    assert found[2]["final"] == outcome.summary["final"]
-    verdicts = {check["measure"]: check["met"] for check in outcome.summary["expect"]["checks"]}
-    assert verdicts == {
+    assert found[2]["final"] == final
+    checks = check_expectation(scenario.expect, "ideal", "finished", final, found)["checks"]
+    assert {check["measure"]: check["met"] for check in checks} == {
         "tracking_error": True,
         "phases.1.tracking_error": True,
         "phases.2.mean_disagreement": False,
     }
-    with xr.open_dataset(tmp_path / "run" / "result.nc", engine="h5netcdf") as written:
-        np.testing.assert_array_equal(written["phase"].values, data["phase"].values)
-        assert written.attrs["phases"] == data.attrs["phases"]
 
 
 @pytest.mark.slow
-def test_a_run_with_events_is_saved_as_it_is_published(tmp_path: Any) -> None:
-    scenario = mixed_scenario(time={"end": 0.6}, events=[{"time": 0.2, "lose": "boat"}])
-    execute(scenario, "ideal", tmp_path / "run", video=None)
-    data = simulate(scenario, "ideal")
+def test_a_published_run_knows_its_phases_and_is_what_is_saved(tmp_path: Any) -> None:
+    scenario = mixed_scenario(**PHASED)
+    outcome, data = execute(scenario, "ideal", tmp_path / "run", video=None), simulate(scenario, "ideal")
+    phases = summarize_phases(scenario.team, data)
+    assert [{key: told[key] for key in phases[0]} for told in outcome.summary["phases"]] == phases
+    assert outcome.summary["expect"]["met"] is False
+    with xr.open_dataset(tmp_path / "run" / "result.nc", engine="h5netcdf") as written:
+        np.testing.assert_array_equal(written["phase"].values, data["phase"].values)
+        assert written.attrs["phases"] == data.attrs["phases"]
     save(data, tmp_path / "saved", video=False)
     assert (tmp_path / "saved" / "result.nc").read_bytes() == (tmp_path / "run" / "result.nc").read_bytes()
     again = load_scenario(tmp_path / "run" / "scenario.yaml")

@@ -635,7 +635,8 @@ def test_the_rate_under_loss_of_runs(seed: int, bursts: int) -> None:
         assert abs(seen[k].mean() / seen[0].mean() - expected) < 3.0 * error, k
 
 
-@pytest.mark.parametrize("bursts", [slow(0), 2])
+@pytest.mark.slow
+@pytest.mark.parametrize("bursts", [0, 2])
 @pytest.mark.parametrize("seed", SMALL[:1])
 def test_noise_under_loss(seed: int, bursts: int) -> None:
     """Of the measurements that arrive, against runs, and by all patterns to the last digits."""

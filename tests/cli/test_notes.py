@@ -159,6 +159,7 @@ def test_the_paper_s_bodies_go_through_each_other_and_a_world_says_nothing() -> 
     assert np.sort(apart)[1] == pytest.approx(close.number, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_run_prints_what_the_summary_has(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path, out = tmp_path / "calm.yaml", tmp_path / "out"
     path.write_text(json.dumps(CALM))

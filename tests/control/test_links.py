@@ -268,7 +268,7 @@ def test_delay_is_whole_periods_to_the_bit(backend: str) -> None:
 )
 def test_the_stationary_share_of_losses(bursts: Any) -> None:
     """From the first sample on; five standard errors, those of a chain whose memory is 1 - to_bad - to_good."""
-    _, data = still({"all": {"loss": bursts}}, end=200.0)
+    _, data = still({"all": {"loss": bursts}}, end=100.0)
     lost = data["heard"].values == 0
     chain = bursts if isinstance(bursts, dict) else {"to_bad": 0, "to_good": 1, "loss_good": 0.3, "loss_bad": 0.3}
     bad = chain["to_bad"] / (chain["to_bad"] + chain["to_good"])
