@@ -85,7 +85,7 @@ class State:
 
 
 class Event(Section):
-    """Base of all events; subclasses must implement `apply`, which changes a State, and `words`."""
+    """Base of all events: a time and one field more; subclasses must implement `apply`, which changes a State."""
 
     time: NonNegative = Field(description="s; that of a sample")
 
@@ -103,8 +103,10 @@ class Event(Section):
 
     @property
     def words(self) -> str:
-        """The event in a few words."""
-        raise NotImplementedError
+        """The event in a few words: its field and whom it is about, such as: cut A1 - A4."""
+        (name,) = type(self).model_fields.keys() - {"time"}
+        about = getattr(self, name)
+        return f"{name} {about if isinstance(about, str) else ' - '.join(about)}"
 
 
 class Lose(Event):
@@ -121,11 +123,6 @@ class Lose(Event):
                 raise InputError(f"{self.lose} {what}; expected an agent or target that is present")
             state.lost.add(self.lose)
 
-    @property
-    def words(self) -> str:
-        """For example: lose A5."""
-        return f"lose {self.lose}"
-
 
 class Cut(Event):
     """A link is cut: the edges between two agents, or of an agent that senses a target."""
@@ -139,11 +136,6 @@ class Cut(Event):
             if pair in state.cut:
                 raise InputError(f"{' - '.join(self.cut)} is cut already; expected a link that is not")
             state.cut.add(pair)
-
-    @property
-    def words(self) -> str:
-        """For example: cut A1 - A4."""
-        return f"cut {' - '.join(self.cut)}"
 
 
 class Restore(Event):
@@ -159,11 +151,6 @@ class Restore(Event):
                 raise InputError(f"{' - '.join(self.restore)} is not cut; expected a link that is")
             state.cut.remove(pair)
 
-    @property
-    def words(self) -> str:
-        """For example: restore A1 - A4."""
-        return f"restore {' - '.join(self.restore)}"
-
 
 class Join(Event):
     """An agent or a target joins: one that was lost, or that has been there from the start, silent until now."""
@@ -178,11 +165,6 @@ class Join(Event):
                 raise InputError(f"{self.join} is present already; expected one that is lost or has not joined yet")
             state.lost.discard(self.join)
             state.waiting.discard(self.join)
-
-    @property
-    def words(self) -> str:
-        """For example: join A6."""
-        return f"join {self.join}"
 
 
 class Change(Event):
