@@ -153,7 +153,7 @@ def team_loop(law: LinkedLaw, delay: IntArray, most: int = MOST_STATES) -> tuple
     M, L = np.zeros((size, size)), np.zeros((size, m))
     M[n : n * (d + 1), : n * d] = np.eye(n * d)
     M[e, e] += np.eye(n)
-    climbed = vectors * (loop.alpha / loop.values) @ vectors.T @ pulled
+    climbed = vectors * (loop.alpha / loop.values) @ vectors.T @ pulled if newton else pulled
     L[e] = -h * loop.gain * climbed
     if newton:
         kept = vectors * loop.c @ vectors.T

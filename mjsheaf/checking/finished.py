@@ -175,7 +175,7 @@ def held_bound_of_run(
     The bound knows no bodies, no laws in Python, and nothing that terms remember of a phase before.
     """
     system, dataset = _phase_of(run, dataset, which)
-    python = f"the run has {theorem.law}" if dataset.attrs.get("controller") or len(system.law.links.table) else ""
+    python = f"the run has {theorem.law}" if dataset.attrs.get("controller") else ""
     reason = "the run is one of bodies" if theorem.bodies else python or theorem.departed
     if not reason and which > 0 and system.law.terms.agents:
         reason = "terms remember the phase before, of which the bound knows nothing"
@@ -211,8 +211,6 @@ def _other_law(system: System, controller: str) -> str:
     """What the law of a run is where that is not the paper's, in words; or empty."""
     if controller:
         return f"a law of its own, {controller}"
-    if len(system.law.links.table):
-        return "links that are not exact"
     terms = system.law.terms
     return "terms beyond -k1 eta" if terms.agents else ""
 

@@ -11,7 +11,7 @@ from mjsheaf.arrays import Array
 from mjsheaf.checking.delay import MOST_WORK, DelayedLoop
 from mjsheaf.checking.held_law import UndecidedError
 from mjsheaf.checking.linked_law import LinkedLaw
-from mjsheaf.checking.loss import moments_of
+from mjsheaf.checking.loss import SecondMoments
 from mjsheaf.io.section import Finite, Record
 from mjsheaf.team import Team
 
@@ -94,13 +94,12 @@ def noise_variances(law: LinkedLaw) -> tuple[Array, Array]:
         UndecidedError: they are not known, and why.
     """
     links, terms, n, Q = law.links, law.terms, len(law.vectors), law.vectors
-    pulled = [edge.pull @ noise @ edge.pull.T for edge, noise in zip(law.edges, links.noise, strict=True)]
     unlike = bool((links.delay != links.delay[:1]).any())
     if links.lossy.any() or unlike:
         if terms.feedforward or terms.drift > 0.0:
             what = "measurements are lost" if links.lossy.any() else "delays are unlike"
             raise UndecidedError(f"{what}, and the law has feedforward or drift")
-        return moments_of(law).variances(pulled)
+        return SecondMoments(law).variances()
     delayed = DelayedLoop(law.loop, terms, int(links.delay.max(initial=0)))
     M, G, command = delayed.matrices
     states, inputs = G.shape[1:]
@@ -108,6 +107,7 @@ def noise_variances(law: LinkedLaw) -> tuple[Array, Array]:
         raise UndecidedError(f"{n} modes of {states} states each have too many covariances")
     if not delayed.radius < 1.0:
         raise UndecidedError("the loop is unstable")
+    pulled = [edge.pull @ noise @ edge.pull.T for edge, noise in zip(law.edges, links.noise, strict=True)]
     sensing = [edge.sensing for edge in law.edges]
     eta, rate = (Q.T @ law.spread(parts) @ Q for parts in (pulled, list(map(np.multiply, sensing, pulled))))
     S = Q.T @ law.spread([edge.sensing * edge.H for edge in law.edges]) @ Q

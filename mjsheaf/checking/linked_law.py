@@ -203,7 +203,7 @@ def links_of(system: System, path: TargetPath) -> LinkParameters:
         if link["bearing"]:
             rows = slice(law.first[e], law.first[e + 1])
             y = x[:, head] @ law.F_head[rows].T - x[:, tail] @ law.F_tail[rows].T
-            far, angle = float(link["range_noise"]), float(np.rad2deg(link["bearing_noise"]))
+            far, angle = float(link["range_noise"]), float(link["bearing_noise"])
             turns = repeat(None) if m == 2 else _facing(x[:, tail], system, tail) @ law.F_tail[rows].T
             each = [range_bearing_covariance(at, far, angle, turn) for at, turn in zip(y, turns, strict=False)]
             noise[e] = np.mean(each, axis=0)
@@ -216,19 +216,19 @@ def range_bearing_covariance(y: Array, range_noise: float, bearing_noise: float,
 
     Args:
         y: the relative position, shape (m,), m; m is 2 or 3.
-        range_noise, bearing_noise: standard deviations, m and degrees. In space azimuth and elevation have it each.
+        range_noise, bearing_noise: standard deviations, m and rad. In space azimuth and elevation have it each.
         body: rotation from the coordinates of y to those of the body, shape (m, m), about whose last axis azimuth
             turns; None where they are the same.
     """
     turn = np.eye(len(y)) if body is None else body
-    seen, angle = turn @ y, np.deg2rad(bearing_noise)
+    seen = turn @ y
     r, flat = float(np.linalg.norm(seen)), float(np.hypot(*seen[:2]))
     if r == 0.0:
         return np.zeros((len(y),) * 2)  # a range of zero has no direction
     cos, sin = (seen[:2] / flat) if flat > 0.0 else (1.0, 0.0)
-    columns = [range_noise * seen / r, angle * flat * np.array([-sin, cos, 0.0][: len(y)])]
+    columns = [range_noise * seen / r, bearing_noise * flat * np.array([-sin, cos, 0.0][: len(y)])]
     if len(y) == 3:
-        columns.append(angle * np.array([-seen[2] * cos, -seen[2] * sin, flat]))
+        columns.append(bearing_noise * np.array([-seen[2] * cos, -seen[2] * sin, flat]))
     J = turn.T @ np.stack(columns, axis=1)
     return J @ J.T
 

@@ -47,7 +47,7 @@ class LinkRecord(Record):
 
 
 def link_answers(system: System, path: TargetPath) -> LinkRecord | None:
-    """What links do to the law of a system, and how much delay it bears; None where links are exact and that unknown.
+    """What links do to the law of a system, and how much delay it bears; None if links are exact and that is unknown.
 
     Args:
         system: the system.

@@ -41,7 +41,7 @@ def propose(system: System, certificate: Certificate, radius: float) -> list[Pro
     None where nothing can be decided, where links are not exact, or where the run is long.
     """
     try:
-        loop_of(system)  # of rounds that can be late or lost nothing is known, and laws with others are none of these
+        loop_of(system)  # where it is undecided, as with rounds that can be late or lost, so are its variants
     except UndecidedError:
         return []
     if len(system.law.links.table) or system.grid.steps * system.team.dirichlet.H.shape[0] > _MOST_NUMBERS:

@@ -6,7 +6,7 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from mjsheaf.checking.check import CheckRecord
+from mjsheaf.checking.check import CheckRecord, ExplainedCohomology
 from mjsheaf.checking.cohomology import Fragility
 from mjsheaf.checking.links import LinkRecord
 from mjsheaf.checking.margins import BodyMargins, SpeedDemand
@@ -24,7 +24,7 @@ def report(record: CheckRecord) -> Group:
     return Group(
         Text(f"{record.scenario}: {record.verdict()}", style="bold"),
         _assumptions(record),
-        *_cohomology(record),
+        *_cohomology(record.relative_cohomology),
         _theorem(record),
         _law(record),
         *_links(record.links),
@@ -48,8 +48,7 @@ def _assumptions(record: CheckRecord) -> Table:
     return table
 
 
-def _cohomology(record: CheckRecord) -> list[Text]:
-    found = record.relative_cohomology
+def _cohomology(found: ExplainedCohomology) -> list[Text]:
     lines = []
     if found.dimension:
         lines.append(Text(f"\nfree to drift: H^0(G, G_p; F) has dimension {found.dimension}", style="bold"))
@@ -344,7 +343,8 @@ def _phases(record: CheckRecord) -> list[Text | Table]:
             far = max(p.jumps, key=lambda id: p.jumps[id] or 0.0, default="")
             most = f"of all; the most, {_number(p.jumps[far], 'm')}, of {far}" if far else ""
             rows.insert(2, ("jump of q*", _number(p.jump, "m"), most))
-        parts += [_pairs(f"from t = {p.start:g} s on: {what}", rows), *_fragility(p.fragility)]
+        free = _cohomology(p.relative_cohomology) if p.jump is not None else []  # of the first phase it stands above
+        parts += [_pairs(f"from t = {p.start:g} s on: {what}", rows), *free, *_fragility(p.fragility)]
     return parts
 
 

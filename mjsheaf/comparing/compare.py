@@ -3,8 +3,6 @@
 import time
 from dataclasses import dataclass
 
-import numpy as np
-
 from mjsheaf._version import __version__
 from mjsheaf.checking.body_loop import loop_along
 from mjsheaf.comparing.convergence import converge
@@ -89,9 +87,6 @@ def _loop(system: System, ideal: Run) -> LoopRecord | None:
     """The loop of the scenario's bodies in the mean flow along the ideal run."""
     if not ideal.finished:
         return None
-    links = system.law.links.table
-    if links["delay"].any() or links["lossy"].any() or np.isfinite(links["range"]).any():
-        return LoopRecord(stable=None, largest_gain=None, reason="measurements are late or lost")
     found = loop_along(system, ideal.trajectory.time, system.team.harmonic_extension(ideal.trajectory.positions))
     return LoopRecord(stable=found.stable, largest_gain=found.largest_gain, reason=found.reason)
 

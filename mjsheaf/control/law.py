@@ -92,6 +92,11 @@ class LawArrays(NamedTuple):
     terms: TermArrays
     links: LinkArrays
 
+    @property
+    def random(self) -> bool:
+        """Whether random numbers enter."""
+        return bool(self.links.table["random"].any()) or self.terms.noisy or self.terms.rounds.lossy
+
 
 class ControlArrays(NamedTuple):
     """What onboard computers know.
@@ -141,7 +146,7 @@ def new_memory(law: LawArrays, V: int) -> Memory:
 def carry(memory: Memory, law: LawArrays) -> Memory:
     """The memory of another law of the same vehicles, who keep what they hold of themselves and what is under way.
 
-    One whom none of the edges moves, as it is lost or has yet to join, knows nothing of where the team goes.
+    An agent without edges, which is lost or has yet to join, forgets B p', v and delta.
     """
     V, m = len(memory.command), len(memory.y)
     new = new_memory(law, V)

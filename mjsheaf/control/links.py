@@ -158,23 +158,39 @@ def stream_of(kind: str, edge: Edge, nth: int) -> tuple[int, int]:
     return 2**30 + (int.from_bytes(word[:4]) >> 2), int.from_bytes(word[4:]) >> 1
 
 
-def linked_edges(team: Team, links: Links) -> list[tuple[str, int, Edge, LinkModel]]:
-    """Kind, number within the kind, and link of every edge of communication and sensing.
+class LinkedEdge(NamedTuple):
+    """An edge of communication or sensing: the `number`th of its kind, the `nth` of it between the same ends."""
+
+    kind: str
+    number: int
+    nth: int
+    edge: Edge
+    link: LinkModel
+
+    @property
+    def stream(self) -> tuple[int, int]:
+        """Of its random numbers."""
+        return stream_of(self.kind, self.edge, self.nth)
+
+
+def linked_edges(team: Team, links: Links) -> list[LinkedEdge]:
+    """The edges of communication and sensing with their links, in the order of the law.
 
     Raises:
         InputError: sections do not fit together; the message begins with the field.
     """
-    found, plain = [], {}
+    found, plain, met = list[LinkedEdge](), dict[str, LinkModel](), dict[tuple[str, ...], int]()
     for kind in KINDS:
         with in_field(f"links.{kind}"):
             plain[kind] = links.resolve(kind)
     for kind, edges in zip(KINDS, (team.communication, team.sensing), strict=True):
         for k, edge in enumerate(edges):
-            if edge.link is None:
-                found.append((kind, k, edge, plain[kind]))
-                continue
-            with in_field(f"{kind}.{k}"):
-                found.append((kind, k, edge, links.resolve(kind, edge.link)))
+            ends, link = (kind, *edge.between), plain[kind]
+            met[ends] = met.get(ends, -1) + 1
+            if edge.link is not None:
+                with in_field(f"{kind}.{k}"):
+                    link = links.resolve(kind, edge.link)
+            found.append(LinkedEdge(kind, k, met[ends], edge, link))
     return found
 
 
@@ -209,7 +225,7 @@ def pack_links(
     """
     _require_delays(team, links, period)
     everyone, ever = linked_edges(team, links), linked_edges(run or team, links)
-    if all(link.exact for *_, link in ever):
+    if all(one.link.exact for one in ever):
         return no_links(bool(links.record))
     if period == 0.0:
         raise InputError(
@@ -217,17 +233,15 @@ def pack_links(
         )
     edges = len(everyone) + len(team.target_edges) + len(team.anchors)
     of, place = np.full(edges, -1), 0
-    turning = any(link.range_bearing and not link.exact and len(edge.F_tail) == 3 for *_, edge, link in ever)
+    turning = any(one.link.range_bearing and not one.link.exact and len(one.edge.F_tail) == 3 for one in ever)
     table: list[tuple[Any, ...]] = []
-    met: dict[tuple[str, ...], int] = {}
-    for e, (kind, k, edge, link) in enumerate(everyone):
-        ends = (kind, *edge.between)
-        met[ends] = met.get(ends, -1) + 1
+    for e, one in enumerate(everyone):
+        kind, edge, link = one.kind, one.edge, one.link
         if link.exact:
             continue
         m = len(edge.F_tail)
         if link.range_bearing:
-            with in_field(f"{kind}.{k}, {edge}"):
+            with in_field(f"{kind}.{one.number}, {edge}"):
                 require_bearing(edge.F_tail, edge.F_head)
         delay, hold = whole_periods(link.delay, period), int(min(link.hold / period + 1e-6, 1e9))
         own = m * (feedforward and kind == "sensing")
@@ -237,10 +251,9 @@ def pack_links(
         sensor = link.range_bearing, link.noise, link.bias, link.range_noise, link.bearing_noise, link.range
         chain = loss.to_bad, loss.to_good, loss.bad, loss.loss_good, loss.loss_bad
         bursts = loss.loss_good != loss.loss_bad
-        stream = stream_of(kind, edge, met[ends])
         remembers = hold > 0 or own > 0 or bursts
         kind_of_loss = remembers, link.random, link.lossy, bursts
-        table.append((e, place, received, own, delay, hold, *kind_of_loss, *sensor, *chain, stream))
+        table.append((e, place, received, own, delay, hold, *kind_of_loss, *sensor, *chain, one.stream))
         place = received + 2 * (_HEADER + m + 2 * own) * remembers
         with in_field("links"):
             require_held(place)
@@ -274,7 +287,7 @@ def _require_delays(team: Team, links: Links, period: float) -> None:
         sections += [(f"{kind}.{k}", edge.link) for k, edge in enumerate(edges)]
     for field, section in sections:
         if section is not None and section.delay and period > 0.0:
-            with in_field(field):
+            with in_field(f"{field}.delay"):
                 whole_periods(section.delay, period)
 
 
@@ -312,13 +325,7 @@ def deliver(law, t, x, bodies, y, terms, memory):
             draw = uniforms(links.seed, link.stream, n, 0)
         if link.bursts:
             chance = uniforms(links.seed, link.stream, n, 1)[0]
-            if state == 0.0:
-                bad = chance < link.bad
-            elif state == 2.0:
-                bad = chance >= link.to_good
-            else:
-                bad = chance < link.to_bad
-            state = 2.0 if bad else 1.0
+            state = next_state(state, chance, link.to_bad, link.to_good, link.bad)
         if link.lossy:
             lost = draw[0] < (link.loss_bad if state == 2.0 else link.loss_good)
         if not lost and link.range < np.inf:
@@ -360,6 +367,16 @@ def deliver(law, t, x, bodies, y, terms, memory):
             cells[now], cells[now + 1] = state, last
         for i in range(own):
             memory.velocity[first + i] = cells[now + _HEADER + 2 * m + i]
+
+
+@inline_jit
+def next_state(state, chance, to_bad, to_good, begins_bad):
+    """The state of a chain of losses at a sample, 1 good or 2 bad, from that before, 0 at the first, and a number."""
+    if state == 0.0:
+        return 2.0 if chance < begins_bad else 1.0
+    if state == 2.0:
+        return 1.0 if chance < to_good else 2.0
+    return 2.0 if chance < to_bad else 1.0
 
 
 @inline_jit

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.control.links import distance, linked_edges, require_held, stream_of
+from mjsheaf.control.links import distance, linked_edges, next_state, require_held
 from mjsheaf.errors import in_field
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.noise import uniforms
@@ -55,6 +55,12 @@ class RoundArrays(NamedTuple):
     own: Array
     inverse: Array
     stiffest: float
+
+    @property
+    def lossy(self) -> bool:
+        """Whether a message can be lost at random."""
+        bad, good_loss, bad_loss = self.loss[2:]
+        return bool(good_loss > 0.0 or bad * bad_loss > 0.0)
 
     def settling(self, rounds: int, low: float) -> float:
         """Share of the slowest error that a period of so many rounds takes away, nearly; `low` bounds H from below."""
@@ -124,20 +130,15 @@ def pack_rounds(team: Team, links: Links, *, period: float, height: float = 0.0)
     """
     wanted, delay = links.rounds, 0
     if wanted and wanted.delay and period > 0.0:
-        with in_field("links.rounds"):
+        with in_field("links.rounds.delay"):
             delay = whole_periods(wanted.delay, period)
     loss = chain_of(wanted.loss if wanted else None)
     edges = linked_edges(team, links)[: len(team.communication)]
-    far = np.array([link.range for *_, link in edges])
+    far = np.array([one.link.range for one in edges])
     if not (delay or loss.lossy or np.isfinite(far).any()):
         return no_rounds()
     with in_field("links.rounds"):
         require_held(4 * (delay + 1) * sum(1 + len(edge.F_tail) for edge in team.communication))
-    met: dict[tuple[str, ...], int] = {}
-    streams = []
-    for kind, _, edge, _ in edges:
-        met[edge.between] = met.get(edge.between, -1) + 1
-        streams.append(stream_of(kind, edge, met[edge.between]))
     own = np.zeros((len(team.agents), 3, 3))
     for edge in (*team.communication, *team.sensing, *team.anchors):
         for end, F in ((edge.tail, edge.F_tail), (edge.head, edge.F_head)):
@@ -148,7 +149,7 @@ def pack_rounds(team: Team, links: Links, *, period: float, height: float = 0.0)
         imperfect=True,
         delay=delay,
         loss=np.array([loss.to_bad, loss.to_good, loss.bad, loss.loss_good, loss.loss_bad]),
-        streams=np.array(streams, dtype=np.int64).reshape(-1, 2),
+        streams=np.array([one.stream for one in edges], dtype=np.int64).reshape(-1, 2),
         range=far,
         lift=np.array([height if member.dimension == 2 else 0.0 for member in team.members]),
         own=own,
@@ -199,14 +200,8 @@ def send(edges, rounds, seed, n, term, k, x, positions, memory):
         first, end = edges.first[e], edges.first[e + 1]
         tail, head, m = edges.tail[e], edges.head[e], end - first
         chance, state = uniforms(seed, rounds.streams[e], n, _COUNT + k), 5 * e + 4 * first
-        if memory.held[state] == 0.0:
-            bad = chance[2] < begins_bad
-        elif memory.held[state] == 2.0:
-            bad = chance[2] >= to_good
-        else:
-            bad = chance[2] < to_bad
-        memory.held[state] = 2.0 if bad else 1.0
-        loss = loss_bad if bad else loss_good
+        memory.held[state] = next_state(memory.held[state], chance[2], to_bad, to_good, begins_bad)
+        loss = loss_bad if memory.held[state] == 2.0 else loss_good
         if rounds.range[e] < np.inf:
             far = distance(positions[tail], rounds.lift[tail], positions[head], rounds.lift[head])
             loss = 1.0 if far > rounds.range[e] else loss

@@ -93,16 +93,6 @@ class Terms(NamedTuple):
         """Whether the law is more than the paper's."""
         return any(term is not None for term in self[:4])
 
-    @property
-    def rounds(self) -> bool:
-        """Whether agents exchange numbers."""
-        return self.feedforward is not None or self.newton is not None
-
-    @property
-    def noisy(self) -> bool:
-        """Whether random numbers enter."""
-        return self.odometry.noise > 0.0 and (self.feedforward or self.drift) is not None
-
 
 class TermArrays(NamedTuple):
     """The terms for compiled code.
@@ -140,6 +130,11 @@ class TermArrays(NamedTuple):
     bias: float
     seed: int
     rounds: RoundArrays
+
+    @property
+    def noisy(self) -> bool:
+        """Whether noise of odometry enters."""
+        return self.noise > 0.0 and (self.feedforward > 0 or self.drift > 0.0)
 
     @property
     def names(self) -> tuple[str, ...]:

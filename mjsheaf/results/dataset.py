@@ -44,7 +44,8 @@ def make_datasets(
     """Gather a trajectory that comes in pieces, each as `make_dataset` does.
 
     The last piece has the run's status, and says what agents have sent one another (see `terms.traffic_of`) and what
-    share of their measurements has arrived. Phases say which edges there are in all; one needs not be told.
+    share of their measurements has arrived. `phases` name all edges that have a link at some time; a run of one phase
+    does not need it.
     """
     attributes: dict[str, Any] = {}
     delivery = Delivery([phase.system for phase in phases])

@@ -1,4 +1,4 @@
-"""What a person should know of a run, in sentences: on the terminal, in summary.json and on the run's page.
+"""Notes on a run, in sentences: on the terminal and in summary.json.
 
     saturated     thrusters at a limit for more than a tenth of the time
     limited       commands at the velocity limit for more than a tenth of the time

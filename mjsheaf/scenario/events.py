@@ -1,12 +1,12 @@
-"""Events: agents lost or joining, links cut or restored, targets nobody sees, gains and losses that change.
+"""Events: agents and targets are lost or join, links are cut or restored, fields of controller and links change.
 
 Each event happens at a sample and begins a phase of the run there (see `phases_of_events`). An agent or a target whose
-first event is to join is silent until then: an agent keeps afloat at no commanded velocity. A lost agent is silent and
-its thrusters stop; a lost target goes on unseen.
+first event is to join is silent until then; the command of such an agent is zero. A lost agent is silent and its
+thrusters stop; a lost target moves on, and no agent senses it.
 """
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Any
 
@@ -33,14 +33,14 @@ class State:
         lost: ids of agents and targets that are lost.
         waiting: ids of those that have yet to join.
         cut: pairs whose edges are cut.
-        changes: fields of the controller and of links by path, as `set` gives them.
+        sections: controller and links as they are now, by name.
     """
 
     team: Team
+    sections: dict[str, Section]
     lost: set[str] = field(default_factory=set)
     waiting: set[str] = field(default_factory=set)
     cut: set[frozenset[str]] = field(default_factory=set)
-    changes: dict[str, Any] = field(default_factory=dict)
 
     def require_known(self, id: str) -> None:
         """Raise an InputError unless an agent or a target has this id."""
@@ -59,13 +59,13 @@ class State:
         if frozenset(pair) not in edges:
             near = sorted({id for e in edges if pair[0] in e for id in e - {pair[0]}}, key=self.team.index.__getitem__)
             raise InputError(
-                f"{pair[0]} has no link to {pair[1]}; {expected(pair[1], near) if near else 'it has none at all'}"
+                f"{pair[0]} has no link to {pair[1]}; {expected(pair[1], near) if near else f'{pair[0]} has no links'}"
             )
         return frozenset(pair)
 
     @property
     def absent(self) -> set[str]:
-        """Agents that are no part of the team."""
+        """Agents that are not part of the team now."""
         return {id for id in self.lost | self.waiting if id in self.team.agent_ids}
 
     def present_team(self) -> Team:
@@ -85,7 +85,7 @@ class State:
 
 
 class Event(Section):
-    """Base of all events; subclasses must implement `apply`, which changes a State, and `words`."""
+    """Base of all events: a time and one field more; subclasses must implement `apply`, which changes a State."""
 
     time: NonNegative = Field(description="s; that of a sample")
 
@@ -103,12 +103,14 @@ class Event(Section):
 
     @property
     def words(self) -> str:
-        """The event in a few words."""
-        raise NotImplementedError
+        """The event in a few words: its field and whom it is about, such as: cut A1 - A4."""
+        (name,) = type(self).model_fields.keys() - {"time"}
+        about = getattr(self, name)
+        return f"{name} {about if isinstance(about, str) else ' - '.join(about)}"
 
 
 class Lose(Event):
-    """An agent falls silent and its thrusters stop; or nobody senses a target any more."""
+    """An agent falls silent and its thrusters stop; or no agent senses a target any more."""
 
     lose: Id = Field(description="an agent or a target")
 
@@ -118,13 +120,8 @@ class Lose(Event):
             state.require_known(self.lose)
             if self.lose in state.lost | state.waiting:
                 what = "is lost already" if self.lose in state.lost else "has not joined yet"
-                raise InputError(f"{self.lose} {what}; expected who is there")
+                raise InputError(f"{self.lose} {what}; expected an agent or target that is present")
             state.lost.add(self.lose)
-
-    @property
-    def words(self) -> str:
-        """For example: lose A5."""
-        return f"lose {self.lose}"
 
 
 class Cut(Event):
@@ -140,11 +137,6 @@ class Cut(Event):
                 raise InputError(f"{' - '.join(self.cut)} is cut already; expected a link that is not")
             state.cut.add(pair)
 
-    @property
-    def words(self) -> str:
-        """For example: cut A1 - A4."""
-        return f"cut {' - '.join(self.cut)}"
-
 
 class Restore(Event):
     """A link that was cut is restored."""
@@ -159,11 +151,6 @@ class Restore(Event):
                 raise InputError(f"{' - '.join(self.restore)} is not cut; expected a link that is")
             state.cut.remove(pair)
 
-    @property
-    def words(self) -> str:
-        """For example: restore A1 - A4."""
-        return f"restore {' - '.join(self.restore)}"
-
 
 class Join(Event):
     """An agent or a target joins: one that was lost, or that has been there from the start, silent until now."""
@@ -175,14 +162,9 @@ class Join(Event):
         with in_field("join"):
             state.require_known(self.join)
             if self.join not in state.lost | state.waiting:
-                raise InputError(f"{self.join} is there already; expected who is lost or has yet to join")
+                raise InputError(f"{self.join} is present already; expected one that is lost or has not joined yet")
             state.lost.discard(self.join)
             state.waiting.discard(self.join)
-
-    @property
-    def words(self) -> str:
-        """For example: join A6."""
-        return f"join {self.join}"
 
 
 class Change(Event):
@@ -191,15 +173,16 @@ class Change(Event):
     set: dict[str, Any] = Field(description="values by path, such as controller.gain or links.all.loss", min_length=1)
 
     def apply(self, state: State) -> None:
-        """Change them; whether the values are valid is for controller and links to say."""
-        for path, value in self.values():
+        """Change them, all at once, if the values are valid."""
+        for path, _ in self.values():
             with in_field(f"set.{path}"):
                 if not _OF_LINKS.fullmatch(path) and (not path.startswith("controller.") or path in _FIXED):
                     raise InputError(
                         "cannot change during a run; expected a field of controller but for its periods, or noise, "
                         "bias, loss, range or hold of links.all, links.communication or links.sensing"
                     )
-            state.changes[path] = value
+        for name, section in state.sections.items():
+            state.sections[name] = _changed(section, name, self.values())
 
     def touches(self, part: str) -> bool:
         """Whether it changes that part of the controller, or fields in it."""
@@ -251,14 +234,14 @@ AnyEvent = Annotated[
 """An event as a file has it: its kind is the name of its field."""
 
 
-def with_changes(section: Section, name: str, changes: Mapping[str, Any]) -> Any:
-    """A section with fields changed, by paths; those that do not begin with the section's own name are of others.
+def _changed(section: Section, name: str, values: Iterable[tuple[str, Any]]) -> Section:
+    """A section with fields changed, by paths of which those that do not begin with its name are of others.
 
     Raises:
         InputError: a field is unknown or its value not valid; the message begins with the field.
     """
     raw = section.model_dump(mode="json", exclude_none=True)
-    for path, value in changes.items():
+    for path, value in values:
         first, *between, last = path.split(".")
         if first != name:
             continue
@@ -277,21 +260,23 @@ def with_changes(section: Section, name: str, changes: Mapping[str, Any]) -> Any
 def phases_of_events(
     events: Sequence[Event],
     whole: System,
-    adapt: Callable[[Team, Mapping[str, Any]], System],
+    sections: Mapping[str, Section],
+    adapt: Callable[[Team, Mapping[str, Section]], System],
 ) -> tuple[Phase, ...]:
     """The phases of a run: one that begins with the run, and one at each sample at which something happens.
 
     Args:
         events: in any order; those at one time happen in the order given.
         whole: the system with everybody present.
-        adapt: the system of another team, and of a controller and links whose fields were changed.
+        sections: controller and links at the start, by name.
+        adapt: makes the system of another team, and of other sections.
 
     Raises:
         InputError: an event cannot happen; the message begins with the field.
     """
     if not events:
         return (Phase(0, whole),)
-    state = State(whole.team)
+    state = State(whole.team, dict(sections))
     samples = []
     for k, event in enumerate(events):
         with in_field(f"events.{k}.time"):
@@ -314,13 +299,14 @@ def phases_of_events(
                 event.apply(state)
         with in_field(f"events.{last}"):
             team = state.present_team()
-            system = adapt(team, state.changes) if team is not whole.team or state.changes else whole
+            unchanged = team is whole.team and state.sections == sections
+            system = whole if unchanged else adapt(team, state.sections)
         phases.append(Phase(start, _stopped(system, state), tuple(events[k].words for k in own)))
     return tuple(phases)
 
 
 def _stopped(system: System, state: State) -> System:
-    """The system with the thrusters of lost agents stopped, and nobody commanded who is absent."""
+    """The system with the thrusters of lost agents stopped, and absent agents commanded to rest."""
     if not state.absent:
         return system
     ids = [member.id for member in system.team.members]

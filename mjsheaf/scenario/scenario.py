@@ -13,8 +13,8 @@ import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.control import pack_law
-from mjsheaf.control.links import LinkArrays, linked_edges, pack_links
+from mjsheaf.control.law import LawArrays, pack_law
+from mjsheaf.control.links import pack_links
 from mjsheaf.control.rounds import pack_rounds
 from mjsheaf.control.terms import (
     Drift,
@@ -22,7 +22,6 @@ from mjsheaf.control.terms import (
     Integral,
     Newton,
     Odometry,
-    TermArrays,
     Terms,
     pack_terms,
 )
@@ -31,13 +30,13 @@ from mjsheaf.dynamics import effectiveness as effectivenesses
 from mjsheaf.dynamics import motion as motions
 from mjsheaf.errors import InputError, in_field, shortened
 from mjsheaf.io.section import Duration, Id, NonNegative, Number, Point, Positive, Section
-from mjsheaf.scenario.events import AnyEvent, Change, phases_of_events, with_changes
+from mjsheaf.scenario.events import AnyEvent, phases_of_events
 from mjsheaf.scenario.swarm import Swarm, expand_swarm
 from mjsheaf.system import DEFAULT_VEHICLE, Phase, PhysicsOptions, System, TimeGrid
 from mjsheaf.team import Anchor, Member, Team
 from mjsheaf.team.edges import PairOrEdge
 from mjsheaf.team.formation import Group
-from mjsheaf.team.links import Links, chain_of
+from mjsheaf.team.links import Links
 from mjsheaf.vehicles.effects import Effects
 
 EDGE_FIELDS = ("communication", "sensing", "target_edges")
@@ -394,28 +393,18 @@ class Scenario(Section):
         Raises:
             InputError: an event cannot happen, or as for `whole`; the message begins with the field.
         """
-        return phases_of_events(self.events, self.whole, self._adapted)
+        sections = {"controller": self.controller, "links": self.links}
+        return phases_of_events(self.events, self.whole, sections, self._adapted)
 
     @property
     def system(self) -> System:
         """The closed-loop system with which the run begins; see `whole`."""
         return self.phases[0].system
 
-    def _adapted(self, team: Team, changes: Mapping[str, Any]) -> System:
-        """The system of a changed team, under a controller and over links with other fields."""
-        whole, law = self.whole, cast(Controller, with_changes(self.controller, "controller", changes))
-        links = with_changes(self.links, "links", changes)
-        terms = self._pack_terms(team, law, links)
-        target_gain = self.target_formation.gain if self.target_formation else 0.0
-        packed_links = self._pack_links(team, law, whole.bodies.heading, links)
-        packed = pack_law(team, law.gain, target_gain, self._limits(law), terms, packed_links)
-        return replace(whole, team=team, gain=law.gain, law=packed)
-
-    def _limits(self, law: Controller) -> Array:
-        """Largest commanded speed of each vehicle, shape (V,), m/s."""
-        return np.array(
-            [a.velocity_limit or law.velocity_limit or np.inf for a in self.agents] + [np.inf] * len(self.targets)
-        )
+    def _adapted(self, team: Team, sections: Mapping[str, Section]) -> System:
+        """The system of a changed team, under another controller and over other links."""
+        whole, law, links = self.whole, cast(Controller, sections["controller"]), cast(Links, sections["links"])
+        return replace(whole, team=team, gain=law.gain, law=self._pack_law(team, law, links, whole.bodies.heading))
 
     @cached_property
     def whole(self) -> System:
@@ -437,16 +426,13 @@ class Scenario(Section):
             motion = motions.pack(moves, initial, self.time.start, dimensions, self.time.end)
         with in_field("agents"):
             g = effectivenesses.pack([agent.effectiveness for agent in agents], dimensions[: len(agents)])
-        target_gain = self.target_formation.gain if self.target_formation else 0.0
-        terms = self._pack_terms(team, law, self.links)
-        links = self._pack_links(team, law, heading, self.links)
         return System(
             name=self.name,
             team=team,
             initial=initial,
             grid=grid,
             gain=law.gain,
-            law=pack_law(team, law.gain, target_gain, self._limits(law), terms, links),
+            law=self._pack_law(team, law, self.links, heading),
             motion=motion,
             harmonics=harmonics,
             effectiveness=g,
@@ -465,33 +451,33 @@ class Scenario(Section):
             ),
         )
 
-    def _pack_terms(self, team: Team, law: Controller, links: Links) -> TermArrays:
-        """The terms of a controller for a team, over its links."""
-        rounds = pack_rounds(team, links, period=law.control_period, height=self.scene.height)
-        return pack_terms(law.terms, team, law.control_period, self.seed, rounds)
-
-    def _pack_links(self, team: Team, law: Controller, heading: Array, links: Links) -> LinkArrays:
-        """The links of a team under a controller, its vehicles' initial headings (V,) in rad."""
-        return pack_links(
+    def _pack_law(self, team: Team, law: Controller, links: Links, heading: Array) -> LawArrays:
+        """The law of a team under a controller and over links, its vehicles' initial headings (V,) in rad."""
+        period, height, events = law.control_period, self.scene.height, self.events
+        rounds = pack_rounds(team, links, period=period, height=height)
+        packed_links = pack_links(
             team,
             links,
-            period=law.control_period,
+            period=period,
             start=self.time.start,
             seed=self.seed,
-            height=self.scene.height,
+            height=height,
             heading=heading,
-            feedforward=self.controller.feedforward is not None or any(e.touches("feedforward") for e in self.events),
+            feedforward=self.controller.feedforward is not None or any(e.touches("feedforward") for e in events),
             run=self.team,
+        )
+        limits = [a.velocity_limit or law.velocity_limit or np.inf for a in self.agents] + [np.inf] * len(self.targets)
+        return pack_law(
+            team,
+            law.gain,
+            self.target_formation.gain if self.target_formation else 0.0,
+            np.array(limits),
+            pack_terms(law.terms, team, period, self.seed, rounds),
+            packed_links,
         )
 
     def uses_seed(self, backend: str) -> bool:
         """Whether another seed would change anything on a backend."""
         drawn = any(d is not None and d.bound > 0.0 for d in (self.disturbance.agents, self.disturbance.targets))
-        drawn = drawn or self.controller.terms.noisy
-        changed = [with_changes(self.links, "links", dict(e.values())) for e in self.events if isinstance(e, Change)]
-        for links in (self.links, *changed):
-            drawn = drawn or any(link.random for *_, link in linked_edges(self.team, links))
-        drawn = drawn or bool(
-            self.controller.terms.rounds and self.links.rounds and chain_of(self.links.rounds.loss).lossy
-        )
+        drawn = drawn or any(phase.system.law.random for phase in self.phases)
         return drawn or self.spread.position > 0.0 or (backend == "physics" and self.spread.heading > 0.0)

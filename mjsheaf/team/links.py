@@ -218,7 +218,6 @@ def whole_periods(seconds: float, period: float) -> int:
     if abs(ratio - n) > 1e-6 * max(1.0, ratio):
         below, above = (f"{k * period:.6g}" for k in (int(ratio), int(ratio) + 1))
         raise InputError(
-            f"delay: {seconds:.6g} s is no whole number of control periods of {period:.6g} s; "
-            f"expected {below} or {above}"
+            f"{seconds:.6g} s is no whole number of control periods of {period:.6g} s; expected {below} or {above}"
         )
     return n

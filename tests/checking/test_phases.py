@@ -21,6 +21,11 @@ from tests.builders import random_scenario
 END = 9.0
 
 
+def slow(*values: Any) -> Any:
+    """Parameters that are tried with the slow tests alone."""
+    return pytest.param(*values, marks=pytest.mark.slow)
+
+
 def still(events: list[dict[str, Any]], **fields: Any) -> Scenario:
     """Five boats in a ring about two targets, in a drift, under a held law with a wide margin."""
     ids = [f"A{i}" for i in range(5)]
@@ -79,6 +84,7 @@ def test_a_phase_begins_with_what_the_one_before_may_leave() -> None:
             assert own[0] <= before + phase["jump"] + 0.02 * (own[0] + before)
 
 
+@pytest.mark.slow
 def test_a_phase_that_begins_as_if_settled_would_claim_too_much() -> None:
     """An event before the team has settled: the error is far more than the jump of q*."""
     scenario = still([{"time": 0.2, "set": {"controller.gain": 2.1}}])
@@ -94,8 +100,8 @@ def test_a_phase_that_begins_as_if_settled_would_claim_too_much() -> None:
     ("fields", "why"),
     [
         ({"events": [{"time": 3.0, "join": "A1"}]}, "the error with which the phase begins is not known"),
-        ({"events": [{"time": 3.0, "lose": "A1"}], "links": {"all": {"noise": 0.1}}}, "the error with which"),
-        ({"events": [{"time": 3.0, "lose": "A1"}], "controller.newton": {"rounds": 2}}, "terms remember"),
+        slow({"events": [{"time": 3.0, "lose": "A1"}], "links": {"all": {"noise": 0.1}}}, "the error with which"),
+        slow({"events": [{"time": 3.0, "lose": "A1"}], "controller.newton": {"rounds": 2}}, "terms remember"),
     ],
 )
 def test_what_a_phase_does_not_know_is_null(fields: dict[str, Any], why: str) -> None:

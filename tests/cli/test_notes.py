@@ -98,7 +98,9 @@ def test_vehicles_closer_than_their_size() -> None:
     assert "close" not in noted({**near, **places, **far})
 
 
-@pytest.mark.parametrize(("surface", "words"), [("water", "under water"), ("ground", "in the ground")])
+@pytest.mark.parametrize(
+    ("surface", "words"), [("water", "under water"), pytest.param("ground", "in the ground", marks=pytest.mark.slow)]
+)
 def test_an_aircraft_below_the_surface(surface: str, words: str) -> None:
     deep = {"scene.surface": surface, "agents.Q2.position": [6, 0, -2]}
     for backend in ("ideal", "physics"):
@@ -157,6 +159,7 @@ def test_the_paper_s_bodies_go_through_each_other_and_a_world_says_nothing() -> 
     assert np.sort(apart)[1] == pytest.approx(close.number, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_run_prints_what_the_summary_has(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path, out = tmp_path / "calm.yaml", tmp_path / "out"
     path.write_text(json.dumps(CALM))

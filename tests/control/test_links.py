@@ -258,10 +258,17 @@ def test_delay_is_whole_periods_to_the_bit(backend: str) -> None:
     assert (data["delivery"] == 1.0).all()
 
 
-@pytest.mark.parametrize("bursts", [0.3, BURSTS, {**BURSTS, "loss_good": 0.0, "loss_bad": 1.0}])
+@pytest.mark.parametrize(
+    "bursts",
+    [
+        pytest.param(0.3, marks=pytest.mark.slow),
+        BURSTS,
+        pytest.param({**BURSTS, "loss_good": 0.0, "loss_bad": 1.0}, marks=pytest.mark.slow),
+    ],
+)
 def test_the_stationary_share_of_losses(bursts: Any) -> None:
     """From the first sample on; five standard errors, those of a chain whose memory is 1 - to_bad - to_good."""
-    _, data = still({"all": {"loss": bursts}}, end=200.0)
+    _, data = still({"all": {"loss": bursts}}, end=100.0)
     lost = data["heard"].values == 0
     chain = bursts if isinstance(bursts, dict) else {"to_bad": 0, "to_good": 1, "loss_good": 0.3, "loss_bad": 0.3}
     bad = chain["to_bad"] / (chain["to_bad"] + chain["to_good"])
@@ -381,7 +388,11 @@ def test_every_number_of_an_edge_has_noise_of_its_own(m: int) -> None:
 
 
 @pytest.mark.parametrize(
-    ("run", "pieces"), [(run_ideal, stream_ideal), (run_physics, stream_physics)], ids=["ideal", "bodies"]
+    ("run", "pieces"),
+    [
+        pytest.param(run_ideal, stream_ideal, id="ideal"),
+        pytest.param(run_physics, stream_physics, id="bodies", marks=pytest.mark.slow),
+    ],
 )
 def test_pieces_phases_and_threads_give_the_same_bits(run: Callable[..., Any], pieces: Callable[..., Any]) -> None:
     scenario = tangled(time={"end": 0.2})
@@ -462,6 +473,7 @@ def test_links_that_do_nothing_change_no_bit(backend: str) -> None:
     assert tangled().uses_seed("ideal")
 
 
+@pytest.mark.slow
 def test_the_file_is_the_same_in_pieces(tmp_path: Path) -> None:
     scenario = tangled(time={"end": 0.3})
     write_dataset(stream(scenario.system, "ideal", 11, samples=9), tmp_path / "pieces.nc")
@@ -608,7 +620,7 @@ def test_the_finest_section_counts_field_by_field() -> None:
 @pytest.mark.parametrize(
     ("fields", "said"),
     [
-        ({"links.all.delay": 0.055}, ["links.all: delay", "0.055", "0.05 or 0.06"]),
+        ({"links.all.delay": 0.055}, ["links.all.delay: 0.055", "0.05 or 0.06"]),
         ({"links.sensing.loss": 1.2}, ["links.sensing.loss", "at most 1"]),
         ({"links.all.loss": -0.1}, ["links.all.loss", "at least 0"]),
         ({"links.all.loss": {"kind": "gilbert_elliott", "to_bad": 2, "to_good": 0.1}}, ["loss.to_bad", "at most 1"]),
@@ -621,7 +633,7 @@ def test_the_finest_section_counts_field_by_field() -> None:
         ({"links.all.noise": 0.1, "controller.control_period": 0}, ["controller.control_period is 0", "positive"]),
         ({"links.all": {"noise": 1.0, "sensor": RANGE_BEARING}}, ["links.all", "noise", "range_noise"]),
         ({"links.all.sensor": RANGE_BEARING, "links.sensing.noise": 1.0}, ["links.sensing", "noise", "exact"]),
-        ({"communication.3": {"between": ["A4", "A5"], "delay": 0.005}}, ["communication.3: delay", "0 or 0.01"]),
+        ({"communication.3": {"between": ["A4", "A5"], "delay": 0.005}}, ["communication.3.delay", "0 or 0.01"]),
         ({"links.all.delay": 1e6, "links.all.noise": 1.0}, ["links", "delay lines", "shorter"]),
     ],
 )  # fmt: skip

@@ -287,7 +287,7 @@ def test_nothing_from_before_arrives_over_a_restored_link() -> None:
 @pytest.mark.parametrize(
     ("fields", "said"),
     [
-        ({"links.rounds.delay": 0.055}, ["links.rounds: delay", "0.055", "0.05 or 0.06"]),
+        ({"links.rounds.delay": 0.055}, ["links.rounds.delay: 0.055", "0.05 or 0.06"]),
         ({"links.rounds.loss": 1.2}, ["links.rounds.loss", "at most 1"]),
         ({"links.rounds.loss": {"kind": "gilbert_elliott", "to_bad": 2, "to_good": 0.1}}, ["to_bad", "at most 1"]),
         ({"links.rounds.noise": 0.1}, ["links.rounds.noise", "unknown field"]),

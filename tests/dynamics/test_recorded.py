@@ -75,6 +75,7 @@ def test_a_run_follows_a_file_as_it_follows_the_formula(tmp_path: Path) -> None:
     assert mjsheaf.check(scenario)["ok"]
 
 
+@pytest.mark.slow
 def test_a_run_s_scenario_holds_the_samples(tmp_path: Path) -> None:
     scenario = mjsheaf.load_scenario(
         SCENARIO, {"targets.T1.motion": {"kind": "recorded", "samples": circle(0.5)}, "time.end": 0.1}
