@@ -225,16 +225,22 @@ def communication(dataset: xr.Dataset, samples: int, period: float) -> dict[str,
     }
 
 
-def delivery_by_kind(dataset: xr.Dataset) -> dict[str, float | None] | None:
-    """Share of measurements that arrived, the mean over a kind's edges that have links; None without links.
+def delivery_of(dataset: xr.Dataset) -> dict[str, Any] | None:
+    """Share of measurements that arrived, by kind the mean over the edges that have links, and each of these in `edges`.
 
-    A kind without such edges, or a run too short for any to arrive, has None.
+    None without links; a kind without such edges, or a run too short for any measurement to arrive, has None.
     """
     if "delivery" not in dataset:
         return None
-    share, kind = dataset["delivery"].values, dataset["edge_kind"].values
-    counted = {name: share[(kind == name) & np.isfinite(share)] for name in KINDS}
-    return {name: float(own.mean()) if len(own) else None for name, own in counted.items()}
+    share, kind, edge = (dataset[name].values for name in ("delivery", "edge_kind", "edge"))
+    found: dict[str, Any] = {}
+    for name in KINDS:
+        known = share[(kind == name) & np.isfinite(share)]
+        found[name] = float(known.mean()) if len(known) else None
+    found["edges"] = {
+        name: dict(zip(edge[kind == name], map(finite, share[kind == name]), strict=True)) for name in KINDS
+    }
+    return found
 
 
 def check_expectation(

@@ -20,7 +20,7 @@ from mjsheaf.io.figures import AS_USUAL, FigureOptions
 from mjsheaf.io.section import LARGEST
 from mjsheaf.io.yaml import SUFFIXES, dump_yaml
 from mjsheaf.results import check_expectation, open_dataset, store, summarize, thinned, write_dataset
-from mjsheaf.results.metrics import communication, delivery_by_kind, summarize_phases
+from mjsheaf.results.metrics import communication, delivery_of, summarize_phases
 from mjsheaf.results.netcdf import split
 from mjsheaf.runs.simulate import Progress, no_progress, require_simulable, stream
 from mjsheaf.scenario import Scenario
@@ -307,7 +307,7 @@ def _summary_of(
         "final": final,
         "phases": own,
         "communication": communication(drawn, periods + 1, system.grid.period),
-        "delivery": delivery_by_kind(drawn),
+        "delivery": delivery_of(drawn),
         "free_directions": list(free),
         **_bounds_summary(theorem, of_law),
         "terms": None,

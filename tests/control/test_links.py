@@ -484,7 +484,11 @@ def test_the_file_is_the_same_in_pieces(tmp_path: Path) -> None:
     outcome = mjsheaf.save(whole, tmp_path / "run", video=False)
     shares, kinds = whole["delivery"].values, whole["edge_kind"].values
     said = json.loads((tmp_path / "run" / "summary.json").read_text())["delivery"]
+    edges = said.pop("edges")
     assert said == {kind: pytest.approx(shares[kinds == kind].mean()) for kind in ("communication", "sensing")}
+    assert {kind: list(own.values()) for kind, own in edges.items()} == {
+        kind: shares[kinds == kind].tolist() for kind in edges
+    }
     assert not outcome.summary["theorem"]["applies"]
     assert not outcome.summary["held_law"]["bounded"]
     again = load_scenario(str(tmp_path / "run" / "scenario.yaml"))
