@@ -407,8 +407,9 @@ def log_axis(axis: Any, which: str, values: Array, decades: float = 12.0) -> Non
     marks = (between * 10.0 ** np.arange(powers[0] - 1.0, powers[-1] + 1.0)[:, None]).ravel()
     marks = marks[(marks >= low) & (marks <= high)]
     # One line of markers: dozens of matplotlib's minor ticks would take longer than all else.
+    mark: Any = TICKDOWN if which == "x" else TICKLEFT
     at = (marks, np.zeros(len(marks))) if which == "x" else (np.zeros(len(marks)), marks)
-    axis.add_artist(Line2D(*at, linestyle="", marker=TICKDOWN if which == "x" else TICKLEFT, markersize=1.8,
+    axis.add_artist(Line2D(*at, linestyle="", marker=mark, markersize=1.8,
                            markeredgewidth=0.6, color="black", clip_on=False, in_layout=False,
                            transform=getattr(axis, f"get_{which}axis_transform")()))  # fmt: skip
 
