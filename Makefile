@@ -15,11 +15,12 @@ $(STAMP): pyproject.toml constraints.txt
 	touch $(STAMP)
 
 demo: $(STAMP)
-	$(BIN)/mjsheaf run paper --expect --out $(DEMO)
+	$(BIN)/mjsheaf run paper --expect --quality draft --out $(DEMO)
 	@echo
 	@echo "look    $(DEMO)/report.html in any browser"
 	@test -e $(DEMO)/video.mp4 && echo "video   $(DEMO)/video.mp4" || echo "video   none: see the note above"
-	@echo "plots   $(DEMO)/errors.png trajectories.png configurations.png"
+	@test ! -e $(DEMO)/video.mp4 || echo "        in full quality: $(BIN)/mjsheaf video $(DEMO) --quality good"
+	@echo "plots   $(DEMO)/errors.png trajectories.png configurations.png   (for a paper: run --format pdf --no-title)"
 	@echo "data    $(DEMO)/result.nc summary.json"
 
 lint: $(STAMP)

@@ -21,8 +21,9 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
+from matplotlib.markers import TICKDOWN, TICKLEFT
 from matplotlib.text import Text
-from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullFormatter
+from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
 from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array
@@ -33,7 +34,7 @@ WIDTH = 7.16
 """Width of two columns, in."""
 HEADING, NORMAL, TICK, SMALL = 9.5, 8.0, 7.5, 7.0
 """Sizes of type, pt."""
-_DPI = 200
+_DPI = 150
 
 # Okabe and Ito's palette without its vermilion, which is too like the targets' red for some, then mostly Tol's muted
 # scheme for further groups. Their sky blue is for agents without a group.
@@ -150,7 +151,6 @@ def label_axes(axis: Any, title: str, x: str = "", y: str = "", **grid: Any) -> 
     axis.set_xlabel(x, fontsize=NORMAL)
     axis.set_ylabel(y, fontsize=NORMAL)
     axis.tick_params(labelsize=TICK, length=3)
-    axis.tick_params(which="minor", length=1.8)
     axis.spines[["top", "right"]].set_visible(False)
     axis.grid(True, alpha=0.3, linewidth=0.6, **grid)
     axis.set_axisbelow(True)
@@ -401,11 +401,17 @@ def log_axis(axis: Any, which: str, values: Array, decades: float = 12.0) -> Non
     side = getattr(axis, f"{which}axis")
     step = -(-len(powers) // 6)
     side.set_major_locator(FixedLocator((10.0 ** powers[::step].astype(np.float64)).tolist()))
+    side.set_minor_locator(NullLocator())
+    side.set_major_formatter(FuncFormatter(lambda value, _: f"$10^{{{round(np.log10(value))}}}$"))
     between = np.arange(2, 10) if step == 1 else np.array([1])
     marks = (between * 10.0 ** np.arange(powers[0] - 1.0, powers[-1] + 1.0)[:, None]).ravel()
-    side.set_minor_locator(FixedLocator(marks.tolist()))
-    side.set_major_formatter(FuncFormatter(lambda value, _: f"$10^{{{round(np.log10(value))}}}$"))
-    side.set_minor_formatter(NullFormatter())
+    marks = marks[(marks >= low) & (marks <= high)]
+    # One line of markers: dozens of matplotlib's minor ticks would take longer than all else.
+    mark: Any = TICKDOWN if which == "x" else TICKLEFT
+    at = (marks, np.zeros(len(marks))) if which == "x" else (np.zeros(len(marks)), marks)
+    axis.add_artist(Line2D(*at, linestyle="", marker=mark, markersize=1.8,
+                           markeredgewidth=0.6, color="black", clip_on=False, in_layout=False,
+                           transform=getattr(axis, f"get_{which}axis_transform")()))  # fmt: skip
 
 
 def log_limits(low: float, high: float) -> tuple[float, float, NDArray[np.int64]]:

@@ -277,14 +277,17 @@ def plot_trajectories(team: Team, dataset: xr.Dataset, path: Path, options: Figu
     if absent[:, -1].any():
         ends.append(key("lost", color="black", marker="X", markersize=5))
     legend_below(figure, [*group_keys(groups, names, colours), *ends], 6)
+    if spatial:
+        above.set_title("from above", fontsize=HEADING)
+        front.set_title("from the front", fontsize=HEADING)
+        side.set_title("from the side", fontsize=HEADING)
+        _draw_in_space(corner, team, tracks, absent, inside)
     lay_out(figure)  # the sizes of the panels decide how much of space each shows
     stretched = _fill_views(views, middle, size)
     if spatial:
-        above.set_title("from above", fontsize=HEADING)
-        front.set_title("from the front" + stretched, fontsize=HEADING)
-        side.set_title("from the side", fontsize=HEADING)
-        _draw_in_space(corner, team, tracks, absent, inside)
-    settle(figure)
+        front.set_title(f"from the front{stretched}", fontsize=HEADING)
+    settle(figure)  # with the numbers that these limits have
+    _fill_views(views, middle, size)
     _name_members(above, team, dataset, tracks[:, :2, -1], tracks[:, :2, 0])
     save_figure(figure, path, options)
 
