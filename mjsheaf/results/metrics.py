@@ -226,7 +226,7 @@ def communication(dataset: xr.Dataset, samples: int, period: float) -> dict[str,
 
 
 def delivery_of(dataset: xr.Dataset) -> dict[str, Any] | None:
-    """Share of measurements that arrived, by kind the mean over the edges that have links, and each of these in `edges`.
+    """Share of measurements that arrived: by kind the mean over its edges that have links, and each edge in `edges`.
 
     None without links; a kind without such edges, or a run too short for any measurement to arrive, has None.
     """
