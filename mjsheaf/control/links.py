@@ -101,7 +101,7 @@ class LinkMemory(NamedTuple):
         cells: of each link its delay line, a slot for each sample under way (1 + its number, 0 if lost; y, own
             displacement so far), then, if it remembers anything, twice what was received, for samples of even and of
             odd number: state of the chain (0 before it begins, 1 good, 2 bad), 1 + the number of the sample at which
-            the last arrived (0 before any), y, displacement, velocity.
+            the last arrived (0 before any), y, displacement, filtered velocity.
         streams, places: of the links, shapes (L, 2) and (L,), by which they are known again in another phase.
     """
 
@@ -359,7 +359,7 @@ def deliver(law, t, x, bodies, y, terms, memory):
             if arrives:  # of a velocity it says something if odometry has gone on since the last was measured
                 known = own > 0 and law.terms.agents > 0 and last > 0.0 and last - 1.0 - delay >= n - terms.clock[0]
                 age = n + 1.0 - last if known else 0.0
-                receive(links, cells, slot + 1, before + _HEADER, now + _HEADER, m, own, age)
+                receive(law, cells, slot + 1, before + _HEADER, now + _HEADER, m, own, age)
                 last = n + 1.0
             else:
                 for i in range(m + 2 * own):
@@ -380,11 +380,19 @@ def next_state(state, chance, to_bad, to_good, begins_bad):
 
 
 @inline_jit
-def receive(links, cells, slot, before, now, m, own, periods):
-    """Keep the m numbers that arrive, and with odometry what they say of a velocity since so many periods, if any."""
+def receive(law, cells, slot, before, now, m, own, periods):
+    """Keep the m numbers that arrive, and mix what they say of a velocity since so many periods, if any, into the old.
+
+    It has that many periods' share in the filter, which begins at rest: else noise, which cancels in the sum of
+    differences, would add up.
+    """
+    share = 1.0 - (1.0 - law.terms.measured) ** periods
     for i in range(own):
-        a, b = cells[slot + i] + cells[slot + m + i], cells[before + i] + cells[before + m + i]
-        cells[now + 2 * m + i] = (a - b) / (periods * links.period) if periods > 0.0 else 0.0
+        a, b, velocity = cells[slot + i] + cells[slot + m + i], cells[before + i] + cells[before + m + i], 0.0
+        if periods > 0.0:
+            velocity = cells[before + 2 * m + i]
+            velocity += share * ((a - b) / (periods * law.links.period) - velocity)
+        cells[now + 2 * m + i] = velocity
     for i in range(m + own):
         cells[now + i] = cells[slot + i]
 

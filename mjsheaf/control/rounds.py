@@ -64,6 +64,8 @@ class RoundArrays(NamedTuple):
 
     def settling(self, rounds: int, low: float) -> float:
         """Share of the slowest error that a period of so many rounds takes away, nearly; `low` bounds H from below."""
+        if self.stiffest == 0.0:  # no edge is left
+            return 1.0
         bad, good_loss, bad_loss = self.loss[2:]
         lost = bad * bad_loss + (1.0 - bad) * good_loss
         late = self.delay + lost / max(1.0 - lost, 1e-3)

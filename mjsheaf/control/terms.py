@@ -147,14 +147,15 @@ class TermMemory(NamedTuple):
     """What the terms of V vehicles hold from sample to sample; without terms V is 0.
 
     Attributes:
-        now, before: all that follows, and the same before the present sample, shape (3 + m + 36 V,) and `rounds.held`.
-        clock: samples so far, those of them with the present edges, and the time of the last, s, shape (3,).
+        now, before: all that follows, and the same before the present sample, shape (4 + m + 36 V,) and `rounds.held`.
+        clock: samples so far, those of them with the present edges, the time of the last, s, and how often velocities
+            of targets were measured over exact links, shape (4,).
         y: measurements of the sample before, shape (m,), m.
         x: positions then, of which an agent knows the difference to its own now, shape (V, 3), m.
         moved: displacement since then by odometry, shape (V, 3), m.
         walked: the sum of that since the start, shape (V, 3), m.
         seen: drift since then, as measured, shape (V, 3), m/s.
-        rate: B p', filtered; v: the solution of H v = B p'; shape (V, 3), m/s.
+        rate: B p', filtered, over exact links; v: the solution of H v = B p'; shape (V, 3), m/s.
         delta: the solution of H delta = -eta, shape (V, 3), m.
         drift: the observer's, shape (V, 3), m/s.
         z: integral of eta, shape (V, 3), m s.
@@ -185,7 +186,7 @@ class TermMemory(NamedTuple):
 def size_of_memory(terms: TermArrays, first: IntArray, V: int) -> int:
     """How many numbers the terms of V vehicles hold, whose edges' numbers begin at `first` (E + 1,)."""
     held, line = size_of_round_memory(terms.rounds, first)
-    return 2 * (3 + int(first[-1]) + 36 * V + held) + line if terms.agents else 0
+    return 2 * (4 + int(first[-1]) + 36 * V + held) + line if terms.agents else 0
 
 
 def split_memory(flat: Array, terms: TermArrays, first: IntArray, V: int) -> TermMemory:
@@ -194,7 +195,7 @@ def split_memory(flat: Array, terms: TermArrays, first: IntArray, V: int) -> Ter
     m, V, C = (int(first[-1]), V, len(rounds.streams)) if terms.agents else (0, 0, 0)
     line = size_of_round_memory(rounds, first)[1] * bool(terms.agents)
     now, before, under_way = np.split(flat, [(len(flat) - line) // 2, len(flat) - line])
-    clock, y, vehicles, held = np.split(now, np.minimum([3, 3 + m, 3 + m + 36 * V], len(now)))
+    clock, y, vehicles, held = np.split(now, np.minimum([4, 4 + m, 4 + m + 36 * V], len(now)))
     sent = RoundMemory(held, under_way, np.ascontiguousarray(rounds.streams[:C]), np.ascontiguousarray(first[: C + 1]))
     return TermMemory._make((now, before, clock, y, *vehicles.reshape(12, V, 3), sent))
 
@@ -476,7 +477,7 @@ def _feed_forward(law, x, y, command, memory, links):
             for v in range(terms.agents):
                 for i in range(3):
                     command[v, i] -= terms.lead[v] * memory.v[v, i]
-        _exchange(law, FEEDFORWARD, x, memory.rate, memory.v, memory)
+        _exchange(law, FEEDFORWARD, x, memory.right, memory.v, memory)
         if lead:
             for v in range(terms.agents):
                 for i in range(3):
@@ -488,24 +489,36 @@ def _feed_forward(law, x, y, command, memory, links):
 
 @inline_jit
 def _sense_targets(law, y, memory, links):
-    """Filter B p', from how measurements of targets changed and how agents moved themselves, into memory.rate."""
+    """Write B p', filtered, into memory.right, from how measurements of targets changed and how agents moved.
+
+    Links filter what they hear by themselves, as measurements may arrive at unlike times (see `mjsheaf.control.links`).
+    """
     edges, terms, measured, linked = law.edges, law.terms, memory.right, law.links.of.shape[0] > 0
-    share = terms.measured if memory.clock[1] > 1.0 else 1.0
+    share = terms.measured if memory.clock[3] > 0.0 else 1.0  # the first has nothing to be mixed with
+    memory.clock[3] += 1.0
     for v in range(terms.agents):
         measured[v, 0], measured[v, 1], measured[v, 2] = 0.0, 0.0, 0.0
     for e in range(terms.sensing[0], terms.sensing[1]):
+        if linked and law.links.of[e] >= 0:
+            continue
         i = edges.tail[e]  # the agent is the tail: y_e = F_T p - F_i q_i
         for r in range(edges.first[e], edges.first[e + 1]):
             F, P = edges.F_tail[r], edges.P_tail[r]
             own = F[0] * memory.moved[i, 0] + F[1] * memory.moved[i, 1] + F[2] * memory.moved[i, 2]
             velocity = (y[r] - memory.y[r] + own) / terms.period
-            if linked and law.links.of[e] >= 0:
-                velocity = links.velocity[r]
             for c in range(3):
                 measured[i, c] += P[c] * velocity
     for v in range(terms.agents):
         for i in range(3):
             memory.rate[v, i] += share * (measured[v, i] - memory.rate[v, i])
+            measured[v, i] = memory.rate[v, i]
+    if linked:
+        for e in range(terms.sensing[0], terms.sensing[1]):
+            if law.links.of[e] >= 0:
+                i = edges.tail[e]
+                for r in range(edges.first[e], edges.first[e + 1]):
+                    for c in range(3):
+                        measured[i, c] += edges.P_tail[r, c] * links.velocity[r]
 
 
 @inline_jit

@@ -93,7 +93,7 @@ def describe_validation_error(error: ValidationError, model: type[BaseModel]) ->
     deepest = max(rivals, key=lambda p: (len(p.path), not p.kind.endswith("_type")))
     first = next((p for p in problems if p.kind == "extra_forbidden"), deepest)
     others = len({p.value for p in problems}) - 1
-    more = f" (and {others} more)" if others else ""
+    more = f" ({others} more error{'s' * (others > 1)})" if others else ""
     return f"{'.'.join(map(_visible, first.path)) or 'file'}: {first.text}{more}"
 
 

@@ -20,6 +20,7 @@ from mjsheaf.team import Edge, Team
 
 _FIXED = ("controller.control_period", "controller.record_period")  # samples are those of the whole run
 _OF_LINKS = re.compile(r"links\.(all|communication|sensing)\.(noise|bias|loss|range|hold)(\..+)?")
+_LONGEST = 200  # characters of a path, of which none that is valid comes near
 _ROUNDING = 1e-6  # of a period, by which a time may miss its sample
 _Pair = Annotated[list[Id], Field(min_length=2, max_length=2)]
 
@@ -175,6 +176,8 @@ class Change(Event):
     def apply(self, state: State) -> None:
         """Change them, all at once, if the values are valid."""
         for path, _ in self.values():
+            if len(path) > _LONGEST:
+                raise InputError(f"set: {path[:40]!r} goes on for {len(path)} characters; expected at most {_LONGEST}")
             with in_field(f"set.{path}"):
                 if not _OF_LINKS.fullmatch(path) and (not path.startswith("controller.") or path in _FIXED):
                     raise InputError(

@@ -284,6 +284,7 @@ BAD = [
     ([{"time": 0.1, "set": {"controller.gian": 1}}], "events.0: controller.gian", "unknown field", "gain"),
     ([{"time": 0.1, "set": {"seed": 1}}], "events.0: set.seed", "cannot", "controller"),
     ([{"time": 0.1, "set": {"controller.control_period": 1}}], "events.0: set.controller.control_period", "", "period"),
+    ([{"time": 0.1, "set": {"controller" + ".x" * 5000: 1}}], "events.0: set", "10010 characters", "at most 200"),
     ([{"time": 0.1, "set": {}}], "events.0.set", "{}", "at least 1"),
     ([{"time": 0.1, "drop": "A1"}], "events.0", "drop", "lose, cut, restore, join, set"),
     ([{"time": 0.1, "cut": ["A1"]}], "events.0.cut", "A1", "2"),

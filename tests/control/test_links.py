@@ -348,6 +348,41 @@ def test_feedforward_knows_the_velocity_of_a_target_from_two_old_samples(lossy: 
     assert (count >= 10).all()
 
 
+@pytest.mark.parametrize("fields", [
+    {"links": {"sensing": {"noise": 0.5}}},
+    {"links": {"sensing": {"noise": 0.5, "delay": 0.05}}},
+    {"links": {"sensing": {"noise": 0.5, "loss": 0.3}}},
+    {"links": {"sensing": {"noise": 0.5, "loss": {"kind": "gilbert_elliott", "to_bad": 0.1, "to_good": 0.2}}}},
+    {"links": {"sensing": {"noise": 0.5}}, "events": [{"time": k, "set": {"controller.gain": 0.5}} for k in (2, 4, 6)]},
+])  # fmt: skip
+def test_noise_cancels_in_the_filtered_velocity_of_a_target(fields: dict[str, Any]) -> None:
+    """What the differences of a second sum up to is the error of its ends, also over losses and events."""
+    law = {"gain": 0.5, "control_period": H, "feedforward": {"rounds": 2, "filter": 0.5}}
+    worst = [float(at_target(law, seed=seed, **fields)["tracking_error"].max()) for seed in range(4)]
+    assert max(worst) < 0.9, worst
+
+
+def test_a_phase_begins_with_what_filters_hold() -> None:
+    """Noise of odometry, which a first difference after every event would pass on unfiltered."""
+    law = {"gain": 0.5, "control_period": H, "feedforward": {"rounds": 2, "filter": 0.5}, "odometry": {"noise": 0.1}}
+    cut = [{"time": 5, "cut": ["A1", "A2"]}]
+    worst = [[float(at_target(law, seed=k, events=e)["tracking_error"].max()) for k in range(3)] for e in ([], cut)]
+    assert max(worst[1]) < 1.5 * max(worst[0]), worst
+
+
+def at_target(law: dict[str, Any], **fields: Any) -> xr.Dataset:
+    """A run of two agents at a target that stands still."""
+    tree = {
+        "time": {"end": 12.0},
+        "controller": law,
+        "agents": [{"id": "A1", "position": [0, 0]}, {"id": "A2", "position": [0, 0]}],
+        "targets": [{"id": "T1", "position": [0, 0]}],
+        "communication": [["A1", "A2"]],
+        "sensing": [["A1", "T1"], ["A2", "T1"]],
+    }
+    return simulate(load_scenario({**tree, **fields}), "ideal")
+
+
 def test_a_delay_longer_than_the_run_and_a_range_that_is_just_reached() -> None:
     """Nothing could have arrived, so that no share of it did; the limit of a range is within it."""
     links = {"all": {"delay": 5.0, "noise": 0.1, "hold": 1.0}}

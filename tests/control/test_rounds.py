@@ -323,3 +323,16 @@ def test_check_does_not_claim_to_know_the_held_law(fields: dict[str, Any]) -> No
     with pytest.raises(UndecidedError, match="late or lost"):
         loop_of(scenario.system)
     assert loop_of(load_scenario("paper", fields).system).radius < 1.0  # the paper's law has no rounds
+
+
+def test_rounds_over_no_edge_at_all() -> None:
+    """All links are cut: H is 0, nobody is told anything, and everybody stays."""
+    rest = {"links": {"rounds": {"delay": 0.02, "loss": 0.3}}, "events": [{"time": 0.1, "cut": ["A1", "T1"]}]}
+    scenario = load_scenario({
+        "time": {"end": 0.2}, "agents": [{"id": "A1", "position": [0, 0]}],
+        "targets": [{"id": "T1", "position": [2, 0]}], "sensing": [["A1", "T1"]],
+        "controller": {"control_period": 0.02, "feedforward": {"rounds": 2}, "newton": {"rounds": 2}}, **rest,
+    })  # fmt: skip
+    data = simulate(scenario, "ideal", allow_drift=True)
+    assert np.isfinite(data["velocity_command"].values[..., :2]).all()
+    assert not data["velocity_command"].values[5:, 0, :2].any()

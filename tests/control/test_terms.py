@@ -18,6 +18,7 @@ from mjsheaf import World, load_scenario, simulate, simulate_many
 from mjsheaf.control import ControlArrays
 from mjsheaf.control.controller import Agent, Controller, LocalSample, PerAgent
 from mjsheaf.control.law import Memory, evaluate_law, new_memory
+from mjsheaf.control.links import size_of_link_memory
 from mjsheaf.control.terms import contraction, no_terms, size_of_memory, solve
 from mjsheaf.errors import InputError
 from mjsheaf.runs.simulate import stream
@@ -76,6 +77,7 @@ class Local:
     edges: tuple[Edge, ...] = ()
     samples: int = 0
     same: int = 0  # samples with these edges
+    sensed: int = 0  # samples at which the velocity of targets was measured
     y: list[Array] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -131,7 +133,8 @@ class Local:
                 for e, y, earlier in zip(self.edges, local.measurements, self.y, strict=True):
                     if e.head in self.targets:
                         measured += e.F_tail.T @ e.weight @ (y - earlier + e.F_tail @ moved) / h
-                share = 1.0 if self.same == 1 else filtered(h, law.feedforward.filter)
+                share = filtered(h, law.feedforward.filter) if self.sensed else 1.0
+                self.sensed += 1
                 self.rate = self.rate + share * (measured - self.rate)
                 self.v = yield from self.rounds(self.v, self.rate, law.feedforward.rounds)
             settled = contraction(law.feedforward.rounds, *self.bounds) ** (self.same - 1) < 1e-3
@@ -397,7 +400,8 @@ def test_a_law_without_terms_holds_nothing_of_them() -> None:
         assert bool(terms.agents) == scenario.controller.terms.any, path
         if not scenario.controller.terms.any:
             V, m = len(scenario.team.members), len(scenario.system.law.edges.b)
-            assert len(new_memory(scenario.system.law, V).flat) == m + 9 * V
+            links = size_of_link_memory(scenario.system.law.links, m)
+            assert len(new_memory(scenario.system.law, V).flat) == m + 9 * V + links
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
