@@ -62,9 +62,9 @@ def plot_rungs(record: CompareRecord, runs: dict[str, Run], path: Path, options:
             if rung.status == "finished":
                 values.append(y)
             label = rung.label + " (BLOWS UP)" * (rung.status != "finished")
-            style = _style(rung, k)
-            axis.plot(run.trajectory.time[keep], y, **style)
             if np.isfinite(y).any():
+                style = _style(rung, k)
+                axis.plot(run.trajectory.time[keep], y, **style)
                 ends.append((float(y[np.isfinite(y)][-1]), label, style["color"]))
         log_axis(axis, "y", np.concatenate([*values, np.zeros(0)]), decades=4)
         label_axes(axis, "", y=title)

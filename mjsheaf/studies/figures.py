@@ -264,7 +264,10 @@ def _draw_over_time(
             if records[k]["status"] != "finished":
                 name += f" ({records[k]['status']})"
             y = np.array(series[measure], dtype=np.float64)
-            panel.plot(series["time"], y, label=name, **line_style(k))
+            marked = (
+                {} if np.isfinite(y).any() else {"markevery": None}
+            )  # nothing is spread along a line that is not there
+            panel.plot(series["time"], y, label=name, **line_style(k) | marked)
             values.append(y)
         log_axis(panel, "y", np.concatenate(values))
         label_axes(panel, "", y=_LABELS[measure].removeprefix("final "))
