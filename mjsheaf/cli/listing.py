@@ -101,7 +101,7 @@ def bench(
     """
     from mjsheaf.bench import run_bench
 
-    with progress_bars() as bars:
+    with progress_bars(lines=not as_json) as bars:
         found = run_bench(topics, short=not full, progress=bars)
     if as_json:
         print(json.dumps(found, indent=2))

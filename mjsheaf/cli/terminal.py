@@ -141,11 +141,11 @@ def print_note(text: str) -> None:
 
 
 @contextmanager
-def progress_bars() -> Iterator[Callable[[str, int, int], None]]:
+def progress_bars(*, lines: bool = True) -> Iterator[Callable[[str, int, int], None]]:
     """Yield a function of (what is being done, done, in all) that keeps a bar for each kind of work, on stderr.
 
-    Where stderr is not a terminal, what takes long has a line now and then instead. Each call ends the work if a signal
-    has asked for that.
+    Where stderr is not a terminal, what takes long has a line now and then on stdout instead, if `lines` may stand
+    there: stderr is for the one line of an error. Each call ends the work if a signal has asked for that.
     """
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
@@ -160,10 +160,10 @@ def progress_bars() -> Iterator[Callable[[str, int, int], None]]:
         raise_if_stopped()
         now = time.monotonic()
         if bars.disable:
-            if now - told >= BETWEEN_LINES and total > 1:
+            if lines and now - told >= BETWEEN_LINES and total > 1:
                 told = now
-                line = f"{what}: {done} of {total} ({100 * done // total} %), {now - begun:.0f} s since the start"
-                print(line, file=sys.stderr, flush=True)
+                share = f"{done} of {total} ({100 * done // total} %)"
+                print(f"{what}: {share}, {now - begun:.0f} s since the start", flush=True)
             return
         if what not in tasks:
             tasks[what] = bars.add_task(what, total=total)
