@@ -136,7 +136,8 @@ def base(name: str) -> dict[str, Any]:
     if "swarm" in raw:
         raw["swarm"]["size"] = 4
     if "events" in raw:  # of those who are left
-        raw["events"] = [{"time": 1, "set": {"controller.gain": 0.5}}, {"time": 2, "lose": raw["agents"][1]["id"]}]
+        lost = raw["agents"][1]["id"] if "agents" in raw else "S2"
+        raw["events"] = [{"time": 1, "set": {"controller.gain": 0.5}}, {"time": 2, "lose": lost}]
     return {field: value for field, value in raw.items() if value != []}
 
 
