@@ -211,6 +211,7 @@ def test_plots_of_awkward_teams_are_legible(drawn: list[Figure]) -> None:
     assert all(map(is_legible, drawn))
 
 
+@pytest.mark.slow
 def test_a_plot_without_title_has_all_else(drawn: list[Figure]) -> None:
     for title in (True, False):
         plots_of("midpoint", {"time.end": 0.1}, FigureOptions(("pdf",), title))

@@ -22,7 +22,7 @@ from tests.commands import answer_of, call
 SHORT = ["--set", "time.end=0.2"]
 SMALL = ["--set", "video.width=160", "--set", "video.height=120", "--set", "video.fps=2"]
 SHORTENED = {"run": SHORT + SMALL, "compare": SHORT + SMALL, "sweep": SHORT, "video": ["--width", "160", "--fps", "1"]}
-SLOW = {"compare", "sweep", "video", "--expect"}
+SLOW = {"compare", "sweep", "video", "report", "--expect", "--format", "controller.gain=30"}
 
 
 def blocks(language: str) -> list[str]:

@@ -70,7 +70,7 @@ def films(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     return drawn
 
 
-@pytest.mark.parametrize("name", ["result.nc", "summary.json", "scenario.yaml"])
+@pytest.mark.parametrize("name", ["result.nc", "summary.json", pytest.param("scenario.yaml", marks=pytest.mark.slow)])
 def test_damaged_file_of_a_run(name: str, run: Path, films: list[Any], tmp_path: Path) -> None:
     choose = random.Random(name)
     for k in range(30):

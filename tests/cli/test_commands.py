@@ -35,7 +35,10 @@ QUICKLY_FILMED = [("midpoint", "ideal"), ("local_frames", "physics")]
 
 
 @pytest.mark.usefixtures("without_plots")
-@pytest.mark.parametrize(("name", "backend"), EVERY)
+@pytest.mark.parametrize(
+    ("name", "backend"),
+    [pytest.param(*run, marks=[pytest.mark.slow] if k % 4 in (1, 2) else []) for k, run in enumerate(EVERY)],
+)
 def test_run_of_every_scenario(name: str, backend: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
     code = call(
@@ -67,7 +70,7 @@ def test_run_of_every_scenario(name: str, backend: str, tmp_path: Path, capsys: 
     ("name", "backend"),
     [
         pytest.param(*run, marks=[] if run in QUICKLY_FILMED else [pytest.mark.slow])
-        for run in [*QUICKLY_FILMED, *EVERY[::4], *EVERY[3::4]]  # the backends in turn
+        for run in dict.fromkeys([*QUICKLY_FILMED, *EVERY[::4], *EVERY[3::4]])  # the backends in turn
         if load_scenario(run[0]).expect.refused is None
         and (run in QUICKLY_FILMED or run[0] not in dict(QUICKLY_FILMED))
     ],

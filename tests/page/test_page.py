@@ -151,6 +151,7 @@ def test_the_bundle_carries_the_licences_of_what_is_in_it(small: Made) -> None:
     assert re.search(r"three \d+\.\d+\.\d+", script)
 
 
+@pytest.mark.slow
 def test_a_page_is_written_again_from_the_directory_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """To the byte, also from a directory that was moved; one that is damaged is refused."""
     scenario = load_scenario("midpoint", {"time.end": 0.5})
