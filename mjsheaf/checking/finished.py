@@ -207,6 +207,16 @@ def _phase_of(run: System | Sequence[Phase], dataset: "xr.Dataset", which: int) 
     return during(run, which, initial), own
 
 
+def bounds_of_phases(phases: Sequence[Phase], dataset: "xr.Dataset") -> list[tuple[RunBound, HeldBound]]:
+    """What Theorem 1 and the held law say of each phase that a run came to."""
+    end = float(dataset["time"][-1]) + 0.5 * phases[0].system.grid.period
+    came = [k for k, phase in enumerate(phases) if k == 0 or phase.time < end]
+    theorems = [bound_of_run(phases, dataset, k) for k in came]
+    return [
+        (theorem, held_bound_of_run(phases, dataset, theorem, k)) for k, theorem in zip(came, theorems, strict=True)
+    ]
+
+
 def _other_law(system: System, controller: str) -> str:
     """What the law of a run is where that is not the paper's, in words; or empty."""
     if controller:

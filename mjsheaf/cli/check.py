@@ -66,6 +66,8 @@ def check(
         own = plot.suffix[1:]
         given = [own, *(form for form in (formats or own).split(",") if form != own)]
         figures = FigureOptions(tuple(given), title)
+    elif formats is not None:
+        raise InputError(f"--format {formats}: there is no plot; expected --plot FILE with it")
     import json
 
     from mjsheaf.checking import examine

@@ -285,8 +285,8 @@ def _datasets(scenario: Scenario, comparison: Comparison) -> tuple[xr.Dataset, x
 
 def _page(scenario: Scenario, comparison: Comparison) -> bytes:
     """The run on bodies, with the ideal one as its ghost."""
-    from mjsheaf.checking.finished import ending_of_run
-    from mjsheaf.page import bounds_of_phases, page_of
+    from mjsheaf.checking.finished import bounds_of_phases, ending_of_run
+    from mjsheaf.page import page_of
 
     phases = scenario.phases
     ideal, physics = _datasets(scenario, comparison)

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from mjsheaf.checking.finished import HeldBound, RunBound
     from mjsheaf.system import Phase, System
 
-Bounds = list[tuple["RunBound", "HeldBound"]]
+Bounds = Sequence[tuple["RunBound", "HeldBound"]]
 
 _ARROWS = 12  # of the flow, along each side of the grid
 _REACH = 1.25  # of the grid, times the scene's size
@@ -52,7 +52,7 @@ def page_of(
         phases: of the run.
         dataset: its data, in memory or opened.
         summary: as summary.json, as far as it is known.
-        bounds: what they say of each phase of the run: see `bounds_of_phases`.
+        bounds: what they say of each phase of the run: see `finished.bounds_of_phases`.
         notes: what a reader should know: sentences, or mappings with `text`, and `agent` and `time` where they apply.
         ideal: the same scenario on ideal kinematics, shown as ghosts; or None.
         again: the command that makes the run again, and where; None for that in a run's directory.
@@ -75,6 +75,7 @@ def write_page_again(directory: Path, path: Path | None = None) -> Path:
             that recorded less.
         OSError: the file cannot be written.
     """
+    from mjsheaf.checking.finished import bounds_of_phases
     from mjsheaf.results.store import open_run, require_match
     from mjsheaf.scenario import load_scenario
 
@@ -90,18 +91,6 @@ def write_page_again(directory: Path, path: Path | None = None) -> Path:
         page = page_of(scenario, phases, dataset, summary, bounds, notes=summary.get("notes", ()))
         write_whole(path, page)
     return path
-
-
-def bounds_of_phases(phases: "Sequence[Phase]", dataset: xr.Dataset) -> Bounds:
-    """What Theorem 1 and the held law say of each phase that a run came to."""
-    from mjsheaf.checking.finished import bound_of_run, held_bound_of_run
-
-    end = float(dataset["time"][-1]) + 0.5 * phases[0].system.grid.period
-    came = [k for k, phase in enumerate(phases) if k == 0 or phase.time < end]
-    theorems = [bound_of_run(phases, dataset, k) for k in came]
-    return [
-        (theorem, held_bound_of_run(phases, dataset, theorem, k)) for k, theorem in zip(came, theorems, strict=True)
-    ]
 
 
 def _curves(phases: "Sequence[Phase]", dataset: xr.Dataset, bounds: Bounds) -> dict[str, Array]:

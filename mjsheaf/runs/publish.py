@@ -185,7 +185,7 @@ def publish(
     Raises:
         PlaceError: the directory may not be replaced or cannot be written.
     """
-    from mjsheaf.checking.finished import bound_of_run, held_bound_of_run
+    from mjsheaf.checking.finished import bounds_of_phases
     from mjsheaf.page import page_of
     from mjsheaf.runs.harm import examine_terms
     from mjsheaf.runs.notes import notes_of_run
@@ -201,17 +201,15 @@ def publish(
         dataset = held.enter_context(open_dataset(fresh / "result.nc"))
         write_scenario(scenario, fresh)
         own, drawn = summarize_phases(system.team, dataset), thinned(dataset)
-        came = [k for k in range(len(phases)) if k == 0 or own[k]["final"] is not None]
-        theorems = [bound_of_run(phases, dataset, k) for k in came]
-        of_laws = [held_bound_of_run(phases, dataset, theorem, k) for k, theorem in zip(came, theorems, strict=True)]
-        theorem, of_law = theorems[0], of_laws[0]
+        bounds = bounds_of_phases(phases, dataset)
+        theorem, of_law = bounds[0]
         shown = _shown_bound(phases, drawn["time"].values, theorem, of_law)
         plots = held.enter_context(ThreadPoolExecutor(1)).submit(_plot, phases, drawn, shown, fresh, progress, figures)
         if video is None:
             plots.result()
         seconds = run.seconds if isinstance(run, TimedIterator) else None
-        for phase, theorem_then, of_law_then in zip(own, theorems, of_laws, strict=False):
-            phase |= _bounds_summary(theorem_then, of_law_then)
+        for phase, bound in zip(own, bounds, strict=False):
+            phase |= _bounds_summary(*bound)
         summary = _summary_of(scenario, phases, dataset.sizes["time"] - 1, drawn, own, theorem, of_law)
         summary |= {"origin": origin, "wall_time_s": seconds, store.RESULT_DIGEST: store.digest(fresh / "result.nc")}
         if seconds:
@@ -219,7 +217,7 @@ def publish(
         terms = examine_terms(phases, dataset)
         if terms is not None:
             summary["terms"] = terms.record()
-        found = notes_of_run(phases, dataset, summary["ending"], [*theorems, *of_laws], terms)
+        found = notes_of_run(phases, dataset, summary["ending"], [one for bound in bounds for one in bound], terms)
         summary["notes"], notes = [note.record() for note in found], []
         if video is not None:
             from mjsheaf.video.from_run import film_run
@@ -230,7 +228,6 @@ def publish(
             summary["video"] = video_entry(frames, video) if not reason else None
         plots.result()
         progress("writing the page", 0, 1)
-        bounds = list(zip(theorems, of_laws, strict=True))
         page = page_of(scenario, phases, dataset, summary, bounds, notes=summary["notes"])
         (fresh / "report.html").write_bytes(page)
         progress("publishing", 0, 1)  # the last moment at which the user can stop it
@@ -246,7 +243,7 @@ def save(
     formats: Sequence[str] = ("png",),
     title: bool = True,
 ) -> Outcome:
-    """Write all that `mjsheaf run` writes, from a result in memory: data, plots, video, summary, scenario.
+    """Write all that `mjsheaf run` writes, from a result in memory: data, plots, page, video, summary, scenario.
 
     Args:
         result: from `simulate`; on bodies or ideal, with a law in Python or without.

@@ -171,7 +171,8 @@ def _run(job: Job) -> tuple[dict[str, Any], bytes | None, bytes | None]:
 
 
 def _page_of(scenario: Scenario, dataset: xr.Dataset, found: dict[str, Any]) -> bytes:
-    from mjsheaf.page import bounds_of_phases, page_of
+    from mjsheaf.checking.finished import bounds_of_phases
+    from mjsheaf.page import page_of
 
     phases = scenario.phases
     again = "mjsheaf sweep", "; the study's index.html says of what"

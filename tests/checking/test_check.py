@@ -176,6 +176,9 @@ def test_the_plot_s_formats_are_its_suffix_and_those_given(tmp_path: Path, capsy
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.pdf", "a.svg"]
     assert "a.pdf" in capsys.readouterr().out
     assert call("check", "midpoint", "--plot", tmp_path / "a.gif") == 2
+    capsys.readouterr()
+    assert call("check", "midpoint", "--format", "pdf") == 2
+    assert "--plot FILE" in capsys.readouterr().err
 
 
 def test_bad_rate_and_radius() -> None:

@@ -14,7 +14,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from mjsheaf import simulate
-from mjsheaf.page import bounds_of_phases, page_of
+from mjsheaf.checking.finished import bounds_of_phases
+from mjsheaf.page import page_of
 from mjsheaf.scenario import Scenario, load_scenario
 
 Array = NDArray[np.float64]
