@@ -9,7 +9,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 import xarray as xr
@@ -77,27 +77,36 @@ def mjsheaf() -> Callable[..., subprocess.CompletedProcess[str]]:
 
 
 @pytest.fixture(scope="session")
-def simulated(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., xr.Dataset]:
-    """`simulated(name, backend, overrides)`: what `simulate` returns for a scenario that ships.
+def once(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, Callable[[], Any]], Any]:
+    """`once(name, make)`: what `make` makes, once in a session, by the first test and process that asks.
 
-    Each is simulated once in a session, by the first test and process that asks; it is kept on the disk.
+    It is kept on the disk; everybody gets a copy.
     """
-    from mjsheaf import load_scenario, simulate
-
     own = tmp_path_factory.getbasetemp()
-    folder = (own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "simulated"
+    folder = (own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "once"
     folder.mkdir(exist_ok=True)
 
-    def run(name: str, backend: str, overrides: dict[str, object] | None = None) -> xr.Dataset:
-        digest = hashlib.sha256(repr(sorted((overrides or {}).items())).encode()).hexdigest()[:12]
-        path = folder / f"{name}-{backend}-{digest}.pickle"
+    def get(name: str, make: Callable[[], Any]) -> Any:
+        path = folder / f"{name}.pickle"
         with path.with_suffix(".lock").open("w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
             if not path.exists():
                 half = path.with_suffix(".half")
-                half.write_bytes(pickle.dumps(simulate(load_scenario(name, overrides), backend)))
+                half.write_bytes(pickle.dumps(make()))
                 half.rename(path)
-        data: xr.Dataset = pickle.loads(path.read_bytes())
+        return pickle.loads(path.read_bytes())
+
+    return get
+
+
+@pytest.fixture(scope="session")
+def simulated(once: Callable[[str, Callable[[], Any]], Any]) -> Callable[..., xr.Dataset]:
+    """`simulated(name, backend, overrides)`: what `simulate` returns for a scenario that ships, once in a session."""
+    from mjsheaf import load_scenario, simulate
+
+    def run(name: str, backend: str, overrides: dict[str, object] | None = None) -> xr.Dataset:
+        digest = hashlib.sha256(repr(sorted((overrides or {}).items())).encode()).hexdigest()[:12]
+        data: xr.Dataset = once(f"{name}-{backend}-{digest}", lambda: simulate(load_scenario(name, overrides), backend))
         return data
 
     return run

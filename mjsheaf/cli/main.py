@@ -15,7 +15,7 @@ import typer
 from mjsheaf._version import __version__
 from mjsheaf.cli.check import check, compare
 from mjsheaf.cli.listing import bench, list_, schema
-from mjsheaf.cli.run import expect, report, run, video
+from mjsheaf.cli.run import expect, plot, report, run, video
 from mjsheaf.cli.sweep import sweep
 from mjsheaf.cli.terminal import Stopped, open_streams, raise_if_stopped, stoppable, was_stopped
 from mjsheaf.errors import InputError, MjsheafError
@@ -34,6 +34,7 @@ app = typer.Typer(
 _COMMANDS: dict[Callable[..., None], str] = {
     run: "paper --backend ideal --set controller.gain=30 --no-video",
     video: "runs/paper-physics --speed 2 --azimuth 90 --elevation -60",
+    plot: "runs/paper-physics --format pdf --no-title --out figures",
     report: "runs/paper-physics",
     check: "air_tracks_surface --plot check.png",
     compare: "midpoint --no-video",

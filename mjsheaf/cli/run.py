@@ -1,4 +1,4 @@
-"""`mjsheaf run`, `mjsheaf video`, `mjsheaf report` and `mjsheaf expect`."""
+"""`mjsheaf run`, `mjsheaf expect`, and what shows a finished run again: `video`, `plot` and `report`."""
 
 from functools import partial
 from pathlib import Path
@@ -214,7 +214,7 @@ def video(
     """
     changes = {k: v for k, v in locals().items() if k not in ("directory", "out")}
     changes |= {"vehicle_scale": None} if vehicle_scale is None else _scales(vehicle_scale)
-    from mjsheaf.results.store import enclosing_run, open_run, require_match, save_summary
+    from mjsheaf.results.store import open_run, require_match, save_summary
     from mjsheaf.runs.publish import video_entry
     from mjsheaf.scenario import load_scenario
     from mjsheaf.video import available_backend
@@ -227,11 +227,7 @@ def video(
         own = directory / "video.mp4"
         path = own if out is None else out
         require_file_name("--out", path, ".mp4")
-        run = enclosing_run(path)
-        if run is not None and path.resolve() != own.resolve():  # before it is drawn
-            raise InputError(
-                f"--out {path}: lies in {run}, a run's directory; expected {own}, or a place outside of runs"
-            )
+        _require_outside_of_runs(path, own)
         backend, reason = available_backend()
         if backend is None:
             raise InputError(f"no video can be drawn here: {reason}")
@@ -263,15 +259,41 @@ def report(
 ) -> None:
     """Write the page of a finished run again: one HTML file that replays it in any browser, offline."""
     from mjsheaf.page import write_page_again
+
+    if out is not None:
+        require_file_name("--out", out, ".html")
+        _require_outside_of_runs(out, directory / "report.html")
+    print(write_page_again(directory, out))
+
+
+def plot(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="The directory of a finished run.")],
+    formats: FormatOption = "png",
+    title: TitleOption = True,
+    out: Annotated[Path | None, typer.Option(metavar="FOLDER", help="Where to put them; DIR unless given.")] = None,
+) -> None:
+    """Draw the plots of a finished run again, such as without titles and in other formats, for a paper."""
+    figures = figure_options(formats, title)
+    from mjsheaf.runs.publish import plot_again
+
+    if out is not None:
+        if out.exists() and not out.is_dir():
+            raise InputError(f"--out {out}: is not a directory")
+        _require_outside_of_runs(out / "errors.png", directory / "errors.png")
+    with progress_bars() as bars:
+        found = plot_again(directory, out or directory, figures, bars)
+    for path in found:
+        print(path)
+
+
+def _require_outside_of_runs(path: Path, own: Path) -> None:
+    """Refuse a file of --out in the directory of a run, unless it is the run's `own`.
+
+    Raises:
+        InputError: it lies in one.
+    """
     from mjsheaf.results.store import enclosing_run
 
-    own = directory / "report.html"
-    path = own if out is None else out
-    if out is not None:
-        require_file_name("--out", path, ".html")
-        run = enclosing_run(path)
-        if run is not None and path.resolve() != own.resolve():
-            raise InputError(
-                f"--out {path}: lies in {run}, a run's directory; expected {own}, or a place outside of runs"
-            )
-    print(write_page_again(directory, path))
+    run = enclosing_run(path)
+    if run is not None and path.resolve() != own.resolve():
+        raise InputError(f"--out {path}: lies in {run}, a run's directory; expected {own}, or a place outside of runs")

@@ -61,7 +61,7 @@ def page_of(
     said = {
         **replay.record,
         **_scene(scenario, phases, dataset, replay.record["centre"], replay.record["size"]),
-        "facts": _facts(scenario, dataset, summary, *bounds[0], again),
+        "facts": _facts(scenario, dataset, summary, again) | {"theory": _theory(phases, bounds)},
         "notes": [note if isinstance(note, dict) else {"text": str(note)} for note in notes],
     }
     return _fill(said, replay.data)
@@ -178,8 +178,6 @@ def _facts(
     scenario: Scenario,
     dataset: xr.Dataset,
     summary: dict[str, Any],
-    theorem: "RunBound",
-    of_law: "HeldBound",
     again: tuple[str, str] | None,
 ) -> dict[str, Any]:
     attrs, backend = dataset.attrs, dataset.attrs["backend"]
@@ -201,12 +199,6 @@ def _facts(
         "measures": list(MEASURES),
         "final": rows,
         "expect": (summary.get("expect") or {}).get("checks", []),
-        "assumptions": [
-            {"number": a.number, "name": a.name, "verdict": a.verdict, "why": a.witness}
-            for a in theorem.certificate.assumptions
-        ],
-        "theorem": {"applies": theorem.applies, "approximate": theorem.approximate, "reason": theorem.reason},
-        "held": {"applies": of_law.samples is not None, "reason": of_law.reason},
         "versions": {
             "run by": str(attrs.get("source", "")),
             "page by": f"mjsheaf {__version__}",
@@ -215,6 +207,23 @@ def _facts(
         "command": command,
         "where": where,
     }
+
+
+def _theory(phases: "Sequence[Phase]", bounds: Bounds) -> list[dict[str, Any]]:
+    """Of each phase that a run came to: when it began and with what, and what theory says of it."""
+    return [
+        {
+            "time": phase.time,
+            "events": list(phase.events),
+            "assumptions": [
+                {"number": a.number, "name": a.name, "verdict": a.verdict, "why": a.witness}
+                for a in theorem.certificate.assumptions
+            ],
+            "theorem": {"applies": theorem.applies, "approximate": theorem.approximate, "reason": theorem.reason},
+            "held": {"applies": of_law.samples is not None, "reason": of_law.reason},
+        }
+        for phase, (theorem, of_law) in zip(phases, bounds, strict=False)
+    ]
 
 
 def _fill(said: dict[str, Any], data: str) -> bytes:

@@ -215,6 +215,11 @@ def open_run(directory: Path) -> Iterator[tuple[xr.Dataset, dict[str, Any]]]:
     Raises:
         InputError: the directory holds no run.
     """
+    if (directory / "compare.json").is_file():
+        raise InputError(
+            f"{directory}: holds a comparison, which keeps no data; expected the directory of a run. `mjsheaf compare` "
+            "makes its pages, plots and video"
+        )
     for name in ("result.nc", "summary.json", "scenario.yaml"):
         if not (directory / name).is_file():
             raise InputError(f"{directory}: holds no {name}; expected the directory of a finished run")

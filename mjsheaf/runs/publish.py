@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import chain, count
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,6 +18,7 @@ import xarray as xr
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError, MjsheafError
 from mjsheaf.io.figures import AS_USUAL, FigureOptions
+from mjsheaf.io.files import write_whole
 from mjsheaf.io.section import LARGEST
 from mjsheaf.io.yaml import SUFFIXES, dump_yaml
 from mjsheaf.results import check_expectation, open_dataset, store, summarize, thinned, write_dataset
@@ -349,6 +351,34 @@ def _shown_bound(
         return None
     held = np.interp(time, grid.span(0, len(of_law.samples)), of_law.samples)
     return "bound of the held law", np.where(time < end, held, np.nan)
+
+
+def plot_again(
+    directory: Path, folder: Path, figures: FigureOptions = AS_USUAL, progress: Progress = no_progress
+) -> list[Path]:
+    """Draw the plots of a finished run from its directory alone, into a folder that may be the same.
+
+    Returns:
+        The files, each written whole.
+
+    Raises:
+        InputError: the directory holds no run, or one that does not fit its scenario.
+        OSError: the folder cannot be written.
+    """
+    from mjsheaf.checking.finished import bounds_of_phases
+    from mjsheaf.scenario import load_scenario
+
+    with store.open_run(directory) as (dataset, _), TemporaryDirectory() as drawing:
+        scenario = load_scenario(directory / "scenario.yaml")
+        store.require_match(directory, scenario, dataset)
+        phases, drawn = scenario.phases, thinned(dataset)
+        bound = _shown_bound(phases, drawn["time"].values, *bounds_of_phases(phases, dataset)[0])
+        _plot(phases, drawn, bound, Path(drawing), progress, figures)
+        folder.mkdir(parents=True, exist_ok=True)
+        found = [folder / file.name for file in sorted(Path(drawing).iterdir())]
+        for path in found:
+            write_whole(path, (Path(drawing) / path.name).read_bytes())
+    return found
 
 
 def _plot(

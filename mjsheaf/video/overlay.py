@@ -22,7 +22,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from mjsheaf.video.camera import View
 from mjsheaf.video.film import Film, FloatArray, Moment, Samples, VideoOptions, error_range
-from mjsheaf.video.scene import COMMUNICATION, SENSING, round_length
+from mjsheaf.video.scene import ABSENT, COMMUNICATION, SENSING, round_length
 
 LABELLED_AGENTS = 24  # labels of more than these would cover the picture
 MOST_GROUPS = 8  # in the legend, for the same reason
@@ -208,6 +208,8 @@ class Overlay:
             rows.append(("agents communicate", line(COMMUNICATION, "-")))
         if "sensing" in kinds:
             rows.append(("agent senses target", line(SENSING, (0, (2.0, 1.4)))))
+        if any(stage.absent for stage in film.stages):
+            rows.append(("grey: lost, or yet to join", marker(tuple(ABSENT[:3]))))
         for name, (speed, rgba) in self._arrows.items():
             arrow = marker(tuple(rgba[:3]), r"$\rightarrow$", markersize=1.6 * size)
             rows.append((f"{name}: full arrow {speed:g} m/s or more", arrow))

@@ -6,6 +6,7 @@ most of what was certified before, and rightly, still is.
 """
 
 import json
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -28,9 +29,10 @@ KEPT_OF_ADVERSARIAL = 0.60
 FEWEST_CERTIFIED = 0.4  # of all teams: a study of refusals would show nothing
 
 
-@cache
-def _judgement(seed: int) -> Judgement:
-    return judge(adversarial_scenario(seed))
+@pytest.fixture
+def judgement(once: Callable[[str, Callable[[], Judgement]], Judgement]) -> Callable[[int], Judgement]:
+    """Of the adversarial team with a seed."""
+    return lambda seed: once(f"judgement-{seed}", lambda: judge(adversarial_scenario(seed)))
 
 
 @cache
@@ -88,17 +90,19 @@ def test_targets_that_cannot_be_followed_are_not_taken_to_stand_still() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("family", FAMILIES)
-def test_no_team_of_a_family_breaks_its_bound(family: str) -> None:
+def test_no_team_of_a_family_breaks_its_bound(family: str, judgement: Callable[[int], Judgement]) -> None:
     wrong = []
     for seed in range(TEAMS):
         if family_of(seed) == family:
-            wrong += _warnings(seed, _judgement(seed), adversarial_scenario(seed))
+            wrong += _warnings(seed, judgement(seed), adversarial_scenario(seed))
     assert not wrong, "\n".join(wrong)
 
 
 @pytest.mark.slow
-def test_soundness_is_not_bought_by_refusing(capsys: pytest.CaptureFixture[str]) -> None:
-    rows = [[seed, *row_of(_judgement(seed).before)] for seed in range(TEAMS)]
+def test_soundness_is_not_bought_by_refusing(
+    judgement: Callable[[int], Judgement], capsys: pytest.CaptureFixture[str]
+) -> None:
+    rows = [[seed, *row_of(judgement(seed).before)] for seed in range(TEAMS)]
     before = _baseline()["adversarial"]
     assert len(before) >= TEAMS // 2
     right = {seed for seed, _, exact, ratio in before if exact and ratio <= BROKEN}

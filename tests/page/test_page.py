@@ -153,7 +153,7 @@ def test_the_bundle_carries_the_licences_of_what_is_in_it(small: Made) -> None:
 
 @pytest.mark.slow
 def test_a_page_is_written_again_from_the_directory_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """To the byte, also from a directory that was moved; one that is damaged is refused."""
+    """To the byte, also from a directory that was moved, as its plots are; one that is damaged is refused."""
     scenario = load_scenario("midpoint", {"time.end": 0.5})
     execute(scenario, "physics", tmp_path / "run", video=None)
     first = (tmp_path / "run" / "report.html").read_bytes()
@@ -166,11 +166,33 @@ def test_a_page_is_written_again_from_the_directory_alone(tmp_path: Path, capsys
     for wrong in ("page.txt", "moved/other.html"):
         assert call("report", moved, "--out", tmp_path / wrong) == 2
         assert not (tmp_path / wrong).exists()
+    plots = ("configurations.png", "errors.png", "trajectories.png")
+    drawn = [(moved / name).read_bytes() for name in plots]
+    assert call("plot", moved, "--format", "png,pdf", "--out", tmp_path / "plots") == 0
+    assert [(tmp_path / "plots" / name).read_bytes() for name in plots] == drawn
+    assert len(list((tmp_path / "plots").glob("*.pdf"))) == len(plots)
+    assert call("plot", moved, "--no-title") == 0
+    assert all((moved / name).read_bytes() != data for name, data in zip(plots, drawn, strict=True))
+    for wrong in ("moved/plots", "other.html"):
+        assert call("plot", moved, "--out", tmp_path / wrong) == 2
     data = bytearray((moved / "result.nc").read_bytes())
     data[len(data) // 2] ^= 1
     (moved / "result.nc").write_bytes(data)
     assert call("report", moved) == 2
     assert "result.nc" in capsys.readouterr().err
+
+
+def test_what_theory_says_is_there_for_every_phase(lost: Made) -> None:
+    first, second, third = said_in(lost.page)["facts"]["theory"]
+    assert [phase["time"] for phase in (first, second, third)] == [0.0, 45.0, 50.0]
+    assert second["events"] == ["lose H3"]
+    assert [a["number"] for a in second["assumptions"]] == [a["number"] for a in first["assumptions"]]
+
+
+def test_a_comparison_is_no_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "compare.json").write_text('{"mjsheaf_version": ""}')
+    assert call("report", tmp_path) == 2
+    assert "holds a comparison" in capsys.readouterr().err
 
 
 @pytest.mark.slow

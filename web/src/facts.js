@@ -190,7 +190,7 @@ export function writeFacts(run, goTo) {
   }
   card("What happened", make("p", facts.status === "finished" ? "" : "bad", own(state)), notes.length ? list : null, eventsOf(run, time));
   card("At the end", finalOf(facts));
-  card("Does the theory hold", theoryOf(facts));
+  card("Does the theory hold", ...theoryOf(facts, time));
   card("Agents", agentsOf(run, goTo));
   const made = make("dl");
   const say = (name, ...value) => made.append(make("dt", "", name), make("dd", "", ...value));
@@ -229,14 +229,32 @@ function finalOf(facts) {
   return table(["m", ...facts.measures.map((name) => MEASURES[name])], rows);
 }
 
-function theoryOf(facts) {
-  const list = make("ul", "verdicts");
-  const say = (verdict, ...words) => list.append(make("li", verdict === "holds" ? "good" : verdict === "fails" ? "bad" : "", make("b", "", { holds: "✓ ", fails: "✗ ", undecided: "? " }[verdict]), ...words));
-  for (const a of facts.assumptions) say(a.verdict, `Assumption ${a.number}, ${a.name}: ${a.verdict}`, a.why && a.verdict !== "holds" ? make("small", "", ` ${a.why}`) : null);
-  const { theorem, held } = facts;
-  say(theorem.applies ? "holds" : "undecided", theorem.applies ? `Theorem 1 bounds the error${theorem.approximate ? ", approximately" : ""}` : `Theorem 1 does not apply: ${theorem.reason}`);
-  say(held.applies ? "holds" : "undecided", held.applies ? "The bound of the held law applies" : `No bound of the held law: ${held.reason}`);
-  return list;
+/** What theory says of each phase; of a later one what has changed since the phase before. */
+function theoryOf(facts, time) {
+  const [first, ...later] = facts.theory;
+  let before = verdictsOf(first);
+  const parts = [make("ul", "verdicts", ...before.map(itemOf))];
+  for (const phase of later) {
+    const now = verdictsOf(phase);
+    const changed = now.filter(({ text, why }, k) => text !== before[k].text || why !== before[k].why);
+    const heading = make("h3", "", "From ", time(phase.time), ": ", own(phase.events.join(", ")));
+    parts.push(heading, changed.length ? make("ul", "verdicts", ...changed.map(itemOf)) : make("p", "", "All as before."));
+    before = now;
+  }
+  return parts;
+}
+
+function verdictsOf({ assumptions, theorem, held }) {
+  return [
+    ...assumptions.map(({ number, name, verdict, why }) => ({ verdict, text: `Assumption ${number}, ${name}: ${verdict}`, why: verdict === "holds" ? "" : why })),
+    theorem.applies ? { verdict: "holds", text: `Theorem 1 bounds the error${theorem.approximate ? ", approximately" : ""}`, why: "" } : { verdict: "undecided", text: "Theorem 1 does not apply:", why: theorem.reason },
+    held.applies ? { verdict: "holds", text: "The bound of the held law applies", why: "" } : { verdict: "undecided", text: "No bound of the held law:", why: held.reason },
+  ];
+}
+
+function itemOf({ verdict, text, why }) {
+  const [mark, colour] = { holds: ["✓ ", "good"], fails: ["✗ ", "bad"], undecided: ["? ", ""] }[verdict];
+  return make("li", colour, make("b", "", mark), text, why ? make("small", "", " ", own(why)) : null);
 }
 
 function agentsOf(run, goTo) {

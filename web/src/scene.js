@@ -481,7 +481,11 @@ export class World extends EventTarget {
       const places = [[9, -20], [9, 6], [-9 - tag.wide, -20], [-9 - tag.wide, 6]];
       const free = ([dx, dy]) => !taken.some(([a, b, wide]) => x + dx < a + wide && a < x + dx + tag.wide && Math.abs(y + dy - b) < 15);
       const tried = [tag.at ?? 0, 0, 1, 2, 3];
-      tag.at = tried.find((n) => free(places[n])) ?? tried[0];
+      const found = tried.find((n) => free(places[n]));
+      // Of names that would cover one another only that which is asked for, and of targets all, are written.
+      tag.hidden = found === undefined && v !== this.lit && v < run.agents;
+      if (tag.hidden) continue;
+      tag.at = found ?? tried[0];
       const [dx, dy] = places[tag.at];
       taken.push([x + dx, y + dy, tag.wide]);
       const transform = `translate(${(x + dx).toFixed(1)}px, ${(y + dy).toFixed(1)}px)`;
