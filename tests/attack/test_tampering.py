@@ -133,10 +133,9 @@ def test_damaged_result_without_a_checksum(run: Path, tmp_path: Path) -> None:
     summary = json.loads((directory / "summary.json").read_text())
     del summary["result_sha256"]
     (directory / "summary.json").write_text(json.dumps(summary))
-    for seed in range(2):
-        command = [sys.executable, "-c", FUZZ, str(directory), str(seed), "25"]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stderr[-2000:]
+    command = [sys.executable, "-c", FUZZ, str(directory), "0", "25"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-2000:]
 
 
 STUDY = ["sweep", "midpoint", "--backend", "ideal", "--set", "time.end=0.2", "--grid", "controller.gain=1,2,3,4"]
