@@ -184,7 +184,7 @@ def edge_keys() -> list[Line2D]:
 
 def legend_below(figure: Figure, keys: Sequence[Any], columns: int, **style: Any) -> None:
     """Add a legend below the panels of a figure, which grows by it; with as many columns as there is room for."""
-    longest = _LONGEST_NAME if len(keys) <= columns else _SHORTER_NAME
+    longest = _LONGEST_NAME if len(keys) <= 2 * columns else _SHORTER_NAME
     names = [name if len(name) <= longest else name[: longest - 1] + "…" for name in map(_label, keys)]
     for most in range(min(columns, len(keys)), 0, -1):
         count = -(-len(keys) // -(-len(keys) // most))  # rows of about one length

@@ -272,7 +272,7 @@ def _draw_over_time(
         log_axis(panel, "y", np.concatenate(values))
         label_axes(panel, "", y=_LABELS[measure].removeprefix("final "))
     panels[-1].set_xlabel("time (s)", fontsize=NORMAL)
-    legend_below(figure, panels[0].lines, 3)
+    legend_below(figure, panels[0].get_legend_handles_labels()[0], 3)
     return figure
 
 

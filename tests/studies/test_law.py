@@ -5,6 +5,7 @@ Oracles: plain runs; the study that ships; counts in closed form.
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from pydantic import ValidationError
 
 from mjsheaf import simulate
@@ -15,9 +16,10 @@ from mjsheaf.studies.figures import plot_study, swept_axes
 from mjsheaf.studies.job import new_record, run_job
 from mjsheaf.studies.schema import StudyFile, points_of
 from mjsheaf.studies.study import results_of
+from tests.pictures import is_legible
 
 
-def test_the_study_of_terms_draws_errors_over_time() -> None:
+def test_the_study_of_terms_draws_errors_over_time(drawn: list[Figure]) -> None:
     """Each term at its worst is better than what came before it; the figure is that of plain runs."""
     plan = load_plan("terms", overrides={"time.end": 12})
     records = [run_job(plan.job(point)).record for point in plan.points]
@@ -33,6 +35,7 @@ def test_the_study_of_terms_draws_errors_over_time() -> None:
     np.testing.assert_allclose(series["tracking_error"], own, rtol=1e-12)
     files = results_of(plan, records)
     assert {"over_time.png", "error.png", "messages.png"} <= files.keys()
+    assert all(map(is_legible, drawn))
     (axis,) = swept_axes(plan.study, records)
     assert axis.labels == plan.study.names
 
