@@ -69,13 +69,15 @@ def schema(
     check: Annotated[bool, typer.Option("--check", help="Of the record that `check --json` prints instead.")] = False,
     compare: Annotated[bool, typer.Option("--compare", help="Of compare.json instead.")] = False,
     study: Annotated[bool, typer.Option("--study", help="Of a study file, for sweep, instead.")] = False,
+    vehicle: Annotated[bool, typer.Option("--vehicle", help="Of a vehicle's description file instead.")] = False,
 ) -> None:
     """Print the JSON Schema of a scenario file."""
-    print(json.dumps(schema_of("study" if study else "compare" if compare else "check" if check else ""), indent=2))
+    asked = {"vehicle": vehicle, "study": study, "compare": compare, "check": check}
+    print(json.dumps(schema_of(next((what for what in asked if asked[what]), "")), indent=2))
 
 
 def schema_of(what: str) -> dict[str, Any]:
-    """The JSON Schema of a scenario file, or of a 'check', a 'compare' or a 'study'."""
+    """The JSON Schema of a scenario file, or of a 'check', a 'compare', a 'study' or a 'vehicle'."""
     from importlib import import_module
 
     module, name = {
@@ -83,6 +85,7 @@ def schema_of(what: str) -> dict[str, Any]:
         "check": ("checking", "CheckRecord"),
         "compare": ("comparing", "CompareRecord"),
         "study": ("studies.schema", "StudyFile"),
+        "vehicle": ("vehicles.vehicle", "VehicleDescription"),
     }[what]
     found: dict[str, Any] = getattr(import_module(f"mjsheaf.{module}"), name).model_json_schema()
     return found

@@ -1,0 +1,128 @@
+"""Pages made from the program and its files when the site is built: references, vehicles, the gallery of scenarios."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import fields
+import vehicles
+import yaml
+from pydantic import BaseModel
+from sphinx.application import Sphinx
+
+from mjsheaf.io.files import list_studies
+from mjsheaf.io.yaml import read_yaml
+from mjsheaf.scenario import Scenario, list_scenarios
+from mjsheaf.scenario.load import read_scenario
+from mjsheaf.studies.schema import StudyFile
+from mjsheaf.vehicles.loading import list_vehicles
+from mjsheaf.vehicles.vehicle import VehicleDescription
+
+DOCS = Path(__file__).resolve().parents[1]
+REPOSITORY = DOCS.parent
+_ERRORS = ("mean_disagreement", "tracking_error", "formation_error", "centering_error")
+
+
+def known_examples() -> fields.Examples:
+    """Examples of every field, out of the files that ship and one that has what these leave out."""
+    found: fields.Examples = {}
+    for file in file_sections():
+        fields.collect(found, file)
+    return found
+
+
+def file_sections() -> list[BaseModel]:
+    """The files that examples come from, as sections; those that were written to explain first."""
+    explained = sorted((DOCS / "reference").glob("*.yaml"))
+    sections: list[BaseModel] = []
+    for path in explained:
+        raw = read_yaml(path)
+        sections.append(_model_of(raw).model_validate(raw))
+    for name in list_scenarios():
+        sections.append(Scenario.model_validate(read_scenario(name)))
+    sections += [VehicleDescription.model_validate(read_yaml(path)) for path in list_vehicles().values()]
+    sections += [StudyFile.model_validate(read_yaml(path)) for path in list_studies().values()]
+    return sections
+
+
+def _model_of(raw: dict[str, Any]) -> type[BaseModel]:
+    return VehicleDescription if "mjcf" in raw else StudyFile if "scenario" in raw else Scenario
+
+
+def lesson_of(path: Path) -> str:
+    """The comment at the head of a file, as a paragraph."""
+    lines = []
+    for line in path.read_text().splitlines():
+        if not line.startswith("#"):
+            break
+        lines.append(line.lstrip("# ").rstrip())
+    return fields.prose(" ".join(lines))
+
+
+def scenario_page(name: str) -> str:
+    """The page of a scenario: its lesson, what is expected of it, how to run it, its file."""
+    path = REPOSITORY / "scenarios" / f"{name}.yaml"
+    s = Scenario.model_validate(read_scenario(name))
+    refused = s.expect.refused
+    lines = [f"# {name}\n", f"{s.summary[:1].upper()}{s.summary[1:]}.\n", lesson_of(path) + "\n"]
+    end = f"{s.time.end - s.time.start:g} s"
+    dimensions = sorted({len(a.position) for a in s.agents})
+    where = " and ".join({2: "in the plane", 3: "in space"}[n] for n in dimensions)
+    lines.append(f"{len(s.agents)} agents {where}, {len(s.targets)} targets, {end}, gain {s.controller.gain:g} 1/s.\n")
+    if refused:
+        lines.append(f"`mjsheaf run {name}` refuses, and its reason contains: {refused}.\n")
+    else:
+        lines += ["Largest errors at the end, which a test holds (m):\n", *_expected(s), ""]
+    command = "check" if refused else "run"
+    lines += ["```sh", f"mjsheaf {command} {name}", "```\n", "## The file\n"]
+    lines += [f"```{{literalinclude}} ../../../scenarios/{name}.yaml", ":language: yaml", "```\n"]
+    return "\n".join(lines)
+
+
+def _expected(s: Scenario) -> list[str]:
+    rows = ["| | " + " | ".join(name.replace("_", " ") for name in _ERRORS) + " |", "|---" * 5 + "|"]
+    for backend in ("ideal", "physics"):
+        bounds = getattr(s.expect, backend)
+        if bounds is not None:
+            values = (getattr(bounds, name) for name in _ERRORS)
+            rows.append(f"| {backend} | " + " | ".join("" if v is None else f"{v:g}" for v in values) + " |")
+    return rows
+
+
+def gallery_table() -> str:
+    """A row for each scenario."""
+    rows = ["| Scenario | What it shows |", "|---|---|"]
+    for name in list_scenarios():
+        summary = yaml.safe_load((REPOSITORY / "scenarios" / f"{name}.yaml").read_text()).get("summary", "")
+        rows.append(f"| [`{name}`](../generated/gallery/{name}.md) | {fields.prose(summary)} |")
+    return "\n".join(rows) + "\n"
+
+
+def write(path: Path, text: str) -> None:
+    """Write a file where it is new, so that what is unchanged is not read again."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if not path.is_file() or path.read_text() != text:
+        path.write_text(text)
+
+
+def generate(app: Sphinx) -> None:
+    """Write all pages below generated/."""
+    to, examples = DOCS / "generated", known_examples()
+    for name, model in (("scenario", Scenario), ("vehicle", VehicleDescription), ("study", StudyFile)):
+        write(to / f"{name}_fields.md", fields.reference(model, name, examples))
+    shipped = set(list_scenarios())
+    for stale in (to / "gallery").glob("*.md"):
+        if stale.stem not in shipped:
+            stale.unlink()
+    for name in shipped:
+        write(to / "gallery" / f"{name}.md", scenario_page(name))
+    write(to / "gallery_fields.md", gallery_table())
+    write(to / "vehicles_fields.md", vehicles.page(to / "vehicles"))
+    changes = re.sub(r"\A# .*\n", "", (REPOSITORY / "CHANGELOG.md").read_text())
+    write(to / "changes_fields.md", changes)
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Generate pages before Sphinx looks for them."""
+    app.connect("builder-inited", generate)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
