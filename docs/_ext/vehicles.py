@@ -12,7 +12,9 @@ import mjsheaf
 from mjsheaf.vehicles.effects import capability_of
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 from mjsheaf.vehicles.vehicle import Vehicle
+from mjsheaf.video.camera import View
 from mjsheaf.video.gl import available_backend
+from mjsheaf.video.scene import Renderer
 
 _STEP = 1.0  # m/s, forward
 
@@ -98,7 +100,8 @@ def _draw(vehicle: Vehicle, path: Path) -> bool:
     """Draw a vehicle; False where no OpenGL is there to draw with."""
     if path.is_file():
         return True
-    if available_backend()[0] is None:
+    backend, _ = available_backend()
+    if backend is None:
         return False
     spec = mujoco.MjSpec.from_file(str(vehicle.path))
     spec.worldbody.add_light(pos=[0, 0, 10], dir=[0.2, 0.3, -1], type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL)
@@ -110,12 +113,11 @@ def _draw(vehicle: Vehicle, path: Path) -> bool:
     model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    camera = mujoco.MjvCamera()
-    camera.lookat[:] = data.geom_xpos.mean(axis=0)
-    camera.distance, camera.azimuth, camera.elevation = 3.0 * model.stat.extent, 145.0, -25.0
-    option = mujoco.MjvOption()
-    option.geomgroup[3:] = 0
-    with mujoco.Renderer(model, 320, 480) as renderer:
-        renderer.update_scene(data, camera, option)
-        plt.imsave(path, renderer.render())
+    lookat = data.geom_xpos.mean(axis=0)
+    view = View(lookat=lookat, distance=2.2 * model.stat.extent, azimuth=145.0, elevation=-25.0, fovy=45.0)
+    renderer = Renderer(model, 480, 320, backend, 0)
+    try:
+        renderer.draw(data, view, lambda scene: []).save(path)
+    finally:
+        renderer.close()
     return True
