@@ -63,3 +63,13 @@ sphinx_gallery_conf = {
     "reset_modules": ("matplotlib",),
     "backreferences_dir": None,
 }
+
+
+def _plain(app, what, name, obj, options, lines):
+    """Docstrings are plain text: |e| and q* are no markup."""
+    lines[:] = [line.replace("|", r"\|").replace("*", r"\*") if "``" not in line else line for line in lines]
+
+
+def setup(app):
+    """Take docstrings as they are, before napoleon reads their sections."""
+    app.connect("autodoc-process-docstring", _plain, priority=100)

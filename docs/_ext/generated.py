@@ -1,15 +1,18 @@
 """Pages made from the program and its files when the site is built: references, vehicles, the gallery of scenarios."""
 
+import inspect
 import re
 from pathlib import Path
 from typing import Any
 
 import fields
+import typer
 import vehicles
 import yaml
 from pydantic import BaseModel
 from sphinx.application import Sphinx
 
+from mjsheaf.cli.main import app as command_line
 from mjsheaf.io.files import list_studies
 from mjsheaf.io.yaml import read_yaml
 from mjsheaf.scenario import Scenario, list_scenarios
@@ -98,6 +101,30 @@ def gallery_table() -> str:
     return "\n".join(rows) + "\n"
 
 
+def _shown(argument: Any) -> str:
+    return str(argument.metavar or argument.name.upper())
+
+
+def commands_page() -> str:
+    """Every command with its arguments and options."""
+    lines = []
+    for name, command in sorted(typer.main.get_command(command_line).commands.items()):  # type: ignore[attr-defined]
+        if command.hidden:
+            continue
+        arguments = [p for p in command.params if p.param_type_name == "argument"]
+        usage = " ".join([f"mjsheaf {name}", *(_shown(p) for p in arguments)])
+        lines += [f"## mjsheaf {name}\n", f"`{usage}`\n", fields.prose(inspect.cleandoc(command.help or "")) + "\n"]
+        for p in command.params:
+            names = (
+                ", ".join(f"`{o}`" for o in (*p.opts, *p.secondary_opts))
+                if p.param_type_name == "option"
+                else f"`{_shown(p)}`"
+            )
+            text = fields.prose(" ".join((getattr(p, "help", None) or "").split()))
+            lines += [names, f": {text or 'see above'}\n"]
+    return "\n".join(lines)
+
+
 def write(path: Path, text: str) -> None:
     """Write a file where it is new, so that what is unchanged is not read again."""
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -105,7 +132,7 @@ def write(path: Path, text: str) -> None:
         path.write_text(text)
 
 
-def generate(app: Sphinx) -> None:
+def generate(_: Sphinx) -> None:
     """Write all pages below generated/."""
     to, examples = DOCS / "generated", known_examples()
     for name, model in (("scenario", Scenario), ("vehicle", VehicleDescription), ("study", StudyFile)):
@@ -117,6 +144,7 @@ def generate(app: Sphinx) -> None:
     for name in shipped:
         write(to / "gallery" / f"{name}.md", scenario_page(name))
     write(to / "gallery_fields.md", gallery_table())
+    write(to / "commands_fields.md", commands_page())
     write(to / "vehicles_fields.md", vehicles.page(to / "vehicles"))
     changes = re.sub(r"\A# .*\n", "", (REPOSITORY / "CHANGELOG.md").read_text())
     write(to / "changes_fields.md", changes)

@@ -3,6 +3,7 @@
 docutils translates LaTeX; Sphinx has renderers that need MathJax or images.
 """
 
+import re
 from typing import Any
 
 from docutils import nodes
@@ -10,15 +11,13 @@ from docutils.utils.math import latex2mathml
 from sphinx.application import Sphinx
 
 MACROS = {r"\face": r"\trianglelefteq", r"\R": r"\mathbb{R}", r"\F": r"\mathcal{F}", r"\Hm": r"\mathcal{H}"}
-"""The paper's own commands; none is the beginning of another command that the pages use."""
+"""The paper's own commands, and what docutils knows."""
 
 
 def _translated(node: nodes.Element, *, block: bool) -> str:
     text = node.astext()
-    for name in sorted(MACROS, key=len, reverse=True):
-        text = text.replace(name + "{", MACROS[name] + " {").replace(name + "_", MACROS[name] + "_")
-        text = text.replace(name + " ", MACROS[name] + " ").replace(name + "^", MACROS[name] + "^")
-        text = text.replace(name + "\\", MACROS[name] + "\\")
+    for name, meaning in MACROS.items():
+        text = re.sub(re.escape(name) + r"(?![A-Za-z])", lambda _, meaning=meaning: meaning + " ", text)
     return str(latex2mathml.tex2mathml(text, as_block=block))
 
 
