@@ -181,3 +181,23 @@ def test_every_field_has_a_meaning_and_every_number_a_unit(name: str, node: dict
         assert unit is None
     sections = [*node.get("anyOf", []), *node.get("oneOf", []), *([node] if "$ref" in node else [])]
     assert node.get("description") or any("$ref" in below for below in sections)
+
+
+def test_every_field_has_an_example_out_of_a_file() -> None:
+    """But for fields that are sections themselves, whose fields have."""
+    examples = reference.known_examples()
+    for model in (Scenario, VehicleDescription, StudyFile):
+        for section in reference.sections_of(model):
+            for name, node in section.schema.get("properties", {}).items():
+                assert (section.name, name) in examples or list(reference.references(node)), f"{section.name}.{name}"
+
+
+@pytest.mark.parametrize("path", sorted(reference.EXPLAINING.glob("*.yaml")), ids=lambda p: p.stem)
+def test_files_that_examples_come_from_work(path: Path) -> None:
+    given = yaml.safe_load(path.read_text())
+    if "mjcf" in given:
+        VehicleDescription.model_validate(given)
+    elif "scenario" in given:
+        assert load_plan(str(path)).points
+    else:
+        assert simulate(load_scenario(path), backend="ideal").attrs["status"] == "finished"

@@ -3,10 +3,23 @@
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import yaml
 from pydantic import BaseModel
+
+from mjsheaf.io.files import list_studies
+from mjsheaf.io.yaml import read_yaml
+from mjsheaf.scenario import Scenario, list_scenarios
+from mjsheaf.scenario.load import read_scenario
+from mjsheaf.scenario.swarm import Swarm
+from mjsheaf.studies.schema import StudyFile
+from mjsheaf.vehicles.loading import list_vehicles
+from mjsheaf.vehicles.vehicle import VehicleDescription
+
+EXPLAINING = Path(__file__).resolve().parents[1] / "reference"
+"""Directory of files that have the fields which those that ship leave alone."""
 
 UNIT = re.compile(r"\s*\[([^\[\]]+)\]$")
 """The unit at the end of a description; `-` where there is none."""
@@ -56,7 +69,7 @@ def sections_of(model: type[BaseModel]) -> list[Section]:
         name = queue.pop(0)
         here = sections[name]
         for key, node in here.schema.get("properties", {}).items():
-            for suffix, below in _references(node):
+            for suffix, below in references(node):
                 path = f"{here.paths[0]}.{key}{suffix}".lstrip(".")
                 if below not in sections:
                     sections[below] = Section(below, schema["$defs"][below])
@@ -66,16 +79,16 @@ def sections_of(model: type[BaseModel]) -> list[Section]:
     return list(sections.values())
 
 
-def _references(node: Schema) -> Iterator[tuple[str, str]]:
+def references(node: Schema) -> Iterator[tuple[str, str]]:
     """The sections that a value may be, with what its path has after the field's name."""
     if "$ref" in node:
         yield "", node["$ref"].rsplit("/", 1)[1]
     for below in (*node.get("anyOf", []), *node.get("oneOf", [])):
-        yield from _references(below)
+        yield from references(below)
     if "items" in node:
-        yield from ((f"[]{suffix}", name) for suffix, name in _references(node["items"]))
+        yield from ((f"[]{suffix}", name) for suffix, name in references(node["items"]))
     if isinstance(node.get("additionalProperties"), Mapping):
-        yield from ((f".NAME{suffix}", name) for suffix, name in _references(node["additionalProperties"]))
+        yield from ((f".NAME{suffix}", name) for suffix, name in references(node["additionalProperties"]))
 
 
 def type_of(node: Schema, anchor: str) -> str:
@@ -162,6 +175,32 @@ def collect(examples: Examples, section: BaseModel) -> None:
 def _flow(value: Any) -> str:
     text = yaml.safe_dump(value, default_flow_style=True, width=10_000, sort_keys=False)
     return text.removesuffix("\n").removesuffix("\n...")
+
+
+def known_examples() -> Examples:
+    """Examples of every field, out of the files that ship and one that has what these leave out."""
+    found: Examples = {}
+    for file in file_sections():
+        collect(found, file)
+    return found
+
+
+def file_sections() -> list[BaseModel]:
+    """The files that examples come from, as sections; those that were written to explain first."""
+    sections: list[BaseModel] = []
+    for path in sorted(EXPLAINING.glob("*.yaml")):
+        raw = read_yaml(path)
+        sections.append(_model_of(raw).model_validate(raw))
+        sections += [Swarm.model_validate(raw["swarm"])] if "swarm" in raw else []  # a scenario has it written out
+    for name in list_scenarios():
+        sections.append(Scenario.model_validate(read_scenario(name)))
+    sections += [VehicleDescription.model_validate(read_yaml(path)) for path in list_vehicles().values()]
+    sections += [StudyFile.model_validate(read_yaml(path)) for path in list_studies().values()]
+    return sections
+
+
+def _model_of(raw: dict[str, Any]) -> type[BaseModel]:
+    return VehicleDescription if "mjcf" in raw else StudyFile if "scenario" in raw else Scenario
 
 
 def reference(model: type[BaseModel], anchor: str, examples: Examples) -> str:

@@ -9,47 +9,17 @@ import fields
 import typer
 import vehicles
 import yaml
-from pydantic import BaseModel
 from sphinx.application import Sphinx
 
 from mjsheaf.cli.main import app as command_line
-from mjsheaf.io.files import list_studies
-from mjsheaf.io.yaml import read_yaml
 from mjsheaf.scenario import Scenario, list_scenarios
 from mjsheaf.scenario.load import read_scenario
 from mjsheaf.studies.schema import StudyFile
-from mjsheaf.vehicles.loading import list_vehicles
 from mjsheaf.vehicles.vehicle import VehicleDescription
 
 DOCS = Path(__file__).resolve().parents[1]
 REPOSITORY = DOCS.parent
 _ERRORS = ("mean_disagreement", "tracking_error", "formation_error", "centering_error")
-
-
-def known_examples() -> fields.Examples:
-    """Examples of every field, out of the files that ship and one that has what these leave out."""
-    found: fields.Examples = {}
-    for file in file_sections():
-        fields.collect(found, file)
-    return found
-
-
-def file_sections() -> list[BaseModel]:
-    """The files that examples come from, as sections; those that were written to explain first."""
-    explained = sorted((DOCS / "reference").glob("*.yaml"))
-    sections: list[BaseModel] = []
-    for path in explained:
-        raw = read_yaml(path)
-        sections.append(_model_of(raw).model_validate(raw))
-    for name in list_scenarios():
-        sections.append(Scenario.model_validate(read_scenario(name)))
-    sections += [VehicleDescription.model_validate(read_yaml(path)) for path in list_vehicles().values()]
-    sections += [StudyFile.model_validate(read_yaml(path)) for path in list_studies().values()]
-    return sections
-
-
-def _model_of(raw: dict[str, Any]) -> type[BaseModel]:
-    return VehicleDescription if "mjcf" in raw else StudyFile if "scenario" in raw else Scenario
 
 
 def lesson_of(path: Path) -> str:
@@ -134,7 +104,7 @@ def write(path: Path, text: str) -> None:
 
 def generate(_: Sphinx) -> None:
     """Write all pages below generated/."""
-    to, examples = DOCS / "generated", known_examples()
+    to, examples = DOCS / "generated", fields.known_examples()
     for name, model in (("scenario", Scenario), ("vehicle", VehicleDescription), ("study", StudyFile)):
         write(to / f"{name}_fields.md", fields.reference(model, name, examples))
     shipped = set(list_scenarios())
