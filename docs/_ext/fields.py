@@ -173,8 +173,17 @@ def collect(examples: Examples, section: BaseModel) -> None:
 
 
 def _flow(value: Any) -> str:
-    text = yaml.safe_dump(value, default_flow_style=True, width=10_000, sort_keys=False)
+    text = yaml.safe_dump(_as_written(value), default_flow_style=True, width=10_000, sort_keys=False)
     return text.removesuffix("\n").removesuffix("\n...")
+
+
+def _as_written(value: Any) -> Any:
+    """A value as somebody would write it: whole numbers without a point, edges without other fields as pairs."""
+    if isinstance(value, dict):
+        return value["between"] if set(value) == {"between"} else {k: _as_written(v) for k, v in value.items()}
+    if isinstance(value, list):
+        return [_as_written(item) for item in value]
+    return int(value) if isinstance(value, float) and value.is_integer() and abs(value) < 1e9 else value
 
 
 def known_examples() -> Examples:

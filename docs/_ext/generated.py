@@ -2,6 +2,7 @@
 
 import inspect
 import re
+from collections.abc import Sized
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +42,9 @@ def scenario_page(name: str) -> str:
     end = f"{s.time.end - s.time.start:g} s"
     dimensions = sorted({len(a.position) for a in s.agents})
     where = " and ".join({2: "in the plane", 3: "in space"}[n] for n in dimensions)
-    lines.append(f"{len(s.agents)} agents {where}, {len(s.targets)} targets, {end}, gain {s.controller.gain:g} 1/s.\n")
+    lines.append(
+        f"{_count(s.agents, 'agent')} {where}, {_count(s.targets, 'target')}, {end}, gain {s.controller.gain:g} 1/s.\n"
+    )
     if refused:
         lines.append(f"`mjsheaf run {name}` refuses, and its reason contains: {refused}.\n")
     else:
@@ -50,6 +53,10 @@ def scenario_page(name: str) -> str:
     lines += ["```sh", f"mjsheaf {command} {name}", "```\n", "## The file\n"]
     lines += [f"```{{literalinclude}} ../../../scenarios/{name}.yaml", ":language: yaml", "```\n"]
     return "\n".join(lines)
+
+
+def _count(things: Sized, name: str) -> str:
+    return f"{len(things)} {name}{'s' if len(things) != 1 else ''}"
 
 
 def _expected(s: Scenario) -> list[str]:

@@ -52,6 +52,12 @@ def _section(vehicle: Vehicle, directory: Path) -> str:
     return "\n".join(lines)
 
 
+def _current(path: Path, vehicle: Vehicle) -> bool:
+    """Whether a picture is newer than the files of its vehicle."""
+    newest = max(file.stat().st_mtime for file in (vehicle.path, vehicle.path.with_suffix(".yaml"), Path(__file__)))
+    return path.is_file() and path.stat().st_mtime > newest
+
+
 def _limit(value: float) -> str:
     return f"{float(f'{value:.3g}'):g}" if np.isfinite(value) else "no limit"
 
@@ -62,7 +68,7 @@ def _triple(values: Any) -> str:
 
 def _plot(vehicle: Vehicle, path: Path) -> None:
     """Forward velocity after a step of 1 m/s, and steady forward speed against thrust."""
-    if path.is_file():
+    if _current(path, vehicle):
         return
     time, speed = _step_response(vehicle)
     figure, (left, right) = plt.subplots(1, 2, figsize=(8, 2.6), layout="constrained")
@@ -98,7 +104,7 @@ def _step_response(vehicle: Vehicle) -> tuple[Any, Any]:
 
 def _draw(vehicle: Vehicle, path: Path) -> bool:
     """Draw a vehicle; False where no OpenGL is there to draw with."""
-    if path.is_file():
+    if _current(path, vehicle):
         return True
     backend, _ = available_backend()
     if backend is None:
@@ -114,7 +120,7 @@ def _draw(vehicle: Vehicle, path: Path) -> bool:
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     lookat = data.geom_xpos.mean(axis=0)
-    view = View(lookat=lookat, distance=2.2 * model.stat.extent, azimuth=145.0, elevation=-25.0, fovy=45.0)
+    view = View(lookat=lookat, distance=1.5 * model.stat.extent, azimuth=145.0, elevation=-25.0, fovy=45.0)
     renderer = Renderer(model, 480, 320, backend, 0)
     try:
         renderer.draw(data, view, lambda scene: []).save(path)
