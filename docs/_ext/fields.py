@@ -51,6 +51,7 @@ def is_number(node: Schema) -> bool:
     if node.get("type") in ("number", "integer"):
         return True
     below = [*node.get("anyOf", []), *node.get("oneOf", []), *([node["items"]] if "items" in node else [])]
+    below += [node["additionalProperties"]] if isinstance(node.get("additionalProperties"), Mapping) else []
     return any(is_number(n) for n in below)
 
 
