@@ -38,7 +38,7 @@ NAMES = [page.relative_to(REPOSITORY).as_posix() for page in PAGES]
 SHORT = ["--set", "time.end=0.2"]
 SMALL = ["--set", "video.width=160", "--set", "video.height=120", "--set", "video.fps=2"]
 SHORTENED = {"run": SHORT + SMALL, "compare": SHORT + SMALL, "sweep": SHORT, "video": ["--width", "160", "--fps", "1"]}
-SLOW = {"compare", "sweep", "video", "--expect"}
+SLOW = {"compare", "sweep", "video", "--expect", "--format", "--out", "--no-video"}
 TEAM = {
     "agents": [{"id": "B1", "position": [0, 0]}, {"id": "B2", "position": [4, 0]}, {"id": "B3", "position": [8, 0]}],
     "targets": [{"id": "D", "position": [2, 6, 8]}],
@@ -52,19 +52,32 @@ def blocks(page: Path, language: str) -> list[str]:
     return re.findall(rf"^```{language}\n(.*?)^```$", page.read_text(), re.MULTILINE | re.DOTALL)
 
 
+def save_files(page: Path, to: Path) -> None:
+    """The files that a page asks its reader to save."""
+    for name, text in re.findall(r"Save this as `([\w.]+)`.*?^```\w+\n(.*?)^```$", page.read_text(), re.M | re.S):
+        (to / name).write_text(text)
+
+
 def commands() -> list[Any]:
     """Every line of a page that begins with mjsheaf, but for those on machines that are not here."""
-    lines = [line for page in PAGES for block in blocks(page, "sh") for line in block.splitlines()]
-    lines = [line for line in lines if line.startswith("mjsheaf ") and "HOST" not in line]
-    found = dict.fromkeys(tuple(shlex.split(line, comments=True)[1:]) for line in lines)
+    lines = {line: page for page in PAGES for block in blocks(page, "sh") for line in block.splitlines()}
+    found = {
+        tuple(shlex.split(line, comments=True)[1:]): page
+        for line, page in lines.items()
+        if line.startswith("mjsheaf ") and "HOST" not in line
+    }
     return [
-        pytest.param(words, id=" ".join(words), marks=[pytest.mark.slow] if SLOW & {*words} else []) for words in found
+        pytest.param(page, words, id=" ".join(words), marks=[pytest.mark.slow] if SLOW & {*words} else [])
+        for words, page in found.items()
     ]
 
 
-@pytest.mark.parametrize("words", commands())
-def test_command_ends_as_it_should(words: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("page", "words"), commands())
+def test_command_ends_as_it_should(
+    page: Path, words: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
+    save_files(page, tmp_path)
     if words[0] in ("video", "report"):  # which `make demo` leaves
         assert call("run", "paper", *SHORTENED["run"], "--out", words[1]) == 0
     shortened = [] if "--expect" in words else SHORTENED.get(words[0], [])
@@ -75,7 +88,11 @@ def test_command_ends_as_it_should(words: tuple[str, ...], tmp_path: Path, monke
 
 
 @pytest.mark.parametrize(("page", "block"), [(p, b) for p in PAGES for b in blocks(p, "console")])
-def test_terminal_shows_what_is_printed(page: Path, block: str) -> None:
+def test_terminal_shows_what_is_printed(
+    page: Path, block: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    save_files(page, tmp_path)
     prompt, *shown = block.splitlines()
     printed = answer_of(*shlex.split(prompt.removeprefix("$ mjsheaf "))).out.splitlines()
     begin = printed.index(shown[0])
