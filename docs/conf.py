@@ -30,6 +30,8 @@ myst_heading_anchors = 3
 myst_dmath_allow_labels = True
 suppress_warnings = ["myst.strikethrough"]
 
+default_role = "code"  # a name between single backquotes, as docstrings have it
+
 html_theme = "furo"
 html_title = f"mjsheaf {version}"
 html_static_path = ["_static"]

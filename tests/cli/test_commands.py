@@ -24,6 +24,7 @@ import mjsheaf as package
 from mjsheaf.io.files import list_studies
 from mjsheaf.results.store import FILES
 from mjsheaf.scenario import list_scenarios, load_scenario
+from mjsheaf.vehicles.loading import list_vehicles
 from tests.commands import CAN_DRAW, DATA_FILES, RUN_FILES, SMALL, call, heed_interrupts, one_line, start
 
 QUICK = ["--backend", "ideal", "--no-video"]
@@ -212,6 +213,10 @@ def test_list_schema_and_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert call("schema", "--study") == 0
     schema = json.loads(capsys.readouterr().out)
     for path in list_studies().values():
+        jsonschema.validate(yaml.safe_load(path.read_text()), schema)
+    assert call("schema", "--vehicle") == 0
+    schema = json.loads(capsys.readouterr().out)
+    for path in list_vehicles().values():
         jsonschema.validate(yaml.safe_load(path.read_text()), schema)
     assert call("--version") == 0
     assert capsys.readouterr().out == f"mjsheaf {package.__version__}\n"
