@@ -83,7 +83,9 @@ class Link(Section):
 
     noise: NonNegative | None = Field(None, description="standard deviation of white noise on each measured number [m]")
     bias: Number | None = Field(None, description="constant added to each measured number [m]")
-    delay: NonNegative | None = Field(None, description="age of a measurement, a whole number of control periods [s]")
+    delay: NonNegative | None = Field(
+        None, description="age of a measurement, a whole number of periods of controller.control_period [s]"
+    )
     loss: Probability | GilbertElliott | None = Field(
         None, description="probability that a sample is lost, or a chain of a good and a bad state [-]"
     )
