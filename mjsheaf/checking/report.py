@@ -23,6 +23,7 @@ def report(record: CheckRecord) -> Group:
     """The record as a readable report."""
     return Group(
         Text(f"{record.scenario}: {record.verdict()}", style="bold"),
+        *(Text(f"note: {note}", style="yellow") for note in record.notes),
         _assumptions(record),
         *_cohomology(record.relative_cohomology),
         _theorem(record),

@@ -191,6 +191,7 @@ def publish(
     from mjsheaf.page import page_of
     from mjsheaf.runs.harm import examine_terms
     from mjsheaf.runs.notes import notes_of_run
+    from mjsheaf.scenario.slips import slips_of
     from mjsheaf.simulation.trajectory import samples_in_piece
     from mjsheaf.system import phases_of
 
@@ -219,7 +220,8 @@ def publish(
         terms = examine_terms(phases, dataset)
         if terms is not None:
             summary["terms"] = terms.record()
-        found = notes_of_run(phases, dataset, summary["ending"], [one for bound in bounds for one in bound], terms)
+        limits = [one for bound in bounds for one in bound]
+        found = notes_of_run(phases, dataset, summary["ending"], limits, terms, slips_of(scenario))
         summary["notes"], notes = [note.record() for note in found], []
         if video is not None:
             from mjsheaf.video.from_run import film_run
