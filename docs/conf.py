@@ -35,6 +35,9 @@ default_role = "code"  # a name between single backquotes, as docstrings have it
 html_theme = "furo"
 html_title = f"mjsheaf {version}"
 html_static_path = ["_static"]
+EXTRA = HERE / "generated" / "extra"  # replays and pictures of scenarios, which are made as the build begins
+EXTRA.mkdir(parents=True, exist_ok=True)
+html_extra_path = ["generated/extra"]
 html_css_files = ["site.css"]
 html_copy_source = False
 html_show_sourcelink = False

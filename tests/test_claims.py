@@ -1,19 +1,25 @@
-"""Numbers that docs/claims.md prints are what the program says now.
+"""Numbers that docs/claims.md prints are what the program says now, and the tests that it names exist.
 
 Oracle: the page's own tables. A number is held to half a unit of its last digit. Speeds are not held: they are those
 of a machine that is named there.
 """
 
 import re
+import shlex
+from typing import Any
 
+import numpy as np
 import pytest
+import xarray as xr
 
-from mjsheaf import check, load_scenario
+from mjsheaf import check, load_scenario, simulate
+from mjsheaf.scenario.load import parse_override
 from mjsheaf.vehicles.effects import capability_of
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
-from tests.builders import REPOSITORY
+from tests.builders import QUADROTOR_PAIR, REPOSITORY, Simulated
 
-CLAIMS = (REPOSITORY / "docs" / "claims.md").read_text()
+DOCS = REPOSITORY / "docs"
+CLAIMS = (DOCS / "claims.md").read_text()
 
 
 def rows(heading: str) -> list[list[str]]:
@@ -28,6 +34,78 @@ def agrees(shown: str, value: float) -> bool:
     whole, _, decimals = shown.partition(".")
     last = -len(decimals) if decimals else len(whole) - len(whole.rstrip("0"))  # place of the last digit that says
     return abs(float(shown) - value) <= 0.5000001 * 10.0**last
+
+
+def late_error(result: xr.Dataset) -> float:
+    """Tracking error, RMS over agents and the last half of a run, m."""
+    late = result.tracking_error.values[len(result.time) // 2 :]
+    return float(np.sqrt((late**2).mean()))
+
+
+def run_of(command: str, simulated: Simulated) -> xr.Dataset:
+    """What `mjsheaf run NAME [--backend B] [--set PATH=VALUE]...` simulates."""
+    program, verb, name, *options = shlex.split(command)
+    assert (program, verb) == ("mjsheaf", "run")
+    given = list(zip(options[::2], options[1::2], strict=True))
+    changes = dict(parse_override(value) for option, value in given if option == "--set")
+    backend = next((value for option, value in given if option == "--backend"), "physics")
+    assert {option for option, _ in given} <= {"--set", "--backend"}
+    return simulate(load_scenario(name, changes), backend) if changes else simulated(name, backend)
+
+
+def test_named_tests_exist() -> None:
+    named = set()
+    for page in (REPOSITORY / "README.md", *DOCS.rglob("*.md")):
+        for file, name in re.findall(r"`(tests/[\w/]+\.py)(?:::(\w+))?`", page.read_text()):
+            assert re.search(rf"^def {name or 'test_'}", (REPOSITORY / file).read_text(), re.MULTILINE), (page, name)
+            named.add((file, name))
+    assert len(named) > 15
+
+
+COMMANDS = [
+    (heading, shown, command.strip("`"))
+    for heading, column in (("The theory and the published run", 1), ("Runs that pages and lessons speak of", 0))
+    for row in rows(heading)
+    for shown, command in [(row[column], row[-1])]
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("heading", "shown", "command"), COMMANDS, ids=[command for *_, command in COMMANDS])
+def test_runs(heading: str, shown: str, command: str, simulated: Simulated) -> None:
+    result = run_of(command, simulated)
+    if shown == "unstable":
+        assert result.attrs["status"] == "unstable"
+    elif heading.startswith("Runs"):
+        assert agrees(shown, late_error(result)), late_error(result)
+    else:
+        assert agrees(shown, float(result.disagreement[-1].mean())), float(result.disagreement[-1].mean())
+
+
+def test_distances_are_those_that_the_test_of_convergence_holds() -> None:
+    for tau, _, distance, _ in rows("The theory and the published run")[1:]:
+        assert agrees(distance, 31.8 * float(tau)) or float(distance) == pytest.approx(31.8 * float(tau), rel=0.01)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("row", rows("The law beyond the paper"), ids=lambda row: row[0])
+def test_terms(row: list[str]) -> None:
+    name, without, with_terms, _, sent = row
+    scenario = load_scenario(name.strip("`"))
+    result = simulate(scenario)
+    assert agrees(with_terms, late_error(result)), late_error(result)
+    duration, agents = float(result.time[-1] - result.time[0]), result.sizes["agent"]
+    assert agrees(sent, result.attrs["numbers_sent"] / duration / agents)
+    off = {f"controller.{term}": None for term in ("feedforward", "newton", "drift")}
+    assert agrees(without, late_error(simulate(load_scenario(name.strip("`"), off))))
+
+
+def test_two_quadrotors() -> None:
+    record = check(load_scenario({**QUADROTOR_PAIR, "controller": {"gain": 1.0}}))
+    line = next(line for line in CLAIMS.splitlines() if line.startswith("| two quadrotors"))
+    bodies, hold = re.findall(r"[\d.]+(?= 1/s)|[\d.]+(?= \|)", line)
+    assert agrees(bodies, record["margins"]["bodies"]["largest_gain"])
+    assert agrees(hold, record["law"]["largest_gain"])
 
 
 def test_vehicles() -> None:
@@ -51,10 +129,10 @@ def test_links() -> None:
     table = {row[0]: re.findall(r"[\d.]+", row[1]) for row in rows("Links")}
     late, newton, noise, command, rates = table.values()
 
-    def links(**fields: float) -> dict:  # type: ignore[type-arg]
-        return check(load_scenario("paper", {name.replace("__", "."): value for name, value in fields.items()}))[
-            "links"
-        ]
+    def links(**fields: float) -> dict[str, Any]:
+        changes = {name.replace("__", "."): value for name, value in fields.items()}
+        answers: dict[str, Any] = check(load_scenario("paper", changes))["links"]
+        return answers
 
     for gain, text in zip((10, 3), late, strict=True):
         assert agrees(text, links(controller__gain=gain, links__all__delay=0.01)["delay_margin"])

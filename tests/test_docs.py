@@ -38,7 +38,7 @@ NAMES = [page.relative_to(REPOSITORY).as_posix() for page in PAGES]
 SHORT = ["--set", "time.end=0.2"]
 SMALL = ["--set", "video.width=160", "--set", "video.height=120", "--set", "video.fps=2"]
 SHORTENED = {"run": SHORT + SMALL, "compare": SHORT + SMALL, "sweep": SHORT, "video": ["--width", "160", "--fps", "1"]}
-SLOW = {"compare", "sweep", "video", "--expect", "--format", "--out", "--no-video"}
+SLOW = {"compare", "sweep", "video", "report", "--expect", "--format", "--out", "--no-video", "controller.gain=30"}
 TEAM = {
     "agents": [{"id": "B1", "position": [0, 0]}, {"id": "B2", "position": [4, 0]}, {"id": "B3", "position": [8, 0]}],
     "targets": [{"id": "D", "position": [2, 6, 8]}],
