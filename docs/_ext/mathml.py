@@ -5,11 +5,15 @@ docutils translates LaTeX; Sphinx has renderers that need MathJax or images.
 
 import re
 from typing import Any
+from xml.etree import ElementTree
 
 from docutils import nodes
 from docutils.utils.math import latex2mathml
 from sphinx.application import Sphinx
 
+MATHML = "http://www.w3.org/1998/Math/MathML"
+ACCENTS = {"˙": "˙", "_": "¯", "~": "~", "^": "^"}
+"""Of docutils, and as they are drawn."""
 MACROS = {r"\face": r"\trianglelefteq", r"\R": r"\mathbb{R}", r"\F": r"\mathcal{F}", r"\Hm": r"\mathcal{H}"}
 """The paper's own commands, and what docutils knows."""
 
@@ -18,7 +22,22 @@ def _translated(node: nodes.Element, *, block: bool) -> str:
     text = node.astext()
     for name, meaning in MACROS.items():
         text = re.sub(re.escape(name) + r"(?![A-Za-z])", lambda _, meaning=meaning: meaning + " ", text)
-    return str(latex2mathml.tex2mathml(text, as_block=block))
+    return _with_indices(str(latex2mathml.tex2mathml(text, as_block=block)))
+
+
+def _with_indices(mathml: str) -> str:
+    """Put the index of an accented letter beside it; docutils puts it below, as limits of a sum."""
+    ElementTree.register_namespace("", MATHML)
+    root = ElementTree.fromstring(mathml)
+    for node in root.iter(f"{{{MATHML}}}munderover"):
+        letter, index, accent = node
+        if accent.tag == f"{{{MATHML}}}mo" and accent.text in ACCENTS:
+            node.tag = f"{{{MATHML}}}msub"
+            accented = ElementTree.Element(f"{{{MATHML}}}mover", {"accent": "true"})
+            accented.extend([letter, accent])
+            accent.text = ACCENTS[accent.text]
+            node[:] = [accented, index]
+    return ElementTree.tostring(root, encoding="unicode")
 
 
 def _inline(writer: Any, node: nodes.Element) -> None:
