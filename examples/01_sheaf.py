@@ -6,6 +6,7 @@ A boat in the plane and two drones in space compare horizontal positions. Nothin
 scenario.
 """
 
+import matplotlib.pyplot as plt
 import numpy as np
 
 from mjsheaf import Sheaf
@@ -32,3 +33,9 @@ t.add_edge("drone 2", "height", [[0.0, 0.0, 1.0]], [[1.0]])
 h = t.harmonic_extension({"boat": [4.0, 2.0], "height": [10.0]})
 assert h.unique
 print({name: x.round(3).tolist() for name, x in h.x.items()})
+
+# %%
+# The sheaf Laplacian of the first sheaf: a block for each pair of vertices that share an edge.
+figure, axes = plt.subplots(figsize=(4, 3), layout="constrained")
+image = axes.matshow(s.laplacian().toarray(), cmap="RdBu", vmin=-2, vmax=2)
+figure.colorbar(image)

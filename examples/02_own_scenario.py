@@ -6,6 +6,8 @@ A scenario from a dict
 that they see from below.
 """
 
+import matplotlib.pyplot as plt
+
 import mjsheaf
 
 fields = {
@@ -33,3 +35,10 @@ for name in ("tracking_error", "formation_error"):
     series = result[name]
     last = series.isel(time=-1)
     print(f"{series.attrs['long_name']}: {float(last.mean()):.3f} {series.attrs['units']}")
+
+figure, axes = plt.subplots(figsize=(5, 3.5), layout="constrained")
+for agent in result.agent.values:
+    axes.plot(*result.agent_position.sel(agent=agent, axis=["x", "y"]).values.T, label=str(agent))
+axes.plot(*result.target_position.isel(target=0).sel(axis=["x", "y"]).values.T, "k--", label="D, from above")
+axes.set(xlabel="x (m)", ylabel="y (m)", aspect="equal")
+axes.legend()

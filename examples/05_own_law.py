@@ -6,6 +6,7 @@ A law is a callable ``law(t, sample)`` that returns velocities, shape (N, 3), in
 integral to the paper's, which takes away the error that a steady current leaves.
 """
 
+import matplotlib.pyplot as plt
 import numpy as np
 
 import mjsheaf
@@ -36,6 +37,10 @@ class WithIntegral:
         return -self.gain * sample.disagreement - self.integral * self.sum
 
 
+figure, axes = plt.subplots(figsize=(5, 3), layout="constrained")
 for name, law in (("the paper's law", None), ("with an integral", WithIntegral())):
     result = mjsheaf.simulate(scenario, backend="ideal", controller=law)
     print(f"{name}: {float(result.tracking_error[-1].mean()):.3f} m")
+    axes.semilogy(result.time, result.tracking_error.mean("agent"), label=name)
+axes.set(xlabel="time (s)", ylabel="mean tracking error (m)")
+axes.legend()

@@ -7,6 +7,7 @@ decentralized. A law that yields numbers exchanges them with its neighbours; her
 neighbours' last command into its own.
 """
 
+import matplotlib.pyplot as plt
 import numpy as np
 
 import mjsheaf
@@ -27,3 +28,7 @@ scenario = mjsheaf.load_scenario("paper", {"time.end": 5, "controller.gain": 3})
 result = mjsheaf.simulate(scenario, backend="ideal", controller=mjsheaf.PerAgent(Smoothed))
 print(f"tracking error at the end: {float(result.tracking_error[-1].mean()):.2f} m")
 print("exchanges in the run:", int(result.attrs["exchange_rounds"]))
+
+figure, axes = plt.subplots(figsize=(5, 3), layout="constrained")
+axes.plot(result.time, result.tracking_error)
+axes.set(xlabel="time (s)", ylabel="tracking error of each agent (m)", yscale="log")

@@ -6,6 +6,7 @@ A link has noise, bias, delay and loss. ``check`` predicts the error that noise 
 at rest measures it.
 """
 
+import matplotlib.pyplot as plt
 import numpy as np
 
 import mjsheaf
@@ -29,3 +30,9 @@ e = result.tracking_error.sel(time=slice(20, None)).values
 measured = np.sqrt((e**2).sum(axis=1).mean())  # of the whole team, as check gives it
 print(f"RMS of |e|: predicted {predicted:.3f} m, measured {measured:.3f} m")
 assert abs(measured / predicted - 1) < 0.1
+
+figure, axes = plt.subplots(figsize=(5, 3), layout="constrained")
+axes.plot(result.time, np.sqrt((result.tracking_error**2).sum("agent")), linewidth=0.5)
+axes.axhline(predicted, color="black", label="predicted RMS")
+axes.set(xlabel="time (s)", ylabel="|e| of the team (m)")
+axes.legend()

@@ -9,6 +9,8 @@ corner.
 import tempfile
 from pathlib import Path
 
+import matplotlib.pyplot as plt
+
 import mjsheaf
 
 MJCF = """
@@ -59,3 +61,7 @@ with tempfile.TemporaryDirectory() as directory:
     )
     result = mjsheaf.simulate(scenario)
 print(f"distance from the target after 20 s: {float(result.tracking_error[-1, 0]):.3f} m")
+
+figure, axes = plt.subplots(figsize=(5, 3), layout="constrained")
+axes.plot(result.time, result.tracking_error)
+axes.set(xlabel="time (s)", ylabel="distance from the target (m)")

@@ -6,6 +6,8 @@ Events begin a phase with a team of its own. An agent is lost at 5 s and comes b
 without it.
 """
 
+import matplotlib.pyplot as plt
+
 import mjsheaf
 
 scenario = mjsheaf.load_scenario(
@@ -29,3 +31,10 @@ for number, phase in enumerate(scenario.phases):
     inside = result.isel(time=(result.phase == number).values)
     errors = inside.tracking_error.isel(time=-1).to_series()  # NaN of an agent that is lost
     print(f"{phase.name:10} ends with", ", ".join(f"{agent}: {e:.4f} m" for agent, e in errors.items()))
+
+figure, axes = plt.subplots(figsize=(5, 3), layout="constrained")
+axes.semilogy(result.time, result.tracking_error, label=result.agent.values.tolist())
+for phase in scenario.phases[1:]:
+    axes.axvline(phase.time, color="grey", linestyle=":")
+axes.set(xlabel="time (s)", ylabel="tracking error (m)")
+axes.legend()

@@ -5,6 +5,8 @@ How much delay?
 ``check`` says how old measurements may be. One period more, and a run diverges.
 """
 
+import matplotlib.pyplot as plt
+
 import mjsheaf
 
 team = {
@@ -19,7 +21,11 @@ team = {
 }
 margin = mjsheaf.check(mjsheaf.load_scenario(team))["links"]["delay_margin"]
 print(f"stable up to a delay of {margin:.2f} s")
+figure, axes = plt.subplots(figsize=(5, 3), layout="constrained")
 for delay in (margin, margin + 0.02):
     late = mjsheaf.load_scenario(team, {"links.all.delay": round(delay, 6)})
     error = mjsheaf.simulate(late, backend="ideal").tracking_error.mean("agent")
     print(f"delay {delay:.2f} s: {float(error[0]):.2f} m at the start, {float(error[-1]):.2g} m at the end")
+    axes.semilogy(error.time, error, label=f"delay {delay:.2f} s")
+axes.set(xlabel="time (s)", ylabel="mean tracking error (m)")
+axes.legend()

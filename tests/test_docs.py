@@ -4,11 +4,15 @@ Oracle: the pages themselves. Commands are shortened by options at their end: a 
 Blocks of one page share their names, in order. `yaml` is a whole file, `yml` a part of a scenario, `text` is not run.
 """
 
+import json
 import re
 import shlex
+import subprocess
 import sys
+import tomllib
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -39,7 +43,8 @@ NAMES = [page.relative_to(REPOSITORY).as_posix() for page in PAGES]
 SHORT = ["--set", "time.end=0.2"]
 SMALL = ["--set", "video.width=160", "--set", "video.height=120", "--set", "video.fps=2"]
 SHORTENED = {"run": SHORT + SMALL, "compare": SHORT + SMALL, "sweep": SHORT, "video": ["--width", "160", "--fps", "1"]}
-SLOW = {"compare", "sweep", "video", "report", "--expect", "--format", "--out", "--no-video", "controller.gain=30"}
+SLOW = {"compare", "sweep", "video", "report", "pytest", "--expect", "--update", "--format", "--out", "--no-video"}
+SLOW |= {"controller.gain=30"}
 TEAM = {
     "agents": [{"id": "B1", "position": [0, 0]}, {"id": "B2", "position": [4, 0]}, {"id": "B3", "position": [8, 0]}],
     "targets": [{"id": "D", "position": [2, 6, 8]}],
@@ -60,30 +65,40 @@ def save_files(page: Path, to: Path) -> None:
 
 
 def commands() -> list[Any]:
-    """Every line of a page that begins with mjsheaf, but for those on machines that are not here."""
+    """Every line of a page that begins with mjsheaf or pytest, but for those on machines that are not here."""
     lines = {line: page for page in PAGES for block in blocks(page, "sh") for line in block.splitlines()}
     found = {
-        tuple(shlex.split(line, comments=True)[1:]): page
+        tuple(shlex.split(line, comments=True)): page
         for line, page in lines.items()
-        if line.startswith("mjsheaf ") and "HOST" not in line
+        if re.match("(mjsheaf|pytest) ", line) and "HOST" not in line
     }
     return [
-        pytest.param(page, words, id=" ".join(words), marks=[pytest.mark.slow] if SLOW & {*words} else [])
+        pytest.param(page, words, id=" ".join(words[1:]), marks=[pytest.mark.slow] if SLOW & {*words} else [])
         for words, page in found.items()
     ]
 
 
-@pytest.mark.parametrize(("page", "words"), commands())
+@pytest.mark.parametrize(("page", "line"), commands())
 def test_command_ends_as_it_should(
-    page: Path, words: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    page: Path, line: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     save_files(page, tmp_path)
+    program, *words = line
+    if program == "pytest":
+        plugin = ["-p", "mjsheaf.pytest_plugin", "-p", "no:cacheprovider"]
+        subprocess.run([sys.executable, "-m", "pytest", *plugin, *words], check=True, timeout=300)
+        return
+    if ">" in words:
+        words, (_, file) = words[:-2], words[-2:]
+        (tmp_path / file).write_text(answer_of(*words).out)
+        json.loads((tmp_path / file).read_text())
+        return
     if words[0] in ("video", "report"):  # which `make demo` leaves
         assert call("run", "paper", *SHORTENED["run"], "--out", words[1]) == 0
     shortened = [] if "--expect" in words else SHORTENED.get(words[0], [])
     answer = answer_of(*words, *(shortened or SMALL if words[0] == "run" else shortened))
-    assert answer.code == (1 if words[:2] == ("check", "air_tracks_surface") else 0), answer.err
+    assert answer.code == (1 if words[:2] == ["check", "air_tracks_surface"] else 0), answer.err
     if "--out" in words:
         assert (tmp_path / words[words.index("--out") + 1]).is_dir()
 
@@ -142,6 +157,14 @@ def test_parts_of_scenarios_are_valid(page: Path) -> None:
         part = yaml.safe_load(text)
         assert load_scenario(TEAM | part).phases, text
         assert part.keys() <= Scenario.model_fields.keys()
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if blocks(p, "toml") or blocks(p, "xml")], ids=lambda p: p.name)
+def test_other_blocks_are_well_formed(page: Path) -> None:
+    for text in blocks(page, "toml"):
+        assert tomllib.loads(text)
+    for text in blocks(page, "xml"):
+        assert ElementTree.fromstring(text).tag == "mujoco"
 
 
 @pytest.mark.parametrize("name", NAMES)
