@@ -94,7 +94,7 @@ def test_command_ends_as_it_should(
         (tmp_path / file).write_text(answer_of(*words).out)
         json.loads((tmp_path / file).read_text())
         return
-    if words[0] in ("video", "report"):  # which `make demo` leaves
+    if words[0] in ("video", "plot", "report"):  # which `make demo` leaves
         assert call("run", "paper", *SHORTENED["run"], "--out", words[1]) == 0
     shortened = [] if "--expect" in words else SHORTENED.get(words[0], [])
     answer = answer_of(*words, *(shortened or SMALL if words[0] == "run" else shortened))

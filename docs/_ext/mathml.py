@@ -3,6 +3,7 @@
 docutils translates LaTeX; Sphinx has renderers that need MathJax or images.
 """
 
+import html
 import re
 from typing import Any
 from xml.etree import ElementTree
@@ -28,7 +29,8 @@ def _translated(node: nodes.Element, *, block: bool) -> str:
 def _with_indices(mathml: str) -> str:
     """Put the index of an accented letter beside it; docutils puts it below, as limits of a sum."""
     ElementTree.register_namespace("", MATHML)
-    root = ElementTree.fromstring(mathml)
+    known = re.sub(r"&(?!lt;|gt;|amp;)\w+;", lambda entity: html.unescape(entity[0]), mathml)
+    root = ElementTree.fromstring(known)
     for node in root.iter(f"{{{MATHML}}}munderover"):
         letter, index, accent = node
         if accent.tag == f"{{{MATHML}}}mo" and accent.text in ACCENTS:
