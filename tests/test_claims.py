@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
+import yaml
 
 from mjsheaf import check, load_scenario, simulate
 from mjsheaf.scenario.load import parse_override
@@ -106,6 +107,27 @@ def test_two_quadrotors() -> None:
     bodies, hold = re.findall(r"[\d.]+(?= 1/s)|[\d.]+(?= \|)", line)
     assert agrees(bodies, record["margins"]["bodies"]["largest_gain"])
     assert agrees(hold, record["law"]["largest_gain"])
+
+
+def test_scenarios_of_pages() -> None:
+    """What pages say of the scenarios that they show."""
+
+    def shown(page: str) -> dict[str, Any]:
+        text = re.search(r"^```yaml\n(.*?)^```$", (DOCS / page).read_text(), re.MULTILINE | re.DOTALL)
+        assert text
+        fields: dict[str, Any] = yaml.safe_load(text[1])
+        return check(load_scenario(fields))
+
+    triangle, escort = shown("start.md"), shown("howto/scenario.md")
+    (line,) = [line for line in CLAIMS.splitlines() if line.startswith("| the triangle of *Start*")]
+    bound, proposed = re.findall(r"[\d.]+(?= m[,;])", line)
+    assert f"from {bound} m to {proposed} m" in (DOCS / "start.md").read_text()
+    assert agrees(bound, triangle["law"]["radius"])
+    (with_a_round,) = [p for p in triangle["proposals"] if {*p["controller"]} == {"gain", "feedforward"}]
+    assert with_a_round["controller"]["feedforward"]["rounds"] == 1
+    assert agrees(proposed, with_a_round["bound"])
+    assert agrees("2.0", escort["margins"]["bodies"]["largest_gain"])
+    assert "Here it is 2.0 1/s" in (DOCS / "howto/scenario.md").read_text()
 
 
 def test_vehicles() -> None:

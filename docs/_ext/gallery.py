@@ -87,11 +87,11 @@ def lesson_of(name: str) -> str:
 
 
 def _facts(name: str, s: Scenario) -> list[str]:
-    kinds = ("planar", "spatial")
-    count = [sum(len(v.position) == n for v in (*s.agents,)) for n in (2, 3)]
-    agents = " and ".join(f"{n} {kind}" for n, kind in zip(count, kinds, strict=True) if n)
-    row = [f"{agents} agents", f"{len(s.targets)} targets", f"{s.time.end - s.time.start:g} s"]
-    row.append(f"gain {s.controller.gain:g} 1/s")
+    by_dimension = {"planar": 2, "spatial": 3}
+    count = {kind: sum(len(a.position) == n for a in s.agents) for kind, n in by_dimension.items()}
+    agents = " and ".join(f"{n} {kind}" for kind, n in count.items() if n)
+    row = [f"{agents} agent{'s' * (len(s.agents) > 1)}", f"{len(s.targets)} target{'s' * (len(s.targets) > 1)}"]
+    row += [f"{s.time.end - s.time.start:g} s", f"gain {s.controller.gain:g} 1/s"]
     team = load_scenario(name, replays.RUN_AS.get(name, ("", {}))[1]).team.dirichlet
     return [", ".join(row) + (f"; the smallest eigenvalue of H is {_smallest(team):.3g}." if team.unique else ".")]
 

@@ -101,7 +101,11 @@ class Agent(Section):
     heading: Number | None = Field(
         None, description="initial heading of the body, from the x axis to port; 0 unless given [degrees]"
     )
-    vehicle: str | None = Field(None, description="name in models/ or a description file; vehicles.agents unless given")
+    vehicle: str | None = Field(
+        None,
+        description="name, of those that `mjsheaf list --vehicles` shows, or a description file; "
+        "vehicles.agents unless given",
+    )
     frame: Attitude | None = Field(None, description="frame of its local_frame edges; yaw = heading unless given")
     velocity_limit: Positive | None = Field(
         None, description="largest commanded speed; controller.velocity_limit unless given [m/s]"
@@ -127,7 +131,9 @@ class Target(Section):
         None, description="initial heading of the body, from the x axis to port; 0 unless given [degrees]"
     )
     vehicle: str | None = Field(
-        None, description="name in models/ or a description file; vehicles.targets unless given"
+        None,
+        description="name, of those that `mjsheaf list --vehicles` shows, or a description file; "
+        "vehicles.targets unless given",
     )
     motion: Motion | None = Field(None, description="target_motion unless given")
 
