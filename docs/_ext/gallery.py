@@ -13,6 +13,7 @@ from mjsheaf.scenario.load import read_scenario
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 _ERRORS = ("mean_disagreement", "tracking_error", "formation_error", "centering_error")
+_MENDED = {"lost_thruster": ", in which the thrusters work"}
 _WORDS = [name.replace("_", " ") for name in _ERRORS]
 
 
@@ -59,7 +60,7 @@ def page(name: str) -> str:
     lines += [f"mjsheaf check {name}", f"mjsheaf run {name}{option and ' ' + option}", "```\n"]
     if refused:
         lines.append(f"`mjsheaf run {name}` alone refuses it, because: {fields.prose(refused)}. ")
-        lines.append(f"The replay and the numbers are those of a run with `{option}`.\n")
+        lines.append(f"The replay and the numbers are those of a run with `{option}`{_MENDED.get(name, '')}.\n")
     lines += ["## Replay\n", "Drag to turn the scene; click on a curve to go to that moment.", *_open(name), ""]
     lines.append(
         f'<iframe class="replay" src="../../replays/{name}.html" title="Replay of {name}" loading="lazy"></iframe>\n'

@@ -194,7 +194,8 @@ class Anchor(Section):
         else:
             rows = ["xyz".index(axis) for axis in self.axes or []]
             if max(rows) >= n or len(set(rows)) != len(rows):
-                raise InputError(f"axes: {agent.id} has the coordinates {', '.join('xyz'[:n])}, each at most once")
+                has = f"{agent.id} has {', '.join('xyz'[:n])}"
+                raise InputError(f"axes: [{', '.join(self.axes or [])}]: expected each axis once; {has}")
             F = np.eye(n)[rows]
         return anchor(agent.id, F, _vector(self.value, "value", len(F)), _inner_product(self.weight, len(F)))
 
