@@ -120,6 +120,7 @@ def test_code_gives_what_its_comments_say(page: Path, monkeypatch: pytest.Monkey
     """A comment that begins with a value is what the expression before it gives."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MPLBACKEND", "agg")
+    monkeypatch.syspath_prepend(tmp_path)
     save_files(page, tmp_path)
     names: dict[str, Any] = {"array": np.array}
     for code in blocks(page, "python"):
