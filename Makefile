@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 DEMO := runs/paper-physics
 
-.PHONY: demo test test-slow test-all lint clean bundle check-bundle
+.PHONY: demo test test-slow test-all lint docs clean bundle check-bundle
 
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "mjsheaf needs Python 3.11 or later; set PYTHON=")'
@@ -45,6 +45,15 @@ test-all: EXAMPLES := ci
 test-all: lint
 	$(PYTEST)
 
+# The site, in build/docs; examples, vehicles and references are made from what runs. Needs no network once installed.
+$(VENV)/.docs: $(STAMP)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[docs]'
+	touch $@
+
+docs: $(VENV)/.docs
+	$(BIN)/python -m sphinx -W --keep-going -q -b html docs build/docs
+	@echo "site    build/docs/index.html"
+
 # The page's script and style, from web/: only who changes those needs node 18 or later. CI compares.
 web/node_modules: web/package-lock.json
 	cd web && npm ci --ignore-scripts --no-audit --no-fund
@@ -59,4 +68,4 @@ check-bundle: web/node_modules
 	cmp build/bundle/bundle.css mjsheaf/page/bundle.css
 
 clean:
-	rm -rf $(VENV) runs dist build web/node_modules
+	rm -rf $(VENV) runs dist build web/node_modules docs/generated docs/examples docs/sg_execution_times.rst

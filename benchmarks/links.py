@@ -1,4 +1,4 @@
-"""What `check` predicts of links against what runs do: `python benchmarks/links.py` prints the table in README.
+"""What `check` predicts of links against what runs do: `python benchmarks/links.py` prints the table in docs/claims.md.
 
 All on ideal kinematics, of the published run and of variants of it. Takes about a minute.
 """

@@ -24,6 +24,7 @@ from mjsheaf.control.theorem import Rho, RhoLike, as_rho, gain_for_radius
 from mjsheaf.errors import InputError
 from mjsheaf.io.section import Finite, Record
 from mjsheaf.scenario import Scenario
+from mjsheaf.scenario.slips import slips_of
 from mjsheaf.system import Phase, System, during, phases_of
 from mjsheaf.threads import one_thread
 
@@ -134,6 +135,7 @@ class CheckRecord(Record):
     margins: Margins
     fragility: Fragility
     phases: list[PhaseRecord] = Field(default_factory=list, description="of a run with events, the first included")
+    notes: list[str] = Field(default_factory=list, description="what in the files looks like a slip, in sentences")
 
     def verdict(self) -> str:
         """The check in a few words: what holds, where, and what does not."""
@@ -171,7 +173,8 @@ def check(
         InputError: rate or radius is not positive, rho is no bound, or a vehicle does not fit its agent.
     """
     own = None if rho is None else as_rho(rho)
-    return examine(scenario.phases, rate=rate, radius=radius, rho=own).record.model_dump(mode="json")
+    record = examine(scenario.phases, rate=rate, radius=radius, rho=own).record
+    return record.model_copy(update={"notes": slips_of(scenario)}).model_dump(mode="json")
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,7 @@ def report(record: CheckRecord) -> Group:
     """The record as a readable report."""
     return Group(
         Text(f"{record.scenario}: {record.verdict()}", style="bold"),
+        *(Text(f"note: {note}", style="yellow") for note in record.notes),
         _assumptions(record),
         *_cohomology(record.relative_cohomology),
         _theorem(record),
@@ -84,9 +85,10 @@ def _theorem(record: CheckRecord) -> Table:
     t, corners = record.theorem, (record.region.agents_low, record.region.agents_high)
     low, high = (", ".join(f"{x:.3g}" for x in corner) for corner in corners)
     source = record.region.source + ", not proven" * (not record.region.verified)
-    verdict = "applies" if t.applies else "does not apply: " + t.reason
+    verdict = "applies" + " (approximately)" * t.approximate if t.applies else "does not apply"
     rows = [
-        ("gain condition", "holds" if t.gain_condition else "fails", verdict + (" (approximately)" * t.approximate)),
+        ("verdict", verdict, t.reason),
+        ("gain condition", "holds" if t.gain_condition else "fails", "k_min > rho + lambda_V"),
         ("region", "", f"agents in ({low}) to ({high}) m; {source}"),
         ("lambda_min, lambda_max", f"{t.lambda_min:.4g}, {t.lambda_max:.4g}", "of H"),
         ("sigma_max(B)", _number(t.sigma_max_B), ""),

@@ -75,14 +75,16 @@ def check(
     from mjsheaf.control.theorem import as_rho
     from mjsheaf.io.files import naming, whole_file
     from mjsheaf.scenario import load_scenario
+    from mjsheaf.scenario.slips import slips_of
 
-    phases = load_scenario(scenario, changes_of(overrides)).phases
+    loaded = load_scenario(scenario, changes_of(overrides))
+    phases = loaded.phases
     try:
         bound = None if rho is None else as_rho([float(c) for c in rho.split(",")])
     except (ValueError, InputError):
         raise InputError(f"--rho {rho}: expected coefficients >= 0, separated by commas, such as 0.1,0.02") from None
     examination = examine(phases, rate=rate, radius=radius, rho=bound)
-    record = examination.record
+    record = examination.record.model_copy(update={"notes": slips_of(loaded)})
     if as_json:
         print(json.dumps(record.model_dump(mode="json"), indent=2, allow_nan=False))
     else:

@@ -6,12 +6,23 @@ from typing import Annotated, Any
 import typer
 
 from mjsheaf.cli.terminal import make_console, make_table, progress_bars
+from mjsheaf.errors import InputError
 
 
-def list_(vehicles: Annotated[bool, typer.Option("--vehicles", help="List vehicles instead.")] = False) -> None:
-    """List the scenarios and studies, or the vehicles, that come with mjsheaf."""
+def list_(
+    files: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[FILE]...", help="Descriptions of vehicles of your own, listed with --vehicles."),
+    ] = None,
+    vehicles: Annotated[
+        bool, typer.Option("--vehicles", help="List vehicles instead: those that come with mjsheaf, then your own.")
+    ] = False,
+) -> None:
+    """List the scenarios and studies, or the vehicles, that come with mjsheaf, and vehicles of your own."""
     if vehicles:
-        _list_vehicles()
+        _list_vehicles(files or [])
+    elif files:
+        raise InputError(f"{files[0]}: only vehicles have files to list; expected --vehicles {files[0]}")
     else:
         _list_scenarios()
 
@@ -34,31 +45,36 @@ def _list_scenarios() -> None:
     make_console().print(table, "", studies)
 
 
-def _list_vehicles() -> None:
+def _list_vehicles(files: list[str]) -> None:
+    from mjsheaf.scenario.slips import slips_of_vehicle
+    from mjsheaf.simulation.arena import size_of
     from mjsheaf.vehicles.effects import capability_of
     from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 
-    headings = ("name", "moves in", "mass\n(kg)", "thrusters", "thrust\n(N)", "tau\n(s)", "speed\n(m/s)")
-    table = make_table(*headings, numbers=headings[2:], fixed=headings, title="vehicles", box=None, padding=(0, 1))
-    summaries = make_table(box=None, show_header=False)
-    for name in list_vehicles():
-        vehicle = load_vehicle(name)
+    numbers = ("mass\n(kg)", "size\n(m)", "thrust-\ners", "thrust\n(N)", "tau\n(s)", "speed\n(m/s)")
+    headings = ("name", "moves\nin", *numbers)
+    table = make_table(*headings, numbers=numbers, fixed=headings, title="vehicles", box=None, padding=(0, 1))
+    summaries, slips = make_table(box=None, show_header=False), []
+    for source in [*list_vehicles(), *files]:
+        vehicle = load_vehicle(source)
         tau, can = vehicle.reduced_model().tau, capability_of(vehicle)
         table.add_row(
-            name,
+            vehicle.name,
             "plane" if vehicle.dimension == 2 else "space",
             f"{vehicle.mass:g}",
+            f"{size_of(vehicle):.3g}",
             str(len(vehicle.actuators)),
             _limit(can.forward_thrust),
             " ".join(f"{x:.3g}" for x in dict.fromkeys(tau.round(3))),
             _limit(can.forward_speed),
         )
-        summaries.add_row(name, vehicle.description.summary)
+        summaries.add_row(vehicle.name, vehicle.description.summary)
+        slips += [f"note: {slip}" for slip in slips_of_vehicle(vehicle)]
     note = (
-        "thrust and speed are forward, at constant height; tau is that of the commanded velocity along the "
-        "body's axes (of a boat at its hand point: of surge and yaw)"
+        "size is the longest side; thrust and speed are forward, at constant height; tau is that of the commanded "
+        "velocity along the body's axes (of a boat at its hand point: of surge and yaw)"
     )
-    make_console().print(table, "", summaries, "", note)
+    make_console().print(table, "", summaries, "", note, *slips)
 
 
 def _limit(value: float) -> str:
@@ -69,13 +85,15 @@ def schema(
     check: Annotated[bool, typer.Option("--check", help="Of the record that `check --json` prints instead.")] = False,
     compare: Annotated[bool, typer.Option("--compare", help="Of compare.json instead.")] = False,
     study: Annotated[bool, typer.Option("--study", help="Of a study file, for sweep, instead.")] = False,
+    vehicle: Annotated[bool, typer.Option("--vehicle", help="Of a vehicle's description file instead.")] = False,
 ) -> None:
     """Print the JSON Schema of a scenario file."""
-    print(json.dumps(schema_of("study" if study else "compare" if compare else "check" if check else ""), indent=2))
+    asked = {"vehicle": vehicle, "study": study, "compare": compare, "check": check}
+    print(json.dumps(schema_of(next((what for what in asked if asked[what]), "")), indent=2))
 
 
 def schema_of(what: str) -> dict[str, Any]:
-    """The JSON Schema of a scenario file, or of a 'check', a 'compare' or a 'study'."""
+    """The JSON Schema of a scenario file, or of a 'check', a 'compare', a 'study' or a 'vehicle'."""
     from importlib import import_module
 
     module, name = {
@@ -83,6 +101,7 @@ def schema_of(what: str) -> dict[str, Any]:
         "check": ("checking", "CheckRecord"),
         "compare": ("comparing", "CompareRecord"),
         "study": ("studies.schema", "StudyFile"),
+        "vehicle": ("vehicles.vehicle", "VehicleDescription"),
     }[what]
     found: dict[str, Any] = getattr(import_module(f"mjsheaf.{module}"), name).model_json_schema()
     return found

@@ -15,6 +15,7 @@ import typer
 from mjsheaf._version import __version__
 from mjsheaf.cli.check import check, compare
 from mjsheaf.cli.listing import bench, list_, schema
+from mjsheaf.cli.new import new
 from mjsheaf.cli.run import expect, plot, report, run, video
 from mjsheaf.cli.sweep import sweep
 from mjsheaf.cli.terminal import Stopped, open_streams, raise_if_stopped, stoppable, was_stopped
@@ -27,8 +28,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
     help="Teams of unlike vehicles track targets by a decentralized sheaf law, on ideal kinematics and MuJoCo bodies.",
-    epilog="Begin with [bold]mjsheaf list[/bold], then [bold]mjsheaf run midpoint[/bold]. "
-    "Exit codes: 0 done; 1 it does not hold; 2 bad input; 3 the simulation blew up.",
+    epilog="Begin with [bold]mjsheaf list[/bold] and [bold]mjsheaf run midpoint[/bold], then [bold]mjsheaf new mine"
+    "[/bold]. Exit codes: 0 done; 1 it does not hold; 2 bad input; 3 the simulation blew up.",
 )
 
 _COMMANDS: dict[Callable[..., None], str] = {
@@ -41,7 +42,8 @@ _COMMANDS: dict[Callable[..., None], str] = {
     sweep: "midpoint --grid controller.gain=0.1,1,10 --seeds 0:20 --out s",
     expect: "midpoint.yaml --update",
     bench: "loop peers",
-    list_: "--vehicles",
+    new: "mine",
+    list_: "--vehicles mine.yaml",
     schema: "--study",
 }
 """Commands in the order of the help, and an example of each."""

@@ -41,42 +41,54 @@ from mjsheaf.team import Team
 _ODOMETRY = 1  # stream of random numbers
 _SETTLED = 1e-3  # of an error: what rounds leave of it once v may be extrapolated
 
-_ROUNDS = "exchanges a control period, in each of which tail and head of a communication edge send each other F x"
+_ROUNDS = "exchanges a control period; in each, the ends of every communication edge send each other F x [-]"
 Rounds = Annotated[int, Field(ge=1, le=1000)]
 
 
 class Feedforward(Section):
     """The velocity of q*, from what agents sense of their targets' velocities."""
 
-    rounds: Rounds = Field(3, description=_ROUNDS)
-    filter: NonNegative = Field(0.0, description="time constant on the measured velocity of targets, s")
-    extrapolate: bool = Field(False, description="ahead by one control period and the vehicle's time constant")
+    rounds: Rounds = Field(
+        3,
+        description=_ROUNDS,
+    )
+    filter: NonNegative = Field(
+        0.0, description="time constant of a filter on the measured velocity of targets; 0 leaves it out [s]"
+    )
+    extrapolate: bool = Field(
+        False, description="whether to extrapolate by one control period and the vehicle's time constant"
+    )
 
 
 class Newton(Section):
     """Straight to q* instead of down the slope of the disagreement."""
 
-    rounds: Rounds = Field(3, description=_ROUNDS)
+    rounds: Rounds = Field(
+        3,
+        description=_ROUNDS,
+    )
 
 
 class Drift(Section):
     """An observer of what carries the agent beside its command."""
 
-    filter: NonNegative = Field(0.1, description="time constant, s")
+    filter: NonNegative = Field(0.1, description="time constant of the observer [s]")
 
 
 class Integral(Section):
     """The sum of the disagreement over time, without odometry."""
 
-    gain: Positive = Field(description="k_I, 1/s^2")
-    limit: Positive = Field(1e9, description="largest correction, m/s")
+    gain: Positive = Field(description="k_I [1/s^2]")
+    limit: Positive = Field(1e9, description="largest correction [m/s]")
 
 
 class Odometry(Section):
     """Errors of an agent's own displacement, on which feedforward and drift rest."""
 
-    noise: NonNegative = Field(0.0, description="standard deviation of each coordinate, m a sample")
-    bias: float = Field(0.0, ge=-1e9, le=1e9, description="of each coordinate, m/s")
+    noise: NonNegative = Field(
+        0.0, description="standard deviation of each coordinate of the displacement, at each sample [m]"
+    )
+    bias: float = Field(0.0, ge=-1e9, le=1e9, description="drift of each coordinate [m/s]")
 
 
 class Terms(NamedTuple):

@@ -87,9 +87,11 @@ def disturbance_velocity(harmonics, sines, v):
 class Disturbance(Section):
     """A bounded, smooth, seeded disturbance velocity."""
 
-    bound: NonNegative = Field(description="m/s")
-    frequencies: Annotated[list[Positive], Field(min_length=2, max_length=2)] = Field([0.05, 0.5], description="Hz")
-    components: Annotated[int, Field(ge=1, le=64)] = 6
+    bound: NonNegative = Field(description="largest size, at every time [m/s]")
+    frequencies: Annotated[list[Positive], Field(min_length=2, max_length=2)] = Field(
+        [0.05, 0.5], description="lowest and highest [Hz]"
+    )
+    components: Annotated[int, Field(ge=1, le=64)] = Field(6, description="number of harmonics [-]")
 
     @model_validator(mode="after")
     def _ordered(self) -> "Disturbance":

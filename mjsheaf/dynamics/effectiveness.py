@@ -35,10 +35,12 @@ class EffectivenessArrays(NamedTuple):
 class ControlEffectiveness(Section):
     """g(q, t) = R(psi) layout with psi = heading + gradient . q + rate t; ideal backend."""
 
-    layout: Matrix = Field(description="W, one row for each state, one column for each input")
-    heading: Number = 0.0
-    heading_gradient: Point | None = Field(None, description="degrees per m")
-    heading_rate: Number = Field(0.0, description="degrees per s")
+    layout: Matrix = Field(
+        description="W, one row for each coordinate, one column for each input [m/s per unit of input]"
+    )
+    heading: Number = Field(0.0, description="psi_0 [degrees]")
+    heading_gradient: Point | None = Field(None, description="psi_q [degrees/m]")
+    heading_rate: Number = Field(0.0, description="psi_t [degrees/s]")
 
 
 @jit

@@ -137,8 +137,10 @@ def _velocities(table, points, out):
 class Source(Section):
     """alpha r / (|r|^2 + core^2)^p, p = 1 in the plane and 1.5 in space."""
 
-    centre: Point
-    alpha: Number
+    centre: Point = Field(description="position [m]")
+    alpha: Number = Field(
+        description="strength, positive for a source and negative for a sink [m^2/s in the plane, m^3/s in space]"
+    )
 
     def row(self, core2: float) -> list[float]:
         """What the kernel's row in the table holds after its kind and whether it lies in space."""
@@ -148,9 +150,11 @@ class Source(Section):
 class Vortex(Section):
     """gamma (axis x r) / (|r|^2 + core^2)."""
 
-    centre: Point
-    gamma: Number
-    axis: Annotated[list[Number], Field(min_length=3, max_length=3)] | None = Field(None, description="in space only")
+    centre: Point = Field(description="position [m]")
+    gamma: Number = Field(description="strength, positive to port about the axis [m^2/s]")
+    axis: Annotated[list[Number], Field(min_length=3, max_length=3)] | None = Field(
+        None, description="axis, of which the length counts; in space only [-]"
+    )
 
     def row(self, core2: float) -> list[float]:
         """As that of a source."""
@@ -160,11 +164,11 @@ class Vortex(Section):
 class Channel(Section):
     """beta exp(-|n|^2 / 2 width^2) exp(-l^2 / 2 length^2) along a direction."""
 
-    centre: Point
-    direction: Point
-    beta: Number = Field(description="m/s")
-    width: Positive
-    length: Positive
+    centre: Point = Field(description="position at which it is strongest [m]")
+    direction: Point = Field(description="direction of the flow, of any length [-]")
+    beta: Number = Field(description="speed at the centre [m/s]")
+    width: Positive = Field(description="standard deviation across the direction [m]")
+    length: Positive = Field(description="standard deviation along the direction [m]")
 
     def row(self, _: float) -> list[float]:
         """As that of a source."""
@@ -176,12 +180,15 @@ class Channel(Section):
 class FlowField(Section):
     """A flow field in the plane (dimension 2) or in space (3)."""
 
-    dimension: Literal[2, 3]
-    core: NonNegative | None = Field(None, description="needed with sources or vortices; 0 leaves them singular, m")
-    drift: Point | None = None
-    sources: list[Source] = Field(default_factory=list)
-    vortices: list[Vortex] = Field(default_factory=list)
-    channels: list[Channel] = Field(default_factory=list)
+    dimension: Literal[2, 3] = Field(description="2: in the plane, the same at every height; 3: in space [-]")
+    core: NonNegative | None = Field(
+        None,
+        description="radius that smooths sources and vortices; needed with them, 0 leaves them singular [m]",
+    )
+    drift: Point | None = Field(None, description="uniform velocity [m/s]")
+    sources: list[Source] = Field(default_factory=list, description="point sources and sinks")
+    vortices: list[Vortex] = Field(default_factory=list, description="vortices")
+    channels: list[Channel] = Field(default_factory=list, description="Gaussian streams")
 
     @model_validator(mode="after")
     def _fits(self) -> "FlowField":

@@ -77,11 +77,11 @@ class Lissajous(Section):
 
     model_config = ConfigDict(json_schema_extra=tagged("kind"))
 
-    kind: Literal["lissajous"] = "lissajous"
-    amplitude: Point = Field(description="m")
-    rate: Point = Field(description="rad/s")
-    phase: Point = Field(description="rad")
-    pull: NonNegative = Field(0.0, description="return to the path when flow moves the target off it, 1/s")
+    kind: Literal["lissajous"] = Field("lissajous", description="always lissajous")
+    amplitude: Point = Field(description="of each coordinate [m]")
+    rate: Point = Field(description="of each coordinate [rad/s]")
+    phase: Point = Field(description="of each coordinate; the one angle that is not in degrees [rad]")
+    pull: NonNegative = Field(0.0, description="return to the path when flow moves the target off it [1/s]")
 
     def write(self, arrays: MotionArrays, v: int, n: int, start: float) -> None:
         """Write the motion of vehicle v, which has dimension n; its path begins at the origin in the arrays."""
@@ -98,11 +98,13 @@ class Waypoints(Section):
 
     model_config = ConfigDict(json_schema_extra=tagged("kind"))
 
-    kind: Literal["waypoints"] = "waypoints"
-    points: Annotated[list[Point], Field(min_length=1)]
-    speed: Positive = Field(description="mean speed along the straight legs, m/s")
-    closed: bool = False
-    pull: NonNegative = Field(1.0, description="return to the path when flow moves the target off it, 1/s")
+    kind: Literal["waypoints"] = Field("waypoints", description="always waypoints")
+    points: Annotated[list[Point], Field(min_length=1)] = Field(
+        description="visited after the initial position, each x, y or x, y, z [m]"
+    )
+    speed: Positive = Field(description="mean speed along the straight legs [m/s]")
+    closed: bool = Field(False, description="whether the path returns to the initial position and repeats")
+    pull: NonNegative = Field(1.0, description="return to the path when flow moves the target off it [1/s]")
 
     def spline(self, initial: Array, start: float) -> PPoly:
         """The path from `initial` (n,) in m at time `start` in s, as a piecewise polynomial.
@@ -133,11 +135,11 @@ class Recorded(Section):
 
     model_config = ConfigDict(json_schema_extra=tagged("kind"))
 
-    kind: Literal["recorded"] = "recorded"
+    kind: Literal["recorded"] = Field("recorded", description="always recorded")
     samples: Annotated[list[Annotated[list[Number], Field(min_length=3, max_length=4)]], Field(min_length=2)] = Field(
-        description="rows t (s), x, y and in space z (m), t rising, from the start of the run to its end or beyond"
+        description="rows t, x, y and in space z, t rising, from the start of the run to its end or beyond [s, m]"
     )
-    pull: NonNegative = Field(1.0, description="return to the path where the target is off it, 1/s")
+    pull: NonNegative = Field(1.0, description="return to the path where the target is off it [1/s]")
 
     def spline(self, n: int, start: float, end: float) -> PPoly:
         """The path, its first n coordinates, m, over time, s, of the degree of `Waypoints.spline`.
@@ -166,9 +168,11 @@ class File(Section):
 
     model_config = ConfigDict(json_schema_extra=tagged("kind"))
 
-    kind: Literal["file"] = "file"
-    path: str = Field(description="of a CSV file with rows t, x, y, z or a header that names them, beside the scenario")
-    pull: NonNegative = Field(1.0, description="return to the path where the target is off it, 1/s")
+    kind: Literal["file"] = Field("file", description="always file")
+    path: str = Field(
+        description="of a CSV file with rows t, x, y, z in s and m, or a header that names them; beside the scenario"
+    )
+    pull: NonNegative = Field(1.0, description="return to the path where the target is off it [1/s]")
 
     def read(self) -> Recorded:
         """The samples of the file.
@@ -212,8 +216,8 @@ class Static(Section):
 
     model_config = ConfigDict(json_schema_extra=tagged("kind"))
 
-    kind: Literal["static"] = "static"
-    pull: NonNegative = Field(0.0, description="return to the initial position, 1/s")
+    kind: Literal["static"] = Field("static", description="always static")
+    pull: NonNegative = Field(0.0, description="return to the initial position [1/s]")
 
 
 Motion = Annotated[Lissajous | Waypoints | Recorded | File | Static, Field(discriminator="kind")]

@@ -32,8 +32,8 @@ def make_dataset(trajectory: Trajectory, backend: str, seed: int) -> xr.Dataset:
         seed: seed of the scenario.
 
     Returns:
-        Variables over the dimensions time, agent, target and axis; see README for the list. Attributes name the
-        scenario, backend, status and groups.
+        Variables over the dimensions time, agent, target and axis; docs/reference/results.md lists them. Attributes
+        name the scenario, backend, status and groups.
     """
     return next(make_datasets([trajectory], backend, seed))
 

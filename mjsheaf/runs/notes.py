@@ -9,6 +9,7 @@
     submerged     an aircraft under water or in the ground
     bound         a bound that theory gives is exceeded
     terms         the law's terms do harm (see `harm`)
+    slip          a value of the files looks like a slip, such as an angle in radians (see `slips`)
 
 Each is said once, of the vehicle that is worst.
 """
@@ -42,6 +43,7 @@ Kind = Literal[
     "submerged",
     "bound",
     "terms",
+    "slip",
 ]
 
 _MUCH = 0.1  # of the time, that thrusters or commands may be at a limit
@@ -79,6 +81,7 @@ def notes_of_run(
     ending: str | None,
     bounds: Sequence[RunBound | HeldBound],
     terms: "TermsInRun | None",
+    slips: Sequence[str] = (),
 ) -> list[Note]:
     """All that should be known of a run; it is read in pieces.
 
@@ -88,8 +91,10 @@ def notes_of_run(
         ending: how it ended (see `finished`).
         bounds: those of its phases.
         terms: what its terms did.
+        slips: sentences of `slips_of`, about its files.
     """
-    found = [Note("bound", bound.violation(), None, bound.worst, bound.ratio) for bound in bounds if bound.violation()]
+    found = [Note("slip", sentence) for sentence in slips]
+    found += [Note("bound", bound.violation(), None, bound.worst, bound.ratio) for bound in bounds if bound.violation()]
     found += [Note("terms", sentence) for sentence in (terms.harm if terms else ())]
     found += _about_the_end(dataset, ending)
     found += _about_limits(phases, dataset)

@@ -187,10 +187,7 @@ def publish(
     Raises:
         PlaceError: the directory may not be replaced or cannot be written.
     """
-    from mjsheaf.checking.finished import bounds_of_phases
     from mjsheaf.page import page_of
-    from mjsheaf.runs.harm import examine_terms
-    from mjsheaf.runs.notes import notes_of_run
     from mjsheaf.simulation.trajectory import samples_in_piece
     from mjsheaf.system import phases_of
 
@@ -202,25 +199,17 @@ def publish(
         write_dataset(pieces, fresh / "result.nc")
         dataset = held.enter_context(open_dataset(fresh / "result.nc"))
         write_scenario(scenario, fresh)
-        own, drawn = summarize_phases(system.team, dataset), thinned(dataset)
-        bounds = bounds_of_phases(phases, dataset)
-        theorem, of_law = bounds[0]
-        shown = _shown_bound(phases, drawn["time"].values, theorem, of_law)
+        account = account_of(scenario, phases, dataset)
+        summary, drawn, bounds = account.summary, account.drawn, account.bounds
+        shown = _shown_bound(phases, drawn["time"].values, *bounds[0])
         plots = held.enter_context(ThreadPoolExecutor(1)).submit(_plot, phases, drawn, shown, fresh, progress, figures)
         if video is None:
             plots.result()
         seconds = run.seconds if isinstance(run, TimedIterator) else None
-        for phase, bound in zip(own, bounds, strict=False):
-            phase |= _bounds_summary(*bound)
-        summary = _summary_of(scenario, phases, dataset.sizes["time"] - 1, drawn, own, theorem, of_law)
         summary |= {"origin": origin, "wall_time_s": seconds, store.RESULT_DIGEST: store.digest(fresh / "result.nc")}
         if seconds:
             summary["realtime_factor"] = float(drawn["time"][-1] - drawn["time"][0]) / seconds
-        terms = examine_terms(phases, dataset)
-        if terms is not None:
-            summary["terms"] = terms.record()
-        found = notes_of_run(phases, dataset, summary["ending"], [one for bound in bounds for one in bound], terms)
-        summary["notes"], notes = [note.record() for note in found], []
+        notes: list[str] = []
         if video is not None:
             from mjsheaf.video.from_run import film_run
 
@@ -235,6 +224,42 @@ def publish(
         progress("publishing", 0, 1)  # the last moment at which the user can stop it
         store.save_summary(summary, fresh / "summary.json")
     return Outcome(directory, summary, notes, replaced)
+
+
+@dataclass(frozen=True)
+class Account:
+    """What there is to say of a run.
+
+    Attributes:
+        summary: as summary.json; without what only its directory knows.
+        bounds: of each phase, those of Theorem 1 and of the held law.
+        drawn: at most a few thousand of its samples, in memory.
+    """
+
+    summary: dict[str, Any]
+    bounds: "list[tuple[RunBound, HeldBound]]"
+    drawn: xr.Dataset
+
+
+def account_of(scenario: Scenario, phases: "Sequence[Phase]", dataset: xr.Dataset) -> Account:
+    """Errors, bounds and notes of a run, from its data, in memory or opened."""
+    from mjsheaf.checking.finished import bounds_of_phases
+    from mjsheaf.runs.harm import examine_terms
+    from mjsheaf.runs.notes import notes_of_run
+    from mjsheaf.scenario.slips import slips_of
+
+    own, drawn = summarize_phases(phases[0].system.team, dataset), thinned(dataset)
+    bounds = bounds_of_phases(phases, dataset)
+    for phase, bound in zip(own, bounds, strict=False):
+        phase |= _bounds_summary(*bound)
+    summary = _summary_of(scenario, phases, dataset.sizes["time"] - 1, drawn, own, *bounds[0])
+    terms = examine_terms(phases, dataset)
+    if terms is not None:
+        summary["terms"] = terms.record()
+    limits = [one for bound in bounds for one in bound]
+    found = notes_of_run(phases, dataset, summary["ending"], limits, terms, slips_of(scenario))
+    summary["notes"] = [note.record() for note in found]
+    return Account(summary, bounds, drawn)
 
 
 def save(

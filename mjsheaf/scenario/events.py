@@ -88,7 +88,7 @@ class State:
 class Event(Section):
     """Base of all events: a time and one field more; subclasses must implement `apply`, which changes a State."""
 
-    time: NonNegative = Field(description="s; that of a sample")
+    time: NonNegative = Field(description="when it happens; the time of a sample [s]")
 
     def apply(self, state: State) -> None:
         """Change the state.
@@ -113,7 +113,9 @@ class Event(Section):
 class Lose(Event):
     """An agent falls silent and its thrusters stop; or no agent senses a target any more."""
 
-    lose: Id = Field(description="an agent or a target")
+    lose: Id = Field(
+        description="id of an agent, which falls silent and drifts, or of a target, which nobody senses any more"
+    )
 
     def apply(self, state: State) -> None:
         """Lose it, if it is there."""
@@ -128,7 +130,7 @@ class Lose(Event):
 class Cut(Event):
     """A link is cut: the edges between two agents, or of an agent that senses a target."""
 
-    cut: _Pair = Field(description="its ends")
+    cut: _Pair = Field(description="ids of the two ends of a link")
 
     def apply(self, state: State) -> None:
         """Cut it, if it is whole."""
@@ -142,7 +144,7 @@ class Cut(Event):
 class Restore(Event):
     """A link that was cut is restored."""
 
-    restore: _Pair = Field(description="its ends")
+    restore: _Pair = Field(description="ids of the two ends of a link that was cut")
 
     def apply(self, state: State) -> None:
         """Restore it, if it is cut."""
@@ -156,7 +158,7 @@ class Restore(Event):
 class Join(Event):
     """An agent or a target joins: one that was lost, or that has been there from the start, silent until now."""
 
-    join: Id = Field(description="an agent or a target")
+    join: Id = Field(description="id of an agent or a target; one whose first event is this is silent until then")
 
     def apply(self, state: State) -> None:
         """Let it join, if it is not there."""

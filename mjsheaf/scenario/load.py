@@ -66,7 +66,7 @@ def read_scenario(source: str | Path) -> dict[str, Any]:
         raw = _with_recorded(raw, lambda name: str(confined(name, path.parent)))
     except InputError as error:
         raise ScenarioError(f"{source}: {error}") from None
-    raw.setdefault("name", _name_from(path))
+    raw.setdefault("name", name_from(path))
     return raw
 
 
@@ -195,7 +195,7 @@ def origin(source: str | Path, directory: Path) -> str:
     return names[0] if names else os.path.relpath(real, own)
 
 
-def _name_from(path: Path) -> str:
+def name_from(path: Path) -> str:
     """A valid name for a scenario that has none: its file's."""
     name = re.sub(r"[^A-Za-z0-9_-]+", "_", path.stem)
     return name if re.match("[A-Za-z]", name) else f"scenario_{name}"

@@ -47,10 +47,10 @@ _MOST_SAMPLES = 50_000_000
 class Flow(Section):
     """The medium, as agents and as targets meet it, or as vehicles in space and in the plane do."""
 
-    agents: FlowField | None = None
-    targets: FlowField | None = None
+    agents: FlowField | None = Field(None, description="what agents meet; not beside air or water")
+    targets: FlowField | None = Field(None, description="what targets meet; not beside air or water")
     air: FlowField | None = Field(None, description="what spatial vehicles meet, agents and targets")
-    water: FlowField | None = Field(None, description="what planar vehicles meet")
+    water: FlowField | None = Field(None, description="what planar vehicles meet, agents and targets")
 
     @model_validator(mode="after")
     def _one_way(self) -> "Flow":
@@ -70,8 +70,8 @@ class Flow(Section):
 class Disturbances(Section):
     """Disturbances of agents and targets."""
 
-    agents: Disturbance | None = None
-    targets: Disturbance | None = None
+    agents: Disturbance | None = Field(None, description="of every agent, drawn independently")
+    targets: Disturbance | None = Field(None, description="of every target, drawn independently")
 
     def draw(self, team: Team, last: float, rng: np.random.Generator) -> Array:
         """The harmonics of each vehicle, shape (V, K, 5), for times up to `last` in s."""
@@ -86,21 +86,33 @@ class Disturbances(Section):
 class Attitude(Section):
     """Attitude of an agent's local frame."""
 
-    roll: Number = 0.0
-    pitch: Number = 0.0
-    yaw: Number = 0.0
+    roll: Number = Field(0.0, description="then rotation about its x [degrees]")
+    pitch: Number = Field(0.0, description="then rotation about its y [degrees]")
+    yaw: Number = Field(0.0, description="rotation about z, the first of the three [degrees]")
 
 
 class Agent(Section):
     """A controlled vehicle; its dimension is the length of its position."""
 
-    id: Id
-    position: Point
-    heading: Number | None = Field(None, description="initial heading of its body; 0 unless given")
-    vehicle: str | None = Field(None, description="name in models/ or a description file; vehicles.agents unless given")
-    frame: Attitude | None = Field(None, description="local frame of its local_frame edges; yaw = heading unless given")
-    velocity_limit: Positive | None = Field(None, description="m/s; controller.velocity_limit unless given")
-    effectiveness: ControlEffectiveness | None = None
+    id: Id = Field(description="unique name: a letter, then letters, digits, _ and -")
+    position: Point = Field(
+        description="initial position x, y or x, y, z; two numbers make a planar agent, three a spatial one [m]"
+    )
+    heading: Number | None = Field(
+        None, description="initial heading of the body, from the x axis to port; 0 unless given [degrees]"
+    )
+    vehicle: str | None = Field(
+        None,
+        description="name, of those that `mjsheaf list --vehicles` shows, or a description file; "
+        "vehicles.agents unless given",
+    )
+    frame: Attitude | None = Field(None, description="frame of its local_frame edges; yaw = heading unless given")
+    velocity_limit: Positive | None = Field(
+        None, description="largest commanded speed; controller.velocity_limit unless given [m/s]"
+    )
+    effectiveness: ControlEffectiveness | None = Field(
+        None, description="g_i(q, t) on the ideal backend; the identity unless given"
+    )
 
     @property
     def member(self) -> Member:
@@ -113,25 +125,31 @@ class Agent(Section):
 class Target(Section):
     """An uncontrolled vehicle; its dimension is the length of its position."""
 
-    id: Id
-    position: Point
-    heading: Number | None = None
-    vehicle: str | None = Field(None, description="vehicles.targets unless given")
+    id: Id = Field(description="unique name: a letter, then letters, digits, _ and -")
+    position: Point = Field(description="initial position x, y or x, y, z; its length is the target's dimension [m]")
+    heading: Number | None = Field(
+        None, description="initial heading of the body, from the x axis to port; 0 unless given [degrees]"
+    )
+    vehicle: str | None = Field(
+        None,
+        description="name, of those that `mjsheaf list --vehicles` shows, or a description file; "
+        "vehicles.targets unless given",
+    )
     motion: Motion | None = Field(None, description="target_motion unless given")
 
 
 class TargetFormation(Section):
     """The targets' own consensus: v = -gain (L_T p - c_T)."""
 
-    gain: Positive = Field(description="1/s")
-    group: Group | None = Field(None, description="where targets belong; consensus on one point if absent")
+    gain: Positive = Field(description="rate of the targets' consensus [1/s]")
+    group: Group | None = Field(None, description="where targets belong; consensus on one point unless given")
 
 
 class Time(Section):
     """The span of the run."""
 
-    start: NonNegative = 0.0
-    end: NonNegative = Field(30.0, description="the last sample is the last whole period up to here")
+    start: NonNegative = Field(0.0, description="time of the first sample [s]")
+    end: NonNegative = Field(30.0, description="the last sample is the last whole period up to here [s]")
 
     @model_validator(mode="after")
     def _ordered(self) -> "Time":
@@ -156,15 +174,23 @@ class Time(Section):
 class Controller(Section):
     """The law u_i = -k1 g_i^+ eta_i, and its terms beyond the paper's."""
 
-    gain: Positive = Field(1.0, description="k1, 1/s")
-    control_period: NonNegative = Field(0.01, description="zero-order hold, s; 0 evaluates the law continuously")
-    record_period: Duration = Field(0.01, description="time between samples where control_period is 0, s")
-    velocity_limit: Positive | None = Field(None, description="largest commanded speed of every agent, m/s")
-    feedforward: Feedforward | None = None
-    newton: Newton | None = None
-    drift: Drift | None = None
-    integral: Integral | None = None
-    odometry: Odometry = Odometry()
+    gain: Positive = Field(1.0, description="k1 of u_i = -k1 g_i^+ eta_i [1/s]")
+    control_period: NonNegative = Field(
+        0.01, description="time between samples, for which a command is held; 0 evaluates the law continuously [s]"
+    )
+    record_period: Duration = Field(0.01, description="time between recorded samples where control_period is 0 [s]")
+    velocity_limit: Positive | None = Field(
+        None, description="largest commanded speed of every agent; no limit unless given [m/s]"
+    )
+    feedforward: Feedforward | None = Field(None, description="adds the velocity of q*; not in the law unless given")
+    newton: Newton | None = Field(
+        None, description="commands k1 (q* - q) instead of -k1 eta; not in the law unless given"
+    )
+    drift: Drift | None = Field(
+        None, description="takes off what carries an agent beside its command; not in the law unless given"
+    )
+    integral: Integral | None = Field(None, description="adds the sum of eta over time; not in the law unless given")
+    odometry: Odometry = Field(Odometry(), description="errors of odometry, on which feedforward and drift rest")
 
     @property
     def terms(self) -> Terms:
@@ -181,8 +207,10 @@ class Controller(Section):
 class Spread(Section):
     """Random initial conditions, drawn from the seed."""
 
-    position: NonNegative = Field(0.0, description="half width of a uniform box about each agent's position, m")
-    heading: Annotated[float, Field(ge=0, le=180)] = Field(0.0, description="half width about every heading")
+    position: NonNegative = Field(0.0, description="half width of a uniform box about each agent's position [m]")
+    heading: Annotated[float, Field(ge=0, le=180)] = Field(
+        0.0, description="half width of a uniform interval about every heading [degrees]"
+    )
 
     def place(
         self, agents: Sequence[Agent], targets: Sequence[Target], rng: np.random.Generator
@@ -204,10 +232,17 @@ class Spread(Section):
 class Vehicles(Section):
     """The bodies of the physics backend."""
 
-    agents: str | None = Field(None, description="hull for planar and aerial for spatial agents unless given")
-    targets: str | None = None
+    agents: str | None = Field(
+        None,
+        description="vehicle of agents without one of their own; hull in the plane and aerial in space unless given",
+    )
+    targets: str | None = Field(
+        None,
+        description="vehicle of targets without one of their own; hull in the plane and aerial in space unless given",
+    )
     tau: Duration | None = Field(
-        None, description="time constant along surge of every body, s, by autopilot or else drag; its own unless given"
+        None,
+        description="time constant of every body along surge, by autopilot or drag; its own unless given [s]",
     )
 
     def names(self, agents: Sequence[Agent], targets: Sequence[Target]) -> list[str]:
@@ -219,16 +254,18 @@ class Vehicles(Section):
 class Physics(Section):
     """How the physics backend steps."""
 
-    timestep: Duration = Field(0.001, description="s; the control period must be a multiple of it")
+    timestep: Duration = Field(0.001, description="MuJoCo's step; the control period must be a multiple of it [s]")
     contacts: bool = Field(False, description="whether vehicles collide")
-    effects: Effects = Effects()
+    effects: Effects = Field(Effects(), description="what makes bodies real, each to be switched off alone")
 
 
 class Ideal(Section):
     """How the ideal backend integrates."""
 
-    rtol: Annotated[float, Field(ge=1e-13, le=1e-2)] = 1e-9
-    atol: Annotated[float, Field(gt=0, le=1)] = 1e-12
+    rtol: Annotated[float, Field(ge=1e-13, le=1e-2)] = Field(
+        1e-9, description="relative tolerance of the integrator [-]"
+    )
+    atol: Annotated[float, Field(gt=0, le=1)] = Field(1e-12, description="absolute tolerance of the integrator [m]")
 
 
 Scale = Annotated[float, Field(ge=1e-3, le=1e4)]
@@ -257,54 +294,66 @@ def scales_of(scale: float, named: Mapping[str, float], ids: Sequence[str], kind
 class Scene(Section):
     """What the video shows beside the vehicles."""
 
-    surface: Literal["water", "ground", "none"] = "water"
-    height: Number = 0.0
-    vehicle_scale: Scale = Field(1.0, description="vehicles are drawn this many times larger")
+    surface: Literal["water", "ground", "none"] = Field("water", description="what is drawn at `height`")
+    height: Number = Field(0.0, description="height of the surface; planar vehicles move at it [m]")
+    vehicle_scale: Scale = Field(1.0, description="vehicles are drawn this many times larger [-]")
     vehicle_scales: dict[str, Scale] = Field(
         default_factory=dict,
         description="the same for agents and targets by id, or for kinds of vehicle by name, such as {wamv: 1}; an id "
-        "counts more than its kind",
+        "counts more than its kind [-]",
     )
 
 
 class Video(Section):
     """How a run is filmed."""
 
-    width: Annotated[int, Field(ge=64, le=7680, multiple_of=2)] = 1280
-    height: Annotated[int, Field(ge=64, le=7680, multiple_of=2)] = 720
-    fps: Annotated[int, Field(ge=1, le=240)] = 30
-    speed: Annotated[float, Field(ge=1e-3, le=1e3)] = Field(1.0, description="simulated seconds per second of video")
-    azimuth: Annotated[float, Field(ge=-360, le=360)] = -60.0
-    elevation: Annotated[float, Field(ge=-90, le=90)] = Field(-35.0, description="negative looks down")
-    distance: Annotated[float, Field(ge=1e-3, le=1e6)] | None = Field(
-        None, description="of the camera, m; follows the team unless given"
+    width: Annotated[int, Field(ge=64, le=7680, multiple_of=2)] = Field(1280, description="of a frame [px]")
+    height: Annotated[int, Field(ge=64, le=7680, multiple_of=2)] = Field(720, description="of a frame [px]")
+    fps: Annotated[int, Field(ge=1, le=240)] = Field(30, description="frames per second of video [1/s]")
+    speed: Annotated[float, Field(ge=1e-3, le=1e3)] = Field(
+        1.0, description="simulated seconds per second of video [-]"
     )
-    trail: Annotated[float, Field(ge=0, le=1e6)] = Field(6.0, description="length of the trails, s")
+    azimuth: Annotated[float, Field(ge=-360, le=360)] = Field(
+        -60.0, description="direction in which the camera looks, about z [degrees]"
+    )
+    elevation: Annotated[float, Field(ge=-90, le=90)] = Field(
+        -35.0, description="of the direction in which the camera looks; negative looks down [degrees]"
+    )
+    distance: Annotated[float, Field(ge=1e-3, le=1e6)] | None = Field(
+        None, description="of the camera; follows the team unless given [m]"
+    )
+    trail: Annotated[float, Field(ge=0, le=1e6)] = Field(6.0, description="time that trails reach back [s]")
     quality: Literal["good", "draft"] = Field(
-        "good", description="draft: quickly drawn, coarse and with hard edges, at most 15 frames a second"
+        "good", description="draft: drawn quickly, coarse and with hard edges, at most 15 frames a second"
     )
 
 
 class PhaseBounds(Section):
     """Largest errors that are expected; a missing one is not checked."""
 
-    mean_disagreement: NonNegative | None = None
-    tracking_error: NonNegative | None = None
-    formation_error: NonNegative | None = None
-    centering_error: NonNegative | None = None
+    mean_disagreement: NonNegative | None = Field(None, description="mean over agents of |eta_i| [m]")
+    tracking_error: NonNegative | None = Field(None, description="RMS over agents of |q*_i - q_i| [m]")
+    formation_error: NonNegative | None = Field(
+        None, description="RMS of the residual over edges inside formations [m]"
+    )
+    centering_error: NonNegative | None = Field(
+        None, description="largest distance of a formation's centroid from where it should be [m]"
+    )
 
 
 class Bounds(PhaseBounds):
     """Largest final errors that are expected, and those at the end of each phase."""
 
-    phases: list[PhaseBounds] | None = Field(None, description="at the last sample of each phase of a run with events")
+    phases: list[PhaseBounds] | None = Field(
+        None, description="at the last sample of each phase of a run with events, but for the last phase"
+    )
 
 
 class Expect(Section):
     """What a regression run must show, for each backend."""
 
-    ideal: Bounds | None = None
-    physics: Bounds | None = None
+    ideal: Bounds | None = Field(None, description="bounds for the ideal backend")
+    physics: Bounds | None = Field(None, description="bounds for the physics backend")
     refused: str | None = Field(None, description="`run` must refuse, and its reason must contain this")
 
 
@@ -318,32 +367,52 @@ class Scenario(Section):
 
     model_config = ConfigDict(json_schema_extra=_optional)
 
-    name: Id = Field(description="that of the file unless given")
-    summary: str = Field("", description="one line for the gallery")
-    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
-    time: Time = Time()
-    controller: Controller = Controller()
-    swarm: Swarm | None = Field(None, description="makes agents, communication, sensing and formations")
-    agents: Annotated[list[Agent], Field(min_length=1)]
-    targets: Annotated[list[Target], Field(min_length=1)]
-    communication: list[PairOrEdge] = Field(default_factory=list, description="agent to agent")
-    sensing: list[PairOrEdge] = Field(default_factory=list, description="agent to target")
-    target_edges: list[PairOrEdge] = Field(default_factory=list, description="target to target")
-    anchors: list[Anchor] = Field(default_factory=list, description="agent to a fixed value")
-    links: Links = Links()
-    formations: list[Group] = Field(default_factory=list)
-    target_motion: Motion | None = None
-    target_formation: TargetFormation | None = None
-    events: list[AnyEvent] = Field(default_factory=list, description="what happens during the run, at samples")
-    flow: Flow = Flow()
-    disturbance: Disturbances = Disturbances()
-    spread: Spread = Spread()
-    vehicles: Vehicles = Vehicles()
-    physics: Physics = Physics()
-    ideal: Ideal = Ideal()
-    scene: Scene = Scene()
-    video: Video = Video()
-    expect: Expect = Expect()
+    name: Id = Field(description="name of the scenario, and of its run directory; the file's name unless given")
+    summary: str = Field("", description="one line that `mjsheaf list` and the gallery show")
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = Field(
+        0, description="seed of everything that is random: spread, disturbances, noise, losses, swarm [-]"
+    )
+    time: Time = Field(Time(), description="span of the run")
+    controller: Controller = Field(Controller(), description="law of the agents")
+    swarm: Swarm | None = Field(
+        None, description="generates agents, communication, sensing and formations; give either it or those"
+    )
+    agents: Annotated[list[Agent], Field(min_length=1)] = Field(description="vehicles that the law controls")
+    targets: Annotated[list[Target], Field(min_length=1)] = Field(
+        description="vehicles that the agents track and that the law does not control"
+    )
+    communication: list[PairOrEdge] = Field(
+        default_factory=list, description="edges between agents: a pair [tail, head], or a mapping with more fields"
+    )
+    sensing: list[PairOrEdge] = Field(default_factory=list, description="edges from an agent (tail) to a target (head)")
+    target_edges: list[PairOrEdge] = Field(
+        default_factory=list, description="edges between targets, for `target_formation`"
+    )
+    anchors: list[Anchor] = Field(
+        default_factory=list, description="an agent's measurements that should have a fixed value"
+    )
+    links: Links = Field(
+        Links(), description="noise, delay and loss of what edges measure; exact and at once unless given"
+    )
+    formations: list[Group] = Field(
+        default_factory=list, description="groups of agents with a place for each; needs edges between the members"
+    )
+    target_motion: Motion | None = Field(None, description="motion of every target that has none of its own")
+    target_formation: TargetFormation | None = Field(
+        None, description="the targets' own consensus; targets ignore one another unless given"
+    )
+    events: list[AnyEvent] = Field(
+        default_factory=list, description="what happens during the run: losses, joins, cuts, changed fields"
+    )
+    flow: Flow = Field(Flow(), description="velocity of the medium; at rest unless given")
+    disturbance: Disturbances = Field(Disturbances(), description="bounded random velocities, beside the flow")
+    spread: Spread = Field(Spread(), description="random initial conditions; none unless given")
+    vehicles: Vehicles = Field(Vehicles(), description="bodies of the physics backend")
+    physics: Physics = Field(Physics(), description="how the physics backend steps")
+    ideal: Ideal = Field(Ideal(), description="how the ideal backend integrates")
+    scene: Scene = Field(Scene(), description="what pictures and videos show beside the vehicles")
+    video: Video = Field(Video(), description="how a run is filmed")
+    expect: Expect = Field(Expect(), description="largest errors for `run --expect`, `mjsheaf expect` and pytest")
 
     @model_validator(mode="before")
     @classmethod

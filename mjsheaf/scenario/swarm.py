@@ -27,19 +27,23 @@ _GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 class Swarm(Section):
     """Agents S1, S2, ... in a disc about a target, with a graph drawn from the scenario's seed."""
 
-    size: Annotated[int, Field(ge=1, le=_MOST_AGENTS)] = Field(description="number of agents")
-    about: Id = Field(description="target that the swarm's centre should follow, and that some of it sense")
-    vehicle: str | None = Field(None, description="vehicles.agents unless given")
+    size: Annotated[int, Field(ge=1, le=_MOST_AGENTS)] = Field(description="number of agents, S1, S2, ... [-]")
+    about: Id = Field(description="id of the target that the swarm's centre should follow, and that some of it sense")
+    vehicle: str | None = Field(None, description="name in models/ or a description file; vehicles.agents unless given")
     altitude: Number | None = Field(
-        None, description="of the agents, which then move in space, m; in the plane if absent"
+        None, description="height of the agents, which then move in space; in the plane unless given [m]"
     )
-    spacing: Positive = Field(6.0, description="between neighbouring places, m")
-    scatter: NonNegative = Field(1.0, description="half width of a box about each place in which an agent begins, m")
-    graph: Literal["nearest", "ring", "random_geometric", "small_world", "k_regular"] = "nearest"
+    spacing: Positive = Field(6.0, description="distance of neighbouring places [m]")
+    scatter: NonNegative = Field(1.0, description="half width of a box about each place in which an agent begins [m]")
+    graph: Literal["nearest", "ring", "random_geometric", "small_world", "k_regular"] = Field(
+        "nearest", description="how agents are linked"
+    )
     degree: Annotated[int, Field(ge=2, le=64)] = Field(
-        4, description="of an agent in the graph; on average but for k_regular; even for nearest and small_world"
+        4, description="links of an agent; on average but for k_regular; even for nearest and small_world [-]"
     )
-    sensing: Annotated[float, Field(gt=0, le=1)] = Field(0.1, description="share of the agents that sense the target")
+    sensing: Annotated[float, Field(gt=0, le=1)] = Field(
+        0.1, description="share of the agents that sense the target [-]"
+    )
 
 
 def expand_swarm(raw: dict[str, Any]) -> dict[str, Any]:

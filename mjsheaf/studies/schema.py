@@ -36,8 +36,8 @@ MOST_RUNS = 1_000_000
 class _Range(Section):
     """Both ends of an interval."""
 
-    low: Number
-    high: Number
+    low: Number = Field(description="lower end [that of the field]")
+    high: Number = Field(description="upper end [that of the field]")
 
     @model_validator(mode="after")
     def _ordered(self) -> "_Range":
@@ -50,7 +50,7 @@ class _Range(Section):
 class Uniform(_Range):
     """Uniform on an interval."""
 
-    kind: Literal["uniform"]
+    kind: Literal["uniform"] = Field(description="always uniform")
 
     def sample(self, rng: np.random.Generator, count: int) -> list[Any]:
         """Draw `count` values."""
@@ -60,9 +60,9 @@ class Uniform(_Range):
 class LogUniform(_Range):
     """Uniform in the logarithm, on an interval of positive numbers."""
 
-    kind: Literal["loguniform"]
-    low: Positive
-    high: Positive
+    kind: Literal["loguniform"] = Field(description="always loguniform")
+    low: Positive = Field(description="lower end, positive [that of the field]")
+    high: Positive = Field(description="upper end, positive [that of the field]")
 
     def sample(self, rng: np.random.Generator, count: int) -> list[Any]:
         """Draw `count` values."""
@@ -73,9 +73,9 @@ class LogUniform(_Range):
 class Normal(Section):
     """A normal distribution."""
 
-    kind: Literal["normal"]
-    mean: Number
-    deviation: Positive
+    kind: Literal["normal"] = Field(description="always normal")
+    mean: Number = Field(description="mean [that of the field]")
+    deviation: Positive = Field(description="standard deviation [that of the field]")
 
     def sample(self, rng: np.random.Generator, count: int) -> list[Any]:
         """Draw `count` values."""
@@ -85,9 +85,11 @@ class Normal(Section):
 class Integers(_Range):
     """Uniform on the integers from low to high, both included."""
 
-    kind: Literal["integers"]
-    low: Annotated[int, Field(gt=-(2**62), lt=2**62)]
-    high: Annotated[int, Field(gt=-(2**62), lt=2**62)]
+    kind: Literal["integers"] = Field(description="always integers")
+    low: Annotated[int, Field(gt=-(2**62), lt=2**62)] = Field(description="lowest number, included [that of the field]")
+    high: Annotated[int, Field(gt=-(2**62), lt=2**62)] = Field(
+        description="highest number, included [that of the field]"
+    )
 
     def sample(self, rng: np.random.Generator, count: int) -> list[Any]:
         """Draw `count` values."""
@@ -97,8 +99,8 @@ class Integers(_Range):
 class Choice(Section):
     """One of the values, each as likely."""
 
-    kind: Literal["choice"]
-    values: Values
+    kind: Literal["choice"] = Field(description="always choice")
+    values: Values = Field(description="each is as likely")
 
     def sample(self, rng: np.random.Generator, count: int) -> list[Any]:
         """Draw `count` values."""
@@ -111,16 +113,16 @@ Distribution = Annotated[Uniform | LogUniform | Normal | Integers | Choice, Fiel
 class Draws(Section):
     """Random points."""
 
-    count: Annotated[int, Field(ge=1, le=MOST_RUNS)]
-    seed: Seed = 0
-    values: Annotated[dict[str, Distribution], Field(min_length=1)]
+    count: Annotated[int, Field(ge=1, le=MOST_RUNS)] = Field(description="number of points [-]")
+    seed: Seed = Field(0, description="seed of the draws [-]")
+    values: Annotated[dict[str, Distribution], Field(min_length=1)] = Field(description="field path to distribution")
 
 
 class SeedRange(Section):
     """Seeds from `start` up to, but without, `stop`."""
 
-    start: Seed = 0
-    stop: Seed
+    start: Seed = Field(0, description="first seed [-]")
+    stop: Seed = Field(description="the seed after the last [-]")
 
     @model_validator(mode="after")
     def _ordered(self) -> "SeedRange":
@@ -134,7 +136,7 @@ class StudyFile(Section):
 
     summary: str = Field("", description="one line: the question")
     scenario: str = Field(description="a name in scenarios/, or the path of a YAML file from this one's directory")
-    backend: Literal[BACKENDS] = "physics"  # type: ignore[valid-type]
+    backend: Literal[BACKENDS] = Field("physics", description="backend of all runs")  # type: ignore[valid-type]
     set: dict[str, Value] = Field(default_factory=dict, description="overrides of all runs: field path to value")
     points: list[dict[str, Value]] = Field(default_factory=list, description="listed points: field path to value")
     names: list[Annotated[str, Field(min_length=1)]] = Field(
@@ -142,8 +144,10 @@ class StudyFile(Section):
     )
     paired: dict[str, Values] = Field(default_factory=dict, description="lists of one length that go together")
     grid: dict[str, Values] = Field(default_factory=dict, description="every value with every other")
-    draws: Draws | None = None
-    seeds: SeedRange | None = Field(None, description="the scenario's own seed unless given")
+    draws: Draws | None = Field(None, description="random points")
+    seeds: SeedRange | None = Field(
+        None, description="every point is run with each; the scenario's own seed unless given"
+    )
     measure: Measure | None = Field(None, description="the error that plots show; all that are defined unless given")
     late: bool = Field(False, description="whether plots show RMS over the last half instead of the end")
     labels: dict[str, str] = Field(default_factory=dict, description="what plots call a swept field, with its unit")

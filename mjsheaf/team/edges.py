@@ -96,8 +96,12 @@ def anchor(agent: str, F: Array, value: Array, weight: Array) -> Edge:
 class ExplicitMaps(Section):
     """Restriction maps as matrices."""
 
-    tail: Matrix
-    head: Matrix
+    tail: Matrix = Field(
+        description="F_tail, one row for each compared number, one column for each coordinate of the tail [-]"
+    )
+    head: Matrix = Field(
+        description="F_head, one row for each compared number, one column for each coordinate of the head [-]"
+    )
 
 
 _Ends = Annotated[list[Id], Field(min_length=2, max_length=2)]
@@ -110,10 +114,17 @@ class LinearEdge(Link):
     What it has of a link's fields precedes that of `links`.
     """
 
-    between: _Ends
-    map: Literal["shared", "identity", "local_frame"] | ExplicitMaps = "shared"
-    weight: _Weight = Field(None, description="inner product of the edge stalk; a number times I")
-    offset: list[Number] | None = Field(None, description="desired F_tail x_tail - F_head x_head; from formations")
+    between: _Ends = Field(description="ids of tail and head")
+    map: Literal["shared", "identity", "local_frame"] | ExplicitMaps = Field(
+        "shared",
+        description="shared: coordinates that both have; identity: all; local_frame: in the tail's frame; or matrices",
+    )
+    weight: _Weight = Field(
+        None, description="inner product K of the edge stalk, a matrix or a number times I; 1 unless given [-]"
+    )
+    offset: list[Number] | None = Field(
+        None, description="wanted F_tail x_tail - F_head x_head; from the formations unless given [m]"
+    )
     parallel: bool = Field(False, description="a second sensor: it may repeat another edge, and counts beside it")
 
     def build(self, tail: Member, head: Member) -> Edge:
@@ -145,13 +156,19 @@ PairOrEdge = Annotated[LinearEdge, BeforeValidator(edge_from_pair, json_schema_i
 class Anchor(Section):
     """A measurement of an agent's own position that should have a fixed value, such as an altimeter's."""
 
-    agent: Id
+    agent: Id = Field(description="id of the agent that measures")
     axes: Annotated[list[Literal["x", "y", "z"]], Field(min_length=1, max_length=3)] | None = Field(
         None, description="coordinates that are anchored; give these or a map"
     )
-    map: Matrix | None = Field(None, description="F, one row for each measured number")
-    value: Annotated[list[Number], Field(min_length=1)] = Field(description="desired F q, m")
-    weight: _Weight = Field(None, description="inner product of the edge stalk; a number times I")
+    map: Matrix | None = Field(
+        None, description="F, one row for each measured number, one column for each coordinate; give this or axes [-]"
+    )
+    value: Annotated[list[Number], Field(min_length=1)] = Field(
+        description="wanted F q, one for each measured number [m]"
+    )
+    weight: _Weight = Field(
+        None, description="inner product K of the edge stalk, a matrix or a number times I; 1 unless given [-]"
+    )
     parallel: bool = Field(False, description="a second sensor: it may repeat another anchor, and counts beside it")
 
     @model_validator(mode="after")
@@ -177,7 +194,8 @@ class Anchor(Section):
         else:
             rows = ["xyz".index(axis) for axis in self.axes or []]
             if max(rows) >= n or len(set(rows)) != len(rows):
-                raise InputError(f"axes: {agent.id} has the coordinates {', '.join('xyz'[:n])}, each at most once")
+                has = f"{agent.id} has {', '.join('xyz'[:n])}"
+                raise InputError(f"axes: [{', '.join(self.axes or [])}]: expected each axis once; {has}")
             F = np.eye(n)[rows]
         return anchor(agent.id, F, _vector(self.value, "value", len(F)), _inner_product(self.weight, len(F)))
 

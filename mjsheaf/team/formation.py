@@ -16,10 +16,12 @@ class Formation(Section):
 
     model_config = ConfigDict(json_schema_extra=tagged("shape"))
 
-    name: Id
-    members: Annotated[list[Id], Field(min_length=1)]
-    about: Id | None = Field(None, description="the target that the group's centre should follow; free if absent")
-    height: Number = Field(0.0, description="added to z of spatial members, m")
+    name: Id = Field(description="unique name, which results and plots show")
+    members: Annotated[list[Id], Field(min_length=1)] = Field(description="ids, in the order of the shape's places")
+    about: Id | None = Field(
+        None, description="id of the target that the group's centre should follow; free unless given"
+    )
+    height: Number = Field(0.0, description="added to z of spatial members [m]")
 
     def corners(self) -> Array:
         """Places about the origin, one for each member, shape (count, 2) or (count, 3), m."""
@@ -43,11 +45,11 @@ class Formation(Section):
 class Polygon(Formation):
     """A regular polygon."""
 
-    shape: Literal["polygon", "square"] = "polygon"
-    side: Positive | None = None
-    radius: Positive | None = None
-    angle: Number = Field(90.0, description="bearing of the first member from the x axis")
-    clockwise: bool = False
+    shape: Literal["polygon", "square"] = Field("polygon", description="polygon, or square for one with four members")
+    side: Positive | None = Field(None, description="distance of neighbouring corners; give this or radius [m]")
+    radius: Positive | None = Field(None, description="distance of corners from the centre; give this or side [m]")
+    angle: Number = Field(90.0, description="bearing of the first member from the x axis [degrees]")
+    clockwise: bool = Field(False, description="whether members follow one another clockwise")
 
     @model_validator(mode="after")
     def _check(self) -> "Polygon":
@@ -68,9 +70,9 @@ class Polygon(Formation):
 class Line(Formation):
     """Equally spaced points on a horizontal line."""
 
-    shape: Literal["line"] = "line"
-    spacing: Positive
-    angle: Number = 0.0
+    shape: Literal["line"] = Field("line", description="always line")
+    spacing: Positive = Field(description="distance of neighbouring members [m]")
+    angle: Number = Field(0.0, description="bearing of the line from the x axis [degrees]")
 
     def corners(self) -> Array:
         """Points on the line, shape (count, 2), m."""
@@ -82,8 +84,10 @@ class Line(Formation):
 class Tetrahedron(Formation):
     """A regular tetrahedron, apex last."""
 
-    shape: Literal["tetrahedron"] = "tetrahedron"
-    side: Positive
+    shape: Literal["tetrahedron"] = Field(
+        "tetrahedron", description="always tetrahedron; its four members are the base, then the apex"
+    )
+    side: Positive = Field(description="length of every edge [m]")
 
     def corners(self) -> Array:
         """Corners about the centroid, the apex up and last, shape (4, 3), m."""
@@ -95,8 +99,10 @@ class Tetrahedron(Formation):
 class Explicit(Formation):
     """Displacements as given, one for each member."""
 
-    shape: Literal["explicit"] = "explicit"
-    displacements: Annotated[list[Point], Field(min_length=1)]
+    shape: Literal["explicit"] = Field("explicit", description="always explicit")
+    displacements: Annotated[list[Point], Field(min_length=1)] = Field(
+        description="of each member from the group's centre, x, y or x, y, z as the member's position [m]"
+    )
 
     def places(self, dimensions: Sequence[int]) -> list[Array]:
         """The displacements, which must have the members' dimensions."""

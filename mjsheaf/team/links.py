@@ -24,7 +24,7 @@ class Exact(Section):
 
     model_config = ConfigDict(json_schema_extra=tagged("kind"))
 
-    kind: Literal["exact"] = "exact"
+    kind: Literal["exact"] = Field("exact", description="always exact")
 
 
 class RangeBearing(Section):
@@ -36,10 +36,10 @@ class RangeBearing(Section):
 
     model_config = ConfigDict(json_schema_extra=tagged("kind"))
 
-    kind: Literal["range_bearing"] = "range_bearing"
-    range_noise: NonNegative = Field(0.0, description="standard deviation of the range, m")
+    kind: Literal["range_bearing"] = Field("range_bearing", description="always range_bearing")
+    range_noise: NonNegative = Field(0.0, description="standard deviation of the range [m]")
     bearing_noise: Annotated[float, Field(ge=0, le=180)] = Field(
-        0.0, description="standard deviation of every angle, degrees"
+        0.0, description="standard deviation of every angle [degrees]"
     )
 
 
@@ -48,11 +48,11 @@ class GilbertElliott(Section):
 
     model_config = ConfigDict(json_schema_extra=tagged("kind"))
 
-    kind: Literal["gilbert_elliott"] = "gilbert_elliott"
-    to_bad: Probability = Field(description="probability of good to bad, a sample")
-    to_good: Probability = Field(description="probability of bad to good, a sample")
-    loss_good: Probability = Field(0.0, description="probability of a loss in the good state")
-    loss_bad: Probability = Field(1.0, description="probability of a loss in the bad state")
+    kind: Literal["gilbert_elliott"] = Field("gilbert_elliott", description="always gilbert_elliott")
+    to_bad: Probability = Field(description="probability of a change from good to bad, at each sample [-]")
+    to_good: Probability = Field(description="probability of a change from bad to good, at each sample [-]")
+    loss_good: Probability = Field(0.0, description="probability of a loss in the good state, at each sample [-]")
+    loss_bad: Probability = Field(1.0, description="probability of a loss in the bad state, at each sample [-]")
 
     @property
     def bad(self) -> float:
@@ -81,13 +81,21 @@ def chain_of(loss: float | GilbertElliott | None) -> GilbertElliott:
 class Link(Section):
     """What a link does to the measurements of an edge; None leaves a field to a coarser section."""
 
-    noise: NonNegative | None = Field(None, description="standard deviation of each measured number, white, m")
-    bias: Number | None = Field(None, description="of each measured number, m")
-    delay: NonNegative | None = Field(None, description="age of a measurement, whole control periods, s")
-    loss: Probability | GilbertElliott | None = Field(None, description="probability for each sample, or bursts")
-    range: Positive | None = Field(None, description="distance of the bodies beyond which the link is silent, m")
-    hold: NonNegative | None = Field(None, description="how long a lost measurement is held before it is skipped, s")
-    sensor: Annotated[Exact | RangeBearing, Field(discriminator="kind")] | None = None
+    noise: NonNegative | None = Field(None, description="standard deviation of white noise on each measured number [m]")
+    bias: Number | None = Field(None, description="constant added to each measured number [m]")
+    delay: NonNegative | None = Field(
+        None, description="age of a measurement, a whole number of periods of controller.control_period [s]"
+    )
+    loss: Probability | GilbertElliott | None = Field(
+        None, description="probability that a sample is lost, or a chain of a good and a bad state [-]"
+    )
+    range: Positive | None = Field(None, description="distance of the bodies beyond which the link is silent [m]")
+    hold: NonNegative | None = Field(
+        None, description="how long the last measurement stands in for lost ones; after that the edge adds nothing [s]"
+    )
+    sensor: Annotated[Exact | RangeBearing, Field(discriminator="kind")] | None = Field(
+        None, description="what measures; exact but for noise and bias unless given"
+    )
 
     @model_validator(mode="after")
     def _one_noise(self) -> "Link":
@@ -105,21 +113,21 @@ class RoundLink(Section):
     """What links do to the messages that agents send each other in rounds of feedforward and newton."""
 
     delay: NonNegative = Field(
-        0.0, description="age of a message, whole control periods, s; if positive, one round a period"
+        0.0, description="age of a message, a whole number of control periods; if positive, one round a period [s]"
     )
     loss: Probability | GilbertElliott = Field(
-        0.0, description="probability for each message, or bursts, round by round"
+        0.0, description="probability that a message is lost, or a chain of a good and a bad state, round by round [-]"
     )
 
 
 class Links(Section):
     """Links of all edges and of each kind; an edge may have the same fields."""
 
-    all: Link | None = Field(None, description="communication and sensing")
-    communication: Link | None = None
-    sensing: Link | None = None
+    all: Link | None = Field(None, description="of communication and sensing")
+    communication: Link | None = Field(None, description="of communication edges, before `all`")
+    sensing: Link | None = Field(None, description="of sensing edges, before `all`")
     rounds: RoundLink | None = Field(
-        None, description="messages of feedforward and newton; at once and never lost unless given"
+        None, description="of the messages of feedforward and newton; at once and never lost unless given"
     )
     record: bool | None = Field(None, description="whether result.nc has every measurement, as agents had it")
 

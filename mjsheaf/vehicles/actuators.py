@@ -161,12 +161,14 @@ class Thruster:
 class Azimuth(Section):
     """How a thruster of the MJCF file turns about the vertical axis through its site."""
 
-    kind: Literal["azimuth"]
+    kind: Literal["azimuth"] = Field(description="always azimuth")
     angle: Annotated[list[float], Field(min_length=2, max_length=2)] = Field(
-        description="lowest and highest angle, degrees; 0 is the site's own direction, positive to port"
+        description="lowest and highest angle; 0 is the site's own direction, positive to port [degrees]"
     )
-    rate: Annotated[float, Field(gt=0)] = Field(description="fastest turn, degrees/s")
-    lag: Annotated[float, Field(ge=0)] = Field(0.0, description="time constant with which the angle follows, s")
+    rate: Annotated[float, Field(gt=0)] = Field(description="fastest turn [degrees/s]")
+    lag: Annotated[float, Field(ge=0)] = Field(
+        0.0, description="time constant with which the angle follows its command [s]"
+    )
 
     @model_validator(mode="after")
     def _ordered(self) -> "Azimuth":

@@ -44,8 +44,8 @@ class AttitudeHold(Section):
     A boat at its hand point holds none; its numbers serve where underactuation is switched off.
     """
 
-    frequency: Annotated[float, Field(gt=0)] = Field(description="natural frequency, rad/s")
-    damping: Annotated[float, Field(gt=0)] = Field(1.0, description="damping ratio")
+    frequency: Annotated[float, Field(gt=0)] = Field(description="natural frequency [rad/s]")
+    damping: Annotated[float, Field(gt=0)] = Field(1.0, description="damping ratio [-]")
 
 
 @dataclass(frozen=True)

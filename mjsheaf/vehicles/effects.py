@@ -74,7 +74,7 @@ class Effects(Section):
     limits: bool = Field(True, description="off: thrusters push as hard as asked")
     lag: bool = Field(True, description="off: thrusters follow their commands at once")
     underactuation: bool = Field(True, description="off: thrusters along every controlled axis")
-    massless_tau: Duration = Field(0.02, description="s")
+    massless_tau: Duration = Field(0.02, description="m / D without inertia [s]")
 
 
 def embody(vehicle: Vehicle, effects: Effects) -> Vehicle:

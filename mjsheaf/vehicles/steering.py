@@ -138,7 +138,7 @@ class HandPoint(Steering):
     attitude = False
 
     hand_point: Annotated[float, Field(gt=0)] = Field(
-        description="a boat with surge and yaw only is controlled at a point this far ahead of its origin, m"
+        description="distance ahead of its origin at which a boat with surge and yaw only is controlled [m]"
     )
 
     @property
@@ -172,7 +172,7 @@ class ThrustVector(Steering):
     rows: ClassVar = {3: [2, 3, 4, 5]}
 
     largest_tilt: Annotated[float, Field(gt=0, le=_FREE_TILT)] = Field(
-        description="a multirotor with parallel rotors points its thrust, tilting by at most this, degrees"
+        description="largest tilt of a multirotor with parallel rotors, which points its thrust [degrees]"
     )
 
     def delays(self, body: Body) -> Array:

@@ -28,13 +28,15 @@ Six = Annotated[list[Annotated[float, Field(ge=0)]], Field(min_length=6, max_len
 class Drag(Section):
     """Drag relative to the medium along and about the body's axes: D v + Q |v| v; give time_constant or linear."""
 
-    time_constant: Annotated[float, Field(gt=0)] | None = Field(None, description="m / D, s: isotropic")
-    linear: Annotated[list[Annotated[float, Field(gt=0)]], Field(min_length=3, max_length=3)] | None = Field(
-        None, description="surge, sway, heave, N s/m"
+    time_constant: Annotated[float, Field(gt=0)] | None = Field(
+        None, description="m / D of isotropic linear drag; give this or linear [s]"
     )
-    quadratic: Triple = Field([0.0, 0.0, 0.0], description="surge, sway, heave, N s^2/m^2")
-    angular: Triple = Field([0.0, 0.0, 0.0], description="roll, pitch, yaw, N m s/rad")
-    angular_quadratic: Triple = Field([0.0, 0.0, 0.0], description="roll, pitch, yaw, N m s^2/rad^2")
+    linear: Annotated[list[Annotated[float, Field(gt=0)]], Field(min_length=3, max_length=3)] | None = Field(
+        None, description="surge, sway, heave; give this or time_constant [N s/m]"
+    )
+    quadratic: Triple = Field([0.0, 0.0, 0.0], description="surge, sway, heave [N s^2/m^2]")
+    angular: Triple = Field([0.0, 0.0, 0.0], description="roll, pitch, yaw [N m s/rad]")
+    angular_quadratic: Triple = Field([0.0, 0.0, 0.0], description="roll, pitch, yaw [N m s^2/rad^2]")
 
     @model_validator(mode="after")
     def _one(self) -> "Drag":
@@ -46,18 +48,18 @@ class Drag(Section):
 class Hydrostatics(Section):
     """Restoring of a floating vehicle about its waterline, which is z = 0 of its frame."""
 
-    heave: Annotated[float, Field(gt=0)] = Field(description="N/m")
-    roll: Annotated[float, Field(gt=0)] = Field(description="N m/rad")
-    pitch: Annotated[float, Field(gt=0)] = Field(description="N m/rad")
+    heave: Annotated[float, Field(gt=0)] = Field(description="stiffness [N/m]")
+    roll: Annotated[float, Field(gt=0)] = Field(description="stiffness [N m/rad]")
+    pitch: Annotated[float, Field(gt=0)] = Field(description="stiffness [N m/rad]")
     centre: Annotated[list[float], Field(min_length=2, max_length=2)] | None = Field(
-        None, description="x, y of the centre of buoyancy when level, m; below the centre of mass unless given"
+        None, description="x, y of the centre of buoyancy when level; below the centre of mass unless given [m]"
     )
 
 
 class Autopilot(Section):
     """The loop on the velocity through the medium, which is measured: tau = M / (M rate + D); more with lag."""
 
-    rate: Annotated[float, Field(gt=0)] = Field(description="k_v, 1/s")
+    rate: Annotated[float, Field(gt=0)] = Field(description="k_v of the loop on the velocity through the medium [1/s]")
 
 
 def _kind_of_steering(value: Any) -> str | None:
@@ -70,13 +72,15 @@ def _kind_of_steering(value: Any) -> str | None:
 class VehicleDescription(Section):
     """What stands in models/NAME.yaml."""
 
-    summary: str
+    summary: str = Field(description="one line that `mjsheaf list --vehicles` shows")
     source: str = Field("", description="where the numbers come from")
     mjcf: str = Field(description="MJCF file, beside this one")
     domain: Literal["surface", "volume"] = Field(description="surface: controlled in the plane; volume: in space")
-    drag: Drag
-    attitude: AttitudeHold
-    autopilot: Autopilot | None = Field(None, description="feedforward of the drag law only unless given")
+    drag: Drag = Field(description="what the medium takes")
+    attitude: AttitudeHold = Field(description="hold of the attitude")
+    autopilot: Autopilot | None = Field(
+        None, description="hold of the commanded velocity; feedforward of the drag law only unless given"
+    )
     actuators: dict[str, Azimuth] = Field({}, description="thrusters of the MJCF file that turn, by name")
     steering: (
         Annotated[
@@ -89,7 +93,7 @@ class VehicleDescription(Section):
         ]
         | None
     ) = Field(None, description="how a vehicle that cannot push along every axis makes the velocity that is wanted")
-    added_mass: Six | None = Field(None, description="surge, sway, heave, kg; roll, pitch, yaw, kg m^2")
+    added_mass: Six | None = Field(None, description="surge, sway, heave; roll, pitch, yaw [kg, kg m^2]")
     hydrostatics: Hydrostatics | None = Field(None, description="of a vehicle that floats")
 
     @model_validator(mode="after")

@@ -24,6 +24,8 @@ import mjsheaf as package
 from mjsheaf.io.files import list_studies
 from mjsheaf.results.store import FILES
 from mjsheaf.scenario import list_scenarios, load_scenario
+from mjsheaf.vehicles.loading import list_vehicles
+from tests.builders import RAFT
 from tests.commands import CAN_DRAW, DATA_FILES, RUN_FILES, SMALL, call, heed_interrupts, one_line, start
 
 QUICK = ["--backend", "ideal", "--no-video"]
@@ -202,9 +204,13 @@ def test_list_schema_and_version(capsys: pytest.CaptureFixture[str]) -> None:
     listed = capsys.readouterr().out
     assert all(name in listed for name in list_scenarios())
     assert all(name in listed[listed.index("studies, for mjsheaf sweep") :] for name in list_studies())
-    assert call("list", "--vehicles") == 0
+    assert call("list", "--vehicles", RAFT) == 0
     listed = capsys.readouterr().out
     assert all(name in listed for name in ("hull", "aerial", "submersible"))
+    row = next(line.split() for line in listed.splitlines() if line.split()[:1] == ["raft"])
+    assert row == ["raft", "plane", "60", "1.2", "4", "113", "0.585", "1.89"]
+    assert call("list", RAFT) == 2
+    capsys.readouterr()
     assert call("schema") == 0
     schema = json.loads(capsys.readouterr().out)
     for path in list_scenarios().values():
@@ -212,6 +218,10 @@ def test_list_schema_and_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert call("schema", "--study") == 0
     schema = json.loads(capsys.readouterr().out)
     for path in list_studies().values():
+        jsonschema.validate(yaml.safe_load(path.read_text()), schema)
+    assert call("schema", "--vehicle") == 0
+    schema = json.loads(capsys.readouterr().out)
+    for path in list_vehicles().values():
         jsonschema.validate(yaml.safe_load(path.read_text()), schema)
     assert call("--version") == 0
     assert capsys.readouterr().out == f"mjsheaf {package.__version__}\n"

@@ -47,7 +47,13 @@ def test_integration_installs_opengl_only_where_it_is_missing(installed: bool, t
     environment = {**os.environ, "PATH": f"{folder}:{os.environ['PATH']}"}
     subprocess.run([str(REPOSITORY / ".ci" / "run")], env=environment, capture_output=True, check=True)
     assert called.exists() != installed
-    assert made.read_text().splitlines() == ["web/node_modules", "check-bundle", "test EXAMPLES=ci", "test-slow"]
+    assert made.read_text().splitlines() == [
+        "web/node_modules",
+        "check-bundle",
+        "docs",
+        "test EXAMPLES=ci",
+        "test-slow",
+    ]
 
 
 @pytest.mark.skipif(shutil.which("make") is None, reason="no make")

@@ -29,6 +29,11 @@ CASES = {
     "text for a number": ("controller", {"gain": "ten"}, ["controller.gain", "'ten'"]),
     "bool for a number": ("controller", {"gain": True}, ["controller.gain", "True"]),
     "list for a mapping": ("controller", [1], ["controller"]),
+    "axis that it lacks": (
+        "anchors",
+        [{"agent": "A1", "axes": ["z"], "value": [1]}],
+        ["anchors.0", "axes", "[z]", "A1 has x, y"],
+    ),
     "NaN": ("controller", {"gain": float("nan")}, ["controller.gain", "finite"]),
     "position of no Earth": (
         "agents", [{"id": "A1", "position": [1e200, 0]}, {"id": "A2", "position": [1, 0]}], ["agents.0.position.0"]

@@ -1,0 +1,120 @@
+"""Pages of the scenarios: what each teaches, its replay, its numbers, its file."""
+
+import html
+import shutil
+from pathlib import Path
+from typing import Any
+
+import fields
+import replays
+
+from mjsheaf.scenario import Scenario, list_scenarios, load_scenario
+from mjsheaf.scenario.load import read_scenario
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+_ERRORS = ("mean_disagreement", "tracking_error", "formation_error", "centering_error")
+_MENDED = {"lost_thruster": ", in which the thrusters work"}
+_WORDS = [name.replace("_", " ") for name in _ERRORS]
+
+
+def publish(extra: Path) -> None:
+    """Make all replays, and copy them and the pictures to where the site takes them from."""
+    names = list(list_scenarios())
+    replays.make_all(names)
+    for kind, file, suffix in (("replays", "report.html", "html"), ("pictures", "picture.jpg", "jpg")):
+        to = extra / kind
+        shutil.rmtree(to, ignore_errors=True)
+        to.mkdir(parents=True)
+        for name in names:
+            if (replays.replay_of(name) / file).is_file():
+                shutil.copy(replays.replay_of(name) / file, to / f"{name}.{suffix}")
+
+
+def cards() -> str:
+    """A card for each scenario: picture, name, what it shows."""
+    found = []
+    for name in list_scenarios():
+        summary = html.escape(Scenario.model_validate(read_scenario(name)).summary)
+        found.append(
+            f'<a class="card" href="../generated/gallery/{name}.html">{_picture(name, "..")}'
+            f"<span><code>{name}</code><br>{summary}</span></a>"
+        )
+    return '<div class="cards">\n' + "\n".join(found) + "\n</div>\n"
+
+
+def _picture(name: str, root: str) -> str:
+    if not (replays.replay_of(name) / "picture.jpg").is_file():
+        return ""
+    alt = f"One moment of {name} on MuJoCo bodies"
+    return f'<img src="{root}/pictures/{name}.jpg" alt="{alt}" width="720" height="406" loading="lazy">'
+
+
+def page(name: str) -> str:
+    """The page of one scenario."""
+    s = Scenario.model_validate(read_scenario(name))
+    summary = replays.summary_of(name)
+    option, _ = replays.RUN_AS.get(name, ("", {}))
+    refused = s.expect.refused
+    lines = [f"# {name}\n", f"{fields.prose(s.summary[:1].upper() + s.summary[1:])}.\n"]
+    lines += [_picture(name, "../.."), "", lesson_of(name) + "\n", "```sh"]
+    lines += [f"mjsheaf check {name}", f"mjsheaf run {name}{option and ' ' + option}", "```\n"]
+    if refused:
+        lines.append(f"`mjsheaf run {name}` alone refuses it, because: {fields.prose(refused)}. ")
+        lines.append(f"The replay and the numbers are those of a run with `{option}`{_MENDED.get(name, '')}.\n")
+    lines += ["## Replay\n", "Drag to turn the scene; click on a curve to go to that moment.", *_open(name), ""]
+    lines.append(
+        f'<iframe class="replay" src="../../replays/{name}.html" title="Replay of {name}" loading="lazy"></iframe>\n'
+    )
+    lines += ["## Numbers\n", *_facts(name, s), "", *_errors(s, summary), ""]
+    notes = [note["text"] for note in summary["notes"]]
+    if notes:
+        lines += ["What `run` notes:\n", *(f"- {fields.prose(note)}" for note in notes), ""]
+    lines += ["## The file\n", f"```{{literalinclude}} ../../../scenarios/{name}.yaml", ":language: yaml", "```\n"]
+    return "\n".join(lines)
+
+
+def _open(name: str) -> list[str]:
+    return [f'<a href="../../replays/{name}.html">Open it alone</a>: it is the `report.html` of that run, one file.']
+
+
+def lesson_of(name: str) -> str:
+    """The comment at the head of a scenario's file, as a paragraph."""
+    lines = []
+    for line in (REPOSITORY / "scenarios" / f"{name}.yaml").read_text().splitlines():
+        if not line.startswith("#"):
+            break
+        lines.append(line.lstrip("# ").rstrip())
+    return fields.prose(" ".join(lines))
+
+
+def _facts(name: str, s: Scenario) -> list[str]:
+    by_dimension = {"planar": 2, "spatial": 3}
+    count = {kind: sum(len(a.position) == n for a in s.agents) for kind, n in by_dimension.items()}
+    agents = " and ".join(f"{n} {kind}" for kind, n in count.items() if n)
+    row = [f"{agents} agent{'s' * (len(s.agents) > 1)}", f"{len(s.targets)} target{'s' * (len(s.targets) > 1)}"]
+    row += [f"{s.time.end - s.time.start:g} s", f"gain {s.controller.gain:g} 1/s"]
+    team = load_scenario(name, replays.RUN_AS.get(name, ("", {}))[1]).team.dirichlet
+    return [", ".join(row) + (f"; the smallest eigenvalue of H is {_smallest(team):.3g}." if team.unique else ".")]
+
+
+def _smallest(dirichlet: Any) -> float:
+    from numpy.linalg import eigvalsh
+
+    H = dirichlet.H
+    return float(eigvalsh(H.toarray() if hasattr(H, "toarray") else H)[0])
+
+
+def _errors(s: Scenario, summary: dict[str, Any]) -> list[str]:
+    """Errors at the end of the run, and the bounds that a test holds both backends to."""
+    final = summary["final"]
+    rows = [f"| at the end, m | {' | '.join(_WORDS)} |", "|---" * 5 + "|"]
+    rows += [f"| {who} | {_row(values)} |" for who, values in {"team": final, **final["groups"]}.items()]
+    for backend, words in (("physics", "bodies"), ("ideal", "ideal kinematics")):
+        bounds = getattr(s.expect, backend)
+        if bounds is not None:
+            rows.append(f"| a test holds on {words}, at most | {_row(bounds.model_dump())} |")
+    return rows
+
+
+def _row(values: dict[str, Any]) -> str:
+    return " | ".join("" if values.get(n) is None else f"{values[n]:.3g}" for n in _ERRORS)

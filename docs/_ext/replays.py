@@ -1,0 +1,104 @@
+"""The replay of every scenario, a picture of it and its numbers, made when the site is built.
+
+They are kept in build/replays and made again when the scenario, a vehicle or the program has changed.
+"""
+
+import hashlib
+import json
+import os
+import shutil
+from concurrent.futures import ProcessPoolExecutor
+from functools import cache
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+KEPT = REPOSITORY / "build" / "replays"
+RUN_AS = {
+    "air_tracks_surface": ("--allow-drift", {}),
+    "lost_thruster": ("--set agents.A2.effectiveness=null", {"agents.A2.effectiveness": None}),
+}
+"""Scenarios that are refused as they stand: with which option, and override, their page shows a run."""
+
+_PICTURE = {"width": 720, "height": 406, "fps": 1, "quality": "good"}
+_MOMENT = 0.4  # of the run, that the picture shows
+
+
+def replay_of(name: str) -> Path:
+    """The directory with a scenario's `report.html`, `summary.json` and, where OpenGL works, `picture.jpg`."""
+    return KEPT / name
+
+
+def make_all(names: list[str]) -> None:
+    """Make what is missing or stale, on every core."""
+    stale = [name for name in names if not _is_fresh(name)]
+    if not stale:
+        return
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    with ProcessPoolExecutor(min(len(stale), os.cpu_count() or 1), get_context("spawn")) as pool:
+        for _ in pool.map(make, stale):
+            pass
+
+
+def make(name: str) -> None:
+    """Run a scenario on bodies, and keep what its page shows."""
+    from mjsheaf import load_scenario, simulate
+    from mjsheaf.page import page_of
+    from mjsheaf.runs.publish import account_of
+
+    option, changes = RUN_AS.get(name, ("", {}))
+    scenario = load_scenario(name, changes)
+    result = simulate(scenario, allow_drift=option == "--allow-drift")
+    account = account_of(scenario, scenario.phases, result)
+    summary = account.summary | {"origin": name}
+    again = f"mjsheaf run {name} {option}".strip(), ""
+    page = page_of(scenario, scenario.phases, result, summary, account.bounds, notes=summary["notes"], again=again)
+    to = replay_of(name)
+    shutil.rmtree(to, ignore_errors=True)
+    to.mkdir(parents=True)
+    (to / "report.html").write_bytes(page)
+    (to / "summary.json").write_text(json.dumps(summary))
+    _draw(scenario, result, to / "picture.jpg")
+    (to / "key").write_text(_key(name))
+
+
+def _draw(scenario: Any, dataset: Any, path: Path) -> None:
+    """One frame of the run's video; nothing where no OpenGL is there to draw with."""
+    from mjsheaf.video.draw import Painter
+    from mjsheaf.video.from_run import film_of, video_options
+    from mjsheaf.video.gl import available_backend
+
+    if available_backend()[0] is None:
+        return
+    film, model = film_of(scenario, dataset)
+    with Painter(film, model, video_options(scenario, **_PICTURE)) as painter:
+        painter.draw(int(_MOMENT * len(painter.times)))().convert("RGB").save(path, quality=82)
+
+
+def _is_fresh(name: str) -> bool:
+    key = replay_of(name) / "key"
+    return key.is_file() and key.read_text() == _key(name)
+
+
+def _key(name: str) -> str:
+    file = (REPOSITORY / "scenarios" / f"{name}.yaml").read_bytes()
+    return hashlib.sha256(file + _program()).hexdigest()
+
+
+@cache
+def _program() -> bytes:
+    """A digest of all that makes a replay, but the scenario."""
+    found = hashlib.sha256()
+    for directory, pattern in (("mjsheaf", "*.*"), ("models", "*")):
+        for path in sorted((REPOSITORY / directory).rglob(pattern)):
+            if path.is_file() and path.suffix in (".py", ".js", ".css", ".html", ".xml", ".yaml"):
+                found.update(path.read_bytes())
+    found.update(Path(__file__).read_bytes())
+    return found.digest()
+
+
+def summary_of(name: str) -> dict[str, Any]:
+    """What the run left in summary.json."""
+    found: dict[str, Any] = json.loads((replay_of(name) / "summary.json").read_text())
+    return found

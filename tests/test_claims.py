@@ -1,0 +1,166 @@
+"""Numbers that docs/claims.md prints are what the program says now, and the tests that it names exist.
+
+Oracle: the page's own tables. A number is held to half a unit of its last digit. Speeds are not held: they are those
+of a machine that is named there.
+"""
+
+import re
+import shlex
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+import yaml
+
+from mjsheaf import check, load_scenario, simulate
+from mjsheaf.scenario.load import parse_override
+from mjsheaf.vehicles.effects import capability_of
+from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
+from tests.builders import QUADROTOR_PAIR, REPOSITORY, Simulated
+
+DOCS = REPOSITORY / "docs"
+CLAIMS = (DOCS / "claims.md").read_text()
+
+
+def rows(heading: str) -> list[list[str]]:
+    """The cells of the table below a heading, without its two first lines."""
+    section = CLAIMS.split(f"## {heading}\n")[1].split("\n## ")[0]
+    found = [line for line in section.splitlines() if line.startswith("|")]
+    return [[cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]] for line in found[2:]]
+
+
+def agrees(shown: str, value: float) -> bool:
+    """Whether a number as printed is this value, rounded to its digits."""
+    whole, _, decimals = shown.partition(".")
+    last = -len(decimals) if decimals else len(whole) - len(whole.rstrip("0"))  # place of the last digit that says
+    return abs(float(shown) - value) <= 0.5000001 * 10.0**last
+
+
+def late_error(result: xr.Dataset) -> float:
+    """Tracking error, RMS over agents and the last half of a run, m."""
+    late = result.tracking_error.values[len(result.time) // 2 :]
+    return float(np.sqrt((late**2).mean()))
+
+
+def run_of(command: str, simulated: Simulated) -> xr.Dataset:
+    """What `mjsheaf run NAME [--backend B] [--set PATH=VALUE]...` simulates."""
+    program, verb, name, *options = shlex.split(command)
+    assert (program, verb) == ("mjsheaf", "run")
+    given = list(zip(options[::2], options[1::2], strict=True))
+    changes = dict(parse_override(value) for option, value in given if option == "--set")
+    backend = next((value for option, value in given if option == "--backend"), "physics")
+    assert {option for option, _ in given} <= {"--set", "--backend"}
+    return simulate(load_scenario(name, changes), backend) if changes else simulated(name, backend)
+
+
+def test_named_tests_exist() -> None:
+    named = set()
+    for page in (REPOSITORY / "README.md", *(p for p in DOCS.rglob("*.md") if "generated" not in p.parts)):
+        for file, name in re.findall(r"`(tests/[\w/]+\.py)(?:::(\w+))?`", page.read_text()):
+            assert re.search(rf"^def {name or 'test_'}", (REPOSITORY / file).read_text(), re.MULTILINE), (page, name)
+            named.add((file, name))
+    assert len(named) > 15
+
+
+COMMANDS = [
+    (heading, shown, command.strip("`"))
+    for heading, column in (("The theory and the published run", 1), ("Runs that pages and lessons speak of", 0))
+    for row in rows(heading)
+    for shown, command in [(row[column], row[-1])]
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("heading", "shown", "command"), COMMANDS, ids=[command for *_, command in COMMANDS])
+def test_runs(heading: str, shown: str, command: str, simulated: Simulated) -> None:
+    result = run_of(command, simulated)
+    if shown == "unstable":
+        assert result.attrs["status"] == "unstable"
+    elif heading.startswith("Runs"):
+        assert agrees(shown, late_error(result)), late_error(result)
+    else:
+        assert agrees(shown, float(result.disagreement[-1].mean())), float(result.disagreement[-1].mean())
+
+
+def test_distances_are_those_that_the_test_of_convergence_holds() -> None:
+    for tau, _, distance, _ in rows("The theory and the published run")[1:]:
+        assert agrees(distance, 31.8 * float(tau)) or float(distance) == pytest.approx(31.8 * float(tau), rel=0.01)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("row", rows("The law beyond the paper"), ids=lambda row: row[0])
+def test_terms(row: list[str]) -> None:
+    name, without, with_terms, _, sent = row
+    scenario = load_scenario(name.strip("`"))
+    result = simulate(scenario)
+    assert agrees(with_terms, late_error(result)), late_error(result)
+    duration, agents = float(result.time[-1] - result.time[0]), result.sizes["agent"]
+    assert agrees(sent, result.attrs["numbers_sent"] / duration / agents)
+    off = {f"controller.{term}": None for term in ("feedforward", "newton", "drift")}
+    assert agrees(without, late_error(simulate(load_scenario(name.strip("`"), off))))
+
+
+def test_two_quadrotors() -> None:
+    record = check(load_scenario({**QUADROTOR_PAIR, "controller": {"gain": 1.0}}))
+    line = next(line for line in CLAIMS.splitlines() if line.startswith("| two quadrotors"))
+    bodies, hold = re.findall(r"[\d.]+(?= 1/s)|[\d.]+(?= \|)", line)
+    assert agrees(bodies, record["margins"]["bodies"]["largest_gain"])
+    assert agrees(hold, record["law"]["largest_gain"])
+
+
+def test_scenarios_of_pages() -> None:
+    """What pages say of the scenarios that they show."""
+
+    def shown(page: str) -> dict[str, Any]:
+        text = re.search(r"^```yaml\n(.*?)^```$", (DOCS / page).read_text(), re.MULTILINE | re.DOTALL)
+        assert text
+        fields: dict[str, Any] = yaml.safe_load(text[1])
+        return check(load_scenario(fields))
+
+    triangle, escort = shown("start.md"), shown("howto/scenario.md")
+    (line,) = [line for line in CLAIMS.splitlines() if line.startswith("| the triangle of *Start*")]
+    bound, proposed = re.findall(r"[\d.]+(?= m[,;])", line)
+    assert f"from {bound} m to {proposed} m" in (DOCS / "start.md").read_text()
+    assert agrees(bound, triangle["law"]["radius"])
+    (with_a_round,) = [p for p in triangle["proposals"] if {*p["controller"]} == {"gain", "feedforward"}]
+    assert with_a_round["controller"]["feedforward"]["rounds"] == 1
+    assert agrees(proposed, with_a_round["bound"])
+    assert agrees("2.0", escort["margins"]["bodies"]["largest_gain"])
+    assert "Here it is 2.0 1/s" in (DOCS / "howto/scenario.md").read_text()
+
+
+def test_vehicles() -> None:
+    named = set()
+    for names, *shown, _ in rows("Vehicles"):
+        for name in re.findall(r"`(\w+)`", names):
+            vehicle = load_vehicle(name)
+            can, tau = capability_of(vehicle), vehicle.reduced_model().tau
+            for text, value in zip(shown, (vehicle.mass, can.forward_thrust, can.forward_speed, tau[0]), strict=True):
+                if text == "no limit":
+                    assert value == float("inf"), name
+                elif text:
+                    assert agrees(text, float(value)), (name, text, value)
+            named.add(name)
+    assert named == set(list_vehicles())
+
+
+@pytest.mark.slow
+def test_links() -> None:
+    """The column of `check`; that of runs is made by benchmarks/links.py."""
+    table = {row[0]: re.findall(r"[\d.]+", row[1]) for row in rows("Links")}
+    late, newton, noise, command, rates = table.values()
+
+    def links(**fields: float) -> dict[str, Any]:
+        changes = {name.replace("__", "."): value for name, value in fields.items()}
+        answers: dict[str, Any] = check(load_scenario("paper", changes))["links"]
+        return answers
+
+    for gain, text in zip((10, 3), late, strict=True):
+        assert agrees(text, links(controller__gain=gain, links__all__delay=0.01)["delay_margin"])
+    assert agrees(newton[0], links(controller__newton__rounds=2, links__all__delay=0.01)["delay_margin"])
+    answer = links(links__all__noise=0.3)
+    assert agrees(noise[0], answer["noise_rms"])
+    assert agrees(command[0], answer["noise"]["command"])
+    for loss, text in zip((0.2, 0.5), rates[:2], strict=True):
+        assert agrees(text, links(links__all__loss=loss)["loss"]["rate"])

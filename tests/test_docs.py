@@ -1,0 +1,247 @@
+"""What README and the pages of docs/ show works: commands end as they should, code runs, files are valid.
+
+Oracle: the pages themselves. Commands are shortened by options at their end: a fraction of a second, small films.
+Blocks of one page share their names, in order. `yaml` is a whole file, `yml` a part of a scenario, `text` is not run.
+"""
+
+import json
+import re
+import shlex
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+import yaml
+from pydantic import BaseModel, TypeAdapter
+
+from mjsheaf import load_scenario, simulate
+from mjsheaf.scenario import Scenario
+from mjsheaf.studies import load_plan
+from mjsheaf.studies.schema import StudyFile
+from mjsheaf.vehicles.actuators import Azimuth
+from mjsheaf.vehicles.loading import load_vehicle
+from mjsheaf.vehicles.vehicle import VehicleDescription
+from tests.builders import REPOSITORY
+from tests.commands import answer_of, call
+
+DOCS = REPOSITORY / "docs"
+sys.path.append(str(DOCS / "_ext"))
+import fields as reference  # noqa: E402 - of the site, which is no package
+
+GENERATED = {"generated", "examples"}
+PAGES = [
+    REPOSITORY / "README.md",
+    *(p for p in sorted(DOCS.rglob("*.md")) if not GENERATED & {*p.relative_to(DOCS).parts}),
+]
+NAMES = [page.relative_to(REPOSITORY).as_posix() for page in PAGES]
+SHORT = ["--set", "time.end=0.2"]
+SMALL = ["--set", "video.width=160", "--set", "video.height=120", "--set", "video.fps=2"]
+SHORTENED = {"run": SHORT + SMALL, "compare": SHORT + SMALL, "sweep": SHORT, "video": ["--width", "160", "--fps", "1"]}
+SLOW = {"compare", "sweep", "video", "report", "pytest", "--expect", "--update", "--format", "--out", "--no-video"}
+SLOW |= {"controller.gain=30"}
+TEAM = {
+    "agents": [{"id": "B1", "position": [0, 0]}, {"id": "B2", "position": [4, 0]}, {"id": "B3", "position": [8, 0]}],
+    "targets": [{"id": "D", "position": [2, 6, 8]}],
+    "communication": [["B1", "B2"], ["B2", "B3"]],
+    "sensing": [["B1", "D"], ["B3", "D"]],
+}
+"""What a part of a scenario is a part of."""
+
+
+def blocks(page: Path, language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```$", page.read_text(), re.MULTILINE | re.DOTALL)
+
+
+def save_files(page: Path, to: Path) -> None:
+    """The files that a page asks its reader to save."""
+    for name, text in re.findall(r"Save this as `([\w.]+)`.*?^```\w+\n(.*?)^```$", page.read_text(), re.M | re.S):
+        (to / name).write_text(text)
+
+
+def commands() -> list[Any]:
+    """Every line of a page that begins with mjsheaf or pytest, but for those on machines that are not here."""
+    lines = {line: page for page in PAGES for block in blocks(page, "sh") for line in block.splitlines()}
+    found = {
+        tuple(shlex.split(line, comments=True)): page
+        for line, page in lines.items()
+        if re.match("(mjsheaf|pytest) ", line) and "HOST" not in line
+    }
+    return [
+        pytest.param(page, words, id=" ".join(words[1:]), marks=[pytest.mark.slow] if SLOW & {*words} else [])
+        for words, page in found.items()
+    ]
+
+
+@pytest.mark.parametrize(("page", "line"), commands())
+def test_command_ends_as_it_should(
+    page: Path, line: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    save_files(page, tmp_path)
+    program, *words = line
+    if program == "pytest":
+        plugin = ["-p", "mjsheaf.pytest_plugin", "-p", "no:cacheprovider"]
+        subprocess.run([sys.executable, "-m", "pytest", *plugin, *words], check=True, timeout=300)
+        return
+    if ">" in words:
+        words, (_, file) = words[:-2], words[-2:]
+        (tmp_path / file).write_text(answer_of(*words).out)
+        json.loads((tmp_path / file).read_text())
+        return
+    if words[0] in ("video", "plot", "report"):  # which `make demo` leaves
+        assert call("run", "paper", *SHORTENED["run"], "--out", words[1]) == 0
+    shortened = [] if "--expect" in words else SHORTENED.get(words[0], [])
+    answer = answer_of(*words, *(shortened or SMALL if words[0] == "run" else shortened))
+    assert answer.code == (1 if words[:2] == ["check", "air_tracks_surface"] else 0), answer.err
+    if "--out" in words:
+        assert (tmp_path / words[words.index("--out") + 1]).is_dir()
+
+
+@pytest.mark.parametrize(("page", "block"), [(p, b) for p in PAGES for b in blocks(p, "console")])
+def test_terminal_shows_what_is_printed(
+    page: Path, block: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    save_files(page, tmp_path)
+    prompt, *shown = block.splitlines()
+    printed = answer_of(*shlex.split(prompt.removeprefix("$ mjsheaf "))).out.splitlines()
+    begin = printed.index(shown[0])
+    assert printed[begin : begin + len(shown)] == shown
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if blocks(p, "python")], ids=lambda p: p.name)
+def test_code_gives_what_its_comments_say(page: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A comment that begins with a value is what the expression before it gives."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    monkeypatch.syspath_prepend(tmp_path)
+    save_files(page, tmp_path)
+    names: dict[str, Any] = {"array": np.array}
+    for code in blocks(page, "python"):
+        if "dask_jobqueue" in code:
+            compile(code, page.name, "exec")  # asks for a cluster
+            continue
+        exec(compile(code, page.name, "exec"), names)
+        for expression, value in re.findall(r"^(\S.*?)  # (\([^)]*\)|True|False|array\([^)]*\))", code, re.MULTILINE):
+            np.testing.assert_allclose(np.abs(eval(expression, names)), np.abs(eval(value, names)), atol=1e-12)
+    plt.close("all")
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if blocks(p, "yaml")], ids=lambda p: p.name)
+def test_files_are_valid(page: Path, tmp_path: Path) -> None:
+    save_files(page, tmp_path)
+    for text in blocks(page, "yaml"):
+        path = tmp_path / "mine.yaml"
+        path.write_text(text)
+        given = yaml.safe_load(text)
+        if "mjcf" in given:
+            assert load_vehicle(str(path)).actuators
+        elif set(given) == {"actuators"}:
+            TypeAdapter(dict[str, Azimuth]).validate_python(given["actuators"])
+        elif "scenario" in given:
+            (runs,) = re.findall(r"# (\d+) runs", text)
+            assert len(load_plan(str(path)).points) == int(runs)
+        else:
+            shorter = {} if "events" in given else {"time.end": 0.2}
+            assert simulate(load_scenario(path, shorter), backend="ideal").attrs["status"] == "finished"
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if blocks(p, "yml")], ids=lambda p: p.name)
+def test_parts_of_scenarios_are_valid(page: Path) -> None:
+    for text in blocks(page, "yml"):
+        part = yaml.safe_load(text)
+        assert load_scenario(TEAM | part).phases, text
+        assert part.keys() <= Scenario.model_fields.keys()
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if blocks(p, "toml") or blocks(p, "xml")], ids=lambda p: p.name)
+def test_other_blocks_are_well_formed(page: Path) -> None:
+    for text in blocks(page, "toml"):
+        assert tomllib.loads(text)
+    for text in blocks(page, "xml"):
+        assert ElementTree.fromstring(text).tag == "mujoco"
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_links_lead_to_files(name: str) -> None:
+    page = REPOSITORY / name
+    for to in re.findall(r"\]\((?!https?:|#)([^)#]+)", page.read_text()):
+        place = (page.parent / to).resolve()
+        if not GENERATED & {*place.relative_to(REPOSITORY).parts} or place.is_relative_to(REPOSITORY / "examples"):
+            assert place.exists(), to
+    for module, attribute in re.findall(r"`(mjsheaf(?:\.[a-z_]+)+)\.([A-Za-z_]\w*)`", page.read_text()):
+        _resolve(f"{module}.{attribute}")
+
+
+def _resolve(path: str) -> None:
+    """Import what a page names."""
+    from importlib import import_module
+
+    parts = path.split(".")
+    for k in range(len(parts), 0, -1):
+        try:
+            found: Any = import_module(".".join(parts[:k]))
+        except ModuleNotFoundError:
+            continue
+        for attribute in parts[k:]:
+            found = getattr(found, attribute)
+        return
+    raise AssertionError(path)
+
+
+def test_files_that_extending_names_are_there() -> None:
+    text = (DOCS / "extending.md").read_text()
+    for name in re.findall(r"`((?:control|team|vehicles|scenario|simulation)/\w+\.py|system\.py)`", text):
+        assert (REPOSITORY / "mjsheaf" / name).is_file(), name
+
+
+def test_readme_is_short() -> None:
+    assert len((REPOSITORY / "README.md").read_text().splitlines()) <= 130
+
+
+def properties() -> list[Any]:
+    """Every field of every section of the files that users write."""
+    files: list[type[BaseModel]] = [Scenario, VehicleDescription, StudyFile]
+    return [
+        pytest.param(name, node, id=f"{section.name}.{name}")
+        for model in files
+        for section in reference.sections_of(model)
+        for name, node in section.schema.get("properties", {}).items()
+    ]
+
+
+@pytest.mark.parametrize(("name", "node"), properties())
+def test_every_field_has_a_meaning_and_every_number_a_unit(name: str, node: dict[str, Any]) -> None:
+    unit = reference.unit_of(node)
+    if reference.is_number(node):
+        assert unit is not None, "its description must end with a unit, such as [m/s], or [-]"
+    else:
+        assert unit is None
+    sections = [*node.get("anyOf", []), *node.get("oneOf", []), *([node] if "$ref" in node else [])]
+    assert node.get("description") or any("$ref" in below for below in sections)
+
+
+def test_every_field_has_an_example_out_of_a_file() -> None:
+    """But for fields that are sections themselves, whose fields have."""
+    examples = reference.known_examples()
+    for model in (Scenario, VehicleDescription, StudyFile):
+        for section in reference.sections_of(model):
+            for name, node in section.schema.get("properties", {}).items():
+                assert (section.name, name) in examples or list(reference.references(node)), f"{section.name}.{name}"
+
+
+@pytest.mark.parametrize("path", sorted(reference.EXPLAINING.glob("*.yaml")), ids=lambda p: p.stem)
+def test_files_that_examples_come_from_work(path: Path) -> None:
+    given = yaml.safe_load(path.read_text())
+    if "mjcf" in given:
+        VehicleDescription.model_validate(given)
+    elif "scenario" in given:
+        assert load_plan(str(path)).points
+    else:
+        assert simulate(load_scenario(path), backend="ideal").attrs["status"] == "finished"
