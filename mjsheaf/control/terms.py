@@ -48,10 +48,7 @@ Rounds = Annotated[int, Field(ge=1, le=1000)]
 class Feedforward(Section):
     """The velocity of q*, from what agents sense of their targets' velocities."""
 
-    rounds: Rounds = Field(
-        3,
-        description=_ROUNDS,
-    )
+    rounds: Rounds = Field(3, description=_ROUNDS)
     filter: NonNegative = Field(
         0.0, description="time constant of a filter on the measured velocity of targets; 0 leaves it out [s]"
     )
@@ -63,10 +60,7 @@ class Feedforward(Section):
 class Newton(Section):
     """Straight to q* instead of down the slope of the disagreement."""
 
-    rounds: Rounds = Field(
-        3,
-        description=_ROUNDS,
-    )
+    rounds: Rounds = Field(3, description=_ROUNDS)
 
 
 class Drift(Section):
