@@ -26,6 +26,7 @@ extensions = [
 exclude_patterns = ["generated/*_fields.md", "**/README*", "examples/*.ipynb", "examples/*.py", "examples/*.zip"]
 
 myst_enable_extensions = ["dollarmath", "deflist", "colon_fence"]
+smartquotes = False  # `--set` is an option, not a dash
 myst_heading_anchors = 3
 myst_dmath_allow_labels = True
 suppress_warnings = ["myst.strikethrough"]
