@@ -16,7 +16,7 @@ from pydantic_core import to_json
 from mjsheaf._version import __version__
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError
-from mjsheaf.io.files import write_whole
+from mjsheaf.io.files import naming, write_whole
 from mjsheaf.io.section import LARGEST
 from mjsheaf.page.replay import REQUIRED, pack
 from mjsheaf.plotting import groups_of
@@ -60,7 +60,7 @@ def page_of(
     replay = pack(dataset, phases, scenario.scene.height, _curves(phases, dataset, bounds), ideal)
     said = {
         **replay.record,
-        **_scene(scenario, phases, dataset, replay.record["centre"], replay.record["size"]),
+        **_scene(scenario, phases, dataset, replay.record),
         "facts": _facts(scenario, dataset, summary, again) | {"theory": _theory(phases, bounds)},
         "notes": [note if isinstance(note, dict) else {"text": str(note)} for note in notes],
     }
@@ -72,8 +72,7 @@ def write_page_again(directory: Path, path: Path | None = None) -> Path:
 
     Raises:
         InputError: the directory holds no run, one that does not fit its scenario, or one of a version
-            that recorded less.
-        OSError: the file cannot be written.
+            that recorded less; or the file cannot be written.
     """
     from mjsheaf.checking.finished import bounds_of_phases
     from mjsheaf.results.store import open_run, require_match
@@ -89,7 +88,8 @@ def write_page_again(directory: Path, path: Path | None = None) -> Path:
         phases = scenario.phases
         bounds = bounds_of_phases(phases, dataset)
         page = page_of(scenario, phases, dataset, summary, bounds, notes=summary.get("notes", ()))
-        write_whole(path, page)
+        with naming(path):
+            write_whole(path, page)
     return path
 
 
@@ -112,9 +112,9 @@ def _curves(phases: "Sequence[Phase]", dataset: xr.Dataset, bounds: Bounds) -> d
 
 
 def _scene(
-    scenario: Scenario, phases: "Sequence[Phase]", dataset: xr.Dataset, centre: list[float], size: float
+    scenario: Scenario, phases: "Sequence[Phase]", dataset: xr.Dataset, replay: dict[str, Any]
 ) -> dict[str, Any]:
-    """Names, groups, shapes, flow and events."""
+    """Names, groups, shapes, flow and events; places are told from the replay's origin."""
     from mjsheaf.page.geometry import kinds_of
 
     system, bodies = phases[0].system, dataset.attrs["backend"] == "physics"
@@ -123,7 +123,7 @@ def _scene(
     kinds, kind = kinds_of(system.vehicles)
     agents = system.vehicles[:N] if bodies else []
     able = of_each(agents, lambda vehicle: capability_of(vehicle).least_speed)
-    limit = system.law.limit[:N]
+    limits = [np.where(phase.system.team.present, phase.system.law.limit[:N], np.nan).tolist() for phase in phases]
     return {
         "agents": team.agent_ids,
         "targets": team.target_ids,
@@ -137,19 +137,21 @@ def _scene(
         "kind": kind,
         "bodies": bodies,
         "fastest": able.tolist() if bodies else [None] * N,
-        "limit": limit.tolist(),
+        "limits": [{"time": phase.time, "limit": own} for phase, own in zip(phases, limits, strict=True)],
         "surface": scenario.scene.surface,
-        "height": scenario.scene.height,
-        "flow": _flow(scenario, system, centre, size),
+        "height": scenario.scene.height - replay["origin"][2],
+        "flow": _flow(scenario, system, replay),
         "phases": phases_in(dataset),
         "speed": scenario.video.speed,
         "trail": scenario.video.trail,
     }
 
 
-def _flow(scenario: Scenario, system: "System", centre: list[float], size: float) -> list[dict[str, Any]]:
+def _flow(scenario: Scenario, system: "System", replay: dict[str, Any]) -> list[dict[str, Any]]:
     """Each medium that moves: its name, and its velocity on a level grid where its vehicles are."""
-    side = np.linspace(-_REACH * size, _REACH * size, _ARROWS)
+    origin = np.array(replay["origin"])
+    centre, reach = origin + replay["centre"], _REACH * replay["size"]
+    side = np.linspace(-reach, reach, _ARROWS)
     x, y = (part.ravel() for part in np.meshgrid(centre[0] + side, centre[1] + side))
     own = scenario.flow.air is not None or scenario.flow.water is not None
     found = []
@@ -160,14 +162,15 @@ def _flow(scenario: Scenario, system: "System", centre: list[float], size: float
         planar = all(system.team.members[v].dimension == 2 for v in met)
         level = scenario.scene.height if planar else float(np.median(system.initial[met, 2]))
         with np.errstate(all="ignore"):
-            velocity = flow.velocity(np.column_stack([x, y, np.full_like(x, level)]))
+            places = np.column_stack([x, y, np.full_like(x, level)])
+            velocity = flow.velocity(places)
         velocity[:, 2] *= not planar
         found.append(
             {
                 "name": ("air", "water")[k] if own else f"medium about the {('agents', 'targets')[k]}",
                 "second": k == (0 if own else 1),
                 "spacing": float(side[1] - side[0]),
-                "places": np.column_stack([x, y, np.full_like(x, level)]).round(3).tolist(),
+                "places": (places - origin).round(3).tolist(),
                 "velocity": np.where(np.isfinite(velocity), velocity, 0.0).round(4).tolist(),
             }
         )

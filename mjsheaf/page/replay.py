@@ -5,6 +5,9 @@ page interpolates linearly, which misses a path of second difference a by at mos
 samples is (a / 8 tolerance)^(1/2), at least some hundreds in all and at most as many as the size of the page allows.
 What this and rounding come to is measured over every sample of the run, and stated in the page.
 
+Places are told from an origin near the run, a whole number of kilometres each way, so that those of a team far from
+zero keep their digits; `record["origin"]` has it.
+
 An array is packed as integers: positions in steps of a quarter of the tolerance, attitudes in 2^-13, everything else as
 32-bit floats of which 12 bits of the mantissa are kept (a relative error below 2^-12). Differences along time, with
 their sign in the lowest bit, byte plane by byte plane, then compress well; the browser undoes it (web/src/data.js).
@@ -32,6 +35,7 @@ _FEWEST, _MOST = 400, 3000  # samples
 _MOST_POSITIONS = 500_000  # vehicles times samples, where that allows _FEWEST
 _MOST_HELD = 6_000_000  # positions that are kept between passes over a run
 _OUTLIER = 100.0  # times the scene's size: what is farther out has blown up, and is drawn no farther
+_ORIGINS = 1000.0  # m between places that may be an origin
 _ROOM_OF_BLOWN_UP = 4.0  # of the scene of such a run, times the size at its start
 REQUIRED = frozenset(
     {"disagreement", "tracking_error", "velocity_command", "agent_flow", "harmonic_extension"}
@@ -110,7 +114,7 @@ class Scene:
             return cls(np.zeros(3), 1.0)
         centre = np.median(points, axis=0)
         away = np.abs(points - centre).max(axis=1)
-        near = away <= 10.0 * max(float(np.quantile(away, 0.75)), 1.0)
+        near = away <= 10.0 * max(float(np.quantile(away, 0.6)), 1.0)
         return cls(centre, max(float(away[near].max()), 1.0))
 
     @property
@@ -154,7 +158,8 @@ def pack(
         bounds: by name, on the team's RMS tracking error at every sample of the run, shape (T,), m.
         ideal: the same scenario on ideal kinematics, shown as ghosts; or None.
     """
-    pieces = _Positions(dataset, surface_height)
+    origin = _origin_of(dataset)
+    pieces = _Positions(dataset, surface_height, origin)
     scene, bend = _survey(pieces, dataset.sizes["time"], phases)
     if dataset.attrs["status"] != "finished":  # what blew up leaves the picture
         began = Scene.of(next(iter(pieces))[:1])
@@ -165,7 +170,7 @@ def pack(
     own = _at_rows(dataset, [name for name in (*sorted(REQUIRED), *_WHERE_THERE) if name in dataset], rows)
     positions = _positions_at(pieces, rows)
     shown = packer.add_fixed("position", scene.confined(positions), step)
-    q_star = own["harmonic_extension"].values
+    q_star = own["harmonic_extension"].values - origin
     q_star = np.where(np.isnan(q_star), positions[:, : q_star.shape[1]] * [np.nan, np.nan, 1.0], q_star)
     packer.add_fixed("q_star", scene.confined(q_star), step)
     if dataset.attrs["backend"] == "physics":
@@ -182,12 +187,13 @@ def pack(
             packer.add_float(name, own[name].values)
     if "agent_saturation" in own:
         packer.add_fixed("saturation", own["agent_saturation"].values, 2.0**-7)
-    edges = _add_edges(packer, phases, positions, own, rows)
+    edges = _add_edges(packer, phases, positions + origin, own, rows)
     for k, values in enumerate(bounds.values()):
         packer.add_float(f"bound{k}", np.where(np.abs(values) < 1e30, values, np.nan)[rows])
     record: dict[str, Any] = {
         "time": [round(t, 9) for t in time.tolist()],
         "samples": int(dataset.sizes["time"]),
+        "origin": origin.tolist(),
         "centre": scene.centre.tolist(),
         "size": scene.size,
         "edges": edges,
@@ -196,7 +202,7 @@ def pack(
     }
     if ideal is not None:
         end = ideal["time"].values[-1]
-        other = RecordedRun(ideal, surface_height).at(np.minimum(time, end)).positions
+        other = RecordedRun(ideal, surface_height).at(np.minimum(time, end)).positions - origin
         packer.add_fixed("ghost", scene.confined(other), step)
         agents = dataset.sizes["agent"]
         apart = np.linalg.norm((positions - other)[:, :agents], axis=2)
@@ -205,15 +211,25 @@ def pack(
     return Replay(record, packer.packed())
 
 
+def _origin_of(dataset: xr.Dataset) -> Array:
+    """A place near where a run begins, shape (3,), m: see the module."""
+    names = [f"{kind}_position" for kind in ("agent", "target")]
+    first = np.concatenate([dataset[name][:1].values.reshape(-1, 3) for name in names])
+    with np.errstate(all="ignore"):
+        first = first[(np.abs(first[:, :2]) < 1e12).all(axis=1)]
+    middle = np.nanmedian(np.nan_to_num(first), axis=0) if len(first) else np.zeros(3)
+    return np.asarray(_ORIGINS * np.round(np.nan_to_num(middle) / _ORIGINS))
+
+
 class _Positions:
-    """Positions of all vehicles, piece by piece, shape (n, V, 3), m, as `RecordedRun` has them.
+    """Positions of all vehicles from an origin, piece by piece, shape (n, V, 3), m, as `RecordedRun` has them.
 
     Those of a run that is not long are read but once, and kept as 32-bit floats.
     """
 
-    def __init__(self, dataset: xr.Dataset, surface_height: float) -> None:
+    def __init__(self, dataset: xr.Dataset, surface_height: float, origin: Array) -> None:
         vehicles = dataset.sizes["agent"] + dataset.sizes["target"]
-        self._dataset, self._surface = dataset, surface_height
+        self._dataset, self._surface, self._origin = dataset, surface_height, origin
         self._held: list[Array] | None = [] if dataset.sizes["time"] * vehicles <= _MOST_HELD else None
 
     def __iter__(self) -> Iterator[Array]:
@@ -234,7 +250,7 @@ class _Positions:
                 places[..., 2] = np.concatenate([piece[name].values for name in names[2:]], axis=1)
             else:
                 places[..., 2] = np.where(np.isnan(places[..., 2]), self._surface, places[..., 2])
-            yield places
+            yield places - self._origin
 
 
 def _positions_at(pieces: Iterable[Array], rows: IntArray) -> Array:

@@ -208,6 +208,17 @@ def _require_readable(path: Path) -> None:
         raise InputError(f"{path}: cannot be read whole; run the scenario again")
 
 
+def _is_whole(summary: dict[str, Any]) -> bool:
+    """Whether the parts of a summary.json that are read again are of their kinds; earlier versions lack some."""
+    final, expect, notes = summary.get("final") or {}, summary.get("expect") or {}, summary.get("notes") or []
+    if not (isinstance(final, dict) and isinstance(expect, dict) and isinstance(notes, list)):
+        return False
+    groups, checks = final.get("groups") or {}, expect.get("checks") or []
+    if not (isinstance(groups, dict) and isinstance(checks, list)):
+        return False
+    return all(isinstance(entry, dict) for entry in (*groups.values(), *checks, *notes))
+
+
 @contextmanager
 def open_run(directory: Path) -> Iterator[tuple[xr.Dataset, dict[str, Any]]]:
     """The data and summary.json of a finished run; data are read where they are looked at, within the block.
@@ -224,7 +235,7 @@ def open_run(directory: Path) -> Iterator[tuple[xr.Dataset, dict[str, Any]]]:
         if not (directory / name).is_file():
             raise InputError(f"{directory}: holds no {name}; expected the directory of a finished run")
     summary, data = read_mapping(directory / "summary.json"), directory / "result.nc"
-    if summary is None:
+    if summary is None or not _is_whole(summary):
         raise InputError(f"{directory}: summary.json cannot be read; expected the mapping that a run leaves there")
     if RESULT_DIGEST not in summary:  # of an earlier version: it is trusted when all of it can be read
         _require_readable(data)
@@ -250,8 +261,9 @@ def require_match(directory: Path, scenario: "Scenario", dataset: xr.Dataset) ->
     if backend == "physics":
         drawn |= {"agent_orientation", "target_orientation", "agent_height", "target_height"}
     missing = sorted(drawn - set(dataset.variables))
-    if missing or backend not in ("physics", "ideal") or "status" not in dataset.attrs:
-        what = missing[0] if missing else "backend or status"
+    known = isinstance(dataset.attrs.get("status"), str) and dataset.sizes.get("time", 0) > 0
+    if missing or backend not in ("physics", "ideal") or not known:
+        what = missing[0] if missing else "backend, status or sample"
         raise InputError(f"{directory}: result.nc is not that of a run: it has no {what}")
     for kind, members in (("agent", scenario.agents), ("target", scenario.targets)):
         place = dataset[f"{kind}_position"].isel(time=0).transpose(kind, "axis").notnull()

@@ -131,10 +131,10 @@ def _about_limits(phases: Sequence[Phase], dataset: "xr.Dataset") -> list[Note]:
     names = ["agent_flow", *["velocity_command"] * (not dataset.attrs.get("controller"))]
     names += ["agent_saturation"] * bodies
     agents = system.team.agents
-    able = _able(system, bodies)
+    own = _own_speed(system, bodies)
     N, done = len(agents), 0
     present, full, capped, swept = (np.zeros(N) for _ in range(4))
-    fastest, when = np.zeros(N), np.zeros(N)
+    excess, fastest, able, when = (np.zeros(N) for _ in range(4))  # where the flow is the most times too fast
     for piece in pieces_of(dataset, names):
         T = piece.sizes["time"]
         there, limit = _conditions(phases, done, T)
@@ -145,11 +145,14 @@ def _about_limits(phases: Sequence[Phase], dataset: "xr.Dataset") -> list[Note]:
             speed = np.linalg.norm(np.nan_to_num(piece["velocity_command"].values), axis=2)
             capped += ((speed >= _AT_LIMIT * limit) & (limit > 0.0) & there).sum(axis=0)
         flow = np.where(there, np.linalg.norm(np.nan_to_num(piece["agent_flow"].values), axis=2), 0.0)
-        swept += (flow > able).sum(axis=0)
-        most = flow.argmax(axis=0)
-        peak = flow[most, np.arange(N)]
-        when = np.where(peak > fastest, piece["time"].values[most], when)
-        fastest = np.maximum(fastest, peak)
+        can = np.minimum(limit, own)
+        ratio = np.divide(flow, can, out=np.zeros_like(flow), where=(flow > can) & (can > 0.0))
+        swept += (ratio > 0.0).sum(axis=0)
+        most = ratio.argmax(axis=0), np.arange(N)
+        more = ratio[most] > excess
+        for kept, now in ((excess, ratio), (fastest, flow), (able, can)):
+            kept[more] = now[most][more]
+        when[more] = piece["time"].values[most[0]][more]
         done += T
     full, capped, swept = (count / np.maximum(present, 1) for count in (full, capped, swept))
     found: list[Note] = []
@@ -169,9 +172,9 @@ def _about_limits(phases: Sequence[Phase], dataset: "xr.Dataset") -> list[Note]:
         text = f"the law asks {ids} for the velocity limit or more for {100 * capped[v]:.0f} % of the time"
         text += "; raise velocity_limit, or lower the gain"
         found.append(Note("limited", text, agents[v].id, None, float(capped[v])))
-    v, ids = worst(np.where(swept > _GUST, fastest / able, 0.0), 0.0)
+    v, ids = worst(np.where(swept > _GUST, excess, 0.0), 0.0)
     if v >= 0:
-        what = "its vehicle makes" if able[v] < _limits(system)[v] else "its velocity limit allows"
+        what = "its vehicle makes" if able[v] == own[v] else "its velocity limit allows"
         text = (
             f"the medium is faster than {ids} can be: {fastest[v]:.3g} m/s about {agents[v].id} at t = {when[v]:.6g} s"
         )
@@ -185,16 +188,14 @@ def _limits(system: System) -> Array:
     return system.law.limit[: len(system.team.agents)]
 
 
-def _able(system: System, bodies: bool) -> Array:
-    """How fast each agent can be through the medium, shape (N,), m/s; infinite without limits."""
+def _own_speed(system: System, bodies: bool) -> Array:
+    """How fast each agent's vehicle can be in its slowest direction, shape (N,), m/s; infinite without limits."""
     from mjsheaf.vehicles.effects import capability_of, of_each
 
-    limits = _limits(system)
     if not bodies:
-        return limits
-    return np.minimum(
-        limits, of_each(system.vehicles[: len(limits)], lambda vehicle: capability_of(vehicle).least_speed)
-    )
+        return np.full(len(system.team.agents), np.inf)
+    vehicles = system.vehicles[: len(system.team.agents)]
+    return of_each(vehicles, lambda vehicle: capability_of(vehicle).least_speed)
 
 
 def _conditions(phases: Sequence[Phase], first: int, count: int) -> tuple[BoolArray, Array]:

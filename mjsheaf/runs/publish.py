@@ -18,7 +18,7 @@ import xarray as xr
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError, MjsheafError
 from mjsheaf.io.figures import AS_USUAL, FigureOptions
-from mjsheaf.io.files import write_whole
+from mjsheaf.io.files import naming, write_whole
 from mjsheaf.io.section import LARGEST
 from mjsheaf.io.yaml import SUFFIXES, dump_yaml
 from mjsheaf.results import check_expectation, open_dataset, store, summarize, thinned, write_dataset
@@ -387,8 +387,7 @@ def plot_again(
         The files, each written whole.
 
     Raises:
-        InputError: the directory holds no run, or one that does not fit its scenario.
-        OSError: the folder cannot be written.
+        InputError: the directory holds no run, or one that does not fit its scenario; or a file cannot be written.
     """
     from mjsheaf.checking.finished import bounds_of_phases
     from mjsheaf.scenario import load_scenario
@@ -399,10 +398,12 @@ def plot_again(
         phases, drawn = scenario.phases, thinned(dataset)
         bound = _shown_bound(phases, drawn["time"].values, *bounds_of_phases(phases, dataset)[0])
         _plot(phases, drawn, bound, Path(drawing), progress, figures)
-        folder.mkdir(parents=True, exist_ok=True)
         found = [folder / file.name for file in sorted(Path(drawing).iterdir())]
+        with naming(folder):
+            folder.mkdir(parents=True, exist_ok=True)
         for path in found:
-            write_whole(path, (Path(drawing) / path.name).read_bytes())
+            with naming(path):
+                write_whole(path, (Path(drawing) / path.name).read_bytes())
     return found
 
 

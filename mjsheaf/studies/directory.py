@@ -107,7 +107,8 @@ class StudyDirectory:
             return None
         found = {key: record.pop(key, None) for key in _SEALS}
         kept = digest(self._file(_TRAJECTORIES, point.number)) or None if found["result_sha256"] else None
-        return record if found == {"result_sha256": kept, "record_sha256": _digest(record)} else None
+        shown = kept is None or (self.path / page_of_run(point.number)).is_file()
+        return record if shown and found == {"result_sha256": kept, "record_sha256": _digest(record)} else None
 
 
 def page_of_run(number: int) -> str:

@@ -62,6 +62,18 @@ def test_a_medium_faster_than_the_vehicles_and_what_it_does_to_them() -> None:
     assert not {"medium", "growing"} & set(noted({"flow.agents.drift": [1, 0, 0], "flow.agents.dimension": 3}))
 
 
+def test_a_limit_is_that_of_the_moment() -> None:
+    """Of an agent that joins later it is zero before; an event changes it."""
+    windy = {"flow.agents.drift": [1, 0, 0], "flow.agents.dimension": 3, "controller.velocity_limit": 4}
+    assert "medium" not in noted(windy | {"events": [{"time": 1, "join": "Q2"}]}, "ideal")
+    slower = {"events": [{"time": 4, "set": {"controller.velocity_limit": 0.5}}]}
+    found = noted(windy | slower, "ideal")["medium"]
+    assert "its velocity limit allows 0.5 m/s" in found.text
+    assert (found.number, found.time) == (1.0, 4.0)
+    raised = {"controller.velocity_limit": 0.5, "events": [{"time": 0.02, "set": {"controller.velocity_limit": 4}}]}
+    assert "medium" not in noted(windy | raised, "ideal")
+
+
 def test_what_the_vehicle_itself_cannot_do() -> None:
     free = {"controller.velocity_limit": 100, "flow.agents.drift": [40, 0, 0], "flow.agents.dimension": 3}
     found = noted(free)

@@ -5,6 +5,7 @@ import hashlib
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from mjsheaf.errors import InputError
 from mjsheaf.page.replay import Packer
+from mjsheaf.results.store import open_run
 from mjsheaf.runs.publish import execute
 from mjsheaf.scenario import load_scenario
 from tests.commands import call
@@ -136,10 +139,10 @@ def test_the_policy_allows_the_script_and_the_style_and_nothing_else(small: Made
     policy = next(a["content"] for _, a in elements.found if a.get("http-equiv") == "Content-Security-Policy") or ""
     rules = dict(rule.strip().split(" ", 1) for rule in policy.split(";"))
     assert rules.pop("default-src") == "'none'"
-    assert set(rules) == {"script-src", "style-src", "img-src", "base-uri", "form-action"}
+    assert set(rules) == {"script-src", "style-src", "base-uri", "form-action"}
     digests = [f"'sha256-{base64.b64encode(hashlib.sha256(t.encode()).digest()).decode()}'" for t in elements.texts]
     style, _, _, script = digests
-    assert (rules["style-src"], rules["script-src"], rules["img-src"]) == (style, script, "data:")
+    assert (rules["style-src"], rules["script-src"]) == (style, script)
     outside = [a for _, a in elements.found for key in a if key in ("src", "href", "srcset", "action")]
     assert not outside
 
@@ -189,6 +192,44 @@ def test_what_theory_says_is_there_for_every_phase(lost: Made) -> None:
     assert [a["number"] for a in second["assumptions"]] == [a["number"] for a in first["assumptions"]]
 
 
+def test_far_from_zero_a_page_keeps_its_digits() -> None:
+    """What is far is told from an origin near it."""
+    static = {"motion": {"kind": "static"}}
+    far = {"agents.A1.position": [5e5, 5.5e6], "time.end": 1}
+    far |= {f"targets.T{k}": {"id": f"T{k}", "position": [5e5 + 2, 5.5e6 + k], **static} for k in (1, 2)}
+    for backend in ("ideal", "physics"):
+        made = make_page("midpoint", backend, far)
+        said, shown = said_in(made.page), series_in(made.page)["position"]
+        assert said["largest_error"] < 0.01
+        assert said["origin"] == [5e5, 5.5e6, 0.0]
+        there = positions_of(made.dataset)[0]
+        np.testing.assert_allclose(shown[0].reshape(-1, 3) + said["origin"], there, atol=0.01)
+
+
+def test_limits_are_those_of_the_phase() -> None:
+    events = [{"time": 0.2, "set": {"controller.velocity_limit": 2}}, {"time": 0.3, "join": "Q2"}]
+    made = make_page("quads", "ideal", {"time.end": 0.5, "controller.velocity_limit": 5, "events": events})
+    assert [one["limit"][:2] for one in said_in(made.page)["limits"]] == [[5.0, None], [2.0, None], [2.0, 2.0]]
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"notes": 5},
+        {"final": 5},
+        {"final": {"groups": [1]}},
+        {"final": {"groups": {"a": 3}}},
+        {"expect": {"checks": 5}},
+    ],
+)
+def test_a_summary_that_is_not_one_is_refused(wrong: dict[str, Any], tmp_path: Path) -> None:
+    for name in ("result.nc", "scenario.yaml"):
+        (tmp_path / name).write_bytes(b"")
+    (tmp_path / "summary.json").write_text(json.dumps({"mjsheaf_version": "0", **wrong}))
+    with pytest.raises(InputError, match=r"summary\.json cannot be read"), open_run(tmp_path):
+        pass
+
+
 def test_a_comparison_is_no_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "compare.json").write_text('{"mjsheaf_version": ""}')
     assert call("report", tmp_path) == 2
@@ -206,6 +247,9 @@ def test_the_page_of_a_study_links_those_of_its_runs(tmp_path: Path) -> None:
     for number, link in enumerate(pages):
         said = said_in((out / link).read_bytes())
         assert f"gain {number + 1} 1/s" in said["facts"]["law"]
+    (out / links[0]).unlink()  # a page that is gone is made again
+    assert call("sweep", "midpoint", *grid, "--trajectories", "--workers", "1", "--out", out) == 0
+    assert (out / links[0]).is_file()
 
 
 def test_long_runs_are_read_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:

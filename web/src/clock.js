@@ -17,6 +17,7 @@ export class Clock extends EventTarget {
 
   /** Go to a time, in s. */
   seek(t) {
+    if (Number.isNaN(t)) return;
     this.t = Math.min(Math.max(t, this.run.start), this.run.end);
     this.dispatchEvent(new Event("time"));
   }
@@ -47,7 +48,7 @@ export class Clock extends EventTarget {
   }
 
   setSpeed(speed) {
-    this.speed = speed;
+    this.speed = Math.min(Math.max(speed, SPEEDS[0]), SPEEDS[SPEEDS.length - 1]);
     this.dispatchEvent(new Event("state"));
   }
 

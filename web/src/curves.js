@@ -32,7 +32,9 @@ export class Curves extends EventTarget {
     const keys = [...(panel.bounds ?? []).map((name, k) => [`bound: ${name}`, BOUNDS[k % 2]]), ...(panel.limits ?? []).map(({ name }) => [name, "var(--quiet)"])];
     const dashes = keys.map(([name, colour]) => {
       const key = document.createElement("span");
-      key.textContent = `┄ ${name}`;
+      const words = document.createElement("bdi");
+      words.textContent = name;
+      key.append("┄ ", words);
       key.style.color = colour;
       return key;
     });
@@ -188,9 +190,11 @@ function panelsOf(run) {
   said.fastest.forEach((speed, i) => {
     if (speed !== null && Number.isFinite(speed)) known.set(said.kinds[said.kind[i]].name, speed);
   });
-  for (const [name, speed] of known) limits.push({ name: `${name} can make ${digits(speed)}`, at: speed });
-  const lowest = Math.min(...said.limit.filter((x) => x !== null));
-  if (Number.isFinite(lowest)) limits.push({ name: `limit ${digits(lowest)}`, at: lowest });
+  for (const [name, speed] of known) limits.push({ name: `${name} can make ${digits(speed)}`, at: () => speed });
+  const lowest = said.limits.map(({ limit }) => limit.reduce((least, x) => (x === null ? least : Math.min(least ?? x, x)), null));
+  const some = [...new Set(lowest.filter((x) => x !== null))];
+  const then = (k) => lowest[said.limits.findLastIndex(({ time }, n) => n === 0 || time <= run.time[k] + 1e-9)];
+  if (some.length) limits.push({ name: `limit ${some.map(digits).join(", ")}`, at: then });
   return [
     { title: "Distance from its place", unit: "|q* − q|, m", agents: "tracking_error", how: "rms", log: true, bounds: said.bounds },
     series.apart && { title: "Bodies from their ideal twins", unit: "m", agents: "apart", how: "rms", log: true },
@@ -229,7 +233,7 @@ function linesOf(run, panel, all) {
     lines.push({ name: "team", values: run.column(panel.team, 0), colour: "--ink", width: 2 });
   }
   panel.bounds?.forEach((name, k) => lines.push({ values: run.column(`bound${k}`, 0), colour: BOUNDS[k % 2], width: 1.6, dash: [7, 4], bound: name }));
-  panel.limits?.forEach(({ at }) => lines.push({ values: nothing.map(() => at), colour: "--quiet", width: 1.3, dash: [5, 4], limit: true }));
+  panel.limits?.forEach(({ at }) => lines.push({ values: nothing.map((_, k) => at(k)), colour: "--quiet", width: 1.3, dash: [5, 4], limit: true }));
   return lines;
 }
 
@@ -250,7 +254,7 @@ function logRange(panel, low, high) {
 function linearTop(panel, high) {
   let most = 0;
   for (const line of panel.lines) if (!line.limit) for (const x of line.values) if (x > most) most = x;
-  for (const line of panel.lines) if (line.limit && line.values[0] < 3 * most) most = Math.max(most, line.values[0]);
+  for (const line of panel.lines) if (line.limit) for (const x of line.values) if (x < 3 * most) most = Math.max(most, x);
   return panel.most ?? (most > 0 ? most * 1.08 : high || 1);
 }
 

@@ -51,6 +51,11 @@ export class Run {
     this.groupOf = said.group;
   }
 
+  /** The largest speed that the law may ask of an agent at a sample, m/s; null for none, and for who is not there. */
+  limit(k, agent) {
+    return this.said.limits.findLast(({ time }, n) => n === 0 || time <= this.time[k] + 1e-9).limit[agent];
+  }
+
   /** The sample at or before a time, and how far it is to the next one, 0 to 1. */
   locate(t) {
     const { time } = this;
@@ -133,6 +138,11 @@ export class Run {
     }
     return found;
   }
+}
+
+/** Whether a link whose residual is this hears nothing: silent ones have a minus sign, zero among them. */
+export function isSilent(residual) {
+  return residual < 0 || Object.is(residual, -0);
 }
 
 /** Three significant digits, as a person reads them. */

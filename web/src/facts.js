@@ -1,6 +1,6 @@
 // What is written beside the scene: headings, the agent that is looked at, the legend, and the facts below.
 
-import { digits } from "./data.js";
+import { digits, isSilent } from "./data.js";
 
 /** An element with a class and contents; strings become text, whatever they contain. */
 export function make(tag, name = "", ...contents) {
@@ -42,7 +42,7 @@ export function reasons(run, k, agent) {
   const found = [];
   if (!run.present(k, agent)) return ["lost"];
   const at = (name) => series[name]?.[k * run.agents + agent];
-  const [speed, fastest, limit] = [at("speed"), said.fastest[agent], said.limit[agent]];
+  const [speed, fastest, limit] = [at("speed"), said.fastest[agent], run.limit(k, agent)];
   if (limit !== null && speed >= 0.99 * limit) found.push(`asks for its speed limit of ${digits(limit)} m/s`);
   if (fastest !== null && speed > fastest) found.push(`asks for ${digits(speed)} m/s, and can make ${digits(fastest)}`);
   if (at("saturation") >= 0.5) found.push("thrusters at their limits");
@@ -57,7 +57,7 @@ export function reasons(run, k, agent) {
   else if (along(off, w) < -ALONG) found.push(`carried off by the flow of ${digits(Math.hypot(...w))} m/s`);
   const width = said.edges.length;
   const links = said.edges.map((edge, e) => [edge, series.residual?.[k * width + e]]).filter(([edge, x]) => (edge.tail === agent || edge.head === agent) && !Number.isNaN(x));
-  const silent = links.filter(([, x]) => x < 0).length;
+  const silent = links.filter(([, x]) => isSilent(x)).length;
   if (!links.length) found.push("has no links");
   else if (silent) found.push(`${silent} of its ${links.length} links silent`);
   const events = run.events.filter(({ time }) => time <= run.time[k] && run.time[k] - time < 0.1 * (run.end - run.start) && time > run.start);
@@ -70,6 +70,7 @@ export function writeHeader(run, goTo) {
   const { facts } = run.said;
   document.title = `${facts.scenario}: mjsheaf run`;
   byId("title").textContent = facts.scenario;
+  byId("subtitle").title = facts.summary || "";
   byId("subtitle").append(own(facts.summary || ""), facts.summary ? " · " : "", `${facts.backend}, ${facts.law}`);
   const worst = byId("worst");
   if (facts.status !== "finished") {
@@ -120,7 +121,8 @@ export class Card {
       const at = (name) => series[name]?.[k * run.agents + v];
       const f = (k * run.agents + v) * 3;
       rows.push(["from its place", `${digits(at("tracking_error"))} m`], ["disagreement", `${digits(at("disagreement"))} m`]);
-      const most = said.fastest[v] ?? said.limit[v];
+      const able = [said.fastest[v], run.limit(k, v)].filter((x) => x !== null);
+      const most = able.length ? Math.min(...able) : null;
       rows.push(["asks for, m/s", `${digits(at("speed"))}${most === null ? "" : ` of ${digits(most)}`}`]);
       rows.push(["flow about it, m/s", digits(Math.hypot(series.flow[f], series.flow[f + 1], series.flow[f + 2]))]);
       if (series.saturation) rows.push(["thrusters at a limit", `${Math.round(100 * at("saturation"))} %`]);
@@ -132,7 +134,7 @@ export class Card {
     this.said = text;
     this.name.textContent = run.names[v];
     this.name.style.setProperty("--own", said.groups[run.groupOf[v]].colour);
-    this.role.textContent = `${said.kinds[said.kind[v]].name}, ${lit >= 0 ? said.groups[run.groupOf[v]].name : "farthest off now"}`;
+    this.role.replaceChildren(own(said.kinds[said.kind[v]].name), ", ", lit >= 0 ? own(said.groups[run.groupOf[v]].name) : "farthest off now");
     this.rows.replaceChildren(...rows.flatMap(([name, value]) => [make("dt", "", name), make("dd", "", value)]));
     this.why.textContent = why.join("; ");
   }
@@ -155,7 +157,7 @@ export function writeLegend(run, world) {
     const [low, high] = world.residualRange;
     rows.push(row(make("i", "bar"), `link, blue to red: ${digits(low)} to ${digits(high)} m off`));
     if (run.said.edges.some(({ kind }) => kind === "sensing")) rows.push(row(make("i", "dashed"), "sees a target (solid: agents talk)"));
-    if (run.series.residual.some((x) => x < 0)) rows.push(row(make("i", "silent"), "grey: silent"));
+    if (run.series.residual.some(isSilent)) rows.push(row(make("i", "silent"), "grey: silent"));
   }
   if (world.flowScale) {
     for (const flow of run.said.flow) rows.push(row(make("i", flow.second ? "arrow air" : "arrow"), `${flow.name}: up to ${digits(Math.max(...flow.velocity.map((w) => Math.hypot(...w))))} m/s`));
@@ -271,7 +273,7 @@ function agentsOf(run, goTo) {
   const shown = rows.slice(0, MOST_AGENTS).map(({ name, i, most, at, end }) => {
     const button = make("button", "link", own(name));
     button.addEventListener("click", () => goTo(run.time[at], i));
-    return make("tr", "", make("th", "", button), make("td", "", own(run.said.groups[run.groupOf[i]].name)), make("td", "", run.said.kinds[run.said.kind[i]].name), make("td", "", most < 0 ? "–" : digits(most)), make("td", "", most < 0 ? "–" : digits(run.time[at])), make("td", "", digits(end)));
+    return make("tr", "", make("th", "", button), make("td", "", own(run.said.groups[run.groupOf[i]].name)), make("td", "", own(run.said.kinds[run.said.kind[i]].name)), make("td", "", most < 0 ? "–" : digits(most)), make("td", "", most < 0 ? "–" : digits(run.time[at])), make("td", "", digits(end)));
   });
   const whole = table(["agent", "group", "vehicle", "farthest off, m", "when, s", "at the end, m"], shown);
   if (rows.length > MOST_AGENTS) whole.append(make("p", "", `The ${MOST_AGENTS} of ${rows.length} that are farthest off in the second half.`));

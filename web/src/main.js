@@ -121,7 +121,7 @@ function writeScale(world) {
   const length = 10 ** Math.floor(Math.log10(world.metres * 160));
   const round = [5, 2, 1].map((n) => n * length).find((x) => x <= world.metres * 160);
   const scale = byId("scale");
-  const text = `${digits(round).replace(/\.0+$/, "")} m`;
+  const text = round >= 1e4 ? `${round / 1000} km` : `${digits(round).replace(/\.0+$/, "")} m`;
   if (scale.firstElementChild.textContent !== text) scale.firstElementChild.textContent = text;
   scale.lastElementChild.style.width = `${(round / world.metres).toFixed(1)}px`;
 }

@@ -4,7 +4,7 @@ import * as THREE from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { Bodies } from "./bodies.js";
 import { Lines } from "./lines.js";
-import { nice } from "./data.js";
+import { isSilent, nice } from "./data.js";
 
 export const THEMES = {
   light: { sky: "#f4f7f9", water: "#cfe2ec", ground: "#e9e5d9", none: "#e6ebf0", grid: "#7d97a6", ink: "#17222b", low: "#3f6fb5", high: "#c2410c", quiet: "#9aa3ab", air: "#3d7f86", medium: "#2f6fa3" },
@@ -345,7 +345,7 @@ export class World extends EventTarget {
       run.said.edges.forEach(({ tail, head, kind, numbers }, e) => {
         const residual = this.residuals[e];
         if (Number.isNaN(residual)) return;
-        const silent = residual < 0;
+        const silent = isSilent(residual);
         const share = this.share(residual);
         if (silent) colour.copy(theme.quiet);
         else colour.copy(theme.low).lerp(theme.high, share);
@@ -449,7 +449,7 @@ export class World extends EventTarget {
         const tag = document.createElement("span");
         tag.className = "grid";
         const last = n === Math.floor(high / step);
-        tag.textContent = `${last ? axis + " " : ""}${digitsOf(n * step)}${last ? " m" : ""}`;
+        tag.textContent = `${last ? axis + " " : ""}${coordinate(n * step + run.said.origin["xy".indexOf(axis)], step)}${last ? " m" : ""}`;
         const at = axis === "x" ? [n * step, this.box.min.y, this.floor] : [this.box.max.x, n * step, this.floor];
         this.labels.append(tag);
         this.gridTags.push({ tag, at: new THREE.Vector3(...at) });
@@ -542,8 +542,9 @@ function drawsInSoftware() {
   return /swiftshader|llvmpipe|software|basic render/i.test(name);
 }
 
-function digitsOf(x) {
-  return String(+x.toPrecision(6)).replace("-", "−");
+/** A coordinate on a grid of a step, with the digits that tell it from its neighbours. */
+function coordinate(x, step) {
+  return String(+x.toFixed(Math.max(0, -Math.floor(Math.log10(step))))).replace("-", "−");
 }
 
 function addArrow(lines, at, w, scale, colour, opacity, width) {
