@@ -21,7 +21,7 @@ from mjsheaf.checking.mending import Augmentation, plan_augmentation
 from mjsheaf.checking.proposals import Proposal, propose
 from mjsheaf.checking.targets import Carrier
 from mjsheaf.control.theorem import Rho, RhoLike, as_rho, gain_for_radius
-from mjsheaf.errors import InputError
+from mjsheaf.errors import InputError, listed
 from mjsheaf.io.section import Finite, Record
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.slips import slips_of
@@ -144,6 +144,8 @@ class CheckRecord(Record):
         loop = "; the held law is unstable" if self.law.stable is False else ""
         loop += "; " + UNSTABLE_LINKS if self.links is not None and self.links.stable is False else ""
         loop += "; " + self.margins.bodies.verdict() if self.margins.bodies.stable is False else ""
+        later = [f"from {p.start:g} s on ({', '.join(p.events)})" for p in self.phases[1:] if not p.ok]
+        loop += f"; NOT SO in {len(later)} of {len(self.phases)} phases: {listed(later)}" if later else ""
         if counts[0] == len(self.assumptions):
             return f"all {counts[0]} assumptions hold, the 7th {region}{loop}"
         named = [

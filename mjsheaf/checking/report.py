@@ -323,9 +323,12 @@ def _speed_of_limits(speeds: list[SpeedDemand]) -> list[Row]:
 
 
 def _phases(record: CheckRecord) -> list[Text | Table]:
-    """Each phase of a run with events, in a few lines."""
+    """Each phase of a run with events, in a few lines; what stands above is of the first."""
     parts: list[Text | Table] = []
-    for p in record.phases:
+    for p in record.phases[:1]:
+        absent = f"; absent: {', '.join(p.absent[:_MOST])}" if p.absent else ""
+        parts.append(Text(f"\nfrom t = {p.start:g} s on: {', '.join(p.events) or 'start'}: as above{absent}"))
+    for p in record.phases[1:]:
         t, what = p.theorem, ", ".join(p.events) or "start"
         failed, known = "; ".join(a.failure for a in p.assumptions if a.failure), t.initial_error is not None
         rows = [
@@ -345,7 +348,7 @@ def _phases(record: CheckRecord) -> list[Text | Table]:
             far = max(p.jumps, key=lambda id: p.jumps[id] or 0.0, default="")
             most = f"of all; the most, {_number(p.jumps[far], 'm')}, of {far}" if far else ""
             rows.insert(2, ("jump of q*", _number(p.jump, "m"), most))
-        free = _cohomology(p.relative_cohomology) if p.jump is not None else []  # of the first phase it stands above
+        free = _cohomology(p.relative_cohomology)
         parts += [_pairs(f"from t = {p.start:g} s on: {what}", rows), *free, *_fragility(p.fragility)]
     return parts
 
