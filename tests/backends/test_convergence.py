@@ -18,6 +18,7 @@ def distance(one: xr.Dataset, other: xr.Dataset) -> float:
     return float(apart[one.time.values >= 5.0].max())
 
 
+@pytest.mark.slow
 def test_distance_to_the_ideal_run_is_of_first_order_in_m_over_d(simulated: Simulated) -> None:
     """Slope 1 +- 0.05 from 0.03 s to 0.001 s. The first seconds hold a jump that no body can follow."""
     taus = [0.03, 0.01, 0.003, 0.001]

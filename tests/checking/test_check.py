@@ -126,6 +126,7 @@ def test_theorem_applies_on_the_certified_scenario(tmp_path: Path) -> None:
     assert there["radius_U"] == pytest.approx(0.4, rel=0.1)
 
 
+@pytest.mark.slow
 def test_run_compares_with_the_bound(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for name, applies in (("certified", True), ("paper", False)):
         out = tmp_path / name

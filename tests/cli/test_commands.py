@@ -329,6 +329,7 @@ def test_video_that_cannot_be_written(tmp_path: Path, capsys: pytest.CaptureFixt
         assert error.count("\n") == 1
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_plots")
 def test_video_of_data_that_are_not_those_of_the_scenario(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run = tmp_path / "run"

@@ -139,6 +139,7 @@ def test_a_blow_up_is_published_with_exit_code_3(tmp_path: Path, capsys: pytest.
     assert record.rung("all").errors["team"].late.tracking_error is None
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(available_backend()[0] is None, reason="nothing can be drawn here")
 def test_video_has_both_side_by_side(tmp_path: Path) -> None:
     out = tmp_path / "out"

@@ -138,6 +138,7 @@ def test_tests_are_chosen_by_name_and_spread_over_processes(run: Run) -> None:
     assert "1 passed" in told
 
 
+@pytest.mark.slow
 def test_a_file_that_is_named_is_never_passed_over_in_silence(run: Run) -> None:
     """Broken, no scenario, or without expectations: it fails, where a directory's walk would leave it alone."""
     named = ("vehicle.yaml", "odd.yaml", "others.yaml", "silent.yaml", "empty.yaml", "run/scenario.yaml", "met.yaml")

@@ -482,7 +482,7 @@ export class World extends EventTarget {
       const free = ([dx, dy]) => !taken.some(([a, b, wide]) => x + dx < a + wide && a < x + dx + tag.wide && Math.abs(y + dy - b) < 15);
       const tried = [tag.at ?? 0, 0, 1, 2, 3];
       const found = tried.find((n) => free(places[n]));
-      // Of names that would cover one another only that which is asked for, and of targets all, are written.
+      // Names that would cover others are left out, but for that of the vehicle that is lit and those of targets.
       tag.hidden = found === undefined && v !== this.lit && v < run.agents;
       if (tag.hidden) continue;
       tag.at = found ?? tried[0];
