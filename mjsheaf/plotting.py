@@ -10,7 +10,6 @@ import io
 from collections.abc import Sequence
 from pathlib import Path
 from textwrap import fill
-from threading import Lock
 from typing import IO, Any
 
 import numpy as np
@@ -27,7 +26,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLoca
 from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array
-from mjsheaf.io.figures import AS_USUAL, FigureOptions
+from mjsheaf.io.figures import AS_USUAL, MATPLOTLIB, FigureOptions
 from mjsheaf.team import Team
 
 WIDTH = 7.16
@@ -111,7 +110,6 @@ def lay_out(figure: Figure) -> None:
         axis.apply_aspect()
 
 
-_WRITING = Lock()  # settings of matplotlib belong to the process
 # Type that journals take (TrueType in PDF) and that editors can change (text in SVG); ids that are the same each time.
 _SETTINGS: Any = {"pdf.fonttype": 42, "svg.fonttype": "none", "svg.hashsalt": "mjsheaf"}
 # A version or a date would make equal runs differ.
@@ -124,8 +122,8 @@ _METADATA: dict[str, dict[str, None]] = {
 
 def write_figure(figure: Figure, file: Path | IO[bytes], form: str) -> None:
     """Write a figure in one format; equal figures give equal bytes."""
-    settle(figure)
-    with _WRITING, rc_context(_SETTINGS):
+    with MATPLOTLIB, rc_context(_SETTINGS):
+        settle(figure)
         figure.savefig(file, format=form, metadata=_METADATA[form])
 
 

@@ -3,10 +3,14 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from threading import RLock
 
 from mjsheaf.errors import InputError
 
 FORMATS = ("png", "svg", "pdf")
+
+MATPLOTLIB = RLock()
+"""Held by whoever draws with matplotlib, whose settings and parser of formulas belong to the process."""
 
 
 @dataclass(frozen=True)

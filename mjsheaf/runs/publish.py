@@ -17,7 +17,7 @@ import xarray as xr
 
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError, MjsheafError
-from mjsheaf.io.figures import AS_USUAL, FigureOptions
+from mjsheaf.io.figures import AS_USUAL, MATPLOTLIB, FigureOptions
 from mjsheaf.io.files import naming, write_whole
 from mjsheaf.io.section import LARGEST
 from mjsheaf.io.yaml import SUFFIXES, dump_yaml
@@ -418,14 +418,17 @@ def _plot(
     """Draw the plots of a run; a video is drawn meanwhile, mostly outside the interpreter."""
     from mjsheaf.runs.figures import plot_configurations, plot_errors, plot_trajectories
 
-    progress("plotting", 0, 3)
     first, last = phases[0].system.team, phases[-1].system.team
-    plot_errors(first, drawn, folder / "errors", bound, figures)
-    progress("plotting", 1, 3)
-    plot_trajectories(first, drawn, folder / "trajectories", figures)
-    progress("plotting", 2, 3)
-    plot_configurations(first, last, drawn, folder / "configurations", figures)
-    progress("plotting", 3, 3)
+    plots = (
+        lambda: plot_errors(first, drawn, folder / "errors", bound, figures),
+        lambda: plot_trajectories(first, drawn, folder / "trajectories", figures),
+        lambda: plot_configurations(first, last, drawn, folder / "configurations", figures),
+    )
+    for done, plot in enumerate(plots):
+        progress("plotting", done, len(plots))
+        with MATPLOTLIB:
+            plot()
+    progress("plotting", len(plots), len(plots))
 
 
 def video_entry(frames: int, options: VideoOptions) -> dict[str, Any]:

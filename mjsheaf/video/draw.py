@@ -14,6 +14,7 @@ import numpy as np
 from PIL import Image
 
 from mjsheaf.errors import InputError, MjsheafError
+from mjsheaf.io.figures import MATPLOTLIB
 from mjsheaf.io.files import whole_file
 from mjsheaf.video.camera import SMOOTHING, View, camera_path
 from mjsheaf.video.film import Film, Frames, Moment, VideoOptions
@@ -151,7 +152,8 @@ class Painter(AbstractContextManager["Painter"]):
         survey, middle = self._frames.extent.survey, self.camera.view(len(self.times) // 2)
         self._decorator.lay_out_arrows(survey, middle)
         arrows = {medium.name: (speed, ARROWS[k]) for k, (medium, speed) in enumerate(self._decorator.speeds)}
-        self._overlay = Overlay(film, options, survey, beside, arrows)
+        with MATPLOTLIB:  # plots of the run may be drawn meanwhile
+            self._overlay = Overlay(film, options, survey, beside, arrows)
         self._renderer = Renderer(self.model, *options.drawn, backend, self._decorator.most_geoms)
 
     def draw(self, number: int) -> Callable[[], Image.Image]:
