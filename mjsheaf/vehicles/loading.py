@@ -259,6 +259,7 @@ def _from_model(name: str, description: VehicleDescription, path: Path, model: m
         weight=(mass - carried) * GRAVITY,
         ballast=0.0,
         centre_of_mass=centre,
+        weight_moment=GRAVITY * (model.body_mass * (1.0 - model.body_gravcomp)) @ data.xipos,
         inertia=inertia,
         inertials=[
             Inertial(*(x[b].copy() for x in (model.body_ipos, model.body_iquat, model.body_mass, model.body_inertia)))
