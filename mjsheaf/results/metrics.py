@@ -243,6 +243,11 @@ def delivery_of(dataset: xr.Dataset) -> dict[str, Any] | None:
     return found
 
 
+def engine_of(dataset: xr.Dataset) -> str | None:
+    """What moved the bodies of a run; None of ideal kinematics."""
+    return str(dataset.attrs.get("engine", "mujoco")) if dataset.attrs["backend"] == "physics" else None
+
+
 def check_expectation(
     expect: "Expect", backend: str, status: str, final: dict[str, Any], phases: Sequence[dict[str, Any]] = ()
 ) -> dict[str, Any]:

@@ -32,7 +32,6 @@ from mjsheaf.arrays import Array
 from mjsheaf.control.controller import Controller, Law
 from mjsheaf.control.law import new_memory
 from mjsheaf.dynamics.disturbance import evaluate_sines
-from mjsheaf.errors import InputError
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.simulation.bodies import kinds_of, pack_fleet
 from mjsheaf.simulation.loop import (
@@ -104,17 +103,20 @@ def move(one, body, R, omega, force, moment, h, qpos, qvel):
     y = row_product(inverse[1], force, moment)
     z = row_product(inverse[2], force, moment)
     along = to_world(R, (x, y, z))
-    p = omega[0] + h * row_product(inverse[3], force, moment)
-    q = omega[1] + h * row_product(inverse[4], force, moment)
-    r = omega[2] + h * row_product(inverse[5], force, moment)
-    qvel[d + 3], qvel[d + 4], qvel[d + 5] = p, q, r
-    size = abs(p) + abs(q) + abs(r)
+    about = (
+        row_product(inverse[3], force, moment),
+        row_product(inverse[4], force, moment),
+        row_product(inverse[5], force, moment),
+    )
+    good = True
     for i in range(3):
         qvel[d + i] += h * along[i]
+        qvel[d + 3 + i] += h * about[i]
         qpos[a + i] += h * qvel[d + i]
-        size += abs(qvel[d + i]) + abs(qpos[a + i])
-    turn(qpos[a + 3 : a + 7], 0.5 * h * p, 0.5 * h * q, 0.5 * h * r)
-    return size < HUGE
+        good &= (abs(along[i]) < HUGE) & (abs(about[i]) < HUGE) & (abs(qpos[a + i]) < HUGE)
+        good &= (abs(qvel[d + i]) < HUGE) & (abs(qvel[d + 3 + i]) < HUGE)
+    turn(qpos[a + 3 : a + 7], 0.5 * h * qvel[d + 3], 0.5 * h * qvel[d + 4], 0.5 * h * qvel[d + 5])
+    return good
 
 
 @inline_jit
@@ -180,17 +182,17 @@ def fly(loop, motion, v, step, count, log, row):
         R, omega, force, moment = drive(loop, v)
         if k == step and row >= 0:
             record_vehicle(loop, log, row, v)
-        total = 0.0
+        good = True
         for j in range(kind.count):
             channel = channels[j]
             f, after = follow(channel, ctrl[j], act[channel.state] if channel.late else 0.0)
             along, about = push(channels, j, act)
             force = add(force, (f * along[0], f * along[1], f * along[2]))
             moment = add(moment, (f * about[0], f * about[1], f * about[2]))
-            total += abs(ctrl[j])
+            good &= abs(ctrl[j]) < HUGE
             if channel.late:
                 act[channel.state] = after
-        if not total < HUGE:
+        if not good:
             return k
         if not move(one, body, R, omega, force, moment, h, loop.qpos, loop.qvel):
             return k + 1
@@ -252,22 +254,19 @@ class Fused(ClosedLoop):
         run: System | Sequence[Phase],
         *,
         controller: Law | Controller | None = None,
-        threads: int = 1,
     ) -> None:
         """Put every vehicle at its initial position and heading.
 
         Args:
             run: the System that a scenario describes, or the phases of a run.
             controller: as of `World`.
-            threads: that move the vehicles.
 
         Raises:
-            InputError: as of `World`, or vehicles may touch.
+            InputError: as of `World`; or there are contacts.
         """
         super().__init__(run, controller, 0)
         plan, vehicles = self.system.bodies, self._vehicles
-        if plan.contacts:
-            raise InputError("physics.contacts: the fused engine has none; expected false, or --engine mujoco")
+        plan.require_engine()
         kinds, number = kinds_of(vehicles)
         damping = np.array([vehicle.joint_damping(plan.timestep) for vehicle in kinds])
         fleet = pack_fleet(vehicles, damping[number], plan.heading, plan.surface_height, self._timestep)
@@ -277,7 +276,7 @@ class Fused(ClosedLoop):
         V, control, medium = len(vehicles), self._control(), self.system.medium
         self._motion = pack_motion(kinds, damping, self._timestep)
         self._count, self._bad = 0, np.empty(V, dtype=np.int64)
-        self._threads = max(1, min(threads, V // _BLOCK))
+        self._threads = max(1, min(plan.threads, V // _BLOCK))
         self._pool = ThreadPoolExecutor(self._threads - 1) if self._threads > 1 else None
         self._begin(
             Loop(

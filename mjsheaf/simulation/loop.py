@@ -664,16 +664,13 @@ def run_physics(
     progress: Callable[[int, int], None] | None = None,
     targets: Array | None = None,
     controller: Controller | None = None,
-    engine: str = "mujoco",
-    threads: int = 1,
 ) -> Trajectory:
     """Simulate a system on bodies, in one piece; see `stream_physics`.
 
     Returns:
         The trajectory; its status is 'unstable' and it ends early where the simulation blows up.
     """
-    samples = phases_of(run)[0].system.grid.steps + 1
-    return next(stream_physics(run, samples, progress, targets, controller, engine, threads))
+    return next(stream_physics(run, phases_of(run)[0].system.grid.steps + 1, progress, targets, controller))
 
 
 def stream_physics(
@@ -682,17 +679,12 @@ def stream_physics(
     progress: Callable[[int, int], None] | None = None,
     targets: Array | None = None,
     controller: Controller | None = None,
-    engine: str = "mujoco",
-    threads: int = 1,
 ) -> Iterator[Trajectory]:
-    """Simulate on bodies, and hand out pieces; arguments and pieces as of `ideal.stream_ideal`.
-
-    Beside those, what moves the bodies: the engine 'mujoco', or 'fused' on so many threads.
-    """
-    if engine == "fused":
-        from mjsheaf.simulation.fused import Fused
-
-        with Fused(run, controller=controller, threads=threads) as bodies:
-            yield from bodies.record(samples, targets, progress)
-    else:
+    """Simulate on bodies, by the engine of the run, and hand out pieces; arguments and pieces as of `stream_ideal`."""
+    if phases_of(run)[0].system.bodies.engine == "mujoco":
         yield from World(run, controller=controller, visible=False).record(samples, targets, progress)
+        return
+    from mjsheaf.simulation.fused import Fused
+
+    with Fused(run, controller=controller) as bodies:
+        yield from bodies.record(samples, targets, progress)

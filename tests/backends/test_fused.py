@@ -10,16 +10,20 @@ from xml.etree import ElementTree
 import mujoco
 import numpy as np
 import pytest
+import xarray as xr
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from mjsheaf import World
+from mjsheaf import World, load_scenario, simulate, simulate_many
+from mjsheaf.errors import InputError, MjsheafError
 from mjsheaf.scenario import Scenario
+from mjsheaf.scenario.load import list_scenarios
 from mjsheaf.simulation.fused import Fused, fly
 from mjsheaf.simulation.loop import close_loop
 from mjsheaf.simulation.trajectory import Log
+from mjsheaf.system import on_engine
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
-from tests.builders import RAFT, altered, find, make_scenario
+from tests.builders import RAFT, altered, find, make_scenario, mixed_scenario, refused
 
 Array = NDArray[np.float64]
 
@@ -153,4 +157,118 @@ def test_a_step_of_every_vehicle_is_that_of_mujoco_from_many_states(
 ) -> None:
     """With and without what can be switched off; steps of which the joint takes the drag, and others."""
     names = [*list_vehicles(), *unlike(tmp_path)]
-    assert off_by(of_vehicles(names, timestep, effects=off), 1000, 2) < EPSILON
+    assert off_by(of_vehicles(names, timestep, effects=off), 300, 2) < EPSILON
+
+
+# -- runs --------------------------------------------------------------------------------------------------------------
+
+
+LOOPS_AND_LINKS = {
+    "controller": {
+        "gain": 1.0,
+        "control_period": 0.02,
+        "feedforward": {"rounds": 2},
+        "drift": {"filter": 1.0},
+    },
+    "links": {"all": {"noise": 0.02, "delay": 0.02, "loss": 0.2}},
+    "events": [{"time": 0.5, "lose": "back"}],
+}
+
+
+def apart(one: xr.Dataset, other: xr.Dataset) -> float:
+    """The largest difference of two runs' positions, m."""
+    assert one.attrs["status"] == other.attrs["status"] == "finished"
+    names = ("agent_position", "target_position")
+    return max(float(np.nanmax(np.abs(one[name] - other[name]))) for name in names)
+
+
+def both(scenario: Scenario, **how: Any) -> tuple[xr.Dataset, xr.Dataset]:
+    return simulate(scenario, **how), simulate(scenario, engine="fused", **how)
+
+
+def test_a_run_is_that_of_mujoco() -> None:
+    """Unlike vehicles under terms, over links, with an event: all that is recorded, to rounding."""
+    mujoco_s, ours = both(mixed_scenario(**LOOPS_AND_LINKS))
+    assert apart(mujoco_s, ours) < 1e-11
+    assert ours.attrs.pop("engine") == "fused"
+    assert "engine" not in mujoco_s.attrs
+    assert ours.attrs == mujoco_s.attrs
+    assert ours.data_vars.keys() == mujoco_s.data_vars.keys()
+    for name, values in mujoco_s.data_vars.items():
+        if values.dtype.kind == "f":
+            scale = 1e-9 * max(1.0, float(np.nanmax(np.abs(values), initial=0.0)))
+            np.testing.assert_allclose(ours[name], values, rtol=0.0, atol=scale, err_msg=str(name))
+        else:
+            np.testing.assert_array_equal(ours[name], values, err_msg=str(name))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", list_scenarios())
+def test_every_scenario_runs_as_on_mujoco(name: str) -> None:
+    """Over its whole length, contacts off."""
+    scenario = load_scenario(name, {"physics.contacts": False})
+    if scenario.expect.refused is None:
+        assert apart(*both(scenario)) < 1e-8
+        return
+    with refused(MjsheafError) as caught:
+        simulate(scenario, engine="fused")
+    assert scenario.expect.refused in str(caught.value)
+
+
+def test_a_law_in_python_and_one_that_is_continuous_run_as_on_mujoco() -> None:
+    def law(t: float, seen: Any) -> Array:
+        return np.asarray(-seen.disagreement + [np.sin(t), 0.0, 0.0])
+
+    assert apart(*both(mixed_scenario(), controller=law)) < 1e-11
+    continuous = mixed_scenario(controller={"gain": 1.0, "control_period": 0, "record_period": 0.02}, time={"end": 0.2})
+    assert apart(*both(continuous)) < 1e-11
+
+
+def test_a_run_that_blows_up_ends_at_the_same_sample() -> None:
+    wild = mixed_scenario(controller={"gain": 1e4, "control_period": 0.01})
+    theirs, ours = both(wild)
+    assert ours.attrs["status"] == "unstable"
+    assert ours.sizes["time"] == theirs.sizes["time"]
+    assert ours.attrs["message"].split("; ")[1:] == theirs.attrs["message"].split("; ")[1:]
+    assert ours.attrs["message"].split(" (")[0] == theirs.attrs["message"].split(" (")[0]
+
+
+# -- threads -----------------------------------------------------------------------------------------------------------
+
+
+def bits(result: Any) -> dict[str, bytes]:
+    assert isinstance(result, xr.Dataset)
+    return {str(name): np.ascontiguousarray(result[name]).tobytes() for name in result.data_vars}
+
+
+def test_threads_do_not_change_a_bit() -> None:
+    """Of a swarm with events in mid-run, in which every thread has blocks to take."""
+    scenario = load_scenario("swarm_radio_shadow", {"swarm.size": 60, "time.end": 1.0})
+    one, two, three = (simulate(scenario, engine="fused", threads=threads) for threads in (1, 2, 3))
+    assert bits(one) == bits(two) == bits(three)
+
+
+def test_many_runs_on_threads_are_those_one_by_one() -> None:
+    scenarios = [mixed_scenario(seed=seed, disturbance={"agents": {"bound": 0.5}}) for seed in range(3)]
+    together = simulate_many(scenarios, engine="fused", workers=2)
+    assert [bits(result) for result in together] == [bits(simulate(one, engine="fused")) for one in scenarios]
+    assert bits(together[0]) != bits(together[1])
+
+
+# -- what it refuses ---------------------------------------------------------------------------------------------------
+
+
+def test_what_it_cannot_do_is_refused_by_its_field() -> None:
+    touching = mixed_scenario(physics={"contacts": True})
+    with refused(InputError, "physics.contacts", "fused", "false"):
+        simulate(touching, engine="fused")
+    with refused(InputError, "physics.contacts"):
+        Fused(on_engine(touching.phases, "fused"))
+    with refused(InputError, "'fused'", "ideal", "physics"):
+        simulate(mixed_scenario(), "ideal", engine="fused")
+    with refused(InputError, "'fusde'", "mujoco", "fused"):
+        simulate(mixed_scenario(), engine="fusde")
+    with refused(InputError, "threads", 0, 1):
+        simulate(mixed_scenario(), engine="fused", threads=0)
+    (error,) = simulate_many([touching], engine="fused")
+    assert isinstance(error, InputError)
