@@ -168,35 +168,49 @@ def _wait(gate, arrivals, threads):
 
 
 @jit
-def fly(loop, motion, v, step, count, log, row):
-    """Move vehicle v by `count` steps from step number `step`, with its sample before the first as `row` of the log.
+def fly(loop, motion, first, last, step, count, log, row):
+    """Move vehicles from first up to last by `count` steps from step number `step`.
 
-    No sample is recorded where row is negative. Returns the step at which its command or its state was bad, or -1.
+    Their samples before the first step are recorded as `row` of the log, unless that is negative.
+
+    Returns:
+        Which of them had a bad command or a bad state first, and at which step; (-1, -1) if none had.
     """
-    body = loop.fleet.bodies[v]
-    kind, one, h = loop.fleet.kinds[body.kind], motion[body.kind], loop.timestep
+    for k in range(step, step + count):
+        evaluate_sines(loop.medium.harmonics, loop.start + k * loop.timestep, first, last, loop.sines)
+        for v in range(first, last):
+            body = loop.fleet.bodies[v]
+            R, omega, force, moment = drive(loop, v)
+            if k == step and row >= 0:
+                record_vehicle(loop, log, row, v)
+            good, force, moment = actuate(loop, body, force, moment)
+            if not good:
+                return v, k
+            if not move(motion[body.kind], body, R, omega, force, moment, loop.timestep, loop.qpos, loop.qvel):
+                return v, k + 1
+    return -1, -1
+
+
+@inline_jit
+def actuate(loop, body, force, moment):
+    """Add to force and moment what a vehicle's actuators make of its commands, and go on with their activations.
+
+    Returns:
+        Whether all commands are good; force and moment, body axes, (3,) each.
+    """
+    kind, good = loop.fleet.kinds[body.kind], True
     channels = loop.fleet.thrusters[kind.thruster : kind.thruster + kind.count]
     ctrl, act = loop.ctrl[body.actuator : body.actuator + kind.count], loop.act[body.state :]
-    for k in range(step, step + count):
-        evaluate_sines(loop.medium.harmonics, loop.start + k * h, v, v + 1, loop.sines)
-        R, omega, force, moment = drive(loop, v)
-        if k == step and row >= 0:
-            record_vehicle(loop, log, row, v)
-        good = True
-        for j in range(kind.count):
-            channel = channels[j]
-            f, after = follow(channel, ctrl[j], act[channel.state] if channel.late else 0.0)
-            along, about = push(channels, j, act)
-            force = add(force, (f * along[0], f * along[1], f * along[2]))
-            moment = add(moment, (f * about[0], f * about[1], f * about[2]))
-            good &= abs(ctrl[j]) < HUGE
-            if channel.late:
-                act[channel.state] = after
-        if not good:
-            return k
-        if not move(one, body, R, omega, force, moment, h, loop.qpos, loop.qvel):
-            return k + 1
-    return -1
+    for j in range(kind.count):
+        channel = channels[j]
+        f, after = follow(channel, ctrl[j], act[channel.state] if channel.late else 0.0)
+        along, about = push(channels, j, act)  # before the angle that comes next
+        force = add(force, (f * along[0], f * along[1], f * along[2]))
+        moment = add(moment, (f * about[0], f * about[1], f * about[2]))
+        good &= abs(ctrl[j]) < HUGE
+        if channel.late:
+            act[channel.state] = after
+    return good, force, moment
 
 
 @jit
@@ -232,11 +246,11 @@ def advance(loop, motion, step, count, recorder, row, bad, thread, threads, gate
         _wait(gate, gates * threads, threads)
         first = _take(gate, _NEXT, _BLOCK) if threads > 1 else 0
         while first < V:
-            for v in range(first, min(first + _BLOCK, V)):
-                at = fly(loop, motion, v, k, span, recorder.log, row if recorded else -1)
-                if at >= 0:
-                    bad[v] = at
-                    gate[_FAILED] = 1
+            last = min(first + _BLOCK, V)
+            v, at = fly(loop, motion, first, last, k, span, recorder.log, row if recorded else -1)
+            if v >= 0:
+                bad[v] = at
+                gate[_FAILED] = 1
             first = _take(gate, _NEXT, _BLOCK) if threads > 1 else first + _BLOCK
         gates += 1
         _wait(gate, gates * threads, threads)

@@ -120,8 +120,7 @@ def off_by(scenario: Scenario, count: int, seed: int) -> float:
         before = w.copy()
         close_loop(theirs, theirs.start + k * h, False)
         mujoco.mj_step(world.model, world.data)
-        for v in range(V):
-            assert fly(ours, fused._motion, v, k, 1, nothing, -1) == -1
+        assert fly(ours, fused._motion, 0, V, k, 1, nothing, -1) == (-1, -1)
         np.testing.assert_array_equal(ours.ctrl, theirs.ctrl)
         pushes = np.abs(world.data.actuator_force[:, None] * world.model.actuator_gear)
         pushed = np.add.reduceat(pushes, world.arena.thruster[:-1]) + np.abs(theirs.applied.reshape(V, 6))
