@@ -63,6 +63,7 @@ MOTION = np.dtype(
 )
 
 _ARRIVED, _NEXT, _FAILED = 0, 16, 32  # places in a gate, in cache lines of their own
+_CHUNK = 2_000_000  # steps times vehicles in one call: long enough for threads to find a processor each
 _BLOCK = 8  # vehicles that a thread takes at a time
 _PATIENCE = 1000  # looks at a gate before another process may have the processor
 _SMALL = 0.01  # rad^2: square of half a turn up to which its sine and cosine are short series
@@ -290,6 +291,7 @@ class Fused(ClosedLoop):
         V, control, medium = len(vehicles), self._control(), self.system.medium
         self._motion = pack_motion(kinds, damping, self._timestep)
         self._count, self._bad = 0, np.empty(V, dtype=np.int64)
+        self._chunk = max(1, min(4000, _CHUNK // V))
         self._threads = max(1, min(plan.threads, V // _BLOCK))
         self._pool = ThreadPoolExecutor(self._threads - 1) if self._threads > 1 else None
         self._begin(
