@@ -306,11 +306,14 @@ def thruster_commands(kind, thrusters, heading, command, sensed, act, ctrl):
 def turn_gears(kind, thrusters, R, act, gear):
     """Write gears on the free joint, shape (s, 6): forces, in world axes, and the moments of what turns."""
     for k in range(kind.count):
-        direction, moment = push(thrusters, k, act)
         row = gear[k]
-        row[0], row[1], row[2] = to_world(R, direction)
-        if thrusters[k].code == AZIMUTH:
-            row[3], row[4], row[5] = moment
+        row[0], row[1], row[2] = to_world(R, triple(thrusters[k].direction))
+    if kind.turning:
+        for k in range(kind.count):
+            if thrusters[k].code != FIXED:
+                row, (direction, moment) = gear[k], push(thrusters, k, act)
+                row[0], row[1], row[2] = to_world(R, direction)
+                row[3], row[4], row[5] = moment
 
 
 @inline_jit
