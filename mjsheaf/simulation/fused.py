@@ -39,12 +39,11 @@ from mjsheaf.simulation.loop import (
     ClosedLoop,
     Loop,
     Recorder,
+    close_loop,
     drive,
     place_targets,
-    record_vehicle,
-    sample,
+    record,
 )
-from mjsheaf.simulation.trajectory import record_links
 from mjsheaf.system import Phase, System
 from mjsheaf.vehicles.actuators import follow, push
 from mjsheaf.vehicles.vectors import add, cross, product, row_product, subtract, to_world, triple, upward
@@ -183,7 +182,7 @@ def fly(loop, motion, first, last, step, count, log, row):
             body = loop.fleet.bodies[v]
             R, omega, force, moment = drive(loop, v)
             if k == step and row >= 0:
-                record_vehicle(loop, log, row, v)
+                record(loop, log, row, v, v + 1)
             good, force, moment = actuate(loop, body, force, moment)
             if not good:
                 return v, k
@@ -233,14 +232,10 @@ def advance(loop, motion, step, count, recorder, row, bad, thread, threads, gate
         recorded = k % loop.per_sample == 0 and row < recorder.log.positions.shape[0]
         if thread == 0:
             if recorded:
-                place_targets(loop, recorder)
+                place_targets(loop.fleet, loop.qpos, loop.x, recorder)
             if k % loop.per_law == 0:
-                t = loop.start + k * loop.timestep
-                if loop.control.law.terms.drift > 0.0:
-                    evaluate_sines(loop.medium.harmonics, t, 0, V, loop.sines)
-                sample(loop, t)
+                close_loop(loop, loop.start + k * loop.timestep, True, 0)
             if recorded:
-                record_links(loop.memory, recorder.log, row)
                 recorder.written[0] = row + 1
             gate[_NEXT] = 0
         gates += 1

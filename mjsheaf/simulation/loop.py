@@ -119,35 +119,29 @@ def controlled_positions(fleet, qpos, x):
 
 
 @jit
-def close_loop(loop, t, due):
-    """All before a physics step: the law if it is due; then each vehicle measures, is pushed, and drives."""
-    evaluate_sines(loop.medium.harmonics, t, 0, loop.fleet.bodies.shape[0], loop.sines)
+def close_loop(loop, t, due, count):
+    """All before a physics step: the law if it is due; then each of `count` vehicles measures, is pushed, drives."""
+    medium, kinds, bodies, q = loop.medium, loop.fleet.kinds, loop.fleet.bodies, loop.qpos
+    evaluate_sines(medium.harmonics, t, 0, bodies.shape[0], loop.sines)
     if due:
-        sample(loop, t)
-    for v in range(loop.fleet.bodies.shape[0]):
-        body = loop.fleet.bodies[v]
-        kind = loop.fleet.kinds[body.kind]
+        controlled_positions(loop.fleet, loop.qpos, loop.x)
+        if loop.control.law.terms.drift > 0.0:
+            for v in range(bodies.shape[0]):
+                a, planar = bodies[v].qpos, kinds[bodies[v].kind].planar
+                w = medium_velocity(medium, loop.sines, v, q[a], q[a + 1], 0.0 if planar else q[a + 2])
+                loop.drift[v, 0], loop.drift[v, 1], loop.drift[v, 2] = w[0], w[1], w[2]
+        attitude = loop.memory.links.attitude
+        for v in range(attitude.shape[0]):
+            for i in range(4):
+                attitude[v, i] = q[bodies[v].qpos + 3 + i]
+        evaluate_law(loop.control, t, loop.x, loop.drift, loop.memory)
+    for v in range(count):
+        body = bodies[v]
+        kind = kinds[body.kind]
         R, _, force, moment = drive(loop, v)
         apply_wrench(kind, body, loop.qvel, R, force, moment, loop.applied)
         gear = loop.gear[body.actuator : body.actuator + kind.count]
         turn_gears(kind, loop.fleet.thrusters[kind.thruster :], R, loop.act[body.state :], gear)
-
-
-@inline_jit
-def sample(loop, t):
-    """Evaluate the law at time t, s, for the present state; of `loop.sines` it needs those of that time."""
-    kinds, bodies, q = loop.fleet.kinds, loop.fleet.bodies, loop.qpos
-    controlled_positions(loop.fleet, q, loop.x)
-    if loop.control.law.terms.drift > 0.0:
-        for v in range(bodies.shape[0]):
-            a, planar = bodies[v].qpos, kinds[bodies[v].kind].planar
-            w = medium_velocity(loop.medium, loop.sines, v, q[a], q[a + 1], 0.0 if planar else q[a + 2])
-            loop.drift[v, 0], loop.drift[v, 1], loop.drift[v, 2] = w[0], w[1], w[2]
-    attitude = loop.memory.links.attitude
-    for v in range(attitude.shape[0]):
-        for i in range(4):
-            attitude[v, i] = q[bodies[v].qpos + 3 + i]
-    evaluate_law(loop.control, t, loop.x, loop.drift, loop.memory)
 
 
 @inline_jit
@@ -176,53 +170,53 @@ def drive(loop, v):
 
 
 @jit
-def place_targets(loop, recorder):
-    """Put every target where its controlled position is wanted at this sample, with its attitude and speed."""
-    k, fleet, bodies = recorder.written[0], loop.fleet, loop.fleet.bodies
+def place_targets(fleet, qpos, x, recorder):
+    """Put every target where its controlled position is wanted at this sample, with its attitude and speed.
+
+    x (V, 3) is overwritten.
+    """
+    k, bodies = recorder.written[0], fleet.bodies
     agents = bodies.shape[0] - recorder.placed.shape[1]
     if k >= recorder.placed.shape[0]:
         return
-    controlled_positions(fleet, loop.qpos, loop.x)
+    controlled_positions(fleet, qpos, x)
     for v in range(agents, bodies.shape[0]):
         for i in range(2 if fleet.kinds[bodies[v].kind].planar else 3):
-            loop.qpos[bodies[v].qpos + i] += recorder.placed[k, v - agents, i] - loop.x[v, i]
-
-
-@jit
-def record(loop, recorder):
-    """Write the present state, and the commands just made for it, as the next sample."""
-    k = recorder.written[0]
-    recorder.written[0] = k + 1
-    record_links(loop.memory, recorder.log, k)
-    for v in range(loop.fleet.bodies.shape[0]):
-        record_vehicle(loop, recorder.log, k, v)
+            qpos[bodies[v].qpos + i] += recorder.placed[k, v - agents, i] - x[v, i]
 
 
 @inline_jit
-def record_vehicle(loop, log, k, v):
-    """Write the state and the commands of vehicle v as sample k."""
-    fleet, body = loop.fleet, loop.fleet.bodies[v]
-    kind, a, d = fleet.kinds[body.kind], body.qpos, body.dof
-    x, y, z = loop.qpos[a], loop.qpos[a + 1], loop.qpos[a + 2]
-    w = medium_velocity(loop.medium, loop.sines, v, x, y, 0.0 if kind.planar else z)
-    for i in range(3):
-        log.positions[k, v, i] = loop.x[v, i]
-        log.residual[k, v, i] = loop.memory.residual[v, i]
-        log.command[k, v, i] = loop.memory.command[v, i]
-        log.velocity[k, v, i] = loop.qvel[d + i]
-        log.medium[k, v, i] = w[i]
-        log.origin[k, v, i] = loop.qpos[a + i]
-    for i in range(4):
-        log.quaternions[k, v, i] = loop.qpos[a + 3 + i]
-    at_limit = 0
-    for j in range(kind.count):
-        n, thruster = body.actuator + j, fleet.thrusters[kind.thruster + j]
-        command = loop.ctrl[n]
-        log.thruster_command[k, n] = command
-        late = loop.act[loop.lag[n]] if loop.lag[n] >= 0 else command
-        log.thruster_output[k, n] = late if thruster.code == ANGLE else loop.gain[n, 0] * late
-        at_limit += command <= thruster.low or command >= thruster.high
-    log.saturation[k, v] = at_limit / kind.count
+def record(loop, log, k, first, last):
+    """Write the state and the commands just made for it of vehicles from first up to last as sample k.
+
+    Links go with vehicle 0.
+    """
+    if first == 0:
+        record_links(loop.memory, log, k)
+    fleet = loop.fleet
+    for v in range(first, last):
+        body = fleet.bodies[v]
+        kind, a, d = fleet.kinds[body.kind], body.qpos, body.dof
+        x, y, z = loop.qpos[a], loop.qpos[a + 1], loop.qpos[a + 2]
+        w = medium_velocity(loop.medium, loop.sines, v, x, y, 0.0 if kind.planar else z)
+        for i in range(3):
+            log.positions[k, v, i] = loop.x[v, i]
+            log.residual[k, v, i] = loop.memory.residual[v, i]
+            log.command[k, v, i] = loop.memory.command[v, i]
+            log.velocity[k, v, i] = loop.qvel[d + i]
+            log.medium[k, v, i] = w[i]
+            log.origin[k, v, i] = loop.qpos[a + i]
+        for i in range(4):
+            log.quaternions[k, v, i] = loop.qpos[a + 3 + i]
+        at_limit = 0
+        for j in range(kind.count):
+            n, thruster = body.actuator + j, fleet.thrusters[kind.thruster + j]
+            command = loop.ctrl[n]
+            log.thruster_command[k, n] = command
+            late = loop.act[loop.lag[n]] if loop.lag[n] >= 0 else command
+            log.thruster_output[k, n] = late if thruster.code == ANGLE else loop.gain[n, 0] * late
+            at_limit += command <= thruster.low or command >= thruster.high
+        log.saturation[k, v] = at_limit / kind.count
 
 
 # The very library that the Python bindings use; numba binds the name when it links compiled code.
@@ -253,10 +247,11 @@ def _advance(loop, step, count, recorder):
     for k in range(step, step + count):
         recorded = k % loop.per_sample == 0 and recorder.written[0] < recorder.log.positions.shape[0]
         if recorded:
-            place_targets(loop, recorder)
-        close_loop(loop, loop.start + k * loop.timestep, k % loop.per_law == 0)
+            place_targets(loop.fleet, loop.qpos, loop.x, recorder)
+        close_loop(loop, loop.start + k * loop.timestep, k % loop.per_law == 0, loop.fleet.bodies.shape[0])
         if recorded:
-            record(loop, recorder)
+            record(loop, recorder.log, recorder.written[0], 0, loop.fleet.bodies.shape[0])
+            recorder.written[0] += 1
         # MuJoCo sets all commands to zero where one is bad, and goes on: that would be another simulation.
         if _is_bad(loop.ctrl):
             return True
@@ -373,7 +368,7 @@ class ClosedLoop(ABC):
         self._enter_phase().memory.flat[:] = 0.0
         if self._controller:  # it is called at the first step, and asks for nothing until then
             self._controller.reset()
-        close_loop(self._loop, self.time, True)
+        close_loop(self._loop, self.time, True, len(self._vehicles))
 
     def close_loop(self, sample: bool | None = None) -> None:
         """Write commands and forces for the present state, without stepping.
@@ -389,7 +384,7 @@ class ClosedLoop(ABC):
             sample = self._step % self._loop.per_law == 0
         if sample:
             self._consult()
-        close_loop(self._loop, self.time, sample)
+        close_loop(self._loop, self.time, sample, len(self._vehicles))
 
     def step(self, n: int = 1) -> None:
         """Take n physics steps with the loop closed.
@@ -408,7 +403,7 @@ class ClosedLoop(ABC):
         count = min([count, *(steps for steps in ahead if steps > 0)])
         if self._controller:
             if step % loop.per_law == 0:
-                place_targets(loop, recorder)
+                place_targets(loop.fleet, loop.qpos, loop.x, recorder)
                 self._consult()
             count = min(count, loop.per_law - step % loop.per_law)
         bad = self._move(loop, step, count, recorder)
@@ -468,9 +463,11 @@ class ClosedLoop(ABC):
                     if progress:
                         progress(begin + int(recorder.written[0]) - 1, of - 1)
                 if end == of:
-                    place_targets(self._enter_phase(), recorder)
+                    loop = self._enter_phase()
+                    place_targets(loop.fleet, loop.qpos, loop.x, recorder)
                     self.close_loop(sample=True)
-                    record(self._loop, recorder)
+                    record(self._loop, recorder.log, int(recorder.written[0]), 0, len(self._vehicles))
+                    recorder.written[0] += 1
                     if progress:
                         progress(of - 1, of - 1)
             except UnstableError as error:

@@ -118,7 +118,7 @@ def off_by(scenario: Scenario, count: int, seed: int) -> float:
         theirs.qpos[:], theirs.qvel[:], theirs.act[:] = ours.qpos, ours.qvel, ours.act
         theirs.memory.command[:] = ours.memory.command
         before = w.copy()
-        close_loop(theirs, theirs.start + k * h, False)
+        close_loop(theirs, theirs.start + k * h, False, V)
         mujoco.mj_step(world.model, world.data)
         assert fly(ours, fused._motion, 0, V, k, 1, nothing, -1) == (-1, -1)
         np.testing.assert_array_equal(ours.ctrl, theirs.ctrl)
