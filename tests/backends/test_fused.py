@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from mjsheaf import World, load_scenario, simulate, simulate_many
+from mjsheaf.comparing.compare import compare
 from mjsheaf.errors import InputError, MjsheafError
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import list_scenarios
@@ -230,6 +231,32 @@ def test_a_run_that_blows_up_ends_at_the_same_sample() -> None:
     assert ours.sizes["time"] == theirs.sizes["time"]
     assert ours.attrs["message"].split("; ")[1:] == theirs.attrs["message"].split("; ")[1:]
     assert ours.attrs["message"].split(" (")[0] == theirs.attrs["message"].split(" (")[0]
+
+
+@pytest.mark.slow
+def test_a_comparison_says_the_same_on_both() -> None:
+    """Every rung, the free-decay test and the convergence table; one rung more is MuJoCo's."""
+    scenario = load_scenario("midpoint", {"time.end": 10.0})
+    theirs, ours = (compare(scenario, engine=engine).record.model_dump() for engine in ("mujoco", "fused"))
+    rung, whole = ours["ladder"].pop(), next(rung for rung in theirs["ladder"] if rung["key"] == "all")
+    assert rung["key"] == "all-mujoco"
+    assert rung["errors"] == whole["errors"]
+    for record in (theirs, ours):
+        del record["wall_time_s"]
+    agree(ours, theirs)
+
+
+def agree(one: Any, other: Any) -> None:
+    """Require equal structures with numbers within rounding."""
+    if isinstance(one, dict):
+        assert one.keys() == other.keys()
+        for key, value in one.items():
+            agree(value, other[key])
+    elif isinstance(one, list):
+        for first, second in zip(one, other, strict=True):
+            agree(first, second)
+    else:
+        assert one == (pytest.approx(other, rel=1e-9, abs=1e-9) if isinstance(one, float) else other)
 
 
 # -- threads -----------------------------------------------------------------------------------------------------------
