@@ -97,6 +97,8 @@ class PhysicsOptions:
         contacts: whether vehicles collide.
         surface: 'water', 'ground' or 'none'; drawn, and where floating vehicles float.
         surface_height: its height in m.
+        engine: what moves them: 'mujoco', or 'fused'; see `mjsheaf.simulation.fused`.
+        threads: on how many threads the fused engine moves them, at most.
         compiled: vehicles by name as their files describe them, compiled when first needed and shared by all copies.
     """
 
@@ -108,7 +110,21 @@ class PhysicsOptions:
     contacts: bool
     surface: str
     surface_height: float
+    engine: str = "mujoco"
+    threads: int = 1
     compiled: dict[str, Vehicle] = field(default_factory=dict, repr=False)
+
+    def require_engine(self) -> None:
+        """Refuse what the engine cannot do.
+
+        Raises:
+            InputError: naming the field.
+        """
+        if self.engine == "fused" and self.contacts:
+            raise InputError(
+                "physics.contacts: is true, and the fused engine has none; expected false, as with "
+                "--set physics.contacts=false, or the engine mujoco"
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -278,6 +294,14 @@ class Phase:
     def name(self) -> str:
         """Its events in a line."""
         return ", ".join(self.events) or "start"
+
+
+def on_engine(phases: Sequence[Phase], engine: str, threads: int = 1) -> tuple[Phase, ...]:
+    """The same run, its bodies moved by an engine on so many threads."""
+    systems = {id(phase.system): phase.system for phase in phases}
+    plans = {key: replace(system.bodies, engine=engine, threads=threads) for key, system in systems.items()}
+    moved = {key: replace(system, bodies=plans[key]) for key, system in systems.items()}
+    return tuple(replace(phase, system=moved[id(phase.system)]) for phase in phases)
 
 
 def during(phases: Sequence[Phase], k: int, initial: Array | None = None) -> System:

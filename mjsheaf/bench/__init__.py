@@ -24,6 +24,7 @@ TOPICS = {
     "startup": "processes",
     "ideal": "simulations",
     "loop": "simulations",
+    "fused": "simulations",
     "threads": "simulations",
     "peers": "simulations",
     "assembly": "simulations",
@@ -38,6 +39,9 @@ WANTED = {
     "ideal": 0.3,
     "loop": 1.25,
     "swarm growth": 1.2,
+    "fused": 200.0,
+    "fused run": 0.2,
+    "fused threads": 0.9,
     "speed-up": 0.9,
     "assembly": 6.0,
     "sheaf": 2.0,
@@ -51,6 +55,8 @@ WANTED = {
   into one model;
 - loop: time of a step with the loop closed, over that of a bare step; swarm growth: of a step per vehicle of the
   largest swarm, over that of the next smaller one;
+- fused: time of a step of the fused engine per vehicle of a thousand, ns, on one core; fused run: of the published run
+  on bodies by it, s; fused threads: its speed-up by threads that share one team, over their number, at least;
 - speed-up: by threads, over their number, at least; 1.8 on two cores;
 - sheaf: published time of an operation on a sheaf of 500 vertices over ours, at least; grid growth: exponent with which
   time grows with the number of vertices of a grid;

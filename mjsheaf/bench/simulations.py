@@ -8,8 +8,10 @@ import mjsheaf
 from mjsheaf.bench import WANTED, Row, at_least, at_most, best, elapsed, informs, swarm, timed
 from mjsheaf.engine import mujoco
 from mjsheaf.scenario import Scenario
+from mjsheaf.simulation.fused import Fused
 from mjsheaf.simulation.ideal import run_ideal
-from mjsheaf.simulation.loop import World
+from mjsheaf.simulation.loop import World, run_physics
+from mjsheaf.system import on_engine, phases_of
 from mjsheaf.threads import usable_processors
 
 AUTHORS_S = 38.0
@@ -21,6 +23,9 @@ PEERS = {
 }
 """Vehicle-steps per second of crazyflow 0.4.0 and gym-pybullet-drones 2.1 on a machine of two cores without a GPU, by
 number of vehicles, and what ours are wanted to be over that. benchmarks/peers.py measures them where they are."""
+
+FUSED_PEERS = {13: (2.9e5, 10.0), 100: (1.5e6, 4.0), 1000: (3.6e6, 2.5)}
+"""The same of crazyflow 0.4.0, which takes both cores, for the fused engine on as many."""
 
 _GAINS = (5.0, 8.0, 10.0, 12.0)
 
@@ -78,6 +83,61 @@ def _step(scenario: Scenario, repetitions: int, steps: int = 100) -> Row:
     return at_most("loop", what, closed, bare, ratio, WANTED["loop"], "bare mj_step")
 
 
+def fused(short: bool = False, sizes: tuple[int, ...] = (100, 1000, 10_000), peers: bool = True) -> list[Row]:
+    """The fused engine: a step per vehicle, threads, the published run on bodies beside MuJoCo's, and quadrotors.
+
+    Swarms are those of `loop`; the short version does without the last. Whether to measure the quadrotors says `peers`.
+    """
+    repetitions, count = 10 if short else 40, usable_processors()
+    rows = [row for size in sizes[: 2 if short else None] for row in _fused_swarm(size, count, repetitions)]
+    system, bound = mjsheaf.load_scenario("paper").system, WANTED["fused run"]
+    (phase,) = on_engine(phases_of(system), "fused")
+    run_physics(phase.system)  # compiles
+    run = best(lambda: run_physics(phase.system), repetitions, thread_time)
+    theirs = best(lambda: run_physics(system), max(2, repetitions // 10), thread_time)
+    steps = system.grid.steps * round(system.grid.period / system.bodies.timestep)
+    what = f"published run on bodies, {steps} steps, s"
+    rows.append(at_most("fused", what, run, bound, run / bound, 1.0, "wanted time"))
+    rows.append(informs("fused", "the same beside MuJoCo's, s", run, theirs, "by MuJoCo"))
+    for size, (known, wanted) in FUSED_PEERS.items() if peers else ():
+        bodies = Fused(on_engine(_quadrotors(size).phases, "fused", count))
+        bodies.step(5000)
+        rate = size * 500 / best(partial(bodies.step, 500), repetitions)
+        what = f"{size} quadrotors, vehicle-steps/s, {count} threads"
+        rows.append(at_least("fused", what, rate, known, rate / known, wanted, "crazyflow, measured elsewhere"))
+    return rows
+
+
+def _fused_swarm(size: int, count: int, repetitions: int) -> list[Row]:
+    """Time steps of one swarm per vehicle, in ns: on one thread, and on `count`."""
+    phases, steps, bound = swarm(size).phases, max(20, 100_000 // size), WANTED["fused"]
+    one, several = (partial(Fused(on_engine(phases, "fused", n)).step, steps) for n in (1, count))
+    one()  # compiles
+    several()
+    own = 1e9 / (steps * (size + 1))
+    alone = own * best(one, repetitions, thread_time)
+    what = f"{size + 1} tilted hexarotors, a vehicle and step, ns"
+    rows = [at_most("fused", what, alone, bound, alone / bound, 1.0, "wanted time")]
+    if count > 1 and size >= 1000:
+        turns = [(elapsed(one, perf_counter), elapsed(several, perf_counter)) for _ in range(repetitions)]
+        single, together = (own * min(times) for times in zip(*turns, strict=True))
+        speedup = median(a / b for a, b in turns)
+        wanted = WANTED["fused threads"] * count
+        rows.append(
+            at_least("fused", f"the same, {count} threads, ns", together, single, speedup, wanted, "one thread")
+        )
+    return rows
+
+
+def _quadrotors(size: int) -> Scenario:
+    """So many quadrotors, of which one is followed, in wind: 500 physics steps and 100 commands a second.
+
+    No disturbance, as peers have none.
+    """
+    rates = {"physics__timestep": 0.002, "controller__control_period": 0.01}
+    return swarm(size - 1, "quadrotor", **rates, disturbance__agents__bound=0.0)
+
+
 def threads(short: bool = False, ends: tuple[float, float] = (49.99, 20.0)) -> list[Row]:
     """Runs of `paper` with different gains: `simulate_many` on threads against one at a time, bit for bit the same.
 
@@ -122,9 +182,7 @@ def peers(short: bool = False, sizes: tuple[int, ...] = (13, 100)) -> list[Row]:
     """
     rows = []
     for size in sizes:
-        # The target is a vehicle too. No disturbance, as peers have none; wind there is.
-        rates = {"physics__timestep": 0.002, "controller__control_period": 0.01}
-        world = World(swarm(size - 1, "quadrotor", **rates, disturbance__agents__bound=0.0), visible=False)
+        world = World(_quadrotors(size), visible=False)
         world.step(5000)  # a second of work, after which clocks no longer rise
         repetitions = 5 if short else 20
         ours = size * 500 / best(lambda w=world: w.step(500), repetitions)  # type: ignore[misc]

@@ -103,8 +103,11 @@ class _Modes(NamedTuple):
 
 
 @one_thread
-def body_loop(system: System, spectrum: Spectrum, medium: Array) -> BodyLoop:
-    """Close the loop of the team's vehicles in the medium that agents meet, shape (N, 3), m/s: see `mean_medium`."""
+def body_loop(system: System, spectrum: Spectrum, medium: Array, *, gain: bool = True) -> BodyLoop:
+    """Close the loop of the team's vehicles in the medium that agents meet, shape (N, 3), m/s: see `mean_medium`.
+
+    Unless `gain`, it does not look for the largest.
+    """
     period, steps = system.grid.period, 1
     try:
         ratio = whole_ratio(period, system.bodies.timestep)
@@ -135,16 +138,16 @@ def body_loop(system: System, spectrum: Spectrum, medium: Array) -> BodyLoop:
         stable=None if perhaps else stable,
         spectral_radius=radius,
         period=period,
-        largest_gain=loop.largest_gain(system.gain, none),
+        largest_gain=loop.largest_gain(system.gain, none) if gain else None,
         least_damped=_least_damped(modes, loop.own, period, system),
         reason="only eigenvalues between the smallest and the largest would swing up, if H has them" * perhaps,
     )
 
 
-def loop_along(system: System, time: Array, q_star: Array) -> BodyLoop:
+def loop_along(system: System, time: Array, q_star: Array, *, gain: bool = True) -> BodyLoop:
     """The loop in the mean flow along harmonic extensions, padded, shape (T, N, 3), m, at times (T,), s."""
     path = q_star.reshape(len(time), -1)[:, system.team.slots[: system.team.first_state[-1]]]
-    return body_loop(system, spectrum_of(system.team), mean_medium(system, time, path))
+    return body_loop(system, spectrum_of(system.team), mean_medium(system, time, path), gain=gain)
 
 
 def loop_on_path(system: System, certificate: Certificate) -> BodyLoop:

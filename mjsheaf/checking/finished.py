@@ -290,7 +290,7 @@ def ending_of(system: System, time: Array, q_star: Array, positions: Array, *, o
     error = np.sqrt((offsets**2).sum(axis=2).mean(axis=1))
     still = _swing(_quarters(q_star)[-1]) <= _STILL_SHARE * _swing(_quarters(offsets)[-1])
     alone = still and not system.harmonics[..., :3].any()
-    unstable = (lambda: loop_along(system, time, q_star).stable is False) if on_bodies else None
+    unstable = (lambda: loop_along(system, time, q_star, gain=False).stable is False) if on_bodies else None
     return judge(error, offsets if alone else None, unstable)
 
 

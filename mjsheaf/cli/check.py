@@ -6,12 +6,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mjsheaf.cli.options import (
+    Engine,
+    EngineOption,
     FormatOption,
     NotHeldError,
     OutOption,
     ScenarioArgument,
     SeedOption,
     SetOption,
+    ThreadsOption,
     TitleOption,
     VideoOption,
     changes_of,
@@ -136,6 +139,8 @@ def compare(
     video: VideoOption = True,
     formats: FormatOption = "png",
     title: TitleOption = True,
+    engine: EngineOption = Engine.MUJOCO,
+    threads: ThreadsOption = None,
 ) -> None:
     """Compare ideal kinematics with bodies: what each effect costs, and what to change.
 
@@ -148,7 +153,16 @@ def compare(
     figures = figure_options(formats, title)
     loaded, directory, origin = prepare(scenario, overrides, seed, out, "physics", "compare")
     with in_field(scenario), progress_bars() as bars:
-        record, notes, replaced = publish(loaded, directory, video=video, origin=origin, figures=figures, progress=bars)
+        record, notes, replaced = publish(
+            loaded,
+            directory,
+            video=video,
+            engine=str(engine),
+            threads=threads,
+            origin=origin,
+            figures=figures,
+            progress=bars,
+        )
     for note in notes:
         print_note(note)
     console = make_console()

@@ -22,10 +22,20 @@ if TYPE_CHECKING:
 Backend = StrEnum("Backend", ["PHYSICS", "IDEAL"])
 """What moves the vehicles; values are the names in small letters."""
 
+Engine = StrEnum("Engine", ["MUJOCO", "FUSED"])
+"""What moves bodies."""
+
 ScenarioArgument = Annotated[
     str, typer.Argument(metavar="SCENARIO", help="A name from `mjsheaf list`, or the path of a YAML file.")
 ]
 BackendOption = Annotated[Backend, typer.Option(help="MuJoCo bodies, or the paper's first-order kinematics.")]
+EngineOption = Annotated[
+    Engine, typer.Option(help="What moves bodies: MuJoCo, or compiled equations, sooner, which have no contacts.")
+]
+ThreadsOption = Annotated[
+    int | None,
+    typer.Option(min=1, metavar="N", help="On which the fused engine moves vehicles.", show_default="one a core"),
+]
 SetOption = Annotated[
     list[str] | None,
     typer.Option(

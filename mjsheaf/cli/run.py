@@ -9,6 +9,8 @@ import typer
 from mjsheaf.cli.options import (
     Backend,
     BackendOption,
+    Engine,
+    EngineOption,
     FormatOption,
     NotHeldError,
     OutOption,
@@ -16,6 +18,7 @@ from mjsheaf.cli.options import (
     ScenarioArgument,
     SeedOption,
     SetOption,
+    ThreadsOption,
     TitleOption,
     VideoOption,
     figure_options,
@@ -53,6 +56,8 @@ def run(
     quality: QualityOption = None,
     formats: FormatOption = "png",
     title: TitleOption = True,
+    engine: EngineOption = Engine.MUJOCO,
+    threads: ThreadsOption = None,
 ) -> None:
     """Simulate a scenario and leave data, plots, a page to look at and a video.
 
@@ -79,6 +84,8 @@ def run(
                 str(backend),
                 directory,
                 video=options,
+                engine=str(engine),
+                threads=threads,
                 allow_drift=allow_drift,
                 controller=law,
                 origin=origin,

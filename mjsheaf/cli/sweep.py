@@ -10,6 +10,7 @@ import typer
 
 from mjsheaf.cli.options import (
     Backend,
+    Engine,
     FormatOption,
     SetOption,
     TitleOption,
@@ -51,6 +52,7 @@ def sweep(
     measure: Annotated[Measure | None, typer.Option(help="The error that plots show.", show_default="all")] = None,
     formats: FormatOption = "png",
     title: TitleOption = True,
+    engine: Annotated[Engine | None, typer.Option(help="As for run.", show_default="mujoco")] = None,
 ) -> None:
     """Run a scenario many times, on every core or a cluster; killed at any moment, the same command goes on.
 
@@ -81,16 +83,17 @@ def sweep(
         seeds=None if seeds is None else parse_seeds(seeds),
         overrides=changes_of(overrides),
         backend=backend and backend.value,
+        engine=engine and engine.value,
         measure=measure,
         trajectories=trajectories,
     )
     if plan.study.seeds is not None and not plan.seed_matters:
         note_idle_seed(plan.scenario["name"], plan.study.backend)
     here = partial(local_engine, workers, processes=not threads)
-    engine = here if scheduler is None else partial(engine_at, scheduler, print_note)
+    begin = here if scheduler is None else partial(engine_at, scheduler, print_note)
     with progress_bars() as bars:
         try:
-            study = run_study(plan, out, engine, retry_failed=retry_failed, figures=figures, progress=bars)
+            study = run_study(plan, out, begin, retry_failed=retry_failed, figures=figures, progress=bars)
         except Stopped as stopped:
             ended = len(list(out.glob("runs/[0-9]*.json")))
             kept = f"{ended} of {len(plan.points)} runs have ended and are kept in {out}; the same command goes on"

@@ -14,7 +14,7 @@ from mjsheaf.comparing.verdict import CompareRecord, LoopRecord, verdict_of
 from mjsheaf.errors import InputError
 from mjsheaf.results import make_dataset
 from mjsheaf.runs.harm import examine_terms
-from mjsheaf.runs.simulate import Progress, no_progress, require_simulable
+from mjsheaf.runs.simulate import Progress, moved_by, no_progress, require_simulable
 from mjsheaf.scenario import Scenario
 from mjsheaf.system import System
 
@@ -27,15 +27,20 @@ class Comparison:
     runs: dict[str, Run]
 
 
-def compare(scenario: Scenario, progress: Progress = no_progress) -> Comparison:
+def compare(
+    scenario: Scenario, progress: Progress = no_progress, *, engine: str = "mujoco", threads: int | None = None
+) -> Comparison:
     """Compare a scenario's ideal kinematics with its bodies.
 
     Args:
         scenario: from `load_scenario`.
         progress: called with (what is being done, done, in all).
+        engine, threads: that move bodies; see `simulate`. Beside another engine's runs is MuJoCo's of the scenario as
+            it stands.
 
     Raises:
-        InputError: a vehicle that does not fit its agent, a g that is not of full row rank, or events.
+        InputError: an engine that lacks what the scenario asks for, a vehicle that does not fit its agent, a g that is
+            not of full row rank, or events.
         NotUniqueError: the harmonic extension is not unique.
     """
     if scenario.events:
@@ -44,7 +49,8 @@ def compare(scenario: Scenario, progress: Progress = no_progress) -> Comparison:
             "`mjsheaf expect` shows the errors of both backends at the end of each phase"
         )
     begun = time.perf_counter()
-    system = scenario.system
+    (phase,) = moved_by(scenario.phases, "physics", engine, threads)
+    system = phase.system
     require_simulable(system, "physics")
     runs = run_ablation(system, ladder_of(system), progress)
     ideal = runs["ideal"]

@@ -9,9 +9,11 @@
     -EFFECT    the scenario with one effect switched off
     X-terms    ideal kinematics and the scenario as it stands under the paper's law alone, without its terms
     X-links    the same two over perfect links: no noise, delay or loss
+    all-mujoco the scenario as it stands, moved by MuJoCo
 
 The ladder has variants only for effects that some vehicle of the scenario has and that the scenario leaves on, for
-the paper's law only where the scenario's has terms beyond it, and for perfect links only where its own are not.
+the paper's law only where the scenario's has terms beyond it, for perfect links only where its own are not, and for
+MuJoCo only where another engine moves the bodies.
 
 A scenario may be worse without an effect than with it, as effects are not independent:
 
@@ -61,7 +63,7 @@ from mjsheaf.system import System
 from mjsheaf.vehicles.effects import has_effects
 from mjsheaf.vehicles.vehicle import Vehicle
 
-Kind = Literal["ideal", "part", "base", "alone", "all", "without", "law", "links"]
+Kind = Literal["ideal", "part", "base", "alone", "all", "without", "law", "links", "engine"]
 
 CONTACTS = "contacts"
 _OF_VEHICLES = ("inertia", "drag_law", "limits", "lag", "underactuation")
@@ -108,6 +110,7 @@ class Setup:
         effects: those of EFFECTS that are on; without a meaning where nobody is a body.
         terms: whether the law keeps what it has beyond the paper's.
         links: whether links are as they are, or perfect.
+        mujoco: whether MuJoCo moves the bodies, whatever else does.
     """
 
     agents: bool
@@ -115,11 +118,13 @@ class Setup:
     effects: frozenset[str] = frozenset()
     terms: bool = True
     links: bool = True
+    mujoco: bool = False
 
     def apply(self, system: System) -> System:
         """The system with these bodies."""
         effects = system.bodies.effects.model_copy(update={name: name in self.effects for name in _OF_VEHICLES})
         bodies = replace(system.bodies, effects=effects, contacts=CONTACTS in self.effects)
+        bodies = replace(bodies, engine="mujoco") if self.mujoco else bodies
         lawful = system if self.terms else without_terms(system)
         return replace(lawful if self.links else without_links(lawful), bodies=bodies)
 
@@ -255,7 +260,7 @@ def _switched_on(system: System) -> frozenset[str]:
 
 
 def ladder_of(system: System) -> list[Variant]:
-    """The variants of a scenario: ideal to all, without one effect, under the paper's law, over perfect links."""
+    """The variants of a scenario: ideal to all, without one effect, by the paper's law, on perfect links, by MuJoCo."""
     effects, own = effects_of(system), _switched_on(system)
 
     def bodies(effects: frozenset[str], terms: bool = True, links: bool = True) -> Setup:
@@ -269,6 +274,7 @@ def ladder_of(system: System) -> list[Variant]:
         Variant("ideal-links", "ideal, perfect links", "links", Setup(agents=False, targets=False, links=False)),
         Variant("all-links", "all, perfect links", "links", bodies(own, links=False)),
     ]
+    engine = Variant("all-mujoco", "all, MuJoCo", "engine", replace(bodies(own), mujoco=True))
     return [
         Variant("ideal", "ideal kinematics", "ideal", Setup(agents=False, targets=False)),
         Variant("targets", "only targets are bodies", "part", Setup(agents=False, targets=True)),
@@ -279,6 +285,7 @@ def ladder_of(system: System) -> list[Variant]:
         *(Variant(f"-{e}", f"all - {display_name(e)}", "without", bodies(own - {e}), e) for e in effects),
         *(law if system.law.terms.agents else []),
         *(links if len(system.law.links.table) else []),
+        *([engine] if system.bodies.engine != "mujoco" else []),
     ]
 
 

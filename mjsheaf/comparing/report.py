@@ -44,7 +44,7 @@ _BEFORE_EFFECTS = {
 _AFTER_EFFECTS = {"interaction_m": "interaction", "all_m": "as it stands"}
 """Fields of a budget in the order of its table, with their labels."""
 
-_SECTION = {"ideal": 0, "part": 0, "base": 1, "alone": 1, "all": 2, "without": 2, "law": 3, "links": 4}
+_SECTION = {"ideal": 0, "part": 0, "base": 1, "alone": 1, "all": 2, "without": 2, "law": 3, "links": 4, "engine": 5}
 
 
 def report(record: CompareRecord) -> Group:
@@ -232,6 +232,8 @@ def publish(
     directory: Path,
     *,
     video: bool,
+    engine: str = "mujoco",
+    threads: int | None = None,
     origin: str | None = None,
     figures: FigureOptions = AS_USUAL,
     progress: Progress = no_progress,
@@ -251,7 +253,7 @@ def publish(
     replaced = replaced_run(directory)
     notes: list[str] = []
     with staging(directory) as fresh:
-        comparison = compare(scenario, progress)
+        comparison = compare(scenario, progress, engine=engine, threads=threads)
         record = comparison.record.model_copy(update={"origin": origin})
         write_scenario(scenario, fresh)
         _plot(comparison, fresh, figures)
@@ -296,7 +298,8 @@ def _page(scenario: Scenario, comparison: Comparison) -> bytes:
         "ending": ending_of_run(phases, physics) if finished else None,
     }
     bounds = bounds_of_phases(phases, physics)
-    again = "mjsheaf compare scenario.yaml", " in this directory"
+    engine = f" --engine {physics.attrs['engine']}" if "engine" in physics.attrs else ""
+    again = f"mjsheaf compare scenario.yaml{engine}", " in this directory"
     notes = comparison.record.verdict
     return page_of(scenario, phases, physics, summary, bounds, notes=notes, ideal=ideal, again=again)
 

@@ -30,6 +30,7 @@ third bounds the strongest kernel the first way and all the others the second wa
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -63,7 +64,7 @@ class Supremum:
 
 def singular_points(flow: FlowField, *, planar: bool) -> Array:
     """Where the field that a vehicle meets is not C^1, shape (k, 2) or (k, 3), m: centres of kernels without a core."""
-    return _Kernels(flow, 2 if planar or flow.dimension == 2 else 3, drift=False).singular
+    return _Kernels(flow.table, flow.dimension, 2 if planar or flow.dimension == 2 else 3, drift=False).singular
 
 
 def supremum(
@@ -107,8 +108,40 @@ def supremum(
         raise InputError(f"a box needs finite corners with low <= high, not {given[0]} and {given[1]}")
     if not tolerance >= 0.0:
         raise InputError(f"tolerance is {tolerance}; expected zero or more")
+    table = _Bytes(flow.table, flow.dimension)
+    return _supremum(table, _Bytes(corners[0]), _Bytes(corners[1]), n, planar, slope, drift, tolerance, most_cells)
+
+
+class _Bytes:
+    """An array, equal to others of the same bytes and size."""
+
+    def __init__(self, values: Array, dimension: int = 0) -> None:
+        self.values, self._key = values, (values.tobytes(), values.shape, dimension)
+        self.dimension = dimension
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Bytes) and self._key == other._key
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+
+@lru_cache(16)  # runs of a study mostly ask for the same
+def _supremum(
+    table: _Bytes,
+    low: _Bytes,
+    high: _Bytes,
+    n: int,
+    planar: bool,
+    slope: bool,
+    drift: bool,
+    tolerance: float,
+    most_cells: int,
+) -> Supremum:
+    """See `supremum`: of a flow's table, over boxes in n coordinates."""
+    corners = low.values, high.values
     a, b = (c[:, :n] for c in corners)
-    kernels = _Kernels(flow, n, drift and not slope)
+    kernels = _Kernels(table.values, table.dimension, n, drift and not slope)
 
     def result(upper: float, seen: float, at: Array) -> Supremum:
         where = np.concatenate([at, 0.5 * (corners[0] + corners[1])[0, n:]])[: 2 if planar else None]
@@ -182,10 +215,10 @@ class _Kernels:
         singular: centres of the poles that are infinite there, shape (k, n), m.
     """
 
-    def __init__(self, flow: FlowField, n: int, drift: bool) -> None:
-        self.n, space = n, flow.dimension == 3
-        self.drift = flow.table[0, 2 : 2 + n] if drift else np.zeros(n)
-        kernels = flow.table[1:]
+    def __init__(self, table: Array, dimension: int, n: int, drift: bool) -> None:
+        self.n, space = n, dimension == 3
+        self.drift = table[0, 2 : 2 + n] if drift else np.zeros(n)
+        kernels = table[1:]
         sources, vortices, channels = (kernels[kernels[:, 0] == kind] for kind in (SOURCE, VORTEX, CHANNEL))
         vortices = vortices[np.any(vortices[:, 5:8] != 0.0, axis=1)]
         poles, axis = np.concatenate([sources, vortices]), vortices[:, 5:8]

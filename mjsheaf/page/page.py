@@ -20,7 +20,7 @@ from mjsheaf.io.files import naming, write_whole
 from mjsheaf.io.section import LARGEST
 from mjsheaf.page.replay import REQUIRED, pack
 from mjsheaf.plotting import groups_of
-from mjsheaf.results.metrics import MEASURES, phases_in
+from mjsheaf.results.metrics import MEASURES, engine_of, phases_in
 from mjsheaf.scenario import Scenario
 from mjsheaf.vehicles.effects import capability_of, of_each
 
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 Bounds = Sequence[tuple["RunBound", "HeldBound"]]
 
+_BODIES = {None: "ideal kinematics", "mujoco": "MuJoCo bodies", "fused": "bodies moved by the fused engine"}
 _ARROWS = 12  # of the flow, along each side of the grid
 _REACH = 1.25  # of the grid, times the scene's size
 
@@ -188,12 +189,14 @@ def _facts(
     final = summary.get("final") or {}
     rows = [["team", *(final.get(m) for m in MEASURES)]]
     rows += [[name, *(own.get(m) for m in MEASURES)] for name, own in (final.get("groups") or {}).items()]
-    command, where = again or (f"mjsheaf run scenario.yaml --backend {backend}{controller}", " in this directory")
+    engine = f" --engine {attrs['engine']}" if "engine" in attrs else ""
+    command = f"mjsheaf run scenario.yaml --backend {backend}{engine}{controller}"
+    command, where = again or (command, " in this directory")
     laws = [f"gain {scenario.controller.gain:g} 1/s", *scenario.system.law.terms.names]
     return {
         "scenario": scenario.name,
         "summary": scenario.summary,
-        "backend": "MuJoCo bodies" if backend == "physics" else "ideal kinematics",
+        "backend": _BODIES[engine_of(dataset)],
         "law": f"a law in Python, {attrs['controller']}" if controller else "sheaf law, " + ", ".join(laws),
         "status": attrs["status"],
         "message": attrs.get("message", ""),

@@ -287,6 +287,7 @@ def _attributes(system: System, backend: str, seed: int) -> dict[str, Any]:
         "source": f"mjsheaf {__version__}",
         "scenario": system.name,
         "backend": backend,
+        **({"engine": system.bodies.engine} if backend == "physics" and system.bodies.engine != "mujoco" else {}),
         "status": "",
         "message": "",
         "free_directions": "; ".join(describe_null_modes(team.remaining)),

@@ -22,9 +22,9 @@ from mjsheaf.io.files import naming, write_whole
 from mjsheaf.io.section import LARGEST
 from mjsheaf.io.yaml import SUFFIXES, dump_yaml
 from mjsheaf.results import check_expectation, open_dataset, store, summarize, thinned, write_dataset
-from mjsheaf.results.metrics import communication, delivery_of, summarize_phases
+from mjsheaf.results.metrics import communication, delivery_of, engine_of, summarize_phases
 from mjsheaf.results.netcdf import split
-from mjsheaf.runs.simulate import Progress, no_progress, require_simulable, stream
+from mjsheaf.runs.simulate import Progress, moved_by, no_progress, require_simulable, stream
 from mjsheaf.scenario import Scenario
 from mjsheaf.video import VideoOptions, available_backend
 
@@ -138,6 +138,8 @@ def execute(
     directory: Path,
     *,
     video: VideoOptions | None,
+    engine: str = "mujoco",
+    threads: int | None = None,
     allow_drift: bool = False,
     controller: "Controller | None" = None,
     origin: str | None = None,
@@ -153,7 +155,7 @@ def execute(
         PlaceError: the directory may not be replaced or cannot be written.
         NotUniqueError: the harmonic extension is not unique and drift is not allowed; nothing is written.
     """
-    phases = scenario.phases
+    phases = moved_by(scenario.phases, backend, engine, threads)
     require_simulable(phases, backend, allow_drift=allow_drift)
     simulating = partial(progress, "simulating")
     pieces = TimedIterator(stream(phases, backend, scenario.seed, simulating, controller=controller))
@@ -319,6 +321,7 @@ def _summary_of(
         "scenario": scenario.name,
         "origin": None,
         "backend": backend,
+        "engine": engine_of(drawn),
         "status": status,
         "message": drawn.attrs["message"],
         "ending": ending_of_run(phases, drawn) if status == "finished" and not controller else None,

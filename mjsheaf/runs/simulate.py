@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from mjsheaf.system import Phase, System
 
 BACKENDS = ("physics", "ideal")
+ENGINES = ("mujoco", "fused")
 
 Progress = Callable[[str, int, int], None]
 """Called with (what is being done, done, in all)."""
@@ -29,6 +30,8 @@ def simulate(
     scenario: Scenario,
     backend: str = "physics",
     *,
+    engine: str = "mujoco",
+    threads: int | None = None,
     controller: "Law | Controller | None" = None,
     allow_drift: bool = False,
     progress: Callable[[int, int], None] | None = None,
@@ -38,6 +41,10 @@ def simulate(
     Args:
         scenario: from `load_scenario`.
         backend: 'physics' or 'ideal'.
+        engine: what moves bodies: 'mujoco', or 'fused', which has no contacts, ends within rounding of it and takes a
+            fraction of the time.
+        threads: on how many the fused engine moves them; None takes the processors that are free to use. The result is
+            the same to the bit.
         controller: a law in Python in place of the agents' own, `law(t, sample)` -> velocities (N, 3), m/s, called once
             a control period; see `mjsheaf.control.controller`.
         allow_drift: simulate a team whose harmonic extension is not unique too, against the q* of minimum norm; the
@@ -49,15 +56,32 @@ def simulate(
         'unstable', attrs['message'] says why, and the data end with the last good sample.
 
     Raises:
-        InputError: unknown backend, a vehicle that does not fit its agent, or a g that is not of full row rank; or a
-            law in Python raised an exception or returned no velocities: the message names agent and time.
+        InputError: unknown backend or engine, an engine that lacks what the scenario asks for, a vehicle that does not
+            fit its agent, or a g that is not of full row rank; or a law in Python raised an exception or returned no
+            velocities: the message names agent and time.
         NotUniqueError: the harmonic extension is not unique, and drift is not allowed.
     """
-    phases = scenario.phases
+    phases = moved_by(scenario.phases, backend, engine, threads)
     require_simulable(phases, backend, allow_drift=allow_drift)
     result = next(stream(phases, backend, scenario.seed, progress, phases[0].system.grid.steps + 1, controller))
     result.encoding["scenario"] = scenario  # for `mjsheaf.save`; no file gets it
     return result
+
+
+def moved_by(
+    phases: "Sequence[Phase]", backend: str, engine: str = "mujoco", threads: int | None = None
+) -> "Sequence[Phase]":
+    """A run on an engine; see `simulate`.
+
+    Raises:
+        InputError: unknown engine, one for ideal kinematics, or threads below 1.
+    """
+    from mjsheaf.system import on_engine
+
+    require_engine(engine, backend)
+    if threads is not None and threads < 1:
+        raise InputError(f"threads is {threads}; expected 1 or more, or None")
+    return phases if engine == "mujoco" else on_engine(phases, engine, threads or usable_processors())
 
 
 def stream(
@@ -103,6 +127,7 @@ def simulate_many(
     scenarios: Iterable[Scenario],
     backend: str = "physics",
     *,
+    engine: str = "mujoco",
     workers: int | None = None,
     allow_drift: bool = False,
     progress: Callable[[int, int], None] | None = None,
@@ -115,6 +140,7 @@ def simulate_many(
     Args:
         scenarios: for example one scenario with many seeds or gains.
         backend: 'physics' or 'ideal'.
+        engine: as for `simulate`.
         workers: how many run at a time; None takes one for each processor that this process may use.
         allow_drift: as for `simulate`.
         progress: called from the calling thread with (runs done, runs in all).
@@ -124,9 +150,10 @@ def simulate_many(
         others: its place holds the error, a MjsheafError. A run that blew up is a dataset with status 'unstable'.
 
     Raises:
-        InputError: unknown backend, or workers below 1.
+        InputError: unknown backend or engine, or workers below 1.
     """
     _require_backend(backend)
+    require_engine(engine, backend)
     if workers is not None and workers < 1:
         raise InputError(f"workers is {workers}; expected 1 or more, or None")
     todo = list(scenarios)
@@ -139,7 +166,7 @@ def simulate_many(
     def one(scenario: Scenario) -> "xr.Dataset | MjsheafError":
         try:
             check(0, 0)
-            return simulate(scenario, backend, allow_drift=allow_drift, progress=check)
+            return simulate(scenario, backend, engine=engine, threads=1, allow_drift=allow_drift, progress=check)
         except MjsheafError as error:
             return error
 
@@ -164,13 +191,25 @@ def _require_backend(backend: str) -> None:
         raise InputError(f"unknown backend {backend!r}; {expected(backend, BACKENDS)}")
 
 
+def require_engine(engine: str, backend: str) -> None:
+    """Refuse an engine.
+
+    Raises:
+        InputError: it is unknown, or not for this backend.
+    """
+    if engine not in ENGINES:
+        raise InputError(f"unknown engine {engine!r}; {expected(engine, ENGINES)}")
+    if engine != "mujoco" and backend == "ideal":
+        raise InputError(f"engine {engine!r}: moves bodies, and ideal kinematics have none; expected backend 'physics'")
+
+
 def require_simulable(run: "System | Sequence[Phase]", backend: str, *, allow_drift: bool = False) -> None:
     """Refuse what cannot be simulated; the same on both backends, before anything is simulated or written.
 
     Raises:
-        InputError: unknown backend; a vehicle that is unknown or does not fit its agent or target, which matters to the
-            ideal backend too, as a scenario that only one backend takes is not one to compare; or a g that is not of
-            full row rank.
+        InputError: unknown backend; contacts, where the engine has none; a vehicle that is unknown or does not fit its
+            agent or target, which matters to the ideal backend too, as a scenario that only one backend takes is not
+            one to compare; or a g that is not of full row rank.
         NotUniqueError: the harmonic extension is not unique, in some phase of the run, and drift is not allowed.
     """
     from mjsheaf.dynamics.effectiveness import without_full_row_rank
@@ -179,6 +218,7 @@ def require_simulable(run: "System | Sequence[Phase]", backend: str, *, allow_dr
     _require_backend(backend)
     phases = phases_of(run)
     system = phases[0].system
+    system.bodies.require_engine()
     team = system.team
     named = zip(team.members, system.bodies.vehicle, strict=True)
     if any(name != DEFAULT_VEHICLE[member.dimension] for member, name in named):

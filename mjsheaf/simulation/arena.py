@@ -152,10 +152,7 @@ def compose(
         thruster=np.concatenate([[0], np.cumsum([len(v.channels) for v in vehicles])]).astype(np.int64),
     )
     for v, vehicle in enumerate(vehicles):
-        if vehicle.joint_damps(timestep):
-            at = arena.dof[v]
-            model.dof_damping[at : at + 3] = vehicle.drag.max()
-            model.dof_damping[at + 3 : at + 6] = vehicle.angular_drag
+        model.dof_damping[arena.dof[v] : arena.dof[v] + 6] = vehicle.joint_damping(timestep)
     _check_masses(arena)
     return arena
 

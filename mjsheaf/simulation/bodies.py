@@ -29,17 +29,17 @@ With the commanded velocity v_c relative to the medium, in body axes, and d the 
 What the force becomes is its steering's, what commands efforts take its actuators'.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mjsheaf.arrays import Array
+from mjsheaf.arrays import Array, IntArray
 from mjsheaf.jit import inline_jit, jit
-from mjsheaf.simulation.arena import Arena
 from mjsheaf.simulation.trajectory import quaternions_of
 from mjsheaf.system import medium_velocity
-from mjsheaf.vehicles.actuators import AZIMUTH, CHANNEL, FIXED, aim, at_most, room_of
+from mjsheaf.vehicles.actuators import AZIMUTH, CHANNEL, FIXED, aim, at_most, push, room_of
 from mjsheaf.vehicles.steering import drag_force, steer
 from mjsheaf.vehicles.vectors import add, cross, product, row_product, subtract, to_body, to_world, triple, upward
 from mjsheaf.vehicles.vehicle import Vehicle
@@ -125,31 +125,43 @@ class Sensed(NamedTuple):
     rates: tuple[float, ...]
 
 
-def pack_fleet(arena: Arena, heading: Array, level: float) -> Fleet:
-    """Pack an arena's vehicles; headings (V,) in rad are held, `level` is the height of the water in m."""
-    ids = [id(vehicle) for vehicle in arena.vehicles]
-    first = {key: ids.index(key) for key in dict.fromkeys(ids)}  # of each kind
-    kinds = np.zeros(len(first), KIND)
-    kinds["count"] = [len(arena.vehicles[v].channels) for v in first.values()]
+def kinds_of(vehicles: Sequence[Vehicle]) -> tuple[list[Vehicle], IntArray]:
+    """The vehicle of each kind, in the order of KINDs, and the kind of each vehicle, shape (V,)."""
+    kinds = {id(vehicle): vehicle for vehicle in vehicles}
+    number = {key: k for k, key in enumerate(kinds)}
+    return list(kinds.values()), np.array([number[id(vehicle)] for vehicle in vehicles], dtype=np.int64)
+
+
+def pack_fleet(vehicles: Sequence[Vehicle], damping: Array, heading: Array, level: float, timestep: float) -> Fleet:
+    """Pack vehicles, each on a free joint of its own, in order.
+
+    Args:
+        vehicles: what each is.
+        damping: that its joint takes, shape (V, 6), N s/m and N m s/rad.
+        heading: that each holds, shape (V,), rad.
+        level: height of the water, m.
+        timestep: of the physics, s.
+    """
+    types, number = kinds_of(vehicles)
+    kinds = np.zeros(len(types), KIND)
+    kinds["count"] = [len(vehicle.channels) for vehicle in types]
     kinds["thruster"] = np.cumsum(kinds["count"]) - kinds["count"]
     kinds["level"] = level
-    states = np.concatenate([[0], np.cumsum(arena.model.actuator_actadr >= 0)])  # before each actuator
-    thrusters = np.zeros(kinds["count"].sum(), CHANNEL)
-    for kind, v in zip(kinds, first.values(), strict=True):
-        vehicle, begin = arena.vehicles[v], arena.thruster[v]
-        _pack(vehicle, kind, arena.model.dof_damping[arena.dof[v] : arena.dof[v] + 6])
+    thrusters, states = np.zeros(kinds["count"].sum(), CHANNEL), np.zeros(len(types), dtype=np.int64)
+    for k, (kind, vehicle) in enumerate(zip(kinds, types, strict=True)):
+        _pack(vehicle, kind, damping[int(np.argmax(number == k))])
         channels = thrusters[kind["thruster"] : kind["thruster"] + kind["count"]]
         channels["direction"], channels["moment"] = vehicle.gears[:, :3], vehicle.gears[:, 3:]
         channels["row"] = vehicle.allocation
         channels["low"], channels["high"] = vehicle.limits.T
-        channels["state"] = states[begin : begin + kind["count"]] - states[begin]
         for actuator, own in zip(vehicle.actuators, vehicle.by_actuator(channels), strict=True):
-            actuator.pack(own, arena.model.opt.timestep)
-        kind["turning"] = (channels["code"] == AZIMUTH).any()
-    bodies = np.zeros(len(ids), BODY)
-    bodies["kind"] = [list(first).index(key) for key in ids]
-    bodies["qpos"], bodies["dof"], bodies["actuator"] = arena.qpos, arena.dof, arena.thruster[:-1]
-    bodies["state"] = states[arena.thruster[:-1]]
+            actuator.pack(own, timestep)
+        channels["state"] = np.cumsum(channels["late"]) - channels["late"]
+        kind["turning"], states[k] = (channels["code"] == AZIMUTH).any(), channels["late"].sum()
+    bodies, v = np.zeros(len(vehicles), BODY), np.arange(len(vehicles))
+    bodies["kind"], bodies["qpos"], bodies["dof"] = number, 7 * v, 6 * v
+    for name, each in (("actuator", kinds["count"][number]), ("state", states[number])):
+        bodies[name] = np.cumsum(each) - each
     bodies["heading"] = quaternions_of(heading)[:, [0, 3]]
     return Fleet(kinds, bodies, thrusters)
 
@@ -192,12 +204,11 @@ def velocity_through_medium(kind, body, medium, sines, v, qpos, qvel, R):
 
 
 @inline_jit
-def apply_medium_wrench(kind, body, qpos, qvel, R, s, omega, applied):
-    """Write the medium's wrench into `applied` (qfrc_applied): force in world axes, moment in body axes.
+def medium_wrench(kind, height, R, s, omega):
+    """Force and moment of the medium, but for what the joint takes of the moment, body axes, (3,) each.
 
-    s and omega are the velocity through the medium and the rates in body axes, (3,) each.
+    s and omega are the velocity through the medium and the rates in body axes, (3,) each; height is the origin's, m.
     """
-    a, d = body.qpos, body.dof
     D, Q, k = kind.drag, kind.quadratic, kind.explicit
     force = drag_force(kind, s)
     force = -force[0], -force[1], -force[2]
@@ -208,7 +219,7 @@ def apply_medium_wrench(kind, body, qpos, qvel, R, s, omega, applied):
     )
     if kind.buoyancy > 0.0:
         # A moment K (b_z x e_z) rights the hull; its height and its tilt are small.
-        force = add(force, upward(R, kind.buoyancy - kind.restoring[0] * (qpos[a + 2] - kind.level)))
+        force = add(force, upward(R, kind.buoyancy - kind.restoring[0] * (height - kind.level)))
         moment = add(moment, cross(triple(kind.centre), upward(R, kind.buoyancy)))
         moment = moment[0] - kind.restoring[1] * R[7], moment[1] + kind.restoring[2] * R[6], moment[2]
     if kind.ballast > 0.0:
@@ -216,7 +227,13 @@ def apply_medium_wrench(kind, body, qpos, qvel, R, s, omega, applied):
         force, moment = add(force, weight), add(moment, cross(triple(kind.ballast_point), weight))
     if kind.added:
         force, moment = _share_with_medium(kind, R, s, omega, force, moment)
-    force = to_world(R, force)
+    return force, moment
+
+
+@inline_jit
+def apply_wrench(kind, body, qvel, R, force, moment, applied):
+    """Write force and moment into `applied` (qfrc_applied), the force in world axes; less what the joint takes."""
+    d, force = body.dof, to_world(R, force)
     for i in range(3):
         applied[d + i] = force[i] + kind.implicit * qvel[d + i]
         applied[d + 3 + i] = moment[i]
@@ -252,7 +269,7 @@ _TIPPED = 0.5  # cosine of the tilt beyond which turning back comes before carry
 
 
 @inline_jit
-def thruster_commands(kind, thrusters, heading, command, sensed, act, ctrl, gear):
+def thruster_commands(kind, thrusters, heading, command, sensed, act, ctrl):
     """Write the commands of a vehicle's actuators.
 
     Args:
@@ -263,7 +280,6 @@ def thruster_commands(kind, thrusters, heading, command, sensed, act, ctrl, gear
         sensed: see `Sensed`.
         act: activations, its own first.
         ctrl: the commands, shape (s,), written.
-        gear: of its actuators, shape (s, 6), of which forces, in world axes, and what turns is written.
     """
     R, s = sensed.R, sensed.velocity
     wanted = to_body(R, command)
@@ -282,11 +298,22 @@ def thruster_commands(kind, thrusters, heading, command, sensed, act, ctrl, gear
     )
     weight, turn, force, moment = steer(kind, heading, sensed, wanted, force, weight)
     _allocate(kind, thrusters, R[8], weight, turn, force, moment, ctrl)
+    if kind.turning:
+        aim(thrusters, act, ctrl)
+
+
+@inline_jit
+def turn_gears(kind, thrusters, R, act, gear):
+    """Write gears on the free joint, shape (s, 6): forces, in world axes, and the moments of what turns."""
     for k in range(kind.count):
         row = gear[k]
         row[0], row[1], row[2] = to_world(R, triple(thrusters[k].direction))
     if kind.turning:
-        aim(thrusters, R, act, ctrl, gear)
+        for k in range(kind.count):
+            if thrusters[k].code != FIXED:
+                row, (direction, moment) = gear[k], push(thrusters, k, act)
+                row[0], row[1], row[2] = to_world(R, direction)
+                row[3], row[4], row[5] = moment
 
 
 @inline_jit

@@ -199,7 +199,7 @@ class _Bench:
         """Let all vehicles fly or sail under their commands, then put them back to where they began."""
         self._place(self.qpos, self.qvel, self.act, self.command)
         for _ in range(min(round(_SETTLE_TIME / self.timestep), _MOST_SETTLE_STEPS)):
-            close_loop(self.loop, 0.0, False)
+            close_loop(self.loop, 0.0, False, len(self.vehicles))
             mujoco.mj_step(self.model, self.data)
         self.qpos, self.qvel = self.data.qpos.reshape(-1, 7).copy(), self.data.qvel.reshape(-1, 6).copy()
         self.act = self.data.act.copy()
@@ -233,7 +233,7 @@ class _Bench:
         x, R = self.loop.x, self._rotations()
         controlled_positions(self.loop.fleet, self.data.qpos, x)
         begin = x.copy()
-        close_loop(self.loop, 0.0, False)
+        close_loop(self.loop, 0.0, False, len(self.vehicles))
         mujoco.mj_step(self.model, self.data)
         dq, after = np.empty(self.model.nv), self.still.copy()
         mujoco.mj_differentiatePos(self.model, dq, 1.0, self.qpos.ravel(), self.data.qpos)

@@ -52,6 +52,7 @@ class Job:
         overrides: field path to value, for all runs of the study.
         directory: to which paths of vehicles in overrides are relative.
         backend: 'physics' or 'ideal'.
+        engine: what moves bodies.
         trajectories: whether result.nc is wanted.
         versions: of the mjsheaf that asks and of its libraries.
     """
@@ -62,6 +63,7 @@ class Job:
     overrides: dict[str, Any]
     directory: str
     backend: str
+    engine: str = "mujoco"
     trajectories: bool = False
     versions: dict[str, str] = field(default_factory=versions)
 
@@ -153,7 +155,7 @@ def failed_record(job: Job, error: Exception) -> dict[str, Any]:
 
 def _run(job: Job) -> tuple[dict[str, Any], bytes | None, bytes | None]:
     scenario = job.load()
-    dataset = simulate(scenario, job.backend)
+    dataset = simulate(scenario, job.backend, engine=job.engine, threads=1)
     system = scenario.system
     found: dict[str, Any] = {"final": summarize(system.team, dataset), "settled": False}
     if dataset.attrs["status"] == "finished":

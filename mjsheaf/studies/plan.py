@@ -65,7 +65,16 @@ class Plan:
         study = self.study
         # Messages become part of results: they name the scenario as itself, not by the path that was typed.
         source = str(self.scenario.get("name"))
-        return Job(point, source, self.scenario, study.set, str(self.directory), study.backend, study.trajectories)
+        return Job(
+            point,
+            source,
+            self.scenario,
+            study.set,
+            str(self.directory),
+            study.backend,
+            study.engine,
+            study.trajectories,
+        )
 
 
 def load_plan(
@@ -75,6 +84,7 @@ def load_plan(
     seeds: tuple[int, int] | None = None,
     overrides: Mapping[str, Any] | None = None,
     backend: str | None = None,
+    engine: str | None = None,
     measure: str | None = None,
     trajectories: bool = False,
 ) -> Plan:
@@ -88,6 +98,7 @@ def load_plan(
         overrides: field path to value for all runs; they go before the study's own. Paths of vehicles here and in
             `grid` are relative to the working directory and may lie anywhere.
         backend: 'physics' or 'ideal', instead of the study's own.
+        engine: what moves bodies, instead of the study's own.
         measure: the error that plots show, instead of the study's own.
         trajectories: whether to keep result.nc of every run, also where the study does not ask for it.
 
@@ -108,6 +119,7 @@ def load_plan(
         "set": {**study.set, **overrides},
         "trajectories": study.trajectories or trajectories,
         "backend": backend or study.backend,
+        "engine": engine or study.engine,
         "measure": measure or study.measure,
     }
     if seeds is not None:

@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import AfterValidator, Field, JsonValue, model_validator
 
 from mjsheaf.io.section import Number, Positive, Section
-from mjsheaf.runs.simulate import BACKENDS
+from mjsheaf.runs.simulate import BACKENDS, ENGINES, require_engine
 
 Measure = Literal["mean_disagreement", "tracking_error", "formation_error", "centering_error"]
 
@@ -137,6 +137,7 @@ class StudyFile(Section):
     summary: str = Field("", description="one line: the question")
     scenario: str = Field(description="a name in scenarios/, or the path of a YAML file from this one's directory")
     backend: Literal[BACKENDS] = Field("physics", description="backend of all runs")  # type: ignore[valid-type]
+    engine: Literal[ENGINES] = Field("mujoco", description="what moves bodies")  # type: ignore[valid-type]
     set: dict[str, Value] = Field(default_factory=dict, description="overrides of all runs: field path to value")
     points: list[dict[str, Value]] = Field(default_factory=list, description="listed points: field path to value")
     names: list[Annotated[str, Field(min_length=1)]] = Field(
@@ -155,6 +156,7 @@ class StudyFile(Section):
 
     @model_validator(mode="after")
     def _fits(self) -> "StudyFile":
+        require_engine(self.engine, self.backend)
         if len({len(values) for values in self.paired.values()}) > 1:
             told = ", ".join(f"{path} has {len(values)}" for path, values in self.paired.items())
             raise ValueError(f"paired: lists must have one length, but {told}")
@@ -205,7 +207,8 @@ class StudyFile(Section):
     def asked(self) -> dict[str, Any]:
         """All on which results depend but the scenario, in canonical form; not what only says how they are shown."""
         shown = {"summary", "scenario", "measure", "late", "labels", "names"}
-        return self.model_dump(mode="json", exclude=shown, exclude_none=True)
+        usual = {"engine"} if self.engine == "mujoco" else set()  # of which older studies do not speak
+        return self.model_dump(mode="json", exclude=shown | usual, exclude_none=True)
 
 
 def _check_items(fixed: Mapping[str, Any], swept: Iterable[str]) -> None:

@@ -194,6 +194,7 @@ def command_of(plan: Plan, point: Point) -> str:
     """The command that does one run of a study by itself, for a shell in the study's directory."""
     # The scenario of a study with vehicles' own files is not kept there, as it could not name them.
     parts = ["mjsheaf", "run", "SCENARIO" if plan.files else "scenario.yaml", "--backend", plan.study.backend]
+    parts += ["--engine", plan.study.engine] * (plan.study.engine != "mujoco")
     changes = plan.job(point).changes.items()
     return shlex.join(parts + [part for path, value in changes for part in ("--set", f"{path}={_as_yaml(value)}")])
 

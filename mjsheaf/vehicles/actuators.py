@@ -4,7 +4,7 @@ Allocation is linear in efforts: W maps them to the wrench on the body. A thrust
 azimuth thruster has two, the components of its thrust along its site's direction and to port of that, of which its
 branch makes thrust and angle. Every effort has a channel: an actuator of MuJoCo's, with its command in ctrl.
 
-A new kind subclasses `Thruster` and has a code with a branch in `aim` and `room_of`.
+A new kind subclasses `Thruster` and has a code with a branch in `aim`, `push` and `room_of`.
 """
 
 from dataclasses import dataclass, replace
@@ -17,7 +17,7 @@ from pydantic import Field, model_validator
 from mjsheaf.arrays import Array
 from mjsheaf.io.section import Section
 from mjsheaf.jit import inline_jit, jit
-from mjsheaf.vehicles.vectors import to_world, triple
+from mjsheaf.vehicles.vectors import triple
 
 Range = tuple[float, float] | None  # of MuJoCo's: lowest and highest, or no limit
 
@@ -35,9 +35,18 @@ CHANNEL = np.dtype(
         ("moment", "f8", 3),  # as direction
         ("reach", "f8"),  # farthest that an angle's command may be from the angle, rad
         ("state", "i8"),  # place of its activation among those of its vehicle
+        # what MuJoCo makes of its command: see `follow`
+        ("gain", "f8"),
+        ("late", "i8"),  # whether it has an activation
+        ("early", "i8"),  # whether its force is that of the activation after a step
+        ("followed", "f8"),  # share of the way to its command that the activation goes in a step
+        ("ctrl", "f8", 2),  # ranges
+        ("act", "f8", 2),
+        ("force", "f8", 2),
     ]
 )
 
+_SHORTEST = 1e-15  # time constant that MuJoCo takes for a shorter one, s
 _NO_LIMIT = 1e9  # a range from here on is none: it is there so that a command which diverges is seen
 _NORMALS = 2.0 * np.pi * np.arange(72) / 72  # rad, of the half-planes about what an azimuth thruster can push
 _OVERLAP = 0.2  # share of a force that an azimuth thruster leaves out before it turns round for it, by 180 degrees
@@ -156,6 +165,13 @@ class Thruster:
     def pack(self, channels: NDArray[np.void], timestep: float) -> None:
         """Write what the kind has of its own into its CHANNEL records, for a physics step in s."""
         channels["code"] = FIXED
+        one = channels[0]
+        one["gain"], one["late"], one["early"] = self.gain, self.law != "none", self.early
+        if one["late"]:
+            steps = timestep / max(self.time_constant, _SHORTEST)
+            one["followed"] = steps if self.law == "filter" else -np.expm1(-steps)
+        for name, limits in (("ctrl", self.ctrl), ("force", self.force), ("act", self.act)):
+            one[name] = limits or (-np.inf, np.inf)
 
 
 class Azimuth(Section):
@@ -267,9 +283,14 @@ class AzimuthThruster(Thruster):
 
     def pack(self, channels: NDArray[np.void], timestep: float) -> None:
         """Rate and lag say how far ahead of the angle its command may be."""
+        super().pack(channels, timestep)
         channels["code"] = AZIMUTH, ANGLE
         followed = -np.expm1(-timestep / self.angle_lag) if self.angle_lag > 0.0 else 1.0  # in a step
         channels["reach"] = self.rate * timestep / followed
+        angle, free = channels[1], (-np.inf, np.inf)
+        angle["gain"], angle["late"], angle["followed"] = 1.0, True, followed
+        angle["act"] = angle["force"] = free
+        angle["ctrl"] = (self.low, self.high) if np.isfinite([self.low, self.high]).all() else free
 
 
 def _actuator(name: str, gear: Array, gain: float, law: str, time_constant: float) -> dict[str, Any]:
@@ -287,8 +308,8 @@ def _actuator(name: str, gear: Array, gain: float, law: str, time_constant: floa
 
 
 @jit
-def aim(channels, R, act, ctrl, gear):
-    """Turn efforts into commands, in place, and write the gears of azimuth thrusters at their present angles.
+def aim(channels, act, ctrl):
+    """Turn the efforts of azimuth thrusters into commands, in place.
 
     Of the two angles at which an azimuth thruster makes a force, by thrust ahead or astern, or of the best that it can
     reach, it takes the one that leaves less out, or is nearer. It turns no faster than it may, and thrusts meanwhile by
@@ -296,10 +317,8 @@ def aim(channels, R, act, ctrl, gear):
 
     Args:
         channels: of one vehicle, shape (s,); see CHANNEL.
-        R: its attitude, body to world, (9,).
         act: its activations.
         ctrl: efforts, then commands, shape (s,).
-        gear: on the free joint, shape (s, 6): force in world axes, moment in body axes.
     """
     for k in range(ctrl.shape[0] - 1):
         if channels[k].code == AZIMUTH:
@@ -317,12 +336,35 @@ def aim(channels, R, act, ctrl, gear):
                         wanted, least = a, cost
                 ctrl[k] = at_most(x * np.cos(now) + y * np.sin(now), thrust.low, thrust.high)
                 ctrl[k + 1] = min(max(wanted, now - angle.reach, angle.low), now + angle.reach, angle.high)
-            c, s = np.cos(now), np.sin(now)
-            for i in range(3):
-                gear[k, i] = c * thrust.direction[i] + s * angle.direction[i]
-                gear[k, 3 + i] = c * thrust.moment[i] + s * angle.moment[i]
-                gear[k + 1, i] = 0.0
-            gear[k, 0], gear[k, 1], gear[k, 2] = to_world(R, triple(gear[k]))
+
+
+@inline_jit
+def push(channels, k, act):
+    """Force and moment on the body for a force of 1 of channel k, body axes; act holds its vehicle's activations."""
+    direction, moment = triple(channels[k].direction), triple(channels[k].moment)
+    if channels[k].code == AZIMUTH:
+        angle = channels[k + 1]
+        c, s = np.cos(act[angle.state]), np.sin(act[angle.state])
+        direction = _turned(c, s, direction, triple(angle.direction))
+        moment = _turned(c, s, moment, triple(angle.moment))
+    elif channels[k].code == ANGLE:
+        direction = moment = (0.0, 0.0, 0.0)
+    return direction, moment
+
+
+@inline_jit
+def _turned(c, s, ahead, port):
+    return c * ahead[0] + s * port[0], c * ahead[1] + s * port[1], c * ahead[2] + s * port[2]
+
+
+@inline_jit
+def follow(channel, ctrl, act):
+    """The force that MuJoCo makes of a command and an activation, and the activation after a step."""
+    u, after = min(max(ctrl, channel.ctrl[0]), channel.ctrl[1]), act
+    if channel.late:
+        after = min(max(act + channel.followed * (u - act), channel.act[0]), channel.act[1])
+        u = after if channel.early else act
+    return min(max(channel.gain * u, channel.force[0]), channel.force[1]), after
 
 
 @jit

@@ -58,6 +58,8 @@ class Body:
         weight: what thrusters or water must carry, N: m g less what the MJCF compensates (gravcomp).
         ballast: weight that the body does not have in the model, N; see effects.
         centre_of_mass: in the body frame, shape (3,), m.
+        weight_moment: sum of the bodies' own weights, less what the MJCF compensates, times where they act in the body
+            frame, shape (3,), N m.
         inertia: about the origin of the body frame, body axes, shape (3, 3), kg m^2.
         inertials: of each body in the file, depth first.
         actuators: what pushes it.
@@ -73,6 +75,7 @@ class Body:
     weight: float
     ballast: float
     centre_of_mass: Array
+    weight_moment: Array
     inertia: Array
     inertials: list[Inertial]
     actuators: list[Thruster]
@@ -147,15 +150,17 @@ class Body:
         rigid = self.rigid_mass
         return np.asarray(np.linalg.solve(rigid + np.diag(self.added_mass), rigid).T)
 
-    def joint_damps(self, timestep: float) -> bool:
-        """Whether the free joint takes linear drag, in a step of so many s.
+    def joint_damping(self, timestep: float) -> Array:
+        """Linear damping that the free joint takes, in a step of so many s, shape (6,), N s/m and N m s/rad.
 
         MuJoCo integrates what the joint takes implicitly: stiff drag then costs no small steps. But it factorizes the
         mass matrix once more for it, so that drag which is not stiff had better be an applied force. What is shared
         with the medium must be: see `simulation.bodies`.
         """
         fastest = max(*(self.drag / self.mass), *(self.angular_drag / np.diag(self.turning_inertia)))
-        return not self.added_mass.any() and bool(fastest * timestep > _STIFF)
+        if self.added_mass.any() or fastest * timestep <= _STIFF:
+            return np.zeros(6)
+        return np.array([*np.full(3, self.drag.max()), *self.angular_drag])
 
     @property
     def gears(self) -> Array:

@@ -119,6 +119,7 @@ def _massless(vehicle: Vehicle, tau: float) -> Vehicle:
         quadratic_drag=vehicle.quadratic_drag * np.concatenate([np.ones(3), turning]),
         mass=vehicle.mass * scale,
         ballast=vehicle.ballast + (1.0 - scale) * vehicle.weight,
+        weight_moment=vehicle.weight_moment * scale,
         inertia=vehicle.inertia * scale,
         inertials=inertials,
         added_mass=np.zeros(6),

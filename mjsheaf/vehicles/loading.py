@@ -10,6 +10,7 @@ Loading a vehicle: its description and its MJCF file, checked against each other
 
 import math
 import os
+from functools import cache
 from itertools import count
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -186,11 +187,19 @@ def load_vehicle(source: str, directory: Path | None = None) -> Vehicle:
         raise InputError(
             f"no vehicle {shortened(source, 100)!r}; expected {', '.join(known)}, or the path of a description file"
         )
+    if source in known:
+        return _shipped(path)
+    files_of(path, read_description(path).mjcf)  # refuses what lies outside, before anything opens it
+    return _load(path)
+
+
+def _load(path: Path) -> Vehicle:
     description = read_description(path)
     mjcf = path.parent / description.mjcf
-    if source not in known:
-        files_of(path, description.mjcf)  # refuses what lies outside, before anything opens it
     return _from_model(path.stem, description, mjcf, _compile(mjcf))
+
+
+_shipped = cache(_load)  # runs of a study have the same
 
 
 def read_description(path: Path) -> VehicleDescription:
@@ -259,6 +268,7 @@ def _from_model(name: str, description: VehicleDescription, path: Path, model: m
         weight=(mass - carried) * GRAVITY,
         ballast=0.0,
         centre_of_mass=centre,
+        weight_moment=GRAVITY * (model.body_mass * (1.0 - model.body_gravcomp)) @ data.xipos,
         inertia=inertia,
         inertials=[
             Inertial(*(x[b].copy() for x in (model.body_ipos, model.body_iquat, model.body_mass, model.body_inertia)))

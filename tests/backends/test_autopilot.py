@@ -321,7 +321,7 @@ def test_a_multirotor_sinks_with_half_of_its_weight_at_most(name: str) -> None:
 
 def test_the_autopilot_is_not_handed_the_medium() -> None:
     handed = set(inspect.signature(thruster_commands.py_func).parameters)
-    assert handed == {"kind", "thrusters", "heading", "command", "sensed", "act", "ctrl", "gear"}
+    assert handed == {"kind", "thrusters", "heading", "command", "sensed", "act", "ctrl"}
     assert set(Sensed._fields) == {"R", "quaternion", "velocity", "rates"}
 
 

@@ -31,7 +31,6 @@ Array = NDArray[np.float64]
 
 NAME = "wamv_azimuth"
 PUSH = 2353.5  # N
-LEVEL = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 RATE, END = np.deg2rad(60.0), np.pi / 2
 
 
@@ -149,7 +148,7 @@ def test_it_takes_the_best_thrust_and_angle_that_it_can_reach(low: float, high: 
         f, now = size * np.exp(1j * bearing), pod.low + share * (pod.high - pod.low)
         for _ in range(2):  # the first turns it, the second thrusts there
             ctrl = np.array([f.real, f.imag])
-            aim(channels, LEVEL, np.array([0.0, now]), ctrl, np.zeros((2, 6)))
+            aim(channels, np.array([0.0, now]), ctrl)
             assert weakest <= ctrl[0] <= 1.0
             assert pod.low <= ctrl[1] <= pod.high
             now = ctrl[1]
@@ -165,7 +164,7 @@ def test_it_does_not_turn_round_for_thrust_astern_or_for_nothing() -> None:
     pod.pack(channels, 0.01)
     for x, y, thrust, angle in ((-0.3, -0.4, -0.5, np.arctan2(4, 3)), (0.0, 0.0, 0.0, 0.9)):
         ctrl = np.array([x, y])
-        aim(channels, LEVEL, np.array([0.0, angle]), ctrl, np.zeros((2, 6)))
+        aim(channels, np.array([0.0, angle]), ctrl)
         np.testing.assert_allclose(ctrl, [thrust, angle], atol=1e-15)
 
 

@@ -24,7 +24,8 @@ Array = NDArray[np.float64]
 IDEAL = ("hull", "aerial", "submersible")
 CHANGES = {
     # Angular drag too, in proportion to the inertia, so that the attitude hold stays what it was.
-    "inertia": {"mass", "ballast", "inertia", "inertials", "added_mass", "rate", "angular_drag", "quadratic_drag"},
+    "inertia": {"mass", "ballast", "weight_moment", "inertia", "inertials", "added_mass", "rate"}
+    | {"angular_drag", "quadratic_drag"},
     "drag_law": {"quadratic_drag"},
     "limits": {"actuators", "steering"},
     "lag": {"actuators"},

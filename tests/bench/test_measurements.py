@@ -46,6 +46,15 @@ def test_loop() -> None:
 
 
 @pytest.mark.slow
+def test_fused() -> None:
+    rows = simulations.fused(short=True, sizes=(20, 40), peers=False)
+    well_formed(rows, "fused")
+    assert [row.what.split()[0] for row in rows if "tilted" in row.what] == ["21", "41"]
+    (run,) = [row for row in rows if row.what.startswith("published")]
+    assert "49980 steps" in run.what
+
+
+@pytest.mark.slow
 def test_threads_give_the_same_bits() -> None:
     rows = simulations.threads(short=True, ends=(0.11, 0.11))
     well_formed(rows, "threads")

@@ -111,7 +111,7 @@ def test_the_bound_of_one_cell_holds(slope: bool, seed: int, space: tuple[int, b
     """Each bound by itself: of each kernel over a cell, and of its second derivative, by differences."""
     (dimension, planar), rng = space, np.random.default_rng(seed)
     field = random_field(rng, dimension)
-    kernels = _Kernels(field, 2 if planar or dimension == 2 else 3, True)
+    kernels = _Kernels(field.table, dimension, 2 if planar or dimension == 2 else 3, True)
     n = kernels.n
     half = 10.0 ** rng.uniform(-2, 0.5, (1, n))
     if not kernels.count:

@@ -59,6 +59,7 @@ def counts(monkeypatch: pytest.MonkeyPatch) -> Counts:
 
     monkeypatch.setattr(building, "Team", build)
     monkeypatch.setattr(loading, "_compile", compile_counted)
+    loading._shipped.cache_clear()  # vehicles that ship are kept, for all runs of a process
     return found
 
 

@@ -1,0 +1,300 @@
+"""The fused engine against MuJoCo: steps from random states, runs, threads, and what it refuses.
+
+Oracle: MuJoCo's own step of the same vehicles under the same commands.
+"""
+
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import mujoco
+import numpy as np
+import pytest
+import xarray as xr
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from mjsheaf import World, load_scenario, simulate, simulate_many
+from mjsheaf.comparing.compare import compare
+from mjsheaf.errors import InputError, MjsheafError
+from mjsheaf.scenario import Scenario
+from mjsheaf.scenario.load import list_scenarios
+from mjsheaf.simulation.fused import Fused, fly
+from mjsheaf.simulation.loop import close_loop
+from mjsheaf.simulation.trajectory import Log
+from mjsheaf.system import on_engine
+from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
+from tests.builders import RAFT, altered, find, make_scenario, mixed_scenario, refused
+
+Array = NDArray[np.float64]
+
+EPSILON = 1e-12
+FLOW = {"dimension": 3, "drift": [0.6, -0.4, 0.2], "vortices": [{"centre": [1, 2, 0], "axis": [0, 0, 1], "gamma": 4}]}
+FLOW |= {"core": 1.0, "channels": [{"centre": [0, 0, 1], "direction": [1, 1, 0], "beta": 2, "width": 3, "length": 9}]}
+OFF: dict[str, dict[str, Any]] = {
+    "all": {},
+    "massless": {"inertia": False},
+    "no limits": {"limits": False},
+    "no lag": {"lag": False},
+    "fully actuated": {"underactuation": False},
+}
+
+
+def of_vehicles(names: list[str], timestep: float, **fields: Any) -> Scenario:
+    """A vehicle of each kind, in flow and disturbances."""
+    agents: list[dict[str, Any]] = [
+        {
+            "id": f"A{k}",
+            "position": [3.0 * k, 1.0, 2.0][: load_vehicle(name).dimension],
+            "vehicle": name,
+            "heading": 40 * k,
+        }
+        for k, name in enumerate(names)
+    ]
+    scenario = {
+        "agents": agents,
+        "targets": [{"id": "T", "position": [0.0, 0.0, 5.0]}],
+        "sensing": [[agent["id"], "T"] for agent in agents],
+        "anchors": [{"agent": a["id"], "axes": ["z"], "value": [1.0]} for a in agents if len(a["position"]) == 3],
+        "flow": {"agents": FLOW},
+        "disturbance": {"agents": {"bound": 0.5, "frequencies": [0.1, 5.0]}},
+        "controller": {"gain": 1.0, "control_period": 10 * timestep},
+        "physics": {"timestep": timestep, **fields},
+    }
+    return make_scenario(scenario)
+
+
+def unlike(folder: Path) -> list[str]:
+    """Vehicles with all that MuJoCo knows of a free body and its actuators and that the shipped ones lack."""
+
+    def eccentric(root: ElementTree.Element) -> None:
+        """Off its centre of mass, in two bodies turned against each other, of which one is carried in part."""
+        inertial = find(root, ".//inertial")
+        inertial.set("pos", ".1 -.05 .2")
+        inertial.set("euler", ".3 .2 -.4")
+        whole = find(root, "./worldbody/body")
+        ballast = ElementTree.SubElement(whole, "body", pos=".3 .1 -.2", euler=".5 0 1", gravcomp=".3")
+        ElementTree.SubElement(ballast, "inertial", pos="0 .1 0", mass="1.5", diaginertia=".03 .02 .04")
+
+    def odd_actuators(root: ElementTree.Element) -> None:
+        for k, one in enumerate(root.findall("./actuator/general")):
+            one.set("gainprm", "2")
+            one.set("ctrlrange", "0.1 12")
+            for name, value in (
+                (("dyntype", "filter"), ("actearly", "true")),
+                (("dyntype", "none"), ("forcerange", "1 9")),
+                (("dyntype", "filterexact"), ("actlimited", "true"), ("actrange", "1 5"), ("actearly", "true")),
+            )[k % 3]:
+                one.set(name, value)
+
+    return [
+        altered(folder / "a", "submersible", eccentric, added_mass=[30, 400, 500, 20, 60, 40]),
+        altered(folder / "b", "submersible", eccentric),
+        altered(folder / "c", "hexarotor", odd_actuators),
+        altered(folder / "d", "aerial", drag={"linear": [1.0, 2.0, 3.0], "angular": [0.3, 0.2, 0.1]}),
+        str(RAFT),
+    ]
+
+
+def off_by(scenario: Scenario, count: int, seed: int) -> float:
+    """The largest difference of a step of both engines from random states, over what its rounding allows."""
+    rng = np.random.default_rng(seed)
+    world, fused = World(scenario, visible=False), Fused(scenario.phases)
+    ours, theirs, vehicles = fused._loop, world._loop, world.arena.vehicles
+    V, h, worst = len(vehicles), theirs.timestep, 0.0
+    low, high = np.nan_to_num(np.concatenate([vehicle.limits for vehicle in vehicles]), posinf=30, neginf=-30).T
+    mass = np.array([vehicle.mass for vehicle in vehicles])
+    least = np.array([np.linalg.eigvalsh(v.turning_inertia - np.diag(v.added_mass[3:]))[0] for v in vehicles])
+    lever = np.array([np.linalg.norm(v.centre_of_mass) for v in vehicles])
+    nothing = Log(*(np.empty((0,) * values.ndim) for values in fused._unrecorded.log))
+    for k in range(count):
+        q, w = ours.qpos.reshape(V, 7), ours.qvel.reshape(V, 6)
+        q[:, :3], q[:, 3:] = rng.uniform(-9, 9, (V, 3)), Rotation.random(V, random_state=rng).as_quat()
+        if k % 2:  # nearly level too, as vehicles mostly are
+            q[:, 3:] = Rotation.from_rotvec(rng.normal(0, 0.1, (V, 3))).as_quat()[:, [3, 0, 1, 2]]
+        w[:, :3], w[:, 3:] = rng.normal(0, 4, (V, 3)), rng.normal(0, 2, (V, 3))
+        ours.act[:] = rng.uniform(low, high)[ours.lag >= 0]
+        ours.memory.command[:] = rng.normal(0, 3, (V, 3)) * (rng.random() < 0.8)
+        ours.stopped[:] = theirs.stopped[:] = rng.random(V) < 0.1
+        theirs.qpos[:], theirs.qvel[:], theirs.act[:] = ours.qpos, ours.qvel, ours.act
+        theirs.memory.command[:] = ours.memory.command
+        before = w.copy()
+        close_loop(theirs, theirs.start + k * h, False, V)
+        mujoco.mj_step(world.model, world.data)
+        assert fly(ours, fused._motion, 0, V, k, 1, nothing, -1) == (-1, -1)
+        np.testing.assert_array_equal(ours.ctrl, theirs.ctrl)
+        pushes = np.abs(world.data.actuator_force[:, None] * world.model.actuator_gear)
+        pushed = np.add.reduceat(pushes, world.arena.thruster[:-1]) + np.abs(theirs.applied.reshape(V, 6))
+        damping = np.abs(world.model.dof_damping.reshape(V, 6) * before)
+        passive = (
+            np.abs(world.data.qfrc_bias.reshape(V, 6)) + 2.0 * damping + np.abs(world.data.qfrc_passive.reshape(V, 6))
+        )
+        force, moment = (pushed + passive)[:, :3].sum(axis=1), (pushed + passive)[:, 3:].sum(axis=1)
+        scale = np.zeros((V, 2))  # of velocity and rates
+        scale[:, 1] = np.maximum(np.abs(before[:, 3:]).max(axis=1), h * (moment + lever * force) / least)
+        scale[:, 0] = np.maximum(np.abs(before[:, :3]).max(axis=1), h * force / mass + lever * scale[:, 1])
+        faster = np.abs(ours.qvel - theirs.qvel).reshape(V, 2, 3).max(axis=2) / scale
+        moved = np.abs(ours.qpos - theirs.qpos).reshape(V, 7)
+        place = moved[:, :3].max(axis=1) / np.maximum(np.abs(q[:, :3]).max(axis=1), h * scale[:, 0])
+        turned = moved[:, 3:].max(axis=1) / np.maximum(1.0, h * scale[:, 1])
+        late = np.abs(ours.act - theirs.act) / np.maximum(1.0, np.abs(theirs.act))
+        worst = max([worst, faster.max(), place.max(), turned.max(), *late])
+    return float(worst)
+
+
+# -- one step ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_step_of_every_vehicle_is_that_of_mujoco(tmp_path: Path) -> None:
+    assert off_by(of_vehicles([*list_vehicles(), *unlike(tmp_path)], 0.002), 30, 1) < EPSILON
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("timestep", [0.0005, 0.01])
+@pytest.mark.parametrize("off", OFF.values(), ids=OFF)
+def test_a_step_of_every_vehicle_is_that_of_mujoco_from_many_states(
+    off: dict[str, bool], timestep: float, tmp_path: Path
+) -> None:
+    """With and without what can be switched off; steps of which the joint takes the drag, and others."""
+    names = [*list_vehicles(), *unlike(tmp_path)]
+    assert off_by(of_vehicles(names, timestep, effects=off), 300, 2) < EPSILON
+
+
+# -- runs --------------------------------------------------------------------------------------------------------------
+
+
+LOOPS_AND_LINKS = {
+    "controller": {
+        "gain": 1.0,
+        "control_period": 0.02,
+        "feedforward": {"rounds": 2},
+        "drift": {"filter": 1.0},
+    },
+    "links": {"all": {"noise": 0.02, "delay": 0.02, "loss": 0.2}},
+    "events": [{"time": 0.5, "lose": "back"}],
+}
+
+
+def apart(one: xr.Dataset, other: xr.Dataset) -> float:
+    """The largest difference of two runs' positions, m."""
+    assert one.attrs["status"] == other.attrs["status"] == "finished"
+    names = ("agent_position", "target_position")
+    return max(float(np.nanmax(np.abs(one[name] - other[name]))) for name in names)
+
+
+def both(scenario: Scenario, **how: Any) -> tuple[xr.Dataset, xr.Dataset]:
+    return simulate(scenario, **how), simulate(scenario, engine="fused", **how)
+
+
+def test_a_run_is_that_of_mujoco() -> None:
+    """Unlike vehicles under terms, over links, with an event: all that is recorded, to rounding."""
+    mujoco_s, ours = both(mixed_scenario(**LOOPS_AND_LINKS))
+    assert apart(mujoco_s, ours) < 1e-11
+    assert ours.attrs.pop("engine") == "fused"
+    assert "engine" not in mujoco_s.attrs
+    assert ours.attrs == mujoco_s.attrs
+    assert ours.data_vars.keys() == mujoco_s.data_vars.keys()
+    for name, values in mujoco_s.data_vars.items():
+        if values.dtype.kind == "f":
+            scale = 1e-9 * max(1.0, float(np.nanmax(np.abs(values), initial=0.0)))
+            np.testing.assert_allclose(ours[name], values, rtol=0.0, atol=scale, err_msg=str(name))
+        else:
+            np.testing.assert_array_equal(ours[name], values, err_msg=str(name))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", list_scenarios())
+def test_every_scenario_runs_as_on_mujoco(name: str) -> None:
+    """Over its whole length, contacts off."""
+    scenario = load_scenario(name, {"physics.contacts": False})
+    if scenario.expect.refused is None:
+        assert apart(*both(scenario)) < 1e-8
+        return
+    with refused(MjsheafError) as caught:
+        simulate(scenario, engine="fused")
+    assert scenario.expect.refused in str(caught.value)
+
+
+def test_a_law_in_python_and_one_that_is_continuous_run_as_on_mujoco() -> None:
+    def law(t: float, seen: Any) -> Array:
+        return np.asarray(-seen.disagreement + [np.sin(t), 0.0, 0.0])
+
+    assert apart(*both(mixed_scenario(), controller=law)) < 1e-11
+    continuous = mixed_scenario(controller={"gain": 1.0, "control_period": 0, "record_period": 0.02}, time={"end": 0.2})
+    assert apart(*both(continuous)) < 1e-11
+
+
+def test_a_run_that_blows_up_ends_at_the_same_sample() -> None:
+    wild = mixed_scenario(controller={"gain": 1e4, "control_period": 0.01})
+    theirs, ours = both(wild)
+    assert ours.attrs["status"] == "unstable"
+    assert ours.sizes["time"] == theirs.sizes["time"]
+    assert ours.attrs["message"].split("; ")[1:] == theirs.attrs["message"].split("; ")[1:]
+    assert ours.attrs["message"].split(" (")[0] == theirs.attrs["message"].split(" (")[0]
+
+
+@pytest.mark.slow
+def test_a_comparison_says_the_same_on_both() -> None:
+    """Every rung, the free-decay test and the convergence table; one rung more is MuJoCo's."""
+    scenario = load_scenario("midpoint", {"time.end": 10.0})
+    theirs, ours = (compare(scenario, engine=engine).record.model_dump() for engine in ("mujoco", "fused"))
+    rung, whole = ours["ladder"].pop(), next(rung for rung in theirs["ladder"] if rung["key"] == "all")
+    assert rung["key"] == "all-mujoco"
+    assert rung["errors"] == whole["errors"]
+    for record in (theirs, ours):
+        del record["wall_time_s"]
+    agree(ours, theirs)
+
+
+def agree(one: Any, other: Any) -> None:
+    """Require equal structures with numbers within rounding."""
+    if isinstance(one, dict):
+        assert one.keys() == other.keys()
+        for key, value in one.items():
+            agree(value, other[key])
+    elif isinstance(one, list):
+        for first, second in zip(one, other, strict=True):
+            agree(first, second)
+    else:
+        assert one == (pytest.approx(other, rel=1e-9, abs=1e-9) if isinstance(one, float) else other)
+
+
+# -- threads -----------------------------------------------------------------------------------------------------------
+
+
+def bits(result: Any) -> dict[str, bytes]:
+    assert isinstance(result, xr.Dataset)
+    return {str(name): np.ascontiguousarray(result[name]).tobytes() for name in result.data_vars}
+
+
+def test_threads_do_not_change_a_bit() -> None:
+    """Of a swarm with events in mid-run, in which every thread has blocks to take."""
+    scenario = load_scenario("swarm_radio_shadow", {"swarm.size": 60, "time.end": 1.0})
+    one, two, three = (simulate(scenario, engine="fused", threads=threads) for threads in (1, 2, 3))
+    assert bits(one) == bits(two) == bits(three)
+
+
+def test_many_runs_on_threads_are_those_one_by_one() -> None:
+    scenarios = [mixed_scenario(seed=seed, disturbance={"agents": {"bound": 0.5}}) for seed in range(3)]
+    together = simulate_many(scenarios, engine="fused", workers=2)
+    assert [bits(result) for result in together] == [bits(simulate(one, engine="fused")) for one in scenarios]
+    assert bits(together[0]) != bits(together[1])
+
+
+# -- what it refuses ---------------------------------------------------------------------------------------------------
+
+
+def test_what_it_cannot_do_is_refused_by_its_field() -> None:
+    touching = mixed_scenario(physics={"contacts": True})
+    with refused(InputError, "physics.contacts", "fused", "false"):
+        simulate(touching, engine="fused")
+    with refused(InputError, "physics.contacts"):
+        Fused(on_engine(touching.phases, "fused"))
+    with refused(InputError, "'fused'", "ideal", "physics"):
+        simulate(mixed_scenario(), "ideal", engine="fused")
+    with refused(InputError, "'fusde'", "mujoco", "fused"):
+        simulate(mixed_scenario(), engine="fusde")
+    with refused(InputError, "threads", 0, 1):
+        simulate(mixed_scenario(), engine="fused", threads=0)
+    (error,) = simulate_many([touching], engine="fused")
+    assert isinstance(error, InputError)
