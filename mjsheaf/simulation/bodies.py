@@ -39,7 +39,7 @@ from mjsheaf.arrays import Array, IntArray
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.simulation.trajectory import quaternions_of
 from mjsheaf.system import medium_velocity
-from mjsheaf.vehicles.actuators import AZIMUTH, CHANNEL, FIXED, aim, at_most, push, room_of
+from mjsheaf.vehicles.actuators import AZIMUTH, CHANNEL, FIXED, aim, at_most, room_of, unit_wrench
 from mjsheaf.vehicles.steering import drag_force, steer
 from mjsheaf.vehicles.vectors import add, cross, product, row_product, subtract, to_body, to_world, triple, upward
 from mjsheaf.vehicles.vehicle import Vehicle
@@ -311,7 +311,7 @@ def turn_gears(kind, thrusters, R, act, gear):
     if kind.turning:
         for k in range(kind.count):
             if thrusters[k].code != FIXED:
-                row, (direction, moment) = gear[k], push(thrusters, k, act)
+                row, (direction, moment) = gear[k], unit_wrench(thrusters, k, act)
                 row[0], row[1], row[2] = to_world(R, direction)
                 row[3], row[4], row[5] = moment
 

@@ -11,7 +11,7 @@ MuJoCo's step of h is
 where the free joint takes the linear damping d and D implicitly (mj_Euler); what of d it takes explicitly, the loop
 applies again as a force (see `bodies`), so that neither is in f. The matrix is of the kind, inverted once.
 Everything else, from the law to the commands, is the functions that close the loop about MuJoCo's step; what it makes
-of commands is `actuators.follow` and `push`.
+of commands is `actuators.actuator_force` and `unit_wrench`.
 
 Between two evaluations of the law vehicles do not know of one another: each is moved up to the next in one go, and
 they are handed out to threads. Which thread moves a vehicle does not change a bit.
@@ -40,12 +40,12 @@ from mjsheaf.simulation.loop import (
     Loop,
     Recorder,
     close_loop,
-    drive,
     place_targets,
     record,
+    sense_and_command,
 )
 from mjsheaf.system import Phase, System
-from mjsheaf.vehicles.actuators import follow, push
+from mjsheaf.vehicles.actuators import actuator_force, unit_wrench
 from mjsheaf.vehicles.vectors import add, cross, product, row_product, subtract, to_world, triple, upward
 from mjsheaf.vehicles.vehicle import Vehicle
 
@@ -140,7 +140,7 @@ def turn(q, x, y, z):
     q[3] = a * z + b * y - e * x + f * c
 
 
-def _fetch_and_add(typing: Any, array: Any, index: Any, amount: Any) -> Any:
+def _generate_fetch_add(typing: Any, array: Any, index: Any, amount: Any) -> Any:
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         kind, of = signature.args[0], context.make_array(signature.args[0])(context, builder, arguments[0])
         place = cgutils.get_item_pointer(context, builder, kind, of, [arguments[1]], wraparound=False)
@@ -149,8 +149,8 @@ def _fetch_and_add(typing: Any, array: Any, index: Any, amount: Any) -> Any:
     return types.int64(array, types.int64, types.int64), generate
 
 
-_take: Any = intrinsic(_fetch_and_add)
-"""_take(array, index, amount) adds to an entry of integers as no other thread can meanwhile; gives what was there."""
+_fetch_add: Any = intrinsic(_generate_fetch_add)
+"""_fetch_add(array, index, amount): add to an entry of integers atomically; gives what was there before."""
 
 _sched_yield = types.ExternalFunction("sched_yield", types.int32())
 
@@ -159,16 +159,16 @@ _sched_yield = types.ExternalFunction("sched_yield", types.int32())
 def _wait(gate, arrivals, threads):
     """Arrive, and wait until so many have."""
     if threads > 1:
-        _take(gate, _ARRIVED, 1)
+        _fetch_add(gate, _ARRIVED, 1)
         looks = 0
-        while _take(gate, _ARRIVED, 0) < arrivals:
+        while _fetch_add(gate, _ARRIVED, 0) < arrivals:
             looks += 1
             if looks > _PATIENCE:
                 _sched_yield()
 
 
 @jit
-def fly(loop, motion, first, last, step, count, log, row):
+def advance_block(loop, motion, first, last, step, count, log, row):
     """Move vehicles from first up to last by `count` steps from step number `step`.
 
     Their samples before the first step are recorded as `row` of the log, unless that is negative.
@@ -180,10 +180,10 @@ def fly(loop, motion, first, last, step, count, log, row):
         evaluate_sines(loop.medium.harmonics, loop.start + k * loop.timestep, first, last, loop.sines)
         for v in range(first, last):
             body = loop.fleet.bodies[v]
-            R, omega, force, moment = drive(loop, v)
+            R, omega, force, moment = sense_and_command(loop, v)
             if k == step and row >= 0:
                 record(loop, log, row, v, v + 1)
-            good, force, moment = actuate(loop, body, force, moment)
+            good, force, moment = apply_actuators(loop, body, force, moment)
             if not good:
                 return v, k
             if not move(motion[body.kind], body, R, omega, force, moment, loop.timestep, loop.qpos, loop.qvel):
@@ -192,7 +192,7 @@ def fly(loop, motion, first, last, step, count, log, row):
 
 
 @inline_jit
-def actuate(loop, body, force, moment):
+def apply_actuators(loop, body, force, moment):
     """Add to force and moment what a vehicle's actuators make of its commands, and go on with their activations.
 
     Returns:
@@ -203,8 +203,8 @@ def actuate(loop, body, force, moment):
     ctrl, act = loop.ctrl[body.actuator : body.actuator + kind.count], loop.act[body.state :]
     for j in range(kind.count):
         channel = channels[j]
-        f, after = follow(channel, ctrl[j], act[channel.state] if channel.late else 0.0)
-        along, about = push(channels, j, act)  # before the angle that comes next
+        f, after = actuator_force(channel, ctrl[j], act[channel.state] if channel.late else 0.0)
+        along, about = unit_wrench(channels, j, act)  # before the angle that comes next
         force = add(force, (f * along[0], f * along[1], f * along[2]))
         moment = add(moment, (f * about[0], f * about[1], f * about[2]))
         good &= abs(ctrl[j]) < HUGE
@@ -240,14 +240,14 @@ def advance(loop, motion, step, count, recorder, row, bad, thread, threads, gate
             gate[_NEXT] = 0
         gates += 1
         _wait(gate, gates * threads, threads)
-        first = _take(gate, _NEXT, _BLOCK) if threads > 1 else 0
+        first = _fetch_add(gate, _NEXT, _BLOCK) if threads > 1 else 0
         while first < V:
             last = min(first + _BLOCK, V)
-            v, at = fly(loop, motion, first, last, k, span, recorder.log, row if recorded else -1)
+            v, at = advance_block(loop, motion, first, last, k, span, recorder.log, row if recorded else -1)
             if v >= 0:
                 bad[v] = at
                 gate[_FAILED] = 1
-            first = _take(gate, _NEXT, _BLOCK) if threads > 1 else first + _BLOCK
+            first = _fetch_add(gate, _NEXT, _BLOCK) if threads > 1 else first + _BLOCK
         gates += 1
         _wait(gate, gates * threads, threads)
         if gate[_FAILED]:

@@ -138,14 +138,14 @@ def close_loop(loop, t, due, count):
     for v in range(count):
         body = bodies[v]
         kind = kinds[body.kind]
-        R, _, force, moment = drive(loop, v)
+        R, _, force, moment = sense_and_command(loop, v)
         apply_wrench(kind, body, loop.qvel, R, force, moment, loop.applied)
         gear = loop.gear[body.actuator : body.actuator + kind.count]
         turn_gears(kind, loop.fleet.thrusters[kind.thruster :], R, loop.act[body.state :], gear)
 
 
 @inline_jit
-def drive(loop, v):
+def sense_and_command(loop, v):
     """Let vehicle v measure and write its commands.
 
     Returns:

@@ -4,7 +4,7 @@ Allocation is linear in efforts: W maps them to the wrench on the body. A thrust
 azimuth thruster has two, the components of its thrust along its site's direction and to port of that, of which its
 branch makes thrust and angle. Every effort has a channel: an actuator of MuJoCo's, with its command in ctrl.
 
-A new kind subclasses `Thruster` and has a code with a branch in `aim`, `push` and `room_of`.
+A new kind subclasses `Thruster` and has a code with a branch in `aim`, `unit_wrench` and `room_of`.
 """
 
 from dataclasses import dataclass, replace
@@ -35,7 +35,7 @@ CHANNEL = np.dtype(
         ("moment", "f8", 3),  # as direction
         ("reach", "f8"),  # farthest that an angle's command may be from the angle, rad
         ("state", "i8"),  # place of its activation among those of its vehicle
-        # what MuJoCo makes of its command: see `follow`
+        # what MuJoCo makes of its command: see `actuator_force`
         ("gain", "f8"),
         ("late", "i8"),  # whether it has an activation
         ("early", "i8"),  # whether its force is that of the activation after a step
@@ -339,7 +339,7 @@ def aim(channels, act, ctrl):
 
 
 @inline_jit
-def push(channels, k, act):
+def unit_wrench(channels, k, act):
     """Force and moment on the body for a force of 1 of channel k, body axes; act holds its vehicle's activations."""
     direction, moment = triple(channels[k].direction), triple(channels[k].moment)
     if channels[k].code == AZIMUTH:
@@ -358,7 +358,7 @@ def _turned(c, s, ahead, port):
 
 
 @inline_jit
-def follow(channel, ctrl, act):
+def actuator_force(channel, ctrl, act):
     """The force that MuJoCo makes of a command and an activation, and the activation after a step."""
     u, after = min(max(ctrl, channel.ctrl[0]), channel.ctrl[1]), act
     if channel.late:

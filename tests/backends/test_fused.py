@@ -19,7 +19,7 @@ from mjsheaf.comparing.compare import compare
 from mjsheaf.errors import InputError, MjsheafError
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import list_scenarios
-from mjsheaf.simulation.fused import Fused, fly
+from mjsheaf.simulation.fused import Fused, advance_block
 from mjsheaf.simulation.loop import close_loop
 from mjsheaf.simulation.trajectory import Log
 from mjsheaf.system import on_engine
@@ -121,7 +121,7 @@ def off_by(scenario: Scenario, count: int, seed: int) -> float:
         before = w.copy()
         close_loop(theirs, theirs.start + k * h, False, V)
         mujoco.mj_step(world.model, world.data)
-        assert fly(ours, fused._motion, 0, V, k, 1, nothing, -1) == (-1, -1)
+        assert advance_block(ours, fused._motion, 0, V, k, 1, nothing, -1) == (-1, -1)
         np.testing.assert_array_equal(ours.ctrl, theirs.ctrl)
         pushes = np.abs(world.data.actuator_force[:, None] * world.model.actuator_gear)
         pushed = np.add.reduceat(pushes, world.arena.thruster[:-1]) + np.abs(theirs.applied.reshape(V, 6))
