@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from mjsheaf.runs.simulate import simulate, simulate_many
     from mjsheaf.scenario import Scenario, load_scenario
     from mjsheaf.sheaf import Sheaf
-    from mjsheaf.simulation.loop import World
+    from mjsheaf.simulation.world import World
     from mjsheaf.vehicles.loading import load_vehicle
 
 _HOME = {
@@ -25,7 +25,7 @@ _HOME = {
     "simulate": "mjsheaf.runs.simulate",
     "simulate_many": "mjsheaf.runs.simulate",
     "check": "mjsheaf.checking",
-    "World": "mjsheaf.simulation.loop",
+    "World": "mjsheaf.simulation.world",
     "load_vehicle": "mjsheaf.vehicles.loading",
     "save": "mjsheaf.runs.publish",
     "Controller": "mjsheaf.control.controller",

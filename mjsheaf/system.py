@@ -98,7 +98,7 @@ class PhysicsOptions:
         surface: 'water', 'ground' or 'none'; drawn, and where floating vehicles float.
         surface_height: its height in m.
         engine: what moves them: 'mujoco', or 'fused'; see `mjsheaf.simulation.fused`.
-        threads: on how many threads the fused engine moves them, at most.
+        threads: on how many threads, at most.
         compiled: vehicles by name as their files describe them, compiled when first needed and shared by all copies.
     """
 
@@ -114,16 +114,17 @@ class PhysicsOptions:
     threads: int = 1
     compiled: dict[str, Vehicle] = field(default_factory=dict, repr=False)
 
-    def require_engine(self) -> None:
-        """Refuse what the engine cannot do.
+    def require_contacts(self) -> None:
+        """Refuse contacts where bodies are not in one model of MuJoCo's.
 
         Raises:
             InputError: naming the field.
         """
-        if self.engine == "fused" and self.contacts:
+        if self.contacts and (self.engine == "fused" or self.threads > 1):
+            what = "the fused engine has none" if self.engine == "fused" else f"{self.threads} threads have none"
             raise InputError(
-                "physics.contacts: is true, and the fused engine has none; expected false, as with "
-                "--set physics.contacts=false, or the engine mujoco"
+                f"physics.contacts: is true, and {what}; expected false, as with --set physics.contacts=false, or the "
+                "engine mujoco on one thread"
             )
 
 
@@ -194,6 +195,20 @@ class System:
                     )
             vehicles.append(made[name])
         return vehicles
+
+    @cached_property
+    def steps_per_sample(self) -> int:
+        """Physics steps between samples.
+
+        Raises:
+            InputError: the timestep does not divide the period.
+        """
+        return whole_ratio(self.grid.period, self.bodies.timestep)
+
+    @cached_property
+    def timestep(self) -> float:
+        """The physics step that divides a period exactly, s: sample times then agree with the ideal backend's."""
+        return self.grid.period / self.steps_per_sample
 
     @cached_property
     def control(self) -> ControlArrays:
@@ -294,6 +309,21 @@ class Phase:
     def name(self) -> str:
         """Its events in a line."""
         return ", ".join(self.events) or "start"
+
+
+def whole_ratio(period: float, timestep: float) -> int:
+    """How many physics steps make a period.
+
+    Raises:
+        InputError: not a whole number.
+    """
+    ratio = period / timestep
+    if not (0.5 < ratio < 1e9 and abs(ratio - round(ratio)) <= 1e-6 * ratio):
+        raise InputError(
+            f"physics.timestep: {timestep} s does not divide controller.control_period (or record_period), {period} s; "
+            "the period must be a whole multiple of it"
+        )
+    return round(ratio)
 
 
 def on_engine(phases: Sequence[Phase], engine: str, threads: int = 1) -> tuple[Phase, ...]:

@@ -10,7 +10,8 @@ from mjsheaf.engine import mujoco
 from mjsheaf.scenario import Scenario
 from mjsheaf.simulation.fused import Fused
 from mjsheaf.simulation.ideal import run_ideal
-from mjsheaf.simulation.loop import World, run_physics
+from mjsheaf.simulation.physics import run_physics
+from mjsheaf.simulation.world import World
 from mjsheaf.system import on_engine, phases_of
 from mjsheaf.threads import usable_processors
 

@@ -30,8 +30,7 @@ from mjsheaf.control.terms import TermArrays
 from mjsheaf.errors import InputError
 from mjsheaf.io.section import Record
 from mjsheaf.simulation.linear import LinearVehicle, Station, linearise, power
-from mjsheaf.simulation.loop import whole_ratio
-from mjsheaf.system import System
+from mjsheaf.system import System, whole_ratio
 from mjsheaf.threads import one_thread
 
 LARGEST_WHOLE = 400

@@ -10,7 +10,7 @@ from mjsheaf.comparing.measures import largest_distance, positions_at_q_star
 from mjsheaf.io.section import FiniteRecord
 from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.simulation.ideal import run_ideal
-from mjsheaf.simulation.loop import run_physics
+from mjsheaf.simulation.physics import run_physics
 from mjsheaf.system import System
 from mjsheaf.vehicles.effects import Effects
 

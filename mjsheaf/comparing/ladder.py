@@ -57,7 +57,7 @@ from mjsheaf.control.terms import no_terms
 from mjsheaf.io.section import FiniteRecord
 from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.simulation.ideal import run_ideal
-from mjsheaf.simulation.loop import run_physics
+from mjsheaf.simulation.physics import run_physics
 from mjsheaf.simulation.trajectory import Trajectory
 from mjsheaf.system import System
 from mjsheaf.vehicles.effects import has_effects

@@ -32,7 +32,7 @@ from mjsheaf.comparing.measures import positions_at_q_star
 from mjsheaf.control.links import LinkArrays
 from mjsheaf.dynamics import FlowField
 from mjsheaf.io.section import FiniteRecord
-from mjsheaf.simulation.loop import run_physics
+from mjsheaf.simulation.physics import run_physics
 from mjsheaf.system import System
 from mjsheaf.vehicles.effects import Effects, capability_of, of_each
 from mjsheaf.vehicles.vehicle import Vehicle

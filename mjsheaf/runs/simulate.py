@@ -107,7 +107,7 @@ def stream(
     if backend == "ideal":
         from mjsheaf.simulation.ideal import stream_ideal as simulated
     else:
-        from mjsheaf.simulation.loop import stream_physics as simulated
+        from mjsheaf.simulation.physics import stream_physics as simulated
     phases = phases_of(run)
     first, several = phases[0].system, any(phase.events for phase in phases)
     called, length = controller_of(controller, first, seed), samples or samples_in_piece(first)
@@ -218,7 +218,7 @@ def require_simulable(run: "System | Sequence[Phase]", backend: str, *, allow_dr
     _require_backend(backend)
     phases = phases_of(run)
     system = phases[0].system
-    system.bodies.require_engine()
+    system.bodies.require_contacts()
     team = system.team
     named = zip(team.members, system.bodies.vehicle, strict=True)
     if any(name != DEFAULT_VEHICLE[member.dimension] for member, name in named):

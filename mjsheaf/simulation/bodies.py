@@ -108,6 +108,12 @@ class Fleet(NamedTuple):
     bodies: NDArray[np.void]
     thrusters: NDArray[np.void]
 
+    @property
+    def channels(self) -> NDArray[np.void]:
+        """CHANNELs of all vehicles in turn, shape (A,)."""
+        own = [self.thrusters[kind["thruster"] : kind["thruster"] + kind["count"]] for kind in self.kinds]
+        return np.concatenate([own[k] for k in self.bodies["kind"]])
+
 
 class Sensed(NamedTuple):
     """What a vehicle measures of itself, as tuples of compiled code.
@@ -132,12 +138,11 @@ def kinds_of(vehicles: Sequence[Vehicle]) -> tuple[list[Vehicle], IntArray]:
     return list(kinds.values()), np.array([number[id(vehicle)] for vehicle in vehicles], dtype=np.int64)
 
 
-def pack_fleet(vehicles: Sequence[Vehicle], damping: Array, heading: Array, level: float, timestep: float) -> Fleet:
+def pack_fleet(vehicles: Sequence[Vehicle], heading: Array, level: float, timestep: float) -> Fleet:
     """Pack vehicles, each on a free joint of its own, in order.
 
     Args:
         vehicles: what each is.
-        damping: that its joint takes, shape (V, 6), N s/m and N m s/rad.
         heading: that each holds, shape (V,), rad.
         level: height of the water, m.
         timestep: of the physics, s.
@@ -149,7 +154,7 @@ def pack_fleet(vehicles: Sequence[Vehicle], damping: Array, heading: Array, leve
     kinds["level"] = level
     thrusters, states = np.zeros(kinds["count"].sum(), CHANNEL), np.zeros(len(types), dtype=np.int64)
     for k, (kind, vehicle) in enumerate(zip(kinds, types, strict=True)):
-        _pack(vehicle, kind, damping[int(np.argmax(number == k))])
+        _pack(vehicle, kind, vehicle.joint_damping(timestep))
         channels = thrusters[kind["thruster"] : kind["thruster"] + kind["count"]]
         channels["direction"], channels["moment"] = vehicle.gears[:, :3], vehicle.gears[:, 3:]
         channels["row"] = vehicle.allocation
@@ -231,12 +236,12 @@ def medium_wrench(kind, height, R, s, omega):
 
 
 @inline_jit
-def apply_wrench(kind, body, qvel, R, force, moment, applied):
-    """Write force and moment into `applied` (qfrc_applied), the force in world axes; less what the joint takes."""
-    d, force = body.dof, to_world(R, force)
+def apply_wrench(kind, qvel, R, force, moment, applied):
+    """Write force and moment, less what the joint takes, into a body's `applied` (6,): qfrc_applied; as qvel (6,)."""
+    force = to_world(R, force)
     for i in range(3):
-        applied[d + i] = force[i] + kind.implicit * qvel[d + i]
-        applied[d + 3 + i] = moment[i]
+        applied[i] = force[i] + kind.implicit * qvel[i]
+        applied[3 + i] = moment[i]
 
 
 @inline_jit

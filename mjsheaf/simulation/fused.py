@@ -18,32 +18,18 @@ they are handed out to threads. Which thread moves a vehicle does not change a b
 """
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
-from types import TracebackType
-from typing import Any, Self
 
 import numpy as np
-from numba import types
-from numba.core import cgutils
-from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from mjsheaf.arrays import Array
+from mjsheaf.arrays import IntArray
 from mjsheaf.control.controller import Controller, Law
-from mjsheaf.control.law import new_memory
 from mjsheaf.dynamics.disturbance import evaluate_sines
 from mjsheaf.jit import inline_jit, jit
-from mjsheaf.simulation.bodies import kinds_of, pack_fleet
-from mjsheaf.simulation.loop import (
-    HUGE,
-    ClosedLoop,
-    Loop,
-    Recorder,
-    close_loop,
-    place_targets,
-    record,
-    sense_and_command,
-)
+from mjsheaf.simulation.bodies import kinds_of
+from mjsheaf.simulation.gate import fail, take
+from mjsheaf.simulation.loop import HUGE, Loop, Recorder, record, sense_and_command
+from mjsheaf.simulation.threaded import LEAST, ThreadedLoop, begin_span, end_span, next_row
 from mjsheaf.system import Phase, System
 from mjsheaf.vehicles.actuators import actuator_force, unit_wrench
 from mjsheaf.vehicles.vectors import add, cross, product, row_product, subtract, to_world, triple, upward
@@ -61,17 +47,14 @@ MOTION = np.dtype(
     ]
 )
 
-_ARRIVED, _NEXT, _FAILED = 0, 16, 32  # places in a gate, in cache lines of their own
-_CHUNK = 2_000_000  # steps times vehicles in one call: long enough for threads to find a processor each
-_BLOCK = 8  # vehicles that a thread takes at a time
-_PATIENCE = 1000  # looks at a gate before another process may have the processor
 _SMALL = 0.01  # rad^2: square of half a turn up to which its sine and cosine are short series
 
 
-def pack_motion(vehicles: Sequence[Vehicle], damping: Array, timestep: float) -> NDArray[np.void]:
-    """A MOTION for each kind of vehicle, of which the joint takes damping (K, 6), in a step of so many s."""
+def pack_motion(vehicles: Sequence[Vehicle], timestep: float) -> NDArray[np.void]:
+    """A MOTION for each kind of vehicle, in steps of so many s."""
     motion = np.zeros(len(vehicles), MOTION)
-    for one, vehicle, taken in zip(motion, vehicles, damping, strict=True):
+    for one, vehicle in zip(motion, vehicles, strict=True):
+        taken = vehicle.joint_damping(timestep)
         one["inverse"] = np.linalg.inv(vehicle.rigid_mass + timestep * np.diag(taken))
         one["inertia"], one["damping"] = vehicle.inertia, taken[3:]
         one["weight"], one["weight_moment"] = vehicle.weight - vehicle.ballast, vehicle.weight_moment
@@ -140,55 +123,31 @@ def turn(q, x, y, z):
     q[3] = a * z + b * y - e * x + f * c
 
 
-def _generate_fetch_add(typing: Any, array: Any, index: Any, amount: Any) -> Any:
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        kind, of = signature.args[0], context.make_array(signature.args[0])(context, builder, arguments[0])
-        place = cgutils.get_item_pointer(context, builder, kind, of, [arguments[1]], wraparound=False)
-        return builder.atomic_rmw("add", place, arguments[2], "seq_cst")
-
-    return types.int64(array, types.int64, types.int64), generate
-
-
-_fetch_add: Any = intrinsic(_generate_fetch_add)
-"""_fetch_add(array, index, amount): add to an entry of integers atomically; gives what was there before."""
-
-_sched_yield = types.ExternalFunction("sched_yield", types.int32())
-
-
-@inline_jit
-def _wait(gate, arrivals, threads):
-    """Arrive, and wait until so many have."""
-    if threads > 1:
-        _fetch_add(gate, _ARRIVED, 1)
-        looks = 0
-        while _fetch_add(gate, _ARRIVED, 0) < arrivals:
-            looks += 1
-            if looks > _PATIENCE:
-                _sched_yield()
-
-
 @jit
-def advance_block(loop, motion, first, last, step, count, log, row):
-    """Move vehicles from first up to last by `count` steps from step number `step`.
+def advance_block(loop, motion, first, last, step, count, log, row, bad):
+    """Move vehicles from first up to last by `count` steps from step number `step`, fewer where one becomes bad.
 
     Their samples before the first step are recorded as `row` of the log, unless that is negative.
 
     Returns:
-        Which of them had a bad command or a bad state first, and at which step; (-1, -1) if none had.
+        Whether none did; see `ThreadedLoop._work` on `bad`.
     """
+    all_good = True
     for k in range(step, step + count):
         evaluate_sines(loop.medium.harmonics, loop.start + k * loop.timestep, first, last, loop.sines)
-        for v in range(first, last):
+        for v in range(first, last):  # to the last, as all of them are recorded
             body = loop.fleet.bodies[v]
             R, omega, force, moment = sense_and_command(loop, v)
             if k == step and row >= 0:
                 record(loop, log, row, v, v + 1)
             good, force, moment = apply_actuators(loop, body, force, moment)
             if not good:
-                return v, k
-            if not move(motion[body.kind], body, R, omega, force, moment, loop.timestep, loop.qpos, loop.qvel):
-                return v, k + 1
-    return -1, -1
+                bad[v], all_good = 2 * k + 1, False
+            elif not move(motion[body.kind], body, R, omega, force, moment, loop.timestep, loop.qpos, loop.qvel):
+                bad[v], all_good = 2 * (k + 1), False
+        if not all_good:
+            break
+    return all_good
 
 
 @inline_jit
@@ -215,134 +174,48 @@ def apply_actuators(loop, body, force, moment):
 
 @jit
 def advance(loop, motion, step, count, recorder, row, bad, thread, threads, gate):
-    """What one of several threads does of `count` steps from step number `step`; see `loop._advance`.
-
-    Args:
-        loop: the loop.
-        motion: a MOTION for each kind.
-        step, count: as there.
-        recorder: where samples go, the next of them as `row`.
-        bad: the step at which each vehicle's state was bad, shape (V,), written where it was.
-        thread, threads: which of how many; thread 0 evaluates the law.
-        gate: where they wait for one another, zeros before.
-    """
-    k, end, gates, V = step, step + count, 0, loop.fleet.bodies.shape[0]
+    """See `ThreadedLoop._work`; motion has a MOTION for each kind."""
+    k, end, meetings, V = step, step + count, 0, loop.fleet.bodies.shape[0]
     while k < end:
-        span = min(loop.per_law - k % loop.per_law, end - k)
-        recorded = k % loop.per_sample == 0 and row < recorder.log.positions.shape[0]
-        if thread == 0:
-            if recorded:
-                place_targets(loop.fleet, loop.qpos, loop.x, recorder)
-            if k % loop.per_law == 0:
-                close_loop(loop, loop.start + k * loop.timestep, True, 0)
-            if recorded:
-                recorder.written[0] = row + 1
-            gate[_NEXT] = 0
-        gates += 1
-        _wait(gate, gates * threads, threads)
-        first = _fetch_add(gate, _NEXT, _BLOCK) if threads > 1 else 0
-        while first < V:
-            last = min(first + _BLOCK, V)
-            v, at = advance_block(loop, motion, first, last, k, span, recorder.log, row if recorded else -1)
-            if v >= 0:
-                bad[v] = at
-                gate[_FAILED] = 1
-            first = _fetch_add(gate, _NEXT, _BLOCK) if threads > 1 else first + _BLOCK
-        gates += 1
-        _wait(gate, gates * threads, threads)
-        if gate[_FAILED]:
+        span, sample = min(loop.per_law - k % loop.per_law, end - k), next_row(loop, k, recorder, row)
+        if not begin_span(loop, k, recorder, sample, thread, threads, meetings, gate):
             return
-        k += span
-        row += recorded
+        first = take(gate, LEAST, threads)
+        while first < V:
+            last = min(first + LEAST, V)
+            if not advance_block(loop, motion, first, last, k, span, recorder.log, sample, bad):
+                fail(gate)
+            first = take(gate, LEAST, threads)
+        if not end_span(threads, meetings, gate):
+            return
+        k, row, meetings = k + span, row + (sample >= 0), meetings + 2
 
 
-class Fused(ClosedLoop):
+@jit
+def command_all(loop, t):
+    """Let every vehicle measure and command at time t, s."""
+    evaluate_sines(loop.medium.harmonics, t, 0, loop.fleet.bodies.shape[0], loop.sines)
+    for v in range(loop.fleet.bodies.shape[0]):
+        sense_and_command(loop, v)
+
+
+class Fused(ThreadedLoop):
     """A scenario on bodies that this module moves. It has no contacts, and takes no forces from outside."""
 
-    def __init__(
-        self,
-        run: System | Sequence[Phase],
-        *,
-        controller: Law | Controller | None = None,
-    ) -> None:
-        """Put every vehicle at its initial position and heading.
-
-        Args:
-            run: the System that a scenario describes, or the phases of a run.
-            controller: as of `World`.
+    def __init__(self, run: System | Sequence[Phase], *, controller: Law | Controller | None = None) -> None:
+        """Put every vehicle at its initial position and heading; arguments as of `World`.
 
         Raises:
-            InputError: as of `World`; or there are contacts.
+            InputError: as `World` does; or there are contacts.
         """
-        super().__init__(run, controller, 0)
-        plan, vehicles = self.system.bodies, self._vehicles
-        plan.require_engine()
-        kinds, number = kinds_of(vehicles)
-        damping = np.array([vehicle.joint_damping(plan.timestep) for vehicle in kinds])
-        fleet = pack_fleet(vehicles, damping[number], plan.heading, plan.surface_height, self._timestep)
-        of_kind = [fleet.thrusters[kind["thruster"] : kind["thruster"] + kind["count"]] for kind in fleet.kinds]
-        channels = np.concatenate([of_kind[k] for k in number])
-        late = channels["late"] > 0
-        V, control, medium = len(vehicles), self._control(), self.system.medium
-        self._motion = pack_motion(kinds, damping, self._timestep)
-        self._count, self._bad = 0, np.empty(V, dtype=np.int64)
-        self._chunk = max(1, min(4000, _CHUNK // V))
-        self._threads = max(1, min(plan.threads, V // _BLOCK))
-        self._pool = ThreadPoolExecutor(self._threads - 1) if self._threads > 1 else None
-        self._begin(
-            Loop(
-                control=control,
-                medium=medium,
-                fleet=fleet,
-                qpos=np.zeros(7 * V),
-                qvel=np.zeros(6 * V),
-                qacc=np.zeros(0),
-                ctrl=np.zeros(len(channels)),
-                act=np.zeros(int(late.sum())),
-                applied=np.zeros(6 * V),
-                gear=np.zeros((len(channels), 6)),
-                gain=channels["gain"].reshape(-1, 1).copy(),
-                lag=np.where(late, np.cumsum(late) - 1, -1).astype(np.int32),
-                x=np.zeros((V, 3)),
-                drift=np.zeros((V, 3)),
-                memory=new_memory(control.law, V),
-                sines=np.zeros(len(medium.harmonics.rate)),
-                model=0,
-                data=0,
-                stopped=np.zeros(V, dtype=np.bool_),
-            )
-        )
-        self._place()
+        super().__init__(run, controller)
+        self._motion = pack_motion(kinds_of(self._vehicles)[0], self._timestep)
+        self._start()
 
-    def __enter__(self) -> Self:
-        return self
+    def _command(self, loop: Loop) -> None:
+        command_all(loop, self.time)
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    def _work(
+        self, loop: Loop, step: int, count: int, recorder: Recorder, row: int, thread: int, gate: IntArray
     ) -> None:
-        if self._pool:
-            self._pool.shutdown()
-
-    @property
-    def _step(self) -> int:
-        """Physics steps since the start."""
-        return self._count
-
-    def _move(self, loop: Loop, step: int, count: int, recorder: Recorder) -> tuple[int, int] | None:
-        """The vehicle that was bad first, and the step."""
-        row, gate = int(recorder.written[0]), np.zeros(48, dtype=np.int64)
-        self._bad[:] = -1
-
-        def work(thread: int) -> None:
-            advance(loop, self._motion, step, count, recorder, row, self._bad, thread, self._threads, gate)
-
-        others = [self._pool.submit(work, n) for n in range(1, self._threads)] if self._pool else []
-        work(0)
-        for other in others:
-            other.result()
-        self._count = step + count
-        bad = np.flatnonzero(self._bad >= 0)
-        if not bad.size:
-            return None
-        vehicle = bad[np.argmin(self._bad[bad])]
-        return int(vehicle), int(self._bad[vehicle])
+        advance(loop, self._motion, step, count, recorder, row, self._bad, thread, self._crew.count, gate)

@@ -22,8 +22,10 @@ from mjsheaf.dynamics import FlowField
 from mjsheaf.dynamics.disturbance import pack
 from mjsheaf.engine import mujoco
 from mjsheaf.simulation.arena import compose
-from mjsheaf.simulation.loop import close_loop, controlled_positions, new_loop
+from mjsheaf.simulation.bodies import pack_fleet
+from mjsheaf.simulation.loop import controlled_positions, new_loop
 from mjsheaf.simulation.trajectory import quaternions_of
+from mjsheaf.simulation.world import apply_forces, engine_of, state_of
 from mjsheaf.system import MediumArrays
 from mjsheaf.vehicles.vehicle import Vehicle
 
@@ -127,7 +129,8 @@ class _Bench:
             pack(np.zeros((V, 0, 5))),
         )
         heading = np.array([station.heading for station in stations])
-        self.loop = new_loop(arena, self.data, control, medium, heading, 0.0)
+        fleet, self.engine = pack_fleet(vehicles, heading, 0.0, timestep), engine_of(self.model, self.data)
+        self.loop = new_loop(fleet, control, medium, state_of(self.model, self.data), timestep=timestep)
         self.arena, self.vehicles = arena, vehicles
         self.controlled = np.arange(3) < n[:, None]
         lagging = np.add.reduceat((self.model.actuator_actadr >= 0).astype(int), arena.thruster[:-1])
@@ -199,7 +202,7 @@ class _Bench:
         """Let all vehicles fly or sail under their commands, then put them back to where they began."""
         self._place(self.qpos, self.qvel, self.act, self.command)
         for _ in range(min(round(_SETTLE_TIME / self.timestep), _MOST_SETTLE_STEPS)):
-            close_loop(self.loop, 0.0, False, len(self.vehicles))
+            apply_forces(self.loop, self.engine, 0.0, 0, len(self.vehicles))
             mujoco.mj_step(self.model, self.data)
         self.qpos, self.qvel = self.data.qpos.reshape(-1, 7).copy(), self.data.qvel.reshape(-1, 6).copy()
         self.act = self.data.act.copy()
@@ -233,7 +236,7 @@ class _Bench:
         x, R = self.loop.x, self._rotations()
         controlled_positions(self.loop.fleet, self.data.qpos, x)
         begin = x.copy()
-        close_loop(self.loop, 0.0, False, len(self.vehicles))
+        apply_forces(self.loop, self.engine, 0.0, 0, len(self.vehicles))
         mujoco.mj_step(self.model, self.data)
         dq, after = np.empty(self.model.nv), self.still.copy()
         mujoco.mj_differentiatePos(self.model, dq, 1.0, self.qpos.ravel(), self.data.qpos)

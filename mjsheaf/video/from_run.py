@@ -99,7 +99,7 @@ def film_of(
         dataset: its data, in memory or opened: they are read as they are drawn.
         phases: the scenario's, where they were built already.
     """
-    from mjsheaf.simulation.loop import arena_of
+    from mjsheaf.simulation.world import arena_of
 
     phases = scenario.phases if phases is None else phases
     system = phases[0].system

@@ -77,7 +77,7 @@ def test_a_change_of_the_compiled_law_is_in_the_data() -> None:
     from dataclasses import replace
 
     from mjsheaf.simulation.ideal import run_ideal
-    from mjsheaf.simulation.loop import run_physics
+    from mjsheaf.simulation.physics import run_physics
 
     system = mixed_scenario(**SHORT).system
     edges = system.law.edges._replace(b=system.law.edges.b + 0.5)

@@ -16,7 +16,7 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from mjsheaf import World
-from mjsheaf.simulation.loop import run_physics
+from mjsheaf.simulation.physics import run_physics
 from mjsheaf.vehicles import body
 from mjsheaf.vehicles.loading import load_vehicle
 from tests.builders import altered, find, make_scenario, medium, mixed_scenario, velocity_commands, xml_of

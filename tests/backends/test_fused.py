@@ -20,8 +20,8 @@ from mjsheaf.errors import InputError, MjsheafError
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import list_scenarios
 from mjsheaf.simulation.fused import Fused, advance_block
-from mjsheaf.simulation.loop import close_loop
 from mjsheaf.simulation.trajectory import Log
+from mjsheaf.simulation.world import apply_forces
 from mjsheaf.system import on_engine
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 from tests.builders import RAFT, altered, find, make_scenario, mixed_scenario, refused
@@ -113,18 +113,18 @@ def off_by(scenario: Scenario, count: int, seed: int) -> float:
         if k % 2:  # nearly level too, as vehicles mostly are
             q[:, 3:] = Rotation.from_rotvec(rng.normal(0, 0.1, (V, 3))).as_quat()[:, [3, 0, 1, 2]]
         w[:, :3], w[:, 3:] = rng.normal(0, 4, (V, 3)), rng.normal(0, 2, (V, 3))
-        ours.act[:] = rng.uniform(low, high)[ours.lag >= 0]
+        ours.act[:] = rng.uniform(low, high)[ours.fleet.channels["late"] > 0]
         ours.memory.command[:] = rng.normal(0, 3, (V, 3)) * (rng.random() < 0.8)
         ours.stopped[:] = theirs.stopped[:] = rng.random(V) < 0.1
         theirs.qpos[:], theirs.qvel[:], theirs.act[:] = ours.qpos, ours.qvel, ours.act
         theirs.memory.command[:] = ours.memory.command
         before = w.copy()
-        close_loop(theirs, theirs.start + k * h, False, V)
+        apply_forces(theirs, world._engine, theirs.start + k * h, 0, V)
         mujoco.mj_step(world.model, world.data)
-        assert advance_block(ours, fused._motion, 0, V, k, 1, nothing, -1) == (-1, -1)
+        assert advance_block(ours, fused._motion, 0, V, k, 1, nothing, -1, fused._bad)
         np.testing.assert_array_equal(ours.ctrl, theirs.ctrl)
         pushes = np.abs(world.data.actuator_force[:, None] * world.model.actuator_gear)
-        pushed = np.add.reduceat(pushes, world.arena.thruster[:-1]) + np.abs(theirs.applied.reshape(V, 6))
+        pushed = np.add.reduceat(pushes, world.arena.thruster[:-1]) + np.abs(world.data.qfrc_applied.reshape(V, 6))
         damping = np.abs(world.model.dof_damping.reshape(V, 6) * before)
         passive = (
             np.abs(world.data.qfrc_bias.reshape(V, 6)) + 2.0 * damping + np.abs(world.data.qfrc_passive.reshape(V, 6))

@@ -10,7 +10,7 @@ from mjsheaf import World
 from mjsheaf.errors import InputError
 from mjsheaf.runs.simulate import stream
 from mjsheaf.simulation.ideal import run_ideal, stream_ideal
-from mjsheaf.simulation.loop import run_physics, stream_physics
+from mjsheaf.simulation.physics import run_physics, stream_physics
 from mjsheaf.simulation.trajectory import Log
 from mjsheaf.system import Phase, System, phases_of
 from mjsheaf.team import Team

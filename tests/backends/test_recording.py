@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from mjsheaf import World
 from mjsheaf.simulation import loop as world
 from mjsheaf.simulation.ideal import run_ideal, stream_ideal
-from mjsheaf.simulation.loop import run_physics, stream_physics
+from mjsheaf.simulation.physics import run_physics, stream_physics
 from mjsheaf.simulation.trajectory import Log
 from mjsheaf.system import System
 from tests.builders import mixed_scenario

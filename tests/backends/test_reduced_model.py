@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mjsheaf.scenario import Scenario
 from mjsheaf.simulation.ideal import run_ideal
-from mjsheaf.simulation.loop import run_physics
+from mjsheaf.simulation.physics import run_physics
 from tests.builders import FLOW, make_scenario, mixed_scenario
 
 Array = NDArray[np.float64]

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from mjsheaf import World, load_scenario, simulate
 from mjsheaf.errors import InputError, UnstableError
-from mjsheaf.simulation.loop import run_physics
+from mjsheaf.simulation.physics import run_physics
 from mjsheaf.vehicles.loading import load_vehicle
 from tests.builders import altered, find, make_scenario, mixed_scenario, refused
 

@@ -32,7 +32,7 @@ from mjsheaf.results.netcdf import dataset_bytes, write_dataset
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario
 from mjsheaf.simulation.ideal import run_ideal, stream_ideal
-from mjsheaf.simulation.loop import run_physics, stream_physics
+from mjsheaf.simulation.physics import run_physics, stream_physics
 from mjsheaf.system import Phase
 from mjsheaf.team import Edge
 from mjsheaf.team.links import Exact, Link, LinkModel, Links

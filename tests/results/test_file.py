@@ -18,7 +18,7 @@ from mjsheaf.results.netcdf import pieces_of
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario, scenario_from_mapping
 from mjsheaf.simulation import trajectory
-from mjsheaf.simulation.loop import run_physics
+from mjsheaf.simulation.physics import run_physics
 
 BACKENDS = ("ideal", "physics")
 

@@ -1,0 +1,374 @@
+"""MuJoCo moves the bodies: the engine with contacts, and the one that users see, as `World`.
+
+What happens before a step is a function of ours that writes into MuJoCo's arrays, not one of MuJoCo's global callbacks:
+those belong to the whole process, and slow down or break whatever else it simulates. mj_step is called through its C
+symbol, which frees it from the interpreter.
+"""
+
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import llvmlite.binding
+import numpy as np
+from numba import types
+
+from mjsheaf.arrays import Array, IntArray
+from mjsheaf.control.controller import Controller, Law
+from mjsheaf.dynamics.disturbance import evaluate_sines
+from mjsheaf.engine import mujoco
+from mjsheaf.errors import InputError, expected
+from mjsheaf.jit import inline_jit, jit
+from mjsheaf.simulation.arena import Arena, compose
+from mjsheaf.simulation.bodies import apply_wrench, turn_gears
+from mjsheaf.simulation.gate import fail
+from mjsheaf.simulation.loop import (
+    HUGE,
+    ClosedLoop,
+    Loop,
+    Recorder,
+    place_targets,
+    record,
+    run_law,
+    sense_and_command,
+)
+from mjsheaf.simulation.threaded import ThreadedLoop, begin_span, end_span, next_row
+from mjsheaf.system import Phase, System
+
+# The very library that the Python bindings use; numba binds the name when it links compiled code.
+for _library in Path(mujoco.__file__).parent.glob("libmujoco*"):
+    llvmlite.binding.load_library_permanently(str(_library))
+_mj_step = types.ExternalFunction("mj_step", types.void(types.voidptr, types.voidptr))
+
+_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
+
+
+class Engine(NamedTuple):
+    """What the loop writes into MuJoCo beside the state, for compiled code.
+
+    Attributes:
+        qacc: to see whether it is good.
+        applied: qfrc_applied.
+        gear: actuator_gear.
+        model, data: addresses.
+    """
+
+    qacc: Array
+    applied: Array
+    gear: Array
+    model: int
+    data: int
+
+
+def engine_of(model: mujoco.MjModel, data: mujoco.MjData) -> Engine:
+    """Views of MuJoCo's arrays."""
+    return Engine(data.qacc, data.qfrc_applied, model.actuator_gear, model._address, data._address)
+
+
+def state_of(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[Array, Array, Array, Array, Array]:
+    """Those that a Loop sees."""
+    return data.qpos, data.qvel, data.ctrl, model.actuator_gainprm, data.act
+
+
+@jit
+def apply_forces(loop, engine, t, first, last):
+    """Let vehicles from first up to last measure and command at time t, s, and write what the medium does to them.
+
+    They are the engine's only ones.
+    """
+    evaluate_sines(loop.medium.harmonics, t, first, last, loop.sines)
+    for v in range(first, last):
+        body = loop.fleet.bodies[v]
+        kind = loop.fleet.kinds[body.kind]
+        R, _, force, moment = sense_and_command(loop, v)
+        place, channel = 6 * (v - first), body.actuator - loop.fleet.bodies[first].actuator
+        applied, gear = engine.applied[place : place + 6], engine.gear[channel : channel + kind.count]
+        apply_wrench(kind, loop.qvel[body.dof : body.dof + 6], R, force, moment, applied)
+        turn_gears(kind, loop.fleet.thrusters[kind.thruster :], R, loop.act[body.state :], gear)
+
+
+@jit
+def _is_bad(values):
+    """Whether MuJoCo would call one of the numbers bad: it is not finite, or huge."""
+    bad = 0
+    for i in range(values.shape[0]):  # no early exit: compiled to vector instructions
+        bad += not abs(values[i]) < HUGE
+    return bad > 0
+
+
+@jit
+def _advance(loop, engine, step, count, recorder):
+    """Take `count` steps from step number `step`, or fewer where the state becomes bad; return whether it did.
+
+    While the recorder has room, a sample is recorded every `loop.per_sample` steps.
+    """
+    V = loop.fleet.bodies.shape[0]
+    for k in range(step, step + count):
+        t = loop.start + k * loop.timestep
+        recorded = k % loop.per_sample == 0 and recorder.written[0] < recorder.log.positions.shape[0]
+        if recorded:
+            place_targets(loop, recorder)
+        if k % loop.per_law == 0:
+            run_law(loop, t)
+        apply_forces(loop, engine, t, 0, V)
+        if recorded:
+            record(loop, recorder.log, recorder.written[0], 0, V)
+            recorder.written[0] += 1
+        # MuJoCo sets all commands to zero where one is bad, and goes on: that would be another simulation.
+        if _is_bad(loop.ctrl):
+            return True
+        _mj_step(engine.model, engine.data)
+        if _is_bad(loop.qpos) or _is_bad(loop.qvel) or _is_bad(engine.qacc):
+            return True
+    return False
+
+
+class World(ClosedLoop):
+    """A scenario on MuJoCo bodies, with the loop closed.
+
+    Attributes:
+        system, steps_per_sample: see `ClosedLoop`.
+        arena: where each vehicle is in the model. By name: vehicle A1 has the free joint `A1/`, and everything that is
+            its own (bodies, geoms, sites, actuators) has that prefix: `A1/thruster_left`. `actuators` gives the
+            actuators of a vehicle by its id. Vehicles of one kind share the materials of the first.
+        model, data: MuJoCo's own. The state may be read and set between steps; each step overwrites `data.ctrl`,
+            `data.qfrc_applied` of the vehicles and `model.actuator_gear`. Forces of your own go to
+            `data.xfrc_applied`; of a vehicle with added mass only the rigid body feels them: multiply by
+            `vehicle.rigid_wrench_map`.
+    """
+
+    def __init__(self, scenario: Any, *, controller: Law | Controller | None = None, visible: bool = True) -> None:
+        """Compose the arena and put every vehicle at its initial position and heading.
+
+        Args:
+            scenario: a Scenario, the System that one describes, or the phases of a run.
+            controller: a law in Python in place of the agents' own; see `mjsheaf.control.controller`.
+            visible: False for a model without the geoms that are only to be seen: the same motion to the bit, sooner.
+
+        Raises:
+            InputError: a vehicle is unknown, or does not fit the dimension of its agent or target; or a law in Python
+                where the control period is 0.
+        """
+        run = scenario.phases if hasattr(scenario, "controller") else scenario
+        super().__init__(run, controller, getattr(scenario, "seed", 0))
+        self.arena = arena_of(self.system, visible=visible)
+        self.model: mujoco.MjModel = self.arena.model
+        self.data: mujoco.MjData = mujoco.MjData(self.model)
+        self._engine = engine_of(self.model, self.data)
+        self._begin(state_of(self.model, self.data))
+        self.reset()
+
+    @property
+    def _step(self) -> int:
+        """Physics steps since the start, by MuJoCo's clock: those count that were taken without `step`."""
+        return round((self.data.time - self.system.grid.start) / self._timestep)
+
+    def _command(self, loop: Loop) -> None:
+        """And write forces."""
+        apply_forces(loop, self._engine, self.time, 0, len(self._vehicles))
+
+    def reset(self) -> None:
+        """Go back to the initial condition.
+
+        Where a command is bad there already, `data` has positions but no forces, and `step` raises UnstableError.
+        """
+        mujoco.mj_resetData(self.model, self.data)
+        self.data.time = self.system.grid.start
+        self._place()
+        # Where a command is bad MuJoCo would warn and take others; `step` raises.
+        (mujoco.mj_fwdPosition if _is_bad(self.data.ctrl) else mujoco.mj_forward)(self.model, self.data)
+
+    def get_state(self) -> Array:
+        """All that decides how the run goes on: MuJoCo's state and the law's memory, as one array.
+
+        A law in Python keeps its own state, which is not in it.
+        """
+        state = np.empty(mujoco.mj_stateSize(self.model, _STATE))
+        mujoco.mj_getState(self.model, self.data, state, _STATE)
+        return np.concatenate([state, self._loop.memory.flat])
+
+    def set_state(self, state: Array) -> None:
+        """Go on from a state of `get_state`, to the bit as the world did from which it was taken.
+
+        Raises:
+            InputError: the state is of another size, so not one of this scenario, or not finite.
+        """
+        values, before = np.ascontiguousarray(state, dtype=np.float64), self.get_state()
+        if values.ndim != 1 or not np.isfinite(values).all() or not self._restore(values):
+            self._restore(before)
+            raise InputError(
+                f"state has shape {values.shape}; expected {before.shape} finite numbers, as get_state gives them"
+            )
+        mujoco.mj_fwdPosition(self.model, self.data)
+
+    def _restore(self, state: Array) -> bool:
+        """Take over a state; False where it is not of the size that the law of its phase needs."""
+        size = mujoco.mj_stateSize(self.model, _STATE)
+        if len(state) <= size:
+            return False
+        mujoco.mj_setState(self.model, self.data, state[:size], _STATE)
+        memory = self._enter_phase().memory.flat
+        if len(state) != size + len(memory):
+            return False
+        memory[:] = state[size:]
+        return True
+
+    def _move(self, loop: Loop, step: int, count: int, recorder: Recorder) -> tuple[int, int] | None:
+        """The first vehicle with a bad command or, if none has, a bad position, velocity or acceleration, if any."""
+        if not _advance(loop, self._engine, step, count, recorder):
+            return None
+        data, owner = self.data, np.repeat(np.arange(len(self._vehicles)), np.diff(self.arena.thruster))
+        motion = np.hstack([x.reshape(len(self._vehicles), -1) for x in (data.qpos, data.qvel, data.qacc)])
+        bad = owner[~(np.abs(data.ctrl) < HUGE)], np.flatnonzero(~(np.abs(motion) < HUGE).all(axis=1))
+        return int(np.concatenate(bad)[0]), self._step
+
+    def actuators(self, id: str) -> IntArray:
+        """Indices of a vehicle's actuators in `model` and in `data.ctrl`, in the order of `result.nc`'s thrusters.
+
+        For example `world.model.actuator_gainprm[world.actuators("A1"), 0] = 0` stops all thrusters of A1.
+
+        Args:
+            id: of an agent or a target.
+
+        Raises:
+            InputError: there is no such vehicle.
+        """
+        index = self.system.team.index
+        if id not in index:
+            raise InputError(f"unknown vehicle {id!r}; {expected(id, index)}")
+        return np.arange(*self.arena.thruster[index[id] :][:2])
+
+
+class _State(NamedTuple):
+    """MuJoCo's qpos, qvel, ctrl and act."""
+
+    qpos: Array
+    qvel: Array
+    ctrl: Array
+    act: Array
+
+
+@inline_jit
+def _copy(source, target):
+    for i in range(target.shape[0]):
+        target[i] = source[i]
+
+
+@jit
+def _step_part(loop, engine, own, first, last, step, count, log, row, bad):
+    """Take `count` steps from step number `step` with a model's vehicles, fewer where one of them becomes bad.
+
+    Their samples before the first step are recorded as `row` of the log, unless that is negative.
+
+    Returns:
+        Whether none did; see `ThreadedLoop._work` on `bad`.
+    """
+    bodies = loop.fleet.bodies
+    qpos, qvel = loop.qpos[7 * first : 7 * last], loop.qvel[6 * first : 6 * last]
+    ctrl, act = loop.ctrl[bodies[first].actuator :], loop.act[bodies[first].state :]
+    _copy(qpos, own.qpos)
+    _copy(qvel, own.qvel)
+    _copy(act, own.act)
+    for k in range(step, step + count):
+        apply_forces(loop, engine, loop.start + k * loop.timestep, first, last)
+        if k == step and row >= 0:
+            record(loop, log, row, first, last)
+        _copy(ctrl, own.ctrl)
+        if _is_bad(own.ctrl):
+            for v in range(first, last):
+                a = bodies[v].actuator - bodies[first].actuator
+                if _is_bad(own.ctrl[a : a + loop.fleet.kinds[bodies[v].kind].count]):
+                    bad[v] = 2 * k + 1
+            return False
+        _mj_step(engine.model, engine.data)
+        _copy(own.qpos, qpos)
+        _copy(own.qvel, qvel)
+        _copy(own.act, act[: own.act.shape[0]])
+        if _is_bad(qpos) or _is_bad(qvel) or _is_bad(engine.qacc):
+            for v in range(first, last):
+                a, d = 7 * (v - first), 6 * (v - first)
+                if _is_bad(qpos[a : a + 7]) or _is_bad(qvel[d : d + 6]) or _is_bad(engine.qacc[d : d + 6]):
+                    bad[v] = 2 * (k + 1)
+            return False
+    return True
+
+
+@jit
+def _advance_part(loop, engine, own, first, last, step, count, recorder, row, bad, thread, threads, gate):
+    """See `ThreadedLoop._work`; the thread's vehicles are those from first up to last."""
+    k, end, meetings = step, step + count, 0
+    while k < end:
+        span, sample = min(loop.per_law - k % loop.per_law, end - k), next_row(loop, k, recorder, row)
+        if not begin_span(loop, k, recorder, sample, thread, threads, meetings, gate):
+            return
+        if not _step_part(loop, engine, own, first, last, k, span, recorder.log, sample, bad):
+            fail(gate)
+        if not end_span(threads, meetings, gate):
+            return
+        k, row, meetings = k + span, row + (sample >= 0), meetings + 2
+
+
+class _Part(NamedTuple):
+    """The vehicles of a thread, from first up to last, in a model of their own."""
+
+    first: int
+    last: int
+    engine: Engine
+    state: _State
+    model: mujoco.MjModel
+    data: mujoco.MjData
+
+
+class SplitWorld(ThreadedLoop):
+    """A scenario on MuJoCo bodies without contacts, on several threads, each of which has a model of its vehicles.
+
+    Vehicles that never touch are independent trees to MuJoCo: the motion is that of `World` to the bit. The state is
+    the loop's; MuJoCo's is a copy.
+    """
+
+    def __init__(self, run: System | Sequence[Phase], *, controller: Law | Controller | None = None) -> None:
+        """Compose an arena for each thread, and put every vehicle where it begins; arguments as of `World`.
+
+        Raises:
+            InputError: as `World` does; or there are contacts.
+        """
+        super().__init__(run, controller)
+        ends = np.arange(self._crew.count + 1) * len(self._vehicles) // self._crew.count
+        self._parts = [self._part(int(first), int(last)) for first, last in pairwise(ends)]
+        self._start()
+
+    def _part(self, first: int, last: int) -> "_Part":
+        """The model of vehicles from first up to last."""
+        ids = [member.id for member in self.system.team.members[first:last]]
+        model = compose(self._vehicles[first:last], ids, timestep=self._timestep, visible=False).model
+        data = mujoco.MjData(model)
+        state = _State(data.qpos, data.qvel, data.ctrl, data.act)
+        return _Part(first, last, engine_of(model, data), state, model, data)
+
+    def _command(self, loop: Loop) -> None:
+        """And write forces, which the next step overwrites."""
+        for part in self._parts:
+            apply_forces(loop, part.engine, self.time, part.first, part.last)
+
+    def _work(
+        self, loop: Loop, step: int, count: int, recorder: Recorder, row: int, thread: int, gate: IntArray
+    ) -> None:
+        first, last, engine, own, _, _ = self._parts[thread]
+        threads = self._crew.count
+        _advance_part(loop, engine, own, first, last, step, count, recorder, row, self._bad, thread, threads, gate)
+
+
+def arena_of(system: System, colours: Array | None = None, visible: bool = True) -> Arena:
+    """Compose the arena of a system; colours (V, 3) paint the vehicles, and they need not be visible."""
+    plan = system.bodies
+    return compose(
+        system.vehicles,
+        [m.id for m in system.team.members],
+        timestep=system.timestep,
+        contacts=plan.contacts,
+        surface=plan.surface,
+        surface_height=plan.surface_height,
+        colours=colours,
+        visible=visible,
+    )
