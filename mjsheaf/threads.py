@@ -22,3 +22,20 @@ one_thread: Callable[[F], F] = threadpool_limits.wrap(limits=1, user_api="blas")
 def usable_processors() -> int:
     """How many processors this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+_LOOK = 0.05  # s
+_BUSY = 50.0  # %
+
+
+def free_processors() -> int:
+    """How many of the processors that this process may use are idle just now; at least 1."""
+    import psutil
+
+    usable = usable_processors()
+    if usable == 1:
+        return 1
+    loads = psutil.cpu_percent(_LOOK, percpu=True)
+    ours = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else range(len(loads))
+    busy = sum(load > _BUSY for processor, load in enumerate(loads) if processor in ours)
+    return max(1, usable - busy)

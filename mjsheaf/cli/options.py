@@ -30,11 +30,11 @@ ScenarioArgument = Annotated[
 ]
 BackendOption = Annotated[Backend, typer.Option(help="MuJoCo bodies, or the paper's first-order kinematics.")]
 EngineOption = Annotated[
-    Engine, typer.Option(help="What moves bodies: MuJoCo, or compiled equations, sooner, which have no contacts.")
+    Engine, typer.Option(help="What moves bodies: MuJoCo, or the same equations compiled, faster and without contacts.")
 ]
 ThreadsOption = Annotated[
     int | None,
-    typer.Option(min=1, metavar="N", help="On which the fused engine moves vehicles.", show_default="one a core"),
+    typer.Option(min=1, metavar="N", help="Threads that move bodies; results are the same.", show_default="idle cores"),
 ]
 SetOption = Annotated[
     list[str] | None,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from mjsheaf.errors import InputError, MjsheafError, NotUniqueError, RankError, expected
 from mjsheaf.scenario import Scenario
-from mjsheaf.threads import usable_processors
+from mjsheaf.threads import free_processors, usable_processors
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 BACKENDS = ("physics", "ideal")
 ENGINES = ("mujoco", "fused")
+_WORTH_THREADS = 1e6  # vehicles times physics steps: less ends before another thread is of use
 
 Progress = Callable[[str, int, int], None]
 """Called with (what is being done, done, in all)."""
@@ -43,8 +44,8 @@ def simulate(
         backend: 'physics' or 'ideal'.
         engine: what moves bodies: 'mujoco', or 'fused', which has no contacts, ends within rounding of it and takes a
             fraction of the time.
-        threads: on how many the fused engine moves them; None takes the processors that are free to use. The result is
-            the same to the bit.
+        threads: on how many bodies are moved, on each by a model of its own where MuJoCo moves them; contacts and laws
+            in Python leave one. None takes the processors that are free. The result is the same to the bit.
         controller: a law in Python in place of the agents' own, `law(t, sample)` -> velocities (N, 3), m/s, called once
             a control period; see `mjsheaf.control.controller`.
         allow_drift: simulate a team whose harmonic extension is not unique too, against the q* of minimum norm; the
@@ -56,9 +57,9 @@ def simulate(
         'unstable', attrs['message'] says why, and the data end with the last good sample.
 
     Raises:
-        InputError: unknown backend or engine, an engine that lacks what the scenario asks for, a vehicle that does not
-            fit its agent, or a g that is not of full row rank; or a law in Python raised an exception or returned no
-            velocities: the message names agent and time.
+        InputError: unknown backend or engine, an engine or threads that lack what the scenario asks for, a vehicle that
+            does not fit its agent, or a g that is not of full row rank; or a law in Python raised an exception or
+            returned no velocities: the message names agent and time.
         NotUniqueError: the harmonic extension is not unique, and drift is not allowed.
     """
     phases = moved_by(scenario.phases, backend, engine, threads)
@@ -71,17 +72,25 @@ def simulate(
 def moved_by(
     phases: "Sequence[Phase]", backend: str, engine: str = "mujoco", threads: int | None = None
 ) -> "Sequence[Phase]":
-    """A run on an engine; see `simulate`.
+    """A run on an engine and threads; see `simulate`.
 
     Raises:
-        InputError: unknown engine, one for ideal kinematics, or threads below 1.
+        InputError: unknown engine, threads below 1, or either for ideal kinematics.
     """
     from mjsheaf.system import on_engine
 
     require_engine(engine, backend)
     if threads is not None and threads < 1:
         raise InputError(f"threads is {threads}; expected 1 or more, or None")
-    return phases if engine == "mujoco" else on_engine(phases, engine, threads or usable_processors())
+    if backend == "ideal":
+        if threads is not None and threads > 1:
+            raise InputError(f"threads is {threads}: ideal kinematics run on one; expected 1, or backend 'physics'")
+        return phases
+    plan, grid = phases[0].system.bodies, phases[0].system.grid
+    if threads is None:
+        vehicle_steps = len(plan.vehicle) * grid.steps * grid.period / plan.timestep
+        threads = free_processors() if vehicle_steps >= _WORTH_THREADS and not plan.contacts else 1
+    return phases if (plan.engine, plan.threads) == (engine, threads) else on_engine(phases, engine, threads)
 
 
 def stream(
@@ -207,9 +216,9 @@ def require_simulable(run: "System | Sequence[Phase]", backend: str, *, allow_dr
     """Refuse what cannot be simulated; the same on both backends, before anything is simulated or written.
 
     Raises:
-        InputError: unknown backend; contacts, where the engine has none; a vehicle that is unknown or does not fit its
-            agent or target, which matters to the ideal backend too, as a scenario that only one backend takes is not
-            one to compare; or a g that is not of full row rank.
+        InputError: unknown backend; contacts, where the engine or its threads have none; a vehicle that is unknown or
+            does not fit its agent or target, which matters to the ideal backend too, as a scenario that only one
+            backend takes is not one to compare; or a g that is not of full row rank.
         NotUniqueError: the harmonic extension is not unique, in some phase of the run, and drift is not allowed.
     """
     from mjsheaf.dynamics.effectiveness import without_full_row_rank

@@ -1,4 +1,4 @@
-"""The fused engine against MuJoCo: steps from random states, runs, threads, and what it refuses.
+"""The fused engine against MuJoCo: steps from random states, runs, and what it refuses.
 
 Oracle: MuJoCo's own step of the same vehicles under the same commands.
 """
@@ -138,7 +138,7 @@ def off_by(scenario: Scenario, count: int, seed: int) -> float:
         place = moved[:, :3].max(axis=1) / np.maximum(np.abs(q[:, :3]).max(axis=1), h * scale[:, 0])
         turned = moved[:, 3:].max(axis=1) / np.maximum(1.0, h * scale[:, 1])
         late = np.abs(ours.act - theirs.act) / np.maximum(1.0, np.abs(theirs.act))
-        worst = max([worst, faster.max(), place.max(), turned.max(), *late])
+        worst = np.max([worst, faster.max(), place.max(), turned.max(), *late])  # of NaN it is NaN
     return float(worst)
 
 
@@ -259,28 +259,6 @@ def agree(one: Any, other: Any) -> None:
         assert one == (pytest.approx(other, rel=1e-9, abs=1e-9) if isinstance(one, float) else other)
 
 
-# -- threads -----------------------------------------------------------------------------------------------------------
-
-
-def bits(result: Any) -> dict[str, bytes]:
-    assert isinstance(result, xr.Dataset)
-    return {str(name): np.ascontiguousarray(result[name]).tobytes() for name in result.data_vars}
-
-
-def test_threads_do_not_change_a_bit() -> None:
-    """Of a swarm with events in mid-run, in which every thread has blocks to take."""
-    scenario = load_scenario("swarm_radio_shadow", {"swarm.size": 60, "time.end": 1.0})
-    one, two, three = (simulate(scenario, engine="fused", threads=threads) for threads in (1, 2, 3))
-    assert bits(one) == bits(two) == bits(three)
-
-
-def test_many_runs_on_threads_are_those_one_by_one() -> None:
-    scenarios = [mixed_scenario(seed=seed, disturbance={"agents": {"bound": 0.5}}) for seed in range(3)]
-    together = simulate_many(scenarios, engine="fused", workers=2)
-    assert [bits(result) for result in together] == [bits(simulate(one, engine="fused")) for one in scenarios]
-    assert bits(together[0]) != bits(together[1])
-
-
 # -- what it refuses ---------------------------------------------------------------------------------------------------
 
 
@@ -294,7 +272,5 @@ def test_what_it_cannot_do_is_refused_by_its_field() -> None:
         simulate(mixed_scenario(), "ideal", engine="fused")
     with refused(InputError, "'fusde'", "mujoco", "fused"):
         simulate(mixed_scenario(), engine="fusde")
-    with refused(InputError, "threads", 0, 1):
-        simulate(mixed_scenario(), engine="fused", threads=0)
     (error,) = simulate_many([touching], engine="fused")
     assert isinstance(error, InputError)

@@ -1,0 +1,143 @@
+"""Bodies on several threads, and what runs them: the same bits on any number, and nobody left waiting."""
+
+import threading
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from mjsheaf import load_scenario, simulate, simulate_many
+from mjsheaf.errors import InputError
+from mjsheaf.jit import jit
+from mjsheaf.runs.simulate import ENGINES
+from mjsheaf.scenario import Scenario
+from mjsheaf.simulation.gate import Crew, wait
+from mjsheaf.simulation.world import SplitWorld
+from mjsheaf.system import on_engine
+from tests.builders import make_scenario, mixed_scenario, refused
+
+SWARM = {"swarm.size": 60, "time.end": 1.0}
+
+
+def bits(result: Any) -> dict[str, bytes]:
+    assert isinstance(result, xr.Dataset)
+    return {str(name): np.ascontiguousarray(result[name]).tobytes() for name in result.data_vars}
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_threads_do_not_change_a_bit(engine: str) -> None:
+    """Of a swarm of unlike vehicles over links that fail, with events in mid-run; MuJoCo's one thread is `World`."""
+    scenario = load_scenario("swarm_radio_shadow", SWARM)
+    one, *more = (bits(simulate(scenario, engine=engine, threads=threads)) for threads in (1, 2, 3))
+    assert all(other == one for other in more)
+
+
+def unstable() -> Scenario:
+    """Hulls under too high a gain, of which some diverge sooner: commands are bad at samples, on their own steps."""
+    hulls = [{"id": f"A{k}", "position": [0.1 * 9.0 ** -(k % 5), float(k)]} for k in range(20)]
+    wild = {"gain": 1e3, "control_period": 0.01}
+    targets = [{"id": f"T{k}", "position": [0.0, float(k)]} for k in range(20)]
+    sensing = [[f"A{k}", f"T{k}"] for k in range(20)]
+    fields = {"agents": hulls, "targets": targets, "sensing": sensing, "controller": wild, "time": {"end": 2.0}}
+    return make_scenario(fields)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_runs_that_blow_up_are_the_same_on_any_number_of_threads(engine: str) -> None:
+    """Every sample up to the last good one is whole, also of vehicles that come after the one that was bad."""
+    runs = [simulate(unstable(), engine=engine, threads=threads) for threads in (1, 2, 3)]
+    world = simulate(unstable())
+    for run in runs:
+        assert run.attrs["status"] == "unstable"
+        assert run.attrs["message"] == runs[0].attrs["message"]
+        assert bits(run) == bits(runs[0])
+        assert run.sizes["time"] == world.sizes["time"]
+        for name, values in world.data_vars.items():
+            np.testing.assert_allclose(run[name], values, rtol=1e-6, atol=1e-6, err_msg=str(name))
+
+
+def test_many_runs_are_those_one_by_one() -> None:
+    scenarios = [mixed_scenario(seed=seed, disturbance={"agents": {"bound": 0.5}}) for seed in range(3)]
+    together = simulate_many(scenarios, engine="fused", workers=2)
+    assert [bits(result) for result in together] == [bits(simulate(one, engine="fused")) for one in scenarios]
+    assert bits(together[0]) != bits(together[1])
+
+
+# -- threads that wait for one another ---------------------------------------------------------------------------------
+
+
+@jit
+def meet(count, threads, gate):
+    good = True
+    for k in range(count):
+        good = good and wait(gate, k + 1, threads)
+    return good
+
+
+def test_threads_meet_as_often_as_asked_and_leave_when_one_will_not_come() -> None:
+    crew, came = Crew(3), [False] * 3
+    crew.run(lambda thread, gate: came.__setitem__(thread, meet(10_000, 3, gate)))
+    assert came == [True] * 3
+
+    for lost in range(3):  # the caller's own thread too, as by Ctrl-C
+
+        def work(thread: int, gate: Any, lost: int = lost) -> None:
+            if thread == lost:
+                time.sleep(0.01)
+                raise KeyboardInterrupt
+            came[thread] = meet(10_000, 3, gate)
+
+        with pytest.raises(KeyboardInterrupt):
+            crew.run(work)
+        assert not any(value for thread, value in enumerate(came) if thread != lost)
+        came[:] = [True] * 3
+    before = threading.active_count()
+    crew.close()
+    assert threading.active_count() == before - 2
+
+
+def test_an_interrupted_run_leaves_no_thread_behind(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where a thread could not be started, while another waits for it already."""
+    before = threading.active_count()
+
+    def interrupted(done: int, of: int) -> None:
+        raise KeyboardInterrupt
+
+    for engine in ENGINES:
+        with pytest.raises(KeyboardInterrupt):
+            simulate(load_scenario("swarm_radio_shadow", SWARM), engine=engine, threads=3, progress=interrupted)
+        assert threading.active_count() == before
+
+    crew, handed = Crew(3), list[Any]()
+    assert crew._pool
+    submit = crew._pool.submit
+
+    def once(*work: Any) -> Any:
+        if handed:
+            raise RuntimeError("can't start new thread")
+        handed.append(submit(*work))
+        return handed[0]
+
+    monkeypatch.setattr(crew._pool, "submit", once)
+    with pytest.raises(RuntimeError, match="start new thread"):
+        crew.run(lambda thread, gate: meet(10_000, 3, gate))
+    assert handed[0].done()
+    crew.close()
+
+
+# -- what is refused ---------------------------------------------------------------------------------------------------
+
+
+def test_threads_that_cannot_be_are_refused() -> None:
+    touching = mixed_scenario(physics={"contacts": True})
+    with refused(InputError, "physics.contacts", "2 threads", "false"):
+        simulate(touching, threads=2)
+    with refused(InputError, "physics.contacts"):
+        SplitWorld(on_engine(touching.phases, "mujoco", 2))
+    simulate(touching, threads=1)
+    with refused(InputError, "threads", 2, "ideal"):
+        simulate(mixed_scenario(), "ideal", threads=2)
+    with refused(InputError, "threads", 0, 1):
+        simulate(mixed_scenario(), threads=0)
