@@ -7,6 +7,7 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import fields, replace
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 from xml.etree import ElementTree
 
@@ -24,6 +25,7 @@ from mjsheaf.dynamics import disturbance
 from mjsheaf.dynamics.flow import CHANNEL, SOURCE, Channel, FlowField, Source, Vortex
 from mjsheaf.dynamics.motion import add_reference
 from mjsheaf.scenario import Scenario, scenario_from_mapping
+from mjsheaf.simulation.fused import Fused
 from mjsheaf.studies import Plan, load_plan
 from mjsheaf.studies.engine import Engine, local_engine
 from mjsheaf.system import System
@@ -341,6 +343,10 @@ def yaws(count: int, seed: int = 0) -> Array:
 # -- one vehicle alone, in a medium that is at rest or moves evenly, asked for a constant velocity ---------------------
 
 
+ENGINE = "mujoco"
+"""What moves a vehicle that is alone: see the fixture `engine`."""
+
+
 class Alone(World):
     """A world whose law asks vehicle 0 for `wanted` (3,), m/s."""
 
@@ -350,6 +356,22 @@ class Alone(World):
         super().__init__(scenario, controller=lambda *_: self.wanted[None])
 
 
+class AloneFused(Fused):
+    """The same on the fused engine, with as much of `data` and `arena` as it has."""
+
+    wanted = np.zeros(3)
+
+    def __init__(self, scenario: Scenario) -> None:
+        super().__init__(scenario.phases, controller=lambda *_: self.wanted[None])
+        loop, V = self._loop, np.arange(len(self._vehicles))
+        self.data = SimpleNamespace(qpos=loop.qpos, qvel=loop.qvel, act=loop.act, ctrl=loop.ctrl)
+        first = self._first_thruster
+        self.arena = SimpleNamespace(vehicles=self._vehicles, qpos=7 * V, dof=6 * V, thruster=first)
+
+    def reset(self) -> None:
+        self._place()
+
+
 def alone(vehicle: str, *, heading: float = 0.0, drift: Any = None, timestep: float = 0.001, **effects: Any) -> World:
     """A world with vehicle 0, at the origin with a heading in degrees, in a medium that moves at `drift`, m/s.
 
@@ -357,18 +379,17 @@ def alone(vehicle: str, *, heading: float = 0.0, drift: Any = None, timestep: fl
     """
     n = load_vehicle(vehicle).dimension
     flow = {} if drift is None else {"agents": {"dimension": n, "drift": list(drift)[:n]}}
-    world = Alone(
-        make_scenario(
-            {
-                "agents": [{"id": "A", "position": [0.0] * n, "vehicle": vehicle, "heading": heading}],
-                "targets": [{"id": "T", "position": [50.0] * n}],
-                "sensing": [["A", "T"]],
-                "flow": flow,
-                "controller": {"gain": 1.0, "control_period": 10 * timestep},
-                "physics": {"timestep": timestep, "effects": effects},
-            }
-        )
+    scenario = make_scenario(
+        {
+            "agents": [{"id": "A", "position": [0.0] * n, "vehicle": vehicle, "heading": heading}],
+            "targets": [{"id": "T", "position": [50.0] * n}],
+            "sensing": [["A", "T"]],
+            "flow": flow,
+            "controller": {"gain": 1.0, "control_period": 10 * timestep},
+            "physics": {"timestep": timestep, "effects": effects},
+        }
     )
+    world: Any = (Alone if ENGINE == "mujoco" else AloneFused)(scenario)
     ask(world, np.zeros(3))
     world.reset()
     return world
@@ -376,7 +397,7 @@ def alone(vehicle: str, *, heading: float = 0.0, drift: Any = None, timestep: fl
 
 def ask(world: World, velocity: Any) -> None:
     """From now on vehicle 0 is asked for a velocity (n,) relative to the medium, world axes, in place of the law's."""
-    assert isinstance(world, Alone)
+    assert isinstance(world, Alone | AloneFused)
     world.wanted = np.append(velocity, np.zeros(3))[:3]
     world.close_loop(sample=True)
 
@@ -413,10 +434,9 @@ def place(world: World, R: Array, velocity: Any = (0, 0, 0), rates: Any = (0, 0,
 
 def step_unpowered(world: World, count: int) -> None:
     """Step with the thrusters off."""
-    for _ in range(count):
-        world.close_loop(sample=False)
-        world.data.ctrl[:] = 0.0
-        mujoco.mj_step(world.model, world.data)
+    world._loop.stopped[:] = True
+    world.step(count)
+    world._loop.stopped[:] = False
 
 
 def wrench(world: World) -> Array:

@@ -43,6 +43,12 @@ def _plain_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "160")
 
 
+@pytest.fixture(params=["mujoco", pytest.param("fused", marks=pytest.mark.slow)])
+def engine(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A test of a vehicle that is alone runs on both engines."""
+    monkeypatch.setattr("tests.builders.ENGINE", request.param)
+
+
 @pytest.fixture
 def without_plots(monkeypatch: pytest.MonkeyPatch) -> None:
     """Runs draw no plots and an empty page, which take longer than a short run does."""

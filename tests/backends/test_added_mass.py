@@ -65,6 +65,7 @@ def conserved(world: World, w: Array) -> Array:
     return np.concatenate([[0.5 * nu @ M @ nu], P, np.cross(x, P) + R @ (M @ nu)[3:]])
 
 
+@pytest.mark.usefixtures("engine")
 @pytest.mark.parametrize("moving", [False, True], ids=["still", "moving"])
 @pytest.mark.parametrize("name", BODIES)
 def test_energy_and_impulses_are_conserved_to_the_order_of_the_integrator(

@@ -257,6 +257,7 @@ def test_a_multirotor_with_parallel_rotors_points_weight_and_force(name: str, sp
     assert speed < 200.0 or cut == 40
 
 
+@pytest.mark.usefixtures("engine")
 @pytest.mark.parametrize("name", POINTING)
 def test_a_multirotor_leans_to_where_it_is_sent_and_keeps_its_height_and_heading(name: str, tmp_path: Path) -> None:
     """Sent level at 200 m/s it leans as far as it may, toward there; its weight stays carried."""
@@ -280,6 +281,7 @@ def test_a_multirotor_leans_to_where_it_is_sent_and_keeps_its_height_and_heading
         assert world.data.qvel[dof][:3] @ direction > 5.0
 
 
+@pytest.mark.usefixtures("engine")
 @pytest.mark.parametrize(("tilt", "fall"), [(60, 2.0), (150, 7.0)])
 @pytest.mark.parametrize("name", MULTIROTORS)
 def test_a_multirotor_recovers_from_a_tilt(name: str, tilt: float, fall: float) -> None:
@@ -358,6 +360,7 @@ def test_commands_within_the_limits_are_left_alone() -> None:
         np.testing.assert_array_equal(limited.data.ctrl, free.data.ctrl)
 
 
+@pytest.mark.usefixtures("engine")
 @pytest.mark.parametrize("name", MULTIROTORS)
 def test_attitude_is_held_at_the_frequency_that_is_given(name: str) -> None:
     """A small turn about each axis is met by -omega^2 theta, wherever the mass has its centre."""

@@ -187,6 +187,7 @@ def test_mujoco_pushes_along_the_angle() -> None:
         np.testing.assert_allclose(world.data.actuator_force[own], state.ravel(), atol=1e-9)
 
 
+@pytest.mark.usefixtures("engine")
 @pytest.mark.parametrize("velocity", [(2.0, 0.0), (-1.5, 0.0), (0.0, 1.0), (0.0, -1.2)])
 def test_at_a_steady_speed_thrust_balances_drag(velocity: tuple[float, float]) -> None:
     """In a current: D v + Q |v| v to rounding, no yaw moment, and the speed that was asked for."""
@@ -212,6 +213,7 @@ def mean_delay(world: World, before: Any, after: Any) -> float:
     return float(15.0 - way @ change / (change @ change))
 
 
+@pytest.mark.usefixtures("engine")
 @pytest.mark.parametrize(
     ("axis", "before", "after"),
     [(0, [0.0, 0.0], [1e-3, 0.0]), (1, [0.0, 0.1], [0.0, 0.101]), (1, [0.0, -0.1], [0.0, -0.102])],
@@ -227,6 +229,7 @@ def test_a_step_is_followed_with_its_time_constant(axis: int, before: list[float
         assert delay == pytest.approx(load_vehicle(NAME).reduced_model().tau[axis], rel=0.01)
 
 
+@pytest.mark.usefixtures("engine")
 def test_a_step_abeam_from_rest_waits_for_the_engines_to_turn() -> None:
     """Later than tau, by no more than twice the time of that turn, atan(1 / 2.31) at 60 degrees/s."""
     tau, turn = load_vehicle(NAME).reduced_model().tau[1], np.arctan2(0.5, 2.3738 / 2 / 1.0271) / RATE

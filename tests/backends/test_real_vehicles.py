@@ -39,6 +39,7 @@ Array = NDArray[np.float64]
 GRAVITY = 9.81
 
 
+@pytest.mark.usefixtures("engine")
 @pytest.mark.parametrize("name", REAL)
 def test_a_vehicle_that_is_asked_for_nothing_goes_with_the_medium(name: str) -> None:
     """Released at rest it ends at the flow's velocity, whatever the heading, and turns no more."""
@@ -62,6 +63,7 @@ def test_a_multirotor_hovers_from_the_first_moment(name: str) -> None:
     np.testing.assert_allclose(world.data.qpos[qpos], before, atol=1e-9)
 
 
+@pytest.mark.usefixtures("engine")
 @pytest.mark.parametrize("name", ["hexarotor", "quadrotor"])  # the X500's rotors never stop
 def test_a_multirotor_that_tumbles_in_a_vacuum_keeps_energy_and_momenta(name: str, tmp_path: Path) -> None:
     """Rotors off, 1 s of free fall: what is lost, but for the weight's share of momentum, halves with the step."""
@@ -94,6 +96,7 @@ def energy_and_momenta(world: World) -> Array:
     return np.array([energy, *(m * v), *(R @ J @ omega)])
 
 
+@pytest.mark.usefixtures("engine")
 @pytest.mark.parametrize("name", BOATS)
 def test_a_boat_floats_upright_at_its_draft(name: str) -> None:
     """At the waterline, rolled by nothing, and pitched by the moment of weight and buoyancy: tan = W dx / G55.
@@ -150,6 +153,7 @@ def mean_delay(name: str, axis: int) -> tuple[float, float, float]:
     return measured, tau, (M + late * D) / (M * vehicle.rate + D)
 
 
+@pytest.mark.usefixtures("engine")
 @pytest.mark.parametrize("axis", [0, 1, 2], ids=["surge", "sway", "heave"])
 @pytest.mark.parametrize("name", REAL)
 def test_a_velocity_step_is_followed_with_the_time_constant_of_the_reduced_model(name: str, axis: int) -> None:
@@ -210,6 +214,7 @@ def test_g_at_the_hand_point_is_square_and_of_full_rank() -> None:
     np.testing.assert_allclose(model.g(np.eye(3)), [[ahead, ahead], [-turn, turn]], rtol=1e-12)
 
 
+@pytest.mark.usefixtures("engine")
 def test_the_hand_point_moves_at_w_plus_g_u() -> None:
     """In steady straight motion through a current, u what the propellers are told."""
     w, v_c = np.array([0.4, 0.2]), np.array([-0.3, 0.9])
@@ -227,6 +232,7 @@ def test_the_hand_point_moves_at_w_plus_g_u() -> None:
     np.testing.assert_allclose(measured, w + v_c, atol=1e-5)
 
 
+@pytest.mark.usefixtures("engine")
 @pytest.mark.parametrize("angle", [0, 60])
 def test_a_trimmed_boat_makes_what_it_is_asked_for_at_low_speed(angle: float) -> None:
     """The Otter floats 1.27 degrees bow down and drags along its own z axis too: left out, that costs .18 % of 0.1 m/s.
@@ -295,6 +301,7 @@ def crossings(values: Array, timestep: float) -> Array:
     return np.asarray(timestep * (k + values[k] / (values[k] - values[k + 1])))
 
 
+@pytest.mark.usefixtures("engine")
 @pytest.mark.parametrize("mode", [2, 3, 4], ids=["heave", "roll", "pitch"])
 @pytest.mark.parametrize("name", BOATS)
 def test_a_boat_comes_back_at_the_period_of_its_restoring_and_inertia(name: str, mode: int) -> None:
@@ -331,6 +338,7 @@ def test_a_boat_comes_back_at_the_period_of_its_restoring_and_inertia(name: str,
     assert np.abs(seen[-200:]).max() < 0.5 * start
 
 
+@pytest.mark.usefixtures("engine")
 @pytest.mark.parametrize("name", BOATS)
 def test_a_heeled_boat_returns_while_it_is_controlled(name: str) -> None:
     world = alone(name)
