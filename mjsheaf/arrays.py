@@ -1,8 +1,18 @@
 """Types of arrays: numbers in SI units, numbers of things, and yes or no."""
 
+from collections.abc import Iterable
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
+
+
+def freeze(values: Iterable[Any]) -> None:
+    """Make those of the values that are arrays read-only, as they are shared."""
+    for value in values:
+        if isinstance(value, np.ndarray):
+            value.flags.writeable = False

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from mjsheaf.arrays import Array
+from mjsheaf.arrays import Array, freeze
 from mjsheaf.io.section import Section
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.vehicles.vectors import triple
@@ -90,6 +90,9 @@ class Thruster:
     law: str = "none"
     time_constant: float = 1.0
     early: bool = False
+
+    def __post_init__(self) -> None:
+        freeze(vars(self).values())
 
     @property
     def wrenches(self) -> Array:

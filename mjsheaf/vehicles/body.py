@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from mjsheaf.arrays import Array
+from mjsheaf.arrays import Array, freeze
 from mjsheaf.io.section import Section
 from mjsheaf.vehicles.actuators import Channel, Thruster
 
@@ -84,6 +84,9 @@ class Body:
     angular_drag: Array
     quadratic_drag: Array
     added_mass: Array
+
+    def __post_init__(self) -> None:
+        freeze([*vars(self).values(), *(value for inertial in self.inertials for value in inertial)])
 
     @cached_property
     def channels(self) -> list[Channel]:

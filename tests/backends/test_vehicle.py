@@ -303,3 +303,10 @@ def test_vehicles_are_not_shared_state() -> None:
     slow = one.with_time_constant(1.0)
     assert one.drag[0] == pytest.approx(8000.0)
     assert slow.drag[0] == pytest.approx(400.0)
+
+
+def test_a_vehicle_that_all_runs_share_cannot_be_written_into() -> None:
+    vehicle = load_vehicle("hexarotor")
+    for values in (vehicle.drag, vehicle.inertia, vehicle.inertials[0].diagonal, vehicle.actuators[0].wrench):
+        with pytest.raises(ValueError, match="read-only"):
+            values[0] = 1.0
