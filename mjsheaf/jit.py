@@ -13,7 +13,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from numba import njit
+from numba import config, njit
 from numba.core import event
 
 _logger = logging.getLogger("mjsheaf")
@@ -59,6 +59,8 @@ def inline_jit(function: Callable[..., Any]) -> Any:
 
 
 def _compile(function: Callable[..., Any], **options: Any) -> Any:
+    if config.DISABLE_JIT:  # type: ignore[attr-defined]  # by the environment's NUMBA_DISABLE_JIT
+        return function
     try:
         compiled = njit(cache=True, nogil=True, error_model="numpy", **options)(function)
     except RuntimeError:  # no directory can be written: compile anew in each process

@@ -27,6 +27,7 @@ TOPICS = {
     "fused": "simulations",
     "threads": "simulations",
     "peers": "simulations",
+    "hardware": "hardware",
     "assembly": "simulations",
     "sheaf": "sheaf",
     "video": "processes",
@@ -42,6 +43,7 @@ WANTED = {
     "fused": 200.0,
     "fused run": 0.2,
     "fused threads": 0.9,
+    "mujoco threads": 0.8,
     "speed-up": 0.9,
     "assembly": 6.0,
     "sheaf": 2.0,
@@ -56,7 +58,8 @@ WANTED = {
 - loop: time of a step with the loop closed, over that of a bare step; swarm growth: of a step per vehicle of the
   largest swarm, over that of the next smaller one;
 - fused: time of a step of the fused engine per vehicle of a thousand, ns, on one core; fused run: of the published run
-  on bodies by it, s; fused threads: its speed-up by threads that share one team, over their number, at least;
+  on bodies by it, s; fused threads, mujoco threads: speed-up by threads that share one team, over their number, at
+  least;
 - speed-up: by threads, over their number, at least; 1.8 on two cores;
 - sheaf: published time of an operation on a sheaf of 500 vertices over ours, at least; grid growth: exponent with which
   time grows with the number of vertices of a grid;
@@ -140,13 +143,18 @@ def swarm(size: int, vehicle: str = "hexarotor", **overrides: Any) -> Scenario:
 
 
 def run_bench(
-    topics: Sequence[str] | None = None, *, short: bool = True, progress: Progress = no_progress
+    topics: Sequence[str] | None = None,
+    *,
+    short: bool = True,
+    peers: str | None = None,
+    progress: Progress = no_progress,
 ) -> dict[str, Any]:
     """Measure on this machine.
 
     Args:
         topics: some of TOPICS; None takes all.
-        short: the short version of each, about a minute in all.
+        short: the short version of each, about two minutes in all.
+        peers: a Python that has peers installed, for the topic of that name; None takes this one.
         progress: called with (what is measured, topics done, topics in all).
 
     Returns:
@@ -162,7 +170,8 @@ def run_bench(
     rows: list[Row] = []
     for done, topic in enumerate(chosen):
         progress("measuring", done, len(chosen))
-        rows += getattr(import_module(f"mjsheaf.bench.{TOPICS[topic]}"), topic)(short)
+        measure = getattr(import_module(f"mjsheaf.bench.{TOPICS[topic]}"), topic)
+        rows += measure(short, python=peers) if topic == "peers" else measure(short)
     progress("measuring", len(chosen), len(chosen))
     figures = {topic: {row.what: row.ours for row in rows if row.topic == topic} for topic in chosen}
     return {"machine": machine(), "short": short, "figures": figures, "rows": [asdict(row) for row in rows]}

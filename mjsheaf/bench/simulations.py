@@ -1,17 +1,28 @@
 """Speed of simulations in this process: the published run, steps of bodies, threads, assembly, and peers."""
 
+import json
+import subprocess
+import sys
 from functools import partial
+from itertools import product
+from pathlib import Path
 from statistics import median
 from time import perf_counter, thread_time
 
+import numpy as np
+
 import mjsheaf
 from mjsheaf.bench import WANTED, Row, at_least, at_most, best, elapsed, informs, swarm, timed
+from mjsheaf.bench import peers as peers_file
 from mjsheaf.engine import mujoco
+from mjsheaf.errors import InputError
+from mjsheaf.runs.simulate import ENGINES
 from mjsheaf.scenario import Scenario
 from mjsheaf.simulation.fused import Fused
 from mjsheaf.simulation.ideal import run_ideal
+from mjsheaf.simulation.loop import ClosedLoop
 from mjsheaf.simulation.physics import run_physics
-from mjsheaf.simulation.world import World
+from mjsheaf.simulation.world import SplitWorld, World
 from mjsheaf.system import on_engine, phases_of
 from mjsheaf.threads import usable_processors
 
@@ -19,14 +30,18 @@ AUTHORS_S = 38.0
 """The paper's own code, which calls scipy for each agent and step, on a machine of two cores."""
 
 PEERS = {
-    "crazyflow": {13: (2.9e5, 4.0), 100: (1.5e6, 1.0)},
-    "gym_pybullet_drones": {13: (2.5e4, 40.0), 100: (2.5e4, 40.0)},
+    "crazyflow": {13: 2.9e5, 100: 1.5e6, 1000: 3.6e6},
+    "gym_pybullet_drones": {13: 2.5e4, 100: 2.5e4},
 }
 """Vehicle-steps per second of crazyflow 0.4.0 and gym-pybullet-drones 2.1 on a machine of two cores without a GPU, by
-number of vehicles, and what ours are wanted to be over that. benchmarks/peers.py measures them where they are."""
+number of vehicles: for where they cannot be measured beside ours."""
 
-FUSED_PEERS = {13: (2.9e5, 10.0), 100: (1.5e6, 4.0), 1000: (3.6e6, 2.5)}
-"""The same of crazyflow 0.4.0, which takes both cores, for the fused engine on as many."""
+_OVER_PEERS = {
+    ("mujoco", "crazyflow"): {13: 4.0, 100: 1.0},
+    ("fused", "crazyflow"): {13: 10.0, 100: 4.0, 1000: 2.5},
+    ("mujoco", "gym_pybullet_drones"): {13: 40.0, 100: 40.0},
+}
+"""How many times as fast ours are wanted to be."""
 
 _GAINS = (5.0, 8.0, 10.0, 12.0)
 
@@ -84,50 +99,33 @@ def _step(scenario: Scenario, repetitions: int, steps: int = 100) -> Row:
     return at_most("loop", what, closed, bare, ratio, WANTED["loop"], "bare mj_step")
 
 
-def fused(short: bool = False, sizes: tuple[int, ...] = (100, 1000, 10_000), peers: bool = True) -> list[Row]:
-    """The fused engine: a step per vehicle, threads, the published run on bodies beside MuJoCo's, and quadrotors.
+def fused(short: bool = False, sizes: tuple[int, ...] = (1, 100, 1000, 10_000)) -> list[Row]:
+    """The fused engine on one core: a step per vehicle, and the published run on bodies beside MuJoCo's.
 
-    Swarms are those of `loop`; the short version does without the last. Whether to measure the quadrotors says `peers`.
+    Swarms are those of `loop`; the short version does without the last.
     """
-    repetitions, count = 10 if short else 40, usable_processors()
-    rows = [row for size in sizes[: 2 if short else None] for row in _fused_swarm(size, count, repetitions)]
-    system, bound = mjsheaf.load_scenario("paper").system, WANTED["fused run"]
+    repetitions, bound = 10 if short else 40, WANTED["fused run"]
+    rows = [_fused_swarm(size, repetitions) for size in sizes[: -1 if short else None]]
+    system = mjsheaf.load_scenario("paper").system
     (phase,) = on_engine(phases_of(system), "fused")
     run_physics(phase.system)  # compiles
     run = best(lambda: run_physics(phase.system), repetitions, thread_time)
     theirs = best(lambda: run_physics(system), max(2, repetitions // 10), thread_time)
-    steps = system.grid.steps * round(system.grid.period / system.bodies.timestep)
+    steps = system.grid.steps * system.steps_per_sample
     what = f"published run on bodies, {steps} steps, s"
     rows.append(at_most("fused", what, run, bound, run / bound, 1.0, "wanted time"))
     rows.append(informs("fused", "the same beside MuJoCo's, s", run, theirs, "by MuJoCo"))
-    for size, (known, wanted) in FUSED_PEERS.items() if peers else ():
-        bodies = Fused(on_engine(_quadrotors(size).phases, "fused", count))
-        bodies.step(5000)
-        rate = size * 500 / best(partial(bodies.step, 500), repetitions)
-        what = f"{size} quadrotors, vehicle-steps/s, {count} threads"
-        rows.append(at_least("fused", what, rate, known, rate / known, wanted, "crazyflow, measured elsewhere"))
     return rows
 
 
-def _fused_swarm(size: int, count: int, repetitions: int) -> list[Row]:
-    """Time steps of one swarm per vehicle, in ns: on one thread, and on `count`."""
-    phases, steps, bound = swarm(size).phases, max(20, 100_000 // size), WANTED["fused"]
-    one, several = (partial(Fused(on_engine(phases, "fused", n)).step, steps) for n in (1, count))
-    one()  # compiles
-    several()
-    own = 1e9 / (steps * (size + 1))
-    alone = own * best(one, repetitions, thread_time)
+def _fused_swarm(size: int, repetitions: int) -> Row:
+    """Time steps of one swarm on one thread, per vehicle, in ns."""
+    steps, bound = max(20, 100_000 // size), WANTED["fused"]
+    step = partial(Fused(on_engine(swarm(size).phases, "fused")).step, steps)
+    step()  # compiles
+    alone = 1e9 / (steps * (size + 1)) * best(step, repetitions, thread_time)
     what = f"{size + 1} tilted hexarotors, a vehicle and step, ns"
-    rows = [at_most("fused", what, alone, bound, alone / bound, 1.0, "wanted time")]
-    if count > 1 and size >= 1000:
-        turns = [(elapsed(one, perf_counter), elapsed(several, perf_counter)) for _ in range(repetitions)]
-        single, together = (own * min(times) for times in zip(*turns, strict=True))
-        speedup = median(a / b for a, b in turns)
-        wanted = WANTED["fused threads"] * count
-        rows.append(
-            at_least("fused", f"the same, {count} threads, ns", together, single, speedup, wanted, "one thread")
-        )
-    return rows
+    return at_most("fused", what, alone, bound, alone / bound, 1.0, "wanted time")
 
 
 def _quadrotors(size: int) -> Scenario:
@@ -139,19 +137,50 @@ def _quadrotors(size: int) -> Scenario:
     return swarm(size - 1, "quadrotor", **rates, disturbance__agents__bound=0.0)
 
 
-def threads(short: bool = False, ends: tuple[float, float] = (49.99, 20.0)) -> list[Row]:
-    """Runs of `paper` with different gains: `simulate_many` on threads against one at a time, bit for bit the same.
+def threads(
+    short: bool = False, sizes: tuple[int, ...] = (1000, 10_000), ends: tuple[float, float] = (49.99, 20.0)
+) -> list[Row]:
+    """One team on threads, by both engines, and `simulate_many` on threads, against one; the same bits in both.
 
-    Those on ideal kinematics and on bodies have `ends` of their own, s.
+    The short version does without the largest swarm. Runs of `paper` with different gains, on ideal kinematics and on
+    bodies, have `ends` of their own, s.
     """
-    count = min(usable_processors(), len(_GAINS))
+    count = usable_processors()
+    if count == 1:
+        return [informs("threads", "threads", 1.0, note="one processor only")]
+    repetitions = 10 if short else 40
+    rows = [_team_on_threads(size, e, count, repetitions) for size in sizes[: -1 if short else None] for e in ENGINES]
+    return rows + _runs_on_threads(min(count, len(_GAINS)), 3 if short else 8, ends)
+
+
+def _team_on_threads(size: int, engine: str, count: int, repetitions: int) -> Row:
+    """Time steps of one swarm per vehicle, in ns, on `count` threads and on one."""
+    phases, steps = swarm(size).phases, max(20, (100_000 if engine == "fused" else 20_000) // size)
+    engines: list[ClosedLoop] = [
+        Fused(on_engine(phases, engine)) if engine == "fused" else World(phases, visible=False),
+        (Fused if engine == "fused" else SplitWorld)(on_engine(phases, engine, count)),
+    ]
+    one, several = (partial(bodies.step, steps) for bodies in engines)
+    one()  # compiles
+    several()
+    turns = [(elapsed(one, perf_counter), elapsed(several, perf_counter)) for _ in range(repetitions)]
+    single, together = (1e9 / (steps * (size + 1)) * min(times) for times in zip(*turns, strict=True))
+    what = f"{size + 1} tilted hexarotors by {engine}, {count} threads, ns"
+    same = np.array_equal(engines[0].positions(), engines[1].positions())
+    note = "one thread" if same else "one thread; the results DIFFER"
+    wanted = WANTED[f"{engine} threads"] * count
+    return at_least("threads", what, together, single, median(a / b for a, b in turns), wanted, note)
+
+
+def _runs_on_threads(count: int, repetitions: int, ends: tuple[float, float]) -> list[Row]:
+    """Time `simulate_many`."""
     rows = []
     for backend, end in zip(("ideal", "physics"), ends, strict=True):
         scenarios = [mjsheaf.load_scenario("paper", {"controller.gain": gain, "time.end": end}) for gain in _GAINS]
         mjsheaf.simulate(scenarios[0], backend=backend)  # compiles
         simulate = partial(mjsheaf.simulate_many, scenarios, backend)
         turns = []
-        for _ in range(3 if short else 8):
+        for _ in range(repetitions):
             alone, single = timed(partial(simulate, workers=1))
             together, several = timed(partial(simulate, workers=count))
             turns.append((single, several))
@@ -160,10 +189,7 @@ def threads(short: bool = False, ends: tuple[float, float] = (49.99, 20.0)) -> l
         what = f"{len(scenarios)} runs on {backend}, {count} threads, s"
         single, several = (min(times) for times in zip(*turns, strict=True))
         speedup = median(a / b for a, b in turns)
-        if count == 1:
-            rows.append(informs("threads", what, several, single, "one processor only"))
-        else:
-            rows.append(at_least("threads", what, several, single, speedup, WANTED["speed-up"] * count, note))
+        rows.append(at_least("threads", what, several, single, speedup, WANTED["speed-up"] * count, note))
     return rows
 
 
@@ -175,23 +201,61 @@ def assembly(short: bool = False, size: int = 1000) -> list[Row]:
     return [at_most("assembly", what, total, wanted, total / wanted, 1.0, "wanted time")]
 
 
-def peers(short: bool = False, sizes: tuple[int, ...] = (13, 100)) -> list[Row]:
+def peers(
+    short: bool = False, sizes: tuple[int, ...] = (13, 100, 1000, 10_000), python: str | None = None
+) -> list[Row]:
     """Vehicle-steps per second of a closed loop, beside what others reach: quadrotors that follow another in wind.
 
     Each simulator runs its own loop with its own controller on: 500 physics steps and 100 commands a second of ours and
-    of crazyflow, 240 and 48 of gym-pybullet-drones. `sizes` are numbers of vehicles.
+    of crazyflow, 240 and 48 of gym-pybullet-drones. All may use every core.
+
+    Args:
+        short: without MuJoCo's largest teams, and with fewer repetitions.
+        sizes: numbers of vehicles.
+        python: that has peers installed, which are measured in between; None takes this one.
     """
+    count, repetitions = usable_processors(), 5 if short else 20
+    known = {
+        name: {size: (rate, "measured elsewhere") for size, rate in rates.items()} for name, rates in PEERS.items()
+    }
+    for name, rates in measured_peers(python or sys.executable, sizes, short).items():
+        known[name] |= {size: (rate, "measured in this run") for size, rate in rates.items()}
     rows = []
-    for size in sizes:
-        world = World(_quadrotors(size), visible=False)
-        world.step(5000)  # a second of work, after which clocks no longer rise
-        repetitions = 5 if short else 20
-        ours = size * 500 / best(lambda w=world: w.step(500), repetitions)  # type: ignore[misc]
-        bare = size * 50 / best(lambda w=world: mujoco.mj_step(w.model, w.data, 50), repetitions)  # type: ignore[misc]
-        what = f"{size} quadrotors, vehicle-steps/s"
-        rows.append(informs("peers", what, ours, bare, "bare mj_step"))
-        for peer, known in PEERS.items():
-            if size in known:
-                theirs, wanted = known[size]
-                rows.append(at_least("peers", what, ours, theirs, ours / theirs, wanted, f"{peer}, measured elsewhere"))
+    for size, engine in product(sizes, ENGINES):
+        if engine == "mujoco" and size > (100 if short else 1000):
+            continue
+        phases = on_engine(_quadrotors(size).phases, engine, count if engine == "fused" else 1)
+        bodies = Fused(phases) if engine == "fused" else World(phases, visible=False)
+        bodies.step(max(50, 500_000 // size))  # a while of work, after which clocks no longer rise
+        steps = max(50, 200_000 // size)
+        rate = size * steps / best(partial(bodies.step, steps), repetitions)
+        what = f"{size} quadrotors by {engine}, vehicle-steps/s"
+        for peer, by_size in known.items():
+            if size not in by_size:
+                continue
+            (theirs, where), wanted = by_size[size], _OVER_PEERS.get((engine, peer), {}).get(size)
+            note = f"{peer}, {where}"
+            if wanted:
+                rows.append(at_least("peers", what, rate, theirs, rate / theirs, wanted, note))
+            else:
+                rows.append(informs("peers", what, rate, theirs, note))
+        if not any(size in by_size for by_size in known.values()):
+            rows.append(informs("peers", what, rate, note="no peer is known"))
     return rows
+
+
+def measured_peers(python: str, sizes: tuple[int, ...], short: bool) -> dict[str, dict[int, float]]:
+    """Vehicle-steps per second of the peers that another Python has, by name and number of vehicles.
+
+    Raises:
+        InputError: there is no such Python, or it fails.
+    """
+    script = [str(Path(peers_file.__file__)), *map(str, sizes), *["--short"] * short]
+    try:
+        done = subprocess.run([python, *script], capture_output=True, text=True, check=False)
+    except OSError as error:
+        raise InputError(f"--peers {python}: {error.strerror}; expected a Python that has peers installed") from None
+    if done.returncode:
+        raise InputError(f"--peers {python}: {' '.join(done.stderr.split())[-300:]}")
+    found: dict[str, dict[str, float]] = json.loads(done.stdout.splitlines()[-1])
+    return {name: {int(size): rate for size, rate in rates.items()} for name, rates in found.items()}

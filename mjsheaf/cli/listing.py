@@ -113,15 +113,19 @@ def bench(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print figures and table as JSON.")] = False,
     full: Annotated[bool, typer.Option("--full", help="More repetitions and the largest sizes; minutes.")] = False,
+    peers: Annotated[
+        str | None,
+        typer.Option(metavar="PYTHON", help="A Python that has crazyflow or gym-pybullet-drones.", show_default="this"),
+    ] = None,
 ) -> None:
-    """Measure speed on this machine: each figure beside what it is held against, in about a minute.
+    """Measure speed on this machine: each figure beside what it is held against, in about two minutes.
 
-    Topics: startup, ideal, loop, threads, peers, assembly, sheaf, video, memory.
+    Topics: startup, ideal, loop, fused, threads, peers, hardware, assembly, sheaf, video, memory.
     """
     from mjsheaf.bench import run_bench
 
     with progress_bars(lines=not as_json) as bars:
-        found = run_bench(topics, short=not full, progress=bars)
+        found = run_bench(topics, short=not full, peers=peers, progress=bars)
     if as_json:
         print(json.dumps(found, indent=2))
         return

@@ -1,12 +1,29 @@
 """What measurements return: rows whose verdicts follow from their numbers. How fast things are is no test."""
 
 import json
+import sys
 from importlib import import_module
+from pathlib import Path
 
 import pytest
 
-from mjsheaf.bench import TOPICS, Row, at_least, at_most, best, informs, processes, run_bench, simulations, swarm
+from mjsheaf.bench import (
+    TOPICS,
+    Row,
+    at_least,
+    at_most,
+    best,
+    counting,
+    hardware,
+    informs,
+    processes,
+    run_bench,
+    simulations,
+    swarm,
+)
 from mjsheaf.errors import InputError
+from mjsheaf.runs.simulate import ENGINES
+from mjsheaf.vehicles.vectors import rotation
 from tests.builders import refused
 
 
@@ -47,7 +64,7 @@ def test_loop() -> None:
 
 @pytest.mark.slow
 def test_fused() -> None:
-    rows = simulations.fused(short=True, sizes=(20, 40), peers=False)
+    rows = simulations.fused(short=True, sizes=(20, 40, 60))
     well_formed(rows, "fused")
     assert [row.what.split()[0] for row in rows if "tilted" in row.what] == ["21", "41"]
     (run,) = [row for row in rows if row.what.startswith("published")]
@@ -56,7 +73,7 @@ def test_fused() -> None:
 
 @pytest.mark.slow
 def test_threads_give_the_same_bits() -> None:
-    rows = simulations.threads(short=True, ends=(0.11, 0.11))
+    rows = simulations.threads(short=True, sizes=(20, 40), ends=(0.11, 0.11))
     well_formed(rows, "threads")
     assert not any("DIFFER" in row.note for row in rows)
 
@@ -67,7 +84,32 @@ def test_assembly_and_peers_count_every_vehicle() -> None:
     assert "6 vehicles" in row.what
     rows = simulations.peers(short=True, sizes=(13,))
     well_formed(rows, "peers")
-    assert [row.reference for row in rows if row.wanted] == [known[13][0] for known in simulations.PEERS.values()]
+    assert {row.note for row in rows} == {f"{peer}, measured elsewhere" for peer in simulations.PEERS}
+    assert {row.what.split()[3].rstrip(",") for row in rows} == set(ENGINES)
+
+
+def test_peers_that_another_python_has_are_measured_in_the_same_run(tmp_path: Path) -> None:
+    """It is handed the sizes; one that is none, or fails, is an error in one line."""
+    python = tmp_path / "python"
+    python.write_text("""#!/bin/sh\necho '{"crazyflow": {"13": 1.0}}'\n""")
+    python.chmod(0o755)
+    assert simulations.measured_peers(str(python), (13,), True) == {"crazyflow": {13: 1.0}}
+    assert simulations.measured_peers(sys.executable, (13,), True) == {}
+    with refused(InputError, "no-such-python"):
+        simulations.measured_peers("no-such-python", (13,), True)
+    with refused(InputError, "/bin/false"):
+        simulations.measured_peers("/bin/false", (13,), True)
+
+
+@pytest.mark.slow
+def test_operations_are_counted() -> None:
+    """As many as a pencil counts in a rotation matrix; of a step, the same whoever counts, and hundreds."""
+    found = hardware.operations(hardware._settled(3))
+    assert 300 < sum(found["step"].values()) < 3000
+    assert found == hardware.operations(hardware._settled(3))
+    counting.counted.clear()
+    rotation.py_func(*map(counting.Number, (1.0, 0.0, 0.0, 0.0)))
+    assert counting.counted == {"sums": 12, "products": 27}
 
 
 @pytest.mark.slow

@@ -1,9 +1,8 @@
-"""Measure vehicle-steps per second of peers, and print one JSON object: python benchmarks/peers.py [--short].
+"""Vehicle-steps per second of peers, by the Python that runs this file: `PYTHON peers.py SIZE... [--short]`.
 
-`mjsheaf bench peers` measures ours beside figures of peers from another machine; this measures those that the Python
-which runs it can import. It needs nothing of mjsheaf: most peers want other versions of its libraries, and live in
-environments of their own. Each runs its own closed loop: crazyflow at 500 physics steps and 100 commands a second,
-gym-pybullet-drones at 240 and 48.
+It prints one JSON object, of those that can be imported, by name and number of vehicles, and needs nothing of mjsheaf:
+most peers want other versions of its libraries, and live in environments of their own. Each runs its own closed loop:
+crazyflow at 500 physics steps and 100 commands a second, gym-pybullet-drones at 240 and 48.
 """
 
 import argparse
@@ -14,8 +13,6 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-
-SIZES = (13, 100)
 
 
 def crazyflow_rate(size: int, repetitions: int) -> float:
@@ -80,6 +77,10 @@ PEERS: dict[str, Callable[[int, int], float]] = {
 }
 
 
+LARGEST = {"crazyflow": 1000, "gym_pybullet_drones": 100}
+"""Most vehicles of a peer in the short version: with more it takes minutes, of which crazyflow prepares most."""
+
+
 def _rate(size: int, work: Callable[[], Any], steps: int, repetitions: int) -> float:
     """Vehicle-steps per second by the wall's clock, the best of many, as peers have threads of their own."""
     begun = perf_counter()
@@ -95,10 +96,13 @@ def _rate(size: int, work: Callable[[], Any], steps: int, repetitions: int) -> f
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--short", action="store_true", help="fewer repetitions")
-    repetitions = 5 if parser.parse_args().short else 20
-    found = {name: rate for name, rate in PEERS.items() if find_spec(name) is not None}
-    print(
-        json.dumps({name: {size: rate(size, repetitions) for size in SIZES} for name, rate in found.items()}, indent=2)
-    )
+    parser = argparse.ArgumentParser()
+    parser.add_argument("sizes", type=int, nargs="+")
+    parser.add_argument("--short", action="store_true")
+    asked = parser.parse_args()
+    rates: dict[str, dict[int, float]] = {}
+    for name, rate in PEERS.items():
+        if find_spec(name) is not None:
+            sizes = [size for size in asked.sizes if not asked.short or size <= LARGEST[name]]
+            rates[name] = {size: rate(size, 5 if asked.short else 20) for size in sizes}
+    print(json.dumps(rates))
