@@ -21,6 +21,7 @@ from mjsheaf.plotting import (
     BLUE,
     HEADING,
     NORMAL,
+    RED,
     SMALL,
     TICK,
     WIDTH,
@@ -44,6 +45,11 @@ _LABELS = {
     "formation_error": "final formation error, RMS residual (m)",
     "centering_error": "final centering error, largest (m)",
 }
+_RATIOS = {
+    "bound_ratio": "largest |e| over the bound, whole run (-)",
+    "late_bound_ratio": "largest |e| over the bound, last half (-)",
+}
+_MOST_BINS, _NARROWEST = 60, 0.02
 _GREY = "#BBBBBB"
 _SETTLED, _UNFINISHED = "run that has settled", "run that did not finish"
 _MARKS: dict[bool | None, tuple[str, dict[str, Any]]] = {
@@ -172,7 +178,8 @@ def plot_study(
         Pictures by file name, in each format: error where any run finished, success where any did not, messages where
         runs differ in what agents send, over_time of at most 10 runs whose trajectories are kept. One swept field gives
         a curve with its spread, two give a heat map, more (or random draws) a panel for each field. Runs that did not
-        finish are marked at the lower edge of a curve.
+        finish are marked at the lower edge of a curve. Where Theorem 1 applies to some, bound is a histogram of how
+        much of its bound runs use.
     """
     axes = swept_axes(study, records)
     finished = np.array([r["status"] == "finished" for r in records])
@@ -195,6 +202,9 @@ def plot_study(
     sent = np.array(traffic, dtype=np.float64)
     if errors and len(np.unique(sent[np.isfinite(sent)])) > 1:
         plots["messages"] = _draw_messages(title, axes, errors, sent)
+    used = {label: [r[name] for r in records if r.get(name) is not None] for name, label in _RATIOS.items()}
+    if ratios := {label: np.array(found) for label, found in used.items() if found}:
+        plots["bound"] = _draw_bound(title, ratios)
     if len(records) <= _MOST_LINES and any(r.get("series") for r in records):
         plots["over_time"] = _draw_over_time(title, axes, measures, records)
     if not finished.all():
@@ -301,6 +311,31 @@ def _draw_messages(title: str, axes: list[SweptAxis], errors: dict[str, Array], 
     if lines:
         handles = panels.flat[0].get_legend_handles_labels()[0]
         legend_below(figure, handles, 6, title=lines.name)
+    return figure
+
+
+def _draw_bound(title: str, ratios: dict[str, Array]) -> Figure:
+    """How many runs used which share of Theorem 1's bound, with the bound itself."""
+    figure = _figure(len(ratios), 1, title)
+    panels = figure.subplots(1, len(ratios), squeeze=False)[0]
+    for panel, (label, known) in zip(panels, ratios.items(), strict=True):
+        middle, half = 0.5 * (known.min() + known.max()), max(0.5 * np.ptp(known), _NARROWEST)
+        edges = np.linspace(middle - half, middle + half, min(_MOST_BINS, 2 + int(np.sqrt(len(known)))))
+        beyond = np.nextafter(1.0, 2.0)
+        edges = np.union1d(edges, [beyond]) if edges[0] < 1.0 < edges[-1] else edges  # no bar is on both sides
+        counts, _ = np.histogram(known, edges)
+        within = edges[1:] <= beyond
+        for these, colour, name in ((within, BLUE, "run within the bound"), (~within, RED, "run beyond it")):
+            if counts[these].any():
+                widths, heights = np.diff(edges)[these], counts[these] / len(known)
+                panel.bar(edges[:-1][these], heights, widths, align="edge", color=colour, label=name)
+        panel.axvline(1.0, color="black", linewidth=1.2, linestyle="--", label="the bound of Theorem 1")
+        heading = f"{len(known)} runs, {(known > 1.0).sum()} beyond the bound"
+        label_axes(panel, heading, label, "share of runs", which="major")
+    handles: dict[str, Any] = {}
+    for panel in panels:
+        handles |= dict(zip(*reversed(panel.get_legend_handles_labels()), strict=True))
+    legend_below(figure, list(handles.values()), 3)
     return figure
 
 

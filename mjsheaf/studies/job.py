@@ -112,8 +112,9 @@ def new_record(point: Point, seed: int | None, status: str, message: str = "", *
     """A run's record.
 
     Its run, parameters, seed, status, message; final (as summary.json), late (the same measures, RMS over the last
-    half), ending, settled (whether that is it), bound_ratio, numbers_per_agent_second as summary.json has it, and
-    where trajectories are wanted the errors over time: series, with time, s, and each measure, m, at some samples.
+    half), ending, settled (whether that is it), bound_ratio and late_bound_ratio (of Theorem 1, over the run and its
+    last half), numbers_per_agent_second as summary.json has it, and where trajectories are wanted the errors over time:
+    series, with time, s, and each measure, m, at some samples.
     """
     return {
         "run": point.number,
@@ -121,7 +122,7 @@ def new_record(point: Point, seed: int | None, status: str, message: str = "", *
         "seed": seed,
         "status": status,
         "message": shorten(message, 600, placeholder=" ..."),
-        **dict.fromkeys(("final", "late", "settled", "ending", "bound_ratio", "series", _TRAFFIC)),
+        **dict.fromkeys(("final", "late", "settled", "ending", "bound_ratio", "late_bound_ratio", "series", _TRAFFIC)),
         **found,
     }
 
@@ -159,10 +160,11 @@ def _run(job: Job) -> tuple[dict[str, Any], bytes | None, bytes | None]:
     system = scenario.system
     found: dict[str, Any] = {"final": summarize(system.team, dataset), "settled": False}
     if dataset.attrs["status"] == "finished":
-        ending, ratio = ending_of_run(scenario.phases, dataset), bound_of_run(scenario.phases, dataset).ratio
+        ending, bound = ending_of_run(scenario.phases, dataset), bound_of_run(scenario.phases, dataset)
         found["late"] = late_errors(system.team, dataset)
         found["ending"], found["settled"] = ending, None if ending is None else ending == "settled"
-        found["bound_ratio"] = ratio if ratio is not None and math.isfinite(ratio) else None
+        for name, ratio in (("bound_ratio", bound.ratio), ("late_bound_ratio", bound.settled_ratio)):
+            found[name] = ratio if ratio is not None and math.isfinite(ratio) else None
     if job.trajectories:
         found["series"] = error_series_of(system.team, dataset.isel(time=thin(dataset.sizes["time"], _MOST_SAMPLES)))
     found[_TRAFFIC] = communication(dataset, dataset.sizes["time"], system.grid.period)[_TRAFFIC]

@@ -35,6 +35,7 @@ _COLUMNS = {
     "ending": "string",
     "settled": "bool",
     "bound_ratio": "double",
+    "late_bound_ratio": "double",
     "numbers_per_agent_second": "double",
     "message": "string",
 }

@@ -102,7 +102,7 @@ def test_a_bad_study_file_is_one_line(tmp_path: Path, text: str, said: str) -> N
 
 
 def test_unknown_names_tell_the_known_ones(tmp_path: Path) -> None:
-    with pytest.raises(ScenarioError, match=r"no such study or scenario; expected failures, gain, .*midpoint"):
+    with pytest.raises(ScenarioError, match=r"no such study or scenario; expected bound, failures, gain, .*midpoint"):
         load_plan("nothing")
     with pytest.raises(ScenarioError, match="is a directory"):
         load_plan(str(tmp_path))

@@ -54,7 +54,7 @@ def test_the_table_has_a_row_a_run_in_order(mixed: Path) -> None:
     found = rows(mixed)
     columns = ["run", "controller.gain", "spread.position", "seed", "status", *MEASURES]
     late = [f"late_{measure}" for measure in MEASURES]
-    others = ["ending", "settled", "bound_ratio", "numbers_per_agent_second", "message"]
+    others = ["ending", "settled", "bound_ratio", "late_bound_ratio", "numbers_per_agent_second", "message"]
     assert list(found[0]) == [*columns, *late, *others]
     assert [row["run"] for row in found] == [str(k) for k in range(12)]
     assert [row["seed"] for row in found] == 6 * ["0", "1"]
@@ -207,6 +207,27 @@ def test_every_kind_of_study_is_drawn(fields: dict[str, Any], failing: bool, tmp
             assert len(np.unique(np.asarray(picture.convert("L")))) > 20
 
 
+@pytest.mark.parametrize("ratios", [[0.4], [0.9472] * 30, [0.5, 0.9, 1.0, 1.01, 1.2]])
+def test_runs_are_counted_against_the_bound(ratios: list[float], drawn: list[Figure]) -> None:
+    """Every run in one bar, on its side of the bound; without a ratio nothing is drawn."""
+    study = StudyFile.model_validate({"scenario": "midpoint", "seeds": {"stop": len(ratios) + 1}})
+    records = made_up(study)
+    plot_study(study, "name", records)
+    without = len(drawn)
+    for record, ratio in zip(records, ratios, strict=False):  # of the last it is not known
+        record["bound_ratio"] = record["late_bound_ratio"] = ratio
+    plot_study(study, "name", records)
+    (figure,) = [f for f in drawn[without:] if len(f.axes) == 2 and "bound" in f.axes[0].get_xlabel()]
+    beyond = sum(ratio > 1.0 for ratio in ratios)
+    for panel in figure.axes:
+        assert panel.get_title() == f"{len(ratios)} runs, {beyond} beyond the bound"
+        bars = [(bar.get_x(), bar.get_width(), bar.get_height()) for group in panel.containers for bar in group]
+        assert sum(height for _, _, height in bars) == pytest.approx(1.0)
+        assert sum(h for x, w, h in bars if x + w > 1.0 + 1e-12) == pytest.approx(beyond / len(ratios))
+        assert all(x >= 1.0 or x + w <= 1.0 + 1e-12 for x, w, _ in bars)
+    assert is_legible(figure)
+
+
 def test_axes_are_logarithmic_where_values_span_decades() -> None:
     study = StudyFile(
         scenario="x", grid={"a": [0.1, 1, 10], "b": [1, 2, 3], "c": [-1, 1, 100], "d": ["p", "q"], "e": [1]}
@@ -241,7 +262,7 @@ def test_the_page_stands_alone(mixed: Path) -> None:
     assert not page.open
     assert page.rows == 1 + 12
     assert "4 finished, 4 unstable, 4 invalid" in text
-    assert [link[:22] for link in page.links] == 2 * ["data:image/png;base64,"] + ["table.csv", "table.parquet"]
+    assert [link[:22] for link in page.links] == 3 * ["data:image/png;base64,"] + ["table.csv", "table.parquet"]
     assert not re.search(r"https?://|<script", text)
 
 
