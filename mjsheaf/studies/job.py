@@ -15,6 +15,7 @@ import xarray as xr
 from mjsheaf._version import __version__
 from mjsheaf.checking.finished import bound_of_run, ending_of_run
 from mjsheaf.errors import InputError, NotUniqueError
+from mjsheaf.remember import remember_last
 from mjsheaf.results import dataset_bytes, summarize
 from mjsheaf.results.metrics import communication, error_series_of, late_errors
 from mjsheaf.results.netcdf import thin
@@ -88,7 +89,20 @@ class Job:
         Raises:
             ScenarioError: the point is not valid.
         """
-        return scenario_from_mapping(self.scenario, self.changes, self.source)
+        changes, seed = self.changes, self.point.seed
+        swarm = "swarm" in self.scenario or any(path.startswith("swarm") for path in changes)
+        if seed is not None and 0 <= seed < 2**63 and not swarm:
+            try:
+                return _of_any_seed(self.scenario, {**changes, "seed": 0}, self.source).with_seed(seed)
+            except InputError:  # the message is that of the point itself
+                pass
+        return scenario_from_mapping(self.scenario, changes, self.source)
+
+
+@remember_last(lambda scenario, changes, source: (scenario, changes, source))
+def _of_any_seed(scenario: dict[str, Any], changes: dict[str, Any], source: str) -> Scenario:
+    """The scenario of a study's point, which its seeds share."""
+    return scenario_from_mapping(scenario, changes, source)
 
 
 @dataclass(frozen=True)
