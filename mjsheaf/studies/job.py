@@ -29,7 +29,8 @@ STATUSES = ("finished", "unstable", "refused", "invalid", "failed", "lost")
 an error that mjsheaf did not expect; with its worker, which died of it."""
 
 _MOST_SAMPLES = 500  # of errors over time
-_TRAFFIC = "numbers_per_agent_second"
+TRAFFIC = "numbers_per_agent_second"
+"""A measure of every record."""
 
 
 @cache
@@ -135,7 +136,7 @@ def new_record(point: Point, seed: int | None, status: str, message: str = "", *
         "seed": seed,
         "status": status,
         "message": shorten(message, 600, placeholder=" ..."),
-        **dict.fromkeys(("final", "late", "settled", "ending", "bound_ratio", "series", _TRAFFIC)),
+        **dict.fromkeys(("final", "late", "settled", "ending", "bound_ratio", "series", TRAFFIC)),
         **found,
     }
 
@@ -179,7 +180,7 @@ def _run(job: Job) -> tuple[dict[str, Any], bytes | None, bytes | None]:
         found["bound_ratio"] = ratio if ratio is not None and math.isfinite(ratio) else None
     if job.trajectories:
         found["series"] = error_series_of(system.team, dataset.isel(time=thin(dataset.sizes["time"], _MOST_SAMPLES)))
-    found[_TRAFFIC] = communication(dataset, dataset.sizes["time"], system.grid.period)[_TRAFFIC]
+    found[TRAFFIC] = communication(dataset, dataset.sizes["time"], system.grid.period)[TRAFFIC]
     record = new_record(job.point, scenario.seed, dataset.attrs["status"], dataset.attrs["message"], **found)
     if not job.trajectories:
         return record, None, None
