@@ -400,8 +400,8 @@ class Batch:
         self.scores = Scores(
             bound=which,
             squares=np.zeros((W, len(first.team.agents)), order=order),
-            y=np.zeros((W, len(first.law.edges.b) * linked), order=order),
-            eta=np.zeros((W, len(first.team.members) * linked, 3), order=order),
+            y=np.zeros((W, len(first.law.edges.b) * linked), self._type, order),
+            eta=np.zeros((W, len(first.team.members) * linked, 3), self._type, order),
             bad=np.full((W, len(first.team.members)), GOOD, order=order),
             found=np.zeros((W, 7), order=order),
             ended=np.full((W, 2), -1, dtype=np.int64, order=order),
