@@ -13,6 +13,7 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
+from weakref import WeakKeyDictionary
 
 import networkx as nx
 import numpy as np
@@ -73,6 +74,16 @@ def spectrum_of(team: Team, count: int = 6) -> Spectrum:
 
     Beyond DENSE_STATES a further copy of a multiple eigenvalue of one component may be missing.
     """
+    known = _spectra.setdefault(team, {})
+    if count not in known:
+        known[count] = _spectrum(team, count)
+    return known[count]
+
+
+_spectra: WeakKeyDictionary[Team, dict[int, Spectrum]] = WeakKeyDictionary()  # a study's runs may share their team
+
+
+def _spectrum(team: Team, count: int) -> Spectrum:
     (_, D), null = agent_coboundary(team), team.dirichlet.sparse_null_basis
     smallest, vectors, largest_component = _above_zero(D, null, count)
     nullity = null.shape[1]

@@ -138,6 +138,20 @@ def bound_of_run(run: System | Sequence[Phase], dataset: "xr.Dataset", which: in
     return bound if bound.reason else _compared(bound, dataset)
 
 
+def bound_ahead(system: System) -> Array | None:
+    """Theorem 1's bound on |e| at the samples of a run on bodies, and its accuracy, shape (T,), m; None without one.
+
+    It is known before the run, as far as its targets keep to their path.
+    """
+    certificate = certify(system)
+    if _other_law(system, "") or certificate.reason:
+        return None
+    q, p = system.team.split(system.initial)
+    initial_error = float(np.linalg.norm(system.team.extend(p) - q))
+    elapsed = system.grid.samples - system.grid.start
+    return certificate.bound(initial_error, elapsed) + _ACCURACY_ON_BODIES * initial_error
+
+
 @dataclass(frozen=True)
 class HeldBound:
     """The bound of the held law on a run: see `held_law`.

@@ -20,7 +20,7 @@ path for which that would be too much is not claimed to be known.
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import sparse
@@ -35,6 +35,7 @@ from mjsheaf.dynamics.disturbance import disturbance_velocity
 from mjsheaf.dynamics.flow import flow_scale, flow_slope
 from mjsheaf.dynamics.motion import MotionArrays, add_reference, reference_bounds
 from mjsheaf.jit import inline_jit, jit
+from mjsheaf.remember import remember_last
 from mjsheaf.simulation.ideal import new_integrator, slope_of, take_step
 from mjsheaf.system import MediumArrays, System
 
@@ -362,6 +363,13 @@ class _UnknownPathError(Exception):
     """The path cannot be followed; the message says why."""
 
 
+def _path_key(system: System, carrier: Carrier | None = None) -> tuple[Any, ...]:
+    """All on which the targets' path depends; of the agents only where they begin."""
+    alone, team = _targets_alone(system), (system.team.members, sorted(system.team.absent), system.law.edges)
+    return alone, team, system.initial, system.grid, system.effectiveness
+
+
+@remember_last(_path_key)
 def follow_targets(system: System, carrier: Carrier | None = None) -> TargetPath:
     """Follow the targets alone over the span of a run, by Dormand and Prince's pair of order 5(4); see the module.
 

@@ -2,9 +2,11 @@
 
 import os
 from collections import Counter
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -53,6 +55,10 @@ def sweep(
     formats: FormatOption = "png",
     title: TitleOption = True,
     engine: Annotated[Engine | None, typer.Option(help="As for run.", show_default="mujoco")] = None,
+    device: Annotated[
+        Literal["cpu", "gpu"] | None,
+        typer.Option(help="gpu: many runs at once on a CUDA card, by the fused engine.", show_default="cpu"),
+    ] = None,
 ) -> None:
     """Run a scenario many times, on every core or a cluster; killed at any moment, the same command goes on.
 
@@ -84,13 +90,25 @@ def sweep(
         overrides=changes_of(overrides),
         backend=backend and backend.value,
         engine=engine and engine.value,
+        device=device,
         measure=measure,
         trajectories=trajectories,
     )
     if plan.study.seeds is not None and not plan.seed_matters:
         note_idle_seed(plan.scenario["name"], plan.study.backend)
     here = partial(local_engine, workers, processes=not threads)
-    begin = here if scheduler is None else partial(engine_at, scheduler, print_note)
+    begin: Callable[[], AbstractContextManager[Any]] = (
+        here if scheduler is None else partial(engine_at, scheduler, print_note)
+    )
+    if plan.study.device == "gpu":
+        from mjsheaf.simulation.card import require_card
+        from mjsheaf.studies.worlds import card_engine
+
+        if workers is not None or threads or scheduler is not None:
+            given = "--workers" if workers is not None else "--threads" if threads else "--scheduler"
+            raise InputError(f"{given}: has no meaning on device gpu, which runs all together; leave it out")
+        require_card()
+        begin = card_engine
     with progress_bars() as bars:
         try:
             study = run_study(plan, out, begin, retry_failed=retry_failed, figures=figures, progress=bars)

@@ -59,7 +59,8 @@ LINK = np.dtype(
         ("loss_good", "f8"),
         ("loss_bad", "f8"),
         ("stream", "i8", 2),  # of its random numbers, the same wherever the edge stands
-    ]
+    ],
+    align=True,
 )
 
 

@@ -335,7 +335,9 @@ def limit_speed(limit, velocity):
     """Shorten velocity (3,) to the limit, keeping its direction; return whether it was longer."""
     speed = np.sqrt(velocity[0] ** 2 + velocity[1] ** 2 + velocity[2] ** 2)
     if speed > limit:
-        velocity *= limit / speed
+        share = limit / speed
+        for i in range(3):
+            velocity[i] *= share
         return True
     return False
 

@@ -455,6 +455,17 @@ class Scenario(Section):
             self.anchors,
         )
 
+    def with_seed(self, seed: int) -> "Scenario":
+        """The same scenario under another seed; it shares the team, which no seed changes once a swarm is written out.
+
+        Raises:
+            InputError: as for `phases`, which are built.
+        """
+        other = self.model_copy(update={"seed": seed})
+        other.__dict__["team"] = self.team
+        _ = other.phases
+        return other
+
     @cached_property
     def phases(self) -> tuple[Phase, ...]:
         """The run as phases, one unless there are events; built once.

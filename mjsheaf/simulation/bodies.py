@@ -81,7 +81,8 @@ KIND = np.dtype(
         ("mass", "f8"),  # of the model, kg
         ("weight", "f8"),  # of the model, N
         ("rigid", "f8", (3, 3)),  # inertia of the model, kg m^2
-    ]
+    ],
+    align=True,
 )
 BODY = np.dtype(
     [
@@ -91,7 +92,8 @@ BODY = np.dtype(
         ("actuator", "i8"),  # the first of its actuators
         ("state", "i8"),  # the first of its activations
         ("heading", "f8", 2),  # cosine and sine of half the heading to hold
-    ]
+    ],
+    align=True,
 )
 
 

@@ -44,7 +44,8 @@ MOTION = np.dtype(
         ("weight", "f8"),  # N
         ("weight_moment", "f8", 3),  # of the weight, upright, N m
         ("mass_moment", "f8", 3),  # m c, kg m
-    ]
+    ],
+    align=True,
 )
 
 _SMALL = 0.01  # rad^2: square of half a turn up to which its sine and cosine are short series

@@ -12,7 +12,7 @@ and shows as an eigenvalue of 1 that no position sees.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from mjsheaf.control import ControlArrays
 from mjsheaf.dynamics import FlowField
 from mjsheaf.dynamics.disturbance import pack
 from mjsheaf.engine import mujoco
+from mjsheaf.remember import remember_last
 from mjsheaf.simulation.arena import compose
 from mjsheaf.simulation.bodies import pack_fleet
 from mjsheaf.simulation.loop import controlled_positions, new_loop
@@ -68,6 +69,12 @@ class LinearVehicle(NamedTuple):
     D: Array
 
 
+def _linear_key(stations: Sequence[Station], control: ControlArrays, timestep: float, steps: int) -> tuple[Any, ...]:
+    """Of the vehicles and where they are; not the law, which is not evaluated."""
+    return list(stations), timestep, steps
+
+
+@remember_last(_linear_key)
 def linearise(
     stations: Sequence[Station], control: ControlArrays, timestep: float, steps: int
 ) -> list[LinearVehicle | str]:

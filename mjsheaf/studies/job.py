@@ -15,6 +15,7 @@ import xarray as xr
 from mjsheaf._version import __version__
 from mjsheaf.checking.finished import bound_of_run, ending_of_run
 from mjsheaf.errors import InputError, NotUniqueError
+from mjsheaf.remember import remember_last
 from mjsheaf.results import dataset_bytes, summarize
 from mjsheaf.results.metrics import communication, error_series_of, late_errors
 from mjsheaf.results.netcdf import thin
@@ -28,7 +29,8 @@ STATUSES = ("finished", "unstable", "refused", "invalid", "failed", "lost")
 an error that mjsheaf did not expect; with its worker, which died of it."""
 
 _MOST_SAMPLES = 500  # of errors over time
-_TRAFFIC = "numbers_per_agent_second"
+TRAFFIC = "numbers_per_agent_second"
+"""A measure of every record."""
 
 
 @cache
@@ -88,7 +90,20 @@ class Job:
         Raises:
             ScenarioError: the point is not valid.
         """
-        return scenario_from_mapping(self.scenario, self.changes, self.source)
+        changes, seed = self.changes, self.point.seed
+        swarm = "swarm" in self.scenario or any(path.startswith("swarm") for path in changes)
+        if seed is not None and 0 <= seed < 2**63 and not swarm:
+            try:
+                return _of_any_seed(self.scenario, {**changes, "seed": 0}, self.source).with_seed(seed)
+            except InputError:  # the message is that of the point itself
+                pass
+        return scenario_from_mapping(self.scenario, changes, self.source)
+
+
+@remember_last(lambda scenario, changes, source: (scenario, changes, source))
+def _of_any_seed(scenario: dict[str, Any], changes: dict[str, Any], source: str) -> Scenario:
+    """The scenario of a study's point, which its seeds share."""
+    return scenario_from_mapping(scenario, changes, source)
 
 
 @dataclass(frozen=True)
@@ -122,7 +137,7 @@ def new_record(point: Point, seed: int | None, status: str, message: str = "", *
         "seed": seed,
         "status": status,
         "message": shorten(message, 600, placeholder=" ..."),
-        **dict.fromkeys(("final", "late", "settled", "ending", "bound_ratio", "late_bound_ratio", "series", _TRAFFIC)),
+        **dict.fromkeys(("final", "late", "settled", "ending", "bound_ratio", "late_bound_ratio", "series", TRAFFIC)),
         **found,
     }
 
@@ -167,7 +182,7 @@ def _run(job: Job) -> tuple[dict[str, Any], bytes | None, bytes | None]:
             found[name] = ratio if ratio is not None and math.isfinite(ratio) else None
     if job.trajectories:
         found["series"] = error_series_of(system.team, dataset.isel(time=thin(dataset.sizes["time"], _MOST_SAMPLES)))
-    found[_TRAFFIC] = communication(dataset, dataset.sizes["time"], system.grid.period)[_TRAFFIC]
+    found[TRAFFIC] = communication(dataset, dataset.sizes["time"], system.grid.period)[TRAFFIC]
     record = new_record(job.point, scenario.seed, dataset.attrs["status"], dataset.attrs["message"], **found)
     if not job.trajectories:
         return record, None, None

@@ -85,6 +85,7 @@ def load_plan(
     overrides: Mapping[str, Any] | None = None,
     backend: str | None = None,
     engine: str | None = None,
+    device: str | None = None,
     measure: str | None = None,
     trajectories: bool = False,
 ) -> Plan:
@@ -99,6 +100,7 @@ def load_plan(
             `grid` are relative to the working directory and may lie anywhere.
         backend: 'physics' or 'ideal', instead of the study's own.
         engine: what moves bodies, instead of the study's own.
+        device: 'cpu' or 'gpu', instead of the study's own; 'gpu' has the fused engine.
         measure: the error that plots show, instead of the study's own.
         trajectories: whether to keep result.nc of every run, also where the study does not ask for it.
 
@@ -119,7 +121,8 @@ def load_plan(
         "set": {**study.set, **overrides},
         "trajectories": study.trajectories or trajectories,
         "backend": backend or study.backend,
-        "engine": engine or study.engine,
+        "engine": engine or ("fused" if device == "gpu" else study.engine),
+        "device": device or study.device,
         "measure": measure or study.measure,
     }
     if seeds is not None:

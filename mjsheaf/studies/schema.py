@@ -138,6 +138,9 @@ class StudyFile(Section):
     scenario: str = Field(description="a name in scenarios/, or the path of a YAML file from this one's directory")
     backend: Literal[BACKENDS] = Field("physics", description="backend of all runs")  # type: ignore[valid-type]
     engine: Literal[ENGINES] = Field("mujoco", description="what moves bodies")  # type: ignore[valid-type]
+    device: Literal["cpu", "gpu"] = Field(
+        "cpu", description="gpu: runs of one team side by side on a CUDA card, engine fused, of which records keep less"
+    )
     set: dict[str, Value] = Field(default_factory=dict, description="overrides of all runs: field path to value")
     points: list[dict[str, Value]] = Field(default_factory=list, description="listed points: field path to value")
     names: list[Annotated[str, Field(min_length=1)]] = Field(
@@ -157,6 +160,10 @@ class StudyFile(Section):
     @model_validator(mode="after")
     def _fits(self) -> "StudyFile":
         require_engine(self.engine, self.backend)
+        if self.device == "gpu" and self.engine != "fused":
+            raise ValueError("device gpu: has the fused engine alone; expected engine fused")
+        if self.device == "gpu" and self.trajectories:
+            raise ValueError("trajectories: a card keeps none; expected device cpu")
         if len({len(values) for values in self.paired.values()}) > 1:
             told = ", ".join(f"{path} has {len(values)}" for path, values in self.paired.items())
             raise ValueError(f"paired: lists must have one length, but {told}")
@@ -207,7 +214,8 @@ class StudyFile(Section):
     def asked(self) -> dict[str, Any]:
         """All on which results depend but the scenario, in canonical form; not what only says how they are shown."""
         shown = {"summary", "scenario", "measure", "late", "labels", "names"}
-        usual = {"engine"} if self.engine == "mujoco" else set()  # of which older studies do not speak
+        defaults = {"engine": "mujoco", "device": "cpu"}  # of which older studies do not speak
+        usual = {name for name, value in defaults.items() if getattr(self, name) == value}
         return self.model_dump(mode="json", exclude=shown | usual, exclude_none=True)
 
 

@@ -43,7 +43,8 @@ CHANNEL = np.dtype(
         ("ctrl", "f8", 2),  # ranges
         ("act", "f8", 2),
         ("force", "f8", 2),
-    ]
+    ],
+    align=True,
 )
 
 _SHORTEST = 1e-15  # time constant that MuJoCo takes for a shorter one, s

@@ -1,0 +1,151 @@
+"""The worlds of a batch on a CUDA card: `batch.run_world` as a kernel, one source for both.
+
+numba-cuda compiles the functions that the CPU runs, from the law to the step, as functions of the card. Neighbouring
+threads of a block take neighbouring worlds (32 of them, a warp) at the same vehicle, so that they do not diverge where
+worlds are alike, and load neighbouring numbers; the members of a world are the block's second dimension. What worlds
+hold stays on the card, their scores alone come back.
+
+A card contracts products and sums into one rounding, and has sines of its own: worlds end within rounding of where they
+do on a processor, not on its bits.
+"""
+
+import functools
+import importlib.util
+from collections.abc import Callable
+from importlib import import_module
+from types import FunctionType, SimpleNamespace
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from mjsheaf.errors import InputError
+from mjsheaf.simulation.batch import Batch, mapped, run_world, world_of
+
+WORLDS = 32
+"""Worlds of a block: a warp."""
+
+_MOST_MEMBERS = 4  # of a world: with 128 registers a thread, four blocks fit on a multiprocessor
+_CHUNK = 2_000_000  # steps times vehicles in one launch, after which Ctrl-C is heard
+_LIBDEVICE = {
+    np.ceil: ("ceil", 1),
+    np.copysign: ("copysign", 2),
+    np.exp: ("exp", 1),
+    np.fabs: ("fabs", 1),
+    np.floor: ("floor", 1),
+    np.rint: ("rint", 1),
+    np.sqrt: ("sqrt", 1),
+}
+"""Functions of numpy that numba-cuda lacks: libdevice's name and how many arguments."""
+
+
+def require_card() -> None:
+    """Refuse to go on without a card.
+
+    Raises:
+        InputError: numba-cuda is not installed, or finds no card.
+    """
+    if importlib.util.find_spec("numba_cuda") is None:
+        raise InputError("device gpu: numba-cuda is not installed; expected pip install 'mjsheaf[cuda]', or device cpu")
+    if not import_module("numba.cuda").is_available():
+        raise InputError("device gpu: no CUDA card is found; expected one with its driver, or device cpu")
+
+
+def _add_functions() -> None:
+    """Give numba-cuda the functions of numpy that compiled code calls and that it lacks."""
+    from llvmlite import ir
+    from numba.core import cgutils
+
+    known = import_module("numba.cuda.ufuncs").ufunc_db()
+
+    def calling(name: str) -> Callable[..., Any]:
+        def generate(_: Any, builder: Any, __: Any, arguments: Any) -> Any:
+            kind = arguments[0].type
+            own = f"__nv_{name}{'f' * isinstance(kind, ir.FloatType)}"
+            function = ir.FunctionType(kind, [kind] * len(arguments))
+            return builder.call(cgutils.get_or_insert_function(builder.module, function, own), arguments)
+
+        return generate
+
+    for function, (name, count) in _LIBDEVICE.items():
+        if function not in known:
+            known[function] = {f"{kind * count}->{kind}": calling(name) for kind in "fd"}
+
+
+@functools.cache
+def kernel_function() -> Callable[..., None]:
+    """The kernel as a function that numba-cuda compiles: of what `arguments` gives, and samples from `begin` to `end`.
+
+    It is `run_world` with the card's barrier in the place of the gate: no thread leaves before the last meeting.
+    """
+    cuda = import_module("numba.cuda")
+    _add_functions()
+
+    @cuda.jit(device=True)
+    def meet(gate, meetings, members):
+        cuda.syncthreads()
+        return True
+
+    on_processor = run_world.py_func
+    names = {**on_processor.__globals__, "meet": meet}
+    advance = njit(error_model="numpy")(FunctionType(on_processor.__code__, names, on_processor.__name__))
+
+    def run_worlds(loop, motion, worlds, goal, scores, nothing, begin, end):
+        w, W = cuda.blockIdx.x * cuda.blockDim.x + cuda.threadIdx.x, scores.bound.shape[0]
+        there, w = w < W, min(w, W - 1)
+        own = world_of(loop, worlds, w)
+        advance(own, motion, goal, scores, nothing, w, there, begin, end, cuda.threadIdx.y, cuda.blockDim.y, None)
+
+    return run_worlds
+
+
+@functools.cache
+def _kernel() -> Any:
+    return import_module("numba.cuda").jit(launch_bounds=WORLDS * _MOST_MEMBERS)(kernel_function())
+
+
+def arguments(batch: Batch) -> tuple[Any, ...]:
+    """What the kernel takes before the samples: trees of arrays on this machine."""
+    return batch.loop, batch.motion, batch.worlds, batch.goal, batch.scores, batch.nothing
+
+
+def run_on_card(batch: Batch, progress: Callable[[int, int], None] | None = None) -> None:
+    """Run all worlds of a batch to their end, once.
+
+    Args:
+        batch: laid out with order="F".
+        progress: called with (samples done, samples in all).
+
+    Raises:
+        InputError: there is no card.
+    """
+    require_card()
+    cuda = import_module("numba.cuda")
+    rows = cuda.to_device(batch.rows)
+    begins = rows.__cuda_array_interface__["data"][0], batch.rows.ctypes.data
+
+    def sent(values: NDArray[Any]) -> Any:
+        return cuda.to_device(np.ascontiguousarray(values))
+
+    def view(values: NDArray[Any]) -> Any:
+        if values.dtype != batch.rows.dtype:
+            return sent(values)
+        place = begins[0] + (values.ctypes.data - begins[1] if values.size else 0)
+        described = {"shape": values.shape, "strides": values.strides, "typestr": values.dtype.str, "version": 3}
+        return cuda.as_cuda_array(SimpleNamespace(__cuda_array_interface__={**described, "data": (place, False)}))
+
+    scores = mapped(cuda.to_device, batch.scores)
+    given = (*(mapped(sent, tree) for tree in (batch.loop, batch.motion)), mapped(view, batch.worlds))
+    given = (*given, mapped(sent, batch.goal), scores, mapped(sent, batch.nothing))
+    T, V = batch.goal.samples, len(batch.loop.fleet.bodies)
+    chunk = max(1, _CHUNK // (batch.loop.per_sample * V))
+    launch = _kernel()[-(-len(batch) // WORLDS), (WORLDS, min(_MOST_MEMBERS, V))]
+    for begin in range(0, T, chunk):
+        launch(*given, begin, min(begin + chunk, T))
+        cuda.synchronize()
+        if progress:
+            progress(min(begin + chunk, T), T)
+    rows.copy_to_host(batch.rows)
+    for on_card, here in zip(scores, batch.scores, strict=True):
+        on_card.copy_to_host(here)

@@ -1,0 +1,102 @@
+"""Runs of a study together in a batch: what their records say is what each has alone.
+
+A batch runs here on threads of this machine, in the place of a card.
+"""
+
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mjsheaf.errors import ScenarioError
+from mjsheaf.scenario.load import read_scenario
+from mjsheaf.simulation.batch import Batch
+from mjsheaf.studies import load_plan, run_study
+from mjsheaf.studies.job import Job, run_job
+from mjsheaf.studies.schema import Point
+from mjsheaf.studies.worlds import BatchEngine
+from tests.builders import refused
+from tests.commands import answer_of, is_refusal
+
+SHORT = {"time.end": 1.0, "physics.contacts": False, "disturbance": {"agents": {"bound": 0.2}}}
+KNOWN = "tracking_error", "mean_disagreement"
+
+
+def jobs_of(source: str, points: list[dict[str, Any]], seeds: list[int]) -> list[Job]:
+    numbered = [(changes, seed) for changes in points for seed in seeds]
+    read = read_scenario(source)
+    return [
+        Job(Point(k, changes, seed), source, read, SHORT, "/", "physics", "fused")
+        for k, (changes, seed) in enumerate(numbered)
+    ]
+
+
+def together(jobs: list[Job]) -> dict[int, dict[str, Any]]:
+    engine = BatchEngine(Batch.run, "C")
+    return {result.record["run"]: result.record for result in engine.run(jobs)}
+
+
+def test_records_of_a_batch_are_those_of_runs_alone() -> None:
+    """Of seeds and gains, among them one that blows up and one that no scenario takes, and a second team."""
+    points = [{"controller.gain": 1.0}, {"controller.gain": 1e4}, {"controller.gain": -1.0}]
+    points += [{"controller.gain": 2.0, "controller.control_period": 0.02}]
+    jobs = jobs_of("certified", points, [0, 3])
+    found = together(jobs)
+    assert sorted(found) == list(range(8))
+    statuses = []
+    for job in jobs:
+        alone, record = run_job(job).record, found[job.point.number]
+        statuses.append(alone["status"])
+        for name in ("run", "parameters", "seed", "status", "message", "numbers_per_agent_second"):
+            assert record[name] == alone[name]
+        for part in ("final", "late"):
+            assert (record[part] is None) == (alone[part] is None)
+            for name in KNOWN if alone[part] else ():
+                assert record[part][name] == pytest.approx(alone[part][name], rel=1e-12)
+        if alone["bound_ratio"] is not None:
+            assert record["bound_ratio"] == pytest.approx(alone["bound_ratio"], rel=1e-6)
+    assert statuses == ["finished"] * 2 + ["unstable"] * 2 + ["invalid"] * 2 + ["finished"] * 2
+    assert found[0]["bound_ratio"] is not None
+    assert found[0]["final"] != found[1]["final"]
+
+
+def test_a_run_with_events_is_refused_and_others_are_not() -> None:
+    lost = {"events": [{"time": 0.5, "lose": "A1"}]}
+    records = together(jobs_of("certified", [{}, lost], [0]))
+    assert [records[k]["status"] for k in (0, 1)] == ["finished", "invalid"]
+    assert records[1]["message"].startswith("events")
+
+
+def test_a_study_on_a_batch_has_its_table_and_plots(tmp_path: Path) -> None:
+    @contextmanager
+    def engine() -> Any:
+        yield BatchEngine(Batch.run, "C")
+
+    plan = load_plan("midpoint", seeds=(0, 3), overrides=SHORT, device="gpu")
+    assert plan.study.engine == "fused"
+    assert plan.record()["asked"]["device"] == "gpu"
+    study = run_study(plan, tmp_path / "study", engine)
+    assert [record["status"] for record in study.records] == ["finished"] * 3
+    assert "table.csv" in study.files
+    assert "tracking_error" in (tmp_path / "study" / "table.csv").read_text()
+
+
+def test_what_a_card_cannot_do_is_refused_by_its_field() -> None:
+    with refused(ScenarioError, "device", "fused"):
+        load_plan("midpoint", device="gpu", engine="mujoco")
+    with refused(ScenarioError, "trajectories", "cpu"):
+        load_plan("midpoint", device="gpu", trajectories=True)
+    with refused(ScenarioError, "fused", "ideal"):
+        load_plan("midpoint", device="gpu", backend="ideal")
+    assert "device" not in load_plan("midpoint").record()["asked"]
+
+
+def test_sweep_says_in_a_line_that_there_is_no_card(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing is written."""
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    out = tmp_path / "study"
+    for given, named in (((), "numba-cuda"), (("--workers", "2"), "workers"), (("--engine", "mujoco"), "fused")):
+        answer = answer_of("sweep", "midpoint", "--device", "gpu", "--out", out, *given)
+        assert is_refusal(answer, "gpu", named)
+        assert not out.exists()
