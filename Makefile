@@ -36,14 +36,19 @@ PYTEST = OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist worksteal --hypothesis
 test: lint
 	$(PYTEST) -m "not slow"
 
-# The long ones alone: studies of hundreds of teams, fuzzing, kills, films of every scenario.
+# The long ones alone: studies of hundreds of teams, fuzzing, kills, films of every scenario, the kernel for a card.
 test-slow: EXAMPLES := ci
-test-slow: lint
+test-slow: lint $(VENV)/.cuda
 	$(PYTEST) -m slow
 
 test-all: EXAMPLES := ci
-test-all: lint
+test-all: lint $(VENV)/.cuda
 	$(PYTEST)
+
+# The compiler for cards, of which none is needed.
+$(VENV)/.cuda: $(STAMP)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[cuda]'
+	touch $@
 
 # The site, in build/docs; examples, vehicles and references are made from what runs. Needs no network once installed.
 $(VENV)/.docs: $(STAMP)

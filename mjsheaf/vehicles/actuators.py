@@ -4,7 +4,8 @@ Allocation is linear in efforts: W maps them to the wrench on the body. A thrust
 azimuth thruster has two, the components of its thrust along its site's direction and to port of that, of which its
 branch makes thrust and angle. Every effort has a channel: an actuator of MuJoCo's, with its command in ctrl.
 
-A new kind subclasses `Thruster` and has a code with a branch in `aim`, `unit_wrench` and `room_of`.
+A new kind subclasses `Thruster` and has a code with a branch in `aim`, `unit_wrench` and `room_of`; `actuator_force` is
+MuJoCo's own dynamics of whatever kind, for the engine that does without it.
 """
 
 from dataclasses import dataclass, replace
