@@ -331,7 +331,7 @@ def test_video_that_cannot_be_written(tmp_path: Path, capsys: pytest.CaptureFixt
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("without_plots")
-def test_video_of_data_that_are_not_those_of_the_scenario(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_run_is_not_shown_again_with_data_of_another(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run = tmp_path / "run"
     assert call("run", "midpoint", *QUICK, "--set", "time.end=0.1", *SMALL, "--out", run) == 0
     own, other = (run / "scenario.yaml").read_text(), tmp_path / "other.nc"
@@ -347,10 +347,11 @@ def test_video_of_data_that_are_not_those_of_the_scenario(tmp_path: Path, capsys
     del summary["result_sha256"]  # as an earlier version left it
     (run / "summary.json").write_text(json.dumps(summary))
     for told in ("result.nc is not that of a run", "result.nc and scenario.yaml do not match: their agents differ"):
-        assert call("video", run) == 2
-        error = capsys.readouterr().err
-        assert f"{run}: {told}" in error
-        assert error.count("\n") == 1
+        for command in ("video", "plot", "report"):
+            assert call(command, run) == 2
+            error = capsys.readouterr().err
+            assert f"{run}: {told}" in error
+            assert error.count("\n") == 1
         other.replace(run / "result.nc") if other.exists() else None
 
 
