@@ -21,7 +21,10 @@ from mjsheaf.video.from_run import video_options
 TIMES = ("wall_time_s", "realtime_factor")
 
 
-@pytest.mark.parametrize(("backend", "law"), [("ideal", {}), ("physics", {}), ("ideal", {"rounds": 2})])
+@pytest.mark.parametrize(
+    ("backend", "law"),
+    [pytest.param("ideal", {}, marks=pytest.mark.slow), ("physics", {}), ("ideal", {"rounds": 2})],
+)
 def test_data_in_memory_leave_what_a_run_leaves(backend: str, law: dict[str, int], tmp_path: Path) -> None:
     """Over 2,048 samples, which a run writes in two pieces; what agents send is counted over both."""
     scenario = load_scenario("midpoint", {"time.end": 21.0} | ({"controller.newton": law} if law else {}))
