@@ -31,9 +31,10 @@ def rows(heading: str) -> list[list[str]]:
 
 
 def agrees(shown: str, value: float) -> bool:
-    """Whether a number as printed is this value, rounded to its digits."""
+    """Whether a number as printed is this value, rounded to its digits; of zeros at its end, to two digits at least."""
     whole, _, decimals = shown.partition(".")
-    last = -len(decimals) if decimals else len(whole) - len(whole.rstrip("0"))  # place of the last digit that says
+    zeros = min(len(whole) - len(whole.rstrip("0")), max(len(whole) - 2, 0))  # that say nothing
+    last = -len(decimals) if decimals else zeros
     return abs(float(shown) - value) <= 0.5000001 * 10.0**last
 
 
@@ -107,6 +108,24 @@ def test_two_quadrotors() -> None:
     bodies, hold = re.findall(r"[\d.]+(?= 1/s)|[\d.]+(?= \|)", line)
     assert agrees(bodies, record["margins"]["bodies"]["largest_gain"])
     assert agrees(hold, record["law"]["largest_gain"])
+
+
+def test_one_otter() -> None:
+    fields: dict[str, Any] = {
+        "time": {"end": 30},
+        "controller": {"gain": 0.3},
+        "agents": [{"id": "O1", "position": [-2, 0], "vehicle": "otter"}],
+        "sensing": [["O1", "T1"]],
+    }
+    ahead = {"kind": "waypoints", "points": [[200, 0]], "speed": 2}
+    line = next(line for line in CLAIMS.splitlines() if line.startswith("| one `otter`"))
+    said = re.findall(r"[\d.]+(?= 1/s)", line)
+    page = " ".join((DOCS / "howto/check.md").read_text().split())
+    assert re.findall(r"[\d.]+(?= 1/s)", page[page.index("one `otter`") :]) == said
+    for motion, shown in zip(({"kind": "static"}, ahead), said, strict=True):
+        target = {"id": "T1", "position": [0, 0], "motion": motion}
+        record = check(load_scenario(fields | {"targets": [target]}))
+        assert agrees(shown, record["margins"]["bodies"]["largest_gain"])
 
 
 def test_scenarios_of_pages() -> None:

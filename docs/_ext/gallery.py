@@ -8,13 +8,13 @@ from typing import Any
 import fields
 import replays
 
+from mjsheaf.results.metrics import MEASURES
 from mjsheaf.scenario import Scenario, list_scenarios, load_scenario
 from mjsheaf.scenario.load import read_scenario
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-_ERRORS = ("mean_disagreement", "tracking_error", "formation_error", "centering_error")
 _MENDED = {"lost_thruster": ", in which the thrusters work"}
-_WORDS = [name.replace("_", " ") for name in _ERRORS]
+_WORDS = [name.replace("_", " ") for name in MEASURES]
 
 
 def publish(extra: Path) -> None:
@@ -107,7 +107,7 @@ def _smallest(dirichlet: Any) -> float:
 def _errors(s: Scenario, summary: dict[str, Any]) -> list[str]:
     """Errors at the end of the run, and the bounds that a test holds both backends to."""
     final = summary["final"]
-    rows = [f"| at the end, m | {' | '.join(_WORDS)} |", "|---" * 5 + "|"]
+    rows = [f"| at the end, m | {' | '.join(_WORDS)} |", "|---" * (1 + len(MEASURES)) + "|"]
     rows += [f"| {who} | {_row(values)} |" for who, values in {"team": final, **final["groups"]}.items()]
     for backend, words in (("physics", "bodies"), ("ideal", "ideal kinematics")):
         bounds = getattr(s.expect, backend)
@@ -117,4 +117,4 @@ def _errors(s: Scenario, summary: dict[str, Any]) -> list[str]:
 
 
 def _row(values: dict[str, Any]) -> str:
-    return " | ".join("" if values.get(n) is None else f"{values[n]:.3g}" for n in _ERRORS)
+    return " | ".join("" if values.get(n) is None else f"{values[n]:.3g}" for n in MEASURES)

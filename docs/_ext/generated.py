@@ -18,7 +18,6 @@ from mjsheaf.vehicles.vehicle import VehicleDescription
 
 DOCS = Path(__file__).resolve().parents[1]
 REPOSITORY = DOCS.parent
-_ERRORS = ("mean_disagreement", "tracking_error", "formation_error", "centering_error")
 
 
 def _shown(argument: Any) -> str:

@@ -1,6 +1,7 @@
 """The replay of every scenario, a picture of it and its numbers, made when the site is built.
 
-They are kept in build/replays and made again when the scenario, a vehicle or the program has changed.
+They are kept in build/replays and made again when the scenario, a vehicle, the program or a package that computes or
+draws has changed.
 """
 
 import hashlib
@@ -9,6 +10,7 @@ import os
 import shutil
 from concurrent.futures import ProcessPoolExecutor
 from functools import cache
+from importlib.metadata import version
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -21,6 +23,7 @@ RUN_AS = {
 }
 """Scenarios that are refused as they stand: with which option, and override, their page shows a run."""
 
+_RUN_BY = ("mujoco", "numpy", "scipy", "numba", "matplotlib")
 _PICTURE = {"width": 720, "height": 406, "fps": 1, "quality": "good"}
 _MOMENT = 0.4  # of the run, that the picture shows
 
@@ -83,13 +86,13 @@ def _is_fresh(name: str) -> bool:
 
 def _key(name: str) -> str:
     file = (REPOSITORY / "scenarios" / f"{name}.yaml").read_bytes()
-    return hashlib.sha256(file + _program()).hexdigest()
+    return hashlib.sha256(file + program()).hexdigest()
 
 
 @cache
-def _program() -> bytes:
-    """A digest of all that makes a replay, but the scenario."""
-    found = hashlib.sha256()
+def program() -> bytes:
+    """A digest of all that makes a replay, but the scenario: the program, the vehicles and what they are run by."""
+    found = hashlib.sha256(" ".join(f"{name} {version(name)}" for name in _RUN_BY).encode())
     for directory, pattern in (("mjsheaf", "*.*"), ("models", "*")):
         for path in sorted((REPOSITORY / directory).rglob(pattern)):
             if path.is_file() and path.suffix in (".py", ".js", ".css", ".html", ".xml", ".yaml"):

@@ -1,5 +1,7 @@
 """The page of vehicles: numbers out of their files, a picture, the response to a step, and speed against thrust."""
 
+import hashlib
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -7,6 +9,7 @@ import fields
 import matplotlib.pyplot as plt
 import mujoco
 import numpy as np
+import replays
 
 import mjsheaf
 from mjsheaf.vehicles.effects import capability_of
@@ -20,9 +23,15 @@ _STEP = 1.0  # m/s, forward
 
 
 def page(directory: Path) -> str:
-    """Markdown of all vehicles; figures are written to the directory."""
+    """Markdown of all vehicles; figures are written to the directory, all again when the program has changed."""
+    key = hashlib.sha256(Path(__file__).read_bytes() + replays.program()).hexdigest()
+    kept = directory / "key"
+    if not kept.is_file() or kept.read_text() != key:
+        shutil.rmtree(directory, ignore_errors=True)
     directory.mkdir(parents=True, exist_ok=True)
-    return "\n".join(_section(load_vehicle(name), directory) for name in list_vehicles())
+    text = "\n".join(_section(load_vehicle(name), directory) for name in list_vehicles())
+    kept.write_text(key)
+    return text
 
 
 def _section(vehicle: Vehicle, directory: Path) -> str:
@@ -52,12 +61,6 @@ def _section(vehicle: Vehicle, directory: Path) -> str:
     return "\n".join(lines)
 
 
-def _current(path: Path, vehicle: Vehicle) -> bool:
-    """Whether a picture is newer than the files of its vehicle."""
-    newest = max(file.stat().st_mtime for file in (vehicle.path, vehicle.path.with_suffix(".yaml"), Path(__file__)))
-    return path.is_file() and path.stat().st_mtime > newest
-
-
 def _limit(value: float) -> str:
     return f"{float(f'{value:.3g}'):g}" if np.isfinite(value) else "no limit"
 
@@ -68,7 +71,7 @@ def _triple(values: Any) -> str:
 
 def _plot(vehicle: Vehicle, path: Path) -> None:
     """Forward velocity after a step of 1 m/s, and steady forward speed against thrust."""
-    if _current(path, vehicle):
+    if path.is_file():
         return
     time, speed = _step_response(vehicle)
     figure, (left, right) = plt.subplots(1, 2, figsize=(8, 2.6), layout="constrained")
@@ -104,7 +107,7 @@ def _step_response(vehicle: Vehicle) -> tuple[Any, Any]:
 
 def _draw(vehicle: Vehicle, path: Path) -> bool:
     """Draw a vehicle; False where no OpenGL is there to draw with."""
-    if _current(path, vehicle):
+    if path.is_file():
         return True
     backend, _ = available_backend()
     if backend is None:

@@ -6,6 +6,6 @@ assumptions; margins holds what theory leaves out. check gathers all in a record
 finished compares a run with the certificate and says how it ended.
 """
 
-from mjsheaf.checking.check import CheckRecord, Examination, check, examine
+from mjsheaf.checking.check import CheckRecord, Examination, check, examine, examine_scenario
 
-__all__ = ["CheckRecord", "Examination", "check", "examine"]
+__all__ = ["CheckRecord", "Examination", "check", "examine", "examine_scenario"]

@@ -175,8 +175,7 @@ def check(
         InputError: rate or radius is not positive, rho is no bound, or a vehicle does not fit its agent.
     """
     own = None if rho is None else as_rho(rho)
-    record = examine(scenario.phases, rate=rate, radius=radius, rho=own).record
-    return record.model_copy(update={"notes": slips_of(scenario)}).model_dump(mode="json")
+    return examine_scenario(scenario, rate=rate, radius=radius, rho=own).record.model_dump(mode="json")
 
 
 @dataclass(frozen=True)
@@ -197,6 +196,14 @@ class Examination:
                 bound = envelope(system, certificate)
                 found += [] if bound.clipped else [float(bound.samples[-1])]
         return min(found) + _carried_error(system, certificate.constants.path.error)
+
+
+def examine_scenario(
+    scenario: Scenario, *, rate: float | None = None, radius: float = 1.0, rho: Rho | None = None
+) -> Examination:
+    """`examine` of a scenario, whose record notes what in its files looks like a slip."""
+    examination = examine(scenario.phases, rate=rate, radius=radius, rho=rho)
+    return replace(examination, record=examination.record.model_copy(update={"notes": slips_of(scenario)}))
 
 
 @one_thread

@@ -38,9 +38,9 @@ _FREE, _CARRIED, _OWN, _GAP = RED, BLUE, "#E69F00", "#4B5563"
 _TARGET_KEY = key("target", color=TARGET, marker="*")
 
 
-def draw_check(system: System, examination: Examination, options: FigureOptions = AS_USUAL) -> Figure:
+def draw_check(examination: Examination, options: FigureOptions = AS_USUAL) -> Figure:
     """Draw a check: a figure for `write_figure`."""
-    record = examination.record
+    record, system = examination.record, examination.system
     figure = new_figure(WIDTH, 7.4, f"{record.scenario}: {record.verdict()}", options)
     ((spectrum, graph), (difference, corner)) = figure.subplots(2, 2)
     keys = {

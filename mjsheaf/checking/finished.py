@@ -279,12 +279,14 @@ LEVEL = (
     "mean, or by what the unfinished periods of an oscillation make, and if the team does not swing by itself."
 )
 
+ROUNDING = 1e-9
+"""Errors, and their swings, that are no more than rounding, m."""
+
 _FEWEST_SAMPLES = 8
 _LEVEL_OF_RANGE, _LEVEL_OF_BOTH = 0.01, 0.05  # by which the mean error of two quarters may differ
 _STEADY_SWING = 0.05  # by which the swing of two quarters may differ, relative, and be neither growth nor decay
 _STEADY_LOOP = 0.01  # by which a swing may fall in a quarter and not be said to decay, though the loop is stable
 _FAINT_SWING = 1e-4  # of the range of the error: a swing below it is over
-_ROUNDING = 1e-9  # m: a swing below it is rounding
 _FEWEST_REVERSALS = 3  # sign changes in a quarter that make a swing of a drift
 _STILL_SHARE = 0.01  # of the swing of the errors, by which q* may swing and count as at rest
 _SLOWING = 0.9  # of the growth of one quarter over the last: a rise that slows down by more is a transient
@@ -336,7 +338,7 @@ def _own_swing(error: Array, offsets: Array, unstable: Callable[[], bool] | None
     """
     before, last = _quarters(offsets)[-2:]
     size = _swing(last)
-    if size <= max(_FAINT_SWING * float(np.ptp(error)), _ROUNDING) or _reversals(last) < _FEWEST_REVERSALS:
+    if size <= max(_FAINT_SWING * float(np.ptp(error)), ROUNDING) or _reversals(last) < _FEWEST_REVERSALS:
         return None
     ratio = size / max(_swing(before), 1e-300)
     if ratio < 1.0 - _STEADY_SWING:
@@ -356,7 +358,7 @@ def is_level(error: Array) -> bool:
     (first, _), (before, _), (level, _) = means = [_mean(quarter) for quarter in quarters]
     trend = (level - before) * (before - first) > 0.0 and all(whole for _, whole in means)
     through, reversals = float(np.ptp(error)), _reversals(quarters[-1])
-    allowed = max(_LEVEL_OF_RANGE * through, _LEVEL_OF_BOTH * min(through, level), _ROUNDING)
+    allowed = max(_LEVEL_OF_RANGE * through, _LEVEL_OF_BOTH * min(through, level), ROUNDING)
     if reversals >= 2 and not trend:
         # A sine of n half periods and a part of one has a mean of at most its swing over n pi.
         allowed = max(allowed, 2.0 * float(np.ptp(quarters[-1])) / reversals / np.pi)

@@ -73,21 +73,19 @@ def check(
         raise InputError(f"--format {formats}: there is no plot; expected --plot FILE with it")
     import json
 
-    from mjsheaf.checking import examine
+    from mjsheaf.checking import examine_scenario
     from mjsheaf.checking.report import report
     from mjsheaf.control.theorem import as_rho
     from mjsheaf.io.files import naming, whole_file
     from mjsheaf.scenario import load_scenario
-    from mjsheaf.scenario.slips import slips_of
 
     loaded = load_scenario(scenario, changes_of(overrides))
-    phases = loaded.phases
     try:
         bound = None if rho is None else as_rho([float(c) for c in rho.split(",")])
     except (ValueError, InputError):
         raise InputError(f"--rho {rho}: expected coefficients >= 0, separated by commas, such as 0.1,0.02") from None
-    examination = examine(phases, rate=rate, radius=radius, rho=bound)
-    record = examination.record.model_copy(update={"notes": slips_of(loaded)})
+    examination = examine_scenario(loaded, rate=rate, radius=radius, rho=bound)
+    record = examination.record
     if as_json:
         print(json.dumps(record.model_dump(mode="json"), indent=2, allow_nan=False))
     else:
@@ -96,7 +94,7 @@ def check(
         from mjsheaf.checking.figures import draw_check
         from mjsheaf.plotting import write_figure
 
-        figure = draw_check(phases[0].system.remaining, examination, figures)
+        figure = draw_check(examination, figures)
         for path in figures.paths(plot):
             with naming(f"--plot {path}"), whole_file(path) as part:
                 write_figure(figure, part, path.suffix[1:])

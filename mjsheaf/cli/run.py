@@ -221,15 +221,12 @@ def video(
     """
     changes = {k: v for k, v in locals().items() if k not in ("directory", "out")}
     changes |= {"vehicle_scale": None} if vehicle_scale is None else _scales(vehicle_scale)
-    from mjsheaf.results.store import open_run, require_match, save_summary
+    from mjsheaf.results.store import reopen_run, save_summary
     from mjsheaf.runs.publish import video_entry
-    from mjsheaf.scenario import load_scenario
     from mjsheaf.video import available_backend
     from mjsheaf.video.from_run import film_run, video_options
 
-    with open_run(directory) as (dataset, summary):
-        scenario = load_scenario(directory / "scenario.yaml")
-        require_match(directory, scenario, dataset)
+    with reopen_run(directory) as (scenario, dataset, summary):
         options = video_options(scenario, **changes)
         own = directory / "video.mp4"
         path = own if out is None else out

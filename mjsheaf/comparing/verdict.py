@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from pydantic import Field
 
+from mjsheaf.checking.finished import ROUNDING
 from mjsheaf.comparing.convergence import ConvergenceRecord
 from mjsheaf.comparing.demands import DemandRecord, FastestRecord, VelocityLimitRecord
 from mjsheaf.comparing.ladder import RungRecord, display_name
@@ -145,6 +146,9 @@ def _of_the_whole(record: CompareRecord) -> list[str]:
     if budget.ideal_m is None or budget.all_m is None:
         return ["the ideal run blows up: nothing can be compared with it"]
     cost, name = budget.all_m - budget.ideal_m, display_name(record.measure)
+    if budget.all_m <= ROUNDING:
+        ideal = f"{budget.ideal_m:.3g} m" if budget.ideal_m > ROUNDING else "zero to rounding"
+        return [f"{name}, RMS over the last half: ideal {ideal}, as it stands zero to rounding: nothing to gain"]
     return [
         f"largest lever: {_lever(record, TEAM)}",
         f"{name}, RMS over the last half: ideal {budget.ideal_m:.3g} m, as it stands {budget.all_m:.3g} m; "
@@ -155,7 +159,7 @@ def _of_the_whole(record: CompareRecord) -> list[str]:
 def _harmful_terms(record: CompareRecord) -> list[str]:
     """That the team would track better by the paper's law alone, and what the terms do wrong."""
     cost = _costs_of_terms(record)
-    if cost is None or cost[1] - cost[0] <= _LEAST_BODY_SHARE * cost[0]:
+    if cost is None or cost[1] - cost[0] <= max(_LEAST_BODY_SHARE * cost[0], ROUNDING):
         return record.harm
     gist = f"tracking error {cost[1]:.3g} m as it stands, {cost[0]:.3g} m by the paper's law alone"
     return [f"{listed(record.terms)} HARM: {gist}", *record.harm]
@@ -210,9 +214,9 @@ def _ranked(budget: BudgetRecord) -> list[tuple[float, str]]:
 
 
 def _lever(record: CompareRecord, scope: str) -> _Lever | None:
-    """What would lower the error of the team or a group most; None where it is not known."""
+    """What would lower the error of the team or a group most; None where it is not known, or nothing would."""
     budget = record.budget(scope, record.measure, "late")
-    if budget.ideal_m is None or budget.all_m is None:
+    if budget.ideal_m is None or budget.all_m is None or budget.all_m <= ROUNDING:
         return None
     cost, now = budget.all_m - budget.ideal_m, f"{budget.all_m:.3g} m now, {budget.ideal_m:.3g} m ideal"
     floor = budget.at_q_star_m
@@ -286,7 +290,8 @@ def _tracking(record: CompareRecord) -> list[str]:
         of_limit = f"{limit:.2g} m of that by the velocity limit, the rest by " * (limit >= _LEAST_CAUSE_SHARE * ideal)
         return [f"{told}: {of_limit}the law's own lag; {_law(record, 'slower targets')}"]
     most, effect = next(iter(_ranked(budget)), (0.0, ""))
-    first = f"; {display_name(effect)} first, without which it would be {most:.2g} m less" if most > 0.0 else ""
+    notably = most >= _LEAST_BODY_SHARE * now
+    first = f"; {display_name(effect)} first, without which it would be {most:.2g} m less" if notably else ""
     return [f"{told}: the bodies'{first}"]
 
 
@@ -305,7 +310,7 @@ def _velocity_limit(record: CompareRecord) -> list[str]:
         f"the ideal run, {100 * whole.share_at_limit:.0f}% as it stands"
     )
     if errors:
-        told += f"; without it {', '.join(errors)}" + (f": {_raise_limit(record)}" if max(costs) > 0.0 else "")
+        told += f"; without it {', '.join(errors)}" + (f": {_raise_limit(record)}" if max(costs) > ROUNDING else "")
     return [told]
 
 
@@ -317,7 +322,7 @@ def _with_and_without(record: CompareRecord, measure: str) -> list[str]:
     ]
     known = [(now, less, name) for now, less, name in found if now is not None and less is not None]
     told = " and ".join(f"{now:.3g} -> {now - less:.3g} m {name}" for now, less, name in known)
-    notably = any(abs(less) > _LEAST_BODY_SHARE * now for now, less, _ in known)
+    notably = any(abs(less) > max(_LEAST_BODY_SHARE * now, ROUNDING) for now, less, _ in known)
     return [f"{display_name(measure)} {told}"] if notably else []
 
 

@@ -76,13 +76,10 @@ def write_page_again(directory: Path, path: Path | None = None) -> Path:
             that recorded less; or the file cannot be written.
     """
     from mjsheaf.checking.finished import bounds_of_phases
-    from mjsheaf.results.store import open_run, require_match
-    from mjsheaf.scenario import load_scenario
+    from mjsheaf.results.store import reopen_run
 
     path = directory / "report.html" if path is None else path
-    with open_run(directory) as (dataset, summary):
-        scenario = load_scenario(directory / "scenario.yaml")
-        require_match(directory, scenario, dataset)
+    with reopen_run(directory) as (scenario, dataset, summary):
         missing = sorted(REQUIRED - set(dataset.variables))
         if missing:
             raise InputError(f"{directory}: result.nc has no {missing[0]}; run the scenario again")

@@ -36,6 +36,7 @@ _MOST_POSITIONS = 500_000  # vehicles times samples, where that allows _FEWEST
 _MOST_HELD = 6_000_000  # positions that are kept between passes over a run
 _OUTLIER = 100.0  # times the scene's size: what is farther out has blown up, and is drawn no farther
 _ORIGINS = 1000.0  # m between places that may be an origin
+_FARTHEST = 1e12  # m from zero, where a number of 64 bits still tells a tenth of a millimetre
 _ROOM_OF_BLOWN_UP = 4.0  # of the scene of such a run, times the size at its start
 REQUIRED = frozenset(
     {"disagreement", "tracking_error", "velocity_command", "agent_flow", "harmonic_extension"}
@@ -214,11 +215,9 @@ def pack(
 def _origin_of(dataset: xr.Dataset) -> Array:
     """A place near where a run begins, shape (3,), m: see the module."""
     names = [f"{kind}_position" for kind in ("agent", "target")]
-    first = np.concatenate([dataset[name][:1].values.reshape(-1, 3) for name in names])
-    with np.errstate(all="ignore"):
-        first = first[(np.abs(first[:, :2]) < 1e12).all(axis=1)]
-    middle = np.nanmedian(np.nan_to_num(first), axis=0) if len(first) else np.zeros(3)
-    return np.asarray(_ORIGINS * np.round(np.nan_to_num(middle) / _ORIGINS))
+    first = np.nan_to_num(np.concatenate([dataset[name][:1].values.reshape(-1, 3) for name in names]))
+    first = first[np.abs(first).max(axis=1) < _FARTHEST]
+    return _ORIGINS * np.round(np.median(first, axis=0) / _ORIGINS) if len(first) else np.zeros(3)
 
 
 class _Positions:

@@ -250,7 +250,22 @@ def open_run(directory: Path) -> Iterator[tuple[xr.Dataset, dict[str, Any]]]:
         yield dataset, summary
 
 
-def require_match(directory: Path, scenario: "Scenario", dataset: xr.Dataset) -> None:
+@contextmanager
+def reopen_run(directory: Path) -> Iterator[tuple["Scenario", xr.Dataset, dict[str, Any]]]:
+    """The scenario, data and summary.json of a finished run, as `open_run`; the data are those of the scenario.
+
+    Raises:
+        InputError: the directory holds no run, or one that does not fit its scenario.
+    """
+    from mjsheaf.scenario import load_scenario
+
+    with open_run(directory) as (dataset, summary):
+        scenario = load_scenario(directory / "scenario.yaml")
+        _require_match(directory, scenario, dataset)
+        yield scenario, dataset, summary
+
+
+def _require_match(directory: Path, scenario: "Scenario", dataset: xr.Dataset) -> None:
     """Refuse a run whose data are not those of its scenario.
 
     Raises:

@@ -24,12 +24,11 @@ from scipy.spatial import cKDTree
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.checking.finished import HeldBound, RunBound
 from mjsheaf.results.netcdf import pieces_of
+from mjsheaf.runs.harm import TermsInRun, listed
 from mjsheaf.system import Phase, System
 
 if TYPE_CHECKING:
     import xarray as xr
-
-    from mjsheaf.runs.harm import TermsInRun
 
 Kind = Literal[
     "saturated",
@@ -49,6 +48,7 @@ Kind = Literal[
 _MUCH = 0.1  # of the time, that thrusters or commands may be at a limit
 _GUST = 0.01  # of the time, for which a medium may be too fast
 _AT_LIMIT = 1.0 - 1e-9  # of the velocity limit
+_MOSTLY, _HARDLY = 0.5, 0.05  # of the velocity that is missing, mean square, that jumps are
 _FEW = 100  # vehicles up to which all pairs are compared at all samples
 
 
@@ -80,7 +80,7 @@ def notes_of_run(
     dataset: "xr.Dataset",
     ending: str | None,
     bounds: Sequence[RunBound | HeldBound],
-    terms: "TermsInRun | None",
+    terms: TermsInRun | None,
     slips: Sequence[str] = (),
 ) -> list[Note]:
     """All that should be known of a run; it is read in pieces.
@@ -165,7 +165,8 @@ def _about_limits(phases: Sequence[Phase], dataset: "xr.Dataset") -> list[Note]:
 
     v, ids = worst(full, _MUCH)
     if v >= 0:
-        text = f"thrusters of {ids} are at a limit for {100 * full[v]:.0f} % of the time: the law asks too much"
+        why = _why_saturated(phases, dataset, v)
+        text = f"thrusters of {ids} are at a limit for {100 * full[v]:.0f} % of the time: {why}"
         found.append(Note("saturated", text, agents[v].id, None, float(full[v])))
     v, ids = worst(capped, _MUCH)
     if v >= 0:
@@ -181,6 +182,43 @@ def _about_limits(phases: Sequence[Phase], dataset: "xr.Dataset") -> list[Note]:
         text += f", where {what} {able[v]:.3g} m/s in its slowest direction"
         found.append(Note("medium", text, agents[v].id, float(when[v]), float(fastest[v])))
     return found
+
+
+def _why_saturated(phases: Sequence[Phase], dataset: "xr.Dataset", v: int) -> str:
+    """Whether the law asks too much of an agent, or chance does, by which its commands jump.
+
+    Thrusters make good what is missing of the velocity asked for: what share of its mean square are jumps tells.
+    """
+    asks, chance = "the law asks too much", _chance(phases)
+    if not chance:
+        return asks
+    missing = jumps = 0.0
+    period, done, names = phases[0].system.grid.period, 0, ("velocity_command", "agent_position", "agent_flow")
+    for piece in pieces_of(dataset, names):
+        there = _conditions(phases, done, piece.sizes["time"])[0][:, v, None]
+        asked, place, flow = (np.where(there, np.nan_to_num(piece[name].values[:, v]), 0.0) for name in names)
+        with np.errstate(all="ignore"):  # a run that blew up
+            made = np.diff(place, axis=0) / period - flow[:-1]
+            missing += float((np.where(there[1:] & there[:-1], asked[:-1] - made, 0.0) ** 2).sum())
+            jumps += float((np.diff(asked, 2, axis=0) ** 2).sum()) / 6.0  # see `harm`
+        done += len(asked)
+    jump = f"{listed(chance)} make{'s' * (len(chance) == 1)} its commands jump; lower controller.gain"
+    if jumps >= _MOSTLY * missing:
+        return jump
+    return asks if jumps <= _HARDLY * missing else f"{asks}, or {jump}"
+
+
+def _chance(phases: Sequence[Phase]) -> list[str]:
+    """What makes commands jump at random, in words."""
+    laws = [phase.system.law for phase in phases]
+    links = np.concatenate([law.links.table for law in laws])
+    lossy = links["lossy"].any() or any(law.terms.rounds.lossy for law in laws)
+    found = {
+        "noise of measurements": any((links[name] > 0.0).any() for name in ("noise", "range_noise", "bearing_noise")),
+        "loss of messages": lossy,
+        "noise of odometry": any(law.terms.noisy for law in laws),
+    }
+    return [name for name, there in found.items() if there]
 
 
 def _limits(system: System) -> Array:

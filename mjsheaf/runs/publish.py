@@ -393,11 +393,8 @@ def plot_again(
         InputError: the directory holds no run, or one that does not fit its scenario; or a file cannot be written.
     """
     from mjsheaf.checking.finished import bounds_of_phases
-    from mjsheaf.scenario import load_scenario
 
-    with store.open_run(directory) as (dataset, _), TemporaryDirectory() as drawing:
-        scenario = load_scenario(directory / "scenario.yaml")
-        store.require_match(directory, scenario, dataset)
+    with store.reopen_run(directory) as (scenario, dataset, _), TemporaryDirectory() as drawing:
         phases, drawn = scenario.phases, thinned(dataset)
         bound = _shown_bound(phases, drawn["time"].values, *bounds_of_phases(phases, dataset)[0])
         _plot(phases, drawn, bound, Path(drawing), progress, figures)

@@ -24,7 +24,7 @@ from mjsheaf.engine import mujoco, refusing
 from mjsheaf.errors import InputError, expected, in_field, shortened
 from mjsheaf.io.files import confined, read_bytes, resource_directory
 from mjsheaf.io.section import describe_validation_error
-from mjsheaf.io.yaml import read_yaml
+from mjsheaf.io.yaml import SUFFIXES, read_yaml
 from mjsheaf.vehicles.actuators import LAGS, Azimuth, AzimuthThruster, Range, Thruster
 from mjsheaf.vehicles.body import GRAVITY, ROW_NAMES, Inertial
 from mjsheaf.vehicles.steering import Full
@@ -183,12 +183,19 @@ def load_vehicle(source: str, directory: Path | None = None) -> Vehicle:
     """
     known = list_vehicles()
     path = known.get(source) or (directory or Path()) / source
-    if source not in known and path.suffix not in (".yaml", ".yml"):
-        raise InputError(
-            f"no vehicle {shortened(source, 100)!r}; expected {', '.join(known)}, or the path of a description file"
-        )
     if source in known:
         return _shipped(path)
+    if path.suffix == ".xml":
+        name = shortened(path.stem, 50)
+        raise InputError(
+            f"{shortened(source, 100)}: a model (MJCF) alone is no vehicle; expected its description, such as "
+            f"{name}.yaml with `mjcf: {name}.xml`, a domain, drag and attitude"
+        )
+    if path.suffix not in SUFFIXES:
+        raise InputError(
+            f"no vehicle {shortened(source, 100)!r}; expected {', '.join(known)}, or the path of a description file "
+            f"({' or '.join(SUFFIXES)})"
+        )
     files_of(path, read_description(path).mjcf)  # refuses what lies outside, before anything opens it
     return _load(path)
 

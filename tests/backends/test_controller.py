@@ -255,6 +255,7 @@ class Paper:
 """
 
 
+@pytest.mark.usefixtures("without_plots")
 def test_a_law_on_the_command_line(tmp_path: Path) -> None:
     (tmp_path / "law.py").write_text(PAPERS_LAW)
     (tmp_path / "wrong.py").write_text(
@@ -286,7 +287,7 @@ def test_a_law_on_the_command_line(tmp_path: Path) -> None:
     assert sorted(p.name for p in tmp_path.iterdir()) == before
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("backend", [pytest.param("ideal", marks=pytest.mark.slow), "physics"])
 def test_saving_a_result_writes_what_run_writes(backend: str, tmp_path: Path) -> None:
     scenario = mixed_scenario(**SHORT)
     result = mjsheaf.simulate(scenario, backend, controller=lambda t, sample: -3.0 * sample.disagreement)

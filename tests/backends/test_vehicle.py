@@ -282,6 +282,8 @@ def test_wrong_vehicle_files_are_refused(
 def test_unknown_vehicles_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"no vehicle 'boat'; expected aerial, .*hull.*, or the path of a descript"):
         load_vehicle("boat")
+    with pytest.raises(InputError, match=r"boat\.xml: a model .* expected .* boat\.yaml with `mjcf: boat\.xml`"):
+        load_vehicle("folder/boat.xml")
     with pytest.raises(InputError, match=r"nowhere\.yaml: cannot be read"):
         load_vehicle(str(tmp_path / "nowhere.yaml"))
 

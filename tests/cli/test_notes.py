@@ -82,6 +82,33 @@ def test_what_the_vehicle_itself_cannot_do() -> None:
     assert found["saturated"].agent in ("Q1", "Q2")
 
 
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"links.all.noise": 1.0}, "noise of measurements makes its commands jump; lower controller.gain"),
+        (
+            {"controller.velocity_limit": 100, "flow.agents.drift": [40, 0, 0], "flow.agents.dimension": 3}
+            | {"links.all.noise": 0.1},
+            "the law asks too much",
+        ),
+        (
+            {"controller.feedforward": {}, "controller.odometry.noise": 0.02},
+            "noise of odometry makes its commands jump; lower controller.gain",
+        ),
+        (
+            {"links.all.loss": 0.3, "controller.gain": 4, "links.all.noise": 0.02, "agents.Q1.position": [0, 30, 5]}
+            | {"controller.velocity_limit": 20},
+            "the law asks too much, or noise of measurements and loss of messages make its commands jump; "
+            "lower controller.gain",
+        ),
+    ],
+)
+def test_whether_the_law_or_chance_is_to_blame_for_thrusters_at_their_limits(
+    changes: dict[str, Any], words: str
+) -> None:
+    assert noted(changes)["saturated"].text.partition(" % of the time: ")[2] == words
+
+
 def test_a_run_that_ends_before_the_team_arrives() -> None:
     found = noted({"agents.Q1.position": [0, 60, 5], "controller.velocity_limit": 3}, "ideal")
     assert found["approaching"].time == 8.0

@@ -192,7 +192,9 @@ def test_inertia_is_the_reduced_model_without_lag() -> None:
         (2.0, 1.5, "(-25.0%)"),
         (0.1, 1.2, "(12 times the ideal)"),
         (1e-15, 1.2, "(nearly all of it)"),
-        (0.0, 0.0, "(+0.0%)"),
+        (0.0, 0.0, "ideal zero to rounding, as it stands zero to rounding: nothing to gain"),
+        (3e-16, 4e-16, "ideal zero to rounding, as it stands zero to rounding: nothing to gain"),
+        (0.5, 4e-16, "ideal 0.5 m, as it stands zero to rounding: nothing to gain"),
     ],
 )
 def test_what_bodies_add_reads_well_beside_any_ideal_error(
@@ -202,6 +204,34 @@ def test_what_bodies_add_reads_well_beside_any_ideal_error(
     told = verdict_of(torn.model_copy(update={"budgets": changed}))
     (cost,) = [sentence for sentence in told if sentence.startswith("formation error, RMS")]
     assert cost.endswith(words)
+    assert any("lever" in sentence for sentence in told) != ("nothing to gain" in words)
+
+
+@pytest.mark.parametrize(("share", "named"), [(1e-16, False), (0.01, False), (0.1, True)])
+def test_only_effects_that_matter_are_named(share: float, named: bool, torn: CompareRecord) -> None:
+    """What it gives back is a share of an error of 1 m, all of it the bodies'."""
+    item = ItemRecord(effect="lag", alone_m=0.0, give_back_m=share)
+    changed = [b.model_copy(update={"ideal_m": 0.0, "all_m": 1.0, "effects": [item]}) for b in torn.budgets]
+    told = verdict_of(torn.model_copy(update={"budgets": changed}))
+    (tracking,) = [sentence for sentence in told if sentence.startswith("tracking error")]
+    assert ("lag first, without which it would be 0.1 m less" in tracking) == named
+    assert ("lag" in " ".join(told)) == named
+
+
+@pytest.mark.slow
+def test_a_team_at_rest_has_no_lever() -> None:
+    """Its errors, with terms and without, are rounding: -1e-16 m, 4e-16 m."""
+    static = {"id": "T1", "position": [0, 0], "motion": {"kind": "static"}}
+    law = {"gain": 1.0, "control_period": 0.02, "feedforward": {}}
+    scenario = two_boats("hull", "hull", targets=[static], controller=law, time={"end": 120.0})
+    record = compare(scenario).record
+    now = record.budget("team", "formation_error", "late").all_m
+    assert now is not None
+    assert now < 1e-9
+    told = " ".join(record.verdict)
+    assert "nothing to gain" in told
+    assert "lever" not in told
+    assert "HARM" not in told
 
 
 def test_the_page_says_why_something_is_worse_without_an_effect(torn: CompareRecord) -> None:

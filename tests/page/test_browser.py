@@ -243,6 +243,29 @@ def test_a_phone(browser: Any, harbour: tuple[Path, Made]) -> None:
     require_quiet(page)
 
 
+@pytest.mark.parametrize("width", [390, 701, 760, 761, 1280])
+def test_the_legend_never_lies_over_the_scale_bar(browser: Any, harbour: tuple[Path, Made], width: int) -> None:
+    """Nor does its heading, while it is closed, as it is at first beside a narrow scene."""
+    page = open_page(browser, harbour[0], width=width, hash="#t=20")
+    legend = page.locator("#legend details")
+    assert legend.evaluate("d => d.open") == (width > 760)
+    scene = page.locator("#stage").bounding_box()
+    for opened in ("true", "false"):
+        legend.evaluate(f"d => {{ d.open = {opened}; }}")
+        one, other = (page.locator(name).bounding_box() for name in ("#legend", "#scale"))
+        for box in (one, other):
+            assert scene["x"] <= box["x"]
+            assert box["x"] + box["width"] <= scene["x"] + scene["width"]
+            assert scene["y"] <= box["y"]
+            assert box["y"] + box["height"] <= scene["y"] + scene["height"]
+        apart = [
+            second[at] >= first[at] + first[size]
+            for at, size in (("x", "width"), ("y", "height"))
+            for first, second in ((one, other), (other, one))
+        ]
+        assert any(apart)
+
+
 def test_a_browser_without_webgl_shows_curves_and_facts(browser: Any, harbour: tuple[Path, Made]) -> None:
     page = open_page(browser, harbour[0], hash="#t=20", before=WITHOUT_WEBGL)
     assert "cannot draw in three dimensions" in page.locator("#nothing").inner_text()

@@ -5,18 +5,26 @@ Oracle: the directory that `execute` leaves of the same run, byte for byte but f
 
 import json
 from pathlib import Path
+from threading import Condition, get_ident
+from typing import Any
 
 import pytest
+from matplotlib.mathtext import MathTextParser
 
 from mjsheaf import simulate
 from mjsheaf.errors import PlaceError
 from mjsheaf.runs.publish import execute, publish
 from mjsheaf.scenario import load_scenario
+from mjsheaf.video import available_backend
+from mjsheaf.video.from_run import video_options
 
 TIMES = ("wall_time_s", "realtime_factor")
 
 
-@pytest.mark.parametrize(("backend", "law"), [("ideal", {}), ("physics", {}), ("ideal", {"rounds": 2})])
+@pytest.mark.parametrize(
+    ("backend", "law"),
+    [pytest.param("ideal", {}, marks=pytest.mark.slow), ("physics", {}), ("ideal", {"rounds": 2})],
+)
 def test_data_in_memory_leave_what_a_run_leaves(backend: str, law: dict[str, int], tmp_path: Path) -> None:
     """Over 2,048 samples, which a run writes in two pieces; what agents send is counted over both."""
     scenario = load_scenario("midpoint", {"time.end": 21.0} | ({"controller.newton": law} if law else {}))
@@ -42,3 +50,38 @@ def test_data_in_memory_never_replace_what_is_not_a_run(tmp_path: Path) -> None:
     with pytest.raises(PlaceError):
         publish(simulate(scenario, "ideal"), scenario, scenario.system, tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
+
+
+@pytest.mark.slow
+def test_plots_and_film_never_parse_formulas_at_the_same_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """matplotlib's parser is one for all threads and knows none. Each thread waits in it at first for another."""
+    backend, reason = available_backend()
+    if backend is None:
+        pytest.skip(reason)
+    inside, within, seen, met = Condition(), list[int](), set[int](), list[set[int]]()
+    parse = MathTextParser.parse
+
+    def watched(parser: "MathTextParser[Any]", *args: Any, **named: Any) -> Any:
+        me = get_ident()
+        with inside:
+            within.append(me)
+            inside.notify_all()
+            if len({*within}) > 1:
+                met.append({*within})
+            elif me not in seen:
+                seen.add(me)
+                inside.wait_for(lambda: bool(met), timeout=1.0)
+            seen.add(me)
+        try:
+            return parse(parser, *args, **named)
+        finally:
+            with inside:
+                within.remove(me)
+
+    monkeypatch.setattr(MathTextParser, "parse", watched)
+    scenario = load_scenario("paper", {"time.end": 1.0})
+    small = video_options(scenario, width=160, height=120, fps=5)
+    outcome = execute(scenario, "ideal", tmp_path / "run", video=small)
+    assert outcome.summary["video"] is not None
+    assert len(seen) == 2
+    assert met == []

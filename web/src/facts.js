@@ -165,7 +165,7 @@ export function writeLegend(run, world) {
   world.larger = make("span", "");
   rows.push(make("div", "row", make("i"), world.larger));
   const details = make("details", "", make("summary", "", "Legend"), ...rows);
-  details.open = window.innerWidth > 700;
+  details.open = !matchMedia("(max-width: 760px)").matches;  // as in style.css
   home.append(details);
 }
 
