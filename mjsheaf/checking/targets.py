@@ -366,7 +366,7 @@ class _UnknownPathError(Exception):
 def _path_key(system: System, carrier: Carrier | None = None) -> tuple[Any, ...]:
     """All on which the targets' path depends; of the agents only where they begin."""
     alone, team = _targets_alone(system), (system.team.members, sorted(system.team.absent), system.law.edges)
-    return alone, team, system.initial, system.grid, system.effectiveness
+    return alone, team, system.initial, system.grid, system.effectiveness, MOST_STEPS
 
 
 @remember_last(_path_key)

@@ -110,6 +110,13 @@ def arguments(batch: Batch) -> tuple[Any, ...]:
     return batch.loop, batch.motion, batch.worlds, batch.goal, batch.scores, batch.nothing
 
 
+def place_of(values: NDArray[Any], rows: NDArray[Any], begin: int) -> dict[str, Any]:
+    """The array interface of a view of rows, where a copy of these begins at an address."""
+    offset = values.ctypes.data - rows.ctypes.data if values.size else 0
+    described = {"shape": values.shape, "strides": values.strides, "typestr": values.dtype.str, "version": 3}
+    return {**described, "data": (begin + offset, False)}
+
+
 def run_on_card(batch: Batch, progress: Callable[[int, int], None] | None = None) -> None:
     """Run all worlds of a batch to their end, once.
 
@@ -123,7 +130,7 @@ def run_on_card(batch: Batch, progress: Callable[[int, int], None] | None = None
     require_card()
     cuda = import_module("numba.cuda")
     rows = cuda.to_device(batch.rows)
-    begins = rows.__cuda_array_interface__["data"][0], batch.rows.ctypes.data
+    begin = rows.__cuda_array_interface__["data"][0]
 
     def sent(values: NDArray[Any]) -> Any:
         return cuda.to_device(np.ascontiguousarray(values))
@@ -131,9 +138,7 @@ def run_on_card(batch: Batch, progress: Callable[[int, int], None] | None = None
     def view(values: NDArray[Any]) -> Any:
         if values.dtype != batch.rows.dtype:
             return sent(values)
-        place = begins[0] + (values.ctypes.data - begins[1] if values.size else 0)
-        described = {"shape": values.shape, "strides": values.strides, "typestr": values.dtype.str, "version": 3}
-        return cuda.as_cuda_array(SimpleNamespace(__cuda_array_interface__={**described, "data": (place, False)}))
+        return cuda.as_cuda_array(SimpleNamespace(__cuda_array_interface__=place_of(values, batch.rows, begin)))
 
     scores = mapped(cuda.to_device, batch.scores)
     given = (*(mapped(sent, tree) for tree in (batch.loop, batch.motion)), mapped(view, batch.worlds))
@@ -141,11 +146,11 @@ def run_on_card(batch: Batch, progress: Callable[[int, int], None] | None = None
     T, V = batch.goal.samples, len(batch.loop.fleet.bodies)
     chunk = max(1, _CHUNK // (batch.loop.per_sample * V))
     launch = _kernel()[-(-len(batch) // WORLDS), (WORLDS, min(_MOST_MEMBERS, V))]
-    for begin in range(0, T, chunk):
-        launch(*given, begin, min(begin + chunk, T))
+    for sample in range(0, T, chunk):
+        launch(*given, sample, min(sample + chunk, T))
         cuda.synchronize()
         if progress:
-            progress(min(begin + chunk, T), T)
+            progress(min(sample + chunk, T), T)
     rows.copy_to_host(batch.rows)
     for on_card, here in zip(scores, batch.scores, strict=True):
         on_card.copy_to_host(here)

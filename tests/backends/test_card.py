@@ -16,7 +16,7 @@ from numba import typeof, types
 
 from mjsheaf.errors import InputError
 from mjsheaf.simulation.batch import Batch
-from mjsheaf.simulation.card import arguments, kernel_function, require_card
+from mjsheaf.simulation.card import arguments, kernel_function, place_of, require_card
 from tests.backends.test_batch import linked
 from tests.builders import refused
 
@@ -37,6 +37,24 @@ def test_without_a_card_it_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     with refused(InputError, "gpu", "numba-cuda", "pip"):
         require_card()
+
+
+@pytest.mark.parametrize("number", [np.float64, np.float32])
+def test_views_are_at_the_same_places_of_a_copy(number: type) -> None:
+    """As on a card, of which only the address is known."""
+    batch = Batch([linked(seed, 1.0).phases for seed in range(3)], order="F", number=number)
+    copy, seen = batch.rows.copy(order="F"), list[int]()
+    copy[:] = np.arange(copy.size).reshape(copy.shape)
+
+    seeds, *parts, memory = batch.worlds
+    assert seeds.tolist() == [0, 1, 2]
+    for part in (*parts, memory.flat):
+        there = np.asarray(SimpleNamespace(__array_interface__=place_of(part, batch.rows, copy.ctypes.data)))
+        assert there.shape == part.shape
+        seen.extend(there.astype(np.int64).ravel().tolist())
+    assert sorted(seen) == list(range(copy.size))  # every number once
+    places = [place_of(part, batch.rows, 0) for part in batch.worlds.memory.terms if isinstance(part, np.ndarray)]
+    assert all(place["strides"][0] == copy.itemsize for place in places)  # neighbouring worlds
 
 
 @pytest.mark.slow

@@ -54,11 +54,20 @@ def test_records_of_a_batch_are_those_of_runs_alone() -> None:
             assert (record[part] is None) == (alone[part] is None)
             for name in KNOWN if alone[part] else ():
                 assert record[part][name] == pytest.approx(alone[part][name], rel=1e-12)
-        if alone["bound_ratio"] is not None:
-            assert record["bound_ratio"] == pytest.approx(alone["bound_ratio"], rel=1e-6)
+        assert record.keys() == alone.keys()
+        for name in ("bound_ratio", "late_bound_ratio") if alone["bound_ratio"] is not None else ():
+            assert record[name] == pytest.approx(alone[name], rel=1e-6)
     assert statuses == ["finished"] * 2 + ["unstable"] * 2 + ["invalid"] * 2 + ["finished"] * 2
     assert found[0]["bound_ratio"] is not None
     assert found[0]["final"] != found[1]["final"]
+
+
+def test_a_record_does_not_depend_on_the_runs_beside_it() -> None:
+    jobs = jobs_of("certified", [{"controller.gain": 1.0}], [0, 3, 4])
+    several = together(jobs)
+    assert several[0]["bound_ratio"] is not None
+    for job in jobs:
+        assert together([job]) == {job.point.number: several[job.point.number]}
 
 
 def test_a_run_with_events_is_refused_and_others_are_not() -> None:
