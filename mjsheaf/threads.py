@@ -4,8 +4,10 @@ Threads of linear algebra that wait for one another on busy cores take up to a h
 hundred states, and more of them gain little there.
 """
 
+import math
 import os
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, TypeVar
 
 from threadpoolctl import threadpool_limits
@@ -19,9 +21,18 @@ one_thread: Callable[[F], F] = threadpool_limits.wrap(limits=1, user_api="blas")
 """Runs a function with one BLAS thread; the process has its own number again afterwards."""
 
 
+_QUOTA = Path("/sys/fs/cgroup/cpu.max")
+"""Processor time that a container may take, and in which period, us; 'max' where there is no limit."""
+
+
 def usable_processors() -> int:
-    """How many processors this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    """How many processors this process may use: those it may run on, and no more than a container's quota is worth."""
+    allowed = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    try:
+        quota, period = map(float, _QUOTA.read_text().split())
+    except (OSError, ValueError):
+        return allowed
+    return max(1, min(allowed, math.ceil(quota / period)))
 
 
 _LOOK = 0.05  # s

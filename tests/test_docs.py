@@ -10,6 +10,7 @@ import shlex
 import subprocess
 import sys
 import tomllib
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -104,10 +105,16 @@ def test_command_ends_as_it_should(
     if words[0] in ("video", "plot", "report"):  # which `make demo` leaves
         assert call("run", "paper", *SHORTENED["run"], "--out", words[1]) == 0
     shortened = [] if "--expect" in words else SHORTENED.get(words[0], [])
-    answer = answer_of(*words, *(shortened or SMALL if words[0] == "run" else shortened))
-    if "gpu" in words:  # there is no card where tests run
-        assert answer.code == 2, answer.err
+    if "gpu" in words:
+        with monkeypatch.context() as without:
+            without.setattr(
+                "importlib.util.find_spec", lambda name, *_: None if name == "numba_cuda" else find_spec(name)
+            )
+            answer = answer_of(*words)
+        assert answer.code == 2
+        assert "numba-cuda is not installed" in answer.err
         return
+    answer = answer_of(*words, *(shortened or SMALL if words[0] == "run" else shortened))
     assert answer.code == (1 if words[:2] == ["check", "air_tracks_surface"] else 0), answer.err
     if "--out" in words:
         assert (tmp_path / words[words.index("--out") + 1]).is_dir()

@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from contextlib import ExitStack
 from functools import partial
 from itertools import product
 from pathlib import Path
@@ -22,6 +23,7 @@ from mjsheaf.simulation.fused import Fused
 from mjsheaf.simulation.ideal import run_ideal
 from mjsheaf.simulation.loop import ClosedLoop
 from mjsheaf.simulation.physics import run_physics
+from mjsheaf.simulation.threaded import ThreadedLoop
 from mjsheaf.simulation.world import SplitWorld, World
 from mjsheaf.system import on_engine, phases_of
 from mjsheaf.threads import usable_processors
@@ -156,20 +158,23 @@ def threads(
 def _team_on_threads(size: int, engine: str, count: int, repetitions: int) -> Row:
     """Time steps of one swarm per vehicle, in ns, on `count` threads and on one."""
     phases, steps = swarm(size).phases, max(20, (100_000 if engine == "fused" else 20_000) // size)
-    engines: list[ClosedLoop] = [
-        Fused(on_engine(phases, engine)) if engine == "fused" else World(phases, visible=False),
-        (Fused if engine == "fused" else SplitWorld)(on_engine(phases, engine, count)),
-    ]
-    one, several = (partial(bodies.step, steps) for bodies in engines)
-    one()  # compiles
-    several()
-    turns = [(elapsed(one, perf_counter), elapsed(several, perf_counter)) for _ in range(repetitions)]
-    single, together = (1e9 / (steps * (size + 1)) * min(times) for times in zip(*turns, strict=True))
+    with ExitStack() as threads:
+        if engine == "fused":
+            alone: ClosedLoop = Fused(on_engine(phases, engine))
+            together: ThreadedLoop = threads.enter_context(Fused(on_engine(phases, engine, count)))
+        else:
+            alone = World(phases, visible=False)
+            together = threads.enter_context(SplitWorld(on_engine(phases, engine, count)))
+        one, several = partial(alone.step, steps), partial(together.step, steps)
+        one()  # compiles
+        several()
+        turns = [(elapsed(one, perf_counter), elapsed(several, perf_counter)) for _ in range(repetitions)]
+        same = np.array_equal(alone.positions(), together.positions())
+    single, shared = (1e9 / (steps * (size + 1)) * min(times) for times in zip(*turns, strict=True))
     what = f"{size + 1} tilted hexarotors by {engine}, {count} threads, ns"
-    same = np.array_equal(engines[0].positions(), engines[1].positions())
     note = "one thread" if same else "one thread; the results DIFFER"
     wanted = WANTED[f"{engine} threads"] * count
-    return at_least("threads", what, together, single, median(a / b for a, b in turns), wanted, note)
+    return at_least("threads", what, shared, single, median(a / b for a, b in turns), wanted, note)
 
 
 def _runs_on_threads(count: int, repetitions: int, ends: tuple[float, float]) -> list[Row]:
@@ -207,12 +212,12 @@ def peers(
     """Vehicle-steps per second of a closed loop, beside what others reach: quadrotors that follow another in wind.
 
     Each simulator runs its own loop with its own controller on: 500 physics steps and 100 commands a second of ours and
-    of crazyflow, 240 and 48 of gym-pybullet-drones. All may use every core.
+    of crazyflow, 240 and 48 of gym-pybullet-drones. Peers and the fused engine may use every core, MuJoCo's one.
 
     Args:
         short: without MuJoCo's largest teams, and with fewer repetitions.
         sizes: numbers of vehicles.
-        python: that has peers installed, which are measured in between; None takes this one.
+        python: that has peers installed, which are measured before ours; None takes this one.
     """
     count, repetitions = usable_processors(), 5 if short else 20
     known = {
@@ -224,11 +229,7 @@ def peers(
     for size, engine in product(sizes, ENGINES):
         if engine == "mujoco" and size > (100 if short else 1000):
             continue
-        phases = on_engine(_quadrotors(size).phases, engine, count if engine == "fused" else 1)
-        bodies = Fused(phases) if engine == "fused" else World(phases, visible=False)
-        bodies.step(max(50, 500_000 // size))  # a while of work, after which clocks no longer rise
-        steps = max(50, 200_000 // size)
-        rate = size * steps / best(partial(bodies.step, steps), repetitions)
+        rate = _rate(size, engine, count, repetitions)
         what = f"{size} quadrotors by {engine}, vehicle-steps/s"
         for peer, by_size in known.items():
             if size not in by_size:
@@ -242,6 +243,18 @@ def peers(
         if not any(size in by_size for by_size in known.values()):
             rows.append(informs("peers", what, rate, note="no peer is known"))
     return rows
+
+
+def _rate(size: int, engine: str, count: int, repetitions: int) -> float:
+    """Vehicle-steps per second of quadrotors: by the fused engine on `count` threads, by MuJoCo on one."""
+    steps, warming = max(50, 200_000 // size), max(50, 500_000 // size)  # after which clocks no longer rise
+    if engine == "mujoco":
+        world = World(_quadrotors(size), visible=False)
+        world.step(warming)
+        return size * steps / best(partial(world.step, steps), repetitions)
+    with Fused(on_engine(_quadrotors(size).phases, engine, count)) as bodies:
+        bodies.step(warming)
+        return size * steps / best(partial(bodies.step, steps), repetitions)
 
 
 def measured_peers(python: str, sizes: tuple[int, ...], short: bool) -> dict[str, dict[int, float]]:

@@ -124,18 +124,23 @@ def bound_of_run(run: System | Sequence[Phase], dataset: "xr.Dataset", which: in
     certificate, bodies = certify(system), dataset.attrs["backend"] == "physics"
     initial_error = float(np.sqrt((dataset["tracking_error"][0].values ** 2).sum()))
     farthest, departure = _departure(certificate, dataset)
-    rtol, atol = system.tolerance
     bound = RunBound(
         certificate=certificate,
         bodies=bodies,
         departure=departure,
-        accuracy=max(_ACCURACY_IN_TOLERANCES * (atol + rtol * farthest), _ACCURACY_ON_BODIES * initial_error * bodies),
+        accuracy=_accuracy(system, farthest, initial_error, bodies),
         blew_up=dataset.attrs["status"] == "unstable" and bool((dataset["time"].values[-1:] == last).all()),
         initial_error=initial_error,
         start=float(dataset["time"][0]),
         law=_other_law(system, dataset.attrs.get("controller", "")),
     )
     return bound if bound.reason else _compared(bound, dataset)
+
+
+def _accuracy(system: System, farthest: float, initial_error: float, bodies: bool) -> float:
+    """What does not count as an error of a run that goes so far from the origin, m: see `RunBound`."""
+    rtol, atol = system.tolerance
+    return max(_ACCURACY_IN_TOLERANCES * (atol + rtol * farthest), _ACCURACY_ON_BODIES * initial_error * bodies)
 
 
 def bound_ahead(system: System) -> Array | None:
@@ -149,7 +154,8 @@ def bound_ahead(system: System) -> Array | None:
     q, p = system.team.split(system.initial)
     initial_error = float(np.linalg.norm(system.team.extend(p) - q))
     elapsed = system.grid.samples - system.grid.start
-    return certificate.bound(initial_error, elapsed) + _ACCURACY_ON_BODIES * initial_error
+    farthest = float(np.abs(system.initial).max())
+    return certificate.bound(initial_error, elapsed) + _accuracy(system, farthest, initial_error, bodies=True)
 
 
 @dataclass(frozen=True)

@@ -44,8 +44,8 @@ def simulate(
         backend: 'physics' or 'ideal'.
         engine: what moves bodies: 'mujoco', or 'fused', which has no contacts, ends within rounding of it and takes a
             fraction of the time.
-        threads: on how many bodies are moved, on each by a model of its own where MuJoCo moves them; contacts and laws
-            in Python leave one. None takes the processors that are free. The result is the same to the bit.
+        threads: how many move the bodies; MuJoCo gives each a model of its own. More than one is refused with contacts,
+            and a law in Python runs on one. None takes the idle processors. The result is the same to the bit.
         controller: a law in Python in place of the agents' own, `law(t, sample)` -> velocities (N, 3), m/s, called once
             a control period; see `mjsheaf.control.controller`.
         allow_drift: simulate a team whose harmonic extension is not unique too, against the q* of minimum norm; the

@@ -265,9 +265,9 @@ def score(goal, scores, w, n, loop):
         found[LATE_DISAGREEMENT] += (size / N) ** 2
     if n > 0:  # at the start both are |e|
         ratio = np.sqrt(square) / goal.bounds[scores.bound[w], n]
-        if not ratio <= found[RATIO]:
+        if ratio > found[RATIO] or ratio != ratio:
             found[RATIO] = ratio
-        if n >= goal.second and not ratio <= found[SETTLED_RATIO]:
+        if n >= goal.second and (ratio > found[SETTLED_RATIO] or ratio != ratio):
             found[SETTLED_RATIO] = ratio
 
 
@@ -376,25 +376,25 @@ class Batch:
         """
         if not runs:
             raise InputError("no run; expected one or more")
-        self._systems = [_only_system(run) for run in runs]
+        self._count, repeated = len(runs), 1 + (len(runs) == 1)
+        # One row lies in C's order and in Fortran's, and would be compiled otherwise than several: it is there twice.
+        self._systems = [_only_system(run) for run in runs] * repeated
         self._type, first = np.dtype(number), self._systems[0]
-        loops, seeds = list[Loop](), list[int]()
-        for system in self._systems:
+        W, T, seeds = len(self._systems), first.grid.steps + 1, list[int]()
+        for w, system in enumerate(self._systems):
             with Fused(system) as fused:
-                loops.append(fused._loop)
-                seeds.append(system.law.links.seed if len(system.law.links.table) else system.law.terms.seed)
-                known = _shared(fused._loop) | {"team": system.team.members, "time": system.grid}
-            if len(loops) == 1:
-                self.motion, common = self._in_numbers(fused._motion), known
+                loop, known = fused._loop, _shared(fused)
+            if w == 0:
+                whole, common, self.motion = loop, known, self._in_numbers(fused._motion)
+                size = sum(part.size for part in _own(loop))
+                self.rows = np.empty((W, size), dtype=self._type, order=order)
             elif (where := _difference(common, known)) is not None:
-                raise InputError(f"{where}: run {len(loops) - 1} has another than run 0; expected runs of one team")
-        W, T = len(runs), first.grid.steps + 1
-        self.loop: Loop = mapped(self._in_numbers, loops[0])
-        self.rows = np.empty((W, sum(part.size for part in _own(loops[0]))), dtype=self._type, order=order)
-        for row, loop in zip(self.rows, loops, strict=True):
-            row[:] = np.concatenate([part.ravel() for part in _own(loop)])
-        self.worlds = Worlds(np.array(seeds, dtype=np.int64), *self._views(loops[0]))
-        which, several = _distinct(bounds or [np.full(T, np.inf)] * W)
+                raise InputError(f"{where}: run {w} has another than run 0; expected runs of one team")
+            seeds.append(system.law.links.seed if len(system.law.links.table) else system.law.terms.seed)
+            self.rows[w] = np.concatenate([part.ravel() for part in _own(loop)])
+        self.loop: Loop = mapped(self._in_numbers, whole)
+        self.worlds = Worlds(np.array(seeds, dtype=np.int64), *self._views(whole))
+        which, several = _distinct(list(bounds) * repeated if bounds else [np.full(T, np.inf)] * W)
         self.goal: Goal = mapped(self._in_numbers, _goal_of(first, several))
         linked = len(first.law.links.of) > 0
         self.scores = Scores(
@@ -437,7 +437,7 @@ class Batch:
         yield mapped(of_memory, loop.memory)
 
     def __len__(self) -> int:
-        return len(self._systems)
+        return self._count
 
     def loop_of(self, w: int) -> Loop:
         """The Loop of world w, for threads of this machine."""
@@ -533,13 +533,35 @@ def _own(loop: Loop) -> tuple[Array, ...]:
     return law.gain, law.limit, loop.control.motion.origin, *harmonics, *of_loop, loop.memory.flat
 
 
-def _shared(loop: Loop) -> dict[str, Any]:
+def groups_of_one_team(runs: Sequence[System]) -> list[list[int]]:
+    """The numbers of the runs that can be worlds of one batch, group by group."""
+    groups = list[tuple[dict[str, Any], list[int]]]()
+    for k, system in enumerate(runs):
+        with Fused(system) as fused:
+            known = _shared(fused)
+        for common, group in groups:
+            if _difference(common, known) is None:
+                group.append(k)
+                break
+        else:
+            groups.append((known, [k]))
+    return [group for _, group in groups]
+
+
+def _shared(fused: Fused) -> dict[str, Any]:
     """What worlds share, by name, and the shapes of what they do not."""
+    loop, system = fused._loop, fused.system
     rest = _named(loop)
     own = {"qpos", "qvel", "ctrl", "act", "x", "drift", "sines", "control.motion.origin"}
     own |= {"control.law.gain", "control.law.limit", "control.law.terms.seed", "control.law.links.seed"}
     rest = {name: value for name, value in rest.items() if not name.startswith(("memory.", "medium.harmonics."))}
-    return {name: value for name, value in rest.items() if name not in own} | {"sizes": [x.shape for x in _own(loop)]}
+    shared = {name: value for name, value in rest.items() if name not in own}
+    return shared | {
+        "sizes": [x.shape for x in _own(loop)],
+        "motion": fused._motion,
+        "team": system.team.members,
+        "time": system.grid,
+    }
 
 
 def _named(tree: Any, name: str = "") -> dict[str, Any]:

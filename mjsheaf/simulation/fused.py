@@ -29,7 +29,7 @@ from mjsheaf.jit import inline_jit, jit
 from mjsheaf.simulation.bodies import kinds_of
 from mjsheaf.simulation.gate import fail, take
 from mjsheaf.simulation.loop import HUGE, Loop, Recorder, record, sense_and_command
-from mjsheaf.simulation.threaded import LEAST, ThreadedLoop, begin_span, end_span, next_row
+from mjsheaf.simulation.threaded import BLOCK, ThreadedLoop, begin_span, end_span, next_row
 from mjsheaf.system import Phase, System
 from mjsheaf.vehicles.actuators import actuator_force, unit_wrench
 from mjsheaf.vehicles.vectors import add, cross, product, row_product, subtract, to_world, triple, upward
@@ -181,12 +181,12 @@ def advance(loop, motion, step, count, recorder, row, bad, thread, threads, gate
         span, sample = min(loop.per_law - k % loop.per_law, end - k), next_row(loop, k, recorder, row)
         if not begin_span(loop, k, recorder, sample, thread, threads, meetings, gate):
             return
-        first = take(gate, LEAST, threads)
+        first = take(gate, BLOCK, threads)
         while first < V:
-            last = min(first + LEAST, V)
+            last = min(first + BLOCK, V)
             if not advance_block(loop, motion, first, last, k, span, recorder.log, sample, bad):
                 fail(gate)
-            first = take(gate, LEAST, threads)
+            first = take(gate, BLOCK, threads)
         if not end_span(threads, meetings, gate):
             return
         k, row, meetings = k + span, row + (sample >= 0), meetings + 2

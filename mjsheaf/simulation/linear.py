@@ -26,7 +26,7 @@ from mjsheaf.simulation.arena import compose
 from mjsheaf.simulation.bodies import pack_fleet
 from mjsheaf.simulation.loop import controlled_positions, new_loop
 from mjsheaf.simulation.trajectory import quaternions_of
-from mjsheaf.simulation.world import apply_forces, engine_of, state_of
+from mjsheaf.simulation.world import apply_forces, mujoco_arrays, state_of
 from mjsheaf.system import MediumArrays
 from mjsheaf.vehicles.vehicle import Vehicle
 
@@ -136,7 +136,7 @@ class _Bench:
             pack(np.zeros((V, 0, 5))),
         )
         heading = np.array([station.heading for station in stations])
-        fleet, self.engine = pack_fleet(vehicles, heading, 0.0, timestep), engine_of(self.model, self.data)
+        fleet, self.arrays = pack_fleet(vehicles, heading, 0.0, timestep), mujoco_arrays(self.model, self.data)
         self.loop = new_loop(fleet, control, medium, state_of(self.model, self.data), timestep=timestep)
         self.arena, self.vehicles = arena, vehicles
         self.controlled = np.arange(3) < n[:, None]
@@ -209,7 +209,7 @@ class _Bench:
         """Let all vehicles fly or sail under their commands, then put them back to where they began."""
         self._place(self.qpos, self.qvel, self.act, self.command)
         for _ in range(min(round(_SETTLE_TIME / self.timestep), _MOST_SETTLE_STEPS)):
-            apply_forces(self.loop, self.engine, 0.0, 0, len(self.vehicles))
+            apply_forces(self.loop, self.arrays, 0.0, 0, len(self.vehicles))
             mujoco.mj_step(self.model, self.data)
         self.qpos, self.qvel = self.data.qpos.reshape(-1, 7).copy(), self.data.qvel.reshape(-1, 6).copy()
         self.act = self.data.act.copy()
@@ -243,7 +243,7 @@ class _Bench:
         x, R = self.loop.x, self._rotations()
         controlled_positions(self.loop.fleet, self.data.qpos, x)
         begin = x.copy()
-        apply_forces(self.loop, self.engine, 0.0, 0, len(self.vehicles))
+        apply_forces(self.loop, self.arrays, 0.0, 0, len(self.vehicles))
         mujoco.mj_step(self.model, self.data)
         dq, after = np.empty(self.model.nv), self.still.copy()
         mujoco.mj_differentiatePos(self.model, dq, 1.0, self.qpos.ravel(), self.data.qpos)

@@ -6,7 +6,7 @@ code; samples are recorded inside the loop, into arrays allocated once.
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -39,8 +39,6 @@ from mjsheaf.vehicles.vectors import rotation, triple
 
 HUGE = 1e10
 """Beyond this MuJoCo calls a state bad (mjMAXVAL), and so do we."""
-
-_CHUNK = 200_000  # physics steps times vehicles in one compiled call, after which Ctrl-C is heard
 
 
 class Loop(NamedTuple):
@@ -243,6 +241,7 @@ class ClosedLoop(ABC):
     """
 
     _loop: Loop
+    _at_once: ClassVar = 200_000  # physics steps times vehicles in one compiled call, after which Ctrl-C is heard
 
     def __init__(self, run: System | Sequence[Phase], controller: Law | Controller | None, seed: int) -> None:
         """Take over a run; arguments as of `World`."""
@@ -253,7 +252,7 @@ class ClosedLoop(ABC):
         self._fleet = pack_fleet(self._vehicles, plan.heading, plan.surface_height, self.system.timestep)
         self._controller = controller_of(controller, self.system, seed)
         self.steps_per_sample, self._timestep = self.system.steps_per_sample, self.system.timestep
-        self._chunk = max(1, min(4000, _CHUNK // len(self._vehicles)))
+        self._chunk = max(1, min(4000, self._at_once // len(self._vehicles)))
         self._first_thruster = np.cumsum([0, *(len(vehicle.channels) for vehicle in self._vehicles)])
 
     def _begin(self, state: tuple[Array, Array, Array, Array, Array]) -> None:

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 from mjsheaf.arrays import Array
 from mjsheaf.control.controller import Controller
-from mjsheaf.simulation.threaded import LEAST, ThreadedLoop
+from mjsheaf.simulation.threaded import ThreadedLoop, crew_size
 from mjsheaf.simulation.trajectory import Trajectory
 from mjsheaf.system import Phase, System, phases_of
 
@@ -36,7 +36,7 @@ def stream_physics(
         from mjsheaf.simulation.fused import Fused
 
         bodies: ThreadedLoop = Fused(run, controller=controller)
-    elif min(plan.threads, len(plan.vehicle) // LEAST) > 1 and controller is None:
+    elif crew_size(plan, controller is not None) > 1:
         from mjsheaf.simulation.world import SplitWorld
 
         bodies = SplitWorld(run)

@@ -16,12 +16,15 @@ from mjsheaf.errors import InputError
 from mjsheaf.jit import inline_jit
 from mjsheaf.simulation.gate import Crew, failed, refill, wait
 from mjsheaf.simulation.loop import ClosedLoop, Loop, Recorder, place_targets, run_law
-from mjsheaf.system import Phase, System
+from mjsheaf.system import Phase, PhysicsOptions, System
 
-LEAST = 8
-"""Vehicles that are worth a thread, and that one takes at a time."""
+BLOCK = 8
+"""Vehicles that a thread takes at a time; fewer are not worth one."""
 
-_CHUNK = 2_000_000  # steps times vehicles in one call: long enough for threads to find a processor each
+
+def crew_size(plan: PhysicsOptions, controlled: bool) -> int:
+    """How many threads move a run: one where a law in Python is in control, which it is called for too often."""
+    return 1 if controlled else max(1, min(plan.threads, len(plan.vehicle) // BLOCK))
 
 
 @inline_jit
@@ -61,6 +64,8 @@ class ThreadedLoop(ClosedLoop):
     calls, starting others would take longer than they save.
     """
 
+    _at_once = 2_000_000  # long enough for threads to find a processor each
+
     def __init__(self, run: System | Sequence[Phase], controller: Law | Controller | None) -> None:
         """Take over a run; arguments as of `World`.
 
@@ -73,8 +78,7 @@ class ThreadedLoop(ClosedLoop):
             raise InputError("physics.contacts: is true; expected false, as only World has contacts")
         channels = self._fleet.channels
         self._bad, self._count = np.empty(V, dtype=np.int64), 0
-        self._chunk = max(1, min(4000, _CHUNK // V))
-        self._crew = Crew(1 if self._controller else max(1, min(plan.threads, V // LEAST)))
+        self._crew = Crew(crew_size(plan, self._controller is not None))
         gain, late = channels["gain"].reshape(-1, 1).copy(), int(channels["late"].sum())
         self._begin((np.zeros(7 * V), np.zeros(6 * V), np.zeros(len(channels)), gain, np.zeros(late)))
 

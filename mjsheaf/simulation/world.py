@@ -44,7 +44,7 @@ _mj_step = types.ExternalFunction("mj_step", types.void(types.voidptr, types.voi
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
-class Engine(NamedTuple):
+class MujocoArrays(NamedTuple):
     """What the loop writes into MuJoCo beside the state, for compiled code.
 
     Attributes:
@@ -61,9 +61,9 @@ class Engine(NamedTuple):
     data: int
 
 
-def engine_of(model: mujoco.MjModel, data: mujoco.MjData) -> Engine:
+def mujoco_arrays(model: mujoco.MjModel, data: mujoco.MjData) -> MujocoArrays:
     """Views of MuJoCo's arrays."""
-    return Engine(data.qacc, data.qfrc_applied, model.actuator_gear, model._address, data._address)
+    return MujocoArrays(data.qacc, data.qfrc_applied, model.actuator_gear, model._address, data._address)
 
 
 def state_of(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[Array, Array, Array, Array, Array]:
@@ -72,10 +72,10 @@ def state_of(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[Array, Array, 
 
 
 @jit
-def apply_forces(loop, engine, t, first, last):
+def apply_forces(loop, arrays, t, first, last):
     """Let vehicles from first up to last measure and command at time t, s, and write what the medium does to them.
 
-    They are the engine's only ones.
+    They are MuJoCo's only ones.
     """
     evaluate_sines(loop.medium.harmonics, t, first, last, loop.sines)
     for v in range(first, last):
@@ -83,7 +83,7 @@ def apply_forces(loop, engine, t, first, last):
         kind = loop.fleet.kinds[body.kind]
         R, _, force, moment = sense_and_command(loop, v)
         place, channel = 6 * (v - first), body.actuator - loop.fleet.bodies[first].actuator
-        applied, gear = engine.applied[place : place + 6], engine.gear[channel : channel + kind.count]
+        applied, gear = arrays.applied[place : place + 6], arrays.gear[channel : channel + kind.count]
         apply_wrench(kind, loop.qvel[body.dof : body.dof + 6], R, force, moment, applied)
         turn_gears(kind, loop.fleet.thrusters[kind.thruster :], R, loop.act[body.state :], gear)
 
@@ -98,7 +98,7 @@ def _is_bad(values):
 
 
 @jit
-def _advance(loop, engine, step, count, recorder):
+def _advance(loop, arrays, step, count, recorder):
     """Take `count` steps from step number `step`, or fewer where the state becomes bad; return whether it did.
 
     While the recorder has room, a sample is recorded every `loop.per_sample` steps.
@@ -111,15 +111,15 @@ def _advance(loop, engine, step, count, recorder):
             place_targets(loop, recorder)
         if k % loop.per_law == 0:
             run_law(loop, t)
-        apply_forces(loop, engine, t, 0, V)
+        apply_forces(loop, arrays, t, 0, V)
         if recorded:
             record(loop, recorder.log, recorder.written[0], 0, V)
             recorder.written[0] += 1
         # MuJoCo sets all commands to zero where one is bad, and goes on: that would be another simulation.
         if _is_bad(loop.ctrl):
             return True
-        _mj_step(engine.model, engine.data)
-        if _is_bad(loop.qpos) or _is_bad(loop.qvel) or _is_bad(engine.qacc):
+        _mj_step(arrays.model, arrays.data)
+        if _is_bad(loop.qpos) or _is_bad(loop.qvel) or _is_bad(arrays.qacc):
             return True
     return False
 
@@ -155,7 +155,7 @@ class World(ClosedLoop):
         self.arena = arena_of(self.system, visible=visible)
         self.model: mujoco.MjModel = self.arena.model
         self.data: mujoco.MjData = mujoco.MjData(self.model)
-        self._engine = engine_of(self.model, self.data)
+        self._arrays = mujoco_arrays(self.model, self.data)
         self._begin(state_of(self.model, self.data))
         self.reset()
 
@@ -166,7 +166,7 @@ class World(ClosedLoop):
 
     def _command(self, loop: Loop) -> None:
         """And write forces."""
-        apply_forces(loop, self._engine, self.time, 0, len(self._vehicles))
+        apply_forces(loop, self._arrays, self.time, 0, len(self._vehicles))
 
     def reset(self) -> None:
         """Go back to the initial condition.
@@ -216,7 +216,7 @@ class World(ClosedLoop):
 
     def _move(self, loop: Loop, step: int, count: int, recorder: Recorder) -> tuple[int, int] | None:
         """The first vehicle with a bad command or, if none has, a bad position, velocity or acceleration, if any."""
-        if not _advance(loop, self._engine, step, count, recorder):
+        if not _advance(loop, self._arrays, step, count, recorder):
             return None
         data, owner = self.data, np.repeat(np.arange(len(self._vehicles)), np.diff(self.arena.thruster))
         motion = np.hstack([x.reshape(len(self._vehicles), -1) for x in (data.qpos, data.qvel, data.qacc)])
@@ -256,7 +256,7 @@ def _copy(source, target):
 
 
 @jit
-def _step_part(loop, engine, own, first, last, step, count, log, row, bad):
+def _step_part(loop, arrays, own, first, last, step, count, log, row, bad):
     """Take `count` steps from step number `step` with a model's vehicles, fewer where one of them becomes bad.
 
     Their samples before the first step are recorded as `row` of the log, unless that is negative.
@@ -271,7 +271,7 @@ def _step_part(loop, engine, own, first, last, step, count, log, row, bad):
     _copy(qvel, own.qvel)
     _copy(act, own.act)
     for k in range(step, step + count):
-        apply_forces(loop, engine, loop.start + k * loop.timestep, first, last)
+        apply_forces(loop, arrays, loop.start + k * loop.timestep, first, last)
         if k == step and row >= 0:
             record(loop, log, row, first, last)
         _copy(ctrl, own.ctrl)
@@ -281,28 +281,28 @@ def _step_part(loop, engine, own, first, last, step, count, log, row, bad):
                 if _is_bad(own.ctrl[a : a + loop.fleet.kinds[bodies[v].kind].count]):
                     bad[v] = 2 * k + 1
             return False
-        _mj_step(engine.model, engine.data)
+        _mj_step(arrays.model, arrays.data)
         _copy(own.qpos, qpos)
         _copy(own.qvel, qvel)
         _copy(own.act, act[: own.act.shape[0]])
-        if _is_bad(qpos) or _is_bad(qvel) or _is_bad(engine.qacc):
+        if _is_bad(qpos) or _is_bad(qvel) or _is_bad(arrays.qacc):
             for v in range(first, last):
                 a, d = 7 * (v - first), 6 * (v - first)
-                if _is_bad(qpos[a : a + 7]) or _is_bad(qvel[d : d + 6]) or _is_bad(engine.qacc[d : d + 6]):
+                if _is_bad(qpos[a : a + 7]) or _is_bad(qvel[d : d + 6]) or _is_bad(arrays.qacc[d : d + 6]):
                     bad[v] = 2 * (k + 1)
             return False
     return True
 
 
 @jit
-def _advance_part(loop, engine, own, first, last, step, count, recorder, row, bad, thread, threads, gate):
+def _advance_part(loop, arrays, own, first, last, step, count, recorder, row, bad, thread, threads, gate):
     """See `ThreadedLoop._work`; the thread's vehicles are those from first up to last."""
     k, end, meetings = step, step + count, 0
     while k < end:
         span, sample = min(loop.per_law - k % loop.per_law, end - k), next_row(loop, k, recorder, row)
         if not begin_span(loop, k, recorder, sample, thread, threads, meetings, gate):
             return
-        if not _step_part(loop, engine, own, first, last, k, span, recorder.log, sample, bad):
+        if not _step_part(loop, arrays, own, first, last, k, span, recorder.log, sample, bad):
             fail(gate)
         if not end_span(threads, meetings, gate):
             return
@@ -314,7 +314,7 @@ class _Part(NamedTuple):
 
     first: int
     last: int
-    engine: Engine
+    arrays: MujocoArrays
     state: _State
     model: mujoco.MjModel
     data: mujoco.MjData
@@ -344,19 +344,19 @@ class SplitWorld(ThreadedLoop):
         model = compose(self._vehicles[first:last], ids, timestep=self._timestep, visible=False).model
         data = mujoco.MjData(model)
         state = _State(data.qpos, data.qvel, data.ctrl, data.act)
-        return _Part(first, last, engine_of(model, data), state, model, data)
+        return _Part(first, last, mujoco_arrays(model, data), state, model, data)
 
     def _command(self, loop: Loop) -> None:
         """And write forces, which the next step overwrites."""
         for part in self._parts:
-            apply_forces(loop, part.engine, self.time, part.first, part.last)
+            apply_forces(loop, part.arrays, self.time, part.first, part.last)
 
     def _work(
         self, loop: Loop, step: int, count: int, recorder: Recorder, row: int, thread: int, gate: IntArray
     ) -> None:
-        first, last, engine, own, _, _ = self._parts[thread]
+        first, last, arrays, own, _, _ = self._parts[thread]
         threads = self._crew.count
-        _advance_part(loop, engine, own, first, last, step, count, recorder, row, self._bad, thread, threads, gate)
+        _advance_part(loop, arrays, own, first, last, step, count, recorder, row, self._bad, thread, threads, gate)
 
 
 def arena_of(system: System, colours: Array | None = None, visible: bool = True) -> Arena:

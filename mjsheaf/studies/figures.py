@@ -15,6 +15,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array, IntArray
+from mjsheaf.checking.finished import BROKEN
 from mjsheaf.io.figures import AS_USUAL, FigureOptions
 from mjsheaf.io.yaml import SUFFIXES
 from mjsheaf.plotting import (
@@ -46,8 +47,8 @@ _LABELS = {
     "centering_error": "final centering error, largest (m)",
 }
 _RATIOS = {
-    "bound_ratio": "largest |e| over the bound, whole run (-)",
-    "late_bound_ratio": "largest |e| over the bound, last half (-)",
+    "bound_ratio": "largest |e| / (bound + accuracy), whole run (-)",
+    "late_bound_ratio": "largest |e| / (bound + accuracy), last half (-)",
 }
 _MOST_BINS, _NARROWEST = 60, 0.02
 _GREY = "#BBBBBB"
@@ -321,8 +322,8 @@ def _draw_bound(title: str, ratios: dict[str, Array]) -> Figure:
     for panel, (label, known) in zip(panels, ratios.items(), strict=True):
         middle, half = 0.5 * (known.min() + known.max()), max(0.5 * np.ptp(known), _NARROWEST)
         edges = np.linspace(middle - half, middle + half, min(_MOST_BINS, 2 + int(np.sqrt(len(known)))))
-        beyond = np.nextafter(1.0, 2.0)
-        edges = np.union1d(edges, [beyond]) if edges[0] < 1.0 < edges[-1] else edges  # no bar is on both sides
+        beyond = np.nextafter(BROKEN, 2.0)
+        edges = np.union1d(edges, [beyond]) if edges[0] < beyond < edges[-1] else edges  # no bar is on both sides
         counts, _ = np.histogram(known, edges)
         within = edges[1:] <= beyond
         for these, colour, name in ((within, BLUE, "run within the bound"), (~within, RED, "run beyond it")):
@@ -330,7 +331,7 @@ def _draw_bound(title: str, ratios: dict[str, Array]) -> Figure:
                 widths, heights = np.diff(edges)[these], counts[these] / len(known)
                 panel.bar(edges[:-1][these], heights, widths, align="edge", color=colour, label=name)
         panel.axvline(1.0, color="black", linewidth=1.2, linestyle="--", label="the bound of Theorem 1")
-        heading = f"{len(known)} runs, {(known > 1.0).sum()} beyond the bound"
+        heading = f"{len(known)} runs, {(known > BROKEN).sum()} beyond the bound"
         label_axes(panel, heading, label, "share of runs", which="major")
     handles: dict[str, Any] = {}
     for panel in panels:

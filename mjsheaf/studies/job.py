@@ -127,9 +127,9 @@ def new_record(point: Point, seed: int | None, status: str, message: str = "", *
     """A run's record.
 
     Its run, parameters, seed, status, message; final (as summary.json), late (the same measures, RMS over the last
-    half), ending, settled (whether that is it), bound_ratio and late_bound_ratio (of Theorem 1, over the run and its
-    last half), numbers_per_agent_second as summary.json has it, and where trajectories are wanted the errors over time:
-    series, with time, s, and each measure, m, at some samples.
+    half), ending, settled (whether that is it), bound_ratio and late_bound_ratio (see `RunBound`),
+    numbers_per_agent_second as summary.json has it, and where trajectories are wanted the errors over time: series, with
+    time, s, and each measure, m, at some samples.
     """
     return {
         "run": point.number,

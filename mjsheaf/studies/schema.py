@@ -157,6 +157,13 @@ class StudyFile(Section):
     labels: dict[str, str] = Field(default_factory=dict, description="what plots call a swept field, with its unit")
     trajectories: bool = Field(False, description="whether to keep result.nc of every run, and draw errors over time")
 
+    @model_validator(mode="before")
+    @classmethod
+    def _engine_of_device(cls, given: Any) -> Any:
+        """A card has the fused engine, which need not be named."""
+        of_card = isinstance(given, dict) and given.get("device") == "gpu"
+        return {"engine": "fused", **given} if of_card else given
+
     @model_validator(mode="after")
     def _fits(self) -> "StudyFile":
         require_engine(self.engine, self.backend)

@@ -1,5 +1,6 @@
 """Runs of a study as worlds of a batch, side by side on a card."""
 
+import math
 import pickle
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -17,12 +18,12 @@ from mjsheaf.dynamics.disturbance import bounds
 from mjsheaf.errors import InputError, MjsheafError
 from mjsheaf.results.metrics import MEASURES
 from mjsheaf.runs.simulate import moved_by, require_simulable
-from mjsheaf.simulation.batch import Batch, Outcome
+from mjsheaf.simulation.batch import Batch, Outcome, groups_of_one_team
 from mjsheaf.studies.engine import Engine, Work
 from mjsheaf.studies.job import TRAFFIC, Job, JobResult, failed_record, new_record, run_job
 from mjsheaf.system import Phase, System
 
-_MOST_WORLDS = 8192  # of a batch
+_MOST_WORLDS, _MOST_NUMBERS = 8192, 100_000_000  # of a batch, and what worlds have of their own
 
 
 class BatchEngine(Engine):
@@ -63,20 +64,20 @@ class BatchEngine(Engine):
         if not known:
             return
         systems = [system for _, system, _ in known]
-        try:
-            worlds = systems if len(systems) > 1 else 2 * systems  # one alone has another layout, and other code
-            batch = Batch(worlds, _bounds_of(worlds), order=self._order)
-        except InputError as error:
-            if len(known) == 1:
-                yield JobResult(failed_record(known[0][0], error))
-            else:
-                for job, _, _ in known:
-                    yield from self._together([job])
-            return
-        self._run(batch)
-        seconds = (time.perf_counter() - begun) / len(known)
-        for (job, system, seed), outcome in zip(known, batch.outcomes(), strict=False):
-            yield JobResult(_record_of(job, system, seed, outcome), seconds)
+        for group in groups_of_one_team(systems):
+            most = max(1, _MOST_NUMBERS // Batch([systems[group[0]]]).rows.shape[1])
+            for first in range(0, len(group), most):
+                worlds = group[first : first + most]
+                runs = [systems[k] for k in worlds]
+                try:
+                    batch = Batch(runs, _bounds_of(runs), order=self._order)
+                except InputError as error:
+                    yield from (JobResult(failed_record(known[k][0], error)) for k in worlds)
+                    continue
+                self._run(batch)
+                seconds = (time.perf_counter() - begun) / len(known)
+                for k, outcome in zip(worlds, batch.outcomes(), strict=True):
+                    yield JobResult(_record_of(*known[k], outcome), seconds)
 
 
 @contextmanager
@@ -136,10 +137,11 @@ def _record_of(job: Job, system: System, seed: int, outcome: Outcome) -> dict[st
     grid, traffic = system.grid, traffic_of(system.law.terms, system.team)
     final: dict[str, Any] = {"time": float(grid.samples[outcome.samples - 1]), **unknown, "groups": {}}
     final |= {"tracking_error": outcome.tracking_error, "mean_disagreement": outcome.mean_disagreement}
-    found: dict[str, Any] = {"final": final, "settled": None}
+    found: dict[str, Any] = {"final": final, "settled": False if outcome.message else None}
     if not outcome.message:
         late = {"tracking_error": outcome.late_tracking_error, "mean_disagreement": outcome.late_mean_disagreement}
         found["late"] = {**unknown, **late}
-        found |= {"bound_ratio": outcome.ratio, "late_bound_ratio": outcome.settled_ratio}
+        for name, ratio in (("bound_ratio", outcome.ratio), ("late_bound_ratio", outcome.settled_ratio)):
+            found[name] = ratio if ratio is not None and math.isfinite(ratio) else None
     found[TRAFFIC] = traffic.numbers / (grid.period * len(system.team.agents))
     return new_record(job.point, seed, "unstable" if outcome.message else "finished", outcome.message, **found)

@@ -64,10 +64,7 @@ def test_the_kernel_compiles_for_a_card(number: type, monkeypatch: pytest.Monkey
     """Every kind of vehicle, terms and links: the whole law is in it. A card that is not there is named."""
     cuda, dispatcher, nvvm = (import_module(f"numba.cuda{name}") for name in ("", ".dispatcher", ".cudadrv.nvvm"))
 
-    try:
-        nvvm.NVVM()
-    except Exception as error:
-        pytest.skip(f"libnvvm: {error}")
+    nvvm.NVVM()  # what compiles is there
     monkeypatch.setattr(dispatcher, "get_current_device", lambda: SimpleNamespace(compute_capability=H200))
     batch = Batch([linked(seed, 1.0).phases for seed in range(2)], order="F", number=number)
     kinds = [typeof(tree) for tree in arguments(batch)]

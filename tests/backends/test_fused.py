@@ -119,7 +119,7 @@ def off_by(scenario: Scenario, count: int, seed: int) -> float:
         theirs.qpos[:], theirs.qvel[:], theirs.act[:] = ours.qpos, ours.qvel, ours.act
         theirs.memory.command[:] = ours.memory.command
         before = w.copy()
-        apply_forces(theirs, world._engine, theirs.start + k * h, 0, V)
+        apply_forces(theirs, world._arrays, theirs.start + k * h, 0, V)
         mujoco.mj_step(world.model, world.data)
         assert advance_block(ours, fused._motion, 0, V, k, 1, nothing, -1, fused._bad)
         np.testing.assert_array_equal(ours.ctrl, theirs.ctrl)

@@ -2,6 +2,7 @@
 
 import threading
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,9 +10,10 @@ import pytest
 import xarray as xr
 
 from mjsheaf import load_scenario, simulate, simulate_many
+from mjsheaf import threads as processors
 from mjsheaf.errors import InputError
 from mjsheaf.jit import jit
-from mjsheaf.runs.simulate import ENGINES
+from mjsheaf.runs.simulate import ENGINES, moved_by
 from mjsheaf.scenario import Scenario
 from mjsheaf.simulation.gate import Crew, wait
 from mjsheaf.simulation.world import SplitWorld
@@ -26,12 +28,53 @@ def bits(result: Any) -> dict[str, bytes]:
     return {str(name): np.ascontiguousarray(result[name]).tobytes() for name in result.data_vars}
 
 
+@pytest.fixture
+def crews(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """How many threads each crew has that is made meanwhile."""
+    counts: list[int] = []
+
+    class Counted(Crew):
+        def __init__(self, count: int) -> None:
+            super().__init__(count)
+            counts.append(count)
+
+    monkeypatch.setattr("mjsheaf.simulation.threaded.Crew", Counted)
+    return counts
+
+
 @pytest.mark.parametrize("engine", ENGINES)
-def test_threads_do_not_change_a_bit(engine: str) -> None:
+def test_threads_do_not_change_a_bit(engine: str, crews: list[int]) -> None:
     """Of a swarm of unlike vehicles over links that fail, with events in mid-run; MuJoCo's one thread is `World`."""
     scenario = load_scenario("swarm_radio_shadow", SWARM)
     one, *more = (bits(simulate(scenario, engine=engine, threads=threads)) for threads in (1, 2, 3))
     assert all(other == one for other in more)
+    assert crews == ([1, 2, 3] if engine == "fused" else [2, 3])
+
+
+@pytest.mark.parametrize(("quota", "expected"), [("max 100000", 8), ("150000 100000", 2), ("1000 100000", 1), ("", 8)])
+def test_a_container_has_the_processors_of_its_quota(
+    quota: str, expected: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("os.sched_getaffinity", lambda _: range(8))
+    monkeypatch.setattr(processors, "_QUOTA", tmp_path / "cpu.max")
+    (tmp_path / "cpu.max").write_text(quota)
+    assert processors.usable_processors() == expected
+    monkeypatch.setattr("psutil.cpu_percent", lambda *_, **__: [100.0, 0.0] * 4)
+    assert processors.free_processors() == max(1, expected - 4)
+
+
+def test_long_runs_take_the_idle_processors(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A short one takes one, as does one with contacts."""
+    monkeypatch.setattr("mjsheaf.runs.simulate.free_processors", lambda: 7)
+    long = {"swarm.size": 60, "time.end": 100.0}
+
+    def threads(engine: str = "mujoco", asked: int | None = None, **changes: Any) -> int:
+        scenario = load_scenario("swarm", long | {name.replace("__", "."): value for name, value in changes.items()})
+        return moved_by(scenario.phases, "physics", engine, asked)[0].system.bodies.threads
+
+    assert threads() == threads("fused") == 7
+    assert threads(asked=3) == 3
+    assert threads(time__end=1.0) == threads(physics__contacts=True) == 1
 
 
 def unstable() -> Scenario:

@@ -50,6 +50,7 @@ def test_records_of_a_batch_are_those_of_runs_alone() -> None:
         statuses.append(alone["status"])
         for name in ("run", "parameters", "seed", "status", "message", "numbers_per_agent_second"):
             assert record[name] == alone[name]
+        assert record["settled"] == (None if alone["status"] == "finished" else alone["settled"])
         for part in ("final", "late"):
             assert (record[part] is None) == (alone[part] is None)
             for name in KNOWN if alone[part] else ():
@@ -60,6 +61,23 @@ def test_records_of_a_batch_are_those_of_runs_alone() -> None:
     assert statuses == ["finished"] * 2 + ["unstable"] * 2 + ["invalid"] * 2 + ["finished"] * 2
     assert found[0]["bound_ratio"] is not None
     assert found[0]["final"] != found[1]["final"]
+
+
+def test_a_team_that_begins_and_stays_at_its_goal_uses_nothing_of_the_bound() -> None:
+    """Rounding over a bound of nearly nothing is neither beyond it nor no number."""
+    still = {
+        "name": "still",
+        "agents": [{"id": "A", "position": [1.0, 2.0]}],
+        "targets": [{"id": "T", "position": [1.0, 2.0]}],
+        "sensing": [["A", "T"]],
+        "controller": {"gain": 1.0},
+        "time": {"end": 0.5},
+    }
+    job = Job(Point(0, {}, 0), "still", still, {}, "/", "physics", "fused")
+    alone, record = run_job(job).record, together([job])[0]
+    for name in ("bound_ratio", "late_bound_ratio"):
+        assert record[name] == pytest.approx(alone[name], abs=1e-3)
+        assert 0.0 <= record[name] < 1e-3
 
 
 def test_a_record_does_not_depend_on_the_runs_beside_it() -> None:
