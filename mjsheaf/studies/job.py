@@ -128,8 +128,8 @@ def new_record(point: Point, seed: int | None, status: str, message: str = "", *
 
     Its run, parameters, seed, status, message; final (as summary.json), late (the same measures, RMS over the last
     half), ending, settled (whether that is it), bound_ratio and late_bound_ratio (see `RunBound`),
-    numbers_per_agent_second as summary.json has it, and where trajectories are wanted the errors over time: series, with
-    time, s, and each measure, m, at some samples.
+    numbers_per_agent_second as summary.json has it, and where trajectories are wanted the errors over time: series,
+    with time, s, and each measure, m, at some samples.
     """
     return {
         "run": point.number,
