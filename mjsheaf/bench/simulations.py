@@ -157,7 +157,8 @@ def threads(
 
 def _team_on_threads(size: int, engine: str, count: int, repetitions: int) -> Row:
     """Time steps of one swarm per vehicle, in ns, on `count` threads and on one."""
-    phases, steps = swarm(size).phases, max(20, (100_000 if engine == "fused" else 20_000) // size)
+    # A tenth of a second of work, beside which the waking of a thread is little.
+    phases, steps = swarm(size).phases, max(20, (1_000_000 if engine == "fused" else 200_000) // size)
     with ExitStack() as threads:
         if engine == "fused":
             alone: ClosedLoop = Fused(on_engine(phases, engine))

@@ -48,6 +48,7 @@ MOTION = np.dtype(
     align=True,
 )
 
+_TURNS = 8  # in which a thread takes its share of the vehicles, so that none waits long for another
 _SMALL = 0.01  # rad^2: square of half a turn up to which its sine and cosine are short series
 
 
@@ -177,16 +178,18 @@ def apply_actuators(loop, body, force, moment):
 def advance(loop, motion, step, count, recorder, row, bad, thread, threads, gate):
     """See `ThreadedLoop._work`; motion has a MOTION for each kind."""
     k, end, meetings, V = step, step + count, 0, loop.fleet.bodies.shape[0]
+    turn = max(1, V // (BLOCK * threads * _TURNS))  # blocks that lie side by side, which caches like
     while k < end:
         span, sample = min(loop.per_law - k % loop.per_law, end - k), next_row(loop, k, recorder, row)
         if not begin_span(loop, k, recorder, sample, thread, threads, meetings, gate):
             return
-        first = take(gate, BLOCK, threads)
-        while first < V:
-            last = min(first + BLOCK, V)
-            if not advance_block(loop, motion, first, last, k, span, recorder.log, sample, bad):
-                fail(gate)
-            first = take(gate, BLOCK, threads)
+        block = take(gate, turn, threads)
+        while block * BLOCK < V:
+            for first in range(block * BLOCK, min((block + turn) * BLOCK, V), BLOCK):
+                last = min(first + BLOCK, V)
+                if not advance_block(loop, motion, first, last, k, span, recorder.log, sample, bad):
+                    fail(gate)
+            block = take(gate, turn, threads)
         if not end_span(threads, meetings, gate):
             return
         k, row, meetings = k + span, row + (sample >= 0), meetings + 2
