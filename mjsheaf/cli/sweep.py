@@ -59,6 +59,9 @@ def sweep(
         Literal["cpu", "gpu"] | None,
         typer.Option(help="gpu: many runs at once on a CUDA card, by the fused engine.", show_default="cpu"),
     ] = None,
+    batch: Annotated[
+        bool, typer.Option("--batch", help="Runs of one team together, by the fused engine; records keep less.")
+    ] = False,
 ) -> None:
     """Run a scenario many times, on every core or a cluster; killed at any moment, the same command goes on.
 
@@ -91,15 +94,13 @@ def sweep(
         backend=backend and backend.value,
         engine=engine and engine.value,
         device=device,
+        batch=batch,
         measure=measure,
         trajectories=trajectories,
     )
     if plan.study.seeds is not None and not plan.seed_matters:
         note_idle_seed(plan.scenario["name"], plan.study.backend)
-    here = partial(local_engine, workers, processes=not threads)
-    begin: Callable[[], AbstractContextManager[Any]] = (
-        here if scheduler is None else partial(engine_at, scheduler, print_note)
-    )
+    begin: Callable[[], AbstractContextManager[Any]] = partial(local_engine, workers, processes=not threads)
     if plan.study.device == "gpu":
         from mjsheaf.simulation.card import require_card
         from mjsheaf.studies.worlds import card_engine
@@ -109,6 +110,14 @@ def sweep(
             raise InputError(f"{given}: has no meaning on device gpu, which runs all together; leave it out")
         require_card()
         begin = card_engine
+    elif plan.study.batch:
+        from mjsheaf.studies.worlds import thread_engine
+
+        if scheduler is not None:
+            raise InputError("--scheduler: has no meaning with --batch, whose runs are on threads; leave it out")
+        begin = partial(thread_engine, workers)
+    elif scheduler is not None:
+        begin = partial(engine_at, scheduler, print_note)
     with progress_bars() as bars:
         try:
             study = run_study(plan, out, begin, retry_failed=retry_failed, figures=figures, progress=bars)

@@ -86,6 +86,7 @@ def load_plan(
     backend: str | None = None,
     engine: str | None = None,
     device: str | None = None,
+    batch: bool = False,
     measure: str | None = None,
     trajectories: bool = False,
 ) -> Plan:
@@ -101,6 +102,7 @@ def load_plan(
         backend: 'physics' or 'ideal', instead of the study's own.
         engine: what moves bodies, instead of the study's own.
         device: 'cpu' or 'gpu', instead of the study's own; 'gpu' has the fused engine.
+        batch: whether runs of one team go together, also where the study does not ask for it; by the fused engine.
         measure: the error that plots show, instead of the study's own.
         trajectories: whether to keep result.nc of every run, also where the study does not ask for it.
 
@@ -121,8 +123,9 @@ def load_plan(
         "set": {**study.set, **overrides},
         "trajectories": study.trajectories or trajectories,
         "backend": backend or study.backend,
-        "engine": engine or ("fused" if device == "gpu" else study.engine),
+        "engine": engine or ("fused" if device == "gpu" or batch else study.engine),
         "device": device or study.device,
+        "batch": batch or study.batch,
         "measure": measure or study.measure,
     }
     if seeds is not None:

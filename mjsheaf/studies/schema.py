@@ -141,6 +141,9 @@ class StudyFile(Section):
     device: Literal["cpu", "gpu"] = Field(
         "cpu", description="gpu: runs of one team side by side on a CUDA card, engine fused, of which records keep less"
     )
+    batch: bool = Field(
+        False, description="runs of one team together, on threads, engine fused; records keep less, as on a card"
+    )
     set: dict[str, Value] = Field(default_factory=dict, description="overrides of all runs: field path to value")
     points: list[dict[str, Value]] = Field(default_factory=list, description="listed points: field path to value")
     names: list[Annotated[str, Field(min_length=1)]] = Field(
@@ -160,17 +163,18 @@ class StudyFile(Section):
     @model_validator(mode="before")
     @classmethod
     def _engine_of_device(cls, given: Any) -> Any:
-        """A card has the fused engine, which need not be named."""
-        of_card = isinstance(given, dict) and given.get("device") == "gpu"
-        return {"engine": "fused", **given} if of_card else given
+        """A batch has the fused engine, which need not be named."""
+        together = isinstance(given, dict) and (given.get("device") == "gpu" or given.get("batch") is True)
+        return {"engine": "fused", **given} if together else given
 
     @model_validator(mode="after")
     def _fits(self) -> "StudyFile":
         require_engine(self.engine, self.backend)
-        if self.device == "gpu" and self.engine != "fused":
-            raise ValueError("device gpu: has the fused engine alone; expected engine fused")
-        if self.device == "gpu" and self.trajectories:
-            raise ValueError("trajectories: a card keeps none; expected device cpu")
+        together = "device gpu" if self.device == "gpu" else "batch" if self.batch else ""
+        if together and self.engine != "fused":
+            raise ValueError(f"{together}: has the fused engine alone; expected engine fused")
+        if together and self.trajectories:
+            raise ValueError(f"trajectories: {together} keeps none; expected device cpu without batch")
         if len({len(values) for values in self.paired.values()}) > 1:
             told = ", ".join(f"{path} has {len(values)}" for path, values in self.paired.items())
             raise ValueError(f"paired: lists must have one length, but {told}")
@@ -221,7 +225,7 @@ class StudyFile(Section):
     def asked(self) -> dict[str, Any]:
         """All on which results depend but the scenario, in canonical form; not what only says how they are shown."""
         shown = {"summary", "scenario", "measure", "late", "labels", "names"}
-        defaults = {"engine": "mujoco", "device": "cpu"}  # of which older studies do not speak
+        defaults = {"engine": "mujoco", "device": "cpu", "batch": False}  # of which older studies do not speak
         usual = {name for name, value in defaults.items() if getattr(self, name) == value}
         return self.model_dump(mode="json", exclude=shown | usual, exclude_none=True)
 

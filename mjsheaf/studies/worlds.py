@@ -1,4 +1,4 @@
-"""Runs of a study as worlds of a batch, side by side on a card."""
+"""Runs of a study as worlds of a batch, side by side on threads or on a card."""
 
 import math
 import pickle
@@ -22,8 +22,10 @@ from mjsheaf.simulation.batch import Batch, Outcome, groups_of_one_team
 from mjsheaf.studies.engine import Engine, Work
 from mjsheaf.studies.job import TRAFFIC, Job, JobResult, failed_record, new_record, run_job
 from mjsheaf.system import Phase, System
+from mjsheaf.threads import usable_processors
 
-_MOST_WORLDS, _MOST_NUMBERS = 8192, 100_000_000  # of a batch, and what worlds have of their own
+_MOST_ON_CARD, _MOST_ON_THREADS = 8192, 64  # worlds of a batch; of threads few, as records come when all have ended
+_MOST_NUMBERS = 100_000_000  # that the worlds of a batch have of their own
 
 
 class BatchEngine(Engine):
@@ -35,15 +37,16 @@ class BatchEngine(Engine):
     Args:
         run: runs all worlds of a batch to their end.
         order: how batches are laid out for that.
+        most: worlds of a batch.
     """
 
-    def __init__(self, run: Callable[[Batch], None], order: Literal["C", "F"]) -> None:
-        self._run, self._order = run, order
+    def __init__(self, run: Callable[[Batch], None], order: Literal["C", "F"], most: int = _MOST_ON_THREADS) -> None:
+        self._run, self._order, self._most = run, order, most
 
     def run(self, jobs: Iterable[Job], work: Work = run_job) -> Iterator[JobResult]:
         """Do jobs and yield the result of each; `work` is not called."""
         waiting = iter(jobs)
-        while several := list(islice(waiting, _MOST_WORLDS)):
+        while several := list(islice(waiting, self._most)):
             alike = dict[bytes, list[Job]]()
             for job in several:
                 alike.setdefault(pickle.dumps((job.scenario, _of_team(job))), []).append(job)
@@ -85,7 +88,14 @@ def card_engine() -> Iterator[Engine]:
     """The card of this machine."""
     from mjsheaf.simulation.card import run_on_card
 
-    yield BatchEngine(run_on_card, "F")
+    yield BatchEngine(run_on_card, "F", _MOST_ON_CARD)
+
+
+@contextmanager
+def thread_engine(threads: int | None = None) -> Iterator[Engine]:
+    """Threads of this process; None takes one for each processor that it may use."""
+    count = threads or usable_processors()
+    yield BatchEngine(lambda batch: batch.run(count), "C")
 
 
 def _of_team(job: Job) -> list[tuple[str, Any]]:
@@ -100,7 +110,7 @@ def _without_events(phases: Sequence[Phase]) -> System:
         InputError: it has events.
     """
     if len(phases) > 1:
-        raise InputError(f"events: {phases[1].name}; expected none on device gpu, where runs keep their edges")
+        raise InputError(f"events: {phases[1].name}; expected none in a batch, whose runs keep their edges")
     return phases[0].system
 
 

@@ -17,7 +17,7 @@ from mjsheaf.studies.job import Job, run_job
 from mjsheaf.studies.schema import Point
 from mjsheaf.studies.worlds import BatchEngine
 from tests.builders import refused
-from tests.commands import answer_of, is_refusal
+from tests.commands import answer_of, call, is_refusal
 
 SHORT = {"time.end": 1.0, "physics.contacts": False, "disturbance": {"agents": {"bound": 0.2}}}
 KNOWN = "tracking_error", "mean_disagreement"
@@ -107,6 +107,26 @@ def test_a_study_on_a_batch_has_its_table_and_plots(tmp_path: Path) -> None:
     assert [record["status"] for record in study.records] == ["finished"] * 3
     assert "table.csv" in study.files
     assert "tracking_error" in (tmp_path / "study" / "table.csv").read_text()
+
+
+@pytest.mark.slow
+def test_runs_of_a_batch_are_on_threads(tmp_path: Path) -> None:
+    """The same bytes on one and on two, and after a stop in mid-study; how a run ended is not judged."""
+    given = ["--seeds", "0:70", "--set", "time.end=0.2", "--set", "disturbance.agents.bound=0.3"]
+    for out, more in (("one", ["--workers", "1"]), ("two", [])):
+        assert call("sweep", "midpoint", "--batch", *given, "--out", str(tmp_path / out), *more) == 0
+    one, two = ((tmp_path / name / "table.csv").read_bytes() for name in ("one", "two"))
+    assert one == two
+    for number in (0, 3, 69):
+        (tmp_path / "two" / "runs" / f"{number:06d}.json").unlink()
+    assert call("sweep", "midpoint", "--batch", *given, "--out", str(tmp_path / "two")) == 0
+    assert (tmp_path / "two" / "table.csv").read_bytes() == one
+    rows = one.decode().splitlines()
+    assert len(set(rows)) == 71
+    with refused(ScenarioError, "batch", "fused"):
+        load_plan("midpoint", batch=True, engine="mujoco")
+    answer = answer_of("sweep", "midpoint", "--batch", "--scheduler", "tcp://a:1", "--out", tmp_path / "no")
+    assert is_refusal(answer, "--scheduler", "--batch")
 
 
 def test_what_a_card_cannot_do_is_refused_by_its_field() -> None:
