@@ -161,12 +161,14 @@ def run_bench(
         `machine`; `short`; `figures`: for each topic what was measured, to the figure; `rows`: the `Row`s.
 
     Raises:
-        InputError: an unknown topic.
+        InputError: an unknown topic, or peers without theirs, or a Python that measures none.
     """
     for topic in topics or ():
         if topic not in TOPICS:
             raise InputError(f"unknown topic {topic!r}; expected {', '.join(TOPICS)}")
     chosen = [topic for topic in TOPICS if not topics or topic in topics]
+    if peers is not None and "peers" not in chosen:
+        raise InputError(f"--peers {peers}: has no meaning without the topic peers; expected it among the topics")
     rows: list[Row] = []
     for done, topic in enumerate(chosen):
         progress("measuring", done, len(chosen))

@@ -271,5 +271,8 @@ def measured_peers(python: str, sizes: tuple[int, ...], short: bool) -> dict[str
         raise InputError(f"--peers {python}: {error.strerror}; expected a Python that has peers installed") from None
     if done.returncode:
         raise InputError(f"--peers {python}: {' '.join(done.stderr.split())[-300:]}")
-    found: dict[str, dict[str, float]] = json.loads(done.stdout.splitlines()[-1])
-    return {name: {int(size): rate for size, rate in rates.items()} for name, rates in found.items()}
+    try:
+        found: dict[str, dict[str, float]] = json.loads(done.stdout.splitlines()[-1])
+        return {name: {int(size): float(rate) for size, rate in rates.items()} for name, rates in found.items()}
+    except (IndexError, ValueError, AttributeError, TypeError):
+        raise InputError(f"--peers {python}: prints no rates; expected a Python that has peers installed") from None

@@ -372,7 +372,8 @@ class Batch:
             number: type of all that is not a count.
 
         Raises:
-            InputError: there is no run, one has events or contacts, or it differs from the first in what worlds share.
+            InputError: there is no run, one has events or contacts, or it differs from the first in what worlds share;
+                or bounds are not one for each, or of another length.
         """
         if not runs:
             raise InputError("no run; expected one or more")
@@ -381,6 +382,9 @@ class Batch:
         self._systems = [_only_system(run) for run in runs] * repeated
         self._type, first = np.dtype(number), self._systems[0]
         W, T, seeds = len(self._systems), first.grid.steps + 1, list[int]()
+        if bounds is not None and [np.shape(bound) for bound in bounds] != [(T,)] * len(runs):
+            shapes = f"{len(bounds)} bounds of shapes {sorted({np.shape(bound) for bound in bounds})}"
+            raise InputError(f"bounds: {shapes}; expected one of shape ({T},) for each of {len(runs)} runs")
         for w, system in enumerate(self._systems):
             with Fused(system) as fused:
                 loop, known = fused._loop, _shared(fused)
@@ -451,7 +455,14 @@ class Batch:
             threads: worlds at a time.
             members: threads that share each world.
             progress: called from the calling thread with (worlds done, worlds in all).
+
+        Raises:
+            InputError: threads or members below 1; or the worlds are at their end.
         """
+        if threads < 1 or members < 1:
+            raise InputError(f"threads is {threads} and members {members}; expected 1 or more")
+        if self.scores.found[:, TAKEN].any():
+            raise InputError("a batch runs once; expected a new one")
         T, stop = self.goal.samples, Event()
         chunk = max(1, _CHUNK // (self.loop.per_sample * len(self.loop.fleet.bodies)))
 
@@ -482,7 +493,13 @@ class Batch:
                 stop.set()
 
     def outcomes(self) -> list[Outcome]:
-        """What became of the worlds."""
+        """What became of the worlds, once they have run.
+
+        Raises:
+            InputError: they have not.
+        """
+        if not self.scores.found[: len(self), TAKEN].all():
+            raise InputError("the batch has not run to its end; expected `run` before")
         return [self._outcome(w) for w in range(len(self))]
 
     def _outcome(self, w: int) -> Outcome:

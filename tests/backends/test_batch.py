@@ -137,3 +137,21 @@ def test_what_worlds_do_not_share_is_refused_by_its_field() -> None:
         batch_of([linked(0, 1.0, physics={"contacts": True})])
     with refused(InputError, "no run"):
         batch_of([])
+
+
+def test_what_would_be_read_beyond_its_arrays_is_refused() -> None:
+    """Bounds that are too few or too short, threads and members that are none, and a second run."""
+    T = linked(0, 1.0).system.grid.steps + 1
+    for bounds in ([np.ones(T)], [np.ones(3)] * 2, [np.ones(T), np.ones(T + 1)], [1.0, 1.0]):
+        with refused(InputError, "bounds", "2 runs"):
+            batch_of([linked(0, 1.0), linked(1, 1.0)], bounds=bounds)
+    batch = batch_of([linked(0, 1.0)])
+    with refused(InputError, "run"):
+        batch.outcomes()
+    for threads, members in ((0, 1), (1, 0), (1, -1)):
+        with refused(InputError, "threads", "members", 1):
+            batch.run(threads, members)
+    batch.run()
+    assert len(batch.outcomes()) == 1
+    with refused(InputError, "once"):
+        batch.run()

@@ -97,8 +97,11 @@ def test_peers_that_another_python_has_are_measured_in_the_same_run(tmp_path: Pa
     assert simulations.measured_peers(sys.executable, (13,), True) == {}
     with refused(InputError, "no-such-python"):
         simulations.measured_peers("no-such-python", (13,), True)
-    with refused(InputError, "/bin/false"):
-        simulations.measured_peers("/bin/false", (13,), True)
+    for silent in ("/bin/false", "/bin/true", "/bin/echo"):
+        with refused(InputError, silent):
+            simulations.measured_peers(silent, (13,), True)
+    with refused(InputError, "--peers", "topic"):
+        run_bench(["hardware"], peers=sys.executable)
 
 
 @pytest.mark.slow
