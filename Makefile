@@ -4,6 +4,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+CARDS := $(VENV)/.cuda
 DEMO := runs/paper-physics
 
 .PHONY: demo test test-slow test-all lint docs clean bundle check-bundle
@@ -38,15 +39,15 @@ test: lint
 
 # The long ones alone: studies of hundreds of teams, fuzzing, kills, films of every scenario, the kernel for a card.
 test-slow: EXAMPLES := ci
-test-slow: lint $(VENV)/.cuda
+test-slow: lint $(CARDS)
 	$(PYTEST) -m slow
 
 test-all: EXAMPLES := ci
-test-all: lint $(VENV)/.cuda
+test-all: lint $(CARDS)
 	$(PYTEST)
 
 # The compiler for cards, of which none is needed.
-$(VENV)/.cuda: $(STAMP)
+$(CARDS): $(STAMP)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[cuda]'
 	touch $@
 

@@ -7,8 +7,8 @@ import pytest
 from numpy.typing import NDArray
 
 from mjsheaf import World
-from mjsheaf.simulation import loop as world
 from mjsheaf.simulation.ideal import run_ideal, stream_ideal
+from mjsheaf.simulation.loop import ClosedLoop
 from mjsheaf.simulation.physics import run_physics, stream_physics
 from mjsheaf.simulation.trajectory import Log
 from mjsheaf.system import System
@@ -53,7 +53,7 @@ def looked_at(system: System, targets: Array | None) -> dict[str, Array]:
 def test_samples_are_those_of_the_world_looked_at(
     placed: bool, period: float, chunk: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(world, "_CHUNK", chunk * 5)
+    monkeypatch.setattr(ClosedLoop, "_at_once", chunk * 5)
     fields: dict[str, Any] = {"time": {"end": 0.2}, "controller": {"gain": 30.0, "control_period": period}}
     system = mixed_scenario(**fields, disturbance={"agents": {"bound": 1.0}}).system
     time = np.linspace(0.0, 0.15, 16)[:, None, None]
@@ -85,7 +85,7 @@ def test_pieces_are_the_run(backend: Any, placed: bool, samples: int) -> None:
 
 
 def test_progress_ends_at_the_last_sample_and_may_stop_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(world, "_CHUNK", 250)
+    monkeypatch.setattr(ClosedLoop, "_at_once", 250)
     seen: list[tuple[int, int]] = []
     system = mixed_scenario(time={"end": 0.2}).system
     run_physics(system, lambda done, of: seen.append((done, of)))
