@@ -59,17 +59,16 @@ def test_views_are_at_the_same_places_of_a_copy(number: type) -> None:
 
 @pytest.mark.slow
 @pytest.mark.skipif(importlib.util.find_spec("numba_cuda") is None, reason="numba-cuda is not installed")
-@pytest.mark.parametrize("number", [np.float64, np.float32])
-def test_the_kernel_compiles_for_a_card(number: type, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_kernel_compiles_for_a_card(monkeypatch: pytest.MonkeyPatch) -> None:
     """Every kind of vehicle, terms and links: the whole law is in it. A card that is not there is named."""
     cuda, dispatcher, nvvm = (import_module(f"numba.cuda{name}") for name in ("", ".dispatcher", ".cudadrv.nvvm"))
 
     nvvm.NVVM()  # what compiles is there
     monkeypatch.setattr(dispatcher, "get_current_device", lambda: SimpleNamespace(compute_capability=H200))
-    batch = Batch([linked(seed, 1.0).phases for seed in range(2)], order="F", number=number)
+    batch = Batch([linked(seed, 1.0).phases for seed in range(2)], order="F")
     kinds = [typeof(tree) for tree in arguments(batch)]
     signature = types.void(*kinds, types.int64, types.int64)
     ptx, _ = cuda.compile(kernel_function(), signature, device=False, abi="numba", cc=H200)
     assert ".target sm_90" in ptx
     assert ptx.count("bar.sync") >= 2
-    assert "ld.global.f64" in ptx if number is np.float64 else "ld.global.f32" in ptx
+    assert "ld.global.f64" in ptx
