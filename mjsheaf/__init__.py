@@ -11,8 +11,9 @@ from mjsheaf._version import __version__
 if TYPE_CHECKING:
     from mjsheaf.checking import check
     from mjsheaf.control.controller import Controller, PerAgent
+    from mjsheaf.runs.many import simulate_many
     from mjsheaf.runs.publish import save
-    from mjsheaf.runs.simulate import simulate, simulate_many
+    from mjsheaf.runs.simulate import simulate
     from mjsheaf.scenario import Scenario, load_scenario
     from mjsheaf.sheaf import Sheaf
     from mjsheaf.simulation.world import World
@@ -23,7 +24,7 @@ _HOME = {
     "Scenario": "mjsheaf.scenario",
     "load_scenario": "mjsheaf.scenario",
     "simulate": "mjsheaf.runs.simulate",
-    "simulate_many": "mjsheaf.runs.simulate",
+    "simulate_many": "mjsheaf.runs.many",
     "check": "mjsheaf.checking",
     "World": "mjsheaf.simulation.world",
     "load_vehicle": "mjsheaf.vehicles.loading",

@@ -114,7 +114,7 @@ class PhysicsOptions:
     threads: int = 1
     compiled: dict[str, Vehicle] = field(default_factory=dict, repr=False)
 
-    def require_contacts(self) -> None:
+    def refuse_contacts(self) -> None:
         """Refuse contacts where bodies are not in one model of MuJoCo's.
 
         Raises:

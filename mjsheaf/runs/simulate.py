@@ -1,18 +1,17 @@
-"""Simulating a scenario, or many at once: from a scenario to data."""
+"""Simulating a scenario: from a scenario to data."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
-from threading import Event
 from typing import TYPE_CHECKING
 
-from mjsheaf.errors import InputError, MjsheafError, NotUniqueError, RankError, expected
+from mjsheaf.errors import InputError, NotUniqueError, RankError, expected
 from mjsheaf.scenario import Scenario
-from mjsheaf.threads import free_processors, usable_processors
+from mjsheaf.threads import free_processors
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from mjsheaf.control.controller import Controller, Law
+    from mjsheaf.simulation.trajectory import Trajectory
     from mjsheaf.system import Phase, System
 
 BACKENDS = ("physics", "ideal")
@@ -65,8 +64,13 @@ def simulate(
     phases = moved_by(scenario.phases, backend, engine, threads)
     require_simulable(phases, backend, allow_drift=allow_drift)
     result = next(stream(phases, backend, scenario.seed, progress, phases[0].system.grid.steps + 1, controller))
-    result.encoding["scenario"] = scenario  # for `mjsheaf.save`; no file gets it
-    return result
+    return with_scenario(result, scenario)
+
+
+def with_scenario(dataset: "xr.Dataset", scenario: Scenario) -> "xr.Dataset":
+    """Note on a run what it is of, for `mjsheaf.save`; no file gets it."""
+    dataset.encoding["scenario"] = scenario
+    return dataset
 
 
 def moved_by(
@@ -109,7 +113,6 @@ def stream(
         samples: at most in each piece; a few megabytes of them unless given.
     """
     from mjsheaf.control.controller import controller_of
-    from mjsheaf.results.dataset import in_pieces, make_datasets, with_phases
     from mjsheaf.simulation.trajectory import samples_in_piece
     from mjsheaf.system import phases_of
 
@@ -118,10 +121,10 @@ def stream(
     else:
         from mjsheaf.simulation.physics import stream_physics as simulated
     phases = phases_of(run)
-    first, several = phases[0].system, any(phase.events for phase in phases)
+    first = phases[0].system
     called, length = controller_of(controller, first, seed), samples or samples_in_piece(first)
-    datasets = make_datasets(simulated(run, length, progress, controller=called), backend, seed, phases)
-    for dataset in in_pieces(with_phases(datasets, phases), length) if several else datasets:
+    pieces = simulated(run, length, progress, controller=called)
+    for dataset in datasets_of(pieces, phases, backend, seed, length):
         if called:
             dataset.attrs |= {
                 "controller": called.name,
@@ -132,70 +135,23 @@ def stream(
         yield dataset
 
 
-def simulate_many(
-    scenarios: Iterable[Scenario],
-    backend: str = "physics",
-    *,
-    engine: str = "mujoco",
-    workers: int | None = None,
-    allow_drift: bool = False,
-    progress: Callable[[int, int], None] | None = None,
-) -> "list[xr.Dataset | MjsheafError]":
-    """Run independent scenarios side by side on threads of this process.
+def datasets_of(
+    pieces: "Iterable[Trajectory]", phases: "Sequence[Phase]", backend: str, seed: int, samples: int
+) -> "Iterator[xr.Dataset]":
+    """The Datasets of a run that comes in pieces, so many samples each; arguments as of `stream`."""
+    from mjsheaf.results.dataset import in_pieces, make_datasets, with_phases
 
-    The compiled loops run without the interpreter's lock, so that threads do what processes would, without starting
-    any or copying results. What comes out is bit for bit what `simulate` gives one by one.
+    datasets = make_datasets(pieces, backend, seed, phases)
+    several = any(phase.events for phase in phases)
+    return in_pieces(with_phases(datasets, phases), samples) if several else datasets
 
-    Args:
-        scenarios: for example one scenario with many seeds or gains.
-        backend: 'physics' or 'ideal'.
-        engine: as for `simulate`.
-        workers: how many run at a time; None takes one for each processor that this process may use.
-        allow_drift: as for `simulate`.
-        progress: called from the calling thread with (runs done, runs in all).
 
-    Returns:
-        What `simulate` returns for each scenario, in their order. A scenario that it would refuse does not lose the
-        others: its place holds the error, a MjsheafError. A run that blew up is a dataset with status 'unstable'.
+def require_backend(backend: str) -> None:
+    """Refuse an unknown backend.
 
     Raises:
-        InputError: unknown backend or engine, or workers below 1.
+        InputError: it is.
     """
-    _require_backend(backend)
-    require_engine(engine, backend)
-    if workers is not None and workers < 1:
-        raise InputError(f"workers is {workers}; expected 1 or more, or None")
-    todo = list(scenarios)
-    stop = Event()
-
-    def check(done: int, of: int) -> None:
-        if stop.is_set():
-            raise _Abandoned
-
-    def one(scenario: Scenario) -> "xr.Dataset | MjsheafError":
-        try:
-            check(0, 0)
-            return simulate(scenario, backend, engine=engine, threads=1, allow_drift=allow_drift, progress=check)
-        except MjsheafError as error:
-            return error
-
-    with ThreadPoolExecutor(workers or usable_processors()) as pool:
-        futures = [pool.submit(one, scenario) for scenario in todo]
-        try:
-            for done, future in enumerate(as_completed(futures), 1):
-                future.result()  # raises what is not a refusal: the others are abandoned
-                if progress:
-                    progress(done, len(todo))
-        finally:
-            stop.set()
-    return [future.result() for future in futures]
-
-
-class _Abandoned(Exception):  # noqa: N818
-    """Ends a run whose siblings were interrupted."""
-
-
-def _require_backend(backend: str) -> None:
     if backend not in BACKENDS:
         raise InputError(f"unknown backend {backend!r}; {expected(backend, BACKENDS)}")
 
@@ -224,10 +180,10 @@ def require_simulable(run: "System | Sequence[Phase]", backend: str, *, allow_dr
     from mjsheaf.dynamics.effectiveness import without_full_row_rank
     from mjsheaf.system import DEFAULT_VEHICLE, phases_of
 
-    _require_backend(backend)
+    require_backend(backend)
     phases = phases_of(run)
     system = phases[0].system
-    system.bodies.require_contacts()
+    system.bodies.refuse_contacts()
     team = system.team
     named = zip(team.members, system.bodies.vehicle, strict=True)
     if any(name != DEFAULT_VEHICLE[member.dimension] for member, name in named):

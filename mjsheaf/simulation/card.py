@@ -21,13 +21,13 @@ from numba import njit
 from numpy.typing import NDArray
 
 from mjsheaf.errors import InputError
-from mjsheaf.simulation.batch import Batch, mapped, run_world, world_of
+from mjsheaf.simulation.batch import Batch, run_world
+from mjsheaf.simulation.rows import mapped, world_of
 
 WORLDS = 32
 """Worlds of a block: a warp."""
 
 _MOST_MEMBERS = 4  # of a world: with 128 registers a thread, four blocks fit on a multiprocessor
-_CHUNK = 2_000_000  # steps times vehicles in one launch, after which Ctrl-C is heard
 _LIBDEVICE = {
     np.ceil: ("ceil", 1),
     np.copysign: ("copysign", 2),
@@ -95,7 +95,8 @@ def kernel_function() -> Callable[..., None]:
         w, W = cuda.blockIdx.x * cuda.blockDim.x + cuda.threadIdx.x, scores.bound.shape[0]
         there, w = w < W, min(w, W - 1)
         own = world_of(loop, worlds, w)
-        advance(own, motion, goal, scores, nothing, w, there, begin, end, cuda.threadIdx.y, cuda.blockDim.y, None)
+        member, members = cuda.threadIdx.y, cuda.blockDim.y
+        advance(own, motion, goal, scores, nothing, w, there, begin, end, 1, member, members, None)
 
     return run_worlds
 
@@ -107,7 +108,8 @@ def _kernel() -> Any:
 
 def arguments(batch: Batch) -> tuple[Any, ...]:
     """What the kernel takes before the samples: trees of arrays on this machine."""
-    return batch.loop, batch.motion, batch.worlds, batch.goal, batch.scores, batch.nothing
+    rows = batch.rows
+    return rows.loop, rows.motion, rows.worlds, batch.goal, batch.scores, batch.nothing
 
 
 def place_of(values: NDArray[Any], rows: NDArray[Any], begin: int) -> dict[str, Any]:
@@ -129,28 +131,28 @@ def run_on_card(batch: Batch, progress: Callable[[int, int], None] | None = None
     """
     require_card()
     cuda = import_module("numba.cuda")
-    rows = cuda.to_device(batch.rows)
+    here = batch.rows
+    rows = cuda.to_device(here.values)
     begin = rows.__cuda_array_interface__["data"][0]
 
     def sent(values: NDArray[Any]) -> Any:
         return cuda.to_device(np.ascontiguousarray(values))
 
     def view(values: NDArray[Any]) -> Any:
-        if values.dtype != batch.rows.dtype:
+        if values.dtype != here.values.dtype:
             return sent(values)
-        return cuda.as_cuda_array(SimpleNamespace(__cuda_array_interface__=place_of(values, batch.rows, begin)))
+        return cuda.as_cuda_array(SimpleNamespace(__cuda_array_interface__=place_of(values, here.values, begin)))
 
     scores = mapped(cuda.to_device, batch.scores)
-    given = (*(mapped(sent, tree) for tree in (batch.loop, batch.motion)), mapped(view, batch.worlds))
+    given = (*(mapped(sent, tree) for tree in (here.loop, here.motion)), mapped(view, here.worlds))
     given = (*given, mapped(sent, batch.goal), scores, mapped(sent, batch.nothing))
-    T, V = batch.goal.samples, len(batch.loop.fleet.bodies)
-    chunk = max(1, _CHUNK // (batch.loop.per_sample * V))
+    T, V, chunk = batch.goal.samples, len(here.loop.fleet.bodies), batch.chunk
     launch = _kernel()[-(-len(batch) // WORLDS), (WORLDS, min(_MOST_MEMBERS, V))]
     for sample in range(0, T, chunk):
         launch(*given, sample, min(sample + chunk, T))
         cuda.synchronize()
         if progress:
             progress(min(sample + chunk, T), T)
-    rows.copy_to_host(batch.rows)
-    for on_card, here in zip(scores, batch.scores, strict=True):
-        on_card.copy_to_host(here)
+    rows.copy_to_host(here.values)
+    for on_card, own in zip(scores, batch.scores, strict=True):
+        on_card.copy_to_host(own)

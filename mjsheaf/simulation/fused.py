@@ -178,18 +178,18 @@ def apply_actuators(loop, body, force, moment):
 def advance(loop, motion, step, count, recorder, row, bad, thread, threads, gate):
     """See `ThreadedLoop._work`; motion has a MOTION for each kind."""
     k, end, meetings, V = step, step + count, 0, loop.fleet.bodies.shape[0]
-    turn = max(1, V // (BLOCK * threads * _TURNS))  # blocks that lie side by side, which caches like
+    share = max(1, V // (BLOCK * threads * _TURNS))  # blocks that lie side by side, which caches like
     while k < end:
         span, sample = min(loop.per_law - k % loop.per_law, end - k), next_row(loop, k, recorder, row)
         if not begin_span(loop, k, recorder, sample, thread, threads, meetings, gate):
             return
-        block = take(gate, turn, threads)
+        block = take(gate, share, threads)
         while block * BLOCK < V:
-            for first in range(block * BLOCK, min((block + turn) * BLOCK, V), BLOCK):
+            for first in range(block * BLOCK, min((block + share) * BLOCK, V), BLOCK):
                 last = min(first + BLOCK, V)
                 if not advance_block(loop, motion, first, last, k, span, recorder.log, sample, bad):
                     fail(gate)
-            block = take(gate, turn, threads)
+            block = take(gate, share, threads)
         if not end_span(threads, meetings, gate):
             return
         k, row, meetings = k + span, row + (sample >= 0), meetings + 2
@@ -215,6 +215,15 @@ class Fused(ThreadedLoop):
         super().__init__(run, controller)
         self._motion = pack_motion(kinds_of(self._vehicles)[0], self._timestep)
         self._start()
+
+    @property
+    def compiled(self) -> tuple[Loop, NDArray[np.void]]:
+        """What compiled code is given: the loop, and a MOTION for each kind of vehicle."""
+        return self._loop, self._motion
+
+    def adopt(self, loop: Loop) -> None:
+        """Go on in another place of memory: with a loop that is a copy of this one's."""
+        self._loop = loop
 
     def _command(self, loop: Loop) -> None:
         command_all(loop, self.time)

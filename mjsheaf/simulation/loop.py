@@ -230,6 +230,14 @@ def new_loop(
     )
 
 
+def blow_up_of(system: System, loop: Loop, vehicle: int, step: int) -> str:
+    """Name the vehicle of a loop that was bad at a step."""
+    speed = float(np.linalg.norm(loop.qvel[6 * vehicle :][:3]))
+    detail = f" (body '{system.vehicles[vehicle].name}', speed {speed:.3g} m/s)"
+    time = system.grid.start + step * system.timestep
+    return blow_up_message(system, vehicle, time, system.timestep * loop.per_law, detail)
+
+
 class ClosedLoop(ABC):
     """A run on bodies with the loop closed: its phases, its law and its samples, whatever moves the bodies.
 
@@ -298,6 +306,16 @@ class ClosedLoop(ABC):
         """eta of the agents, L_T p - c_T of the targets, at the law's last evaluation, shape (V, 3), m."""
         return self._loop.memory.residual
 
+    @property
+    def phases(self) -> Sequence[Phase]:
+        """Of the run."""
+        return self._phases
+
+    @property
+    def controlled(self) -> bool:
+        """Whether a law in Python is in control."""
+        return self._controller is not None
+
     def _place(self) -> None:
         """Put the vehicles where they begin, with an empty memory; rotors turn before a multirotor is let go."""
         plan, initial = self.system.bodies, self.system.initial
@@ -353,7 +371,7 @@ class ClosedLoop(ABC):
             count = min(count, loop.per_law - step % loop.per_law)
         bad = self._move(loop, step, count, recorder)
         if bad:
-            raise UnstableError(self._blow_up(*bad))
+            raise UnstableError(blow_up_of(self.system, self._loop, *bad))
         return count
 
     def _enter_phase(self) -> Loop:
@@ -427,13 +445,6 @@ class ClosedLoop(ABC):
         log = new_log(T, law, actuators=len(self._loop.ctrl))
         placed = np.empty((0, 0, 3)) if placed is None else np.ascontiguousarray(placed)
         return Recorder(log, placed, np.zeros(1, dtype=np.int64))
-
-    def _blow_up(self, vehicle: int, step: int) -> str:
-        """Name the vehicle that was bad at a step."""
-        speed = float(np.linalg.norm(self._loop.qvel[6 * vehicle :][:3]))
-        detail = f" (body '{self._vehicles[vehicle].name}', speed {speed:.3g} m/s)"
-        time = self.system.grid.start + step * self._timestep
-        return blow_up_message(self.system, vehicle, time, self._timestep * self._loop.per_law, detail)
 
     def positions(self) -> Array:
         """Controlled positions, padded: agents then targets, z = 0 for planar ones; shape (V, 3), m."""

@@ -21,6 +21,13 @@ from mjsheaf.system import Phase, PhysicsOptions, System
 BLOCK = 8
 """Vehicles that a thread takes at a time; fewer are not worth one."""
 
+AT_ONCE = 2_000_000
+"""Steps times vehicles in one compiled call, after which Ctrl-C is heard; long enough for threads to find a processor
+each."""
+
+NEVER = int(np.iinfo(np.int64).max)
+"""When a vehicle was bad that was not: see `ThreadedLoop._work`."""
+
 
 def crew_size(plan: PhysicsOptions, controlled: bool) -> int:
     """How many threads move a run: one where a law in Python is in control, which it is called for too often."""
@@ -64,7 +71,7 @@ class ThreadedLoop(ClosedLoop):
     calls, starting others would take longer than they save.
     """
 
-    _at_once = 2_000_000  # long enough for threads to find a processor each
+    _at_once = AT_ONCE
 
     def __init__(self, run: System | Sequence[Phase], controller: Law | Controller | None) -> None:
         """Take over a run; arguments as of `World`.
@@ -110,8 +117,8 @@ class ThreadedLoop(ClosedLoop):
 
     def _move(self, loop: Loop, step: int, count: int, recorder: Recorder) -> tuple[int, int] | None:
         """The vehicle that was bad first, and the step."""
-        row, never = int(recorder.written[0]), np.iinfo(np.int64).max
-        self._bad[:] = never
+        row = int(recorder.written[0])
+        self._bad[:] = NEVER
 
         def work(thread: int, gate: IntArray) -> None:
             self._work(loop, step, count, recorder, row, thread, gate)
@@ -119,7 +126,7 @@ class ThreadedLoop(ClosedLoop):
         self._crew.run(work)
         self._count = step + count
         vehicle = int(np.argmin(self._bad))
-        return None if self._bad[vehicle] == never else (vehicle, int(self._bad[vehicle]) // 2)
+        return None if self._bad[vehicle] == NEVER else (vehicle, int(self._bad[vehicle]) // 2)
 
     def close(self) -> None:
         """End the threads."""

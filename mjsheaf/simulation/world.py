@@ -327,13 +327,13 @@ class SplitWorld(ThreadedLoop):
     the loop's; MuJoCo's is a copy.
     """
 
-    def __init__(self, run: System | Sequence[Phase], *, controller: Law | Controller | None = None) -> None:
-        """Compose an arena for each thread, and put every vehicle where it begins; arguments as of `World`.
+    def __init__(self, run: System | Sequence[Phase]) -> None:
+        """Compose an arena for each thread, and put every vehicle where it begins; the run as of `World`.
 
         Raises:
             InputError: as `World` does; or there are contacts.
         """
-        super().__init__(run, controller)
+        super().__init__(run, None)
         ends = np.arange(self._crew.count + 1) * len(self._vehicles) // self._crew.count
         self._parts = [self._part(int(first), int(last)) for first, last in pairwise(ends)]
         self._start()

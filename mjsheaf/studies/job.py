@@ -1,6 +1,5 @@
 """One run of a study, as a worker does it: from a point to a record of plain values."""
 
-import math
 import time
 from dataclasses import dataclass, field
 from functools import cache
@@ -15,6 +14,7 @@ import xarray as xr
 from mjsheaf._version import __version__
 from mjsheaf.checking.finished import bound_of_run, ending_of_run
 from mjsheaf.errors import InputError, NotUniqueError
+from mjsheaf.io.section import finite
 from mjsheaf.remember import remember_last
 from mjsheaf.results import dataset_bytes, summarize
 from mjsheaf.results.metrics import communication, error_series_of, late_errors
@@ -179,7 +179,7 @@ def _run(job: Job) -> tuple[dict[str, Any], bytes | None, bytes | None]:
         found["late"] = late_errors(system.team, dataset)
         found["ending"], found["settled"] = ending, None if ending is None else ending == "settled"
         for name, ratio in (("bound_ratio", bound.ratio), ("late_bound_ratio", bound.settled_ratio)):
-            found[name] = ratio if ratio is not None and math.isfinite(ratio) else None
+            found[name] = finite(ratio)
     if job.trajectories:
         found["series"] = error_series_of(system.team, dataset.isel(time=thin(dataset.sizes["time"], _MOST_SAMPLES)))
     found[TRAFFIC] = communication(dataset, dataset.sizes["time"], system.grid.period)[TRAFFIC]

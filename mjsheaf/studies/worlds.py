@@ -1,9 +1,8 @@
 """Runs of a study as worlds of a batch, side by side on threads or on a card."""
 
-import math
 import pickle
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from itertools import islice
@@ -15,17 +14,18 @@ from mjsheaf.arrays import Array
 from mjsheaf.checking.finished import bound_ahead
 from mjsheaf.control.terms import traffic_of
 from mjsheaf.dynamics.disturbance import bounds
-from mjsheaf.errors import InputError, MjsheafError
+from mjsheaf.io.section import finite
 from mjsheaf.results.metrics import MEASURES
 from mjsheaf.runs.simulate import moved_by, require_simulable
-from mjsheaf.simulation.batch import Batch, Outcome, groups_of_one_team
+from mjsheaf.simulation.batch import Batch, Outcome, require_world
+from mjsheaf.simulation.fused import Fused
+from mjsheaf.simulation.rows import groups_of_one_team
 from mjsheaf.studies.engine import Engine, Work
 from mjsheaf.studies.job import TRAFFIC, Job, JobResult, failed_record, new_record, run_job
-from mjsheaf.system import Phase, System
+from mjsheaf.system import System
 from mjsheaf.threads import usable_processors
 
 _MOST_ON_CARD, _MOST_ON_THREADS = 8192, 64  # worlds of a batch; of threads few, as records come when all have ended
-_MOST_NUMBERS = 100_000_000  # that the worlds of a batch have of their own
 
 
 class BatchEngine(Engine):
@@ -55,32 +55,29 @@ class BatchEngine(Engine):
 
     def _together(self, jobs: list[Job]) -> Iterator[JobResult]:
         """The results of jobs that look like one team; of those that are none, one by one."""
-        begun, known = time.perf_counter(), list[tuple[Job, System, int]]()
+        begun, known = time.perf_counter(), list[tuple[Job, Fused, int]]()
         for job in jobs:
             try:
                 scenario = job.load()
                 phases = moved_by(scenario.phases, "physics", "fused", 1)
                 require_simulable(phases, "physics")
-                known.append((job, _without_events(phases), scenario.seed))
-            except MjsheafError as error:
+                run = Fused(phases)
+                require_world(run)
+                known.append((job, run, scenario.seed))
+            except Exception as error:  # as `run_job` has it: one bad point must not end the study
                 yield JobResult(failed_record(job, error))
-        if not known:
-            return
-        systems = [system for _, system, _ in known]
-        for group in groups_of_one_team(systems):
-            most = max(1, _MOST_NUMBERS // Batch([systems[group[0]]]).rows.shape[1])
-            for first in range(0, len(group), most):
-                worlds = group[first : first + most]
-                runs = [systems[k] for k in worlds]
-                try:
-                    batch = Batch(runs, _bounds_of(runs), order=self._order)
-                except InputError as error:
-                    yield from (JobResult(failed_record(known[k][0], error)) for k in worlds)
-                    continue
+        for group in groups_of_one_team([run for _, run, _ in known]):
+            worlds = [known[k] for k in group]
+            runs = [run for _, run, _ in worlds]
+            try:
+                batch = Batch(runs, _bounds_of([run.system for run in runs]), order=self._order)
                 self._run(batch)
-                seconds = (time.perf_counter() - begun) / len(known)
-                for k, outcome in zip(worlds, batch.outcomes(), strict=True):
-                    yield JobResult(_record_of(*known[k], outcome), seconds)
+            except Exception as error:
+                yield from (JobResult(failed_record(job, error)) for job, _, _ in worlds)
+                continue
+            seconds = (time.perf_counter() - begun) / len(known)
+            for (job, run, seed), outcome in zip(worlds, batch.outcomes(), strict=True):
+                yield JobResult(_record_of(job, run.system, seed, outcome), seconds)
 
 
 @contextmanager
@@ -101,17 +98,6 @@ def thread_engine(threads: int | None = None) -> Iterator[Engine]:
 def _of_team(job: Job) -> list[tuple[str, Any]]:
     """What a job changes of its scenario that worlds of a batch share."""
     return [(path, value) for path, value in job.changes.items() if path not in ("seed", "controller.gain")]
-
-
-def _without_events(phases: Sequence[Phase]) -> System:
-    """The only system of a run.
-
-    Raises:
-        InputError: it has events.
-    """
-    if len(phases) > 1:
-        raise InputError(f"events: {phases[1].name}; expected none in a batch, whose runs keep their edges")
-    return phases[0].system
 
 
 def _bounds_of(systems: list[System]) -> list[Array]:
@@ -152,6 +138,6 @@ def _record_of(job: Job, system: System, seed: int, outcome: Outcome) -> dict[st
         late = {"tracking_error": outcome.late_tracking_error, "mean_disagreement": outcome.late_mean_disagreement}
         found["late"] = {**unknown, **late}
         for name, ratio in (("bound_ratio", outcome.ratio), ("late_bound_ratio", outcome.settled_ratio)):
-            found[name] = ratio if ratio is not None and math.isfinite(ratio) else None
+            found[name] = finite(ratio)
     found[TRAFFIC] = traffic.numbers / (grid.period * len(system.team.agents))
     return new_record(job.point, seed, "unstable" if outcome.message else "finished", outcome.message, **found)

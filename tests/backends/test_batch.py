@@ -14,6 +14,7 @@ from mjsheaf.errors import InputError
 from mjsheaf.results.metrics import late_errors, summarize
 from mjsheaf.scenario import Scenario
 from mjsheaf.simulation.batch import Batch
+from mjsheaf.simulation.fused import Fused
 from tests.builders import mixed_scenario, refused
 
 WILD = 1e5  # 1/s: a gain that blows up at once
@@ -31,13 +32,13 @@ def linked(seed: int, gain: float, **fields: Any) -> Scenario:
 
 
 def batch_of(scenarios: list[Scenario], **how: Any) -> Batch:
-    return Batch([scenario.phases for scenario in scenarios], **how)
+    return Batch([Fused(scenario.phases) for scenario in scenarios], **how)
 
 
 def require_as_alone(batch: Batch, scenarios: list[Scenario], alone: list[xr.Dataset]) -> None:
     """Positions at the end to the bit, and the errors of the run."""
     for w, (scenario, run, outcome) in enumerate(zip(scenarios, alone, batch.outcomes(), strict=True)):
-        team, loop = scenario.team, batch.loop_of(w)
+        team, loop = scenario.team, batch.rows.loop_of(w)
         assert outcome.message == run.attrs["message"]
         assert outcome.samples == run.sizes["time"]
         final, late = summarize(team, run), late_errors(team, run)
@@ -101,13 +102,13 @@ def test_the_ratio_is_the_largest_of_error_and_bound_after_the_start() -> None:
 def test_the_layout_of_a_card_gives_the_same_bits(members: int) -> None:
     """Each number of all worlds side by side; the members of a world meet as those of a card do."""
     scenarios = [linked(0, 1.0), linked(1, 2.0), linked(2, WILD)]
-    rows, columns = batch_of(scenarios), batch_of(scenarios, order="F")
-    rows.run()
+    plain, columns = batch_of(scenarios), batch_of(scenarios, order="F")
+    plain.run()
     columns.run(members=members)
-    assert columns.outcomes() == rows.outcomes()
+    assert columns.outcomes() == plain.outcomes()
     for w in range(3):
-        np.testing.assert_array_equal(columns.loop_of(w).qpos, rows.loop_of(w).qpos)
-        np.testing.assert_array_equal(columns.loop_of(w).memory.flat, rows.loop_of(w).memory.flat)
+        np.testing.assert_array_equal(columns.rows.loop_of(w).qpos, plain.rows.loop_of(w).qpos)
+        np.testing.assert_array_equal(columns.rows.loop_of(w).memory.flat, plain.rows.loop_of(w).memory.flat)
 
 
 @pytest.mark.slow

@@ -17,6 +17,7 @@ from numba import typeof, types
 from mjsheaf.errors import InputError
 from mjsheaf.simulation.batch import Batch
 from mjsheaf.simulation.card import arguments, kernel_function, place_of, require_card
+from mjsheaf.simulation.fused import Fused
 from tests.backends.test_batch import linked
 from tests.builders import refused
 
@@ -42,18 +43,19 @@ def test_without_a_card_it_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("number", [np.float64, np.float32])
 def test_views_are_at_the_same_places_of_a_copy(number: type) -> None:
     """As on a card, of which only the address is known."""
-    batch = Batch([linked(seed, 1.0).phases for seed in range(3)], order="F", number=number)
-    copy, seen = batch.rows.copy(order="F"), list[int]()
+    batch = Batch([Fused(linked(seed, 1.0).phases) for seed in range(3)], order="F", number=number)
+    rows, seen = batch.rows, list[int]()
+    copy = rows.values.copy(order="F")
     copy[:] = np.arange(copy.size).reshape(copy.shape)
 
-    seeds, *parts, memory = batch.worlds
+    seeds, *parts, memory = rows.worlds
     assert seeds.tolist() == [0, 1, 2]
     for part in (*parts, memory.flat):
-        there = np.asarray(SimpleNamespace(__array_interface__=place_of(part, batch.rows, copy.ctypes.data)))
+        there = np.asarray(SimpleNamespace(__array_interface__=place_of(part, rows.values, copy.ctypes.data)))
         assert there.shape == part.shape
         seen.extend(there.astype(np.int64).ravel().tolist())
     assert sorted(seen) == list(range(copy.size))  # every number once
-    places = [place_of(part, batch.rows, 0) for part in batch.worlds.memory.terms if isinstance(part, np.ndarray)]
+    places = [place_of(part, rows.values, 0) for part in rows.worlds.memory.terms if isinstance(part, np.ndarray)]
     assert all(place["strides"][0] == copy.itemsize for place in places)  # neighbouring worlds
 
 
@@ -65,7 +67,7 @@ def test_the_kernel_compiles_for_a_card(monkeypatch: pytest.MonkeyPatch) -> None
 
     nvvm.NVVM()  # what compiles is there
     monkeypatch.setattr(dispatcher, "get_current_device", lambda: SimpleNamespace(compute_capability=H200))
-    batch = Batch([linked(seed, 1.0).phases for seed in range(2)], order="F")
+    batch = Batch([Fused(linked(seed, 1.0).phases) for seed in range(2)], order="F")
     kinds = [typeof(tree) for tree in arguments(batch)]
     signature = types.void(*kinds, types.int64, types.int64)
     ptx, _ = cuda.compile(kernel_function(), signature, device=False, abi="numba", cc=H200)

@@ -38,6 +38,34 @@ def test_threads_give_the_bits_of_one_by_one(backend: str, workers: int | None) 
     assert len({bits(result)["agent_position"] for result in together}) == len(scenarios)
 
 
+@pytest.mark.parametrize("workers", [1, 2, 3])
+def test_runs_of_one_team_are_those_alone_though_they_share_what_does_not_differ(workers: int) -> None:
+    """On the fused engine: seeds and gains over links, one that blows up, events, and other teams."""
+    noisy = {"links": {"all": {"noise": 0.02, "loss": 0.2}}, "disturbance": DISTURBED}
+    lost = [{"time": 0.1, "lose": "back"}]
+    scenarios = [
+        mixed_scenario(seed=0, **noisy),
+        mixed_scenario(seed=1, **noisy),
+        mixed_scenario(seed=0, disturbance=DISTURBED),
+        mixed_scenario(seed=2, controller={"gain": 1e5, "control_period": 0.01}, **noisy),
+        mixed_scenario(seed=0, events=lost, **noisy),
+        mixed_scenario(seed=3, events=lost, **noisy),
+        mixed_scenario(seed=0, physics={"contacts": True}),
+        mixed_scenario(seed=0, **noisy),
+    ]
+    results = simulate_many(scenarios, engine="fused", workers=workers)
+    assert isinstance(results[6], InputError)
+    for scenario, result in zip(scenarios, results, strict=True):
+        if scenario is not scenarios[6]:
+            alone = simulate(scenario, engine="fused", threads=1)
+            assert bits(result) == bits(alone)
+            assert isinstance(result, xr.Dataset)
+            assert result.identical(alone)
+            assert result.encoding["scenario"] is scenario
+    assert [getattr(result, "attrs", {}).get("status") == "unstable" for result in results].index(True) == 3
+    assert len({bits(result)["agent_position"] for k, result in enumerate(results) if k != 6}) == 6  # first is last
+
+
 def test_a_refused_scenario_does_not_lose_the_others() -> None:
     """Refused: nobody senses a target. Blown up: a gain beyond the margin of the hold, which is a result."""
     wild = mixed_scenario(controller={"gain": 1e4, "control_period": 0.01})

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from mjsheaf import load_scenario, simulate, simulate_many
+from mjsheaf import load_scenario, simulate
 from mjsheaf import threads as processors
 from mjsheaf.errors import InputError
 from mjsheaf.jit import jit
@@ -99,13 +99,6 @@ def test_runs_that_blow_up_are_the_same_on_any_number_of_threads(engine: str) ->
         assert run.sizes["time"] == world.sizes["time"]
         for name, values in world.data_vars.items():
             np.testing.assert_allclose(run[name], values, rtol=1e-6, atol=1e-6, err_msg=str(name))
-
-
-def test_many_runs_are_those_one_by_one() -> None:
-    scenarios = [mixed_scenario(seed=seed, disturbance={"agents": {"bound": 0.5}}) for seed in range(3)]
-    together = simulate_many(scenarios, engine="fused", workers=2)
-    assert [bits(result) for result in together] == [bits(simulate(one, engine="fused")) for one in scenarios]
-    assert bits(together[0]) != bits(together[1])
 
 
 # -- threads that wait for one another ---------------------------------------------------------------------------------

@@ -1,0 +1,131 @@
+"""How far a run is from where it should be, sample by sample, for runs of which nothing else is kept."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from mjsheaf.arrays import Array, IntArray
+from mjsheaf.control.law import measure, pull_back
+from mjsheaf.errors import InputError
+from mjsheaf.jit import inline_jit
+from mjsheaf.system import System
+
+_MOST_NUMBERS = 12_000_000  # of what carries targets to q*
+
+
+class Goal(NamedTuple):
+    """What worlds of N agents are scored by, over T samples.
+
+    Attributes:
+        carry, rest: q* = carry p + rest of stacked positions p, shapes (n_q, n_p) and (n_q,).
+        own: vehicle and axis of each number of q, then of p, shape (n_q + n_p, 2).
+        first: where each agent's numbers begin in q, shape (N + 1,).
+        bounds: on |e| at each sample, shape (U, T), m; infinite where there is none.
+        samples: T.
+        late: the first of the last half.
+    """
+
+    carry: Array
+    rest: Array
+    own: IntArray
+    first: IntArray
+    bounds: Array
+    samples: int
+    late: int
+
+
+class Scores(NamedTuple):
+    """What becomes of W worlds, written as they run.
+
+    Attributes:
+        bound: which of the goal's bounds is a world's, shape (W,).
+        squares: |q*_i - q_i|^2 at the present sample, shape (W, N), m^2.
+        y, eta: what exact links would measure and the eta of that, shapes (W, m) and (W, V, 3), m; of links that are
+            exact it is the law's own, and these have no numbers.
+        bad: when each vehicle was bad, NEVER where it was not, shape (W, V); see `ThreadedLoop._work`.
+        found: see the columns below, shape (W, 7).
+        ended: the vehicle that was bad first, and when; -1 while none is, shape (W, 2).
+    """
+
+    bound: IntArray
+    squares: Array
+    y: Array
+    eta: Array
+    bad: IntArray
+    found: Array
+    ended: IntArray
+
+
+TRACKING, DISAGREEMENT, LATE_TRACKING, LATE_DISAGREEMENT, RATIO, SETTLED_RATIO, TAKEN = range(7)
+"""Columns of `Scores.found`: RMS of |e_i| and mean |eta_i| at the last sample, m; sums of their squares over the last
+half; largest |e| over its bound, after the start and over the last half; samples taken."""
+
+
+@inline_jit
+def square_error(goal, x, i):
+    """|q*_i - q_i|^2 of agent i, m^2, where vehicles are at x (V, 3), m."""
+    n, total = goal.rest.shape[0], 0.0
+    for r in range(goal.first[i], goal.first[i + 1]):
+        e = goal.rest[r] - x[goal.own[r, 0], goal.own[r, 1]]
+        for c in range(goal.carry.shape[1]):
+            e += goal.carry[r, c] * x[goal.own[n + c, 0], goal.own[n + c, 1]]
+        total += e * e
+    return total
+
+
+@inline_jit
+def score(goal, scores, w, n, loop):
+    """Take sample n of world w into its scores, from `squares` and what the law left."""
+    N, found, square, size, eta = goal.first.shape[0] - 1, scores.found[w], 0.0, 0.0, loop.memory.residual
+    if scores.eta.shape[1] > 0:
+        eta = scores.eta[w]
+        measure(loop.control.law.edges, loop.x, scores.y[w])
+        pull_back(loop.control.law.edges, scores.y[w], eta)
+    for i in range(N):
+        square += scores.squares[w, i]
+        size += np.sqrt(eta[i, 0] ** 2 + eta[i, 1] ** 2 + eta[i, 2] ** 2)
+    found[TRACKING], found[DISAGREEMENT], found[TAKEN] = np.sqrt(square / N), size / N, n + 1.0
+    late = n >= goal.late
+    if late:
+        found[LATE_TRACKING] += square / N
+        found[LATE_DISAGREEMENT] += (size / N) ** 2
+    if n > 0:  # at the start both are |e|
+        ratio = np.sqrt(square) / goal.bounds[scores.bound[w], n]
+        if ratio > found[RATIO] or ratio != ratio:
+            found[RATIO] = ratio
+        if late and (ratio > found[SETTLED_RATIO] or ratio != ratio):
+            found[SETTLED_RATIO] = ratio
+
+
+def require_scorable(system: System) -> None:
+    """Refuse a team of which no errors can be computed this way.
+
+    Raises:
+        InputError: what carries its targets to q* is too large.
+    """
+    n_q, n_p = system.team.first_state[-1], system.team.dirichlet.B.shape[1]
+    if n_q * n_p > _MOST_NUMBERS:
+        raise InputError(
+            f"agents: {n_q} coordinates of theirs by {n_p} of targets are more than a batch scores; expected a product "
+            f"of at most {_MOST_NUMBERS}, or runs one by one"
+        )
+
+
+def goal_of(system: System, bounds: Array) -> Goal:
+    """What worlds of a system are scored by, with bounds (U, T) in m.
+
+    Raises:
+        InputError: as for `require_scorable`.
+    """
+    require_scorable(system)
+    team, steps, n_p = system.team, system.grid.steps, system.team.dirichlet.B.shape[1]
+    rest = team.extend(np.zeros(n_p))
+    return Goal(
+        carry=np.ascontiguousarray((team.extend(np.eye(n_p)) - rest).T),
+        rest=rest,
+        own=np.column_stack(np.divmod(team.slots, 3)).astype(np.int64),
+        first=np.asarray(team.first_state, dtype=np.int64),
+        bounds=bounds,
+        samples=steps + 1,
+        late=(steps + 1) // 2,
+    )
