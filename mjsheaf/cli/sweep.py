@@ -62,6 +62,10 @@ def sweep(
     batch: Annotated[
         bool, typer.Option("--batch", help="Runs of one team together, by the fused engine; records keep less.")
     ] = False,
+    precision: Annotated[
+        Literal["double", "single"] | None,
+        typer.Option(help="Numbers of --batch or --device gpu.", show_default="double"),
+    ] = None,
 ) -> None:
     """Run a scenario many times, on every core or a cluster; killed at any moment, the same command goes on.
 
@@ -95,6 +99,7 @@ def sweep(
         engine=engine and engine.value,
         device=device,
         batch=batch,
+        precision=precision,
         measure=measure,
         trajectories=trajectories,
     )
@@ -109,13 +114,13 @@ def sweep(
             given = "--workers" if workers is not None else "--threads" if threads else "--scheduler"
             raise InputError(f"{given}: has no meaning on device gpu, which runs all together; leave it out")
         require_card()
-        begin = card_engine
+        begin = partial(card_engine, precision=plan.study.precision)
     elif plan.study.batch:
         from mjsheaf.studies.worlds import thread_engine
 
         if scheduler is not None:
             raise InputError("--scheduler: has no meaning with --batch, whose runs are on threads; leave it out")
-        begin = partial(thread_engine, workers)
+        begin = partial(thread_engine, workers, precision=plan.study.precision)
     elif scheduler is not None:
         begin = partial(engine_at, scheduler, print_note)
     with progress_bars() as bars:

@@ -13,7 +13,7 @@ import numpy as np
 from mjsheaf.arrays import Array
 from mjsheaf.checking.finished import bound_ahead
 from mjsheaf.control.terms import traffic_of
-from mjsheaf.dynamics.disturbance import bounds
+from mjsheaf.dynamics.disturbance import bounds as bounds_of_harmonics
 from mjsheaf.io.section import finite
 from mjsheaf.results.metrics import MEASURES
 from mjsheaf.runs.simulate import moved_by, require_simulable
@@ -27,6 +27,8 @@ from mjsheaf.threads import usable_processors
 
 _MOST_ON_CARD, _MOST_ON_THREADS = 8192, 64  # worlds of a batch; of threads few, as records come when all have ended
 
+Precision = Literal["double", "single"]
+
 
 class BatchEngine(Engine):
     """Runs jobs together; a record is what the run's scores say.
@@ -38,10 +40,17 @@ class BatchEngine(Engine):
         run: runs all worlds of a batch to their end.
         order: how batches are laid out for that.
         most: worlds of a batch.
+        precision: of their numbers.
     """
 
-    def __init__(self, run: Callable[[Batch], None], order: Literal["C", "F"], most: int = _MOST_ON_THREADS) -> None:
-        self._run, self._order, self._most = run, order, most
+    def __init__(
+        self,
+        run: Callable[[Batch], None],
+        order: Literal["C", "F"],
+        most: int = _MOST_ON_THREADS,
+        precision: Precision = "double",
+    ) -> None:
+        self._run, self._order, self._most, self._precision = run, order, most, precision
 
     def run(self, jobs: Iterable[Job], work: Work = run_job) -> Iterator[JobResult]:
         """Do jobs and yield the result of each; `work` is not called."""
@@ -70,7 +79,8 @@ class BatchEngine(Engine):
             worlds = [known[k] for k in group]
             runs = [run for _, run, _ in worlds]
             try:
-                batch = Batch(runs, _bounds_of([run.system for run in runs]), order=self._order)
+                bounds = _bounds_of([run.system for run in runs])
+                batch = Batch(runs, bounds, order=self._order, number=self._precision)
                 self._run(batch)
             except Exception as error:
                 yield from (JobResult(failed_record(job, error)) for job, _, _ in worlds)
@@ -81,18 +91,18 @@ class BatchEngine(Engine):
 
 
 @contextmanager
-def card_engine() -> Iterator[Engine]:
+def card_engine(precision: Precision = "double") -> Iterator[Engine]:
     """The card of this machine."""
     from mjsheaf.simulation.card import run_on_card
 
-    yield BatchEngine(run_on_card, "F", _MOST_ON_CARD)
+    yield BatchEngine(run_on_card, "F", _MOST_ON_CARD, precision)
 
 
 @contextmanager
-def thread_engine(threads: int | None = None) -> Iterator[Engine]:
+def thread_engine(threads: int | None = None, precision: Precision = "double") -> Iterator[Engine]:
     """Threads of this process; None takes one for each processor that it may use."""
     count = threads or usable_processors()
-    yield BatchEngine(lambda batch: batch.run(count), "C")
+    yield BatchEngine(lambda batch: batch.run(count), "C", precision=precision)
 
 
 def _of_team(job: Job) -> list[tuple[str, Any]]:
@@ -122,7 +132,7 @@ def _rounded_up(system: System) -> System:
     N, harmonics = len(system.team.agents), np.zeros_like(system.harmonics)
     harmonics[N:] = system.harmonics[N:]
     if harmonics.shape[1]:
-        size = bounds(system.harmonics[:N])
+        size = bounds_of_harmonics(system.harmonics[:N])
         harmonics[:N, 0, 0] = np.round(size, 9) + 1e-9 * (size > 0.0)
     return replace(system, harmonics=harmonics)
 
