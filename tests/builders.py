@@ -27,7 +27,7 @@ from mjsheaf.dynamics.motion import add_reference
 from mjsheaf.scenario import Scenario, scenario_from_mapping
 from mjsheaf.simulation.fused import Fused
 from mjsheaf.studies import Plan, load_plan
-from mjsheaf.studies.engine import Engine, local_engine
+from mjsheaf.studies.workers import Workers, local_workers
 from mjsheaf.system import System
 from mjsheaf.team import Edge, Member, Team, anchor, restriction_maps
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
@@ -527,7 +527,7 @@ def bundle_on_a_grid(side: int, seed: int = 0, twist: int | None = None, k: int 
 # -- studies -----------------------------------------------------------------------------------------------------------
 
 
-IN_THREADS: Callable[[], AbstractContextManager[Engine]] = partial(local_engine, 1, processes=False)
+IN_THREADS: Callable[[], AbstractContextManager[Workers]] = partial(local_workers, 1, processes=False)
 
 
 def small_plan(gains: tuple[float, ...] = (1.0, 3.0), seeds: tuple[int, int] | None = (0, 2), **fields: Any) -> Plan:

@@ -82,8 +82,8 @@ def sweep(
     for name in ONE_THREAD:
         os.environ.setdefault(name, "1")
     from mjsheaf.studies import load_plan, run_study
-    from mjsheaf.studies.engine import engine_at, local_engine
     from mjsheaf.studies.plan import parse_grid, parse_seeds
+    from mjsheaf.studies.workers import local_workers, workers_at
 
     figures = figure_options(formats, title)
     swept = [parse_grid(text) for text in grid or ()]
@@ -105,24 +105,24 @@ def sweep(
     )
     if plan.study.seeds is not None and not plan.seed_matters:
         note_idle_seed(plan.scenario["name"], plan.study.backend)
-    begin: Callable[[], AbstractContextManager[Any]] = partial(local_engine, workers, processes=not threads)
+    begin: Callable[[], AbstractContextManager[Any]] = partial(local_workers, workers, processes=not threads)
     if plan.study.device == "gpu":
         from mjsheaf.simulation.card import require_card
-        from mjsheaf.studies.worlds import card_engine
+        from mjsheaf.studies.batches import on_card
 
         if workers is not None or threads or scheduler is not None:
             given = "--workers" if workers is not None else "--threads" if threads else "--scheduler"
             raise InputError(f"{given}: has no meaning on device gpu, which runs all together; leave it out")
         require_card()
-        begin = partial(card_engine, precision=plan.study.precision)
+        begin = partial(on_card, precision=plan.study.precision)
     elif plan.study.batch:
-        from mjsheaf.studies.worlds import thread_engine
+        from mjsheaf.studies.batches import on_threads
 
         if scheduler is not None:
             raise InputError("--scheduler: has no meaning with --batch, whose runs are on threads; leave it out")
-        begin = partial(thread_engine, workers, precision=plan.study.precision)
+        begin = partial(on_threads, workers, precision=plan.study.precision)
     elif scheduler is not None:
-        begin = partial(engine_at, scheduler, print_note)
+        begin = partial(workers_at, scheduler, print_note)
     with progress_bars() as bars:
         try:
             study = run_study(plan, out, begin, retry_failed=retry_failed, figures=figures, progress=bars)

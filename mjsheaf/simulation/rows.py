@@ -242,8 +242,9 @@ class Rows:
         origin = flat.ctypes.data
 
         def of_memory(values: NDArray[Any]) -> NDArray[Any]:
-            own = values.dtype == np.float64  # others are not what a world remembers
-            return view(values, begin + (values.ctypes.data - origin) // 8 * (values.size > 0)) if own else values
+            if not _is_remembered(values):
+                return values
+            return view(values, begin + (values.ctypes.data - origin) // 8 * (values.size > 0))
 
         yield mapped(of_memory, loop.memory)
 
@@ -266,6 +267,11 @@ def _own(loop: Loop) -> tuple[Array, ...]:
     law, harmonics = loop.control.law, loop.medium.harmonics
     of_loop = loop.qpos, loop.qvel, loop.ctrl, loop.act, loop.x, loop.drift, loop.sines
     return law.gain, law.limit, loop.control.motion.origin, *harmonics, *of_loop, loop.memory.flat
+
+
+def _is_remembered(values: NDArray[Any]) -> bool:
+    """Whether an array of a Memory is a part of what it remembers; others say where to look, and are shared."""
+    return values.dtype == np.float64
 
 
 def _size(loop: Loop) -> int:
@@ -298,9 +304,9 @@ def _shared(run: Fused) -> dict[str, Any]:
     loop, motion = run.compiled
     own = {"qpos", "qvel", "ctrl", "act", "x", "drift", "sines", "control.motion.origin"}
     own |= {"control.law.gain", "control.law.limit", "control.law.terms.seed", "control.law.links.seed"}
-    parts = "memory.", "medium.harmonics."
-    shared = {name: value for name, value in _named(loop).items() if name not in own and not name.startswith(parts)}
-    return shared | {
+    own |= set(_named(loop.medium.harmonics, "medium.harmonics"))
+    own |= {name for name, values in _named(loop.memory, "memory").items() if _is_remembered(values)}
+    return {name: value for name, value in _named(loop).items() if name not in own} | {
         "sizes": [x.shape for x in _own(loop)],
         "motion": motion,
         "team": run.system.team.members,

@@ -22,10 +22,10 @@ from mjsheaf.io.yaml import parse_yaml
 from mjsheaf.results.metrics import MEASURES
 from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.studies.directory import open_directory, page_of_run
-from mjsheaf.studies.engine import Engine, SchedulerError
 from mjsheaf.studies.job import STATUSES, ForeignWorkerError
 from mjsheaf.studies.plan import Plan
 from mjsheaf.studies.schema import Point
+from mjsheaf.studies.workers import Runner, SchedulerError
 
 _COLUMNS = {
     "seed": "int64",
@@ -65,7 +65,7 @@ class Study:
 def run_study(
     plan: Plan,
     directory: Path,
-    engine: Callable[[], AbstractContextManager[Engine]],
+    workers: Callable[[], AbstractContextManager[Runner]],
     *,
     retry_failed: bool = False,
     figures: FigureOptions = AS_USUAL,
@@ -76,7 +76,7 @@ def run_study(
     Args:
         plan: from `load_plan`.
         directory: of this study; new, or with an earlier part of it.
-        engine: makes the workers; called only where something is left to run.
+        workers: makes what runs; called only where something is left to run.
         retry_failed: run again what did not finish.
         figures: how the plots are written.
         progress: called with (what is being done, done, in all).
@@ -93,9 +93,9 @@ def run_study(
         missing = [point for point in plan.points if point.number not in kept]
         if missing:
             try:
-                with engine() as workers:
+                with workers() as runner:
                     progress("running", len(kept), len(plan.points))
-                    results = workers.run(plan.job(point) for point in missing)
+                    results = runner.run(plan.job(point) for point in missing)
                     for done, result in enumerate(results, len(kept) + 1):
                         place.save(result)
                         records[result.record["run"]] = result.record

@@ -7,18 +7,24 @@ numba-cuda's simulator runs kernels as plain Python on arrays of its own, which 
 import importlib.util
 import subprocess
 import sys
+from collections.abc import Callable
 from importlib import import_module
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from numba import typeof, types
+from numpy.typing import NDArray
 
 from mjsheaf.errors import InputError
-from mjsheaf.simulation.batch import Batch
+from mjsheaf.simulation import card
+from mjsheaf.simulation.batch import Batch, run_world
 from mjsheaf.simulation.card import arguments, kernel_function, place_of, require_card
 from mjsheaf.simulation.fused import Fused
-from tests.backends.test_batch import linked
+from mjsheaf.simulation.gate import Crew
+from mjsheaf.simulation.rows import world_of
+from tests.backends.test_batch import WILD, linked
 from tests.builders import refused
 
 H200 = (9, 0)  # compute capability
@@ -27,7 +33,7 @@ H200 = (9, 0)  # compute capability
 @pytest.mark.slow
 def test_nothing_of_cuda_is_loaded_without_asking() -> None:
     code = (
-        "import sys, mjsheaf.cli, mjsheaf.simulation.card, mjsheaf.studies.worlds as w;"
+        "import sys, mjsheaf.cli, mjsheaf.simulation.card, mjsheaf.studies.batches as w;"
         "print([m for m in sys.modules if m.startswith(('numba.cuda', 'numba_cuda.', 'cuda.'))])"
     )
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
@@ -57,6 +63,78 @@ def test_views_are_at_the_same_places_of_a_copy(number: type) -> None:
     assert sorted(seen) == list(range(copy.size))  # every number once
     places = [place_of(part, rows.values, 0) for part in rows.worlds.memory.terms if isinstance(part, np.ndarray)]
     assert all(place["strides"][0] == copy.itemsize for place in places)  # neighbouring worlds
+
+
+class Memory:
+    """An array of a card: a copy, reached by its address."""
+
+    def __init__(self, values: NDArray[Any]) -> None:
+        self.values = values.copy(order="K")
+
+    @property
+    def __cuda_array_interface__(self) -> dict[str, Any]:
+        return self.values.__array_interface__
+
+    def copy_to_host(self, values: NDArray[Any]) -> None:
+        assert values.strides == self.values.strides
+        values[...] = self.values
+
+
+class Card:
+    """numba.cuda of a card whose kernel is `run_world` on this machine, in memory of its own."""
+
+    to_device = Memory
+
+    def __init__(self) -> None:
+        self.launches: list[tuple[tuple[int, ...], int, int]] = []
+
+    def as_cuda_array(self, described: Any) -> Memory:
+        seen = object.__new__(Memory)
+        seen.values = np.asarray(SimpleNamespace(__array_interface__=described.__cuda_array_interface__))
+        return seen
+
+    def synchronize(self) -> None: ...
+
+    def __getitem__(self, shape: Any) -> Callable[..., None]:
+        (blocks, (worlds, members)) = shape
+
+        def launch(*given: Any) -> None:
+            *trees, begin, end = given
+            loop, motion, rows, goal, scores, nothing = map(here, trees)
+            self.launches.append(((blocks, worlds, members), begin, end))
+            for w in range(blocks * worlds):
+                if there := w < len(scores.bound):
+                    own, gate = world_of.py_func(loop, rows, w), Crew.gate()
+                    run_world(own, motion, goal, scores, nothing, w, there, begin, end, 1, 0, 1, gate)
+
+        return launch
+
+
+def here(tree: Any) -> Any:
+    """A tree of a card's arrays as this machine's."""
+    if isinstance(tree, tuple):
+        return type(tree)(*map(here, tree))
+    return tree.values if isinstance(tree, Memory) else tree
+
+
+def test_what_is_sent_to_a_card_and_comes_back_is_what_threads_have(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In another memory, by addresses alone and in several launches; one world blows up."""
+    fake, scenarios = Card(), [linked(0, 1.0), linked(1, 2.0), linked(2, WILD)]
+    monkeypatch.setattr(card, "import_module", lambda name: fake)
+    monkeypatch.setattr(card, "_kernel", lambda: fake)
+    monkeypatch.setattr(card, "require_card", lambda: None)
+    monkeypatch.setattr(Batch, "chunk", 10)
+    on_card, on_threads = (Batch([Fused(one.phases) for one in scenarios], order="F") for _ in range(2))
+    on_threads.run()
+    done: list[tuple[int, int]] = []
+    card.run_on_card(on_card, lambda *counts: done.append(counts))
+    assert on_card.outcomes() == on_threads.outcomes()
+    assert on_card.outcomes()[2].message
+    np.testing.assert_array_equal(on_card.rows.values[:2], on_threads.rows.values[:2])  # the third ends anyhow
+    T = on_card.goal.samples
+    assert [span[1:] for span in fake.launches] == [(k, min(k + 10, T)) for k in range(0, T, 10)]
+    assert {shape for shape, _, _ in fake.launches} == {(1, 32, 4)}
+    assert done[-1] == (T, T)
 
 
 @pytest.mark.slow

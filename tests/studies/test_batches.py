@@ -14,9 +14,9 @@ from mjsheaf.errors import ScenarioError
 from mjsheaf.scenario.load import read_scenario
 from mjsheaf.simulation.batch import Batch
 from mjsheaf.studies import load_plan, run_study
+from mjsheaf.studies.batches import Batches
 from mjsheaf.studies.job import Job, run_job
 from mjsheaf.studies.schema import Point
-from mjsheaf.studies.worlds import BatchEngine
 from tests.builders import refused
 from tests.commands import answer_of, call, is_refusal
 
@@ -34,7 +34,7 @@ def jobs_of(source: str, points: list[dict[str, Any]], seeds: list[int]) -> list
 
 
 def together(jobs: list[Job]) -> dict[int, dict[str, Any]]:
-    engine = BatchEngine(Batch.run, "C")
+    engine = Batches(Batch.run, "C")
     return {result.record["run"]: result.record for result in engine.run(jobs)}
 
 
@@ -99,7 +99,7 @@ def test_a_run_with_events_is_refused_and_others_are_not() -> None:
 def test_a_study_on_a_batch_has_its_table_and_plots(tmp_path: Path) -> None:
     @contextmanager
     def engine() -> Any:
-        yield BatchEngine(Batch.run, "C")
+        yield Batches(Batch.run, "C")
 
     plan = load_plan("midpoint", seeds=(0, 3), overrides=SHORT, device="gpu")
     assert plan.study.engine == "fused"

@@ -20,8 +20,7 @@ from mjsheaf.runs.simulate import moved_by, require_simulable
 from mjsheaf.simulation.batch import Batch, Outcome, require_world
 from mjsheaf.simulation.fused import Fused
 from mjsheaf.simulation.rows import groups_of_one_team
-from mjsheaf.studies.engine import Engine, Work
-from mjsheaf.studies.job import TRAFFIC, Job, JobResult, failed_record, new_record, run_job
+from mjsheaf.studies.job import TRAFFIC, Job, JobResult, failed_record, new_record
 from mjsheaf.system import System
 from mjsheaf.threads import usable_processors
 
@@ -30,7 +29,7 @@ _MOST_ON_CARD, _MOST_ON_THREADS = 8192, 64  # worlds of a batch; of threads few,
 Precision = Literal["double", "single"]
 
 
-class BatchEngine(Engine):
+class Batches:
     """Runs jobs together; a record is what the run's scores say.
 
     Of a run only what its batch scores is known: the team's tracking error and disagreement at the end and over the
@@ -52,8 +51,8 @@ class BatchEngine(Engine):
     ) -> None:
         self._run, self._order, self._most, self._precision = run, order, most, precision
 
-    def run(self, jobs: Iterable[Job], work: Work = run_job) -> Iterator[JobResult]:
-        """Do jobs and yield the result of each; `work` is not called."""
+    def run(self, jobs: Iterable[Job]) -> Iterator[JobResult]:
+        """Do jobs and yield the result of each."""
         waiting = iter(jobs)
         while several := list(islice(waiting, self._most)):
             alike = dict[bytes, list[Job]]()
@@ -91,18 +90,18 @@ class BatchEngine(Engine):
 
 
 @contextmanager
-def card_engine(precision: Precision = "double") -> Iterator[Engine]:
+def on_card(precision: Precision = "double") -> Iterator[Batches]:
     """The card of this machine."""
     from mjsheaf.simulation.card import run_on_card
 
-    yield BatchEngine(run_on_card, "F", _MOST_ON_CARD, precision)
+    yield Batches(run_on_card, "F", _MOST_ON_CARD, precision)
 
 
 @contextmanager
-def thread_engine(threads: int | None = None, precision: Precision = "double") -> Iterator[Engine]:
+def on_threads(count: int | None = None, precision: Precision = "double") -> Iterator[Batches]:
     """Threads of this process; None takes one for each processor that it may use."""
-    count = threads or usable_processors()
-    yield BatchEngine(lambda batch: batch.run(count), "C", precision=precision)
+    threads = count or usable_processors()
+    yield Batches(lambda batch: batch.run(threads), "C", precision=precision)
 
 
 def _of_team(job: Job) -> list[tuple[str, Any]]:

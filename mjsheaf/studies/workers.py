@@ -13,7 +13,7 @@ from itertools import islice
 from multiprocessing import resource_tracker
 from multiprocessing.process import BaseProcess
 from threading import Thread
-from typing import Any
+from typing import Any, Protocol
 
 import psutil
 
@@ -35,12 +35,19 @@ _CONNECT_S = 10
 Work = Callable[[Job], JobResult]
 
 
+class Runner(Protocol):
+    """Runs jobs."""
+
+    def run(self, jobs: Iterable[Job]) -> Iterator[JobResult]:
+        """Do jobs and yield the result of each as it ends."""
+
+
 class SchedulerError(InputError):
     """There is no scheduler at the address that was given, or it went away."""
 
 
-class Engine:
-    """Runs jobs side by side; made by `local_engine` or `engine_at`.
+class Workers:
+    """Runs jobs side by side; made by `local_workers` or `workers_at`.
 
     Args:
         submit: hands a job out. Its result raises BrokenExecutor where a worker died.
@@ -170,31 +177,31 @@ def _watch(memory: int) -> None:
 
 
 @contextmanager
-def local_engine(workers: int | None = None, *, processes: bool = True, memory: int | None = None) -> Iterator[Engine]:
+def local_workers(count: int | None = None, *, processes: bool = True, memory: int | None = None) -> Iterator[Workers]:
     """Workers of this machine.
 
     Args:
-        workers: how many; None takes one for each processor that this process may use.
+        count: how many; None takes one for each processor that this process may use.
         processes: each worker a process; else all are threads of this one, which begin at once and share its fate.
         memory: that all processes together may take, in bytes; None takes most of the machine's.
     """
-    count = workers or usable_processors()
+    count = count or usable_processors()
     if not processes:
         threads = ThreadPoolExecutor(count)
         try:
-            yield Engine(threads.submit, count, str)
+            yield Workers(threads.submit, count, str)
         finally:
             threads.shutdown(wait=False, cancel_futures=True)
         return
     pool = _Processes(count, int(memory or 0.95 * psutil.virtual_memory().total) // count)
     try:
-        yield Engine(pool.submit, count, pool.cause)
+        yield Workers(pool.submit, count, pool.cause)
     finally:
         pool.kill()
 
 
 @contextmanager
-def engine_at(address: str, note: Callable[[str], None] | None = None) -> Iterator[Engine]:
+def workers_at(address: str, note: Callable[[str], None] | None = None) -> Iterator[Workers]:
     """A cluster that exists, by its scheduler's address, such as tcp://10.0.0.1:8786. Its workers need this mjsheaf.
 
     From then on this process prints nothing of dask's log.
@@ -229,11 +236,11 @@ def engine_at(address: str, note: Callable[[str], None] | None = None) -> Iterat
         workers = sum(client.nthreads().values())
         if note and not workers:
             note(f"no worker yet at {address}; waiting")
-        yield Engine(submit, max(_LEAST_AHEAD, 4 * workers), lambda: "most likely for want of memory")
+        yield Workers(submit, max(_LEAST_AHEAD, 4 * workers), lambda: "most likely for want of memory")
 
 
 def _answer(future: Future[JobResult], done: Any) -> None:
-    """Settle a future as `Engine` expects it of an executor, by the future of dask that is done."""
+    """Settle a future as `Workers` expects it of an executor, by the future of dask that is done."""
     from distributed import KilledWorker
 
     try:

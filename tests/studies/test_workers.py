@@ -19,8 +19,8 @@ import psutil
 import pytest
 
 from mjsheaf.studies import run_study
-from mjsheaf.studies.engine import Engine, SchedulerError, engine_at, local_engine
 from mjsheaf.studies.job import ForeignWorkerError, Job, JobResult, new_record, run_job
+from mjsheaf.studies.workers import SchedulerError, Workers, local_workers, workers_at
 from mjsheaf.threads import ONE_THREAD
 from tests.builders import IN_THREADS, small_plan
 from tests.commands import command_line, contents, start
@@ -33,11 +33,11 @@ ASKED += ["--grid", "spread.position=1.0", "--seeds", "0:5"]
 @pytest.mark.slow
 def test_the_same_bits_whatever_does_the_runs(tmp_path: Path) -> None:
     """One worker and two, processes and threads, in another order too; every file but the timings."""
-    engines: dict[str, Callable[[], AbstractContextManager[Engine]]] = {
+    engines: dict[str, Callable[[], AbstractContextManager[Workers]]] = {
         "one thread": IN_THREADS,
-        "three threads": partial(local_engine, 3, processes=False),
-        "one process": partial(local_engine, 1),
-        "two processes": partial(local_engine, 2),
+        "three threads": partial(local_workers, 3, processes=False),
+        "one process": partial(local_workers, 1),
+        "two processes": partial(local_workers, 2),
     }
     found = {}
     for name, engine in engines.items():
@@ -82,7 +82,7 @@ def raises_a_stranger(job: Job) -> JobResult:
 @pytest.mark.slow
 def test_a_worker_that_dies_of_a_run_is_reported_as_that() -> None:
     plan = small_plan()
-    with local_engine(1) as engine:
+    with local_workers(1) as engine:
         found = {d.record["run"]: d.record for d in engine.run(map(plan.job, plan.points), dies_of_the_second)}
     assert [found[k]["status"] for k in range(4)] == ["finished", "lost", "finished", "finished"]
     assert "every worker that began it died, killed by signal 9, most likely for want of memory" in found[1]["message"]
@@ -101,7 +101,7 @@ def takes_all_memory_of_the_second(job: Job) -> JobResult:
 class Greedy:
     """An engine of which one run takes more memory than its worker has."""
 
-    def __init__(self, engine: Engine) -> None:
+    def __init__(self, engine: Workers) -> None:
         self._engine = engine
 
     def run(self, jobs: Iterable[Job]) -> Iterator[JobResult]:
@@ -111,9 +111,9 @@ class Greedy:
 @pytest.mark.slow
 def test_a_worker_that_takes_too_much_memory_is_told_of_in_the_table(tmp_path: Path) -> None:
     @contextmanager
-    def engine() -> Iterator[Engine]:
-        with local_engine(1, memory=700_000_000) as processes:
-            yield cast(Engine, Greedy(processes))
+    def engine() -> Iterator[Workers]:
+        with local_workers(1, memory=700_000_000) as processes:
+            yield cast(Workers, Greedy(processes))
 
     study = run_study(small_plan(), tmp_path / "out", engine)
     assert [record["status"] for record in study.records] == ["finished", "lost", "finished", "finished"]
@@ -141,7 +141,7 @@ def test_a_worker_of_another_version_ends_the_study(name: str) -> None:
 
 def test_workers_listen_to_nobody() -> None:
     plan = small_plan()
-    with local_engine(1) as engine:
+    with local_workers(1) as engine:
         assert next(engine.run(map(plan.job, plan.points))).record["status"] == "finished"
         family = [psutil.Process(), *psutil.Process().children(recursive=True)]
         found = [connection.status for process in family for connection in process.net_connections("inet")]
@@ -159,7 +159,7 @@ def tells_of_itself(job: Job) -> JobResult:
 def test_workers_have_one_thread_and_end_with_the_engine() -> None:
     """And with a command that is killed: see `test_killed_ten_times`. Ctrl-C is for the command alone."""
     plan, before = small_plan(), dict(os.environ)
-    with local_engine(2) as engine:
+    with local_workers(2) as engine:
         told = [d.record["message"].split() for d in engine.run(map(plan.job, plan.points), tells_of_itself)]
     assert {(blocked, alone) for _, blocked, alone in told} == {("True", "True")}
     assert not any(psutil.pid_exists(int(pid)) for pid, _, _ in told)
@@ -214,9 +214,9 @@ def test_a_scheduler_by_address(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.filterwarnings("error")  # what is left half made and complains when it is collected
 def test_nobody_at_the_address(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("mjsheaf.studies.engine._CONNECT_S", 1)
+    monkeypatch.setattr("mjsheaf.studies.workers._CONNECT_S", 1)
     for address in ("tcp://127.0.0.1:9", "nonsense://x", "nonsense", "127.0.0.1", "tcp://nowhere.invalid:8786", ""):
-        with pytest.raises(SchedulerError, match=f"--scheduler {address}: no scheduler answers"), engine_at(address):
+        with pytest.raises(SchedulerError, match=f"--scheduler {address}: no scheduler answers"), workers_at(address):
             pass
         gc.collect()
 
