@@ -39,7 +39,10 @@ def sweep(
     overrides: SetOption = None,
     backend: Annotated[Backend | None, typer.Option(help="As for run.", show_default="physics")] = None,
     workers: Annotated[
-        int | None, typer.Option(min=1, metavar="N", help="Processes of this machine.", show_default="one a core")
+        int | None,
+        typer.Option(
+            min=1, metavar="N", help="Processes of this machine, threads with --batch.", show_default="one a core"
+        ),
     ] = None,
     scheduler: Annotated[
         str | None, typer.Option(metavar="ADDRESS", help="A dask scheduler that exists, instead of this machine.")

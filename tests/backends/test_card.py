@@ -117,6 +117,7 @@ def here(tree: Any) -> Any:
     return tree.values if isinstance(tree, Memory) else tree
 
 
+@pytest.mark.slow
 def test_what_is_sent_to_a_card_and_comes_back_is_what_threads_have(monkeypatch: pytest.MonkeyPatch) -> None:
     """In another memory, by addresses alone and in several launches; one world blows up."""
     fake, scenarios = Card(), [linked(0, 1.0), linked(1, 2.0), linked(2, WILD)]
