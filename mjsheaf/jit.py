@@ -11,6 +11,7 @@ import logging
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
 from numba import config, njit
@@ -21,21 +22,33 @@ _PACKAGE = Path(__file__).resolve().parent
 _SOURCES = ("system.py", "noise.py", "sheaf/*.py", "dynamics/*.py", "control/*.py", "vehicles/*.py", "simulation/*.py")
 
 
-class _Announcement(event.Listener):
-    """Logs once in a process that a loop is compiled, which takes seconds that later runs do not."""
+class _Compilations(event.Listener):
+    """Adds up the time that compiling takes, and logs it once in a process: seconds that later runs do not take."""
 
-    announced = False
+    def __init__(self) -> None:
+        self.seconds = 0.0
+        self._begun: list[float] = []  # one within the other
+        self._announced = False
 
     def on_start(self, event: Any) -> None:
-        if not self.announced and event.data["dispatcher"].py_func.__module__.startswith("mjsheaf."):
-            self.announced = True
+        self._begun.append(perf_counter())
+        if not self._announced and event.data["dispatcher"].py_func.__module__.startswith("mjsheaf."):
+            self._announced = True
             _logger.info("compiling loops for this machine: some 20 seconds, once")
 
     def on_end(self, _: Any) -> None:
-        pass
+        begun = self._begun.pop()
+        if not self._begun:
+            self.seconds += perf_counter() - begun
 
 
-event.register("numba:compile", _Announcement())
+_compilations = _Compilations()
+event.register("numba:compile", _compilations)
+
+
+def working_time() -> float:
+    """A clock in s, of which differences count, that stands still while compiling."""
+    return perf_counter() - _compilations.seconds
 
 
 def jit(function: Callable[..., Any]) -> Any:

@@ -1,6 +1,5 @@
 """The whole comparison: ladder, budgets, ringing, convergence, demands and a verdict, as one record."""
 
-import time
 from dataclasses import dataclass
 
 from mjsheaf._version import __version__
@@ -12,6 +11,7 @@ from mjsheaf.comparing.measures import budgets_of, error_series, errors_by_scope
 from mjsheaf.comparing.ringing import ringing_of, usable_gain
 from mjsheaf.comparing.verdict import CompareRecord, LoopRecord, verdict_of
 from mjsheaf.errors import InputError
+from mjsheaf.jit import working_time
 from mjsheaf.results import make_dataset
 from mjsheaf.runs.harm import examine_terms
 from mjsheaf.runs.simulate import Progress, moved_by, no_progress, require_simulable
@@ -48,7 +48,7 @@ def compare(
             "events: a comparison is of one team; expected none, as with --set events=[]; of a run with events, "
             "`mjsheaf expect` shows the errors of both backends at the end of each phase"
         )
-    begun = time.perf_counter()
+    begun = working_time()
     (phase,) = moved_by(scenario.phases, "physics", engine, threads)
     system = phase.system
     require_simulable(system, "physics")
@@ -83,7 +83,7 @@ def compare(
         demands=[demand for key in JUDGED for demand in demands_of(system, key, runs[key])],
         fastest=fastest_vehicles(system),
         verdict=[],
-        wall_time_s=time.perf_counter() - begun,
+        wall_time_s=working_time() - begun,
         video=None,
     )
     return Comparison(draft.model_copy(update={"verdict": verdict_of(draft)}), runs)

@@ -1,7 +1,6 @@
 """One run as a directory: its data, plots, video and summary, and the resolved scenario, by which it runs again."""
 
 import shutil
-import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
@@ -21,6 +20,7 @@ from mjsheaf.io.figures import AS_USUAL, MATPLOTLIB, FigureOptions
 from mjsheaf.io.files import naming, write_whole
 from mjsheaf.io.section import LARGEST
 from mjsheaf.io.yaml import SUFFIXES, dump_yaml
+from mjsheaf.jit import working_time
 from mjsheaf.results import check_expectation, open_dataset, store, summarize, thinned, write_dataset
 from mjsheaf.results.metrics import communication, delivery_of, engine_of, summarize_phases
 from mjsheaf.results.netcdf import split
@@ -115,7 +115,7 @@ class Outcome:
 
 
 class TimedIterator:
-    """An iterator that adds up the `seconds` spent in `next`."""
+    """An iterator that adds up the `seconds` spent in `next`, without those of compiling, once on a machine."""
 
     def __init__(self, pieces: Iterator[xr.Dataset]) -> None:
         self._pieces = pieces
@@ -125,11 +125,11 @@ class TimedIterator:
         return self
 
     def __next__(self) -> xr.Dataset:
-        begun = time.perf_counter()
+        begun = working_time()
         try:
             return next(self._pieces)
         finally:
-            self.seconds += time.perf_counter() - begun
+            self.seconds += working_time() - begun
 
 
 def execute(

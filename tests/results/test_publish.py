@@ -4,16 +4,20 @@ Oracle: the directory that `execute` leaves of the same run, byte for byte but f
 """
 
 import json
+import time
+from collections.abc import Iterator
 from pathlib import Path
 from threading import Condition, get_ident
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
+import xarray as xr
 from matplotlib.mathtext import MathTextParser
 
 from mjsheaf import simulate
 from mjsheaf.errors import PlaceError
-from mjsheaf.runs.publish import execute, publish
+from mjsheaf.runs.publish import TimedIterator, execute, publish
 from mjsheaf.scenario import load_scenario
 from mjsheaf.video import available_backend
 from mjsheaf.video.from_run import video_options
@@ -85,3 +89,25 @@ def test_plots_and_film_never_parse_formulas_at_the_same_time(tmp_path: Path, mo
     assert outcome.summary["video"] is not None
     assert len(seen) == 2
     assert met == []
+
+
+def test_the_time_of_a_run_is_without_that_of_compiling() -> None:
+    """Also where a function is compiled on the way to another."""
+    from numba.core import event
+
+    pause = 0.05  # s
+
+    def pieces() -> Iterator[xr.Dataset]:
+        nested = {"dispatcher": SimpleNamespace(py_func=SimpleNamespace(__module__="elsewhere"))}
+        for _ in range(2):
+            event.start_event("numba:compile", data=nested)
+        time.sleep(pause)
+        for _ in range(2):
+            event.end_event("numba:compile", data=nested)
+        yield xr.Dataset()
+
+    timed = TimedIterator(pieces())
+    begun = time.perf_counter()
+    next(timed)
+    assert time.perf_counter() - begun >= pause
+    assert 0.0 <= timed.seconds <= time.perf_counter() - begun - pause
