@@ -4,7 +4,7 @@ Runs are worlds (see `rows`): errors at the end and over the last half, and how 
 remains of them (see `scores`). What a processor's threads and a card run is `run_world`.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from functools import partial
 from threading import Event
@@ -195,13 +195,20 @@ class Batch:
         loop = self.rows.loop
         return max(1, AT_ONCE // (loop.per_sample * len(loop.fleet.bodies)))
 
-    def run(self, threads: int = 1, members: int = 1, progress: Callable[[int, int], None] | None = None) -> None:
-        """Run all worlds to their end, once, on threads of this machine; these change nothing of what comes out.
+    def run(self, threads: int = 1, members: int = 1) -> None:
+        """Run all worlds to their end; see `each`."""
+        for _ in self.each(threads, members):
+            pass
+
+    def each(self, threads: int = 1, members: int = 1) -> Iterator[int]:
+        """Run all worlds, once, on threads of this machine; these change nothing of what comes out.
 
         Args:
             threads: worlds at a time.
             members: threads that share each world.
-            progress: called from the calling thread with (worlds done, worlds in all).
+
+        Yields:
+            The number of each world as it ends, in any order.
 
         Raises:
             InputError: threads or members below 1; or the worlds are at their end.
@@ -228,27 +235,27 @@ class Batch:
 
         part(rows.loop_of(0), 0, 0, 0, 0, Crew.gate())  # compiles, lest a member does while others wait
         with ThreadPoolExecutor(threads) as pool:
-            futures = [pool.submit(one, w) for w in range(len(self))]
+            futures = {pool.submit(one, w): w for w in range(len(self))}
             try:
-                for done, future in enumerate(as_completed(futures), 1):
+                for future in as_completed(futures):
                     future.result()
-                    if progress:
-                        progress(done, len(self))
+                    yield futures[future]
             finally:
                 stop.set()
 
     def outcomes(self) -> list[Outcome]:
-        """What became of the worlds, once they have run.
+        """What became of the worlds, once they have run; see `outcome`."""
+        return [self.outcome(w) for w in range(len(self))]
+
+    def outcome(self, w: int) -> Outcome:
+        """What became of a world, once it has run.
 
         Raises:
-            InputError: they have not.
+            InputError: it has not.
         """
-        if not self.scores.found[: len(self), TAKEN].all():
-            raise InputError("the batch has not run to its end; expected `run` before")
-        return [self._outcome(w) for w in range(len(self))]
-
-    def _outcome(self, w: int) -> Outcome:
         found, goal, (vehicle, when) = self.scores.found[w], self.goal, self.scores.ended[w]
+        if found[TAKEN] < goal.samples and vehicle < 0:
+            raise InputError(f"run {w} of the batch is not at its end; expected `run` before")
         message = ""
         if vehicle >= 0:
             message = blow_up_of(self._systems[w], self.rows.loop_of(w), int(vehicle), int(when) // 2)

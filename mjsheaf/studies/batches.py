@@ -24,7 +24,7 @@ from mjsheaf.studies.job import TRAFFIC, Job, JobResult, failed_record, new_reco
 from mjsheaf.system import System
 from mjsheaf.threads import usable_processors
 
-_MOST_ON_CARD, _MOST_ON_THREADS = 8192, 64  # worlds of a batch; of threads few, as records come when all have ended
+_MOST_ON_CARD, _MOST_ON_THREADS = 8192, 64  # worlds of a batch; all are prepared before the first begins
 
 Precision = Literal["double", "single"]
 
@@ -36,7 +36,7 @@ class Batches:
     last half, and the ratio to Theorem 1's bound. How it ended is not judged, which takes the whole run.
 
     Args:
-        run: runs all worlds of a batch to their end.
+        run: runs a batch, and yields the number of each world at its end.
         order: how batches are laid out for that.
         most: worlds of a batch.
         precision: of their numbers.
@@ -44,7 +44,7 @@ class Batches:
 
     def __init__(
         self,
-        run: Callable[[Batch], None],
+        run: Callable[[Batch], Iterable[int]],
         order: Literal["C", "F"],
         most: int = _MOST_ON_THREADS,
         precision: Precision = "double",
@@ -63,7 +63,7 @@ class Batches:
 
     def _together(self, jobs: list[Job]) -> Iterator[JobResult]:
         """The results of jobs that look like one team; of those that are none, one by one."""
-        begun, known = time.perf_counter(), list[tuple[Job, Fused, int]]()
+        begun, ended, known = time.perf_counter(), 0, list[tuple[Job, Fused, int]]()
         for job in jobs:
             try:
                 scenario = job.load()
@@ -75,18 +75,19 @@ class Batches:
             except Exception as error:  # as `run_job` has it: one bad point must not end the study
                 yield JobResult(failed_record(job, error))
         for group in groups_of_one_team([run for _, run, _ in known]):
-            worlds = [known[k] for k in group]
-            runs = [run for _, run, _ in worlds]
+            left = {w: known[k] for w, k in enumerate(group)}
+            runs = [run for _, run, _ in left.values()]
             try:
                 bounds = _bounds_of([run.system for run in runs])
                 batch = Batch(runs, bounds, order=self._order, number=self._precision)
-                self._run(batch)
+                for w in self._run(batch):
+                    job, run, seed = left[w]
+                    record = _record_of(job, run.system, seed, batch.outcome(w))
+                    ended += 1
+                    del left[w]
+                    yield JobResult(record, (time.perf_counter() - begun) / ended)
             except Exception as error:
-                yield from (JobResult(failed_record(job, error)) for job, _, _ in worlds)
-                continue
-            seconds = (time.perf_counter() - begun) / len(known)
-            for (job, run, seed), outcome in zip(worlds, batch.outcomes(), strict=True):
-                yield JobResult(_record_of(job, run.system, seed, outcome), seconds)
+                yield from (JobResult(failed_record(job, error)) for job, _, _ in left.values())
 
 
 @contextmanager
@@ -94,14 +95,18 @@ def on_card(precision: Precision = "double") -> Iterator[Batches]:
     """The card of this machine."""
     from mjsheaf.simulation.card import run_on_card
 
-    yield Batches(run_on_card, "F", _MOST_ON_CARD, precision)
+    def run(batch: Batch) -> Iterable[int]:
+        run_on_card(batch)
+        return range(len(batch))
+
+    yield Batches(run, "F", _MOST_ON_CARD, precision)
 
 
 @contextmanager
 def on_threads(count: int | None = None, precision: Precision = "double") -> Iterator[Batches]:
     """Threads of this process; None takes one for each processor that it may use."""
     threads = count or usable_processors()
-    yield Batches(lambda batch: batch.run(threads), "C", precision=precision)
+    yield Batches(lambda batch: batch.each(threads), "C", precision=precision)
 
 
 def _of_team(job: Job) -> list[tuple[str, Any]]:

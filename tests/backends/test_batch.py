@@ -140,6 +140,19 @@ def test_what_worlds_do_not_share_is_refused_by_its_field() -> None:
         batch_of([])
 
 
+def test_a_batch_that_is_left_stops_and_worlds_that_have_ended_are_known() -> None:
+    worlds = [linked(seed, 1.0) for seed in range(30)]
+    batch = batch_of(worlds)
+    running = batch.each()
+    first = next(running)
+    running.close()
+    assert batch.outcome(first).samples == worlds[0].system.grid.steps + 1
+    with refused(InputError, "29", "not at its end"):
+        batch.outcome(29)
+    with refused(InputError, "once"):
+        batch.run()
+
+
 def test_what_would_be_read_beyond_its_arrays_is_refused() -> None:
     """Bounds that are too few or too short, threads and members that are none, and a second run."""
     T = linked(0, 1.0).system.grid.steps + 1

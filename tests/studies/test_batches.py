@@ -34,7 +34,7 @@ def jobs_of(source: str, points: list[dict[str, Any]], seeds: list[int]) -> list
 
 
 def together(jobs: list[Job]) -> dict[int, dict[str, Any]]:
-    engine = Batches(Batch.run, "C")
+    engine = Batches(Batch.each, "C")
     return {result.record["run"]: result.record for result in engine.run(jobs)}
 
 
@@ -99,7 +99,7 @@ def test_a_run_with_events_is_refused_and_others_are_not() -> None:
 def test_a_study_on_a_batch_has_its_table_and_plots(tmp_path: Path) -> None:
     @contextmanager
     def engine() -> Any:
-        yield Batches(Batch.run, "C")
+        yield Batches(Batch.each, "C")
 
     plan = load_plan("midpoint", seeds=(0, 3), overrides=SHORT, device="gpu")
     assert plan.study.engine == "fused"
