@@ -4,7 +4,7 @@ Runs are worlds (see `rows`): errors at the end and over the last half, and how 
 remains of them (see `scores`). What a processor's threads and a card run is `run_world`.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from functools import partial
 from threading import Event
@@ -200,7 +200,7 @@ class Batch:
         for _ in self.each(threads, members):
             pass
 
-    def each(self, threads: int = 1, members: int = 1) -> Iterator[int]:
+    def each(self, threads: int = 1, members: int = 1) -> Generator[int]:
         """Run all worlds, once, on threads of this machine; these change nothing of what comes out.
 
         Args:
