@@ -34,7 +34,7 @@ def hardware(short: bool = False) -> list[Row]:
     found = operations(few)
     number = sum(sum(kinds.values()) for kinds in found.values())
     slow = sum(kinds.get(kind, 0.0) for kinds in found.values() for kind in ("quotients", "roots", "functions"))
-    arithmetic, bandwidth, moved = _arithmetic(repetitions), _bandwidth(repetitions), touched(bodies._loop)
+    arithmetic, bandwidth, moved = _arithmetic(repetitions), _bandwidth(repetitions), touched(bodies.compiled[0])
     what = f"{_SIZE} tilted hexarotors"
     return [
         informs("hardware", f"{what}, operations a vehicle and step", number, note=f"{slow:.0f} no sum or product"),
@@ -58,7 +58,7 @@ def operations(bodies: Fused) -> dict[str, dict[str, float]]:
     """
     done = subprocess.run(
         [sys.executable, "-m", "mjsheaf.bench.counting"],
-        input=pickle.dumps((bodies._loop, bodies._motion)),
+        input=pickle.dumps(bodies.compiled),
         capture_output=True,
         env={**os.environ, "NUMBA_DISABLE_JIT": "1"},
         check=False,

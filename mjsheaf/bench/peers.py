@@ -16,13 +16,16 @@ import numpy as np
 
 
 def crazyflow_rate(size: int, repetitions: int) -> float:
-    """Vehicle-steps per second of crazyflow on this processor: hover in still air by position commands."""
+    """Vehicle-steps per second of crazyflow on this processor: hover in still air by position commands.
+
+    More drones than it prepares in one world are in several, of as many each.
+    """
     import jax
     from crazyflow.control import Control
     from crazyflow.sim import Sim
 
     worlds = -(-size // MOST_IN_A_WORLD)
-    drones = size // worlds
+    drones = -(-size // worlds)
     sim = Sim(worlds, drones, control=Control.state, freq=500, state_freq=100, device="cpu")
     sim.reset()
     command = np.zeros((worlds, drones, 16), dtype=np.float32)  # position, velocity, acceleration, quaternion, rates

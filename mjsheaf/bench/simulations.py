@@ -237,6 +237,8 @@ def peers(
                 continue
             (theirs, where), wanted = by_size[size], _OVER_PEERS.get((engine, peer), {}).get(size)
             note = f"{peer}, {where}"
+            if peer == "crazyflow" and size > peers_file.MOST_IN_A_WORLD:
+                note += f", in worlds of {peers_file.MOST_IN_A_WORLD}"
             if wanted:
                 rows.append(at_least("peers", what, rate, theirs, rate / theirs, wanted, note))
             else:

@@ -65,10 +65,6 @@ def sweep(
     batch: Annotated[
         bool, typer.Option("--batch", help="Runs of one team together, by the fused engine; records keep less.")
     ] = False,
-    precision: Annotated[
-        Literal["double", "single"] | None,
-        typer.Option(help="Numbers of --batch or --device gpu.", show_default="double"),
-    ] = None,
 ) -> None:
     """Run a scenario many times, on every core or a cluster; killed at any moment, the same command goes on.
 
@@ -102,7 +98,6 @@ def sweep(
         engine=engine and engine.value,
         device=device,
         batch=batch,
-        precision=precision,
         measure=measure,
         trajectories=trajectories,
     )
@@ -117,13 +112,14 @@ def sweep(
             given = "--workers" if workers is not None else "--threads" if threads else "--scheduler"
             raise InputError(f"{given}: has no meaning on device gpu, which runs all together; leave it out")
         require_card()
-        begin = partial(on_card, precision=plan.study.precision)
+        begin = on_card
     elif plan.study.batch:
         from mjsheaf.studies.batches import on_threads
 
-        if scheduler is not None:
-            raise InputError("--scheduler: has no meaning with --batch, whose runs are on threads; leave it out")
-        begin = partial(on_threads, workers, precision=plan.study.precision)
+        if scheduler is not None or threads:
+            given = "--threads" if threads else "--scheduler"
+            raise InputError(f"{given}: has no meaning with --batch, whose runs are on threads; leave it out")
+        begin = partial(on_threads, workers)
     elif scheduler is not None:
         begin = partial(workers_at, scheduler, print_note)
     with progress_bars() as bars:

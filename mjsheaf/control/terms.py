@@ -389,7 +389,10 @@ def solve(edges, terms, rounds, b, x, memory):
 @inline_jit
 def begin_sample(t, memory):
     """Keep the memory of before the sample at time t, s; one that is taken again begins with what was kept."""
-    again = memory.clock[0] > 0.0 and memory.clock[2] == t
+    last = memory.clock[2]
+    memory.clock[2] = t  # rounded, where the memory is in single precision
+    again = memory.clock[0] > 0.0 and memory.clock[2] == last
+    memory.clock[2] = last
     source, copy = (memory.before, memory.now) if again else (memory.now, memory.before)
     for k in range(source.shape[0]):
         copy[k] = source[k]

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from threading import Event
+from threading import Event, Lock
 from typing import TYPE_CHECKING
 
 from mjsheaf.errors import InputError, MjsheafError
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from mjsheaf.simulation.fused import Fused
+
+_AT_ONCE = 64  # runs that are prepared at a time
 
 
 def simulate_many(
@@ -54,15 +56,17 @@ def simulate_many(
         others: its place holds the error, a MjsheafError. A run that blew up is a dataset with status 'unstable'.
 
     Raises:
-        InputError: unknown backend or engine, or workers below 1.
+        InputError: unknown backend or engine, workers below 1, or what is no Scenario.
     """
     require_backend(backend)
     require_engine(engine, backend)
     if workers is not None and workers < 1:
         raise InputError(f"workers is {workers}; expected 1 or more, or None")
     todo = list(scenarios)
-    prepared = _side_by_side(todo, allow_drift) if engine == "fused" else {}
-    stop = Event()
+    for k, scenario in enumerate(todo):
+        if not isinstance(scenario, Scenario):
+            raise InputError(f"scenarios: number {k} is a {type(scenario).__name__}; expected a Scenario")
+    stop, slices = Event(), _Slices(todo, allow_drift)
 
     def check(done: int, of: int) -> None:
         if stop.is_set():
@@ -71,8 +75,9 @@ def simulate_many(
     def one(k: int) -> "xr.Dataset | MjsheafError":
         try:
             check(0, 0)
-            if run := prepared.pop(k, None):
-                return _record(run, todo[k], check)
+            if engine == "fused":
+                run = slices.take(k)
+                return run if isinstance(run, MjsheafError) else _record(run, todo[k], check)
             return simulate(todo[k], backend, engine=engine, threads=1, allow_drift=allow_drift, progress=check)
         except MjsheafError as error:
             return error
@@ -93,27 +98,41 @@ class _Abandoned(Exception):  # noqa: N818
     """Ends a run whose siblings were interrupted."""
 
 
-def _side_by_side(scenarios: Sequence[Scenario], allow_drift: bool) -> "dict[int, Fused]":
-    """Runs at their start by number, those of one team side by side; without scenarios that `simulate` refuses."""
-    from mjsheaf.simulation.fused import Fused
-    from mjsheaf.simulation.rows import Rows, groups_of_one_team
+class _Slices:
+    """Runs at their start, on the fused engine, prepared some at a time; those of one team lie side by side."""
 
-    runs = dict[int, Fused]()
-    for k, scenario in enumerate(scenarios):
-        try:
-            phases = moved_by(scenario.phases, "physics", "fused", 1)
-            require_simulable(phases, "physics", allow_drift=allow_drift)
-            runs[k] = Fused(phases)
-        except MjsheafError:
-            continue
-    numbers = list(runs)
-    for group in groups_of_one_team(list(runs.values())):
-        if len(group) > 1:
-            members = [runs[numbers[k]] for k in group]
-            rows = Rows(members)
-            for w, run in enumerate(members):
-                run.adopt(rows.loop_of(w))
-    return runs
+    def __init__(self, scenarios: Sequence[Scenario], allow_drift: bool) -> None:
+        self._scenarios, self._allow_drift, self._lock = scenarios, allow_drift, Lock()
+        self._prepared: dict[int, dict[int, Fused | MjsheafError]] = {}
+
+    def take(self, k: int) -> "Fused | MjsheafError":
+        """Run number k, once, or why `simulate` refuses it."""
+        number, place = divmod(k, _AT_ONCE)
+        with self._lock:
+            if number not in self._prepared:
+                self._prepared[number] = self._prepare(self._scenarios[number * _AT_ONCE : (number + 1) * _AT_ONCE])
+            return self._prepared[number].pop(place)
+
+    def _prepare(self, scenarios: Sequence[Scenario]) -> "dict[int, Fused | MjsheafError]":
+        from mjsheaf.simulation.fused import Fused
+        from mjsheaf.simulation.rows import Rows, groups_of_one_team
+
+        found, runs = dict[int, Fused | MjsheafError](), dict[int, Fused]()
+        for k, scenario in enumerate(scenarios):
+            try:
+                phases = moved_by(scenario.phases, "physics", "fused", 1)
+                require_simulable(phases, "physics", allow_drift=self._allow_drift)
+                found[k] = runs[k] = Fused(phases)
+            except MjsheafError as error:
+                found[k] = error
+        numbers = list(runs)
+        for group in groups_of_one_team(list(runs.values())):
+            if len(group) > 1:
+                members = [runs[numbers[k]] for k in group]
+                rows = Rows(members)
+                for w, run in enumerate(members):
+                    run.adopt(rows.loop_of(w))
+        return found
 
 
 def _record(run: "Fused", scenario: Scenario, progress: "Callable[[int, int], None]") -> "xr.Dataset":

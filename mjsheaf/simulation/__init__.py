@@ -1,7 +1,8 @@
-"""From a system to trajectories: ideal kinematics, or MuJoCo bodies.
+"""From a system to trajectories: ideal kinematics, or bodies.
 
-Where to look: ideal integrates first-order kinematics; loop holds `World`, the compiled loop about MuJoCo's step, and
-what it records; bodies turns velocity commands into thrust, and the medium into forces; arena composes the model;
-linear linearises a vehicle's own loop; trajectory is what both backends return. Nothing is imported here: MuJoCo is
-heavy.
+Where to look: ideal integrates first-order kinematics; loop closes the loop about what moves bodies, and records it:
+world holds `World`, about MuJoCo's step, and fused a compiled one of our own, on the threads of threaded, which meet at
+a gate; physics chooses. bodies turns velocity commands into thrust, and the medium into forces; arena composes
+MuJoCo's model. batch runs many runs of one team, which lie side by side in rows and leave scores, on threads or on a
+card. linear linearises a vehicle's own loop; trajectory is what all return. Nothing is imported here: MuJoCo is heavy.
 """

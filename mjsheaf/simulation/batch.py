@@ -6,6 +6,7 @@ remains of them (see `scores`). What a processor's threads and a card run is `ru
 
 from collections.abc import Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import suppress
 from functools import partial
 from threading import Event
 from typing import Literal, NamedTuple
@@ -124,10 +125,12 @@ def require_world(run: Fused) -> None:
     """Refuse a run that no batch takes.
 
     Raises:
-        InputError: it has events or a law in Python, or its team is too large to be scored this way.
+        InputError: it has events or another phase, a law in Python, or a team that is too large to be scored this way.
     """
-    if events := [event for phase in run.phases for event in phase.events]:
-        raise InputError(f"events: {events[0]}; expected none in a batch, whose runs keep their edges")
+    first, *later = run.phases
+    if later or first.events:
+        what = first.events[0] if first.events else f"{later[0].name} at {later[0].time:g} s"
+        raise InputError(f"events: {what}; expected none in a batch, whose runs keep their edges")
     if run.controlled:
         raise InputError("controller: a law in Python; expected the agents' own in a batch, which calls no Python")
     require_scorable(run.system)
@@ -153,26 +156,25 @@ class Batch:
         """Lay out the worlds.
 
         Args:
-            runs: at their start, of one team; what is run are copies.
-            bounds: for each, on |e| at every sample, with what counts as no error, shape (T,), m; runs may share one.
-                Without any, no ratio is computed.
+            runs: at their start, of one team; what is run are copies. That q* is unique is not asked of them here.
+            bounds: for each, on |e| at every sample, with what counts as no error, shape (T,), above 0 m; runs may
+                share one. Infinite ones bound nothing; without any, no ratio is computed.
             order, number: as of `Rows`.
 
         Raises:
-            InputError: as for `Rows` and `require_world`; or bounds are not one for each, or of another length.
+            InputError: as for `Rows` and `require_world`; or bounds are not one for each run, of another length or not
+                above 0.
         """
+        runs = list(runs)
         for run in runs:
             require_world(run)
         self.rows = Rows(runs, order=order, number=number)
         self._systems = [run.system for run in runs]
         system, W = self._systems[0], len(self.rows.values)
         N, V, T = len(system.team.agents), len(system.team.members), system.grid.steps + 1
-        if bounds is None:
-            bounds = [np.full(T, np.inf)] * len(runs)
-        elif [np.shape(bound) for bound in bounds] != [(T,)] * len(runs):
-            shapes = f"{len(bounds)} bounds of shapes {sorted({np.shape(bound) for bound in bounds})}"
-            raise InputError(f"bounds: {shapes}; expected one of shape ({T},) for each of {len(runs)} runs")
-        which, several = _distinct(bounds)
+        which, several = _distinct(
+            [np.full(T, np.inf)] * len(runs) if bounds is None else _checked(bounds, len(runs), T)
+        )
         self.goal: Goal = mapped(self.rows.in_numbers, goal_of(system, several))
         kind, linked = self.rows.values.dtype, len(system.law.links.of) > 0
         self.scores = Scores(
@@ -271,6 +273,21 @@ class Batch:
             float(found[RATIO]) if bounded else None,
             float(found[SETTLED_RATIO]) if bounded else None,
         )
+
+
+def _checked(bounds: Sequence[Array], runs: int, samples: int) -> list[Array]:
+    """Bounds as arrays.
+
+    Raises:
+        InputError: see `Batch`.
+    """
+    if len(bounds) == runs and all(np.shape(bound) == (samples,) for bound in bounds):
+        with suppress(TypeError, ValueError):
+            found = [np.asarray(bound, dtype=np.float64) for bound in bounds]
+            if all((bound > 0.0).all() for bound in found):
+                return found
+    shapes = f"{len(bounds)} bounds of shapes {sorted({np.shape(bound) for bound in bounds})}"
+    raise InputError(f"bounds: {shapes}; expected one for each of {runs} runs, of shape ({samples},) and above 0 m")
 
 
 def _distinct(bounds: Sequence[Array]) -> tuple[IntArray, Array]:

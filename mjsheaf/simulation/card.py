@@ -131,28 +131,27 @@ def run_on_card(batch: Batch, progress: Callable[[int, int], None] | None = None
     """
     require_card()
     cuda = import_module("numba.cuda")
-    here = batch.rows
-    rows = cuda.to_device(here.values)
+    here = batch.rows.values
+    rows = cuda.to_device(here)
     begin = rows.__cuda_array_interface__["data"][0]
 
     def sent(values: NDArray[Any]) -> Any:
         return cuda.to_device(np.ascontiguousarray(values))
 
     def view(values: NDArray[Any]) -> Any:
-        if values.dtype != here.values.dtype:
+        if values.dtype != here.dtype:
             return sent(values)
-        return cuda.as_cuda_array(SimpleNamespace(__cuda_array_interface__=place_of(values, here.values, begin)))
+        return cuda.as_cuda_array(SimpleNamespace(__cuda_array_interface__=place_of(values, here, begin)))
 
-    scores = mapped(cuda.to_device, batch.scores)
-    given = (*(mapped(sent, tree) for tree in (here.loop, here.motion)), mapped(view, here.worlds))
-    given = (*given, mapped(sent, batch.goal), scores, mapped(sent, batch.nothing))
-    T, V, chunk = batch.goal.samples, len(here.loop.fleet.bodies), batch.chunk
+    ways = sent, sent, view, sent, cuda.to_device, sent
+    given = [mapped(way, tree) for way, tree in zip(ways, arguments(batch), strict=True)]
+    T, V, chunk = batch.goal.samples, len(batch.rows.loop.fleet.bodies), batch.chunk
     launch = _kernel()[-(-len(batch) // WORLDS), (WORLDS, min(_MOST_MEMBERS, V))]
     for sample in range(0, T, chunk):
         launch(*given, sample, min(sample + chunk, T))
         cuda.synchronize()
         if progress:
             progress(min(sample + chunk, T), T)
-    rows.copy_to_host(here.values)
-    for on_card, own in zip(scores, batch.scores, strict=True):
+    rows.copy_to_host(here)
+    for on_card, own in zip(given[4], batch.scores, strict=True):
         on_card.copy_to_host(own)

@@ -112,12 +112,7 @@ def require_scorable(system: System) -> None:
 
 
 def goal_of(system: System, bounds: Array) -> Goal:
-    """What worlds of a system are scored by, with bounds (U, T) in m.
-
-    Raises:
-        InputError: as for `require_scorable`.
-    """
-    require_scorable(system)
+    """What worlds of a system that passed `require_scorable` are scored by, with bounds (U, T) in m."""
     team, steps, n_p = system.team, system.grid.steps, system.team.dirichlet.B.shape[1]
     rest = team.extend(np.zeros(n_p))
     return Goal(

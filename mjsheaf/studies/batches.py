@@ -26,8 +26,6 @@ from mjsheaf.threads import usable_processors
 
 _MOST_ON_CARD, _MOST_ON_THREADS = 8192, 64  # worlds of a batch; all are prepared before the first begins
 
-Precision = Literal["double", "single"]
-
 
 class Batches:
     """Runs jobs together; a record is what the run's scores say.
@@ -39,17 +37,12 @@ class Batches:
         run: runs a batch, and yields the number of each world at its end.
         order: how batches are laid out for that.
         most: worlds of a batch.
-        precision: of their numbers.
     """
 
     def __init__(
-        self,
-        run: Callable[[Batch], Iterable[int]],
-        order: Literal["C", "F"],
-        most: int = _MOST_ON_THREADS,
-        precision: Precision = "double",
+        self, run: Callable[[Batch], Iterable[int]], order: Literal["C", "F"], most: int = _MOST_ON_THREADS
     ) -> None:
-        self._run, self._order, self._most, self._precision = run, order, most, precision
+        self._run, self._order, self._most = run, order, most
 
     def run(self, jobs: Iterable[Job]) -> Iterator[JobResult]:
         """Do jobs and yield the result of each."""
@@ -63,7 +56,7 @@ class Batches:
 
     def _together(self, jobs: list[Job]) -> Iterator[JobResult]:
         """The results of jobs that look like one team; of those that are none, one by one."""
-        begun, ended, known = time.perf_counter(), 0, list[tuple[Job, Fused, int]]()
+        begun, known = time.perf_counter(), list[tuple[Job, Fused, int]]()
         for job in jobs:
             try:
                 scenario = job.load()
@@ -79,19 +72,19 @@ class Batches:
             runs = [run for _, run, _ in left.values()]
             try:
                 bounds = _bounds_of([run.system for run in runs])
-                batch = Batch(runs, bounds, order=self._order, number=self._precision)
+                batch = Batch(runs, bounds, order=self._order)
                 for w in self._run(batch):
                     job, run, seed = left[w]
                     record = _record_of(job, run.system, seed, batch.outcome(w))
-                    ended += 1
                     del left[w]
-                    yield JobResult(record, (time.perf_counter() - begun) / ended)
+                    yield JobResult(record, time.perf_counter() - begun)
+                    begun = time.perf_counter()
             except Exception as error:
                 yield from (JobResult(failed_record(job, error)) for job, _, _ in left.values())
 
 
 @contextmanager
-def on_card(precision: Precision = "double") -> Iterator[Batches]:
+def on_card() -> Iterator[Batches]:
     """The card of this machine."""
     from mjsheaf.simulation.card import run_on_card
 
@@ -99,14 +92,14 @@ def on_card(precision: Precision = "double") -> Iterator[Batches]:
         run_on_card(batch)
         return range(len(batch))
 
-    yield Batches(run, "F", _MOST_ON_CARD, precision)
+    yield Batches(run, "F", _MOST_ON_CARD)
 
 
 @contextmanager
-def on_threads(count: int | None = None, precision: Precision = "double") -> Iterator[Batches]:
+def on_threads(count: int | None = None) -> Iterator[Batches]:
     """Threads of this process; None takes one for each processor that it may use."""
     threads = count or usable_processors()
-    yield Batches(lambda batch: batch.each(threads), "C", precision=precision)
+    yield Batches(lambda batch: batch.each(threads), "C")
 
 
 def _of_team(job: Job) -> list[tuple[str, Any]]:
@@ -119,7 +112,7 @@ def _bounds_of(systems: list[System]) -> list[Array]:
     found, alike = list[Array](), dict[bytes, Array]()
     for system in systems:
         usual = _rounded_up(system)
-        key = pickle.dumps((usual.initial, usual.gain, usual.harmonics))
+        key = pickle.dumps((usual.initial, usual.gain, usual.law.limit, usual.harmonics))
         if key not in alike:
             bound = bound_ahead(usual)
             alike[key] = np.full(system.grid.steps + 1, np.inf) if bound is None else bound

@@ -87,7 +87,6 @@ def load_plan(
     engine: str | None = None,
     device: str | None = None,
     batch: bool = False,
-    precision: str | None = None,
     measure: str | None = None,
     trajectories: bool = False,
 ) -> Plan:
@@ -104,7 +103,6 @@ def load_plan(
         engine: what moves bodies, instead of the study's own.
         device: 'cpu' or 'gpu', instead of the study's own; 'gpu' has the fused engine.
         batch: whether runs of one team go together, also where the study does not ask for it; by the fused engine.
-        precision: 'double' or 'single', instead of the study's own; of a batch or on a card.
         measure: the error that plots show, instead of the study's own.
         trajectories: whether to keep result.nc of every run, also where the study does not ask for it.
 
@@ -128,7 +126,6 @@ def load_plan(
         "engine": engine or ("fused" if device == "gpu" or batch else study.engine),
         "device": device or study.device,
         "batch": batch or study.batch,
-        "precision": precision or study.precision,
         "measure": measure or study.measure,
     }
     if seeds is not None:

@@ -144,7 +144,6 @@ class StudyFile(Section):
     batch: bool = Field(
         False, description="runs of one team together, on threads, engine fused; records keep less, as on a card"
     )
-    precision: Literal["double", "single"] = Field("double", description="numbers of a batch or a card")
     set: dict[str, Value] = Field(default_factory=dict, description="overrides of all runs: field path to value")
     points: list[dict[str, Value]] = Field(default_factory=list, description="listed points: field path to value")
     names: list[Annotated[str, Field(min_length=1)]] = Field(
@@ -176,8 +175,6 @@ class StudyFile(Section):
             raise ValueError(f"{together}: has the fused engine alone; expected engine fused")
         if together and self.trajectories:
             raise ValueError(f"trajectories: {together} keeps none; expected device cpu without batch")
-        if self.precision == "single" and not together:
-            raise ValueError("precision: single is for a batch or device gpu; expected double")
         if len({len(values) for values in self.paired.values()}) > 1:
             told = ", ".join(f"{path} has {len(values)}" for path, values in self.paired.items())
             raise ValueError(f"paired: lists must have one length, but {told}")
@@ -228,8 +225,7 @@ class StudyFile(Section):
     def asked(self) -> dict[str, Any]:
         """All on which results depend but the scenario, in canonical form; not what only says how they are shown."""
         shown = {"summary", "scenario", "measure", "late", "labels", "names"}
-        # Of which older studies do not speak.
-        defaults = {"engine": "mujoco", "device": "cpu", "batch": False, "precision": "double"}
+        defaults = {"engine": "mujoco", "device": "cpu", "batch": False}  # of which older studies do not speak
         usual = {name for name, value in defaults.items() if getattr(self, name) == value}
         return self.model_dump(mode="json", exclude=shown | usual, exclude_none=True)
 

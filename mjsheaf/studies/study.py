@@ -76,7 +76,7 @@ def run_study(
     Args:
         plan: from `load_plan`.
         directory: of this study; new, or with an earlier part of it.
-        workers: makes what runs; called only where something is left to run.
+        workers: begins a Runner; called only where something is left to run.
         retry_failed: run again what did not finish.
         figures: how the plots are written.
         progress: called with (what is being done, done, in all).

@@ -3,6 +3,7 @@
 Oracle: `simulate` on the fused engine, one run at a time, and its errors as summaries have them.
 """
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from mjsheaf.results.metrics import late_errors, summarize
 from mjsheaf.scenario import Scenario
 from mjsheaf.simulation.batch import Batch
 from mjsheaf.simulation.fused import Fused
+from mjsheaf.simulation.threaded import BLOCK
 from tests.builders import mixed_scenario, refused
 
 WILD = 1e5  # 1/s: a gain that blows up at once
@@ -52,7 +54,18 @@ def require_as_alone(batch: Batch, scenarios: list[Scenario], alone: list[xr.Dat
             assert outcome.late_tracking_error is None
 
 
-@pytest.mark.parametrize(("threads", "members"), [(1, 1), (2, 1), (3, 1), (1, 3)])
+@pytest.mark.parametrize(("threads", "members"), [(1, 1), (2, 3)])
+def test_worlds_of_several_blocks_end_as_they_do_alone(threads: int, members: int) -> None:
+    """Seventeen vehicles: two whole blocks and one that is not."""
+    changes = {"time.end": 0.1, "disturbance.agents.bound": 0.2}
+    scenarios = [load_scenario("paper", changes).with_seed(seed) for seed in range(3)]
+    assert len(scenarios[0].system.team.members) > 2 * BLOCK
+    batch = batch_of(scenarios)
+    batch.run(threads, members)
+    require_as_alone(batch, scenarios, [simulate(scenario, engine="fused", threads=1) for scenario in scenarios])
+
+
+@pytest.mark.parametrize(("threads", "members"), [(1, 1), (2, 1), (3, 1)])
 def test_worlds_end_as_they_do_alone(threads: int, members: int) -> None:
     """Other seeds and gains, over links; one of them blows up, and is nobody else's."""
     scenarios = [linked(0, 1.0), linked(1, 2.0), linked(2, WILD), linked(0, 1.0)]
@@ -99,8 +112,9 @@ def test_the_ratio_is_the_largest_of_error_and_bound_after_the_start() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("members", [1, 3])
-def test_the_layout_of_a_card_gives_the_same_bits(members: int) -> None:
-    """Each number of all worlds side by side; the members of a world meet as those of a card do."""
+def test_the_layout_of_a_card_gives_the_same_bits(members: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each number of all worlds side by side; the members of a world meet, each with a vehicle, as those of a card."""
+    monkeypatch.setattr("mjsheaf.simulation.batch.BLOCK", 1)
     scenarios = [linked(0, 1.0), linked(1, 2.0), linked(2, WILD)]
     plain, columns = batch_of(scenarios), batch_of(scenarios, order="F")
     plain.run()
@@ -113,8 +127,12 @@ def test_the_layout_of_a_card_gives_the_same_bits(members: int) -> None:
 
 @pytest.mark.slow
 def test_single_precision_is_near_double() -> None:
-    """Of a stable loop: the positions themselves are known to 1e-6 m here, and errors do not add up."""
-    scenarios = [load_scenario("midpoint", {"time.end": 5.0, "seed": seed}) for seed in range(2)]
+    """Of a stable loop: the positions themselves are known to 1e-6 m here, and errors do not add up.
+
+    With a term, from a time that is no number in single precision, where the first sample is taken twice.
+    """
+    integral = {"time.start": 0.1, "time.end": 2.0, "controller.integral.gain": 0.5}
+    scenarios = [load_scenario("midpoint", integral), load_scenario("midpoint", {**integral, "controller.gain": 2.0})]
     double, single = batch_of(scenarios), batch_of(scenarios, number=np.float32)
     double.run()
     single.run()
@@ -132,6 +150,9 @@ def test_what_worlds_do_not_share_is_refused_by_its_field() -> None:
     ):
         with refused(InputError, field, "run 1"):
             batch_of([plain, other])
+    first = plain.phases[0]
+    with refused(InputError, "events", "0.2 s", "none"):
+        Batch([Fused([first, replace(first, start=10)])])
     with refused(InputError, "events"):
         batch_of([linked(0, 1.0, events=[{"time": 0.2, "lose": "back"}])])
     with refused(InputError, "physics.contacts"):
@@ -156,9 +177,18 @@ def test_a_batch_that_is_left_stops_and_worlds_that_have_ended_are_known() -> No
 def test_what_would_be_read_beyond_its_arrays_is_refused() -> None:
     """Bounds that are too few or too short, threads and members that are none, and a second run."""
     T = linked(0, 1.0).system.grid.steps + 1
-    for bounds in ([np.ones(T)], [np.ones(3)] * 2, [np.ones(T), np.ones(T + 1)], [1.0, 1.0]):
+    for bounds in (
+        [np.ones(T)],
+        [np.ones(3)] * 2,
+        [np.ones(T), np.ones(T + 1)],
+        [1.0, 1.0],
+        [-np.ones(T)] * 2,
+        [["a"] * T] * 2,
+    ):
         with refused(InputError, "bounds", "2 runs"):
             batch_of([linked(0, 1.0), linked(1, 1.0)], bounds=bounds)
+    with refused(InputError, "float16", "float32"):
+        batch_of([linked(0, 1.0)], number=np.float16)
     batch = batch_of([linked(0, 1.0)])
     with refused(InputError, "run"):
         batch.outcomes()

@@ -65,7 +65,7 @@ def test_views_are_at_the_same_places_of_a_copy(number: type) -> None:
     assert all(place["strides"][0] == copy.itemsize for place in places)  # neighbouring worlds
 
 
-class Memory:
+class CardArray:
     """An array of a card: a copy, reached by its address."""
 
     def __init__(self, values: NDArray[Any]) -> None:
@@ -83,13 +83,13 @@ class Memory:
 class Card:
     """numba.cuda of a card whose kernel is `run_world` on this machine, in memory of its own."""
 
-    to_device = Memory
+    to_device = CardArray
 
     def __init__(self) -> None:
         self.launches: list[tuple[tuple[int, ...], int, int]] = []
 
-    def as_cuda_array(self, described: Any) -> Memory:
-        seen = object.__new__(Memory)
+    def as_cuda_array(self, described: Any) -> CardArray:
+        seen = object.__new__(CardArray)
         seen.values = np.asarray(SimpleNamespace(__array_interface__=described.__cuda_array_interface__))
         return seen
 
@@ -102,10 +102,15 @@ class Card:
             *trees, begin, end = given
             loop, motion, rows, goal, scores, nothing = map(here, trees)
             self.launches.append(((blocks, worlds, members), begin, end))
-            for w in range(blocks * worlds):
-                if there := w < len(scores.bound):
-                    own, gate = world_of.py_func(loop, rows, w), Crew.gate()
-                    run_world(own, motion, goal, scores, nothing, w, there, begin, end, 1, 0, 1, gate)
+            crew = Crew(members)
+            for w in range(len(scores.bound)):
+                own = world_of.py_func(loop, rows, w)
+
+                def work(member: int, gate: Any, w: int = w, own: Any = own) -> None:
+                    run_world(own, motion, goal, scores, nothing, w, True, begin, end, 1, member, members, gate)
+
+                crew.run(work)
+            crew.close()
 
         return launch
 
@@ -114,7 +119,7 @@ def here(tree: Any) -> Any:
     """A tree of a card's arrays as this machine's."""
     if isinstance(tree, tuple):
         return type(tree)(*map(here, tree))
-    return tree.values if isinstance(tree, Memory) else tree
+    return tree.values if isinstance(tree, CardArray) else tree
 
 
 @pytest.mark.slow

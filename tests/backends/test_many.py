@@ -38,9 +38,12 @@ def test_threads_give_the_bits_of_one_by_one(backend: str, workers: int | None) 
     assert len({bits(result)["agent_position"] for result in together}) == len(scenarios)
 
 
-@pytest.mark.parametrize("workers", [1, 2, 3])
-def test_runs_of_one_team_are_those_alone_though_they_share_what_does_not_differ(workers: int) -> None:
+@pytest.mark.parametrize(("workers", "at_once"), [(1, 64), (2, 3), (3, 1)])
+def test_runs_of_one_team_are_those_alone_though_they_share_what_does_not_differ(
+    workers: int, at_once: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """On the fused engine: seeds and gains over links, one that blows up, events, and other teams."""
+    monkeypatch.setattr("mjsheaf.runs.many._AT_ONCE", at_once)
     noisy = {"links": {"all": {"noise": 0.02, "loss": 0.2}}, "disturbance": DISTURBED}
     lost = [{"time": 0.1, "lose": "back"}]
     scenarios = [
@@ -110,3 +113,6 @@ def test_nothing_to_run_and_bad_arguments() -> None:
         simulate_many([mixed_scenario()], workers=0)
     with refused(InputError, "'real'", "physics", "ideal"):
         simulate_many([mixed_scenario()], "real")
+    for wrong in ("midpoint", mixed_scenario()):
+        with refused(InputError, "number 0", "Scenario"):
+            simulate_many(wrong)  # type: ignore[arg-type]

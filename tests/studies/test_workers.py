@@ -99,7 +99,7 @@ def takes_all_memory_of_the_second(job: Job) -> JobResult:
 
 
 class Greedy:
-    """An engine of which one run takes more memory than its worker has."""
+    """Workers of which one takes more memory than its worker has."""
 
     def __init__(self, engine: Workers) -> None:
         self._engine = engine
