@@ -87,7 +87,7 @@ MOST_IN_A_WORLD = 1000
 geoms, in Python, and was not ready after twenty minutes."""
 
 LARGEST = {"crazyflow": 1000, "gym_pybullet_drones": 100}
-"""Most vehicles of a peer in the short version: with more it takes minutes, of which crazyflow prepares most."""
+"""Most vehicles of a peer in the short version: preparing more takes crazyflow half a minute again."""
 
 
 def _rate(size: int, work: Callable[[], Any], steps: int, repetitions: int) -> float:

@@ -98,6 +98,19 @@ class _Abandoned(Exception):  # noqa: N818
     """Ends a run whose siblings were interrupted."""
 
 
+def fused_run(scenario: Scenario, *, allow_drift: bool = False) -> "Fused":
+    """A run at its start, on the fused engine and one thread.
+
+    Raises:
+        InputError, NotUniqueError: as for `simulate`.
+    """
+    from mjsheaf.simulation.fused import Fused
+
+    phases = moved_by(scenario.phases, "physics", "fused", 1)
+    require_simulable(phases, "physics", allow_drift=allow_drift)
+    return Fused(phases)
+
+
 class _Slices:
     """Runs at their start, on the fused engine, prepared some at a time; those of one team lie side by side."""
 
@@ -114,15 +127,13 @@ class _Slices:
             return self._prepared[number].pop(place)
 
     def _prepare(self, scenarios: Sequence[Scenario]) -> "dict[int, Fused | MjsheafError]":
-        from mjsheaf.simulation.fused import Fused
         from mjsheaf.simulation.rows import Rows, groups_of_one_team
 
-        found, runs = dict[int, Fused | MjsheafError](), dict[int, Fused]()
+        found: dict[int, Fused | MjsheafError] = {}
+        runs: dict[int, Fused] = {}
         for k, scenario in enumerate(scenarios):
             try:
-                phases = moved_by(scenario.phases, "physics", "fused", 1)
-                require_simulable(phases, "physics", allow_drift=self._allow_drift)
-                found[k] = runs[k] = Fused(phases)
+                found[k] = runs[k] = fused_run(scenario, allow_drift=self._allow_drift)
             except MjsheafError as error:
                 found[k] = error
         numbers = list(runs)

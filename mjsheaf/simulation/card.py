@@ -11,7 +11,7 @@ do on a processor, not on its bits.
 
 import functools
 import importlib.util
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from importlib import import_module
 from types import FunctionType, SimpleNamespace
 from typing import Any
@@ -119,12 +119,14 @@ def place_of(values: NDArray[Any], rows: NDArray[Any], begin: int) -> dict[str, 
     return {**described, "data": (begin + offset, False)}
 
 
-def run_on_card(batch: Batch, progress: Callable[[int, int], None] | None = None) -> None:
-    """Run all worlds of a batch to their end, once.
+def run_on_card(batch: Batch) -> Iterator[int]:
+    """Run all worlds of a batch, once; as `Batch.each`, but for them to end together.
 
     Args:
         batch: laid out with order="F".
-        progress: called with (samples done, samples in all).
+
+    Yields:
+        The number of each world.
 
     Raises:
         InputError: there is no card.
@@ -150,8 +152,7 @@ def run_on_card(batch: Batch, progress: Callable[[int, int], None] | None = None
     for sample in range(0, T, chunk):
         launch(*given, sample, min(sample + chunk, T))
         cuda.synchronize()
-        if progress:
-            progress(min(sample + chunk, T), T)
     rows.copy_to_host(here)
     for on_card, own in zip(given[4], batch.scores, strict=True):
         on_card.copy_to_host(own)
+    yield from range(len(batch))

@@ -193,7 +193,7 @@ class Rows:
             runs: at their start, of one team.
             order: "C" puts a world's numbers side by side, "F" each number of all worlds.
             number: type of all that is not a count, float64 or float32. Single precision loses what is small beside
-                a coordinate: near the origin some 1e-5 m, 10 km away from it a step's whole displacement.
+                a coordinate: near the origin up to 2e-4 m, 10 km away from it much of a step.
 
         Raises:
             InputError: there is no run, one has begun, or it differs from the first in what worlds share; or a type

@@ -16,7 +16,7 @@ from mjsheaf.control.terms import traffic_of
 from mjsheaf.dynamics.disturbance import bounds as bounds_of_harmonics
 from mjsheaf.io.section import finite
 from mjsheaf.results.metrics import MEASURES
-from mjsheaf.runs.simulate import moved_by, require_simulable
+from mjsheaf.runs.many import fused_run
 from mjsheaf.simulation.batch import Batch, Outcome, require_world
 from mjsheaf.simulation.fused import Fused
 from mjsheaf.simulation.rows import groups_of_one_team
@@ -60,9 +60,7 @@ class Batches:
         for job in jobs:
             try:
                 scenario = job.load()
-                phases = moved_by(scenario.phases, "physics", "fused", 1)
-                require_simulable(phases, "physics")
-                run = Fused(phases)
+                run = fused_run(scenario)
                 require_world(run)
                 known.append((job, run, scenario.seed))
             except Exception as error:  # as `run_job` has it: one bad point must not end the study
@@ -88,11 +86,7 @@ def on_card() -> Iterator[Batches]:
     """The card of this machine."""
     from mjsheaf.simulation.card import run_on_card
 
-    def run(batch: Batch) -> Iterable[int]:
-        run_on_card(batch)
-        return range(len(batch))
-
-    yield Batches(run, "F", _MOST_ON_CARD)
+    yield Batches(run_on_card, "F", _MOST_ON_CARD)
 
 
 @contextmanager

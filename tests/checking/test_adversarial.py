@@ -26,7 +26,7 @@ from tests.checking.study import BASELINE, BROKEN, Judgement, judge, record_ship
 from tests.checking.test_theorem import CERTIFIED
 
 TRIED = int(os.environ.get("MJSHEAF_TEAMS", 3 * TEAMS // 10))
-"""Half of the study's teams, 25 of each family, unless told otherwise."""
+"""Three tenths of the study's teams, 15 of each family, unless told otherwise."""
 
 KEPT_OF_RANDOM = 0.95
 KEPT_OF_ADVERSARIAL = 0.60

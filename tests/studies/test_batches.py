@@ -33,8 +33,8 @@ def jobs_of(source: str, points: list[dict[str, Any]], seeds: list[int]) -> list
 
 
 def together(jobs: list[Job]) -> dict[int, dict[str, Any]]:
-    engine = Batches(Batch.each, "C")
-    return {result.record["run"]: result.record for result in engine.run(jobs)}
+    batches = Batches(Batch.each, "C")
+    return {result.record["run"]: result.record for result in batches.run(jobs)}
 
 
 def test_records_of_a_batch_are_those_of_runs_alone() -> None:
@@ -97,13 +97,13 @@ def test_a_run_with_events_is_refused_and_others_are_not() -> None:
 
 def test_a_study_on_a_batch_has_its_table_and_plots(tmp_path: Path) -> None:
     @contextmanager
-    def engine() -> Any:
+    def batches() -> Any:
         yield Batches(Batch.each, "C")
 
     plan = load_plan("midpoint", seeds=(0, 3), overrides=SHORT, device="gpu")
     assert plan.study.engine == "fused"
     assert plan.record()["asked"]["device"] == "gpu"
-    study = run_study(plan, tmp_path / "study", engine)
+    study = run_study(plan, tmp_path / "study", batches)
     assert [record["status"] for record in study.records] == ["finished"] * 3
     assert "table.csv" in study.files
     assert "tracking_error" in (tmp_path / "study" / "table.csv").read_text()

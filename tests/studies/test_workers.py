@@ -33,16 +33,16 @@ ASKED += ["--grid", "spread.position=1.0", "--seeds", "0:5"]
 @pytest.mark.slow
 def test_the_same_bits_whatever_does_the_runs(tmp_path: Path) -> None:
     """One worker and two, processes and threads, in another order too; every file but the timings."""
-    engines: dict[str, Callable[[], AbstractContextManager[Workers]]] = {
+    ways: dict[str, Callable[[], AbstractContextManager[Workers]]] = {
         "one thread": IN_THREADS,
         "three threads": partial(local_workers, 3, processes=False),
         "one process": partial(local_workers, 1),
         "two processes": partial(local_workers, 2),
     }
     found = {}
-    for name, engine in engines.items():
+    for name, workers in ways.items():
         plan = small_plan(seeds=(0, 4), overrides={"spread.position": 1.0}, trajectories=True)
-        assert run_study(plan, tmp_path / name, engine).begun == 8
+        assert run_study(plan, tmp_path / name, workers).begun == 8
         found[name] = contents(tmp_path / name)
     first = found.pop("one thread")
     assert sum(name.endswith(".nc") for name in first) == 8
@@ -82,8 +82,8 @@ def raises_a_stranger(job: Job) -> JobResult:
 @pytest.mark.slow
 def test_a_worker_that_dies_of_a_run_is_reported_as_that() -> None:
     plan = small_plan()
-    with local_workers(1) as engine:
-        found = {d.record["run"]: d.record for d in engine.run(map(plan.job, plan.points), dies_of_the_second)}
+    with local_workers(1) as workers:
+        found = {d.record["run"]: d.record for d in workers.run(map(plan.job, plan.points), dies_of_the_second)}
     assert [found[k]["status"] for k in range(4)] == ["finished", "lost", "finished", "finished"]
     assert "every worker that began it died, killed by signal 9, most likely for want of memory" in found[1]["message"]
 
@@ -101,21 +101,21 @@ def takes_all_memory_of_the_second(job: Job) -> JobResult:
 class Greedy:
     """Workers of which one takes more memory than its worker has."""
 
-    def __init__(self, engine: Workers) -> None:
-        self._engine = engine
+    def __init__(self, workers: Workers) -> None:
+        self._workers = workers
 
     def run(self, jobs: Iterable[Job]) -> Iterator[JobResult]:
-        return self._engine.run(jobs, takes_all_memory_of_the_second)
+        return self._workers.run(jobs, takes_all_memory_of_the_second)
 
 
 @pytest.mark.slow
 def test_a_worker_that_takes_too_much_memory_is_told_of_in_the_table(tmp_path: Path) -> None:
     @contextmanager
-    def engine() -> Iterator[Workers]:
+    def workers() -> Iterator[Workers]:
         with local_workers(1, memory=700_000_000) as processes:
             yield cast(Workers, Greedy(processes))
 
-    study = run_study(small_plan(), tmp_path / "out", engine)
+    study = run_study(small_plan(), tmp_path / "out", workers)
     assert [record["status"] for record in study.records] == ["finished", "lost", "finished", "finished"]
     with (tmp_path / "out" / "table.csv").open() as file:
         told = [row["message"] for row in csv.DictReader(file)]
@@ -125,8 +125,8 @@ def test_a_worker_that_takes_too_much_memory_is_told_of_in_the_table(tmp_path: P
 
 def test_an_error_around_a_run_is_recorded() -> None:
     plan = small_plan()
-    with IN_THREADS() as engine:
-        found = {d.record["run"]: d.record for d in engine.run(map(plan.job, plan.points), raises_a_stranger)}
+    with IN_THREADS() as workers:
+        found = {d.record["run"]: d.record for d in workers.run(map(plan.job, plan.points), raises_a_stranger)}
     assert [found[k]["status"] for k in range(4)] == ["finished", "failed", "finished", "finished"]
     assert found[1]["message"] == "LookupError: no such thing at all"
 
@@ -135,14 +135,14 @@ def test_an_error_around_a_run_is_recorded() -> None:
 def test_a_worker_of_another_version_ends_the_study(name: str) -> None:
     jobs = [small_plan().job(point) for point in small_plan().points]
     jobs = [replace(job, versions={**job.versions, name: "99.0"}) for job in jobs]
-    with IN_THREADS() as engine, pytest.raises(ForeignWorkerError, match=rf"a worker has {name} .*; expected 99\.0"):
-        list(engine.run(jobs))
+    with IN_THREADS() as workers, pytest.raises(ForeignWorkerError, match=rf"a worker has {name} .*; expected 99\.0"):
+        list(workers.run(jobs))
 
 
 def test_workers_listen_to_nobody() -> None:
     plan = small_plan()
-    with local_workers(1) as engine:
-        assert next(engine.run(map(plan.job, plan.points))).record["status"] == "finished"
+    with local_workers(1) as workers:
+        assert next(workers.run(map(plan.job, plan.points))).record["status"] == "finished"
         family = [psutil.Process(), *psutil.Process().children(recursive=True)]
         found = [connection.status for process in family for connection in process.net_connections("inet")]
     assert len(family) > 1
@@ -156,11 +156,11 @@ def tells_of_itself(job: Job) -> JobResult:
 
 
 @pytest.mark.slow
-def test_workers_have_one_thread_and_end_with_the_engine() -> None:
+def test_workers_have_one_thread_and_end_with_what_began_them() -> None:
     """And with a command that is killed: see `test_killed_ten_times`. Ctrl-C is for the command alone."""
     plan, before = small_plan(), dict(os.environ)
-    with local_workers(2) as engine:
-        told = [d.record["message"].split() for d in engine.run(map(plan.job, plan.points), tells_of_itself)]
+    with local_workers(2) as workers:
+        told = [d.record["message"].split() for d in workers.run(map(plan.job, plan.points), tells_of_itself)]
     assert {(blocked, alone) for _, blocked, alone in told} == {("True", "True")}
     assert not any(psutil.pid_exists(int(pid)) for pid, _, _ in told)
     assert dict(os.environ) == before
