@@ -34,7 +34,7 @@ class _Compilations(event.Listener):
         self._begun.append(perf_counter())
         if not self._announced and event.data["dispatcher"].py_func.__module__.startswith("mjsheaf."):
             self._announced = True
-            _logger.info("compiling loops for this machine: some 20 seconds, once")
+            _logger.info("compiling loops for this machine: some 50 seconds, once")
 
     def on_end(self, _: Any) -> None:
         begun = self._begun.pop()
