@@ -11,11 +11,13 @@ DEMO := runs/paper-physics
 
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "mjsheaf needs Python 3.11 or later; set PYTHON=")'
+	@echo "installing mjsheaf and what it needs into $(VENV): about a minute, once"
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
 	touch $(STAMP)
 
 demo: $(STAMP)
+	@echo "running the paper's 13 agents and 4 targets; the first run compiles loops for about a minute, once"
 	$(BIN)/mjsheaf run paper --expect --quality draft --out $(DEMO)
 	@echo
 	@echo "look    $(DEMO)/report.html in any browser"

@@ -1,29 +1,39 @@
 """
-Plots from result.nc
-====================
+Plots of a run
+==============
 
-``mjsheaf run`` leaves ``result.nc``, netCDF-4 that xarray opens.
+``mjsheaf.plot`` draws the figures that ``mjsheaf run`` writes, from a result in memory or from the directory of a run.
+The data are an xarray Dataset, so that a plot of your own takes a few lines. ``result.nc`` holds the same Dataset.
 """
 
-import tempfile
-from pathlib import Path
-
 import matplotlib.pyplot as plt
-import xarray as xr
 
 import mjsheaf
 
-result = mjsheaf.simulate(mjsheaf.load_scenario("certified", {"time.end": 15}), backend="ideal")
-with tempfile.TemporaryDirectory() as directory:
-    path = Path(directory) / "result.nc"
-    result.to_netcdf(path, engine="h5netcdf")  # stands for the run
-    run = xr.load_dataset(path, engine="h5netcdf")
+scenario = mjsheaf.load_scenario("harbour", {"time.end": 30})
+result = mjsheaf.simulate(scenario, backend="ideal")
+
+mjsheaf.plot(result)  # a dict of matplotlib figures: errors, trajectories, configurations
+
+# %%
+# Coordinates name the group, the vehicle and the kind of every agent, and the phase of every sample.
+# The errors of the groups are then one line:
+
+errors = (result.tracking_error**2).groupby("group").mean() ** 0.5
 
 figure, (left, right) = plt.subplots(1, 2, figsize=(8, 3), layout="constrained")
-for agent in run.agent.values:
-    left.plot(*run.agent_position.sel(agent=agent, axis=["x", "y"]).values.T, label=str(agent))
-left.plot(*run.target_position.isel(target=0).sel(axis=["x", "y"]).values.T, "k--", label="T1")
+for name in errors.group.values:
+    right.semilogy(result.time, errors.sel(group=name), label=name)
+right.set(xlabel="time (s)", ylabel="tracking error, RMS over agents (m)")
+right.legend()
+for agent in result.agent.values:
+    left.plot(*result.agent_position.sel(agent=agent, axis=["x", "y"]).values.T)
+for target in result.target.values:
+    left.plot(*result.target_position.sel(target=target, axis=["x", "y"]).values.T, "k--")
 left.set(xlabel="x (m)", ylabel="y (m)", aspect="equal")
-left.legend()
-right.semilogy(run.time, run.tracking_error)
-right.set(xlabel="time (s)", ylabel="tracking error (m)")
+
+# %%
+# ``mjsheaf.replay`` makes the page that replays the run in three dimensions. A notebook shows it; ``save`` writes one
+# HTML file that any browser opens, without a network.
+
+mjsheaf.replay(result)

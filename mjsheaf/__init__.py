@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING, Any
 from mjsheaf._version import __version__
 
 if TYPE_CHECKING:
+    from mjsheaf import envs
     from mjsheaf.checking import check
     from mjsheaf.control.controller import Controller, PerAgent
     from mjsheaf.runs.many import simulate_many
     from mjsheaf.runs.publish import save
+    from mjsheaf.runs.showing import plot, replay
     from mjsheaf.runs.simulate import simulate
     from mjsheaf.scenario import Scenario, load_scenario
     from mjsheaf.sheaf import Sheaf
@@ -29,6 +31,8 @@ _HOME = {
     "World": "mjsheaf.simulation.world",
     "load_vehicle": "mjsheaf.vehicles.loading",
     "save": "mjsheaf.runs.publish",
+    "plot": "mjsheaf.runs.showing",
+    "replay": "mjsheaf.runs.showing",
     "Controller": "mjsheaf.control.controller",
     "PerAgent": "mjsheaf.control.controller",
 }
@@ -41,8 +45,11 @@ __all__ = [
     "World",
     "__version__",
     "check",
+    "envs",
     "load_scenario",
     "load_vehicle",
+    "plot",
+    "replay",
     "save",
     "simulate",
     "simulate_many",
@@ -50,6 +57,8 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
+    if name == "envs":  # a package, whose functions load libraries of their own
+        return import_module("mjsheaf.envs")
     if name in _HOME:
         return getattr(import_module(_HOME[name]), name)
     raise AttributeError(f"module 'mjsheaf' has no attribute {name!r}")

@@ -3,19 +3,38 @@
 What errors say about a name that is not known: the names that are expected, and the closest of them.
 """
 
+import re
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from difflib import get_close_matches
+
+MAX_LINE_LENGTH = 4000
+"""Characters in a line of a message."""
+
+_LINE_BREAKS = re.compile(r"[^\S ]+")
 
 
 class MjsheafError(Exception):
     """Base of every error that mjsheaf raises on purpose.
 
+    Lines may quote what users wrote: characters that a terminal would obey are escaped, and endless ones are cut.
+
     Attributes:
+        args: the lines of the message, mostly one; a scenario with several mistakes has a line for each.
         exit_code: what the command line exits with; 1 unless a class says otherwise.
     """
 
     exit_code = 1
+
+    def __init__(self, *lines: object) -> None:
+        super().__init__(*(shortened(printable(_LINE_BREAKS.sub(" ", str(line))), MAX_LINE_LENGTH) for line in lines))
+
+    def __str__(self) -> str:
+        return "\n".join(self.args)
+
+    def within(self, place: object, kind: "type[MjsheafError] | None" = None) -> "MjsheafError":
+        """Return the same error with a place before each line, as of the same class unless another is given."""
+        return (kind or type(self))(*(f"{place}: {line}" for line in self.args))
 
 
 class InputError(MjsheafError, ValueError):
@@ -58,15 +77,28 @@ def in_field(field: str) -> Iterator[None]:
     except PlaceError:
         raise
     except MjsheafError as error:
-        raise type(error)(f"{field}: {error}") from None
+        raise error.within(field) from None
 
 
 _MOST = 20
 
 
+def printable(text: str) -> str:
+    """Escape the characters of a text that are neither printed nor line breaks, such as those that a terminal obeys."""
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() or c == "\n" else c.encode("unicode_escape").decode() for c in text)
+
+
 def shortened(text: str, most: int = 60) -> str:
     """A text of at most so many characters: a longer one ends in '...'."""
     return text if len(text) <= most else text[: most - 3] + "..."
+
+
+def visible(part: object, most: int = 60) -> str:
+    """Return a text, key or name as one line of at most so many characters, none of which a terminal obeys."""
+    line = " ".join(str(part).split())
+    return shortened(printable(line), most) or "''"
 
 
 def listed(names: Collection[str]) -> str:

@@ -1,25 +1,44 @@
 """Compiled functions: one decorator, and a cache on disk that never serves old code.
 
 numba caches machine code next to the source and notices when that source changes, but not when a compiled function
-that it calls, in another file, does. So the cache of every directory is stamped with a hash of the layers whose
-compiled functions call one another across files, and emptied when the stamp does not match.
+that it calls, in another file, does. So the code of every file is stamped with a hash of that file and of those from
+which it imports, directly or not, and dropped when the stamp does not match: an edit recompiles only its callers.
 """
 
+import ast
 import contextlib
 import hashlib
+import inspect
 import logging
+import os
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-from numba import config, njit
-from numba.core import event
+from mjsheaf.errors import InputError
+
+try:
+    from numba import config, njit
+    from numba.core import event
+except ValueError:  # numba reads its environment variables as it is imported
+    raise InputError(
+        f"NUMBA_NUM_THREADS: {os.environ.get('NUMBA_NUM_THREADS', '')[:40]!r}; expected a whole number from 1 on"
+    ) from None
 
 _logger = logging.getLogger("mjsheaf")
 _PACKAGE = Path(__file__).resolve().parent
-_SOURCES = ("system.py", "noise.py", "sheaf/*.py", "dynamics/*.py", "control/*.py", "vehicles/*.py", "simulation/*.py")
+_SOURCES = (
+    "jit.py",
+    "system.py",
+    "noise.py",
+    "sheaf/*.py",
+    "dynamics/*.py",
+    "control/*.py",
+    "vehicles/*.py",
+    "simulation/*.py",
+)
 
 
 class _Compilations(event.Listener):
@@ -32,7 +51,7 @@ class _Compilations(event.Listener):
 
     def on_start(self, event: Any) -> None:
         self._begun.append(perf_counter())
-        if not self._announced and event.data["dispatcher"].py_func.__module__.startswith("mjsheaf."):
+        if not self._announced and str(event.data["dispatcher"].py_func.__module__).startswith("mjsheaf."):
             self._announced = True
             _logger.info("compiling loops for this machine: some 50 seconds, once")
 
@@ -78,26 +97,58 @@ def _compile(function: Callable[..., Any], **options: Any) -> Any:
         compiled = njit(cache=True, nogil=True, error_model="numpy", **options)(function)
     except RuntimeError:  # no directory can be written: compile anew in each process
         return njit(nogil=True, error_model="numpy", **options)(function)
-    _drop_stale_code(compiled.stats.cache_path)
+    _drop_stale_code(compiled.stats.cache_path, Path(inspect.getfile(function)).resolve())
     return compiled
 
 
 @cache
-def _source_hash() -> str:
-    digest = hashlib.sha256(Path(__file__).read_bytes())
-    for path in sorted(p for pattern in _SOURCES for p in _PACKAGE.glob(pattern)):
-        digest.update(path.read_bytes())
+def _imports_of(path: Path) -> frozenset[Path]:
+    """Return the files of the package from which a file imports names, looking through the faces of packages."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_bytes())):
+        if isinstance(node, ast.ImportFrom) and not node.level and str(node.module).split(".")[0] == "mjsheaf":
+            found |= {_origin_of(str(node.module), alias.name) for alias in node.names}
+    return frozenset(found)
+
+
+@cache
+def _origin_of(module: str, name: str) -> Path:
+    """Return the file in which a name that is imported from a module of the package is defined."""
+    base = _PACKAGE.joinpath(*module.split(".")[1:])
+    if not base.is_dir():
+        return base.with_suffix(".py")
+    if (base / f"{name}.py").exists():
+        return base / f"{name}.py"
+    face = base / "__init__.py"
+    for node in ast.walk(ast.parse(face.read_bytes())):
+        if isinstance(node, ast.ImportFrom) and any((alias.asname or alias.name) == name for alias in node.names):
+            return _origin_of(str(node.module), name)
+    return face
+
+
+@cache
+def _source_hash(path: Path) -> str:
+    """Return a hash of a file and of all files of the package that its compiled functions may call."""
+    reached, pending = set(), {path, Path(__file__).resolve()}
+    while pending:
+        file = pending.pop()
+        reached.add(file)
+        pending |= _imports_of(file) - reached
+    digest = hashlib.sha256()
+    for file in sorted(reached):
+        if file.is_relative_to(_PACKAGE) and any(file.relative_to(_PACKAGE).match(pattern) for pattern in _SOURCES):
+            digest.update(file.read_bytes())
     return digest.hexdigest()
 
 
 @cache
-def _drop_stale_code(directory: str) -> None:
-    stamp = Path(directory) / "mjsheaf.stamp"
+def _drop_stale_code(directory: str, source: Path) -> None:
+    stamp = Path(directory) / f"mjsheaf.{source.stem}.stamp"
     with contextlib.suppress(OSError):
-        if stamp.exists() and stamp.read_text() == _source_hash():
+        if stamp.exists() and stamp.read_text() == _source_hash(source):
             return
-        for pattern in ("*.nbi", "*.nbc"):
+        for pattern in (f"{source.stem}.*.nbi", f"{source.stem}.*.nbc"):
             for path in Path(directory).glob(pattern):
                 path.unlink(missing_ok=True)
         stamp.parent.mkdir(parents=True, exist_ok=True)
-        stamp.write_text(_source_hash())
+        stamp.write_text(_source_hash(source))

@@ -4,6 +4,8 @@ Philox4x32 with ten rounds (Salmon, Moraes, Dror and Shaw, Parallel random numbe
 pairs of normal numbers by Box and Muller.
 """
 
+from hashlib import blake2b
+
 import numpy as np
 
 from mjsheaf.jit import inline_jit, jit
@@ -15,6 +17,23 @@ _WEYL = (np.uint64(0x9E3779B9), np.uint64(0xBB67AE85))
 _UNIT = 2.0**-32
 LARGEST_NORMAL = float(np.sqrt(-2.0 * np.log(0.5 * _UNIT)))
 """No number of `normals` is larger."""
+
+
+def stream_of(*words: object) -> tuple[int, int]:
+    """Return the stream with this name: 61 bits that depend on nothing but the words.
+
+    The first number is at least 2^30 and both are below 2^31.
+    """
+    word = blake2b(" ".join(map(str, words)).encode(), digest_size=8).digest()
+    return 2**30 + (int.from_bytes(word[:4]) >> 2), int.from_bytes(word[4:]) >> 1
+
+
+def generator_of(seed: int, *words: object) -> np.random.Generator:
+    """Return a generator for what is drawn once, before a run, by its seed and name.
+
+    It is independent of the generators of other names, and of how many there are.
+    """
+    return np.random.default_rng([seed, *stream_of(*words)])
 
 
 @inline_jit

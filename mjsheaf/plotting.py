@@ -90,8 +90,16 @@ def new_figure(width: float, height: float, title: str, options: FigureOptions =
     figure = Figure((width, height), dpi=_DPI, layout=ConstrainedLayoutEngine(h_pad=0.06, w_pad=0.06))
     FigureCanvasAgg(figure)
     if options.title and title:
-        figure.suptitle(fill(title, int(width * 13)), fontsize=10.5)
+        figure.suptitle(fill(title, int(width * 13)), fontsize=10.5, parse_math=False)
     return figure
+
+
+def plain(text: str) -> str:
+    """Return text that a label or a legend shows letter by letter.
+
+    Between dollars it would be read as mathematics; a legend leaves out what begins with an underscore.
+    """
+    return (" " if text.startswith("_") else "") + text.replace("$", r"\$")
 
 
 def settle(figure: Figure) -> None:

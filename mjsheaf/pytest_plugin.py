@@ -3,12 +3,14 @@
 Every YAML file with an `expect:` block gives a test for each backend that has bounds in it, or one test, `refused`. It
 passes where the runs are as expected. In a directory, scenarios without the block are skipped and other files ignored;
 a file that is named itself fails if it is broken or expects nothing. Without --mjsheaf nothing is collected,
-and nothing of mjsheaf but this module is imported.
+and nothing of mjsheaf but this module is imported. A block with a field `controller` is for that law in Python;
+--controller FILE.py:NAME replaces it.
 """
 
 import re
 import warnings
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,18 +21,31 @@ if TYPE_CHECKING:
     from mjsheaf.scenario import Scenario
 
 _SUFFIXES = (".yaml", ".yml")
-_RECORDS = ("summary.json", "compare.json", "study.json")
+_RECORDS = ("summary.json", "compare.json", "runs.json", "study.json")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add --mjsheaf and the setting mjsheaf_tight."""
     group = parser.getgroup("mjsheaf")
     group.addoption("--mjsheaf", action="store_true", help="collect scenarios with an `expect:` block as tests")
+    _add_controller(group)
     parser.addini(
         "mjsheaf_tight",
         "fail where a bound of an `expect:` block is more than this many times what was found, such as 1.1",
         default="",
     )
+
+
+def _add_controller(group: Any) -> None:
+    """Add --mjsheaf-controller, and --controller unless another plugin has it."""
+    about: dict[str, Any] = {
+        "metavar": "FILE.py:NAME",
+        "dest": "mjsheaf_controller",
+        "help": "run scenarios under this law in Python instead of the one that their `expect:` block names",
+    }
+    group.addoption("--mjsheaf-controller", **about)
+    with suppress(ValueError):
+        group.addoption("--controller", **about)
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -156,18 +171,24 @@ def _skip(reason: str, item: Expectation) -> None:
 
 def _compare(backends: list[str], item: Expectation) -> None:
     """Pass where the scenario runs as it expects on these backends; properties of the report take what was found."""
+    from mjsheaf.control.source import find_law
     from mjsheaf.errors import MjsheafError
-    from mjsheaf.runs.expecting import describe, loose, miss, missed, try_scenario
+    from mjsheaf.runs.expecting import describe, expected_law, loose, miss, missed, try_scenario
 
     scenario = item.parent.load()
     start = item.config.invocation_params.dir
     place = str(item.path.relative_to(start) if item.path.is_relative_to(start) else item.path)  # as a command takes it
     tight = item.config.getini("mjsheaf_tight")
+    named = item.config.getoption("mjsheaf_controller")
+    try:
+        law = expected_law(scenario, item.path.parent) if named is None else find_law(named)
+    except MjsheafError as error:
+        raise _MissedError(f"{place}: {error}") from None
     for backend in backends:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # a run says what matters of them
-                trial = try_scenario(scenario, backend)
+                trial = try_scenario(scenario, backend, law=law)
         except MjsheafError as error:
             raise _MissedError(f"{place} on {backend}: cannot be simulated: {error}") from None
         item.user_properties += [(name, value) for name, value in trial.final.items() if value is not None]

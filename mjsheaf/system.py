@@ -1,14 +1,15 @@
 """The closed-loop system that both backends turn into trajectories: team, law, flow, motions and disturbances."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.control import ControlArrays, LawArrays
+from mjsheaf.control.station import Station, no_station
 from mjsheaf.control.terms import TermArrays, cover
 from mjsheaf.dynamics import disturbance
 from mjsheaf.dynamics.disturbance import HarmonicArrays, disturbance_velocity
@@ -145,6 +146,7 @@ class System:
         tolerance: relative and absolute error of the ideal backend's integrator for each step.
         bodies: how the physics backend embodies it.
         stopped: whether each vehicle's thrusters stand still, shape (V,); None where none of them does.
+        waiting: Station of the vehicles that hold their position until they join; None where none of them does.
     """
 
     name: str
@@ -161,6 +163,7 @@ class System:
     tolerance: tuple[float, float]
     bodies: PhysicsOptions
     stopped: BoolArray | None = None
+    waiting: Station | None = None
 
     def described_vehicle(self, name: str) -> Vehicle:
         """A vehicle as its files describe it; they are compiled once for a system and all copies of it.
@@ -193,8 +196,24 @@ class System:
                         f"{name!r} moves in {made[name].dimension} dimensions, but {member.id} has {member.dimension}; "
                         "see mjsheaf list --vehicles"
                     )
+                if not made[name].actuators:
+                    self._refuse_to_push(v, name)
             vehicles.append(made[name])
         return vehicles
+
+    def _refuse_to_push(self, v: int, name: str) -> None:
+        """Refuse a vehicle without thrusters as an agent, or as a target that is to follow a path.
+
+        Raises:
+            InputError: it is one.
+        """
+        if v < len(self.team.agents):
+            raise InputError(f"{name!r} has no thrusters and cannot be an agent; expected it on a target")
+        if self.motion.path[v, 1] > 0 or self.motion.amplitude[v].any():
+            raise InputError(
+                f"{name!r} has no thrusters and cannot follow a path; expected a target with motion static, or with "
+                "none, which drifts"
+            )
 
     @cached_property
     def steps_per_sample(self) -> int:
@@ -224,6 +243,25 @@ class System:
         tau = np.array([vehicle.reduced_model().tau[0] for vehicle in self.vehicles[: terms.agents]])
         law = self.law._replace(terms=terms._replace(lead=terms.lead * (1.0 + tau / terms.period)))
         return ControlArrays(law, self.motion)
+
+    @cached_property
+    def station(self) -> Station:
+        """The positions that vehicles hold, and gains for ideal kinematics."""
+        V = len(self.team.members)
+        return (self.waiting or no_station(V)).with_time_constants(np.zeros(V), self._hold)
+
+    @cached_property
+    def station_of_bodies(self) -> Station:
+        """The same with gains for the time constants of the bodies."""
+        if self.waiting is None:
+            return self.station
+        tau = np.array([vehicle.reduced_model().tau.max() for vehicle in self.vehicles])
+        return self.waiting.with_time_constants(tau, self._hold)
+
+    @property
+    def _hold(self) -> float:
+        """How long a command is held, s."""
+        return 0.0 if self.grid.continuous else self.grid.period
 
     @cached_property
     def medium(self) -> MediumArrays:
@@ -256,7 +294,8 @@ class System:
         edges = law.edges._replace(tail=number[law.edges.tail], head=number[law.edges.head])
         terms = law.terms
         if terms.agents:
-            terms = terms._replace(agents=len(agents), dimension=terms.dimension[agents], lead=terms.lead[agents])
+            rows_of_agents = {name: getattr(terms, name)[agents] for name in ("dimension", "lead", "streams")}
+            terms = terms._replace(agents=len(agents), **rows_of_agents)
         links = law.links
         if len(links.table):
             facing = links.facing[rows] if len(links.facing) else links.facing
@@ -273,6 +312,7 @@ class System:
             field=self.field[rows],
             bodies=replace(plan, vehicle=[plan.vehicle[v] for v in rows], heading=plan.heading[rows]),
             stopped=None if self.stopped is None else self.stopped[rows],
+            waiting=None,
         )
 
     @cached_property
@@ -288,7 +328,9 @@ class System:
 
 @dataclass(frozen=True)
 class Phase:
-    """A stretch of a run under one system; its vehicles, grid and medium are those of the whole run.
+    """A stretch of a run under one system: its law, links, targets' motions, medium and effectiveness are its own.
+
+    Vehicles, where they begin, sample times and how bodies are simulated are those of the whole run: see `phases_of`.
 
     Attributes:
         start: number of the sample at which it begins.
@@ -350,7 +392,8 @@ def phases_of(run: System | Sequence[Phase]) -> tuple[Phase, ...]:
     """A run as phases: one for a system alone. Agents know bounds on the eigenvalues of H that hold in all phases.
 
     Raises:
-        InputError: they do not begin with sample 0, do not follow one another, or have unlike vehicles or grids.
+        InputError: they do not begin with sample 0, do not follow one another, or differ in what is the whole run's;
+            the message names that.
     """
     phases = (Phase(0, run),) if isinstance(run, System) else tuple(run)
     starts = [phase.start for phase in phases]
@@ -358,12 +401,33 @@ def phases_of(run: System | Sequence[Phase]) -> tuple[Phase, ...]:
         raise InputError(f"phases start at samples {starts}; expected 0 first, then later samples of the run, in order")
     first = phases[0].system
     for phase in phases[1:]:
-        if phase.system.team.members != first.team.members or phase.system.grid != first.grid:
-            raise InputError(f"the phase from sample {phase.start} has other vehicles or sample times than the first")
+        for (name, own), (_, wanted) in zip(_fixed(phase.system), _fixed(first), strict=True):
+            if not _same(own, wanted):
+                raise InputError(
+                    f"the phase from sample {phase.start} has other {name} than the first; expected the same in all "
+                    "phases, which may differ in law, edges, links, motions, medium and effectiveness"
+                )
     systems = list({id(phase.system): phase.system for phase in phases}.values())
     covering = zip(systems, cover([system.law.terms for system in systems]), strict=True)
     known = {id(system): _with_terms(system, terms) for system, terms in covering}
     return tuple(replace(phase, system=known[id(phase.system)]) for phase in phases)
+
+
+def _fixed(system: System) -> Iterator[tuple[str, Any]]:
+    """What no phase can change, with its name."""
+    plan = system.bodies
+    yield "vehicles (team.members)", system.team.members
+    yield "sample times (grid)", system.grid
+    yield "initial positions (initial)", system.initial
+    yield "vehicle descriptions (bodies.vehicle)", plan.vehicle
+    yield "headings (bodies.heading)", plan.heading
+    names = ("time_constant", "effects", "timestep", "contacts", "surface", "surface_height", "engine", "threads")
+    yield from ((f"bodies.{name}", getattr(plan, name)) for name in names)
+
+
+def _same(one: Any, other: Any) -> bool:
+    """Return True if two values are alike."""
+    return np.array_equal(one, other) if isinstance(one, np.ndarray) else bool(one == other)
 
 
 def _with_terms(system: System, terms: TermArrays) -> System:

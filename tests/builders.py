@@ -48,6 +48,9 @@ FACTS = json.loads((DATA / "paper_facts.json").read_text())
 RAFT = DATA / "raft.yaml"
 """A user's vehicle."""
 
+POWERED = [name for name in list_vehicles() if name != "buoy"]
+"""Vehicles with thrusters that come with mjsheaf."""
+
 TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 """A mesh, as the text of an .obj file."""
 
@@ -372,7 +375,15 @@ class AloneFused(Fused):
         self._place()
 
 
-def alone(vehicle: str, *, heading: float = 0.0, drift: Any = None, timestep: float = 0.001, **effects: Any) -> World:
+def alone(
+    vehicle: str,
+    *,
+    heading: float = 0.0,
+    drift: Any = None,
+    timestep: float = 0.001,
+    surface: str = "water",
+    **effects: Any,
+) -> World:
     """A world with vehicle 0, at the origin with a heading in degrees, in a medium that moves at `drift`, m/s.
 
     It is asked for no velocity; see `ask`. Effects are switched as in a scenario.
@@ -385,6 +396,7 @@ def alone(vehicle: str, *, heading: float = 0.0, drift: Any = None, timestep: fl
             "targets": [{"id": "T", "position": [50.0] * n}],
             "sensing": [["A", "T"]],
             "flow": flow,
+            "scene": {"surface": surface},
             "controller": {"gain": 1.0, "control_period": 10 * timestep},
             "physics": {"timestep": timestep, "effects": effects},
         }

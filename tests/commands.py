@@ -53,6 +53,12 @@ def is_refusal(answer: Answer, *named: object) -> bool:
     return answer.code == 2 and one_line(answer.err, *named)
 
 
+def only_errors(text: str) -> bool:
+    """Whether stderr is an error of mjsheaf's: a line for each mistake, at most eleven of them."""
+    lines = text.split("\n")[:-1]
+    return text.endswith("\n") and 0 < len(lines) <= 11 and all(line.startswith("mjsheaf: ") for line in lines)
+
+
 def one_line(text: str, *named: object) -> bool:
     """Whether stderr is one line of mjsheaf's that names all of these; the words around them are free."""
     return text.startswith("mjsheaf: ") and text.count("\n") == 1 and text.endswith("\n") and names(text, *named)
@@ -76,8 +82,10 @@ def start(*arguments: str | Path, **options: Any) -> "subprocess.Popen[str]":
 
 
 def heed_interrupts() -> None:
-    """Undo in a new process that SIGINT is ignored, which it inherits where the tests run in a shell's background."""
+    """Stop ignoring signals in a new process: SIGINT is ignored in a shell's background, SIGHUP by `nohup`."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 @contextlib.contextmanager

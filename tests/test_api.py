@@ -4,6 +4,9 @@ Oracles: a held first-order loop in closed form, least squares by numpy, and the
 """
 
 import json
+import subprocess
+import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +31,40 @@ def test_every_name_is_there() -> None:
     assert all(getattr(mjsheaf, name) is not None for name in mjsheaf.__all__)
     with pytest.raises(AttributeError, match="simulat"):
         mjsheaf.simulat  # noqa: B018
+
+
+IMPORTING = """
+import importlib, pkgutil, sys, mjsheaf
+public = {name: getattr(mjsheaf, name) for name in mjsheaf.__all__}
+for module in pkgutil.walk_packages(mjsheaf.__path__, "mjsheaf."):
+    if module.name.rpartition(".")[2] != "__main__" and module.name != "mjsheaf.simulation.card":  # for a GPU
+        importlib.import_module(module.name)
+changed = [name for name, kept in public.items() if getattr(mjsheaf, name) is not kept]
+modules = [name for name in public if type(public[name]) is type(sys) and name != "envs"]
+print(changed, modules)
+"""
+
+
+def test_no_public_name_is_that_of_a_module() -> None:
+    """Python replaces a function of a package by a module of the same name as soon as somebody imports that."""
+    for name in set(mjsheaf.__all__) - {"__version__", "envs"}:  # `envs` is a module
+        assert find_spec(f"mjsheaf.{name}") is None, name
+    done = subprocess.run([sys.executable, "-c", IMPORTING], capture_output=True, text=True, check=True)
+    assert done.stdout == "[] []\n"
+
+
+def test_public_functions_work_twice() -> None:
+    """Each once before and once after what it imports."""
+    scenario = mjsheaf.load_scenario(FIELDS, {"time.end": 0.1})
+    for _ in range(2):
+        assert isinstance(mjsheaf.load_scenario(FIELDS), mjsheaf.Scenario)
+        result = mjsheaf.simulate(scenario, "ideal")
+        assert result.attrs["status"] == "finished"
+        assert len(mjsheaf.simulate_many([scenario], "ideal")) == 1
+        assert mjsheaf.check(scenario)["ok"] is True
+        assert mjsheaf.load_vehicle("hull").dimension == 2
+        assert list(mjsheaf.plot(result)) == ["errors", "trajectories", "configurations"]
+        assert mjsheaf.replay(result).html.startswith("<!DOCTYPE html>")
 
 
 def test_all_that_a_scenario_is_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

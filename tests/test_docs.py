@@ -22,7 +22,7 @@ import yaml
 from pydantic import BaseModel, TypeAdapter
 
 from mjsheaf import load_scenario, simulate
-from mjsheaf.scenario import Scenario
+from mjsheaf.scenario import Scenario, list_scenarios
 from mjsheaf.studies import load_plan
 from mjsheaf.studies.schema import StudyFile
 from mjsheaf.vehicles.actuators import Azimuth
@@ -102,6 +102,9 @@ def test_command_ends_as_it_should(
         (tmp_path / file).write_text(answer_of(*words).out)
         json.loads((tmp_path / file).read_text())
         return
+    if words[0] == "compare-runs":
+        for directory in words[1 : words.index("--out")]:
+            assert call("run", "paper", *SHORTENED["run"], "--out", directory) == 0
     if words[0] in ("video", "plot", "report"):  # which `make demo` leaves
         assert call("run", "paper", *SHORTENED["run"], "--out", words[1]) == 0
     shortened = [] if "--expect" in words else SHORTENED.get(words[0], [])
@@ -262,3 +265,62 @@ def test_files_that_examples_come_from_work(path: Path) -> None:
         assert load_plan(str(path)).points
     else:
         assert simulate(load_scenario(path), backend="ideal").attrs["status"] == "finished"
+
+
+def test_the_gallery_shows_every_scenario_once_and_the_refused_last() -> None:
+    import gallery
+
+    sections = gallery.ordered(list_scenarios())
+    names = [name for section in sections.values() for name in section]
+    assert sorted(names) == sorted(list_scenarios())
+    assert names[:3] == ["paper", "certified", "harbour"]
+    assert list(sections)[-1] == gallery.REFUSED
+    refused = {name for name in names if load_scenario(name).expect.refused}
+    assert refused <= set(sections[gallery.REFUSED])
+    assert {name for name in names if gallery.label_of(name)} == refused
+
+
+def test_formulas_become_mathml_whose_bars_do_not_grow() -> None:
+    pytest.importorskip("latex2mathml")
+    pytest.importorskip("ziamath")
+    import mathml
+
+    formulas = []
+    for page in PAGES:
+        text = re.sub(r"```.*?```|`[^`]*`", "", page.read_text(), flags=re.DOTALL)
+        formulas += [block or inline for block, inline in re.findall(r"\$\$(.+?)\$\$|\$([^$\n]+?)\$", text, re.DOTALL)]
+    assert len(formulas) > 50
+    for formula in formulas:
+        root = ElementTree.fromstring(mathml.translate(formula, block=False))
+        words = "".join(root.itertext())
+        assert "\\" not in words, formula  # a command that is not known stays as it is
+        bars = [node for node in root.iter(f"{{{mathml.MATHML}}}mo") if node.text == "‖"]
+        assert all(node.get("stretchy") == "false" for node in bars), formula
+
+
+def test_the_font_of_formulas_has_what_roots_need(tmp_path: Path) -> None:
+    pytest.importorskip("ziamath")
+    import mathml
+    from fontTools.ttLib import TTFont  # type: ignore[import-untyped]
+
+    mathml.write_font(tmp_path / "math.woff")
+    font = TTFont(tmp_path / "math.woff")
+    assert "MATH" in font
+    assert {ord(letter) for letter in "√‖𝒟ℋλη⊴∑"} <= set(font.getBestCmap())
+    assert any("Open Font License" in name.toUnicode() for name in font["name"].names)
+    assert mathml.FONT in (DOCS / "_static" / "site.css").read_text()
+
+
+def test_the_figure_of_stalks_shows_the_sheaf_of_its_text(tmp_path: Path) -> None:
+    import stalks
+
+    texts = [text.get_text() for axis in stalks.draw().axes for text in axis.texts]
+    assert any(text.endswith("= (−1, 0.5) m") for text in texts)
+    assert any("has dimension 3" in text and "has dimension 0" in text for text in texts)
+    assert [text for text in texts if text in ("0", "1", "−1")] == list("1001") + list("100010") + [
+        *("1", "0", "−1", "0", "0"),
+        *("0", "1", "0", "−1", "0"),
+    ]
+    for name in ("a.svg", "b.svg"):
+        stalks.write(tmp_path / name)
+    assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()

@@ -2,6 +2,7 @@
 
 import html
 import shutil
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,21 @@ from mjsheaf.scenario.load import read_scenario
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 _MENDED = {"lost_thruster": ", in which the thrusters work"}
+MORE = "Variations"
+REFUSED = "Where an assumption fails"
+SECTIONS = {
+    "Start here": ("paper", "certified", "harbour", "otters", "quads", "swarm"),
+    "Better laws": (
+        *("harbour_feedforward", "otters_feedforward", "quads_feedforward", "paper_feedforward", "steady_current"),
+    ),
+    "Noise, delay and failures": (
+        *("harbour_lost_hexarotor", "noisy_harbour", "swarm_radio_shadow", "paper_delay", "paper_half_lost"),
+        "noisy_odometry",
+    ),
+    MORE: ("midpoint", "surface_tracks_air", "local_frames", "altitude_anchor", "tetrahedron"),
+    REFUSED: ("split_team", "unseen_target", "singular_flow", "lost_thruster", "air_tracks_surface"),
+}
+"""Scenarios in the order of the gallery, by section."""
 _WORDS = [name.replace("_", " ") for name in MEASURES]
 
 
@@ -30,16 +46,43 @@ def publish(extra: Path) -> None:
                 shutil.copy(replays.replay_of(name) / file, to / f"{name}.{suffix}")
 
 
+def ordered(names: Iterable[str]) -> dict[str, list[str]]:
+    """Sort scenarios into the sections of the gallery, the most interesting first; refused ones are in the last one.
+
+    A scenario that no section lists comes at the end of the last section but one.
+    """
+    known = list(names)
+    listed = {name for section in SECTIONS.values() for name in section}
+    found = {title: [name for name in section if name in known] for title, section in SECTIONS.items()}
+    for name in known:
+        if name not in listed:
+            found[REFUSED if label_of(name) else MORE].append(name)
+    return {title: section for title, section in found.items() if section}
+
+
+def label_of(name: str) -> str:
+    """Return why a scenario has a label in the gallery: `run` refuses it. Empty for all others."""
+    return "refused" if Scenario.model_validate(read_scenario(name)).expect.refused else ""
+
+
 def cards() -> str:
-    """A card for each scenario: picture, name, what it shows."""
-    found = []
-    for name in list_scenarios():
-        summary = html.escape(Scenario.model_validate(read_scenario(name)).summary)
-        found.append(
-            f'<a class="card" href="../generated/gallery/{name}.html">{_picture(name, "..")}'
-            f"<span><code>{name}</code><br>{summary}</span></a>"
-        )
-    return '<div class="cards">\n' + "\n".join(found) + "\n</div>\n"
+    """Return a card for each scenario, section by section (picture, name, what it shows), and the pages' order."""
+    lines = []
+    sections = ordered(list_scenarios())
+    for title, names in sections.items():
+        lines += [f"## {title}\n", '<div class="cards">', *(_card(name) for name in names), "</div>\n"]
+    pages = [f"../generated/gallery/{name}" for names in sections.values() for name in names]
+    return "\n".join([*lines, "```{toctree}", ":hidden:", "", *pages, "```", ""])
+
+
+def _card(name: str) -> str:
+    summary = html.escape(Scenario.model_validate(read_scenario(name)).summary)
+    label = label_of(name)
+    mark = f' <em class="label">{label}</em>' if label else ""
+    return (
+        f'<a class="card" href="../generated/gallery/{name}.html">{_picture(name, "..")}'
+        f"<span><code>{name}</code>{mark}<br>{summary}</span></a>"
+    )
 
 
 def _picture(name: str, root: str) -> str:

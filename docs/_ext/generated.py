@@ -7,6 +7,7 @@ from typing import Any
 
 import fields
 import gallery
+import stalks
 import typer
 import vehicles
 from sphinx.application import Sphinx
@@ -65,6 +66,7 @@ def generate(_: Sphinx) -> None:
         write(to / "gallery" / f"{name}.md", gallery.page(name))
     write(to / "gallery_fields.md", gallery.cards())
     write(to / "commands_fields.md", commands_page())
+    stalks.write(to / "stalks.svg")
     write(to / "vehicles_fields.md", vehicles.page(to / "vehicles"))
     changes = re.sub(r"\A# .*\n", "", (REPOSITORY / "CHANGELOG.md").read_text())
     write(to / "changes_fields.md", changes)

@@ -24,7 +24,7 @@ RUN_AS = {
 """Scenarios that are refused as they stand: with which option, and override, their page shows a run."""
 
 _RUN_BY = ("mujoco", "numpy", "scipy", "numba", "matplotlib")
-_PICTURE = {"width": 720, "height": 406, "fps": 1, "quality": "good"}
+_PICTURE = {"width": 720, "height": 406, "fps": 1, "quality": "good", "legend": False}
 _MOMENT = 0.4  # of the run, that the picture shows
 
 

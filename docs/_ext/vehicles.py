@@ -12,6 +12,7 @@ import numpy as np
 import replays
 
 import mjsheaf
+from mjsheaf.vehicles.authority import authority_of
 from mjsheaf.vehicles.effects import capability_of
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 from mjsheaf.vehicles.vehicle import Vehicle
@@ -39,6 +40,7 @@ def _section(vehicle: Vehicle, directory: Path) -> str:
     rows = [
         ("mass", "kg", f"{vehicle.mass:g}"),
         ("thrusters", "", f"{len(vehicle.actuators)}"),
+        ("pushes", "", authority_of(vehicle).describe()),
         ("forward thrust", "N", _limit(can.forward_thrust)),
         ("forward speed", "m/s", _limit(can.forward_speed)),
         ("speed in the slowest direction", "m/s", _limit(can.least_speed)),
@@ -54,6 +56,8 @@ def _section(vehicle: Vehicle, directory: Path) -> str:
     if _draw(vehicle, directory / f"{vehicle.name}_picture.png"):
         lines.append(f"![{vehicle.name}](../generated/vehicles/{vehicle.name}_picture.png)\n")
     lines += ["| | | |", "|---|---|---|", table, ""]
+    if not vehicle.actuators:
+        return "\n".join(lines)
     _plot(vehicle, directory / f"{vehicle.name}.svg")
     lines.append(
         f"![Step response, and speed against thrust, of {vehicle.name}](../generated/vehicles/{vehicle.name}.svg)\n"

@@ -58,7 +58,7 @@ def ideal(short: bool = False, end: float | None = None) -> list[Row]:
     mjsheaf.simulate(scenario, backend="ideal")  # compiles
     repetitions = 5 if short else 20
     run = best(lambda: run_ideal(system), repetitions, thread_time)
-    simulate = best(lambda: mjsheaf.simulate(scenario, backend="ideal"), repetitions, thread_time)
+    simulate = best(lambda: mjsheaf.simulate(scenario, backend="ideal", progress=False), repetitions, thread_time)
     what = f"published run, {system.grid.steps} steps, s"
     return [
         at_most("ideal", what, run, WANTED["ideal"], run / WANTED["ideal"], 1.0, "wanted time"),

@@ -25,22 +25,30 @@ from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.checking.certificate import Certificate
 from mjsheaf.checking.cohomology import DENSE_STATES, Spectrum, spectrum_of
 from mjsheaf.checking.constants import agent_drift
-from mjsheaf.checking.held_law import UNKNOWN_ROUNDS, UndecidedError, residual_polynomial
+from mjsheaf.checking.held_law import UNKNOWN_ROUNDS, residual_polynomial
+from mjsheaf.checking.modelled import UndecidedError, require_model
+from mjsheaf.checking.targets_loop import targets_loop
 from mjsheaf.control.terms import TermArrays
 from mjsheaf.errors import InputError
 from mjsheaf.io.section import Record
 from mjsheaf.simulation.linear import LinearVehicle, Station, linearise, power
 from mjsheaf.system import System, whole_ratio
 from mjsheaf.threads import one_thread
+from mjsheaf.vehicles.authority import is_one_sided
 
 LARGEST_WHOLE = 400
 """Largest number of states that act on one another for which the matrix of a team of unlike vehicles is solved."""
 
 _MOST_STATIONS = 200  # vehicles that are linearised one by one; larger teams are represented by some of theirs
 _MOST_SAMPLES = 200  # of the path, for the mean flow
-_NEUTRAL_RATE = 1e-5  # 1/s: rates below it are the rounding of neutral directions
+_STILL = 1e-3  # m/s: a slower medium is at rest
+NEUTRAL_RATE = 1e-5
+"""1/s: rates below it are the rounding of neutral directions."""
+
 _OWN_MODE = 0.01  # relative: how far the loop must move a mode for it to count as the loop's
-_MODE_AT_REST = 1e-6  # m for 1 rad or 1 m/s of a mode: positions that move less do not take part in it
+MODE_AT_REST = 1e-6
+"""m for 1 rad or 1 m/s of a mode: positions that move less do not take part in it."""
+
 _CROSS_RESPONSE = 1e-3  # of a vehicle's response, across axes or in difference between axes, that is neglected
 _RESPONSE_DIFFERENCE = 0.02  # of a vehicle's response, by which the representatives of a large team may differ
 _TURNS = 3.0  # time constants l / |w| of turning into the current that a run must last for a boat to be turned by it
@@ -112,6 +120,7 @@ def body_loop(system: System, spectrum: Spectrum, medium: Array, *, gain: bool =
         ratio = whole_ratio(period, system.bodies.timestep)
         timestep = period / ratio
         period, steps = (timestep, 1) if system.grid.continuous else (period, ratio)
+        require_model(system)
         if system.gain <= 0.0:
             raise UndecidedError("the gain is 0")
         links = system.law.links.table
@@ -126,7 +135,7 @@ def body_loop(system: System, spectrum: Spectrum, medium: Array, *, gain: bool =
         unknown = dict.fromkeys(("stable", "spectral_radius", "largest_gain", "least_damped"))
         stiff = isinstance(error, np.linalg.LinAlgError)  # a step that is not finite
         return BodyLoop(**unknown, period=period, reason="the vehicles cannot be linearised: " * stiff + str(error))
-    none = _NEUTRAL_RATE * period
+    none = NEUTRAL_RATE * period
     modes = _Modes(*(np.concatenate(x) for x in zip(*loop.modes(system.gain), strict=True)))
     size = np.hypot(modes.factor.real, modes.factor.imag)
     taking_part = modes.moves | (size > np.exp(none))
@@ -152,7 +161,8 @@ def loop_along(system: System, time: Array, q_star: Array, *, gain: bool = True)
 def loop_on_path(system: System, certificate: Certificate) -> BodyLoop:
     """The loop in the mean flow along the targets' path."""
     path, N = certificate.constants.path, len(system.team.agents)
-    medium = mean_medium(system, path.time, path.q_star) if path.cells else np.full((N, 3), np.nan)
+    bounded = path.cells is not None and targets_loop(system).stable
+    medium = mean_medium(system, path.time, path.q_star) if bounded else np.full((N, 3), np.nan)
     return body_loop(system, certificate.spectrum, medium)
 
 
@@ -184,7 +194,7 @@ def _models(system: System, medium: Array, timestep: float, steps: int) -> list[
             raise UndecidedError(
                 f"{agent.id}: the mean flow, {speed:.3g} m/s relative to its q*, is beyond its velocity limit"
             )
-        station = _station(system, i, medium[i])
+        station = station_in(system, i, medium[i])
         keys.append((id(station.vehicle), np.round([*station.medium, station.heading], 4).tobytes()))
         stations.setdefault(keys[-1], station)
     chosen, many = list(stations), len(stations) > _MOST_STATIONS
@@ -198,8 +208,14 @@ def _models(system: System, medium: Array, timestep: float, steps: int) -> list[
     found = linearise([stations[key] for key in chosen], system.control, timestep, steps)
     for key, model in zip(chosen, found, strict=True):
         if isinstance(model, str):
-            flow = f"in a mean flow of {np.linalg.norm(stations[key].medium):.3g} m/s relative to its q*"
-            raise UndecidedError(f"{agents[keys.index(key)].id} cannot hold station {flow}: {model}")
+            id_ = agents[keys.index(key)].id
+            speed = float(np.linalg.norm(stations[key].medium))
+            why = f"{model} (some push one way only)" if is_one_sided(stations[key].vehicle) else model
+            if speed < _STILL:
+                raise UndecidedError(f"{id_} has no linear model at rest: {why}")
+            raise UndecidedError(
+                f"{id_} cannot hold station in a mean flow of {speed:.3g} m/s relative to its q*: {why}"
+            )
         models[key] = model
     if not many:
         return [models[key] for key in keys]
@@ -208,9 +224,9 @@ def _models(system: System, medium: Array, timestep: float, steps: int) -> list[
     return [models[chosen[0]]] * len(keys)
 
 
-def _station(system: System, agent: int, medium: Array) -> Station:
-    """Where an agent holds station: one that holds no heading turns into the current, if the run gives it the time."""
-    vehicle, heading = system.vehicles[agent], float(system.bodies.heading[agent])
+def station_in(system: System, number: int, medium: Array) -> Station:
+    """Return where a vehicle holds station; one that holds no heading turns into the current if the run lasts."""
+    vehicle, heading = system.vehicles[number], float(system.bodies.heading[number])
     if vehicle.steering.attitude:
         return Station(vehicle, medium, heading)
     span = system.grid.period * system.grid.steps
@@ -336,7 +352,7 @@ class _Split:
         for part in self._parts:
             n = part.plant.D.shape[0]
             factors, vectors = np.linalg.eig(_matrices(part.plant, self._terms, gain, part.values))
-            moved = np.linalg.norm(vectors[:, :n], axis=1) > _MODE_AT_REST * np.linalg.norm(vectors, axis=1)
+            moved = np.linalg.norm(vectors[:, :n], axis=1) > MODE_AT_REST * np.linalg.norm(vectors, axis=1)
             yield _Modes(factors.ravel(), np.repeat(part.agent, factors.shape[1]), moved.ravel())
 
     def growth_at_ends(self, gain: float) -> float:
@@ -477,7 +493,7 @@ class _Whole:
             factors, vectors = linalg.eig(self._block(gain, chosen))
             held = chosen < self.m
             z = vectors[held]
-            moved = np.linalg.norm(z, axis=0) > _MODE_AT_REST * np.linalg.norm(vectors, axis=0)
+            moved = np.linalg.norm(z, axis=0) > MODE_AT_REST * np.linalg.norm(vectors, axis=0)
             far = np.abs(self.Q[:, chosen[held]] @ z)
             yield _Modes(factors, np.where(moved, self.owner[far.argmax(axis=0)], -1), moved)
 

@@ -22,6 +22,7 @@ which needs no slope; its tube is the region then.
 The paper's numbered assumptions are decided here too, each with the number behind its verdict and a witness.
 """
 
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -41,7 +42,8 @@ from mjsheaf.checking.constants import (
     tube_about,
     tube_guessed,
 )
-from mjsheaf.checking.targets import Carrier, follow_targets, own_rate
+from mjsheaf.checking.targets import Carrier, follow_targets
+from mjsheaf.checking.targets_loop import targets_loop
 from mjsheaf.control.theorem import ConstantRho, Rho, Theorem, disturbance_bound, theorem_1
 from mjsheaf.dynamics.bounds import singular_points
 from mjsheaf.dynamics.disturbance import bounds
@@ -56,7 +58,8 @@ Finding = tuple[Verdict, float | None, str, str]
 """Verdict, value, unit and witness of an assumption."""
 
 _MOST_ROUNDS = 30  # of the search for a rho that holds over its own tube
-_RHO_STEP = 1.02  # the next rho, over the slope in the last tube
+RHO_STEP = 1.02
+"""The next rho that is tried, over the slope in the last tube."""
 _TUBE_OVER_BOUND = 1.0 + 1e-6
 _WORTH_NARROWING = 0.98  # of the weaker bound's radius: a smaller region is taken below it
 
@@ -155,13 +158,20 @@ def certify(
         rho: the user's own bound of the agents' slopes, for all |e|; None takes the flow's over the region.
         initial_error: a bound on |e(t0)| in m, infinite where there is none; None takes that of the initial positions.
     """
-    search = _Search(system, rate, rho, initial_error)
-    constants, spectrum, region = search.constants, search.spectrum, search.region()
-    theorem = search.theorem(rho or region.rho.upper, rate)
+    return certificate_of(Search(system, rate, rho, initial_error))
+
+
+def certificate_of(search: "Search") -> Certificate:
+    """Find the region of a search, and decide what the theory says there."""
+    system, constants, spectrum, region = search.system, search.constants, search.spectrum, search.region()
+    theorem = search.theorem(search.rho or region.rho.upper, search.rate)
     weaker = search.weaker(region.tube.speed.upper)
     cohomology = explain(system.team, spectrum)
-    obstacle = _obstacle(system, constants, spectrum, theorem if theorem.applies else weaker)
-    reason = _gain_condition(constants, spectrum, theorem, rate) or ("" if region.verified else region.source)
+    obstacle = obstacle_of_law(system) or obstacle_of_gain(
+        system, constants, spectrum, theorem if theorem.applies else weaker
+    )
+    reason = obstacle_of_targets(system) or _gain_condition(constants, spectrum, theorem, search.rate, region)
+    reason = reason or ("" if region.verified else region.source)
     assumptions = _decide(system, region, region.verified and not obstacle, constants, cohomology)
     return Certificate(
         spectrum=spectrum,
@@ -177,11 +187,24 @@ def certify(
     )
 
 
-class _Search:
-    """The constants along the targets' path, and the search for a region to which a bound confines the agents."""
+class Search:
+    """The constants along the targets' path, and the search for a region to which a bound confines the agents.
 
-    def __init__(self, system: System, rate: float | None, rho: Rho | None, initial_error: float | None) -> None:
-        self._system, self._rate, self._rho = system, rate, rho
+    Attributes:
+        system: the system.
+        rate: lambda_V, 1/s; None for the best.
+        rho: the user's own bound of the agents' slopes; None for the flow's over the region.
+        spectrum: of H and B.
+        constants: along the targets' path.
+    """
+
+    def __init__(
+        self, system: System, rate: float | None = None, rho: Rho | None = None, initial_error: float | None = None
+    ) -> None:
+        """Follow the targets; see `certify`."""
+        self.system = system
+        self.rate = rate
+        self.rho = rho
         self.spectrum = spectrum = spectrum_of(system.team)
         self._carrier = Carrier(system, spectrum)
         path = follow_targets(system, self._carrier)
@@ -198,6 +221,15 @@ class _Search:
             initial_error=initial_error,
         )
 
+    def at_gain(self, gain: float) -> "Search":
+        """Return the same search for the paper's law at another gain and the best rate, from the same |e(t0)|."""
+        other = copy(self)
+        gains = self.system.law.gain.copy()
+        gains[: len(self.system.team.agents)] = gain
+        other.system = replace(self.system, gain=gain, law=self.system.law._replace(gain=gains))
+        other.rate = None
+        return other
+
     def region(self) -> Region:
         """The region, narrow where a bound confines the agents to it, a guess where none does."""
         if self.constants.path.cells is None:
@@ -206,40 +238,40 @@ class _Search:
             return self._guess("the harmonic extension is not unique")
         if not np.isfinite(self.constants.initial_error):
             return self._guess("the error with which the phase begins is not known")
-        for rate in dict.fromkeys([self._rate, None]):  # the best rate, where the wanted one is too fast
-            if (region := self._own_tube(rate)) is not None:
+        for rate in dict.fromkeys([self.rate, None]):  # the best rate, where the wanted one is too fast
+            if (region := self.own_tube(rate)) is not None:
                 return region
-        weaker = self.weaker(speed_everywhere(self._system))
+        weaker = self.weaker(speed_everywhere(self.system))
         if not self._confines(weaker):
             return self._guess("no bound confines the agents")
-        tube = self._tube(weaker).joined()
+        tube = self.tube(weaker).joined()
         narrower = self.weaker(tube.speed.upper)
         if narrower.radius < _WORTH_NARROWING * weaker.radius:
-            tube = self._tube(narrower).joined()
+            tube = self.tube(narrower).joined()
         return Region(tube, "a tube about q* as wide as the weaker bound", True, tube.slope)
 
     def weaker(self, speed: float) -> Theorem:
         """The bound with rho = 0, where f~ = f_q(q*) - f_q(q) is at most twice the flow's speed for each agent."""
-        return self.theorem(0.0, None, 2.0 * np.sqrt(len(self._system.team.agents)) * speed)
+        return self.theorem(0.0, None, 2.0 * np.sqrt(len(self.system.team.agents)) * speed)
 
     def theorem(self, rho: float | Rho, rate: float | None, more: float = 0.0) -> Theorem:
         """Theorem 1 with a rho, and with f_bar enlarged."""
         c = self.constants
         f_bar, lambda_min = c.difference.bound + more, self.spectrum.lambda_min
-        return theorem_1(self._system.gain, lambda_min, f_bar, c.omega_bar, rho, rate, c.initial_error)
+        return theorem_1(self.system.gain, lambda_min, f_bar, c.omega_bar, rho, rate, c.initial_error)
 
-    def _own_tube(self, rate: float | None) -> Region | None:
+    def own_tube(self, rate: float | None) -> Region | None:
         """The tube of Theorem 1's own bound, with a rho that holds over it; None where none is found."""
-        theorem = self.theorem(self._rho or 0.0, rate)
+        theorem = self.theorem(self.rho or 0.0, rate)
         for _ in range(_MOST_ROUNDS):
             if not self._confines(theorem):
                 return None
-            tube = self._tube(theorem)
-            if self._rho is not None or tube.slope.upper <= theorem.lipschitz:
+            tube = self.tube(theorem)
+            if self.rho is not None or tube.slope.upper <= theorem.lipschitz:
                 # The assumed slope may be a little more than the tube's.
-                rho = tube.slope if self._rho is not None else replace(tube.slope, upper=theorem.lipschitz)
+                rho = tube.slope if self.rho is not None else replace(tube.slope, upper=theorem.lipschitz)
                 return Region(tube, "a tube about q* as wide as the bound", True, rho)
-            theorem = self.theorem(_RHO_STEP * tube.slope.upper, rate)
+            theorem = self.theorem(RHO_STEP * tube.slope.upper, rate)
         return None
 
     def _confines(self, bound: Theorem) -> bool:
@@ -247,23 +279,30 @@ class _Search:
         start = self.constants.initial_error
         return bound.contains(start) and max(bound.radius, start) < FARTHEST
 
-    def _tube(self, bound: Theorem) -> Tube:
+    def tube(self, bound: Theorem) -> Tube:
         """The tube of a bound; under a hold as wide everywhere as it is at most."""
         path, start = self.constants.path, self.constants.initial_error
 
         def radius(time: Array) -> Array:
             held = np.full(time.shape, max(start, bound.radius))  # R is at most the radius
-            within = bound.bound(start, time - path.time[0]) if self._system.grid.continuous else held
+            within = bound.bound(start, time - path.time[0]) if self.system.grid.continuous else held
             return _TUBE_OVER_BOUND * within
 
-        return tube_about(self._system, path, self._carrier, radius)
+        return tube_about(self.system, path, self._carrier, radius)
+
+    def tube_of(self, radius: float) -> Tube:
+        """Return the tube of a constant radius, m."""
+        path = self.constants.path
+        return tube_about(self.system, path, self._carrier, lambda time: np.full(time.shape, _TUBE_OVER_BOUND * radius))
 
     def _guess(self, why: str) -> Region:
-        tube = tube_guessed(self._system, self.constants.path)
+        tube = tube_guessed(self.system, self.constants.path)
         return Region(tube, f"a guess from initial positions and q*: {why}", False, tube.slope)
 
 
-def _gain_condition(constants: Constants, spectrum: Spectrum, theorem: Theorem, rate: float | None) -> str:
+def _gain_condition(
+    constants: Constants, spectrum: Spectrum, theorem: Theorem, rate: float | None, region: Region
+) -> str:
     """Why there is no bound by Theorem 1, or an empty string where there is."""
     if not np.isfinite(constants.initial_error):
         return "the error with which the phase begins is not known"
@@ -283,30 +322,34 @@ def _gain_condition(constants: Constants, spectrum: Spectrum, theorem: Theorem, 
         return f"{start} is outside S, whose radius is {theorem.radius_S:.4g} m"
     if rate is not None and theorem.k_min > rho:
         return f"lambda_V = {rate:.4g} 1/s is too fast: it must be below k_min - rho = {theorem.k_min - rho:.4g} 1/s"
-    return (
-        f"k_min = {theorem.k_min:.4g} 1/s does not exceed rho = {rho:.4g} 1/s; "
-        f"that takes a gain above {2.0 * rho / spectrum.lambda_min:.4g} 1/s"
-    )
+    where = f"the steepest slope over {region.source}" if isinstance(theorem.rho, ConstantRho) else f"at {start}"
+    return f"k_min = {theorem.k_min:.4g} 1/s does not exceed rho = {rho:.4g} 1/s, {where}"
 
 
-def _obstacle(system: System, constants: Constants, spectrum: Spectrum, bound: Theorem) -> str:
-    """Why no bound of the continuous, unlimited law holds: links, rank of g, a hold, a speed limit; or empty."""
+def obstacle_of_law(system: System) -> str:
+    """Why no bound of the continuous, unlimited law holds at any gain: links, rank of g, the targets' law; or empty."""
     agents = system.team.agents
     if len(system.law.links.table):
         return "links are not exact: the theorem's agents measure everything at once, without error"
     for i in without_full_row_rank(system.effectiveness, [agent.dimension for agent in agents]):
         return f"g of {agents[i].id} is not of full row rank: g g^+ is not the identity"
+    return obstacle_of_targets(system)
+
+
+def obstacle_of_targets(system: System) -> str:
+    """Why the targets' path has no bound: their own held law diverges; or empty."""
+    loop = targets_loop(system)
+    return "" if loop.stable else loop.failure
+
+
+def obstacle_of_gain(system: System, constants: Constants, spectrum: Spectrum, bound: Theorem) -> str:
+    """Why no bound of the continuous, unlimited law holds at this gain: a hold, a speed limit; or empty."""
     if not system.grid.continuous:
         product = system.gain * system.grid.period * spectrum.lambda_max
         if product >= 1.0:
             what = "diverges" if product >= 2.0 else "rings"
             return f"the held law {what} (k1 h lambda_max = {product:.3g}): a bound of continuous time says nothing"
-        if (product := own_rate(system) * system.grid.period) >= 2.0:
-            return (
-                "the targets' own held consensus and pull may diverge "
-                f"(h times a bound on their rate is {product:.3g}, expected below 2)"
-            )
-    limit = float(system.law.limit[: len(agents)].min())
+    limit = float(system.law.limit[: len(system.team.agents)].min())
     asked = system.gain * spectrum.lambda_max * max(constants.initial_error, bound.radius)
     if np.isfinite(limit) and asked > limit:
         return f"the law may ask for {asked:.3g} m/s, beyond a speed limit of {limit:.3g} m/s"
@@ -331,7 +374,7 @@ def _decide(
         "G_q is connected and every target is sensed": _topology(system.team),
         "H^0(G, G_p; F) = 0": _cohomology(cohomology),
         "bounded difference of target and agent dynamics, along the targets' path": _bounded_difference(
-            constants, smooth[0], cohomology.dimension > 0
+            system, constants, smooth[0], cohomology.dimension > 0
         ),
     }
     return [
@@ -426,11 +469,13 @@ def _cohomology(cohomology: RelativeCohomology) -> Finding:
     return "fails" if cohomology.basis else "holds", float(cohomology.dimension), "", witness
 
 
-def _bounded_difference(constants: Constants, smooth: Verdict, free: bool) -> Finding:
+def _bounded_difference(system: System, constants: Constants, smooth: Verdict, free: bool) -> Finding:
     """The paper asks for it over all p; its proof uses only the path that the targets take, as here."""
     bound, path = constants.difference.bound, constants.path
     if smooth == "fails":
         return "fails", None, "m/s", "a field is unbounded inside the region: a core radius is 0 there"
+    if unbounded := obstacle_of_targets(system):
+        return "fails", None, "m/s", unbounded
     if path.warning:
         return "undecided", None, "m/s", f"the path is not known: {path.warning}"
     if free:

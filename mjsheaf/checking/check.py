@@ -11,17 +11,24 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
+from mjsheaf.arguments import require_number, require_scenario
 from mjsheaf.arrays import Array
-from mjsheaf.checking.certificate import Assumption, Certificate, certify
+from mjsheaf.checking.certificate import Assumption, Certificate, Search, certificate_of
 from mjsheaf.checking.cohomology import Fragility, RelativeCohomology, fragility, spectrum_of
-from mjsheaf.checking.held_law import LawLoop, UndecidedError, envelope, law_loop
+from mjsheaf.checking.held_law import LawLoop, envelope, law_loop
 from mjsheaf.checking.links import UNSTABLE_LINKS, LinkRecord, link_answers
 from mjsheaf.checking.margins import Margins, margins
 from mjsheaf.checking.mending import Augmentation, plan_augmentation
+from mjsheaf.checking.modelled import UndecidedError, because_of
 from mjsheaf.checking.proposals import Proposal, propose
+from mjsheaf.checking.target_bodies import with_bodies
 from mjsheaf.checking.targets import Carrier
-from mjsheaf.control.theorem import Rho, RhoLike, as_rho, gain_for_radius
+from mjsheaf.checking.targets_loop import TargetsLoop, targets_loop
+from mjsheaf.checking.wanted_gain import gain_for_wanted_radius
+from mjsheaf.control.theorem import Rho, RhoLike, as_rho
+from mjsheaf.dynamics.disturbance import bounds
 from mjsheaf.errors import InputError, listed
+from mjsheaf.io.norms import OF_TEAM, TEAM_NORM, Norm, per_agent
 from mjsheaf.io.section import Finite, Record
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.slips import slips_of
@@ -53,6 +60,8 @@ class WeakerBound(Record):
 
     f_bar: Finite
     radius: Finite = Field(description="ultimate radius, m")
+    radius_per_agent: Finite = Field(description="the same as RMS over agents, radius / sqrt(N), m")
+    norm: Norm = Field(TEAM_NORM, description=OF_TEAM)
 
 
 class TheoremSummary(Record):
@@ -86,24 +95,35 @@ class TheoremSummary(Record):
         description="|e(t0)|, m; of a later phase a bound: that of the phase before at its end, and the jump "
         "of q*; null where there is none"
     )
+    radius_U_per_agent: Finite = Field(description="ultimate radius as RMS over agents, radius_U / sqrt(N), m")
+    initial_error_per_agent: Finite = Field(description="initial error as RMS over agents, m")
+    norm: Norm = Field(TEAM_NORM, description=OF_TEAM)
     initial_error_inside_S: bool | None = Field(description="null where the gain condition fails: there is no S")
-    wanted_radius: float = Field(description="m")
-    gain_for_wanted_radius: Finite = Field(description="smallest k1 that meets it, 1/s")
+    wanted_radius: float = Field(description="of |e|, the norm of the whole team, m")
+    gain_for_wanted_radius: Finite = Field(
+        description="smallest k1 that was found at which the theorem applies with that radius, in its own region and "
+        "from the initial error as here, 1/s; null: see its reason"
+    )
+    gain_for_wanted_radius_reason: str = Field(description="why there is no such gain, or empty")
     weaker: WeakerBound
 
 
 class PhaseRecord(Record):
     """A check of one phase of a run with events, of the present agents alone and the time until the next event.
 
-    Its |e(t0)| is at most the smallest bound of the phase before at its end, and the jump of q* more. Where that is not
-    known, and where an agent joins, from wherever it has drifted to, no bound is claimed. What is asked at the start
-    (`margins.speed`) is as if the phase before had come to rest.
+    Its |e(t0)| is at most the smallest bound of the phase before at its end, and the jump of q* more. An agent that
+    joins adds its distance from q*, if it is proven to have stayed where it began: it has held its position from the
+    start of the run, and the medium there is never faster than its velocity limit. No bound is claimed where an agent
+    joins that was lost, drifts or may have been carried off, where the phase before leaves none, nor where the
+    paper's law follows one with terms. What is asked at the start (`margins.speed`) is as if the phase before had come
+    to rest.
     """
 
     start: float = Field(description="s")
     events: list[str] = Field(description="what happens there")
     absent: list[str] = Field(description="agents that are lost or have yet to join")
     jump: Finite = Field(description="|q*_new - q*_old| at its start, of the agents present before and after, m")
+    norm: Norm = Field(TEAM_NORM, description="which norm `jump` is")
     jumps: dict[str, Finite] = Field(description="the same of each of these agents, m")
     ok: bool = Field(description="as of the whole check")
     assumptions: list[Assumption]
@@ -111,6 +131,7 @@ class PhaseRecord(Record):
     theorem: TheoremSummary
     law: LawLoop
     links: LinkRecord | None
+    targets: TargetsLoop
     margins: Margins
     fragility: Fragility = Field(description="which single event more breaks an assumption")
 
@@ -120,8 +141,9 @@ class CheckRecord(Record):
 
     scenario: str
     ok: bool = Field(
-        description="every numbered assumption holds (none fails, none is undecided), and neither the held law, alone "
-        "and over its links, nor the vehicles' loop is unstable, in any phase"
+        description="every numbered assumption holds (none fails, none is undecided), check has a model of the whole "
+        "law, and neither the held law, alone and over its links, nor the targets' own, nor the vehicles' loop is "
+        "unstable, in any phase"
     )
     region: RegionSummary
     assumptions: list[Assumption]
@@ -132,6 +154,7 @@ class CheckRecord(Record):
     proposals: list[Proposal] = Field(
         description="laws whose bound is at most the wanted radius, cheapest of each kind"
     )
+    targets: TargetsLoop = Field(description="the targets' own law, on ideal kinematics and on their vehicles")
     margins: Margins
     fragility: Fragility
     phases: list[PhaseRecord] = Field(default_factory=list, description="of a run with events, the first included")
@@ -141,8 +164,10 @@ class CheckRecord(Record):
         """The check in a few words: what holds, where, and what does not."""
         region = f"along the targets' path from {self.region.start:g} to {self.region.end:g} s"
         counts = [sum(a.verdict == kind for a in self.assumptions) for kind in ("holds", "fails", "undecided")]
-        loop = "; the held law is unstable" if self.law.stable is False else ""
+        loop = f"; the law is undecided, {because_of(self.law.unmodelled)}" if self.law.unmodelled else ""
+        loop += "; the held law is unstable" if self.law.stable is False else ""
         loop += "; " + UNSTABLE_LINKS if self.links is not None and self.links.stable is False else ""
+        loop += "; " + self.targets.verdict() if self.targets.unstable else ""
         loop += "; " + self.margins.bodies.verdict() if self.margins.bodies.stable is False else ""
         later = [f"from {p.start:g} s on ({', '.join(p.events)})" for p in self.phases[1:] if not p.ok]
         loop += f"; NOT SO in {len(later)} of {len(self.phases)} phases: {listed(later)}" if later else ""
@@ -174,6 +199,10 @@ def check(
     Raises:
         InputError: rate or radius is not positive, rho is no bound, or a vehicle does not fit its agent.
     """
+    require_scenario(scenario)
+    require_number("radius", radius, positive=True)
+    if rate is not None:
+        require_number("rate", rate, positive=True)
     own = None if rho is None else as_rho(rho)
     return examine_scenario(scenario, rate=rate, radius=radius, rho=own).record.model_dump(mode="json")
 
@@ -219,14 +248,17 @@ def examine(
     if len(phases) == 1 and not phases[0].events:
         return first
     records = []
+    beyond = False  # whether a phase so far had terms, of whose run Theorem 1 says nothing
     for k, phase in enumerate(phases):
         jumps = dict[str, float]()
         if k > 0:
             old, path = phases[k - 1].system, before.certificate.constants.path
             targets = _targets_at(before.certificate, phase.start - phases[k - 1].start, phase.time)
             jumps = _jumps(old, phase.system, targets)
-            joined = (phase.system.team.present & ~old.team.present).any()
-            start = math.inf if joined else before.end + math.hypot(*jumps.values())
+            beyond = beyond or bool(old.law.terms.agents or before.record.law.unmodelled)
+            unknown = beyond and not phase.system.law.terms.agents
+            joining = _distances_of_joining(phases[: k + 1], targets)
+            start = math.inf if unknown else before.end + math.hypot(*jumps.values(), *joining)
             system = during(phases, k, _settled(old, phase.system, targets))
             before = _examine_one(system, rate, radius, rho, start + _carried_error(system, path.error))
         record = before.record
@@ -244,7 +276,7 @@ def examine(
     return replace(first, record=first.record.model_copy(update={"ok": ok, "phases": records}))
 
 
-_OF_PHASE = ("ok", "assumptions", "relative_cohomology", "theorem", "law", "links", "margins", "fragility")
+_OF_PHASE = ("ok", "assumptions", "relative_cohomology", "theorem", "law", "links", "targets", "margins", "fragility")
 
 
 def _targets_at(certificate: Certificate, sample: int, time: float) -> Array:
@@ -270,6 +302,24 @@ def _jumps(old: System, new: System, targets: Array) -> dict[str, float]:
     return {id: float(x) for id, x in zip(new.team.agent_ids, away, strict=True) if np.isfinite(x)}
 
 
+def _distances_of_joining(phases: Sequence[Phase], targets: Array) -> list[float]:
+    """|q* - q| of each agent that joins at the start of the last of some phases, m; infinite where q is not known."""
+    *earlier, last = phases
+    system = last.system
+    joining = np.flatnonzero(system.team.present & ~earlier[-1].system.team.present)
+    away = np.linalg.norm(_q_star(system, targets) - system.initial[: len(system.team.agents)], axis=1)
+    return [float(away[i]) if all(_stays(phase.system, i) for phase in earlier) else math.inf for i in joining.tolist()]
+
+
+def _stays(system: System, agent: int) -> bool:
+    """Return True if an agent holds its position, on ideal kinematics, in a medium that cannot carry it off."""
+    if system.waiting is None or not system.waiting.holds[agent] or system.effectiveness.given[agent]:
+        return False
+    place = system.initial[agent, : system.team.agents[agent].dimension]
+    flow = float(np.linalg.norm(system.flows[system.field[agent]].velocity(place)))
+    return flow + float(bounds(system.harmonics)[agent]) <= float(system.waiting.limit[agent])
+
+
 def _settled(old: System, new: System, targets: Array) -> Array:
     """Where vehicles are if the phase of the old system came to rest, shape (V, 3), m; who joins is where it began."""
     settled = _q_star(old, targets)
@@ -288,21 +338,25 @@ def _examine_one(
     system: System, rate: float | None, radius: float, rho: Rho | None, start: float | None = None
 ) -> Examination:
     """`check` of one phase, whose |e(t0)| in m is at most `start`; None takes that of the initial positions."""
-    certificate = certify(system, rate, rho, start)
+    search = Search(system, rate, rho, start)
+    certificate = certificate_of(search)
     practice, law = margins(system, certificate), law_loop(system, certificate, carried=start is not None)
     links = link_answers(system, certificate.constants.path)
     loops = (practice.bodies.stable, law.stable, None if links is None else links.stable)
-    loops_hold = all(stable is not False for stable in loops)
+    proposals = propose(system, certificate, radius)
+    targets = with_bodies(targets_loop(system), system, certificate.constants.path)
+    loops_hold = all(stable is not False for stable in loops) and not targets.unstable
     record = CheckRecord(
         scenario=system.name,
-        ok=all(a.verdict == "holds" for a in certificate.assumptions) and loops_hold,
+        ok=all(a.verdict == "holds" for a in certificate.assumptions) and loops_hold and not law.unmodelled,
         region=_region(certificate),
         assumptions=certificate.assumptions,
         relative_cohomology=ExplainedCohomology(**dict(certificate.cohomology), mending=plan_augmentation(system.team)),
-        theorem=_theorem(system, certificate, rate, radius, rho),
+        theorem=_theorem(search, certificate, radius),
         law=law,
         links=links,
-        proposals=propose(system, certificate, radius),
+        proposals=proposals,
+        targets=targets,
         margins=practice,
         fragility=fragility(system.team),
     )
@@ -325,16 +379,14 @@ def _region(certificate: Certificate) -> RegionSummary:
     )
 
 
-def _theorem(
-    system: System, certificate: Certificate, rate: float | None, radius: float, rho: Rho | None
-) -> TheoremSummary:
+def _theorem(search: Search, certificate: Certificate, radius: float) -> TheoremSummary:
+    system, rate, rho = search.system, search.rate, search.rho
     theorem, spectrum, constants = certificate.theorem, certificate.spectrum, certificate.constants
     slope, start = certificate.region.rho, constants.initial_error
-    proven = certificate.region.verified
+    proven, agents = certificate.region.verified, len(system.team.agents)
+    weaker = certificate.weaker.radius if proven and not certificate.obstacle else None
     holds = theorem.applies and proven
-    gain = gain_for_radius(
-        radius, spectrum.lambda_min, constants.difference.bound, constants.omega_bar, rho or slope.upper, start
-    )
+    wanted = gain_for_wanted_radius(search, certificate, radius)
     source = "largest norm of the Jacobian of the agents' field over their region, by branch and bound"
     return TheoremSummary(
         applies=certificate.applies,
@@ -362,11 +414,15 @@ def _theorem(
         radius_S=theorem.radius_S if holds else None,
         radius_U=theorem.radius if holds else None,
         initial_error=start,
+        radius_U_per_agent=per_agent(theorem.radius if holds else None, agents),
+        initial_error_per_agent=per_agent(start, agents),
         initial_error_inside_S=theorem.contains(start) if holds else None,
         wanted_radius=radius,
-        gain_for_wanted_radius=gain or None,
+        gain_for_wanted_radius=wanted.gain,
+        gain_for_wanted_radius_reason=wanted.reason,
         weaker=WeakerBound(
             f_bar=certificate.weaker.f_bar if proven else None,
-            radius=certificate.weaker.radius if proven and not certificate.obstacle else None,
+            radius=weaker,
+            radius_per_agent=per_agent(weaker, agents),
         ),
     )

@@ -7,6 +7,7 @@ over the last quarters of a run:
     growing    E, or the swing of a team that nothing drives, grows, and does not grow more slowly
     circling   E keeps its level, but the team drives itself: nothing else moves, and the errors swing on undecayed; or
                the loop of its vehicles is unstable (see `margins`), and only their limits keep it where it is
+    stuck      as settled, but an agent is commanded to move and does not, to the end (see `stuck`)
     moving     anything else: E still changes
 
 Whether an oscillation is the team's own cannot be seen where targets move. There the loop of the vehicles decides.
@@ -21,7 +22,9 @@ import numpy as np
 from mjsheaf.arrays import Array
 from mjsheaf.checking.body_loop import loop_along
 from mjsheaf.checking.certificate import Certificate, certify
-from mjsheaf.checking.held_law import UndecidedError, envelope
+from mjsheaf.checking.held_law import envelope
+from mjsheaf.checking.modelled import UndecidedError, because_of, unmodelled_parts
+from mjsheaf.checking.stuck import find_stuck
 from mjsheaf.results.dataset import of_phase
 from mjsheaf.results.netcdf import pieces_of
 from mjsheaf.system import Phase, System, during
@@ -29,7 +32,7 @@ from mjsheaf.system import Phase, System, during
 if TYPE_CHECKING:
     import xarray as xr
 
-Ending = Literal["settled", "moving", "growing", "circling"]
+Ending = Literal["settled", "moving", "growing", "circling", "stuck"]
 
 _ACCURACY_IN_TOLERANCES = 100.0  # error of a run over the tolerance of its integrator
 _ACCURACY_ON_BODIES = 0.01  # of the initial error: below it only inertia is seen
@@ -241,8 +244,9 @@ def _other_law(system: System, controller: str) -> str:
     """What the law of a run is where that is not the paper's, in words; or empty."""
     if controller:
         return f"a law of its own, {controller}"
-    terms = system.law.terms
-    return "terms beyond -k1 eta" if terms.agents else ""
+    if parts := unmodelled_parts(system):
+        return f"a law that is not certified, {because_of(parts)}"
+    return "terms beyond -k1 eta" if system.law.terms.agents else ""
 
 
 def _compared(bound: RunBound, dataset: "xr.Dataset") -> RunBound:
@@ -301,9 +305,15 @@ _SETTLED_BAND, _SETTLED_RESIDUE = 1.25, 0.02  # of the late largest error, and o
 
 def ending_of_run(run: System | Sequence[Phase], dataset: "xr.Dataset") -> Ending | None:
     """How a finished run, as `simulate` gives it, ended, of one with events the last phase; None below 8 samples."""
-    system, dataset = of_phase(run, dataset, -1)
-    q_star, positions = (np.nan_to_num(dataset[name].values) for name in ("harmonic_extension", "agent_position"))
-    return ending_of(system, dataset["time"].values, q_star, positions, on_bodies=dataset.attrs["backend"] == "physics")
+    system, last = of_phase(run, dataset, -1)
+    q_star, positions = (np.nan_to_num(last[name].values) for name in ("harmonic_extension", "agent_position"))
+    ending = ending_of(system, last["time"].values, q_star, positions, on_bodies=last.attrs["backend"] == "physics")
+    if ending != "settled":
+        return ending
+    end = float(dataset["time"].values[-1])
+    phases = [Phase(0, run)] if isinstance(run, System) else run
+    found = any(one.end >= end and one.error > ROUNDING for one in find_stuck(phases, dataset))
+    return "stuck" if found else "settled"
 
 
 def ending_of(system: System, time: Array, q_star: Array, positions: Array, *, on_bodies: bool) -> Ending | None:

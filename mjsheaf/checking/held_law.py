@@ -33,10 +33,13 @@ from mjsheaf.arrays import Array
 from mjsheaf.checking.certificate import Certificate
 from mjsheaf.checking.cohomology import DENSE_STATES
 from mjsheaf.checking.constants import agent_drift, agent_slopes
+from mjsheaf.checking.modelled import UndecidedError, require_model, unmodelled_parts
 from mjsheaf.checking.targets import Carrier
+from mjsheaf.checking.targets_loop import targets_loop
 from mjsheaf.control.terms import traffic_of
 from mjsheaf.dynamics.disturbance import evaluate
 from mjsheaf.dynamics.effectiveness import without_full_row_rank
+from mjsheaf.io.norms import OF_TEAM, TEAM_NORM, Norm, per_agent
 from mjsheaf.io.section import Finite, Record
 from mjsheaf.jit import jit
 from mjsheaf.noise import LARGEST_NORMAL
@@ -65,6 +68,10 @@ class LawLoop(Record):
     """The law as it is, with its terms, held over a period on ideal kinematics."""
 
     terms: list[str] = Field(description="terms beyond the paper's law")
+    unmodelled: list[str] = Field(
+        description='parts of the law that check has no model of, such as "term NAME": with any of them the law, its '
+        "links, the vehicles' loop and so the whole check are undecided"
+    )
     stable: bool | None = Field(description="every spectral radius is below 1; null where undecided: see reason")
     spectral_radius: Finite = Field(description="largest over the eigenvalues of H; null where undecided")
     rate: Finite = Field(description="slowest decay, -log(spectral radius) / h, 1/s; null where undecided")
@@ -84,6 +91,11 @@ class LawLoop(Record):
     )
     between: Finite = Field(description="the same between samples too, m")
     largest: Finite = Field(description="the same over the whole run, m")
+    radius_per_agent: Finite = Field(description="`radius` as RMS over agents, radius / sqrt(N), m")
+    between_per_agent: Finite = Field(description="`between` as RMS over agents, m")
+    largest_per_agent: Finite = Field(description="`largest` as RMS over agents, m")
+    unlimited_per_agent: Finite = Field(description="`unlimited` as RMS over agents, m")
+    norm: Norm = Field(TEAM_NORM, description=OF_TEAM)
     command: Finite = Field(
         description="no agent's command exceeds it over the last half of the run, before its last sample, m/s"
     )
@@ -100,10 +112,6 @@ class LawLoop(Record):
 
 UNKNOWN_ROUNDS = "messages of rounds can be late or lost, by links.rounds or a range of communication"
 """Why the loop of feedforward or newton is not known."""
-
-
-class UndecidedError(Exception):
-    """Nothing can be claimed; the message says why."""
 
 
 def residual_polynomial(values: Array, rounds: int, low: float, high: float) -> Array:
@@ -266,9 +274,10 @@ def loop_of(system: System) -> Loop:
     """The held loop of a system's law.
 
     Raises:
-        UndecidedError: the law is continuous, something is free, H is too large for its eigenvalues, or rounds can be
-            late or lost.
+        UndecidedError: a part of the law is not modelled (see `modelled`), the law is continuous, something is free, H
+            is too large for its eigenvalues, or rounds can be late or lost.
     """
+    require_model(system)
     values, terms = _eigen(system)[0], system.law.terms
     if terms.rounds.imperfect:
         raise UndecidedError(UNKNOWN_ROUNDS)
@@ -435,6 +444,8 @@ def envelope(system: System, certificate: Certificate) -> Envelope:
         raise UndecidedError(f"g of {agents[i].id} is not of full row rank: g g^+ is not the identity")
     if not loop.radius < 1.0:
         raise UndecidedError("the loop is unstable")
+    if not (targets := targets_loop(system)).stable:
+        raise UndecidedError(targets.failure)
     found = _bounded(system, certificate, loop, _drive(system, certificate, *_eigen(system)))
     limit = system.law.limit[: len(agents)]
     over = (found.command > limit).any(axis=0)
@@ -523,6 +534,7 @@ def law_loop(system: System, certificate: Certificate, *, carried: bool = False)
     sent = traffic_of(terms, system.team)
     found: dict[str, Any] = {
         "terms": list(terms.names),
+        "unmodelled": unmodelled_parts(system),
         "exchanges": sent.rounds / h,
         "numbers": sent.numbers / (h * len(system.team.agents)),
         **dict.fromkeys(["stable", "spectral_radius", "rate", "largest_gain", "stable_gains", "noise"]),
@@ -550,6 +562,9 @@ def law_loop(system: System, certificate: Certificate, *, carried: bool = False)
             found["largest"], found["command"] = bound.within.max(), bound.command[late].max()
     except UndecidedError as error:
         found["reason"] = str(error)
+    agents = len(system.team.agents)
+    for name in ("radius", "between", "largest", "unlimited"):
+        found[f"{name}_per_agent"] = per_agent(found[name], agents)
     return LawLoop(**found)
 
 

@@ -4,17 +4,22 @@ Noise is white in time, so that the covariance of the states P = M P M^T + G U G
 `delay`: summed up by doubling. Where delays are unlike or measurements are lost, that of the whole team: see `loss`.
 """
 
+from dataclasses import replace
+
 import numpy as np
 from pydantic import Field
 
 from mjsheaf.arrays import Array
 from mjsheaf.checking.delay import MOST_WORK, DelayedLoop
-from mjsheaf.checking.held_law import UndecidedError
 from mjsheaf.checking.linked_law import LinkedLaw
 from mjsheaf.checking.loss import SecondMoments
+from mjsheaf.checking.modelled import UndecidedError
+from mjsheaf.io.norms import OF_TEAM, PER_AGENT_RMS, TEAM_NORM, Norm, per_agent
 from mjsheaf.io.section import Finite, Record
 from mjsheaf.team import Team
 
+_MAX_ITERATIONS = 8  # of the fixed point of frames that noise turns
+_SETTLED = 1e-4  # change of E|e|^2 in an iteration, relative, at which it ends
 _CHUNK = 4_000_000  # numbers of covariances at once
 _SMALLEST = 1e-12  # of a power of a stable matrix: what it adds to a covariance is lost
 
@@ -23,7 +28,8 @@ class AgentNoise(Record):
     """What noise alone does to an agent."""
 
     agent: str
-    error: float = Field(description="RMS of |e_i| about its mean, m")
+    error: float = Field(description="RMS in time of |e_i| about its mean, m")
+    norm: Norm = Field(PER_AGENT_RMS, description="which norm `error` is: of this agent alone")
     command: float = Field(description="RMS of the command, m/s")
 
 
@@ -34,12 +40,15 @@ class NoiseAnswer(Record):
     """
 
     mean: Finite = Field(None, description="|mean of e| of the team, by biases, m; null: see reason")
-    error: Finite = Field(None, description="RMS of |e| of the team about its mean, m; null: see reason")
+    error: Finite = Field(None, description="RMS in time of |e| of the team about its mean, m; null: see reason")
+    mean_per_agent: Finite = Field(None, description="`mean` as RMS over agents, mean / sqrt(N), m")
+    error_per_agent: Finite = Field(None, description="`error` as RMS over agents, error / sqrt(N), m")
+    norm: Norm = Field(TEAM_NORM, description=OF_TEAM)
     command: Finite = Field(None, description="RMS of the commands of the team, 2-norm, m/s; null: see reason")
     agents: list[AgentNoise] = Field(description="each agent, in order; empty where there is no answer")
     linearised: bool = Field(
-        description="noise of range and bearing is linearised along q*, in space in bodies that face along q*: to its "
-        "second order, and in space as far as the noise itself does not turn them"
+        description="noise of range and bearing is linearised along q*, to its second order; in space in bodies that "
+        "face along their motion, which is that of q* and what noise adds"
     )
     reason: str = Field(description="why a number is missing, or empty")
 
@@ -48,14 +57,19 @@ def noise_answer(law: LinkedLaw, team: Team) -> NoiseAnswer:
     """What noise of measurements and odometry does in the long run, nobody being clipped."""
     linearised = law.links.linearised
     try:
-        (error, command), mean = noise_variances(law), mean_error(law)
+        mean = mean_error(law)
+        error, command = map(np.diagonal, _with_turned_frames(law))
     except UndecidedError as why:
         return NoiseAnswer(agents=[], linearised=linearised, reason=str(why))
     first = team.first_state
+    error, command = np.maximum(error, 0.0), np.maximum(command, 0.0)
     each = np.sqrt(np.add.reduceat([error, command], first[:-1], axis=1))
+    offset, size, agents = float(np.linalg.norm(mean)), float(np.sqrt(error.sum())), len(team.agents)
     return NoiseAnswer(
-        mean=np.linalg.norm(mean),
-        error=np.sqrt(error.sum()),
+        mean=offset,
+        error=size,
+        mean_per_agent=per_agent(offset, agents),
+        error_per_agent=per_agent(size, agents),
         command=np.sqrt(command.sum()),
         agents=[
             AgentNoise(agent=id, error=e, command=u) for id, (e, u) in zip(team.agent_ids, each.T.tolist(), strict=True)
@@ -87,8 +101,26 @@ def mean_error(law: LinkedLaw) -> Array:
     return np.asarray(vectors @ (vectors.T @ eta / loop.values - added / (loop.gain * slow)))
 
 
-def noise_variances(law: LinkedLaw) -> tuple[Array, Array]:
-    """Stationary variances of e, m^2, and of the command, m^2/s^2, of each state of q, shape (n,) each.
+def _with_turned_frames(law: LinkedLaw) -> Array:
+    """Return `noise_covariances`, where noise turns the frames of bearings in space as far as it does: a fixed point.
+
+    Raises:
+        UndecidedError: they are not known, and why.
+    """
+    found, h = noise_covariances(law), law.loop.period
+    for _ in range(_MAX_ITERATIONS if law.links.spatial else 0):
+        noise = list(law.links.noise)
+        for bearing in law.links.spatial:
+            noise[bearing.edge] = bearing.covariance(h**2 * found[1][np.ix_(bearing.slots, bearing.slots)])
+        law = replace(law, links=replace(law.links, noise=tuple(noise)))
+        before, found = found, noise_covariances(law)
+        if abs(np.trace(found[0]) - np.trace(before[0])) <= _SETTLED * np.trace(found[0]):
+            break
+    return found
+
+
+def noise_covariances(law: LinkedLaw) -> Array:
+    """Stationary covariances of e, m^2, and of the command, m^2/s^2, over the states of q, shape (2, n, n).
 
     Raises:
         UndecidedError: they are not known, and why.
@@ -99,7 +131,7 @@ def noise_variances(law: LinkedLaw) -> tuple[Array, Array]:
         if terms.feedforward or terms.drift > 0.0:
             what = "measurements are lost" if links.lossy.any() else "delays are unlike"
             raise UndecidedError(f"{what}, and the law has feedforward or drift")
-        return SecondMoments(law).variances()
+        return SecondMoments(law).covariances()
     delayed = DelayedLoop(law.loop, terms, int(links.delay.max(initial=0)))
     M, G, command = delayed.matrices
     states, inputs = G.shape[1:]
@@ -125,8 +157,7 @@ def noise_variances(law: LinkedLaw) -> tuple[Array, Array]:
         moments[0, rows] = P[..., 0, 0]
         moments[1, rows] = np.einsum("ai,abij,bj->ab", of_state[rows], P, of_state, optimize=True)
         moments[1, rows] += np.einsum("ai,abij,bj->ab", of_input[rows], U[rows], of_input, optimize=True)
-    error, asked = np.einsum("ia,cab,ib->ci", Q, moments, Q, optimize=True)
-    return np.maximum(error, 0.0), np.maximum(asked, 0.0)
+    return np.asarray(Q @ moments @ Q.T)
 
 
 def _stationary(A: Array, B: Array, W: Array) -> Array:

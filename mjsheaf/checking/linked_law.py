@@ -1,21 +1,38 @@
-"""A law over its links, linear about q*: what each edge measures, and what its link makes of that."""
+"""A law over its links, linear about q*: what each edge measures, and what its link makes of that.
+
+Range and bearing in space. Azimuth and elevation have the noise s each, in a body frame that faces along the last
+displacement d of the tail. With b the third axis of that frame, r the range and l the line of sight, azimuth moves the
+measured point by s r |l x b| along b x l, and elevation by s r across both. So their second moment has the trace
+s^2 r^2 (1 + |l x b|^2): it depends on the frame. The noise of a sample is drawn after its frame is fixed, and has mean
+zero given the frame (to first order in s), so that noises of different samples are uncorrelated, and every covariance
+follows from the mean over the frames alone.
+
+Frames are random where noise moves the agent. d is the motion of q* over a period plus h times the command that noise
+makes, of which the linear law has the covariance. `SpatialBearing.covariance` takes the mean over normal d, and
+`link_noise` iterates, as the covariance of the command depends on the noise. (d is a sum of noises with different
+frames, so that it is only nearly normal. Where q* rests, a heading that nothing turns was wrong by up to 7 %.)
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import repeat
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
-from mjsheaf.checking.held_law import Loop, UndecidedError, loop_of
+from mjsheaf.checking.held_law import Loop, loop_of
+from mjsheaf.checking.modelled import UndecidedError
 from mjsheaf.checking.targets import TargetPath
 from mjsheaf.control.terms import TermArrays
 from mjsheaf.system import System
 from mjsheaf.team import Edge, Team
 
 _MOST_INSTANTS = 200  # along q* at which noise of range and bearing is linearised
+_TURNED_INSTANTS = 20  # of these, at which the mean over frames that noise turns is taken
+_NODES = 8  # of Gauss-Hermite quadrature in each direction of a displacement
+_STILL = 1e-9  # m in a period: no direction of motion
 
 
 class MeasuredEdge(NamedTuple):
@@ -87,6 +104,7 @@ class LinkParameters:
             without bursts (0, 1, p, p).
         held: whether a lost sample is replaced by an older one, shape (E,).
         linearised: whether a covariance is that of range and bearing.
+        spatial: edges with range and bearing in space, whose noise depends on how the tail turns.
         ranged: whether a link falls silent beyond some range.
     """
 
@@ -96,6 +114,7 @@ class LinkParameters:
     loss: Array
     held: BoolArray
     linearised: bool = False
+    spatial: "tuple[SpatialBearing, ...]" = ()
     ranged: bool = False
 
     @property
@@ -180,11 +199,12 @@ def links_of(system: System, path: TargetPath) -> LinkParameters:
     links, N = perfect_links(edges), len(team.agents)
     if not len(table):
         return links
-    noise, bias = list(links.noise), list(links.bias)
+    noise, bias, spatial = list(links.noise), list(links.bias), list[SpatialBearing]()
     x = path.positions.copy()
     x[:, :N] = team.unpack(path.q_star)
     everywhere = np.concatenate([system.initial[None], x]) + system.law.links.lift[None, :, None] * [0.0, 0.0, 1.0]
-    x = x[:: max(1, len(x) // _MOST_INSTANTS)]
+    stride = max(1, len(x) // _MOST_INSTANTS)
+    x, time = x[::stride], path.time[::stride]
     for e in np.flatnonzero([edge.linked for edge in edges]):
         if of[e] < 0:
             continue
@@ -204,43 +224,110 @@ def links_of(system: System, path: TargetPath) -> LinkParameters:
             rows = slice(law.first[e], law.first[e + 1])
             y = x[:, head] @ law.F_head[rows].T - x[:, tail] @ law.F_tail[rows].T
             far, angle = float(link["range_noise"]), float(link["bearing_noise"])
-            turns = repeat(None) if m == 2 else _facing(x[:, tail], system, tail) @ law.F_tail[rows].T
-            each = [range_bearing_covariance(at, far, angle, turn) for at, turn in zip(y, turns, strict=False)]
-            noise[e] = np.mean(each, axis=0)
+            if m == 2:
+                noise[e] = np.mean(range_bearing_covariances(y, far, angle), axis=0)
+                continue
+            slots = team.first_state[tail] + np.arange(3)
+            motion = np.gradient(x[:, tail], time, axis=0) * system.grid.period if len(time) > 1 else 0.0 * y
+            heading = float(system.bodies.heading[tail])
+            spatial.append(SpatialBearing(int(e), slots, y, motion, law.F_tail[rows], heading, far, angle))
+            noise[e] = spatial[-1].covariance(np.zeros((3, 3)))
     ranged = bool(np.isfinite(table["range"]).any())
-    return replace(links, noise=tuple(noise), bias=tuple(bias), linearised=bool(table["bearing"].any()), ranged=ranged)
+    return replace(
+        links,
+        noise=tuple(noise),
+        bias=tuple(bias),
+        linearised=bool(table["bearing"].any()),
+        spatial=tuple(spatial),
+        ranged=ranged,
+    )
 
 
-def range_bearing_covariance(y: Array, range_noise: float, bearing_noise: float, body: Array | None = None) -> Array:
-    """Covariance of y as measured by range and bearing, linearised, shape (m, m), m^2.
+def range_bearing_covariances(y: Array, range_noise: float, bearing_noise: float, body: Array | None = None) -> Array:
+    """Covariances of y as measured by range and bearing, linearised, shape (T, m, m), m^2.
 
     Args:
-        y: the relative position, shape (m,), m; m is 2 or 3.
-        range_noise, bearing_noise: standard deviations, m and rad. In space azimuth and elevation have it each.
-        body: rotation from the coordinates of y to those of the body, shape (m, m), about whose last axis azimuth
+        y: Relative positions, shape (T, m), m; m is 2 or 3.
+        range_noise, bearing_noise: Standard deviations, m and rad. In space azimuth and elevation have it each.
+        body: Rotations from the coordinates of y to those of the body, shape (T, m, m), about whose last axis azimuth
             turns; None where they are the same.
     """
-    turn = np.eye(len(y)) if body is None else body
-    seen = turn @ y
-    r, flat = float(np.linalg.norm(seen)), float(np.hypot(*seen[:2]))
-    if r == 0.0:
-        return np.zeros((len(y),) * 2)  # a range of zero has no direction
-    cos, sin = (seen[:2] / flat) if flat > 0.0 else (1.0, 0.0)
-    columns = [range_noise * seen / r, bearing_noise * flat * np.array([-sin, cos, 0.0][: len(y)])]
-    if len(y) == 3:
-        columns.append(bearing_noise * np.array([-seen[2] * cos, -seen[2] * sin, flat]))
-    J = turn.T @ np.stack(columns, axis=1)
-    return J @ J.T
+    T, m = y.shape
+    turn = np.broadcast_to(np.eye(m), (T, m, m)) if body is None else body
+    seen = (turn @ y[:, :, None])[:, :, 0]
+    r, flat = np.linalg.norm(seen, axis=1), np.hypot(seen[:, 0], seen[:, 1])
+    one = np.where(flat > 0.0, flat, 1.0)
+    cos = np.where(flat > 0.0, seen[:, 0] / one, 1.0)
+    sin = np.where(flat > 0.0, seen[:, 1] / one, 0.0)
+    columns = np.zeros((T, m, m))
+    columns[:, :, 0] = range_noise * seen / np.where(r > 0.0, r, 1.0)[:, None]  # a range of zero has no direction
+    columns[:, 0, 1] = -bearing_noise * flat * sin
+    columns[:, 1, 1] = bearing_noise * flat * cos
+    if m == 3:
+        columns[:, 0, 2] = -bearing_noise * seen[:, 2] * cos
+        columns[:, 1, 2] = -bearing_noise * seen[:, 2] * sin
+        columns[:, 2, 2] = bearing_noise * flat
+    J = turn.swapaxes(1, 2) @ columns
+    return np.asarray(J @ J.swapaxes(1, 2))
 
 
-def _facing(x: Array, system: System, v: int) -> Array:
-    """Rotations from the world to a body that faces where it moves along x (T, 3), its second axis level."""
-    motion = np.diff(x, axis=0, append=x[-1:])
-    if len(x) > 1:
-        motion[-1] = motion[-2]
-    yaw, level = np.arctan2(motion[:, 1], motion[:, 0]), np.hypot(motion[:, 0], motion[:, 1])
-    pitch = -np.arctan2(motion[:, 2], level)
-    still = ~motion.any(axis=1)
-    yaw[still], pitch[still] = system.bodies.heading[v], 0.0
-    turns = Rotation.from_euler("ZY", np.column_stack([yaw, pitch]))
-    return np.asarray(turns.inv().as_matrix())
+@dataclass(frozen=True)
+class SpatialBearing:
+    """An edge measured by range and bearing in space, from a body that faces along its last displacement.
+
+    Attributes:
+        edge: Number of the edge, in the order of `measured_edges`.
+        slots: States of q of its tail, shape (3,).
+        y: Relative positions along q*, shape (T, 3), m.
+        motion: Displacement of the tail over a period along q*, shape (T, 3), m.
+        F: Restriction map of the tail, a rotation, shape (3, 3).
+        heading: Initial heading of the tail, rad, which a body that never moves keeps.
+        range_noise, bearing_noise: Standard deviations, m and rad.
+    """
+
+    edge: int
+    slots: IntArray
+    y: Array
+    motion: Array
+    F: Array
+    heading: float
+    range_noise: float
+    bearing_noise: float
+
+    def covariance(self, spread: Array) -> Array:
+        """Return the mean covariance of the measured numbers, shape (3, 3), m^2.
+
+        Args:
+            spread: Covariance of the displacement that noise adds to `motion`, shape (3, 3), m^2.
+        """
+        y, d, weight = self.y, self.motion, np.ones(1)
+        values, vectors = np.linalg.eigh(spread)
+        if values[-1] > _STILL**2:
+            nodes, weight = _normal_nodes()
+            few = slice(None, None, -(-len(y) // _TURNED_INSTANTS))
+            d = d[few, None] + nodes @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
+            y = np.repeat(y[few], len(nodes), axis=0)
+            d = d.reshape(-1, 3)
+        body = self._facing(d) @ self.F.T
+        each = range_bearing_covariances(y, self.range_noise, self.bearing_noise, body)
+        return np.asarray(np.tensordot(weight, each.reshape(-1, len(weight), 3, 3).mean(axis=0), 1))
+
+    def _facing(self, d: Array) -> Array:
+        """Return rotations from the world to a body that faces along d (K, 3), its second axis level, (K, 3, 3)."""
+        level = np.hypot(d[:, 0], d[:, 1])
+        yaw = np.where(level > 0.0, np.arctan2(d[:, 1], d[:, 0]), 0.0)
+        pitch = -np.arctan2(d[:, 2], level)
+        still = np.linalg.norm(d, axis=1) <= _STILL
+        yaw[still] = self.heading
+        pitch[still] = 0.0
+        turns = Rotation.from_euler("ZY", np.column_stack([yaw, pitch]))
+        return np.asarray(turns.inv().as_matrix())
+
+
+@cache
+def _normal_nodes() -> tuple[Array, Array]:
+    """Nodes (K, 3) and weights (K,) of a quadrature over independent standard normal numbers."""
+    x, w = np.polynomial.hermite_e.hermegauss(_NODES)
+    nodes = np.stack(np.meshgrid(x, x, x, indexing="ij"), axis=-1).reshape(-1, 3)
+    weights = (w[:, None, None] * w[None, :, None] * w).ravel()
+    return nodes, weights / weights.sum()

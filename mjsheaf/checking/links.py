@@ -11,12 +11,13 @@ from pydantic import Field
 
 from mjsheaf.checking.cohomology import DENSE_STATES
 from mjsheaf.checking.delay import DelayAnswer, delay_answer, papers_answer
-from mjsheaf.checking.held_law import UndecidedError
 from mjsheaf.checking.link_noise import NoiseAnswer, noise_answer
 from mjsheaf.checking.linked_law import LinkedLaw, LinkParameters, MeasuredEdge, linked_law, links_of, measured_edges
 from mjsheaf.checking.loss import LossAnswer, loss_answer
+from mjsheaf.checking.modelled import UndecidedError, require_model
 from mjsheaf.checking.targets import TargetPath
 from mjsheaf.control.terms import TermArrays
+from mjsheaf.io.norms import OF_TEAM, TEAM_NORM, Norm
 from mjsheaf.io.section import Finite, Record
 from mjsheaf.system import System
 from mjsheaf.team import Team
@@ -33,7 +34,9 @@ class LinkRecord(Record):
         description="with the delays of the links, and where measurements are lost in mean square; null: undecided"
     )
     delay_margin: Finite = Field(description="that of `delay`, s")
-    noise_rms: Finite = Field(description="RMS of |e| of the team that noise makes in the long run, m")
+    noise_rms: Finite = Field(description="RMS in time of |e| of the whole team that noise makes in the long run, m")
+    noise_rms_per_agent: Finite = Field(description="the same as RMS over agents, noise_rms / sqrt(N), m")
+    norm: Norm = Field(TEAM_NORM, description=OF_TEAM)
     mean_square_rate: Finite = Field(
         description="by which E|e|^2 falls in a period, in the long run: the spectral radius of X -> E[A X A^T]"
     )
@@ -55,6 +58,7 @@ def link_answers(system: System, path: TargetPath) -> LinkRecord | None:
     """
     law, team = system.law, system.team
     try:
+        require_model(system)
         if team.dirichlet.H.shape[0] > DENSE_STATES and not (system.grid.continuous or law.terms.newton):
             return _of_large_team(system, path)
         return answers_for(linked_law(system, path), team)
@@ -113,6 +117,7 @@ def _record(
         stable=delay.stable if loss is None else loss.stable,
         delay_margin=delay.margin,
         noise_rms=0.0 if noise is None else noise.error,
+        noise_rms_per_agent=0.0 if noise is None else noise.error_per_agent,
         mean_square_rate=_square(delay.spectral_radius) if loss is None else loss.factor,
         delivery=delivery,
         assumed=assumed,

@@ -4,7 +4,15 @@ E[x x^T] goes to E[A x x^T A^T], a linear operator on matrices that keeps the po
 spectral radius is an eigenvalue. With bursts (Gilbert and Elliott) it acts on one matrix for each state of the
 channels. For the paper's law without delay, where x is e, it is self-adjoint (with bursts in the measure of the
 channels' stationary state): its largest eigenvalue, by Lanczos, is within the norm of the residual of the one that is
-stated. With delay, newton or integral x is more than e, and the operator is not self-adjoint.
+stated. With delay, newton or integral x is more than e, and the operator T is not self-adjoint; the eigenvalue may be
+multiple, and its eigenvector badly conditioned. The verdict then rests on X - T(X) = I. T maps the cone of positive
+semidefinite matrices into itself, hence:
+
+- If a solution has X > 0, then T(X) = X - I <= (1 - 1 / lambda_max(X)) X, so that the spectral radius is below 1.
+- If the spectral radius is below 1, then X = I + T(I) + T(T(I)) + ... > 0. So a solution with a negative eigenvalue
+  shows that it is not.
+
+Both hold of any right side that is positive definite, and so of the computed one, X - T(X), which is close to I.
 
 Feedforward and drift do not depend on e, whichever samples they miss.
 """
@@ -14,20 +22,21 @@ from typing import Any
 
 import numpy as np
 from pydantic import Field
-from scipy.linalg import block_diag
+from scipy.linalg import block_diag, schur
 from scipy.sparse import csr_array
 from scipy.sparse.linalg import ArpackError, LinearOperator, cg, eigs, eigsh, gmres
 
 from mjsheaf.arrays import Array
 from mjsheaf.checking.delay import MOST_STATES, team_loop
-from mjsheaf.checking.held_law import UndecidedError
 from mjsheaf.checking.linked_law import LinkedLaw
+from mjsheaf.checking.modelled import UndecidedError
 from mjsheaf.io.section import Finite, Record
 
 _MOST_MOMENTS = 60_000  # numbers in the second moments with bursts, delay, newton or integral
 _MOST_BURSTS = 8  # channels with bursts
 _FEW = 40  # second moments whose eigenvalue is found of a dense matrix
 _TOLERANCE = 1e-10  # of eigenvalues and of covariances, relative
+_INVERSE_STEPS = 3  # of inverse iteration
 _ROUNDING = 1e-9  # of a factor: closer to 1 nothing is decided
 
 
@@ -59,12 +68,12 @@ def loss_answer(law: LinkedLaw) -> LossAnswer:
         moments = SecondMoments(law)
         found["bound"] = moments.bound
         factor, accuracy = found["factor"], found["accuracy"] = moments.factor
-        if abs(factor - 1.0) > max(accuracy, _ROUNDING):
-            found["stable"] = factor < 1.0
+        found["stable"] = factor < 1.0 if abs(factor - 1.0) > max(accuracy, _ROUNDING) else moments.stable
         found["rate"] = -np.log(factor) / (2.0 * law.loop.period) if factor > 0.0 else None
     except UndecidedError as error:
         return LossAnswer(reason=str(error), **found)
-    return LossAnswer(reason="", **found)
+    undecided = "the factor is too close to 1" if found["stable"] is None else ""
+    return LossAnswer(reason=undecided, **found)
 
 
 def _chances(loss: Array) -> tuple[Array, list[int]]:
@@ -153,8 +162,8 @@ class SecondMoments:
         S, n, _ = self._shape
         return float(np.linalg.eigvalsh(self._within(np.tile(np.eye(n), (S, 1, 1)))).max())
 
-    def variances(self) -> tuple[Array, Array]:
-        """Stationary variances of e, m^2, and of the command, m^2/s^2, shape (n,) each, by the noise of links.
+    def covariances(self) -> Array:
+        """Stationary covariances of e, m^2, and of the command, m^2/s^2, shape (2, n, n), by the noise of links.
 
         Z = R (within(R Z) + sqrt(w) V), where V is what a period adds.
 
@@ -166,8 +175,9 @@ class SecondMoments:
         Z = self._settled(np.tensordot(self._root, np.sqrt(share) * added, 1))
         X = np.sqrt(share) * np.tensordot(self._root, Z, 1)
         command = 2.0 * (X - self._mean @ X)  # of h u = e_k - e_{k+1}
-        error, asked = (np.diagonal(x.sum(axis=0))[: len(self._law.vectors)] for x in (X, command))
-        return error, asked / self._law.loop.period**2
+        n = len(self._law.vectors)
+        error, asked = (x.sum(axis=0)[:n, :n] for x in (X, command))
+        return np.stack([error, 0.5 * (asked + asked.T) / self._law.loop.period**2])
 
     def _operator(self, *, less: bool = False) -> LinearOperator:
         """X -> the moments a period later, or X less those, on flat vectors."""
@@ -186,25 +196,40 @@ class SecondMoments:
             UndecidedError: the iteration did not converge.
         """
         operator, (S, n, _) = self._operator(), self._shape
+        start = np.tile(np.eye(n), (S, 1, 1)).ravel()
         if S * n * n <= _FEW:
-            matrix = operator @ np.eye(S * n * n)
-            values, vectors = np.linalg.eigh(matrix) if self._symmetric else np.linalg.eig(matrix)
-        else:
-            start = np.tile(np.eye(n), (S, 1, 1)).ravel()
-            try:
-                lanczos = {"A": operator, "k": 1, "v0": start, "tol": _TOLERANCE}
-                values, vectors = eigsh(**lanczos, which="LA") if self._symmetric else eigs(**lanczos, which="LM")
-            except ArpackError:
-                raise UndecidedError("the second moments' eigenvalue did not converge") from None
-        largest = int(np.abs(values).argmax())
-        value, vector = values[largest], vectors[:, largest]
+            return _dominant(operator @ np.eye(S * n * n), start)
+        try:
+            lanczos = {"A": operator, "k": 1, "v0": start, "tol": _TOLERANCE}
+            values, vectors = eigsh(**lanczos, which="LA") if self._symmetric else eigs(**lanczos, which="LM")
+        except ArpackError:
+            raise UndecidedError("the second moments' eigenvalue did not converge") from None
+        value, vector = values[0], vectors[:, 0]
         after = operator @ vector.real + 1j * (operator @ vector.imag)
         return float(abs(value)), float(np.linalg.norm(after - value * vector))
 
+    @cached_property
+    def stable(self) -> bool | None:
+        """Return True if E|e|^2 falls, by the solution of X - T(X) = I (see the module); None if rounding decides.
+
+        Raises:
+            UndecidedError: the iteration did not converge.
+        """
+        X = self._solve(np.tile(np.eye(self._shape[1]), (self._shape[0], 1, 1)))
+        smallest, size = float(np.linalg.eigvalsh(X).min()), float(np.abs(X).max())
+        drop = X - self._apply(X)
+        if not np.linalg.eigvalsh(drop).min() > 0.5 or abs(smallest) < _ROUNDING * size:
+            return None
+        return smallest > 0.0
+
     def _settled(self, added: Array) -> Array:
-        """The moments (S, n, n) that stay as they are where each period adds so much."""
+        """Return the stationary moments (S, n, n) where each period adds so much."""
         if not self.factor[0] < 1.0:
             raise UndecidedError("the loop is unstable")
+        return self._solve(added)
+
+    def _solve(self, added: Array) -> Array:
+        """Solve X - T(X) = added for symmetric matrices, shape (S, n, n)."""
         less, right = self._operator(less=True), added.ravel()
         if self._symmetric:
             found, failed = cg(less, right, rtol=_TOLERANCE, maxiter=2000)
@@ -212,4 +237,24 @@ class SecondMoments:
             found, failed = gmres(less, right, rtol=_TOLERANCE, restart=100, maxiter=20)
         if failed:
             raise UndecidedError("the covariance under loss did not converge")
-        return np.asarray(found.reshape(self._shape))
+        X = found.reshape(self._shape)
+        return np.asarray(0.5 * (X + X.swapaxes(1, 2)))
+
+
+def _dominant(matrix: Array, start: Array) -> tuple[float, float]:
+    """Return the spectral radius of T as a matrix, and the norm of the residual of an eigenvector.
+
+    The eigenvalues are those of a Schur form, which scales nothing: the scaling ("balancing") of the usual routine
+    spoils eigenvectors of multiple eigenvalues. The vector comes from inverse iteration a little above the spectral
+    radius, from a start inside the cone.
+    """
+    triangle, _ = schur(matrix, output="complex")
+    value = float(np.abs(np.diagonal(triangle)).max())
+    if value == 0.0:
+        return 0.0, 0.0
+    shifted = value * (1.0 + _ROUNDING) * np.eye(len(matrix)) - matrix
+    vector = start / np.linalg.norm(start)
+    for _ in range(_INVERSE_STEPS):
+        vector = np.linalg.solve(shifted, vector)
+        vector = vector / np.linalg.norm(vector)
+    return value, float(np.linalg.norm(matrix @ vector - value * vector))

@@ -10,8 +10,10 @@ from mjsheaf.checking.certificate import Certificate
 from mjsheaf.checking.cohomology import Spectrum
 from mjsheaf.checking.constants import Difference
 from mjsheaf.control import disagreement
+from mjsheaf.io.norms import PER_AGENT_RMS, Norm
 from mjsheaf.io.section import Finite, Record
 from mjsheaf.system import System
+from mjsheaf.vehicles.authority import authority_of, describe_consequences, may_lack
 from mjsheaf.vehicles.effects import capability_of, of_each
 
 LARGEST_SECOND_ORDER = 600
@@ -58,7 +60,14 @@ class SpeedDemand(Record):
     asked: float = Field(description="by the law at the start, k1 |eta_i|")
     limit: Finite = Field(description="that the law keeps; null without one")
     steady: Finite = Field(description="largest |q*'_i - f_i(q*)| along the run; null where a field is singular")
-    able: Finite = Field(description="of its body through the medium in every direction; null: unlimited thrusters")
+    able: Finite = Field(
+        description="all-way speed: steady speed of its body through the medium in the horizontal direction in which "
+        "it is slowest; null: unlimited thrusters"
+    )
+    able_forward: Finite = Field(
+        description="forward speed: steady speed of its body through the medium at full thrust forward; null: "
+        "unlimited thrusters"
+    )
 
 
 class Lag(Record):
@@ -66,6 +75,16 @@ class Lag(Record):
 
     agent: str
     lag: Finite = Field(description="m; null where a field is singular")
+    norm: Norm = Field(PER_AGENT_RMS, description="which norm `lag` is: of this agent alone")
+
+
+class OneSided(Record):
+    """Agents whose vehicle cannot push in some directions, or hardly."""
+
+    agents: list[str] = Field(description="ids")
+    vehicle: str = Field(description="name of their vehicle")
+    lacking: list[str] = Field(description="directions in which it cannot push while it does nothing else")
+    meaning: str = Field(description="what follows")
 
 
 class Margins(Record):
@@ -75,6 +94,7 @@ class Margins(Record):
     bodies: BodyMargins
     speed: list[SpeedDemand] = Field(description=f"the most demanding agents first, at most {MOST_ROWS}")
     lag: list[Lag] = Field(description=f"the largest first, at most {MOST_ROWS}")
+    one_sided: list[OneSided] = Field([], description="vehicles whose thrusters do not push both ways")
 
 
 def margins(system: System, certificate: Certificate) -> Margins:
@@ -84,12 +104,28 @@ def margins(system: System, certificate: Certificate) -> Margins:
     inertia = body_margin(system, spectrum, of_each(agents, lambda vehicle: float(vehicle.reduced_model().tau.max())))
     loop = loop_on_path(system, certificate)
     able = of_each(agents, lambda vehicle: capability_of(vehicle).least_speed)
+    forward = of_each(agents, lambda vehicle: capability_of(vehicle).forward_speed)
     return Margins(
         hold=hold_margin(system, spectrum),
         bodies=BodyMargins(**dict(inertia), **dict(loop)),
-        speed=_speed_demands(system, difference, able),
+        speed=_speed_demands(system, difference, able, forward),
         lag=_lags(system, difference),
+        one_sided=_one_sided(system),
     )
+
+
+def _one_sided(system: System) -> list[OneSided]:
+    """Kinds of vehicles whose thrusters do not push both ways, with their agents."""
+    agents = system.team.agents
+    kinds = {id(vehicle): vehicle for vehicle in system.vehicles[: len(agents)] if may_lack(vehicle)}
+    found = []
+    for key, vehicle in kinds.items():
+        authority = authority_of(vehicle)
+        if authority.lacking:
+            ids = [agent.id for agent, own in zip(agents, system.vehicles, strict=False) if id(own) == key]
+            meaning = describe_consequences(vehicle, authority)
+            found.append(OneSided(agents=ids, vehicle=vehicle.name, lacking=list(authority.lacking), meaning=meaning))
+    return found
 
 
 def hold_margin(system: System, spectrum: Spectrum) -> HoldMargin | None:
@@ -135,7 +171,7 @@ def _damping_of_unlike(system: System, spectrum: Spectrum, tau: Array) -> Array:
     return np.asarray((-roots.real / np.abs(roots))[np.argsort(np.abs(roots))])
 
 
-def _speed_demands(system: System, difference: Difference, able: Array) -> list[SpeedDemand]:
+def _speed_demands(system: System, difference: Difference, able: Array, forward: Array) -> list[SpeedDemand]:
     """The speeds that are asked of agents, at the start or along q*, the largest share of their limit first."""
     team = system.team
     # q*' - f_q = f_B + H^-1 B omega, at the instants that the path keeps.
@@ -145,7 +181,14 @@ def _speed_demands(system: System, difference: Difference, able: Array) -> list[
     most = np.fmax(asked, steady)  # a singular field leaves no steady speed
     order = np.argsort(-most / np.where(np.isfinite(limits), limits, 1e300), kind="stable")[:MOST_ROWS]
     return [
-        SpeedDemand(agent=team.agents[i].id, asked=asked[i], limit=limits[i], steady=steady[i], able=able[i])
+        SpeedDemand(
+            agent=team.agents[i].id,
+            asked=asked[i],
+            limit=limits[i],
+            steady=steady[i],
+            able=able[i],
+            able_forward=forward[i],
+        )
         for i in order.tolist()
     ]
 

@@ -8,8 +8,10 @@ from pydantic import Field
 
 from mjsheaf.checking.body_loop import loop_on_path
 from mjsheaf.checking.certificate import Certificate
-from mjsheaf.checking.held_law import LawLoop, UndecidedError, envelope, law_loop, loop_of
+from mjsheaf.checking.held_law import LawLoop, envelope, law_loop, loop_of
+from mjsheaf.checking.modelled import UndecidedError
 from mjsheaf.control.terms import Drift, Feedforward, Newton, Odometry, Terms, pack_terms
+from mjsheaf.io.norms import OF_TEAM, TEAM_NORM, Norm
 from mjsheaf.io.section import Finite, Record
 from mjsheaf.system import System
 
@@ -27,6 +29,8 @@ class Proposal(Record):
         description="fields of the scenario's controller to set; null takes a term away, others stay as they are"
     )
     bound: float = Field(description="on |e| at samples of the last half of the run, without speed limits, m")
+    bound_per_agent: float = Field(description="`bound` as RMS over agents, bound / sqrt(N), m")
+    norm: Norm = Field(TEAM_NORM, description=OF_TEAM)
     certified: bool = Field(description="whether no speed limit can be met, so that the bound is the run's")
     command: Finite = Field(description="no agent's command exceeds it over the last half of the run, m/s")
     stable_on_bodies: bool | None = Field(description="whether the loop of the real vehicles is too; null: undecided")
@@ -69,7 +73,8 @@ def _terms(kind: int, rounds: int, odometry: Odometry) -> Terms:
     """The paper's law; feedforward; newton too; drift and extrapolation too."""
     forward = Feedforward(rounds=rounds, extrapolate=kind == 3) if kind else None
     drift = Drift(filter=_FILTER) if kind == 3 else None
-    return Terms(forward, Newton(rounds=rounds) if kind > 1 else None, drift, None, odometry)
+    newton = Newton(rounds=rounds) if kind > 1 else None
+    return Terms(feedforward=forward, newton=newton, drift=drift, odometry=odometry)
 
 
 def _law(system: System, gain: float, terms: Terms) -> System:
@@ -98,9 +103,11 @@ def _proposal(gain: float, terms: Terms, present: Sequence[str], found: LawLoop,
         name: section and section.model_dump() for name, section in fields.items() if section or name in present
     }
     assert found.unlimited is not None  # of a loop that is within a radius
+    assert found.unlimited_per_agent is not None
     return Proposal(
         controller={"gain": gain, **sections},
         bound=found.unlimited,
+        bound_per_agent=found.unlimited_per_agent,
         certified=found.radius is not None,
         command=found.command,
         stable_on_bodies=on_bodies,

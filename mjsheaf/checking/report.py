@@ -10,6 +10,7 @@ from mjsheaf.checking.check import CheckRecord, ExplainedCohomology
 from mjsheaf.checking.cohomology import Fragility
 from mjsheaf.checking.links import LinkRecord
 from mjsheaf.checking.margins import BodyMargins, SpeedDemand
+from mjsheaf.checking.targets_loop import TargetsLoop
 
 Row = tuple[str, str, str]
 """Name, value, remark."""
@@ -38,6 +39,12 @@ def report(record: CheckRecord) -> Group:
 
 def _number(value: float | None, unit: str = "") -> str:
     return "-" if value is None else f"{value:.4g}{' ' + unit if unit else ''}"
+
+
+def _rms_of(norm: float | None, remark: str = "") -> str:
+    """Return a remark on an RMS over agents, with the norm of the whole team that it is of."""
+    said = "RMS over agents" if norm is None else f"RMS over agents; norm of the whole team {norm:.4g} m"
+    return f"{said}; {remark}" if remark else said
 
 
 def _assumptions(record: CheckRecord) -> Table:
@@ -109,17 +116,27 @@ def _theorem(record: CheckRecord) -> Table:
             else f"{_number(t.chi, 'm')}, {_number(t.radius_D, 'm')}, {_number(t.radius_S, 'm')}",
             "within the region, as rho is constant there" if t.chi_infinite else "",
         ),
-        ("ultimate radius", _number(t.radius_U, "m"), "of |e|, all agents together"),
-        ("initial error", _number(t.initial_error, "m"), _INSIDE[t.initial_error_inside_S]),
+        ("ultimate radius", _number(t.radius_U_per_agent, "m"), _rms_of(t.radius_U)),
+        (
+            "initial error",
+            _number(t.initial_error_per_agent, "m"),
+            _rms_of(t.initial_error, _INSIDE[t.initial_error_inside_S]),
+        ),
         (
             f"gain for {t.wanted_radius:g} m",
             _number(t.gain_for_wanted_radius, "1/s"),
-            "smallest k1 with that ultimate radius, constants as here" + _beyond_hold(record),
+            t.gain_for_wanted_radius_reason
+            or "smallest k1 whose ultimate radius, norm of the whole team, is that in its own region",
         ),
-        ("weaker bound", _number(t.weaker.radius, "m"), "ultimate radius with rho = 0, whatever the slopes"),
+        (
+            "weaker bound",
+            _number(t.weaker.radius_per_agent, "m"),
+            _rms_of(t.weaker.radius, "ultimate radius with rho = 0, whatever the slopes"),
+        ),
     ]
     over = " over exact links" * (record.links is not None and not record.links.exact)
-    return _pairs("Theorem 1" + f", of the paper's law{over or ' alone'}" * bool(record.law.terms or over), rows)
+    other = record.law.terms or record.law.unmodelled or over
+    return _pairs("Theorem 1" + f", of the paper's law{over or ' alone'}" * bool(other), rows)
 
 
 def _law(record: CheckRecord) -> Table:
@@ -137,17 +154,17 @@ def _law(record: CheckRecord) -> Table:
         ("stable gains", gains, "under this hold" + ", with these terms" * bool(law.terms)),
     ]
     if law.stable:
-        remark = "|e|, of all agents together, is in the end at most this times the largest |d|"
+        remark = "|e|, the norm of the whole team, is in the end at most this times the largest |d|"
         rows.append(("error per disturbance", _number(law.error_per_disturbance, "s"), remark))
-    never = "of all agents together, never exceeded at samples of the run's last half"
-    rows.append(("bound on |e|", _number(law.radius, "m"), law.reason or never))
+    never = _rms_of(law.radius, "never exceeded at samples of the run's last half")
+    rows.append(("bound on the error", _number(law.radius_per_agent, "m"), law.reason or never))
     if law.radius is not None:
-        rows.append(
-            ("between samples", _number(law.between, "m"), f"and {_number(law.largest, 'm')} over the whole run")
-        )
+        whole = f"RMS over agents; {_number(law.largest_per_agent, 'm')} over the whole run"
+        rows.append(("between samples", _number(law.between_per_agent, "m"), whole))
         rows.append(("command", _number(law.command, "m/s"), "no agent's exceeds it over the last half"))
     elif law.unlimited is not None:
-        rows.append(("without limits", _number(law.unlimited, "m"), "the same bound, of the law without speed limits"))
+        same = _rms_of(law.unlimited, "the same bound, of the law without speed limits")
+        rows.append(("without limits", _number(law.unlimited_per_agent, "m"), same))
     left = [share for share in law.left if share.size > 0.0]
     if left:
         rows.append(("left of d", "", "what drives e away from 0, in the last half at most:"))
@@ -172,30 +189,32 @@ def _links(links: LinkRecord | None) -> list[Table]:
     if not links.exact:
         late = "" if delay.delay is None else f"measurements up to {_number(delay.delay, 's')} old"
         late = "measurements arrive at once" if delay.delay == 0.0 else late
-        late += ", as if none were lost" * (loss is not None)
+        late += ", as if none were lost" if late and loss is not None else ""
         radius = "" if delay.spectral_radius is None else f", spectral radius {delay.spectral_radius:.6g} over a period"
         rows.append(("delay", _WORDS[delay.stable], (late + radius) or delay.reason))
     if delay.delay is not None:
         alike = "all links alike and in whole periods; one period more is unstable"
         rows.append(("delay margin", _number(delay.margin, "s"), delay.reason or alike))
     if noise is not None:
-        what = "RMS of |e| of all agents together that noise makes, at samples"
-        what += ", beside what losses make" * (loss is not None) + ", linearised" * noise.linearised
-        rows.append(("error by noise", _number(noise.error, "m"), noise.reason or what))
+        what = "what noise makes in time, at samples"
+        what += ", in addition to what losses make" if loss is not None else ""
+        what += ", linearised" if noise.linearised else ""
+        rows.append(("error by noise", _number(noise.error_per_agent, "m"), noise.reason or _rms_of(noise.error, what)))
         if noise.error is not None:
             worst = max(noise.agents, key=lambda agent: agent.error)
             rows.append(("  of one agent", _number(worst.error, "m"), f"RMS of |e_i|, the largest, of {worst.agent}"))
-            rows.append(("  of commands", _number(noise.command, "m/s"), "RMS of the commands of all agents together"))
-            rows.append(("  by bias", _number(noise.mean, "m"), "|mean of e|"))
+            rows.append(("  of commands", _number(noise.command, "m/s"), "RMS of the commands, norm of the whole team"))
+            rows.append(("  by bias", _number(noise.mean_per_agent, "m"), _rms_of(noise.mean, "mean of e")))
     if loss is not None:
         arrive = ", ".join(f"{100.0 * x:.4g} % of {kind}" for kind, x in links.delivery.items() if x is not None)
-        rows.append(("arrives", "", f"{arrive}, in the long run"))
+        if arrive:
+            rows.append(("arrives", "", f"{arrive}, in the long run"))
         falls = "in mean square, with these delays" if loss.factor is None else "E|e|^2, with these delays"
         rows.append(("loss", _WORDS[loss.stable], loss.reason or falls))
         if loss.factor is not None:
             most = "" if loss.bound is None else f"; in any one period times {loss.bound:.6g} at most"
             rows.append(("  factor", f"{loss.factor:.6g}", f"of E|e|^2 over a period in the long run{most}"))
-            rows.append(("  rate", _number(loss.rate, "1/s"), "at which the RMS of |e| decays"))
+            rows.append(("  rate", _number(loss.rate, "1/s"), "at which the RMS of e decays"))
         rows.append(("  not counted", "", "what losses leave where edges disagree at q*, or where e is not zero"))
     if links.assumed and not links.exact:
         rows.append(("holds for", "", links.assumed))
@@ -219,9 +238,10 @@ def _proposals(record: CheckRecord) -> list[Text | Table]:
         bodies = {True: "", False: "; UNSTABLE on the vehicles", None: "; undecided on the vehicles"}[
             p.stable_on_bodies
         ]
-        rows.append((f"{p.bound:.4g} m", _in_yaml(p.controller), cost + command + noise + limits + bodies))
+        rows.append((f"{p.bound_per_agent:.4g} m", _in_yaml(p.controller), cost + command + noise + limits + bodies))
     radius = record.theorem.wanted_radius
-    return [_pairs(f"laws with a bound of at most {radius:g} m on ideal kinematics, the cheapest of each kind", rows)]
+    title = f"laws whose bound on |e|, norm of the whole team, is at most {radius:g} m on ideal kinematics"
+    return [_pairs(f"{title}: the bound as RMS over agents, the cheapest of each kind", rows)]
 
 
 def _in_yaml(fields: dict[str, Any]) -> str:
@@ -241,17 +261,10 @@ def _in_yaml(fields: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _beyond_hold(record: CheckRecord) -> str:
-    """A warning where the wanted gain is more than the control period allows."""
-    wanted, hold = record.theorem.gain_for_wanted_radius, record.margins.hold
-    if wanted is None or hold is None or hold.largest_gain is None or wanted < hold.largest_gain:
-        return ""
-    return f"; beyond the {hold.largest_gain:.4g} 1/s that the hold allows"
-
-
 def _margins(record: CheckRecord) -> Table:
     m, hold = record.margins, record.margins.hold
     over = "; over exact links" * (record.links is not None and not record.links.exact)
+    over += "; of the paper's law alone" * bool(record.law.unmodelled)
     rows = [("sampling", "none", "the law is continuous")]
     if hold is not None:
         word = "diverges" if hold.product >= 2 else "rings" if hold.product > 1 else "does not ring"
@@ -273,8 +286,27 @@ def _margins(record: CheckRecord) -> Table:
         _speed_of_bodies(m.speed),
         *_speed_of_limits(m.speed),
         ("steady lag", _number(m.lag[0].lag, "m"), f"largest, of {m.lag[0].agent}"),
+        *_targets(record.targets),
     ]
+    for one in m.one_sided:
+        others = "" if len(one.agents) == 1 else f" and {len(one.agents) - 1} more"
+        lacking = ", ".join(one.lacking)
+        what = f"{one.agents[0]}{others} cannot push in these directions without another: {lacking}; {one.meaning}"
+        rows.append(("one-sided", one.vehicle, what))
     return _pairs("margins in practice", rows)
+
+
+def _targets(loop: TargetsLoop) -> list[Row]:
+    """Return rows on the targets' own law, if they have one."""
+    if not loop.parts:
+        return []
+    name, rate = f"targets' {' and '.join(loop.parts)}", f"rates up to {loop.rate:.4g} 1/s"
+    held = "" if loop.product is None else f"; times the control period {loop.product:.4g}, stable below 2"
+    rows = [(name, "stable" if loop.stable else "UNSTABLE", rate + held)]
+    if (bodies := loop.bodies) is not None:
+        radius = "" if bodies.spectral_radius is None else f"spectral radius {bodies.spectral_radius:.6g}"
+        rows.append(("  on their vehicles", _WORDS[bodies.stable], radius or bodies.reason))
+    return rows
 
 
 def _bodies(bodies: BodyMargins) -> list[Row]:
@@ -299,7 +331,9 @@ def _speed_of_bodies(speeds: list[SpeedDemand]) -> Row:
     if not known:
         return "speed along q*", "-", "a field is singular"
     first = max(known, key=lambda s: (s.steady or 0.0) / (s.able or 1e300))
-    able = "its thrusters have no limits" if first.able is None else f"its body can make {first.able:.4g} m/s"
+    able = "its thrusters have no limits"
+    if first.able is not None:
+        able = f"its all-way speed is {first.able:.4g} m/s, forward {_number(first.able_forward, 'm/s')}"
     short = sum(s.able is not None and (s.steady or 0.0) > s.able for s in known)
     slow = f", TOO SLOW, as are {short} of {len(known)}" if short else ""
     return "speed along q*", _number(first.steady, "m/s"), f"of {first.agent}; {able}{slow}"
@@ -336,9 +370,18 @@ def _phases(record: CheckRecord) -> list[Text | Table]:
             ("absent", ", ".join(p.absent[:_MOST]) or "nobody", ""),
             ("lambda_min, lambda_max", f"{t.lambda_min:.4g}, {t.lambda_max:.4g}", "of H"),
             ("Theorem 1", "applies" if t.applies else "does not apply", t.reason),
-            ("ultimate radius", _number(t.radius_U, "m"), f"weaker bound {_number(t.weaker.radius, 'm')}"),
-            ("initial error", _number(t.initial_error, "m"), "at most" if known and p.jump is not None else ""),
+            (
+                "ultimate radius",
+                _number(t.radius_U_per_agent, "m"),
+                f"RMS over agents; weaker bound {_number(t.weaker.radius_per_agent, 'm')}",
+            ),
+            (
+                "initial error",
+                _number(t.initial_error_per_agent, "m"),
+                "RMS over agents" + (", at most" if known and p.jump is not None else ""),
+            ),
             ("held law", _WORDS[p.law.stable], p.law.reason),
+            *_targets(p.targets),
         ]
         if p.links is not None:
             over, word = ("over exact links", "") if p.links.exact else ("over its links", _WORDS[p.links.stable])
@@ -346,7 +389,7 @@ def _phases(record: CheckRecord) -> list[Text | Table]:
         rows.append(("loop on bodies", _WORDS[p.margins.bodies.stable], p.margins.bodies.reason))
         if p.jump is not None:
             far = max(p.jumps, key=lambda id: p.jumps[id] or 0.0, default="")
-            most = f"of all; the most, {_number(p.jumps[far], 'm')}, of {far}" if far else ""
+            most = f"norm of the whole team; the largest, {_number(p.jumps[far], 'm')}, of {far}" if far else ""
             rows.insert(2, ("jump of q*", _number(p.jump, "m"), most))
         free = _cohomology(p.relative_cohomology)
         parts += [_pairs(f"from t = {p.start:g} s on: {what}", rows), *free, *_fragility(p.fragility)]

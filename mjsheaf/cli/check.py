@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mjsheaf.cli.options import (
+    ControllerOption,
     Engine,
     EngineOption,
     FormatOption,
@@ -48,7 +49,9 @@ def check(
     ] = None,
     title: TitleOption = True,
     rate: Annotated[float | None, typer.Option(help="lambda_V of Theorem 1, 1/s; the best one unless given.")] = None,
-    radius: Annotated[float, typer.Option(help="Radius of |e| for which gain and laws are looked for, m.")] = 1.0,
+    radius: Annotated[
+        float, typer.Option(help="Radius of |e|, the norm of the whole team, for which gain and laws are searched, m.")
+    ] = 1.0,
     rho: Annotated[
         str | None,
         typer.Option(
@@ -61,8 +64,9 @@ def check(
 
     Computes Theorem 1 over the region to which its own bound confines the agents, the loop of the law as it is held,
     with its terms, and a bound on its run, laws that would do better, the margins that theory leaves out, and which
-    single loss breaks an assumption. Exit code 1 where a numbered assumption fails or is undecided, or the law's or the
-    loop of the vehicles is unstable, or the law over its links; the gain condition does not change it.
+    single loss breaks an assumption. Exit code 1 if a numbered assumption fails or is undecided, if the loop of the law
+    (also over its links), of the targets' law or of the vehicles is unstable, or if the law has a part without a model.
+    The gain condition does not change it. Errors are the RMS over agents, in metres.
     """
     if plot is not None:
         require_file_name("--plot", plot, *(f".{form}" for form in FORMATS))
@@ -99,7 +103,7 @@ def check(
             with naming(f"--plot {path}"), whole_file(path) as part:
                 write_figure(figure, part, path.suffix[1:])
             if not as_json:
-                print(path)
+                print_lines(path)
     told = [
         f"from t = {part.start:g} s on ({', '.join(part.events) or 'start'}): {why}"
         for part in record.phases
@@ -112,12 +116,15 @@ def check(
 def _failures(part: "CheckRecord | PhaseRecord") -> list[str]:
     """Why a check, or that of a phase, is not ok, in sentences."""
     from mjsheaf.checking.links import UNSTABLE_LINKS
+    from mjsheaf.checking.modelled import because_of
 
     told = [
         f"assumption {a.number} {'fails' if a.verdict == 'fails' else 'is undecided'} ({a.name}): {a.witness}"
         for a in part.assumptions
         if a.verdict != "holds"
     ]
+    if part.law.unmodelled:
+        told.append(f"the law is undecided, {because_of(part.law.unmodelled)}")
     if part.law.stable is False:
         gains = " to ".join(f"{gain:.4g}" for gain in part.law.stable_gains or [])
         wanted = f": expected controller.gain from {gains} 1/s" if gains else " at any controller.gain"
@@ -126,6 +133,9 @@ def _failures(part: "CheckRecord | PhaseRecord") -> list[str]:
         margin, late = part.links.delay_margin, part.links.delay
         bears = f"; it bears up to {margin:.6g} s of delay" if margin is not None and not late.stable else ""
         told.append(f"{UNSTABLE_LINKS}{bears}")
+    if part.targets.unstable:
+        told = [why for why in told if part.targets.failure not in why or not part.targets.failure]
+        told.append(part.targets.verdict())
     return told + [part.margins.bodies.verdict()] * (part.margins.bodies.stable is False)
 
 
@@ -139,17 +149,21 @@ def compare(
     title: TitleOption = True,
     engine: EngineOption = Engine.MUJOCO,
     threads: ThreadsOption = None,
+    controller: ControllerOption = None,
 ) -> None:
     """Compare ideal kinematics with bodies: what each effect costs, and what to change.
 
-    Climbs a ladder from the theory's kinematics to the scenario's own bodies, one effect at a time. Writes
+    Climbs a ladder from the theory's kinematics to the scenario's own bodies, one effect at a time. In a scenario with
+    events every variant runs the same phases, and each phase has its own error budget. Writes
     compare.json, report.txt, errors.png, budget.png, convergence.png, scenario.yaml and compare.mp4 (ideal left,
     bodies right) into the directory, runs/NAME-compare unless given.
     """
     from mjsheaf.comparing.report import WIDTH, publish, report
+    from mjsheaf.control.source import find_law
 
     figures = figure_options(formats, title)
     loaded, directory, origin = prepare(scenario, overrides, seed, out, "physics", "compare")
+    law = None if controller is None else find_law(controller)
     with in_field(scenario), progress_bars() as bars:
         record, notes, replaced = publish(
             loaded,
@@ -157,6 +171,7 @@ def compare(
             video=video,
             engine=str(engine),
             threads=threads,
+            law=law,
             origin=origin,
             figures=figures,
             progress=bars,

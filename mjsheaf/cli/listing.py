@@ -48,37 +48,46 @@ def _list_scenarios() -> None:
 def _list_vehicles(files: list[str]) -> None:
     from mjsheaf.scenario.slips import slips_of_vehicle
     from mjsheaf.simulation.arena import size_of
+    from mjsheaf.vehicles.authority import authority_of
     from mjsheaf.vehicles.effects import capability_of
     from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 
-    numbers = ("mass\n(kg)", "size\n(m)", "thrust-\ners", "thrust\n(N)", "tau\n(s)", "speed\n(m/s)")
-    headings = ("name", "moves\nin", *numbers)
+    numbers = ("mass\n(kg)", "size\n(m)", "thrust-\ners", "thrust\n(N)", "tau\n(s)", "forward\n(m/s)", "all-way\n(m/s)")
+    headings = ("name", *numbers)
     table = make_table(*headings, numbers=numbers, fixed=headings, title="vehicles", box=None, padding=(0, 1))
-    summaries, slips = make_table(box=None, show_header=False), []
+    summaries, slips = make_table("name", "moves in", "pushes", "", box=None), []
     for source in [*list_vehicles(), *files]:
         vehicle = load_vehicle(source)
         tau, can = vehicle.reduced_model().tau, capability_of(vehicle)
         table.add_row(
             vehicle.name,
-            "plane" if vehicle.dimension == 2 else "space",
             f"{vehicle.mass:g}",
             f"{size_of(vehicle):.3g}",
             str(len(vehicle.actuators)),
             _limit(can.forward_thrust),
             " ".join(f"{x:.3g}" for x in dict.fromkeys(tau.round(3))),
             _limit(can.forward_speed),
+            _limit(can.least_speed),
         )
-        summaries.add_row(vehicle.name, vehicle.description.summary)
+        summaries.add_row(
+            vehicle.name,
+            "plane" if vehicle.dimension == 2 else "space",
+            authority_of(vehicle).describe().replace(", ", "\n"),
+            vehicle.description.summary,
+        )
         slips += [f"note: {slip}" for slip in slips_of_vehicle(vehicle)]
     note = (
-        "size is the longest side; thrust and speed are forward, at constant height; tau is that of the commanded "
-        "velocity along the body's axes (of a boat at its hand point: of surge and yaw)"
+        "size is the longest side; thrust is forward, at constant height; forward is the steady speed of full thrust "
+        "forward, all-way that in the horizontal direction in which the vehicle is slowest (of a boat that turns "
+        "first, forward); tau is that of the commanded velocity along the body's axes (of a boat at "
+        "its hand point: of surge and yaw); pushes says in which directions thrusters make a force or moment "
+        "without any other"
     )
     make_console().print(table, "", summaries, "", note, *slips)
 
 
 def _limit(value: float) -> str:
-    return f"{float(f'{value:.3g}'):g}" if value < float("inf") else "no limit"
+    return f"{float(f'{value:.3g}') + 0.0:g}" if value < float("inf") else "no limit"
 
 
 def schema(

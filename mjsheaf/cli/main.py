@@ -17,9 +17,10 @@ from mjsheaf.cli.check import check, compare
 from mjsheaf.cli.listing import bench, list_, schema
 from mjsheaf.cli.new import new
 from mjsheaf.cli.run import expect, plot, report, run, video
+from mjsheaf.cli.runs import compare_runs
 from mjsheaf.cli.sweep import sweep
 from mjsheaf.cli.terminal import Stopped, open_streams, raise_if_stopped, stoppable, was_stopped
-from mjsheaf.errors import InputError, MjsheafError
+from mjsheaf.errors import InputError, MjsheafError, printable
 
 app = typer.Typer(
     name="mjsheaf",
@@ -39,6 +40,7 @@ _COMMANDS: dict[Callable[..., None], str] = {
     report: "runs/paper-physics",
     check: "air_tracks_surface --plot check.png",
     compare: "midpoint --no-video",
+    compare_runs: "runs/midpoint-ideal runs/midpoint-physics",
     sweep: "midpoint --grid controller.gain=0.1,1,10 --seeds 0:20 --out s",
     expect: "midpoint.yaml --update",
     bench: "loop peers",
@@ -49,7 +51,7 @@ _COMMANDS: dict[Callable[..., None], str] = {
 """Commands in the order of the help, and an example of each."""
 
 for _command, _example in _COMMANDS.items():
-    _name = _command.__name__.rstrip("_")
+    _name = _command.__name__.rstrip("_").replace("_", "-")
     app.command(_name, epilog=f"Example: [bold]mjsheaf {_name} {_example}[/bold]")(_command)
 
 
@@ -109,17 +111,17 @@ def _exit_code(arguments: list[str] | None) -> int:
                 raise
         return code if isinstance(code, int) else 0
     except MjsheafError as error:
-        return _complain(str(error), error.exit_code)
+        return _complain(*error.args, code=error.exit_code)
     except Stopped as stopped:
-        return _complain(stopped.message, int(stopped.code or 1))
+        return _complain(stopped.message, code=int(stopped.code or 1))
     except BrokenPipeError:
         return _end_of_pipe()
     except OSError as error:
-        return _complain(f"{_place_of(error)}: {error.strerror or error}", InputError.exit_code)
+        return _complain(f"{_place_of(error)}: {error.strerror or error}")
     except ImportError as error:  # also of a library for which there is no memory
-        return _complain(f"cannot load what it needs: {error}", InputError.exit_code)
+        return _complain(f"cannot load what it needs: {error}")
     except (MemoryError, SystemError) as error:  # the second from libraries that run out of it in C
-        return _complain(f"not enough memory: {error}; ask for fewer samples or vehicles", InputError.exit_code)
+        return _complain(f"not enough memory: {error}; ask for fewer samples or vehicles")
     except Exception as error:
         # Usage errors are a class of the command-line library; older and newer releases keep it in different places.
         if not hasattr(error, "format_message"):
@@ -127,7 +129,7 @@ def _exit_code(arguments: list[str] | None) -> int:
         message = error.format_message()  # empty where help itself was the answer
         for its, ours in _PLAINER.items():
             message = message.replace(its, ours)
-        return _complain(f"{message} (see mjsheaf --help)", InputError.exit_code) if message else InputError.exit_code
+        return _complain(f"{message} (see mjsheaf --help)") if message else InputError.exit_code
 
 
 _PLAINER = {
@@ -144,7 +146,7 @@ class _Notes(logging.Handler):
     """What the package tells of itself goes to stderr, wherever that is by then: progress bars redirect it."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        print(f"note: {record.getMessage()}", file=sys.stderr)
+        print(f"note: {printable(record.getMessage())}", file=sys.stderr)
 
 
 def _end_of_pipe() -> int:
@@ -165,7 +167,8 @@ def _place_of(error: OSError) -> str:
     return "input or output"
 
 
-def _complain(message: str, code: int) -> int:
+def _complain(*lines: str, code: int = InputError.exit_code) -> int:
     with suppress(OSError):  # a terminal that has hung up
-        print(f"mjsheaf: {' '.join(message.split())}", file=sys.stderr)
+        for line in lines:
+            print(f"mjsheaf: {printable(' '.join(line.split()))}", file=sys.stderr)
     return code

@@ -1,12 +1,14 @@
 """`mjsheaf new`."""
 
 import re
+import shlex
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from mjsheaf.cli.options import require_file_name
+from mjsheaf.cli.terminal import print_lines
 from mjsheaf.errors import InputError, shortened
 
 
@@ -32,4 +34,5 @@ def new(
     text = template.read_text(encoding="utf-8").replace("{file}", path.name).replace("{name}", name_from(path))
     with naming(path):
         write_whole(path, text.encode("utf-8"))
-    print(f"wrote {path}; next: mjsheaf check {path}, then mjsheaf run {path}")
+    quoted = shlex.quote(str(path))
+    print_lines(f"wrote {path}; next: mjsheaf check {quoted}, then mjsheaf run {quoted}")

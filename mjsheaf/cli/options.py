@@ -48,6 +48,14 @@ SetOption = Annotated[
 SeedOption = Annotated[int | None, typer.Option(help="Seed of disturbances and of spread initial conditions.")]
 OutOption = Annotated[Path | None, typer.Option(metavar="DIR", help="Directory of the results.")]
 VideoOption = Annotated[bool, typer.Option("--video/--no-video", help="Whether to draw the video.")]
+LegendOption = Annotated[
+    bool | None,
+    typer.Option(
+        "--legend/--no-legend",
+        help="Explain colours, lines and arrows in a panel of the video next to the scene.",
+        show_default="as the scenario says: legend",
+    ),
+]
 QualityOption = Annotated[
     Literal["good", "draft"] | None,
     typer.Option(
@@ -58,6 +66,14 @@ QualityOption = Annotated[
 ]
 
 
+ControllerOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="FILE.py:NAME",
+        help="A law of your own in Python, a function or class, called once a control period: law(t, sample) "
+        "returns the agents' velocities, shape (N, 3), in m/s.",
+    ),
+]
 FormatOption = Annotated[
     str, typer.Option("--format", metavar="F1[,F2,...]", help="Of the plots: png, svg, pdf, or several of them.")
 ]

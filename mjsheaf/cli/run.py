@@ -9,9 +9,11 @@ import typer
 from mjsheaf.cli.options import (
     Backend,
     BackendOption,
+    ControllerOption,
     Engine,
     EngineOption,
     FormatOption,
+    LegendOption,
     NotHeldError,
     OutOption,
     QualityOption,
@@ -25,11 +27,13 @@ from mjsheaf.cli.options import (
     prepare,
     require_file_name,
 )
-from mjsheaf.cli.terminal import make_console, make_table, print_lines, print_note, progress_bars
+from mjsheaf.cli.terminal import Stopped, print_lines, print_note, progress_bars
 from mjsheaf.errors import InputError, MjsheafError, PlaceError, UnstableError, in_field
 
 if TYPE_CHECKING:
     from mjsheaf.runs.publish import Outcome
+    from mjsheaf.scenario import Scenario
+    from mjsheaf.video.film import VideoOptions
 
 
 def run(
@@ -45,15 +49,9 @@ def run(
     allow_drift: Annotated[
         bool, typer.Option("--allow-drift", help="Run it though agents are free to drift, against the least q*.")
     ] = False,
-    controller: Annotated[
-        str | None,
-        typer.Option(
-            metavar="FILE.py:NAME",
-            help="A law of your own in Python, a function or class, called once a control period: law(t, sample) "
-            "returns the agents' velocities, shape (N, 3), in m/s.",
-        ),
-    ] = None,
+    controller: ControllerOption = None,
     quality: QualityOption = None,
+    legend: LegendOption = None,
     formats: FormatOption = "png",
     title: TitleOption = True,
     engine: EngineOption = Engine.MUJOCO,
@@ -62,12 +60,14 @@ def run(
     """Simulate a scenario and leave data, plots, a page to look at and a video.
 
     Writes result.nc, summary.json, scenario.yaml, errors.png, trajectories.png, configurations.png, report.html and
-    video.mp4 into the directory (runs/NAME-BACKEND unless given), all at once when done. Refuses, with exit code 1, a
-    team in which some agent is free to drift.
+    video.mp4 into the directory (runs/NAME-BACKEND unless given): the video last, all else at once. Refuses, with exit
+    code 1, a team in which some agent is free to drift.
     """
+    from mjsheaf.cli.outcome import announcing, print_outcome
     from mjsheaf.control.controller import load_controller
-    from mjsheaf.runs.expecting import miss
+    from mjsheaf.runs.expecting import expected_law, miss
     from mjsheaf.runs.publish import execute
+    from mjsheaf.scenario.load import find_scenario
     from mjsheaf.video.from_run import video_options
 
     figures = figure_options(formats, title)
@@ -75,22 +75,25 @@ def run(
     refusal = loaded.expect.refused
     if expect and getattr(loaded.expect, backend) is None and refusal is None:
         raise InputError(f"{scenario}: expect.{backend}: missing; --expect needs bounds for this backend")
-    law = load_controller(controller, loaded.seed) if controller else None
-    options = video_options(loaded, quality=quality) if video else None
+    law = None if controller is None else load_controller(controller, loaded.seed)
+    if law is None and expect:
+        named = expected_law(loaded, find_scenario(scenario).parent)
+        law = named.load(loaded.seed) if named else None
+    options = video_options(loaded, quality=quality, legend=legend) if video else None
     try:
         with progress_bars() as bars:
             outcome = execute(
                 loaded,
                 str(backend),
                 directory,
-                video=options,
+                video=None,
                 engine=str(engine),
                 threads=threads,
                 allow_drift=allow_drift,
                 controller=law,
                 origin=origin,
                 figures=figures,
-                progress=bars,
+                progress=announcing(loaded, str(backend), bars),
             )
     except PlaceError:
         raise
@@ -98,9 +101,9 @@ def run(
         other = expect and refusal is not None and refusal not in str(error)
         verdict = f" (NOT as expected: expect.refused is {refusal!r})" if other else ""
         raise type(error)(f"{scenario}: {error}{verdict}") from None
-    for note in outcome.notes:
-        print_note(note)
-    _print_outcome(outcome)
+    print_outcome(outcome, overridden=bool(overrides))
+    if options is not None:
+        outcome = _draw_video(outcome, loaded, options)
     summary = outcome.summary
     if summary["status"] == "unstable":
         raise UnstableError(f"{summary['message']}; what was recorded is in {directory}")
@@ -112,36 +115,23 @@ def run(
         raise NotHeldError(f"{scenario}: {next(n['text'] for n in summary['notes'] if n['kind'] == 'bound')}")
 
 
-def _print_outcome(outcome: "Outcome") -> None:
-    from mjsheaf.results.metrics import MEASURES
+def _draw_video(outcome: "Outcome", scenario: "Scenario", options: "VideoOptions") -> "Outcome":
+    """Draw the video of a published run into its directory, and print where it is or why there is none."""
+    from mjsheaf.runs.publish import add_video, without_video
 
-    summary, final = outcome.summary, outcome.summary["final"]
-    title = f"{summary['scenario']} on {summary['backend']}, errors in m at t = {final['time']:.6g} s"
-    numbers = [measure.removeprefix("mean_").removesuffix("_error") for measure in MEASURES]
-    table = make_table("", *numbers, numbers=numbers, title=title)
-    for name, values in {"team": final, **final["groups"]}.items():
-        table.add_row(name, *("-" if values[m] is None else f"{values[m]:.4g}" for m in MEASURES))
-    for k, phase in enumerate(summary["phases"]):
-        if phase["final"] is not None:
-            end, what = phase["final"], ", ".join(phase["events"]) or "start"
-            values = ("-" if end[m] is None else f"{end[m]:.4g}" for m in MEASURES)
-            table.add_row(f"phase {k}, {what}, at {end['time']:.6g} s", *values)
-    make_console().print(table)
-    verdict = {True: "as expected", False: "NOT as expected", None: "no expectation"}[summary["expect"]["met"]]
-    print_lines(
-        f"{summary['status']}, {verdict}; {summary['steps']} steps in {summary['wall_time_s']:.2f} s "
-        f"({summary['realtime_factor']:.3g} x real time)",
-        *([_exchanges(summary["communication"])] if summary["communication"]["exchanges_per_second"] else []),
-        *(f"note: {note['text']}" for note in summary["notes"]),
-        *(f"DRIFTS: {direction}; errors are against the q* of least norm" for direction in summary["free_directions"]),
-        *([outcome.replaced] if outcome.replaced else []),
-        *(f"  {path}" for path in sorted(outcome.directory.iterdir())),
-    )
-
-
-def _exchanges(found: dict[str, float]) -> str:
-    each, numbers = found["exchanges_per_second"], found["numbers_per_agent_second"]
-    return f"{each:.4g} exchanges between neighbours a second, in which an agent sends {numbers:.4g} numbers"
+    directory = outcome.directory
+    print_lines(f"drawing the video; everything else is there: open {directory / 'report.html'} in any browser")
+    try:
+        with progress_bars() as bars:
+            outcome = add_video(outcome, scenario, options, bars)
+    except Stopped as stopped:
+        stopped.message = stopped.message.replace("nothing was written", without_video(directory))
+        raise
+    for note in outcome.notes:
+        print_note(note)
+    if outcome.summary["video"] is not None:
+        print_lines(f"  {directory / 'video.mp4'}")
+    return outcome
 
 
 def expect(
@@ -153,12 +143,16 @@ def expect(
     margin: Annotated[
         float, typer.Option(min=0.0, max=10.0, help="How far --update puts bounds above what is found, as a share.")
     ] = 0.05,
+    controller: ControllerOption = None,
 ) -> None:
     """Hold runs of a scenario against its `expect:` block, or write that block from them.
+
+    The law is that of --controller, else that of `expect.controller`, else the scenario's own.
 
     Writes no directory. Exit code 1 where an expectation is missed. --update keeps the rest of the file as it is; a
     team that is refused is expected to be refused, and a run that blows up is not written (exit code 3).
     """
+    from mjsheaf.control.source import find_law, name_law_from
     from mjsheaf.io.files import replace_file, require_writable
     from mjsheaf.io.yaml import with_field
     from mjsheaf.runs import expecting
@@ -176,10 +170,15 @@ def expect(
             raise InputError(f"{scenario}: expect.{missing[0]}: missing; --update writes it from a run")
         wanted = [name for name in wanted if name in known]
     trials = []
+    with in_field(scenario):
+        law = expecting.expected_law(loaded, path.parent) if controller is None else find_law(controller)
+    if update and law is not None:
+        named = name_law_from(law, path.parent)
     for name in wanted:
         with in_field(scenario), progress_bars() as bars:
-            trials.append(expecting.try_scenario(loaded, name, progress=partial(bars, f"simulating ({name})")))
-        print(expecting.describe(trials[-1], loaded.name, scenario))
+            progress = partial(bars, f"simulating ({name})")
+            trials.append(expecting.try_scenario(loaded, name, law=law, progress=progress))
+        print_lines(expecting.describe(trials[-1], loaded.name, scenario))
     if not update:
         misses = [f"{expecting.miss(c)} on {trial.backend}" for trial in trials for c in expecting.missed(trial)]
         if misses:
@@ -187,11 +186,14 @@ def expect(
         return
     for trial in (t for t in trials if t.status == "unstable"):
         raise UnstableError(f"{scenario}: blew up on {trial.backend}: {trial.message}; nothing is written")
-    block = expecting.expectation_from(trials, margin, loaded.expect.model_dump(exclude_none=True))
+    before = loaded.expect.model_dump(exclude_none=True)
+    if law is not None:
+        before["controller"] = named
+    block = expecting.expectation_from(trials, margin, before)
     comment = "" if "refused" in block else f"at most {100.0 * margin:g} % above what was found"
     text = with_field(data.decode("utf-8"), "expect", block, scenario, comment)
     replace_file(path, text.encode("utf-8"), expected=data)
-    print(f"wrote expect: of {path}")
+    print_lines(f"wrote expect: of {path}")
 
 
 def video(
@@ -214,6 +216,7 @@ def video(
         ),
     ] = None,
     quality: QualityOption = None,
+    legend: LegendOption = None,
 ) -> None:
     """Draw the video of a finished run again, without running it.
 
@@ -239,7 +242,7 @@ def video(
             frames = film_run(scenario, dataset, path, options, partial(bars, "drawing video"))
     if path.resolve() == own.resolve():
         save_summary({**summary, "video": video_entry(frames, options)}, directory / "summary.json")
-    print(f"{path}: {frames} frames, {options.width}x{options.height} at {options.fps:g} frames a second")
+    print_lines(f"{path}: {frames} frames, {options.width}x{options.height} at {options.fps:g} frames a second")
 
 
 def _scales(text: str) -> dict[str, Any]:
@@ -267,7 +270,7 @@ def report(
     if out is not None:
         require_file_name("--out", out, ".html")
         _require_outside_of_runs(out, directory / "report.html")
-    print(write_page_again(directory, out))
+    print_lines(write_page_again(directory, out))
 
 
 def plot(
@@ -287,7 +290,7 @@ def plot(
     with progress_bars() as bars:
         found = plot_again(directory, out or directory, figures, bars)
     for path in found:
-        print(path)
+        print_lines(path)
 
 
 def _require_outside_of_runs(path: Path, own: Path) -> None:

@@ -12,6 +12,7 @@ import typer
 
 from mjsheaf.cli.options import (
     Backend,
+    ControllerOption,
     Engine,
     FormatOption,
     SetOption,
@@ -65,6 +66,7 @@ def sweep(
     batch: Annotated[
         bool, typer.Option("--batch", help="Runs of one team together, by the fused engine; records keep less.")
     ] = False,
+    controller: ControllerOption = None,
 ) -> None:
     """Run a scenario many times, on every core or a cluster; killed at any moment, the same command goes on.
 
@@ -82,6 +84,7 @@ def sweep(
         os.environ.setdefault(name, "1")
     from mjsheaf.studies import load_plan, run_study
     from mjsheaf.studies.plan import parse_grid, parse_seeds
+    from mjsheaf.studies.study import not_converged
     from mjsheaf.studies.workers import local_workers, workers_at
 
     figures = figure_options(formats, title)
@@ -100,6 +103,7 @@ def sweep(
         batch=batch,
         measure=measure,
         trajectories=trajectories,
+        controller=controller,
     )
     if plan.study.seeds is not None and not plan.seed_matters:
         note_idle_seed(plan.scenario["name"], plan.study.backend)
@@ -132,10 +136,12 @@ def sweep(
             raise
     counts = Counter(record["status"] for record in study.records)
     failed = [record for record in study.records if record["status"] != "finished"]
+    moving = sum(record["settled"] is False for record in study.records if record["status"] == "finished")
     print_lines(
         f"{len(study.records)} runs: {', '.join(f'{count} {status}' for status, count in counts.items())}"
         + (f" ({len(study.records) - study.begun} had ended before)" if study.begun < len(study.records) else ""),
         *(f"  run {r['run']}: {r['status']}: {r['message'].removeprefix(r['status'] + ': ')}" for r in failed[:1]),
-        *[f"  and {len(failed) - 1} more that did not finish; see {out / 'table.csv'}"] * (len(failed) > 1),
+        *([f"  and {len(failed) - 1} more that did not finish; see {out / 'table.csv'}"] if len(failed) > 1 else []),
+        *([not_converged(moving, counts["finished"])] if moving else []),
         *(f"  {out / name}" for name in study.files),
     )

@@ -17,12 +17,19 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import TYPE_CHECKING, Any
 
+from mjsheaf.errors import printable
+
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.progress import Progress
+    from rich.segment import Segment
     from rich.table import Table
 
 BETWEEN_LINES = 15.0
 """Time between lines of progress where there is no terminal, s."""
+
+BETWEEN_LOOKS = 0.5
+"""Time between looks whether loops are being compiled, s."""
 
 _WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated", signal.SIGHUP: "hung up"}
 _received: int | None = None
@@ -109,7 +116,14 @@ def make_console(**options: Any) -> "Console":
     """A console that has some width, whatever the terminal or COLUMNS says."""
     from rich.console import Console
 
-    console = Console(highlight=False, **options)
+    class Cleaned(Console):
+        """A console that escapes what a terminal would obey in the text that it is handed."""
+
+        def render(self, *arguments: Any, **named: Any) -> "Iterator[Segment]":
+            for segment in super().render(*arguments, **named):
+                yield segment if segment.control else segment._replace(text=printable(segment.text))
+
+    console = Cleaned(highlight=False, emoji=False, **options)
     console.width = max(console.width, 20)  # columns; in fewer, a table has no room for its text
     return console
 
@@ -145,7 +159,8 @@ def progress_bars(*, lines: bool = True) -> Iterator[Callable[[str, int, int], N
     """Yield a function of (what is being done, done, in all) that keeps a bar for each kind of work, on stderr.
 
     Where stderr is not a terminal, what takes long has a line now and then on stdout instead, if `lines` may stand
-    there: stderr is for the one line of an error. Each call ends the work if a signal has asked for that.
+    there: stderr is for the one line of an error. Either shows within a second that loops are being compiled. Each call
+    ends the work if a signal has asked for that.
     """
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
@@ -169,5 +184,44 @@ def progress_bars(*, lines: bool = True) -> Iterator[Callable[[str, int, int], N
             tasks[what] = bars.add_task(what, total=total)
         bars.update(tasks[what], completed=done, total=total)
 
-    with bars:
+    with bars, _compilation_shown(None if bars.disable else bars, lines=lines):
         yield report
+
+
+@contextmanager
+def _compilation_shown(bars: "Progress | None", *, lines: bool) -> Iterator[None]:
+    """Show while the block lasts that loops are being compiled: in a bar, or in lines on stdout where there is none."""
+    ended = threading.Event()
+    thread = threading.Thread(target=_show_compilation, args=(bars, lines, ended), daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+
+
+def _show_compilation(bars: "Progress | None", lines: bool, ended: threading.Event) -> None:
+    """Look for compilation every half second until the work has ended."""
+    task = None
+    waited = BETWEEN_LINES  # s since the last line
+    while not ended.wait(BETWEEN_LOOKS):
+        waited += BETWEEN_LOOKS
+        text = _describe_compiling()
+        if bars is not None:
+            if text and task is None:
+                task = bars.add_task(text, total=None)
+            if task is not None:
+                bars.update(task, description=text, visible=bool(text))
+        elif text and lines and waited >= BETWEEN_LINES:
+            waited = 0.0
+            print(text, flush=True)
+
+
+def _describe_compiling() -> str:
+    """Return that loops are being compiled, or nothing; does not load the compiler, which takes long."""
+    if "mjsheaf.jit" not in sys.modules:
+        return ""
+    from mjsheaf.progress import describe_compiling
+
+    return describe_compiling()

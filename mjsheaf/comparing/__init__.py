@@ -2,6 +2,8 @@
 
 Where to look:
 
+- recording: runs in memory, with their phases; gains: what limits the gain, and runs at higher ones;
+- overlay: finished runs compared with the first of them;
 - ladder: the variants of a scenario, from ideal kinematics to its own bodies, and their runs;
 - measures: errors, distances and saturation of a run, and how much of an error each effect adds;
 - demands: speeds asked against speeds possible, and what the velocity limit costs;

@@ -3,7 +3,8 @@
 What the law's velocity limit costs: the ideal run and the scenario as it stands, run again without it.
 """
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -11,10 +12,11 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from mjsheaf.arrays import Array
-from mjsheaf.comparing.ladder import Run, ladder_of, run_ablation
-from mjsheaf.comparing.measures import Role, ScopeRecord, late, middle_of, vehicles_by_role
+from mjsheaf.comparing.ladder import Run, changed_systems, ladder_of, run_ablation, span_of_phase
+from mjsheaf.comparing.measures import Role, ScopeRecord, Span, middle_of, vehicles_by_role, whole_run
+from mjsheaf.control.source import LawFile
 from mjsheaf.io.section import Finite, FiniteRecord
-from mjsheaf.system import System
+from mjsheaf.system import Phase, System
 from mjsheaf.vehicles.effects import capability_of
 from mjsheaf.vehicles.loading import list_vehicles
 
@@ -32,7 +34,9 @@ class UnlimitedRecord(FiniteRecord):
     """A run with the law's velocity limit, and the same without."""
 
     run: Literal["ideal", "all"]
-    share_at_limit: float = Field(description="of agents and samples in the last half of the run with the limit")
+    share_at_limit: float = Field(
+        description="of agents and samples in the last half of the run, or phase, with the limit"
+    )
     status_without: str
     errors_without: dict[str, ScopeRecord] = Field(description="by scope, as in the ladder")
 
@@ -42,7 +46,9 @@ class VelocityLimitRecord(FiniteRecord):
 
     lowest_m_s: float
     highest_m_s: float
-    asked_m_s: float = Field(description="largest speed in the last half of the ideal run without it: it would do")
+    asked_m_s: float = Field(
+        description="largest speed in the last half of the ideal run, or phase, without it: it would do"
+    )
     who: str
     runs: list[UnlimitedRecord]
 
@@ -62,8 +68,12 @@ class DemandRecord(FiniteRecord):
     who: str
     time_s: float
     share_beyond: float = Field(description="time share in which who is asked for more than least_speed")
-    least_speed_m_s: Finite = Field(description="in the slowest horizontal direction; null: no limit")
-    forward_speed_m_s: Finite
+    least_speed_m_s: Finite = Field(
+        description="steady speed through the medium at full thrust in the slowest horizontal direction; null: no limit"
+    )
+    forward_speed_m_s: Finite = Field(
+        description="steady speed through the medium at full thrust straight ahead; null: no limit"
+    )
 
 
 class FastestRecord(FiniteRecord):
@@ -112,37 +122,72 @@ def fastest_vehicles(system: System) -> list[FastestRecord]:
     return [fastest[domain] for domain in _DOMAIN.values() if domain in fastest]
 
 
-def examine_limit(system: System, runs: dict[str, Run]) -> VelocityLimitRecord | None:
-    """Run a scenario without its velocity limits, against the runs of its ladder; None where no agent has one."""
-    limits = system.law.limit[: len(system.team.agents)]
-    limited = np.flatnonzero(np.isfinite(limits))
-    if not limited.size:
+@dataclass(frozen=True)
+class UnlimitedRuns:
+    """Runs with the law's velocity limit and the same without it.
+
+    Attributes:
+        limited: Runs of the ladder by key.
+        without: The same without velocity limits, those of JUDGED.
+    """
+
+    limited: dict[str, Run]
+    without: dict[str, Run]
+
+    def record(self, phase: int | None = None) -> VelocityLimitRecord | None:
+        """Compare them over the whole run, or over a phase; None if no agent has a limit then."""
+        ideal = self.limited["ideal"]
+        system, phases = ideal.system, ideal.recording.phases
+        span = whole_run(system) if phase is None else span_of_phase(phases, phase)
+        some = phases if phase is None else phases[phase : phase + 1]
+        limits = np.array([one.system.law.limit[: len(system.team.agents)] for one in some])
+        limited = np.isfinite(limits) & (limits > 0.0)
+        if not limited.any():
+            return None
+        asked, _ = _late_speeds(self.without["ideal"], span)
+        most = np.where(limited.any(axis=0), asked.max(axis=0, initial=0.0), -1.0)
+        return VelocityLimitRecord(
+            lowest_m_s=float(limits[limited].min()),
+            highest_m_s=float(limits[limited].max()),
+            asked_m_s=float(most.max()),
+            who=system.team.agent_ids[int(most.argmax())],
+            runs=[self._compared(key, phase, span) for key in JUDGED],
+        )
+
+    def _compared(self, key: Literal["ideal", "all"], phase: int | None, span: Span) -> UnlimitedRecord:
+        without = self.without[key]
+        speed, limits = _late_speeds(self.limited[key], span)
+        held = (speed >= _AT_LIMIT * limits)[limits > 0.0]
+        return UnlimitedRecord(
+            run=key,
+            share_at_limit=float(held.mean()) if held.size else 0.0,
+            status_without=without.trajectory.status,
+            errors_without=without.errors if phase is None else without.errors_in_phase(phase),
+        )
+
+
+def run_without_limits(
+    phases: Sequence[Phase], runs: dict[str, Run], law: LawFile | None = None, seed: int = 0
+) -> UnlimitedRuns | None:
+    """Run a scenario without its velocity limits; None if no agent has one. Other arguments are of `run_ablation`."""
+    agents = len(phases[0].system.team.agents)
+    if not any(np.isfinite(phase.system.law.limit[:agents]).any() for phase in phases):
         return None
-    unlimited = replace(system, law=system.law._replace(limit=np.full_like(system.law.limit, np.inf)))
-    without = run_ablation(unlimited, [variant for variant in ladder_of(unlimited) if variant.key in JUDGED])
-    most = _late_speeds(without["ideal"])[:, limited].max(axis=0, initial=0.0)
-    at_limit = {key: _late_speeds(runs[key]) >= _AT_LIMIT * limits for key in JUDGED}
-    return VelocityLimitRecord(
-        lowest_m_s=float(limits[limited].min()),
-        highest_m_s=float(limits[limited].max()),
-        asked_m_s=float(most.max()),
-        who=system.team.agent_ids[int(limited[most.argmax()])],
-        runs=[
-            UnlimitedRecord(
-                run=key,
-                share_at_limit=float(held.mean()) if held.size else 0.0,
-                status_without=without[key].trajectory.status,
-                errors_without=without[key].errors,
-            )
-            for key, held in at_limit.items()
-        ],
-    )
+    unlimited = changed_systems(phases, _without_limits)
+    judged = [variant for variant in ladder_of(unlimited) if variant.key in JUDGED]
+    return UnlimitedRuns(runs, run_ablation(unlimited, judged, law=law, seed=seed))
 
 
-def _late_speeds(run: Run) -> Array:
-    """|v_c| of every agent in the last half of a run, thinned, shape (T, N), m/s."""
-    _, speeds = _commanded_speeds(run, late(run.system, run.trajectory.time))
-    return speeds[:, : len(run.system.team.agents)]
+def _without_limits(system: System) -> System:
+    """Return the system without velocity limits; absent agents are still commanded to rest."""
+    limit = np.where(system.law.limit > 0.0, np.inf, 0.0)
+    return replace(system, law=system.law._replace(limit=limit))
+
+
+def _late_speeds(run: Run, span: Span) -> tuple[Array, Array]:
+    """|v_c| of every agent in the last half of a span, thinned, and its limit, 0 if it is absent, (T, N) each, m/s."""
+    chosen, speeds = _commanded_speeds(run, span.last_half(len(run.trajectory.time)))
+    return speeds[:, : len(run.system.team.agents)], run.recording.limits[chosen]
 
 
 def _commanded_speeds(run: Run, wanted: NDArray[np.bool_]) -> tuple[NDArray[np.int64], Array]:

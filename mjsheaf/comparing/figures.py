@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from mjsheaf.arrays import Array
 from mjsheaf.comparing.ladder import Run, RungRecord, display_name
-from mjsheaf.comparing.measures import FORMATION, TEAM, TRACKING, BudgetRecord, distances
-from mjsheaf.comparing.verdict import CompareRecord
+from mjsheaf.comparing.measures import FORMATION, RMS_OVER, TEAM, TRACKING, BudgetRecord, distances
+from mjsheaf.comparing.verdict import CompareRecord, PhaseRecord
 from mjsheaf.io.figures import AS_USUAL, FigureOptions
 from mjsheaf.plotting import (
     BLUE,
@@ -28,6 +29,7 @@ from mjsheaf.plotting import (
     spread_ends,
 )
 from mjsheaf.results.netcdf import thin
+from mjsheaf.runs.figures import mark_times
 
 _ALL, _BASE, _GREY = RED, "#8A94A6", "#C4CAD4"
 _GREYS = {0: "#7B8494", 1: "#5B6472", 2: "#2F3A4A"}  # of the first three rungs, which have no effect yet
@@ -47,7 +49,7 @@ def plot_rungs(record: CompareRecord, runs: dict[str, Run], path: Path, options:
     }
     if np.isnan(ideal.series[TEAM][FORMATION]).all():  # a team without formations
         del drawn[FORMATION]
-    title = f"{record.scenario}: what each effect does, gain {record.gain:g} 1/s"
+    title = f"{record.scenario}: what each effect does, {record.law_in_words}"
     figure = new_figure(WIDTH, 1.1 + 2.1 * len(drawn), title, options)
     panels = figure.subplots(len(drawn), 1, sharex=True)
     drawn_rungs, footnote = choose_rungs(record)
@@ -55,13 +57,13 @@ def plot_rungs(record: CompareRecord, runs: dict[str, Run], path: Path, options:
         values, ends = [], []
         for k, rung in enumerate(drawn_rungs):
             run = runs[rung.key]
-            apart = distances(run.trajectory, ideal.trajectory).max(axis=1)
+            apart = farthest(run, ideal)
             keep = thin(len(apart), _MOST_POINTS)
             y = (run.series[TEAM] | {"distance": apart})[name][keep]
             y = np.where(y > 0.0, y, np.nan)  # zero has no place on a logarithmic axis
             if rung.status == "finished":
                 values.append(y)
-            label = rung.label + " (BLOWS UP)" * (rung.status != "finished")
+            label = rung.label if rung.status == "finished" else f"{rung.label} (BLOWS UP)"
             if np.isfinite(y).any():
                 style = _style(rung, k)
                 axis.plot(run.trajectory.time[keep], y, **style)
@@ -71,8 +73,11 @@ def plot_rungs(record: CompareRecord, runs: dict[str, Run], path: Path, options:
         end = float(ideal.trajectory.time[0]) + record.time_s
         axis.axvspan(end - record.time_s / 2, end, color="black", alpha=0.04, linewidth=0)
         axis.set_xlim(float(ideal.trajectory.time[0]), end)
+        mark_times(axis, [phase.start for phase in record.phases if phase.events])
         label_ends(axis, ends)
-    words = "time (s); the shaded half is what the error budget counts\n" + fill(footnote, 80)
+    words = "time (s); the error budget of the whole run counts the shaded half\n" + fill(footnote, 80)
+    happened = [f"{k}: {', '.join(p.events)} ({p.start:.6g} s)" for k, p in enumerate(_with_events(record), 1)]
+    words += "\n" + fill("   ".join(happened), 100)
     panels[-1].set_xlabel(words.strip(), fontsize=NORMAL)
     figure.align_ylabels(panels)
     settle(figure)
@@ -89,7 +94,8 @@ def plot_budget(record: CompareRecord, path: Path, options: FigureOptions = AS_U
     order = sorted(budgets[0].effects, key=lambda item: abs(item.give_back_m or 0.0))
     names = ["targets become bodies", "agents become bodies", "interaction of effects"]
     rows = ["at q* already", *names, *(display_name(item.effect) for item in order)]
-    title = f"{record.scenario}: what makes the {display_name(record.measure)} (RMS over the last half of the run)"
+    what = f"{display_name(record.measure)} ({RMS_OVER[record.measure]} and the last half)"
+    title = f"{record.scenario}: what makes the {what}"
     figure = new_figure(max(WIDTH, 1.9 + 1.75 * len(scopes)), 1.2 + 0.36 * len(rows), title, options)
     panels = np.atleast_1d(figure.subplots(1, len(scopes), sharey=True))
     for axis, scope, budget in zip(panels, scopes, budgets, strict=True):
@@ -149,6 +155,16 @@ def choose_rungs(record: CompareRecord) -> tuple[list[RungRecord], str]:
     missing += ["all but one"] if any(rung.kind == "without" for rung in record.ladder) else []
     footnote = f"not drawn: {'; '.join(missing)}" if missing else ""
     return [*shown, *law, record.rung("all"), record.rung("ideal")], footnote
+
+
+def farthest(run: Run, ideal: Run) -> Array:
+    """Compute the distance of the present agent farthest from its ideal run at each sample, shape (T,), m."""
+    apart = distances(run.trajectory, ideal.trajectory)
+    return np.where(run.recording.present[: len(apart)], apart, 0.0).max(axis=1)
+
+
+def _with_events(record: CompareRecord) -> list[PhaseRecord]:
+    return [phase for phase in record.phases if phase.events]
 
 
 def _style(rung: RungRecord, k: int) -> dict[str, Any]:

@@ -5,7 +5,7 @@
     agents     only agents are bodies, with ideal thrusters; targets are where the ideal run had them
     base       both are bodies with ideal thrusters: every effect off, no contacts
     +EFFECT    base with one effect
-    all        the scenario as it stands
+    all        the scenario as given
     -EFFECT    the scenario with one effect switched off
     X-terms    ideal kinematics and the scenario as it stands under the paper's law alone, without its terms
     X-links    the same two over perfect links: no noise, delay or loss
@@ -26,7 +26,7 @@ A scenario may be worse without an effect than with it, as effects are not indep
   that is a consequence, as it swings without limits too, but hardly without lag.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Literal
@@ -35,7 +35,7 @@ import numpy as np
 from pydantic import Field
 
 from mjsheaf.arrays import Array
-from mjsheaf.checking.finished import Ending, ending_of, settling_time
+from mjsheaf.checking.finished import Ending, ending_of, ending_of_run, judge, settling_time
 from mjsheaf.comparing.measures import (
     FORMATION,
     ROLES,
@@ -45,21 +45,22 @@ from mjsheaf.comparing.measures import (
     SaturationRecord,
     ScopeRecord,
     Series,
-    error_series,
+    Span,
     errors_by_scope,
     largest_distance,
     middle_of,
     positions_at_q_star,
     saturation_of,
+    whole_run,
 )
+from mjsheaf.comparing.recording import Recording, record_run
 from mjsheaf.control.links import no_links
+from mjsheaf.control.source import LawFile
 from mjsheaf.control.terms import no_terms
 from mjsheaf.io.section import FiniteRecord
 from mjsheaf.runs.simulate import Progress, no_progress
-from mjsheaf.simulation.ideal import run_ideal
-from mjsheaf.simulation.physics import run_physics
 from mjsheaf.simulation.trajectory import Trajectory
-from mjsheaf.system import System
+from mjsheaf.system import Phase, System, phases_of
 from mjsheaf.vehicles.effects import has_effects
 from mjsheaf.vehicles.vehicle import Vehicle
 
@@ -87,7 +88,8 @@ class RungRecord(FiniteRecord):
     ending: Ending | None = Field(
         None,
         description="how it ends, by the team's tracking error: at a level; still changing; growing; or swinging by "
-        "itself without end; null where it blew up or has fewer than 8 samples",
+        "itself without end; of the scenario as given also at a level with an agent that is stuck; null where it blew "
+        "up or has fewer than 8 samples",
     )
     settling_time_s: float | None = Field(
         description="first time after the start from which the team's formation error (or that of tracking, in a "
@@ -108,7 +110,7 @@ class Setup:
     Attributes:
         agents, targets: whether they are bodies.
         effects: those of EFFECTS that are on; without a meaning where nobody is a body.
-        terms: whether the law keeps what it has beyond the paper's.
+        terms: whether the law is the run's own: with its terms, or in Python; else it is the paper's.
         links: whether links are as they are, or perfect.
         mujoco: whether MuJoCo moves the bodies, whatever else does.
     """
@@ -127,6 +129,10 @@ class Setup:
         bodies = replace(bodies, engine="mujoco") if self.mujoco else bodies
         lawful = system if self.terms else without_terms(system)
         return replace(lawful if self.links else without_links(lawful), bodies=bodies)
+
+    def apply_to_all(self, phases: Sequence[Phase]) -> tuple[Phase, ...]:
+        """Apply it to a run; phases that share a system still do."""
+        return changed_systems(phases, self.apply)
 
 
 @dataclass(frozen=True)
@@ -154,28 +160,38 @@ class Run:
 
     Attributes:
         variant: the variant.
-        trajectory: its samples, and the system that was simulated.
+        recording: Samples, and what was simulated.
         series: errors over time.
     """
 
     variant: Variant
-    trajectory: Trajectory
+    recording: Recording
     series: Series
 
     @property
+    def trajectory(self) -> Trajectory:
+        """All samples, under the system of the first phase."""
+        return self.recording.trajectory
+
+    @property
     def system(self) -> System:
-        """What was simulated."""
+        """System that was simulated; with events, that of the first phase."""
         return self.trajectory.system
 
     @property
     def finished(self) -> bool:
         """Whether it reached its end."""
-        return self.trajectory.status == "finished"
+        return self.recording.finished
 
     @property
     def errors(self) -> dict[str, ScopeRecord]:
         """Final errors and those of the last half, by scope."""
-        return errors_by_scope(self.trajectory, self.series)
+        return errors_by_scope(self.series, whole_run(self.system), complete=self.finished)
+
+    def errors_in_phase(self, number: int) -> dict[str, ScopeRecord]:
+        """Measure the errors over a phase, by scope."""
+        complete = self.finished or number + 1 < len(self.recording.pieces)
+        return errors_by_scope(self.series, span_of_phase(self.recording.phases, number), complete=complete)
 
     def record(self, ideal: "Run") -> RungRecord:
         """The run as compare.json has it.
@@ -183,15 +199,10 @@ class Run:
         Args:
             ideal: the run of ideal kinematics, from which distances are taken.
         """
-        system, trajectory, variant, team = self.system, self.trajectory, self.variant, self.series[TEAM]
-        settles = team[TRACKING] if np.isnan(team[FORMATION]).all() else team[FORMATION]
+        system, trajectory, variant = self.system, self.trajectory, self.variant
         bodies = [role for role in ROLES if getattr(variant.setup, role)]
-        ending = None
-        if self.finished:
-            agents = np.s_[:, : len(system.team.agents)]
-            q_star = positions_at_q_star(system, trajectory.positions)[agents]
-            on_bodies = variant.setup.agents
-            ending = ending_of(system, trajectory.time, q_star, trajectory.positions[agents], on_bodies=on_bodies)
+        present = self.recording.present
+        ending = self.ending()
         return RungRecord(
             key=variant.key,
             label=variant.label,
@@ -202,11 +213,50 @@ class Run:
             timestep_s=system.bodies.timestep if bodies else None,
             errors=self.errors,
             ending=ending,
-            settling_time_s=settling_time(trajectory.time, settles) if ending == "settled" else None,
-            distance=largest_distance(trajectory, ideal.trajectory, system.grid.start),
-            distance_late=largest_distance(trajectory, ideal.trajectory, middle_of(system)),
-            saturation=saturation_of(trajectory, bodies),
+            settling_time_s=self._settling_time() if ending == "settled" else None,
+            distance=largest_distance(trajectory, ideal.trajectory, system.grid.start, present),
+            distance_late=largest_distance(trajectory, ideal.trajectory, middle_of(system), present),
+            saturation=saturation_of(trajectory, bodies, present),
         )
+
+    def ending(self) -> Ending | None:
+        """Judge how the run ended; of a run with events, its last phase. None for a run that blew up."""
+        if not self.finished:
+            return None
+        piece = self.recording.pieces[-1]
+        if self.recording.controller:  # a law whose loop is not known
+            return judge(self.series[TEAM][TRACKING][-len(piece.time) :])
+        there = np.flatnonzero(piece.system.team.present)
+        q_star = positions_at_q_star(piece.system, piece.positions)[:, there]
+        positions = piece.positions[:, there]
+        on_bodies = self.variant.setup.agents
+        ending = ending_of(piece.system.remaining, piece.time, q_star, positions, on_bodies=on_bodies)
+        if ending == "settled" and self.variant.kind == "all":
+            return ending_of_run(self.recording.phases, self.recording.dataset("physics", seed=0))
+        return ending
+
+    def _settling_time(self) -> float | None:
+        """Time from the start of the last phase until the error stays near its last level, s."""
+        piece = self.recording.pieces[-1]
+        team = {name: values[-len(piece.time) :] for name, values in self.series[TEAM].items()}
+        settles = team[TRACKING] if np.isnan(team[FORMATION]).all() else team[FORMATION]
+        return settling_time(piece.time, settles)
+
+
+def span_of_phase(phases: Sequence[Phase], number: int) -> Span:
+    """Return the samples of a phase."""
+    following = phases[number + 1 :]
+    end = following[0].start if following else phases[0].system.grid.steps + 1
+    return Span(phases[number].start, end)
+
+
+def changed_systems(phases: Sequence[Phase], change: Callable[[System], System]) -> tuple[Phase, ...]:
+    """Change the system of every phase; phases that share one still do."""
+    made: dict[int, System] = {}
+    for phase in phases:
+        if id(phase.system) not in made:
+            made[id(phase.system)] = change(phase.system)
+    return tuple(replace(phase, system=made[id(phase.system)]) for phase in phases)
 
 
 def without_terms(system: System) -> System:
@@ -259,9 +309,18 @@ def _switched_on(system: System) -> frozenset[str]:
     return frozenset([e for e in _OF_VEHICLES if getattr(plan.effects, e)] + [CONTACTS] * plan.contacts)
 
 
-def ladder_of(system: System) -> list[Variant]:
-    """The variants of a scenario: ideal to all, without one effect, by the paper's law, on perfect links, by MuJoCo."""
+def ladder_of(run: System | Sequence[Phase], *, controlled: bool = False) -> list[Variant]:
+    """The variants of a scenario: ideal to all, without one effect, by the paper's law, on perfect links, by MuJoCo.
+
+    Args:
+        run: the scenario's system, or its phases.
+        controlled: True if a law in Python is in control.
+    """
+    phases = phases_of(run)
+    system = phases[0].system
     effects, own = effects_of(system), _switched_on(system)
+    has_terms = controlled or any(phase.system.law.terms.agents for phase in phases)
+    has_links = any(len(phase.system.law.links.table) for phase in phases)
 
     def bodies(effects: frozenset[str], terms: bool = True, links: bool = True) -> Setup:
         return Setup(agents=True, targets=True, effects=effects, terms=terms, links=links)
@@ -283,55 +342,77 @@ def ladder_of(system: System) -> list[Variant]:
         *(Variant(f"+{e}", f"base + {display_name(e)}", "alone", bodies(frozenset([e])), e) for e in effects),
         Variant("all", "all: as it stands", "all", bodies(own)),
         *(Variant(f"-{e}", f"all - {display_name(e)}", "without", bodies(own - {e}), e) for e in effects),
-        *(law if system.law.terms.agents else []),
-        *(links if len(system.law.links.table) else []),
+        *(law if has_terms else []),
+        *(links if has_links else []),
         *([engine] if system.bodies.engine != "mujoco" else []),
     ]
 
 
-def run_ablation(system: System, ladder: list[Variant], progress: Progress = no_progress) -> dict[str, Run]:
+def run_ablation(
+    run: System | Sequence[Phase],
+    ladder: list[Variant],
+    progress: Progress = no_progress,
+    *,
+    law: LawFile | None = None,
+    seed: int = 0,
+) -> dict[str, Run]:
     """Run every variant of a ladder, equal setups once. One that blows up ends early and is marked; the others go on.
 
     Bodies without mass can be too stiff for the timestep of the scenario's own. So bodies that blow up, except those of
     the scenario as it stands, are run again with a tenth of it: what blows up then is not the integrator's fault.
 
     Args:
-        system: the scenario's system.
+        run: the scenario's system, or its phases.
         ladder: its variants.
         progress: called with ('simulating variants', variants done, variants in all).
+        law: Law in Python that is in control, constructed anew for every run; None for the scenario's own.
+        seed: Seed of the law's random numbers.
 
     Returns:
         The runs by key.
     """
+    phases = phases_of(run)
     whole = {variant.setup for variant in ladder if variant.kind == "all"}
 
     @cache
-    def run(setup: Setup) -> Trajectory:
-        here = setup.apply(system)
-        found = _simulate(here, setup, run)
-        if found.status == "finished" or setup in whole or not (setup.agents or setup.targets):
+    def record(setup: Setup) -> Recording:
+        here = setup.apply_to_all(phases)
+        controlling = law if setup.terms else None
+        found = _simulate(here, setup, record, controlling, seed)
+        if found.finished or setup in whole or not (setup.agents or setup.targets):
             return found
-        finer = replace(here.bodies, timestep=here.bodies.timestep / _TIMESTEP_DIVISOR)
-        return _simulate(replace(here, bodies=finer), setup, run)
+        return _simulate(changed_systems(here, _with_finer_timestep), setup, record, controlling, seed)
 
     runs = {}
     for k, variant in enumerate(ladder):
         progress("simulating variants", k, len(ladder))
-        found = run(variant.setup)
-        runs[variant.key] = Run(variant, found, error_series(system, found.positions))
+        found = record(variant.setup)
+        runs[variant.key] = Run(variant, found, found.series())
     progress("simulating variants", len(ladder), len(ladder))
     return runs
 
 
-def _simulate(system: System, setup: Setup, other: Callable[[Setup], Trajectory]) -> Trajectory:
+def _with_finer_timestep(system: System) -> System:
+    finer = replace(system.bodies, timestep=system.bodies.timestep / _TIMESTEP_DIVISOR)
+    return replace(system, bodies=finer)
+
+
+def _simulate(
+    phases: tuple[Phase, ...],
+    setup: Setup,
+    other: Callable[[Setup], Recording],
+    law: LawFile | None,
+    seed: int,
+) -> Recording:
     """Run one setup; where only some are bodies, the targets are placed where another run had them."""
+    controller = law.load(seed) if law else None
     if setup.agents == setup.targets:
-        return run_physics(system) if setup.agents else run_ideal(system)
+        return record_run(phases, bodies=setup.agents, controller=controller)
     source = other(replace(setup, agents=setup.targets))
-    targets = source.positions[:, len(system.team.agents) :]
+    targets = source.trajectory.positions[:, len(phases[0].system.team.agents) :]
     if len(targets) < 2:
-        return replace(source, system=system)
-    found = run_physics(system, targets=targets) if setup.agents else run_ideal(system, targets=targets)
-    if source.status != "finished" and found.status == "finished":
-        return replace(found, message=f"the run that gives its targets ends: {source.message}")
+        return replace(source, phases=phases)
+    found = record_run(phases, bodies=setup.agents, targets=targets, controller=controller)
+    if not source.finished and found.finished:
+        return found.with_message(f"the run that gives its targets ends: {source.trajectory.message}")
     return found

@@ -1,12 +1,14 @@
 """What is measured of a run: errors, distance to the ideal run, saturation; and the budget of an error by effect."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
 from pydantic import Field
 
 from mjsheaf.arrays import Array, BoolArray
+from mjsheaf.io.norms import OF_NONE, PER_AGENT_RMS, Norm
 from mjsheaf.io.section import Finite, FiniteRecord
 from mjsheaf.results import metrics
 from mjsheaf.simulation.trajectory import Trajectory
@@ -20,6 +22,9 @@ Measure = Literal["tracking_error", "formation_error"]
 
 TRACKING: Literal["tracking_error"] = "tracking_error"
 FORMATION: Literal["formation_error"] = "formation_error"
+
+RMS_OVER = {TRACKING: "RMS over agents", FORMATION: "RMS over edges"}
+"""How an error of the team is measured at a sample."""
 TEAM = "team"
 """The scope of an error that is the whole team's; the other scopes are names of groups."""
 
@@ -30,16 +35,17 @@ Series = dict[str, dict[str, Array]]
 class ErrorsRecord(FiniteRecord):
     """Errors of the team or of a group, m."""
 
-    tracking_error: Finite
-    formation_error: Finite
-    centering_error: Finite
+    tracking_error: Finite = Field(description="RMS over agents")
+    formation_error: Finite = Field(description="RMS over edges inside formation groups")
+    centering_error: Finite = Field(description="largest over groups")
+    norm: Norm = Field(PER_AGENT_RMS, description=OF_NONE)
 
 
 class ScopeRecord(FiniteRecord):
     """Errors of the team or of a group, at the end and on average."""
 
-    final: ErrorsRecord = Field(description="at the last sample, as summary.json has them")
-    late: ErrorsRecord = Field(description="RMS over the last half of the run")
+    final: ErrorsRecord = Field(description="at the last sample of run or phase, as summary.json has them")
+    late: ErrorsRecord = Field(description="RMS over the last half of run or phase")
 
     def error(self, measure: str, statistic: Statistic = "late") -> float | None:
         """One error by its field, m."""
@@ -69,24 +75,62 @@ def error_series(system: System, positions: Array) -> Series:
     return {TEAM: team, **groups}
 
 
-def errors_by_scope(trajectory: Trajectory, series: Series) -> dict[str, ScopeRecord]:
-    """Final errors and those of the last half; all null for a run that blew up, whose last sample means nothing."""
-    chosen, finished = late(trajectory.system, trajectory.time), trajectory.status == "finished"
+@dataclass(frozen=True)
+class Span:
+    """Samples of a run over which errors are measured: those of the whole run, or of a phase.
+
+    Attributes:
+        first: Number of the first sample.
+        end: Number after that of the last sample.
+    """
+
+    first: int
+    end: int
+
+    def last_half(self, samples: int) -> BoolArray:
+        """Mark the samples of its last half among those of a run, shape (T,)."""
+        number = np.arange(samples)
+        return np.asarray((number >= 0.5 * (self.first + self.end - 1)) & (number < self.end))
+
+
+def whole_run(system: System) -> Span:
+    """Return the span of the requested run."""
+    return Span(0, system.grid.steps + 1)
+
+
+def errors_by_scope(series: Series, span: Span, *, complete: bool) -> dict[str, ScopeRecord]:
+    """Measure errors over a span: at its last sample, and RMS over its last half.
+
+    Args:
+        series: Errors over the whole run.
+        span: Samples that are measured.
+        complete: False if the run blew up within the span, so that its last sample means nothing: all is then null.
+    """
+    chosen = span.last_half(len(series[TEAM][TRACKING]))
 
     def record(value: Callable[[Array], float], own: Mapping[str, Array]) -> ErrorsRecord:
-        return ErrorsRecord(**{name: value(x) if finished else None for name, x in own.items()})
+        return ErrorsRecord(**{name: value(x) if complete else None for name, x in own.items()})
 
     return {
-        scope: ScopeRecord(final=record(lambda x: x[-1], own), late=record(lambda x: root_mean_square(x, chosen), own))
+        scope: ScopeRecord(
+            final=record(lambda x: x[span.end - 1], own),
+            late=record(lambda x: root_mean_square(x, chosen), own),
+        )
         for scope, own in series.items()
     }
+
+
+def unknown_errors(like: Mapping[str, ScopeRecord]) -> dict[str, ScopeRecord]:
+    """Return null errors for the same scopes."""
+    nothing = ErrorsRecord(tracking_error=None, formation_error=None, centering_error=None)
+    return {scope: ScopeRecord(final=nothing, late=nothing) for scope in like}
 
 
 def positions_at_q_star(system: System, positions: Array) -> Array:
     """The positions (T, V, 3) of a run with its agents at the harmonic extension of its targets, m."""
     team = system.team
     placed = positions.copy()
-    placed[:, : len(team.agents)] = team.harmonic_extension(positions)
+    placed[:, : len(team.agents)] = team.harmonic_extension(positions)  # NaN for absent agents
     return placed
 
 
@@ -108,8 +152,9 @@ def late(system: System, time: Array) -> BoolArray:
 
 
 def root_mean_square(values: Array, chosen: BoolArray) -> float:
-    """RMS over the chosen samples; NaN where there are none, or the values have no meaning."""
-    return float(np.sqrt((values[chosen] ** 2).mean())) if chosen.any() else float("nan")
+    """RMS over the chosen samples whose values have a meaning; NaN where there are none."""
+    known = values[chosen][~np.isnan(values[chosen])]
+    return float(np.sqrt((known**2).mean())) if known.size else float("nan")
 
 
 def distances(one: Trajectory, other: Trajectory) -> Array:
@@ -118,10 +163,17 @@ def distances(one: Trajectory, other: Trajectory) -> Array:
     return np.asarray(np.linalg.norm(one.positions[:samples, :N] - other.positions[:samples, :N], axis=2))
 
 
-def largest_distance(one: Trajectory, other: Trajectory, start: float) -> DistanceRecord | None:
-    """The largest of `distances` from time `start` on, s; None without samples, or where it is not finite."""
+def largest_distance(
+    one: Trajectory, other: Trajectory, start: float, present: BoolArray | None = None
+) -> DistanceRecord | None:
+    """The largest of `distances` from time `start` on, s; None without samples, or where it is not finite.
+
+    `present` marks the agents that count at each sample of `one`, shape (T, N); None counts all.
+    """
     apart = distances(one, other)
     apart[one.time[: len(apart)] < start - 1e-9] = -1.0
+    if present is not None:
+        apart[~present[: len(apart)]] = -1.0
     k, i = np.unravel_index(int(apart.argmax()), apart.shape)
     if not 0.0 <= apart[k, i] < np.inf:
         return None
@@ -136,16 +188,37 @@ def vehicles_by_role(system: System) -> dict[tuple[Role, str], list[int]]:
     return found
 
 
-def saturation_of(trajectory: Trajectory, roles: list[Role]) -> list[SaturationRecord]:
-    """Time share of thrusters at a limit: of all agents, then by role and vehicle; only of roles that are bodies."""
+def saturation_of(trajectory: Trajectory, roles: list[Role], present: BoolArray) -> list[SaturationRecord]:
+    """Time share of thrusters at a limit: of all agents, then by role and vehicle; only of roles that are bodies.
+
+    Agents count while they are `present`, shape (T, N).
+    """
     if not trajectory.log.saturation.size:  # ideal kinematics
         return []
-    system = trajectory.system
-    share, N = trajectory.log.saturation.mean(axis=0), len(system.team.agents)
-    thrusters = [len(vehicle.thrusters) for vehicle in system.vehicles[:N]]
-    found: dict[tuple[Role, str], float] = {("agents", ""): np.average(share[:N], weights=thrusters)}
-    found |= {kind: share[members].mean() for kind, members in vehicles_by_role(system).items()}
+    system, N = trajectory.system, present.shape[1]
+    share = saturated_share(trajectory, present)
+    counted = present.sum(axis=0) > 0
+    thrusters = np.array([len(vehicle.thrusters) for vehicle in system.vehicles[:N]])
+    weights = np.where(counted, thrusters * present.sum(axis=0), 0)
+    found: dict[tuple[Role, str], float] = {("agents", ""): np.average(np.nan_to_num(share[:N]), weights=weights)}
+    for kind, members in vehicles_by_role(system).items():
+        there = [v for v in members if v >= N or counted[v]]
+        if there:
+            found[kind] = float(share[there].mean())
     return [SaturationRecord(role=r, vehicle=name, share=value) for (r, name), value in found.items() if r in roles]
+
+
+def saturated_share(trajectory: Trajectory, present: BoolArray) -> Array:
+    """Compute the share of time and thrusters at a limit for every vehicle, shape (V,); NaN for agents never present.
+
+    Agents count while they are `present`, shape (T, N).
+    """
+    saturation, N = trajectory.log.saturation, present.shape[1]
+    share = saturation.mean(axis=0)
+    count = present.sum(axis=0)
+    total = np.where(present, saturation[:, :N], 0.0).sum(axis=0)
+    share[:N] = np.divide(total, count, out=np.full(N, np.nan), where=count > 0)
+    return share
 
 
 class ItemRecord(FiniteRecord):
@@ -162,6 +235,7 @@ class BudgetRecord(FiniteRecord):
     scope: str
     measure: Measure
     statistic: Statistic
+    norm: Norm = Field(PER_AGENT_RMS, description=OF_NONE)
     at_q_star_m: Finite = Field(
         description="with the agents at q* along the ideal run: no law or vehicle mends that; no part of the sum"
     )

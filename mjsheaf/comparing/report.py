@@ -14,10 +14,12 @@ from rich.text import Text
 
 from mjsheaf.comparing.compare import Comparison, compare
 from mjsheaf.comparing.ladder import RungRecord, display_name
-from mjsheaf.comparing.measures import FORMATION, TEAM, TRACKING, BudgetRecord, ItemRecord
-from mjsheaf.comparing.verdict import CompareRecord
+from mjsheaf.comparing.measures import FORMATION, RMS_OVER, TEAM, TRACKING, BudgetRecord, ItemRecord
+from mjsheaf.comparing.verdict import LIMITED_BY, CompareRecord
+from mjsheaf.control.source import LawFile
+from mjsheaf.errors import shortened
 from mjsheaf.io.figures import AS_USUAL, FigureOptions
-from mjsheaf.results import make_dataset, summarize
+from mjsheaf.results import summarize
 from mjsheaf.results.store import replaced_run, save_summary, staging
 from mjsheaf.runs.harm import listed
 from mjsheaf.runs.publish import draw_video, write_scenario
@@ -28,6 +30,7 @@ WIDTH = 120  # of report.txt, and the least on a terminal, as numbers must not b
 
 _TEAM_COLUMNS = 62  # characters of the budget's first three columns at their widest
 _LEAST_WORSENING = 0.05  # of the error, by which removing an effect must make it worse to be explained
+_SENTENCES_A_PHASE = 2  # that the page shows
 _RESOLUTION = 0.0005  # m, below which the page shows 0
 _WORSE = {
     "underactuation": "the stand-in holds its heading, is controlled at its origin, and goes only as fast abeam as its "
@@ -49,11 +52,10 @@ _SECTION = {"ideal": 0, "part": 0, "base": 1, "alone": 1, "all": 2, "without": 2
 
 def report(record: CompareRecord) -> Group:
     """The comparison as a page."""
-    tables = [_ladder(record), _budget(record), _ringing(record), _speeds(record)]
+    tables = [_ladder(record), _budget(record), *_gains(record), _ringing(record), _speeds(record)]
     lines = [Padding(Text(f"- {sentence}"), (0, 0, 0, 2)) for sentence in record.verdict]
-    law = "".join(f", {term}" for term in record.terms)
-    title = f"{record.scenario}: ideal kinematics against bodies, gain {record.gain:g} 1/s{law}, {record.time_s:.6g} s"
-    return Group(Text(title, style="bold"), *lines, *tables, Text(_convergence(record)))
+    title = f"{record.scenario}: ideal kinematics against bodies, {record.law_in_words}, {record.time_s:.6g} s"
+    return Group(Text(title, style="bold"), *lines, *_phases(record), *tables, Text(_convergence(record)))
 
 
 def report_text(record: CompareRecord) -> str:
@@ -76,6 +78,43 @@ def _under(title: str, table: Table, *notes: str) -> Group:
 
 def _number(value: float | None, form: str = ".3g") -> str:
     return "-" if value is None else f"{value:{form}}"
+
+
+def _phases(record: CompareRecord) -> list[Group]:
+    """The errors of each phase on ideal kinematics and as it stands, and what to change in it."""
+    if not record.phases:
+        return []
+    names = {TRACKING: "tracking"} if record.measure == TRACKING else {TRACKING: "tracking", FORMATION: "formation"}
+    columns = [heading for name in names.values() for heading in (f"{name}: ideal", "bodies")]
+    table = _table("phase", "from (s)", "to (s)", *columns)
+    notes = []
+    for k, phase in enumerate(record.phases):
+        what = ", ".join(phase.events) or "start"
+        cells = [_number(phase.errors[key][TEAM].error(name)) for name in names for key in ("ideal", "all")]
+        table.add_row(f"{k}: {shortened(what, 36)}", f"{phase.start:.6g}", f"{phase.end:.6g}", *cells)
+        notes += [f"phase {k}: {sentence}" for sentence in phase.levers[:_SENTENCES_A_PHASE]]
+    title = "phases: errors of the team in m (RMS over agents or edges, and over the last half of the phase)"
+    notes.append("compare.json has the budget and every sentence of each phase")
+    return [_under(title, table, *notes)]
+
+
+def _gains(record: CompareRecord) -> list[Group]:
+    """Tabulate the runs at higher gains."""
+    if record.gains is None or len(record.gains.trials) < 2:
+        return []
+    table = _table("gain (1/s)", "tracking", "formation", "thrusters at a limit", "ends")
+    for trial in record.gains.trials:
+        finished = trial.status == "finished"
+        errors = [_number(trial.late.tracking_error), _number(trial.late.formation_error)]
+        saturated = "" if trial.saturated is None else f"{100 * trial.saturated:.1f}%"
+        table.add_row(f"{trial.gain:.4g}", *errors, saturated, (trial.ending or "") if finished else "BLOWS UP")
+    notes = [
+        f"from {limit.gain:.3g} 1/s on {'it rings' if limit.kind == 'rings' else 'the loop is unstable'}"
+        f": {LIMITED_BY[limit.effect]}{f', mode about {limit.agent}' if limit.agent else ''}"
+        for limit in record.gains.limits
+    ]
+    title = "gain: runs of the bodies as given at the gain and above it; errors in m, RMS over the last half"
+    return [_under(title, table, *notes)]
 
 
 def _ladder(record: CompareRecord) -> Group:
@@ -103,14 +142,17 @@ def _ladder(record: CompareRecord) -> Group:
     finer = ", ".join(r.label for r in record.ladder if r.timestep_s not in (None, usual))
     telling = record.measure.removesuffix("_error")
     notes = [
+        "tracking: RMS over agents; formation: RMS over edges; over the last half: RMS in time too",
         f"settles: since when the team's {telling} error stays within a quarter above its largest of the last half;",
         "moving: not yet; growing: it only gets worse; circling: the team swings by itself, without end",
+        "stuck: at a level, but an agent is commanded to move and does not",
         "limited: time share of agents' thrusters at a limit",
     ]
     notes += [f"paper's law: without {listed(record.terms)}"] if record.terms else []
+    notes += [f"paper's law: at the scenario's gain, instead of {record.controller}"] if record.controller else []
     notes += [f"with a tenth of the timestep, else it blows up: {finer}"] if finer else []
     notes += [f"{r.label}: {r.message}" for r in record.ladder if r.status != "finished"]
-    title = "ladder: errors in m, RMS over the last half / at the end; largest distance to the ideal run in m"
+    title = "ladder: errors in m, over the last half / at the end; largest distance to the ideal run in m"
     return _under(title, table, *notes)
 
 
@@ -136,8 +178,8 @@ def _budget(record: CompareRecord) -> Group:
     table.add_section()
     rows(_AFTER_EFFECTS if team.effects else {"all_m": _AFTER_EFFECTS["all_m"]})
     title = (
-        f"error budget in mm: {display_name(record.measure)}, RMS over the last half: what it adds alone / "
-        "what removing it gives back"
+        f"error budget in mm: {display_name(record.measure)}, {RMS_OVER[record.measure]} and the last half: "
+        "what it adds alone / what removing it gives back"
     )
     notes = [
         "at q* already: with the agents of the ideal run at q*; no part of the sum",
@@ -179,7 +221,8 @@ def _millimetres(value: float | None) -> str:
 def _ringing(record: CompareRecord) -> Group | Text:
     r = record.ringing
     if r is None:
-        return Text("\nringing: not looked at, the team has too many states")
+        why = f"the law is {record.law}" if record.controller else "the team has too many states"
+        return Text(f"\nringing: not examined, {why}")
     table = _table("", "damping ratio", "frequency (rad/s)", "overshoot")
     ratio, held = f"{r.predicted_damping_ratio:.3f}", f"{r.predicted_damping_ratio_held:.3f}"
     table.add_row("predicted from inertia", ratio, _number(r.predicted_frequency_rad_s), f"{r.predicted_overshoot:.1%}")
@@ -189,16 +232,16 @@ def _ringing(record: CompareRecord) -> Group | Text:
         found = "does not swing" if m.damping_ratio is None else f"{m.damping_ratio:.3f}"
         found = found if m.status == "finished" else "BLOWS UP"
         table.add_row(f"bodies {m.bodies}", found, _number(m.frequency_rad_s), f"{m.overshoot:.1%}")
-    note = (
-        "the prediction knows M / (M k_v + D) alone: no lag of thrusters and no turning"
-        + "; no mode is predicted to swing" * r.overdamped
+    note = "the prediction knows M / (M k_v + D) alone: no lag of thrusters and no turning" + (
+        "; no mode is predicted to swing" if r.overdamped else ""
     )
-    title = f"ringing: the least damped mode (about {r.agent}), released from rest with all else still"
+    when = "" if record.ringing_phase is None else f", phase {record.ringing_phase}"
+    title = f"ringing: the least damped mode (about {r.agent}{when}), released from rest with all else still"
     return _under(title, table, note)
 
 
 def _speeds(record: CompareRecord) -> Group:
-    table = _table("", "ideal run", "as it stands", "who, when (s)", "vehicle holds", "forward")
+    table = _table("", "ideal run", "as it stands", "who, when (s)", "holds: slowest way", "holds: ahead")
     bodies = {(d.role, d.vehicle): d for d in record.demands if d.run == "all"}
     for d in (d for d in record.demands if d.run == "ideal"):
         there = bodies.get((d.role, d.vehicle))
@@ -211,15 +254,18 @@ def _speeds(record: CompareRecord) -> Group:
             *("no limit" if v is None else f"{v:.3g}" for v in (d.least_speed_m_s, d.forward_speed_m_s)),
         )
     best = ", ".join(f"in {f.moves_in} {f.vehicle} {f.speed_m_s:.3g}" for f in record.fastest)
-    title = "largest speeds asked in the last half, relative to the medium, m/s"
-    return _under(title, table, f"fastest real vehicles: {best}")
+    title = "largest speeds commanded in the last half, relative to the medium, m/s"
+    holds = (
+        "holds: steady speed through the medium at full thrust, in the slowest horizontal direction and straight ahead"
+    )
+    return _under(title, table, holds, f"fastest real vehicles (slowest way): {best}")
 
 
 def _convergence(record: CompareRecord) -> str:
     c = record.convergence
     if c.slope is None:
         return f"\nconvergence: none measured; {c.reason or 'too few runs came to their end'}"
-    law = ", by the paper's law alone" * bool(record.terms)
+    law = ", by the paper's law alone" if record.terms else ""
     points = ", ".join(f"{_number(p.distance_m)} m at {p.tau_s:.2g} s" for p in c.points)
     return (
         f"\nconvergence to the ideal run with the bodies' time constant tau{law}: slope {c.slope:.3f} (theory: 1); "
@@ -234,13 +280,14 @@ def publish(
     video: bool,
     engine: str = "mujoco",
     threads: int | None = None,
+    law: LawFile | None = None,
     origin: str | None = None,
     figures: FigureOptions = AS_USUAL,
     progress: Progress = no_progress,
 ) -> tuple[CompareRecord, list[str], str | None]:
     """Compare a scenario's ideal kinematics with its bodies and write the directory, also where bodies blow up.
 
-    Arguments are those of `runs.publish.publish`, but `video` is whether to film ideal and physics side by side.
+    Arguments are those of `runs.publish.publish` and `compare`; `video` draws ideal and physics side by side.
 
     Returns:
         The comparison as compare.json has it; what else to report; and which earlier run it replaced, if any.
@@ -253,14 +300,14 @@ def publish(
     replaced = replaced_run(directory)
     notes: list[str] = []
     with staging(directory) as fresh:
-        comparison = compare(scenario, progress, engine=engine, threads=threads)
+        comparison = compare(scenario, progress, engine=engine, threads=threads, law=law)
         record = comparison.record.model_copy(update={"origin": origin})
         write_scenario(scenario, fresh)
         _plot(comparison, fresh, figures)
         progress("plotting", 1, 1)
         if video:
             _, reason = draw_video(partial(_film, scenario, comparison, fresh / "compare.mp4", progress))
-            notes += [reason] * bool(reason)
+            notes += [reason] if reason else []
             record = record.model_copy(update={"video": None if reason else "compare.mp4"})
         progress("writing the page", 0, 1)
         (fresh / "report.html").write_bytes(_page(scenario, comparison))
@@ -281,13 +328,13 @@ def _plot(comparison: Comparison, folder: Path, figures: FigureOptions) -> None:
 def _datasets(scenario: Scenario, comparison: Comparison) -> tuple[xr.Dataset, xr.Dataset]:
     """The runs on ideal kinematics and on the bodies as they stand."""
     both = (("ideal", "ideal"), ("all", "physics"))
-    ideal, physics = (make_dataset(comparison.runs[key].trajectory, name, scenario.seed) for key, name in both)
+    ideal, physics = (comparison.runs[key].recording.dataset(name, scenario.seed) for key, name in both)
     return ideal, physics
 
 
 def _page(scenario: Scenario, comparison: Comparison) -> bytes:
     """The run on bodies, with the ideal one as its ghost."""
-    from mjsheaf.checking.finished import bounds_of_phases, ending_of_run
+    from mjsheaf.checking.finished import bounds_of_phases
     from mjsheaf.page import page_of
 
     phases = scenario.phases
@@ -295,11 +342,13 @@ def _page(scenario: Scenario, comparison: Comparison) -> bytes:
     finished = physics.attrs["status"] == "finished"
     summary = {
         "final": summarize(scenario.system.team, physics),
-        "ending": ending_of_run(phases, physics) if finished else None,
+        "ending": comparison.record.rung("all").ending if finished else None,
     }
     bounds = bounds_of_phases(phases, physics)
     engine = f" --engine {physics.attrs['engine']}" if "engine" in physics.attrs else ""
-    again = f"mjsheaf compare scenario.yaml{engine}", " in this directory"
+    controller = comparison.record.controller
+    law = f" --controller {controller}" if controller else ""
+    again = f"mjsheaf compare scenario.yaml{engine}{law}", " in this directory"
     notes = comparison.record.verdict
     return page_of(scenario, phases, physics, summary, bounds, notes=notes, ideal=ideal, again=again)
 

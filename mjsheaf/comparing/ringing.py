@@ -17,8 +17,9 @@ How far the gain may be raised before bodies, lag or the law's hold make the tea
 """
 
 from dataclasses import dataclass, replace
-from itertools import accumulate
+from itertools import accumulate, pairwise
 from math import isfinite, sqrt
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +48,7 @@ _LONGEST = 300.0  # s
 _POINTS_PER_PERIOD = 12  # of the fitted recurrence
 _REAL_ROOT = 1e-6  # imaginary part of a root, relative, below which it is real
 _LEAST_DAMPING = 0.3  # of a usable gain
+_MOSTLY_INERTIA = 0.8  # of the gain that inertia alone allows, above which nothing else limits it
 
 
 class ReleaseRecord(FiniteRecord):
@@ -124,6 +126,13 @@ def ringing_of(system: System) -> RingingRecord | None:
         delay_s=system.grid.period * _late(system),
         measured=measured,
     )
+
+
+def predicted_damping(system: System) -> float:
+    """Predict the damping ratio of the least damped mode from inertia; infinite for a team of too many states."""
+    if not 0 < system.team.dirichlet.H.shape[0] <= LARGEST_SECOND_ORDER or system.gain <= 0.0:
+        return float("inf")
+    return least_damped(system, second_order(system)).damping
 
 
 def second_order(system: System) -> Array:
@@ -311,8 +320,28 @@ def _overshoot(e: Array, mode: Mode) -> float:
     return max(0.0, float(-along.min() / along[0]))
 
 
+@dataclass(frozen=True)
+class GainLimit:
+    """A gain at which a team begins to ring.
+
+    Attributes:
+        gain: k1, 1/s.
+        effect: What limits it, as `gains.GainLimitRecord` has it.
+        agent: Agent that moves most in the mode; empty if that is not known.
+    """
+
+    gain: float
+    effect: Literal["inertia", "lag", "underactuation", "hold", "links"]
+    agent: str
+
+
 def usable_gain(system: System, ringing: RingingRecord | None) -> float | None:
-    """The gain at which the least damped mode's damping ratio falls to 0.3 or the held law begins to ring, 1/s.
+    """The lowest of `gain_limits`, 1/s, which may be below the present gain; None where any gain will do."""
+    return min((limit.gain for limit in gain_limits(system, ringing)), default=None)
+
+
+def gain_limits(system: System, ringing: RingingRecord | None) -> list[GainLimit]:
+    """Find the gains at which the least damped mode's damping ratio falls to 0.3 and the held law begins to ring.
 
     With inertia alone the damping ratio of a mode falls as zeta / sqrt(k), k the gain as a share of the present one.
     A delay l, such as the hold's h / 2, a link's or a thruster's lag, takes about omega l / 2 of it, which grows as
@@ -320,7 +349,7 @@ def usable_gain(system: System, ringing: RingingRecord | None) -> float | None:
 
         zeta / sqrt(k) - delta sqrt(k) = 0.3
 
-    where delta is the larger of hold's and links', and of what the experiment on bodies lacks beside zeta.
+    where delta is the larger of hold's and links', and of what the experiment on bodies lacks of zeta.
     On measurements d periods old the held law does not ring up to k1 h lambda_max = d^d / (d + 1)^(d + 1).
 
     Args:
@@ -329,11 +358,11 @@ def usable_gain(system: System, ringing: RingingRecord | None) -> float | None:
             slowest agent bound the damping of every mode.
 
     Returns:
-        It, which may be below the present gain; None where any gain will do.
+        One for bodies and, of a held law, one for the hold; none where any gain will do.
     """
     stiffest = 1.0 if system.law.terms.newton else system.largest_eigenvalue
     if system.gain <= 0.0 or stiffest <= 0.0:
-        return None
+        return []
     if ringing is not None:
         damping, frequency = ringing.predicted_damping_ratio, ringing.predicted_frequency_rad_s
     else:
@@ -342,10 +371,32 @@ def usable_gain(system: System, ringing: RingingRecord | None) -> float | None:
         damping = 0.5 / (frequency * slowest)
     period = 0.0 if system.grid.continuous else system.grid.period
     measured = None if ringing is None else ringing.measured[0].damping_ratio
-    late = _late(system)
-    delta = max(frequency * period * (1.0 + 2.0 * late) / 4.0, 0.0 if measured is None else damping - measured)
+    delayed = _late(system)
+    of_hold = frequency * period * (1.0 + 2.0 * delayed) / 4.0
+    of_bodies = 0.0 if measured is None else damping - measured
+    delta = max(of_hold, of_bodies)
     # The root sqrt(k) of delta k + 0.3 sqrt(k) - damping = 0, in the form that knows delta = 0.
     root = 2.0 * damping / (_LEAST_DAMPING + sqrt(_LEAST_DAMPING**2 + 4.0 * delta * damping))
-    found = system.gain * root**2
-    calm = late**late / (late + 1.0) ** (late + 1)
-    return min(found, calm / (period * stiffest)) if period > 0.0 else found
+    sampling: Literal["links", "hold"] = "links" if delayed else "hold"
+    effect: Literal["inertia", "lag", "underactuation", "hold", "links"] = "inertia"
+    if root**2 < _MOSTLY_INERTIA * (damping / _LEAST_DAMPING) ** 2:
+        effect = _blamed_effect(ringing) if of_bodies > of_hold else sampling
+    limits = [GainLimit(system.gain * root**2, effect, "" if ringing is None else ringing.agent)]
+    if period > 0.0:
+        calm = delayed**delayed / (delayed + 1.0) ** (delayed + 1)
+        limits.append(GainLimit(calm / (period * stiffest), sampling, ""))
+    return limits
+
+
+def _blamed_effect(ringing: RingingRecord | None) -> Literal["inertia", "lag", "underactuation"]:
+    """Find the effect whose absence raises the measured damping ratio most; inertia if none does."""
+    known = (
+        []
+        if ringing is None
+        else [(m.bodies, m.damping_ratio) for m in ringing.measured if m.damping_ratio is not None]
+    )
+    rises = [(later[1] - now[1], later[0].split()[-1]) for now, later in pairwise(known)]
+    rise, effect = max(rises, default=(0.0, ""))
+    if rise <= 0.0:
+        return "inertia"
+    return "lag" if effect == "lag" else "underactuation"

@@ -12,22 +12,28 @@ from pydantic import Field
 from mjsheaf.checking.finished import ROUNDING
 from mjsheaf.comparing.convergence import ConvergenceRecord
 from mjsheaf.comparing.demands import DemandRecord, FastestRecord, VelocityLimitRecord
+from mjsheaf.comparing.gains import GainLimitRecord, GainRecord, GainTrialRecord
 from mjsheaf.comparing.ladder import RungRecord, display_name
-from mjsheaf.comparing.measures import FORMATION, TEAM, TRACKING, BudgetRecord, Measure
+from mjsheaf.comparing.measures import FORMATION, RMS_OVER, TEAM, TRACKING, BudgetRecord, Measure, ScopeRecord
 from mjsheaf.comparing.ringing import RingingRecord
 from mjsheaf.io.section import Finite, FiniteRecord
 from mjsheaf.runs.harm import listed
 
+_LOWER_GAIN = ", or a lower controller.gain"  # advice for laws that have one
 _CHANGE = {
-    "inertia": "a faster autopilot (autopilot.rate), or a lower controller.gain",
+    "inertia": f"a faster autopilot (autopilot.rate){_LOWER_GAIN}",
     "drag_law": "hulls with less quadratic drag, or slower motion",
     "limits": "stronger thrusters, or slower targets, or a lower controller.velocity_limit",
-    "lag": "faster thrusters, or a lower controller.gain",
+    "lag": f"faster thrusters{_LOWER_GAIN}",
     "underactuation": "vehicles that push along every axis, or slower turns of what they follow",
     "contacts": "more room between vehicles",
 }
 _RINGING_CURES = {"lag": "faster thrusters", "underactuation": "a quicker attitude (attitude.frequency)"}
-_UNSETTLED = {"growing": "its error GROWS to the end", "circling": "it swings by itself without end"}
+_UNSETTLED = {
+    "growing": "its error GROWS to the end",
+    "circling": "it swings by itself without end",
+    "stuck": "an agent is commanded to move and does not (see the notes of mjsheaf run)",
+}
 _LEAST_BODY_SHARE = 0.05  # of the error, below which bodies are not what matters
 _LEAST_CAUSE_SHARE = 0.25  # of what bodies add, below which no single effect is to blame
 _LEAST_Q_STAR_SHARE = 0.5  # of the error, from which on q* itself is to blame
@@ -37,6 +43,14 @@ _LARGEST_MULTIPLE = 1000.0  # what is larger has next to no ideal error
 _RINGING_DAMPING = 0.2  # damping ratio, below which the team rings
 _LARGE_TRACKING = 0.1  # tracking error, of the formation's size
 _GAIN_ROOM = 1.05  # of the gain, above which it is worth raising
+LIMITED_BY = {
+    "inertia": "inertia",
+    "lag": "the lag of thrusters",
+    "underactuation": "vehicles that turn before they push",
+    "hold": "the hold of the law over controller.control_period",
+    "links": "the age of measurements (links.delay)",
+    "loop": "the loop of the vehicles",
+}
 _MOST_GROUPS = 6  # with sentences of their own
 
 
@@ -48,6 +62,23 @@ class LoopRecord(FiniteRecord):
     reason: str = Field(description="why it is undecided, or empty")
 
 
+class PhaseRecord(FiniteRecord):
+    """A phase of a run with events: errors over it, where they come from and what to change."""
+
+    start: float = Field(description="time of its first sample, s")
+    end: float = Field(description="time of its last sample, s")
+    events: list[str] = Field(description="what happens at its start, in words")
+    errors: dict[str, dict[str, ScopeRecord]] = Field(
+        description="by key of the ladder, then by scope: at its end, and RMS over its last half; null where a run did "
+        "not reach its end"
+    )
+    budgets: list[BudgetRecord] = Field(description="as those of the whole run, over this phase")
+    velocity_limit: VelocityLimitRecord | None = Field(
+        description="as that of the whole run, over this phase; null where no agent has one"
+    )
+    levers: list[str] = Field(description="what to change in this phase, the most telling sentence first")
+
+
 class CompareRecord(FiniteRecord):
     """Ideal kinematics against bodies."""
 
@@ -55,22 +86,30 @@ class CompareRecord(FiniteRecord):
     scenario: str
     origin: str | None = Field(None, description="scenario: its name, or its file relative to this directory")
     seed: int
-    gain: float = Field(description="k1, 1/s")
+    law: str = Field("paper's law", description="name of the law: the paper's with its terms, or that of `controller`")
+    controller: str | None = Field(None, description="law in Python, FILE.py:NAME, or null")
+    gain: float | None = Field(description="k1, 1/s; null under a law in Python, which ignores it")
     terms: list[str] = Field(default_factory=list, description="of the law beyond the paper's")
     harm: list[str] = Field(default_factory=list, description="what the terms do wrong as it stands, as `run` notes")
     usable_gain: float | None = Field(
-        description="k1 up to which neither hold nor bodies ring, 1/s, from the least damped mode; null: any will do"
+        description="k1 up to which neither hold nor bodies ring, 1/s, from the least damped mode; null: any will do, "
+        "or the law is in Python"
     )
-    loop: LoopRecord | None = Field(None, description="null where the ideal run blew up")
+    gains: GainRecord | None = Field(None, description="what limits the gain; null under a law in Python")
+    loop: LoopRecord | None = Field(
+        None, description="of the worst phase; null where the ideal run blew up, or under a law in Python"
+    )
     time_s: float = Field(description="length of the run")
     formation_size_m: Finite = Field(description="RMS over edges inside groups of the distance they ask for")
     ladder: list[RungRecord]
     budgets: list[BudgetRecord]
-    ringing: RingingRecord | None = Field(description="null for teams of too many states")
+    ringing: RingingRecord | None = Field(description="null for teams of too many states, and a law in Python")
+    ringing_phase: int | None = Field(None, description="number of the phase it was measured for; null without events")
     convergence: ConvergenceRecord
     velocity_limit: VelocityLimitRecord | None = Field(None, description="null where no agent has one")
     demands: list[DemandRecord]
     fastest: list[FastestRecord]
+    phases: list[PhaseRecord] = Field(default_factory=list, description="those of a run with events; else none")
     verdict: list[str] = Field(description="what to change, the most telling sentence first")
     wall_time_s: float
     video: str | None = Field(description="name of the file, or null")
@@ -83,6 +122,13 @@ class CompareRecord(FiniteRecord):
         """The budget of one error."""
         wanted = (scope, measure, statistic)
         return next(b for b in self.budgets if (b.scope, b.measure, b.statistic) == wanted)
+
+    @property
+    def law_in_words(self) -> str:
+        """The law for titles: its gain and terms, or its name."""
+        if self.gain is None:
+            return f"law {self.law}"
+        return ", ".join([f"gain {self.gain:g} 1/s", *self.terms])
 
     @property
     def scopes(self) -> list[str]:
@@ -103,6 +149,22 @@ class CompareRecord(FiniteRecord):
         return None if now is None or without is None else now - without
 
 
+def levers_of(record: CompareRecord, phase: PhaseRecord) -> list[str]:
+    """Return the sentences about a phase, the most telling first."""
+    alone = phase_alone(record, phase)
+    parts = (_of_the_whole, _groups, _tracking, _velocity_limit)
+    return [sentence for part in parts for sentence in part(alone)]
+
+
+def phase_alone(record: CompareRecord, phase: PhaseRecord) -> CompareRecord:
+    """Return a comparison that knows the errors of one phase alone."""
+    ladder = [rung.model_copy(update={"errors": phase.errors[rung.key], "ending": None}) for rung in record.ladder]
+    if phase.errors["all"][TEAM].final.tracking_error is not None:  # a run that blows up later has come so far
+        ladder = [rung.model_copy(update={"status": "finished"}) for rung in ladder]
+    own = {"ladder": ladder, "budgets": phase.budgets, "velocity_limit": phase.velocity_limit}
+    return record.model_copy(update=own)
+
+
 class _Lever(NamedTuple):
     """What would lower an error most: what it is, how much there is in it, and what to do, which may be empty."""
 
@@ -118,9 +180,10 @@ def verdict_of(record: CompareRecord) -> list[str]:
     """The sentences, the most telling first."""
     harmful = (_harmful_terms,) if _harmful_terms(record) else ()
     law = (
-        () if harmful else (_terms, _links, _groups, _tracking, _velocity_limit)
+        () if harmful else (_terms, _links, _groups, _tracking, _gain, _velocity_limit)
     )  # advice for a law that does what it can
-    parts = (_unsettled, *harmful, _of_the_whole, *law, _speeds, _saturation, _ringing)
+    # Harm comes first: it names the cause of a team that never settles.
+    parts = (*harmful, _unsettled, _of_the_whole, *law, _speeds, _saturation, _ringing)
     return [sentence for part in parts for sentence in part(record)]
 
 
@@ -130,7 +193,7 @@ def _unsettled(record: CompareRecord) -> list[str]:
     if loop is not None and loop.stable is False:
         most = loop.largest_gain
         limit = "" if most is None else f" from a gain of {most:.3g} 1/s on: lower controller.gain"
-        what = f"{what}; " * bool(what) + f"the loop of its vehicles is unstable{limit}"
+        what = (f"{what}; " if what else "") + f"the loop of its vehicles is unstable{limit}"
     return [f"the team never settles: {what}"] if what else []
 
 
@@ -146,19 +209,20 @@ def _of_the_whole(record: CompareRecord) -> list[str]:
     if budget.ideal_m is None or budget.all_m is None:
         return ["the ideal run blows up: nothing can be compared with it"]
     cost, name = budget.all_m - budget.ideal_m, display_name(record.measure)
+    over = f"{RMS_OVER[record.measure]} and the last half"
     if budget.all_m <= ROUNDING:
         ideal = f"{budget.ideal_m:.3g} m" if budget.ideal_m > ROUNDING else "zero to rounding"
-        return [f"{name}, RMS over the last half: ideal {ideal}, as it stands zero to rounding: nothing to gain"]
+        return [f"{name}, {over}: ideal {ideal}, as it stands zero to rounding: nothing to gain"]
     return [
         f"largest lever: {_lever(record, TEAM)}",
-        f"{name}, RMS over the last half: ideal {budget.ideal_m:.3g} m, as it stands {budget.all_m:.3g} m; "
+        f"{name}, {over}: ideal {budget.ideal_m:.3g} m, as it stands {budget.all_m:.3g} m; "
         f"bodies {'add' if cost >= 0 else 'take away'} {abs(cost):.2g} m ({_relative(budget.ideal_m, budget.all_m)})",
     ]
 
 
 def _harmful_terms(record: CompareRecord) -> list[str]:
     """That the team would track better by the paper's law alone, and what the terms do wrong."""
-    cost = _costs_of_terms(record)
+    cost = None if record.controller else _costs_of_terms(record)
     if cost is None or cost[1] - cost[0] <= max(_LEAST_BODY_SHARE * cost[0], ROUNDING):
         return record.harm
     gist = f"tracking error {cost[1]:.3g} m as it stands, {cost[0]:.3g} m by the paper's law alone"
@@ -172,7 +236,11 @@ def _terms(record: CompareRecord) -> list[str]:
         return []
     ideal = [record.rung(key).errors[TEAM].error(TRACKING) for key in ("ideal-terms", "ideal")]
     known = "" if None in ideal else f", ideal {ideal[0]:.3g} -> {ideal[1]:.3g} m"
-    return [f"{listed(record.terms)}: tracking error {cost[0]:.3g} -> {cost[1]:.3g} m as it stands{known}"]
+    if record.controller:
+        what = f"{record.controller} instead of the paper's law at the scenario's gain"
+    else:
+        what = listed(record.terms)
+    return [f"{what}: tracking error {cost[0]:.3g} -> {cost[1]:.3g} m as it stands{known}"]
 
 
 def _links(record: CompareRecord) -> list[str]:
@@ -193,7 +261,7 @@ def _links(record: CompareRecord) -> list[str]:
 
 def _costs_of_terms(record: CompareRecord) -> tuple[float, float] | None:
     """Tracking error as it stands by the paper's law alone, and with the terms, RMS over the last half, m."""
-    if not record.terms:
+    if not record.terms and record.controller is None:
         return None
     without, now = (record.rung(key).errors[TEAM].error(TRACKING) for key in ("all-terms", "all"))
     return None if without is None or now is None else (without, now)
@@ -233,11 +301,12 @@ def _lever(record: CompareRecord, scope: str) -> _Lever | None:
         return _Lever("the velocity limit", less, _raise_limit(record))
     if cost <= _LEAST_BODY_SHARE * budget.all_m:
         return _Lever("the law, not the vehicles", now, _law(record, "more agents that sense", "slower targets"))
+    changes = _changes(record)
     if known and known[0][0] >= _LEAST_CAUSE_SHARE * cost:
         (most, effect), others = known[0], known[1:2]
-        then = "".join(f"; then {display_name(e)} with {x:.2g} m: {_CHANGE[e]}" for x, e in others if x >= 0.5 * most)
+        then = "".join(f"; then {display_name(e)} with {x:.2g} m: {changes[e]}" for x, e in others if x >= 0.5 * most)
         less = f"without it the error would be {most:.2g} m less ({now})"
-        return _Lever(display_name(effect), less, f"{_CHANGE[effect]}{then}")
+        return _Lever(display_name(effect), less, f"{changes[effect]}{then}")
     share, who = max((budget.agents_m or 0.0, "agents"), (budget.targets_m or 0.0, "targets"))
     if share >= _LEAST_CAUSE_SHARE * cost:
         why = f"as bodies with ideal thrusters they cost {share:.2g} m already ({now})"
@@ -245,13 +314,53 @@ def _lever(record: CompareRecord, scope: str) -> _Lever | None:
     return _Lever("no single effect", f"bodies add {cost:.2g} m together ({now})", "see the interaction in the budget")
 
 
+def _changes(record: CompareRecord) -> dict[str, str]:
+    """Advise what lowers the cost of each effect, without a gain that the law ignores."""
+    if record.gain is not None:
+        return _CHANGE
+    return {effect: change.removesuffix(_LOWER_GAIN) for effect, change in _CHANGE.items()}
+
+
 def _law(record: CompareRecord, *others: str) -> str:
     """What lowers the ideal run's own error: a higher gain, as far as there is room for it, or something else."""
+    if record.gain is None:
+        return _either(f"another law than {record.law}", *others)
     room = record.usable_gain
     if room is not None and room <= _GAIN_ROOM * record.gain:
-        return f"{_either(*others)} (no higher gain: by hold and ringing {room:.2g} 1/s is the most)"
-    upto = "" if room is None else f" (up to {room:.2g} 1/s by hold and ringing)"
+        why = f" by {LIMITED_BY[limit.effect]}" if (limit := _lowest_limit(record)) else ""
+        return f"{_either(*others)} (a higher gain rings: from {room:.2g} 1/s on{why})"
+    upto = "" if room is None else f" (up to {room:.2g} 1/s without ringing)"
     return _either(f"a higher controller.gain{upto}", *others)
+
+
+def _lowest_limit(record: CompareRecord) -> GainLimitRecord | None:
+    return record.gains.limits[0] if record.gains and record.gains.limits else None
+
+
+def _gain(record: CompareRecord) -> list[str]:
+    """Say what limits the gain, and what a higher one gives in runs."""
+    limit = _lowest_limit(record)
+    if record.gain is None or record.gains is None or limit is None:
+        return []
+    whose = f" of the mode about {limit.agent}" if limit.agent else ""
+    what = f"the vehicles' loop is unstable from {limit.gain:.2g} 1/s on"
+    if limit.kind == "rings":
+        cause = LIMITED_BY[limit.effect]
+        what = f"from {limit.gain:.2g} 1/s on the team rings: the damping{whose} is limited by {cause}"
+    told = [f"gain {record.gain:g} 1/s: {what}"]
+    if len(record.gains.trials) > 1:
+        now, *higher = map(_measured, record.gains.trials)
+        told.append(f"a higher gain, measured on the bodies: {', '.join(higher)}; now {now}")
+    return told
+
+
+def _measured(trial: GainTrialRecord) -> str:
+    if trial.late.tracking_error is None:
+        return f"{trial.gain:.3g} 1/s blows up"
+    endings = {"growing": ", growing", "circling": ", swinging without end", "stuck": ", stuck"}
+    unsettled = endings.get(trial.ending or "", "")
+    limited = "" if trial.saturated is None else f" with thrusters at a limit {100 * trial.saturated:.0f}% of the time"
+    return f"{trial.gain:.3g} 1/s: tracking error {trial.late.tracking_error:.3g} m RMS{limited}{unsettled}"
 
 
 def _either(*choices: str) -> str:
@@ -342,17 +451,23 @@ def _speeds(record: CompareRecord) -> list[str]:
         asked = f"{d.role} of kind {d.vehicle} are asked for up to {d.asked_m_s:.3g} m/s ({d.who} at {d.time_s:.4g} s)"
         if d.least_speed_m_s is not None:
             if d.asked_m_s > d.least_speed_m_s:
+                times = f"{d.asked_m_s / d.least_speed_m_s:.2g} times"
                 sentences.append(
-                    f"{asked}, beyond their {d.least_speed_m_s:.3g} m/s for {100 * d.share_beyond:.0f}% of the time: "
-                    f"no tuning mends that; slow the motion and the gain {d.asked_m_s / d.least_speed_m_s:.2g} times"
+                    f"{asked}, beyond their {d.least_speed_m_s:.3g} m/s (at full thrust in the slowest direction) for "
+                    f"{100 * d.share_beyond:.0f}% of the time: no tuning helps; slow the "
+                    f"motion{_and_gain(record)} {times}"
                 )
         elif (best := fastest.get(d.moves_in)) is not None and d.asked_m_s > best.speed_m_s:
             sentences.append(
                 f"{asked}; the fastest real vehicle of mjsheaf in {d.moves_in}, {best.vehicle}, makes "
-                f"{best.speed_m_s:.3g} m/s: none follows unless motion and gain are slowed "
+                f"{best.speed_m_s:.3g} m/s: none follows unless motion{_and_gain(record)} are slowed "
                 f"{d.asked_m_s / best.speed_m_s:.2g} times, and the ladder ends at ideal thrusters"
             )
     return sentences
+
+
+def _and_gain(record: CompareRecord) -> str:
+    return " and gain" if record.gain is not None else " and commands"
 
 
 def _saturation(record: CompareRecord) -> list[str]:

@@ -7,26 +7,32 @@ from that, named so, the truth. Targets, references, speed limits and recording 
 
 import importlib.util
 import inspect
+import os
 import sys
 import traceback
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import dataclass
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from mjsheaf.arrays import Array
-from mjsheaf.control.law import ControlArrays, LawArrays, Memory, observe
+from mjsheaf.control.law import ControlArrays, LawArrays, Memory, link_of, observe, rows_of_measuring_edges
 from mjsheaf.control.terms import no_terms
-from mjsheaf.errors import InputError, expected
+from mjsheaf.errors import InputError, expected, visible
 from mjsheaf.team import Edge, Team
 
+MAX_SPEED = 1e9
+"""Largest velocity that a law may return, m/s."""
+
 _STREAM = 0x6C6177  # keeps a law's random numbers apart from others of the same seed
+_MAX_MESSAGE = 300  # characters of an exception that a message repeats
 Law = Callable[[float, "Sample"], ArrayLike]
 
 
@@ -43,11 +49,51 @@ class Truth:
     harmonic_extension: Array
 
 
+class ReadOnlyTeam(Team):
+    """A team as a law is handed it: the run's own, of which the law can change nothing."""
+
+    def __init__(self, team: Team) -> None:
+        """Take over all that a team has, with read-only views of its arrays and mappings and copies of its lists."""
+        own = dict(vars(team))
+        own.pop("remaining", None)  # which may be the run's own team
+        for name, value in own.items():
+            if isinstance(value, np.ndarray):
+                own[name] = _read_only(value)
+        own["index"] = MappingProxyType(team.index)
+        own["displacement"] = MappingProxyType({id: _read_only(o) for id, o in team.displacement.items()})
+        for name in ("agent_ids", "target_ids"):
+            own[name] = list(own[name])
+        for name in ("communication", "sensing", "target_edges", "anchors"):
+            own[name] = tuple(_read_only_edge(edge) for edge in own[name])
+        vars(self).update(own)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        raise AttributeError(f"cannot set {name}: the team that a law is handed is read-only")
+
+
+def _read_only(values: Array) -> Array:
+    """Return a view that cannot be written."""
+    view = values.view()
+    view.flags.writeable = False
+    return view
+
+
+def _read_only_edge(edge: Edge) -> Edge:
+    """Return an edge whose arrays cannot be written."""
+    return replace(
+        edge,
+        F_tail=_read_only(edge.F_tail),
+        F_head=_read_only(edge.F_head),
+        weight=_read_only(edge.weight),
+        offset=None if edge.offset is None else _read_only(edge.offset),
+    )
+
+
 class Sample:
     """What N agents may know at a sample.
 
     Attributes:
-        team: the team; `team.agent_ids` names the rows of arrays.
+        team: the team, read-only; `team.agent_ids` names the rows of arrays.
         edges: those at which agents measure: communication, sensing, anchors.
         measurements: y_e = F_head x_head - F_tail x_tail of each edge, in its stalk, m, as its link delivers it; -b_e
             where nothing is heard.
@@ -61,19 +107,19 @@ class Sample:
     def __init__(
         self, door: "Controller", x: Array, memory: Memory, velocity: Array, displacement: Array, attitude: Array
     ) -> None:
-        team, N = door.team, len(door.team.agents)
-        self.team = team
+        N = len(door.team.agents)
+        self.team: Team = door.shown
         self.edges = door.edges
         self.measurements = [memory.y[place].copy() for place in door.places]
         self.heard = [link < 0 or bool(memory.links.heard[link] > 0.0) for link in door.links]
         self.disagreement = memory.residual[:N].copy()
-        self.velocity, self.displacement, self.attitude = velocity, displacement, attitude
+        self.velocity, self.displacement, self.attitude = velocity, displacement, attitude.copy()
         self._door, self._x = door, x.copy()
 
     @cached_property
     def truth(self) -> Truth:
         """What no agent knows; for debugging."""
-        return Truth(self._x, self.team.harmonic_extension(self._x))
+        return Truth(self._x, self._door.team.harmonic_extension(self._x))
 
     def exchange(self, values: ArrayLike) -> list[dict[str, Array]]:
         """Let every agent send numbers to its neighbours: one round of communication, which is counted.
@@ -84,14 +130,14 @@ class Sample:
         Returns:
             For each agent what it receives, by the neighbour's id.
         """
-        sent = _real(values)
-        if sent.shape[:1] != (len(self.team.agents),):
-            raise InputError(f"exchange: values have shape {sent.shape}; expected ({len(self.team.agents)}, ...)")
+        sent, ids = _real(values), self._door.team.agent_ids
+        if sent.shape[:1] != (len(ids),):
+            raise InputError(f"exchange: values have shape {sent.shape}; expected ({len(ids)}, ...)")
         messages = sum(map(len, self._door.neighbours))
         self._door.rounds += 1
         self._door.messages += messages
         self._door.numbers += messages * (sent.size // len(sent))
-        return [{self.team.agent_ids[j]: sent[j].copy() for j in near} for near in self._door.neighbours]
+        return [{ids[j]: sent[j].copy() for j in near} for near in self._door.neighbours]
 
 
 class Controller:
@@ -100,6 +146,7 @@ class Controller:
     Attributes:
         name: what messages call it.
         team: the team that it controls now.
+        shown: The same as the law is handed it.
         rounds, messages, numbers: of communication so far: calls of `exchange`, what they sent from agent to agent, and
             how many numbers were in that.
     """
@@ -110,10 +157,14 @@ class Controller:
         Raises:
             InputError: it cannot be called.
         """
+        if inspect.isclass(law):
+            raise InputError(f"controller: {law.__name__} is a class; expected an object, such as {law.__name__}()")
         if not callable(law):
-            raise InputError(f"controller: expected a callable law(t, sample), not {type(law).__name__}")
+            hint = "; load_controller reads one from FILE.py:NAME" if isinstance(law, str) else ""
+            raise InputError(f"controller: expected a callable law(t, sample), not {type(law).__name__}{hint}")
         self.law = law
-        self.name = name or getattr(law, "__name__", type(law).__name__)
+        called = name or str(getattr(law, "__name__", type(law).__name__))
+        self.name = called if called.isprintable() else visible(called)
         self.seed = seed
         self.rounds = self.messages = self.numbers = 0
 
@@ -124,16 +175,17 @@ class Controller:
         reset = getattr(self.law, "reset", None)
         if reset is not None:
             rng = np.random.default_rng([self.seed, _STREAM])
-            self._guarded("reset", lambda: reset(self.team, rng))
+            self._guarded("reset", lambda: reset(self.shown, rng))
 
     def enter(self, team: Team, control: ControlArrays) -> ControlArrays:
         """Control this team from here on, with other edges in another phase; return its law with agents supplied."""
         self.team = team
-        self.edges = (*team.communication, *team.sensing, *team.anchors)
+        self.shown = shown = ReadOnlyTeam(team)
+        self.edges = shown.measuring_edges
+        rows = rows_of_measuring_edges(team, control.law)
         slices = [slice(begin, end) for begin, end in pairwise(control.law.edges.first)]
-        self.places = slices[: len(team.communication + team.sensing)] + slices[len(slices) - len(team.anchors) :]
-        linked = control.law.links.of[: len(team.communication + team.sensing)].tolist()
-        self.links = linked + [-1] * (len(self.edges) - len(linked))
+        self.places = [slices[row] for row in rows]
+        self.links = [link_of(control.law, row) for row in rows]
         near: list[dict[int, None]] = [{} for _ in team.agents]
         for e in team.communication:
             i, j = team.index[e.tail], team.index[e.head]
@@ -158,12 +210,25 @@ class Controller:
         if wanted.shape != (N, 3):
             raise InputError(f"controller {self.name} at t = {t:.6g} s: returned shape {wanted.shape}; "
                              f"expected ({N}, 3), a velocity in m/s for each agent")  # fmt: skip
-        if not np.isfinite(wanted).all():
-            i = int(np.flatnonzero(~np.isfinite(wanted).all(axis=1))[0])
-            raise InputError(f"controller {self.name} at t = {t:.6g} s: returned {wanted[i]} for "
-                             f"{self.team.agent_ids[i]}; expected finite velocities in m/s")  # fmt: skip
+        good = np.abs(wanted) <= MAX_SPEED  # False where it is not finite
+        if not good.all():
+            i = int(np.flatnonzero(~good.all(axis=1))[0])
+            raise InputError(
+                f"controller {self.name} at t = {t:.6g} s: returned {wanted[i]} for {self.team.agent_ids[i]}; expected "
+                f"finite velocities of at most {MAX_SPEED:g} m/s"
+            )
         for i, agent in enumerate(self.team.agents):
             memory.supplied[i, : agent.dimension] = wanted[i, : agent.dimension]
+
+    def cause_of_blow_up(self, vehicle: int, command: Array) -> str:
+        """Say that the law may be why a vehicle's state blew up under commands (V, 3), m/s; empty for a target."""
+        if vehicle >= len(self.team.agents):
+            return ""
+        speed = float(np.linalg.norm(command[vehicle]))
+        return (
+            f"likely cause: controller {self.name}, which asks for {speed:.3g} m/s for {self.team.agent_ids[vehicle]}, "
+            "or a flow too strong to integrate"
+        )
 
     def _moved(self, t: float, q: Array) -> Array:
         """How far agents at q (N, 3), m, have moved since the sample before, shape (N, 3), m."""
@@ -174,15 +239,45 @@ class Controller:
 
     def _guarded(self, when: str, call: Callable[[], Any]) -> Any:
         try:
-            return call()
-        except (Exception, SystemExit) as error:
+            with _in_this_directory():
+                return call()
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:
             who = f"{error}, " if isinstance(error, _AgentError) else ""
             cause = error.__cause__ if isinstance(error, _AgentError) and error.__cause__ else error
             raise InputError(f"controller {self.name}: {who}{when}: {_described(cause)}") from error
 
 
+@contextmanager
+def _in_this_directory() -> Iterator[None]:
+    """Come back to the working directory, by which the results' place and files are named."""
+    place = _working_directory()
+    try:
+        yield
+    finally:
+        if place is not None and _working_directory() != place:
+            with suppress(OSError):
+                os.chdir(place)
+
+
+def _working_directory() -> str | None:
+    """Return the working directory; None where it is gone."""
+    with suppress(OSError):
+        return os.getcwd()
+    return None
+
+
 def _real(values: ArrayLike) -> Array:
-    """Numbers as float64; complex ones are a TypeError, not a warning."""
+    """Return numbers as float64.
+
+    Raises:
+        TypeError: they are complex, no numbers, or a masked array that lacks some.
+    """
+    if isinstance(values, (list, tuple)) and any(isinstance(row, np.ma.MaskedArray) for row in values):
+        values = cast(ArrayLike, np.ma.array(values))
+    if np.ma.is_masked(values):
+        raise TypeError("expected real numbers, not a masked array with masked entries")
     found = np.asarray(values)
     if found.dtype.kind not in "buif":
         raise TypeError(f"expected real numbers, not {str(values)[:40]} of type {found.dtype}")
@@ -192,8 +287,12 @@ def _real(values: ArrayLike) -> Array:
 def _described(error: BaseException) -> str:
     """An exception of the user's code in a line, with where it was raised."""
     frames = traceback.extract_tb(error.__traceback__)[-1:]
-    place = "".join(f" ({Path(frame.filename).name}, line {frame.lineno})" for frame in frames)
-    return f"{type(error).__name__}: {' '.join(str(error).split())}{place}"
+    place = "".join(f" ({visible(Path(frame.filename).name)}, line {frame.lineno})" for frame in frames)
+    try:
+        text = str(error)
+    except (Exception, SystemExit):
+        text = "an exception that cannot be printed, as its __str__ raises another"
+    return f"{visible(type(error).__name__)}: {visible(text, _MAX_MESSAGE)}{place}"
 
 
 def controller_of(law: "Law | Controller | None", system: Any, seed: int) -> "Controller | None":
@@ -258,6 +357,13 @@ class PerAgent:
     """
 
     def __init__(self, make: Callable[[Agent], Callable[[float, LocalSample], Any]]) -> None:
+        """Keep what makes the agents' laws.
+
+        Raises:
+            InputError: it cannot be called.
+        """
+        if not callable(make):
+            raise InputError(f"PerAgent: expected a callable make(agent) that returns a law, not {type(make).__name__}")
         self._make = make
         self.__name__ = getattr(make, "__name__", type(make).__name__)
 
@@ -267,10 +373,13 @@ class PerAgent:
         self._laws = []
         for agent, edges, child in zip(team.agents, self._edges, rng.spawn(len(team.agents)), strict=True):
             with _naming(agent.id):
-                self._laws.append(self._make(Agent(agent.id, agent.dimension, edges, child)))
+                law = self._make(Agent(agent.id, agent.dimension, edges, child))
+                if not callable(law):
+                    raise TypeError(f"make(agent) returned {type(law).__name__}; expected a callable law(t, local)")
+                self._laws.append(law)
 
     def _enter(self, team: Team) -> None:
-        edges, self._team = (*team.communication, *team.sensing, *team.anchors), team
+        edges, self._team = team.measuring_edges, team
         self._own = [[k for k, e in enumerate(edges) if a.id in (e.tail, e.head)] for a in team.agents]
         self._edges = [tuple(edges[k] for k in own) for own in self._own]
 
@@ -301,7 +410,7 @@ class PerAgent:
             for i, law in list(running.items()):
                 with _naming(ids[i]):
                     try:
-                        sent[i] = np.atleast_1d(np.asarray(law.send(received[i]), dtype=np.float64))
+                        sent[i] = np.atleast_1d(_real(law.send(received[i])))
                     except StopIteration as done:
                         del running[i]
                         _put(velocity[i], done.value)
@@ -317,7 +426,7 @@ class PerAgent:
 
 
 def _put(row: Array, value: Any) -> None:
-    found = np.asarray(value, dtype=np.float64)
+    found = _real(value)
     if found.ndim != 1 or len(found) not in (2, 3):
         raise InputError(f"returned shape {found.shape}; expected (2,) or (3,), a velocity in m/s")
     row[: len(found)] = found
@@ -338,12 +447,15 @@ def load_controller(source: str, seed: int = 0) -> Controller:
     Raises:
         InputError: there is no such file or name, or the file raises an exception.
     """
+    if not isinstance(source, str):
+        raise InputError(f"controller: expected FILE.py:NAME as a str, not {type(source).__name__}")
     file, colon, name = source.rpartition(":")
     path = Path(file)
     if not colon or not name.isidentifier() or path.suffix != ".py":
         raise InputError(f"--controller {source!r}: expected FILE.py:NAME, for example mylaw.py:MyLaw")
+    source = source if source.isprintable() else visible(source)
     if not path.is_file():
-        raise InputError(f"--controller {source}: there is no file {file}")
+        raise InputError(f"--controller {source}: there is no such file")
     module_name = f"mjsheaf_controller_{path.stem}"
     spec = importlib.util.spec_from_file_location(module_name, path)
     assert spec is not None  # of a .py file
@@ -351,13 +463,17 @@ def load_controller(source: str, seed: int = 0) -> Controller:
     module = importlib.util.module_from_spec(spec)
     sys.modules[module_name] = module  # dataclasses and pickle look a class's module up
     try:
-        spec.loader.exec_module(module)
+        with _in_this_directory():
+            spec.loader.exec_module(module)
+            law: Any = getattr(module, name, None)
+            law = law() if inspect.isclass(law) else law
         if not hasattr(module, name):
             public = [n for n, value in vars(module).items() if callable(value) and not n.startswith("_")]
             raise InputError(f"there is no {name!r} in it; {expected(name, public)}")
-        law: Any = getattr(module, name)
-        return Controller(cast(Law, law() if inspect.isclass(law) else law), source, seed)
+        return Controller(cast(Law, law), source, seed)
+    except KeyboardInterrupt:
+        raise
     except InputError as error:
         raise InputError(f"--controller {source}: {error}") from None
-    except (Exception, SystemExit) as error:
+    except BaseException as error:
         raise InputError(f"--controller {source}: {_described(error)}") from error

@@ -8,6 +8,7 @@ and desired value b,
     deliver     y_e as sensor and link leave it, where the edge has any (see `mjsheaf.control.links`)
     pull back   eta_i = sum of -F_i^T K (y_e + b_e) over the edges whose tail is i, F_j^T K (y_e + b_e) where i is head
     terms       -k1 eta (eq. controller-1), or the velocities that a law in Python asks for
+    residual    velocities from outside, such as the action of an environment
     reference   targets' own motion
     limit       largest commanded speed
 
@@ -16,7 +17,7 @@ both targets of an edge among targets. A vehicle's sums touch its own edges alon
 neighbours alone, to the bit.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -25,7 +26,9 @@ from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.control.links import (
     LinkArrays,
     LinkMemory,
-    carry_links,
+    carry_cells,
+    carry_heading,
+    cells_of,
     deliver,
     no_links,
     size_of_link_memory,
@@ -118,7 +121,8 @@ class Memory(NamedTuple):
         y: measurements as delivered, -b where nothing is heard, shape (m,), m.
         residual: eta of the agents by these, L_T p - c_T of the targets, padded, shape (V, 3), m.
         command: commanded velocities, limited, shape (V, 3), m/s.
-        supplied: velocities that a law in Python asks for, shape (V, 3), m/s.
+        supplied: velocities that a law in Python asks for, shape (V, 3), m/s; without one, what is added to the
+            compiled law's.
         terms: what the terms hold.
         links: what the links hold.
     """
@@ -143,23 +147,125 @@ def new_memory(law: LawArrays, V: int) -> Memory:
     return Memory(flat, y, residual, command, supplied, of_terms, of_links)
 
 
-def carry(memory: Memory, law: LawArrays) -> Memory:
-    """The memory of another law of the same vehicles, who keep what they hold of themselves and what is under way.
+def carry(memory: Memory, old: LawArrays, law: LawArrays, sample: int) -> Memory:
+    """The memory of the same vehicles under the law of a phase that begins at a sample.
 
-    An agent without edges, which is lost or has yet to join, forgets B p', v and delta.
+    Vehicles keep what they hold of themselves. An edge that remains keeps what was measured on it, received over it and
+    is under way on it. An agent without edges, which is lost or has yet to join, forgets v and delta.
     """
     V, m = len(memory.command), len(memory.y)
     new = new_memory(law, V)
     vehicles = slice(len(new.y), len(new.y) + 9 * V)
     new.flat[vehicles] = memory.flat[m : m + 9 * V]
-    carry_terms(memory.terms, new.terms)
+    kept, rows = edges_kept(old.edges, law.edges)
+    carry_terms(memory.terms, new.terms, rows, _with_changed_edges(old.edges, law.edges, kept, V))
+    if len(old.links.of) or len(law.links.of):
+        _carry_links(memory, old, new, law, kept, sample)
     if law.terms.agents:
+        if not old.terms.feedforward:  # filters of velocities begin, and rounds from v = 0
+            np.minimum(new.terms.age, 1.0, out=new.terms.age)
+            new.terms.since[:] = 0.0
+            new.terms.v[:] = 0.0
         edges, alone = law.edges, np.ones(V, dtype=np.bool_)
         alone[edges.tail[edges.listens[:, 0]]] = alone[edges.head[edges.listens[:, 1]]] = False
-        for values in (new.terms.rate, new.terms.v, new.terms.delta):
+        for values in (new.terms.v, new.terms.delta):
             values[alone] = 0.0
-    carry_links(memory.links, new.links)
     return new
+
+
+def edges_kept(old: EdgeArrays, new: EdgeArrays) -> tuple[IntArray, IntArray]:
+    """Find the edges of a law that an earlier one had too: of the same kind and ends, with the same maps.
+
+    Returns:
+        The number of each new edge among the old ones, shape (E,), and where its numbers y_e were, shape (m,); -1 for
+        an edge that is not among them.
+    """
+    known = {name: e for e, name in enumerate(_names(old))}
+    kept = np.array([known.get(name, -1) for name in _names(new)], dtype=np.int64)
+    size, size_before = np.diff(new.first), np.diff(old.first)
+    kept[kept >= 0] = np.where(size_before[kept[kept >= 0]] == size[kept >= 0], kept[kept >= 0], -1)
+    edge = np.repeat(np.arange(len(size)), size)
+    rows = np.where(kept[edge] >= 0, old.first[kept[edge]] + np.arange(len(edge)) - new.first[edge], -1)
+    there = rows >= 0
+    other = np.zeros(len(rows), dtype=np.bool_)
+    for name in ("F_tail", "F_head"):
+        other[there] |= (getattr(new, name)[there] != getattr(old, name)[rows[there]]).any(axis=1)
+    kept[edge[other]] = -1
+    return kept, np.where(kept[edge] >= 0, rows, -1)
+
+
+def _names(edges: EdgeArrays) -> Iterator[tuple[int, int, bool, int]]:
+    """Tail, head, whether both listen, and the number among edges of which all of that is the same, of each edge."""
+    met = dict[tuple[int, int, bool], int]()
+    for tail, head, both in zip(edges.tail.tolist(), edges.head.tolist(), edges.listens[:, 1].tolist(), strict=True):
+        nth = met.get((tail, head, both), 0)
+        met[tail, head, both] = nth + 1
+        yield tail, head, both, nth
+
+
+def _with_changed_edges(old: EdgeArrays, new: EdgeArrays, kept: IntArray, V: int) -> BoolArray:
+    """Mark the vehicles that listen on an edge which was not there before, or is there no more, shape (V,)."""
+    gone = np.ones(len(old.tail), dtype=np.bool_)
+    gone[kept[kept >= 0]] = False
+    changed = np.zeros(V, dtype=np.bool_)
+    for edges, which in ((old, gone), (new, kept < 0)):
+        changed[edges.tail[which & edges.listens[:, 0]]] = True
+        changed[edges.head[which & edges.listens[:, 1]]] = True
+    return changed
+
+
+def _carry_links(memory: Memory, old: LawArrays, new: Memory, law: LawArrays, kept: IntArray, sample: int) -> None:
+    """Carry what links hold, also of edges that have one in one of two phases only: see `carry`."""
+    carry_heading(memory.links, new.links)
+    for e in np.flatnonzero(kept >= 0).tolist():
+        before, now = link_of(old, int(kept[e])), link_of(law, e)
+        if before >= 0 and now >= 0:
+            carry_cells(cells_of(old.links, memory.links, before), cells_of(law.links, new.links, now), sample)
+        elif now >= 0:
+            _begin_link(memory, old, new, law, int(kept[e]), e, sample)
+        elif before >= 0:
+            _end_link(memory, old, new, law, int(kept[e]), e, sample)
+
+
+def rows_of_measuring_edges(team: Team, law: LawArrays) -> list[int]:
+    """Return the numbers of a team's measuring edges among the edges of its law, in their order."""
+    every = range(len(law.edges.tail))
+    linked = len(team.communication) + len(team.sensing)
+    return [*every[:linked], *every[len(every) - len(team.anchors) :]]
+
+
+def link_of(law: LawArrays, edge: int) -> int:
+    """Return the number of an edge's link, or -1."""
+    return int(law.links.of[edge]) if len(law.links.of) else -1
+
+
+def _begin_link(
+    memory: Memory, old: LawArrays, new: Memory, law: LawArrays, before: int, edge: int, sample: int
+) -> None:
+    """Put what was measured on an edge without a link into the memory of the link that it has now."""
+    cells = cells_of(law.links, new.links, link_of(law, edge))
+    if sample == 0 or cells.delay:
+        return
+    first, end = old.edges.first[before : before + 2]
+    received, m, own = cells.received[(sample - 1) % 2], end - first, cells.own
+    received[1] = sample
+    received[2 : 2 + m] = memory.y[first:end]
+    if own and old.terms.agents:
+        received[2 + m : 2 + 2 * m] = old.edges.F_tail[first:end] @ memory.terms.walked[old.edges.tail[before]]
+        received[2 + 2 * m :] = memory.terms.rate[first:end]
+
+
+def _end_link(memory: Memory, old: LawArrays, new: Memory, law: LawArrays, before: int, edge: int, sample: int) -> None:
+    """Put what was received over a link into the memory of the terms, for an edge that has none any more."""
+    if not (law.terms.agents and old.terms.agents):
+        return
+    cells = cells_of(old.links, memory.links, link_of(old, before))
+    rows = slice(*law.edges.first[edge : edge + 2])
+    received = cells.received[(sample - 1) % 2]
+    fresh = cells.delay == 0 and received[1] == sample  # else the difference to the next measurement means nothing
+    new.terms.age[rows] = 2.0 * fresh
+    if cells.own:
+        new.terms.rate[rows] = received[len(received) - cells.own :]
 
 
 @inline_jit
@@ -176,6 +282,7 @@ def evaluate_law(control, t, x, drift, memory):
     proportional(law, memory.residual, memory.supplied, memory.command)
     if law.terms.agents > 0:
         add_terms(law, x, memory.y, memory.residual, memory.command, memory.terms, memory.links)
+    add_supplied(law, memory.supplied, memory.command)
     for v in range(x.shape[0]):
         add_reference(control.motion, v, t, x[v], memory.command[v])
         clipped = limit_speed(law.limit[v], memory.command[v])
@@ -235,6 +342,18 @@ def proportional(law, residual, supplied, command):
     for v in range(residual.shape[0]):
         for i in range(3):
             command[v, i] = supplied[v, i] if v < law.supplied else -law.gain[v] * residual[v, i]
+
+
+@inline_jit
+def add_supplied(law, supplied, command):
+    """Add to the commands (V, 3) of vehicles under the compiled law what is supplied (V, 3) from outside.
+
+    Zeros leave a command as it is, to the bit: adding them would turn -0.0 into 0.0.
+    """
+    for v in range(law.supplied, command.shape[0]):
+        for i in range(3):
+            if supplied[v, i] != 0.0:
+                command[v, i] += supplied[v, i]
 
 
 @jit

@@ -15,7 +15,6 @@ Numbers that agents send each other in rounds have links of their own: see `mjsh
 """
 
 from collections.abc import Sequence
-from hashlib import blake2b
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,7 +23,7 @@ from numpy.typing import NDArray
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.errors import InputError, in_field
 from mjsheaf.jit import inline_jit, jit
-from mjsheaf.noise import normal_of, uniforms
+from mjsheaf.noise import normal_of, stream_of, uniforms
 from mjsheaf.team import Edge, Team
 from mjsheaf.team.links import KINDS, LinkModel, Links, require_bearing, whole_periods
 
@@ -43,7 +42,6 @@ LINK = np.dtype(
         ("own", "i8"),  # how many numbers of own displacement go with a sample: feedforward's, of sensing
         ("delay", "i8"),  # periods
         ("hold", "i8"),  # periods
-        ("remembers", "i8"),  # whether what was received, or the state of a chain, counts at the next sample
         ("random", "i8"),  # whether it takes random numbers
         ("lossy", "i8"),  # whether anything is lost at random
         ("bursts", "i8"),  # whether losses depend on the state of a chain
@@ -92,7 +90,7 @@ class LinkArrays(NamedTuple):
 
 
 class LinkMemory(NamedTuple):
-    """What links hold from sample to sample, views of the law's memory but for the last two; of size 0 without links.
+    """What links hold from sample to sample, views of the law's memory; of size 0 without links.
 
     Attributes:
         heard: SILENT, HELD or NEW, of each link at the present sample, shape (L,).
@@ -100,10 +98,9 @@ class LinkMemory(NamedTuple):
         attitude: of the vehicles, shape (V, 4), where a sensor needs it.
         before: positions at the present sample and at the one before, in turn, shape (2, V, 3), m.
         cells: of each link its delay line, a slot for each sample under way (1 + its number, 0 if lost; y, own
-            displacement so far), then, if it remembers anything, twice what was received, for samples of even and of
-            odd number: state of the chain (0 before it begins, 1 good, 2 bad), 1 + the number of the sample at which
-            the last arrived (0 before any), y, displacement, filtered velocity.
-        streams, places: of the links, shapes (L, 2) and (L,), by which they are known again in another phase.
+            displacement so far), then twice the last that was received, for samples of even and of odd number: state
+            of the chain (0 before it begins, 1 good, 2 bad), 1 + the number of the sample at which it arrived (0 before
+            any), y, displacement, filtered velocity.
     """
 
     heard: Array
@@ -111,12 +108,6 @@ class LinkMemory(NamedTuple):
     attitude: Array
     before: Array
     cells: Array
-    streams: IntArray
-    places: IntArray
-
-    def of_link(self) -> list[Array]:
-        """Each link's cells."""
-        return np.split(self.cells, self.places[1:]) if len(self.places) else []
 
 
 def no_links(record: bool = False) -> LinkArrays:
@@ -135,28 +126,53 @@ def split_link_memory(flat: Array, links: LinkArrays, m: int) -> LinkMemory:
     V = len(links.facing)
     ends = np.cumsum([len(links.table), m * links.odometry, 4 * V, 6 * V])
     heard, velocity, attitude, before, cells = np.split(flat, ends)
-    known = np.ascontiguousarray(links.table["stream"]), np.ascontiguousarray(links.table["place"])
-    return LinkMemory(heard, velocity, attitude.reshape(V, 4), before.reshape(2, V, 3), cells, *known)
+    return LinkMemory(heard, velocity, attitude.reshape(V, 4), before.reshape(2, V, 3), cells)
 
 
-def carry_links(old: LinkMemory, new: LinkMemory) -> None:
-    """Take over, under a law with other edges, what is under way and was received on the edges that remain."""
-    known = {tuple(stream): cells for stream, cells in zip(old.streams.tolist(), old.of_link(), strict=True)}
-    for stream, cells in zip(new.streams.tolist(), new.of_link(), strict=True):
-        before = known.get(tuple(stream), cells)
-        if len(before) == len(cells):
-            cells[:] = before
-    if len(old.attitude) == len(new.attitude):
-        new.attitude[:], new.before[:] = old.attitude, old.before
+class LinkCells(NamedTuple):
+    """Views of the cells of one link.
 
-
-def stream_of(kind: str, edge: Edge, nth: int) -> tuple[int, int]:
-    """The stream of the nth of a kind's edges between the same ends: 61 bits that depend on nothing else.
-
-    Its first number is at least 2^30: apart from those that other random numbers take.
+    Attributes:
+        line: its delay line, shape (delay + 1, 1 + m + own).
+        received: the last that was received, for samples of even and of odd number, shape (2, 2 + m + 2 own).
+        own: numbers of own displacement that go with a sample.
+        delay: periods.
     """
-    word = blake2b(f"{kind} {edge.tail} {edge.head} {nth}".encode(), digest_size=8).digest()
-    return 2**30 + (int.from_bytes(word[:4]) >> 2), int.from_bytes(word[4:]) >> 1
+
+    line: Array
+    received: Array
+    own: int
+    delay: int
+
+
+def cells_of(links: LinkArrays, memory: LinkMemory, link: int) -> LinkCells:
+    """Return views of the cells of a link, given by its row in the table."""
+    row = links.table[link]
+    place, received, own, delay = (int(row[name]) for name in ("place", "received", "own", "delay"))
+    line = memory.cells[place:received].reshape(delay + 1, -1)
+    width = _HEADER + line.shape[1] - 1 + own
+    return LinkCells(line, memory.cells[received : received + 2 * width].reshape(2, width), own, delay)
+
+
+def carry_cells(old: LinkCells, new: LinkCells, sample: int) -> None:
+    """Copy what is under way and what was received last to the same edge's link in the phase that begins at a sample.
+
+    Feedforward needs the displacement of every sample: nothing is copied from a line without it to one with it.
+    """
+    if new.own > old.own:
+        return
+    under_way = old.line[old.line[:, 0] > sample - min(old.delay, new.delay)]
+    new.line[(under_way[:, 0].astype(np.int64) - 1) % len(new.line)] = under_way[:, : new.line.shape[1]]
+    new.received[:] = old.received[:, : new.received.shape[1]]
+    arrived = new.received[:, 1] > 0.0
+    new.received[arrived, 1] += new.delay - old.delay  # the age of a sample counts from its arrival
+
+
+def carry_heading(old: LinkMemory, new: LinkMemory) -> None:
+    """Copy where vehicles face, if sensors need it in both phases."""
+    if len(old.attitude) == len(new.attitude):
+        new.attitude[:] = old.attitude
+        new.before[:] = old.before
 
 
 class LinkedEdge(NamedTuple):
@@ -170,8 +186,8 @@ class LinkedEdge(NamedTuple):
 
     @property
     def stream(self) -> tuple[int, int]:
-        """Of its random numbers."""
-        return stream_of(self.kind, self.edge, self.nth)
+        """Stream of its random numbers, by its ends: the same wherever the edge stands."""
+        return stream_of(self.kind, self.edge.tail, self.edge.head, self.nth)
 
 
 def linked_edges(team: Team, links: Links) -> list[LinkedEdge]:
@@ -252,10 +268,9 @@ def pack_links(
         sensor = link.range_bearing, link.noise, link.bias, link.range_noise, link.bearing_noise, link.range
         chain = loss.to_bad, loss.to_good, loss.bad, loss.loss_good, loss.loss_bad
         bursts = loss.loss_good != loss.loss_bad
-        remembers = hold > 0 or own > 0 or bursts
-        kind_of_loss = remembers, link.random, link.lossy, bursts
+        kind_of_loss = link.random, link.lossy, bursts
         table.append((e, place, received, own, delay, hold, *kind_of_loss, *sensor, *chain, one.stream))
-        place = received + 2 * (_HEADER + m + 2 * own) * remembers
+        place = received + 2 * (_HEADER + m + 2 * own)
         with in_field("links"):
             require_held(place)
     half = 0.5 * (np.zeros(len(team.members)) if heading is None else heading)
@@ -317,9 +332,7 @@ def deliver(law, t, x, bodies, y, terms, memory):
         tail, head = edges.tail[link.edge], edges.head[link.edge]
         width = _HEADER + m + 2 * own
         now, before = link.received + (n % 2) * width, link.received + ((n + 1) % 2) * width
-        state, last = 0.0, 0.0
-        if link.remembers:
-            state, last = cells[before], cells[before + 1]
+        state, last = cells[before], cells[before + 1]
 
         lost, draw = False, (0.5, 0.5, 0.5, 0.5)
         if link.random:
@@ -349,23 +362,22 @@ def deliver(law, t, x, bodies, y, terms, memory):
 
         slot = link.place + oldest * (1 + m + own)
         arrives = n >= delay and cells[slot] == n - delay + 1.0
-        held = not arrives and last > 0.0 and n + 1.0 - last <= link.hold
+        held = not arrives and 0.0 < last <= n and n + 1.0 - last <= link.hold  # above n: the delay has grown
         memory.heard[k] = NEW if arrives else HELD if held else SILENT
         for i in range(m):
             if arrives:
                 y[first + i] = cells[slot + 1 + i]
             else:
                 y[first + i] = cells[before + _HEADER + i] if held else -edges.b[first + i]
-        if link.remembers:
-            if arrives:  # of a velocity it says something if odometry has gone on since the last was measured
-                known = own > 0 and law.terms.agents > 0 and last > 0.0 and last - 1.0 - delay >= n - terms.clock[0]
-                age = n + 1.0 - last if known else 0.0
-                receive(law, cells, slot + 1, before + _HEADER, now + _HEADER, m, own, age)
-                last = n + 1.0
-            else:
-                for i in range(m + 2 * own):
-                    cells[now + _HEADER + i] = cells[before + _HEADER + i]
-            cells[now], cells[now + 1] = state, last
+        if arrives:  # of a velocity it says something if odometry has gone on since the last was measured
+            known = own > 0 and law.terms.agents > 0 and last > 0.0 and last - 1.0 - delay >= n - terms.clock[0]
+            age = n + 1.0 - last if known else 0.0
+            receive(law, cells, slot + 1, before + _HEADER, now + _HEADER, m, own, age)
+            last = n + 1.0
+        else:
+            for i in range(m + 2 * own):
+                cells[now + _HEADER + i] = cells[before + _HEADER + i]
+        cells[now], cells[now + 1] = state, last
         for i in range(own):
             memory.velocity[first + i] = cells[now + _HEADER + 2 * m + i]
 
@@ -470,12 +482,14 @@ def turn(w, i, j, k, x, y, z):
 def face_along(links, x, n, memory):
     """Let every vehicle face where it moved since the sample before, its first axis ahead and its second level.
 
-    One that does not move stays as it was; at the first sample the initial headings hold.
+    One that does not move stays as it was; at the first sample, and where sensors need attitudes only from some phase
+    on, the initial headings hold.
     """
     for v in range(memory.attitude.shape[0]):
         attitude, last = memory.attitude[v], memory.before[(n + 1) % 2, v]
         dx, dy, dz = x[v, 0] - last[0], x[v, 1] - last[1], x[v, 2] - last[2]
-        if n == 0:
+        unknown = attitude[0] == 0.0 and attitude[1] == 0.0 and attitude[2] == 0.0 and attitude[3] == 0.0
+        if n == 0 or unknown:
             for i in range(4):
                 attitude[i] = links.facing[v, i]
         elif dx * dx + dy * dy + dz * dz > _STILL * _STILL:

@@ -110,12 +110,25 @@ def size_of_round_memory(rounds: RoundArrays, first: IntArray) -> tuple[int, int
     return 5 * edges + 4 * m, (rounds.delay + 1) * 4 * (edges + m)
 
 
-def carry_rounds(old: RoundMemory, new: RoundMemory) -> None:
-    """Take over what was sent on the edges that remain."""
+def carry_rounds(old: RoundMemory, new: RoundMemory, sample: int) -> None:
+    """Copy what was sent on the edges that remain, up to a sample of the terms' clock."""
     known = dict(zip(map(tuple, old.streams.tolist()), old.of_edge(), strict=True))
-    for stream, own in zip(map(tuple, new.streams.tolist()), new.of_edge(), strict=True):
-        for values, before in zip(own, known.get(stream, own), strict=True):
-            values[:] = before
+    for stream, (held, line) in zip(map(tuple, new.streams.tolist()), new.of_edge(), strict=True):
+        held_before, line_before = known.get(stream, (held, line))
+        if len(held) != len(held_before):  # its maps are of another size
+            continue
+        held[:] = held_before
+        if len(line) == len(line_before):
+            line[:] = line_before
+        else:
+            _carry_line(line_before.reshape(-1, 4, len(held) // 4), line.reshape(-1, 4, len(held) // 4), sample)
+
+
+def _carry_line(old: Array, new: Array, sample: int) -> None:
+    """Copy messages that are under way into a line of another delay, shapes (delay + 1, 4, 1 + m)."""
+    stamp = old[..., 0]
+    slot, sender = np.nonzero(stamp > sample + 1 - min(len(old), len(new)))
+    new[(stamp[slot, sender].astype(np.int64) - 1) % len(new), sender] = old[slot, sender]
 
 
 def pack_rounds(team: Team, links: Links, *, period: float, height: float = 0.0) -> RoundArrays:
@@ -142,7 +155,7 @@ def pack_rounds(team: Team, links: Links, *, period: float, height: float = 0.0)
     with in_field("links.rounds"):
         require_held(4 * (delay + 1) * sum(1 + len(edge.F_tail) for edge in team.communication))
     own = np.zeros((len(team.agents), 3, 3))
-    for edge in (*team.communication, *team.sensing, *team.anchors):
+    for edge in team.measuring_edges:
         for end, F in ((edge.tail, edge.F_tail), (edge.head, edge.F_head)):
             if team.index.get(end, len(own)) < len(own):
                 n = F.shape[1]

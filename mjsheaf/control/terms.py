@@ -12,8 +12,9 @@ exchange, in which agent i is sent F_j x_j by its neighbours j. Where the eigenv
 Over links on which messages can be late or lost, rounds are those of `mjsheaf.control.rounds`.
 An agent that senses a target knows the velocity of that from how its measurement changed and how it moved itself.
 
-What differences need is missing at times: in the first sample of a run feedforward and drift add nothing, in the first
-of a phase with other edges v holds, and v is extrapolated once rounds have left a thousandth of what they began with.
+What differences need is missing at times. In the first sample of a run feedforward and drift add nothing. On an edge
+that is new in a phase, a target is taken to move as v says for one sample. v is extrapolated once rounds have left a
+thousandth of what they began with; an agent whose edges change waits for that again, and no other does.
 """
 
 from collections.abc import Sequence
@@ -22,7 +23,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from mjsheaf.arrays import Array, IntArray
+from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.control.rounds import (
     FEEDFORWARD,
     NEWTON,
@@ -35,10 +36,9 @@ from mjsheaf.control.rounds import (
 )
 from mjsheaf.io.section import NonNegative, Positive, Section
 from mjsheaf.jit import inline_jit, jit
-from mjsheaf.noise import normals
+from mjsheaf.noise import normals, stream_of
 from mjsheaf.team import Team
 
-_ODOMETRY = 1  # stream of random numbers
 _SETTLED = 1e-3  # of an error: what rounds leave of it once v may be extrapolated
 
 _ROUNDS = "exchanges a control period; in each, the ends of every communication edge send each other F x [-]"
@@ -97,7 +97,7 @@ class Terms(NamedTuple):
     @property
     def any(self) -> bool:
         """Whether the law is more than the paper's."""
-        return any(term is not None for term in self[:4])
+        return any(self[k] is not None for k, name in enumerate(self._fields) if name != "odometry")
 
 
 class TermArrays(NamedTuple):
@@ -112,10 +112,11 @@ class TermArrays(NamedTuple):
         feedforward, newton: rounds; 0 without.
         measured, drift: share of a new measurement that the filters of target velocity and drift take; drift 0 without.
         lead: of feedforward, in samples, shape (N,).
-        settled: samples on the same edges after which feedforward leads.
+        settled: samples on the same edges after which an agent's feedforward leads.
         integral, largest: k_I, 1/s^2, 0 without, and the largest correction, m/s.
         noise, bias: of odometry, m and m/s.
         seed: of its random numbers.
+        streams: of its random numbers, by the id of each agent, shape (N, 2).
         rounds: links over which rounds go.
     """
 
@@ -135,6 +136,7 @@ class TermArrays(NamedTuple):
     noise: float
     bias: float
     seed: int
+    streams: IntArray
     rounds: RoundArrays
 
     @property
@@ -153,15 +155,18 @@ class TermMemory(NamedTuple):
     """What the terms of V vehicles hold from sample to sample; without terms V is 0.
 
     Attributes:
-        now, before: all that follows, and the same before the present sample, shape (4 + m + 36 V,) and `rounds.held`.
-        clock: samples so far, those of them with the present edges, the time of the last, s, and how often velocities
-            of targets were measured over exact links, shape (4,).
+        now, before: all that follows, and the same before the present sample, shape (2 + 3 m + 34 V,) and
+            `rounds.held`.
+        clock: samples so far and the time of the last, s, shape (2,).
         y: measurements of the sample before, shape (m,), m.
+        rate: F p' of targets, filtered, of sensing edges without a link, shape (m,), m/s.
+        age: samples so far with the edge that measures each number, shape (m,).
+        since: samples since the edges of each vehicle last changed, shape (V,).
         x: positions then, of which an agent knows the difference to its own now, shape (V, 3), m.
         moved: displacement since then by odometry, shape (V, 3), m.
         walked: the sum of that since the start, shape (V, 3), m.
         seen: drift since then, as measured, shape (V, 3), m/s.
-        rate: B p', filtered, over exact links; v: the solution of H v = B p'; shape (V, 3), m/s.
+        v: the solution of H v = B p', shape (V, 3), m/s.
         delta: the solution of H delta = -eta, shape (V, 3), m.
         drift: the observer's, shape (V, 3), m/s.
         z: integral of eta, shape (V, 3), m s.
@@ -174,11 +179,13 @@ class TermMemory(NamedTuple):
     before: Array
     clock: Array
     y: Array
+    rate: Array
+    age: Array
+    since: Array
     x: Array
     moved: Array
     walked: Array
     seen: Array
-    rate: Array
     v: Array
     delta: Array
     drift: Array
@@ -192,7 +199,7 @@ class TermMemory(NamedTuple):
 def size_of_memory(terms: TermArrays, first: IntArray, V: int) -> int:
     """How many numbers the terms of V vehicles hold, whose edges' numbers begin at `first` (E + 1,)."""
     held, line = size_of_round_memory(terms.rounds, first)
-    return 2 * (4 + int(first[-1]) + 36 * V + held) + line if terms.agents else 0
+    return 2 * (2 + 3 * int(first[-1]) + 34 * V + held) + line if terms.agents else 0
 
 
 def split_memory(flat: Array, terms: TermArrays, first: IntArray, V: int) -> TermMemory:
@@ -201,18 +208,29 @@ def split_memory(flat: Array, terms: TermArrays, first: IntArray, V: int) -> Ter
     m, V, C = (int(first[-1]), V, len(rounds.streams)) if terms.agents else (0, 0, 0)
     line = size_of_round_memory(rounds, first)[1] * bool(terms.agents)
     now, before, under_way = np.split(flat, [(len(flat) - line) // 2, len(flat) - line])
-    clock, y, vehicles, held = np.split(now, np.minimum([4, 4 + m, 4 + m + 36 * V], len(now)))
+    ends = np.cumsum([2, m, m, m, V, 33 * V])
+    clock, y, rate, age, since, vehicles, held = np.split(now, np.minimum(ends, len(now)))
     sent = RoundMemory(held, under_way, np.ascontiguousarray(rounds.streams[:C]), np.ascontiguousarray(first[: C + 1]))
-    return TermMemory._make((now, before, clock, y, *vehicles.reshape(12, V, 3), sent))
+    return TermMemory._make((now, before, clock, y, rate, age, since, *vehicles.reshape(11, V, 3), sent))
 
 
-def carry_terms(old: TermMemory, new: TermMemory) -> None:
-    """Take over, under a law with other edges, what is no difference of measurements."""
-    if len(old.now) and len(new.now):
-        for name in ("clock", "x", "walked", "rate", "v", "delta", "drift", "z"):
-            getattr(new, name)[:] = getattr(old, name)
-        new.clock[1] = 0.0
-        carry_rounds(old.rounds, new.rounds)
+def carry_terms(old: TermMemory, new: TermMemory, rows: IntArray, changed: BoolArray) -> None:
+    """Take over, under the law of another phase, all that the terms hold of vehicles and of edges that remain.
+
+    Args:
+        old, new: of either phase.
+        rows: where the numbers of the new edges were among those of the old ones, -1 for edges that were not there,
+            shape (m,).
+        changed: whether the edges of a vehicle are others than before, shape (V,).
+    """
+    if not (len(old.now) and len(new.now)):
+        return
+    for name in ("clock", "since", "x", "walked", "v", "delta", "drift", "z"):
+        getattr(new, name)[:] = getattr(old, name)
+    for name in ("y", "rate", "age"):
+        getattr(new, name)[rows >= 0] = getattr(old, name)[rows[rows >= 0]]
+    new.since[changed] = 0.0
+    carry_rounds(old.rounds, new.rounds, int(old.clock[0]))
 
 
 def no_terms() -> TermArrays:
@@ -234,6 +252,7 @@ def no_terms() -> TermArrays:
         noise=0.0,
         bias=0.0,
         seed=0,
+        streams=np.zeros((0, 2), dtype=np.int64),
         rounds=no_rounds(),
     )
 
@@ -248,7 +267,11 @@ def pack_terms(terms: Terms, team: Team, period: float, seed: int, rounds: Round
         seed: of the run.
         rounds: links over which they go; perfect ones unless given.
     """
-    forward, newton, drift, integral, odometry = terms
+    forward = terms.feedforward
+    newton = terms.newton
+    drift = terms.drift
+    integral = terms.integral
+    odometry = terms.odometry
     if not terms.any:
         return no_terms()._replace(noise=odometry.noise, bias=odometry.bias)
     N, first = len(team.agents), len(team.communication)
@@ -269,6 +292,7 @@ def pack_terms(terms: Terms, team: Team, period: float, seed: int, rounds: Round
         noise=odometry.noise,
         bias=odometry.bias,
         seed=seed,
+        streams=np.array([stream_of("odometry", a.id) for a in team.agents], dtype=np.int64).reshape(N, 2),
         rounds=rounds if rounds and (forward or newton) else no_rounds(),
     )
     return with_eigenvalues(packed, *team.dirichlet.eigenvalues) if forward or newton else packed
@@ -389,10 +413,10 @@ def solve(edges, terms, rounds, b, x, memory):
 @inline_jit
 def begin_sample(t, memory):
     """Keep the memory of before the sample at time t, s; one that is taken again begins with what was kept."""
-    last = memory.clock[2]
-    memory.clock[2] = t  # rounded, where the memory is in single precision
-    again = memory.clock[0] > 0.0 and memory.clock[2] == last
-    memory.clock[2] = last
+    last = memory.clock[1]
+    memory.clock[1] = t  # rounded, where the memory is in single precision
+    again = memory.clock[0] > 0.0 and memory.clock[1] == last
+    memory.clock[1] = last
     source, copy = (memory.before, memory.now) if again else (memory.now, memory.before)
     for k in range(source.shape[0]):
         copy[k] = source[k]
@@ -416,7 +440,7 @@ def navigate(terms, x, drift, command, memory):
     for v in range(terms.agents):
         error = (0.0, 0.0, 0.0, 0.0)
         if terms.noise > 0.0:
-            error = normals(terms.seed, (_ODOMETRY, v), int(memory.clock[0]), 0)
+            error = normals(terms.seed, terms.streams[v], int(memory.clock[0]), 0)
         for i in range(terms.dimension[v]):
             wrong = terms.noise * error[i] + terms.bias * h
             memory.moved[v, i] = x[v, i] - memory.x[v, i] + wrong
@@ -481,16 +505,15 @@ def _ascend(law, x, residual, command, memory):
 def _feed_forward(law, x, y, command, memory, links):
     """Add the velocity of q*: v, and ahead of that by how it changed."""
     terms = law.terms
-    if memory.clock[1] > 0.0:
-        lead = memory.clock[1] > terms.settled
+    if memory.clock[0] > 0.0:
         _sense_targets(law, y, memory, links)
-        if lead:
-            for v in range(terms.agents):
+        for v in range(terms.agents):
+            if memory.since[v] > terms.settled:
                 for i in range(3):
                     command[v, i] -= terms.lead[v] * memory.v[v, i]
         _exchange(law, FEEDFORWARD, x, memory.right, memory.v, memory)
-        if lead:
-            for v in range(terms.agents):
+        for v in range(terms.agents):
+            if memory.since[v] > terms.settled:
                 for i in range(3):
                     command[v, i] += terms.lead[v] * memory.v[v, i]
     for v in range(terms.agents):
@@ -505,31 +528,24 @@ def _sense_targets(law, y, memory, links):
     Links filter what they hear by themselves, as measurements may arrive at unlike times (see `mjsheaf.control.links`).
     """
     edges, terms, measured, linked = law.edges, law.terms, memory.right, law.links.of.shape[0] > 0
-    share = terms.measured if memory.clock[3] > 0.0 else 1.0  # the first has nothing to be mixed with
-    memory.clock[3] += 1.0
     for v in range(terms.agents):
         measured[v, 0], measured[v, 1], measured[v, 2] = 0.0, 0.0, 0.0
     for e in range(terms.sensing[0], terms.sensing[1]):
-        if linked and law.links.of[e] >= 0:
-            continue
         i = edges.tail[e]  # the agent is the tail: y_e = F_T p - F_i q_i
+        has_link = linked and law.links.of[e] >= 0
         for r in range(edges.first[e], edges.first[e + 1]):
             F, P = edges.F_tail[r], edges.P_tail[r]
-            own = F[0] * memory.moved[i, 0] + F[1] * memory.moved[i, 1] + F[2] * memory.moved[i, 2]
-            velocity = (y[r] - memory.y[r] + own) / terms.period
+            if has_link:
+                velocity = links.velocity[r]
+            elif memory.age[r] == 0.0:  # nothing is measured yet: the target is taken to move as v says
+                velocity = F[0] * memory.v[i, 0] + F[1] * memory.v[i, 1] + F[2] * memory.v[i, 2]
+            else:
+                own = F[0] * memory.moved[i, 0] + F[1] * memory.moved[i, 1] + F[2] * memory.moved[i, 2]
+                share = terms.measured if memory.age[r] > 1.0 else 1.0  # the first has nothing to be mixed with
+                memory.rate[r] += share * ((y[r] - memory.y[r] + own) / terms.period - memory.rate[r])
+                velocity = memory.rate[r]
             for c in range(3):
                 measured[i, c] += P[c] * velocity
-    for v in range(terms.agents):
-        for i in range(3):
-            memory.rate[v, i] += share * (measured[v, i] - memory.rate[v, i])
-            measured[v, i] = memory.rate[v, i]
-    if linked:
-        for e in range(terms.sensing[0], terms.sensing[1]):
-            if law.links.of[e] >= 0:
-                i = edges.tail[e]
-                for r in range(edges.first[e], edges.first[e + 1]):
-                    for c in range(3):
-                        measured[i, c] += edges.P_tail[r, c] * links.velocity[r]
 
 
 @inline_jit
@@ -545,10 +561,11 @@ def integrate(terms, residual, z):
 def remember(terms, t, x, y, memory):
     """Keep what the next sample compares with; t is the time of this one, s."""
     memory.clock[0] += 1.0
-    memory.clock[1] += 1.0
-    memory.clock[2] = t
+    memory.clock[1] = t
     for r in range(y.shape[0]):
         memory.y[r] = y[r]
+        memory.age[r] += 1.0
     for v in range(terms.agents):
+        memory.since[v] += 1.0
         for i in range(3):
             memory.x[v, i] = x[v, i]

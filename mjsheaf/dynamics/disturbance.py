@@ -1,11 +1,12 @@
 """Bounded, continuous, seeded disturbances omega_i(t): the paper's Assumption 3.
 
 omega(t) = bound * sum_k a_k d_k sin(2 pi nu_k t + phi_k) with unit directions d_k and weights a_k that sum to 1, so
-that |omega(t)| <= bound for all t. Frequencies, phases and directions are drawn once from a seed; the function of time
-is smooth, and the same whatever integrates it.
+that |omega(t)| <= bound for all t. Frequencies, phases and directions are drawn once from the seed and the vehicle's
+id; the function of time is smooth, and the same whatever integrates it, wherever the vehicle stands in the team.
 """
 
 import math
+from collections.abc import Sequence
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError
 from mjsheaf.io.section import NonNegative, Positive, Section
 from mjsheaf.jit import inline_jit
+from mjsheaf.noise import generator_of
 
 LARGEST_PHASE = 1e7
 """Largest |rate t + phase| in rad for which the sine of the loops is a sine; it is bounded beyond."""
@@ -120,17 +122,24 @@ class Disturbance(Section):
             )
 
 
-def draw(kinds: list[Disturbance | None], dimensions: list[int], rng: np.random.Generator) -> Array:
-    """Draw the harmonics of each vehicle; vehicles whose kind is None have none.
+def draw(kinds: Sequence[Disturbance | None], dimensions: Sequence[int], ids: Sequence[str], seed: int) -> Array:
+    """Draw the harmonics of each vehicle from a stream of its own; vehicles whose kind is None have none.
+
+    Args:
+        kinds: disturbance of each vehicle, length V.
+        dimensions: of each vehicle, 2 or 3.
+        ids: of the vehicles; each names its stream, so that no other vehicle changes what it meets.
+        seed: of the run.
 
     Returns:
         Amplitude (3) in m/s, rate in rad/s and phase in rad of each, shape (V, K, 5).
     """
     count = max([kind.components for kind in kinds if kind is not None and kind.bound > 0.0], default=0)
     harmonics = np.zeros((len(kinds), count, 5))
-    for v, (kind, n) in enumerate(zip(kinds, dimensions, strict=True)):
+    for v, (kind, n, name) in enumerate(zip(kinds, dimensions, ids, strict=True)):
         if kind is None or kind.bound == 0.0:
             continue
+        rng = generator_of(seed, "disturbance", name)
         k = kind.components
         direction = rng.standard_normal((k, n))
         direction /= np.linalg.norm(direction, axis=1, keepdims=True)

@@ -80,13 +80,17 @@ class Lissajous(Section):
     kind: Literal["lissajous"] = Field("lissajous", description="always lissajous")
     amplitude: Point = Field(description="of each coordinate [m]")
     rate: Point = Field(description="of each coordinate [rad/s]")
-    phase: Point = Field(description="of each coordinate; the one angle that is not in degrees [rad]")
+    phase: Point | None = Field(
+        None, description="of each coordinate, 0 unless given; the one angle that is not in degrees [rad]"
+    )
     pull: NonNegative = Field(0.0, description="return to the path when flow moves the target off it [1/s]")
 
     def write(self, arrays: MotionArrays, v: int, n: int, start: float) -> None:
         """Write the motion of vehicle v, which has dimension n; its path begins at the origin in the arrays."""
         for name in ("amplitude", "rate", "phase"):
             value = getattr(self, name)
+            if value is None:  # the arrays begin as zeros
+                continue
             if len(value) != n:
                 raise InputError(f"lissajous {name} has {len(value)} entries; the target has dimension {n}")
             getattr(arrays, name)[v, :n] = value
@@ -128,7 +132,7 @@ class Waypoints(Section):
 
 
 class Recorded(Section):
-    """A path through recorded positions: the cubic spline (not-a-knot) through them, with continuous acceleration.
+    """A path through recorded positions, written into the scenario: a cubic spline (not-a-knot) through the samples.
 
     Its velocity is the reference; what lies between the target's initial position and the path's, pull takes away.
     """
@@ -137,7 +141,8 @@ class Recorded(Section):
 
     kind: Literal["recorded"] = Field("recorded", description="always recorded")
     samples: Annotated[list[Annotated[list[Number], Field(min_length=3, max_length=4)]], Field(min_length=2)] = Field(
-        description="rows t, x, y and in space z, t rising, from the start of the run to its end or beyond [s, m]"
+        description="rows t, x, y and in space z, t rising, from the start of the run to its end or beyond; `file` "
+        "reads the same from a CSV file [s, m]"
     )
     pull: NonNegative = Field(1.0, description="return to the path where the target is off it [1/s]")
 
@@ -164,7 +169,7 @@ class Recorded(Section):
 
 
 class File(Section):
-    """A path through positions recorded in a CSV file; see `recorded`, which a loaded scenario has in its place."""
+    """A path through positions recorded in a CSV file; a loaded scenario has `recorded` with the samples instead."""
 
     model_config = ConfigDict(json_schema_extra=tagged("kind"))
 
@@ -180,7 +185,7 @@ class File(Section):
         Raises:
             InputError: it cannot be read, or is no table of numbers; the message names file and line.
         """
-        name = shortened(self.path, 100)
+        name = shortened(self.path, 100) or "''"
         try:
             with open(self.path, newline="", encoding="utf-8-sig") as file:
                 lines = [(k, row) for k, row in enumerate(csv.reader(file), 1) if "".join(row).strip()]

@@ -9,6 +9,9 @@ from mjsheaf.errors import InputError
 
 FORMATS = ("png", "svg", "pdf")
 
+VIEW = (-60.0, 35.0)
+"""Azimuth and elevation of the eye in degrees, unless a scenario has its own (`video.eye`)."""
+
 MATPLOTLIB = RLock()
 """Held by whoever draws with matplotlib, whose settings and parser of formulas belong to the process."""
 

@@ -12,7 +12,7 @@ from typing import Annotated, Any, NamedTuple, Self
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from mjsheaf.errors import InputError, shortened, suggestion
+from mjsheaf.errors import InputError, shortened, suggestion, visible
 
 LARGEST = 1e9
 """Largest size of every number in a file: a blow-up begins here, and products of larger numbers would overflow."""
@@ -26,15 +26,45 @@ Point = Annotated[list[Number], Field(min_length=2, max_length=3)]
 Matrix = Annotated[list[Annotated[list[Number], Field(min_length=1)]], Field(min_length=1)]
 
 
-def plain(value: Any) -> Any:
-    """Mappings, tuples and numpy's values as the dicts, lists and numbers that YAML would give."""
+MAX_DEPTH = 50
+"""Collections within one another in a value; a scenario has six."""
+
+MAX_PATH_LENGTH = 200
+"""Characters in the path of a field; no path that is valid comes near."""
+
+MAX_PROBLEMS = 10
+"""Mistakes of one file that its error lists."""
+
+
+def plain(value: Any, depth: int = 0) -> Any:
+    """Mappings, tuples and numpy's values as the dicts, lists and numbers that YAML would give.
+
+    Raises:
+        InputError: it is nested too deep.
+    """
+    if depth > MAX_DEPTH:
+        raise InputError(f"a value is nested more than {MAX_DEPTH} deep; expected fewer collections within one another")
     if isinstance(value, Mapping):
-        return {key: plain(item) for key, item in value.items()}
+        return {key: plain(item, depth + 1) for key, item in value.items()}
     if isinstance(value, np.generic | np.ndarray):
-        return plain(value.tolist())
+        return plain(value.tolist(), depth + 1)
     if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
+        return [plain(item, depth + 1) for item in value]
     return value
+
+
+def split_path(path: str) -> list[str]:
+    """The names in the path of a field, such as controller.gain or agents.A1.heading.
+
+    Raises:
+        InputError: it is too long, or a name in it is empty.
+    """
+    if len(path) > MAX_PATH_LENGTH:
+        raise InputError(f"{path[:40]}...: has {len(path)} characters; expected at most {MAX_PATH_LENGTH}")
+    names = path.split(".")
+    if "" in names:
+        raise InputError(f"{path!r}: a name in it is empty; expected names with one dot between them")
+    return names
 
 
 class Section(BaseModel):
@@ -50,7 +80,7 @@ class Section(BaseModel):
         try:
             super().__init__(**plain(fields))
         except ValidationError as error:
-            raise InputError(f"{type(self).__name__}: {describe_validation_error(error, type(self))}") from None
+            raise InputError(*validation_problems(error, type(self))).within(type(self).__name__) from None
 
     # Files are read without a call of it for each section.
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
@@ -81,31 +111,40 @@ def tagged(name: str) -> Callable[[dict[str, Any]], None]:
     return require
 
 
-def describe_validation_error(error: ValidationError, model: type[BaseModel]) -> str:
-    """The first thing that is wrong, as 'field: what is wrong', and how many more there are.
+def validation_problems(error: ValidationError, model: type[BaseModel]) -> list[str]:
+    """Describe everything that is wrong, a line 'field: what is wrong' each, unknown fields first.
 
     The field is written as an override takes it. Where a value may be of several kinds pydantic tells for each why it
-    is not of that kind: the kind that fits it best, which is the one whose error lies deepest, is spoken of.
+    is not of that kind: the kind that fits it best, which is the one whose error lies deepest, is reported. After
+    `MAX_PROBLEMS` lines the last one says how many more there are. Names of fields that are legal stand in the first
+    line for which they are.
     """
     schema = _schema(model)
-    problems = [_Problem.of(dict(detail), schema) for detail in error.errors(include_url=False)]
-    rivals = [p for p in problems if p.value == problems[0].value]
-    deepest = max(rivals, key=lambda p: (len(p.path), not p.kind.endswith("_type")))
-    first = next((p for p in problems if p.kind == "extra_forbidden"), deepest)
-    others = len({p.value for p in problems}) - 1
-    more = f" ({others} more error{'s' * (others > 1)})" if others else ""
-    return f"{'.'.join(map(_visible, first.path)) or 'file'}: {first.text}{more}"
+    rivals: dict[tuple[int | str, ...], list[_Problem]] = {}
+    for detail in error.errors(include_url=False):
+        problem = _Problem.of(dict(detail), schema)
+        rivals.setdefault(problem.value, []).append(problem)
+    problems = sorted(map(_foremost, rivals.values()), key=lambda p: p.kind != "extra_forbidden")
+    lines: dict[str, None] = {}
+    listed: set[str] = set()
+    for p in problems:
+        expectation = f"; expected {p.legal}" if p.legal and p.legal not in listed else ""
+        listed.add(p.legal)
+        lines[f"{'.'.join(map(visible, p.path)) or 'file'}: {p.text}{expectation}{p.close}"] = None
+    more = len(lines) - MAX_PROBLEMS
+    shown = list(lines)[:MAX_PROBLEMS]
+    return shown if more <= 0 else [*shown, f"and {more} more error{'s' if more > 1 else ''}"]
+
+
+def _foremost(rivals: "list[_Problem]") -> "_Problem":
+    """Choose the problem that is reported for one value."""
+    unknown = next((p for p in rivals if p.kind == "extra_forbidden"), None)
+    return unknown or max(rivals, key=lambda p: (len(p.path), not p.kind.endswith("_type")))
 
 
 @cache
 def _schema(model: type[BaseModel]) -> dict[str, Any]:
     return model.model_json_schema()
-
-
-def _visible(part: int | str) -> str:
-    """A key as it may be printed: short, and without characters that a terminal obeys."""
-    text = str(part)
-    return shortened(text if text.isprintable() else repr(text)[1:-1])
 
 
 class _Problem(NamedTuple):
@@ -115,13 +154,17 @@ class _Problem(NamedTuple):
         kind: pydantic's name of it.
         path: of the field, as an override takes it.
         value: path of the value that may be of several kinds, of which this error is about one; else `path`.
-        text: what is wrong and what is expected.
+        text: what is wrong and, unless `legal` says so, what is expected.
+        legal: names of fields that are expected; of an unknown field.
+        close: the closest of these, in words.
     """
 
     kind: str
     path: tuple[int | str, ...]
     value: tuple[int | str, ...]
     text: str
+    legal: str = ""
+    close: str = ""
 
     @classmethod
     def of(cls, detail: dict[str, Any], schema: dict[str, Any]) -> "_Problem":
@@ -134,8 +177,15 @@ class _Problem(NamedTuple):
         shown = shortened(repr(detail["input"]))
         if unknown:
             known = sorted({name for node in _variants(nodes, schema) for name in node.get("properties", {})})
-            text = f"unknown field; expected {', '.join(known)}{suggestion(str(unknown[0]), known)}"
-        elif kind in ("union_tag_invalid", "union_tag_not_found"):
+            return cls(
+                kind,
+                path,
+                path if value is None else value,
+                "unknown field",
+                ", ".join(known) or "none",
+                suggestion(str(unknown[0]), known),
+            )
+        if kind in ("union_tag_invalid", "union_tag_not_found"):
             path += (context["discriminator"].strip("'"),)
             missing = kind == "union_tag_not_found"
             given = "missing" if missing else f"unknown {shortened(repr(context['tag']))}"

@@ -15,6 +15,6 @@ content security policy allows the one script and the one style that it is writt
 connection at all.
 """
 
-from mjsheaf.page.page import page_of, write_page_again
+from mjsheaf.page.page import page_of, require_shown, write_page_again
 
-__all__ = ["page_of", "write_page_again"]
+__all__ = ["page_of", "require_shown", "write_page_again"]

@@ -10,6 +10,7 @@ import numpy as np
 from mjsheaf.arrays import Array
 from mjsheaf.simulation.arena import compose
 from mjsheaf.vehicles.vehicle import Vehicle
+from mjsheaf.video.sizes import SEEN_GROUPS, vehicle_radii
 
 _SHAPES = {
     mujoco.mjtGeom.mjGEOM_SPHERE: "sphere",
@@ -18,7 +19,6 @@ _SHAPES = {
     mujoco.mjtGeom.mjGEOM_CYLINDER: "cylinder",
     mujoco.mjtGeom.mjGEOM_BOX: "box",
 }
-_SEEN_GROUPS = 3  # MuJoCo shows geoms of the first three groups; collision shapes are in later ones
 _MOST_TRIANGLES = 20_000  # of one mesh; of a larger one every n-th is drawn
 
 
@@ -37,16 +37,16 @@ def kinds_of(vehicles: Sequence[Vehicle]) -> tuple[list[dict[str, Any]], list[in
     root = np.full(model.nbody, -1)
     root[arena.body] = np.arange(len(kinds))
     owner = root[model.body_rootid[model.geom_bodyid]]
+    radii = vehicle_radii(model, arena.body)
     found = []
     for k, vehicle in enumerate(kinds):
-        own = np.flatnonzero((owner == k) & (model.geom_group < _SEEN_GROUPS))
+        own = np.flatnonzero((owner == k) & (model.geom_group < SEEN_GROUPS))
         place, turn = data.xpos[arena.body[k]], data.xmat[arena.body[k]].reshape(3, 3)
         solids = [solid for g in own if (solid := _solid(model, data, int(g), place, turn)) is not None]
-        reach: Array = np.linalg.norm(data.geom_xpos[own] - place, axis=1) + model.geom_rbound[own]
         found.append(
             {
                 "name": vehicle.name,
-                "radius": float(reach.max(initial=0.05)),
+                "radius": float(radii[k]),
                 "ahead": float(vehicle.steering.hand),
                 "solids": solids,
             }

@@ -18,20 +18,25 @@ from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError
 from mjsheaf.io.files import naming, write_whole
 from mjsheaf.io.section import LARGEST
+from mjsheaf.page.ghosts import Ghost
 from mjsheaf.page.replay import REQUIRED, pack
 from mjsheaf.plotting import groups_of
 from mjsheaf.results.metrics import MEASURES, engine_of, phases_in
 from mjsheaf.scenario import Scenario
 from mjsheaf.vehicles.effects import capability_of, of_each
+from mjsheaf.video.film import Medium
+from mjsheaf.video.flow import velocities
+from mjsheaf.video.from_run import RecordedRun, media_of, places_of
+from mjsheaf.video.sizes import automatic_scales
 
 if TYPE_CHECKING:
     from mjsheaf.checking.finished import HeldBound, RunBound
-    from mjsheaf.system import Phase, System
+    from mjsheaf.system import Phase
 
 Bounds = Sequence[tuple["RunBound", "HeldBound"]]
 
 _BODIES = {None: "ideal kinematics", "mujoco": "MuJoCo bodies", "fused": "bodies moved by the fused engine"}
-_ARROWS = 12  # of the flow, along each side of the grid
+_ARROWS = 16  # of the flow, along each side of the grid
 _REACH = 1.25  # of the grid, times the scene's size
 
 
@@ -44,6 +49,7 @@ def page_of(
     *,
     notes: Sequence[Any] = (),
     ideal: xr.Dataset | None = None,
+    ghosts: Sequence[Ghost] = (),
     again: tuple[str, str] | None = None,
 ) -> bytes:
     """The page of a run, as HTML.
@@ -56,9 +62,10 @@ def page_of(
         bounds: what they say of each phase of the run: see `finished.bounds_of_phases`.
         notes: what a reader should know: sentences, or mappings with `text`, and `agent` and `time` where they apply.
         ideal: the same scenario on ideal kinematics, shown as ghosts; or None.
+        ghosts: Other runs, drawn translucent.
         again: the command that makes the run again, and where; None for that in a run's directory.
     """
-    replay = pack(dataset, phases, scenario.scene.height, _curves(phases, dataset, bounds), ideal)
+    replay = pack(dataset, phases, scenario.scene.height, _curves(phases, dataset, bounds), ideal, ghosts)
     said = {
         **replay.record,
         **_scene(scenario, phases, dataset, replay.record),
@@ -80,15 +87,24 @@ def write_page_again(directory: Path, path: Path | None = None) -> Path:
 
     path = directory / "report.html" if path is None else path
     with reopen_run(directory) as (scenario, dataset, summary):
-        missing = sorted(REQUIRED - set(dataset.variables))
-        if missing:
-            raise InputError(f"{directory}: result.nc has no {missing[0]}; run the scenario again")
+        require_shown(dataset, f"{directory}: result.nc")
         phases = scenario.phases
         bounds = bounds_of_phases(phases, dataset)
         page = page_of(scenario, phases, dataset, summary, bounds, notes=summary.get("notes", ()))
         with naming(path):
             write_whole(path, page)
     return path
+
+
+def require_shown(dataset: xr.Dataset, what: str) -> None:
+    """Refuse data without the variables that a page shows; `what` names them in the message.
+
+    Raises:
+        InputError: Naming the first one that is missing.
+    """
+    missing = sorted(REQUIRED - set(dataset.variables))
+    if missing:
+        raise InputError(f"{what} has no {missing[0]}; run the scenario again")
 
 
 def _curves(phases: "Sequence[Phase]", dataset: xr.Dataset, bounds: Bounds) -> dict[str, Array]:
@@ -119,6 +135,9 @@ def _scene(
     team, N = system.team, len(system.team.agents)
     group, names, colours = groups_of(team)
     kinds, kind = kinds_of(system.vehicles)
+    places = places_of(RecordedRun(dataset, scenario.scene.height), phases)
+    radii = np.array([kinds[k]["radius"] for k in kind])
+    automatic, given = automatic_scales(system.bodies.vehicle, radii, places), scenario.drawn_scales
     agents = system.vehicles[:N] if bodies else []
     able = of_each(agents, lambda vehicle: capability_of(vehicle).least_speed)
     limits = [np.where(phase.system.team.present, phase.system.law.limit[:N], np.nan).tolist() for phase in phases]
@@ -133,43 +152,48 @@ def _scene(
         "formations": [f.name for f in team.formations],
         "kinds": kinds,
         "kind": kind,
+        "scales": np.where(np.isnan(given), automatic, given).tolist(),
+        "automatic": np.isnan(given).tolist(),
+        "view": scenario.video.eye,
         "bodies": bodies,
         "fastest": able.tolist() if bodies else [None] * N,
         "limits": [{"time": phase.time, "limit": own} for phase, own in zip(phases, limits, strict=True)],
         "surface": scenario.scene.surface,
         "height": scenario.scene.height - replay["origin"][2],
-        "flow": _flow(scenario, system, replay),
+        "flow": _flow(media_of(scenario, system, places), places, scenario.scene.height, replay),
         "phases": phases_in(dataset),
         "speed": scenario.video.speed,
         "trail": scenario.video.trail,
     }
 
 
-def _flow(scenario: Scenario, system: "System", replay: dict[str, Any]) -> list[dict[str, Any]]:
-    """Each medium that moves: its name, and its velocity on a level grid where its vehicles are."""
+def _flow(media: Sequence[Medium], places: Array, height: float, replay: dict[str, Any]) -> list[dict[str, Any]]:
+    """Describe each medium that moves: its velocity on a level grid where its vehicles are, and its scale of speeds.
+
+    Args:
+        media: The media.
+        places: Positions at a few moments of the run, shape (K, V, 3), m.
+        height: Height of the surface, m.
+        replay: Where the scene is; see `replay.pack`.
+    """
     origin = np.array(replay["origin"])
     centre, reach = origin + replay["centre"], _REACH * replay["size"]
     side = np.linspace(-reach, reach, _ARROWS)
     x, y = (part.ravel() for part in np.meshgrid(centre[0] + side, centre[1] + side))
-    own = scenario.flow.air is not None or scenario.flow.water is not None
     found = []
-    for k, flow in enumerate(system.flows):
-        met = [v for v in range(len(system.team.members)) if system.field[v] == k]
-        if not met or not np.any(flow.table[:, 2:5] if len(flow.table) == 1 else flow.table):
-            continue
-        planar = all(system.team.members[v].dimension == 2 for v in met)
-        level = scenario.scene.height if planar else float(np.median(system.initial[met, 2]))
-        with np.errstate(all="ignore"):
-            places = np.column_stack([x, y, np.full_like(x, level)])
-            velocity = flow.velocity(places)
-        velocity[:, 2] *= not planar
+    for medium in media:
+        level = height if medium.level else float(np.nanmedian(places[:, medium.vehicles, 2]))
+        grid = np.column_stack([x, y, np.full_like(x, level)])
+        velocity = velocities(medium, grid)
         found.append(
             {
-                "name": ("air", "water")[k] if own else f"medium about the {('agents', 'targets')[k]}",
-                "second": k == (0 if own else 1),
+                "name": medium.name,
+                "scale": medium.scale,
+                "top": medium.top,
+                "vehicles": medium.vehicles.tolist(),
                 "spacing": float(side[1] - side[0]),
-                "places": (places - origin).round(3).tolist(),
-                "velocity": np.where(np.isfinite(velocity), velocity, 0.0).round(4).tolist(),
+                "places": (grid - origin).round(2).tolist(),
+                "velocity": np.where(np.isfinite(velocity), velocity, 0.0).round(3).tolist(),
             }
         )
     return found

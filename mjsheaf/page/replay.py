@@ -24,6 +24,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array, IntArray
+from mjsheaf.page.ghosts import Ghost, add_ghosts
 from mjsheaf.results.dataset import join, labelled_edges
 from mjsheaf.results.netcdf import length_of_piece, pieces_of, split
 from mjsheaf.system import Phase
@@ -149,6 +150,7 @@ def pack(
     surface_height: float,
     bounds: dict[str, Array],
     ideal: xr.Dataset | None = None,
+    ghosts: Sequence[Ghost] = (),
 ) -> Replay:
     """Pack a run.
 
@@ -158,6 +160,7 @@ def pack(
         surface_height: z of the surface that planar vehicles lie on where they have no height, m.
         bounds: by name, on the team's RMS tracking error at every sample of the run, shape (T,), m.
         ideal: the same scenario on ideal kinematics, shown as ghosts; or None.
+        ghosts: Other runs, drawn translucent.
     """
     origin = _origin_of(dataset)
     pieces = _Positions(dataset, surface_height, origin)
@@ -208,6 +211,7 @@ def pack(
         agents = dataset.sizes["agent"]
         apart = np.linalg.norm((positions - other)[:, :agents], axis=2)
         packer.add_float("apart", np.where(time[:, None] <= end + 1e-9, apart, np.nan))
+    record["ghosts"] = add_ghosts(packer, ghosts, dataset, time, scene, origin)
     record["arrays"] = packer.index
     return Replay(record, packer.packed())
 

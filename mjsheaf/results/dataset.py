@@ -1,7 +1,9 @@
 """A run as an xarray Dataset with CF attributes: what result.nc holds."""
 
 import json
+import re
 from collections.abc import Iterable, Iterator, Sequence
+from pathlib import PurePath
 from typing import Any
 
 import numpy as np
@@ -19,7 +21,7 @@ from mjsheaf.system import Phase, System
 from mjsheaf.team import Edge
 from mjsheaf.team.null_modes import describe_null_modes
 
-Variable = tuple[str | tuple[str, ...], NDArray[Any], dict[str, str]]
+Variable = tuple[str | tuple[str, ...], NDArray[Any], dict[str, Any]]
 """Dimensions, values and attributes, as xarray takes them."""
 
 
@@ -44,16 +46,19 @@ def make_datasets(
     """Gather a trajectory that comes in pieces, each as `make_dataset` does.
 
     The last piece has the run's status, and says what agents have sent one another (see `terms.traffic_of`) and what
-    share of their measurements has arrived. `phases` name all edges that have a link at some time; a run of one phase
-    does not need it.
+    share of their measurements has arrived. `phases` number the samples and name all edges that have a link at some
+    time; a run of one phase does not need it.
     """
     attributes: dict[str, Any] = {}
     delivery = Delivery([phase.system for phase in phases])
     traffic = np.zeros(3, dtype=np.int64)
+    done = 0
     for piece in pieces:
-        attributes = attributes or _attributes(piece.system, backend, seed)
+        attributes = attributes or _attributes(piece.system, backend, seed) | _about_phases(phases)
         delivery.add(piece)
-        dataset = _gather(piece, delivery)
+        samples = np.arange(done, done + len(piece.time))
+        done += len(piece.time)
+        dataset = _gather(piece, delivery, _number_phases(phases or [Phase(0, piece.system)], samples))
         traffic += len(piece.time) * np.array(traffic_of(piece.system.law.terms, piece.system.team))
         dataset.attrs = attributes | {"status": piece.status, "message": piece.message}
         dataset.attrs |= dict(zip(("exchange_rounds", "messages", "numbers_sent"), traffic.tolist(), strict=True))
@@ -84,16 +89,37 @@ def in_pieces(pieces: Iterable[xr.Dataset], samples: int) -> Iterator[xr.Dataset
         yield join(held)
 
 
-def with_phases(pieces: Iterable[xr.Dataset], phases: Sequence[Phase]) -> Iterator[xr.Dataset]:
-    """Add to a run with events which phase each sample belongs to, and what the phases are."""
-    starts, done = [phase.start for phase in phases], 0
-    said = json.dumps([{"time": phase.time, "events": list(phase.events)} for phase in phases])
+def _number_phases(phases: Sequence[Phase], samples: IntArray) -> Variable:
+    """Return the coordinate `phase` of some samples: the number of each one's phase, and when each phase begins.
+
+    `flag_values` and `flag_meanings` are those of CF: numbers, and words without blanks. `events` has the words as they
+    are: a JSON list of lists.
+    """
+    starts = [phase.start for phase in phases]
+    number = np.searchsorted(starts, samples, side="right") - 1
+    meanings = [re.sub(r"[^\w.+@-]+", "_", phase.name).strip("_") for phase in phases]
+    several = len(phases) > 1  # an array of one number comes back from a file as a number
+    numbers = np.arange(len(phases), dtype=np.int32)
+    times = np.array([phase.time for phase in phases])
+    attributes = {
+        "units": "1",
+        "long_name": "number of the phase of the run, from 0 on",
+        "flag_values": numbers if several else numbers[0],
+        "flag_meanings": " ".join(meanings),
+        "start_times": times if several else times[0],
+        "start_times_units": "s",
+        "events": json.dumps([list(phase.events) for phase in phases]),
+    }
+    return "time", number.astype(np.int32), attributes
+
+
+def _about_phases(phases: Sequence[Phase]) -> dict[str, Any]:
+    """Return the attributes that a dataset has of a run with events: the phases, and all directions free in some."""
+    if not any(phase.events for phase in phases):
+        return {}
+    told = json.dumps([{"time": phase.time, "events": list(phase.events)} for phase in phases])
     free = dict.fromkeys(words for phase in phases for words in describe_null_modes(phase.system.team.remaining))
-    for piece in pieces:
-        number = np.searchsorted(starts, np.arange(done, done + piece.sizes["time"]), side="right") - 1
-        done += piece.sizes["time"]
-        numbers = ("time", number.astype(np.int32), {"long_name": "number of the phase, from 0 on", "units": "1"})
-        yield piece.assign(phase=numbers).assign_attrs(phases=said, free_directions="; ".join(free))
+    return {"phases": told, "free_directions": "; ".join(free)}
 
 
 def of_phase(run: System | Sequence[Phase], dataset: xr.Dataset, which: int) -> tuple[System, xr.Dataset]:
@@ -186,7 +212,7 @@ def labelled_edges(system: System) -> list[tuple[tuple[str, str], Edge]]:
     return found
 
 
-def _gather(trajectory: Trajectory, delivery: Delivery) -> xr.Dataset:
+def _gather(trajectory: Trajectory, delivery: Delivery, phase: Variable) -> xr.Dataset:
     system, log = trajectory.system, trajectory.log
     team, N = system.team, len(system.team.agents)
     errors = evaluate_errors(team, log.positions)
@@ -199,6 +225,8 @@ def _gather(trajectory: Trajectory, delivery: Delivery) -> xr.Dataset:
         "agent": _labels("agent", team.agent_ids, "agent"),
         "target": _labels("target", team.target_ids, "target"),
         "axis": _labels("axis", ["x", "y", "z"], "axis of the world frame"),
+        "phase": phase,
+        **_describe_members(system),
     }
 
     def add(name: str, dims: tuple[str, ...], values: Array, units: str, long_name: str) -> None:
@@ -249,8 +277,8 @@ def _gather(trajectory: Trajectory, delivery: Delivery) -> xr.Dataset:
         "largest distance of a group's centroid from where its formation wants it")  # fmt: skip
     groups = [f.name for f in team.formations]
     if groups:
-        coordinates["group"] = _labels("group", groups, "formation group")
-        by_group = ("time", "group")
+        coordinates["formation"] = _labels("formation", groups, "formation group")
+        by_group = ("time", "formation")
         add("group_formation_error", by_group, np.column_stack([errors.formation_rms(g) for g in groups]), "m",
             "RMS residual over the edges of a group")  # fmt: skip
         add("group_centering_error", by_group, np.column_stack([errors.centering[g] for g in groups]), "m",
@@ -278,6 +306,50 @@ def _labels(dimension: str, names: list[str], long_name: str) -> Variable:
     return dimension, np.array(names, dtype=object), {"long_name": long_name}
 
 
+def _describe_members(system: System) -> dict[str, Variable]:
+    """Return the group, vehicle and kind of every agent and target, as coordinates to group by.
+
+    A coordinate's name is unique in a dataset, so that those of targets begin with `target_`.
+    """
+    team = system.team
+    agents = len(team.agents)
+    groups = {member: formation.name for formation in team.formations for member in formation.members}
+    tracked: dict[str, str] = {}
+    for formation in team.formations:
+        if formation.about is not None:
+            tracked.setdefault(formation.about, formation.name)
+    vehicles = [PurePath(name).stem for name in system.bodies.vehicle]
+    kinds = _kinds_of(system)
+    found: dict[str, Variable] = {}
+    for prefix, kind, rows, of in (("", "agent", slice(0, agents), groups),
+                                   ("target_", "target", slice(agents, None), tracked)):  # fmt: skip
+        members = team.members[rows]
+        belonging = "group of each agent" if kind == "agent" else "first group about each target"
+        named = {
+            "group": ([of.get(member.id, "") for member in members], f"{belonging}, empty without one"),
+            "vehicle": (vehicles[rows], f"vehicle of each {kind}; on ideal kinematics the one that it stands for"),
+            "kind": (kinds[rows], f"surface, aerial or underwater: where each {kind} moves"),
+        }
+        for name, (labels, long_name) in named.items():
+            found[f"{prefix}{name}"] = _labels(kind, labels, long_name)
+    return found
+
+
+def _kinds_of(system: System) -> list[str]:
+    """Return `surface` for a vehicle in the plane, `underwater` for one that starts below the water, else `aerial`."""
+    bodies = system.bodies
+    under = (system.initial[:, 2] < bodies.surface_height) & (bodies.surface == "water")
+    spatial = np.where(under, "underwater", "aerial")
+    planar = np.array([member.dimension == 2 for member in system.team.members])
+    return [str(kind) for kind in np.where(planar, "surface", spatial)]
+
+
+def law_of(system: System) -> str:
+    """Name the compiled law of a system: the paper's, and the terms that it has in addition."""
+    terms = system.law.terms.names
+    return f"paper's law with {' and '.join(terms)}" if terms else "paper's law"
+
+
 def _attributes(system: System, backend: str, seed: int) -> dict[str, Any]:
     """What result.nc says about a run, its status left open."""
     team = system.team
@@ -292,6 +364,7 @@ def _attributes(system: System, backend: str, seed: int) -> dict[str, Any]:
         "message": "",
         "free_directions": "; ".join(describe_null_modes(team.remaining)),
         "seed": seed,
+        "law": law_of(system),
         "gain": system.gain,
         "control_period": 0.0 if system.grid.continuous else system.grid.period,
         "groups": json.dumps(

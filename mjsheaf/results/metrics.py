@@ -13,6 +13,7 @@ import xarray as xr
 from scipy.spatial import cKDTree
 
 from mjsheaf.arrays import Array
+from mjsheaf.io.norms import PER_AGENT_RMS
 from mjsheaf.io.section import finite
 from mjsheaf.team import Formation, Team
 from mjsheaf.team.links import KINDS
@@ -171,11 +172,16 @@ def _series_of(team: Team, dataset: xr.Dataset, begin: int) -> tuple[dict[str, A
 
 
 def summarize(team: Team, dataset: xr.Dataset) -> dict[str, Any]:
-    """Errors at the last sample, of the team and of each group, in m; None where a measure has no meaning."""
+    """Errors at the last sample, of the team and of each group, in m; None where a measure has no meaning.
+
+    `norm` says that none of them is a norm over the whole team: `tracking_error` is the RMS over agents.
+    """
     everyone, groups = _series_of(team, dataset, -1)
-    own = {group: {name: finite(x[0]) for name, x in series.items()} for group, series in groups.items()}
+    own: dict[str, dict[str, Any]] = {}
+    for group, series in groups.items():
+        own[group] = {**{name: finite(x[0]) for name, x in series.items()}, "norm": PER_AGENT_RMS}
     final = {name: finite(x[0]) for name, x in everyone.items()}
-    return {"time": float(dataset["time"][-1]), **final, "groups": own}
+    return {"time": float(dataset["time"][-1]), **final, "norm": PER_AGENT_RMS, "groups": own}
 
 
 def summarize_phases(team: Team, dataset: xr.Dataset) -> list[dict[str, Any]]:
@@ -243,6 +249,12 @@ def delivery_of(dataset: xr.Dataset) -> dict[str, Any] | None:
         name: dict(zip(edge[kind == name], map(finite, share[kind == name]), strict=True)) for name in KINDS
     }
     return found
+
+
+def law_in_words(dataset: xr.Dataset) -> str:
+    """Describe the law of a run for titles: the gain of the paper's law, or the name of a law in Python."""
+    attrs = dataset.attrs
+    return f"law {attrs['controller']}" if attrs.get("controller") else f"gain {attrs['gain']:g} 1/s"
 
 
 def engine_of(dataset: xr.Dataset) -> str | None:

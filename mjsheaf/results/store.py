@@ -33,6 +33,9 @@ _COMPARISON_PLOTS = ("errors.png", "budget.png", "convergence.png")
 COMPARISON_FILES = ("compare.json", "scenario.yaml", "report.txt", *_COMPARISON_PLOTS, "compare.mp4", "report.html")
 """What a comparison may leave in its directory; plots may have other formats."""
 
+RUNS_FILES = ("runs.json", "runs.csv", "errors.png", "report.html")
+"""Files that `compare-runs` writes into its directory; plots may have other formats."""
+
 VEHICLES = "vehicles"
 """The folder in either directory with the files of vehicles that do not come with mjsheaf, where there are any."""
 
@@ -42,7 +45,7 @@ CHECKSUMS = "SHA256SUMS"
 RESULT_DIGEST = "result_sha256"
 """The field of summary.json by which a result.nc that was damaged or changed is known."""
 
-_RECORDS = ("summary.json", "compare.json")
+_RECORDS = ("summary.json", "compare.json", "runs.json")
 
 
 def check_replaceable(directory: Path) -> None:
@@ -65,7 +68,7 @@ def check_replaceable(directory: Path) -> None:
     entries = {path.name for path in directory.iterdir()}
     if not entries:
         return
-    ours = {*FILES, *COMPARISON_FILES, *names_of(_FIGURES), VEHICLES}
+    ours = {*FILES, *COMPARISON_FILES, *RUNS_FILES, *names_of(_FIGURES), VEHICLES}
     strange = sorted(name for name in entries - ours if not is_part_of(name, ours))
     strange += _strange_vehicles(directory / VEHICLES)
     if strange:
@@ -230,6 +233,10 @@ def open_run(directory: Path) -> Iterator[tuple[xr.Dataset, dict[str, Any]]]:
         raise InputError(
             f"{directory}: holds a comparison, which keeps no data; expected the directory of a run. `mjsheaf compare` "
             "makes its pages, plots and video"
+        )
+    if (directory / "runs.json").is_file():
+        raise InputError(
+            f"{directory}: holds a comparison of runs, which keeps no data; expected the directory of a run"
         )
     for name in ("result.nc", "summary.json", "scenario.yaml"):
         if not (directory / name).is_file():

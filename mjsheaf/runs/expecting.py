@@ -6,8 +6,10 @@ The pytest plugin and `mjsheaf expect` both use this.
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
+from mjsheaf.control.source import LawFile, find_law
 from mjsheaf.errors import NotUniqueError, RankError
 from mjsheaf.results.metrics import MEASURES, check_expectation, summarize, summarize_phases
 from mjsheaf.runs.simulate import simulate
@@ -31,6 +33,7 @@ class Trial:
         final: the final errors, m, by measure, and those at the end of each phase of a run with events, by
             phases.NUMBER.MEASURE; empty where it was refused.
         checks: as in summary.json, one record for each thing expected: measure, bound, found, met.
+        law: Law in Python that was in control, or None.
     """
 
     backend: str
@@ -38,6 +41,7 @@ class Trial:
     message: str
     final: Mapping[str, float | None] = field(default_factory=dict)
     checks: list[dict[str, Any]] = field(default_factory=list)
+    law: LawFile | None = None
 
     @property
     def met(self) -> bool | None:
@@ -45,17 +49,44 @@ class Trial:
         return all(check["met"] for check in self.checks) if self.checks else None
 
 
-def try_scenario(scenario: Scenario, backend: str, *, progress: Callable[[int, int], None] | None = None) -> Trial:
+def expected_law(scenario: Scenario, directory: Path) -> LawFile | None:
+    """Find the law in Python for which a scenario's bounds hold; None for its own law.
+
+    Args:
+        scenario: the scenario.
+        directory: Directory of its file, in which the law's file must lie.
+
+    Raises:
+        InputError: there is no such law.
+    """
+    label = scenario.expect.controller
+    return None if label is None else find_law(label, "expect.controller", directory)
+
+
+def try_scenario(
+    scenario: Scenario,
+    backend: str,
+    *,
+    law: LawFile | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Trial:
     """Run a scenario on a backend and compare it with what it expects.
 
     A team that the theory's assumptions refuse (free to drift, or g not of full row rank) is refused before anything
     runs, which may be just what is expected.
 
+    Args:
+        scenario: the scenario.
+        backend: 'ideal' or 'physics'.
+        law: Law in Python that is in control, constructed anew; None for the scenario's own.
+        progress: as for `simulate`.
+
     Raises:
         InputError: the scenario cannot be simulated for any other reason, such as a vehicle that does not fit.
     """
     try:
-        dataset = simulate(scenario, backend, progress=progress)
+        controller = law.load(scenario.seed) if law else None
+        dataset = simulate(scenario, backend, controller=controller, progress=progress)
     except (NotUniqueError, RankError) as error:
         return _refused(scenario, backend, str(error))
     status = dataset.attrs["status"]
@@ -65,7 +96,7 @@ def try_scenario(scenario: Scenario, backend: str, *, progress: Callable[[int, i
     errors = {name: final[name] for name in MEASURES}
     for k, phase in enumerate(phases):
         errors |= {f"phases.{k}.{name}": (phase["final"] or {}).get(name) for name in MEASURES}
-    return Trial(backend, status, dataset.attrs["message"], errors, checks)
+    return Trial(backend, status, dataset.attrs["message"], errors, checks, law)
 
 
 def _refused(scenario: Scenario, backend: str, reason: str) -> Trial:
@@ -135,7 +166,8 @@ def expectation_from(trials: Sequence[Trial], margin: float, old: Mapping[str, A
         return {"refused": text if text is not None and all(text in why for why in refusals) else refusals[0]}
     found = {trial.backend: bounds_from(trial, margin) for trial in trials}
     kept = {name: old[name] for name in BACKEND_ORDER if old.get(name)}
-    return {name: {**kept, **found}[name] for name in BACKEND_ORDER if name in found or name in kept}
+    law = {"controller": old["controller"]} if old.get("controller") else {}
+    return law | {name: {**kept, **found}[name] for name in BACKEND_ORDER if name in found or name in kept}
 
 
 def round_up(value: float) -> float:
@@ -165,7 +197,9 @@ def miss(check: Mapping[str, Any]) -> str:
 def describe(trial: Trial, name: str, watch: str) -> str:
     """What was expected and found, line by line, and the command that shows the run, where `watch` is the scenario."""
     verdict = {True: "as expected", False: "NOT as expected", None: "nothing is expected"}[trial.met]
-    lines = [f"{name} on {trial.backend}: {trial.status}, {verdict}"]
+    law = f" --controller {trial.law.here}" if trial.law else ""
+    under = f" under {trial.law.label}" if trial.law else ""
+    lines = [f"{name} on {trial.backend}{under}: {trial.status}, {verdict}"]
     if trial.message:
         lines.append(f"  {trial.message}")
     bounds = {check["measure"]: check for check in trial.checks}
@@ -178,7 +212,7 @@ def describe(trial: Trial, name: str, watch: str) -> str:
         width = max(18, *(len(m) + 1 for m in measures))
         lines.append(f"  {'measure (m)':<{width}}{'expected':>12}{'found':>12}")
     lines += [_line(m, width, bounds.get(m), trial.final.get(m), trial.status) for m in measures]
-    lines.append(f"  watch it: mjsheaf run {watch} --backend {trial.backend}")
+    lines.append(f"  watch it: mjsheaf run {watch} --backend {trial.backend}{law}")
     return "\n".join(lines)
 
 

@@ -1,17 +1,18 @@
 """The figures of a run: errors over time and by agent, trajectories, first and last configuration."""
 
-from pathlib import Path
+from collections.abc import Callable
 from textwrap import wrap
 from typing import Any
 
 import numpy as np
 import xarray as xr
 from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
-from mjsheaf.io.figures import AS_USUAL, FigureOptions
+from mjsheaf.io.figures import AS_USUAL, VIEW, FigureOptions
 from mjsheaf.plotting import (
     DASHES,
     HEADING,
@@ -34,11 +35,10 @@ from mjsheaf.plotting import (
     marker_of,
     new_figure,
     place_names,
-    save_figure,
     settle,
     spread_ends,
 )
-from mjsheaf.results.metrics import mean_known, phases_in
+from mjsheaf.results.metrics import law_in_words, mean_known, phases_in
 from mjsheaf.results.netcdf import thin
 from mjsheaf.team import Team
 
@@ -49,21 +49,43 @@ _MOST_KEYS = 12  # groups in a legend
 _MOST_EVENTS = 12  # listed below a figure
 
 
-def plot_errors(
+def figures_of(
     team: Team,
+    last: Team,
     dataset: xr.Dataset,
-    path: Path,
     bound: tuple[str, Array] | None = None,
     options: FigureOptions = AS_USUAL,
-) -> None:
-    """Errors over time: disagreement, tracking, formation and centering by group, and tracking by agent.
+    view: tuple[float, float] = VIEW,
+) -> dict[str, Callable[[], Figure]]:
+    """Return a function that draws each figure of a run, by the figure's name.
+
+    Hold `MATPLOTLIB` while you call them.
+
+    Args:
+        team: the team.
+        last: the team of the last phase.
+        dataset: the run, thinned to what can be seen.
+        bound: see `draw_errors`.
+        options: how figures are written.
+        view: see `draw_trajectories`.
+    """
+    return {
+        "errors": lambda: draw_errors(team, dataset, bound, options),
+        "trajectories": lambda: draw_trajectories(team, dataset, options, view),
+        "configurations": lambda: draw_configurations(team, last, dataset, options),
+    }
+
+
+def draw_errors(
+    team: Team, dataset: xr.Dataset, bound: tuple[str, Array] | None = None, options: FigureOptions = AS_USUAL
+) -> Figure:
+    """Draw errors over time: disagreement, tracking, formation and centering by group, and tracking by agent.
 
     The last two panels show which agents are worst: their curves, and all agents by their error over the last half.
 
     Args:
         team: the team.
         dataset: the run, thinned to what can be seen.
-        path: of the figure; each format has its own suffix.
         bound: a name, and a bound on |e(t)|, shape (T,), m; drawn where given, over sqrt(N) as the error is.
         options: how figures are written.
     """
@@ -135,7 +157,7 @@ def plot_errors(
     if len(order) > _MOST_RANKED:
         places = np.column_stack([np.arange(1, len(order) + 1), late[order]])
         place_names(panels[-1, 1], [team.agents[i].id for i in order[:_WORST]], places[:_WORST], places)
-    save_figure(figure, path, options)
+    return figure
 
 
 def _plot_arrival(axis: Any, dataset: xr.Dataset) -> None:
@@ -220,7 +242,11 @@ def mark_events(axis: Any, dataset: xr.Dataset) -> None:
 
     What the numbers mean is for a legend to say.
     """
-    times = [phase["time"] for phase in phases_in(dataset) if phase["events"]]
+    mark_times(axis, [phase["time"] for phase in phases_in(dataset) if phase["events"]])
+
+
+def mark_times(axis: Any, times: list[float]) -> None:
+    """Mark and number times in s; numbers that are close stand together."""
     low, high = axis.get_xlim()
     first = 0
     for k, time in enumerate(times):
@@ -240,11 +266,15 @@ def _events_in_words(dataset: xr.Dataset) -> str:
     return "\n".join(wrap("   ".join(told), 105, max_lines=5, placeholder=" …"))
 
 
-def plot_trajectories(team: Team, dataset: xr.Dataset, path: Path, options: FigureOptions = AS_USUAL) -> None:
-    """All trajectories over the whole run from above and, for a team in space, from two sides; the run thinned.
+def draw_trajectories(
+    team: Team, dataset: xr.Dataset, options: FigureOptions = AS_USUAL, view: tuple[float, float] = VIEW
+) -> Figure:
+    """Draw all trajectories over the whole run from above and, for a team in space, from two sides; the run thinned.
 
     All views have one scale, but heights may be stretched, which is then said. Absent agents are grey, and drawn as far
     as they stay where the others are.
+
+    `view` is the azimuth and elevation of the eye of the view in space, in degrees: those of the video and the page.
     """
     groups, names, colours = groups_of(team)
     dataset = dataset.isel(time=thin(dataset.sizes["time"], _MOST_POINTS))
@@ -281,7 +311,7 @@ def plot_trajectories(team: Team, dataset: xr.Dataset, path: Path, options: Figu
         above.set_title("from above", fontsize=HEADING)
         front.set_title("from the front", fontsize=HEADING)
         side.set_title("from the side", fontsize=HEADING)
-        _draw_in_space(corner, team, tracks, absent, inside)
+        _draw_in_space(corner, team, tracks, absent, inside, view)
     lay_out(figure)  # the sizes of the panels decide how much of space each shows
     stretched = _fill_views(views, middle, size)
     if spatial:
@@ -289,7 +319,7 @@ def plot_trajectories(team: Team, dataset: xr.Dataset, path: Path, options: Figu
     settle(figure)  # with the numbers that these limits have
     _fill_views(views, middle, size)
     _name_members(above, team, dataset, tracks[:, :2, -1], tracks[:, :2, 0])
-    save_figure(figure, path, options)
+    return figure
 
 
 def _fill_views(views: dict[Any, tuple[int, int]], middle: Array, size: Array) -> str:
@@ -350,9 +380,11 @@ def _draw_tracks(axis: Any, team: Team, tracks: Array, absent: BoolArray, inside
     axis.plot(*tracks[gone, :, when].T, linestyle="", marker="X", color="black", markersize=5, zorder=4)
 
 
-def _draw_in_space(axis: Any, team: Team, tracks: Array, absent: BoolArray, inside: BoolArray) -> None:
-    """Draw the trajectories (V, 3, T) as they look from beside and above, without numbers, in a small panel."""
-    turn, tilt = np.radians(-60.0), np.radians(28.0)
+def _draw_in_space(
+    axis: Any, team: Team, tracks: Array, absent: BoolArray, inside: BoolArray, view: tuple[float, float]
+) -> None:
+    """Draw the trajectories (V, 3, T) as seen from the azimuth and elevation of an eye in degrees, without numbers."""
+    turn, tilt = np.radians(view)
     right = np.array([-np.sin(turn), np.cos(turn), 0.0])
     up = np.array([-np.sin(tilt) * np.cos(turn), -np.sin(tilt) * np.sin(turn), np.cos(tilt)])
     seen = np.stack([right, up])
@@ -390,10 +422,8 @@ def _room(tracks: Array, absent: BoolArray) -> tuple[Array, Array]:
     return low - 0.1 * (high - low), high + 0.1 * (high - low)
 
 
-def plot_configurations(
-    team: Team, last: Team, dataset: xr.Dataset, path: Path, options: FigureOptions = AS_USUAL
-) -> None:
-    """Initial against final configuration from above, with edges and each agent's harmonic extension.
+def draw_configurations(team: Team, last: Team, dataset: xr.Dataset, options: FigureOptions = AS_USUAL) -> Figure:
+    """Draw the initial against final configuration from above, with edges and each agent's harmonic extension.
 
     `last` is the team of the last phase; absent agents are grey.
     """
@@ -427,13 +457,13 @@ def plot_configurations(
     settle(figure)
     for axis, now, place, goals in placed:
         _name_members(axis, team, now, place, goals)
-    save_figure(figure, path, options)
+    return figure
 
 
 def _title(dataset: xr.Dataset, what: str) -> str:
     attrs = dataset.attrs
     unstable = "" if attrs["status"] == "finished" else "   (run blew up)"
-    return f"{attrs['scenario']}: {what}   [{attrs['backend']}, gain {attrs['gain']:g} 1/s]{unstable}"
+    return f"{attrs['scenario']}: {what}   [{attrs['backend']}, {law_in_words(dataset)}]{unstable}"
 
 
 def _positions(dataset: xr.Dataset) -> Array:

@@ -2,9 +2,11 @@
 
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
+from functools import partial
 from threading import Event, Lock
 from typing import TYPE_CHECKING
 
+from mjsheaf.arguments import require_whole
 from mjsheaf.errors import InputError, MjsheafError
 from mjsheaf.runs.simulate import (
     datasets_of,
@@ -35,7 +37,7 @@ def simulate_many(
     engine: str = "mujoco",
     workers: int | None = None,
     allow_drift: bool = False,
-    progress: "Callable[[int, int], None] | None" = None,
+    progress: "Callable[[int, int], None] | bool | None" = True,
 ) -> "list[xr.Dataset | MjsheafError]":
     """Run independent scenarios side by side on threads of this process.
 
@@ -49,7 +51,8 @@ def simulate_many(
         engine: as for `simulate`.
         workers: how many run at a time; None takes one for each processor that this process may use.
         allow_drift: as for `simulate`.
-        progress: called from the calling thread with (runs done, runs in all).
+        progress: True shows a bar on a terminal or in a notebook, False nothing; a function is called from the calling
+            thread with (runs done, runs in all).
 
     Returns:
         What `simulate` returns for each scenario, in their order. A scenario that it would refuse does not lose the
@@ -58,10 +61,14 @@ def simulate_many(
     Raises:
         InputError: unknown backend or engine, workers below 1, or what is no Scenario.
     """
+    from mjsheaf.progress import shown
+
     require_backend(backend)
     require_engine(engine, backend)
-    if workers is not None and workers < 1:
-        raise InputError(f"workers is {workers}; expected 1 or more, or None")
+    if workers is not None:
+        require_whole("workers", workers, 1)
+    if isinstance(scenarios, Scenario) or not isinstance(scenarios, Iterable):
+        raise InputError(f"scenarios is a {type(scenarios).__name__}; expected a list of Scenarios")
     todo = list(scenarios)
     for k, scenario in enumerate(todo):
         if not isinstance(scenario, Scenario):
@@ -82,13 +89,16 @@ def simulate_many(
         except MjsheafError as error:
             return error
 
-    with ThreadPoolExecutor(workers or usable_processors()) as pool:
+    with shown(progress, "running") as bar, ThreadPoolExecutor(workers or usable_processors()) as pool:
+        report = partial(bar, "running") if bar else progress if callable(progress) else None
+        if bar and report:
+            report(0, len(todo))
         futures = [pool.submit(one, k) for k in range(len(todo))]
         try:
             for done, future in enumerate(as_completed(futures), 1):
                 future.result()  # raises what is not a refusal: the others are abandoned
-                if progress:
-                    progress(done, len(todo))
+                if report:
+                    report(done, len(todo))
         finally:
             stop.set()
     return [future.result() for future in futures]

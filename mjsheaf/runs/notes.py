@@ -1,49 +1,54 @@
 """Notes on a run, in sentences: on the terminal and in summary.json.
 
+    bound         a bound that theory gives is exceeded
+    growing       the team's error grows to the end; circling: the team swings by itself
+    slip          a value of the files looks like a slip, such as an angle in radians (see `slips`)
+    medium        flow and disturbance are faster than a vehicle can be
     saturated     thrusters at a limit for more than a tenth of the time
     limited       commands at the velocity limit for more than a tenth of the time
-    medium        flow and disturbance are faster than a vehicle can be
-    approaching   the team's error still falls at the end; changing: it does something else
-    circling, growing   the team swings by itself, or its error grows to the end
+    stuck         an agent is commanded to move and does not for 5 s (see `stuck`)
+    terms         the law's terms do harm (see `harm`)
+    changing      the team's error is not settled at the end; approaching: it still falls
     close         vehicles closer than their size, or through each other, while contacts are off
     submerged     an aircraft under water or in the ground
-    bound         a bound that theory gives is exceeded
-    terms         the law's terms do harm (see `harm`)
-    slip          a value of the files looks like a slip, such as an angle in radians (see `slips`)
 
-Each is said once, of the vehicle that is worst.
+They come in this order, the most important first, each once, for the vehicle that is worst.
 """
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.checking.finished import HeldBound, RunBound
+from mjsheaf.checking.stuck import Stuck, find_stuck
 from mjsheaf.results.netcdf import pieces_of
 from mjsheaf.runs.harm import TermsInRun, listed
 from mjsheaf.system import Phase, System
+from mjsheaf.vehicles.authority import is_one_sided
 
 if TYPE_CHECKING:
     import xarray as xr
 
 Kind = Literal[
+    "bound",
+    "growing",
+    "circling",
+    "slip",
+    "medium",
     "saturated",
     "limited",
-    "medium",
-    "approaching",
+    "stuck",
+    "terms",
     "changing",
-    "circling",
-    "growing",
+    "approaching",
     "close",
     "submerged",
-    "bound",
-    "terms",
-    "slip",
 ]
+"""Kinds of notes, the most important first."""
 
 _MUCH = 0.1  # of the time, that thrusters or commands may be at a limit
 _GUST = 0.01  # of the time, for which a medium may be too fast
@@ -83,7 +88,7 @@ def notes_of_run(
     terms: TermsInRun | None,
     slips: Sequence[str] = (),
 ) -> list[Note]:
-    """All that should be known of a run; it is read in pieces.
+    """Collect what a user should know of a run, the most important first; the run is read in pieces.
 
     Args:
         phases: what was run.
@@ -97,22 +102,25 @@ def notes_of_run(
     found += [Note("bound", bound.violation(), None, bound.worst, bound.ratio) for bound in bounds if bound.violation()]
     found += [Note("terms", sentence) for sentence in (terms.harm if terms else ())]
     found += _about_the_end(dataset, ending)
-    found += _about_limits(phases, dataset)
-    found += _about_the_surface(phases[0].system, dataset)
+    stuck = find_stuck(phases, dataset)
+    found += _about_stuck(phases[0].system, stuck)
+    found += _about_limits(phases, dataset, [one.agent for one in stuck])
+    found += _about_the_surface(phases, dataset)
     if dataset.attrs["backend"] == "physics" and not phases[0].system.bodies.contacts:
         found += _about_distances(phases[0].system, dataset)
-    return found
+    kinds = get_args(Kind)
+    return sorted(found, key=lambda note: kinds.index(note.kind))
 
 
 def _about_the_end(dataset: "xr.Dataset", ending: str | None) -> list[Note]:
     """Whether the error still changes, or the team swings by itself."""
-    if ending in (None, "settled"):
+    if ending in (None, "settled", "stuck"):  # a note names the agents that are stuck
         return []
     time = dataset["time"].values
     quarter = max(1, len(time) // 4)
     squares = dataset["tracking_error"][-2 * quarter :].values ** 2
     before, last = (np.sqrt(np.nanmean(part)) for part in (squares[:-quarter], squares[-quarter:]))
-    size = f"RMS tracking error {last:.3g} m over the last quarter, {before:.3g} m over the one before"
+    size = f"tracking error (RMS over agents) {last:.3g} m in the last quarter, {before:.3g} m in the one before"
     never = "the team does not settle"
     kind: Kind
     if ending == "moving":
@@ -125,8 +133,23 @@ def _about_the_end(dataset: "xr.Dataset", ending: str | None) -> list[Note]:
     return [Note(kind, text, None, float(time[-1]), float(last))]
 
 
-def _about_limits(phases: Sequence[Phase], dataset: "xr.Dataset") -> list[Note]:
-    """Agents whose thrusters or commands are at their limits, or whose medium is too fast for them."""
+def _about_stuck(system: System, stuck: Sequence[Stuck]) -> list[Note]:
+    """Find agents that are commanded to move and do not."""
+    if not stuck:
+        return []
+    first, names = stuck[0], _and_others(system.team.agents[stuck[0].agent].id, len(stuck) - 1)
+    verb = "is" if len(stuck) == 1 else "are"
+    text = f"{names} {verb} stuck: commanded to move at {first.asked:.3g} m/s from t = {first.start:.6g} s"
+    text += f" to {first.end:.6g} s, {system.team.agents[first.agent].id} does not move ({first.error:.3g} m off)"
+    text += f": {first.reason}"
+    return [Note("stuck", text, system.team.agents[first.agent].id, first.start, first.error)]
+
+
+def _about_limits(phases: Sequence[Phase], dataset: "xr.Dataset", stuck: Sequence[int]) -> list[Note]:
+    """Agents whose thrusters or commands are at their limits, or whose medium is too fast for them.
+
+    Of agents that are stuck, another note has said why.
+    """
     system, bodies = phases[0].system, dataset.attrs["backend"] == "physics"
     names = ["agent_flow", *["velocity_command"] * (not dataset.attrs.get("controller"))]
     names += ["agent_saturation"] * bodies
@@ -155,6 +178,7 @@ def _about_limits(phases: Sequence[Phase], dataset: "xr.Dataset") -> list[Note]:
         when[more] = piece["time"].values[most[0]][more]
         done += T
     full, capped, swept = (count / np.maximum(present, 1) for count in (full, capped, swept))
+    full[list(stuck)] = capped[list(stuck)] = 0.0
     found: list[Note] = []
 
     def worst(badness: Array, least: float) -> tuple[int, str]:
@@ -189,7 +213,10 @@ def _why_saturated(phases: Sequence[Phase], dataset: "xr.Dataset", v: int) -> st
 
     Thrusters make good what is missing of the velocity asked for: what share of its mean square are jumps tells.
     """
-    asks, chance = "the law asks too much", _chance(phases)
+    law = dataset.attrs.get("controller")
+    asks, chance = f"the law {law} asks too much" if law else "the law asks too much", _chance(phases)
+    if is_one_sided(phases[0].system.vehicles[v]):
+        asks = "they do not push both ways, so that it turns with some at full thrust and others at none"
     if not chance:
         return asks
     missing = jumps = 0.0
@@ -202,10 +229,16 @@ def _why_saturated(phases: Sequence[Phase], dataset: "xr.Dataset", v: int) -> st
             missing += float((np.where(there[1:] & there[:-1], asked[:-1] - made, 0.0) ** 2).sum())
             jumps += float((np.diff(asked, 2, axis=0) ** 2).sum()) / 6.0  # see `harm`
         done += len(asked)
-    jump = f"{listed(chance)} make{'s' * (len(chance) == 1)} its commands jump; lower controller.gain"
+    jump = f"{listed(chance)} make{'s' if len(chance) == 1 else ''} its commands jump; {_calmer(dataset)}"
     if jumps >= _MOSTLY * missing:
         return jump
     return asks if jumps <= _HARDLY * missing else f"{asks}, or {jump}"
+
+
+def _calmer(dataset: "xr.Dataset") -> str:
+    """Advise what makes commands jump less: a lower gain, if the law has one."""
+    law = dataset.attrs.get("controller")
+    return f"filter measurements in {law}" if law else "lower controller.gain"
 
 
 def _chance(phases: Sequence[Phase]) -> list[str]:
@@ -244,20 +277,36 @@ def _conditions(phases: Sequence[Phase], first: int, count: int) -> tuple[BoolAr
     return there[number], limit[number]
 
 
-def _about_the_surface(system: System, dataset: "xr.Dataset") -> list[Note]:
-    """Aircraft below the surface of the scene."""
+def _lost(phases: Sequence[Phase], first: int, count: int) -> BoolArray:
+    """Return which vehicles are lost at so many samples from the first on, shape (T, V)."""
+    number = np.searchsorted([phase.start for phase in phases], np.arange(first, first + count), side="right") - 1
+    none = np.zeros(len(phases[0].system.team.members), dtype=np.bool_)
+    return np.array([none if phase.system.stopped is None else phase.system.stopped for phase in phases])[number]
+
+
+def _about_the_surface(phases: Sequence[Phase], dataset: "xr.Dataset") -> list[Note]:
+    """Find aircraft that go below the surface of the scene.
+
+    Lost ones rest on it, and targets that start below it are meant to be there.
+    """
+    system = phases[0].system
     surface, height = system.bodies.surface, system.bodies.surface_height
-    flying = [(v, member) for v, member in enumerate(system.team.members) if member.dimension == 3]
+    agents = len(system.team.agents)
+    meant = (system.initial[:, 2] < height) & (np.arange(len(system.initial)) >= agents)
+    flying = [(v, member) for v, member in enumerate(system.team.members) if member.dimension == 3 and not meant[v]]
     if surface == "none" or not flying:
         return []
     bodies, N = dataset.attrs["backend"] == "physics", len(system.team.agents)
     names = [f"{kind}_{'height' if bodies else 'position'}" for kind in ("agent", "target")]
     deepest = (0.0, -1)
     below: dict[int, float] = {}
+    done = 0
     for piece in pieces_of(dataset, names):
         z = np.concatenate([piece[name].values if bodies else piece[name].values[..., 2] for name in names], axis=1)
+        lost = _lost(phases, done, len(z))
+        done += len(z)
         for v, _ in flying:
-            below_surface = height - z[:, v]
+            below_surface = np.where(lost[:, v], 0.0, height - z[:, v])
             under = np.flatnonzero(below_surface > 0.0)
             if under.size:
                 below.setdefault(v, float(piece["time"].values[under[0]]))
@@ -265,10 +314,12 @@ def _about_the_surface(system: System, dataset: "xr.Dataset") -> list[Note]:
     if not below:
         return []
     depth, v = deepest
-    member, where = system.team.members[v], "under water" if surface == "water" else "in the ground"
-    what = "an aircraft" if v < N else "an aerial target"
-    text = f"{_and_others(member.id, len(below) - 1)} {'is' if len(below) == 1 else 'are'} {where}"
-    text += f": {member.id}, {what}, from t = {below[v]:.6g} s on, down to {depth:.3g} m"
+    member = system.team.members[v]
+    where = "under water" if surface == "water" else "in the ground"
+    what = "an aircraft" if v < N else "a target in space"
+    verb = "goes" if len(below) == 1 else "go"
+    text = f"{_and_others(member.id, len(below) - 1)} {verb} {where}: {member.id}, {what}, is below the surface from "
+    text += f"t = {below[v]:.6g} s on, by up to {depth:.3g} m; the surface does not stop what moves in space"
     return [Note("submerged", text, member.id, below[v], depth)]
 
 
@@ -299,12 +350,13 @@ def _about_distances(system: System, dataset: "xr.Dataset") -> list[Note]:
     if placed is None:
         return []
     pair = f"{members[i].id} and {members[j].id}"
-    text = (
-        f"{pair} go through each other" if _overlap([system.vehicles[v] for v in (i, j)], *placed)
-        else f"{pair} come closer to each other than their size, {0.5 * (sizes[i] + sizes[j]):.3g} m"
-    )  # fmt: skip
-    text += f": {distance:.3g} m between their origins at t = {time:.6g} s, and physics.contacts is off"
-    text += f"; {len(together)} vehicles come so close in all" * (len(together) > 2)
+    through = _overlap([system.vehicles[v] for v in (i, j)], *placed)
+    size = 0.5 * (sizes[i] + sizes[j])
+    what = "go through each other" if through else f"come closer to each other than their size, {size:.3g} m"
+    text = f"{pair} {what}: their origins are {distance:.3g} m apart at t = {time:.6g} s"
+    if len(together) > 2:
+        text += f"; {len(together)} vehicles come closer to another one than their size"
+    text += ". Contacts are off (physics.contacts: false), so that vehicles do not collide"
     return [Note("close", text, members[i].id, time, distance)]
 
 

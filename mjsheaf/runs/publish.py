@@ -1,10 +1,10 @@
 """One run as a directory: its data, plots, video and summary, and the resolved scenario, by which it runs again."""
 
+import shlex
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain, count
 from pathlib import Path
@@ -14,9 +14,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
+from mjsheaf.arguments import require_path, require_type
 from mjsheaf.arrays import Array
-from mjsheaf.errors import InputError, MjsheafError
-from mjsheaf.io.figures import AS_USUAL, MATPLOTLIB, FigureOptions
+from mjsheaf.control.source import same_law
+from mjsheaf.errors import InputError, MjsheafError, PlaceError
+from mjsheaf.io.figures import AS_USUAL, MATPLOTLIB, VIEW, FigureOptions
 from mjsheaf.io.files import naming, write_whole
 from mjsheaf.io.section import LARGEST
 from mjsheaf.io.yaml import SUFFIXES, dump_yaml
@@ -173,7 +175,9 @@ def publish(
     figures: FigureOptions = AS_USUAL,
     progress: Progress = no_progress,
 ) -> Outcome:
-    """Write the directory of a run, whole or not at all.
+    """Write the directory of a run, whole or not at all; then draw its video into it.
+
+    Data, plots and page are published before the video is drawn, which takes longest: see `add_video`.
 
     Args:
         run: its data, whole as from `simulate` or in consecutive pieces as from `stream`; result.nc is the same. A
@@ -203,29 +207,60 @@ def publish(
         write_scenario(scenario, fresh)
         account = account_of(scenario, phases, dataset)
         summary, drawn, bounds = account.summary, account.drawn, account.bounds
-        shown = _shown_bound(phases, drawn["time"].values, *bounds[0])
-        plots = held.enter_context(ThreadPoolExecutor(1)).submit(_plot, phases, drawn, shown, fresh, progress, figures)
-        if video is None:
-            plots.result()
+        shown = shown_bound(phases, drawn["time"].values, *bounds[0])
+        _plot(phases, drawn, shown, fresh, progress, figures, scenario.video.eye)
         seconds = run.seconds if isinstance(run, TimedIterator) else None
         summary |= {"origin": origin, "wall_time_s": seconds, store.RESULT_DIGEST: store.digest(fresh / "result.nc")}
         if seconds:
             summary["realtime_factor"] = float(drawn["time"][-1] - drawn["time"][0]) / seconds
-        notes: list[str] = []
-        if video is not None:
-            from mjsheaf.video.from_run import film_run
-
-            drawing, path = partial(progress, "drawing video"), fresh / "video.mp4"
-            frames, reason = draw_video(partial(film_run, scenario, dataset, path, video, drawing, phases))
-            notes += [reason] * bool(reason)
-            summary["video"] = video_entry(frames, video) if not reason else None
-        plots.result()
         progress("writing the page", 0, 1)
         page = page_of(scenario, phases, dataset, summary, bounds, notes=summary["notes"])
         (fresh / "report.html").write_bytes(page)
         progress("publishing", 0, 1)  # the last moment at which the user can stop it
         store.save_summary(summary, fresh / "summary.json")
-    return Outcome(directory, summary, notes, replaced)
+    outcome = Outcome(directory, summary, [], replaced)
+    return outcome if video is None else add_video(outcome, scenario, video, progress)
+
+
+def add_video(outcome: Outcome, scenario: Scenario, options: VideoOptions, progress: Progress = no_progress) -> Outcome:
+    """Draw the video of a published run into its directory.
+
+    The video appears when it is complete, and summary.json then tells of it. Until then, and after an interruption,
+    the directory is a complete run without a video, which `mjsheaf video DIR` draws.
+
+    Args:
+        outcome: What `publish` or `execute` returned, without a video.
+        scenario: What was run.
+        options: How to draw it.
+        progress: Called with (what is being done, done, in all).
+
+    Returns:
+        The outcome with the video, or with a note that says why there is none.
+
+    Raises:
+        PlaceError: The video cannot be written.
+    """
+    from mjsheaf.video.draw import UnwritableError
+    from mjsheaf.video.from_run import film_run
+
+    directory = outcome.directory
+    path = directory / "video.mp4"
+    drawing = partial(progress, "drawing video")
+    with open_dataset(directory / "result.nc") as dataset:
+        try:
+            frames, reason = draw_video(partial(film_run, scenario, dataset, path, options, drawing))
+        except UnwritableError as error:
+            raise PlaceError(f"{error}; {without_video(directory)}") from error
+    if reason:
+        return replace(outcome, notes=[*outcome.notes, reason])
+    summary = {**outcome.summary, "video": video_entry(frames, options)}
+    store.save_summary(summary, directory / "summary.json")
+    return replace(outcome, summary=summary)
+
+
+def without_video(directory: Path) -> str:
+    """Return in words that a run has no video yet, and how to draw it."""
+    return f"{directory} is complete but for its video, which `mjsheaf video {shlex.quote(str(directory))}` draws"
 
 
 @dataclass(frozen=True)
@@ -287,17 +322,30 @@ def save(
     """
     from mjsheaf.video.from_run import video_options
 
-    scenario = result.encoding.get("scenario")
-    if not isinstance(scenario, Scenario):
-        raise InputError("save: the result does not know its scenario; expected a Dataset as `simulate` returns it")
-    system = scenario.system
-    parts = {"agent", "agent_position", "harmonic_extension", "tracking_error"} <= set(result.variables)
-    said = {"backend", "status", "exchange_rounds", "numbers_sent"} <= set(result.attrs)
-    if not (parts and said and result.sizes["time"]) or (result["agent"].values.tolist() != system.team.agent_ids):
-        raise InputError("save: the result is not whole; expected a Dataset as `simulate` returns it")
+    require_type("result", result, xr.Dataset, "a Dataset, as mjsheaf.simulate returns it")
+    require_path("directory", directory)
+    require_type("formats", formats, (list, tuple), "a list of formats, such as ['png', 'pdf']")
+    scenario = scenario_of(result, "save")
     options = video_options(scenario) if video else None
     figures = FigureOptions(tuple(formats), title)
     return publish(result, scenario, scenario.phases, Path(directory), video=options, figures=figures)
+
+
+def scenario_of(result: xr.Dataset, doing: str) -> Scenario:
+    """Return the scenario of a result of `simulate`; `doing` names the function in errors.
+
+    Raises:
+        InputError: The result has lost its scenario, or a part.
+    """
+    scenario = result.encoding.get("scenario")
+    if not isinstance(scenario, Scenario):
+        raise InputError(f"{doing}: the result does not know its scenario; expected a Dataset as `simulate` returns it")
+    parts = {"agent", "agent_position", "harmonic_extension", "tracking_error"} <= set(result.variables)
+    said = {"backend", "status", "exchange_rounds", "numbers_sent"} <= set(result.attrs)
+    agents = scenario.system.team.agent_ids
+    if not (parts and said and result.sizes["time"]) or result["agent"].values.tolist() != agents:
+        raise InputError(f"{doing}: the result is not whole; expected a Dataset as `simulate` returns it")
+    return scenario
 
 
 def _summary_of(
@@ -326,11 +374,12 @@ def _summary_of(
         "message": drawn.attrs["message"],
         "ending": ending_of_run(phases, drawn) if status == "finished" and not controller else None,
         "controller": controller,
+        "law": drawn.attrs.get("law"),
         "seed": scenario.seed,
         "steps": periods * (round(system.grid.period / system.bodies.timestep) if backend == "physics" else 1),
         "wall_time_s": None,
         "realtime_factor": None,
-        "expect": check_expectation(scenario.expect, backend, status, final, own),
+        "expect": _expectation(scenario, controller, backend, status, final, own),
         "final": final,
         "phases": own,
         "communication": communication(drawn, periods + 1, system.grid.period),
@@ -342,6 +391,21 @@ def _summary_of(
         "video": None,
         store.RESULT_DIGEST: "",
     }
+
+
+def _expectation(
+    scenario: Scenario,
+    controller: str | None,
+    backend: str,
+    status: str,
+    final: dict[str, Any],
+    own: list[dict[str, Any]],
+) -> dict[str, Any]:
+    """The verdicts on what the scenario expects; none on bounds that are for another law."""
+    expected = scenario.expect.controller
+    if expected is not None and not same_law(expected, controller):
+        return {"met": None, "checks": [], "reason": f"the bounds are for the law {expected}"}
+    return check_expectation(scenario.expect, backend, status, final, own)
 
 
 def _bounds_summary(theorem: "RunBound", of_law: "HeldBound") -> dict[str, Any]:
@@ -365,7 +429,7 @@ def _bounds_summary(theorem: "RunBound", of_law: "HeldBound") -> dict[str, Any]:
     }
 
 
-def _shown_bound(
+def shown_bound(
     phases: "Sequence[Phase]", time: Array, theorem: "RunBound", of_law: "HeldBound"
 ) -> tuple[str, Array] | None:
     """The bound on |e| to be drawn at times in s, and what it is called; None where none is known.
@@ -396,8 +460,8 @@ def plot_again(
 
     with store.reopen_run(directory) as (scenario, dataset, _), TemporaryDirectory() as drawing:
         phases, drawn = scenario.phases, thinned(dataset)
-        bound = _shown_bound(phases, drawn["time"].values, *bounds_of_phases(phases, dataset)[0])
-        _plot(phases, drawn, bound, Path(drawing), progress, figures)
+        bound = shown_bound(phases, drawn["time"].values, *bounds_of_phases(phases, dataset)[0])
+        _plot(phases, drawn, bound, Path(drawing), progress, figures, scenario.video.eye)
         found = [folder / file.name for file in sorted(Path(drawing).iterdir())]
         with naming(folder):
             folder.mkdir(parents=True, exist_ok=True)
@@ -414,20 +478,17 @@ def _plot(
     folder: Path,
     progress: Progress,
     figures: FigureOptions,
+    view: tuple[float, float] = VIEW,
 ) -> None:
-    """Draw the plots of a run; a video is drawn meanwhile, mostly outside the interpreter."""
-    from mjsheaf.runs.figures import plot_configurations, plot_errors, plot_trajectories
+    """Draw the plots of a run; `view` is the azimuth and elevation of the eye in degrees."""
+    from mjsheaf.plotting import save_figure
+    from mjsheaf.runs.figures import figures_of
 
-    first, last = phases[0].system.team, phases[-1].system.team
-    plots = (
-        lambda: plot_errors(first, drawn, folder / "errors", bound, figures),
-        lambda: plot_trajectories(first, drawn, folder / "trajectories", figures),
-        lambda: plot_configurations(first, last, drawn, folder / "configurations", figures),
-    )
-    for done, plot in enumerate(plots):
+    plots = figures_of(phases[0].system.team, phases[-1].system.team, drawn, bound, figures, view)
+    for done, (name, draw) in enumerate(plots.items()):
         progress("plotting", done, len(plots))
         with MATPLOTLIB:
-            plot()
+            save_figure(draw(), folder / name, figures)
     progress("plotting", len(plots), len(plots))
 
 

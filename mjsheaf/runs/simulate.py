@@ -1,9 +1,11 @@
 """Simulating a scenario: from a scenario to data."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
 from typing import TYPE_CHECKING
 
-from mjsheaf.errors import InputError, NotUniqueError, RankError, expected
+from mjsheaf.arguments import require_choice, require_scenario, require_whole
+from mjsheaf.errors import InputError, NotUniqueError, RankError
 from mjsheaf.scenario import Scenario
 from mjsheaf.threads import free_processors
 
@@ -34,7 +36,7 @@ def simulate(
     threads: int | None = None,
     controller: "Law | Controller | None" = None,
     allow_drift: bool = False,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Callable[[int, int], None] | bool | None = True,
 ) -> "xr.Dataset":
     """Run a scenario and return its data, as result.nc holds them.
 
@@ -49,7 +51,8 @@ def simulate(
             a control period; see `mjsheaf.control.controller`.
         allow_drift: simulate a team whose harmonic extension is not unique too, against the q* of minimum norm; the
             result's attrs['free_directions'] then say what is free.
-        progress: called now and then with (samples done, samples in all).
+        progress: True shows a bar on a terminal or in a notebook, False nothing; a function is called now and then with
+            (samples done, samples in all).
 
     Returns:
         The whole dataset, in memory; `mjsheaf run` writes it piece by piece. Where the run blew up, attrs['status'] is
@@ -61,9 +64,14 @@ def simulate(
             returned no velocities: the message names agent and time.
         NotUniqueError: the harmonic extension is not unique, and drift is not allowed.
     """
-    phases = moved_by(scenario.phases, backend, engine, threads)
-    require_simulable(phases, backend, allow_drift=allow_drift)
-    result = next(stream(phases, backend, scenario.seed, progress, phases[0].system.grid.steps + 1, controller))
+    from mjsheaf.progress import shown
+
+    require_scenario(scenario)
+    with shown(progress, "simulating") as bar:
+        report = partial(bar, "simulating") if bar else progress if callable(progress) else None
+        phases = moved_by(scenario.phases, backend, engine, threads)
+        require_simulable(phases, backend, allow_drift=allow_drift)
+        result = next(stream(phases, backend, scenario.seed, report, phases[0].system.grid.steps + 1, controller))
     return with_scenario(result, scenario)
 
 
@@ -84,8 +92,8 @@ def moved_by(
     from mjsheaf.system import on_engine
 
     require_engine(engine, backend)
-    if threads is not None and threads < 1:
-        raise InputError(f"threads is {threads}; expected 1 or more, or None")
+    if threads is not None:
+        require_whole("threads", threads, 1)
     if backend == "ideal":
         if threads is not None and threads > 1:
             raise InputError(f"threads is {threads}: ideal kinematics run on one; expected 1, or backend 'physics'")
@@ -124,26 +132,46 @@ def stream(
     first = phases[0].system
     called, length = controller_of(controller, first, seed), samples or samples_in_piece(first)
     pieces = simulated(run, length, progress, controller=called)
-    for dataset in datasets_of(pieces, phases, backend, seed, length):
-        if called:
+    yield from datasets_of(pieces, phases, backend, seed, length, called)
+
+
+def datasets_of(
+    pieces: "Iterable[Trajectory]",
+    phases: "Sequence[Phase]",
+    backend: str,
+    seed: int,
+    samples: int,
+    controller: "Controller | None" = None,
+) -> "Iterator[xr.Dataset]":
+    """The Datasets of a run that comes in pieces, so many samples each; arguments as of `stream`."""
+    from mjsheaf.results.dataset import in_pieces, make_datasets
+
+    datasets = make_datasets(pieces, backend, seed, phases)
+    if any(phase.events for phase in phases):
+        datasets = in_pieces(datasets, samples)
+    for dataset in datasets:
+        if controller:
+            dataset.attrs.pop("gain", None)  # which this law ignores
             dataset.attrs |= {
-                "controller": called.name,
-                "exchange_rounds": called.rounds,
-                "messages": called.messages,
-                "numbers_sent": called.numbers,
+                "controller": controller.name,
+                "law": controller.name,
+                "exchange_rounds": controller.rounds,
+                "messages": controller.messages,
+                "numbers_sent": controller.numbers,
             }
         yield dataset
 
 
-def datasets_of(
-    pieces: "Iterable[Trajectory]", phases: "Sequence[Phase]", backend: str, seed: int, samples: int
-) -> "Iterator[xr.Dataset]":
-    """The Datasets of a run that comes in pieces, so many samples each; arguments as of `stream`."""
-    from mjsheaf.results.dataset import in_pieces, make_datasets, with_phases
-
-    datasets = make_datasets(pieces, backend, seed, phases)
-    several = any(phase.events for phase in phases)
-    return in_pieces(with_phases(datasets, phases), samples) if several else datasets
+def dataset_of(
+    pieces: "Sequence[Trajectory]",
+    phases: "Sequence[Phase]",
+    backend: str,
+    seed: int,
+    controller: "Controller | None" = None,
+) -> "xr.Dataset":
+    """Gather a run that lies in memory, one piece for each phase that it reached; arguments as of `stream`."""
+    samples = phases[0].system.grid.steps + 1
+    return next(datasets_of(pieces, phases, backend, seed, samples, controller))
 
 
 def require_backend(backend: str) -> None:
@@ -152,8 +180,7 @@ def require_backend(backend: str) -> None:
     Raises:
         InputError: it is.
     """
-    if backend not in BACKENDS:
-        raise InputError(f"unknown backend {backend!r}; {expected(backend, BACKENDS)}")
+    require_choice("backend", backend, BACKENDS)
 
 
 def require_engine(engine: str, backend: str) -> None:
@@ -162,8 +189,7 @@ def require_engine(engine: str, backend: str) -> None:
     Raises:
         InputError: it is unknown, or not for this backend.
     """
-    if engine not in ENGINES:
-        raise InputError(f"unknown engine {engine!r}; {expected(engine, ENGINES)}")
+    require_choice("engine", engine, ENGINES)
     if engine != "mujoco" and backend == "ideal":
         raise InputError(f"engine {engine!r}: moves bodies, and ideal kinematics have none; expected backend 'physics'")
 

@@ -1,26 +1,26 @@
 """Events: agents and targets are lost or join, links are cut or restored, fields of controller and links change.
 
 Each event happens at a sample and begins a phase of the run there (see `phases_of_events`). An agent or a target whose
-first event is to join is silent until then; the command of such an agent is zero. A lost agent is silent and its
-thrusters stop; a lost target moves on, and no agent senses it.
+first event is to join is silent until then; such an agent holds its position, unless it is to drift. A lost agent is
+silent and its thrusters stop; a lost target moves on, and no agent senses it.
 """
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Discriminator, Field, Tag, ValidationError
 
+from mjsheaf.control.station import Station
 from mjsheaf.errors import InputError, expected, in_field
-from mjsheaf.io.section import Id, NonNegative, Section, describe_validation_error
+from mjsheaf.io.section import Id, NonNegative, Section, split_path, validation_problems
 from mjsheaf.system import Phase, System, TimeGrid
 from mjsheaf.team import Edge, Team
 
 _FIXED = ("controller.control_period", "controller.record_period")  # samples are those of the whole run
 _OF_LINKS = re.compile(r"links\.(all|communication|sensing)\.(noise|bias|loss|range|hold)(\..+)?")
-_LONGEST = 200  # characters of a path, of which none that is valid comes near
 _ROUNDING = 1e-6  # of a period, by which a time may miss its sample
 _Pair = Annotated[list[Id], Field(min_length=2, max_length=2)]
 
@@ -33,6 +33,7 @@ class State:
         team: with everybody present and all edges.
         lost: ids of agents and targets that are lost.
         waiting: ids of those that have yet to join.
+        drifting: Ids of agents that do not hold their position until they join.
         cut: pairs whose edges are cut.
         sections: controller and links as they are now, by name.
     """
@@ -41,6 +42,7 @@ class State:
     sections: dict[str, Section]
     lost: set[str] = field(default_factory=set)
     waiting: set[str] = field(default_factory=set)
+    drifting: frozenset[str] = frozenset()
     cut: set[frozenset[str]] = field(default_factory=set)
 
     def require_known(self, id: str) -> None:
@@ -158,7 +160,10 @@ class Restore(Event):
 class Join(Event):
     """An agent or a target joins: one that was lost, or that has been there from the start, silent until now."""
 
-    join: Id = Field(description="id of an agent or a target; one whose first event is this is silent until then")
+    join: Id = Field(
+        description="id of an agent or a target; one whose first event is this is silent until then, and such an agent "
+        "holds its position"
+    )
 
     def apply(self, state: State) -> None:
         """Let it join, if it is not there."""
@@ -177,9 +182,12 @@ class Change(Event):
 
     def apply(self, state: State) -> None:
         """Change them, all at once, if the values are valid."""
-        for path, _ in self.values():
-            if len(path) > _LONGEST:
-                raise InputError(f"set: {path[:40]!r} goes on for {len(path)} characters; expected at most {_LONGEST}")
+        paths = [path for path, _ in self.values()]
+        if not paths:
+            raise InputError("set.controller: names no field; expected fields of controller and their values")
+        for path in paths:
+            with in_field("set"):
+                split_path(path)
             with in_field(f"set.{path}"):
                 if not _OF_LINKS.fullmatch(path) and (not path.startswith("controller.") or path in _FIXED):
                     raise InputError(
@@ -211,7 +219,8 @@ def _in_words(value: Any) -> str:
     """A value of a field, of a section its kind or what it has."""
     if not isinstance(value, Mapping):
         return str(value)
-    return str(value.get("kind") or ", ".join(f"{name} {_in_words(item)}" for name, item in value.items()))
+    inside = ", ".join(f"{name} {_in_words(item)}" for name, item in value.items())
+    return str(value.get("kind") or inside or "default")
 
 
 _KINDS = {"lose": Lose, "cut": Cut, "restore": Restore, "join": Join, "set": Change}
@@ -247,7 +256,7 @@ def _changed(section: Section, name: str, values: Iterable[tuple[str, Any]]) -> 
     """
     raw = section.model_dump(mode="json", exclude_none=True)
     for path, value in values:
-        first, *between, last = path.split(".")
+        first, *between, last = split_path(path)
         if first != name:
             continue
         node = raw
@@ -259,7 +268,8 @@ def _changed(section: Section, name: str, values: Iterable[tuple[str, Any]]) -> 
     try:
         return type(section).model_validate(raw)
     except ValidationError as error:
-        raise InputError(f"{name}.{describe_validation_error(error, type(section))}") from None
+        lines = validation_problems(error, type(section))
+        raise InputError(*(f"{name}.{line}" for line in lines)) from None
 
 
 def phases_of_events(
@@ -267,6 +277,7 @@ def phases_of_events(
     whole: System,
     sections: Mapping[str, Section],
     adapt: Callable[[Team, Mapping[str, Section]], System],
+    drifting: Collection[str] = (),
 ) -> tuple[Phase, ...]:
     """The phases of a run: one that begins with the run, and one at each sample at which something happens.
 
@@ -275,24 +286,21 @@ def phases_of_events(
         whole: the system with everybody present.
         sections: controller and links at the start, by name.
         adapt: makes the system of another team, and of other sections.
+        drifting: Ids of agents that drift with the medium until they join.
 
     Raises:
-        InputError: an event cannot happen; the message begins with the field.
+        InputError: an event cannot happen, or an agent that is to drift does not join later; the message begins with
+            the field.
     """
-    if not events:
-        return (Phase(0, whole),)
-    state = State(whole.team, dict(sections))
     samples = []
     for k, event in enumerate(events):
         with in_field(f"events.{k}.time"):
             samples.append(_sample_of(event.time, whole.grid))
     order = sorted(range(len(events)), key=samples.__getitem__)
-    for k in order[::-1]:  # the first event of each decides
-        event = events[k]
-        if isinstance(event, Join) and event.join in whole.team.index:
-            state.waiting.add(event.join)
-        elif isinstance(event, Lose):
-            state.waiting.discard(event.lose)
+    state = State(whole.team, dict(sections), waiting=_waiting_first([events[k] for k in order], whole.team))
+    state.drifting = _require_waiting(drifting, state.waiting)
+    if not events:
+        return (Phase(0, whole),)
     phases: list[Phase] = []
     for start in sorted({0, *samples}):
         last, own = 0, [k for k in order if samples[k] == start]
@@ -310,15 +318,45 @@ def phases_of_events(
     return tuple(phases)
 
 
+def _waiting_first(events: Sequence[Event], team: Team) -> set[str]:
+    """Return the ids of a team whose first event, of events in order, is to join."""
+    first = dict[str, bool]()
+    for event in events:
+        if isinstance(event, Join) and event.join in team.index:
+            first.setdefault(event.join, True)
+        elif isinstance(event, Lose):
+            first.setdefault(event.lose, False)
+    return {id for id, joins in first.items() if joins}
+
+
+def _require_waiting(drifting: Iterable[str], waiting: Collection[str]) -> frozenset[str]:
+    """Return the ids of agents that drift until they join.
+
+    Raises:
+        InputError: one of them does not join later.
+    """
+    for id in drifting:
+        if id not in waiting:
+            raise InputError(
+                f"agents.{id}.drift: is true, but {id} is present from the start; expected false, or an event "
+                f"{{time: ..., join: {id}}} as its first"
+            )
+    return frozenset(drifting)
+
+
 def _stopped(system: System, state: State) -> System:
-    """The system with the thrusters of lost agents stopped, and absent agents commanded to rest."""
+    """The system with lost agents' thrusters stopped; agents that have yet to join hold their position or drift."""
     if not state.absent:
         return system
     ids = [member.id for member in system.team.members]
     limit = np.where([id in state.absent for id in ids], 0.0, system.law.limit)
-    lost = state.lost & state.absent
+    lost, holding = state.lost & state.absent, (state.waiting & state.absent) - state.drifting
     stopped = np.array([id in lost for id in ids]) if lost else None
-    return replace(system, law=system.law._replace(limit=limit), stopped=stopped)
+    waiting = None
+    if holding:
+        holds = np.array([id in holding for id in ids])
+        waiting = Station(holds, system.initial, np.zeros(len(ids)), system.law.limit)
+    return replace(system, law=system.law._replace(limit=limit), stopped=stopped, waiting=waiting)
 
 
 def _sample_of(time: float, grid: TimeGrid) -> int:

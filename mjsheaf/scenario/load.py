@@ -2,16 +2,17 @@
 
 import os
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
+from mjsheaf.arguments import require_mapping
 from mjsheaf.dynamics.motion import File
 from mjsheaf.errors import InputError, ScenarioError, expected, in_field, suggestion
 from mjsheaf.io.files import confined, resource_directory
-from mjsheaf.io.section import describe_validation_error, plain
+from mjsheaf.io.section import plain, split_path, validation_problems
 from mjsheaf.io.yaml import parse_yaml, read_yaml
 from mjsheaf.scenario.scenario import EDGE_FIELDS, Scenario
 from mjsheaf.team.edges import edge_from_pair
@@ -46,6 +47,7 @@ def load_scenario(source: str | Path | Mapping[str, Any], overrides: Mapping[str
         ScenarioError: the file cannot be read, is not valid, or an override does not fit. The message names file and
             field and says what is expected.
     """
+    require_mapping("overrides", overrides, "a mapping of field paths to values")
     if isinstance(source, Mapping):
         return scenario_from_mapping({"name": "scenario", **source}, overrides)
     if not isinstance(source, str | Path):
@@ -65,7 +67,7 @@ def read_scenario(source: str | Path) -> dict[str, Any]:
         raw = map_vehicles(found, lambda name: str(confined(name, path.parent)))
         raw = _with_recorded(raw, lambda name: str(confined(name, path.parent)))
     except InputError as error:
-        raise ScenarioError(f"{source}: {error}") from None
+        raise error.within(source, ScenarioError) from None
     raw.setdefault("name", name_from(path))
     return raw
 
@@ -74,17 +76,19 @@ def scenario_from_mapping(
     raw: Mapping[str, Any], overrides: Mapping[str, Any] | None = None, source: str = "scenario"
 ) -> Scenario:
     """Validate a scenario given as a mapping; see `load_scenario`. Tuples and numpy's values are welcome."""
-    node = plain(raw)
     try:
+        node = plain(raw)
         for path, value in (overrides or {}).items():
-            node = _with(node, path.split("."), plain(value), path)
+            with in_field("--set"):
+                names = split_path(path)
+            node = _with(node, names, plain(value), path)
         node = _with_recorded(_shortened(node, overrides or {}), str)
         scenario = Scenario.model_validate(node)
         _ = scenario.phases  # fields that are valid one by one must also fit together
     except ValidationError as error:
-        raise ScenarioError(f"{source}: {describe_validation_error(error, Scenario)}") from None
+        raise ScenarioError(*validation_problems(error, Scenario)).within(source) from None
     except InputError as error:
-        raise ScenarioError(f"{source}: {error}") from None
+        raise error.within(source, ScenarioError) from None
     return scenario
 
 
@@ -126,7 +130,18 @@ def _shortened(node: dict[str, Any], overrides: Mapping[str, Any]) -> dict[str, 
         time = event.get("time") if isinstance(event, dict) else None
         return isinstance(time, int | float) and time > end
 
-    return {**node, "events": [event for event in events if not later(event)]}
+    remaining = [event for event in events if not later(event)]
+    joining = [event.get("join") for event in remaining if isinstance(event, dict)]
+    if isinstance(node.get("agents"), list):
+        node = {**node, "agents": [_without_drift(agent, joining) for agent in node["agents"]]}
+    return {**node, "events": remaining}
+
+
+def _without_drift(agent: Any, joining: Collection[Any]) -> Any:
+    """An agent of a scenario as a mapping, which drifts only if it is one of those that join."""
+    if not (isinstance(agent, dict) and agent.get("drift") is True and agent.get("id") not in joining):
+        return agent
+    return {name: value for name, value in agent.items() if name != "drift"}
 
 
 def parse_override(text: str) -> tuple[str, Any]:
@@ -178,10 +193,11 @@ def find_scenario(source: str | Path) -> Path:
     if str(source) in known:
         return known[str(source)]
     if path.is_dir():
-        raise ScenarioError(f"{source}: is a directory; expected a scenario's name or a YAML file")
+        raise ScenarioError(f"{source or repr(source)}: is a directory; expected a scenario's name or a YAML file")
     if path.suffix in _SUFFIXES or path.exists():
         return path
-    close = suggestion(str(source), known)
+    beside = [f"{source}{suffix}" for suffix in _SUFFIXES if Path(f"{source}{suffix}").is_file()]
+    close = f"; did you mean {beside[0]}?" if beside else suggestion(str(source), known)
     raise ScenarioError(f"{source}: no such scenario; expected {', '.join(known)}, or the path of a YAML file{close}")
 
 

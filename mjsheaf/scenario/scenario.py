@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal, cast
 import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 
+from mjsheaf.arguments import require_whole
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.control.law import LawArrays, pack_law
 from mjsheaf.control.links import pack_links
@@ -28,8 +29,9 @@ from mjsheaf.control.terms import (
 from mjsheaf.dynamics import ControlEffectiveness, Disturbance, FlowField, Motion, disturbance
 from mjsheaf.dynamics import effectiveness as effectivenesses
 from mjsheaf.dynamics import motion as motions
-from mjsheaf.errors import InputError, in_field, shortened
+from mjsheaf.errors import InputError, in_field, shortened, visible
 from mjsheaf.io.section import Duration, Id, NonNegative, Number, Point, Positive, Section
+from mjsheaf.noise import generator_of
 from mjsheaf.scenario.events import AnyEvent, phases_of_events
 from mjsheaf.scenario.swarm import Swarm, expand_swarm
 from mjsheaf.system import DEFAULT_VEHICLE, Phase, PhysicsOptions, System, TimeGrid
@@ -45,12 +47,20 @@ _MOST_SAMPLES = 50_000_000
 
 
 class Flow(Section):
-    """The medium, as agents and as targets meet it, or as vehicles in space and in the plane do."""
+    """The medium, in one of two ways: by dimension (air, water), or by role (agents, targets) as in the paper."""
 
-    agents: FlowField | None = Field(None, description="what agents meet; not beside air or water")
-    targets: FlowField | None = Field(None, description="what targets meet; not beside air or water")
-    air: FlowField | None = Field(None, description="what spatial vehicles meet, agents and targets")
-    water: FlowField | None = Field(None, description="what planar vehicles meet, agents and targets")
+    agents: FlowField | None = Field(
+        None, description="flow that all agents meet, planar and spatial ones; not together with air or water"
+    )
+    targets: FlowField | None = Field(
+        None, description="flow that all targets meet, planar and spatial ones; not together with air or water"
+    )
+    air: FlowField | None = Field(
+        None, description="flow that spatial vehicles meet, agents and targets; not together with agents or targets"
+    )
+    water: FlowField | None = Field(
+        None, description="flow that planar vehicles meet, agents and targets; not together with agents or targets"
+    )
 
     @model_validator(mode="after")
     def _one_way(self) -> "Flow":
@@ -73,14 +83,14 @@ class Disturbances(Section):
     agents: Disturbance | None = Field(None, description="of every agent, drawn independently")
     targets: Disturbance | None = Field(None, description="of every target, drawn independently")
 
-    def draw(self, team: Team, last: float, rng: np.random.Generator) -> Array:
-        """The harmonics of each vehicle, shape (V, K, 5), for times up to `last` in s."""
+    def draw(self, team: Team, last: float, seed: int) -> Array:
+        """Draw the harmonics of each vehicle, shape (V, K, 5), for times up to `last` in s."""
         for role, kind in (("agents", self.agents), ("targets", self.targets)):
             if kind is not None:
                 with in_field(f"disturbance.{role}"):
                     kind.require_resolved(last)
         kinds = [self.agents] * len(team.agents) + [self.targets] * len(team.targets)
-        return disturbance.draw(kinds, [m.dimension for m in team.members], rng)
+        return disturbance.draw(kinds, [m.dimension for m in team.members], [m.id for m in team.members], seed)
 
 
 class Attitude(Section):
@@ -112,6 +122,11 @@ class Agent(Section):
     )
     effectiveness: ControlEffectiveness | None = Field(
         None, description="g_i(q, t) on the ideal backend; the identity unless given"
+    )
+    drift: bool = Field(
+        False,
+        description="whether an agent that joins later drifts with the medium until then, instead of holding its "
+        "position",
     )
 
     @property
@@ -212,15 +227,21 @@ class Spread(Section):
         0.0, description="half width of a uniform interval about every heading [degrees]"
     )
 
-    def place(
-        self, agents: Sequence[Agent], targets: Sequence[Target], rng: np.random.Generator
-    ) -> tuple[Array, Array]:
-        """Initial positions of all vehicles, shape (V, 3), m, and headings, shape (V,), rad."""
+    def place(self, agents: Sequence[Agent], targets: Sequence[Target], seed: int) -> tuple[Array, Array]:
+        """Return initial positions of all vehicles, shape (V, 3), m, and headings, shape (V,), rad.
+
+        Each vehicle draws from a stream that its id names: no other vehicle changes where it begins.
+        """
         vehicles: list[Agent | Target] = [*agents, *targets]
         position = np.zeros((len(vehicles), 3))
-        # Both are drawn whatever their width, so that switching one on leaves the other as it was.
-        shift, turn = rng.uniform(-1.0, 1.0, position.shape), rng.uniform(-1.0, 1.0, len(vehicles))
+        shift = np.zeros((len(vehicles), 3))
+        turn = np.zeros(len(vehicles))
         for v, vehicle in enumerate(vehicles):
+            if self.position > 0.0 or self.heading > 0.0:
+                # Both are drawn whatever their width, so that switching one on leaves the other as it was.
+                drawn = generator_of(seed, "spread", vehicle.id).uniform(-1.0, 1.0, 4)
+                shift[v] = drawn[:3]
+                turn[v] = drawn[3]
             n = len(vehicle.position)
             position[v, :n] = vehicle.position
             if v < len(agents):
@@ -272,23 +293,32 @@ Scale = Annotated[float, Field(ge=1e-3, le=1e4)]
 """How many times larger than life something is drawn."""
 
 
-def scales_of(scale: float, named: Mapping[str, float], ids: Sequence[str], kinds: Sequence[str]) -> Array:
-    """How many times larger each of some vehicles is drawn, shape (V,).
+def scales_of(
+    scale: float | None,
+    named: Mapping[str, float],
+    ids: Sequence[str],
+    kinds: Sequence[str],
+    automatic: float | Array = np.nan,
+) -> Array:
+    """Compute how many times larger than life each vehicle is drawn, shape (V,).
 
     Args:
-        scale: of those that are not named.
-        named: by id, or by kind of vehicle; an id counts more than its kind.
-        ids: of the vehicles.
-        kinds: of the vehicles.
+        scale: Scale of every vehicle that `named` does not name; None for `automatic`.
+        named: Scales by id, or by kind of vehicle; an id overrides its kind.
+        ids: Name of each vehicle.
+        kinds: Kind of each vehicle.
+        automatic: Scale of each vehicle that neither `scale` nor `named` gives, shape (V,) or a number.
 
     Raises:
-        InputError: a name is that of no vehicle.
+        InputError: A name in `named` is no vehicle's.
     """
     unknown = sorted(set(named) - {*ids, *kinds})
     if unknown:
-        known = shortened(", ".join(dict.fromkeys([*kinds, *ids])))
-        raise InputError(f"vehicle_scales.{unknown[0]}: there is none of this name; expected one of {known}")
-    return np.array([named.get(name, named.get(kind, scale)) for name, kind in zip(ids, kinds, strict=True)])
+        known = shortened(", ".join(visible(name) for name in dict.fromkeys([*kinds, *ids])))
+        raise InputError(f"vehicle_scales.{visible(unknown[0])}: there is none of this name; expected one of {known}")
+    given = [named.get(name, named.get(kind, scale)) for name, kind in zip(ids, kinds, strict=True)]
+    chosen = np.array([np.nan if each is None else each for each in given], dtype=np.float64)
+    return np.where(np.isnan(chosen), automatic, chosen)
 
 
 class Scene(Section):
@@ -296,11 +326,15 @@ class Scene(Section):
 
     surface: Literal["water", "ground", "none"] = Field("water", description="what is drawn at `height`")
     height: Number = Field(0.0, description="height of the surface; planar vehicles move at it [m]")
-    vehicle_scale: Scale = Field(1.0, description="vehicles are drawn this many times larger [-]")
+    vehicle_scale: Scale | None = Field(
+        None,
+        description="vehicles are drawn this many times larger; without it each kind is enlarged just enough to be "
+        "seen next to the team [-]",
+    )
     vehicle_scales: dict[str, Scale] = Field(
         default_factory=dict,
         description="the same for agents and targets by id, or for kinds of vehicle by name, such as {wamv: 1}; an id "
-        "counts more than its kind [-]",
+        "overrides its kind [-]",
     )
 
 
@@ -314,7 +348,7 @@ class Video(Section):
         1.0, description="simulated seconds per second of video [-]"
     )
     azimuth: Annotated[float, Field(ge=-360, le=360)] = Field(
-        -60.0, description="direction in which the camera looks, about z [degrees]"
+        120.0, description="direction in which the camera looks, about z [degrees]"
     )
     elevation: Annotated[float, Field(ge=-90, le=90)] = Field(
         -35.0, description="of the direction in which the camera looks; negative looks down [degrees]"
@@ -326,6 +360,16 @@ class Video(Section):
     quality: Literal["good", "draft"] = Field(
         "good", description="draft: drawn quickly, coarse and with hard edges, at most 15 frames a second"
     )
+    legend: bool = Field(True, description="a panel next to the scene explains colours, lines and arrows")
+
+    @property
+    def eye(self) -> tuple[float, float]:
+        """Azimuth and elevation of the eye as seen from the team, in degrees, for matplotlib's `view_init`.
+
+        Video, page and plots all look from here. The azimuth is counted from x about z; a positive elevation is above
+        the horizon.
+        """
+        return (self.azimuth + 360.0) % 360.0 - 180.0, -self.elevation
 
 
 class PhaseBounds(Section):
@@ -355,6 +399,11 @@ class Expect(Section):
     ideal: Bounds | None = Field(None, description="bounds for the ideal backend")
     physics: Bounds | None = Field(None, description="bounds for the physics backend")
     refused: str | None = Field(None, description="`run` must refuse, and its reason must contain this")
+    controller: str | None = Field(
+        None,
+        description="law in Python for which the bounds hold, FILE.py:NAME with a path from this file's directory; "
+        "that of the scenario unless given",
+    )
 
 
 def _optional(schema: dict[str, Any]) -> None:
@@ -427,7 +476,7 @@ class Scenario(Section):
 
     @property
     def drawn_scales(self) -> Array:
-        """How many times larger each vehicle is drawn, shape (V,), agents first."""
+        """Scale at which the scenario has each vehicle drawn, shape (V,), agents first; NaN where it gives none."""
         ids = [*(agent.id for agent in self.agents), *(target.id for target in self.targets)]
         kinds, scene = self.vehicles.names(self.agents, self.targets), self.scene
         return scales_of(scene.vehicle_scale, scene.vehicle_scales, ids, kinds)
@@ -459,8 +508,9 @@ class Scenario(Section):
         """The same scenario under another seed; it shares the team, which no seed changes once a swarm is written out.
 
         Raises:
-            InputError: as for `phases`, which are built.
+            InputError: as for `phases`, which are built; or the seed is no whole number of at least 0.
         """
+        require_whole("seed", seed, 0)
         other = self.model_copy(update={"seed": seed})
         other.__dict__["team"] = self.team
         _ = other.phases
@@ -474,7 +524,8 @@ class Scenario(Section):
             InputError: an event cannot happen, or as for `whole`; the message begins with the field.
         """
         sections = {"controller": self.controller, "links": self.links}
-        return phases_of_events(self.events, self.whole, sections, self._adapted)
+        drifting = [agent.id for agent in self.agents if agent.drift]
+        return phases_of_events(self.events, self.whole, sections, self._adapted, drifting)
 
     @property
     def system(self) -> System:
@@ -497,9 +548,8 @@ class Scenario(Section):
         dimensions = [m.dimension for m in team.members]
         with in_field("time"):
             grid = self.time.grid(law.control_period, law.record_period)
-        rng = np.random.default_rng(self.seed)
-        initial, heading = self.spread.place(agents, targets, rng)
-        harmonics = self.disturbance.draw(team, max(abs(self.time.start), abs(self.time.end)), rng)
+        initial, heading = self.spread.place(agents, targets, self.seed)
+        harmonics = self.disturbance.draw(team, max(abs(self.time.start), abs(self.time.end)), self.seed)
         flows, field = self.flow.met_by(team)
         moves = [*[None] * len(agents), *(target.motion or self.target_motion for target in targets)]
         with in_field("targets"):

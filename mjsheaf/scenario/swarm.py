@@ -21,6 +21,7 @@ _POINT: TypeAdapter[list[float]] = TypeAdapter(Point, config=ConfigDict(strict=T
 _MOST_AGENTS = 100_000
 _MOST_DRAWS = 100  # of a graph that must be connected: with three links or more, nearly every one is
 _AT_A_TIME = 4096  # agents whose neighbours are sought together
+_SCATTER = 0x5A  # stream of random numbers
 _GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 
 
@@ -79,9 +80,10 @@ def expand_swarm(raw: dict[str, Any]) -> dict[str, Any]:
             f"swarm.degree: {swarm.degree} is odd; expected an even number with graph {swarm.graph}, as half "
             "of an agent's links lead each way"
         )
-    rng = np.random.default_rng([seed, 0x5A])
+    # Where an agent begins depends on its number alone: not on how many there are, nor on what the graph draws.
+    rng = np.random.default_rng([seed, _SCATTER])
     places = _sunflower(swarm.size, swarm.spacing)
-    edges = _GRAPHS[swarm.graph](places, swarm, rng)
+    edges = _GRAPHS[swarm.graph](places, swarm, np.random.default_rng([seed, _SCATTER, 1]))
     offset = np.column_stack([places, np.zeros(swarm.size)])[:, : 2 if swarm.altitude is None else 3]
     start = offset + rng.uniform(-swarm.scatter, swarm.scatter, offset.shape)
     start[:, :2] += np.asarray(centre[:2], dtype=np.float64)

@@ -156,7 +156,7 @@ def compose(
         thruster=np.concatenate([[0], np.cumsum([len(v.channels) for v in vehicles])]).astype(np.int64),
     )
     for v, vehicle in enumerate(vehicles):
-        model.dof_damping[arena.dof[v] : arena.dof[v] + 6] = vehicle.joint_damping(timestep)
+        model.dof_damping[arena.dof[v] : arena.dof[v] + 6] = vehicle.joint_damping
     _check_masses(arena)
     return arena
 

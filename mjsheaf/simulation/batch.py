@@ -14,6 +14,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import DTypeLike
 
+from mjsheaf.arguments import require_type, require_whole
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.errors import InputError
 from mjsheaf.jit import inline_jit, jit
@@ -127,6 +128,7 @@ def require_world(run: Fused) -> None:
     Raises:
         InputError: it has events or another phase, a law in Python, or a team that is too large to be scored this way.
     """
+    require_type("run", run, Fused, "a Fused run, at its start")
     first, *later = run.phases
     if later or first.events:
         what = first.events[0] if first.events else f"{later[0].name} at {later[0].time:g} s"
@@ -215,8 +217,8 @@ class Batch:
         Raises:
             InputError: threads or members below 1; or the worlds are at their end.
         """
-        if threads < 1 or members < 1:
-            raise InputError(f"threads is {threads} and members {members}; expected 1 or more")
+        require_whole("threads", threads, 1)
+        require_whole("members", members, 1)
         if self.scores.found[:, TAKEN].any():
             raise InputError("a batch runs once; expected a new one")
         T, chunk, stop, rows = self.goal.samples, self.chunk, Event(), self.rows

@@ -9,9 +9,10 @@ A vehicle with attitude R, velocity v and rates omega in a medium that moves at 
     hydrostatics   weight carried at the centre of buoyancy, -K (z - level, roll, pitch)
     added mass     -M_A a - C_A(v_r) v_r  (Kirchhoff; Fossen, Handbook of Marine Craft Hydrodynamics, 2011, ch. 6)
 
-Linear drag that is stiff, and does not fight added mass, is split: the largest coefficient is damping of the free
-joint, which MuJoCo integrates implicitly, so that it costs no small steps; the joint damps along world axes, so the
-difference to R D R^T, and what the medium's own velocity adds, is applied as a force.
+Linear drag that is stiff (D / M above 10 1/s, whatever the timestep), and does not fight added mass, is split: the
+largest coefficient is damping of the free joint, which MuJoCo integrates implicitly, so that it costs no small steps;
+the joint damps along world axes, so the difference to R D R^T, and what the medium's own velocity adds, is applied as a
+force.
 
 Added mass cannot be fed back as a force: that diverges once it exceeds the mass. Instead every wrench F on the body but
 those of contacts is applied as S F with S = M_RB (M_RB + M_A)^-1, and MuJoCo's M_RB a = S F is (M_RB + M_A) a = F. The
@@ -24,22 +25,37 @@ With the commanded velocity v_c relative to the medium, in body axes, and d the 
     attitude   J (k theta - b omega), theta twice the vector part of the quaternion to the wanted attitude (Wie and
                Barba, J. Guidance 8, 1985: for small angles the rotation vector)
     efforts    u = W^+ [weight] + s_1 W^+ [roll, pitch] + s_2 W^+ [yaw] + s_3 W^+ [F], each s in [0, 1], one after the
-               other, the largest within limits
+               other, the largest within limits; of a boat with thrusters that do not push both ways, those that come
+               nearest to the wanted wrench: see `vehicles.allocation`
 
 What the force becomes is its steering's, what commands efforts take its actuators'.
+
+A lost aircraft falls, and rests on the surface of the scene. Below it, at a depth d, a critically damped spring acts at
+its centre of mass:
+
+    force      m (omega^2 d - 2 omega v_z) upwards, never downwards, its spring at most three times the weight; and
+               -2 omega m v horizontally
+    moment     -2 omega J times the rates: it lies as it came down
+
+with omega = 50 rad/s on ground, where it sinks in by 4 mm, and 10 rad/s on water, where it floats 10 cm deep.
 """
 
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numba import config
 from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array, IntArray
+from mjsheaf.errors import InputError
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.simulation.trajectory import quaternions_of
 from mjsheaf.system import medium_velocity
 from mjsheaf.vehicles.actuators import AZIMUTH, CHANNEL, FIXED, aim, at_most, room_of, unit_wrench
+from mjsheaf.vehicles.allocation import allocate_nearest
+from mjsheaf.vehicles.authority import is_one_sided, turning_of
+from mjsheaf.vehicles.body import GRAVITY
 from mjsheaf.vehicles.steering import drag_force, steer
 from mjsheaf.vehicles.vectors import add, cross, product, row_product, subtract, to_body, to_world, triple, upward
 from mjsheaf.vehicles.vehicle import Vehicle
@@ -62,7 +78,7 @@ KIND = np.dtype(
         ("ballast_point", "f8", 3),  # where the ballast does, m
         ("centre", "f8", 3),  # of buoyancy, m
         ("restoring", "f8", 3),  # heave, roll, pitch, N/m and N m/rad
-        ("level", "f8"),  # height of the water, m
+        ("level", "f8"),  # height of the surface, m
         # its autopilot
         ("steering", "i8"),  # its code
         ("gain", "f8", 6),  # M k_v, N s/m and N m s/rad
@@ -81,6 +97,13 @@ KIND = np.dtype(
         ("mass", "f8"),  # of the model, kg
         ("weight", "f8"),  # of the model, N
         ("rigid", "f8", (3, 3)),  # inertia of the model, kg m^2
+        ("rest", "f8"),  # omega of the surface under it once it is lost, rad/s; 0 where nothing holds it
+        # thrusters that do not push both ways
+        ("one_sided", "i8"),  # whether it has any: see `vehicles.allocation`
+        ("row_norm", "f8", 3),  # norms of the rows surge, sway and yaw of W; 0 for one that is not commanded
+        ("forward_only", "i8"),  # whether it is steered at its hand point and cannot back
+        ("turning_price", "f8"),  # surge force for each unit of yaw moment, 1/m
+        ("turning_speed", "f8"),  # wanted speed above which it turns round, m/s
     ],
     align=True,
 )
@@ -95,6 +118,12 @@ BODY = np.dtype(
     ],
     align=True,
 )
+
+
+_REST = {"none": 0.0, "ground": 50.0, "water": 10.0}  # rad/s
+_REST_IN_A_STEP = 0.25  # rad: a faster surface would not be stable as an applied force
+_AIRCRAFT = 0.5  # share of its weight that an aircraft must carry itself; water carries that of a submersible
+_SPRING_OVER_WEIGHT = 3.0  # a vehicle that is lost far below the surface comes up, and is not thrown out
 
 
 class Fleet(NamedTuple):
@@ -140,15 +169,26 @@ def kinds_of(vehicles: Sequence[Vehicle]) -> tuple[list[Vehicle], IntArray]:
     return list(kinds.values()), np.array([number[id(vehicle)] for vehicle in vehicles], dtype=np.int64)
 
 
-def pack_fleet(vehicles: Sequence[Vehicle], heading: Array, level: float, timestep: float) -> Fleet:
+def pack_fleet(
+    vehicles: Sequence[Vehicle], heading: Array, level: float, timestep: float, surface: str = "none"
+) -> Fleet:
     """Pack vehicles, each on a free joint of its own, in order.
 
     Args:
         vehicles: what each is.
         heading: that each holds, shape (V,), rad.
-        level: height of the water, m.
+        level: height of the surface, m.
         timestep: of the physics, s.
+        surface: that of the scene, on which lost aircraft come to rest.
+
+    Raises:
+        InputError: compilation is switched off.
     """
+    if getattr(config, "DISABLE_JIT", 0):
+        raise InputError(
+            "NUMBA_DISABLE_JIT: is set, and the loops about bodies run compiled only; expected it unset or 0, or ideal "
+            "kinematics, as with --backend ideal"
+        )
     types, number = kinds_of(vehicles)
     kinds = np.zeros(len(types), KIND)
     kinds["count"] = [len(vehicle.channels) for vehicle in types]
@@ -156,13 +196,16 @@ def pack_fleet(vehicles: Sequence[Vehicle], heading: Array, level: float, timest
     kinds["level"] = level
     thrusters, states = np.zeros(kinds["count"].sum(), CHANNEL), np.zeros(len(types), dtype=np.int64)
     for k, (kind, vehicle) in enumerate(zip(kinds, types, strict=True)):
-        _pack(vehicle, kind, vehicle.joint_damping(timestep))
+        _pack(vehicle, kind)
+        if vehicle.description.hydrostatics is None and vehicle.weight > _AIRCRAFT * vehicle.mass * GRAVITY:
+            kind["rest"] = min(_REST[surface], _REST_IN_A_STEP / timestep)
         channels = thrusters[kind["thruster"] : kind["thruster"] + kind["count"]]
         channels["direction"], channels["moment"] = vehicle.gears[:, :3], vehicle.gears[:, 3:]
         channels["row"] = vehicle.allocation
         channels["low"], channels["high"] = vehicle.limits.T
+        channels["planar"] = _planar_wrenches(vehicle, kind["row_norm"])
         for actuator, own in zip(vehicle.actuators, vehicle.by_actuator(channels), strict=True):
-            actuator.pack(own, timestep)
+            actuator.pack(own, timestep, vehicle.mass * GRAVITY)
         channels["state"] = np.cumsum(channels["late"]) - channels["late"]
         kind["turning"], states[k] = (channels["code"] == AZIMUTH).any(), channels["late"].sum()
     bodies, v = np.zeros(len(vehicles), BODY), np.arange(len(vehicles))
@@ -173,9 +216,9 @@ def pack_fleet(vehicles: Sequence[Vehicle], heading: Array, level: float, timest
     return Fleet(kinds, bodies, thrusters)
 
 
-def _pack(vehicle: Vehicle, kind: np.void, damping: Array) -> None:
-    """Pack a vehicle of which the free joint takes some damping, shape (6,), N s/m and N m s/rad."""
-    floats, hold = vehicle.description.hydrostatics, vehicle.hold
+def _pack(vehicle: Vehicle, kind: np.void) -> None:
+    """Pack what vehicles of a kind have in common, but for their thrusters."""
+    floats, hold, damping = vehicle.description.hydrostatics, vehicle.hold, vehicle.joint_damping
     added = bool(vehicle.added_mass.any())
     kind["planar"] = vehicle.dimension == 2
     kind["drag"], kind["quadratic"] = [*vehicle.drag, *vehicle.angular_drag], vehicle.quadratic_drag
@@ -200,6 +243,19 @@ def _pack(vehicle: Vehicle, kind: np.void, damping: Array) -> None:
     kind["rigid_mass_fraction"] = vehicle.mass / (vehicle.mass + vehicle.added_mass[:3])
     kind["stiffness"], kind["rate_damping"] = hold.frequency**2, 2.0 * hold.damping * hold.frequency
     vehicle.steering.pack(vehicle, kind)
+    kind["one_sided"] = is_one_sided(vehicle)
+    rows = [row for row in vehicle.controlled_rows if row in _PLANAR]
+    norms = np.linalg.norm(vehicle.W[rows], axis=1)
+    norms[norms < _FAINT_ROW * norms.max(initial=0.0)] = 0.0
+    kind["row_norm"][[_PLANAR.index(row) for row in rows]] = norms
+    if turning := turning_of(vehicle):
+        kind["forward_only"], kind["turning_price"], kind["turning_speed"] = True, *turning
+
+
+def _planar_wrenches(vehicle: Vehicle, norms: Array) -> Array:
+    """Wrenches of efforts of 1 on the rows surge, sway and yaw, over the norms (3,) of those rows, shape (s, 3)."""
+    W = vehicle.W[_PLANAR]
+    return np.divide(W, norms[:, None], out=np.zeros_like(W), where=norms[:, None] > 0.0).T
 
 
 @inline_jit
@@ -238,6 +294,22 @@ def medium_wrench(kind, height, R, s, omega):
 
 
 @inline_jit
+def rest_on_surface(kind, depth, R, velocity, omega):
+    """Force and moment of the surface on a lost aircraft `depth` m below it, body axes, (3,) each.
+
+    velocity (3,) is over ground in world axes, m/s; omega the rates in body axes, (3,).
+    """
+    rest, m = kind.rest, kind.mass
+    spring = min(m * rest * rest * depth, _SPRING_OVER_WEIGHT * kind.supported_weight)
+    damping = 2.0 * rest * m
+    up = max(spring - damping * velocity[2], 0.0)
+    force = to_body(R, (-damping * velocity[0], -damping * velocity[1], up))
+    turning = product(kind.inertia, omega)
+    brake = -2.0 * rest * turning[0], -2.0 * rest * turning[1], -2.0 * rest * turning[2]
+    return force, add(cross(triple(kind.com), force), brake)
+
+
+@inline_jit
 def apply_wrench(kind, qvel, R, force, moment, applied):
     """Write force and moment, less what the joint takes, into a body's `applied` (6,): qfrc_applied; as qvel (6,)."""
     force = to_world(R, force)
@@ -272,6 +344,8 @@ def _share_with_medium(kind, R, s, omega, force, moment):
     return subtract(shared_force, own_force), subtract(shared_moment, own_moment)
 
 
+_PLANAR = [0, 1, 5]  # rows of the wrench: surge, sway, yaw
+_FAINT_ROW = 1e-9  # of the largest norm, below which a row is rounding
 _TIPPED = 0.5  # cosine of the tilt beyond which turning back comes before carrying the weight
 
 
@@ -337,20 +411,26 @@ def _allocate(kind, thrusters, upright, weight, turn, force, moment, effort):
         effort[k] = u
         within = within and thrusters[k].low <= u <= thrusters[k].high
     if kind.turning or not within:  # thrust and angle have no limits of each effort alone
-        if upright < _TIPPED and kind.supported_weight > 0.0:
-            # Thrusters asked for a weight that they cannot carry would be at their limits, and none left to turn.
-            force, moment = add(force, weight), add(moment, carry)
-            weight, carry = (0.0, 0.0, _TIPPED * kind.supported_weight), (0.0, 0.0, 0.0)
-            force = subtract(force, weight)
-        _allocate_in_ranks(thrusters, weight, carry, turn, force, moment, effort)
+        _allocate_within_limits(kind, thrusters, upright, weight, turn, force, moment, effort)
 
 
 @jit
-def _allocate_in_ranks(thrusters, weight, carry, turn, force, moment, effort):
+def _allocate_within_limits(kind, thrusters, upright, weight, turn, force, moment, effort):
     """Efforts within their limits: the weight, then roll and pitch, then yaw, then as much of translation as fits.
 
-    Yaw comes after roll and pitch: rotors make little of it, and what points up must not wait for it.
+    Yaw comes after roll and pitch: rotors make little of it, and what points up must not wait for it. A boat with
+    one-sided thrusters has an allocation of its own: see `vehicles.allocation`.
     """
+    carry = cross(triple(kind.com), weight)
+    if kind.one_sided:
+        yaw = carry[2] + (turn[2] + moment[2])
+        allocate_nearest(thrusters, triple(kind.row_norm), add(weight, force), yaw, effort)
+        return
+    if upright < _TIPPED and kind.supported_weight > 0.0:
+        # Thrusters asked for a weight that they cannot carry would be at their limits, and none left to turn.
+        force, moment = add(force, weight), add(moment, carry)
+        weight, carry = (0.0, 0.0, _TIPPED * kind.supported_weight), (0.0, 0.0, 0.0)
+        force = subtract(force, weight)
     for k in range(effort.shape[0]):
         effort[k] = row_product(thrusters[k].row, weight, carry)
     none = (0.0, 0.0, 0.0)

@@ -56,7 +56,7 @@ def pack_motion(vehicles: Sequence[Vehicle], timestep: float) -> NDArray[np.void
     """A MOTION for each kind of vehicle, in steps of so many s."""
     motion = np.zeros(len(vehicles), MOTION)
     for one, vehicle in zip(motion, vehicles, strict=True):
-        taken = vehicle.joint_damping(timestep)
+        taken = vehicle.joint_damping
         one["inverse"] = np.linalg.inv(vehicle.rigid_mass + timestep * np.diag(taken))
         one["inertia"], one["damping"] = vehicle.inertia, taken[3:]
         one["weight"], one["weight_moment"] = vehicle.weight - vehicle.ballast, vehicle.weight_moment

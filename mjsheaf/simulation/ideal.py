@@ -19,14 +19,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mjsheaf.arrays import Array
+from mjsheaf.arrays import Array, IntArray
 from mjsheaf.control.controller import Controller
 from mjsheaf.control.law import Memory, carry, evaluate_law, new_memory
+from mjsheaf.control.station import Station, keep_station, no_station
 from mjsheaf.dynamics.disturbance import evaluate_sines
 from mjsheaf.dynamics.effectiveness import EffectivenessArrays, allocate
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.simulation.trajectory import Trajectory, blow_up_message, new_log, pieces_of, quaternions_of, record_links
-from mjsheaf.system import MediumArrays, Phase, System, medium_velocity, phases_of
+from mjsheaf.system import MediumArrays, Phase, System, TimeGrid, medium_velocity, phases_of
 
 _A = np.array(
     [
@@ -45,7 +46,8 @@ _ERROR = np.array([71 / 57600, 0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 
 _HUGE = 1e9  # m; a position beyond this is a blow-up
 _SMALLEST_STEP = 1e-13  # of a period
 _SMALLEST_TRIAL = 1e-9  # of a period
-_MOST_STEPS = 50_000  # of the integrator in a period: more means that the solution runs into a singularity
+_MOST_STEPS = 50_000  # of the integrator beyond the usual ones: the solution runs into a singularity, or is stiff
+_USUAL_STEPS = 2_000  # of the integrator in a period: those above it are counted from period to period
 _CHUNK = 500  # periods between progress reports
 
 
@@ -56,22 +58,27 @@ class Integrator(NamedTuple):
         medium, effectiveness: what surrounds the vehicles, and how inputs become velocities.
         tolerance: relative and absolute error of each step.
         period: over which commands are held, s.
+        station: positions that vehicles hold, at every instant.
         memory: of the law.
         state: positions at a stage, shape (V, 3), m.
         slope: x' at each stage, shape (7, V, 3), m/s.
         input: u of an agent, shape (s,).
         sines: of the disturbances at the present time, shape (V K,).
+        surplus: steps beyond the usual ones so far, less what later periods have left of theirs, by the first of the
+            vehicles that are integrated together, shape (V,).
     """
 
     medium: MediumArrays
     effectiveness: EffectivenessArrays
     tolerance: tuple[float, float]
     period: float
+    station: Station
     memory: Memory
     state: Array
     slope: Array
     input: Array
     sines: Array
+    surplus: IntArray
 
 
 def new_integrator(
@@ -80,19 +87,26 @@ def new_integrator(
     tolerance: tuple[float, float],
     period: float,
     memory: Memory,
+    surplus: IntArray | None = None,
+    station: Station | None = None,
 ) -> Integrator:
-    """An integrator for the vehicles in a medium, with the memory of their law."""
+    """Make an integrator for the vehicles in a medium, with the memory of their law.
+
+    `surplus` is that of an earlier integrator; no vehicle keeps a station by default.
+    """
     V = len(medium.planar)
     return Integrator(
         medium=medium,
         effectiveness=effectiveness,
         tolerance=tolerance,
         period=period,
+        station=no_station(V) if station is None else station,
         memory=memory,
         state=np.zeros((V, 3)),
         slope=np.zeros((7, V, 3)),
         input=np.zeros(effectiveness.pinv.shape[1]),
         sines=np.zeros(len(medium.harmonics.rate)),
+        surplus=np.zeros(V, dtype=np.int64) if surplus is None else surplus,
     )
 
 
@@ -106,9 +120,11 @@ def slope_of(follow, run, t, x, first, last, out):
     for v in range(first, last):
         for i in range(3):
             out[v, i] = run.memory.command[v, i]
+        wx, wy, wz = medium_velocity(medium, run.sines, v, x[v, 0], x[v, 1], x[v, 2])
+        if run.station.holds[v]:
+            keep_station(run.station, v, x[v], (wx, wy, wz), out[v])
         if v < medium.agents and effectiveness.given[v]:
             allocate(effectiveness, v, x[v], t, out[v], run.input)
-        wx, wy, wz = medium_velocity(medium, run.sines, v, x[v, 0], x[v, 1], x[v, 2])
         out[v, 0] += wx
         out[v, 1] += wy
         out[v, 2] += wz
@@ -183,7 +199,9 @@ def _advance(follow, run, t, x, first, last):
     done, rejected, steps = 0.0, False, 0
     while done < period:
         steps += 1
-        if steps > _MOST_STEPS or not step > _SMALLEST_STEP * period:  # also where it is NaN
+        if steps > _USUAL_STEPS:
+            run.surplus[first] += 1
+        if run.surplus[first] > _MOST_STEPS or not step > _SMALLEST_STEP * period:  # also where it is NaN
             return False
         h = min(step, period - done)
         error = take_step(follow, run, t + done, h, x, first, last)
@@ -203,6 +221,8 @@ def _advance(follow, run, t, x, first, last):
         else:
             step = h * max(0.2, 0.9 * error**-0.2)
             rejected = True
+    if steps < _USUAL_STEPS:
+        run.surplus[first] = max(run.surplus[first] - (_USUAL_STEPS - steps), 0)
     return True
 
 
@@ -214,6 +234,8 @@ def _record(run, t, x, k, log):
     evaluate_sines(medium.harmonics, t, 0, x.shape[0], run.sines)
     for v in range(x.shape[0]):
         w = medium_velocity(medium, run.sines, v, x[v, 0], x[v, 1], x[v, 2])
+        if run.station.holds[v]:
+            keep_station(run.station, v, x[v], w, memory.command[v])
         for i in range(3):
             slope[v, i] = memory.command[v, i]
         if v < medium.agents:
@@ -254,6 +276,14 @@ def _run(control, follow, run, times, advances, x, log, placed):
         elif not _advance(follow, run, times[k], x, 0, V):
             return k + 1, V
     return times.shape[0], -1
+
+
+def _described(surplus: IntArray, grid: TimeGrid) -> str:
+    """Say in a message that the integrator gave up because of its many steps, if it did."""
+    if surplus.max(initial=0) <= _MOST_STEPS:
+        return ""
+    field = "controller.record_period" if grid.continuous else "controller.control_period"
+    return f" takes more than {_USUAL_STEPS} steps of the integrator for each {field} of {grid.period:g} s"
 
 
 def run_ideal(
@@ -298,13 +328,15 @@ def stream_ideal(
     if controller:
         control = controller.enter(first.team, control)
         controller.reset()
-    memory = new_memory(control.law, len(x))
+    memory, surplus = new_memory(control.law, len(x)), np.zeros(len(x), dtype=np.int64)
     of = grid.steps + 1 if targets is None else min(grid.steps + 1, len(targets))
     for system, begin, end in pieces_of(phases, samples, of):
+        law = control.law
         control = controller.enter(system.team, system.control) if controller else system.control
         if system is not present:
-            memory, present = carry(memory, control.law), system
-        integrator = new_integrator(system.medium, system.effectiveness, system.tolerance, grid.period, memory)
+            memory, present = carry(memory, law, control.law, begin), system
+        medium, g = system.medium, system.effectiveness
+        integrator = new_integrator(medium, g, system.tolerance, grid.period, memory, surplus, system.station)
         log = new_log(end - begin, control.law, inputs=(N, system.effectiveness.pinv.shape[1]))
         done, message = 0, ""
         while done < end - begin and not message:
@@ -331,7 +363,9 @@ def stream_ideal(
                 if broken == len(x):  # the team was integrated as one: the largest state names the vehicle
                     broken = int(np.argmax(np.abs(np.nan_to_num(x, nan=np.inf)).max(axis=1)))
                 held = 0.0 if grid.continuous else grid.period
-                message = blow_up_message(system, broken, float(times[new - 1]), held)
+                detail = _described(surplus, grid)
+                cause = controller.cause_of_blow_up(broken, memory.command) if controller else ""
+                message = blow_up_message(system, broken, float(times[new - 1]), held, detail, cause)
             if progress:
                 progress(min(begin + done, of - 1), of - 1)
         yield Trajectory(system, grid.span(begin, begin + done), log.span(0, done), message)

@@ -10,9 +10,11 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from mjsheaf.arguments import require_whole
 from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.control.controller import Controller, Law, controller_of
 from mjsheaf.control.law import ControlArrays, LawArrays, Memory, carry, evaluate_law, new_memory
+from mjsheaf.control.station import Station, keep_station, no_station
 from mjsheaf.dynamics.disturbance import evaluate_sines
 from mjsheaf.errors import UnstableError
 from mjsheaf.jit import inline_jit, jit
@@ -21,6 +23,7 @@ from mjsheaf.simulation.bodies import (
     Sensed,
     medium_wrench,
     pack_fleet,
+    rest_on_surface,
     thruster_commands,
     velocity_through_medium,
 )
@@ -35,7 +38,7 @@ from mjsheaf.simulation.trajectory import (
 )
 from mjsheaf.system import MediumArrays, Phase, System, medium_velocity, phases_of
 from mjsheaf.vehicles.actuators import ANGLE
-from mjsheaf.vehicles.vectors import rotation, triple
+from mjsheaf.vehicles.vectors import add, rotation, triple
 
 HUGE = 1e10
 """Beyond this MuJoCo calls a state bad (mjMAXVAL), and so do we."""
@@ -54,6 +57,7 @@ class Loop(NamedTuple):
         memory: of the law.
         sines: of the disturbances, now, shape (V K,).
         stopped: whether each vehicle's thrusters stand still, shape (V,).
+        station: positions that vehicles hold.
         start: time of step 0, s.
         timestep: s.
         per_law, per_sample: physics steps between evaluations of the law, and between samples.
@@ -72,6 +76,7 @@ class Loop(NamedTuple):
     memory: Memory
     sines: Array
     stopped: BoolArray
+    station: Station
     start: float
     timestep: float
     per_law: int
@@ -121,6 +126,12 @@ def run_law(loop, t):
         for i in range(4):
             attitude[v, i] = q[bodies[v].qpos + 3 + i]
     evaluate_law(loop.control, t, loop.x, loop.drift, loop.memory)
+    for v in range(bodies.shape[0]):
+        if loop.station.holds[v]:
+            evaluate_sines(medium.harmonics, t, v, v + 1, loop.sines)
+            a, planar = bodies[v].qpos, kinds[bodies[v].kind].planar
+            w = medium_velocity(medium, loop.sines, v, q[a], q[a + 1], 0.0 if planar else q[a + 2])
+            keep_station(loop.station, v, loop.x[v], w, loop.memory.command[v])
 
 
 @inline_jit
@@ -128,7 +139,8 @@ def sense_and_command(loop, v):
     """Let vehicle v measure and write its commands.
 
     Returns:
-        Its attitude (9,) and rates, and force and moment of the medium (see `medium_wrench`); body axes, (3,) each.
+        Its attitude (9,) and rates, and force and moment of the medium (see `medium_wrench`), and of the surface on
+        which it rests once it is lost; body axes, (3,) each.
     """
     q, body = loop.qpos, loop.fleet.bodies[v]
     kind, a, first = loop.fleet.kinds[body.kind], body.qpos, body.actuator
@@ -145,6 +157,10 @@ def sense_and_command(loop, v):
         for j in range(kind.count):
             if thrusters[j].code != ANGLE:
                 ctrl[j] = 0.0
+        depth = kind.level - q[a + 2]
+        if kind.rest > 0.0 and depth > 0.0:
+            push, turn = rest_on_surface(kind, depth, R, triple(loop.qvel[body.dof :]), omega)
+            force, moment = add(force, push), add(moment, turn)
     return R, omega, force, moment
 
 
@@ -192,8 +208,9 @@ def record(loop, log, k, first, last):
             log.thruster_command[k, n] = command
             late = loop.act[body.state + thruster.state] if thruster.late else command
             log.thruster_output[k, n] = late if thruster.code == ANGLE else loop.gain[n, 0] * late
-            at_limit += command <= thruster.low or command >= thruster.high
-        log.saturation[k, v] = at_limit / kind.count
+            if command != 0.0 or not kind.one_sided:  # a thruster that cannot reverse is at rest there, not at a limit
+                at_limit += command <= thruster.low or command >= thruster.high
+        log.saturation[k, v] = at_limit / max(kind.count, 1)
 
 
 def new_loop(
@@ -223,6 +240,7 @@ def new_loop(
         memory=new_memory(control.law, V),
         sines=np.zeros(len(medium.harmonics.rate)),
         stopped=np.zeros(V, dtype=np.bool_),
+        station=no_station(V),
         start=start,
         timestep=timestep,
         per_law=per_law,
@@ -230,12 +248,13 @@ def new_loop(
     )
 
 
-def blow_up_of(system: System, loop: Loop, vehicle: int, step: int) -> str:
-    """Name the vehicle of a loop that was bad at a step."""
+def blow_up_of(system: System, loop: Loop, vehicle: int, step: int, controller: Controller | None = None) -> str:
+    """Name the vehicle of a loop that was bad at a step, and the likely cause, which may be a law in Python."""
     speed = float(np.linalg.norm(loop.qvel[6 * vehicle :][:3]))
     detail = f" (body '{system.vehicles[vehicle].name}', speed {speed:.3g} m/s)"
     time = system.grid.start + step * system.timestep
-    return blow_up_message(system, vehicle, time, system.timestep * loop.per_law, detail)
+    cause = controller.cause_of_blow_up(vehicle, loop.memory.command) if controller else ""
+    return blow_up_message(system, vehicle, time, system.timestep * loop.per_law, detail, cause)
 
 
 class ClosedLoop(ABC):
@@ -257,7 +276,7 @@ class ClosedLoop(ABC):
         self.system: System = self._phases[0].system
         self._vehicles = self.system.vehicles
         plan = self.system.bodies
-        self._fleet = pack_fleet(self._vehicles, plan.heading, plan.surface_height, self.system.timestep)
+        self._fleet = pack_fleet(self._vehicles, plan.heading, plan.surface_height, self.system.timestep, plan.surface)
         self._controller = controller_of(controller, self.system, seed)
         self.steps_per_sample, self._timestep = self.system.steps_per_sample, self.system.timestep
         self._chunk = max(1, min(4000, self._at_once // len(self._vehicles)))
@@ -275,7 +294,7 @@ class ClosedLoop(ABC):
             start=grid.start,
             per_law=1 if grid.continuous else self.steps_per_sample,
             per_sample=self.steps_per_sample,
-        )._replace(stopped=self._stopped())
+        )._replace(stopped=self._stopped(), station=self.system.station_of_bodies)
         self._unrecorded = self._recorder(0, self.system.law)
 
     @abstractmethod
@@ -305,6 +324,21 @@ class ClosedLoop(ABC):
     def disagreement(self) -> Array:
         """eta of the agents, L_T p - c_T of the targets, at the law's last evaluation, shape (V, 3), m."""
         return self._loop.memory.residual
+
+    @property
+    def memory(self) -> Memory:
+        """What onboard computers hold since the law's last evaluation; a phase with other edges has another."""
+        return self._loop.memory
+
+    def add_to_command(self, velocity: Array) -> None:
+        """Add velocities to what the compiled law commands, before the speed limit, until other ones are given.
+
+        They count from the law's next evaluation on. Zeros change nothing, to the bit.
+
+        Args:
+            velocity: of the agents, relative to the medium, padded, shape (N, 3), m/s.
+        """
+        self._loop.memory.supplied[: len(velocity)] = velocity
 
     @property
     def phases(self) -> Sequence[Phase]:
@@ -356,6 +390,7 @@ class ClosedLoop(ABC):
             UnstableError: the state became bad; the message names vehicle, time and likely cause.
             InputError: a law in Python raised an exception, or asked for no velocity.
         """
+        require_whole("n", n, 0)
         while n > 0:
             n -= self._advance(min(n, self._chunk), self._unrecorded)
 
@@ -371,7 +406,7 @@ class ClosedLoop(ABC):
             count = min(count, loop.per_law - step % loop.per_law)
         bad = self._move(loop, step, count, recorder)
         if bad:
-            raise UnstableError(blow_up_of(self.system, self._loop, *bad))
+            raise UnstableError(blow_up_of(self.system, self._loop, *bad, self._controller))
         return count
 
     def _enter_phase(self) -> Loop:
@@ -381,8 +416,14 @@ class ClosedLoop(ABC):
         if system is not self.system:
             self.system = system
             control = self._control()
-            memory = carry(self._loop.memory, control.law)
-            self._loop = self._loop._replace(control=control, memory=memory, stopped=self._stopped())
+            self._loop = self._loop._replace(
+                control=control,
+                medium=system.medium,
+                sines=np.zeros(len(system.medium.harmonics.rate)),
+                memory=carry(self._loop.memory, self._loop.control.law, control.law, sample),
+                stopped=self._stopped(),
+                station=system.station_of_bodies,
+            )
         return self._loop
 
     def _stopped(self) -> BoolArray:
@@ -462,7 +503,9 @@ class ClosedLoop(ABC):
 
     def saturation(self) -> Array:
         """Share of each vehicle's thrusters whose command is at its limit, shape (V,)."""
-        low, high = np.concatenate([vehicle.limits for vehicle in self._vehicles]).T
-        first, ctrl = self._first_thruster, self._loop.ctrl
-        at_limit = (ctrl <= low) | (ctrl >= high)
-        return np.add.reduceat(at_limit.astype(float), first[:-1]) / np.diff(first)
+        channels, kinds = self._fleet.channels, self._fleet.kinds[self._fleet.bodies["kind"]]
+        first, ctrl, count = self._first_thruster, self._loop.ctrl, kinds["count"]
+        resting = np.repeat(kinds["one_sided"] > 0, count) & (ctrl == 0.0)
+        at_limit = ((ctrl <= channels["low"]) | (ctrl >= channels["high"])) & ~resting
+        total = np.append(0, np.cumsum(at_limit))
+        return (total[first[1:]] - total[first[:-1]]) / np.maximum(count, 1)

@@ -86,6 +86,7 @@ def world_of(loop, worlds, w):
         terms.noise,
         terms.bias,
         seed,
+        terms.streams,
         terms.rounds,
     )
     own_links = LinkArrays(
@@ -121,11 +122,13 @@ def world_of(loop, worlds, w):
         remembered.before[w],
         remembered.clock[w],
         remembered.y[w],
+        remembered.rate[w],
+        remembered.age[w],
+        remembered.since[w],
         remembered.x[w],
         remembered.moved[w],
         remembered.walked[w],
         remembered.seen[w],
-        remembered.rate[w],
         remembered.v[w],
         remembered.delta[w],
         remembered.drift[w],
@@ -141,8 +144,6 @@ def world_of(loop, worlds, w):
         heard.attitude[w],
         heard.before[w],
         heard.cells[w],
-        heard.streams,
-        heard.places,
     )
     own_memory = Memory(
         memory.flat[w],
@@ -167,6 +168,7 @@ def world_of(loop, worlds, w):
         own_memory,
         worlds.sines[w],
         loop.stopped,
+        loop.station,
         loop.start,
         loop.timestep,
         loop.per_law,

@@ -128,7 +128,9 @@ def pieces_of(phases: Sequence[Phase], samples: int, end: int) -> Iterator[tuple
             yield phase.system, begin, min(begin + samples, stop, end)
 
 
-def blow_up_message(system: System, vehicle: int, time: float, law_period: float, detail: str = "") -> str:
+def blow_up_message(
+    system: System, vehicle: int, time: float, law_period: float, detail: str = "", cause: str = ""
+) -> str:
     """Name the vehicle, the time and the likely cause of a blow-up.
 
     Args:
@@ -137,9 +139,10 @@ def blow_up_message(system: System, vehicle: int, time: float, law_period: float
         time: s.
         law_period: time between evaluations of a held law, s; 0 where it is continuous.
         detail: what was seen of it.
+        cause: Likely cause; found from the system unless given.
     """
     name = system.team.members[vehicle].id
-    return f"unstable: {name}{detail} at t = {time:.6g} s; {likely_cause(system, law_period)}"
+    return f"unstable: {name}{detail} at t = {time:.6g} s; {cause or likely_cause(system, law_period)}"
 
 
 def likely_cause(system: System, law_period: float) -> str:

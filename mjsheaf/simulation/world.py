@@ -14,6 +14,7 @@ import llvmlite.binding
 import numpy as np
 from numba import types
 
+from mjsheaf.arguments import phases_given
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.control.controller import Controller, Law
 from mjsheaf.dynamics.disturbance import evaluate_sines
@@ -150,7 +151,7 @@ class World(ClosedLoop):
             InputError: a vehicle is unknown, or does not fit the dimension of its agent or target; or a law in Python
                 where the control period is 0.
         """
-        run = scenario.phases if hasattr(scenario, "controller") else scenario
+        run = phases_given(scenario)
         super().__init__(run, controller, getattr(scenario, "seed", 0))
         self.arena = arena_of(self.system, visible=visible)
         self.model: mujoco.MjModel = self.arena.model
@@ -184,9 +185,10 @@ class World(ClosedLoop):
 
         A law in Python keeps its own state, which is not in it.
         """
+        memory = self._enter_phase().memory.flat  # where a phase begins, as `set_state` expects it
         state = np.empty(mujoco.mj_stateSize(self.model, _STATE))
         mujoco.mj_getState(self.model, self.data, state, _STATE)
-        return np.concatenate([state, self._loop.memory.flat])
+        return np.concatenate([state, memory])
 
     def set_state(self, state: Array) -> None:
         """Go on from a state of `get_state`, to the bit as the world did from which it was taken.

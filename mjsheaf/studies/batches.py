@@ -14,7 +14,9 @@ from mjsheaf.arrays import Array
 from mjsheaf.checking.finished import bound_ahead
 from mjsheaf.control.terms import traffic_of
 from mjsheaf.dynamics.disturbance import bounds as bounds_of_harmonics
+from mjsheaf.io.norms import PER_AGENT_RMS
 from mjsheaf.io.section import finite
+from mjsheaf.results.dataset import law_of
 from mjsheaf.results.metrics import MEASURES
 from mjsheaf.runs.many import fused_run
 from mjsheaf.simulation.batch import Batch, Outcome, require_world
@@ -132,12 +134,17 @@ def _record_of(job: Job, system: System, seed: int, outcome: Outcome) -> dict[st
     """See `job.new_record`."""
     unknown = dict.fromkeys(MEASURES)
     grid, traffic = system.grid, traffic_of(system.law.terms, system.team)
-    final: dict[str, Any] = {"time": float(grid.samples[outcome.samples - 1]), **unknown, "groups": {}}
+    final: dict[str, Any] = {
+        "time": float(grid.samples[outcome.samples - 1]),
+        **unknown,
+        "norm": PER_AGENT_RMS,
+        "groups": {},
+    }
     final |= {"tracking_error": outcome.tracking_error, "mean_disagreement": outcome.mean_disagreement}
-    found: dict[str, Any] = {"final": final, "settled": False if outcome.message else None}
+    found: dict[str, Any] = {"final": final, "settled": False if outcome.message else None, "law": law_of(system)}
     if not outcome.message:
         late = {"tracking_error": outcome.late_tracking_error, "mean_disagreement": outcome.late_mean_disagreement}
-        found["late"] = {**unknown, **late}
+        found["late"] = {**unknown, **late, "norm": PER_AGENT_RMS}
         for name, ratio in (("bound_ratio", outcome.ratio), ("late_bound_ratio", outcome.settled_ratio)):
             found[name] = finite(ratio)
     found[TRAFFIC] = traffic.numbers / (grid.period * len(system.team.agents))

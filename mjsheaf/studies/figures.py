@@ -32,6 +32,7 @@ from mjsheaf.plotting import (
     line_style,
     log_axis,
     new_figure,
+    plain,
     settle,
 )
 from mjsheaf.results.metrics import MEASURES
@@ -117,7 +118,7 @@ def swept_axes(study: StudyFile, records: list[dict[str, Any]]) -> list[SweptAxi
         each = study.size // len(study.points)  # runs of a listed point, which change slowest
         index = np.array([r["run"] // each for r in records], dtype=np.int64)
         axes.append(SweptAxis("points", "", False, False, False, np.arange(len(study.names), dtype=np.float64),
-                              [_plain(name) for name in study.names], index))  # fmt: skip
+                              [plain(name) for name in study.names], index))  # fmt: skip
     for path in study.paths:
         if path in listed:
             continue
@@ -132,9 +133,9 @@ def swept_axes(study: StudyFile, records: list[dict[str, Any]]) -> list[SweptAxi
             order = [_key(value) for value in how.values] if isinstance(how, Choice) else []
             names = list(dict.fromkeys([*filter(set(keys).__contains__, order), *keys]))
             places, index = np.arange(len(names), dtype=np.float64), np.array([names.index(key) for key in keys])
-            labels = [_plain(_shortened(name)) for name in names]
+            labels = [plain(_shortened(name)) for name in names]
         log = numeric and (isinstance(how, LogUniform) or _spans_decades(places))
-        name = _plain(study.labels.get(path, path))
+        name = plain(study.labels.get(path, path))
         axes.append(SweptAxis(path, name, numeric, how is not None, log, places, labels, index))
     shown: list[SweptAxis] = []
     for axis in axes:  # one of fields that always have the same value stands for all of them
@@ -152,11 +153,6 @@ def _shortened(name: str) -> str:
         return name
     kept = _LONGEST_TICK - 1
     return "…" + name[-kept:] if name.endswith(SUFFIXES) else name[:kept] + "…"  # paths differ at their ends
-
-
-def _plain(text: str) -> str:
-    """Text as matplotlib shows it letter by letter: between dollars it would be read as mathematics."""
-    return text.replace("$", r"\$")
 
 
 def _spans_decades(values: Array) -> bool:
@@ -194,7 +190,8 @@ def plot_study(
             label = _LABELS[measure]
             errors[f"{label.removeprefix('final ')}\nRMS over the last half" if study.late else label] = values
     count = f"{len(records)} runs" if finished.all() else f"{finished.sum()} of {len(records)} runs finished"
-    title = f"{_plain(name)}   [{study.backend}, {count}]"
+    law = f", law {study.controller}" if study.controller else ""
+    title = f"{name}   [{study.backend}{law}, {count}]"
     title = title if options.title else ""
     plots = {}
     if errors:

@@ -9,15 +9,19 @@ from pathlib import Path
 from textwrap import shorten
 from typing import Any
 
+import numpy as np
 import xarray as xr
 
 from mjsheaf._version import __version__
-from mjsheaf.checking.finished import bound_of_run, ending_of_run
+from mjsheaf.checking.finished import Ending, bound_of_run, ending_of_run, judge
+from mjsheaf.control.source import LawFile
 from mjsheaf.errors import InputError, NotUniqueError
+from mjsheaf.io.norms import PER_AGENT_RMS
 from mjsheaf.io.section import finite
 from mjsheaf.remember import remember_last
 from mjsheaf.results import dataset_bytes, summarize
-from mjsheaf.results.metrics import communication, error_series_of, late_errors
+from mjsheaf.results.dataset import of_phase
+from mjsheaf.results.metrics import communication, error_series_of, late_errors, mean_known
 from mjsheaf.results.netcdf import thin
 from mjsheaf.runs.simulate import simulate
 from mjsheaf.scenario import Scenario, scenario_from_mapping
@@ -57,6 +61,7 @@ class Job:
         engine: what moves bodies.
         trajectories: whether result.nc is wanted.
         versions: of the mjsheaf that asks and of its libraries.
+        law: Law in Python that is in control, or None.
     """
 
     point: Point
@@ -68,6 +73,7 @@ class Job:
     engine: str = "mujoco"
     trajectories: bool = False
     versions: dict[str, str] = field(default_factory=versions)
+    law: LawFile | None = None
 
     @property
     def changes(self) -> dict[str, Any]:
@@ -128,8 +134,8 @@ def new_record(point: Point, seed: int | None, status: str, message: str = "", *
 
     Its run, parameters, seed, status, message; final (as summary.json), late (the same measures, RMS over the last
     half), ending, settled (whether that is it), bound_ratio and late_bound_ratio (see `RunBound`),
-    numbers_per_agent_second as summary.json has it, and where trajectories are wanted the errors over time: series,
-    with time, s, and each measure, m, at some samples.
+    numbers_per_agent_second and law as summary.json has them, and where trajectories are wanted the errors over time:
+    series, with time, s, and each measure, m, at some samples.
     """
     return {
         "run": point.number,
@@ -138,6 +144,7 @@ def new_record(point: Point, seed: int | None, status: str, message: str = "", *
         "status": status,
         "message": shorten(message, 600, placeholder=" ..."),
         **dict.fromkeys(("final", "late", "settled", "ending", "bound_ratio", "late_bound_ratio", "series", TRAFFIC)),
+        "law": None,
         **found,
     }
 
@@ -151,6 +158,8 @@ def run_job(job: Job) -> JobResult:
     for name, here in versions().items():
         if job.versions[name] != here:
             raise ForeignWorkerError(f"a worker has {name} {here}; expected {job.versions[name]}")
+    if job.law is not None and job.law.changed:
+        raise ForeignWorkerError(f"{job.law.label}: the file has changed since the study began; choose another --out")
     begun = time.perf_counter()
     dataset = page = None
     try:
@@ -164,19 +173,23 @@ def failed_record(job: Job, error: Exception) -> dict[str, Any]:
     """The record of a run that raised an error."""
     told = str(error)
     if isinstance(error, NotUniqueError | InputError):
-        return new_record(job.point, job.seed, "refused" if isinstance(error, NotUniqueError) else "invalid", told)
+        status = "refused" if isinstance(error, NotUniqueError) else "invalid"
+        if job.law is not None and job.law.label in told:  # an error of the law, not of the point
+            status = "failed"
+        return new_record(job.point, job.seed, status, told)
     what = "not enough memory" if isinstance(error, MemoryError) else type(error).__name__
     return new_record(job.point, job.seed, "failed", f"{what}: {told}")
 
 
 def _run(job: Job) -> tuple[dict[str, Any], bytes | None, bytes | None]:
     scenario = job.load()
-    dataset = simulate(scenario, job.backend, engine=job.engine, threads=1)
+    controller = job.law.load(scenario.seed) if job.law else None
+    dataset = simulate(scenario, job.backend, engine=job.engine, threads=1, controller=controller, progress=False)
     system = scenario.system
-    found: dict[str, Any] = {"final": summarize(system.team, dataset), "settled": False}
+    found: dict[str, Any] = {"final": summarize(system.team, dataset), "settled": False, "law": dataset.attrs["law"]}
     if dataset.attrs["status"] == "finished":
-        ending, bound = ending_of_run(scenario.phases, dataset), bound_of_run(scenario.phases, dataset)
-        found["late"] = late_errors(system.team, dataset)
+        ending, bound = _ending_of(job, scenario, dataset), bound_of_run(scenario.phases, dataset)
+        found["late"] = {**late_errors(system.team, dataset), "norm": PER_AGENT_RMS}
         found["ending"], found["settled"] = ending, None if ending is None else ending == "settled"
         for name, ratio in (("bound_ratio", bound.ratio), ("late_bound_ratio", bound.settled_ratio)):
             found[name] = finite(ratio)
@@ -187,6 +200,14 @@ def _run(job: Job) -> tuple[dict[str, Any], bytes | None, bytes | None]:
     if not job.trajectories:
         return record, None, None
     return record, _bytes_of(dataset), _page_of(scenario, dataset, found)
+
+
+def _ending_of(job: Job, scenario: Scenario, dataset: xr.Dataset) -> Ending | None:
+    """Judge how a run ended; under a law in Python, whose loop is not known, by its error alone."""
+    if job.law is None:
+        return ending_of_run(scenario.phases, dataset)
+    _, own = of_phase(scenario.phases, dataset, -1)
+    return judge(np.sqrt(mean_known(own["tracking_error"].values ** 2)))
 
 
 def _page_of(scenario: Scenario, dataset: xr.Dataset, found: dict[str, Any]) -> bytes:

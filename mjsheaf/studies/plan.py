@@ -10,10 +10,13 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from mjsheaf.arguments import require_mapping, require_type
+from mjsheaf.control.source import LawFile, find_law
 from mjsheaf.errors import InputError, ScenarioError, in_field
 from mjsheaf.io.files import confined, list_studies, naming
-from mjsheaf.io.section import describe_validation_error
+from mjsheaf.io.section import split_path, validation_problems
 from mjsheaf.io.yaml import SUFFIXES, parse_yaml, read_yaml
+from mjsheaf.runs.harm import listed
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import list_scenarios, map_vehicles, read_scenario
 from mjsheaf.studies.job import Job, versions
@@ -36,6 +39,7 @@ class Plan:
         files: SHA-256 of the vehicles' own files.
         points: the runs, in order.
         seed_matters: whether another seed would change anything.
+        law: Law in Python of all runs, or None.
     """
 
     name: str
@@ -46,10 +50,22 @@ class Plan:
     files: dict[str, str]
     points: list[Point]
     seed_matters: bool = True
+    law: LawFile | None = None
+
+    @property
+    def title(self) -> str:
+        """Title of the page and the plots: the study's name or summary, else the scenario and what is swept."""
+        if self.study.name or self.study.summary:
+            return self.study.name or self.study.summary
+        swept = [self.study.labels.get(path, path) for path in self.study.paths]
+        swept += ["seeds"] if self.study.seeds else []
+        over = f" over {listed(swept)}" if swept else ""
+        return f"{self.scenario.get('name', self.name)}{over}"
 
     def record(self) -> dict[str, Any]:
         """What study.json holds: all on which results depend. Two studies with one record give the same bytes."""
         libraries = dict(versions())
+        law = {} if self.law is None else {"law": self.law.key()}
         return {
             "mjsheaf_version": libraries.pop("mjsheaf"),
             "versions": libraries,
@@ -58,6 +74,7 @@ class Plan:
             "asked": self.study.asked(),
             "scenario": self.scenario,
             "vehicle_files": self.files,
+            **law,
         }
 
     def job(self, point: Point) -> Job:
@@ -74,6 +91,7 @@ class Plan:
             study.backend,
             study.engine,
             study.trajectories,
+            law=self.law,
         )
 
 
@@ -89,6 +107,7 @@ def load_plan(
     batch: bool = False,
     measure: str | None = None,
     trajectories: bool = False,
+    controller: str | None = None,
 ) -> Plan:
     """Read a study, add what is asked beside it, and lay out its runs.
 
@@ -105,14 +124,23 @@ def load_plan(
         batch: whether runs of one team go together, also where the study does not ask for it; by the fused engine.
         measure: the error that plots show, instead of the study's own.
         trajectories: whether to keep result.nc of every run, also where the study does not ask for it.
+        controller: law in Python, FILE.py:NAME from the working directory, instead of the study's own.
 
     Raises:
         ScenarioError: a file does not exist, is not valid or names what lies outside its directory, fields clash, or no
             point is valid.
     """
+    require_type("source", source, str, "the name of a study or scenario, or the path of its file")
+    require_mapping("grid", grid, "a mapping of field paths to lists of values")
+    require_mapping("overrides", overrides, "a mapping of field paths to values")
+    for option, paths in (("--set", overrides), ("--grid", grid)):
+        with in_field(option):
+            for path in paths or ():
+                split_path(path)
     read = _read(source)
     study = read.study
     # What a user types is relative to the working directory; workers may run anywhere.
+    law = _law(read, controller, source)
     overrides = {path: _absolute(value, path) for path, value in (overrides or {}).items()}
     grid = {path: [_absolute(value, path) for value in values] for path, values in (grid or {}).items()}
     twice = sorted(set(grid) & set(study.grid))
@@ -127,13 +155,13 @@ def load_plan(
         "device": device or study.device,
         "batch": batch or study.batch,
         "measure": measure or study.measure,
+        "controller": law.label if law else None,
     }
     if seeds is not None:
         changes["seeds"] = {"start": seeds[0], "stop": seeds[1]}
     study = _validated({**study.model_dump(exclude_none=True), **changes}, source)
-    plan = replace(
-        read, study=study, files=_vehicle_files(read.scenario, study, read.directory), points=list(points_of(study))
-    )
+    files = _vehicle_files(read.scenario, study, read.directory)
+    plan = replace(read, study=study, files=files, points=list(points_of(study)), law=law)
     scenario = _a_valid_point(plan)
     return replace(plan, seed_matters=scenario.uses_seed(study.backend) or "swarm" in read.scenario)
 
@@ -162,7 +190,7 @@ def _read(source: str) -> Plan:
             with in_field("scenario"):
                 scenario = confined(study.scenario, directory)
     except InputError as error:
-        raise ScenarioError(f"{source}: {error}") from None
+        raise error.within(source, ScenarioError) from None
     if isinstance(scenario, Path) and not scenario.is_file():
         raise ScenarioError(
             f"{source}: scenario: {study.scenario!r} is neither a file nor one of {', '.join(scenarios)}"
@@ -170,12 +198,31 @@ def _read(source: str) -> Plan:
     return Plan(path.stem, source, study, read_scenario(scenario), directory, {}, [])
 
 
+def _law(read: Plan, controller: str | None, source: str) -> LawFile | None:
+    """Find the law in Python of a study, and load it once to see that it can be loaded.
+
+    Raises:
+        InputError: there is no such law, or its file raises an exception.
+    """
+    named = read.study.controller
+    if controller is None and named is None:
+        return None
+    if controller is not None:
+        law = find_law(controller)
+    else:
+        with in_field(source):
+            law = find_law(str(named), "controller", read.directory)
+    law.load(0)
+    # Results name the law by its file alone: they must not depend on how the path was typed.
+    return replace(law, label=f"{Path(law.path).name}:{law.name}")
+
+
 def _validated(raw: Mapping[str, Any], source: str) -> StudyFile:
     try:
         return StudyFile.model_validate(raw)
     except ValidationError as error:
-        told = describe_validation_error(error, StudyFile).removeprefix("file: ")
-        raise ScenarioError(f"{source}: {told}") from None
+        lines = [line.removeprefix("file: ") for line in validation_problems(error, StudyFile)]
+        raise ScenarioError(*lines).within(source) from None
 
 
 def _absolute(value: Any, path: str) -> Any:
@@ -254,7 +301,8 @@ def _a_valid_point(plan: Plan) -> Scenario:
         except InputError as error:
             first = first or error
     which = f"{len(tried)} points" + (" from all over the study" if len(tried) < len(plan.points) else "")
-    raise ScenarioError(str(first) if len(plan.points) == 1 else f"{first} (and none of {which} is valid)")
+    *lines, last = first.args if first else ("no point is valid",)
+    raise ScenarioError(*lines, last if len(plan.points) == 1 else f"{last} (and none of {which} is valid)")
 
 
 def _tried(plan: Plan) -> list[Point]:

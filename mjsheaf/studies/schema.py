@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, Field, JsonValue, model_validator
 
-from mjsheaf.io.section import Number, Positive, Section
+from mjsheaf.io.section import Number, Positive, Section, split_path
 from mjsheaf.runs.simulate import BACKENDS, ENGINES, require_engine
 
 Measure = Literal["mean_disagreement", "tracking_error", "formation_error", "centering_error"]
@@ -134,10 +134,16 @@ class SeedRange(Section):
 class StudyFile(Section):
     """What is asked: every listed point with every pair, grid point and draw, and all of these with every seed."""
 
+    name: str = Field("", description="title of the page and the plots; the summary unless given")
     summary: str = Field("", description="one line: the question")
     scenario: str = Field(description="a name in scenarios/, or the path of a YAML file from this one's directory")
     backend: Literal[BACKENDS] = Field("physics", description="backend of all runs")  # type: ignore[valid-type]
     engine: Literal[ENGINES] = Field("mujoco", description="what moves bodies")  # type: ignore[valid-type]
+    controller: str | None = Field(
+        None,
+        description="law in Python of all runs, FILE.py:NAME with a path from this file's directory; that of the "
+        "scenario unless given",
+    )
     device: Literal["cpu", "gpu"] = Field(
         "cpu", description="gpu: runs of one team side by side on a CUDA card, engine fused, of which records keep less"
     )
@@ -173,6 +179,10 @@ class StudyFile(Section):
         together = "device gpu" if self.device == "gpu" else "batch" if self.batch else ""
         if together and self.engine != "fused":
             raise ValueError(f"{together}: has the fused engine alone; expected engine fused")
+        if together and self.controller is not None:
+            raise ValueError(
+                f"controller: a law in Python runs alone, not on {together}; expected device cpu without batch"
+            )
         if together and self.trajectories:
             raise ValueError(f"trajectories: {together} keeps none; expected device cpu without batch")
         if len({len(values) for values in self.paired.values()}) > 1:
@@ -224,7 +234,7 @@ class StudyFile(Section):
 
     def asked(self) -> dict[str, Any]:
         """All on which results depend but the scenario, in canonical form; not what only says how they are shown."""
-        shown = {"summary", "scenario", "measure", "late", "labels", "names"}
+        shown = {"name", "summary", "scenario", "measure", "late", "labels", "names", "controller"}
         defaults = {"engine": "mujoco", "device": "cpu", "batch": False}  # of which older studies do not speak
         usual = {name for name, value in defaults.items() if getattr(self, name) == value}
         return self.model_dump(mode="json", exclude=shown | usual, exclude_none=True)
@@ -239,7 +249,7 @@ def _check_items(fixed: Mapping[str, Any], swept: Iterable[str]) -> None:
     tree: dict[bool, Any] = {}
     for path in (*fixed, *swept):
         at = tree
-        for key in path.split("."):
+        for key in split_path(path):
             number = key.isdecimal()
             other = next(iter(at.get(not number, ())), None)
             if other is not None and path not in fixed:

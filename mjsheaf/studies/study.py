@@ -16,7 +16,6 @@ import pandas as pd
 import pyarrow as pa
 
 from mjsheaf._version import __version__
-from mjsheaf.checking.finished import LEVEL
 from mjsheaf.io.figures import AS_USUAL, FigureOptions
 from mjsheaf.io.yaml import parse_yaml
 from mjsheaf.results.metrics import MEASURES
@@ -37,6 +36,7 @@ _COLUMNS = {
     "bound_ratio": "double",
     "late_bound_ratio": "double",
     "numbers_per_agent_second": "double",
+    "law": "string",
     "message": "string",
 }
 """After `run` and the parameters: name to type."""
@@ -69,7 +69,7 @@ def run_study(
     *,
     retry_failed: bool = False,
     figures: FigureOptions = AS_USUAL,
-    progress: Progress = no_progress,
+    progress: Progress | bool | None = True,
 ) -> Study:
     """Run what of a study has not ended, and write its table, plots and page.
 
@@ -79,7 +79,8 @@ def run_study(
         workers: begins a Runner; called only where something is left to run.
         retry_failed: run again what did not finish.
         figures: how the plots are written.
-        progress: called with (what is being done, done, in all).
+        progress: True shows a bar on a terminal or in a notebook, False nothing; a function is called with (what is
+            being done, done, in all).
 
     Raises:
         PlaceError: the directory holds something else or cannot be written. Runs that have ended are kept.
@@ -87,19 +88,22 @@ def run_study(
         SchedulerError: the cluster cannot be reached, or went away. Runs that have ended are kept; without any, so is
             only a directory that was there before.
     """
-    with open_directory(directory, plan) as place:
+    from mjsheaf.progress import shown
+
+    with shown(progress, "running") as bar, open_directory(directory, plan) as place:
+        report = bar or (progress if callable(progress) else no_progress)
         records = place.ended()
         kept = {n for n, r in records.items() if not retry_failed or r["status"] == "finished"}
         missing = [point for point in plan.points if point.number not in kept]
         if missing:
             try:
                 with workers() as runner:
-                    progress("running", len(kept), len(plan.points))
+                    report("running", len(kept), len(plan.points))
                     results = runner.run(plan.job(point) for point in missing)
                     for done, result in enumerate(results, len(kept) + 1):
                         place.save(result)
                         records[result.record["run"]] = result.record
-                        progress("running", done, len(plan.points))
+                        report("running", done, len(plan.points))
             except (SchedulerError, ForeignWorkerError):
                 place.leave()
                 raise
@@ -115,7 +119,7 @@ def results_of(plan: Plan, records: list[dict[str, Any]], figures: FigureOptions
 
     table = make_table(plan, records)
     drawn = figures if "png" in figures.formats else replace(figures, formats=("png", *figures.formats))
-    plots = plot_study(plan.study, plan.name, records, drawn)
+    plots = plot_study(plan.study, plan.title, records, drawn)
     page = page_of(plan, table, {name: data for name, data in plots.items() if name.endswith(".png")})
     plots = {name: data for name, data in plots.items() if Path(name).suffix[1:] in figures.formats}
     return {"table.csv": csv_of(table), "table.parquet": table.to_parquet(index=False), **plots, "index.html": page}
@@ -172,18 +176,22 @@ def page_of(plan: Plan, table: pd.DataFrame, plots: dict[str, bytes]) -> bytes:
         for row in table.head(_MOST_ROWS).to_dict("records")
     ]
     page = environment.from_string(Path(__file__).with_name("page.html").read_text(encoding="utf-8"))
+    finished = table[table["status"] == "finished"]
+    best = best_point(plan, table)
     return page.render(
         plan=plan,
+        best=best,
+        best_command=None if best is None else command_of(plan, plan.points[best.run]),
+        not_converged=not_converged(int(finished["settled"].eq(False).sum()), len(finished)),
         study=plan.study,
         version=__version__,
         runs=len(table),
         statuses=STATUSES,
         counts=Counter(statuses),
         plots={name: base64.b64encode(png).decode() for name, png in plots.items()},
-        level=LEVEL,
         example=example,
         command=command_of(plan, plan.points[example]),
-        columns=[name for name in table if table[name].replace("", None).notna().any()],  # others only widen it
+        columns=[name for name in table if _is_shown(table, name)],
         numbers={name for name in table if pd.api.types.is_numeric_dtype(table[name].dtype)},
         measures=MEASURES,
         rows=rows,
@@ -191,11 +199,71 @@ def page_of(plan: Plan, table: pd.DataFrame, plots: dict[str, bytes]) -> bytes:
     ).encode()
 
 
+def _is_shown(table: pd.DataFrame, name: str) -> bool:
+    """Return True if a column of the page says anything; others only widen it."""
+    known = table[name].replace("", None).notna()
+    return bool(known.any()) and (name != "law" or table[name].nunique() > 1)
+
+
+def not_converged(count: int, finished: int) -> str:
+    """Say how many of the runs that finished had not converged at their end; empty if all had."""
+    if not count:
+        return ""
+    return f"{count} of {finished} runs had not converged at the end; a later time.end shows where they settle"
+
+
+@dataclass(frozen=True)
+class Best:
+    """The point of a study with the smallest error.
+
+    Attributes:
+        run: Number of its run with the smallest error.
+        parameters: Field path to value.
+        measure: Column of the table that is compared.
+        error: Median of that error over the point's seeds, m.
+        seeds: Number of the point's runs that finished.
+        converged: True if all of them had converged at the end; None if that is not known.
+    """
+
+    run: int
+    parameters: dict[str, Any]
+    measure: str
+    error: float
+    seeds: int
+    converged: bool | None
+
+
+def best_point(plan: Plan, table: pd.DataFrame) -> Best | None:
+    """Find the point with the smallest error, the median over its seeds; None without points to choose from.
+
+    The error is the one that plots show: the study's measure, at the end or over the last half. A point counts only if
+    all of its runs finished.
+    """
+    measure = plan.study.measure or "tracking_error"
+    column = f"late_{measure}" if plan.study.late else measure
+    seeds = plan.study.seeds.stop - plan.study.seeds.start if plan.study.seeds else 1
+    if len(table) <= seeds:
+        return None
+    found: list[Best] = []
+    for begin in range(0, len(table), seeds):
+        rows = table.iloc[begin : begin + seeds]
+        errors = rows[column].astype("float64")
+        if (rows["status"] != "finished").any() or errors.isna().any():
+            continue
+        settled = [None if pd.isna(value) else bool(value) for value in rows["settled"]]
+        converged = None if None in settled else all(settled)
+        run = int(rows["run"].iloc[int(errors.to_numpy().argmin())])
+        parameters = plan.points[run].parameters
+        found.append(Best(run, parameters, column, float(errors.median()), len(rows), converged))
+    return min(found, key=lambda point: point.error, default=None)
+
+
 def command_of(plan: Plan, point: Point) -> str:
     """The command that does one run of a study by itself, for a shell in the study's directory."""
     # The scenario of a study with vehicles' own files is not kept there, as it could not name them.
     parts = ["mjsheaf", "run", "SCENARIO" if plan.files else "scenario.yaml", "--backend", plan.study.backend]
-    parts += ["--engine", plan.study.engine] * (plan.study.engine != "mujoco")
+    parts += ["--engine", plan.study.engine] if plan.study.engine != "mujoco" else []
+    parts += ["--controller", plan.law.label] if plan.law else []
     changes = plan.job(point).changes.items()
     return shlex.join(parts + [part for path, value in changes for part in ("--set", f"{path}={_as_yaml(value)}")])
 

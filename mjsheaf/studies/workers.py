@@ -17,6 +17,7 @@ from typing import Any, Protocol
 
 import psutil
 
+from mjsheaf.arguments import require_whole
 from mjsheaf.errors import InputError
 from mjsheaf.studies.job import ForeignWorkerError, Job, JobResult, failed_record, new_record, run_job
 from mjsheaf.threads import ONE_THREAD, usable_processors
@@ -185,6 +186,8 @@ def local_workers(count: int | None = None, *, processes: bool = True, memory: i
         processes: each worker a process; else all are threads of this one, which begin at once and share its fate.
         memory: that all processes together may take, in bytes; None takes most of the machine's.
     """
+    if count is not None:
+        require_whole("workers", count, 1)
     count = count or usable_processors()
     if not processes:
         threads = ThreadPoolExecutor(count)

@@ -129,6 +129,11 @@ class Team:
             self.anchors,
         )
 
+    @property
+    def measuring_edges(self) -> tuple[Edge, ...]:
+        """Edges at which agents measure: communication, sensing, anchors."""
+        return (*self.communication, *self.sensing, *self.anchors)
+
     @cached_property
     def slots(self) -> IntArray:
         """Places of the stacked vector (q, p) in a padded array of shape (V, 3), flattened; shape (n,)."""
@@ -248,7 +253,7 @@ class Team:
                         )
                 made.append(_with_offset(built, displacement))
         except InputError as error:
-            raise type(error)(f"{field}.{len(made)}: {error}") from None
+            raise error.within(f"{field}.{len(made)}") from None
         return tuple(made)
 
 

@@ -17,7 +17,7 @@ from mjsheaf.vehicles.actuators import Channel, Thruster
 
 GRAVITY = 9.81  # m/s^2
 
-_STIFF = 0.01  # share of a velocity that drag takes in a step: as an applied force it is wrong by about this much
+_STIFF = 10.0  # 1/s: rate D / M above which drag is stiff
 
 ROW_NAMES = ("surge force", "sway force", "heave force", "roll moment", "pitch moment", "yaw moment")
 
@@ -118,12 +118,40 @@ class Body:
         """A (r, s) and b (r,) of A u <= b, which efforts u obey beside their bounds."""
         from scipy.linalg import block_diag
 
+        if not self.actuators:
+            return np.zeros((0, 0)), np.zeros(0)
         A, b = zip(*(actuator.half_planes for actuator in self.actuators), strict=True)
         return block_diag(*A), np.concatenate(b)
 
+    def solve_for_efforts(self, A: Array, b: Array, cost: Array) -> float:
+        """Return s >= 0 of the efforts u within limits and s that solve A [u; s] = b at least cost.
+
+        It is infinite where s has no limit, and 0 where nothing solves it.
+        """
+        from scipy.optimize import linprog
+
+        planes, heights = self.half_planes
+        answer = linprog(
+            cost,
+            A_ub=np.column_stack([planes, np.zeros(len(heights))]) if len(heights) else None,
+            b_ub=heights if len(heights) else None,
+            A_eq=A,
+            b_eq=b,
+            bounds=[*self.effort_bounds, (0.0, np.inf)],
+        )
+        if answer.status == 3:
+            return float("inf")
+        return float(answer.x[-1]) if answer.status == 0 else 0.0
+
+    def largest_along(self, rows: list[int], along: Array, carried: Array) -> float:
+        """Return the largest s with which efforts within limits make W u = carried + s along (6,) on some rows."""
+        cost = np.append(np.zeros(self.W.shape[1]), -1.0)
+        return self.solve_for_efforts(np.column_stack([self.W[rows], -along[rows]]), carried[rows], cost)
+
     def by_actuator(self, values: NDArray[Any]) -> list[NDArray[Any]]:
         """Efforts or commands (s,) of each actuator."""
-        return np.split(values, np.cumsum([len(actuator.channels) for actuator in self.actuators])[:-1])
+        ends = np.cumsum([len(actuator.channels) for actuator in self.actuators], dtype=np.int64)
+        return np.split(values, ends)[:-1]
 
     @property
     def moving_mass(self) -> Array:
@@ -153,15 +181,18 @@ class Body:
         rigid = self.rigid_mass
         return np.asarray(np.linalg.solve(rigid + np.diag(self.added_mass), rigid).T)
 
-    def joint_damping(self, timestep: float) -> Array:
-        """Linear damping that the free joint takes, in a step of so many s, shape (6,), N s/m and N m s/rad.
+    @property
+    def joint_damping(self) -> Array:
+        """Linear damping that the free joint takes, shape (6,), N s/m and N m s/rad.
 
         MuJoCo integrates what the joint takes implicitly: stiff drag then costs no small steps. But it factorizes the
-        mass matrix once more for it, so that drag which is not stiff had better be an applied force. What is shared
-        with the medium must be: see `simulation.bodies`.
+        mass matrix once more for it, so drag that is not stiff is an applied force, stable up to steps of 0.2 s. What
+        is shared with the medium must be: see `simulation.bodies`. The choice does not depend on the timestep: both
+        errors are of first order in it, but the force's is several times larger, and a run that changed from one to
+        the other would be less exact with a smaller step.
         """
         fastest = max(*(self.drag / self.mass), *(self.angular_drag / np.diag(self.turning_inertia)))
-        if self.added_mass.any() or fastest * timestep <= _STIFF:
+        if self.added_mass.any() or fastest <= _STIFF * (1.0 + 1e-9):  # whatever the rounding of m / tau
             return np.zeros(6)
         return np.array([*np.full(3, self.drag.max()), *self.angular_drag])
 

@@ -19,11 +19,12 @@ from xml.parsers import expat
 import numpy as np
 from pydantic import ValidationError
 
+from mjsheaf.arguments import require_type
 from mjsheaf.arrays import Array
 from mjsheaf.engine import mujoco, refusing
 from mjsheaf.errors import InputError, expected, in_field, shortened
 from mjsheaf.io.files import confined, read_bytes, resource_directory
-from mjsheaf.io.section import describe_validation_error
+from mjsheaf.io.section import validation_problems
 from mjsheaf.io.yaml import SUFFIXES, read_yaml
 from mjsheaf.vehicles.actuators import LAGS, Azimuth, AzimuthThruster, Range, Thruster
 from mjsheaf.vehicles.body import GRAVITY, ROW_NAMES, Inertial
@@ -181,6 +182,7 @@ def load_vehicle(source: str, directory: Path | None = None) -> Vehicle:
     Raises:
         InputError: no such vehicle, or its files are not valid; the message names the file.
     """
+    require_type("source", source, str, "the name of a vehicle, or the path of its description")
     known = list_vehicles()
     path = known.get(source) or (directory or Path()) / source
     if source in known:
@@ -220,7 +222,7 @@ def read_description(path: Path) -> VehicleDescription:
     try:
         return VehicleDescription.model_validate(read_yaml(path))
     except ValidationError as error:
-        raise InputError(f"{path}: {describe_validation_error(error, VehicleDescription)}") from None
+        raise InputError(*validation_problems(error, VehicleDescription)).within(path) from None
 
 
 def _compile(path: Path) -> mujoco.MjModel:
@@ -295,9 +297,15 @@ def _from_model(name: str, description: VehicleDescription, path: Path, model: m
 def _check(vehicle: Vehicle) -> None:
     """Refuse a vehicle whose thrusters cannot do what its way of control asks of them.
 
+    One that drifts has none.
+
     Raises:
         InputError: naming what is lacking.
     """
+    if vehicle.description.drifts:
+        if vehicle.actuators:
+            raise InputError(f"{vehicle.path}: what drifts has no thrusters; leave out <actuator>, or drifts: true")
+        return
     rows, path = vehicle.controlled_rows, vehicle.path
     if np.linalg.matrix_rank(vehicle.W[rows]) < len(rows):
         left = np.linalg.svd(vehicle.W[rows])[0][:, -1]

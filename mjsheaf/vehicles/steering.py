@@ -2,7 +2,8 @@
 
 - `Full`: pushes along every axis in which it is controlled, and holds its heading.
 - `HandPoint`: a boat with surge and yaw only. It steers a point at l ahead of its origin: surge makes that point's
-  velocity forward, and the yaw rate (v_c,y - v_r,y) / l its velocity to port.
+  velocity forward, and the yaw rate (v_c,y - v_r,y) / l its velocity to port. A boat that cannot back turns round for
+  what is astern, see `_turn_under_way`.
 - `ThrustVector`: a multirotor with parallel rotors. It thrusts weight + F along its z axis and turns that axis there
   (Lee, Leok and McClamroch, Geometric tracking control of a quadrotor UAV on SE(3), CDC 2010).
 
@@ -17,7 +18,7 @@ from pydantic import Field
 
 from mjsheaf.arrays import Array
 from mjsheaf.io.section import Section
-from mjsheaf.jit import inline_jit
+from mjsheaf.jit import inline_jit, jit
 from mjsheaf.vehicles.body import Body
 from mjsheaf.vehicles.vectors import cross, product, subtract, to_world, triple
 
@@ -81,22 +82,8 @@ class Steering(Section, ABC):
 
     def largest_force(self, body: Body, direction: Array) -> float:
         """Largest horizontal force of a level vehicle along a unit vector of its plane, N."""
-        from scipy.optimize import linprog
-
-        # max s over efforts u within limits with W u = weight + s direction on the controlled rows
-        rows = self.rows[body.dimension]
         along = np.array([*direction, 0.0, 0.0, 0.0, 0.0])
-        carried = body.W @ self.trim_effort(body)
-        A, b = body.half_planes
-        found = linprog(
-            np.r_[np.zeros(body.W.shape[1]), -1.0],
-            A_ub=np.column_stack([A, np.zeros(len(b))]) if len(b) else None,
-            b_ub=b if len(b) else None,
-            A_eq=np.column_stack([body.W[rows], -along[rows]]),
-            b_eq=carried[rows],
-            bounds=[*body.effort_bounds, (0.0, np.inf)],
-        )
-        return float(found.x[-1]) if found.status == 0 else (float("inf") if found.status == 3 else 0.0)
+        return body.largest_along(self.rows[body.dimension], along, body.W @ self.trim_effort(body))
 
     def without_limits(self) -> "Steering":
         """The same with nothing limited."""
@@ -237,8 +224,13 @@ def steer(kind, heading, sensed, wanted, force, weight):
     """
     R, s, omega = sensed.R, sensed.velocity, sensed.rates
     if kind.steering == HAND_POINT:
-        rate = (wanted[1] - s[1]) / kind.hand
+        aside = wanted[1]
+        if kind.forward_only and wanted[0] < 0.0:  # turning is then as urgent as for what is abeam
+            aside = np.copysign(np.sqrt(wanted[0] * wanted[0] + aside * aside), aside)
+        rate = (aside - s[1]) / kind.hand
         yaw = (kind.drag[5] + kind.quadratic[5] * abs(rate)) * rate + kind.gain[5] * (rate - omega[2])
+        if kind.forward_only:
+            yaw = _turn_under_way(kind, s, wanted, force[0], yaw)
         force, moment, turn = (force[0], 0.0, 0.0), (0.0, 0.0, yaw), (0.0, 0.0, 0.0)
     else:
         attitude = (heading[0], 0.0, 0.0, heading[1])
@@ -251,6 +243,31 @@ def steer(kind, heading, sensed, wanted, force, weight):
         net, share = subtract(force, drag_force(kind, s)), kind.rigid_mass_fraction
         moment = cross(triple(kind.com), (share[0] * net[0], share[1] * net[1], share[2] * net[2]))
     return weight, turn, force, moment
+
+
+@jit
+def _turn_under_way(kind, s, wanted, surge, yaw):
+    """Limit a yaw moment by the surge force that comes with it.
+
+    A boat that cannot back, and turns by pushing, must not go faster than the speed that is wanted: near its target it
+    would circle. Below the speed at which turning round is worth it, the boat turns no harder than its wanted surge
+    force allows, and drifts.
+
+    Args:
+        kind: see KIND.
+        s: velocity through the medium, body axes, (3,), m/s.
+        wanted: the same that is wanted.
+        surge: force that is wanted, N.
+        yaw: moment that is wanted, N m.
+    """
+    if kind.turning_price <= 0.0:
+        return yaw
+    speed, least = np.sqrt(wanted[0] * wanted[0] + wanted[1] * wanted[1]), kind.turning_speed
+    worth = min(max(speed - least, 0.0) / least, 1.0) if least > 0.0 else 1.0
+    free = (kind.drag[0] + kind.quadratic[0] * speed) * speed + kind.gain[0] * (speed - s[0])
+    surge = max(surge, 0.0)
+    largest = (surge + worth * max(free - surge, 0.0)) / kind.turning_price
+    return min(max(yaw, -largest), largest)
 
 
 @inline_jit

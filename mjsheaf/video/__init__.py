@@ -6,6 +6,8 @@ Where to look:
 - from_run: a film of a run's data, or of two runs side by side;
 - draw: the whole of it, film and model in, video file out;
 - camera, scene, overlay: where the camera is, vehicles and decoration as pixels, what is written over them;
+- sizes, flow: scales of vehicles and colours of speeds, which the page shares;
+- legend, text: the panel next to the scene, and lettering;
 - gl: which offscreen OpenGL works here.
 
 `draw` and `scene` import MuJoCo, which fails where MUJOCO_GL names a backend that is not there: ask

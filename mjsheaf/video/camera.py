@@ -21,6 +21,7 @@ from mjsheaf.video.film import FloatArray
 # How much of the picture's half-width or half-height the team may fill: at the left, right, bottom and top.
 # There is more room at the top, as the title stands there.
 FILL = (0.88, 0.88, 0.86, 0.74)
+FILL_BESIDE_PANEL = (0.88, 0.88, 0.86, 0.84)  # the title stands in the panel
 SMOOTHING = 2.5  # half the window over which the camera's motion is smoothed, in s of video
 
 
@@ -101,6 +102,7 @@ def camera_path(
     radius: float,
     window: int,
     distance: float | None = None,
+    fill: tuple[float, float, float, float] = FILL,
 ) -> CameraPath:
     """Follow the team.
 
@@ -112,10 +114,11 @@ def camera_path(
         radius: of the ball about each point that must be in the picture, in m; positive.
         window: frames on either side over which motion is smoothed.
         distance: from the eye to the middle of the team, in m, if it is not to be found from the points.
+        fill: Fraction of the half-width or half-height to fill at the left, right, bottom and top.
     """
     rotation = axes(azimuth, elevation)
     # Slopes of the sides and bounds on the eye: left, right, bottom, top.
-    slopes = np.tan(np.radians(fovy) / 2) * np.array([aspect, aspect, 1.0, 1.0]) * FILL
+    slopes = np.tan(np.radians(fovy) / 2) * np.array([aspect, aspect, 1.0, 1.0]) * fill
     bounds = np.concatenate([_bounds(block, rotation, slopes) for block in points])
     # A ball touches a side's plane when its centre is a radius away from it, measured at right angles.
     bounds[:, :4] += radius * np.sqrt(1 + slopes**2)

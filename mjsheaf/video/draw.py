@@ -16,12 +16,11 @@ from PIL import Image
 from mjsheaf.errors import InputError, MjsheafError
 from mjsheaf.io.figures import MATPLOTLIB
 from mjsheaf.io.files import whole_file
-from mjsheaf.video.camera import SMOOTHING, View, camera_path
+from mjsheaf.video.camera import FILL, FILL_BESIDE_PANEL, SMOOTHING, View, camera_path
 from mjsheaf.video.film import Film, Frames, Moment, VideoOptions
 from mjsheaf.video.gl import available_backend
 from mjsheaf.video.overlay import Overlay
 from mjsheaf.video.scene import (
-    ARROWS,
     Decorator,
     Renderer,
     enlarge_vehicles,
@@ -138,20 +137,21 @@ class Painter(AbstractContextManager["Painter"]):
             azimuth=options.azimuth,
             elevation=options.elevation,
             fovy=float(self.model.vis.global_.fovy),
-            aspect=options.width / options.height,
+            aspect=options.scene[0] / options.scene[1],
             radius=radius,
             window=round(SMOOTHING * options.fps),
             distance=options.distance,
+            fill=FILL_BESIDE_PANEL if options.legend else FILL,
         )
         set_detail(self.model, self.camera, radius, options.drawn[1])
-        self._size = (options.width, options.height)
+        self._size, self._panel = options.scene, options.panel
         if options.quality == "draft":
             self.model.vis.quality.offsamples = 0  # edges are not smoothed
         self.data = mujoco.MjData(self.model)
         self._decorator = Decorator(film, options, owners_of_geoms(self.model, film.body_id))
         survey, middle = self._frames.extent.survey, self.camera.view(len(self.times) // 2)
-        self._decorator.lay_out_arrows(survey, middle)
-        arrows = {medium.name: (speed, ARROWS[k]) for k, (medium, speed) in enumerate(self._decorator.speeds)}
+        self._decorator.lay_out_arrows(middle)
+        arrows = {medium.name: (medium.top, medium.scale) for medium in film.media}
         with MATPLOTLIB:  # plots of the run may be drawn meanwhile
             self._overlay = Overlay(film, options, survey, beside, arrows)
         self._renderer = Renderer(self.model, *options.drawn, backend, self._decorator.most_geoms)
@@ -169,6 +169,10 @@ class Painter(AbstractContextManager["Painter"]):
     def _write(self, image: Image.Image, now: Moment, view: View) -> Image.Image:
         if image.size != self._size:
             image = image.resize(self._size, Image.Resampling.BILINEAR)
+        if self._panel:
+            frame = Image.new("RGB", (self._panel + image.width, image.height))
+            frame.paste(image, (self._panel, 0))
+            image = frame
         self._overlay.write(image, now, view)
         return image
 

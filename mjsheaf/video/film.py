@@ -16,6 +16,7 @@ IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 UPRIGHT: FloatArray = np.array([1.0, 0.0, 0.0, 0.0])  # quaternion
 Edge = tuple[int, int, Literal["communication", "sensing"]]
+PANEL = 320  # width of the panel next to the scene, in pixels of a 1000x720 frame
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,7 @@ class Samples:
         positions: position of each vehicle's body frame. Shape (T, V, 3), in m.
         quaternions: attitude of each vehicle, w x y z. Shape (T, V, 4).
         harmonic_extension: where each agent should be, q*. Shape (T, N, 3), in m.
-        error: mean |eta| over the agents. Shape (T,), in m.
+        error: RMS over the agents of the distance from where each should be. Shape (T,), in m.
     """
 
     time: FloatArray
@@ -101,12 +102,16 @@ class Medium:
         velocity: velocities, shape (K, 3), m/s, at points, shape (K, 3), m.
         vehicles: numbers of those that meet it. Shape (M,).
         level: whether it moves in the plane alone, at the surface.
+        scale: Number of the scale of colours that shows its speed; see `flow.STOPS`.
+        top: End of that scale, m/s.
     """
 
     name: str
     velocity: Callable[[FloatArray], FloatArray]
     vehicles: IntArray
     level: bool
+    scale: int = 0
+    top: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -132,6 +137,7 @@ class Film:
         end: time up to which the film lasts, in s; None for the run's end. After that everything stands still.
         stages: what changes, in order, where events do; the first is what the film begins with.
         kinds: of each vehicle, by which a viewer may scale them; none where that is not wanted.
+        automatic: scale of each vehicle unless the viewer gives one; none for their true size. Shape (V,).
         media: what moves about the vehicles.
     """
 
@@ -154,6 +160,7 @@ class Film:
     stages: Sequence[Stage] = ()
     kinds: Sequence[str] = ()
     media: Sequence[Medium] = ()
+    automatic: FloatArray | None = None
 
     def __post_init__(self) -> None:
         """Check that everything fits together.
@@ -203,7 +210,8 @@ class Film:
             InputError: the options name what is not there.
         """
         ids = [*self.agent_ids, *self.target_ids]
-        return scales_of(options.vehicle_scale, options.vehicle_scales, ids, self.kinds or ids)
+        automatic = np.ones(self.vehicles) if self.automatic is None else self.automatic
+        return scales_of(options.vehicle_scale, options.vehicle_scales, ids, self.kinds or ids, automatic)
 
     def stage(self, time: float) -> int:
         """Number of the stage at a time in s, 0 where the film has none."""
@@ -226,14 +234,25 @@ class VideoOptions(Video):
     is as sharp as ever.
     """
 
-    vehicle_scale: Scale = Field(1.0, description="times larger than life")
+    vehicle_scale: Scale | None = Field(None, description="times larger than life; automatic without it")
     vehicle_scales: dict[str, Scale] = Field(default_factory=dict, description="the same, by id or kind of vehicle")
+
+    @property
+    def panel(self) -> int:
+        """Width of the panel at the left of the scene, which has the legend, in pixels; 0 without a legend."""
+        return 2 * round(PANEL * self.unit / 2) if self.legend else 0
+
+    @property
+    def scene(self) -> tuple[int, int]:
+        """Width and height of the scene in the frame, in pixels."""
+        return self.width - self.panel, self.height
 
     @property
     def drawn(self) -> tuple[int, int]:
         """Width and height with which the scene is drawn, in pixels."""
         divisor = 2 if self.quality == "draft" else 1
-        return -(-self.width // divisor), -(-self.height // divisor)
+        width, height = self.scene
+        return -(-width // divisor), -(-height // divisor)
 
     @property
     def unit(self) -> float:

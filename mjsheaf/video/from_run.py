@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from mjsheaf.plotting import groups_of
-from mjsheaf.results.metrics import mean_known
+from mjsheaf.results.metrics import law_in_words, mean_known
 from mjsheaf.results.netcdf import length_of_piece
 from mjsheaf.scenario import Scenario
 from mjsheaf.team import Team
@@ -26,6 +26,8 @@ from mjsheaf.video.film import (
     error_range,
     frame_times,
 )
+from mjsheaf.video.flow import largest_speed, velocities
+from mjsheaf.video.sizes import MOMENTS, automatic_scales, vehicle_radii
 
 if TYPE_CHECKING:
     from mjsheaf.engine import mujoco
@@ -35,6 +37,7 @@ DRAFT_FPS = 15
 HALF_FPS = 24  # most, where two runs are drawn side by side,
 LONGEST_HALF = 30.0  # and the longest such video, s: two pictures a frame cost twice as much
 HEADING_OFFSETS = np.linspace(-0.25, 0.25, 9)  # s, at which the heading of a body without attitude is found
+_POSITIONS = 2**18  # of vehicles at instants, at once: memory does not grow with the length of a film
 
 
 def film_run(
@@ -74,9 +77,10 @@ def both_films(
     """
     films = [film_of(scenario, dataset) for dataset in (ideal, physics)]
     end = max(film.span[1] for film, _ in films)
+    automatic = films[0][0].automatic
     axis = error_range(*(film.run.at(frame_times(film, options)).error for film, _ in films))
     return [
-        (replace(film, name=f"{scenario.name}: {name}", error_range=axis, end=end), model)
+        (replace(film, name=f"{scenario.name}: {name}", error_range=axis, end=end, automatic=automatic), model)
         for name, (film, model) in zip(("ideal", "bodies"), films, strict=True)
     ]
 
@@ -111,12 +115,16 @@ def film_of(
     if surface != "none":
         # MuJoCo repeats a uniform texture so many times in two metres; that of the ground has four squares.
         grid = 2.0 / float(arena.model.mat(surface).texrepeat[0]) / (2 if surface == "ground" else 1)
-    law = "".join(f", {term}" for term in system.law.terms.names if not dataset.attrs.get("controller"))
+    run = RecordedRun(dataset, scenario.scene.height)
+    places = places_of(run, phases)
+    law = law_in_words(dataset)
+    if not dataset.attrs.get("controller"):
+        law = ", ".join([law, *system.law.terms.names])
     unstable = "" if dataset.attrs["status"] == "finished" else ", blew up"
     film = Film(
         name=scenario.name,
-        subtitle=f"{backend}, gain {scenario.controller.gain:g} 1/s{law}{unstable}",
-        run=RecordedRun(dataset, scenario.scene.height),
+        subtitle=f"{backend}, {law}{unstable}",
+        run=run,
         agent_ids=team.agent_ids,
         target_ids=team.target_ids,
         qpos_address=arena.qpos,
@@ -129,14 +137,32 @@ def film_of(
         surface_height=scenario.scene.height,
         grid=grid,
         kinds=system.bodies.vehicle,
-        media=_media(scenario, system),
+        media=media_of(scenario, system, places),
         stages=[_stage(phase) for phase in phases] if any(phase.events for phase in phases) else (),
+        automatic=automatic_scales(system.bodies.vehicle, vehicle_radii(arena.model, arena.body), places),
     )
     return film, arena.model
 
 
-def _media(scenario: Scenario, system: "System") -> list[Medium]:
-    """The flow fields that vehicles meet and that move."""
+def places_of(run: "RecordedRun", phases: "Sequence[Phase]") -> FloatArray:
+    """Return positions at a few moments of a run, shape (K, V, 3), m; NaN for absent agents."""
+    times = np.linspace(run.time[0], run.time[-1], MOMENTS)
+    positions = run.at(times).positions.copy()
+    starts = [phase.time for phase in phases]
+    for row, time in enumerate(times.tolist()):
+        phase = phases[max(int(np.searchsorted(starts, time + 1e-9)) - 1, 0)]
+        positions[row, np.flatnonzero(~phase.system.team.present)] = np.nan
+    return positions
+
+
+def media_of(scenario: Scenario, system: "System", places: FloatArray) -> list[Medium]:
+    """List the flow fields that vehicles meet and that move.
+
+    Args:
+        scenario: The scenario.
+        system: Its first system.
+        places: Positions at a few moments, as `places_of` returns them.
+    """
     by_medium = scenario.flow.air is not None or scenario.flow.water is not None
     names = ("wind", "current") if by_medium else ("flow about agents", "flow about targets")
     found = []
@@ -144,8 +170,10 @@ def _media(scenario: Scenario, system: "System") -> list[Medium]:
         met = np.flatnonzero(system.field == k)
         level = all(system.team.members[v].dimension == 2 for v in met)
         if len(met) and (len(flow.table) > 1 or flow.table[0, 2:5].any()):
-            found.append(Medium(name, flow.velocity, met, level))
-    return found
+            medium = Medium(name, flow.velocity, met, level, k)
+            top = largest_speed(partial(velocities, medium), places[:, met].reshape(-1, 3))
+            found.append(replace(medium, top=top))
+    return [medium for medium in found if medium.top > 0.0]
 
 
 def _edges(team: Team) -> list[Edge]:
@@ -197,8 +225,8 @@ class RecordedRun:
         found = self._interpolate(times)
         return found if self._physics else Samples(**(vars(found) | {"quaternions": self._headings(times)}))
 
-    def _interpolate(self, times: FloatArray) -> Samples:
-        """As `at`, without headings."""
+    def _interpolate(self, times: FloatArray, *, horizontal: bool = False) -> Samples:
+        """Interpolate as `at`, without headings; `horizontal` leaves out all but positions x and y."""
         # Of the samples only the two beside each time are kept.
         after = np.searchsorted(self.time, times, side="right").clip(0, len(self.time) - 1)
         rows = np.unique([after, np.maximum(after - 1, 0)])
@@ -206,7 +234,11 @@ class RecordedRun:
             tuple(values[rows[rows // self._length == piece] - piece * self._length] for values in self._piece(piece))
             for piece in np.unique(rows // self._length).tolist()
         ]
-        return Samples(*(np.concatenate(values) for values in zip(*pieces, strict=True))).at(times)
+        whole = Samples(*(np.concatenate(values) for values in zip(*pieces, strict=True)))
+        if horizontal:
+            none = {"quaternions": whole.quaternions[:, :0], "harmonic_extension": whole.harmonic_extension[:, :0]}
+            whole = replace(whole, positions=whole.positions[..., :2], **none)
+        return whole.at(times)
 
     def _read(self, number: int) -> tuple[FloatArray, ...]:
         """The fields of `Samples` over one piece of the data; attitudes that there are none of are upright."""
@@ -222,11 +254,19 @@ class RecordedRun:
             positions[..., 2] = np.where(np.isnan(positions[..., 2]), self._surface, positions[..., 2])
             quaternions = np.broadcast_to(UPRIGHT, (*positions.shape[:2], 4))
         q_star[..., 2] = np.where(np.isnan(q_star[..., 2]), positions[:, : q_star.shape[1], 2], q_star[..., 2])
-        return data["time"].values, positions, quaternions, q_star, mean_known(data["disagreement"].values)
+        error = np.sqrt(mean_known(data["tracking_error"].values ** 2))
+        return data["time"].values, positions, quaternions, q_star, error
 
     def _headings(self, times: FloatArray) -> FloatArray:
         """Level attitudes that follow the horizontal velocity, smoothed over half a second. Shape (K, V, 4)."""
-        around = self._interpolate((times[:, None] + HEADING_OFFSETS).ravel()).positions[..., :2]
+        vehicles = self._dataset.sizes["agent"] + self._dataset.sizes["target"]
+        count = max(1, _POSITIONS // (len(HEADING_OFFSETS) * vehicles))  # of times at once
+        starts = range(0, len(times), count)
+        return np.concatenate([self._headings_at(times[begin : begin + count]) for begin in starts])
+
+    def _headings_at(self, times: FloatArray) -> FloatArray:
+        """Compute `_headings` of a few times."""
+        around = self._interpolate((times[:, None] + HEADING_OFFSETS).ravel(), horizontal=True).positions
         steps = np.diff(around.reshape(len(times), len(HEADING_OFFSETS), -1, 2), axis=1)
         # Each instant has an equal say, however fast it is: the first seconds are fast.
         directions = steps / np.maximum(np.linalg.norm(steps, axis=-1, keepdims=True), 1e-9)

@@ -17,7 +17,8 @@ from PIL import Image
 
 from mjsheaf.errors import MjsheafError
 from mjsheaf.video.camera import CameraPath, View
-from mjsheaf.video.film import Edge, Film, FloatArray, IntArray, Medium, Moment, Samples, VideoOptions
+from mjsheaf.video.film import Edge, Film, FloatArray, IntArray, Moment, VideoOptions
+from mjsheaf.video.flow import colour, velocities
 from mjsheaf.video.gl import open_context
 
 Float32Array = npt.NDArray[np.float32]
@@ -31,12 +32,12 @@ DASHES = (2, 40)  # on one sensing edge: the least whatever the budget for all t
 DASH_BUDGET = 800
 FEW_DASHED = 60  # sensing edges; more are fainter, not to hide all else
 
-ARROWS: Float32Array = np.array([[1.0, 1.0, 1.0, 0.75], [0.36, 0.9, 1.0, 0.85]], np.float32)
-"""RGBA of the arrows of the first and the second medium."""
-ARROW_REACH = 7  # arrows from the middle of the picture to where they fade
+ARROW_REACH = 9  # arrows from the middle of the picture to where they fade
 
 # Sizes in pixels of a 1000x720 frame, at the team's middle.
-ARROW_SPACING = 95.0
+ARROW_SPACING = 75.0
+LONGEST_ARROW = 0.95  # of the spacing,
+SLOWEST_ARROW = 0.03  # and the slowest flow with an arrow, as fractions of the scale's end
 DASH = 10.0  # length of a dash and of the gap after it
 MARKER = 10.5  # radius of the ball at q*
 SMALL_TEAM = 50  # agents; in a larger team the balls are smaller, not to cover each other
@@ -71,7 +72,6 @@ class Decorator:
 
     Attributes:
         most_geoms: no frame adds more geoms than this.
-        speeds: the media that are drawn, at most two, each with the speed at which its arrows are full length, m/s.
     """
 
     def __init__(self, film: Film, options: VideoOptions, owners: IntArray | None = None) -> None:
@@ -85,22 +85,10 @@ class Decorator:
         self._edges = [(_pairs(edges, "communication"), _pairs(edges, "sensing")) for edges in stages]
         self.most_geoms = 2 * film.vehicles  # for a vehicle at most the foot of its stem and a ball at q*
         self._spacing = 0.0
-        self.speeds: list[tuple[Medium, float]] = []
 
-    def lay_out_arrows(self, survey: Samples, view: View) -> None:
-        """Decide how the media are drawn: arrows so far apart as suits a view, the speed at which one is full length.
-
-        Args:
-            survey: the film at some times; what the vehicles meet then decides.
-            view: one of the film's.
-        """
+    def lay_out_arrows(self, view: View) -> None:
+        """Choose the spacing of arrows for a view, one of the film's."""
         self._spacing = ARROW_SPACING * self._unit * view.metres_per_pixel(self._height)
-        for medium in self._film.media:
-            places = survey.positions[:, medium.vehicles].reshape(-1, 3)
-            speeds = np.linalg.norm(_velocities(medium, places[np.isfinite(places).all(axis=1)]), axis=1)
-            top = float(np.quantile(speeds, 0.9)) if len(speeds) else 0.0
-            if top > 0.0:
-                self.speeds.append((medium, float(f"{top:.1g}")))
 
     def add(self, scene: mujoco.MjvScene, moment: Moment, view: View) -> list[Lines]:
         """Add one frame's balls to the scene and return its lines."""
@@ -116,35 +104,36 @@ class Decorator:
         stems = [] if self._film.surface == "none" else [self._stems(scene, moment, size)]
         tails, heads = (moment.positions[ends] for ends in communication.T)
         edges = Lines.of(tails, heads, COMMUNICATION, 1.0 * self._unit)
-        media = [self._arrows(moment, view, k) for k in range(len(self.speeds))]
+        media = [self._arrows(moment, view, k) for k in range(len(self._film.media))] if self._spacing else []
         links = self._links(moment, radius)
         return [*media, *stems, self._trails(moment), edges, self._dashed(moment, sensing, size), links]
 
     def _arrows(self, moment: Moment, view: View, number: int) -> Lines:
         """Show how a medium moves, on a level grid that stays where it is: at the surface, or as high as its vehicles.
 
-        Arrows fade towards the edge of the picture.
+        Colour and length show the speed. Arrows fade towards the edge of the picture.
         """
-        medium, top = self.speeds[number]
+        medium = self._film.media[number]
         steps = self._spacing * np.arange(-ARROW_REACH, ARROW_REACH + 1)
         # Two grids are shifted against each other.
         x, y = (self._spacing * (round(at / self._spacing) + 0.5 * number) + steps for at in view.lookat[:2])
         height = self._film.surface_height if medium.level else float(np.median(moment.positions[medium.vehicles, 2]))
         places = np.stack([*np.meshgrid(x, y), np.full((len(x), len(y)), height)], axis=-1).reshape(-1, 3)
-        velocity = _velocities(medium, places)
+        velocity = velocities(medium, places)
         speed = np.linalg.norm(velocity, axis=1)
         away = np.linalg.norm(places[:, :2] - view.lookat[:2], axis=1) / (ARROW_REACH * self._spacing)
-        shown = np.isfinite(speed) & (speed > 0.03 * top) & (away < 1.0)
+        shown = np.isfinite(speed) & (speed > SLOWEST_ARROW * medium.top) & (away < 1.0)
         places, velocity, speed, away = places[shown], velocity[shown], speed[shown], away[shown]
         along = velocity / speed[:, None]
-        length = 0.8 * self._spacing * np.minimum(speed / top, 1.0)[:, None]
+        fraction = np.minimum(speed / medium.top, 1.0)
+        length = LONGEST_ARROW * self._spacing * fraction[:, None]
         aside = np.cross(along, [0.0, 0.0, 1.0])
-        tip, barb = places + along * length / 2.0, 0.3 * np.minimum(length, 0.5 * self._spacing)
+        tip, barb = places + along * length / 2.0, 0.35 * np.minimum(length, 0.5 * self._spacing)
         starts = np.concatenate([places - along * length / 2.0, tip, tip])
         ends = np.concatenate([tip, *(tip - barb * (along + 0.5 * side * aside) for side in (-1.0, 1.0))])
-        rgba = np.tile(ARROWS[number], (len(starts), 1))
+        rgba = np.tile(colour(medium.scale, fraction), (3, 1))
         rgba[:, 3] *= np.tile(1.0 - away**2, 3)
-        return Lines.of(starts, ends, rgba, 1.6 * self._unit)
+        return Lines.of(starts, ends, rgba, 2.0 * self._unit)
 
     def _trails(self, moment: Moment) -> Lines:
         """Show where each vehicle was; older pieces fade."""
@@ -192,8 +181,8 @@ class Decorator:
         off = np.abs(moment.positions[:, 2] - level) > STEM * size
         feet = moment.positions[off] * [1.0, 1.0, 0.0] + [0.0, 0.0, level]
         rgba = self._with_alpha(0.5)[off]
-        for foot, colour in zip(feet, rgba, strict=True):
-            _add_ball(scene, foot, FOOT * size, colour)
+        for foot, own in zip(feet, rgba, strict=True):
+            _add_ball(scene, foot, FOOT * size, own)
         return Lines.of(moment.positions[off], feet, rgba, 1.0 * self._unit)
 
     def _with_alpha(self, alpha: float) -> Float32Array:
@@ -205,12 +194,6 @@ def round_length(length: float) -> float:
     """The largest of 1, 2 and 5 times a power of 10 that is no longer, m."""
     power = 10.0 ** np.floor(np.log10(length))
     return float(max(step * power for step in (1.0, 2.0, 5.0) if step * power <= length * (1 + 1e-9)))
-
-
-def _velocities(medium: Medium, places: FloatArray) -> FloatArray:
-    """Velocities of a medium, shape (K, 3); at a singular place they are not finite."""
-    with np.errstate(all="ignore"):
-        return medium.velocity(places) * [1.0, 1.0, not medium.level]
 
 
 def owners_of_geoms(model: mujoco.MjModel, body_id: IntArray) -> IntArray:

@@ -12,10 +12,12 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from mjsheaf.results import open_run
 from tests.builders import REPOSITORY
-from tests.commands import IDEAL, RUN_FILES, answer_of, command_line, is_refusal
+from tests.commands import IDEAL, RUN_FILES, answer_of, command_line, is_refusal, one_line
 
 SHORT = ("run", "midpoint", *IDEAL)
 BARE = {name: value for name, value in os.environ.items() if name == "PATH" or name.startswith("OPENBLAS_")}
@@ -217,3 +219,23 @@ def test_asserts_are_no_checks_of_what_users_write(tmp_path: Path) -> None:
         )  # fmt: skip
         assert (done.returncode, done.stderr.count("\n")) == (code, 1), (override, done.stderr)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("variable", "value", "word"), [("NUMBA_NUM_THREADS", "0", "from 1 on"), ("NUMBA_DISABLE_JIT", "1", "ideal")]
+)
+def test_what_numba_s_variables_rule_out_is_said_in_one_line(
+    variable: str, value: str, word: str, tmp_path: Path
+) -> None:
+    done = run("run", "midpoint", "--no-video", cwd=tmp_path, env=BARE | {variable: value})
+    assert (done.returncode, done.stdout) == (2, "")
+    assert one_line(done.stderr, variable, word)
+
+
+def test_ideal_kinematics_run_uncompiled(tmp_path: Path) -> None:
+    """To rounding."""
+    assert answer_of(*SHORT, "--out", tmp_path / "compiled").code == 0
+    done = run(*SHORT, "--out", "plain", cwd=tmp_path, env=BARE | {"NUMBA_DISABLE_JIT": "1"})
+    assert done.returncode == 0, done.stderr
+    with open_run(tmp_path / "compiled") as (compiled, _), open_run(tmp_path / "plain") as (plain, _):
+        np.testing.assert_allclose(plain.agent_position, compiled.agent_position, rtol=0, atol=1e-9)

@@ -5,6 +5,7 @@ loop; a search of all thrusts and angles.
 """
 
 import copy
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -19,13 +20,14 @@ from scipy.spatial.transform import Rotation
 
 from mjsheaf import World, load_scenario, simulate
 from mjsheaf.errors import InputError
+from mjsheaf.simulation.bodies import pack_fleet
 from mjsheaf.simulation.linear import Station, linearise
 from mjsheaf.vehicles.actuators import CHANNEL, AzimuthThruster, aim
 from mjsheaf.vehicles.effects import Effects, capability_of, embody, has_effects
 from mjsheaf.vehicles.loading import load_vehicle
 from mjsheaf.vehicles.steering import Full, HandPoint
 from mjsheaf.vehicles.vehicle import Vehicle
-from tests.builders import Edit, alone, altered, ask, attitude, body, find, place, wanted_force, yaw_of
+from tests.builders import Edit, alone, altered, ask, attitude, body, find, make_scenario, place, wanted_force, yaw_of
 
 Array = NDArray[np.float64]
 
@@ -168,7 +170,49 @@ def test_it_does_not_turn_round_for_thrust_astern_or_for_nothing() -> None:
         np.testing.assert_allclose(ctrl, [thrust, angle], atol=1e-15)
 
 
+def test_rounding_does_not_turn_it() -> None:
+    """A force of rounding's size turns it by 1e-7 of its reach at most, the dead band by all of it."""
+    pod, channels = replace(turner(-90, 90), rate=1.0), np.zeros(2, CHANNEL)
+    channels["low"], channels["high"], channels["state"] = [-1.0, -END], [1.0, END], [0, 1]
+    pod.pack(channels, 0.01)
+    for size, share in ((1e-16, 1e-10), (1e-13, 1e-7), (1e-9, 1e-3), (0.5e-6, 0.5), (1e-6, 1.0), (1e-3, 1.0)):
+        ctrl = np.array([0.0, size])
+        aim(channels, np.array([0.0, 0.2]), ctrl)
+        assert ctrl[1] - 0.2 == pytest.approx(0.01 * share, rel=1e-6, abs=1e-16)
+
+
+@pytest.mark.parametrize("limits", [True, False])
+def test_the_dead_band_is_small_against_thrust_or_weight(limits: bool) -> None:
+    vehicle = load_vehicle(NAME)
+    vehicle = vehicle if limits else embody(vehicle, Effects(limits=False))
+    channels = pack_fleet([vehicle], np.zeros(1), 0.0, 0.01).channels
+    expected = PUSH if limits else 9.81 * vehicle.mass
+    np.testing.assert_allclose(channels["dead_band"], 1e-6 * expected)
+
+
 # -- in the world ------------------------------------------------------------------------------------------------------
+
+
+def test_engines_agree_although_rounding_has_a_direction() -> None:
+    """Commands are zero for half a second, then not: no engine and no shift of the origin turns a thruster before."""
+
+    def positions(engine: str, shift: float) -> Array:
+        fields = {
+            "time": {"end": 2.0},
+            "controller": {"gain": 0.6, "control_period": 0.02},
+            "agents": [{"id": "A", "position": [shift, 0], "vehicle": NAME, "heading": 77}],
+            "targets": [{"id": "T", "position": [shift + 8, 5]}],
+            "sensing": [["A", "T"]],
+            "links": {"all": {"delay": 0.5}},
+            "physics": {"timestep": 0.002},
+        }
+        run = simulate(make_scenario(fields), engine=engine, threads=1)
+        return np.asarray(run.agent_position.values[:, 0, :2] - [shift, 0.0])
+
+    plain = positions("fused", 0.0)
+    assert np.abs(plain - plain[0]).max() > 0.5
+    for engine, shift in (("mujoco", 0.0), ("mujoco", 100.0), ("fused", 100.0)):
+        np.testing.assert_allclose(positions(engine, shift), plain, rtol=0, atol=1e-9)
 
 
 def test_mujoco_pushes_along_the_angle() -> None:

@@ -192,8 +192,8 @@ def test_what_would_be_read_beyond_its_arrays_is_refused() -> None:
     batch = batch_of([linked(0, 1.0)])
     with refused(InputError, "run"):
         batch.outcomes()
-    for threads, members in ((0, 1), (1, 0), (1, -1)):
-        with refused(InputError, "threads", "members", 1):
+    for threads, members, wrong in ((0, 1, "threads"), (1, 0, "members"), (1, -1, "members")):
+        with refused(InputError, wrong, 1):
             batch.run(threads, members)
     batch.run()
     assert len(batch.outcomes()) == 1

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from mjsheaf.vehicles.effects import Effects, capability_of, embody
-from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
-from tests.builders import alone, ask, body, largest_tilt
+from mjsheaf.vehicles.loading import load_vehicle
+from tests.builders import POWERED, alone, ask, body, largest_tilt
 
 
 def test_an_otter_is_as_fast_as_its_source_says() -> None:
@@ -54,7 +54,7 @@ def test_a_quadrotor_is_bounded_by_its_tilt(name: str) -> None:
     assert D * v + Q * v * v == pytest.approx(by_tilt, rel=1e-9)
 
 
-@pytest.mark.parametrize("name", list_vehicles())
+@pytest.mark.parametrize("name", POWERED)
 def test_without_limits_there_is_no_bound(name: str) -> None:
     """But for a multirotor's tilt of 80 degrees, which its limits free it to."""
     vehicle = load_vehicle(name)

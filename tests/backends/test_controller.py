@@ -15,10 +15,10 @@ import yaml
 from numpy.typing import NDArray
 
 import mjsheaf
-from mjsheaf.control.controller import Agent, Controller, LocalSample, PerAgent, Sample, load_controller
+from mjsheaf.control.controller import Agent, Controller, LocalSample, PerAgent, ReadOnlyTeam, Sample, load_controller
 from mjsheaf.errors import InputError
 from tests.builders import mixed_scenario
-from tests.commands import RUN_FILES, answer_of, call
+from tests.commands import IDEAL, RUN_FILES, answer_of, call, is_refusal
 
 Array = NDArray[np.float64]
 BACKENDS = ("ideal", "physics")
@@ -215,6 +215,118 @@ def test_errors_name_agent_and_time(law: Any, said: list[str], backend: str) -> 
     assert all(part in str(error.value) for part in said), str(error.value)
 
 
+class UnprintableError(Exception):
+    def __str__(self) -> str:
+        raise RuntimeError("no")
+
+
+def raising(error: BaseException) -> Any:
+    def law(t: float, sample: Sample) -> Array:
+        raise error
+
+    return law
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize(
+    ("law", "said"),
+    [
+        (raising(ValueError("a\x1b[31mRED\x07" + "x" * 100_000)), ["ValueError: a\\x1b[31mRED\\x07xxx", "..."]),
+        (raising(UnprintableError()), ["t = 0 s: UnprintableError: ", "__str__", "test_controller.py"]),
+        (raising(BaseException("stop")), ["t = 0 s: BaseException: stop"]),
+        (lambda t, sample: np.full((3, 3), 1e300), ["<lambda> at t = 0 s", "1.e+300", "boat", "at most 1e+09 m/s"]),
+        (lambda t, sample: np.ma.masked_all((3, 3)), ["masked array"]),
+        (lambda t, sample: np.ma.array(np.ones((3, 3)), mask=np.eye(3) > 0), ["masked array"]),
+        (lambda t, sample: [np.ma.array(np.ones(3), mask=row) for row in np.eye(3) > 0], ["masked array"]),
+        (PerAgent(lambda agent: lambda t, local: np.ma.masked_all(2)), ["boat", "masked array"]),
+        (PerAgent(lambda agent: 3), ["boat", "make(agent) returned int"]),  # type: ignore[arg-type,return-value]
+        (lambda t, sample: sample.team.index.clear(), ["AttributeError", "clear"]),
+        (lambda t, sample: setattr(sample.team, "index", {}), ["AttributeError", "read-only"]),
+        (lambda t, sample: sample.team.remaining.index.clear(), ["AttributeError", "clear"]),
+        (lambda t, sample: sample.edges[0].F_tail.fill(0), ["read-only"]),
+        (lambda t, sample: sample.team.communication[0].weight.fill(0), ["read-only"]),
+        (lambda t, sample: sample.team.displacement["front"].fill(0), ["read-only"]),
+    ],
+)  # fmt: skip
+def test_a_law_that_misbehaves_is_named_in_one_line(law: Any, said: list[str], backend: str) -> None:
+    with pytest.raises(InputError) as error:
+        mjsheaf.simulate(mixed_scenario(**SHORT), backend, controller=law)
+    message = str(error.value)
+    assert message.startswith("controller ")
+    assert message.isprintable()
+    assert len(message) < 500
+    assert all(part in message for part in said), message
+
+
+def test_what_a_team_has_computed_cannot_be_written_by_a_law() -> None:
+    team = mixed_scenario().team
+    names = [name for name in ("present", "slots", "first_state", "remaining") if getattr(team, name) is not None]
+    shown = vars(ReadOnlyTeam(team))
+    for name in names[:3]:
+        with pytest.raises(ValueError, match="read-only"):
+            shown[name].fill(0)
+    assert ReadOnlyTeam(team).remaining is not team
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_what_a_law_does_to_what_it_is_shown_reaches_nothing_else(backend: str) -> None:
+    """Lists are copies, made once a phase; arrays are new at every sample; what has no mask is an array like others."""
+
+    def vandal(t: float, sample: Sample) -> Any:
+        wanted = -3.0 * sample.disagreement
+        sample.team.agent_ids.clear()
+        sample.attitude[:] = sample.velocity[:] = sample.displacement[:] = sample.disagreement[:] = 7.0
+        for y in sample.measurements:
+            y[:] = 7.0
+        assert sample.truth.positions.shape == (5, 3)
+        assert len(sample.exchange(np.zeros(3))) == 3
+        return np.ma.array(wanted)
+
+    first: list[Array] = []
+
+    def plain(t: float, sample: Sample) -> Array:
+        first.append(sample.attitude.copy())
+        sample.attitude[:] = 7.0
+        return -3.0 * sample.disagreement
+
+    scenario = mixed_scenario(**SHORT)
+    own, ours = (mjsheaf.simulate(scenario, backend, controller=law) for law in (vandal, plain))
+    np.testing.assert_array_equal(own["agent_position"], ours["agent_position"])
+    assert own["agent"].values.tolist() == ["boat", "front", "back"]
+    assert np.abs(np.linalg.norm(first, axis=2) - 1.0).max() < 1e-6
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_blow_up_under_a_law_in_python_names_the_law(backend: str) -> None:
+    def eager(t: float, sample: Sample) -> Array:
+        return 1e8 * np.ones((3, 3))
+
+    scenario = mixed_scenario(time={"end": 20.0}, controller={"gain": 1.0, "control_period": 5.0})
+    result = mjsheaf.simulate(scenario, backend, controller=eager)
+    assert result.attrs["status"] == "unstable"
+    for part in ("likely cause: controller eager, which asks for 1.", "e+08 m/s for "):
+        assert part in result.attrs["message"]
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (
+            lambda: Controller(Failing),  # type: ignore[arg-type]
+            "Failing is a class; expected an object, such as Failing()",
+        ),
+        (lambda: Controller("law.py:Law"), "not str; load_controller"),  # type: ignore[arg-type]
+        (lambda: PerAgent(None), "PerAgent: expected a callable make(agent)"),  # type: ignore[arg-type]
+        (lambda: load_controller(Path("law.py:Law")), "FILE.py:NAME as a str, not PosixPath"),  # type: ignore[arg-type]
+        (lambda: load_controller(""), "--controller '': expected FILE.py:NAME"),
+    ],
+)
+def test_arguments_of_a_wrong_type_are_named(make: Any, said: str) -> None:
+    with pytest.raises(InputError) as error:
+        make()
+    assert said in str(error.value)
+
+
 def test_a_law_in_python_needs_samples() -> None:
     scenario = mixed_scenario(controller={"gain": 1.0, "control_period": 0.0})
     for backend in BACKENDS:
@@ -231,7 +343,7 @@ def test_loading_a_law_from_a_file(tmp_path: Any) -> None:
     (tmp_path / "broken.py").write_text("x = 1\nraise ValueError('oh no')\n")
     assert type(load_controller(f"{tmp_path}/mine.py:Mine").law).__name__ == "Mine"
     for source, said in (
-        ("mine.py:Mine", "no file"),
+        ("mine.py:Mine", "no such file"),
         (f"{tmp_path}/mine.py", "FILE.py:NAME"),
         (f"{tmp_path}/mine.py:mine", "did you mean Mine"),
         (f"{tmp_path}/broken.py:Law", "ValueError: oh no (broken.py, line 2)"),
@@ -287,6 +399,48 @@ def test_a_law_on_the_command_line(tmp_path: Path) -> None:
     assert sorted(p.name for p in tmp_path.iterdir()) == before
 
 
+LAWS = {
+    "escapes": "def law(t, s): raise ValueError('a\\x1b[31mRED\\x07' + 'x' * 100000)\n",
+    "unprintable": "class E(Exception):\n    def __str__(s): raise RuntimeError('no')\ndef law(t, s): raise E()\n",
+    "base": "raise BaseException('x')\n",
+    "exits": "import sys\ndef law(t, s): sys.exit(0)\n",
+    "huge": "import numpy as np\ndef law(t, s): return np.full(s.disagreement.shape, 1e300)\n",
+    "masked": "import numpy as np\ndef law(t, s): return np.ma.masked_all(s.disagreement.shape)\n",
+    "clears": "def law(t, s):\n    s.team.index.clear()\n    return -s.disagreement\n",
+}
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_a_bad_law_on_the_command_line_is_one_line(name: str, tmp_path: Path) -> None:
+    (tmp_path / f"{name}.py").write_text(LAWS[name])
+    law = f"{tmp_path}/{name}.py:law"
+    answer = answer_of("run", "midpoint", *IDEAL, "--controller", law, "--out", tmp_path / "never")
+    assert is_refusal(answer, "controller", f"{name}.py")
+    assert answer.err.removesuffix("\n").isprintable()
+    assert len(answer.err) < 800
+    assert not (tmp_path / "never").exists()
+
+
+def test_an_empty_name_of_a_law_is_refused(tmp_path: Path) -> None:
+    """As an unset shell variable gives it."""
+    answer = answer_of("run", "midpoint", *IDEAL, "--controller", "", "--out", tmp_path / "never")
+    assert is_refusal(answer, "--controller ''", "FILE.py:NAME")
+
+
+@pytest.mark.usefixtures("without_plots")
+def test_a_law_that_goes_elsewhere_does_not_take_the_results_along(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("wanders.py").write_text(
+        "import os\nos.chdir('/')\ndef law(t, s):\n    os.chdir('/')\n    return -s.disagreement\n"
+    )
+    answer = answer_of("run", "midpoint", *IDEAL, "--controller", "wanders.py:law", "--out", "mine")
+    assert (answer.code, answer.err) == (0, "")
+    assert RUN_FILES >= {path.name for path in (tmp_path / "mine").iterdir()} >= {"result.nc", "summary.json"}
+    assert Path.cwd() == tmp_path
+
+
 @pytest.mark.parametrize("backend", [pytest.param("ideal", marks=pytest.mark.slow), "physics"])
 def test_saving_a_result_writes_what_run_writes(backend: str, tmp_path: Path) -> None:
     scenario = mixed_scenario(**SHORT)
@@ -300,3 +454,13 @@ def test_saving_a_result_writes_what_run_writes(backend: str, tmp_path: Path) ->
     with pytest.raises(InputError, match="scenario"):
         mjsheaf.save(again, tmp_path / "other")
     assert not (tmp_path / "other").exists()
+
+
+def test_a_file_name_is_no_formula(tmp_path: Path) -> None:
+    """A run that is finished is not lost to its title."""
+    law = tmp_path / r"$\frac{a}{b$.py"
+    law.write_text("def law(t, sample):\n    return -sample.disagreement\n")
+    out = tmp_path / "out"
+    short = ("--backend", "ideal", "--no-video", "--set", "time.end=0.2", "--out", out)
+    assert call("run", "midpoint", *short, "--controller", f"{law}:law") == 0
+    assert (out / "errors.png").is_file()

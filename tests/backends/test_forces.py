@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
-from mjsheaf import World
+from mjsheaf import World, simulate
 from mjsheaf.simulation.physics import run_physics
 from mjsheaf.vehicles import body
 from mjsheaf.vehicles.loading import load_vehicle
@@ -227,6 +227,36 @@ def test_a_body_comes_up_to_the_flow_as_its_drag_says(
     assert errors[1] / errors[2] == pytest.approx(2.0, abs=0.05)
 
 
+UNLIKE = {"hull": [0, 0], "aerial": [0, 0, 10], "submersible": [0, 0, -10], "otter": [9, 0], "quadrotor": [9, 0, 10]}
+
+
+@pytest.mark.parametrize("engine", ["mujoco", "fused"])
+def test_the_error_falls_with_the_step(engine: str) -> None:
+    """By half for half the step, whatever the vehicle: how drag is integrated does not depend on the step."""
+
+    def positions(timestep: float, engine: str) -> Array:
+        fields = {
+            "time": {"end": 0.6},
+            "controller": {"gain": 1.0, "control_period": 0.02},
+            "agents": [{"id": name, "position": p, "vehicle": name, "heading": 20} for name, p in UNLIKE.items()],
+            "targets": [{"id": f"T{name}", "position": p} for name, p in UNLIKE.items()],
+            "sensing": [[name, f"T{name}"] for name in UNLIKE],
+            "physics": {"timestep": timestep},
+        }
+        spatial = np.array([len(p) == 3 for p in UNLIKE.values()])
+
+        def law(t: float, _: Any) -> Array:
+            return np.column_stack([np.full(5, np.sin(t)), np.full(5, np.cos(2 * t)), 0.3 * np.sin(3 * t) * spatial])
+
+        run = simulate(make_scenario(fields), engine=engine, threads=1, controller=law)
+        return np.asarray(run.agent_position.fillna(0.0))
+
+    exact = 2.0 * positions(0.00005, "fused") - positions(0.0001, "fused")
+    steps = (0.004, 0.002, 0.001, 0.0005, 0.00025)
+    errors = np.array([np.abs(positions(step, engine) - exact).max(axis=(0, 2)) for step in steps])
+    np.testing.assert_allclose(errors[:-1] / errors[1:], 2.0, atol=0.1)
+
+
 def test_stiff_drag_needs_no_small_steps(tmp_path: Path) -> None:
     """m / D of a tenth of a step: the implicit part keeps it stable, isotropic or not."""
     for drag in ({"time_constant": 1e-4}, {"linear": [3e6, 2.5e6, 2e6]}):
@@ -238,7 +268,7 @@ def test_stiff_drag_needs_no_small_steps(tmp_path: Path) -> None:
 @pytest.mark.parametrize("period", [0.0003, 0.00117, 0.0015, 0.003])
 @pytest.mark.parametrize("tau", [0.006, 0.013, 0.03])
 def test_drag_is_taken_once(tau: float, period: float) -> None:
-    """By the joint or by a force, also with a step of tau / 100, where rounding decides which of the two."""
+    """By the joint or by a force, whatever the step."""
     timestep = tau / 100.0
     steps = max(1, round(period / timestep))
     agents = [{"id": "A", "position": [0, 0]}, {"id": "B", "position": [0, 0, 0]}]

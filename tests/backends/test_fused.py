@@ -23,8 +23,8 @@ from mjsheaf.simulation.fused import Fused, advance_block
 from mjsheaf.simulation.trajectory import Log
 from mjsheaf.simulation.world import apply_forces
 from mjsheaf.system import on_engine
-from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
-from tests.builders import RAFT, altered, find, make_scenario, mixed_scenario, refused
+from mjsheaf.vehicles.loading import load_vehicle
+from tests.builders import POWERED, RAFT, altered, find, make_scenario, mixed_scenario, refused
 
 Array = NDArray[np.float64]
 
@@ -146,7 +146,7 @@ def off_by(scenario: Scenario, count: int, seed: int) -> float:
 
 
 def test_a_step_of_every_vehicle_is_that_of_mujoco(tmp_path: Path) -> None:
-    assert off_by(of_vehicles([*list_vehicles(), *unlike(tmp_path)], 0.002), 30, 1) < EPSILON
+    assert off_by(of_vehicles([*POWERED, *unlike(tmp_path)], 0.002), 30, 1) < EPSILON
 
 
 @pytest.mark.slow
@@ -156,7 +156,7 @@ def test_a_step_of_every_vehicle_is_that_of_mujoco_from_many_states(
     off: dict[str, bool], timestep: float, tmp_path: Path
 ) -> None:
     """With and without what can be switched off; steps of which the joint takes the drag, and others."""
-    names = [*list_vehicles(), *unlike(tmp_path)]
+    names = [*POWERED, *unlike(tmp_path)]
     assert off_by(of_vehicles(names, timestep, effects=off), 300, 2) < EPSILON
 
 

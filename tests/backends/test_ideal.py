@@ -288,6 +288,29 @@ def test_too_high_a_gain_is_unstable_and_says_why() -> None:
     assert np.abs(result.agent_position.sel(agent=vehicle, axis=["x", "y"])[-1]).max() > 1e6
 
 
+@pytest.mark.parametrize("period", [0.0, 0.01], ids=["continuous", "held"])
+def test_a_run_that_takes_too_many_steps_ends_soon_and_says_why(period: float) -> None:
+    """A vortex turns an agent many thousand times a second: no period fails alone, and the run would never end."""
+    recorded = {} if period else {"record_period": 0.01}
+    fields = {
+        "time": {"end": 100.0},
+        "controller": {"gain": 0.1, "control_period": period, **recorded},
+        "agents": [{"id": "calm", "position": [1e6, 0]}, {"id": "dizzy", "position": [0, -1]}],
+        "targets": [{"id": "T", "position": [5, 0]}],
+        "sensing": [["calm", "T"], ["dizzy", "T"]],
+        "flow": {"agents": {"dimension": 2, "core": 0.1, "vortices": [{"centre": [0, 0], "gamma": 1e5}]}},
+    }
+    result = simulate(make_scenario(fields), backend="ideal")
+    assert result.attrs["status"] == "unstable"
+    field = "control_period" if period else "record_period"
+    vehicle = "dizzy" if period else "calm"  # integrated as one, the vehicle that is farthest away is named
+    message = result.attrs["message"]
+    assert message.startswith(f"unstable: {vehicle} takes more than 2000 steps of the integrator")
+    assert f"for each controller.{field} of 0.01 s at t = " in message
+    assert "likely cause: a flow" in message
+    assert 0.0 < float(result.time[-1]) < 1.0
+
+
 @pytest.mark.parametrize("newton", [None, {"rounds": 100}])
 def test_an_integral_is_blamed_from_where_the_loop_diverges(newton: dict[str, int] | None) -> None:
     """Oracle: eigenvalues of the loop."""

@@ -113,6 +113,6 @@ def test_nothing_to_run_and_bad_arguments() -> None:
         simulate_many([mixed_scenario()], workers=0)
     with refused(InputError, "'real'", "physics", "ideal"):
         simulate_many([mixed_scenario()], "real")
-    for wrong in ("midpoint", mixed_scenario()):
-        with refused(InputError, "number 0", "Scenario"):
+    for wrong, what in (("midpoint", "number 0"), (mixed_scenario(), "scenarios is a Scenario")):
+        with refused(InputError, what, "Scenario"):
             simulate_many(wrong)  # type: ignore[arg-type]

@@ -15,12 +15,13 @@ from scipy.spatial.transform import Rotation
 
 from mjsheaf import World
 from mjsheaf.simulation.physics import run_physics
-from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
+from mjsheaf.vehicles.loading import load_vehicle
 from mjsheaf.vehicles.steering import HandPoint, ThrustVector
 from tests.builders import (
     BOATS,
     LAG,
     MULTIROTORS,
+    POWERED,
     REAL,
     alone,
     altered,
@@ -69,7 +70,7 @@ def test_a_multirotor_that_tumbles_in_a_vacuum_keeps_energy_and_momenta(name: st
     """Rotors off, 1 s of free fall: what is lost, but for the weight's share of momentum, halves with the step."""
     path, errors = altered(tmp_path, name, drag={"linear": [1e-9] * 3, "angular": [1e-9] * 3}), []
     for timestep in (0.002, 0.001, 0.0005):
-        world = alone(path, timestep=timestep)
+        world = alone(path, timestep=timestep, surface="none")
         vehicle, _, dof, _ = body(world)
         place(world, Rotation.from_rotvec([0.4, -0.3, 0.8]).as_matrix(), [0.9, -0.6, 0.4], [1.5, -1.4, 0.7])
         world.data.act[:] = 0.0
@@ -165,7 +166,7 @@ def test_a_velocity_step_is_followed_with_the_time_constant_of_the_reduced_model
     assert tau == pytest.approx(theory, rel=1e-9)
 
 
-@pytest.mark.parametrize("name", list_vehicles())
+@pytest.mark.parametrize("name", POWERED)
 def test_thrusters_make_every_wrench_that_is_asked_of_them(name: str) -> None:
     """W W^+ = I on the commanded rows, with full rank, and W^+ is the shortest way."""
     vehicle = load_vehicle(name)

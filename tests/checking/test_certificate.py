@@ -296,7 +296,9 @@ def test_nothing_follows_from_a_guess(pole: dict[str, Any]) -> None:
         assert not theorem["gain_condition"]
         for name in ("radius_U", "radius_S", "radius_D", "chi", "chi_infinite", "initial_error_inside_S", "lambda_V"):
             assert theorem[name] is None, name
-        assert theorem["weaker"] == {"f_bar": None, "radius": None}
+        weaker = theorem["weaker"]
+        assert weaker.pop("norm") == "team_norm"
+        assert weaker == {"f_bar": None, "radius": None, "radius_per_agent": None}
         assert "guess" in record["region"]["source"]
 
 

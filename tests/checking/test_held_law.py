@@ -15,7 +15,8 @@ import mjsheaf
 from mjsheaf.checking import held_law
 from mjsheaf.checking.body_loop import loop_on_path
 from mjsheaf.checking.certificate import certify
-from mjsheaf.checking.held_law import Envelope, UndecidedError, envelope, law_loop, loop_of
+from mjsheaf.checking.held_law import Envelope, envelope, law_loop, loop_of
+from mjsheaf.checking.modelled import UndecidedError
 from mjsheaf.checking.proposals import propose
 from mjsheaf.scenario import scenario_from_mapping
 from mjsheaf.simulation.ideal import run_ideal

@@ -11,6 +11,7 @@ import mjsheaf
 from mjsheaf.checking.cohomology import spectrum_of
 from mjsheaf.checking.margins import body_margin, hold_margin
 from mjsheaf.scenario import scenario_from_mapping
+from tests.commands import call
 
 
 def growth(gain: float) -> float:
@@ -116,3 +117,21 @@ def test_a_held_team_without_edges_has_no_limit() -> None:
     for tau in (np.full(5, 0.1), np.linspace(0.1, 0.2, 5)):
         bodies = body_margin(system, spectrum, tau)
         assert (bodies.damping_slowest, bodies.damping_fastest) == (None, None)
+
+
+def test_the_speeds_of_a_vehicle_have_names(capsys: pytest.CaptureFixture[str]) -> None:
+    """5.95, 5.28 and 3.85 m/s were three numbers for "a WAM-V": two vehicles, forward and in every direction."""
+    assert call("list", "--vehicles") == 0
+    rows: dict[str, list[str]] = {}
+    for line in capsys.readouterr().out.splitlines():
+        if words := line.split():
+            rows.setdefault(words[0], words)  # the table comes first
+    assert rows["wamv"][-2:] == ["6.34", "5.95"]
+    assert rows["wamv_azimuth"][-2:] == ["5.28", "3.85"]
+    scenario = mjsheaf.load_scenario("steady_current", {"vehicles.agents": "wamv_azimuth", "time.end": 2})
+    for speed in mjsheaf.check(scenario)["margins"]["speed"]:
+        assert speed["able"] == pytest.approx(3.853, abs=1e-3)
+        assert speed["able_forward"] == pytest.approx(5.278, abs=1e-3)
+    assert call("check", "steady_current", "--set", "vehicles.agents=wamv_azimuth", "--set", "time.end=2") in (0, 1)
+    printed = " ".join(capsys.readouterr().out.replace("│", " ").split())
+    assert "all-way speed is 3.853" in printed

@@ -99,7 +99,9 @@ def test_a_phase_that_begins_as_if_settled_would_claim_too_much() -> None:
 @pytest.mark.parametrize(
     ("fields", "why"),
     [
-        ({"events": [{"time": 3.0, "join": "A1"}]}, "the error with which the phase begins is not known"),
+        ({"events": [{"time": 3.0, "join": "A1"}], "drift": ["A1"]}, "the error with which the phase begins is not"),
+        slow({"events": [{"time": 3.0, "join": "A1"}], "limited": {"A1": 0.16}}, "the error with which"),
+        slow({"events": [{"time": 1.0, "lose": "A1"}, {"time": 3.0, "join": "A1"}]}, "the error with which"),
         slow({"events": [{"time": 3.0, "lose": "A1"}], "links": {"all": {"noise": 0.1}}}, "the error with which"),
         slow({"events": [{"time": 3.0, "lose": "A1"}], "controller.newton": {"rounds": 2}}, "terms remember"),
     ],
@@ -108,12 +110,39 @@ def test_what_a_phase_does_not_know_is_null(fields: dict[str, Any], why: str) ->
     events, controller = fields.pop("events"), {"gain": 2.0, "control_period": 0.02}
     if (newton := fields.pop("controller.newton", None)) is not None:
         controller["newton"] = newton
-    later = check(still(events, controller=controller, **fields))["phases"][1]
+    scenario = still(events, controller=controller, **{name: fields[name] for name in fields.keys() & {"links"}})
+    raw = scenario.model_dump(mode="json", exclude_none=True)
+    for agent in raw["agents"]:
+        agent["drift"] = agent["id"] in fields.get("drift", [])
+        agent |= {"velocity_limit": limit} if (limit := fields.get("limited", {}).get(agent["id"])) else {}
+    later = check(load_scenario(raw))["phases"][-1]
     assert why in later["law"]["reason"]
     assert later["law"]["radius"] is None
     if newton is None:
         assert later["theorem"]["initial_error"] is None
         assert not later["theorem"]["applies"]
+
+
+@pytest.mark.parametrize(
+    "events",
+    [
+        [{"time": 3.0, "join": "A1"}],
+        slow([{"time": 2.0, "lose": "A3"}, {"time": 3.0, "join": "A1"}, {"time": 3.0, "join": "A2"}]),
+    ],
+)
+def test_one_who_joins_from_its_station_adds_its_distance(events: list[dict[str, Any]]) -> None:
+    """It has stayed where it began, so that the error with which the phase begins is bounded, and the run's is less."""
+    scenario = still(events)
+    later, (time, error) = check(scenario)["phases"][-1], measured(scenario)
+    own = error[time > 3.0 - 1e-9]
+    assert later["theorem"]["applies"], later["theorem"]["reason"]
+    assert own[0] <= later["theorem"]["initial_error"] < 2.0 * own[0]
+    assert own.max() <= later["law"]["largest"]
+    data = simulate(scenario, backend="ideal").sel(time=3.0, method="nearest").sel(agent="A1")
+    away = float(np.hypot(*(data["harmonic_extension"] - data["agent_position"]).values[:2]))
+    assert own[0] >= away > 0.1
+    jumps = later["jumps"]
+    assert "A1" not in jumps
 
 
 def test_every_phase_has_its_links() -> None:
@@ -216,3 +245,20 @@ def test_the_certificate_of_a_bounded_start() -> None:
     assert not unknown.applies
     assert unknown.at_end(1.0) == np.inf
     assert plain.at_end(1.0) >= measured(still([]))[1][50]
+
+
+def test_nothing_is_claimed_after_a_phase_with_terms() -> None:
+    """Theorem 1 says nothing of a law with terms, so nothing of where the next phase begins.
+
+    An unstable integral leaves this run at 15.8 m when it ends; 7.09 m was certified from there on.
+    """
+    events = [{"time": 2.0, "set": {"controller.integral": None}}]
+    changes = {"controller.integral": {"gain": 100, "limit": 1000}, "time.end": 4.0, "events": events}
+    scenario = load_scenario("steady_current", changes)
+    first, second = check(scenario)["phases"]
+    assert first["law"]["stable"] is False
+    assert second["law"]["terms"] == []
+    assert second["law"]["radius"] is None
+    assert "error with which the phase begins is not known" in second["law"]["reason"]
+    assert second["theorem"]["initial_error"] is None
+    assert second["theorem"]["applies"] is False

@@ -1,6 +1,7 @@
 """`mjsheaf new` writes a scenario that runs as it is, and whose options are valid; it replaces nothing."""
 
 import re
+import shlex
 from pathlib import Path
 
 import pytest
@@ -30,6 +31,13 @@ def test_file_is_valid_and_teaches() -> None:
         assert len(line) <= 120
 
 
+def test_a_file_named_without_its_suffix_is_proposed() -> None:
+    assert call("new", "mine") == 0
+    answer = answer_of("check", "mine")
+    assert answer.code == 2
+    assert "did you mean mine.yaml?" in answer.err
+
+
 @pytest.mark.slow
 def test_it_holds_and_runs() -> None:
     assert call("new", "mine") == 0
@@ -39,6 +47,12 @@ def test_it_holds_and_runs() -> None:
     assert record["notes"] == []
     assert call("run", "mine.yaml", "--no-video") == 0
     assert (Path("runs") / "mine-physics" / "report.html").is_file()
+
+
+def test_the_commands_it_prints_can_be_pasted() -> None:
+    out = answer_of("new", "a b").out
+    assert "mjsheaf check 'a b.yaml', then mjsheaf run 'a b.yaml'" in out
+    assert shlex.split(out)[-1] == "a b.yaml"
 
 
 @pytest.mark.parametrize("name", ["mine", "mine.yaml", "mine.yml"])

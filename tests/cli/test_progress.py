@@ -2,8 +2,13 @@
 
 import io
 import sys
+import time
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
+from numba.core import event
 
 from mjsheaf.cli import terminal
 
@@ -44,3 +49,37 @@ def test_what_prints_json_says_nothing(monkeypatch: pytest.MonkeyPatch, capsys: 
             now += 10.0
             report("measuring", done, 100)
     assert capsys.readouterr() == ("", "")
+
+
+class Screen(io.StringIO):
+    """Stands for a terminal."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def wait_until(condition: Callable[[], bool]) -> None:
+    begun = time.monotonic()
+    while not condition():
+        assert time.monotonic() - begun < 10.0
+        time.sleep(0.02)
+
+
+@pytest.mark.parametrize("terminal_there", [True, False])
+def test_compiling_is_shown_within_a_second(terminal_there: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the bar of a terminal; elsewhere on stdout, once in a while."""
+    assert terminal.BETWEEN_LOOKS < 1.0
+    out: Any = io.StringIO()
+    err: Any = Screen() if terminal_there else io.StringIO()
+    monkeypatch.setattr(sys, "stdout", out)
+    monkeypatch.setattr(sys, "stderr", err)
+    monkeypatch.setenv("TERM", "xterm")
+    data = {"dispatcher": SimpleNamespace(py_func=SimpleNamespace(__module__="elsewhere"))}
+    shown = err if terminal_there else out
+    with terminal.progress_bars():
+        event.start_event("numba:compile", data=data)
+        wait_until(lambda: "compiling loops" in shown.getvalue())
+        event.end_event("numba:compile", data=data)
+    if not terminal_there:
+        assert err.getvalue() == ""
+        assert out.getvalue().count("\n") == 1

@@ -140,10 +140,11 @@ def test_where_the_law_lags_the_tracking_error_is_told() -> None:
     (told,) = [s for s in record.verdict if s.startswith("tracking error")]
     assert "the law's own lag; a higher controller.gain (up to" in told
     assert record.usable_gain is not None
+    assert record.gain is not None
     assert record.usable_gain > record.gain
     poor = record.model_copy(update={"usable_gain": 0.5 * record.gain})
     (told,) = [s for s in verdict_of(poor) if s.startswith("tracking error")]
-    assert "no higher gain" in told
+    assert "(a higher gain rings: from" in told
     assert "a higher controller.gain" not in " ".join(verdict_of(poor))
 
 

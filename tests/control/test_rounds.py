@@ -14,11 +14,11 @@ import pytest
 import xarray as xr
 
 from mjsheaf import World, load_scenario, simulate, simulate_many
-from mjsheaf.checking.held_law import UndecidedError, loop_of
+from mjsheaf.checking.held_law import loop_of
+from mjsheaf.checking.modelled import UndecidedError
 from mjsheaf.control.law import Memory, carry, evaluate_law, new_memory
-from mjsheaf.control.links import stream_of
 from mjsheaf.errors import InputError
-from mjsheaf.noise import uniforms
+from mjsheaf.noise import stream_of, uniforms
 from mjsheaf.results import dataset_bytes
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario
@@ -71,7 +71,7 @@ class Oracle:
     def send(self, term: str, n: int, k: int, positions: Array) -> None:
         to_bad, to_good, good, bad = self.chain
         for e in self.team.communication:
-            chance = uniforms(self.seed, stream_of("communication", e, 0), n, 2**20 + k)
+            chance = uniforms(self.seed, stream_of("communication", e.tail, e.head, 0), n, 2**20 + k)
             if id(e) in self.bad:
                 self.bad[id(e)] = chance[2] >= to_good if self.bad[id(e)] else chance[2] < to_bad
             else:
@@ -141,7 +141,7 @@ def test_rounds_are_what_each_agent_makes_of_what_it_was_sent(link: dict[str, An
     def compare(n: int, x: Array, memory: Memory) -> None:
         found = oracle.sample("newton", n, -memory.residual[:3], x)
         if n > 0:
-            begun.append(oracle.sample("feedforward", n, memory.terms.rate[:3], x))
+            begun.append(oracle.sample("feedforward", n, memory.terms.right[:3], x))
         for i, own in enumerate(found):
             np.testing.assert_allclose(memory.terms.delta[i, : len(own)], own, rtol=0, atol=1e-9)
             if n > 0:
@@ -276,7 +276,7 @@ def test_nothing_from_before_arrives_over_a_restored_link() -> None:
     for n in range(19):
         now = phases[(n >= 10) + (n >= 13)]
         if now is not system:
-            memory, system = carry(memory, now.law), now
+            memory, system = carry(memory, system.law, now.law, n), now
         evaluate_law(system.control, n * H, x, None, memory)
         held = [block for block, _ in memory.terms.rounds.of_edge()]
         sent = [bool(block[1]) for block in held]  # of newton, whose tails have sent something that has arrived

@@ -15,6 +15,7 @@ from PIL import Image
 
 from mjsheaf import simulate
 from mjsheaf.page import page as page_module
+from mjsheaf.page.ghosts import Ghost
 from mjsheaf.scenario import load_scenario
 from tests.page.browser import missing, open_browser, open_page
 from tests.page.pages import Made, make_page, positions_of, said_in
@@ -266,14 +267,147 @@ def test_the_legend_never_lies_over_the_scale_bar(browser: Any, harbour: tuple[P
         assert any(apart)
 
 
+@pytest.fixture(scope="module")
+def estuary(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Made]:
+    """Boats and drones in wind and current for a few seconds."""
+    made = make_page("harbour", "physics", {"time.end": 4})
+    return made.write(tmp_path_factory.mktemp("estuary") / "report.html"), made
+
+
+def test_wind_and_current_are_shown_apart(browser: Any, estuary: tuple[Path, Made]) -> None:
+    page = open_page(browser, estuary[0], width=1280, height=800)
+    page.locator("#layers summary").click()
+    words = page.locator("#layers label").all_inner_texts()
+    assert {"arrows of the wind", "arrows of the current"} <= set(words)
+    shown = "window.mjsheaf.world.arrows.map(({ mesh }) => mesh.visible)"
+    for n, name in enumerate(("wind", "current")):
+        page.get_by_label(f"arrows of the {name}").uncheck()
+        wait_until(page, f"!{shown}[{n}] && {shown}[{1 - n}]")
+        page.get_by_label(f"arrows of the {name}").check()
+    colours = page.evaluate(
+        """() => window.mjsheaf.world.arrows.map(({ look, count }) => {
+          const found = []; for (let i = 0; i < count; i += 3) found.push(Array.from(look.slice(32 * i, 32 * i + 3)));
+          return found; })"""
+    )
+    for own in colours:  # slow and fast arrows differ
+        assert np.ptp(np.array(own), axis=0).max() > 40
+    legend = page.locator("#legend").inner_text()
+    for flow in said_in(estuary[1].page)["flow"]:
+        assert f"speed of the {flow['name']}" in legend
+        assert f"{flow['top']:g} m/s" in legend
+    assert page.locator("#legend .row").count() == page.locator("#legend .row > i").count()
+    require_quiet(page)
+
+
+def test_small_vehicles_are_seen_beside_large_ones(browser: Any, estuary: tuple[Path, Made]) -> None:
+    """Oracle: the sizes on the screen of what three.js draws; the legend says how much larger it is."""
+    page = open_page(browser, estuary[0], width=1280, height=800)
+    wait_until(page, "window.mjsheaf.world.scales !== undefined")
+    said = said_in(estuary[1].page)
+    pixels, scales = page.evaluate(
+        """() => { const { world, run } = window.mjsheaf; return [run.said.kind.map((k, v) =>
+          2 * run.said.kinds[k].radius * world.scales[v] / world.metres), world.scales]; }"""
+    )
+    assert min(pixels) > 33.9
+    kept = np.array(pixels) > 34.1  # those that the page need not enlarge further, far from the team as its eye is
+    assert kept.any()
+    np.testing.assert_allclose(np.array(scales)[kept], np.array(said["scales"])[kept])
+    assert max(scales) > 2.0 > min(scales)
+    assert "drawn larger: x500 ×" in page.locator("#legend").inner_text()
+    page.evaluate("window.mjsheaf.world.layers.larger = false; window.mjsheaf.world.changed()")
+    wait_until(page, "document.getElementById('legend').innerText.includes('true size')")
+
+
+def test_limits_far_above_the_data_do_not_squeeze_them(browser: Any, estuary: tuple[Path, Made]) -> None:
+    page = open_page(browser, estuary[0], width=1280, height=800)
+    data = float(np.nanmax(np.linalg.norm(np.nan_to_num(estuary[1].dataset["velocity_command"].values), axis=2)))
+    panel = "window.mjsheaf.curves.panels.find(({ title }) => title === 'Speed asked for')"
+    for lit in (-1, 0, 5):
+        page.evaluate(f"window.mjsheaf.curves.light({lit})")
+        low, high = page.evaluate(f"[{panel}.u.scales.y.min, {panel}.u.scales.y.max]")
+        assert low <= 0.1 * data
+        assert high < 1.4 * data
+    assert " of 3.00" in page.evaluate(f"{panel}.reading.textContent")  # the limit of who is pointed at
+
+
+def test_headline_errors_say_what_they_are(browser: Any, estuary: tuple[Path, Made]) -> None:
+    """Oracle: the data's own RMS over agents at the end."""
+    page = open_page(browser, estuary[0], width=1280, height=800)
+    rms = float(np.sqrt((estuary[1].dataset["tracking_error"].values[-1] ** 2).mean()))
+    said = re.search(r"RMS over agents: ([\d.]+) m", page.locator("#worst").inner_text())
+    assert said is not None
+    assert float(said[1]) == pytest.approx(rms, rel=5e-3)
+    headings = page.locator("#facts table").first.locator("thead th").all_inner_texts()
+    assert [heading.split("\n")[-1] for heading in headings[1:3]] == ["mean over agents", "RMS over agents"]
+
+
+def test_on_a_phone_the_card_is_small_and_tables_say_that_they_go_on(browser: Any, estuary: tuple[Path, Made]) -> None:
+    page = open_page(browser, estuary[0], width=390, height=844, has_touch=True, is_mobile=True)
+    scene, card = (page.locator(name).bounding_box() for name in ("#stage", "#card"))
+    assert card["width"] * card["height"] < 0.05 * scene["width"] * scene["height"]
+    page.locator("#card summary").tap()
+    assert page.locator("#card dl").is_visible()
+    page.locator("#card summary").tap()
+    assert not page.locator("#card dl").is_visible()
+    cut = "[...document.querySelectorAll('#facts .wide')].map(e => e.scrollWidth > e.clientWidth + 1)"
+    hints = "[...document.querySelectorAll('#facts .hint')].map(e => !e.hidden)"
+    page.wait_for_timeout(300)
+    assert True in page.evaluate(cut)
+    assert page.evaluate(cut) == page.evaluate(hints)
+    faded = page.locator("#facts .wide.cut").first
+    faded.evaluate("e => { e.scrollLeft = e.scrollWidth; }")
+    wait_until(
+        page, "document.querySelectorAll('#facts .wide.cut').length < document.querySelectorAll('#facts .wide').length"
+    )
+    desk = open_page(browser, estuary[0], width=1280, height=800)
+    assert desk.locator("#card dl").is_visible()
+
+
+def test_page_and_video_look_from_one_side(browser: Any, estuary: tuple[Path, Made]) -> None:
+    page = open_page(browser, estuary[0], width=1280, height=800)
+    x = np.array([float(part) for part in page.evaluate("window.mjsheaf.world.place").split(",")])
+    way = x[:3] - x[3:]
+    azimuth, elevation = np.degrees([np.arctan2(way[1], way[0]), np.arcsin(way[2] / np.linalg.norm(way))])
+    assert (azimuth, elevation) == pytest.approx(estuary[1].scenario.video.eye, abs=0.5)
+
+
 def test_a_browser_without_webgl_shows_curves_and_facts(browser: Any, harbour: tuple[Path, Made]) -> None:
     page = open_page(browser, harbour[0], hash="#t=20", before=WITHOUT_WEBGL)
     assert "cannot draw in three dimensions" in page.locator("#nothing").inner_text()
     page.keyboard.press("End")
     page.keyboard.press("n")
     assert page.locator("#card .name").inner_text() == "H1"
-    assert "team" in page.locator("figcaption output").first.inner_text()
+    assert "RMS over agents" in page.locator("figcaption output").first.inner_text()
     assert page.failures == []
+
+
+@pytest.mark.parametrize(
+    ("event", "jumps"), [({"lose": "A1"}, True), ({"set": {"controller.gain": 0.7}}, False)], ids=["lose", "gain"]
+)
+def test_an_event_is_named_only_where_the_place_jumped(
+    browser: Any, tmp_path: Path, event: dict[str, Any], jumps: bool
+) -> None:
+    """The finding: "soon after lose O2" hinted at a cause that `check` refutes. A jump of q* is measured."""
+    motion = {"kind": "lissajous", "amplitude": [8, 6], "rate": [0.3, 0.2], "phase": [0, 1]}
+    raw: Any = {
+        "name": "events",
+        "time": {"end": 20},
+        "controller": {"gain": 0.6, "control_period": 0.05},
+        "agents": [{"id": f"A{k}", "position": [3 * k, 6 * (k == 3)]} for k in (1, 2, 3)],
+        "targets": [{"id": "T1", "position": [0, 0], "motion": motion}, {"id": "T2", "position": [20, 0]}],
+        "sensing": [["A1", "T1"], ["A2", "T2"]],
+        "communication": [["A1", "A2"], ["A2", "A3"], ["A1", "A3"]],
+        "events": [{"time": 15.0, **event}],
+    }
+    made = make_page(raw, "ideal")
+    q_star = np.nan_to_num(made.dataset["harmonic_extension"].values[[299, 300], 2])
+    assert bool(np.linalg.norm(q_star[1] - q_star[0]) > 5.0) is jumps
+    page = open_page(browser, made.write(tmp_path / "report.html"), width=1300)
+    worst = page.locator("#worst").inner_text()
+    assert ("its place jumped by 14.7 m at 15.0 s: lose A1" in worst) is jumps
+    assert "soon after" not in worst
+    assert "its place, which moves at" not in worst or not jumps
+    require_quiet(page)
 
 
 def test_a_run_that_blew_up(browser: Any, tmp_path: Path) -> None:
@@ -323,6 +457,23 @@ def test_ghosts_of_ideal_kinematics_and_their_distance(browser: Any, tmp_path: P
     page.evaluate(AT, 5.0)
     ghost = page.evaluate("Array.from(window.mjsheaf.world.idealAt.slice(6, 9))")
     assert np.abs(np.array(ghost) - positions_of(ideal)[k, 2]).max() < 0.05
+    require_quiet(page)
+
+
+def test_ghosts_of_another_run_and_its_curve(browser: Any, tmp_path: Path) -> None:
+    """The agents of a shorter run at another gain, until it ends; a name is text."""
+    other = simulate(load_scenario("harbour", {"time.end": 5, "controller.gain": 1}), "ideal")
+    made = make_page("harbour", "ideal", {"time.end": 10}, ghosts=[Ghost("<b>high", "#7b2cbf", other, 0.0)])
+    page = open_page(browser, made.write(tmp_path / "report.html"))
+    assert "<b>high" in page.locator("#legend").inner_text()
+    assert "<b>high" in page.locator("#curves").inner_text()
+    read = "Array.from(window.mjsheaf.world.ghosts.runs[0].positions.slice(6, 9))"
+    page.evaluate(AT, 2.5)
+    page.wait_for_timeout(500)
+    assert np.abs(np.array(page.evaluate(read)) - positions_of(other)[125, 2]).max() < 0.05
+    page.evaluate(AT, 8.0)
+    page.wait_for_timeout(500)
+    assert page.evaluate(f"{read}.every(Number.isNaN)")
     require_quiet(page)
 
 

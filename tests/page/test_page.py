@@ -18,6 +18,7 @@ from mjsheaf.page.replay import Packer
 from mjsheaf.results.store import open_run
 from mjsheaf.runs.publish import execute
 from mjsheaf.scenario import load_scenario
+from mjsheaf.video.from_run import film_of, video_options
 from tests.commands import call
 from tests.page.pages import Elements, Made, make_page, positions_of, said_in, series_in
 
@@ -123,6 +124,20 @@ def test_links_that_hear_nothing_are_told_from_others() -> None:
     clear = abs(apart - 14) > 0.1
     assert set((apart > 14)[clear].tolist()) == {True, False}
     np.testing.assert_array_equal((near["residual"] < 0)[clear], (apart > 14)[clear])
+
+
+def test_a_page_has_the_scales_and_the_view_of_the_video() -> None:
+    """Oracle: the film of the same run."""
+    drawn = {"time.end": 0.1, "scene.vehicle_scales": {"W1": 2.5}, "video.azimuth": 30, "video.elevation": -50}
+    made = make_page("harbour", "ideal", drawn)
+    said = said_in(made.page)
+    film, _ = film_of(made.scenario, made.dataset)
+    options = video_options(made.scenario)
+    np.testing.assert_allclose(said["scales"], film.scales(options))
+    assert said["scales"][4] == 2.5
+    assert [not each for each in said["automatic"]] == [name == "W1" for name in said["agents"] + said["targets"]]
+    assert said["view"] == [-150.0, 50.0]
+    assert [(flow["name"], flow["top"]) for flow in said["flow"]] == [(m.name, m.top) for m in film.media]
 
 
 def test_text_of_a_scenario_cannot_leave_its_element(small: Made) -> None:
@@ -242,14 +257,15 @@ def test_the_page_of_a_study_links_those_of_its_runs(tmp_path: Path) -> None:
     grid = ("--grid", "controller.gain=1,2", "--set", "time.end=1", "--backend", "ideal")
     assert call("sweep", "midpoint", *grid, "--trajectories", "--workers", "1", "--out", out) == 0
     links = [a["href"] or "" for tag, a in Elements((out / "index.html").read_bytes()).found if tag == "a"]
-    pages = [link for link in links if link.startswith("trajectories/")]
+    best, *pages = [link for link in links if link.startswith("trajectories/")]
     assert pages == ["trajectories/000000.html", "trajectories/000001.html"]
+    assert best in pages
     for number, link in enumerate(pages):
         said = said_in((out / link).read_bytes())
         assert f"gain {number + 1} 1/s" in said["facts"]["law"]
-    (out / links[0]).unlink()  # a page that is gone is made again
+    (out / best).unlink()  # a page that is gone is made again
     assert call("sweep", "midpoint", *grid, "--trajectories", "--workers", "1", "--out", out) == 0
-    assert (out / links[0]).is_file()
+    assert (out / best).is_file()
 
 
 def test_long_runs_are_read_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:

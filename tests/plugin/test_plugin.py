@@ -39,6 +39,10 @@ FILES = {
     "run/scenario.yaml": TINY + "expect: {ideal: {tracking_error: 0.1}}\n",
     "run/summary.json": "{}",
     "test_other.py": "def test_something():\n    assert True\n",
+    "../laws/still.py": "def still(t, sample):\n    return 0.0 * sample.disagreement\n",
+    "../laws/own.yaml": TINY + "expect: {controller: still.py:still, ideal: {tracking_error: 5.01}}\n",
+    "../laws/paper.yaml": TINY + "expect: {ideal: {tracking_error: 0.65}}\n",
+    "../laws/none.yaml": TINY + "expect: {controller: still.py:none, ideal: {tracking_error: 9}}\n",
 }
 
 Run = Callable[..., tuple[int, str]]
@@ -182,3 +186,22 @@ def test_other_peoples_tests_are_left_alone(run: Run) -> None:
     )
     code, told = run(code=f"pytest.main(['-q', 'scenarios']); print(sorted({loaded}))")
     assert told.splitlines()[-1] == "['mjsheaf', 'mjsheaf._version', 'mjsheaf.pytest_plugin']"
+
+
+def test_a_scenario_runs_under_the_law_that_it_names(run: Run) -> None:
+    """The law that stays where it is leaves an error of 5 m."""
+    _, told = run("--mjsheaf", "laws", "-v", "-p", "no:cacheprovider")
+    assert "laws/own.yaml::ideal PASSED" in told
+    assert "laws/paper.yaml::ideal PASSED" in told
+    assert "laws/none.yaml::ideal FAILED" in told
+    assert "there is no 'none' in it" in told
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("option", ["--controller", "--mjsheaf-controller"])
+def test_the_law_of_the_command_line_replaces_it(run: Run, option: str) -> None:
+    code, told = run("--mjsheaf", "laws/paper.yaml", option, "laws/still.py:still", "-v", "-p", "no:cacheprovider")
+    assert code == 1
+    assert "laws/paper.yaml::ideal FAILED" in told
+    assert "tracking_error is 5," in told
+    assert "still.py:still" in told

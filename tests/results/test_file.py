@@ -13,8 +13,8 @@ import pytest
 import xarray as xr
 
 from mjsheaf import simulate
-from mjsheaf.results import join, make_dataset, open_dataset, thinned, write_dataset
-from mjsheaf.results.netcdf import pieces_of
+from mjsheaf.results import join, make_dataset, netcdf, open_dataset, thinned, write_dataset
+from mjsheaf.results.netcdf import length_of_piece, pieces_of
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario, scenario_from_mapping
 from mjsheaf.simulation import trajectory
@@ -90,7 +90,11 @@ def test_a_run_that_blows_up_at_any_place_of_a_piece(
         np.testing.assert_array_equal(found["agent_position"], whole["agent_position"])
 
 
-def test_thinned_keeps_the_ends_and_reads_what_it_says(piece: Callable[[int], None], tmp_path: Path) -> None:
+@pytest.mark.parametrize("positions", [1, 2**14, 2**18])
+def test_thinned_keeps_the_ends_and_reads_what_it_says(
+    positions: int, piece: Callable[[int], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(netcdf, "_POSITIONS_READ", positions)
     piece(1000)
     run = scenario(end=90.0)
     whole = simulate(run, "ideal")
@@ -102,6 +106,20 @@ def test_thinned_keeps_the_ends_and_reads_what_it_says(piece: Callable[[int], No
     assert float(few["time"][0]) == 0.0
     assert float(few["time"][-1]) == float(whole["time"][-1])
     xr.testing.assert_identical(few, whole.sel(time=few["time"]))
+
+
+def test_a_long_run_of_few_vehicles_is_read_in_few_pieces(piece: Callable[[int], None], tmp_path: Path) -> None:
+    """A read has a price of its own: pieces are whole parts of the file, as many as bounded memory allows."""
+    piece(10)
+    run = written(scenario(end=5.0), "ideal", tmp_path / "run.nc")
+    vehicles, (chunk, *_) = run.sizes["agent"] + run.sizes["target"], run["agent_position"].encoding["chunksizes"]
+    assert (chunk, run.sizes["time"]) == (10, 501)
+    assert [part.sizes["time"] for part in pieces_of(run, ["agent_position"])] == [501]
+    many = run.isel(agent=np.zeros(10_000, dtype=int))  # as if there were so many agents
+    many["agent_position"].encoding = run["agent_position"].encoding
+    length = length_of_piece(many)
+    assert length % chunk == 0
+    assert 0.5 * 2**18 < length * (10_000 + vehicles) <= 2**18
 
 
 @pytest.mark.parametrize("backend", ["ideal", pytest.param("physics", marks=pytest.mark.slow)])

@@ -7,20 +7,19 @@ import json
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from threading import Condition, get_ident
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 import xarray as xr
-from matplotlib.mathtext import MathTextParser
 
 from mjsheaf import simulate
 from mjsheaf.errors import PlaceError
+from mjsheaf.results import open_run
 from mjsheaf.runs.publish import TimedIterator, execute, publish
-from mjsheaf.scenario import load_scenario
-from mjsheaf.video import available_backend
+from mjsheaf.scenario import Scenario, load_scenario
 from mjsheaf.video.from_run import video_options
+from tests.commands import RUN_FILES
 
 TIMES = ("wall_time_s", "realtime_factor")
 
@@ -56,39 +55,76 @@ def test_data_in_memory_never_replace_what_is_not_a_run(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
 
 
-@pytest.mark.slow
-def test_plots_and_film_never_parse_formulas_at_the_same_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """matplotlib's parser is one for all threads and knows none. Each thread waits in it at first for another."""
-    backend, reason = available_backend()
-    if backend is None:
-        pytest.skip(reason)
-    inside, within, seen, met = Condition(), list[int](), set[int](), list[set[int]]()
-    parse = MathTextParser.parse
+def drawn_by(draw: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let a function of a path stand for what draws videos."""
+    monkeypatch.setattr("mjsheaf.runs.publish.available_backend", lambda: ("none", ""))
+    monkeypatch.setattr("mjsheaf.video.from_run.film_run", lambda scenario, dataset, path, *_: draw(path))
 
-    def watched(parser: "MathTextParser[Any]", *args: Any, **named: Any) -> Any:
-        me = get_ident()
-        with inside:
-            within.append(me)
-            inside.notify_all()
-            if len({*within}) > 1:
-                met.append({*within})
-            elif me not in seen:
-                seen.add(me)
-                inside.wait_for(lambda: bool(met), timeout=1.0)
-            seen.add(me)
-        try:
-            return parse(parser, *args, **named)
-        finally:
-            with inside:
-                within.remove(me)
 
-    monkeypatch.setattr(MathTextParser, "parse", watched)
-    scenario = load_scenario("paper", {"time.end": 1.0})
-    small = video_options(scenario, width=160, height=120, fps=5)
-    outcome = execute(scenario, "ideal", tmp_path / "run", video=small)
-    assert outcome.summary["video"] is not None
-    assert len(seen) == 2
-    assert met == []
+@pytest.fixture
+def short() -> Scenario:
+    return load_scenario("midpoint", {"time.end": 0.1})
+
+
+def test_the_run_is_there_before_its_video(short: Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whole: it can be opened, and says that it has no video yet."""
+    place = tmp_path / "run"
+
+    def draw(path: Path) -> int:
+        assert path == place / "video.mp4"
+        assert {p.name for p in place.iterdir()} == RUN_FILES
+        with open_run(place) as (dataset, summary):
+            assert dataset.sizes["time"] > 1
+            assert summary["video"] is None
+        path.write_bytes(b"film")
+        return 7
+
+    drawn_by(draw, monkeypatch)
+    options = video_options(short)
+    outcome = execute(short, "ideal", place, video=options)
+    assert outcome.summary["video"]["frames"] == 7
+    assert json.loads((place / "summary.json").read_text())["video"] == outcome.summary["video"]
+    assert {p.name for p in place.iterdir()} == RUN_FILES | {"video.mp4"}
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, SystemExit, MemoryError])
+def test_what_ends_the_video_leaves_the_run(
+    error: type[BaseException], short: Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def draw(path: Path) -> int:
+        raise error
+
+    drawn_by(draw, monkeypatch)
+    with pytest.raises(error):
+        execute(short, "ideal", tmp_path / "run", video=video_options(short))
+    assert {p.name for p in (tmp_path / "run").iterdir()} == RUN_FILES
+    with open_run(tmp_path / "run") as (_, summary):
+        assert summary["video"] is None
+
+
+def test_a_video_that_cannot_be_written_is_an_error_that_names_the_run(
+    short: Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from mjsheaf.video.draw import UnwritableError
+
+    def draw(path: Path) -> int:
+        raise UnwritableError(f"{path}: cannot be written: No space left on device")
+
+    drawn_by(draw, monkeypatch)
+    with pytest.raises(
+        PlaceError, match=r"No space left on device; .*run is complete but for its video, which `mjsheaf"
+    ):
+        execute(short, "ideal", tmp_path / "run", video=video_options(short))
+    assert {p.name for p in (tmp_path / "run").iterdir()} == RUN_FILES
+
+
+def test_a_video_for_which_there_is_no_opengl_is_noted(
+    short: Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("mjsheaf.runs.publish.available_backend", lambda: (None, "nothing draws here"))
+    outcome = execute(short, "ideal", tmp_path / "run", video=video_options(short))
+    assert outcome.notes == ["no video: nothing draws here"]
+    assert outcome.summary["video"] is None
 
 
 def test_the_time_of_a_run_is_without_that_of_compiling() -> None:

@@ -3,13 +3,19 @@
 Oracle: the contract on errors (exit codes, one line on stderr, no traceback).
 """
 
+import contextlib
+import io
+import pickle
 from pathlib import Path
 
 import pytest
 import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from mjsheaf import load_scenario
 from mjsheaf.cli.main import main
+from mjsheaf.cli.terminal import print_lines, print_note
 from mjsheaf.errors import ScenarioError
 from tests.builders import refused
 
@@ -166,6 +172,21 @@ CASES = {
         ],
         ["agents", "full row rank"],
     ),
+    "event of nothing between dots": (
+        "events", [{"time": 0.05, "set": {"controller..gain": 1}}], ["events.0", "set", "'controller..gain'", "empty"]
+    ),
+    "event of endless dots": (
+        "events", [{"time": 0.05, "set": {"controller" + ".a" * 5000: 1}}], ["events.0: set", "10010 characters"]
+    ),
+    "event that sets nothing": (
+        "events", [{"time": 0.05, "set": {"controller": {}}}], ["events.0: set.controller: names no field"]
+    ),
+    "a path that a terminal obeys": (
+        "target_motion", {"kind": "file", "path": "\x1b]0;x\x07"}, ["target_motion: ", "/\\x1b]0;x\\x07: No such"]
+    ),
+    "an empty path": ("target_motion", {"kind": "file", "path": ""}, ["target_motion: ", "directory"]),
+    "a name that a terminal obeys": ("scene", {"vehicle_scales": {"\x1b[2J": 2}}, ["vehicle_scales.\\x1b[2J: there"]),
+    "a name that turns text around": ("scene", {"vehicle_scales": {"\u202e": 2}}, ["vehicle_scales.\\u202e: there"]),
     "odd video width": ("video", {"width": 641}, ["video.width", "multiple of 2"]),
 }  # fmt: skip
 
@@ -196,7 +217,7 @@ BROKEN = {
     "endless nesting": (b"a: " + b"[" * 20000, ["deep"]),
     "endless nesting of lines": (b"".join(b" " * k + b"a:\n" for k in range(300)), ["line", "deep"]),
     "endless nesting of keys": (b"? " * 20000, ["deep"]),
-    "a key that a terminal obeys": (b'"\\e[2J": 1\n', ["\\x1b[2J: unknown field"]),
+    "a key that a terminal obeys": (yaml.safe_dump(GOOD).encode() + b'"\\e[2J": 1\n', ["\\x1b[2J: unknown field"]),
 }
 
 
@@ -217,8 +238,15 @@ USAGE: dict[str, tuple[list[str], list[str]]] = {
     "override of an unknown field": (["run", "midpoint", "--set", "controller.gaim=3"], ["controller.gaim"]),
     "override of an unknown item": (["run", "midpoint", "--set", "agents.A9.heading=3"], ["A9", "A1"]),
     "override of an item by a strange digit": (["run", "midpoint", "--set", "agents.²=3"], ["'²'", "A1"]),
-    "override of an endless item": (["run", "midpoint", "--set", "agents." + "9" * 5000 + "=3"], ["A1"]),
+    "override of an endless item": (["run", "midpoint", "--set", "agents." + "9" * 5000 + "=3"], ["5007 characters"]),
     "override inside a number": (["run", "midpoint", "--set", "seed.x=3"], ["seed", "whole number"]),
+    "override of endless dots": (["run", "midpoint", "--set", "a" + ".a" * 5000 + "=3"], ["--set", "10001 characters"]),
+    "override of nothing between dots": (["run", "midpoint", "--set", "controller..gain=3"], ["--set", "..", "empty"]),
+    "override of dots": (["run", "midpoint", "--set", "...=3"], ["--set", "empty"]),
+    "grid of endless dots": (
+        ["sweep", "midpoint", "--grid", "a" + ".a" * 5000 + "=3", "--out", "s"], ["--grid", "10001 characters"]
+    ),
+    "grid of nothing between dots": (["sweep", "midpoint", "--grid", "a..b=3", "--out", "s"], ["--grid", "empty"]),
     "override that is not YAML": (["run", "midpoint", "--set", "seed=[1"], ["--set seed"]),
     "seed that is no number": (["run", "midpoint", "--seed", "x"], ["--seed", "integer"]),
     "negative seed": (["run", "midpoint", "--seed", "-1"], ["seed"]),
@@ -278,6 +306,78 @@ def test_read_only_parent(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
     # /proc refuses new directories to everyone, the superuser included.
     arguments = ["run", "midpoint", "--backend", "ideal", "--no-video", "--out", "/proc/mjsheaf/out"]
     _refused(arguments, ["/proc/mjsheaf/out"], tmp_path, capsys)
+
+
+def test_every_mistake_has_a_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Unknown fields first: a field that is missing may be one of them, misspelt."""
+    path = tmp_path / "mistakes.yaml"
+    wrong = {"time": {"end": -1, "start": "x"}, "sede": 3, "controller": {"gian": 1}}
+    path.write_text(yaml.safe_dump(GOOD | wrong))
+    told = [line.split(";")[0] for line in _lines(["check", str(path)], capsys)]
+    assert told == [
+        "controller.gian: unknown field",
+        "sede: unknown field",
+        "time.start: expected a number, not 'x'",
+        "time.end: expected at least 0, not -1",
+    ]
+    path.write_text(yaml.safe_dump(GOOD | {f"f{k:02}": 1 for k in range(26)}))
+    lines = _lines(["check", str(path)], capsys)
+    assert [line[:4] for line in lines[:10]] == [f"f{k:02}:" for k in range(10)]
+    assert lines[9] == "f09: unknown field"
+    assert lines[10:] == ["and 16 more errors"]
+    with pytest.raises(ScenarioError) as caught:
+        load_scenario(GOOD | wrong)
+    assert len(caught.value.args) == 4
+    assert str(caught.value).count("\n") == 3
+
+
+def _lines(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> list[str]:
+    """The lines of a refusal, without the name of the file."""
+    with pytest.raises(SystemExit) as stopped:
+        main(arguments)
+    assert stopped.value.code == 2
+    streams = capsys.readouterr()
+    assert streams.out == ""
+    prefix = f"mjsheaf: {arguments[1]}: "
+    lines = streams.err.splitlines()
+    assert all(line.startswith(prefix) for line in lines)
+    return [line.removeprefix(prefix) for line in lines]
+
+
+def test_overrides_in_python_have_the_same_limits() -> None:
+    with refused(ScenarioError, "--set", "10001 characters", 200):
+        load_scenario("midpoint", {"a" + ".a" * 5000: 3})
+    deep: dict[str, object] = {}
+    for _ in range(3000):
+        deep = {"a": deep}
+    with refused(ScenarioError, "nested more than 50 deep"):
+        load_scenario("midpoint", {"controller": deep})
+    with refused(ScenarioError, "nested more than 50 deep"):
+        load_scenario({"agents": deep})
+
+
+@settings(max_examples=200)
+@given(text=st.text(min_size=1, max_size=20))
+def test_no_text_of_a_user_reaches_the_terminal_raw(text: str) -> None:
+    """Whatever quotes it: an error, a note, a line of output."""
+    shown = str(ScenarioError(f"{text}: wrong"))
+    assert shown.isprintable()
+    assert str(ScenarioError(shown)) == shown
+    for print_it in (lambda: print_lines(text), lambda: print_note(text)):
+        out = io.StringIO()
+        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(out):
+            print_it()
+        assert all(line.isprintable() for line in out.getvalue().split("\n"))
+
+
+def test_an_empty_path_is_seen() -> None:
+    with refused(ScenarioError, "target_motion: '': No such file"):
+        load_scenario(GOOD | {"target_motion": {"kind": "file", "path": ""}})
+
+
+def test_a_message_has_an_end() -> None:
+    assert len(str(ScenarioError("x" * 100_000))) <= 4000
+    assert pickle.loads(pickle.dumps(ScenarioError("a", "b"))).args == ("a", "b")
 
 
 def test_python_interface_raises_the_same_errors() -> None:

@@ -54,7 +54,7 @@ def test_the_table_has_a_row_a_run_in_order(mixed: Path) -> None:
     found = rows(mixed)
     columns = ["run", "controller.gain", "spread.position", "seed", "status", *MEASURES]
     late = [f"late_{measure}" for measure in MEASURES]
-    others = ["ending", "settled", "bound_ratio", "late_bound_ratio", "numbers_per_agent_second", "message"]
+    others = ["ending", "settled", "bound_ratio", "late_bound_ratio", "numbers_per_agent_second", "law", "message"]
     assert list(found[0]) == [*columns, *late, *others]
     assert [row["run"] for row in found] == [str(k) for k in range(12)]
     assert [row["seed"] for row in found] == 6 * ["0", "1"]
@@ -68,6 +68,7 @@ def test_the_table_has_a_row_a_run_in_order(mixed: Path) -> None:
             assert row["settled"] == str(row["ending"] == "settled").lower()
             assert row["ending"] in ("settled", "moving", "growing", "circling")
             assert float(row["late_tracking_error"]) == record["late"]["tracking_error"]
+            assert record["late"]["norm"] == record["final"]["norm"] == "per_agent_rms"
             assert row["formation_error"] == ""  # one boat has no formation
     assert "above 0" in found[4]["message"]
     assert found[8]["message"]
@@ -288,7 +289,7 @@ def test_the_command_of_the_page_does_the_run(tmp_path: Path, mjsheaf: Callable[
     out = tmp_path / "out"
     run_study(load_plan(str(tmp_path / "own.yaml")), out, IN_THREADS)
     page = unescape((out / "index.html").read_text())
-    found = re.search(r"here run (\d+), with <code>(mjsheaf .*?)</code>\.</p>", page)
+    found = re.search(r"here run (\d+): <code>(mjsheaf .*?)</code>", page)
     assert found
     assert found[1] == "1"
     words = shlex.split(found[2])

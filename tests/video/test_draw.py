@@ -67,7 +67,7 @@ class TestVideo:
 
     def test_vehicle_is_where_the_camera_says(self, model: mujoco.MjModel) -> None:
         """A red box alone in the scene shows up around the pixel to which it is projected."""
-        options = VideoOptions(width=320, height=240, trail=0)
+        options = VideoOptions(width=320, height=240, trail=0, legend=False)
         film = make_film(model, edges=[], surface="none")
         model.geom_rgba[:] = [0.0, 0.0, 0.0, 0.0]
         model.geom("box2").rgba = [1.0, 0.0, 0.0, 1.0]
@@ -94,7 +94,8 @@ class TestVideo:
     def test_lines_are_drawn_behind_what_is_nearer(self, model: mujoco.MjModel) -> None:
         """A thick red line through a box: the box hides the middle of it, and the ends are seen."""
         film = make_film(model, edges=[], surface="none", harmonic_extension=np.zeros((41, 3, 3)))
-        with Painter(film, model, VideoOptions(width=320, height=240, trail=0, elevation=0, azimuth=90)) as painter:
+        sideways = VideoOptions(width=320, height=240, trail=0, elevation=0, azimuth=90, legend=False)
+        with Painter(film, model, sideways) as painter:
             _, view = painter.pose(0)
             box = painter.data.body("vehicle0").xpos
             across = np.array([[-4.0, 0.0, 0.0], [4.0, 0.0, 0.0]]) + box

@@ -122,8 +122,9 @@ def test_squares_of_the_surface_have_the_size_that_the_legend_says(surface: str)
 
 def test_draft_is_of_the_same_size_with_fewer_pixels_and_frames() -> None:
     good, draft = (video_options(chase(), quality=quality) for quality in ("good", "draft"))
-    assert (draft.width, draft.height) == (good.width, good.height) == good.drawn
-    assert draft.drawn == (good.width // 2, good.height // 2)
+    assert (draft.width, draft.height) == (good.width, good.height)
+    assert good.drawn == good.scene == (good.width - good.panel, good.height)
+    assert draft.drawn == (good.drawn[0] // 2, good.drawn[1] // 2)
     assert (good.fps, draft.fps) == (30, 15)
     assert video_options(chase(quality="draft")).fps == 15
     assert video_options(chase(fps=10), quality="draft").fps == 10
@@ -187,8 +188,8 @@ def test_arrows_show_the_medium() -> None:
     frames = Frames(film, options)
     view = View(np.array([3.0, 1.0, 1.0]), 30.0, -60.0, -35.0, 45.0)
     decorator = Decorator(film, options)
-    decorator.lay_out_arrows(frames.extent.survey, view)
-    assert [medium.name for medium, _ in decorator.speeds] == ["flow about agents", "flow about targets"]
+    decorator.lay_out_arrows(view)
+    assert [medium.name for medium in film.media] == ["flow about agents", "flow about targets"]
     moment = frames.moment(0)
     for k, (drift, height) in enumerate([([1.0, 0.5, 0.0], 1.0), ([1.0, 1.0, 0.0], 2.0)]):
         ends = decorator._arrows(moment, view, k).ends

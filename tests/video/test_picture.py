@@ -11,8 +11,9 @@ from PIL import Image
 from mjsheaf.video import Film, VideoOptions
 from mjsheaf.video.camera import View
 from mjsheaf.video.film import Frames, Moment
-from mjsheaf.video.overlay import WHITE, Overlay, number, shorten, text
+from mjsheaf.video.overlay import Overlay
 from mjsheaf.video.scene import Decorator, Lines, enlarge_vehicles, vehicle_radius
+from mjsheaf.video.text import WHITE, number, shorten, text
 from tests.builders import change_film, make_film, make_model, samples_of
 
 VIEW = View(np.zeros(3), 80.0, -60.0, -35.0, 45.0)
@@ -181,13 +182,14 @@ class TestWriting:
     def test_legend_has_a_row_for_each_thing_and_note(self) -> None:
         film = make_film(make_model())
 
-        def height(film: Film, **options: Any) -> int:
-            return overlay(film, VideoOptions(**options))._legend.height
+        def count(film: Film, **options: Any) -> int:
+            return len(overlay(film, VideoOptions(**options)).rows)
 
-        plain = height(film)
-        assert height(film, speed=2.0) > plain
-        assert height(replace(film, edges=film.edges[:2])) < plain
-        assert height(replace(film, surface="none")) < plain
+        plain = count(film)
+        assert count(film, speed=2.0) == plain + 1
+        assert count(replace(film, edges=film.edges[:2])) == plain - 1
+        assert count(replace(film, surface="none")) == plain - 1
+        assert count(film, legend=False) == 0
 
     def test_the_curve_grows_with_time_and_ends_at_the_dot(self) -> None:
         """The error falls by a known factor: its curve is straight on the log scale. Oracle: that straight line."""

@@ -87,14 +87,14 @@ export class Bodies {
   /**
    * Place every vehicle.
    *
-   * positions: of the controlled points, V * 3; quaternions: w x y z, V * 4; scales: of each kind; present: of each
+   * positions: of the controlled points, V * 3; quaternions: w x y z, V * 4; scales: of each vehicle; present: of each
    * agent, or null for ghosts, which are all there; camera, and metres in a pixel at a distance of 1 m from it.
    */
   update(positions, quaternions, scales, present, camera, metres) {
     const { kind, kinds } = this.run.said;
     for (let v = 0; v < this.run.vehicles; v++) {
       const k = kind[v];
-      const scale = Number.isNaN(positions[3 * v]) ? 0 : scales[k];
+      const scale = Number.isNaN(positions[3 * v]) ? 0 : scales[v];
       this.turn.set(quaternions[4 * v + 1], quaternions[4 * v + 2], quaternions[4 * v + 3], quaternions[4 * v]).normalize();
       this.size.setScalar(scale);
       this.at.set(positions[3 * v] || 0, positions[3 * v + 1] || 0, positions[3 * v + 2] || 0);

@@ -6,6 +6,8 @@ import { digits, legible } from "./data.js";
 const MOST_LINES = 40; // agents with a line of their own; of more, the spread is drawn
 const DECADES = 5; // most that a logarithmic axis shows
 const HEIGHT = 104;
+const NEAR = 0.85; // fraction of a limit that speeds reach where the limit is drawn
+const TEAM = { rms: "RMS over agents", mean: "mean" };
 const BOUNDS = ["#c2379b", "#d55e00"];
 
 export class Curves extends EventTarget {
@@ -29,7 +31,7 @@ export class Curves extends EventTarget {
     const unit = document.createElement("span");
     unit.textContent = panel.unit;
     panel.reading = document.createElement("output");
-    const keys = [...(panel.bounds ?? []).map((name, k) => [`bound: ${name}`, BOUNDS[k % 2]]), ...(panel.limits ?? []).map(({ name }) => [name, "var(--quiet)"])];
+    const keys = [...(panel.bounds ?? []).map((name, k) => [`bound: ${name}`, BOUNDS[k % 2]]), ...(panel.limits ?? []).filter(({ near }) => near).map(({ name }) => [name, "var(--quiet)"]), ...(panel.others ?? []).map(({ name, colour }) => [`team of ${name}`, colour])];
     const dashes = keys.map(([name, colour]) => {
       const key = document.createElement("span");
       const words = document.createElement("bdi");
@@ -148,7 +150,15 @@ export class Curves extends EventTarget {
         panel.data[extra + 1] = agent < 0 ? this.run.said.time.map(() => null) : this.run.column(panel.agents, agent).map(positive);
         panel.u.setData(panel.data, false);
         panel.u.redraw();
-      } else if (own >= 0) panel.u.setSeries(own + 1, { focus: true });
+      }
+      const limit = panel.lines.findIndex((line) => line.own);
+      if (limit >= 0) {
+        panel.data[limit + 1] = this.run.said.time.map((_, k) => (agent < 0 ? null : this.run.most(k, agent)));
+        panel.u.setData(panel.data, false);
+        panel.u.redraw();
+      }
+      if (extra >= 0) continue;
+      if (own >= 0) panel.u.setSeries(own + 1, { focus: true });
       else panel.u.setSeries(null, { focus: false });
     }
     this.telling = false;
@@ -163,8 +173,8 @@ export class Curves extends EventTarget {
       panel.now.style.transform = `translateX(${panel.u.valToPos(clock.t, "x").toFixed(1)}px)`;
       const parts = [];
       const team = panel.lines.find((line) => line.name === "team");
-      if (team) parts.push(`team ${digits(team.values[k])}`);
-      if (panel.agents && this.lit >= 0) parts.push(`${run.names[this.lit]} ${digits(run.series[panel.agents][k * run.agents + this.lit])}`);
+      if (team) parts.push(`${TEAM[panel.how] ?? "team"} ${digits(team.values[k])}`);
+      if (panel.agents && this.lit >= 0) parts.push(`${run.names[this.lit]} ${digits(run.series[panel.agents][k * run.agents + this.lit])}${panel.limits ? ofMost(run, k, this.lit) : ""}`);
       const text = parts.join("   ");
       if (panel.said !== text) panel.reading.textContent = panel.said = text;
     }
@@ -185,18 +195,9 @@ export class Curves extends EventTarget {
 /** What is shown: values of each agent (`agents`), of the team and of groups, limits and bounds. */
 function panelsOf(run) {
   const { said, series } = run;
-  const limits = [];
-  const known = new Map();
-  said.fastest.forEach((speed, i) => {
-    if (speed !== null && Number.isFinite(speed)) known.set(said.kinds[said.kind[i]].name, speed);
-  });
-  for (const [name, speed] of known) limits.push({ name: `${name} can make ${digits(speed)}`, at: () => speed });
-  const lowest = said.limits.map(({ limit }) => limit.reduce((least, x) => (x === null ? least : Math.min(least ?? x, x)), null));
-  const some = [...new Set(lowest.filter((x) => x !== null))];
-  const then = (k) => lowest[said.limits.findLastIndex(({ time }, n) => n === 0 || time <= run.time[k] + 1e-9)];
-  if (some.length) limits.push({ name: `limit ${some.map(digits).join(", ")}`, at: then });
+  const limits = limitsOf(run);
   return [
-    { title: "Distance from its place", unit: "|q* − q|, m", agents: "tracking_error", how: "rms", log: true, bounds: said.bounds },
+    { title: "Distance from its place", unit: "|q* − q|, m; of the team RMS over agents", agents: "tracking_error", how: "rms", log: true, bounds: said.bounds, others: said.ghosts },
     series.apart && { title: "Bodies from their ideal twins", unit: "m", agents: "apart", how: "rms", log: true },
     { title: "Disagreement", unit: "|η|, m", agents: "disagreement", how: "mean", log: true },
     { title: "Formation error", unit: "RMS over a group's links, m", team: "formation_error", groups: "group_formation_error", log: true },
@@ -204,6 +205,33 @@ function panelsOf(run) {
     { title: "Speed asked for", unit: "m/s", agents: "speed", how: "mean", limits, log: isSpread(run) },
     series.saturation && { title: "Thrusters at a limit", unit: "share", agents: "saturation", how: "mean", most: 1 },
   ].filter((panel) => panel && (panel.agents || run.column(panel.team, 0).some((x) => x !== null)));
+}
+
+/**
+ * What limits the speeds that are asked for, and whether speeds come near: what each kind of vehicle can make, and the
+ * law's limit. A limit far above the data would squeeze them; it is only said of the agent that is pointed at.
+ */
+function limitsOf(run) {
+  const { said } = run;
+  const fastest = (agents) => agents.reduce((most, i) => run.column("speed", i).reduce((x, y) => Math.max(x, y ?? 0), most), 0);
+  const all = [...said.agents.keys()];
+  const limits = said.kinds.flatMap(({ name }, k) => {
+    const own = all.filter((i) => said.kind[i] === k && said.fastest[i] !== null && Number.isFinite(said.fastest[i]));
+    if (!own.length) return [];
+    const most = said.fastest[own[0]];
+    return [{ name: `all-way speed of ${name} ${digits(most)}`, at: () => most, near: fastest(own) > NEAR * most }];
+  });
+  const lowest = said.limits.map(({ limit }) => limit.reduce((least, x) => (x === null ? least : Math.min(least ?? x, x)), null));
+  const some = [...new Set(lowest.filter((x) => x !== null))];
+  const then = (k) => lowest[said.limits.findLastIndex(({ time }, n) => n === 0 || time <= run.time[k] + 1e-9)];
+  if (some.length) limits.push({ name: `limit of the law ${some.map(digits).join(", ")}`, at: then, near: fastest(all) > NEAR * Math.min(...some) });
+  return limits;
+}
+
+/** The largest speed of an agent at a sample, in words; nothing where it has no limit. */
+function ofMost(run, k, agent) {
+  const most = run.most(k, agent);
+  return most === null ? "" : ` of ${digits(most)}`;
 }
 
 /** Whether the speeds asked for need a logarithmic axis: the first is often a hundred times the usual one. */
@@ -233,7 +261,10 @@ function linesOf(run, panel, all) {
     lines.push({ name: "team", values: run.column(panel.team, 0), colour: "--ink", width: 2 });
   }
   panel.bounds?.forEach((name, k) => lines.push({ values: run.column(`bound${k}`, 0), colour: BOUNDS[k % 2], width: 1.6, dash: [7, 4], bound: name }));
-  panel.limits?.forEach(({ at }) => lines.push({ values: nothing.map((_, k) => at(k)), colour: "--quiet", width: 1.3, dash: [5, 4], limit: true }));
+  panel.others?.forEach(({ colour }, k) => lines.push({ values: run.column(`ghost_error${k}`, 0), colour, width: 2, dash: [4, 3] }));
+  const dashed = { colour: "--quiet", width: 1.3, dash: [5, 4], limit: true };
+  panel.limits?.filter(({ near }) => near).forEach(({ at }) => lines.push({ ...dashed, values: nothing.map((_, k) => at(k)), near: true }));
+  if (panel.limits) lines.push({ ...dashed, values: nothing, own: true }); // of the agent that is pointed at
   return lines;
 }
 
@@ -241,7 +272,7 @@ function linesOf(run, panel, all) {
 function logRange(panel, low, high) {
   let [least, most] = [Infinity, 0];
   for (const line of panel.lines) {
-    if (line.bound || line.fill || line.width === 0) continue;
+    if (line.bound || line.limit || line.fill || line.width === 0) continue;
     for (const x of line.values) if (x > 0) [least, most] = [Math.min(least, x), Math.max(most, x)];
   }
   for (const line of panel.lines) {
@@ -254,7 +285,8 @@ function logRange(panel, low, high) {
 function linearTop(panel, high) {
   let most = 0;
   for (const line of panel.lines) if (!line.limit) for (const x of line.values) if (x > most) most = x;
-  for (const line of panel.lines) if (line.limit) for (const x of line.values) if (x < 3 * most) most = Math.max(most, x);
+  const data = most;
+  for (const line of panel.lines) if (line.near) for (const x of line.values) if (x !== null && x * NEAR < data) most = Math.max(most, x);
   return panel.most ?? (most > 0 ? most * 1.08 : high || 1);
 }
 

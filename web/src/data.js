@@ -56,6 +56,12 @@ export class Run {
     return this.said.limits.findLast(({ time }, n) => n === 0 || time <= this.time[k] + 1e-9).limit[agent];
   }
 
+  /** The largest speed that an agent can make and may be asked for at a sample, m/s; null for none. */
+  most(k, agent) {
+    const known = [this.said.fastest[agent], this.limit(k, agent)].filter((x) => x !== null && Number.isFinite(x));
+    return known.length ? Math.min(...known) : null;
+  }
+
   /** The sample at or before a time, and how far it is to the next one, 0 to 1. */
   locate(t) {
     const { time } = this;

@@ -18,15 +18,18 @@ const ENDINGS = {
   moving: "The errors still change at the end.",
   growing: "The errors grow to the end.",
   circling: "The team swings by itself, without end.",
+  stuck: "The errors have settled, but an agent that is commanded to move does not.",
 };
 const MEASURES = {
-  mean_disagreement: "disagreement",
-  tracking_error: "from its place",
-  formation_error: "formation",
-  centering_error: "centering",
+  mean_disagreement: ["disagreement", "mean over agents"],
+  tracking_error: ["from its place", "RMS over agents"],
+  formation_error: ["formation", "RMS over links"],
+  centering_error: ["centering", "largest of a group"],
 };
 
 const ALONG = 0.8; // cosine from which one thing is said to go along another
+const RECENT = 0.1; // of the run: an event before that is not mentioned
+const JUMP = 0.2; // of an offset: a jump of the place that is less does not explain it
 const MOST_AGENTS = 20; // in the table of agents
 const SLOW = 0.05; // m/s: what is slower does not explain anything
 
@@ -44,24 +47,39 @@ export function reasons(run, k, agent) {
   const at = (name) => series[name]?.[k * run.agents + agent];
   const [speed, fastest, limit] = [at("speed"), said.fastest[agent], run.limit(k, agent)];
   if (limit !== null && speed >= 0.99 * limit) found.push(`asks for its speed limit of ${digits(limit)} m/s`);
-  if (fastest !== null && speed > fastest) found.push(`asks for ${digits(speed)} m/s, and can make ${digits(fastest)}`);
+  if (fastest !== null && speed > fastest) found.push(`asks for ${digits(speed)} m/s, its all-way speed is ${digits(fastest)}`);
   if (at("saturation") >= 0.5) found.push("thrusters at their limits");
   const flow = Math.hypot(...series.flow.subarray((k * run.agents + agent) * 3, (k * run.agents + agent) * 3 + 3));
-  if (fastest !== null && flow > fastest) found.push(`the flow of ${digits(flow)} m/s is faster than it`);
+  if (fastest !== null && flow > fastest) found.push(`the flow of ${digits(flow)} m/s is beyond its all-way speed`);
   const place = (name, row) => Array.from(series[name].subarray((row * run.columns(name)) + 3 * agent, (row * run.columns(name)) + 3 * agent + 3));
   const [q, goal, w] = [place("position", k), place("q_star", k), place("flow", k)];
   const [before, after] = [Math.max(k - 1, 0), Math.min(k + 1, run.time.length - 1)];
   const moved = place("q_star", after).map((x, axis) => (x - place("q_star", before)[axis]) / (run.time[after] - run.time[before] || 1));
   const off = goal.map((x, axis) => x - q[axis]);
-  if (along(off, moved) > ALONG) found.push(`lags behind its place, which moves at ${digits(Math.hypot(...moved))} m/s`);
+  const jumps = run.events.some(({ time }) => time > run.time[before] && time <= run.time[after]); // no motion
+  if (!jumps && along(off, moved) > ALONG) found.push(`lags behind its place, which moves at ${digits(Math.hypot(...moved))} m/s`);
   else if (along(off, w) < -ALONG) found.push(`carried off by the flow of ${digits(Math.hypot(...w))} m/s`);
   const width = said.edges.length;
   const links = said.edges.map((edge, e) => [edge, series.residual?.[k * width + e]]).filter(([edge, x]) => (edge.tail === agent || edge.head === agent) && !Number.isNaN(x));
   const silent = links.filter(([, x]) => isSilent(x)).length;
   if (!links.length) found.push("has no links");
   else if (silent) found.push(`${silent} of its ${links.length} links silent`);
-  const events = run.events.filter(({ time }) => time <= run.time[k] && run.time[k] - time < 0.1 * (run.end - run.start) && time > run.start);
-  if (events.length) found.push(`soon after ${events[events.length - 1].events.join(", ")}`);
+  return found.concat(jumpsOf(run, k, agent, Math.hypot(...off)));
+}
+
+/** Events not long before a sample at which the agent's place jumped, by a good part of how far off it is. */
+function jumpsOf(run, k, agent, far) {
+  const place = (row) => Array.from(run.series.q_star.subarray((row * run.agents + agent) * 3, (row * run.agents + agent) * 3 + 3));
+  const found = [];
+  for (const { time, events } of run.events) {
+    if (time <= run.start || time > run.time[k] || run.time[k] - time >= RECENT * (run.end - run.start)) continue;
+    const after = run.time.findIndex((t) => t >= time - 1e-9);
+    if (after < 2) continue;
+    const [before, now, then] = [place(after - 2), place(after - 1), place(after)];
+    const pace = (run.time[after] - run.time[after - 1]) / (run.time[after - 1] - run.time[after - 2]);
+    const jump = Math.hypot(...then.map((x, axis) => x - now[axis] - pace * (now[axis] - before[axis])));
+    if (jump > JUMP * far) found.push(`its place jumped by ${digits(jump)} m at ${digits(time)} s: ${events.join(", ")}`);
+  }
   return found;
 }
 
@@ -78,6 +96,9 @@ export function writeHeader(run, goTo) {
     return;
   }
   const half = run.locate((run.start + run.end) / 2)[0];
+  const errors = run.over("tracking_error", [...run.said.agents.keys()], "rms");
+  const last = errors[errors.length - 1];
+  if (last !== null) worst.append(make("strong", "headline", `RMS over agents: ${digits(last)} m`), " from their places at the end. ");
   let [at, who, most] = [0, -1, -1];
   for (let k = half; k < run.time.length; k++) {
     const i = run.worst(k);
@@ -103,7 +124,10 @@ export class Card {
     this.why = make("p", "why");
     const button = make("button", "", "Follow");
     button.addEventListener("click", () => onFollow(this.vehicle));
-    this.home.append(make("div", "top", this.name, this.role, button), this.rows, this.why);
+    this.brief = make("span", "brief");
+    this.details = make("details", "", make("summary", "", this.name, this.brief), make("div", "top", this.role, button), this.rows, this.why);
+    this.details.open = !matchMedia("(max-width: 760px)").matches; // as in style.css
+    this.home.append(this.details);
     this.said = "";
   }
 
@@ -121,18 +145,19 @@ export class Card {
       const at = (name) => series[name]?.[k * run.agents + v];
       const f = (k * run.agents + v) * 3;
       rows.push(["from its place", `${digits(at("tracking_error"))} m`], ["disagreement", `${digits(at("disagreement"))} m`]);
-      const able = [said.fastest[v], run.limit(k, v)].filter((x) => x !== null);
-      const most = able.length ? Math.min(...able) : null;
+      const most = run.most(k, v);
       rows.push(["asks for, m/s", `${digits(at("speed"))}${most === null ? "" : ` of ${digits(most)}`}`]);
       rows.push(["flow about it, m/s", digits(Math.hypot(series.flow[f], series.flow[f + 1], series.flow[f + 2]))]);
       if (series.saturation) rows.push(["thrusters at a limit", `${Math.round(100 * at("saturation"))} %`]);
       if (series.apart) rows.push(["from its ideal twin", `${digits(at("apart"))} m`]);
       why = reasons(run, k, v);
     } else rows.push(["", "a target: it does not cooperate"]);
-    const text = JSON.stringify([v, lit >= 0, rows, why]);
+    const brief = v < run.agents ? `${digits(series.tracking_error[k * run.agents + v])} m off` : "target";
+    const text = JSON.stringify([v, lit >= 0, rows, why, brief]);
     if (text === this.said) return;
     this.said = text;
     this.name.textContent = run.names[v];
+    this.brief.textContent = brief;
     this.name.style.setProperty("--own", said.groups[run.groupOf[v]].colour);
     this.role.replaceChildren(own(said.kinds[said.kind[v]].name), ", ", lit >= 0 ? own(said.groups[run.groupOf[v]].name) : "farthest off now");
     this.rows.replaceChildren(...rows.flatMap(([name, value]) => [make("dt", "", name), make("dd", "", value)]));
@@ -153,17 +178,19 @@ export function writeLegend(run, world) {
   const rows = used.map((g) => row(swatch({ background: run.said.groups[g].colour }, g === run.groupOf[run.agents] ? "swatch target" : "swatch"), own(run.said.groups[g].name)));
   rows.push(row(make("i", "goal"), "where an agent should be, q*"));
   if (run.series.ghost) rows.push(row(make("i", "ghost"), "pale vehicle: ideal kinematics"));
+  for (const { name, colour } of run.said.ghosts) rows.push(row(swatch({ background: colour }, "ghost"), "translucent: ", own(name)));
   if (run.said.edges.length) {
     const [low, high] = world.residualRange;
     rows.push(row(make("i", "bar"), `link, blue to red: ${digits(low)} to ${digits(high)} m off`));
     if (run.said.edges.some(({ kind }) => kind === "sensing")) rows.push(row(make("i", "dashed"), "sees a target (solid: agents talk)"));
     if (run.series.residual.some(isSilent)) rows.push(row(make("i", "silent"), "grey: silent"));
   }
-  if (world.flowScale) {
-    for (const flow of run.said.flow) rows.push(row(make("i", flow.second ? "arrow air" : "arrow"), `${flow.name}: up to ${digits(Math.max(...flow.velocity.map((w) => Math.hypot(...w))))} m/s`));
+  for (const { name, scale, top } of run.said.flow) {
+    const bar = make("div", "speeds", make("span", "", "0"), make("i", `flow${scale}`), make("span", "", `${digits(top).replace(/\.?0+$/, "")} m/s`));
+    rows.push(row(make("i", `arrow flow${scale}`), `speed of the ${name}`, bar));
   }
   world.larger = make("span", "");
-  rows.push(make("div", "row", make("i"), world.larger));
+  rows.push(row(make("i", "larger", "↗"), world.larger));
   const details = make("details", "", make("summary", "", "Legend"), ...rows);
   details.open = !matchMedia("(max-width: 760px)").matches;  // as in style.css
   home.append(details);
@@ -212,9 +239,22 @@ function eventsOf(run, time) {
 
 function table(headings, rows) {
   const head = make("tr");
-  for (const heading of headings) head.append(make("th", "", heading));
+  for (const heading of headings) head.append(make("th", "", ...[heading].flat()));
   head.querySelectorAll("th").forEach((th) => th.setAttribute("scope", "col"));
-  return make("div", "wide", make("table", "", make("thead", "", head), make("tbody", "", ...rows)));
+  const room = make("div", "wide", make("table", "", make("thead", "", head), make("tbody", "", ...rows)));
+  const hint = make("small", "hint", "there are more columns: scroll sideways →");
+  hint.hidden = true;
+  const look = () => {
+    const cut = room.scrollWidth > room.clientWidth + 1;
+    const end = room.scrollLeft + room.clientWidth >= room.scrollWidth - 1;
+    hint.hidden = !cut;
+    room.classList.toggle("cut", cut && !end);
+    if (cut) room.tabIndex = 0; // so that a keyboard scrolls it
+    else room.removeAttribute("tabindex");
+  };
+  new ResizeObserver(look).observe(room);
+  room.addEventListener("scroll", look, { passive: true });
+  return make("div", "table", hint, room);
 }
 
 function finalOf(facts) {
@@ -228,7 +268,8 @@ function finalOf(facts) {
     });
     return make("tr", "", make("th", "", own(name)), ...cells);
   });
-  return table(["m", ...facts.measures.map((name) => MEASURES[name])], rows);
+  const headings = facts.measures.map((name) => [MEASURES[name][0], make("small", "", MEASURES[name][1])]);
+  return table(["errors, m", ...headings], rows);
 }
 
 /** What theory says of each phase; of a later one what has changed since the phase before. */

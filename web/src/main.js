@@ -16,7 +16,7 @@ const KEYS = [
   ["in the scene", "arrows turn, shift and arrows move, + and − zoom; drag turns, right drag moves, wheel zooms; a click lights up, a double click follows"],
   ["in the curves", "point at a line to light up its agent, click or drag to go to a time"],
 ];
-const LAYERS = { links: "links", goals: "where agents should be", trails: "trails", flow: "flow", names: "names", stems: "heights", larger: "vehicles larger than life" };
+const LAYERS = { links: "links", goals: "where agents should be", trails: "trails", names: "names", stems: "heights", larger: "vehicles larger than life", ghosts: "other runs" };
 
 async function begin() {
   const run = await readRun();
@@ -99,8 +99,7 @@ async function begin() {
     last = now;
     if (world?.draw()) {
       frames++;
-      const larger = Math.max(...world.scales);
-      const words = larger > 1.05 ? `vehicles drawn up to ${digits(larger)} times larger` : "vehicles in their true size";
+      const words = world.largerInWords();
       if (words !== remembered) world.larger.textContent = remembered = words;
       writeScale(world);
     }
@@ -198,7 +197,9 @@ function bindViews(run, world, follow) {
       world.view(button.dataset.view);
     });
   }
-  for (const [name, words] of Object.entries(LAYERS)) {
+  const flows = run.said.flow.map(({ name }, n) => [`flow${n}`, `arrows of the ${name}`]);
+  for (const [name, words] of [...Object.entries(LAYERS), ...flows]) {
+    if (name === "ghosts" && !run.said.ghosts.length) continue;
     const box = Object.assign(document.createElement("input"), { type: "checkbox", checked: world.layers[name] });
     box.addEventListener("change", () => {
       world.layers[name] = box.checked;

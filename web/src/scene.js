@@ -3,16 +3,18 @@
 import * as THREE from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { Bodies } from "./bodies.js";
+import { Ghosts } from "./ghosts.js";
 import { Lines } from "./lines.js";
 import { isSilent, nice } from "./data.js";
 
 export const THEMES = {
-  light: { sky: "#f4f7f9", water: "#cfe2ec", ground: "#e9e5d9", none: "#e6ebf0", grid: "#7d97a6", ink: "#17222b", low: "#3f6fb5", high: "#c2410c", quiet: "#9aa3ab", air: "#3d7f86", medium: "#2f6fa3" },
-  dark: { sky: "#10161c", water: "#15303f", ground: "#262720", none: "#1a222a", grid: "#5f7b8b", ink: "#e6edf3", low: "#6ea3f0", high: "#ff8a3d", quiet: "#6d7780", air: "#7fd0d0", medium: "#7db8ea" },
+  light: { sky: "#f4f7f9", water: "#cfe2ec", ground: "#e9e5d9", none: "#e6ebf0", grid: "#7d97a6", ink: "#17222b", low: "#3f6fb5", high: "#c2410c", quiet: "#9aa3ab", flow: [["#cdbb86", "#e0a020", "#c23a00"], ["#8fa6c9", "#6a35a5", "#c0109a"]] },
+  dark: { sky: "#10161c", water: "#15303f", ground: "#262720", none: "#1a222a", grid: "#5f7b8b", ink: "#e6edf3", low: "#6ea3f0", high: "#ff8a3d", quiet: "#6d7780", flow: [["#6b6750", "#d9a73a", "#ff7a2e"], ["#3f5c8f", "#8a5ad6", "#ff5ad2"]] },
 };
-const VIEWS = { angle: [-60, 32], above: [-90, 89.9], side: [-90, 4] }; // azimuth and elevation, degrees
+const VIEWS = { above: [-90, 89.9], side: [-90, 4] }; // azimuth and elevation of the eye, degrees
 const MOST_LABELS = 60; // agents; the names of more would cover one another
-const LEAST_PIXELS = 34; // length of a vehicle on the screen, as far as its neighbours leave room
+const LEAST_PIXELS = 34; // length of a vehicle on the screen where the scenario gives no scale, as far as there is room
+const SLOWEST_ARROW = 0.03; // fraction of a scale of speeds
 const TRAIL_PIECES = 9000; // in all
 const MOST_BALLS = 200; // agents; of more the dotted line to its place is drawn without the ball at its end
 const GHOST_PIXELS = 6; // radius of the ball where an agent should be
@@ -23,7 +25,8 @@ export class World extends EventTarget {
   constructor(run, clock, canvas, labels) {
     super();
     Object.assign(this, { run, clock, canvas, labels });
-    this.layers = { links: true, goals: true, trails: true, flow: true, names: true, stems: run.agents <= 100, larger: true };
+    this.layers = { links: true, goals: true, trails: true, names: true, stems: run.agents <= 100, larger: true, ghosts: true };
+    run.said.flow.forEach((_, n) => (this.layers[`flow${n}`] = true));
     this.lit = -1; // vehicle that is pointed at
     this.followed = ""; // "", "team" or the number of a vehicle
     this.dirty = true;
@@ -92,7 +95,7 @@ export class World extends EventTarget {
     }
     gaps.sort((a, b) => a - b);
     this.gap = gaps.length ? gaps[gaps.length >> 1] : Infinity;
-    const radius = Math.max(...run.said.kinds.map((kind) => kind.radius));
+    const radius = Math.max(...run.said.kind.map((k, v) => run.said.kinds[k].radius * run.said.scales[v]));
     this.largest = radius;
     box.expandByScalar(radius);
     this.box = box;
@@ -111,6 +114,7 @@ export class World extends EventTarget {
       this.idealAt = new Float32Array(run.vehicles * 3);
       scene.add(this.ideal.group);
     }
+    this.ghosts = new Ghosts(run, this.software, scene);
     const ball = new THREE.SphereGeometry(1, run.agents > 100 ? 6 : 14, run.agents > 100 ? 4 : 8);
     this.balls = new THREE.InstancedMesh(ball, new THREE.MeshBasicMaterial({ transparent: true, opacity: 0.5, depthWrite: false }), run.agents);
     this.balls.frustumCulled = false;
@@ -119,11 +123,10 @@ export class World extends EventTarget {
     this.trailPieces = Math.max(4, Math.min(60, Math.floor(TRAIL_PIECES / run.vehicles)));
     this.joints = [];
     const edges = run.said.edges.length;
-    this.lines = new Lines(edges + run.vehicles * (2 + this.trailPieces + 2) + 2 * run.agents + 64);
-    this.arrows = new Lines(run.said.flow.reduce((sum, flow) => sum + 3 * flow.places.length, 0));
-    scene.add(this.lines.mesh, this.arrows.mesh);
+    this.lines = new Lines(edges + run.vehicles * (2 + this.trailPieces + 2) + (2 + run.said.ghosts.length) * run.agents + 64);
+    this.arrows = run.said.flow.map((flow) => new Lines(3 * flow.places.length)); // of each medium
+    scene.add(this.lines.mesh, ...this.arrows.map(({ mesh }) => mesh));
     this.residualRange = rangeOf(run);
-    this.flowScale = flowScaleOf(run);
     this.makeLabels();
   }
 
@@ -131,7 +134,7 @@ export class World extends EventTarget {
 
   /** Look from "angle", "above" or "side", at everything. */
   view(name) {
-    const [azimuth, elevation] = VIEWS[name].map((angle) => (angle * Math.PI) / 180);
+    const [azimuth, elevation] = (VIEWS[name] ?? this.run.said.view).map((angle) => (angle * Math.PI) / 180);
     const way = new THREE.Vector3(Math.cos(elevation) * Math.cos(azimuth), Math.cos(elevation) * Math.sin(azimuth), Math.sin(elevation));
     const { camera } = this;
     const target = this.box.getCenter(new THREE.Vector3());
@@ -187,8 +190,9 @@ export class World extends EventTarget {
       this.read();
       const at = this.middle();
       const way = this.camera.position.clone().sub(this.controls.target).normalize();
-      const kind = this.run.said.kinds[this.run.said.kind[whom === "team" ? 0 : whom]];
-      const distance = whom === "team" ? this.camera.position.distanceTo(this.controls.target) : Math.max(kind.radius * 14, Math.min(this.gap, this.extent) * 1.1);
+      const first = whom === "team" ? 0 : whom;
+      const radius = this.run.said.kinds[this.run.said.kind[first]].radius * (this.scales?.[first] ?? 1);
+      const distance = whom === "team" ? this.camera.position.distanceTo(this.controls.target) : Math.max(radius * 10, Math.min(this.gap, this.extent) * 1.1);
       this.controls.target.copy(at);
       this.camera.position.copy(at).addScaledVector(way, distance);
       this.controls.update();
@@ -253,7 +257,7 @@ export class World extends EventTarget {
 
   setTheme(name) {
     const theme = THEMES[name];
-    this.theme = Object.fromEntries(Object.entries(theme).map(([key, code]) => [key, new THREE.Color(code)]));
+    this.theme = Object.fromEntries(Object.entries(theme).map(([key, code]) => [key, key === "flow" ? code.map(gradient) : new THREE.Color(code)]));
     this.scene.background = this.theme.sky;
     const { uniforms } = this.surface.material;
     uniforms.colour.value = this.theme[this.run.said.surface];
@@ -305,17 +309,21 @@ export class World extends EventTarget {
     this.camera.updateMatrixWorld();
     const metres = (2 * Math.tan((this.camera.fov * Math.PI) / 360) * distance) / this.height; // in a pixel
     this.metres = metres;
-    this.scales = this.run.said.kinds.map(({ radius }) => {
-      const room = Math.min((LEAST_PIXELS * metres) / 2, 0.42 * this.gap);
-      return this.layers.larger ? Math.max(1, room / radius) : 1;
+    const room = Math.min((LEAST_PIXELS * metres) / 2, 0.42 * this.gap);
+    const { scales, automatic, kind, kinds } = this.run.said;
+    this.scales = scales.map((scale, v) => {
+      if (!this.layers.larger) return 1;
+      return automatic[v] ? Math.max(scale, room / kinds[kind[v]].radius) : scale;
     });
     const unit = metres / distance;
     this.bodies.update(this.positions, this.quaternions, this.scales, this.present, this.camera, unit);
     this.ideal?.update(this.idealAt, this.quaternions, this.scales, null, this.camera, unit);
     this.drawGoals(metres);
-    this.drawLines(metres);
-    this.arrows.finish(this.width, this.height);
-    this.arrows.mesh.visible = this.layers.flow;
+    this.drawLines(metres, unit);
+    this.arrows.forEach((arrows, n) => {
+      arrows.finish(this.width, this.height);
+      arrows.mesh.visible = this.layers[`flow${n}`];
+    });
     this.renderer.render(this.scene, this.camera);
     this.writeLabels();
     return true;
@@ -335,7 +343,7 @@ export class World extends EventTarget {
     balls.instanceMatrix.needsUpdate = true;
   }
 
-  drawLines(metres) {
+  drawLines(metres, unit) {
     const { run, lines, positions: p, goals: g, theme, layers } = this;
     lines.clear();
     const some = run.agents <= MOST_LABELS;
@@ -368,6 +376,7 @@ export class World extends EventTarget {
         lines.add(p[3 * v], p[3 * v + 1], p[3 * v + 2], o[3 * v], o[3 * v + 1], o[3 * v + 2], theme.ink, 0.6, 1);
       }
     }
+    this.ghosts.draw(this.clock.t, this.scales, this.camera, unit, lines, p, layers.ghosts);
     if (layers.stems && this.floor !== null) {
       for (let v = 0; v < run.vehicles; v++) {
         if (Math.abs(p[3 * v + 2] - this.floor) > 12 * metres) {
@@ -375,9 +384,11 @@ export class World extends EventTarget {
         }
       }
     }
-    if (layers.flow && this.lit >= 0 && this.lit < run.agents && this.flowScale) {
-      const flow = run.at("flow", this.clock.t, new Float32Array(3), 3 * this.lit, 3);
-      addArrow(lines, p.subarray(3 * this.lit, 3 * this.lit + 3), flow, this.flowScale, theme.medium, 1, 3);
+    const met = run.said.flow.findIndex(({ vehicles }) => vehicles.includes(this.lit));
+    if (this.lit < run.agents && layers[`flow${met}`]) {
+      const velocity = run.at("flow", this.clock.t, new Float32Array(3), 3 * this.lit, 3);
+      const flow = run.said.flow[met];
+      addArrow(lines, p.subarray(3 * this.lit, 3 * this.lit + 3), velocity, flow, theme.flow[flow.scale], 1, 3);
     }
     lines.finish(this.width, this.height);
   }
@@ -408,17 +419,28 @@ export class World extends EventTarget {
   }
 
   drawFlow() {
-    this.arrows.clear();
-    if (!this.flowScale) return;
-    for (const flow of this.run.said.flow) {
-      const colour = this.flowColour(flow);
-      flow.places.forEach((place, k) => addArrow(this.arrows, place, flow.velocity[k], this.flowScale, colour, 0.5, 1.6));
-    }
+    this.run.said.flow.forEach((flow, n) => {
+      this.arrows[n].clear();
+      flow.places.forEach((place, k) => addArrow(this.arrows[n], place, flow.velocity[k], flow, this.theme.flow[flow.scale], 0.65, 1.6));
+    });
   }
 
-  /** Air, or the medium about targets, is told from the other by its colour. */
-  flowColour(flow) {
-    return flow.second ? this.theme.air : this.theme.medium;
+  /** How much larger than life vehicles are drawn, in words: by kind, or by name where a kind has several scales. */
+  largerInWords() {
+    const { run, scales } = this;
+    const groups = new Map();
+    const add = (scale, name) => groups.set(scale, [...(groups.get(scale) ?? []), name]);
+    const round = scales.map((scale) => +scale.toPrecision(2));
+    run.said.kinds.forEach(({ name }, k) => {
+      const own = run.names.map((_, v) => v).filter((v) => run.said.kind[v] === k);
+      const several = new Set(own.map((v) => round[v])).size > 1;
+      if (several) own.slice(0, MOST_LABELS).forEach((v) => add(round[v], run.names[v]));
+      else if (own.length) add(round[own[0]], name);
+    });
+    groups.delete(1);
+    if (!groups.size) return "vehicles in their true size";
+    const words = [...groups].sort(([a], [b]) => b - a).map(([scale, names]) => `${names.join(", ")} ×${scale}`);
+    return `drawn larger: ${words.join("; ")}`;
   }
 
   // ---- what is written ----
@@ -547,26 +569,30 @@ function coordinate(x, step) {
   return String(+x.toFixed(Math.max(0, -Math.floor(Math.log10(step))))).replace("-", "−");
 }
 
-function addArrow(lines, at, w, scale, colour, opacity, width) {
-  let length = Math.hypot(w[0], w[1], w[2]);
-  if (!(length > 0.02 * scale.speed)) return;
-  const shown = Math.min(length / scale.speed, 1.25) * scale.length;
-  const [x, y, z] = [(w[0] / length) * shown, (w[1] / length) * shown, (w[2] / length) * shown];
+/** Add an arrow whose colour and length show a speed on the scale of its medium. */
+function addArrow(lines, at, w, flow, shades, opacity, width) {
+  const speed = Math.hypot(w[0], w[1], w[2]);
+  if (!(speed > SLOWEST_ARROW * flow.top)) return;
+  const fraction = Math.min(speed / flow.top, 1);
+  const colour = shades[Math.round(fraction * (shades.length - 1))];
+  const shown = 0.95 * fraction * flow.spacing;
+  const [x, y, z] = [(w[0] / speed) * shown, (w[1] / speed) * shown, (w[2] / speed) * shown];
   const [ax, ay, az] = [at[0] - x / 2, at[1] - y / 2, at[2] - z / 2];
   const [bx, by, bz] = [ax + x, ay + y, az + z];
-  lines.add(ax, ay, az, bx, by, bz, colour, 0.35 * opacity, width, 0, opacity);
+  lines.add(ax, ay, az, bx, by, bz, colour, 0.5 * opacity, width, 0, opacity);
   for (const side of [1, -1]) {
     lines.add(bx, by, bz, bx - 0.3 * x - side * 0.16 * y, by - 0.3 * y + side * 0.16 * x, bz - 0.3 * z, colour, opacity, width);
   }
 }
 
-/** How long arrows are: `length` m for `speed` m/s, which nine tenths of the flow stay below. */
-function flowScaleOf(run) {
-  const { flow } = run.said;
-  if (!flow.length) return null;
-  const speeds = flow.flatMap(({ velocity }) => velocity.map((w) => Math.hypot(...w))).sort((a, b) => a - b);
-  const speed = nice(speeds[Math.floor(0.9 * (speeds.length - 1))] * 1.8 || 1);
-  return speed > 0 ? { speed, length: flow[0].spacing * 0.8 } : null;
+/** Shades from the first colour to the last one. */
+function gradient(codes) {
+  const stops = codes.map((code) => new THREE.Color(code));
+  return Array.from({ length: 33 }, (_, k) => {
+    const at = (k / 32) * (stops.length - 1);
+    const n = Math.min(Math.floor(at), stops.length - 2);
+    return stops[n].clone().lerp(stops[n + 1], at - n);
+  });
 }
 
 /** What residuals the colours span, m: at most two decades below what nearly all stay below. */

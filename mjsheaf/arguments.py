@@ -1,0 +1,105 @@
+"""Checks of the arguments of public functions: one line that names the argument and the values it accepts."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mjsheaf.errors import InputError, expected, shortened
+
+
+def _given(value: Any) -> str:
+    """A value as a message shows it, with its type."""
+    return f"{shortened(repr(value))} ({type(value).__name__})"
+
+
+def require_type(name: str, value: Any, kinds: Any, accepted: str) -> None:
+    """Refuse an argument of another type.
+
+    Raises:
+        InputError: naming the argument and what it accepts.
+    """
+    if not isinstance(value, kinds):
+        raise InputError(f"{name} is {_given(value)}; expected {accepted}")
+
+
+def require_scenario(value: Any) -> None:
+    """Refuse an argument that is no Scenario.
+
+    Raises:
+        InputError: it is none.
+    """
+    from mjsheaf.scenario import Scenario
+
+    require_type("scenario", value, Scenario, "a Scenario, as mjsheaf.load_scenario returns it")
+
+
+def require_whole(name: str, value: Any, least: int) -> None:
+    """Refuse an argument that is no whole number of at least `least`; booleans are none.
+
+    Raises:
+        InputError: naming the argument.
+    """
+    if isinstance(value, bool | np.bool_) or not isinstance(value, int | np.integer) or value < least:
+        raise InputError(f"{name} is {_given(value)}; expected a whole number of at least {least}")
+
+
+def require_choice(name: str, value: Any, choices: tuple[str, ...]) -> None:
+    """Refuse an argument that is none of some names.
+
+    Raises:
+        InputError: naming the argument.
+    """
+    if value not in choices or not isinstance(value, str):
+        close = expected(value, choices) if isinstance(value, str) else f"expected one of {', '.join(choices)}"
+        raise InputError(f"unknown {name} {shortened(repr(value))}; {close}")
+
+
+def require_mapping(name: str, value: Any, accepted: str) -> None:
+    """Refuse an argument that is neither None nor a mapping with keys of text.
+
+    Raises:
+        InputError: naming the argument.
+    """
+    if value is None:
+        return
+    require_type(name, value, Mapping, f"{accepted}, or None")
+    for key in value:
+        require_type(f"a key of {name}", key, str, "text")
+
+
+def require_number(name: str, value: Any, *, positive: bool = False) -> None:
+    """Refuse an argument that is no finite number, or not above 0 where it must be.
+
+    Raises:
+        InputError: naming the argument.
+    """
+    number = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+    if not number or not np.isfinite(value) or (positive and value <= 0):
+        raise InputError(f"{name} is {_given(value)}; expected a {'positive' if positive else 'finite'} number")
+
+
+def require_path(name: str, value: Any) -> None:
+    """Refuse an argument that is no path.
+
+    Raises:
+        InputError: naming the argument.
+    """
+    require_type(name, value, (str, Path), "a path, as text or a Path")
+
+
+def phases_given(run: Any) -> Any:
+    """The phases of a Scenario; a System or the phases of a run as they are.
+
+    Raises:
+        InputError: it is none of these.
+    """
+    from mjsheaf.scenario import Scenario
+    from mjsheaf.system import Phase, System
+
+    if isinstance(run, Scenario):
+        return run.phases
+    if isinstance(run, System) or (isinstance(run, list | tuple) and all(isinstance(phase, Phase) for phase in run)):
+        return run
+    raise InputError(f"scenario is {_given(run)}; expected a Scenario, as mjsheaf.load_scenario returns it")

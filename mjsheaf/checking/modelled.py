@@ -1,0 +1,87 @@
+"""Parts of a law that `check` has a model of.
+
+The models of `held_law`, `delay`, `link_noise`, `loss` and `body_loop` are derived by hand, field by field. A law with
+a field that is not named here is not modelled, whatever the field does: `check` answers "undecided". So a new term, a
+new field of a link or a new sensor is undecided until its model is written and its name is added to this file.
+"""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from mjsheaf.control.links import no_links
+from mjsheaf.control.rounds import no_rounds
+from mjsheaf.control.terms import no_terms
+from mjsheaf.errors import listed
+from mjsheaf.system import System
+
+_LAW = frozenset(("edges", "gain", "limit", "supplied", "terms", "links"))
+_EDGES = frozenset(("tail", "head", "listens", "first", "F_tail", "F_head", "P_tail", "P_head", "b"))
+_TERMS = frozenset((
+    "agents", "dimension", "period", "sensing", "eigenvalues", "feedforward", "newton", "measured", "drift",
+    "lead", "settled", "integral", "largest", "noise", "bias", "seed", "streams", "rounds",
+))  # fmt: skip
+_ROUNDS = frozenset(("imperfect", "delay", "loss", "streams", "range", "lift", "own", "inverse", "stiffest"))
+_LINKS = frozenset(("table", "of", "lift", "facing", "size", "odometry", "start", "period", "seed", "record"))
+_LINK = frozenset((
+    "edge", "place", "received", "own", "delay", "hold", "random", "lossy", "bursts", "bearing",
+    "noise", "bias", "range_noise", "bearing_noise", "range", "to_bad", "to_good", "bad", "loss_good",
+    "loss_bad", "stream",
+))  # fmt: skip
+_SENSORS = (0, 1)  # values of `bearing`: the exact sensor, and range and bearing
+
+
+def unmodelled_parts(system: System) -> list[str]:
+    """Return the parts of a system's law that `check` has no model of, such as "term robust"; empty if it has all.
+
+    A field that is not known counts unless it is switched off: zero, or as in the paper's law over exact links.
+    """
+    law, N = system.law, len(system.team.agents)
+    structures: list[tuple[str, Any, frozenset[str], Any]] = [
+        ("term", law.terms, _TERMS, no_terms()),
+        ("field of the rounds", law.terms.rounds, _ROUNDS, no_rounds()),
+        ("field of the links", law.links, _LINKS, no_links()),
+        ("field of the edges", law.edges, _EDGES, None),
+        ("field of the law", law, _LAW, None),
+    ]
+    parts = [f"{what} {name}" for what, values, known, off in structures for name in _unknown(values, known, off)]
+    table = law.links.table
+    columns = [name for name in table.dtype.names or () if name not in _LINK and _is_on(table[name], None)]
+    parts += [f"field of a link {name}" for name in columns]
+    if not np.isin(table["bearing"], _SENSORS).all():
+        parts.append("sensor of a link")
+    if law.supplied:
+        parts.append("law in Python")
+    if (law.gain[:N] != system.gain).any():
+        parts.append("gains that differ between agents")
+    return parts
+
+
+class UndecidedError(Exception):
+    """Nothing can be claimed; the message says why."""
+
+
+def because_of(parts: list[str]) -> str:
+    """Return why a law is undecided, from `unmodelled_parts`."""
+    return f"because of {listed(parts)}, which check has no model of"
+
+
+def require_model(system: System) -> None:
+    """Raise an UndecidedError that names the parts of a system's law that `check` has no model of, if there are any."""
+    if parts := unmodelled_parts(system):
+        raise UndecidedError(because_of(parts))
+
+
+def _unknown(values: Any, known: frozenset[str], off: Any) -> Iterator[str]:
+    """Yield the fields of a named tuple that are switched on and not known."""
+    for name in values._fields:
+        if name not in known and _is_on(getattr(values, name), getattr(off, name, None)):
+            yield name
+
+
+def _is_on(value: Any, off: Any) -> bool:
+    """Return True unless a value is zero, empty or equal to `off`."""
+    if isinstance(value, tuple):  # a structure of its own
+        return value != off
+    return bool(np.any(value)) and not np.array_equal(value, off)

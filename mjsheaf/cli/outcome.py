@@ -1,0 +1,132 @@
+"""Print a run on the terminal: how well it went first, then the numbers, then what needs attention."""
+
+from typing import TYPE_CHECKING, Any
+
+from mjsheaf.cli.terminal import make_console, make_table, print_lines
+
+if TYPE_CHECKING:
+    from mjsheaf.runs.publish import Outcome
+    from mjsheaf.runs.simulate import Progress
+    from mjsheaf.scenario import Scenario
+
+_MOVED_BY = {"physics": "MuJoCo bodies", "ideal": "ideal kinematics"}
+_NORMS = {
+    "mean_disagreement": "mean over agents",
+    "tracking_error": "RMS over agents",
+    "formation_error": "RMS over edges",
+    "centering_error": "largest group",
+}
+
+
+def announcing(scenario: "Scenario", backend: str, progress: "Progress") -> "Progress":
+    """Return `progress` that prints what runs before its first report: a run that is refused prints nothing."""
+    announced = False
+
+    def report(what: str, done: int, total: int) -> None:
+        nonlocal announced
+        if not announced:
+            announced = True
+            print_start(scenario, backend)
+        progress(what, done, total)
+
+    return report
+
+
+def print_start(scenario: "Scenario", backend: str) -> None:
+    """Print what runs."""
+    agents = _count(len(scenario.agents), "agent")
+    targets = _count(len(scenario.targets), "target")
+    seconds = scenario.time.end - scenario.time.start
+    print_lines(f"{scenario.name}: {agents} and {targets} on {_MOVED_BY[backend]}, {seconds:.6g} s")
+    make_console().file.flush()
+
+
+def print_outcome(outcome: "Outcome", *, overridden: bool = False) -> None:
+    """Print the result of a published run, then its errors, its notes and its files.
+
+    `overridden` says that fields of the scenario were overridden, of which its expectation does not know.
+    """
+    summary = outcome.summary
+    replaced = [outcome.replaced] if outcome.replaced else []
+    print_lines(_headline(summary), *_verdict(summary["expect"], overridden))
+    make_console().print(_table(summary))
+    print_lines(
+        *(f"note: {note['text']}" for note in summary["notes"]),
+        *(f"DRIFTS: {direction}; errors are against the q* of least norm" for direction in summary["free_directions"]),
+        *_effort(summary),
+        *replaced,
+        *(f"  {path}" for path in sorted(outcome.directory.iterdir())),
+    )
+
+
+def _headline(summary: dict[str, Any]) -> str:
+    """Return in a sentence how a run ended, and how far agents are from where they should be."""
+    final = summary["final"]
+    if summary["status"] != "finished":
+        return f"{summary['status']}: {summary['message']}"
+    size = final["tracking_error"]
+    if size is None:
+        return "finished"
+    return (
+        f"finished: at {final['time']:.6g} s the agents are {size:.3g} m from where they should be "
+        "(tracking error, RMS over agents)"
+    )
+
+
+def _verdict(expect: dict[str, Any], overridden: bool) -> list[str]:
+    """Return the verdict on the scenario's expectation: what is missed, or else every measure with its bound."""
+    from mjsheaf.runs.expecting import miss
+
+    if expect["met"] is None:
+        reason = expect.get("reason") or "the scenario has no `expect:` block for this backend"
+        return [f"no expectation: {reason}"]
+    missed = [miss(check) for check in expect["checks"] if not check["met"]]
+    if missed:
+        scope = " (the expectation is for the scenario without --set)" if overridden else ""
+        return [f"NOT as expected: {'; '.join(missed)}{scope}"]
+    held = [
+        f"{_words(check['measure'])} {check['found']:.3g} m, at most {check['bound']:g}" for check in expect["checks"]
+    ]
+    return [f"as expected: {'; '.join(held)}"]
+
+
+def _table(summary: dict[str, Any]) -> Any:
+    """Return the table of errors: the team, each group, and the end of each phase."""
+    final = summary["final"]
+    headings = {measure: f"{_words(measure)}\n{norm}" for measure, norm in _NORMS.items()}
+    title = f"{summary['scenario']} on {summary['backend']}, errors in m at t = {final['time']:.6g} s"
+    table = make_table("", *headings.values(), numbers=[*headings.values()], title=title)
+    for name, values in {"team": final, **final["groups"]}.items():
+        table.add_row(name, *_numbers(values))
+    for number, phase in enumerate(summary["phases"]):
+        if phase["final"] is None:
+            continue
+        events = ", ".join(phase["events"]) or "start"
+        table.add_row(f"phase {number}, {events}, at {phase['final']['time']:.6g} s", *_numbers(phase["final"]))
+    return table
+
+
+def _numbers(values: dict[str, Any]) -> list[str]:
+    return ["-" if values[measure] is None else f"{values[measure]:.4g}" for measure in _NORMS]
+
+
+def _effort(summary: dict[str, Any]) -> list[str]:
+    """Return how long the simulation took, and what agents send where they send something."""
+    speed = f"{summary['realtime_factor']:.3g} x real time"
+    lines = [f"{summary['steps']} steps in {summary['wall_time_s']:.2f} s ({speed})"]
+    sent = summary["communication"]
+    if sent["exchanges_per_second"]:
+        lines.append(
+            f"{sent['exchanges_per_second']:.4g} exchanges between neighbours a second, in which an agent sends "
+            f"{sent['numbers_per_agent_second']:.4g} numbers"
+        )
+    return lines
+
+
+def _words(measure: str) -> str:
+    """Return the name of a measure, or of one at the end of a phase, in words."""
+    return measure.removeprefix("mean_").replace("_error", "").replace("_", " ")
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

@@ -1,0 +1,440 @@
+"""Finished runs on top of one another: their errors on one axis, a table of differences, and a page with ghosts."""
+
+import os
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from pydantic import Field
+
+from mjsheaf._version import __version__
+from mjsheaf.arrays import Array
+from mjsheaf.checking.finished import bounds_of_phases
+from mjsheaf.errors import InputError, PlaceError, listed
+from mjsheaf.io.figures import AS_USUAL, FigureOptions
+from mjsheaf.io.norms import OF_NONE, PER_AGENT_RMS, Norm
+from mjsheaf.io.section import Finite, FiniteRecord
+from mjsheaf.page import page_of
+from mjsheaf.page.ghosts import Ghost
+from mjsheaf.page.replay import REQUIRED
+from mjsheaf.plotting import (
+    WIDTH,
+    label_axes,
+    legend_below,
+    line_style,
+    log_axis,
+    new_figure,
+    plain,
+    save_figure,
+    settle,
+)
+from mjsheaf.results.dataset import law_of
+from mjsheaf.results.metrics import engine_of, mean_known, phases_in
+from mjsheaf.results.netcdf import thin
+from mjsheaf.results.store import reopen_run, replaced_run, save_summary, staging
+from mjsheaf.runs.figures import mark_times
+from mjsheaf.runs.simulate import Progress, no_progress
+from mjsheaf.scenario import Scenario
+
+MAX_RUNS = 8
+"""Largest number of runs on one axis: more lines look alike."""
+
+_COLOURS = ("#000000", "#7b2cbf", "#d81b60", "#6d4c41", "#827717", "#1a237e", "#00796b", "#607d8b")
+"""Colours of the runs on plots and page, the first run's first; none is that of a group."""
+
+_MAX_POINTS = 1500  # of a curve
+_MAX_SAMPLES = 20_000  # of a run, for distances
+_TEAM_ERRORS = ("tracking_error", "formation_error")
+_LABELS = {
+    "tracking_error": "tracking error (m)\nRMS over agents",
+    "formation_error": "formation error (m)\nRMS over edges in groups",
+}
+
+
+class ErrorsRecord(FiniteRecord):
+    """Errors of a team, m."""
+
+    tracking_error: Finite = Field(description="RMS over agents")
+    formation_error: Finite = Field(description="RMS over edges inside formation groups")
+    norm: Norm = Field(PER_AGENT_RMS, description=OF_NONE)
+
+
+class RunRecord(FiniteRecord):
+    """One of several runs, and how it differs from the first."""
+
+    name: str
+    directory: str = Field(description="relative to this directory")
+    scenario: str
+    backend: str
+    engine: str | None = Field(description="what moved bodies; null on ideal kinematics")
+    law: str
+    gain: float | None = Field(description="k1, 1/s; null under a law in Python, which ignores it")
+    seed: int
+    status: str
+    start_s: float
+    end_s: float
+    final: ErrorsRecord = Field(description="at the last time that all runs reach")
+    late: ErrorsRecord = Field(description="RMS over the last half of the time that all runs cover")
+    final_difference: ErrorsRecord = Field(description="final, minus that of the first run")
+    late_difference: ErrorsRecord = Field(description="late, minus that of the first run")
+    agents_in_common: int = Field(description="number of agents that the first run has too")
+    norm: Norm = Field(PER_AGENT_RMS, description="which norm `distance_m` is")
+    distance_m: Finite = Field(description="of these agents from the first run's, RMS over agents and the last half")
+    largest_distance_m: Finite = Field(description="largest of these distances at any time that all runs cover")
+    farthest: str = Field(description="agent whose distance that is, or empty")
+
+
+class RunsRecord(FiniteRecord):
+    """Several finished runs, as runs.json has them."""
+
+    mjsheaf_version: str
+    start_s: float = Field(description="of the time that all runs cover")
+    end_s: float
+    notes: list[str] = Field(description="where the runs are unlike")
+    runs: list[RunRecord] = Field(description="in the order given; differences are from the first")
+
+
+@dataclass(frozen=True)
+class OpenRun:
+    """A finished run, opened.
+
+    Attributes:
+        name: Name in tables and legends.
+        directory: Directory of the run.
+        scenario: What was run.
+        dataset: Its data; read where they are looked at.
+        summary: Its summary.json.
+    """
+
+    name: str
+    directory: Path
+    scenario: Scenario
+    dataset: xr.Dataset
+    summary: dict[str, Any]
+
+    @property
+    def time(self) -> Array:
+        """Sample times, shape (T,), s."""
+        return np.asarray(self.dataset["time"].values)
+
+    @property
+    def agents(self) -> list[str]:
+        """Ids of the agents."""
+        return [str(name) for name in self.dataset["agent"].values]
+
+    def errors(self) -> dict[str, Array]:
+        """Compute the team's errors over time by measure, shape (T,), m."""
+        tracking = np.sqrt(mean_known(self.dataset["tracking_error"].values ** 2))
+        return {"tracking_error": tracking, "formation_error": np.asarray(self.dataset["formation_error"].values)}
+
+    @property
+    def law(self) -> str:
+        """Name of its law."""
+        attrs = self.dataset.attrs
+        return str(attrs.get("law") or attrs.get("controller") or law_of(self.scenario.system))
+
+    @property
+    def gain(self) -> float | None:
+        """Gain of its law, 1/s; None under a law in Python."""
+        attrs = self.dataset.attrs
+        return None if attrs.get("controller") or "gain" not in attrs else float(attrs["gain"])
+
+
+@contextmanager
+def open_runs(directories: Sequence[Path]) -> Iterator[list[OpenRun]]:
+    """Open finished runs that can be compared with the first of them.
+
+    Raises:
+        InputError: There are fewer than two or more than 8, one is given twice or holds no run, or one has no agent
+            or no time in common with the first.
+    """
+    if not 2 <= len(directories) <= MAX_RUNS:
+        raise InputError(f"DIR: {len(directories)} given; expected 2 to {MAX_RUNS} directories of finished runs")
+    twice = [path for path, count in Counter(path.resolve() for path in directories).items() if count > 1]
+    if twice:
+        given = next(path for path in directories if path.resolve() == twice[0])
+        raise InputError(f"{given}: is given twice; expected different runs")
+    names = _names_of(directories)
+    with ExitStack() as held:
+        opened = []
+        for name, directory in zip(names, directories, strict=True):
+            scenario, dataset, summary = held.enter_context(reopen_run(directory))
+            opened.append(OpenRun(name, directory, scenario, dataset, summary))
+        for run in opened[1:]:
+            _require_comparable(run, opened[0])
+        yield opened
+
+
+def _names_of(directories: Sequence[Path]) -> list[str]:
+    """Name runs by their directories: the shortest end of each path that no other has."""
+    paths = [path.resolve().parts for path in directories]
+    names = []
+    for path in paths:
+        count = 1
+        while sum(other[-count:] == path[-count:] for other in paths) > 1:
+            count += 1
+        names.append(str(Path(*path[-count:])))
+    return names
+
+
+def _require_comparable(run: OpenRun, first: OpenRun) -> None:
+    """Refuse a run that has nothing in common with the first.
+
+    Raises:
+        InputError: naming both.
+    """
+    for one in (run, first):
+        missing = sorted(REQUIRED - set(one.dataset.variables))
+        if missing:
+            raise InputError(f"{one.directory}: result.nc has no {missing[0]}; run the scenario again")
+    if not set(run.agents) & set(first.agents):
+        raise InputError(
+            f"{run.directory}: has no agent in common with {first.directory} ({listed(run.agents)} against "
+            f"{listed(first.agents)}); expected runs of one team, or of teams that share agents"
+        )
+    start, end = max(run.time[0], first.time[0]), min(run.time[-1], first.time[-1])
+    if start > end:
+        raise InputError(
+            f"{run.directory}: covers {run.time[0]:g} to {run.time[-1]:g} s, and {first.directory} covers "
+            f"{first.time[0]:g} to {first.time[-1]:g} s; expected runs that share some time"
+        )
+
+
+def compare_runs(runs: Sequence[OpenRun], directory: Path) -> RunsRecord:
+    """Compare runs with the first of them; paths are relative to `directory`.
+
+    Raises:
+        InputError: They share no time.
+    """
+    first = runs[0]
+    start = max(float(run.time[0]) for run in runs)
+    end = min(float(run.time[-1]) for run in runs)
+    if start > end:
+        raise InputError("DIR: no time is covered by all of these runs; expected runs that share some time")
+    measured = [(_error_at(run, end), _error_late(run, start, end)) for run in runs]
+    records = []
+    for run, (final, late) in zip(runs, measured, strict=True):
+        rms, largest, who = _distances(run, first, start, end)
+        common = len(set(run.agents) & set(first.agents))
+        records.append(
+            RunRecord(
+                name=run.name,
+                directory=os.path.relpath(run.directory.resolve(), directory.resolve()),
+                scenario=run.scenario.name,
+                backend=run.dataset.attrs["backend"],
+                engine=engine_of(run.dataset),
+                law=run.law,
+                gain=run.gain,
+                seed=run.scenario.seed,
+                status=run.dataset.attrs["status"],
+                start_s=float(run.time[0]),
+                end_s=float(run.time[-1]),
+                final=ErrorsRecord(**final),
+                late=ErrorsRecord(**late),
+                final_difference=_difference(final, measured[0][0]),
+                late_difference=_difference(late, measured[0][1]),
+                agents_in_common=common,
+                distance_m=rms,
+                largest_distance_m=largest,
+                farthest=who,
+            )
+        )
+    return RunsRecord(mjsheaf_version=__version__, start_s=start, end_s=end, notes=_unlike(runs, end), runs=records)
+
+
+def _difference(one: dict[str, float], other: dict[str, float]) -> ErrorsRecord:
+    return ErrorsRecord(**{name: one[name] - other[name] for name in _TEAM_ERRORS})
+
+
+def _error_at(run: OpenRun, time: float) -> dict[str, float]:
+    """The team's errors at the last sample up to a time, m."""
+    k = int(np.searchsorted(run.time, time + 1e-9, side="right")) - 1
+    return {name: float(values[k]) for name, values in run.errors().items()}
+
+
+def _error_late(run: OpenRun, start: float, end: float) -> dict[str, float]:
+    """The team's errors, RMS over the last half of a time, m; NaN where they have no meaning."""
+    chosen = (run.time >= 0.5 * (start + end) - 1e-9) & (run.time <= end + 1e-9)
+    found = {}
+    for name, values in run.errors().items():
+        known = values[chosen]
+        known = known[np.isfinite(known)]
+        found[name] = float(np.sqrt((known**2).mean())) if known.size else float("nan")
+    return found
+
+
+def _distances(run: OpenRun, first: OpenRun, start: float, end: float) -> tuple[float, float, str]:
+    """Distance of a run's agents from those of the first run.
+
+    Agents are compared while they are present in both runs. Positions of the run are interpolated to the first's
+    samples.
+
+    Returns:
+        RMS over agents and the last half, m; the largest, m; and whose that is. NaN and empty without any.
+    """
+    chosen = np.flatnonzero((first.time >= start - 1e-9) & (first.time <= end + 1e-9))
+    chosen = chosen[:: max(1, len(chosen) // _MAX_SAMPLES)]
+    time = first.time[chosen]
+    common = [name for name in first.agents if name in run.agents]
+    paths, others = _paths(first), _paths(run)
+    apart = np.full((len(time), len(common)), np.nan)
+    for column, name in enumerate(common):
+        here = paths[chosen, first.agents.index(name)]
+        there = _interpolated(run.time, others[:, run.agents.index(name)], time)
+        present = np.isfinite(here[:, 0]) & np.isfinite(there[:, 0])
+        distance = np.linalg.norm(np.nan_to_num(here - there), axis=1)
+        apart[:, column] = np.where(present, distance, np.nan)
+    late = apart[time >= 0.5 * (start + end) - 1e-9]
+    rms = float(np.sqrt(np.nanmean(late**2))) if np.isfinite(late).any() else float("nan")
+    if not np.isfinite(apart).any():
+        return rms, float("nan"), ""
+    farthest = np.nan_to_num(apart, nan=-1.0).max(axis=0)
+    who = common[int(farthest.argmax())] if farthest.max() > 0.0 else ""
+    return rms, float(farthest.max()), who
+
+
+def _paths(run: OpenRun) -> Array:
+    """Positions of the agents, shape (T, N, 3), m; NaN while they are absent."""
+    present = np.isfinite(run.dataset["tracking_error"].values)
+    return np.where(present[..., None], run.dataset["agent_position"].values, np.nan)
+
+
+def _interpolated(time: Array, values: Array, at: Array) -> Array:
+    """Values (T, n) at other times within them, shape (K, n)."""
+    if len(time) == len(at) and np.array_equal(time, at):
+        return values
+    return np.column_stack([np.interp(at, time, column) for column in values.T])
+
+
+def _unlike(runs: Sequence[OpenRun], end: float) -> list[str]:
+    """Say where the runs are unlike."""
+    first, notes = runs[0], []
+    if len({float(run.time[-1]) for run in runs}) > 1:
+        notes.append(f"the runs end at different times; errors are those at {end:g} s, the last that all of them reach")
+    for run in runs[1:]:
+        others = [name for name in run.agents if name not in first.agents]
+        missing = [name for name in first.agents if name not in run.agents]
+        told = [f"lacks {listed(missing)}"] if missing else []
+        told += [f"has {listed(others)} in addition"] if others else []
+        if told:
+            notes.append(f"{run.name} {' and '.join(told)}; its errors are those of its own team")
+        if run.scenario.name != first.scenario.name:
+            notes.append(f"{run.name} is of scenario {run.scenario.name}, {first.name} of {first.scenario.name}")
+    notes += [f"{run.name} blew up" for run in runs if run.dataset.attrs["status"] != "finished"]
+    return notes
+
+
+def table_of(record: RunsRecord) -> pd.DataFrame:
+    """The runs as a table: a row a run, errors and differences in columns named by statistic and measure, m."""
+    rows = []
+    for run in record.runs:
+        plain = run.model_dump(exclude={"final", "late", "final_difference", "late_difference"})
+        for part in ("final", "late", "final_difference", "late_difference"):
+            errors = getattr(run, part).model_dump(exclude={"norm"})
+            plain |= {f"{part}_{name}": value for name, value in errors.items()}
+        rows.append(plain)
+    return pd.DataFrame(rows)
+
+
+def plot_runs(runs: Sequence[OpenRun], path: Path, options: FigureOptions = AS_USUAL) -> None:
+    """Draw the errors of all runs on one axis each: tracking error, and formation error where some run has one."""
+    errors = [run.errors() for run in runs]
+    drawn = [name for name in _TEAM_ERRORS if any(np.isfinite(own[name]).any() for own in errors)]
+    scenarios = " and ".join(dict.fromkeys(run.scenario.name for run in runs))
+    figure = new_figure(WIDTH, 0.9 + 2.4 * len(drawn), f"{scenarios}: {len(runs)} runs", options)
+    panels = figure.subplots(len(drawn), 1, sharex=True, squeeze=False)[:, 0]
+    for panel, name in zip(panels, drawn, strict=True):
+        for k, (run, own) in enumerate(zip(runs, errors, strict=True)):
+            keep = thin(len(run.time), _MAX_POINTS)
+            style = line_style(k) | {"color": _COLOURS[k]}
+            panel.plot(run.time[keep], own[name][keep], label=_legend(run), **style)
+        log_axis(panel, "y", np.concatenate([own[name] for own in errors]))
+        label_axes(panel, "", y=_LABELS[name])
+        events = [phase["time"] for phase in phases_in(runs[0].dataset) if phase["events"]]
+        mark_times(panel, events)
+    panels[-1].set_xlabel(_below(runs[0]))
+    figure.align_ylabels(panels)
+    legend_below(figure, panels[0].get_legend_handles_labels()[0], 2)
+    settle(figure)
+    save_figure(figure, path, options)
+
+
+def _legend(run: OpenRun) -> str:
+    law = run.law if run.gain is None else f"gain {run.gain:g} 1/s"
+    return plain(f"{run.name} ({run.dataset.attrs['backend']}, {law})")
+
+
+def _below(first: OpenRun) -> str:
+    """The label below the last panel: time, and what happens in the first run."""
+    events = [phase for phase in phases_in(first.dataset) if phase["events"]]
+    told = [f"{k}: {', '.join(phase['events'])} ({phase['time']:.6g} s)" for k, phase in enumerate(events, 1)]
+    return "time (s)" + (f"\nevents of {plain(first.name)}:   " + "   ".join(told) if told else "")
+
+
+def page_of_runs(runs: Sequence[OpenRun], record: RunsRecord) -> bytes:
+    """The page of the first run, with the agents of the others drawn translucent."""
+    first, *others = runs
+    phases = first.scenario.phases
+    ghosts = [
+        Ghost(run.name, colour, run.dataset, run.scenario.scene.height)
+        for run, colour in zip(others, _COLOURS[1:], strict=False)
+    ]
+    sentences = [*record.notes]
+    for run in record.runs[1:]:
+        error, base = run.late.tracking_error, record.runs[0].late.tracking_error
+        if error is not None and base is not None:
+            sentences.append(
+                f"{run.name}: tracking error {error:.3g} m RMS over agents and the last half, against {base:.3g} m of "
+                f"{first.name}"
+            )
+    again = "mjsheaf compare-runs " + " ".join(run.directory for run in record.runs), " in this directory"
+    bounds = bounds_of_phases(phases, first.dataset)
+    notes = [*sentences, *first.summary.get("notes", [])]
+    shown = f"run {first.name}; translucent: {', '.join(run.name for run in others)}"
+    scenario = first.scenario.model_copy(update={"summary": shown})
+    return page_of(scenario, phases, first.dataset, first.summary, bounds, notes=notes, ghosts=ghosts, again=again)
+
+
+def publish_runs(
+    directories: Sequence[Path],
+    out: Path | None,
+    figures: FigureOptions = AS_USUAL,
+    progress: Progress = no_progress,
+) -> tuple[RunsRecord, Path, str | None]:
+    """Compare finished runs and write runs.json, runs.csv, errors.png and report.html.
+
+    Args:
+        directories: Directories of the runs; the others are compared with the first.
+        out: Directory of the results; runs/SCENARIO-runs if None.
+        figures: How the plots are written.
+        progress: See `Progress`.
+
+    Returns:
+        What runs.json holds, the directory, and which earlier comparison it replaced, if any.
+
+    Raises:
+        InputError: Runs cannot be compared: see `open_runs`.
+        PlaceError: The directory may not be replaced or cannot be written, or is that of one of the runs.
+    """
+    with open_runs(directories) as runs:
+        place = Path("runs") / f"{runs[0].scenario.name}-runs" if out is None else out
+        if place.resolve() in [run.directory.resolve() for run in runs]:
+            raise PlaceError(f"{place}: is the directory of one of the runs; choose another with --out")
+        replaced = replaced_run(place)
+        with staging(place) as fresh:
+            progress("comparing", 0, 1)
+            record = compare_runs(runs, place)
+            progress("plotting", 0, 1)
+            plot_runs(runs, fresh / "errors", figures)
+            table_of(record).to_csv(fresh / "runs.csv", index=False, lineterminator="\n")
+            progress("writing the page", 0, 1)
+            (fresh / "report.html").write_bytes(page_of_runs(runs, record))
+            save_summary(record.model_dump(mode="json"), fresh / "runs.json")
+            progress("writing the page", 1, 1)
+    return record, place, replaced

@@ -1,0 +1,142 @@
+"""A scenario as an environment of dm_control: its viewer, wrappers and learners work on it."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from mjsheaf.arrays import Array
+from mjsheaf.engine import mujoco
+from mjsheaf.envs.episode import Episode
+from mjsheaf.envs.suite import Physics, control, specs, wrapper
+from mjsheaf.scenario import Scenario
+
+
+class BodyPhysics(Physics):  # type: ignore[misc] # dm_control has no types
+    """MuJoCo's model and data of a `World`, stepped with the loop closed.
+
+    `model` and `data` are the world's own objects: what is read or set here is read or set there. Every step overwrites
+    `data.ctrl`; forces of your own go to `data.xfrc_applied`.
+
+    Attributes:
+        episode: The episode that the steps belong to.
+    """
+
+    def __init__(self, episode: Episode) -> None:
+        self.episode = episode
+        super().__init__(wrapper.MjData(episode.world.data))
+
+    def step(self, nstep: int = 1) -> None:
+        """Take physics steps with the loop closed."""
+        self.episode.advance(nstep)
+
+    def reset(self, keyframe_id: int | None = None) -> None:
+        """Go back to the scenario's initial condition; there are no keyframes."""
+        self.episode.reset()
+
+    def after_reset(self) -> None:
+        """Update what depends on positions, which may have been changed since the reset."""
+        mujoco.mj_fwdPosition(self.model.ptr, self.data.ptr)
+        self.episode.sample()
+
+    def copy(self, share_model: bool = False) -> "BodyPhysics":
+        """Return physics in the same state with a world of its own, whose model it does not share."""
+        return _restored(*self.__reduce__()[1])
+
+    def __reduce__(self) -> tuple[Any, tuple[Any, ...]]:
+        episode = self.episode
+        return _restored, (episode.scenario, episode.horizon, episode.state())
+
+
+def _restored(scenario: Scenario, horizon: float, state: Array) -> BodyPhysics:
+    """Make physics in a state."""
+    episode = Episode(scenario, horizon=horizon)
+    episode.set_state(state)
+    return BodyPhysics(episode)
+
+
+class Tracking(control.Task):  # type: ignore[misc] # dm_control has no types
+    """Tracking the harmonic extension: actions added to the law, local observations, a reward for each agent.
+
+    Attributes:
+        episode: The episode that the physics steps through.
+    """
+
+    def __init__(self, episode: Episode) -> None:
+        self.episode = episode
+
+    def initialize_episode(self, physics: BodyPhysics) -> None:
+        """Do nothing: the reset of the physics has placed all vehicles."""
+
+    def before_step(self, action: Mapping[str, Array], physics: BodyPhysics) -> None:
+        """Add the action to the law's commands of the coming control period."""
+        self.episode.act(action)
+
+    def action_spec(self, physics: BodyPhysics) -> dict[str, Any]:
+        """Velocity relative to the medium that is added to the law's command, by agent id, (n_i,), m/s."""
+        episode = self.episode
+        sizes = zip(episode.agents, episode.dimensions, episode.action_limits, strict=True)
+        return {name: specs.BoundedArray((int(n),), np.float64, -limit, limit, name=name) for name, n, limit in sizes}
+
+    def observation_spec(self, physics: BodyPhysics) -> dict[str, Any]:
+        """Shapes of `Episode.observe`, by agent id."""
+        return {
+            agent: {name: specs.Array(value.shape, value.dtype, name=f"{agent}/{name}") for name, value in own.items()}
+            for agent, own in self.episode.observe().items()
+        }
+
+    def reward_spec(self) -> Any:
+        """Rewards of all agents in order, shape (N,), m^2."""
+        return specs.Array((len(self.episode.agents),), np.float64, name="reward")
+
+    def get_observation(self, physics: BodyPhysics) -> dict[str, dict[str, Array]]:
+        """Return what each agent measures itself."""
+        return self.episode.observe()
+
+    def get_reward(self, physics: BodyPhysics) -> Array:
+        """Return -|q* - q|^2 of each agent, shape (N,), m^2."""
+        return self.episode.rewards
+
+    def get_termination(self, physics: BodyPhysics) -> float | None:
+        """Return the final discount, 0 if the simulation blew up and 1 otherwise; None before the episode ends."""
+        if self.episode.message:
+            return 0.0
+        return 1.0 if self.episode.finished else None
+
+
+class TeamEnvironment(control.Environment):  # type: ignore[misc] # dm_control has no types
+    """The environment that `dm_env` returns."""
+
+    def __init__(self, episode: Episode) -> None:
+        steps = episode.world.steps_per_sample
+        super().__init__(BodyPhysics(episode), Tracking(episode), n_sub_steps=steps, legacy_step=False)
+
+    def reward_spec(self) -> Any:
+        """Rewards of all agents in order, shape (N,), m^2."""
+        return self.task.reward_spec()
+
+
+def dm_env(scenario: Scenario, *, horizon: float | None = None, seed: int | None = None) -> TeamEnvironment:
+    """Return a scenario on bodies as an environment of dm_control; a step is one control period.
+
+    Zero actions give the run of `mjsheaf run`, to the bit. Every episode is the same: `reset` goes back to the
+    scenario's initial condition, with the same disturbances and links. For others take another seed.
+
+    Action: a dict by agent id of velocities (n_i,), m/s, that are added to the law's commands before the speed limit.
+    Observation: a dict by agent id, see `Episode.observe`. Reward: -|q* - q|^2 of each agent, shape (N,), m^2, in the
+    order of `scenario.team.agent_ids`. Agents that are lost or have yet to join keep their places: their observation is
+    zero, with `present` False, their reward is 0, and their action is ignored.
+
+    An episode ends at `time.end`, or at the horizon, with discount 1. One that blows up ends with discount 0 and the
+    observation and reward of the sample before; `env.task.episode.message` and a warning in the log `mjsheaf` say why.
+
+    Args:
+        scenario: The scenario, as `mjsheaf.load_scenario` returns it.
+        horizon: Length of an episode, s, a whole number of control periods; up to `time.end` unless given.
+        seed: Seed of every episode instead of the scenario's.
+
+    Raises:
+        InputError: The scenario cannot be simulated on bodies, an argument is not valid, or dm_control is missing.
+        NotUniqueError: The harmonic extension is not unique.
+    """
+    return TeamEnvironment(Episode(scenario, horizon=horizon, seed=seed))

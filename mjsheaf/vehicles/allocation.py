@@ -1,0 +1,206 @@
+"""Allocation for boats whose thrusters do not push both ways.
+
+The efforts that such a boat can make form a convex set U. Making a share of the desired wrench w fails where that
+direction leaves U at once: two propellers that cannot reverse make no yaw moment without thrust ahead. Instead,
+with W the wrenches of efforts on the rows surge, sway and yaw, the efforts are those of U that
+
+    1. make the yaw moment that is nearest to the desired one,
+    2. with that, make the force that is nearest to the desired one,
+    3. with both, are the smallest,
+
+up to a share of 1e-4 or so in the order of 1 and 2. Where w is feasible they make it. They are found by their dual:
+u = P(W' y), the point of U nearest to W' y, with W u + E (y - y0) = w. E holds small weights, the smallest for yaw. y0
+is the y of the round before; there are up to 20 (method of multipliers, Rockafellar, Math. Oper. Res. 1976): two or
+three for most feasible w, more near the boundary of what U makes, and all of them beyond. y has three components
+whatever the number of thrusters, and semismooth Newton steps find it. Nothing is allocated.
+"""
+
+import numpy as np
+
+from mjsheaf.jit import inline_jit, jit
+from mjsheaf.vehicles.actuators import ANGLE, AZIMUTH, FIXED, WEAK_SIDE
+from mjsheaf.vehicles.vectors import subtract, triple
+
+_FORCE_WEIGHT, _YAW_WEIGHT = 1e-3, 1e-8  # of E: yaw comes first
+_ROUNDS = 20  # of the method of multipliers, at most
+_NEWTON_STEPS, _LINE_STEPS = 12, 30  # at most
+_ACCURACY = 1e-9  # of the wrench, relative
+_FAR = 1e9  # efforts of this size are beyond every limit
+
+
+@inline_jit
+def _dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@inline_jit
+def _plus(a, share, b):
+    return a[0] + share * b[0], a[1] + share * b[1], a[2] + share * b[2]
+
+
+@jit
+def nearest_effort(channels, k, a, b):
+    """Find the effort of actuator k that is nearest to (a, b); b belongs to an azimuth thruster.
+
+    An azimuth thruster that pushes one way and turns by less than 180 degrees has the sector of a disc for its efforts.
+    Any other counts as having the whole disc.
+
+    Args:
+        channels: CHANNELs of one vehicle, shape (s,).
+        k: First channel of the actuator.
+        a, b: Effort, N.
+
+    Returns:
+        The effort, and its derivative: of the first component by a, of the first by b, of the second by b.
+    """
+    low, high = channels[k].low, channels[k].high
+    if channels[k].code == FIXED:
+        return min(max(a, low), high), b, 1.0 if low <= a <= high else 0.0, 0.0, 0.0
+    strong, weak = max(high, -low), min(high, -low)
+    first, last = channels[k + 1].low, channels[k + 1].high
+    size = np.sqrt(a * a + b * b)
+    middle, half = 0.5 * (first + last), 0.5 * (last - first)
+    sector = weak < WEAK_SIDE * strong and 2.0 * half < np.pi
+    if sector:
+        sign = 1.0 if high >= -low else -1.0
+        x, y = sign * np.cos(middle), sign * np.sin(middle)
+        along, across = x * a + y * b, x * b - y * a
+        cosine, sine = np.cos(half), np.sin(half)
+        if along * sine < abs(across) * cosine or along < 0.0:  # beyond an edge
+            sine = np.copysign(sine, across)
+            t = along * cosine + across * sine
+            within = 1.0 if 0.0 < t < strong else 0.0
+            t = min(max(t, 0.0), strong)
+            x, y = x * cosine - y * sine, y * cosine + x * sine
+            return t * x, t * y, within * x * x, within * x * y, within * y * y
+    if size <= strong:
+        return a, b, 1.0, 0.0, 1.0
+    share = strong / size
+    x, y = a / size, b / size
+    return share * a, share * b, share * y * y, -share * x * y, share * x * x
+
+
+@jit
+def _wrench_of(channels, y):
+    """Compute W P(W' y), the planar wrench of the efforts that y stands for."""
+    made, last = (0.0, 0.0, 0.0), channels.shape[0] - 1
+    for k in range(last + 1):
+        if channels[k].code != ANGLE:
+            one, other = triple(channels[k].planar), triple(channels[min(k + 1, last)].planar)
+            a, b, _, _, _ = nearest_effort(channels, k, _dot(one, y), _dot(other, y))
+            made = _plus(made, a, one)
+            if channels[k].code == AZIMUTH:
+                made = _plus(made, b, other)
+    return made
+
+
+@jit
+def _newton_step(channels, y, residual):
+    """Solve (W P' W' + E) d = -residual for d, by L D L'."""
+    xx, yy, nn = _FORCE_WEIGHT, _FORCE_WEIGHT, _YAW_WEIGHT
+    xy = xn = yn = 0.0
+    last = channels.shape[0] - 1
+    for k in range(last + 1):
+        if channels[k].code != ANGLE:
+            p, q = triple(channels[k].planar), triple(channels[min(k + 1, last)].planar)
+            _, _, aa, ab, bb = nearest_effort(channels, k, _dot(p, y), _dot(q, y))
+            f = aa * p[0] + ab * q[0], aa * p[1] + ab * q[1], aa * p[2] + ab * q[2]
+            g = ab * p[0] + bb * q[0], ab * p[1] + bb * q[1], ab * p[2] + bb * q[2]
+            xx += p[0] * f[0] + q[0] * g[0]
+            xy += p[0] * f[1] + q[0] * g[1]
+            xn += p[0] * f[2] + q[0] * g[2]
+            yy += p[1] * f[1] + q[1] * g[1]
+            yn += p[1] * f[2] + q[1] * g[2]
+            nn += p[2] * f[2] + q[2] * g[2]
+    a, b = xy / xx, xn / xx
+    second = yy - a * xy
+    mixed = yn - a * xn
+    c = mixed / second
+    third = max(nn - b * xn - c * mixed, _YAW_WEIGHT)
+    x = -residual[0]
+    v = -residual[1] - a * x
+    n = (-residual[2] - b * x - c * v) / third
+    v = v / second - c * n
+    return x / xx - a * v - b * n, v, n
+
+
+@jit
+def _residual(channels, wrench, y, start):
+    """Compute W P(W' y) + E (y - start) - wrench, zero at the solution."""
+    made, moved = _wrench_of(channels, y), subtract(y, start)
+    return (
+        made[0] + _FORCE_WEIGHT * moved[0] - wrench[0],
+        made[1] + _FORCE_WEIGHT * moved[1] - wrench[1],
+        made[2] + _YAW_WEIGHT * moved[2] - wrench[2],
+    )
+
+
+@jit
+def _line_search(channels, wrench, y, start, step, slope):
+    """Follow a step until the slope of the convex dual has fallen to half of `slope`, that at the beginning."""
+    low, high, at_low, at_high, share = 0.0, np.inf, slope, 0.0, 1.0
+    point, residual = y, (0.0, 0.0, 0.0)
+    for j in range(_LINE_STEPS):
+        point = _plus(y, share, step)
+        residual = _residual(channels, wrench, point, start)
+        now = _dot(residual, step)
+        if abs(now) <= 0.5 * abs(slope) or (now < 0.0 and high == np.inf):
+            break
+        if now > 0.0:
+            high, at_high = share, now
+        else:
+            low, at_low = share, now
+        share = 0.5 * (low + high) if j % 2 == 1 else low - (high - low) * at_low / (at_high - at_low)
+    return point, residual
+
+
+@jit
+def _reachable_yaw(channels, desired):
+    """Compute the yaw moment nearest to a desired one that the actuators together can make."""
+    made, sign, last = 0.0, np.copysign(_FAR, desired), channels.shape[0] - 1
+    for k in range(last + 1):
+        if channels[k].code != ANGLE:
+            one, other = channels[k].planar[2], channels[min(k + 1, last)].planar[2]
+            a, b, _, _, _ = nearest_effort(channels, k, sign * one, sign * other)
+            made += one * a if one != 0.0 else 0.0
+            if channels[k].code == AZIMUTH:
+                made += other * b
+    return min(desired, made) if sign > 0.0 else max(desired, made)
+
+
+@jit
+def allocate_nearest(channels, scale, force, yaw, effort):
+    """Write the efforts of a boat, within their limits, that come nearest to a force and a yaw moment.
+
+    Args:
+        channels: CHANNELs of one vehicle, shape (s,).
+        scale: Norms of the rows surge, sway and yaw of W, 0 for a row that is not commanded, (3,).
+        force: Desired force, body axes, (3,), N.
+        yaw: Desired yaw moment, N m.
+        effort: Efforts, shape (s,), written.
+    """
+    x = force[0] / scale[0] if scale[0] > 0.0 else 0.0
+    y = force[1] / scale[1] if scale[1] > 0.0 else 0.0
+    n = yaw / scale[2] if scale[2] > 0.0 else 0.0
+    wrench = x, y, _reachable_yaw(channels, n)
+    accuracy = _ACCURACY * (abs(x) + abs(y) + abs(wrench[2]))
+    dual, last = (0.0, 0.0, 0.0), channels.shape[0] - 1
+    if not accuracy < np.inf:  # what is not finite stays, to be seen
+        dual = (accuracy, accuracy, accuracy)
+    for _ in range(_ROUNDS):
+        start = dual
+        residual = _residual(channels, wrench, dual, start)
+        if abs(residual[0]) + abs(residual[1]) + abs(residual[2]) <= accuracy:
+            break
+        for _ in range(_NEWTON_STEPS):
+            if abs(residual[0]) + abs(residual[1]) + abs(residual[2]) <= accuracy:
+                break
+            step = _newton_step(channels, dual, residual)
+            dual, residual = _line_search(channels, wrench, dual, start, step, _dot(residual, step))
+    for k in range(last + 1):
+        if channels[k].code != ANGLE:
+            one, other = triple(channels[k].planar), triple(channels[min(k + 1, last)].planar)
+            a, b, _, _, _ = nearest_effort(channels, k, _dot(one, dual), _dot(other, dual))
+            effort[k] = a
+            if channels[k].code == AZIMUTH:
+                effort[k + 1] = b

@@ -1,0 +1,169 @@
+"""Comparisons of scenarios with events: every variant runs the same phases, and each phase has its own budget.
+
+Oracles: plain runs with the same events; the identity that a budget satisfies.
+"""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from mjsheaf import simulate
+from mjsheaf.comparing import CompareRecord, compare
+from mjsheaf.comparing.compare import Comparison
+from mjsheaf.comparing.ladder import ladder_of, run_ablation
+from mjsheaf.comparing.report import WIDTH, report_text
+from mjsheaf.io.yaml import dump_yaml
+from mjsheaf.results.metrics import summarize_phases
+from mjsheaf.scenario import Scenario
+from mjsheaf.video.from_run import both_films, half_options
+from tests.builders import approx, two_boats
+from tests.commands import call
+
+EVENTS: list[dict[str, Any]] = [
+    {"time": 1.0, "lose": "A3"},
+    {"time": 2.0, "join": "A3"},
+    {"time": 2.0, "set": {"controller.gain": 2.0}},
+]
+HULLS = {"agents": "hull", "targets": "hull"}
+
+
+def three_boats(**fields: Any) -> Scenario:
+    """Two boats in a line, and a third that is lost and joins again."""
+    agents = [
+        {"id": "A1", "position": [-4, 1], "heading": 20},
+        {"id": "A2", "position": [-3, -2]},
+        {"id": "A3", "position": [5, 5]},
+    ]
+    return two_boats(
+        "otter",
+        "hull",
+        agents=agents,
+        communication=[["A1", "A2"], ["A2", "A3"]],
+        sensing=[["A1", "T1"], ["A2", "T1"], ["A3", "T1"]],
+        **{"events": EVENTS, **fields},
+    )
+
+
+@pytest.fixture(scope="module")
+def comparison() -> Comparison:
+    return compare(three_boats())
+
+
+@pytest.fixture(scope="module")
+def record(comparison: Comparison) -> CompareRecord:
+    return comparison.record
+
+
+def test_phases_are_those_of_plain_runs(record: CompareRecord) -> None:
+    scenario = three_boats()
+    assert [(phase.start, phase.end) for phase in record.phases] == [
+        (0.0, approx(0.98)),
+        (1.0, approx(1.98)),
+        (2.0, 3.0),
+    ]
+    assert [phase.events for phase in record.phases] == [[], ["lose A3"], ["join A3", "gain = 2.0"]]
+    for key, backend in (("ideal", "ideal"), ("all", "physics")):
+        plain = summarize_phases(scenario.team, simulate(scenario, backend))
+        for phase, expected in zip(record.phases, plain, strict=True):
+            for scope, values in (("team", expected["final"]), ("line", expected["final"]["groups"]["line"])):
+                found = phase.errors[key][scope].final
+                for name in ("tracking_error", "formation_error", "centering_error"):
+                    assert approx(getattr(found, name), rel=1e-9) == values[name]
+
+
+def test_the_late_error_of_a_phase_is_that_of_its_last_half(record: CompareRecord) -> None:
+    dataset = simulate(three_boats(), "ideal")
+    time = dataset["time"].values
+    error = np.sqrt(np.nanmean(dataset["tracking_error"].values ** 2, axis=1))
+    chosen = (time >= 1.49 - 1e-9) & (time < 2.0 - 1e-9)
+    expected = np.sqrt((error[chosen] ** 2).mean())
+    assert approx(record.phases[1].errors["ideal"]["team"].late.tracking_error, rel=1e-9) == expected
+
+
+def test_budgets_of_each_phase_sum_to_the_whole(record: CompareRecord) -> None:
+    for phase in record.phases:
+        assert len(phase.budgets) == len(record.budgets)
+        for budget in phase.budgets:
+            parts = [budget.ideal_m, budget.targets_m, budget.agents_m, budget.together_m, budget.interaction_m]
+            total = sum(x or 0.0 for x in [*parts, *(item.alone_m for item in budget.effects)])
+            assert approx(budget.all_m) == total
+        assert phase.levers
+
+
+def test_the_whole_run_keeps_its_fields(record: CompareRecord) -> None:
+    last = record.phases[-1].errors["all"]["team"].final
+    assert record.rung("all").errors["team"].final == last
+    assert record.gain == 1.0
+    assert record.loop is not None
+    assert record.ringing is not None
+    assert record.ringing_phase in range(3)
+    assert record.verdict
+
+
+def test_an_absent_agent_counts_neither_in_distances_nor_in_saturation(comparison: Comparison) -> None:
+    """While A3 is lost it drifts: only samples with it count. Oracle: the positions of both runs."""
+    ideal, bodies = (comparison.runs[key].recording for key in ("ideal", "all"))
+    present = bodies.present
+    assert not present[50:100, 2].any()
+    assert present[100:, 2].all()
+    apart = np.linalg.norm(bodies.trajectory.positions[:, :3] - ideal.trajectory.positions[:, :3], axis=2)
+    distance = comparison.record.rung("all").distance
+    assert distance is not None
+    assert distance.distance_m == approx(np.where(present, apart, 0.0).max())
+    saturation = bodies.trajectory.log.saturation[:, :3]
+    assert comparison.record.rung("all").saturation[0].share == approx(saturation[present].mean())
+
+
+def test_a_recording_is_the_dataset_of_a_plain_run(comparison: Comparison) -> None:
+    scenario = three_boats()
+    for key, backend in (("ideal", "ideal"), ("all", "physics")):
+        plain, found = simulate(scenario, backend), comparison.runs[key].recording.dataset(backend, 0)
+        xr.testing.assert_identical(found, plain)
+
+
+def test_an_effect_that_is_off_is_off_in_every_phase() -> None:
+    """Bodies with ideal thrusters stay near the ideal run after the last event too."""
+    scenario = three_boats()
+    ladder = [variant for variant in ladder_of(scenario.phases) if variant.key in ("ideal", "base", "all")]
+    runs = run_ablation(scenario.phases, ladder)
+    far = {key: np.abs(runs[key].trajectory.positions - runs["ideal"].trajectory.positions).max() for key in runs}
+    assert far["base"] < 0.2 * far["all"]
+    assert all(not piece.system.bodies.effects.lag for piece in runs["base"].recording.pieces)
+
+
+def test_the_report_has_a_row_for_each_phase_and_fits(record: CompareRecord) -> None:
+    page = report_text(record)
+    assert max(map(len, page.splitlines())) <= WIDTH
+    assert "1: lose A3" in page
+    assert "phase 2: largest lever" in page
+    assert "…" not in page
+
+
+def test_a_run_that_blows_up_in_a_later_phase_keeps_the_earlier_ones() -> None:
+    fast = [{"time": 1.0, "set": {"controller.gain": 500.0}}]
+    record = compare(three_boats(events=fast, vehicles=HULLS)).record
+    assert record.rung("all").status == "unstable"
+    first, second = record.phases
+    assert first.errors["all"]["team"].final.tracking_error is not None
+    assert second.errors["all"]["team"].final.tracking_error is None
+
+
+def test_both_films_have_the_stages(comparison: Comparison) -> None:
+    scenario = three_boats()
+    data = [comparison.runs[key].recording.dataset(name, 0) for key, name in (("ideal", "ideal"), ("all", "physics"))]
+    films = both_films(scenario, data[0], data[1], half_options(scenario))
+    assert [[stage.name for stage in film.stages] for film, _ in films] == [["", "lose A3", "join A3, gain = 2.0"]] * 2
+
+
+def test_the_command_publishes_the_phases(tmp_path: Path) -> None:
+    path = tmp_path / "three.yaml"
+    own = three_boats(vehicles=HULLS, time={"end": 2.2})
+    path.write_text(dump_yaml(own.model_dump(mode="json", exclude_none=True)))
+    assert call("compare", path, "--no-video", "--out", tmp_path / "out") == 0
+    found = json.loads((tmp_path / "out" / "compare.json").read_text())
+    assert [phase["start"] for phase in found["phases"]] == [0.0, 1.0, 2.0]
+    assert compare(three_boats(vehicles=HULLS, events=[], time={"end": 0.5})).record.phases == []

@@ -1,0 +1,270 @@
+"""Finished runs compared: what is measured, what is refused, what is written, and the page with ghosts.
+
+Oracles: the runs' own data; what `simulate` gives.
+"""
+
+import csv
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+import mjsheaf
+from mjsheaf.comparing.overlay import MAX_RUNS, RunsRecord, open_runs, publish_runs
+from mjsheaf.errors import InputError, PlaceError
+from mjsheaf.page.ghosts import Ghost, add_ghosts
+from mjsheaf.page.replay import Packer, Scene
+from mjsheaf.results import store, write_dataset
+from mjsheaf.results.store import RUNS_FILES
+from mjsheaf.runs.publish import account_of, write_scenario
+from mjsheaf.scenario import Scenario
+from tests.builders import approx, two_boats
+from tests.checking.test_norms import errors_of, records
+from tests.commands import answer_of, call
+from tests.page.pages import said_in
+
+THIRD = {"id": "A3", "position": [5, 5]}
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Runs of two boats: ideal, on bodies, at another period and longer, of a larger team, of others, and later."""
+    folder = tmp_path_factory.mktemp("runs")
+    usual = two_boats("hull", "hull").model_dump(mode="json", exclude_none=True)
+    agents = [*usual["agents"], THIRD]
+    larger = {"agents": agents, "sensing": [*([a, "T1"] for a in ("A1", "A2", "A3"))]}
+    others = {
+        "agents": [{**a, "id": a["id"].replace("A", "B")} for a in usual["agents"]],
+        "communication": [["B1", "B2"]],
+        "sensing": [["B1", "T1"], ["B2", "T1"]],
+        "formations": [],
+    }
+    slower = {"gain": 0.5, "control_period": 0.05}
+    events = {"events": [{"time": 1.0, "lose": "A2"}]}
+    for name, backend, fields in (
+        ("ideal", "ideal", {}),
+        ("bodies", "physics", {}),
+        ("longer", "ideal", {"time": {"end": 4.0}, "controller": slower}),
+        ("larger", "ideal", larger),
+        ("others", "ideal", others),
+        ("later", "ideal", {"time": {"start": 5.0, "end": 6.0}}),
+        ("lost", "ideal", events),
+    ):
+        scenario = two_boats("hull", "hull", **fields)
+        leave_run(scenario, backend, folder / name)
+    return folder
+
+
+def leave_run(scenario: Scenario, backend: str, directory: Path) -> None:
+    """Write what of a run is read again, without plots and page."""
+    directory.mkdir()
+    dataset = mjsheaf.simulate(scenario, backend)
+    write_dataset([dataset], directory / "result.nc")
+    write_scenario(scenario, directory)
+    summary = account_of(scenario, scenario.phases, dataset).summary
+    store.save_summary(
+        summary | {store.RESULT_DIGEST: store.digest(directory / "result.nc")}, directory / "summary.json"
+    )
+
+
+@pytest.fixture(scope="module")
+def compared(runs: Path) -> RunsRecord:
+    directories = [runs / name for name in ("ideal", "bodies", "longer", "larger")]
+    record, _, _ = publish_runs(directories, runs.parent / "compared")
+    return record
+
+
+def team_error(backend: str, **fields: object) -> np.ndarray:
+    dataset = mjsheaf.simulate(two_boats("hull", "hull", **fields), backend)
+    return np.sqrt((dataset["tracking_error"].values ** 2).mean(axis=1))
+
+
+def test_errors_are_those_of_the_runs(compared: RunsRecord) -> None:
+    ideal, bodies = team_error("ideal"), team_error("physics")
+    late = slice(75, None)
+    assert approx(compared.runs[0].final.tracking_error, rel=1e-9) == ideal[-1]
+    assert approx(compared.runs[1].final.tracking_error, rel=1e-9) == bodies[-1]
+    assert approx(compared.runs[1].final_difference.tracking_error, rel=1e-6) == bodies[-1] - ideal[-1]
+    expected = np.sqrt((bodies[late] ** 2).mean()) - np.sqrt((ideal[late] ** 2).mean())
+    assert approx(compared.runs[1].late_difference.tracking_error, rel=1e-6) == expected
+
+
+def test_every_error_states_its_norm(compared: RunsRecord) -> None:
+    held = [record for _, record in records(compared.model_dump(mode="json")) if errors_of(record)]
+    assert len(held) == 4 * len(compared.runs)
+    assert {record["norm"] for record in [*held, *compared.model_dump()["runs"]]} == {"per_agent_rms"}
+
+
+def test_a_longer_run_on_another_grid_is_compared_where_all_are(compared: RunsRecord) -> None:
+    longer = compared.runs[2]
+    assert (compared.start_s, compared.end_s) == (0.0, 3.0)
+    assert longer.end_s == 4.0
+    error = team_error("ideal", time={"end": 4.0}, controller={"gain": 0.5, "control_period": 0.05})
+    assert approx(longer.final.tracking_error, rel=1e-9) == error[60]
+    assert any("end at different times" in note for note in compared.notes)
+
+
+def test_distances_are_those_of_agents_in_common(compared: RunsRecord) -> None:
+    scenario = two_boats("hull", "hull")
+    ideal, bodies = (mjsheaf.simulate(scenario, backend)["agent_position"].values for backend in ("ideal", "physics"))
+    apart = np.linalg.norm(np.nan_to_num(bodies - ideal), axis=2)
+    assert approx(compared.runs[1].largest_distance_m) == apart.max()
+    assert approx(compared.runs[1].distance_m) == np.sqrt((apart[75:] ** 2).mean())
+    assert compared.runs[1].farthest == f"A{1 + int(apart.max(axis=0).argmax())}"
+    assert compared.runs[0].distance_m == 0.0
+    assert compared.runs[3].agents_in_common == 2
+    assert any("larger has A3 in addition" in note for note in compared.notes)
+
+
+def test_an_absent_agent_has_no_distance(runs: Path, tmp_path: Path) -> None:
+    """A2 is lost after 1 s and A1 then sees the target alone; A2 counts up to then."""
+    record, _, _ = publish_runs([runs / "ideal", runs / "lost"], tmp_path / "out")
+    scenario = two_boats("hull", "hull")
+    lost = mjsheaf.simulate(two_boats("hull", "hull", events=[{"time": 1.0, "lose": "A2"}]), "ideal")
+    plain = mjsheaf.simulate(scenario, "ideal")
+    apart = np.linalg.norm(np.nan_to_num((lost["agent_position"] - plain["agent_position"]).values), axis=2)
+    apart[50:, 1] = np.nan
+    assert approx(record.runs[1].distance_m) == np.sqrt(np.nanmean(apart[75:] ** 2))
+
+
+@pytest.mark.parametrize(
+    ("names", "words"),
+    [
+        (["ideal"], "expected 2 to"),
+        (["ideal", "ideal"], "given twice"),
+        (["ideal", "others"], "has no agent in common with"),
+        (["ideal", "later"], "covers 5 to 6 s"),
+        (["ideal", "missing"], "holds no result.nc"),
+        (["ideal"] * (MAX_RUNS + 1), "expected 2 to"),
+    ],
+)
+def test_what_cannot_be_compared_is_refused_in_one_line(
+    runs: Path, names: list[str], words: str, tmp_path: Path
+) -> None:
+    answer = answer_of("compare-runs", *(runs / name for name in names), "--out", tmp_path / "out")
+    assert answer.code == 2
+    assert words in answer.err
+    assert answer.err.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_command_writes_and_replaces_its_own(
+    runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    for _ in range(2):
+        assert call("compare-runs", runs / "ideal", runs / "bodies", "--out", out) == 0
+        assert {path.name for path in out.iterdir()} == set(RUNS_FILES)
+    printed = capsys.readouterr().out
+    assert "replaced the run" in printed
+    assert "RMS over agents" in printed
+    record = RunsRecord.model_validate_json((out / "runs.json").read_text())
+    assert [run.name for run in record.runs] == ["ideal", "bodies"]
+    assert [run.law for run in record.runs] == ["paper's law", "paper's law"]
+    rows = list(csv.DictReader((out / "runs.csv").open()))
+    assert [row["name"] for row in rows] == ["ideal", "bodies"]
+    assert float(rows[1]["late_tracking_error"]) == approx(record.runs[1].late.tracking_error)
+    (out / "notes.txt").write_text("mine")
+    assert call("compare-runs", runs / "ideal", runs / "bodies", "--out", out) == 2
+
+
+def test_runs_of_one_name_are_told_apart_and_no_number_is_cut(
+    runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = tmp_path / "of another place" / "bodies"
+    shutil.copytree(runs / "bodies", other)
+    assert call("compare-runs", runs / "ideal", runs / "bodies", other, "--out", tmp_path / "out") == 0
+    record = RunsRecord.model_validate_json((tmp_path / "out" / "runs.json").read_text())
+    assert [run.name for run in record.runs] == ["ideal", f"{runs.name}/bodies", "of another place/bodies"]
+    printed = capsys.readouterr().out
+    assert "…" not in printed
+    assert f"({record.runs[2].final_difference.tracking_error:+.2g})" in printed
+
+
+def test_a_run_is_not_replaced_by_its_comparison(runs: Path) -> None:
+    with pytest.raises(PlaceError, match="directory of one of the runs"):
+        publish_runs([runs / "ideal", runs / "bodies"], runs / "ideal")
+    assert (runs / "ideal" / "result.nc").exists()
+
+
+def test_a_comparison_is_no_run(runs: Path, compared: RunsRecord) -> None:
+    with (
+        pytest.raises(InputError, match="holds a comparison of runs"),
+        open_runs([runs / "ideal", runs.parent / "compared"]),
+    ):
+        pass
+
+
+def test_the_plot_has_a_line_for_each_run(runs: Path, drawn: list[Figure], tmp_path: Path) -> None:
+    publish_runs([runs / "lost", runs / "bodies"], tmp_path / "out")
+    (figure,) = drawn
+    tracking = figure.axes[0]
+    data = [line for line in tracking.lines if "gain" in str(line.get_label())]
+    assert len(data) == 2
+    np.testing.assert_allclose(np.asarray(data[1].get_ydata(), dtype=float), team_error("physics"))
+    assert "RMS over agents" in tracking.get_ylabel()
+    assert "events of lost" in figure.axes[-1].get_xlabel()
+    assert "lose A2" in figure.axes[-1].get_xlabel()
+
+
+def test_names_of_directories_are_shown_as_they_are(runs: Path, drawn: list[Figure], tmp_path: Path) -> None:
+    """Not as mathematics, and those with an underscore in front have a line in the legend, too."""
+    names = [r"$\frac{a$", "_later"]
+    copies = [
+        Path(shutil.copytree(runs / run, tmp_path / name)) for name, run in zip(names, ("lost", "bodies"), strict=True)
+    ]
+    publish_runs(copies, tmp_path / "out")
+    (figure,) = drawn
+    legend = [text.get_text().replace(r"\$", "$") for text in figure.legends[0].get_texts()]
+    for name in names:
+        assert any(name in words for words in legend)
+
+
+def test_the_page_has_the_other_runs_as_ghosts(runs: Path, compared: RunsRecord) -> None:
+    said = said_in((runs.parent / "compared" / "report.html").read_bytes())
+    assert [ghost["name"] for ghost in said["ghosts"]] == ["bodies", "longer", "larger"]
+    assert {"ghost0", "ghost_quaternion0", "ghost_error2"} <= set(said["arrays"])
+    assert len({ghost["colour"] for ghost in said["ghosts"]}) == 3
+    assert "translucent: bodies, longer, larger" in said["facts"]["summary"]
+    assert any("bodies: tracking error" in note["text"] for note in said["notes"])
+
+
+def test_ghosts_are_where_their_run_has_them(runs: Path) -> None:
+    """At the page's samples, by id; nothing where the other run has no such agent, or is over."""
+    page = mjsheaf.simulate(two_boats("hull", "hull", agents=[THIRD | {"id": "A0"}, *AGENTS], sensing=SENSING), "ideal")
+    other = mjsheaf.simulate(two_boats("hull", "hull", time={"end": 2.0}), "ideal")
+    captured: dict[str, np.ndarray] = {}
+
+    class Capture(Packer):
+        def add_fixed(self, name: str, values: np.ndarray, step: float) -> np.ndarray:
+            captured[name] = values
+            return values
+
+        def add_float(self, name: str, values: np.ndarray) -> None:
+            captured[name] = values
+
+    time = page["time"].values[::10]
+    told = add_ghosts(
+        Capture(), [Ghost("other", "#123456", other, 0.0)], page, time, Scene(np.zeros(3), 10.0), np.zeros(3)
+    )
+    assert told == [{"name": "other", "colour": "#123456"}]
+    places = captured["ghost0"]
+    assert np.isnan(places[:, 0]).all()  # A0 is not in the other run
+    assert np.isnan(places[:, 3]).all()  # targets are not drawn
+    within = time <= 2.0 + 1e-9
+    np.testing.assert_allclose(places[within, 1, :2], other["agent_position"].values[::10, 0, :2], atol=1e-12)
+    assert np.isnan(places[~within]).all()
+    error = np.sqrt((other["tracking_error"].values[::10] ** 2).mean(axis=1))
+    np.testing.assert_allclose(captured["ghost_error0"][within, 0], error)
+
+
+AGENTS = [{"id": "A1", "position": [-4, 1], "heading": 20}, {"id": "A2", "position": [-3, -2]}]
+SENSING = [["A0", "T1"], ["A1", "T1"], ["A2", "T1"]]
+
+
+def test_runs_json_is_plain(runs: Path, compared: RunsRecord) -> None:
+    text = (runs.parent / "compared" / "runs.json").read_text()
+    assert json.loads(text)["mjsheaf_version"] == mjsheaf.__version__

@@ -1,0 +1,350 @@
+"""The environment of dm_control: the run itself where nobody acts, local observations, ends of episodes.
+
+Oracles: `simulate` and a plain `World`, to the bit; the dataset's tracking error; dm_env's own conformance tests.
+"""
+
+import importlib
+import os
+import pickle
+import pkgutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dm_control")  # has no build for the newest Pythons
+
+import dm_env as interface
+from absl.testing import absltest
+from dm_env import test_utils
+
+import mjsheaf
+from mjsheaf import World, simulate
+from mjsheaf.envs import dm_env
+from mjsheaf.errors import InputError, NotUniqueError
+from mjsheaf.scenario import Scenario
+from tests.builders import mixed_scenario, refused
+
+LOST = {"time": {"end": 0.3}, "events": [{"time": 0.1, "lose": "boat"}, {"time": 0.2, "join": "boat"}]}
+ALL = {
+    "time": {"end": 0.3},
+    "controller": {
+        "gain": 3.0,
+        "control_period": 0.01,
+        "velocity_limit": 2.0,
+        "feedforward": {"rounds": 4, "filter": 0.05},
+        "drift": {"filter": 0.1},
+        "integral": {"gain": 0.2, "limit": 1.0},
+    },
+    "links": {"all": {"noise": 0.05, "loss": 0.3, "delay": 0.02, "hold": 0.02}},
+    "disturbance": {"agents": {"bound": 0.5}, "targets": {"bound": 0.2}},
+    "anchors": [{"agent": "back", "axes": ["z"], "value": [4.0]}],
+    "events": [
+        {"time": 0.05, "cut": ["boat", "front"]},
+        {"time": 0.1, "lose": "boat"},
+        {"time": 0.15, "set": {"controller.gain": 2.0}},
+        {"time": 0.2, "join": "boat"},
+        {"time": 0.25, "restore": ["boat", "front"]},
+    ],
+}
+VARIANTS: dict[str, dict[str, Any]] = {
+    "plain": {"time": {"end": 0.2}},
+    "continuous": {"time": {"end": 0.1}, "controller": {"gain": 3.0, "control_period": 0.0, "record_period": 0.02}},
+    "newton": {"time": {"end": 0.2}, "controller": {"gain": 3.0, "control_period": 0.01, "newton": {"rounds": 5}}},
+    "late start": {"time": {"start": 1.0, "end": 1.2}},
+    "all": ALL,
+}
+
+
+def idle(env: Any) -> dict[str, Any]:
+    """The action that leaves the law as it is."""
+    return {name: np.zeros(spec.shape) for name, spec in env.action_spec().items()}
+
+
+def steps(env: Any, action: dict[str, Any] | None = None) -> Iterator[Any]:
+    """An episode's time steps after the first."""
+    step = env.reset()
+    while not step.last():
+        step = env.step(idle(env) if action is None else action)
+        yield step
+
+
+def same(one: Any, other: Any) -> bool:
+    """Whether two observations are the same to the bit."""
+    return all(value.tobytes() == other[name].tobytes() for name, value in one.items())
+
+
+@pytest.mark.parametrize("name", VARIANTS)
+def test_without_actions_it_is_the_run_to_the_bit(name: str) -> None:
+    scenario = mixed_scenario(**VARIANTS[name])
+    run, env, world = simulate(scenario), dm_env(scenario), World(scenario)
+    loop = env.task.episode.world
+    positions, attitudes, rewards = [loop.positions()], [loop.quaternions()], []
+    for step in steps(env):
+        world.step(world.steps_per_sample)
+        assert env.physics.data.qpos.tobytes() == world.data.qpos.tobytes()
+        assert env.physics.data.qvel.tobytes() == world.data.qvel.tobytes()
+        positions.append(loop.positions())
+        attitudes.append(loop.quaternions())
+        rewards.append(step.reward)
+    world.close_loop(sample=True)
+    assert loop.command.tobytes() == world.command.tobytes()  # signs of zeros too
+    flat = [run[f"{kind}_position"].fillna(0.0).values for kind in ("agent", "target")]
+    assert np.array(positions).tobytes() == np.concatenate(flat, axis=1).tobytes()
+    assert np.array_equal(np.array(attitudes)[:, :3], run["agent_orientation"].values)
+    errors = run["tracking_error"].fillna(0.0).values[1:]
+    np.testing.assert_allclose(rewards, -(errors**2), rtol=1e-9, atol=1e-15)
+    assert step.discount == 1.0
+    assert env.physics.time() == pytest.approx(run["time"].values[-1])
+
+
+def test_an_action_is_added_to_the_law_before_the_speed_limit() -> None:
+    law = {"gain": 3.0, "control_period": 0.01, "velocity_limit": 2.0}
+    free, scenario = mixed_scenario(controller=law | {"velocity_limit": 1e6}), mixed_scenario(controller=law)
+    world, env = World(free), dm_env(scenario)
+    assert {spec.maximum.item() for spec in env.action_spec().values()} == {2.0}
+    assert [spec.shape for spec in env.action_spec().values()] == [(2,), (3,), (3,)]
+    action = {"boat": np.array([0.3, -1.5]), "front": np.array([2.0, 2.0, -2.0]), "back": [50.0, 0.0, 0.0]}
+    world.close_loop(sample=True)
+    expected = world.command[:3].copy()
+    expected[:, :] += [[0.3, -1.5, 0.0], [2.0, 2.0, -2.0], [2.0, 0.0, 0.0]]  # cut to the bounds of the spec
+    speed = np.linalg.norm(expected, axis=1, keepdims=True)
+    expected *= np.minimum(1.0, 2.0 / speed)
+    env.reset()
+    env.task.before_step(action, env.physics)
+    env.physics.step(1)
+    np.testing.assert_allclose(env.task.episode.world.command[:3], expected, rtol=1e-14)
+    assert (speed > 2.0).any()
+    acted, rest = [env.reset(), env.step(action), env.step(idle(env))], dm_env(scenario)
+    assert not same(acted[1].observation["boat"], [rest.reset(), rest.step({})][1].observation["boat"])
+
+
+def test_observations_are_local() -> None:
+    """A change of a vehicle that an agent does not measure leaves its observation, to the bit, as it was."""
+    env = dm_env(mixed_scenario())
+    before = env.reset().observation
+    with env.physics.reset_context():
+        env.physics.named.data.qpos["boat/"][:2] += 0.7
+    after = env.task.get_observation(env.physics)
+    assert same(after["back"], before["back"])
+    assert not same(after["front"], before["front"])
+    moved = after["front"]["measurements"] - before["front"]["measurements"]
+    np.testing.assert_allclose(moved[:2], [-0.7, -0.7], rtol=1e-12)  # boat is the tail of their edge
+    np.testing.assert_array_equal(moved[2:], 0.0)
+    team = env.task.episode.scenario.team
+    assert [edge.between for edge in env.task.episode.edges["front"]] == [
+        ("boat", "front"), ("front", "back"), ("front", "diver")
+    ]  # fmt: skip
+    assert before["front"]["measurements"].shape == (2 + 3 + 3,)
+    assert team.agent_ids == list(before)
+
+
+def test_what_no_link_delivers_is_masked() -> None:
+    env = dm_env(mixed_scenario(links={"all": {"delay": 0.03}}, time={"end": 0.1}))
+    heard = [step.observation["front"]["received"].tolist() for step in [env.reset(), *steps(env)]]
+    assert heard[:5] == [[False] * 3, [False] * 3, [False] * 3, [True] * 3, [True] * 3]
+    first, fourth = env.reset().observation["front"], env.observation_spec()["front"]
+    assert not first["measurements"].any()
+    assert fourth["measurements"].shape == first["measurements"].shape
+
+
+def test_absent_agents_keep_their_places() -> None:
+    env, fast = dm_env(mixed_scenario(**LOST)), {"boat": [2.0, 2.0]}
+    spec = env.observation_spec()
+    kept = [step.observation["boat"] for step in [env.reset(), *steps(env)]]
+    present = [bool(own["present"]) for own in kept]
+    assert present == [True] * 10 + [False] * 10 + [True] * 11
+    for own, there in zip(kept, present, strict=True):
+        assert {name: (value.shape, value.dtype) for name, value in own.items()} == {
+            name: (array.shape, array.dtype) for name, array in spec["boat"].items()
+        }
+        assert there or not any(value.any() for value in own.values())
+        assert own["received"].all() == there
+    acting, resting = dm_env(mixed_scenario(**LOST)), dm_env(mixed_scenario(**LOST))
+    for other in (acting, resting):
+        other.reset()
+    for k in range(20):
+        step = acting.step(fast if k >= 10 else {})
+        resting.step({})
+        assert acting.physics.data.qpos.tobytes() == resting.physics.data.qpos.tobytes()
+        assert (step.reward[0] == 0.0) == (9 <= k < 19)  # by the sample at the end of the step
+        assert step.reward[1] < 0.0
+    acting.step(fast)
+    resting.step({})
+    assert acting.physics.data.qpos.tobytes() != resting.physics.data.qpos.tobytes()
+
+
+def test_episodes_repeat_and_seeds_differ() -> None:
+    scenario = mixed_scenario(**ALL)
+    env = dm_env(scenario)
+    ends = []
+    for _ in range(2):
+        ends.append([(step.reward.tobytes(), step.discount) for step in steps(env)])
+        assert env.step({}).first()  # after the last step a new episode begins
+    assert ends[0] == ends[1]
+    other = dm_env(scenario, seed=scenario.seed + 1)
+    assert [step.reward.tobytes() for step in steps(other)] != [reward for reward, _ in ends[0]]
+    again = dm_env(scenario.with_seed(scenario.seed + 1))
+    assert [step.reward.tobytes() for step in steps(other)] == [step.reward.tobytes() for step in steps(again)]
+
+
+def test_horizon_shortens_an_episode() -> None:
+    scenario = mixed_scenario(time={"end": 0.2})
+    taken = list(steps(dm_env(scenario, horizon=0.05)))
+    assert len(taken) == 5
+    assert [step.discount for step in taken] == [1.0] * 5
+    for wrong in (0.0, -1, 0.3, 0.015, float("nan"), "1", True):
+        with refused(InputError, "horizon", "control periods of 0.01 s", "0.2 s"):
+            dm_env(scenario, horizon=wrong)  # type: ignore[arg-type]
+
+
+def unstable_scenario() -> Scenario:
+    return mixed_scenario(controller={"gain": 1e8, "control_period": 0.01})
+
+
+def test_an_episode_that_blows_up_ends_with_discount_0(caplog: pytest.LogCaptureFixture) -> None:
+    env = dm_env(unstable_scenario())
+    before, start, step = env.reset(), env.task.episode.state(), env.step({})
+    while not step.last():
+        before, step = step, env.step({})
+    assert step.discount == 0.0
+    assert np.isfinite(step.reward).all()
+    assert all(same(own, before.observation[name]) for name, own in step.observation.items())
+    assert env.task.episode.message.startswith("unstable: ")
+    assert env.task.episode.message in caplog.text
+    env.task.episode.set_state(start)
+    assert env.task.get_termination(env.physics) is None
+    assert env.step({}).first()
+    assert env.task.episode.message == ""
+
+
+@pytest.mark.parametrize(
+    ("action", "parts"),
+    [
+        ([1.0], ["action is a list", "agent ids"]),
+        ({"baot": [0, 0]}, ["action: unknown agent 'baot'", "did you mean boat?"]),
+        ({"ship": [0, 0]}, ["action: unknown agent 'ship'"]),
+        ({3: [0, 0]}, ["action: unknown agent 3"]),
+        ({"boat": [0.0]}, ["action of boat", "2 finite velocities in m/s"]),
+        ({"boat": [0.0, np.nan]}, ["action of boat", "finite"]),
+        ({"boat": "fast"}, ["action of boat", "fast"]),
+    ],
+)
+def test_a_wrong_action_is_refused(action: Any, parts: list[str]) -> None:
+    env = dm_env(mixed_scenario(time={"end": 0.05}))
+    env.reset()
+    with refused(InputError, *parts):
+        env.step(action)
+
+
+def test_what_cannot_be_simulated_is_no_environment() -> None:
+    with pytest.raises(NotUniqueError, match="harmonic extension"):
+        dm_env(mixed_scenario(sensing=[["boat", "ship"]], communication=[]))
+    with refused(InputError, "scenario is 'midpoint' (str)", "mjsheaf.load_scenario"):
+        dm_env("midpoint")  # type: ignore[arg-type]
+    with refused(InputError, "seed is 'x' (str)", "whole number"):
+        dm_env(mixed_scenario(), seed="x")  # type: ignore[arg-type]
+
+
+def test_a_copy_goes_on_by_itself() -> None:
+    env = dm_env(mixed_scenario(time={"end": 0.2}, links={"all": {"noise": 0.1, "delay": 0.02}}))
+    env.reset()
+    for _ in range(3):
+        env.step({})
+    copies = [env.physics.copy(), pickle.loads(pickle.dumps(env.physics))]
+    env.physics.step(50)
+    for copied in copies:
+        assert copied.data.qpos.tobytes() != env.physics.data.qpos.tobytes()
+        copied.step(50)
+        assert copied.data.qpos.tobytes() == env.physics.data.qpos.tobytes()
+
+
+def test_model_and_data_are_the_worlds() -> None:
+    env = dm_env(mixed_scenario())
+    world = env.task.episode.world
+    assert env.physics.model.ptr is world.model
+    assert env.physics.data.ptr is world.data
+    assert env.control_timestep() == pytest.approx(0.01)
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")  # of its windowing library, where there is no display
+def test_the_viewers_loop_runs_it() -> None:
+    from dm_control.viewer import runtime
+
+    env = dm_env(mixed_scenario(time={"end": 0.1}))
+    loop = runtime.Runtime(env)
+    for _ in range(6):
+        loop.tick(0.02, paused=False)
+    assert 0.0 < env.physics.time() < 0.105
+    np.testing.assert_array_equal(loop.last_action["boat"], 0.0)
+
+
+@pytest.mark.slow
+def test_a_wrapper_draws_it() -> None:
+    from dm_control.suite.wrappers import pixels
+
+    env = pixels.Wrapper(dm_env(mixed_scenario(time={"end": 0.05})), render_kwargs={"width": 64, "height": 48})
+    picture = env.reset().observation["pixels"]
+    assert picture.shape == (48, 64, 3)
+    assert picture.std() > 1.0
+
+
+class Conformance(test_utils.EnvironmentTestMixin, absltest.TestCase):  # type: ignore[misc]
+    """dm_env's own tests, over the end of an episode in which agents are lost and join."""
+
+    def make_object_under_test(self) -> interface.Environment:
+        return dm_env(mixed_scenario(**LOST))
+
+    def make_action_sequence(self) -> Iterator[Any]:
+        rng = np.random.default_rng(0)
+        for _ in range(40):
+            yield {
+                name: rng.uniform(spec.minimum, spec.maximum, spec.shape)
+                for name, spec in self.environment.action_spec().items()
+            }
+
+
+# -- importing ---------------------------------------------------------------------------------------------------------
+
+
+def test_functions_stay_functions_after_every_import() -> None:
+    import mjsheaf.envs as envs
+
+    for module in pkgutil.iter_modules(envs.__path__):
+        assert module.name not in envs.__all__
+        importlib.import_module(f"mjsheaf.envs.{module.name}")
+    for _ in range(2):
+        env = mjsheaf.envs.dm_env(mixed_scenario(time={"end": 0.05}))
+        assert env.reset().first()
+
+
+def child(code: str, **variables: str) -> str:
+    """What Python prints in a process of its own, with warnings as errors and without a display."""
+    environment = {k: v for k, v in os.environ.items() if k not in ("MUJOCO_GL", "DISPLAY", "PYOPENGL_PLATFORM")}
+    command = [sys.executable, "-W", "error", "-c", code]
+    run = subprocess.run(command, env=environment | variables, capture_output=True, text=True, check=True)
+    assert run.stderr == ""
+    return run.stdout.strip()
+
+
+def test_only_the_environment_loads_its_library() -> None:
+    code = "import sys, mjsheaf; mjsheaf.simulate; mjsheaf.World; mjsheaf.envs; print('dm_control' in sys.modules)"
+    assert child(code) == "False"
+
+
+@pytest.mark.parametrize("backend", [None, "off", "nonsense", "egl"])
+def test_no_way_to_draw_stops_it(backend: str | None) -> None:
+    variables = {} if backend is None else {"MUJOCO_GL": backend}
+    code = (
+        "import os, mjsheaf.engine, mjsheaf.envs; before = dict(os.environ); env = mjsheaf.envs.dm_env;"
+        "print(callable(env), dict(os.environ) == before)"
+    )
+    assert child(code, **variables) == "True True"
+
+
+def test_there_is_no_other_environment() -> None:
+    with pytest.raises(AttributeError, match="gym_env"):
+        mjsheaf.envs.gym_env  # noqa: B018

@@ -1,0 +1,129 @@
+"""Coordinates that say what each agent, target and sample is: group, vehicle, kind, phase.
+
+Oracle: the scenario's own fields.
+"""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from mjsheaf import simulate
+from mjsheaf.results import open_dataset, write_dataset
+from mjsheaf.runs.simulate import stream
+from mjsheaf.scenario import Scenario, load_scenario
+from mjsheaf.simulation import trajectory
+from tests.builders import REPOSITORY
+
+BACKENDS = ("ideal", "physics")
+EVENTS = [{"time": 0.2, "lose": "D"}, {"time": 0.3, "set": {"controller.gain": 1.5}}]
+
+
+def scenario(**fields: Any) -> Scenario:
+    """A boat, a drone, a submersible and an ungrouped boat; D belongs to two groups."""
+    return load_scenario(
+        {
+            "name": "kinds",
+            "time": {"end": 0.5},
+            "scene": {"surface": "water"},
+            "agents": [
+                {"id": "B", "position": [0, 0], "vehicle": "otter"},
+                {"id": "D", "position": [3, 0, 2]},
+                {"id": "S", "position": [3, 3, -2], "vehicle": "submersible"},
+                {"id": "F", "position": [9, 0]},
+            ],
+            "targets": [{"id": "T", "position": [5, 1, 2]}, {"id": "U", "position": [5, 9]}],
+            "communication": [["B", "D"], ["D", "S"], ["S", "F"]],
+            "sensing": [["B", "T"], ["D", "T"], ["S", "T"], ["F", "U"]],
+            "formations": [
+                {"name": "pair", "members": ["B", "D"], "about": "T", "shape": "line", "spacing": 2},
+                {"name": "dive", "shape": "explicit", "members": ["S"], "displacements": [[0, 0, -1]]},
+            ],
+            **fields,
+        }
+    )
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_members_have_a_group_a_vehicle_and_a_kind(backend: str) -> None:
+    found = simulate(scenario(), backend)
+    assert found["group"].dims == found["vehicle"].dims == found["kind"].dims == ("agent",)
+    assert found["group"].values.tolist() == ["pair", "pair", "dive", ""]
+    assert found["vehicle"].values.tolist() == ["otter", "aerial", "submersible", "hull"]
+    assert found["kind"].values.tolist() == ["surface", "aerial", "underwater", "surface"]
+    assert found["target_group"].values.tolist() == ["pair", ""]
+    assert found["target_vehicle"].values.tolist() == ["aerial", "hull"]
+    assert found["target_kind"].values.tolist() == ["aerial", "surface"]
+    assert found["group_formation_error"].sel(formation="pair").dims == ("time",)
+
+
+@pytest.mark.parametrize("name", ["group", "vehicle", "kind"])
+def test_errors_are_grouped_by_a_name(name: str) -> None:
+    found = simulate(scenario(), "ideal")
+    means = found["tracking_error"].groupby(name).mean()
+    assert set(means[name].values.tolist()) == set(found[name].values.tolist())
+    for label in means[name].values:
+        own = found["tracking_error"].values[:, found[name].values == label]
+        np.testing.assert_allclose(means.sel({name: label}).values, own.mean(axis=1), rtol=1e-14)
+    assert found.groupby(name).mean()["agent_position"].sizes[name] == len(means[name])
+    targets = found["target_position"].groupby(f"target_{name}").mean()
+    assert targets.sizes[f"target_{name}"] == len(set(found[f"target_{name}"].values.tolist()))
+
+
+def test_a_vehicle_of_ones_own_has_the_name_of_its_file(tmp_path: Path) -> None:
+    for suffix in ("yaml", "xml"):
+        text = (REPOSITORY / "models" / f"otter.{suffix}").read_text()
+        (tmp_path / f"my_boat.{suffix}").write_text(text.replace("otter.xml", "my_boat.xml"))
+    own = {"vehicles": {"agents": str(tmp_path / "my_boat.yaml")}}
+    fields = {**load_scenario("midpoint").model_dump(mode="json", exclude_none=True), **own}
+    planar = [agent for agent in fields["agents"] if len(agent["position"]) == 2]
+    assert planar
+    found = load_scenario(fields | {"time": {"end": 0.1}})
+    names = simulate(found, "ideal")["vehicle"].values.tolist()
+    assert set(names) == {"my_boat"}
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_every_sample_has_its_phase(backend: str) -> None:
+    plain, eventful = simulate(scenario(), backend), simulate(scenario(events=EVENTS), backend)
+    assert "phase" in plain.coords
+    assert plain["phase"].dims == ("time",)
+    assert set(plain["phase"].values.tolist()) == {0}
+    starts = [0.0, 0.2, 0.3]
+    times = np.round(eventful["time"].values, 9)
+    expected = np.searchsorted(starts, times, side="right") - 1
+    np.testing.assert_array_equal(eventful["phase"].values, expected)
+    attributes = eventful["phase"].attrs
+    np.testing.assert_allclose(attributes["start_times"], starts)
+    assert list(attributes["flag_values"]) == [0, 1, 2]
+    meanings = attributes["flag_meanings"].split()
+    assert len(meanings) == 3
+    assert meanings[0] == "start"
+    assert "lose_D" in meanings[1]
+    assert json.loads(attributes["events"])[0] == []
+    assert len(json.loads(attributes["events"])[1]) == 1
+    by_phase = eventful["tracking_error"].groupby("phase").mean()
+    assert by_phase["phase"].values.tolist() == [0, 1, 2]
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("events", [[], EVENTS], ids=["plain", "events"])
+def test_the_file_has_them_too(
+    backend: str, events: list[Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Written in pieces of 7 of 51 samples."""
+    run = scenario(events=events)
+    whole = simulate(run, backend)
+    monkeypatch.setattr(trajectory, "samples_in_piece", lambda system: 7)
+    write_dataset(stream(run.phases, backend, run.seed), tmp_path / "result.nc")
+    with open_dataset(tmp_path / "result.nc") as opened:
+        found = opened.load()
+    for name in ("group", "vehicle", "kind", "target_group", "target_vehicle", "target_kind", "phase"):
+        assert name in found.coords
+        xr.testing.assert_identical(found[name].reset_coords(drop=True), whole[name].reset_coords(drop=True))
+    assert set(found.coords) == set(whole.coords)
+    assert set(found.data_vars) == set(whole.data_vars)
+    assert found["tracking_error"].groupby("group").mean().sizes["group"] == 3

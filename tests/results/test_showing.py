@@ -1,0 +1,135 @@
+"""Figures and the page of a run in Python.
+
+Oracles: the files that `mjsheaf run` leaves; pyplot's own list of figures; an HTML parser.
+"""
+
+import base64
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+import xarray as xr
+from matplotlib.figure import Figure
+
+import mjsheaf
+from mjsheaf.errors import InputError
+from mjsheaf.plotting import write_figure
+
+NAMES = ["errors", "trajectories", "configurations"]
+
+
+@pytest.fixture(scope="module")
+def scenario() -> mjsheaf.Scenario:
+    return mjsheaf.load_scenario("midpoint", {"time.end": 2.0})
+
+
+@pytest.fixture(scope="module")
+def result(scenario: mjsheaf.Scenario) -> xr.Dataset:
+    return mjsheaf.simulate(scenario, "ideal")
+
+
+@pytest.fixture(scope="module")
+def directory(result: xr.Dataset, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return mjsheaf.save(result, tmp_path_factory.mktemp("saved") / "run", video=False).directory
+
+
+def test_figures_are_those_that_a_run_writes(result: xr.Dataset, directory: Path, tmp_path: Path) -> None:
+    settings = dict(mpl.rcParams)
+    before = plt.get_fignums()
+    for source in (result, directory, str(directory)):
+        figures = mjsheaf.plot(source)
+        assert list(figures) == NAMES
+        for name, figure in figures.items():
+            assert isinstance(figure, Figure)
+            write_figure(figure, tmp_path / "own.png", "png")
+            assert (tmp_path / "own.png").read_bytes() == (directory / f"{name}.png").read_bytes()
+    assert plt.get_fignums() == before
+    assert dict(mpl.rcParams) == settings
+
+
+def test_a_figure_is_the_callers(result: xr.Dataset, tmp_path: Path) -> None:
+    figure = mjsheaf.plot(result)["errors"]
+    figure.axes[0].set_title("mine")
+    figure.savefig(tmp_path / "mine.pdf")
+    assert mjsheaf.plot(result)["errors"].axes[0].get_title() != "mine"
+
+
+@pytest.mark.parametrize("eye", [(0.0, 30.0), (90.0, 30.0), (-60.0, 35.0)])
+def test_the_view_in_space_is_that_of_the_video(eye: tuple[float, float]) -> None:
+    """The arrows of the axes, in the view's right and up: matplotlib's own projection."""
+    from mpl_toolkits.mplot3d import Axes3D
+
+    looking = {"video.azimuth": eye[0] - 180.0, "video.elevation": -eye[1]}
+    own = mjsheaf.load_scenario("harbour", {"time.end": 0.2, **looking})
+    assert own.video.eye == pytest.approx(eye)
+    figure = mjsheaf.plot(mjsheaf.simulate(own, "ideal"))["trajectories"]
+    (panel,) = (axis for axis in figure.axes if axis.get_title() == "in space")
+    named = {
+        text.get_text(): np.array(text.get_position()) for text in panel.texts if text.get_text() in ("x", "y", "z")
+    }
+    axes: Any = Figure().add_subplot(projection="3d", proj_type="ortho")
+    assert isinstance(axes, Axes3D)
+    axes.set_box_aspect((1, 1, 1))
+    axes.view_init(azim=eye[0], elev=eye[1])
+    axes.set(xlim=(-1, 1), ylim=(-1, 1), zlim=(-1, 1))
+    projection = axes.get_proj()
+    origin = projection @ [0, 0, 0, 1]
+    for name, direction in zip("xyz", np.eye(3), strict=True):
+        seen = (projection @ [*direction, 1.0] - origin)[:2]
+        drawn = named[name] - [0.16, 0.06]
+        assert drawn[0] * seen[1] == pytest.approx(drawn[1] * seen[0], abs=1e-6)
+        assert drawn @ seen >= 0.0
+
+
+def test_a_notebook_shows_all_figures(result: xr.Dataset) -> None:
+    shown = mjsheaf.plot(result, title=False)._repr_html_()
+    pictures = re.findall(r'src="data:image/png;base64,([^"]+)"', shown)
+    assert len(pictures) == len(NAMES)
+    assert all(base64.b64decode(picture).startswith(b"\x89PNG") for picture in pictures)
+
+
+class Frames(HTMLParser):
+    """The attributes of every frame, unescaped."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.found: list[dict[str, str | None]] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        assert tag == "iframe"
+        self.found.append(dict(attrs))
+
+
+@pytest.mark.parametrize("source", ["result", "directory"])
+def test_a_notebook_shows_the_page_in_a_frame(source: str, tmp_path: Path, request: pytest.FixtureRequest) -> None:
+    page = mjsheaf.replay(request.getfixturevalue(source), height=500)
+    frames = Frames()
+    frames.feed(page._repr_html_())
+    (frame,) = frames.found
+    assert frame["srcdoc"] == page.html
+    assert "500px" in str(frame["style"])
+    assert page.save(tmp_path / "page.html") == tmp_path / "page.html"
+    assert (tmp_path / "page.html").read_text() == page.html
+    assert len(repr(page)) < 200
+    outside = [to for to in re.findall(r"""(?:src|href)=["'](\w+:[^"']+)""", page.html) if not to.startswith("data:")]
+    assert outside == []  # needs no network
+
+
+def test_the_page_of_a_directory_is_its_own(directory: Path) -> None:
+    assert mjsheaf.replay(directory).html.encode() == (directory / "report.html").read_bytes()
+
+
+def test_what_is_no_run_is_refused(result: xr.Dataset, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="expected a Dataset as `simulate` returns it, or the directory"):
+        mjsheaf.plot(3)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="does not know its scenario"):
+        mjsheaf.replay(xr.Dataset())
+    with pytest.raises(InputError, match="holds no result"):
+        mjsheaf.plot(tmp_path)
+    with pytest.raises(InputError, match="cannot be written"):
+        mjsheaf.replay(result).save(tmp_path / "none" / "page.html")

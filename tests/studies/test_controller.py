@@ -1,0 +1,203 @@
+"""Studies of a law in Python: named, loaded anew for each run, and part of what a study is.
+
+Oracles: plain runs under the same law.
+"""
+
+import csv
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mjsheaf
+from mjsheaf.control.controller import load_controller
+from mjsheaf.errors import PlaceError, ScenarioError
+from mjsheaf.studies import load_plan, run_study
+from mjsheaf.studies.plan import Plan
+from mjsheaf.studies.workers import local_workers
+from tests.builders import IN_THREADS
+from tests.commands import answer_of, contents
+
+LAW = '''
+class Growing:
+    """A law with a state: its gain grows with each call."""
+
+    def __init__(self):
+        self.calls = 0
+
+    def __call__(self, t, sample):
+        self.calls += 1
+        return -0.1 * self.calls * sample.disagreement
+
+
+def still(t, sample):
+    return 0.0 * sample.disagreement
+
+
+def fragile(t, sample):
+    if t > 0.1:
+        raise ValueError("no such luck")
+    return 0.0 * sample.disagreement
+'''
+
+
+@pytest.fixture
+def law(tmp_path: Path) -> Path:
+    path = tmp_path / "law.py"
+    path.write_text(LAW)
+    return path
+
+
+def plan_of(law: Path, name: str = "Growing", **fields: object) -> Plan:
+    return load_plan(
+        "midpoint",
+        grid={"spread.position": [0.5, 1.0]},
+        seeds=(0, 2),
+        overrides={"time.end": 0.5},
+        backend="ideal",
+        controller=f"{law}:{name}",
+        **fields,  # type: ignore[arg-type]
+    )
+
+
+def test_every_run_is_that_of_a_fresh_law(law: Path, tmp_path: Path) -> None:
+    study = run_study(plan_of(law), tmp_path / "s", IN_THREADS)
+    for record in study.records:
+        changes = {"time.end": 0.5, "seed": record["seed"], **record["parameters"]}
+        scenario = mjsheaf.load_scenario("midpoint", changes)
+        alone = mjsheaf.simulate(scenario, "ideal", controller=load_controller(f"{law}:Growing", scenario.seed))
+        expected = float(np.sqrt((alone["tracking_error"].values[-1] ** 2).mean()))
+        assert record["final"]["tracking_error"] == pytest.approx(expected, rel=1e-12)
+        assert record["law"] == "law.py:Growing"
+
+
+def test_results_name_the_law_but_not_its_place(law: Path, tmp_path: Path) -> None:
+    run_study(plan_of(law), tmp_path / "s", IN_THREADS)
+    rows = list(csv.DictReader((tmp_path / "s" / "table.csv").open()))
+    assert {row["law"] for row in rows} == {"law.py:Growing"}
+    page = (tmp_path / "s" / "index.html").read_text()
+    assert "law.py:Growing" in page
+    assert "--controller law.py:Growing" in page
+    assert str(tmp_path) not in page
+    study = json.loads((tmp_path / "s" / "study.json").read_text())
+    assert study["law"]["file"] == "law.py"
+    assert study["law"]["name"] == "Growing"
+    assert len(study["law"]["sha256"]) == 64
+
+
+def test_equal_laws_in_other_places_give_equal_studies(law: Path, tmp_path: Path) -> None:
+    (tmp_path / "far").mkdir()
+    other = tmp_path / "far" / "law.py"
+    other.write_text(LAW)
+    for path, name in ((law, "one"), (other, "two")):
+        run_study(plan_of(path), tmp_path / name, IN_THREADS)
+    one, two = contents(tmp_path / "one"), contents(tmp_path / "two")
+    assert {k: v for k, v in one.items() if k != "timings.csv"} == {k: v for k, v in two.items() if k != "timings.csv"}
+
+
+def test_a_study_does_not_go_on_under_another_law(law: Path, tmp_path: Path) -> None:
+    run_study(plan_of(law), tmp_path / "s", IN_THREADS)
+    again = run_study(plan_of(law), tmp_path / "s", IN_THREADS)
+    assert again.begun == 0
+    with pytest.raises(PlaceError, match=r"law\.name was 'Growing', is now 'still'"):
+        run_study(plan_of(law, "still"), tmp_path / "s", IN_THREADS)
+    law.write_text(LAW.replace("-0.1", "-0.2"))
+    with pytest.raises(PlaceError, match=r"law\.sha256 was"):
+        run_study(plan_of(law), tmp_path / "s", IN_THREADS)
+    plain = load_plan("midpoint", grid={"spread.position": [0.5, 1.0]}, seeds=(0, 2),
+                      overrides={"time.end": 0.5}, backend="ideal")  # fmt: skip
+    with pytest.raises(PlaceError, match="holds another study"):
+        run_study(plain, tmp_path / "s", IN_THREADS)
+
+
+def test_a_law_that_changes_meanwhile_ends_the_study(law: Path, tmp_path: Path) -> None:
+    plan = plan_of(law)
+    law.write_text(LAW + "\n")
+    with pytest.raises(mjsheaf.errors.InputError, match="has changed since the study began"):
+        run_study(plan, tmp_path / "s", IN_THREADS)
+    assert not (tmp_path / "s").exists()
+
+
+def test_a_law_that_raises_is_a_failed_run(law: Path, tmp_path: Path) -> None:
+    study = run_study(plan_of(law, "fragile"), tmp_path / "s", IN_THREADS)
+    assert {record["status"] for record in study.records} == {"failed"}
+    assert all("no such luck" in record["message"] for record in study.records)
+
+
+@pytest.mark.slow
+def test_processes_give_the_bytes_of_threads(law: Path, tmp_path: Path) -> None:
+    run_study(plan_of(law), tmp_path / "threads", IN_THREADS)
+    run_study(plan_of(law), tmp_path / "processes", lambda: local_workers(2))
+    one, two = (contents(tmp_path / name / "runs") for name in ("threads", "processes"))
+    assert one == two
+
+
+def test_a_study_file_names_a_law_from_its_own_directory(law: Path, tmp_path: Path) -> None:
+    path = tmp_path / "own.yaml"
+    path.write_text("scenario: midpoint\nbackend: ideal\nset: {time.end: 0.2}\ncontroller: law.py:still\n")
+    assert load_plan(str(path)).law is not None
+    answer = answer_of("sweep", path, "--threads", "--out", tmp_path / "s")
+    assert answer.code == 0
+    assert "law.py:still" in (tmp_path / "s" / "table.csv").read_text()
+    path.write_text("scenario: midpoint\ncontroller: ../law.py:still\n")
+    answer = answer_of("sweep", path, "--out", tmp_path / "t")
+    assert answer.code == 2
+    assert "controller" in answer.err
+    assert "lies outside" in answer.err
+    assert answer.err.count("\n") == 1
+
+
+def test_a_batch_takes_no_law_in_python(law: Path) -> None:
+    with pytest.raises(ScenarioError, match="a law in Python runs alone"):
+        load_plan("midpoint", controller=f"{law}:still", batch=True)
+    answer = answer_of("sweep", "midpoint", "--controller", f"{law}:missing", "--out", law.parent / "s")
+    assert answer.code == 2
+    assert "'missing'" in answer.err
+
+
+# -- the page ----------------------------------------------------------------------------------------------------------
+
+
+def test_the_page_names_the_best_point_and_runs_that_have_not_converged(tmp_path: Path) -> None:
+    """The higher gain has the smaller error; after half a second neither has converged."""
+    plan = load_plan("midpoint", grid={"controller.gain": [0.5, 2.0]}, overrides={"time.end": 0.5}, backend="ideal")
+    study = run_study(plan, tmp_path / "s", IN_THREADS)
+    page = (tmp_path / "s" / "index.html").read_text()
+    errors = [record["final"]["tracking_error"] for record in study.records]
+    assert errors[1] < errors[0]
+    assert f"controller.gain = 2. Its tracking error is {errors[1]:.4g} m at the last sample." in page
+    moving = sum(record["settled"] is False for record in study.records)
+    assert moving
+    assert f"{moving} of 2 runs had not converged at the end" in page
+    assert "--trajectories" in page
+    assert "controller.gain=2.0" in page
+    assert "<h1>midpoint over controller.gain</h1>" in page
+
+
+def test_the_page_links_to_the_replay_of_the_best_run(tmp_path: Path) -> None:
+    plan = load_plan("midpoint", grid={"controller.gain": [0.5, 2.0]}, overrides={"time.end": 0.5}, backend="ideal",
+                     trajectories=True)  # fmt: skip
+    run_study(plan, tmp_path / "s", IN_THREADS)
+    page = (tmp_path / "s" / "index.html").read_text()
+    assert '<a href="trajectories/000001.html">Replay run 1</a>' in page
+    assert (tmp_path / "s" / "trajectories" / "000001.html").exists()
+
+
+def test_the_title_is_the_summary_or_the_name(tmp_path: Path) -> None:
+    path = tmp_path / "own.yaml"
+    path.write_text("scenario: midpoint\nsummary: a question\n")
+    assert load_plan(str(path)).title == "a question"
+    path.write_text("scenario: midpoint\nname: A title\nsummary: a question\n")
+    assert load_plan(str(path)).title == "A title"
+
+
+def test_no_sentence_of_the_page_is_long(tmp_path: Path) -> None:
+    plan = load_plan("midpoint", grid={"controller.gain": [0.5, 2.0]}, overrides={"time.end": 0.2}, backend="ideal")
+    run_study(plan, tmp_path / "s", IN_THREADS)
+    page = (tmp_path / "s" / "index.html").read_text()
+    items = re.findall(r"<li>(.*?)</li>", page) + re.findall(r"<p>(.*?)</p>", page)
+    texts = [re.sub(r"<code>.*?</code>|<[^>]*>", "", item) for item in items]
+    assert len(texts) > 5
+    assert max(len(sentence.split()) for text in texts for sentence in text.split(". ")) <= 35

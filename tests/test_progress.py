@@ -1,0 +1,193 @@
+"""The bar that Python shows: on a terminal or in a notebook, soon, and nowhere else.
+
+Oracles: what a pseudo-terminal receives and when; a stand-in for IPython's display.
+"""
+
+import io
+import os
+import pty
+import subprocess
+import sys
+import time
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from numba.core import event
+
+import mjsheaf
+from mjsheaf import progress
+from mjsheaf.errors import InputError
+
+SLOW = """
+import sys, time
+import numpy as np, numba
+import mjsheaf
+from mjsheaf.simulation import ideal
+def law(t, sample):
+    time.sleep(0.05)
+    return np.zeros((1, 3))
+scenario = mjsheaf.load_scenario("midpoint", {"time.end": 0.8})
+print("begun", flush=True)
+begun = time.monotonic()
+for call in CALLS:
+    exec(call)
+"""
+
+
+def seen_by_a_terminal(calls: list[str]) -> tuple[str, float]:
+    """What stderr receives, and how long after the work has begun, s; infinite where nothing comes."""
+    ours, theirs = pty.openpty()
+    code = SLOW.replace("CALLS", repr(calls))
+    environment = {**os.environ, "TERM": "xterm", "COLUMNS": "120"}
+    process = subprocess.Popen(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=theirs, env=environment, text=True
+    )
+    os.close(theirs)
+    assert process.stdout is not None
+    assert process.stdout.readline() == "begun\n"
+    begun = time.monotonic()
+    first = np.inf
+    received = b""
+    while True:
+        try:
+            data = os.read(ours, 65536)
+        except OSError:  # the other end is closed
+            break
+        if not data:
+            break
+        first = min(first, time.monotonic() - begun)
+        received += data
+    os.close(ours)
+    assert process.wait() == 0
+    return received.decode(), first
+
+
+def test_a_terminal_has_a_bar_within_a_second() -> None:
+    text, after = seen_by_a_terminal(["mjsheaf.simulate(scenario, 'ideal', controller=law)"])
+    assert "simulating" in text
+    assert after < 1.5  # a second, and what a busy machine takes to start a thread
+
+
+def test_it_can_be_turned_off() -> None:
+    text, _ = seen_by_a_terminal(["mjsheaf.simulate(scenario, 'ideal', controller=law, progress=False)"])
+    assert text == ""
+
+
+def test_nothing_is_shown_where_there_is_no_terminal(capfd: pytest.CaptureFixture[str]) -> None:
+    with progress.shown(True, "working") as bar:
+        assert bar is None
+    assert capfd.readouterr() == ("", "")
+
+
+class Handle:
+    """Stands for what IPython's `display` returns."""
+
+    def __init__(self) -> None:
+        self.shown: list[dict[str, str]] = []
+
+    def update(self, data: dict[str, str], raw: bool) -> None:
+        assert raw
+        self.shown.append(data)
+
+
+@pytest.fixture
+def notebook(monkeypatch: pytest.MonkeyPatch) -> Handle:
+    handle = Handle()
+    shell = SimpleNamespace(config={"IPKernelApp": {}})
+    display = SimpleNamespace(display=lambda *_, **__: handle)
+    monkeypatch.setitem(sys.modules, "IPython", SimpleNamespace(get_ipython=lambda: shell, display=display))
+    monkeypatch.setitem(sys.modules, "IPython.display", display)
+    return handle
+
+
+def wait_for(handle: Handle, words: str) -> None:
+    begun = time.monotonic()
+    while not any(words in data["text/html"] for data in handle.shown):
+        assert time.monotonic() - begun < 10.0, handle.shown
+        time.sleep(0.02)
+
+
+def test_a_notebook_has_a_bar_that_goes_away(notebook: Handle) -> None:
+    with progress.shown(True, "working") as bar:
+        assert bar is not None
+        bar("working", 3, 8)
+        wait_for(notebook, 'max="8" value="3"')
+        with progress.shown(True, "within") as inner:
+            assert inner is None  # one bar at a time
+    assert notebook.shown[-1]["text/html"] == ""
+
+
+def test_it_says_that_loops_are_compiled(notebook: Handle) -> None:
+    data = {"dispatcher": SimpleNamespace(py_func=SimpleNamespace(__module__="elsewhere"))}
+    with progress.shown(True, "working") as bar:
+        event.start_event("numba:compile", data=data)
+        wait_for(notebook, "compiling loops for this machine")
+        event.end_event("numba:compile", data=data)
+        assert bar is not None
+        bar("working", 1, 2)
+        wait_for(notebook, "working")
+
+
+def test_what_is_shorter_than_the_delay_shows_nothing(notebook: Handle, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert progress.DELAY < 1.0
+    monkeypatch.setattr(progress, "DELAY", 60.0)  # of a machine that may be busy
+    for _ in range(3):
+        mjsheaf.simulate(mjsheaf.load_scenario("midpoint", {"time.end": 0.1}), "ideal")
+    assert notebook.shown == []
+
+
+def test_runs_side_by_side_have_one_bar(notebook: Handle, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(progress, "DELAY", 0.0)
+    scenarios = [mjsheaf.load_scenario("midpoint", {"time.end": 5.0, "seed": seed}) for seed in range(4)]
+    mjsheaf.simulate_many(scenarios, "ideal", workers=2)
+    assert any("running" in data["text/html"] for data in notebook.shown)
+    assert not any("simulating" in data["text/html"] for data in notebook.shown)
+
+
+def test_a_function_is_called_instead(notebook: Handle) -> None:
+    said: list[tuple[int, int]] = []
+    scenario = mjsheaf.load_scenario("midpoint", {"time.end": 0.1})
+    mjsheaf.simulate(scenario, "ideal", progress=lambda done, total: said.append((done, total)))
+    assert said[-1][0] == said[-1][1] > 0
+    mjsheaf.simulate(scenario, "ideal", progress=None)
+    assert notebook.shown == []
+
+
+def test_what_is_neither_is_refused() -> None:
+    scenario = mjsheaf.load_scenario("midpoint", {"time.end": 0.1})
+    with pytest.raises(InputError, match="expected True, False or a function"):
+        mjsheaf.simulate(scenario, "ideal", progress="no")  # type: ignore[arg-type]
+
+
+def test_an_error_ends_the_bar(notebook: Handle) -> None:
+    def fail() -> None:
+        with progress.shown(True, "working"):
+            wait_for(notebook, "working")
+            raise ValueError("mine")
+
+    with pytest.raises(ValueError, match="mine"):
+        fail()
+    assert notebook.shown[-1]["text/html"] == ""
+    with progress.shown(True, "again") as bar:
+        assert bar is not None
+
+
+def test_the_terminal_is_left_clean(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The view itself, on a stream that stands for a terminal."""
+
+    class Screen(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    screen: Any = Screen()
+    monkeypatch.setattr(sys, "stderr", screen)
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setattr(progress, "DELAY", 0.0)
+    with progress.shown(True, "working") as bar:
+        assert bar is not None
+        bar("working", 1, 2)
+        time.sleep(0.5)
+    assert "working" in screen.getvalue()
+    assert screen.getvalue().endswith("\x1b[2K")  # the line is erased

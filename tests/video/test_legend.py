@@ -1,0 +1,185 @@
+"""The legend stands beside the scene, explains every symbol, and can be turned off."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from PIL import Image
+
+from mjsheaf.scenario import load_scenario
+from mjsheaf.video import Film, VideoOptions, available_backend
+from mjsheaf.video.draw import Painter
+from mjsheaf.video.film import Frames, Medium, Stage
+from mjsheaf.video.flow import STOPS, colour, largest_speed
+from mjsheaf.video.from_run import video_options
+from mjsheaf.video.legend import Row, add_bars, add_legend, legend_rows
+from mjsheaf.video.overlay import Overlay
+from tests.builders import change_film, make_film, make_model, samples_of
+from tests.commands import call
+
+MAGENTA = (255, 0, 255)
+
+
+def everything() -> Film:
+    """A film in which every row of a legend has a reason."""
+    film = make_film(make_model())
+    stages = [Stage(0.0, film.edges, frozenset({1})), Stage(1.0, film.edges[:2], name="join A2")]
+    kinds = ["boat", "boat", "drone", "drone", "buoy"]
+    automatic = np.array([1.0, 1.0, 6.0, 6.0, 4.0])
+    names = [f"group {k}" for k in range(12)]
+    return replace(film, stages=stages, kinds=kinds, automatic=automatic, grid=10.0, group_names=names,
+                   colours=np.full((12, 3), 0.5))  # fmt: skip
+
+
+def rows_of(film: Film, **options: Any) -> list[Row]:
+    made = VideoOptions(**options)
+    return legend_rows(film, made, Frames(film, made).extent.survey)
+
+
+def test_every_row_has_a_symbol() -> None:
+    """Oracle: the drawn symbol has pixels of its own."""
+    rows = rows_of(everything(), speed=3.0)
+    assert len(rows) == len({row.words for row in rows}) >= 12
+    for row in rows:
+        figure = Figure((2, 1), dpi=72, facecolor="black")
+        legend = add_legend(figure, [Row("", row.style)], (20.0, 60.0, 100.0, 50.0), 13.0)
+        canvas = FigureCanvasAgg(figure)
+        canvas.draw()
+        assert legend.legend_handles[0] is not None
+        assert (np.asarray(canvas.buffer_rgba())[..., :3].max(axis=2) > 60).sum() >= 8, row.words
+
+
+def test_the_legend_says_how_much_larger_vehicles_are() -> None:
+    words = [row.words for row in rows_of(everything())]
+    assert [each for each in words if each.startswith("drawn")] == ["drawn ×6: drone", "drawn ×4: buoy"]
+    words = [row.words for row in rows_of(everything(), vehicle_scale=2.0)]
+    assert [each for each in words if each.startswith("drawn")] == ["drawn ×2: every vehicle"]
+    words = [row.words for row in rows_of(everything(), vehicle_scale=1.0, vehicle_scales={"A3": 3.0})]
+    assert [each for each in words if each.startswith("drawn")] == ["drawn ×3: A3"]
+
+
+@pytest.mark.parametrize("size", [(64, 64), (320, 240), (720, 1280), (1280, 720)])
+def test_legend_and_scene_share_the_frame(size: tuple[int, int]) -> None:
+    """The panel ends where the scene begins: what is written at the left leaves the scene's pixels alone."""
+    film = everything()
+    options = VideoOptions(width=size[0], height=size[1], speed=3.0)
+    assert options.panel + options.scene[0] == size[0]
+    assert 0.2 < options.panel / options.unit / 1000 < 0.4
+    image = Image.new("RGB", size, MAGENTA)
+    gone = change_film(film, positions=samples_of(film).positions + 1e7)  # no labels
+    frames = Frames(gone, options)
+    overlay = Overlay(gone, options, frames.extent.survey, arrows={"wind": (1.5, 0), "current": (0.6, 1)})
+    view = view_at()
+    overlay.write(image, frames.moment(0), view)
+    drawn = np.asarray(image)
+    below = drawn[: int(0.8 * size[1]), options.panel :]  # above the scale bar
+    assert (below == MAGENTA).all()
+    assert (drawn[:, : options.panel - 1] != MAGENTA).any(axis=2).all()
+
+
+def view_at() -> Any:
+    from mjsheaf.video.camera import View
+
+    return View(np.zeros(3), 80.0, 120.0, -35.0, 45.0)
+
+
+def test_a_long_legend_fits() -> None:
+    figure = Figure((4, 4), dpi=72)
+    rows = [Row.marked("a thing with a name that is far too long for the panel, and then some", "white", "o")] * 40
+    legend = add_legend(figure, rows, (10.0, 200.0, 120.0, 150.0), 13.0)
+    box = legend.get_window_extent()
+    assert box.height <= 150.0
+    assert box.width <= 130.0
+
+
+def test_bars_are_labelled_in_metres_per_second() -> None:
+    figure = Figure((4, 4), dpi=72)
+    add_bars(figure, {"wind": (1.5, 0), "current": (0.6, 1)}, 10.0, 200.0, 1.0)
+    below, above = figure.axes
+    for axes, name, top in ((above, "wind", "1.5 m/s"), (below, "current", "0.6 m/s")):
+        assert axes.get_title(loc="left") == f"speed of the {name}"
+        assert [label.get_text() for label in axes.get_xticklabels()][-1] == top
+        (bar,) = axes.images
+        shades = np.asarray(bar.get_array())[0]
+        assert np.abs(shades[0] - shades[-1]).max() > 0.3
+    assert above.get_position().y0 > below.get_position().y1
+
+
+def test_colours_of_two_media_differ_and_show_speed() -> None:
+    fraction = np.linspace(0.0, 1.0, 11)
+    scales = [colour(k, fraction) for k in range(len(STOPS))]
+    assert (np.linalg.norm(scales[0][:, :3] - scales[1][:, :3], axis=1) > 0.4).all()
+    for shades in scales:
+        assert (np.diff(shades[:, 3]) > 0).all()  # slow ones are fainter
+        assert np.linalg.norm(shades[-1, :3] - shades[2, :3]) > 0.5
+
+
+def test_the_legend_can_be_turned_off() -> None:
+    scenario = load_scenario("midpoint", {"video.legend": False})
+    assert video_options(scenario).legend is False
+    assert video_options(scenario, legend=True).legend is True
+    assert video_options(load_scenario("midpoint"), legend=False).scene == (1280, 720)
+
+
+@pytest.mark.slow
+def test_commands_turn_the_legend_off(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """`run` and `video` hand the choice to whoever draws; without one the scenario decides."""
+    if available_backend()[0] is None:
+        pytest.skip("no OpenGL")
+    seen: list[bool] = []
+
+    def film_run(scenario: Any, dataset: Any, path: Path, options: VideoOptions, *_: Any) -> int:
+        seen.append(options.legend)
+        path.write_bytes(b"")
+        return 1
+
+    monkeypatch.setattr("mjsheaf.video.from_run.film_run", film_run)
+    run = ("run", "midpoint", "--backend", "ideal", "--set", "time.end=0.2")
+    for number, choice in enumerate([(), ("--no-legend",), ("--set", "video.legend=false")]):
+        assert call(*run, *choice, "--out", tmp_path / str(number)) == 0
+    for choice in ((), ("--no-legend",), ("--legend",)):
+        assert call("video", tmp_path / "2", *choice, "--out", tmp_path / "a.mp4") == 0
+    assert seen == [True, False, False, False, False, True]
+
+
+def test_without_a_legend_the_scene_fills_the_frame() -> None:
+    backend, reason = available_backend()
+    if backend is None:
+        pytest.skip(reason)
+    model = make_model()
+    film = make_film(model)
+    small = VideoOptions(width=320, height=180, quality="draft")
+    with Painter(film, model, small.model_copy(update={"legend": False})) as off:
+        bare = off.paint(0)
+    with Painter(film, model, small) as on:
+        panelled = on.paint(0)
+    panel = small.panel
+    assert bare.shape == panelled.shape == (180, 320, 3)
+    assert panelled[100:, : panel - 1].astype(int).std(axis=(0, 1)).max() < 40  # dark, with writing
+    assert np.abs(bare[100:, : panel - 1].astype(int) - panelled[100:, : panel - 1]).mean() > 20
+
+
+def test_a_slow_jet_stands_out_from_a_slower_drift() -> None:
+    """Arrows in a jet of 0.5 m/s are longer than those of a drift of 0.1 m/s, and of another colour."""
+    from mjsheaf.video.scene import Decorator
+
+    def velocity(places: np.ndarray) -> np.ndarray:
+        jet = np.abs(places[:, 1]) < 5.0
+        return np.stack([np.where(jet, 0.5, 0.1), *np.zeros((2, len(places)))], axis=1)
+
+    film = replace(make_film(make_model()), media=[Medium("current", velocity, np.arange(5), True, 1, 0.5)])
+    options = VideoOptions()
+    frames = Frames(film, options)
+    decorator = Decorator(film, options)
+    assert largest_speed(velocity, samples_of(film).positions.reshape(-1, 3)) == 0.5
+    decorator.lay_out_arrows(view_at())
+    lines = decorator._arrows(frames.moment(0), view_at(), 0)
+    shafts, rgba = lines.ends[: len(lines.ends) // 3], lines.rgba[: len(lines.ends) // 3]
+    lengths = np.linalg.norm(np.diff(shafts, axis=1)[:, 0], axis=1)
+    fast = np.abs(shafts[:, 0, 1]) < 5.0
+    assert lengths[fast].min() > 4.0 * lengths[~fast].max()
+    assert np.abs(rgba[fast, :3].mean(axis=0) - rgba[~fast, :3].mean(axis=0)).max() > 0.3

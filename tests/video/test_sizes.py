@@ -1,0 +1,131 @@
+"""Vehicles are drawn so large that each is seen beside the team, and no larger than their neighbours leave room for."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mjsheaf import simulate
+from mjsheaf.errors import InputError
+from mjsheaf.scenario import load_scenario, scenario_from_mapping
+from mjsheaf.video import VideoOptions, available_backend
+from mjsheaf.video.draw import Painter
+from mjsheaf.video.from_run import both_films, film_of, half_options, video_options
+from mjsheaf.video.sizes import (
+    MAX_GAP_FRACTION,
+    MIN_FRACTION,
+    automatic_scales,
+    list_scales,
+    round_down,
+    round_up,
+    team_size,
+    vehicle_radii,
+)
+from tests.strategies import examples
+
+WIDE = np.random.default_rng(0).uniform(-40, 40, (9, 12, 3)) * [1, 1, 0]
+
+
+@examples(50)
+@given(value=st.floats(1e-6, 1e6))
+def test_round_numbers_are_near(value: float) -> None:
+    up, down = round_up(value), round_down(value)
+    assert down <= value * (1 + 1e-6)
+    assert up >= value * (1 - 1e-6)
+    assert up / down < 1.6
+    assert float(f"{up:.2g}") == up
+
+
+@pytest.mark.parametrize("length", [0.2, 0.5, 1.0, 6.0, 40.0])
+def test_each_kind_fills_a_stated_fraction_and_is_never_shrunk(length: float) -> None:
+    kinds, radii = ["drone", "boat"] * 6, np.tile([length / 2, 3.0], 6)
+    scales = automatic_scales(kinds, radii, WIDE)
+    assert (scales >= 1.0).all()
+    drawn = 2 * radii * scales
+    size = team_size(WIDE)
+    assert drawn.min() >= MIN_FRACTION * size
+    assert drawn[0] <= max(1.6 * MIN_FRACTION * size, length)
+    assert len(set(scales[::2].tolist())) == 1
+
+
+def test_a_swarm_is_not_drawn_over_itself() -> None:
+    """Neighbours are 2 m apart in a team of a hundred metres."""
+    x, y = np.meshgrid(2.0 * np.arange(50), 2.0 * np.arange(50))
+    places = np.stack([x.ravel(), y.ravel(), np.zeros(2500)], axis=-1)[None]
+    scales = automatic_scales(["drone"] * 2500, np.full(2500, 0.2), places)
+    assert 1.0 < scales[0] <= MAX_GAP_FRACTION * 2.0 / 0.4
+
+
+@pytest.mark.parametrize("places", [np.full((3, 4, 3), np.nan), np.zeros((3, 4, 3)), np.full((1, 4, 3), np.inf)])
+def test_odd_runs_are_drawn_in_true_size(places: np.ndarray) -> None:
+    np.testing.assert_array_equal(automatic_scales(["a", "a", "b", "b"], np.full(4, 0.3), places), np.ones(4))
+
+
+def test_a_vehicle_that_is_lost_far_away_does_not_count() -> None:
+    far = WIDE.copy()
+    far[4:, 0] = [0.0, 0.0, -1e6]
+    assert team_size(far) < 2.0 * team_size(WIDE)
+
+
+def test_scales_are_said_by_kind_or_by_id() -> None:
+    kinds, ids = ["boat", "boat", "drone", "drone"], ["A", "B", "C", "D"]
+    assert list_scales(kinds, ids, np.array([1.0, 1.0, 6.0, 6.0])) == [(6.0, ["drone"])]
+    assert list_scales(kinds, ids, np.array([1.0, 2.0, 6.0, 6.0])) == [(6.0, ["drone"]), (2.0, ["B"])]
+    assert list_scales(kinds, ids, np.full(4, 3.0)) == [(3.0, ["every vehicle"])]
+    assert list_scales(kinds, ids, np.ones(4)) == []
+
+
+def test_the_smallest_vehicle_of_a_film_is_seen() -> None:
+    """Drones of half a metre among boats of five. Oracle: the model that is drawn."""
+    backend, reason = available_backend()
+    if backend is None:
+        pytest.skip(reason)
+    scenario = load_scenario("harbour", {"time.end": 0.02})
+    film, model = film_of(scenario, simulate(scenario, backend="ideal"))
+    options = video_options(scenario, width=640, height=360)
+    scales = film.scales(options)
+    own = vehicle_radii(model, film.body_id)
+    with Painter(film, model, options) as painter:
+        drawn = vehicle_radii(painter.model, film.body_id)
+        pixel = painter.camera.view(0).metres_per_pixel(360)
+    np.testing.assert_allclose(drawn, scales * own, rtol=1e-9)
+    assert 2 * own.min() < 1.0
+    assert (2 * drawn >= MIN_FRACTION * team_size(film.run.at(film.run.time[:1]).positions) * (1 - 1e-9)).all()
+    assert 2 * drawn.min() / pixel > 12  # of 360
+
+
+def test_both_halves_of_a_comparison_have_the_same_scales() -> None:
+    scenario = load_scenario("harbour", {"time.end": 0.1})
+    runs = [simulate(scenario, backend) for backend in ("ideal", "physics")]
+    (left, _), (right, _) = both_films(scenario, runs[0], runs[1], half_options(scenario))
+    np.testing.assert_array_equal(left.scales(VideoOptions()), right.scales(VideoOptions()))
+
+
+def test_names_of_scales_reach_the_terminal_without_control_characters() -> None:
+    with pytest.raises(InputError) as caught:
+        scenario_from_mapping(
+            {
+                "name": "lake",
+                "time": {"end": 1},
+                "agents": [{"id": "A", "position": [0, 0]}],
+                "targets": [{"id": "T", "position": [5, 0]}],
+                "sensing": [["A", "T"]],
+                "scene": {"vehicle_scales": {"\x1b[31mred\x07": 2.0}},
+            }
+        )
+    assert str(caught.value).isprintable()
+    assert r"\x1b[31mred" in str(caught.value)
+
+
+def test_video_page_and_plots_look_from_one_side() -> None:
+    """Oracle: the camera's own axes; to the right of an eye at azimuth -60 degrees x grows, and y goes away."""
+    from mjsheaf.scenario.scenario import Video
+    from mjsheaf.video.camera import axes
+
+    for video in (Video(), Video(azimuth=-60.0, elevation=-10.0), Video(azimuth=355.0, elevation=20.0)):
+        forward = axes(video.azimuth, video.elevation)[2]
+        azimuth, elevation = np.radians(video.eye)
+        eye = [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
+        np.testing.assert_allclose(eye, -forward, atol=1e-12)
+        assert -180.0 <= video.eye[0] <= 180.0
+    assert Video().eye == (-60.0, 35.0)
