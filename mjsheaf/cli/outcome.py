@@ -1,5 +1,7 @@
 """Print a run on the terminal: how well it went first, then the numbers, then what needs attention."""
 
+import sys
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from mjsheaf.cli.terminal import make_console, make_table, print_lines
@@ -38,7 +40,8 @@ def print_start(scenario: "Scenario", backend: str) -> None:
     targets = _count(len(scenario.targets), "target")
     seconds = scenario.time.end - scenario.time.start
     print_lines(f"{scenario.name}: {agents} and {targets} on {_MOVED_BY[backend]}, {seconds:.6g} s")
-    make_console().file.flush()
+    with suppress(BrokenPipeError):  # the run goes on for its files; the first line after it ends the command
+        sys.stdout.flush()
 
 
 def print_outcome(outcome: "Outcome", *, overridden: bool = False) -> None:
