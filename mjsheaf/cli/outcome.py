@@ -1,10 +1,10 @@
 """Print a run on the terminal: how well it went first, then the numbers, then what needs attention."""
 
-import sys
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from mjsheaf.cli.terminal import make_console, make_table, print_lines
+from mjsheaf.errors import printable
 
 if TYPE_CHECKING:
     from mjsheaf.runs.publish import Outcome
@@ -39,9 +39,9 @@ def print_start(scenario: "Scenario", backend: str) -> None:
     agents = _count(len(scenario.agents), "agent")
     targets = _count(len(scenario.targets), "target")
     seconds = scenario.time.end - scenario.time.start
-    print_lines(f"{scenario.name}: {agents} and {targets} on {_MOVED_BY[backend]}, {seconds:.6g} s")
+    line = f"{scenario.name}: {agents} and {targets} on {_MOVED_BY[backend]}, {seconds:.6g} s"
     with suppress(BrokenPipeError):  # the run goes on for its files; the first line after it ends the command
-        sys.stdout.flush()
+        print(printable(line), flush=True)
 
 
 def print_outcome(outcome: "Outcome", *, overridden: bool = False) -> None:
