@@ -70,6 +70,7 @@ def test_a_terminal_has_a_bar_within_a_second() -> None:
     assert after < 1.5  # a second, and what a busy machine takes to start a thread
 
 
+@pytest.mark.slow
 def test_it_can_be_turned_off() -> None:
     text, _ = seen_by_a_terminal(["mjsheaf.simulate(scenario, 'ideal', controller=law, progress=False)"])
     assert text == ""

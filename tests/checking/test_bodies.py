@@ -112,6 +112,7 @@ def test_check_refuses_the_ring(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert "stable" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("vehicles", "drift", "headings"),
     [

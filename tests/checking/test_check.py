@@ -30,11 +30,12 @@ FAILING = {
 }
 
 
-VARIANTS = [n for n in list_scenarios() if n.endswith("_feedforward")]
+LARGE = ("harbour", "harbour_lost_hexarotor", "otters", "paper", "swarm", "tetrahedron")
+SLOW = [n for n in list_scenarios() if n.endswith("_feedforward") or n in LARGE]
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=pytest.mark.slow) if n in VARIANTS else n for n in list_scenarios()]
+    "name", [pytest.param(n, marks=pytest.mark.slow) if n in SLOW else n for n in list_scenarios()]
 )
 def test_verdicts_schema_and_exit_code(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     code = call("check", name, "--json")

@@ -36,6 +36,7 @@ QUICKLY_FILMED = [("midpoint", "ideal")]
 """On bodies a run that blows up is filmed below; every film of a healthy one runs with the slow tests."""
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_plots")
 @pytest.mark.parametrize(
     ("name", "backend"),

@@ -93,6 +93,7 @@ def test_a_vehicle_that_is_too_slow_is_named() -> None:
     assert "otter" in told[0]
 
 
+@pytest.mark.slow
 def test_command_publishes_and_replaces_its_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
     for _ in range(2):

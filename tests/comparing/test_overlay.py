@@ -82,6 +82,7 @@ def team_error(backend: str, **fields: object) -> np.ndarray:
     return np.sqrt((dataset["tracking_error"].values ** 2).mean(axis=1))
 
 
+@pytest.mark.slow
 def test_errors_are_those_of_the_runs(compared: RunsRecord) -> None:
     ideal, bodies = team_error("ideal"), team_error("physics")
     late = slice(75, None)
@@ -151,6 +152,7 @@ def test_what_cannot_be_compared_is_refused_in_one_line(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_the_command_writes_and_replaces_its_own(
     runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -335,6 +335,7 @@ def test_only_the_environment_loads_its_library() -> None:
     assert child(code) == "False"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("backend", [None, "off", "nonsense", "egl"])
 def test_no_way_to_draw_stops_it(backend: str | None) -> None:
     variables = {} if backend is None else {"MUJOCO_GL": backend}

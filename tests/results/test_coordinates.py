@@ -109,6 +109,7 @@ def test_every_sample_has_its_phase(backend: str) -> None:
     assert by_phase["phase"].values.tolist() == [0, 1, 2]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("events", [[], EVENTS], ids=["plain", "events"])
 def test_the_file_has_them_too(

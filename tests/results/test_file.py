@@ -54,6 +54,7 @@ def written(of: Scenario, backend: str, path: Path) -> xr.Dataset:
         return dataset.load()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("samples", [7, 17, 51, 1000])  # 51 samples: 3 x 17 leaves nothing, 7 x 7 leaves two
 def test_pieces_on_disk_are_the_run_in_memory(
@@ -73,6 +74,7 @@ def test_pieces_on_disk_are_the_run_in_memory(
     assert (tmp_path / "b.nc").read_bytes() == (tmp_path / "c.nc").read_bytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_a_run_that_blows_up_at_any_place_of_a_piece(
     backend: str, piece: Callable[[int], None], tmp_path: Path
@@ -90,6 +92,7 @@ def test_a_run_that_blows_up_at_any_place_of_a_piece(
         np.testing.assert_array_equal(found["agent_position"], whole["agent_position"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("positions", [1, 2**14, 2**18])
 def test_thinned_keeps_the_ends_and_reads_what_it_says(
     positions: int, piece: Callable[[int], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -108,6 +111,7 @@ def test_thinned_keeps_the_ends_and_reads_what_it_says(
     xr.testing.assert_identical(few, whole.sel(time=few["time"]))
 
 
+@pytest.mark.slow
 def test_a_long_run_of_few_vehicles_is_read_in_few_pieces(piece: Callable[[int], None], tmp_path: Path) -> None:
     """A read has a price of its own: pieces are whole parts of the file, as many as bounded memory allows."""
     piece(10)
@@ -122,6 +126,7 @@ def test_a_long_run_of_few_vehicles_is_read_in_few_pieces(piece: Callable[[int],
     assert 0.5 * 2**18 < length * (10_000 + vehicles) <= 2**18
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("backend", ["ideal", pytest.param("physics", marks=pytest.mark.slow)])
 def test_memory_does_not_grow_with_the_run(backend: str, piece: Callable[[int], None], tmp_path: Path) -> None:
     piece(100)

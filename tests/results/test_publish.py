@@ -24,6 +24,7 @@ from tests.commands import RUN_FILES
 TIMES = ("wall_time_s", "realtime_factor")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("backend", "law"),
     [pytest.param("ideal", {}, marks=pytest.mark.slow), ("physics", {}), ("ideal", {"rounds": 2})],
@@ -87,6 +88,7 @@ def test_the_run_is_there_before_its_video(short: Scenario, tmp_path: Path, monk
     assert {p.name for p in place.iterdir()} == RUN_FILES | {"video.mp4"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("error", [KeyboardInterrupt, SystemExit, MemoryError])
 def test_what_ends_the_video_leaves_the_run(
     error: type[BaseException], short: Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

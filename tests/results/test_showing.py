@@ -38,6 +38,7 @@ def directory(result: xr.Dataset, tmp_path_factory: pytest.TempPathFactory) -> P
     return mjsheaf.save(result, tmp_path_factory.mktemp("saved") / "run", video=False).directory
 
 
+@pytest.mark.slow
 def test_figures_are_those_that_a_run_writes(result: xr.Dataset, directory: Path, tmp_path: Path) -> None:
     settings = dict(mpl.rcParams)
     before = plt.get_fignums()

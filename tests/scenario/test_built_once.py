@@ -63,6 +63,7 @@ def counts(monkeypatch: pytest.MonkeyPatch) -> Counts:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "command",
     [

@@ -79,6 +79,7 @@ def test_another_study_is_refused_with_the_difference(study: Path, plan: Callabl
     assert contents(study) == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("last", [".lock", "study.json", "scenario.yaml", "runs"])
 def test_killed_while_it_begins(finished: Path, tmp_path: Path, last: str) -> None:
     """What a killed command may leave, by the last that it made, is gone on with; also by another study."""

@@ -191,6 +191,7 @@ def test_a_page_has_its_pictures_whatever_the_files_are() -> None:
     assert b"data:image/png;base64," in files["index.html"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("failing", [False, pytest.param(True, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("fields", STUDIES)
 def test_every_kind_of_study_is_drawn(fields: dict[str, Any], failing: bool, tmp_path: Path) -> None:

@@ -139,6 +139,7 @@ def test_a_worker_of_another_version_ends_the_study(name: str) -> None:
         list(workers.run(jobs))
 
 
+@pytest.mark.slow
 def test_workers_listen_to_nobody() -> None:
     plan = small_plan()
     with local_workers(1) as workers:
