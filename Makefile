@@ -30,6 +30,7 @@ lint: $(STAMP)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/python tools/budget.py
 
 # Two workers, one BLAS thread each: the tests are written for two cores. EXAMPLES is a profile of hypothesis:
 # `fast`, or `ci` with three times as many examples.
