@@ -4,7 +4,7 @@ What errors say about a name that is not known: the names that are expected, and
 """
 
 import re
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from difflib import get_close_matches
 
@@ -105,6 +105,11 @@ def listed(names: Collection[str]) -> str:
     """The first names, separated by commas, and how many there are."""
     shown = ", ".join(list(names)[:_MOST])
     return shown + (f", ... ({len(names)} in all)" if len(names) > _MOST else "")
+
+
+def joined(names: Sequence[str]) -> str:
+    """Join names in a sentence: a, b and c."""
+    return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
 
 
 def suggestion(name: str, names: Collection[str]) -> str:

@@ -15,7 +15,7 @@ from mjsheaf.comparing.verdict import CompareRecord, LoopRecord, PhaseRecord, le
 from mjsheaf.control.source import LawFile
 from mjsheaf.jit import working_time
 from mjsheaf.results.dataset import law_of
-from mjsheaf.runs.harm import examine_terms
+from mjsheaf.runs.diagnostics import examine_terms
 from mjsheaf.runs.simulate import Progress, moved_by, no_progress, require_simulable
 from mjsheaf.scenario import Scenario
 from mjsheaf.system import Phase, phases_of

@@ -17,11 +17,10 @@ from mjsheaf.comparing.ladder import RungRecord, display_name
 from mjsheaf.comparing.measures import FORMATION, RMS_OVER, TEAM, TRACKING, BudgetRecord, ItemRecord
 from mjsheaf.comparing.verdict import LIMITED_BY, CompareRecord
 from mjsheaf.control.source import LawFile
-from mjsheaf.errors import shortened
+from mjsheaf.errors import joined, shortened
 from mjsheaf.io.figures import AS_USUAL, FigureOptions
 from mjsheaf.results import summarize
 from mjsheaf.results.store import replaced_run, save_summary, staging
-from mjsheaf.runs.harm import listed
 from mjsheaf.runs.publish import draw_video, write_scenario
 from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.scenario import Scenario
@@ -148,7 +147,7 @@ def _ladder(record: CompareRecord) -> Group:
         "stuck: at a level, but an agent is commanded to move and does not",
         "limited: time share of agents' thrusters at a limit",
     ]
-    notes += [f"paper's law: without {listed(record.terms)}"] if record.terms else []
+    notes += [f"paper's law: without {joined(record.terms)}"] if record.terms else []
     notes += [f"paper's law: at the scenario's gain, instead of {record.controller}"] if record.controller else []
     notes += [f"with a tenth of the timestep, else it blows up: {finer}"] if finer else []
     notes += [f"{r.label}: {r.message}" for r in record.ladder if r.status != "finished"]

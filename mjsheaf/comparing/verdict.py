@@ -16,8 +16,8 @@ from mjsheaf.comparing.gains import GainLimitRecord, GainRecord, GainTrialRecord
 from mjsheaf.comparing.ladder import RungRecord, display_name
 from mjsheaf.comparing.measures import FORMATION, RMS_OVER, TEAM, TRACKING, BudgetRecord, Measure, ScopeRecord
 from mjsheaf.comparing.ringing import RingingRecord
+from mjsheaf.errors import joined
 from mjsheaf.io.section import Finite, FiniteRecord
-from mjsheaf.runs.harm import listed
 
 _LOWER_GAIN = ", or a lower controller.gain"  # advice for laws that have one
 _CHANGE = {
@@ -226,7 +226,7 @@ def _harmful_terms(record: CompareRecord) -> list[str]:
     if cost is None or cost[1] - cost[0] <= max(_LEAST_BODY_SHARE * cost[0], ROUNDING):
         return record.harm
     gist = f"tracking error {cost[1]:.3g} m as it stands, {cost[0]:.3g} m by the paper's law alone"
-    return [f"{listed(record.terms)} HARM: {gist}", *record.harm]
+    return [f"{joined(record.terms)} HARM: {gist}", *record.harm]
 
 
 def _terms(record: CompareRecord) -> list[str]:
@@ -239,7 +239,7 @@ def _terms(record: CompareRecord) -> list[str]:
     if record.controller:
         what = f"{record.controller} instead of the paper's law at the scenario's gain"
     else:
-        what = listed(record.terms)
+        what = joined(record.terms)
     return [f"{what}: tracking error {cost[0]:.3g} -> {cost[1]:.3g} m as it stands{known}"]
 
 

@@ -281,8 +281,7 @@ class Account:
 def account_of(scenario: Scenario, phases: "Sequence[Phase]", dataset: xr.Dataset) -> Account:
     """Errors, bounds and notes of a run, from its data, in memory or opened."""
     from mjsheaf.checking.finished import bounds_of_phases
-    from mjsheaf.runs.harm import examine_terms
-    from mjsheaf.runs.notes import notes_of_run
+    from mjsheaf.runs.diagnostics import examine_terms, notes_of_run
     from mjsheaf.scenario.slips import slips_of
 
     own, drawn = summarize_phases(phases[0].system.team, dataset), thinned(dataset)

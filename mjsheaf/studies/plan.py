@@ -12,11 +12,10 @@ from pydantic import ValidationError
 
 from mjsheaf.arguments import require_mapping, require_type
 from mjsheaf.control.source import LawFile, find_law
-from mjsheaf.errors import InputError, ScenarioError, in_field
+from mjsheaf.errors import InputError, ScenarioError, in_field, joined
 from mjsheaf.io.files import confined, list_studies, naming
 from mjsheaf.io.section import split_path, validation_problems
 from mjsheaf.io.yaml import SUFFIXES, parse_yaml, read_yaml
-from mjsheaf.runs.harm import listed
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import list_scenarios, map_vehicles, read_scenario
 from mjsheaf.studies.job import Job, versions
@@ -59,7 +58,7 @@ class Plan:
             return self.study.name or self.study.summary
         swept = [self.study.labels.get(path, path) for path in self.study.paths]
         swept += ["seeds"] if self.study.seeds else []
-        over = f" over {listed(swept)}" if swept else ""
+        over = f" over {joined(swept)}" if swept else ""
         return f"{self.scenario.get('name', self.name)}{over}"
 
     def record(self) -> dict[str, Any]:

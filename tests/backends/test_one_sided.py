@@ -19,7 +19,7 @@ from mjsheaf import check, load_scenario, simulate
 from mjsheaf.checking.finished import ending_of_run
 from mjsheaf.checking.stuck import find_stuck
 from mjsheaf.comparing.ladder import ladder_of, run_ablation
-from mjsheaf.runs.notes import notes_of_run
+from mjsheaf.runs.diagnostics import notes_of_run
 from mjsheaf.scenario import Scenario
 from mjsheaf.simulation.bodies import pack_fleet
 from mjsheaf.vehicles.actuators import Thruster

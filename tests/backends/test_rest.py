@@ -11,7 +11,7 @@ import pytest
 import xarray as xr
 
 from mjsheaf import simulate
-from mjsheaf.runs.notes import notes_of_run
+from mjsheaf.runs.diagnostics import notes_of_run
 from mjsheaf.vehicles.loading import list_vehicles
 from tests.builders import make_scenario
 

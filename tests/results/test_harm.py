@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import mjsheaf
-from mjsheaf.runs.harm import TermsInRun, examine_terms
+from mjsheaf.runs.diagnostics import TermsInRun, examine_terms
 from mjsheaf.scenario import load_scenario
 from tests.builders import Simulated
 from tests.commands import answer_of

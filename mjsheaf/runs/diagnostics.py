@@ -1,0 +1,587 @@
+"""Diagnose a run: notes in sentences, for the terminal and summary.json, and the harm that the law's terms do.
+
+    bound         a bound that theory gives is exceeded
+    growing       the team's error grows to the end; circling: the team oscillates by itself
+    slip          a value of the files looks like a slip, such as an angle in radians (see `slips`)
+    medium        flow and disturbance are faster than a vehicle can be
+    saturated     thrusters at a limit for more than a tenth of the time
+    limited       commands at the velocity limit for more than a tenth of the time
+    stuck         an agent is commanded to move and does not for 5 s (see `stuck`)
+    terms         the law's terms do harm: commands that jump, velocity limits, saturated thrusters
+    changing      the team's error is not settled at the end; approaching: it still falls
+    close         vehicles closer than their size, or through each other, while contacts are off
+    submerged     an aircraft under water or in the ground
+
+Notes come in this order, the most important first. Each kind has one, about the vehicle that is worst.
+
+A smooth command has hardly a second difference from sample to sample. White noise of deviation s has one of sqrt(6) s,
+which measures the jump of a run, as RMS over agents and the last half of the run. Commands are recorded as they were
+executed, limited: jumps that a limit cuts off are larger than they look.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import TYPE_CHECKING, Any, Literal, get_args
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from mjsheaf.arrays import Array, BoolArray
+from mjsheaf.checking.finished import HeldBound, RunBound
+from mjsheaf.checking.stuck import Stuck, find_stuck
+from mjsheaf.control.terms import TermArrays
+from mjsheaf.errors import joined
+from mjsheaf.results.dataset import of_phase
+from mjsheaf.results.netcdf import pieces_of
+from mjsheaf.simulation.trajectory import largest_integral
+from mjsheaf.system import Phase, System
+from mjsheaf.vehicles.authority import is_one_sided
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Kind = Literal[
+    "bound",
+    "growing",
+    "circling",
+    "slip",
+    "medium",
+    "saturated",
+    "limited",
+    "stuck",
+    "terms",
+    "changing",
+    "approaching",
+    "close",
+    "submerged",
+]
+"""Kinds of notes, the most important first."""
+
+MAX_LIMITED_FRACTION = 0.1
+"""Fraction of the time for which thrusters or commands may be at a limit."""
+MAX_GUST_FRACTION = 0.01
+"""Fraction of the time for which a medium may be too fast."""
+
+_AT_LIMIT = 1.0 - 1e-9  # of the velocity limit
+_MOSTLY, _HARDLY = 0.5, 0.05  # of the velocity that is missing, mean square, that jumps are
+EXHAUSTIVE_LIMIT = 100
+"""Number of vehicles up to which all pairs are compared at all samples."""
+MAX_JUMP = 0.1
+"""Jump of the command as a fraction of the RMS commanded speed, from which on terms do harm."""
+MIN_JUMP = 1e-6
+"""Jump of the command below which it is rounding, m/s."""
+MAX_SHARE = 0.2
+"""Fraction of time and agents at the velocity limit, or of time and thrusters at a limit, in a healthy run."""
+MIN_REPORTED_SHARE = 0.01
+"""The same fractions from which on a sentence about jumps mentions them."""
+NOISE_RATIO = 0.3
+"""Fraction of the largest noise from which on another term causes jumps too."""
+MIN_SAMPLES = 8
+"""Number of samples from which on terms are examined."""
+
+
+@dataclass(frozen=True)
+class Note:
+    """A diagnostic of a run.
+
+    Attributes:
+        kind: Kind of diagnostic.
+        text: The sentence.
+        agent: Id of the agent or target that is worst; None for the team.
+        time: Time at which it is worst, or begins, s; None if there is no such time.
+        number: Severity: a fraction of time, m, m/s, or a ratio to a bound, as the text says.
+    """
+
+    kind: Kind
+    text: str
+    agent: str | None = None
+    time: float | None = None
+    number: float | None = None
+
+    def record(self) -> dict[str, Any]:
+        """Return the entry of summary.json."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class TermsInRun:
+    """Behaviour of a law's terms over the last half of a run.
+
+    Attributes:
+        on: Names of the terms.
+        jump: Deviation of the white noise whose command jumps as much from sample to sample, RMS, m/s.
+        commanded: Commanded speed, RMS over the whole run, m/s.
+        at_limit: Fraction of samples and agents at the velocity limit.
+        saturated: Fraction of time and agents' thrusters at a limit; None on ideal kinematics.
+        harm: Sentences: the fault, the term that causes it, and what to change; empty in a healthy run.
+    """
+
+    on: tuple[str, ...]
+    jump: float
+    commanded: float
+    at_limit: float
+    saturated: float | None
+    harm: tuple[str, ...] = ()
+
+    def record(self) -> dict[str, Any]:
+        """Return the entry of summary.json."""
+        return {
+            "on": list(self.on),
+            "jump_m_s": self.jump,
+            "commanded_m_s": self.commanded,
+            "share_at_limit": self.at_limit,
+            "share_saturated": self.saturated,
+            "harm": list(self.harm),
+        }
+
+
+def notes_of_run(
+    phases: Sequence[Phase],
+    dataset: "xr.Dataset",
+    ending: str | None,
+    bounds: Sequence[RunBound | HeldBound],
+    terms: TermsInRun | None,
+    slips: Sequence[str] = (),
+) -> list[Note]:
+    """Collect what a user should know of a run, the most important first; the run is read in pieces.
+
+    Args:
+        phases: what was run.
+        dataset: as `simulate` gives it.
+        ending: how it ended (see `finished`).
+        bounds: those of its phases.
+        terms: what its terms did.
+        slips: sentences of `slips_of`, about its files.
+    """
+    found = [Note("slip", sentence) for sentence in slips]
+    found += [Note("bound", bound.violation(), None, bound.worst, bound.ratio) for bound in bounds if bound.violation()]
+    found += [Note("terms", sentence) for sentence in (terms.harm if terms else ())]
+    found += _about_the_end(dataset, ending)
+    stuck = find_stuck(phases, dataset)
+    found += _about_stuck(phases[0].system, stuck)
+    found += _about_limits(phases, dataset, [one.agent for one in stuck])
+    found += _about_the_surface(phases, dataset)
+    if dataset.attrs["backend"] == "physics" and not phases[0].system.bodies.contacts:
+        found += _about_distances(phases[0].system, dataset)
+    kinds = get_args(Kind)
+    return sorted(found, key=lambda note: kinds.index(note.kind))
+
+
+def _about_the_end(dataset: "xr.Dataset", ending: str | None) -> list[Note]:
+    """Whether the error still changes, or the team swings by itself."""
+    if ending in (None, "settled", "stuck"):  # a note names the agents that are stuck
+        return []
+    time = dataset["time"].values
+    quarter = max(1, len(time) // 4)
+    squares = dataset["tracking_error"][-2 * quarter :].values ** 2
+    before, last = (np.sqrt(np.nanmean(part)) for part in (squares[:-quarter], squares[-quarter:]))
+    size = f"tracking error (RMS over agents) {last:.3g} m in the last quarter, {before:.3g} m in the one before"
+    never = "the team does not settle"
+    kind: Kind
+    if ending == "moving":
+        kind, what = ("approaching", "still approaching") if last < before else ("changing", "not settled yet")
+        text = f"the team is {what} at the end of the run: {size}; a later time.end shows where it settles"
+    elif ending == "growing":
+        kind, text = "growing", f"{never}: its error grows to the end ({size}); see mjsheaf check"
+    else:
+        kind, text = "circling", f"{never}: it swings by itself, without end ({size}); see mjsheaf check"
+    return [Note(kind, text, None, float(time[-1]), float(last))]
+
+
+def _about_stuck(system: System, stuck: Sequence[Stuck]) -> list[Note]:
+    """Find agents that are commanded to move and do not."""
+    if not stuck:
+        return []
+    first, names = stuck[0], _and_others(system.team.agents[stuck[0].agent].id, len(stuck) - 1)
+    verb = "is" if len(stuck) == 1 else "are"
+    text = f"{names} {verb} stuck: commanded to move at {first.asked:.3g} m/s from t = {first.start:.6g} s"
+    text += f" to {first.end:.6g} s, {system.team.agents[first.agent].id} does not move ({first.error:.3g} m off)"
+    text += f": {first.reason}"
+    return [Note("stuck", text, system.team.agents[first.agent].id, first.start, first.error)]
+
+
+@dataclass(frozen=True)
+class _Limits:
+    """How long agents are at their limits, and where the medium is too fast for them.
+
+    Attributes:
+        saturated: Fraction of the time with a thruster at a limit, shape (N,).
+        limited: Fraction of the time at the velocity limit, shape (N,).
+        exceeded: Fraction of the time in a medium that is too fast, shape (N,).
+        excess: Largest speed of the medium over that of the agent, 0 where it is never above 1, shape (N,).
+        medium: Speed of the medium then, shape (N,), m/s.
+        possible: Speed of the agent then, shape (N,), m/s.
+        time: Time of that sample, shape (N,), s.
+    """
+
+    saturated: Array
+    limited: Array
+    exceeded: Array
+    excess: Array
+    medium: Array
+    possible: Array
+    time: Array
+
+
+def _measure_limits(phases: Sequence[Phase], dataset: "xr.Dataset", own_speed: Array) -> _Limits:
+    """Read a run for its limits; `own_speed` is that of each agent's vehicle, shape (N,), m/s."""
+    bodies = dataset.attrs["backend"] == "physics"
+    by_law = not dataset.attrs.get("controller")
+    names = ["agent_flow", *["velocity_command"] * by_law, *["agent_saturation"] * bodies]
+    agents = np.arange(len(own_speed))
+    present, saturated, limited, exceeded, excess, medium, possible, time = np.zeros((8, len(agents)))
+    done = 0
+    for chunk in pieces_of(dataset, names):
+        there, limit = _conditions(phases, done, chunk.sizes["time"])
+        done += chunk.sizes["time"]
+        present += there.sum(axis=0)
+        if bodies:
+            saturated += ((chunk["agent_saturation"].values > 0.0) & there).sum(axis=0)
+        if by_law:
+            commanded = np.linalg.norm(np.nan_to_num(chunk["velocity_command"].values), axis=2)
+            limited += ((commanded >= _AT_LIMIT * limit) & (limit > 0.0) & there).sum(axis=0)
+        flow = np.where(there, np.linalg.norm(np.nan_to_num(chunk["agent_flow"].values), axis=2), 0.0)
+        able = np.minimum(limit, own_speed)
+        ratio = np.divide(flow, able, out=np.zeros_like(flow), where=(flow > able) & (able > 0.0))
+        exceeded += (ratio > 0.0).sum(axis=0)
+        worst = ratio.argmax(axis=0)
+        found = np.stack([values[worst, agents] for values in (ratio, flow, able)] + [chunk["time"].values[worst]])
+        excess, medium, possible, time = np.where(found[0] > excess, found, [excess, medium, possible, time])
+    count = np.maximum(present, 1)
+    return _Limits(saturated / count, limited / count, exceeded / count, excess, medium, possible, time)
+
+
+def _about_limits(phases: Sequence[Phase], dataset: "xr.Dataset", stuck: Sequence[int]) -> list[Note]:
+    """Find agents whose thrusters or commands are at their limits, or whose medium is too fast for them.
+
+    Another note is about the agents that are stuck.
+    """
+    system = phases[0].system
+    ids = [agent.id for agent in system.team.agents]
+    own_speed = _own_speed(system, dataset.attrs["backend"] == "physics")
+    limits = _measure_limits(phases, dataset, own_speed)
+    limits.saturated[stuck] = 0.0
+    limits.limited[stuck] = 0.0
+    notes = []
+    for v, names in _worst(limits.saturated, MAX_LIMITED_FRACTION, ids):
+        fraction = float(limits.saturated[v])
+        text = f"thrusters of {names} are at a limit for {100 * fraction:.0f} % of the time: "
+        notes.append(Note("saturated", text + _why_saturated(phases, dataset, v), ids[v], None, fraction))
+    for v, names in _worst(limits.limited, MAX_LIMITED_FRACTION, ids):
+        fraction = float(limits.limited[v])
+        text = f"the law asks {names} for the velocity limit or more for {100 * fraction:.0f} % of the time"
+        notes.append(Note("limited", f"{text}; raise velocity_limit, or lower the gain", ids[v], None, fraction))
+    for v, names in _worst(np.where(limits.exceeded > MAX_GUST_FRACTION, limits.excess, 0.0), 0.0, ids):
+        speed = float(limits.medium[v])
+        time = float(limits.time[v])
+        what = "its vehicle makes" if limits.possible[v] == own_speed[v] else "its velocity limit allows"
+        text = f"the medium is faster than {names} can be: {speed:.3g} m/s about {ids[v]} at t = {time:.6g} s"
+        text += f", where {what} {limits.possible[v]:.3g} m/s in its slowest direction"
+        notes.append(Note("medium", text, ids[v], time, speed))
+    return notes
+
+
+def _worst(badness: Array, limit: float, ids: Sequence[str]) -> Iterator[tuple[int, str]]:
+    """Yield the number of the worst agent and a name for all that are above a limit, if any is."""
+    above = int((badness > limit).sum())
+    if above:
+        v = int(badness.argmax())
+        yield v, _and_others(ids[v], above - 1)
+
+
+def _why_saturated(phases: Sequence[Phase], dataset: "xr.Dataset", v: int) -> str:
+    """Whether the law asks too much of an agent, or chance does, by which its commands jump.
+
+    Thrusters make good what is missing of the velocity asked for: what share of its mean square are jumps tells.
+    """
+    law = dataset.attrs.get("controller")
+    asks, chance = f"the law {law} asks too much" if law else "the law asks too much", _chance(phases)
+    if is_one_sided(phases[0].system.vehicles[v]):
+        asks = "they do not push both ways, so that it turns with some at full thrust and others at none"
+    if not chance:
+        return asks
+    missing = jumps = 0.0
+    period, done, names = phases[0].system.grid.period, 0, ("velocity_command", "agent_position", "agent_flow")
+    for piece in pieces_of(dataset, names):
+        there = _conditions(phases, done, piece.sizes["time"])[0][:, v, None]
+        asked, place, flow = (np.where(there, np.nan_to_num(piece[name].values[:, v]), 0.0) for name in names)
+        with np.errstate(all="ignore"):  # a run that blew up
+            made = np.diff(place, axis=0) / period - flow[:-1]
+            missing += float((np.where(there[1:] & there[:-1], asked[:-1] - made, 0.0) ** 2).sum())
+            jumps += float((np.diff(asked, 2, axis=0) ** 2).sum()) / 6.0  # see above: white noise
+        done += len(asked)
+    jump = f"{joined(chance)} make{'s' if len(chance) == 1 else ''} its commands jump; {_calmer(dataset)}"
+    if jumps >= _MOSTLY * missing:
+        return jump
+    return asks if jumps <= _HARDLY * missing else f"{asks}, or {jump}"
+
+
+def _calmer(dataset: "xr.Dataset") -> str:
+    """Advise what makes commands jump less: a lower gain, if the law has one."""
+    law = dataset.attrs.get("controller")
+    return f"filter measurements in {law}" if law else "lower controller.gain"
+
+
+def _chance(phases: Sequence[Phase]) -> list[str]:
+    """What makes commands jump at random, in words."""
+    laws = [phase.system.law for phase in phases]
+    links = np.concatenate([law.links.table for law in laws])
+    lossy = links["lossy"].any() or any(law.terms.rounds.lossy for law in laws)
+    found = {
+        "noise of measurements": any((links[name] > 0.0).any() for name in ("noise", "range_noise", "bearing_noise")),
+        "loss of messages": lossy,
+        "noise of odometry": any(law.terms.noisy for law in laws),
+    }
+    return [name for name, there in found.items() if there]
+
+
+def _own_speed(system: System, bodies: bool) -> Array:
+    """How fast each agent's vehicle can be in its slowest direction, shape (N,), m/s; infinite without limits."""
+    from mjsheaf.vehicles.effects import capability_of, of_each
+
+    if not bodies:
+        return np.full(len(system.team.agents), np.inf)
+    vehicles = system.vehicles[: len(system.team.agents)]
+    return of_each(vehicles, lambda vehicle: capability_of(vehicle).least_speed)
+
+
+def _conditions(phases: Sequence[Phase], first: int, count: int) -> tuple[BoolArray, Array]:
+    """Return which agents are present at `count` samples from the first on, and their speed limits, (T, N), m/s."""
+    there = [phase.system.team.present for phase in phases]
+    limit = [phase.system.law.limit[: len(phase.system.team.agents)] for phase in phases]
+    return _by_phase(there, phases, first, count), _by_phase(limit, phases, first, count)
+
+
+def _by_phase(values: Sequence[Any], phases: Sequence[Phase], first: int, count: int) -> Any:
+    """Return the value of its phase for each of `count` samples from the first on."""
+    samples = np.arange(first, first + count)
+    return np.array(values)[np.searchsorted([phase.start for phase in phases], samples, side="right") - 1]
+
+
+def _about_the_surface(phases: Sequence[Phase], dataset: "xr.Dataset") -> list[Note]:
+    """Find aircraft that go below the surface of the scene.
+
+    Lost ones rest on it, and targets that start below it are meant to be there.
+    """
+    system = phases[0].system
+    members = system.team.members
+    N = len(system.team.agents)
+    height = system.bodies.surface_height
+    flying = np.array([member.dimension == 3 for member in members])
+    flying[N:] &= system.initial[N:, 2] >= height
+    if system.bodies.surface == "none" or not flying.any():
+        return []
+    bodies = dataset.attrs["backend"] == "physics"
+    names = [f"{kind}_{'height' if bodies else 'position'}" for kind in ("agent", "target")]
+    first = np.full(len(members), np.inf)
+    depth = np.zeros(len(members))
+    done = 0
+    for chunk in pieces_of(dataset, names):
+        z = np.concatenate([chunk[name].values if bodies else chunk[name].values[..., 2] for name in names], axis=1)
+        lost = _by_phase([_stopped(phase.system) for phase in phases], phases, done, len(z))
+        done += len(z)
+        below = np.where(flying & ~lost & (z < height), height - z, 0.0)
+        time = np.where(below > 0.0, chunk["time"].values[:, None], np.inf)
+        first = np.minimum(first, time.min(axis=0))
+        depth = np.maximum(depth, below.max(axis=0))
+    under = int(np.isfinite(first).sum())
+    if not under:
+        return []
+    v = int(depth.argmax())
+    name = members[v].id
+    where = "under water" if system.bodies.surface == "water" else "in the ground"
+    what = "an aircraft" if v < N else "a target in space"
+    verb = "goes" if under == 1 else "go"
+    text = f"{_and_others(name, under - 1)} {verb} {where}: {name}, {what}, is below the surface from "
+    text += f"t = {first[v]:.6g} s on, by up to {depth[v]:.3g} m; the surface does not stop what moves in space"
+    return [Note("submerged", text, name, float(first[v]), float(depth[v]))]
+
+
+def _stopped(system: System) -> BoolArray:
+    """Return which vehicles are lost, shape (V,)."""
+    return np.zeros(len(system.team.members), dtype=np.bool_) if system.stopped is None else system.stopped
+
+
+def _about_distances(system: System, dataset: "xr.Dataset") -> list[Note]:
+    """Vehicles that are closer than their size; of teams of more than 100, when each is closest to another."""
+    from mjsheaf.simulation.arena import size_of
+    from mjsheaf.vehicles.effects import of_each
+
+    members = system.team.members
+    if len(members) < 2:
+        return []
+    sizes = of_each(system.vehicles, size_of)
+    kinds, measured = ("agent", "target"), ("body_position", "orientation", "separation")
+    names = [f"{kind}_{what}" for kind in kinds for what in measured]
+    closest: tuple[float, float, float, tuple[int, int], Any] = (1.0, 0.0, 0.0, (0, 0), None)
+    together: set[int] = set()
+    for piece in pieces_of(dataset, names):
+        x, turned, apart = (
+            np.concatenate([piece[f"{kind}_{what}"].values for kind in kinds], axis=1) for what in measured
+        )
+        for k, i, j, distance in _close_pairs(x, apart, sizes):
+            together |= {i, j}
+            share = distance / (0.5 * (sizes[i] + sizes[j]))
+            if share < closest[0]:
+                placed = x[k, [i, j]], turned[k, [i, j]]
+                closest = share, distance, float(piece["time"].values[k]), (i, j), placed
+    share, distance, time, (i, j), placed = closest
+    if placed is None:
+        return []
+    pair = f"{members[i].id} and {members[j].id}"
+    through = _overlap([system.vehicles[v] for v in (i, j)], *placed)
+    size = 0.5 * (sizes[i] + sizes[j])
+    what = "go through each other" if through else f"come closer to each other than their size, {size:.3g} m"
+    text = f"{pair} {what}: their origins are {distance:.3g} m apart at t = {time:.6g} s"
+    if len(together) > 2:
+        text += f"; {len(together)} vehicles come closer to another one than their size"
+    text += ". Contacts are off (physics.contacts: false), so that vehicles do not collide"
+    return [Note("close", text, members[i].id, time, distance)]
+
+
+def _close_pairs(x: Array, apart: Array, sizes: Array) -> "list[tuple[int, int, int, float]]":
+    """Sample, two vehicles and their distance, m, for each pair closer than their size, when they are closest.
+
+    Args:
+        x: origins of bodies, shape (T, V, 3), m.
+        apart: distance to the nearest other vehicle, shape (T, V), m.
+        sizes: shape (V,), m.
+    """
+    V, most, found = len(sizes), float(sizes.max()), []
+    if V <= EXHAUSTIVE_LIMIT:
+        if not (apart < most).any():
+            return []
+        for i in range(V - 1):
+            distance = np.linalg.norm(x[:, i + 1 :] - x[:, i : i + 1], axis=2)
+            k = distance.argmin(axis=0)
+            least = distance[k, np.arange(V - 1 - i)]
+            near = np.flatnonzero(least < 0.5 * (sizes[i] + sizes[i + 1 :]))
+            found += [(int(k[n]), i, int(i + 1 + n), float(least[n])) for n in near]
+        return found
+    for k in np.unique(apart.argmin(axis=0)[apart.min(axis=0) < most]).tolist():
+        pairs = cKDTree(x[k]).query_pairs(most, output_type="ndarray")
+        distance = np.linalg.norm(x[k, pairs[:, 0]] - x[k, pairs[:, 1]], axis=1)
+        near = distance < 0.5 * sizes[pairs].sum(axis=1)
+        found += [(k, int(i), int(j), float(d)) for (i, j), d in zip(pairs[near], distance[near], strict=True)]
+    return found
+
+
+def _overlap(vehicles: "list[Any]", positions: Array, quaternions: Array) -> bool:
+    """Whether two vehicles at positions (2, 3), m, and attitudes (2, 4) share space; geoms count as convex."""
+    from mjsheaf.engine import mujoco
+    from mjsheaf.simulation.arena import compose
+
+    arena = compose(vehicles, ["a", "b"])
+    model, data = arena.model, mujoco.MjData(arena.model)
+    for at, position, quaternion in zip(arena.qpos, positions, quaternions, strict=True):
+        data.qpos[at : at + 7] = *position, *quaternion
+    mujoco.mj_kinematics(model, data)
+    owner = model.body_rootid[model.geom_bodyid]
+    first, second = (np.flatnonzero(owner == body) for body in arena.body)
+    return any(mujoco.mj_geomDistance(model, data, int(a), int(b), 1.0, None) <= 0.0 for a in first for b in second)
+
+
+def _and_others(name: str, others: int) -> str:
+    return name + (f" and {others} other{'s' * (others > 1)}" if others else "")
+
+
+def examine_terms(run: System | Sequence[Phase], dataset: "xr.Dataset") -> TermsInRun | None:
+    """Look for harm of the terms in a run, of one with events in the last phase; it is read in pieces.
+
+    Args:
+        run: what was run.
+        dataset: as `simulate` gives it.
+
+    Returns:
+        None for the paper's law, a law in Python, and fewer than 8 samples.
+    """
+    system, dataset = of_phase(run, dataset, -1)
+    bodies, count = dataset.attrs["backend"] == "physics", dataset.sizes["time"]
+    terms = (system.control_of_bodies if bodies else system.control).law.terms
+    if not terms.agents or dataset.attrs.get("controller") or count < MIN_SAMPLES:
+        return None
+    limit, begin, done = system.law.limit[: terms.agents], count // 2, 0
+    thrusters = np.array([len(vehicle.thrusters) for vehicle in system.vehicles[: terms.agents]]) if bodies else None
+    speed = jumps = at_limit = saturated = 0.0
+    before = np.zeros((0, terms.agents, 3))
+    for piece in pieces_of(dataset, ["velocity_command", *["agent_saturation"] * bodies]):
+        command = np.nan_to_num(piece["velocity_command"].values)
+        square = (command**2).sum(axis=2)
+        late = max(begin - done, 0)
+        speed += float(square.sum())
+        at_limit += float((np.sqrt(square[late:]) >= _AT_LIMIT * limit).sum())
+        if thrusters is not None:
+            saturated += float((piece["agent_saturation"].values[late:] @ (thrusters / thrusters.sum())).sum())
+        before = np.concatenate([before[-2:], command[late:]])
+        jumps += float((np.diff(before, 2, axis=0) ** 2).sum())
+        done += len(command)
+    rest = count - begin
+    found = TermsInRun(
+        on=terms.names,
+        jump=float(np.sqrt(jumps / (6.0 * (rest - 2) * terms.agents))),
+        commanded=float(np.sqrt(speed / (count * terms.agents))),
+        at_limit=at_limit / (rest * terms.agents),
+        saturated=saturated / rest if bodies else None,
+    )
+    return replace(found, harm=tuple(_harm(system, terms, found)))
+
+
+def _harm(system: System, terms: TermArrays, found: TermsInRun) -> list[str]:
+    """Sentences about what is wrong."""
+    limited = f"agents are at their velocity limit for {100 * found.at_limit:.0f}% of the last half"
+    saturated = f"agents' thrusters are at a limit for {100 * (found.saturated or 0.0):.0f}% of the last half"
+    if found.jump > max(MAX_JUMP * found.commanded, MIN_JUMP):
+        jumping = (
+            f"commands jump by {found.jump:.3g} m/s RMS from sample to sample "
+            f"({100 * found.jump / found.commanded:.0f}% of the commanded speed)"
+        )
+        if found.at_limit >= MIN_REPORTED_SHARE:
+            jumping += f"; {limited}"
+        if (found.saturated or 0.0) >= MIN_REPORTED_SHARE:
+            jumping += f"; {saturated}"
+        return [f"{jumping}: {_cause(system, terms, found.on)}"]
+    on, sentences = joined(found.on), []
+    if found.at_limit > MAX_SHARE:
+        sentences.append(f"{limited}, which leaves {on} no room: raise velocity_limit, or slow the targets")
+    if (found.saturated or 0.0) > MAX_SHARE:
+        sentences.append(f"{saturated}, with {on}: lower controller.gain or velocity_limit, or slow the targets")
+    return sentences
+
+
+def _cause(system: System, terms: TermArrays, on: tuple[str, ...]) -> str:
+    """Which terms make commands jump, and what to change."""
+    noise = _noise(terms)
+    largest = max(noise.values(), default=0.0)
+    if largest > 0.0:
+        blamed = [term for term, own in noise.items() if own >= NOISE_RATIO * largest]
+        filters = " and ".join(f"controller.{term}.filter" for term in blamed)
+        leads = "feedforward" in blamed and terms.lead.any()
+        calm = ", or set controller.feedforward.extrapolate to false, which multiplies it" * bool(leads)
+        return f"{joined(blamed)} pass{'es' * (len(blamed) == 1)} the noise of odometry on; raise {filters}{calm}"
+    if terms.integral >= largest_integral(system):  # less gain would make it worse
+        mend = f"controller.integral.gain ({terms.integral:g} 1/s^2)"
+    else:
+        mend = f"controller.gain ({system.gain:g} 1/s)"
+        mend += ", or raise controller.newton.rounds" * bool(terms.newton)
+    feedback = [term for term in on if term in ("newton", "integral")]  # the others do not depend on the error
+    return f"with {joined(feedback or ['this gain'])} the loop rings; lower {mend}; see mjsheaf check"
+
+
+def _noise(terms: TermArrays) -> dict[str, float]:
+    """Noise of odometry in what each term adds for unit maps, m/s RMS; no terms without noise.
+
+    A filter that takes a share a of white noise leaves sqrt(a / (2 - a)) of it, and neighbouring samples correlated by
+    1 - a; lead L makes of v the sum (1 + L) v - L v_before.
+    """
+    white = terms.noise / terms.period
+
+    def left(a: float) -> float:
+        return float(np.sqrt(a / (2.0 - a)))
+
+    found = {}
+    if terms.feedforward and white > 0.0:
+        L, a = float(terms.lead.max()), terms.measured
+        found["feedforward"] = white * left(a) * float(np.sqrt((1.0 + L) ** 2 + L**2 - 2.0 * L * (1.0 + L) * (1.0 - a)))
+    if terms.drift > 0.0 and white > 0.0:
+        found["drift"] = white * left(terms.drift)
+    return found
