@@ -16,7 +16,7 @@ from scipy import sparse
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.errors import SheafError
-from mjsheaf.jit import allocating_jit, jit
+from mjsheaf.jit import allocating_jit, inline_jit, jit
 
 
 @dataclass(frozen=True)
@@ -385,6 +385,25 @@ def _add_adjoint_times(t, y, x):
                     x[right + k, c] -= t.F[t.at_head[e] + a * n_j + k] * value
 
 
+@inline_jit
+def _open_row(row, begin, skip, n_u, rows, start, end, counting):
+    """Append the columns from begin + skip up to begin + n_u to a row."""
+    start[row] = end[row]
+    end[row] += n_u - skip
+    if not counting:
+        for b in range(skip, n_u):
+            rows[1][start[row] + b - skip] = begin + b
+
+
+@inline_jit
+def _inner_product(F, m, at_v, n_v, at_u, n_u, a, b):
+    """Return entry (a, b) of F_v^T F_u for maps (m, n_v) and (m, n_u) of an edge."""
+    total = 0.0
+    for k in range(m):
+        total += F[at_v + k * n_v + a] * F[at_u + k * n_u + b]
+    return total
+
+
 @allocating_jit
 def fill_block(t, place, columns, upper, sign, rows, diagonal, counting):
     """Fill a block of sign * L; return where its rows end, which counts what they need if all begin at 0.
@@ -392,16 +411,17 @@ def fill_block(t, place, columns, upper, sign, rows, diagonal, counting):
     Columns are walked in order and append themselves to the rows that they meet: rows come out sorted without sorting.
 
     Args:
-        place: first row of each vertex, or -1 where it has none, shape (V,).
-        columns: vertices of the columns, in order.
-        upper: whether to keep only what lies above the diagonal, and to put the diagonal into `diagonal`.
-        sign: a factor.
+        t: The edge table.
+        place: First row of each vertex, or -1 where it has none, shape (V,).
+        columns: Vertices of the columns, in order.
+        upper: True keeps only what lies above the diagonal, and puts the diagonal into `diagonal`.
+        sign: A factor.
         rows: (indptr, indices, values), compressed rows; values are zero before.
-        diagonal: shape (rows,), zero before; not touched unless `upper`.
-        counting: whether to count alone, and to fill nothing.
+        diagonal: Shape (rows,), zero before; not touched unless `upper`.
+        counting: True counts alone, and fills nothing.
     """
     _, column, tail, head, _, size, F, at_tail, at_head, first, incident = t
-    indptr, indices, values = rows
+    indptr, _, values = rows
     last = np.full(len(place), -1, dtype=np.int64)
     end = indptr[:-1].copy()  # of what each row has so far
     start = indptr[:-1].copy()  # of the row's newest block
@@ -412,33 +432,25 @@ def fill_block(t, place, columns, upper, sign, rows, diagonal, counting):
             e = incident[at]
             from_tail = tail[e] == u
             at_u = at_tail[e] if from_tail else at_head[e]
-            for own in range(2):
-                v = u if own == 1 else (head[e] if from_tail else tail[e])
+            for own in (False, True):
+                v = u if own else (head[e] if from_tail else tail[e])
                 if place[v] < 0 or (upper and place[v] > begin):
                     continue
                 n_v = column[v + 1] - column[v]
-                at_v = at_tail[e] if from_tail == (own == 1) else at_head[e]
-                factor = sign if own == 1 else -sign
-                new = last[v] != u
-                last[v] = u
+                at_v = at_tail[e] if from_tail == own else at_head[e]
+                factor = sign if own else -sign
                 for a in range(n_v):
                     row = place[v] + a
                     skip = min(max(row + 1 - begin, 0), n_u) if upper else 0
-                    if new:
-                        start[row] = end[row]
-                        end[row] += n_u - skip
-                        for b in range(n_u if counting else skip, n_u):
-                            indices[start[row] + b - skip] = begin + b
-                    for b in range(n_u if counting else max(skip - 1, 0), n_u):
-                        if b < skip and row != begin + b:
-                            continue
-                        total = 0.0
-                        for k in range(size[e]):
-                            total += F[at_v + k * n_v + a] * F[at_u + k * n_u + b]
-                        if b < skip:
-                            diagonal[row] += factor * total
-                        else:
-                            values[start[row] + b - skip] += factor * total
+                    if last[v] != u:
+                        _open_row(row, begin, skip, n_u, rows, start, end, counting)
+                    if counting:
+                        continue
+                    if skip > 0 and row == begin + skip - 1:  # the diagonal is the last that is skipped
+                        diagonal[row] += factor * _inner_product(F, size[e], at_v, n_v, at_u, n_u, a, skip - 1)
+                    for b in range(skip, n_u):
+                        values[start[row] + b - skip] += factor * _inner_product(F, size[e], at_v, n_v, at_u, n_u, a, b)
+                last[v] = u
         begin += n_u
     return end
 

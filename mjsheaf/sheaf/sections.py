@@ -49,64 +49,88 @@ class Forest(NamedTuple):
 
 
 @inline_jit
-def _carry(t, e, u, w, work):
-    """Fill M = F_w^+ F_u (n_w, n_u); return bounds (a, b) of |M| and |F_w^+|, or (-1, -1) where F_w is not injective.
-
-    Bounds are tight for multiples of isometries: Gershgorin's on F_w^T F_w and on M^T M, or the Frobenius norm. M is
-    work[0].
-    """
-    F, m, n, n_u = t.F, t.size[e], t.column[w + 1] - t.column[w], t.column[u + 1] - t.column[u]
-    at_u, at_w = (t.at_tail[e], t.at_head[e]) if w == t.head[e] else (t.at_head[e], t.at_tail[e])
-    if m < n:
-        return -1.0, -1.0
-    M, L, column = work[0], work[1], work[2, 0]
-    largest, gershgorin = 0.0, np.inf
+def _gram_matrix(F, at, m, n, L):
+    """Fill L with F^T F of the map (m, n) that begins at `at`."""
     for a in range(n):
         for b in range(a + 1):
             L[a, b] = 0.0
             for k in range(m):
-                L[a, b] += F[at_w + k * n + a] * F[at_w + k * n + b]
+                L[a, b] += F[at + k * n + a] * F[at + k * n + b]
             L[b, a] = L[a, b]
+
+
+@inline_jit
+def _gershgorin(L, n):
+    """Return bounds (largest, smallest) of the eigenvalues of the symmetric L (n, n)."""
+    largest = 0.0
+    smallest = np.inf
     for a in range(n):
         off = 0.0
         for b in range(n):
             off += abs(L[a, b]) if b != a else 0.0
-        largest, gershgorin = max(largest, L[a, a] + off), min(gershgorin, L[a, a] - off)
-    # Where Gershgorin's bound is poor, 1 / |L^-1|_F^2 is another of the smallest eigenvalue of L L^T.
-    inverse, begin = 0.0, n if gershgorin > 0.5 * largest else 0
+        largest = max(largest, L[a, a] + off)
+        smallest = min(smallest, L[a, a] - off)
+    return largest, smallest
+
+
+@inline_jit
+def _factorise(L, n, tolerance):
+    """Replace L by its Cholesky factor; return False if a pivot is not above the tolerance."""
     for a in range(n):
         for b in range(a + 1):
             for k in range(b):
                 L[a, b] -= L[a, k] * L[b, k]
             if b < a:
                 L[a, b] /= L[b, b]
-        if not L[a, a] > 1e-14 * largest:
-            return -1.0, -1.0
+        if not L[a, a] > tolerance:
+            return False
         L[a, a] = np.sqrt(L[a, a])
-    for c in range(begin, n + n_u):  # columns of L^-1, then those of M
+    return True
+
+
+@inline_jit
+def _substitute(L, n, column):
+    """Replace a column by L^-1 times it."""
+    for a in range(n):
+        for k in range(a):
+            column[a] -= L[a, k] * column[k]
+        column[a] /= L[a, a]
+
+
+@inline_jit
+def _inverse_norm(L, n, column):
+    """Return the square of the Frobenius norm of L^-1."""
+    total = 0.0
+    for c in range(n):
         for a in range(n):
-            if c < n:
-                column[a] = 1.0 if a == c else 0.0
-            else:
-                column[a] = 0.0
-                for k in range(m):
-                    column[a] += F[at_w + k * n + a] * F[at_u + k * n_u + c - n]
-            for k in range(a):
-                column[a] -= L[a, k] * column[k]
+            column[a] = 1.0 if a == c else 0.0
+        _substitute(L, n, column)
+        for a in range(n):
+            total += column[a] ** 2
+    return total
+
+
+@inline_jit
+def _solve_map(F, at_w, at_u, m, n, n_u, L, column, M):
+    """Fill M (n, n_u) with (F_w^T F_w)^-1 F_w^T F_u, given the Cholesky factor L."""
+    for c in range(n_u):
+        for a in range(n):
+            column[a] = 0.0
+            for k in range(m):
+                column[a] += F[at_w + k * n + a] * F[at_u + k * n_u + c]
+        _substitute(L, n, column)
+        for a in range(n - 1, -1, -1):
+            for k in range(a + 1, n):
+                column[a] -= L[k, a] * column[k]
             column[a] /= L[a, a]
-        if c < n:
-            for a in range(n):
-                inverse += column[a] ** 2
-        else:
-            for a in range(n - 1, -1, -1):
-                for k in range(a + 1, n):
-                    column[a] -= L[k, a] * column[k]
-                column[a] /= L[a, a]
-                M[a, c - n] = column[a]
-    smallest = gershgorin if begin == n else max(gershgorin, 1.0 / inverse)
-    if smallest < _LEAST_CONDITION**2 * largest:
-        return -1.0, -1.0
-    frobenius, rows = 0.0, 0.0
+            M[a, c] = column[a]
+
+
+@inline_jit
+def _norm_bound(M, n, n_u):
+    """Bound |M| (n, n_u) by Gershgorin's theorem on M^T M or by the Frobenius norm."""
+    frobenius = 0.0
+    rows = 0.0
     for b in range(n_u):
         row = 0.0
         for c in range(n_u):
@@ -116,7 +140,35 @@ def _carry(t, e, u, w, work):
             row += abs(total)
             frobenius += total if b == c else 0.0
         rows = max(rows, row)
-    return np.sqrt(min(frobenius, rows)), 1.0 / np.sqrt(smallest)
+    return np.sqrt(min(frobenius, rows))
+
+
+@inline_jit
+def _carry(t, e, u, w, work):
+    """Fill M = F_w^+ F_u (n_w, n_u); return bounds (a, b) of |M| and |F_w^+|, or (-1, -1) where F_w is not injective.
+
+    Bounds are tight for multiples of isometries: Gershgorin's on F_w^T F_w and on M^T M, or the Frobenius norm. M is
+    work[0].
+    """
+    F = t.F
+    m = t.size[e]
+    n = t.column[w + 1] - t.column[w]
+    n_u = t.column[u + 1] - t.column[u]
+    at_u, at_w = (t.at_tail[e], t.at_head[e]) if w == t.head[e] else (t.at_head[e], t.at_tail[e])
+    if m < n:
+        return -1.0, -1.0
+    M, L, column = work[0], work[1], work[2, 0]
+    _gram_matrix(F, at_w, m, n, L)
+    largest, smallest = _gershgorin(L, n)
+    if not _factorise(L, n, 1e-14 * largest):
+        return -1.0, -1.0
+    # Where Gershgorin's bound is poor, 1 / |L^-1|_F^2 is another of the smallest eigenvalue of L L^T.
+    if not smallest > 0.5 * largest:
+        smallest = max(smallest, 1.0 / _inverse_norm(L, n, column))
+    if smallest < _LEAST_CONDITION**2 * largest:
+        return -1.0, -1.0
+    _solve_map(F, at_w, at_u, m, n, n_u, L, column, M)
+    return _norm_bound(M, n, n_u), 1.0 / np.sqrt(smallest)
 
 
 @jit
@@ -125,6 +177,18 @@ def _root(up, v):
         up[v] = up[up[v]]
         v = up[v]
     return v
+
+
+@allocating_jit
+def _connect(tail, head, free):
+    """Return by vertex a vertex closer to the root of its component of free vertices, as `_root` reads it."""
+    component = np.arange(len(free))
+    for e in range(len(tail)):
+        if free[tail[e]] and free[head[e]]:
+            i = _root(component, tail[e])
+            j = _root(component, head[e])
+            component[max(i, j)] = min(i, j)
+    return component
 
 
 @allocating_jit
@@ -164,13 +228,9 @@ def _grow(t, free, by_dimension, work):
                     reach[w] = a[w] * reach[u] + b[w]
                     order[grown] = w
                     grown += 1
-
-    component = np.arange(count)
-    for e in range(len(tail)):
-        if free[tail[e]] and free[head[e]]:
-            i, j = _root(component, tail[e]), _root(component, head[e])
-            component[max(i, j)] = min(i, j)
-    rows, columns = np.zeros(count), np.zeros(count)
+    component = _connect(tail, head, free)
+    rows = np.zeros(count)
+    columns = np.zeros(count)
     below = np.ones(count)  # what a unit at a vertex adds to its tree, itself included
     for at in range(grown - 1, held - 1, -1):
         v = order[at]
