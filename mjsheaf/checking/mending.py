@@ -225,49 +225,74 @@ def plan_augmentation(team: Team) -> Augmentation | None:
         return None
     states = free.shape[0]
     owner, moving_axis = np.divmod(team.slots[:states], 3)
+    choices, count, certain = _list_choices(team, free, owner)
+    # A candidate has one row for each axis, and holds nothing along an axis in which no agent moves.
+    axes = len(np.unique(moving_axis[free.indices]))
+    certain |= len(choices[0]) == math.ceil(r / axes)
+    (lambda_min, chosen), *others = _compare(team, choices, states)
+    linked = {pair for e in team.communication + team.sensing for pair in ((e.tail, e.head), (e.head, e.tail))}
+    repairs = [
+        Repair(
+            kind=x.kind,
+            description=x.describe(team, linked),
+            nullity_reduction=int(np.linalg.matrix_rank((edge_rows(team, [x]) @ free).toarray(), tol=_RANK)),
+            lambda_min_alone=lambda_min if len(chosen) == 1 else 0.0,
+            lambda_min_without=0.0,
+        )
+        for x in chosen
+    ]
+    return Augmentation(
+        needed=len(chosen),
+        exact=certain,
+        candidates=count,
+        repairs=repairs,
+        lambda_min=lambda_min,
+        alternatives=[[x.describe(team, linked) for x in other] for _, other in others[:_MOST_ALTERNATIVES]],
+    )
+
+
+def _list_choices(team: Team, free: sparse.csc_array, owner: IntArray) -> tuple[list[Choice], int, bool]:
+    """List sets of candidates that hold all free directions.
+
+    Args:
+        team: The team.
+        free: Basis of the free directions, shape (n, r).
+        owner: Agent that each state belongs to, shape (n,).
+
+    Returns:
+        Sets of one size, of which the first is likely the best; the number of candidates; and True if it is certain
+        that no smaller set exists.
+    """
     still = by_dimension(team.agents, np.setdiff1d(np.arange(len(team.agents)), owner[free.indices]).tolist())
-    joint = r <= JOINT_DIMENSION and len(alike(team, free)) <= JOINT_CLASSES
+    joint = free.shape[1] <= JOINT_DIMENSION and len(alike(team, free)) <= JOINT_CLASSES
     parts = [free] if joint else _parts(free, owner)
-    certain, count, choices = len(parts) == 1, 0, list[Choice]()
+    certain = len(parts) == 1
+    count = 0
+    choices: list[Choice] = []
     for part in parts:
         classes = alike(team, part)
         groups = group_candidates(team, classes, still, links=len(classes) <= JOINT_CLASSES)
         count += sum(len(agents) * len(ends) for group in groups for _, agents, ends in group.blocks)
         combinations, smallest = smallest_combinations(groups, part.shape[1])
         certain &= smallest and len(classes) <= JOINT_CLASSES
-        if len(parts) == 1 and states <= RANKED_STATES:
-            choices = _ranked(team, free, groups, combinations)
-        else:
-            first = tuple(groups[k].members(1)[0] for k in combinations[0])
-            choices = [choices[0] + first if choices else first]
-    # A candidate has one row for each axis, and holds nothing along an axis in which no agent moves.
-    axes = len(np.unique(moving_axis[free.indices]))
-    certain |= len(choices[0]) == math.ceil(r / axes)
+        if len(parts) == 1 and free.shape[0] <= RANKED_STATES:
+            return _ranked(team, free, groups, combinations), count, certain
+        first = tuple(groups[k].members(1)[0] for k in combinations[0])
+        choices = [choices[0] + first if choices else first]
+    return choices, count, certain
 
-    most = next((most for limit, most in COMPARED if states <= limit), 1)
-    coboundary, added = agent_coboundary(team), ((edge_rows(team, x), x) for x in choices[:most])
-    compared = [(smallest_eigenvalue(*(sparse.vstack([y, C]).tocsr() for y in coboundary)), x) for C, x in added]
+
+def _compare(team: Team, choices: Sequence[Choice], states: int) -> list[tuple[float, Choice]]:
+    """Compute lambda_min of H with each of the first sets of candidates, and sort by it, the largest first."""
+    number = next((number for limit, number in COMPARED if states <= limit), 1)
+    coboundary = agent_coboundary(team)
+    compared = []
+    for choice in choices[:number]:
+        C = edge_rows(team, choice)
+        augmented = (sparse.vstack([y, C]).tocsr() for y in coboundary)
+        compared.append((smallest_eigenvalue(*augmented), choice))
     scale = max(value for value, _ in compared) or 1.0
-    compared.sort(key=lambda pair: (-round(pair[0] / scale, 9), _preference(pair[1])))
-    lambda_min, chosen = compared[0]
-    linked = {pair for e in team.communication + team.sensing for pair in ((e.tail, e.head), (e.head, e.tail))}
-    return Augmentation(
-        needed=len(chosen),
-        exact=certain,
-        candidates=count,
-        repairs=[
-            Repair(
-                kind=x.kind,
-                description=x.describe(team, linked),
-                nullity_reduction=int(np.linalg.matrix_rank((edge_rows(team, [x]) @ free).toarray(), tol=_RANK)),
-                lambda_min_alone=lambda_min if len(chosen) == 1 else 0.0,
-                lambda_min_without=0.0,
-            )
-            for x in chosen
-        ],
-        lambda_min=lambda_min,
-        alternatives=[[x.describe(team, linked) for x in other] for _, other in compared[1 : 1 + _MOST_ALTERNATIVES]],
-    )
+    return sorted(compared, key=lambda pair: (-round(pair[0] / scale, 9), _preference(pair[1])))
 
 
 def _parts(free: sparse.csc_array, owner: IntArray) -> list[sparse.csc_array]:

@@ -295,6 +295,52 @@ def _lead(setting, t, x, velocity, bound):
         bound.gap[v] = np.sqrt(total)
 
 
+@inline_jit
+def _accepted_step(follow, setting, run, t, h, x, bound):
+    """Take the longest step of at most h, s, that passes; return it and its error, or 0 if no step is short enough."""
+    error = np.inf
+    while not error < 1.0:
+        if not h > 1e-14 * max(run.period, abs(t)):  # also where it is NaN
+            return 0.0, error
+        if not _bound_speeds(setting, run.medium, follow is not None, h, x, bound):
+            h *= 0.5
+            continue
+        error = take_step(follow, run, t, h, x, 0, x.shape[0])
+        if not error < 1.0:
+            h *= max(0.2, 0.9 * error**-0.2) if error < 1e300 else 0.2
+    return h, error
+
+
+@inline_jit
+def _add_drift(run, slope, cells, count, second):
+    """Put half of f_p at the present time into a cell, or add the second half; f_p is x' without the disturbance."""
+    for v in range(slope.shape[0]):
+        w = disturbance_velocity(run.medium.harmonics, run.sines, v)
+        for i in range(3):
+            first_half = cells.drift[count, v, i] if second else 0.0
+            cells.drift[count, v, i] = first_half + 0.5 * (slope[v, i] - w[i])
+
+
+@inline_jit
+def _fill_cell(setting, run, h, x, bound, cells, count):
+    """Fill a cell with a step from x to run.state, and put x there."""
+    for v in range(x.shape[0]):
+        cells.bend[count, v] = 0.125 * h * h * (bound.D[v] + setting.shake[v])
+        cells.spread[count, v] = 0.5 * h * bound.D[v]
+        cells.slope[count, v] = bound.slope[v]
+        for i in range(3):
+            cells.centre[count, v, i] = 0.5 * (x[v, i] + run.state[v, i])
+            cells.half[count, v, i] = 0.5 * (run.state[v, i] - x[v, i])
+            x[v, i] = run.state[v, i]
+
+
+@inline_jit
+def _copy(x, out):
+    for v in range(x.shape[0]):
+        for i in range(3):
+            out[v, i] = x[v, i]
+
+
 @jit
 def _follow(follow, setting, run, x, bound, cells, samples):
     """Follow the targets until the end, until the cells are full, or until no step is short enough.
@@ -302,35 +348,25 @@ def _follow(follow, setting, run, x, bound, cells, samples):
     `follow` is the setting's `control` where the law is continuous, None where it is held; run is the integrator.
     Returned are how many cells there are, and how far they lead: the last sample, and the time since then, s.
     """
-    control, share, times, stride = setting.control, setting.share, setting.times, setting.stride
-    M, medium, period = x.shape[0], run.medium, run.period
+    times = setting.times
+    period = run.period
     k, done, step, count = 0, 0.0, run.period, 0
     while k < len(times) - 1:
         if done == 0.0 and follow is None:
-            evaluate_law(control, times[k], x, None, run.memory)
+            evaluate_law(setting.control, times[k], x, None, run.memory)
         while done < period:
             t = times[k] + done
-            slope_of(follow, run, t, x, 0, M, run.slope[0])
-            h = min(min(step, share * setting.turn), period - done)
-            h = _shortened(setting, medium, h, x, run.slope[0], bound)
+            slope_of(follow, run, t, x, 0, x.shape[0], run.slope[0])
+            h = min(min(step, setting.share * setting.turn), period - done)
+            h = _shortened(setting, run.medium, h, x, run.slope[0], bound)
             if count == len(cells.begin):
                 return count, k, done
-            for v in range(M):  # f_p at t, while the sines are those of t
-                w = disturbance_velocity(medium.harmonics, run.sines, v)
-                for i in range(3):
-                    cells.drift[count, v, i] = 0.5 * (run.slope[0, v, i] - w[i])
+            _add_drift(run, run.slope[0], cells, count, False)  # while the sines are those of t
             if h > _NEARLY * (period - done):  # so that no sliver is left
                 h = period - done
-            error = np.inf
-            while not error < 1.0:
-                if not h > 1e-14 * max(period, abs(t)):  # also where it is NaN
-                    return count, k, done
-                if _bound_speeds(setting, medium, follow is not None, h, x, bound):
-                    error = take_step(follow, run, t, h, x, 0, M)
-                    if not error < 1.0:
-                        h *= max(0.2, 0.9 * error**-0.2) if error < 1e300 else 0.2
-                else:
-                    h *= 0.5
+            h, error = _accepted_step(follow, setting, run, t, h, x, bound)
+            if h == 0.0:
+                return count, k, done
             if follow is not None:
                 _lead(setting, t, x, run.slope[0], bound)
                 _tighten(setting, h, run.slope[0], bound)
@@ -339,23 +375,13 @@ def _follow(follow, setting, run, x, bound, cells, samples):
             last = h >= period - done
             cells.begin[count] = t
             cells.end[count] = times[k + 1] if last else t + h
-            for v in range(M):
-                w = disturbance_velocity(medium.harmonics, run.sines, v)  # those of t + h
-                cells.bend[count, v] = 0.125 * h * h * (bound.D[v] + setting.shake[v])
-                cells.spread[count, v] = 0.5 * h * bound.D[v]
-                cells.slope[count, v] = bound.slope[v]
-                for i in range(3):
-                    cells.drift[count, v, i] += 0.5 * (run.slope[6, v, i] - w[i])
-                    cells.centre[count, v, i] = 0.5 * (x[v, i] + run.state[v, i])
-                    cells.half[count, v, i] = 0.5 * (run.state[v, i] - x[v, i])
-                    x[v, i] = run.state[v, i]
+            _add_drift(run, run.slope[6], cells, count, True)  # the sines are those of t + h
+            _fill_cell(setting, run, h, x, bound, cells, count)
             count += 1
             done = period if last else done + h
         k, done = k + 1, 0.0
-        if k % stride == 0:
-            for v in range(M):
-                for i in range(3):
-                    samples[k // stride, v, i] = x[v, i]
+        if k % setting.stride == 0:
+            _copy(x, samples[k // setting.stride])
     return count, k, done
 
 
