@@ -1,6 +1,7 @@
 """The figures of a run: errors over time and by agent, trajectories, first and last configuration."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from textwrap import wrap
 from typing import Any
 
@@ -76,6 +77,63 @@ def figures_of(
     }
 
 
+_EVERYONE: dict[str, Any] = {"color": "black", "linewidth": 1.5}
+_BOUND: dict[str, Any] = {"color": "black", "linewidth": 1.2, "linestyle": (0, (3, 1.2))}
+_EVENT: dict[str, Any] = {"color": "#6B7280", "linewidth": 0.9, "linestyle": (0, (4, 3))}
+
+
+@dataclass(frozen=True)
+class _Panel:
+    """An error over time, of groups and of the whole team.
+
+    Attributes:
+        title, label: Title of the panel, and label of its vertical axis.
+        groups: Error of each group by its number, shape (T,), m.
+        team: Error of the whole team, shape (T,), m.
+        bound: Bound on the error of the whole team, shape (T,), m; None without one.
+    """
+
+    title: str
+    label: str
+    groups: dict[int, Array]
+    team: Array
+    bound: Array | None = None
+
+    def draw(self, axis: Any, time: Array, styles: dict[int, dict[str, Any]]) -> None:
+        """Draw the curves; those of groups only if there are several."""
+        for k, values in self.groups.items() if len(styles) > 1 else ():
+            axis.plot(time, values, **styles[k])
+        axis.plot(time, self.team, **_EVERYONE)
+        drawn = [*self.groups.values(), self.team]
+        if self.bound is not None:
+            axis.plot(time, self.bound, **_BOUND)
+            drawn.append(self.bound)
+        log_axis(axis, "y", np.concatenate(drawn))
+        label_axes(axis, self.title, y=self.label)
+        axis.set_xlim(*_span(time))
+
+
+def _error_panels(team: Team, dataset: xr.Dataset, members: dict[int, BoolArray], bound: Array | None) -> list[_Panel]:
+    """List the panels of errors over time; `members` says by group which agents belong to it."""
+    eta = dataset["disagreement"].values
+    squares = dataset["tracking_error"].values ** 2
+    tracking = {k: np.sqrt(mean_known(squares[:, chosen])) for k, chosen in members.items()}
+    disagreement = {k: mean_known(eta[:, chosen]) for k, chosen in members.items()}
+    panels = [
+        _Panel("disagreement", "mean |η| (m)", disagreement, mean_known(eta)),
+        _Panel("tracking error |q* − q|", "RMS over agents (m)", tracking, np.sqrt(mean_known(squares)), bound),
+    ]
+    of_groups = {
+        "formation_error": ("formation error", "RMS edge residual (m)"),
+        "centering_error": ("centering error; team: the largest", "centroid off its place (m)"),
+    }
+    if any(not np.isnan(dataset[name].values).all() for name in of_groups):
+        for name, (title, label) in of_groups.items():
+            groups = dict(enumerate(dataset[f"group_{name}"].values.T)) if team.formations else {}
+            panels.append(_Panel(title, label, groups, dataset[name].values))
+    return panels
+
+
 def draw_errors(
     team: Team, dataset: xr.Dataset, bound: tuple[str, Array] | None = None, options: FigureOptions = AS_USUAL
 ) -> Figure:
@@ -84,80 +142,63 @@ def draw_errors(
     The last two panels show which agents are worst: their curves, and all agents by their error over the last half.
 
     Args:
-        team: the team.
-        dataset: the run, thinned to what can be seen.
-        bound: a name, and a bound on |e(t)|, shape (T,), m; drawn where given, over sqrt(N) as the error is.
-        options: how figures are written.
+        team: The team.
+        dataset: The run, thinned to what can be seen.
+        bound: A name, and a bound on |e(t)|, shape (T,), m; drawn where given, over sqrt(N) as the error is.
+        options: How figures are written.
     """
     groups, names, colours = groups_of(team)
     agents = groups[: len(team.agents)]
-    kept, all_of_it = thin(dataset.sizes["time"], _MOST_POINTS), dataset
-    dataset = dataset.isel(time=kept)
-    time = dataset["time"].values
-    eta, tracking = dataset["disagreement"].values, dataset["tracking_error"].values
-    of_groups = {
-        "formation": ("formation error", "RMS edge residual (m)"),
-        "centering": ("centering error; team: the largest", "centroid off its place (m)"),
-    }
-    grouped = any(not np.isnan(dataset[f"{name}_error"].values).all() for name in of_groups)
-    rows, linked = 3 if grouped else 2, "arrival" in dataset
-    title = _title(dataset, "errors over time")
-    figure = new_figure(WIDTH, 0.6 + 2.3 * rows + 1.4 * linked, title, options)
-    grid = figure.add_gridspec(rows + linked, 2, height_ratios=[1.0] * rows + [0.45] * linked)
-    panels = np.array([[figure.add_subplot(grid[row, column]) for column in (0, 1)] for row in range(rows)])
-    if linked:
-        _plot_arrival(figure.add_subplot(grid[rows, :]), all_of_it)
+    shown = thin(dataset.sizes["time"], _MOST_POINTS)
+    curves = dataset.isel(time=shown)
+    time = curves["time"].values
     members = {k: agents == k for k in sorted(set(agents.tolist()))}
+    limit = None if bound is None else bound[1][shown] / np.sqrt(team.present.sum())
+    panels = _error_panels(team, curves, members, limit)
+    rows = len(panels) // 2 + 1
+    linked = "arrival" in dataset
+    figure = new_figure(WIDTH, 0.6 + 2.3 * rows + 1.4 * linked, _title(dataset, "errors over time"), options)
+    grid = figure.add_gridspec(rows + linked, 2, height_ratios=[1.0] * rows + [0.45] * linked)
+    axes = [figure.add_subplot(grid[row, column]) for row in range(rows) for column in (0, 1)]
+    if linked:
+        _plot_arrival(figure.add_subplot(grid[rows, :]), dataset)
     styles = {k: {"color": colours[k], "linestyle": DASHES[k % len(DASHES)], "linewidth": 1.0} for k in members}
-    everyone = {"color": "black", "linewidth": 1.5}
-
-    def draw(
-        axis: Any, title: str, label: str, own: dict[int, Array], whole: Array, limit: Array | None = None
-    ) -> None:
-        """Draw an error of the groups and of the whole team, and a bound on the latter."""
-        for k, values in own.items() if len(members) > 1 else ():
-            axis.plot(time, values, **styles[k])
-        axis.plot(time, whole, **everyone)
-        drawn = [*own.values(), whole]
-        if limit is not None:
-            axis.plot(time, limit, **_BOUND)
-            drawn.append(limit)
-        log_axis(axis, "y", np.concatenate(drawn))
-        label_axes(axis, title, y=label)
-        axis.set_xlim(*_span(time))
-
-    own = {k: mean_known(eta[:, chosen]) for k, chosen in members.items()}
-    draw(panels[0, 0], "disagreement", "mean |η| (m)", own, mean_known(eta))
-    own = {k: np.sqrt(mean_known(tracking[:, chosen] ** 2)) for k, chosen in members.items()}
-    limit = None if bound is None else bound[1][kept] / np.sqrt(team.present.sum())
-    draw(panels[0, 1], "tracking error |q* − q|", "RMS over agents (m)", own, np.sqrt(mean_known(tracking**2)), limit)
-    for axis, (name, (title, label)) in zip(panels[1] if grouped else (), of_groups.items(), strict=False):
-        own = dict(enumerate(dataset[f"group_{name}_error"].values.T)) if team.formations else {}
-        draw(axis, title, label, own, dataset[f"{name}_error"].values)
-    half = tracking[time >= (time[0] + time[-1]) / 2]
-    there = ~np.isnan(tracking[-1])
-    late = np.where(there, np.sqrt(mean_known(half.T**2)), np.nan)
-    order = np.argsort(np.where(there, -late, np.inf), kind="stable")[: int(there.sum())]
-    keys = _draw_agents(panels[-1, 0], team, time, tracking, order, colours[agents])
-    _draw_ranking(panels[-1, 1], team, half, late, order, agents)
-    for axis in panels.flat[:-1]:
-        mark_events(axis, dataset)
-    panels[-1, 0].set_xlabel("time (s)", fontsize=NORMAL)
-    if bound is not None:
-        keys.insert(0, key(f"{bound[0]} / √N", **_BOUND))
-    keys.insert(0, key("whole team", **everyone))
-    if len(members) > 1:
-        marks = {k: {"marker": marker_of(k, names), "markersize": 4.5} for k in members}
-        keys = [*(key(names[k], **styles[k], **marks[k]) for k in [*members][:_MOST_KEYS]), *keys]
+    for axis, panel in zip(axes, panels, strict=False):
+        panel.draw(axis, time, styles)
+    curves_axis, ranking_axis = axes[-2:]
+    tracking = curves["tracking_error"].values
+    late = _late_error(time, tracking)
+    known = ~np.isnan(late)
+    order = np.argsort(np.where(known, -late, np.inf), kind="stable")[: int(known.sum())]
+    keys = _draw_agents(curves_axis, team, time, tracking, order, colours[agents])
+    _draw_ranking(ranking_axis, team, tracking[_last_half(time)], late, order, agents)
+    curves_axis.set_xlabel("time (s)", fontsize=NORMAL)
+    for axis in axes[:-1]:
+        mark_events(axis, curves)
+    shown_groups = [*members][:_MOST_KEYS] if len(members) > 1 else []
+    keys_of_groups = [key(names[k], **styles[k], marker=marker_of(k, names), markersize=4.5) for k in shown_groups]
+    bound_keys = [] if bound is None else [key(f"{bound[0]} / √N", **_BOUND)]
     events = _events_in_words(dataset)
-    keys += [key("events", **_EVENT)] if events else []
-    legend_below(figure, keys, 6, title=events)
+    event_keys = [key("events", **_EVENT)] if events else []
+    legend = [*keys_of_groups, key("whole team", **_EVERYONE), *bound_keys, *keys, *event_keys]
+    legend_below(figure, legend, 6, title=events)
     settle(figure)
-    spread_ends(panels[-1, 0])
+    spread_ends(curves_axis)
     if len(order) > _MOST_RANKED:
         places = np.column_stack([np.arange(1, len(order) + 1), late[order]])
-        place_names(panels[-1, 1], [team.agents[i].id for i in order[:_WORST]], places[:_WORST], places)
+        place_names(ranking_axis, [team.agents[i].id for i in order[:_WORST]], places[:_WORST], places)
     return figure
+
+
+def _last_half(time: Array) -> BoolArray:
+    """Return which samples are in the last half of a run."""
+    return np.asarray(time >= (time[0] + time[-1]) / 2)
+
+
+def _late_error(time: Array, tracking: Array) -> Array:
+    """Return each agent's error (T, N), RMS over the last half, shape (N,), m; NaN if it is absent at the end."""
+    late = np.sqrt(mean_known(tracking[_last_half(time)].T ** 2))
+    return np.where(np.isnan(tracking[-1]), np.nan, late)
 
 
 def _plot_arrival(axis: Any, dataset: xr.Dataset) -> None:
@@ -231,10 +272,6 @@ def _span(time: Array) -> tuple[float, float]:
     start, end = float(time[0]), float(time[-1])
     room = 0.01 * (end - start) or 0.5
     return start - room, end + room
-
-
-_BOUND: dict[str, Any] = {"color": "black", "linewidth": 1.2, "linestyle": (0, (3, 1.2))}
-_EVENT: dict[str, Any] = {"color": "#6B7280", "linewidth": 0.9, "linestyle": (0, (4, 3))}
 
 
 def mark_events(axis: Any, dataset: xr.Dataset) -> None:
