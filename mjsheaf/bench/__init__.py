@@ -7,10 +7,12 @@ taken from turns, one right after the other, so that both meet the same clock fr
 
 import os
 import platform
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from importlib import import_module
 from importlib.metadata import version
+from pathlib import Path
 from time import perf_counter, thread_time
 from typing import Any, TypeVar
 
@@ -21,19 +23,24 @@ from mjsheaf.scenario import Scenario, load_scenario
 T = TypeVar("T")
 
 TOPICS = {
-    "startup": "processes",
-    "ideal": "simulations",
-    "loop": "simulations",
-    "fused": "simulations",
-    "threads": "simulations",
-    "peers": "simulations",
-    "hardware": "hardware",
-    "assembly": "simulations",
-    "sheaf": "sheaf",
-    "video": "processes",
-    "memory": "processes",
+    "startup": "benchmarks.processes",
+    "ideal": "mjsheaf.bench.simulations",
+    "loop": "mjsheaf.bench.simulations",
+    "fused": "mjsheaf.bench.simulations",
+    "threads": "mjsheaf.bench.simulations",
+    "peers": "benchmarks.peers",
+    "hardware": "benchmarks.hardware",
+    "assembly": "mjsheaf.bench.simulations",
+    "sheaf": "mjsheaf.bench.sheaf",
+    "video": "benchmarks.processes",
+    "memory": "benchmarks.processes",
 }
-"""Each is a function `topic(short) -> list[Row]` in the module here that is named; `short` takes fewer repetitions."""
+"""Module of each topic, a function `topic(short) -> list[Row]`; `short` takes fewer repetitions.
+
+`benchmarks` is part of the source tree and is not installed with the package.
+"""
+
+_SOURCE_TREE = Path(__file__).resolve().parents[2]
 
 WANTED = {
     "startup": 0.3,
@@ -152,7 +159,7 @@ def run_bench(
     """Measure on this machine.
 
     Args:
-        topics: some of TOPICS; None takes all.
+        topics: some of TOPICS; None takes all that are installed.
         short: the short version of each, about two minutes in all.
         peers: a Python that has peers installed, for the topic of that name; None takes this one.
         progress: called with (what is measured, topics done, topics in all).
@@ -161,22 +168,39 @@ def run_bench(
         `machine`; `short`; `figures`: for each topic what was measured, to the figure; `rows`: the `Row`s.
 
     Raises:
-        InputError: an unknown topic, or peers without theirs, or a Python that measures none.
+        InputError: an unknown topic, or one that is not installed, or peers without theirs, or a Python that measures
+            none.
     """
+    available = [topic for topic, module in TOPICS.items() if _is_available(module)]
     for topic in topics or ():
         if topic not in TOPICS:
-            raise InputError(f"unknown topic {topic!r}; expected {', '.join(TOPICS)}")
-    chosen = [topic for topic in TOPICS if not topics or topic in topics]
+            raise InputError(f"unknown topic {topic!r}; expected {', '.join(available)}")
+        if topic not in available:
+            raise InputError(f"topic {topic!r} needs mjsheaf's source tree; expected {', '.join(available)}")
+    chosen = [topic for topic in available if not topics or topic in topics]
     if peers is not None and "peers" not in chosen:
         raise InputError(f"--peers {peers}: has no meaning without the topic peers; expected it among the topics")
     rows: list[Row] = []
     for done, topic in enumerate(chosen):
         progress("measuring", done, len(chosen))
-        measure = getattr(import_module(f"mjsheaf.bench.{TOPICS[topic]}"), topic)
+        measure = _load(topic)
         rows += measure(short, python=peers) if topic == "peers" else measure(short)
     progress("measuring", len(chosen), len(chosen))
     figures = {topic: {row.what: row.ours for row in rows if row.topic == topic} for topic in chosen}
     return {"machine": machine(), "short": short, "figures": figures, "rows": [asdict(row) for row in rows]}
+
+
+def _is_available(module: str) -> bool:
+    """Return True if a module of TOPICS is installed or in the source tree."""
+    return module.startswith("mjsheaf.") or (_SOURCE_TREE / f"{module.replace('.', '/')}.py").exists()
+
+
+def _load(topic: str) -> Callable[..., list[Row]]:
+    """Return the function that measures a topic."""
+    if str(_SOURCE_TREE) not in sys.path and not TOPICS[topic].startswith("mjsheaf."):
+        sys.path.append(str(_SOURCE_TREE))
+    measure: Callable[..., list[Row]] = getattr(import_module(TOPICS[topic]), topic)
+    return measure
 
 
 def machine() -> dict[str, Any]:

@@ -129,7 +129,8 @@ def bench(
 ) -> None:
     """Measure speed on this machine: each figure beside what it is held against, in about two minutes.
 
-    Topics: startup, ideal, loop, fused, threads, peers, hardware, assembly, sheaf, video, memory.
+    Topics: ideal, loop, fused, threads, assembly, sheaf; with mjsheaf's source tree also startup, peers, hardware,
+    video and memory.
     """
     from mjsheaf.bench import run_bench
 

@@ -2,9 +2,11 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
+from mjsheaf import bench
 from mjsheaf.bench import Row, simulations
 from tests.commands import call, one_line
 
@@ -40,3 +42,11 @@ def test_json_has_figures_rows_and_machine(full: bool, capsys: pytest.CaptureFix
 def test_an_unknown_topic_is_bad_input(capsys: pytest.CaptureFixture[str]) -> None:
     assert call("bench", "speed") == 2
     assert one_line(capsys.readouterr().err, "'speed'", "startup", "ideal", "loop")
+
+
+def test_a_topic_of_the_source_tree_is_refused_without_it(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(bench, "_SOURCE_TREE", tmp_path)
+    assert call("bench", "hardware") == 2
+    assert one_line(capsys.readouterr().err, "'hardware'", "source tree", "ideal")

@@ -7,16 +7,14 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks import counting, hardware, peers, processes
 from mjsheaf.bench import (
     TOPICS,
     Row,
     at_least,
     at_most,
     best,
-    counting,
-    hardware,
     informs,
-    processes,
     run_bench,
     simulations,
     swarm,
@@ -82,9 +80,9 @@ def test_assembly_and_peers_count_every_vehicle() -> None:
     (row,) = simulations.assembly(size=5)
     well_formed([row], "assembly")
     assert "6 vehicles" in row.what
-    rows = simulations.peers(short=True, sizes=(13,))
+    rows = peers.peers(short=True, sizes=(13,))
     well_formed(rows, "peers")
-    assert {row.note for row in rows} == {f"{peer}, measured elsewhere" for peer in simulations.PEERS}
+    assert {row.note for row in rows} == {f"{peer}, measured elsewhere" for peer in peers.PEERS}
     assert {row.what.split()[3].rstrip(",") for row in rows} == set(ENGINES)
 
 
@@ -93,13 +91,13 @@ def test_peers_that_another_python_has_are_measured_in_the_same_run(tmp_path: Pa
     python = tmp_path / "python"
     python.write_text("""#!/bin/sh\necho '{"crazyflow": {"13": 1.0}}'\n""")
     python.chmod(0o755)
-    assert simulations.measured_peers(str(python), (13,), True) == {"crazyflow": {13: 1.0}}
-    assert simulations.measured_peers(sys.executable, (13,), True) == {}
+    assert peers.measured_peers(str(python), (13,), True) == {"crazyflow": {13: 1.0}}
+    assert peers.measured_peers(sys.executable, (13,), True) == {}
     with refused(InputError, "no-such-python"):
-        simulations.measured_peers("no-such-python", (13,), True)
+        peers.measured_peers("no-such-python", (13,), True)
     for silent in ("/bin/false", "/bin/true", "/bin/echo"):
         with refused(InputError, silent):
-            simulations.measured_peers(silent, (13,), True)
+            peers.measured_peers(silent, (13,), True)
     with refused(InputError, "--peers", "topic"):
         run_bench(["hardware"], peers=sys.executable)
 
@@ -135,6 +133,6 @@ def test_the_table_gathers_topics_in_order() -> None:
     assert {row["topic"] for row in found["rows"]} == {"ideal"}
     assert found["machine"]["processors"] >= 1
     json.dumps(found)
-    assert all(callable(getattr(import_module(f"mjsheaf.bench.{module}"), topic)) for topic, module in TOPICS.items())
+    assert all(callable(getattr(import_module(module), topic)) for topic, module in TOPICS.items())
     with refused(InputError, "'speed'", "startup", "ideal"):
         run_bench(["speed"])

@@ -118,8 +118,9 @@ def video(short: bool = False, end: float | None = None) -> list[Row]:
     backend, reason = available_backend()
     if backend is None:
         return [informs("video", "run with video", None, note=reason)]
-    code = f"from mjsheaf.bench.processes import time_video; time_video({end or (10.0 if short else 50.0)})"
-    t = json.loads(_python("-c", code, MUJOCO_GL=backend).strip().splitlines()[-1])
+    code = f"from benchmarks.processes import time_video; time_video({end or (10.0 if short else 50.0)})"
+    root = Path(__file__).resolve().parents[1]  # where `benchmarks` is found
+    t = json.loads(_python("-c", code, MUJOCO_GL=backend, PYTHONPATH=str(root)).strip().splitlines()[-1])
     frames, run, bare = t["frames"], t["run_s"], t["frames"] * t["bare_s"]
     frame, bare_frame = 1e3 * t["frame_s"], 1e3 * t["bare_s"]
     drawn, most = "a frame, drawn and encoded, ms", WANTED["video"]

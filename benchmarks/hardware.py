@@ -5,12 +5,13 @@ import os
 import pickle
 import subprocess
 import sys
+from pathlib import Path
 from time import thread_time
 
 import numpy as np
 
+from benchmarks import counting
 from mjsheaf.bench import Row, best, informs, swarm
-from mjsheaf.bench.counting import touched
 from mjsheaf.errors import MjsheafError
 from mjsheaf.simulation.fused import Fused
 from mjsheaf.system import on_engine
@@ -34,7 +35,11 @@ def hardware(short: bool = False) -> list[Row]:
     found = operations(few)
     number = sum(sum(kinds.values()) for kinds in found.values())
     slow = sum(kinds.get(kind, 0.0) for kinds in found.values() for kind in ("quotients", "roots", "functions"))
-    arithmetic, bandwidth, moved = _arithmetic(repetitions), _bandwidth(repetitions), touched(bodies.compiled[0])
+    arithmetic, bandwidth, moved = (
+        _arithmetic(repetitions),
+        _bandwidth(repetitions),
+        counting.touched(bodies.compiled[0]),
+    )
     what = f"{_SIZE} tilted hexarotors"
     return [
         informs("hardware", f"{what}, operations a vehicle and step", number, note=f"{slow:.0f} no sum or product"),
@@ -57,7 +62,7 @@ def operations(bodies: Fused) -> dict[str, dict[str, float]]:
         MjsheafError: the process that counts failed.
     """
     done = subprocess.run(
-        [sys.executable, "-m", "mjsheaf.bench.counting"],
+        [sys.executable, str(Path(counting.__file__))],
         input=pickle.dumps(bodies.compiled),
         capture_output=True,
         env={**os.environ, "NUMBA_DISABLE_JIT": "1"},
