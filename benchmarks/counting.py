@@ -124,22 +124,24 @@ def _records(values: NDArray[np.void]) -> Any:
 
 def touched(loop: Loop) -> int:
     """Bytes of a vehicle that a step reads or writes, were none of them in a cache."""
-    harmonics = loop.medium.harmonics
-    read = [*harmonics, loop.fleet.bodies, loop.memory.command, loop.stopped, loop.medium.planar, loop.medium.rows]
-    changed = [loop.qpos, loop.qvel, loop.ctrl, loop.act, loop.sines]
-    return int(sum(x.nbytes for x in read) + 2 * sum(x.nbytes for x in changed)) // len(loop.fleet.bodies)
+    params, state = loop
+    medium = params.medium
+    bodies = params.fleet.bodies
+    read = [*medium.harmonics, bodies, state.memory.command, params.stopped, medium.planar, medium.rows]
+    changed = [state.qpos, state.qvel, state.ctrl, state.act, state.sines]
+    return int(sum(x.nbytes for x in read) + 2 * sum(x.nbytes for x in changed)) // len(bodies)
 
 
 def count(loop: Loop, motion: NDArray[np.void]) -> dict[str, dict[str, float]]:
     """Operations of a vehicle and step by kind: of the step itself, and of its share of the law."""
-    V, nothing = len(loop.fleet.bodies), Log(*[np.empty((0, 0, 0))] * len(Log._fields))
+    V, nothing = len(loop.params.fleet.bodies), Log(*[np.empty((0, 0, 0))] * len(Log._fields))
     ours, moved, found = counting(loop), counting(motion), {}
     counted.clear()
     advance_block(ours, moved, 0, V, 0, _STEPS, nothing, -1, np.zeros(V, dtype=np.int64))
     found["step"] = {kind: number / (_STEPS * V) for kind, number in counted.items()}
     counted.clear()
-    run_law(ours, loop.start + _STEPS * loop.timestep)
-    found["law"] = {kind: number / (loop.per_law * V) for kind, number in counted.items()}
+    run_law(ours, loop.params.start + _STEPS * loop.params.timestep)
+    found["law"] = {kind: number / (loop.params.per_law * V) for kind, number in counted.items()}
     return found
 
 

@@ -1,7 +1,7 @@
 """Types of arrays: numbers in SI units, numbers of things, and yes or no."""
 
 from collections.abc import Iterable
-from typing import Any
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +9,14 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
+
+T = TypeVar("T")
+OWN = "of each world"
+Own = Annotated[T, OWN]
+"""Field of a compiled struct that every world of a batch has for itself; worlds share the others.
+
+In a batch, its arrays have a first axis more, which counts worlds: see `mjsheaf.simulation.rows`.
+"""
 
 
 def freeze(values: Iterable[Any]) -> None:

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mjsheaf.arrays import Array, BoolArray, IntArray
+from mjsheaf.arrays import Array, BoolArray, IntArray, Own
 from mjsheaf.control import ControlArrays, LawArrays
 from mjsheaf.control.station import Station, no_station
 from mjsheaf.control.terms import TermArrays, cover
@@ -34,7 +34,7 @@ class MediumArrays(NamedTuple):
     planar: BoolArray
     kernels: Array
     rows: IntArray
-    harmonics: HarmonicArrays
+    harmonics: Own[HarmonicArrays]
 
 
 @inline_jit

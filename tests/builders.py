@@ -366,8 +366,8 @@ class AloneFused(Fused):
 
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario.phases, controller=lambda *_: self.wanted[None])
-        loop, V = self._loop, np.arange(len(self._vehicles))
-        self.data = SimpleNamespace(qpos=loop.qpos, qvel=loop.qvel, act=loop.act, ctrl=loop.ctrl)
+        state, V = self._loop.state, np.arange(len(self._vehicles))
+        self.data = SimpleNamespace(qpos=state.qpos, qvel=state.qvel, act=state.act, ctrl=state.ctrl)
         first = self._first_thruster
         self.arena = SimpleNamespace(vehicles=self._vehicles, qpos=7 * V, dof=6 * V, thruster=first)
 
@@ -446,9 +446,9 @@ def place(world: World, R: Array, velocity: Any = (0, 0, 0), rates: Any = (0, 0,
 
 def step_unpowered(world: World, count: int) -> None:
     """Step with the thrusters off."""
-    world._loop.stopped[:] = True
+    world._loop.params.stopped[:] = True
     world.step(count)
-    world._loop.stopped[:] = False
+    world._loop.params.stopped[:] = False
 
 
 def wrench(world: World) -> Array:

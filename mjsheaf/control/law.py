@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mjsheaf.arrays import Array, BoolArray, IntArray
+from mjsheaf.arrays import Array, BoolArray, IntArray, Own
 from mjsheaf.control.links import (
     LinkArrays,
     LinkMemory,
@@ -89,8 +89,8 @@ class LawArrays(NamedTuple):
     """
 
     edges: EdgeArrays
-    gain: Array
-    limit: Array
+    gain: Own[Array]
+    limit: Own[Array]
     supplied: int
     terms: TermArrays
     links: LinkArrays

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mjsheaf.arrays import Array, IntArray
+from mjsheaf.arrays import Array, IntArray, Own
 from mjsheaf.errors import InputError, in_field
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.noise import normal_of, stream_of, uniforms
@@ -85,7 +85,7 @@ class LinkArrays(NamedTuple):
     odometry: bool
     start: float
     period: float
-    seed: int
+    seed: Own[int]
     record: bool
 
 

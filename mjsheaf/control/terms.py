@@ -23,7 +23,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from mjsheaf.arrays import Array, BoolArray, IntArray
+from mjsheaf.arrays import Array, BoolArray, IntArray, Own
 from mjsheaf.control.rounds import (
     FEEDFORWARD,
     NEWTON,
@@ -135,7 +135,7 @@ class TermArrays(NamedTuple):
     largest: float
     noise: float
     bias: float
-    seed: int
+    seed: Own[int]
     streams: IntArray
     rounds: RoundArrays
 

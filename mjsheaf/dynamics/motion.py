@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import ConfigDict, Field
 from scipy.interpolate import BPoly, PPoly, make_interp_spline
 
-from mjsheaf.arrays import Array, IntArray
+from mjsheaf.arrays import Array, IntArray, Own
 from mjsheaf.errors import InputError, shortened
 from mjsheaf.io.section import NonNegative, Number, Point, Positive, Section, tagged
 from mjsheaf.jit import inline_jit
@@ -29,7 +29,7 @@ class MotionArrays(NamedTuple):
     """
 
     pull: Array
-    origin: Array
+    origin: Own[Array]
     amplitude: Array
     rate: Array
     phase: Array

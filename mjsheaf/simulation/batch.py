@@ -21,7 +21,7 @@ from mjsheaf.jit import inline_jit, jit
 from mjsheaf.simulation.fused import Fused, advance_block
 from mjsheaf.simulation.gate import Crew, wait
 from mjsheaf.simulation.loop import Loop, blow_up_of, run_law
-from mjsheaf.simulation.rows import Rows, mapped
+from mjsheaf.simulation.rows import Rows
 from mjsheaf.simulation.scores import (
     DISAGREEMENT,
     LATE_DISAGREEMENT,
@@ -67,23 +67,24 @@ def run_world(loop, motion, goal, scores, nothing, w, there, begin, end, block, 
         member, members: which of how many.
         gate: where they meet, a new one.
     """
-    V, N, meetings = loop.fleet.bodies.shape[0], goal.first.shape[0] - 1, 0
+    params = loop.params
+    V, N, meetings = params.fleet.bodies.shape[0], goal.first.shape[0] - 1, 0
     for n in range(begin, end):
         last = n + 1 == goal.samples
-        for part in range(1 if last else loop.per_sample // loop.per_law):
-            k = n * loop.per_sample + part * loop.per_law
+        for part in range(1 if last else params.per_sample // params.per_law):
+            k = n * params.per_sample + part * params.per_law
             if there and member == 0 and scores.ended[w, 0] < 0:
-                run_law(loop, loop.start + k * loop.timestep)
+                run_law(loop, params.start + k * params.timestep)
             if not meet(gate, meetings + 1, members):
                 return
             alive = there and scores.ended[w, 0] < 0
             if alive and part == 0:
                 for i in range(member, N, members):
-                    scores.squares[w, i] = square_error(goal, loop.x, i)
+                    scores.squares[w, i] = square_error(goal, loop.state.x, i)
             if alive and not last:
                 for first in range(member * block, V, members * block):
                     after = min(first + block, V)
-                    advance_block(loop, motion, first, after, k, loop.per_law, nothing, -1, scores.bad[w])
+                    advance_block(loop, motion, first, after, k, params.per_law, nothing, -1, scores.bad[w])
             if not meet(gate, meetings + 2, members):
                 return
             if alive and member == 0:
@@ -177,7 +178,7 @@ class Batch:
         which, several = _distinct(
             [np.full(T, np.inf)] * len(runs) if bounds is None else _checked(bounds, len(runs), T)
         )
-        self.goal: Goal = mapped(self.rows.in_numbers, goal_of(system, several))
+        self.goal: Goal = self.rows.in_numbers(goal_of(system, several))
         kind, linked = self.rows.values.dtype, len(system.law.links.of) > 0
         self.scores = Scores(
             bound=np.resize(which, W),
@@ -188,7 +189,7 @@ class Batch:
             found=np.zeros((W, 7), order=order),
             ended=np.full((W, 2), -1, dtype=np.int64, order=order),
         )
-        self.nothing = mapped(self.rows.in_numbers, new_log(0, system.law, actuators=len(self.rows.loop.ctrl)))
+        self.nothing = self.rows.in_numbers(new_log(0, system.law, actuators=self.rows.loop.state.ctrl.shape[1]))
 
     def __len__(self) -> int:
         return len(self._systems)
@@ -196,8 +197,8 @@ class Batch:
     @property
     def chunk(self) -> int:
         """Samples between two looks at whether to go on."""
-        loop = self.rows.loop
-        return max(1, AT_ONCE // (loop.per_sample * len(loop.fleet.bodies)))
+        params = self.rows.loop.params
+        return max(1, AT_ONCE // (params.per_sample * len(params.fleet.bodies)))
 
     def run(self, threads: int = 1, members: int = 1) -> None:
         """Run all worlds to their end; see `each`."""

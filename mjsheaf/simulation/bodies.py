@@ -51,7 +51,6 @@ from mjsheaf.arrays import Array, IntArray
 from mjsheaf.errors import InputError
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.simulation.trajectory import quaternions_of
-from mjsheaf.system import medium_velocity
 from mjsheaf.vehicles.actuators import AZIMUTH, CHANNEL, FIXED, aim, at_most, room_of, unit_wrench
 from mjsheaf.vehicles.allocation import allocate_nearest
 from mjsheaf.vehicles.authority import is_one_sided, turning_of
@@ -256,14 +255,6 @@ def _planar_wrenches(vehicle: Vehicle, norms: Array) -> Array:
     """Wrenches of efforts of 1 on the rows surge, sway and yaw, over the norms (3,) of those rows, shape (s, 3)."""
     W = vehicle.W[_PLANAR]
     return np.divide(W, norms[:, None], out=np.zeros_like(W), where=norms[:, None] > 0.0).T
-
-
-@inline_jit
-def velocity_through_medium(kind, body, medium, sines, v, qpos, qvel, R):
-    """Velocity of vehicle v through the medium, in body axes, (3,), m/s; R is its attitude, (9,)."""
-    a, d = body.qpos, body.dof
-    w = medium_velocity(medium, sines, v, qpos[a], qpos[a + 1], 0.0 if kind.planar else qpos[a + 2])
-    return to_body(R, subtract((qvel[d], qvel[d + 1], qvel[d + 2]), w))
 
 
 @inline_jit

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from mjsheaf.errors import InputError
 from mjsheaf.simulation.batch import Batch, run_world
-from mjsheaf.simulation.rows import mapped, world_of
+from mjsheaf.simulation.rows import Leaf, Taker, mapped
 
 WORLDS = 32
 """Worlds of a block: a warp."""
@@ -74,10 +74,10 @@ def _add_functions() -> None:
 
 
 @functools.cache
-def kernel_function() -> Callable[..., None]:
-    """The kernel as a function that numba-cuda compiles: of what `arguments` gives, and samples from `begin` to `end`.
+def kernel_function(take_world: Taker) -> Callable[..., None]:
+    """Return the kernel as a function that numba-cuda compiles: of `arguments`, and samples from `begin` to `end`.
 
-    It is `run_world` with the card's barrier in the place of the gate: no thread leaves before the last meeting.
+    It is `run_world` with the GPU's barrier in the place of the gate: no thread leaves before the last meeting.
     """
     cuda = import_module("numba.cuda")
     _add_functions()
@@ -90,30 +90,29 @@ def kernel_function() -> Callable[..., None]:
     on_processor = run_world.py_func
     names = {**on_processor.__globals__, "meet": meet}
     advance = njit(error_model="numpy")(FunctionType(on_processor.__code__, names, on_processor.__name__))
+    take = cuda.jit(device=True)(take_world)
 
-    def run_worlds(loop, motion, worlds, goal, scores, nothing, begin, end):
+    def run_worlds(loop, motion, goal, scores, nothing, begin, end):
         w, W = cuda.blockIdx.x * cuda.blockDim.x + cuda.threadIdx.x, scores.bound.shape[0]
         there, w = w < W, min(w, W - 1)
-        own = world_of(loop, worlds, w)
         member, members = cuda.threadIdx.y, cuda.blockDim.y
-        advance(own, motion, goal, scores, nothing, w, there, begin, end, 1, member, members, None)
+        advance(take(loop, w), motion, goal, scores, nothing, w, there, begin, end, 1, member, members, None)
 
     return run_worlds
 
 
 @functools.cache
-def _kernel() -> Any:
-    return import_module("numba.cuda").jit(launch_bounds=WORLDS * _MOST_MEMBERS)(kernel_function())
+def _kernel(take_world: Taker) -> Any:
+    return import_module("numba.cuda").jit(launch_bounds=WORLDS * _MOST_MEMBERS)(kernel_function(take_world))
 
 
 def arguments(batch: Batch) -> tuple[Any, ...]:
-    """What the kernel takes before the samples: trees of arrays on this machine."""
-    rows = batch.rows
-    return rows.loop, rows.motion, rows.worlds, batch.goal, batch.scores, batch.nothing
+    """Return what the kernel takes before the samples: trees of arrays on this machine."""
+    return batch.rows.loop, batch.rows.motion, batch.goal, batch.scores, batch.nothing
 
 
 def place_of(values: NDArray[Any], rows: NDArray[Any], begin: int) -> dict[str, Any]:
-    """The array interface of a view of rows, where a copy of these begins at an address."""
+    """Return the array interface of a view of rows, where a copy of these begins at an address."""
     offset = values.ctypes.data - rows.ctypes.data if values.size else 0
     described = {"shape": values.shape, "strides": values.strides, "typestr": values.dtype.str, "version": 3}
     return {**described, "data": (begin + offset, False)}
@@ -137,22 +136,21 @@ def run_on_card(batch: Batch) -> Iterator[int]:
     rows = cuda.to_device(here)
     begin = rows.__cuda_array_interface__["data"][0]
 
-    def sent(values: NDArray[Any]) -> Any:
-        return cuda.to_device(np.ascontiguousarray(values))
+    def sent(leaf: Leaf) -> Any:
+        if not isinstance(leaf.value, np.ndarray):
+            return leaf.value
+        if leaf.value.base is here:
+            return cuda.as_cuda_array(SimpleNamespace(__cuda_array_interface__=place_of(leaf.value, here, begin)))
+        return cuda.to_device(leaf.value)
 
-    def view(values: NDArray[Any]) -> Any:
-        if values.dtype != here.dtype:
-            return sent(values)
-        return cuda.as_cuda_array(SimpleNamespace(__cuda_array_interface__=place_of(values, here, begin)))
-
-    ways = sent, sent, view, sent, cuda.to_device, sent
-    given = [mapped(way, tree) for way, tree in zip(ways, arguments(batch), strict=True)]
-    T, V, chunk = batch.goal.samples, len(batch.rows.loop.fleet.bodies), batch.chunk
-    launch = _kernel()[-(-len(batch) // WORLDS), (WORLDS, min(_MOST_MEMBERS, V))]
+    given = [mapped(sent, tree) for tree in arguments(batch)]
+    scores = given[3]
+    T, V, chunk = batch.goal.samples, len(batch.rows.loop.params.fleet.bodies), batch.chunk
+    launch = _kernel(batch.rows.take)[-(-len(batch) // WORLDS), (WORLDS, min(_MOST_MEMBERS, V))]
     for sample in range(0, T, chunk):
         launch(*given, sample, min(sample + chunk, T))
         cuda.synchronize()
     rows.copy_to_host(here)
-    for on_card, own in zip(given[4], batch.scores, strict=True):
+    for on_card, own in zip(scores, batch.scores, strict=True):
         on_card.copy_to_host(own)
     yield from range(len(batch))

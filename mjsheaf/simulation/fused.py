@@ -134,18 +134,19 @@ def advance_block(loop, motion, first, last, step, count, log, row, bad):
     Returns:
         Whether none did; see `ThreadedLoop._work` on `bad`.
     """
-    all_good = True
+    params, state = loop
+    h, all_good = params.timestep, True
     for k in range(step, step + count):
-        evaluate_sines(loop.medium.harmonics, loop.start + k * loop.timestep, first, last, loop.sines)
+        evaluate_sines(params.medium.harmonics, params.start + k * h, first, last, state.sines)
         for v in range(first, last):  # to the last, as all of them are recorded
-            body = loop.fleet.bodies[v]
+            body = params.fleet.bodies[v]
             R, omega, force, moment = sense_and_command(loop, v)
             if k == step and row >= 0:
                 record(loop, log, row, v, v + 1)
             good, force, moment = apply_actuators(loop, body, force, moment)
             if not good:
                 bad[v], all_good = 2 * k + 1, False
-            elif not move(motion[body.kind], body, R, omega, force, moment, loop.timestep, loop.qpos, loop.qvel):
+            elif not move(motion[body.kind], body, R, omega, force, moment, h, state.qpos, state.qvel):
                 bad[v], all_good = 2 * (k + 1), False
         if not all_good:
             break
@@ -159,9 +160,11 @@ def apply_actuators(loop, body, force, moment):
     Returns:
         Whether all commands are good; force and moment, body axes, (3,) each.
     """
-    kind, good = loop.fleet.kinds[body.kind], True
-    channels = loop.fleet.thrusters[kind.thruster : kind.thruster + kind.count]
-    ctrl, act = loop.ctrl[body.actuator : body.actuator + kind.count], loop.act[body.state :]
+    fleet, state = loop.params.fleet, loop.state
+    kind, good = fleet.kinds[body.kind], True
+    channels = fleet.thrusters[kind.thruster : kind.thruster + kind.count]
+    ctrl = state.ctrl[body.actuator : body.actuator + kind.count]
+    act = state.act[body.state :]
     for j in range(kind.count):
         channel = channels[j]
         f, after = actuator_force(channel, ctrl[j], act[channel.state] if channel.late else 0.0)
@@ -177,10 +180,10 @@ def apply_actuators(loop, body, force, moment):
 @jit
 def advance(loop, motion, step, count, recorder, row, bad, thread, threads, gate):
     """See `ThreadedLoop._work`; motion has a MOTION for each kind."""
-    k, end, meetings, V = step, step + count, 0, loop.fleet.bodies.shape[0]
+    k, end, meetings, V = step, step + count, 0, loop.params.fleet.bodies.shape[0]
     share = max(1, V // (BLOCK * threads * _TURNS))  # blocks that lie side by side, which caches like
     while k < end:
-        span, sample = min(loop.per_law - k % loop.per_law, end - k), next_row(loop, k, recorder, row)
+        span, sample = min(loop.params.per_law - k % loop.params.per_law, end - k), next_row(loop, k, recorder, row)
         if not begin_span(loop, k, recorder, sample, thread, threads, meetings, gate):
             return
         block = take(gate, share, threads)
@@ -198,8 +201,10 @@ def advance(loop, motion, step, count, recorder, row, bad, thread, threads, gate
 @jit
 def command_all(loop, t):
     """Let every vehicle measure and command at time t, s."""
-    evaluate_sines(loop.medium.harmonics, t, 0, loop.fleet.bodies.shape[0], loop.sines)
-    for v in range(loop.fleet.bodies.shape[0]):
+    params, state = loop
+    V = params.fleet.bodies.shape[0]
+    evaluate_sines(params.medium.harmonics, t, 0, V, state.sines)
+    for v in range(V):
         sense_and_command(loop, v)
 
 

@@ -26,7 +26,7 @@ from mjsheaf.simulation.arena import compose
 from mjsheaf.simulation.bodies import pack_fleet
 from mjsheaf.simulation.loop import controlled_positions, new_loop
 from mjsheaf.simulation.trajectory import quaternions_of
-from mjsheaf.simulation.world import apply_forces, mujoco_arrays, state_of
+from mjsheaf.simulation.world import apply_forces, engine_arrays, mujoco_arrays
 from mjsheaf.system import MediumArrays
 from mjsheaf.vehicles.vehicle import Vehicle
 
@@ -137,7 +137,7 @@ class _Bench:
         )
         heading = np.array([station.heading for station in stations])
         fleet, self.arrays = pack_fleet(vehicles, heading, 0.0, timestep), mujoco_arrays(self.model, self.data)
-        self.loop = new_loop(fleet, control, medium, state_of(self.model, self.data), timestep=timestep)
+        self.loop = new_loop(fleet, control, medium, engine_arrays(self.model, self.data), timestep=timestep)
         self.arena, self.vehicles = arena, vehicles
         self.controlled = np.arange(3) < n[:, None]
         lagging = np.add.reduceat((self.model.actuator_actadr >= 0).astype(int), arena.thruster[:-1])
@@ -235,20 +235,20 @@ class _Bench:
     def _place(self, qpos: Array, qvel: Array, act: Array, command: Array) -> None:
         self.data.qpos, self.data.qvel, self.data.act = qpos.ravel(), qvel.ravel(), act
         self.data.time = 0.0
-        self.loop.memory.command[:] = command
+        self.loop.state.memory.command[:] = command
 
     def _step(self, difference: Array) -> Array:
         """The difference to which a physics step leads from one."""
         self._place(*self._moved(difference))
-        x, R = self.loop.x, self._rotations()
-        controlled_positions(self.loop.fleet, self.data.qpos, x)
+        x, R = self.loop.state.x, self._rotations()
+        controlled_positions(self.loop.params.fleet, self.data.qpos, x)
         begin = x.copy()
         apply_forces(self.loop, self.arrays, 0.0, 0, len(self.vehicles))
         mujoco.mj_step(self.model, self.data)
         dq, after = np.empty(self.model.nv), self.still.copy()
         mujoco.mj_differentiatePos(self.model, dq, 1.0, self.qpos.ravel(), self.data.qpos)
         dq = dq.reshape(-1, 6)
-        controlled_positions(self.loop.fleet, self.data.qpos, x)
+        controlled_positions(self.loop.params.fleet, self.data.qpos, x)
         after[:, :3] = np.einsum("vij,vj->vi", R, dq[:, 3:])
         after[:, 3:6] = np.where(self.controlled, x - begin, dq[:, :3])
         after[:, 6:12] = self.data.qvel.reshape(-1, 6) - self.qvel

@@ -11,7 +11,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from mjsheaf.arguments import require_whole
-from mjsheaf.arrays import Array, BoolArray, IntArray
+from mjsheaf.arrays import Array, BoolArray, IntArray, Own
 from mjsheaf.control.controller import Controller, Law, controller_of
 from mjsheaf.control.law import ControlArrays, LawArrays, Memory, carry, evaluate_law, new_memory
 from mjsheaf.control.station import Station, keep_station, no_station
@@ -25,7 +25,6 @@ from mjsheaf.simulation.bodies import (
     pack_fleet,
     rest_on_surface,
     thruster_commands,
-    velocity_through_medium,
 )
 from mjsheaf.simulation.trajectory import (
     Log,
@@ -38,49 +37,84 @@ from mjsheaf.simulation.trajectory import (
 )
 from mjsheaf.system import MediumArrays, Phase, System, medium_velocity, phases_of
 from mjsheaf.vehicles.actuators import ANGLE
-from mjsheaf.vehicles.vectors import add, rotation, triple
+from mjsheaf.vehicles.vectors import add, rotation, subtract, to_body, triple
 
 HUGE = 1e10
 """Beyond this MuJoCo calls a state bad (mjMAXVAL), and so do we."""
 
 
-class Loop(NamedTuple):
-    """The closed loop, for compiled code: the state as MuJoCo has it, and what is kept beside it.
+class Params(NamedTuple):
+    """What does not change from step to step: worlds of a batch share it but for the fields that are `Own`.
 
     Attributes:
-        control, medium, fleet: what onboard computers know, what surrounds the vehicles, what the vehicles are.
-        qpos, qvel: of each vehicle's free joint, shape (7 V,) and (6 V,).
-        ctrl, gain: commands and gains of all A actuators, shape (A,) and, as MuJoCo has it, (A, k) or (A, 1).
-        act: activations of those that are late.
-        x: where the law sees the vehicles, padded, shape (V, 3), m.
-        drift: of the medium that carries each vehicle, as it measures it, shape (V, 3), m/s.
-        memory: of the law.
-        sines: of the disturbances, now, shape (V K,).
-        stopped: whether each vehicle's thrusters stand still, shape (V,).
-        station: positions that vehicles hold.
-        start: time of step 0, s.
-        timestep: s.
-        per_law, per_sample: physics steps between evaluations of the law, and between samples.
+        control: Law and references of the onboard computers.
+        medium: Flow and disturbances around the vehicles.
+        fleet: The vehicles.
+        station: Positions that vehicles hold.
+        stopped: True for each vehicle whose thrusters stand still, shape (V,).
+        gain: Gains of all actuators, as MuJoCo has them, shape (A, k) or (A, 1).
+        start: Time of step 0, s.
+        timestep: Physics step, s.
+        per_law: Physics steps between evaluations of the law.
+        per_sample: Physics steps between samples.
     """
 
     control: ControlArrays
     medium: MediumArrays
     fleet: Fleet
-    qpos: Array
-    qvel: Array
-    ctrl: Array
-    gain: Array
-    act: Array
-    x: Array
-    drift: Array
-    memory: Memory
-    sines: Array
-    stopped: BoolArray
     station: Station
+    stopped: BoolArray
+    gain: Array
     start: float
     timestep: float
     per_law: int
     per_sample: int
+
+
+class State(NamedTuple):
+    """What changes from step to step.
+
+    Attributes:
+        qpos: Positions of the free joints, shape (7 V,).
+        qvel: Velocities of the free joints, shape (6 V,).
+        ctrl: Commands of all actuators, shape (A,).
+        act: Activations of the actuators with a lag.
+        x: Positions that the law sees, padded, shape (V, 3), m.
+        drift: Velocity of the medium as each vehicle measures it, shape (V, 3), m/s.
+        sines: Sines of the disturbances at the present time, shape (V K,).
+        memory: Memory of the law.
+    """
+
+    qpos: Array
+    qvel: Array
+    ctrl: Array
+    act: Array
+    x: Array
+    drift: Array
+    sines: Array
+    memory: Memory
+
+
+class Loop(NamedTuple):
+    """The closed loop of a world, for compiled code.
+
+    Attributes:
+        params: What does not change.
+        state: What changes, and is the world's own.
+    """
+
+    params: Params
+    state: Own[State]
+
+
+class EngineArrays(NamedTuple):
+    """The part of a loop's arrays that belongs to what moves the bodies: see `Params` and `State`."""
+
+    qpos: Array
+    qvel: Array
+    ctrl: Array
+    act: Array
+    gain: Array
 
 
 class Recorder(NamedTuple):
@@ -113,25 +147,34 @@ def controlled_positions(fleet, qpos, x):
 @jit
 def run_law(loop, t):
     """Evaluate the law at time t, s, for the present state."""
-    medium, kinds, bodies, q = loop.medium, loop.fleet.kinds, loop.fleet.bodies, loop.qpos
-    controlled_positions(loop.fleet, loop.qpos, loop.x)
-    if loop.control.law.terms.drift > 0.0:
-        evaluate_sines(medium.harmonics, t, 0, bodies.shape[0], loop.sines)
+    params, state = loop
+    memory = state.memory
+    bodies = params.fleet.bodies
+    controlled_positions(params.fleet, state.qpos, state.x)
+    if params.control.law.terms.drift > 0.0:
+        evaluate_sines(params.medium.harmonics, t, 0, bodies.shape[0], state.sines)
         for v in range(bodies.shape[0]):
-            a, planar = bodies[v].qpos, kinds[bodies[v].kind].planar
-            w = medium_velocity(medium, loop.sines, v, q[a], q[a + 1], 0.0 if planar else q[a + 2])
-            loop.drift[v, 0], loop.drift[v, 1], loop.drift[v, 2] = w[0], w[1], w[2]
-    attitude = loop.memory.links.attitude
+            w = medium_at(params, state, v)
+            for i in range(3):
+                state.drift[v, i] = w[i]
+    attitude = memory.links.attitude
     for v in range(attitude.shape[0]):
         for i in range(4):
-            attitude[v, i] = q[bodies[v].qpos + 3 + i]
-    evaluate_law(loop.control, t, loop.x, loop.drift, loop.memory)
+            attitude[v, i] = state.qpos[bodies[v].qpos + 3 + i]
+    evaluate_law(params.control, t, state.x, state.drift, memory)
     for v in range(bodies.shape[0]):
-        if loop.station.holds[v]:
-            evaluate_sines(medium.harmonics, t, v, v + 1, loop.sines)
-            a, planar = bodies[v].qpos, kinds[bodies[v].kind].planar
-            w = medium_velocity(medium, loop.sines, v, q[a], q[a + 1], 0.0 if planar else q[a + 2])
-            keep_station(loop.station, v, loop.x[v], w, loop.memory.command[v])
+        if params.station.holds[v]:
+            evaluate_sines(params.medium.harmonics, t, v, v + 1, state.sines)
+            keep_station(params.station, v, state.x[v], medium_at(params, state, v), memory.command[v])
+
+
+@inline_jit
+def medium_at(params, state, v):
+    """Velocity of the medium at the origin of vehicle v, as three numbers, for the sines of the state."""
+    body = params.fleet.bodies[v]
+    a, q = body.qpos, state.qpos
+    z = 0.0 if params.fleet.kinds[body.kind].planar else q[a + 2]
+    return medium_velocity(params.medium, state.sines, v, q[a], q[a + 1], z)
 
 
 @inline_jit
@@ -142,40 +185,44 @@ def sense_and_command(loop, v):
         Its attitude (9,) and rates, and force and moment of the medium (see `medium_wrench`), and of the surface on
         which it rests once it is lost; body axes, (3,) each.
     """
-    q, body = loop.qpos, loop.fleet.bodies[v]
-    kind, a, first = loop.fleet.kinds[body.kind], body.qpos, body.actuator
-    thrusters = loop.fleet.thrusters[kind.thruster : kind.thruster + kind.count]
-    ctrl = loop.ctrl[first : first + kind.count]
+    params, state = loop
+    q, qvel = state.qpos, state.qvel
+    body = params.fleet.bodies[v]
+    kind, a, d = params.fleet.kinds[body.kind], body.qpos, body.dof
+    thrusters = params.fleet.thrusters[kind.thruster : kind.thruster + kind.count]
+    ctrl = state.ctrl[body.actuator : body.actuator + kind.count]
     quaternion = (q[a + 3], q[a + 4], q[a + 5], q[a + 6])
     R = rotation(quaternion[0], quaternion[1], quaternion[2], quaternion[3])
-    s = velocity_through_medium(kind, body, loop.medium, loop.sines, v, q, loop.qvel, R)
-    omega = triple(loop.qvel[body.dof + 3 :])
+    s = to_body(R, subtract((qvel[d], qvel[d + 1], qvel[d + 2]), medium_at(params, state, v)))
+    omega = triple(qvel[d + 3 :])
     force, moment = medium_wrench(kind, q[a + 2], R, s, omega)
-    sensed, act = Sensed(R, quaternion, s, omega), loop.act[body.state :]
-    thruster_commands(kind, thrusters, body.heading, triple(loop.memory.command[v]), sensed, act, ctrl)
-    if loop.stopped[v]:
+    sensed = Sensed(R, quaternion, s, omega)
+    command = triple(state.memory.command[v])
+    thruster_commands(kind, thrusters, body.heading, command, sensed, state.act[body.state :], ctrl)
+    if params.stopped[v]:
         for j in range(kind.count):
             if thrusters[j].code != ANGLE:
                 ctrl[j] = 0.0
         depth = kind.level - q[a + 2]
         if kind.rest > 0.0 and depth > 0.0:
-            push, turn = rest_on_surface(kind, depth, R, triple(loop.qvel[body.dof :]), omega)
-            force, moment = add(force, push), add(moment, turn)
+            push, turn = rest_on_surface(kind, depth, R, triple(qvel[d:]), omega)
+            force = add(force, push)
+            moment = add(moment, turn)
     return R, omega, force, moment
 
 
 @jit
 def place_targets(loop, recorder):
     """Put every target where its controlled position is wanted at this sample, with its attitude and speed."""
-    k, fleet = recorder.written[0], loop.fleet
+    k, fleet, state = recorder.written[0], loop.params.fleet, loop.state
     agents = fleet.bodies.shape[0] - recorder.placed.shape[1]
     if k >= recorder.placed.shape[0]:
         return
-    controlled_positions(fleet, loop.qpos, loop.x)
+    controlled_positions(fleet, state.qpos, state.x)
     for v in range(agents, fleet.bodies.shape[0]):
         body = fleet.bodies[v]
         for i in range(2 if fleet.kinds[body.kind].planar else 3):
-            loop.qpos[body.qpos + i] += recorder.placed[k, v - agents, i] - loop.x[v, i]
+            state.qpos[body.qpos + i] += recorder.placed[k, v - agents, i] - state.x[v, i]
 
 
 @inline_jit
@@ -184,30 +231,30 @@ def record(loop, log, k, first, last):
 
     Links go with vehicle 0.
     """
+    params, state = loop
+    fleet, memory = params.fleet, state.memory
     if first == 0:
-        record_links(loop.memory, log, k)
-    fleet = loop.fleet
+        record_links(memory, log, k)
     for v in range(first, last):
         body = fleet.bodies[v]
         kind, a, d = fleet.kinds[body.kind], body.qpos, body.dof
-        x, y, z = loop.qpos[a], loop.qpos[a + 1], loop.qpos[a + 2]
-        w = medium_velocity(loop.medium, loop.sines, v, x, y, 0.0 if kind.planar else z)
+        w = medium_at(params, state, v)
         for i in range(3):
-            log.positions[k, v, i] = loop.x[v, i]
-            log.residual[k, v, i] = loop.memory.residual[v, i]
-            log.command[k, v, i] = loop.memory.command[v, i]
-            log.velocity[k, v, i] = loop.qvel[d + i]
+            log.positions[k, v, i] = state.x[v, i]
+            log.residual[k, v, i] = memory.residual[v, i]
+            log.command[k, v, i] = memory.command[v, i]
+            log.velocity[k, v, i] = state.qvel[d + i]
             log.medium[k, v, i] = w[i]
-            log.origin[k, v, i] = loop.qpos[a + i]
+            log.origin[k, v, i] = state.qpos[a + i]
         for i in range(4):
-            log.quaternions[k, v, i] = loop.qpos[a + 3 + i]
+            log.quaternions[k, v, i] = state.qpos[a + 3 + i]
         at_limit = 0
         for j in range(kind.count):
             n, thruster = body.actuator + j, fleet.thrusters[kind.thruster + j]
-            command = loop.ctrl[n]
+            command = state.ctrl[n]
             log.thruster_command[k, n] = command
-            late = loop.act[body.state + thruster.state] if thruster.late else command
-            log.thruster_output[k, n] = late if thruster.code == ANGLE else loop.gain[n, 0] * late
+            late = state.act[body.state + thruster.state] if thruster.late else command
+            log.thruster_output[k, n] = late if thruster.code == ANGLE else params.gain[n, 0] * late
             if command != 0.0 or not kind.one_sided:  # a thruster that cannot reverse is at rest there, not at a limit
                 at_limit += command <= thruster.low or command >= thruster.high
         log.saturation[k, v] = at_limit / max(kind.count, 1)
@@ -217,44 +264,47 @@ def new_loop(
     fleet: Fleet,
     control: ControlArrays,
     medium: MediumArrays,
-    state: tuple[Array, Array, Array, Array, Array],
+    arrays: EngineArrays,
     *,
     timestep: float,
     start: float = 0.0,
     per_law: int = 1,
     per_sample: int = 1,
 ) -> Loop:
-    """A loop whose law remembers nothing.
-
-    Args:
-        state: qpos, qvel, ctrl, gain and act of `Loop`, as the other arguments are.
-    """
+    """Return a loop whose law remembers nothing, about arrays of what moves the bodies; see `Params`."""
     V = len(fleet.bodies)
-    return Loop(
-        control,
-        medium,
-        fleet,
-        *state,
-        x=np.zeros((V, 3)),
-        drift=np.zeros((V, 3)),
-        memory=new_memory(control.law, V),
-        sines=np.zeros(len(medium.harmonics.rate)),
-        stopped=np.zeros(V, dtype=np.bool_),
+    params = Params(
+        control=control,
+        medium=medium,
+        fleet=fleet,
         station=no_station(V),
+        stopped=np.zeros(V, dtype=np.bool_),
+        gain=arrays.gain,
         start=start,
         timestep=timestep,
         per_law=per_law,
         per_sample=per_sample,
     )
+    state = State(
+        qpos=arrays.qpos,
+        qvel=arrays.qvel,
+        ctrl=arrays.ctrl,
+        act=arrays.act,
+        x=np.zeros((V, 3)),
+        drift=np.zeros((V, 3)),
+        sines=np.zeros(len(medium.harmonics.rate)),
+        memory=new_memory(control.law, V),
+    )
+    return Loop(params, state)
 
 
 def blow_up_of(system: System, loop: Loop, vehicle: int, step: int, controller: Controller | None = None) -> str:
     """Name the vehicle of a loop that was bad at a step, and the likely cause, which may be a law in Python."""
-    speed = float(np.linalg.norm(loop.qvel[6 * vehicle :][:3]))
+    speed = float(np.linalg.norm(loop.state.qvel[6 * vehicle :][:3]))
     detail = f" (body '{system.vehicles[vehicle].name}', speed {speed:.3g} m/s)"
     time = system.grid.start + step * system.timestep
-    cause = controller.cause_of_blow_up(vehicle, loop.memory.command) if controller else ""
-    return blow_up_message(system, vehicle, time, system.timestep * loop.per_law, detail, cause)
+    cause = controller.cause_of_blow_up(vehicle, loop.state.memory.command) if controller else ""
+    return blow_up_message(system, vehicle, time, system.timestep * loop.params.per_law, detail, cause)
 
 
 class ClosedLoop(ABC):
@@ -282,19 +332,21 @@ class ClosedLoop(ABC):
         self._chunk = max(1, min(4000, self._at_once // len(self._vehicles)))
         self._first_thruster = np.cumsum([0, *(len(vehicle.channels) for vehicle in self._vehicles)])
 
-    def _begin(self, state: tuple[Array, Array, Array, Array, Array]) -> None:
-        """Make the loop about the arrays of its state: see `new_loop`."""
+    def _begin(self, arrays: EngineArrays) -> None:
+        """Make the loop about the arrays of what moves the bodies."""
         grid = self.system.grid
-        self._loop = new_loop(
+        params, state = new_loop(
             self._fleet,
             self._control(),
             self.system.medium,
-            state,
+            arrays,
             timestep=self._timestep,
             start=grid.start,
             per_law=1 if grid.continuous else self.steps_per_sample,
             per_sample=self.steps_per_sample,
-        )._replace(stopped=self._stopped(), station=self.system.station_of_bodies)
+        )
+        params = params._replace(stopped=self._stopped(), station=self.system.station_of_bodies)
+        self._loop = Loop(params, state)
         self._unrecorded = self._recorder(0, self.system.law)
 
     @abstractmethod
@@ -318,17 +370,17 @@ class ClosedLoop(ABC):
     @property
     def command(self) -> Array:
         """Velocities that the law asks for, of its last evaluation, shape (V, 3), m/s."""
-        return self._loop.memory.command
+        return self._loop.state.memory.command
 
     @property
     def disagreement(self) -> Array:
         """eta of the agents, L_T p - c_T of the targets, at the law's last evaluation, shape (V, 3), m."""
-        return self._loop.memory.residual
+        return self._loop.state.memory.residual
 
     @property
     def memory(self) -> Memory:
         """What onboard computers hold since the law's last evaluation; a phase with other edges has another."""
-        return self._loop.memory
+        return self._loop.state.memory
 
     def add_to_command(self, velocity: Array) -> None:
         """Add velocities to what the compiled law commands, before the speed limit, until other ones are given.
@@ -338,7 +390,7 @@ class ClosedLoop(ABC):
         Args:
             velocity: of the agents, relative to the medium, padded, shape (N, 3), m/s.
         """
-        self._loop.memory.supplied[: len(velocity)] = velocity
+        self._loop.state.memory.supplied[: len(velocity)] = velocity
 
     @property
     def phases(self) -> Sequence[Phase]:
@@ -353,14 +405,17 @@ class ClosedLoop(ABC):
     def _place(self) -> None:
         """Put the vehicles where they begin, with an empty memory; rotors turn before a multirotor is let go."""
         plan, initial = self.system.bodies, self.system.initial
-        x, hand = self._loop.qpos.reshape(-1, 7), np.array([[vehicle.steering.hand] for vehicle in self._vehicles])
+        x, hand = (
+            self._loop.state.qpos.reshape(-1, 7),
+            np.array([[vehicle.steering.hand] for vehicle in self._vehicles]),
+        )
         x[:, :3] = initial
         x[:, :2] -= hand * np.column_stack([np.cos(plan.heading), np.sin(plan.heading)])
         x[[vehicle.dimension == 2 for vehicle in self._vehicles], 2] = plan.surface_height
         x[:, 3:] = quaternions_of(plan.heading)
         trim = np.concatenate([vehicle.trim for vehicle in self._vehicles])
-        self._loop.act[:] = trim[self._fleet.channels["late"] > 0]
-        self._enter_phase().memory.flat[:] = 0.0
+        self._loop.state.act[:] = trim[self._fleet.channels["late"] > 0]
+        self._enter_phase().state.memory.flat[:] = 0.0
         if self._controller:  # it is called at the first step, and asks for nothing until then
             self._controller.reset()
         run_law(self._loop, self.time)
@@ -377,7 +432,7 @@ class ClosedLoop(ABC):
         """
         loop = self._enter_phase()
         if sample is None:
-            sample = self._step % loop.per_law == 0
+            sample = self._step % loop.params.per_law == 0
         if sample:
             self._consult()
             run_law(loop, self.time)
@@ -397,13 +452,13 @@ class ClosedLoop(ABC):
     def _advance(self, count: int, recorder: Recorder) -> int:
         """Take up to `count` steps within one phase and, of a law in Python, one period; return how many."""
         step, loop = self._step, self._enter_phase()
-        ahead = (phase.start * loop.per_sample - step for phase in self._phases)
+        ahead = (phase.start * loop.params.per_sample - step for phase in self._phases)
         count = min([count, *(steps for steps in ahead if steps > 0)])
         if self._controller:
-            if step % loop.per_law == 0:
+            if step % loop.params.per_law == 0:
                 place_targets(loop, recorder)
                 self._consult()
-            count = min(count, loop.per_law - step % loop.per_law)
+            count = min(count, loop.params.per_law - step % loop.params.per_law)
         bad = self._move(loop, step, count, recorder)
         if bad:
             raise UnstableError(blow_up_of(self.system, self._loop, *bad, self._controller))
@@ -416,14 +471,13 @@ class ClosedLoop(ABC):
         if system is not self.system:
             self.system = system
             control = self._control()
-            self._loop = self._loop._replace(
-                control=control,
-                medium=system.medium,
-                sines=np.zeros(len(system.medium.harmonics.rate)),
-                memory=carry(self._loop.memory, self._loop.control.law, control.law, sample),
-                stopped=self._stopped(),
-                station=system.station_of_bodies,
+            params, state = self._loop
+            memory = carry(state.memory, params.control.law, control.law, sample)
+            sines = np.zeros(len(system.medium.harmonics.rate))
+            params = params._replace(
+                control=control, medium=system.medium, stopped=self._stopped(), station=system.station_of_bodies
             )
+            self._loop = Loop(params, state._replace(sines=sines, memory=memory))
         return self._loop
 
     def _stopped(self) -> BoolArray:
@@ -439,11 +493,11 @@ class ClosedLoop(ABC):
     def _consult(self) -> None:
         """Let a law in Python, where there is one, say what it wants now."""
         if self._controller:
-            N, memory = len(self.system.team.agents), self._loop.memory
-            velocity, attitude = self._loop.qvel.reshape(-1, 6)[:N, :3].copy(), self.quaternions()[:N]
+            N, memory = len(self.system.team.agents), self._loop.state.memory
+            velocity, attitude = self._loop.state.qvel.reshape(-1, 6)[:N, :3].copy(), self.quaternions()[:N]
             if len(memory.links.attitude):
                 memory.links.attitude[:] = self.quaternions()
-            law, x = self._loop.control.law, self.positions()
+            law, x = self._loop.params.control.law, self.positions()
             self._controller.supply(law, self.time, x, memory, velocity, attitude, bodies=True)
 
     def record(
@@ -483,28 +537,28 @@ class ClosedLoop(ABC):
 
     def _recorder(self, T: int, law: LawArrays, placed: Array | None = None) -> Recorder:
         """A place for T samples; 0 records nothing."""
-        log = new_log(T, law, actuators=len(self._loop.ctrl))
+        log = new_log(T, law, actuators=len(self._loop.state.ctrl))
         placed = np.empty((0, 0, 3)) if placed is None else np.ascontiguousarray(placed)
         return Recorder(log, placed, np.zeros(1, dtype=np.int64))
 
     def positions(self) -> Array:
         """Controlled positions, padded: agents then targets, z = 0 for planar ones; shape (V, 3), m."""
         x = np.empty((len(self._vehicles), 3))
-        controlled_positions(self._loop.fleet, self._loop.qpos, x)
+        controlled_positions(self._loop.params.fleet, self._loop.state.qpos, x)
         return x
 
     def heights(self) -> Array:
         """z of every body, floating ones included, shape (V,), m."""
-        return self._loop.qpos.reshape(-1, 7)[:, 2].copy()
+        return self._loop.state.qpos.reshape(-1, 7)[:, 2].copy()
 
     def quaternions(self) -> Array:
         """Attitudes (w, x, y, z), body to world, shape (V, 4)."""
-        return self._loop.qpos.reshape(-1, 7)[:, 3:].copy()
+        return self._loop.state.qpos.reshape(-1, 7)[:, 3:].copy()
 
     def saturation(self) -> Array:
         """Share of each vehicle's thrusters whose command is at its limit, shape (V,)."""
         channels, kinds = self._fleet.channels, self._fleet.kinds[self._fleet.bodies["kind"]]
-        first, ctrl, count = self._first_thruster, self._loop.ctrl, kinds["count"]
+        first, ctrl, count = self._first_thruster, self._loop.state.ctrl, kinds["count"]
         resting = np.repeat(kinds["one_sided"] > 0, count) & (ctrl == 0.0)
         at_limit = ((ctrl <= channels["low"]) | (ctrl >= channels["high"])) & ~resting
         total = np.append(0, np.cumsum(at_limit))

@@ -1,189 +1,123 @@
-"""Runs of one team side by side in memory, which differ in seed, gain, disturbance or where they begin.
+"""Batched layout: runs of one team, the worlds, side by side in memory.
 
-What such a run, a world, has of its own (state, memory of the law, gains, harmonics) is a row of one array; all else is
-there once. `world_of` makes the Loop of a world from both, in Python and in compiled code alike, so that worlds go
-through the very functions of the fused engine: each ends bit for bit as it does alone.
+Worlds share their parameters. What a world has of its own (see `mjsheaf.arrays.Own`) is a row of one array. The Loop of
+a batch is that of a world, but its own arrays have a first axis more, which counts worlds. `world_taker` makes the Loop
+of one world from it, in Python and in compiled code alike, so that worlds go through the very functions of the fused
+engine: each ends bit for bit as it does alone.
 
 A row's numbers lie one after the other for threads of this machine, each of which takes a world at a time; and number
-by number for a card (`order="F"`, see `card`), where neighbouring threads take the same vehicle of neighbouring worlds.
+by number for a GPU (`order="F"`, see `gpu`), where neighbouring threads take the same vehicle of neighbouring worlds.
 """
 
 import pickle
 from collections.abc import Callable, Iterator, Sequence
+from functools import cache
 from hashlib import sha256
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, get_type_hints
 
 import numpy as np
-from numpy.lib.stride_tricks import as_strided
 from numpy.typing import DTypeLike, NDArray
 
-from mjsheaf.arrays import Array, IntArray
-from mjsheaf.control.law import ControlArrays, LawArrays, Memory
-from mjsheaf.control.links import LinkArrays, LinkMemory
-from mjsheaf.control.rounds import RoundMemory
-from mjsheaf.control.terms import TermArrays, TermMemory
-from mjsheaf.dynamics.disturbance import HarmonicArrays
-from mjsheaf.dynamics.motion import MotionArrays
+from mjsheaf.arrays import OWN, Array
 from mjsheaf.errors import InputError
-from mjsheaf.jit import inline_jit
 from mjsheaf.simulation.fused import Fused
 from mjsheaf.simulation.loop import Loop
-from mjsheaf.system import MediumArrays
 
-LARGEST = 100_000_000
-"""Numbers of the rows of one group, at most."""
+MAX_NUMBERS = 100_000_000
+"""Largest size of the rows of one group."""
+
+Taker = Callable[[Loop, int], Loop]
+"""Called with (the Loop of a batch, number of a world); returns the Loop of the world."""
 
 
-class Worlds(NamedTuple):
-    """What W worlds have of their own, for compiled code; as in the Loop of one, the first axis counts worlds.
+class Leaf(NamedTuple):
+    """Value in a tree of tuples.
 
     Attributes:
-        seed: of the links' and terms' random numbers, shape (W,).
-        gain, limit: of the law.
-        origin: of the targets' references.
-        amplitude, rate, phase: of the disturbances' harmonics.
-        qpos, qvel, ctrl, act, x, drift, sines: of the Loop.
-        memory: of the law.
+        path: Names of the fields that lead to it, after a root.
+        value: An array or a number.
+        own: True if every world has its own. Arrays of other types than float64 say where to look, and are shared.
     """
 
-    seed: IntArray
-    gain: Array
-    limit: Array
-    origin: Array
-    amplitude: Array
-    rate: Array
-    phase: Array
-    qpos: Array
-    qvel: Array
-    ctrl: Array
-    act: Array
-    x: Array
-    drift: Array
-    sines: Array
-    memory: Memory
+    path: str
+    value: Any
+    own: bool
 
 
-@inline_jit
-def world_of(loop, worlds, w):
-    """The Loop of world w; `loop` is that of any."""
-    law, medium, motion = loop.control.law, loop.medium, loop.control.motion
-    terms, links = law.terms, law.links
-    seed = worlds.seed[w]
-    own_terms = TermArrays(
-        terms.agents,
-        terms.dimension,
-        terms.period,
-        terms.sensing,
-        terms.eigenvalues,
-        terms.feedforward,
-        terms.newton,
-        terms.measured,
-        terms.drift,
-        terms.lead,
-        terms.settled,
-        terms.integral,
-        terms.largest,
-        terms.noise,
-        terms.bias,
-        seed,
-        terms.streams,
-        terms.rounds,
-    )
-    own_links = LinkArrays(
-        links.table,
-        links.of,
-        links.lift,
-        links.facing,
-        links.size,
-        links.odometry,
-        links.start,
-        links.period,
-        seed,
-        links.record,
-    )
-    own_law = LawArrays(law.edges, worlds.gain[w], worlds.limit[w], law.supplied, own_terms, own_links)
-    harmonics = HarmonicArrays(worlds.amplitude[w], worlds.rate[w], worlds.phase[w])
-    own_motion = MotionArrays(
-        motion.pull,
-        worlds.origin[w],
-        motion.amplitude,
-        motion.rate,
-        motion.phase,
-        motion.path,
-        motion.period,
-        motion.knots,
-        motion.coefficients,
-    )
-    memory = worlds.memory
-    remembered, heard = memory.terms, memory.links
-    rounds = remembered.rounds
-    memory_of_terms = TermMemory(
-        remembered.now[w],
-        remembered.before[w],
-        remembered.clock[w],
-        remembered.y[w],
-        remembered.rate[w],
-        remembered.age[w],
-        remembered.since[w],
-        remembered.x[w],
-        remembered.moved[w],
-        remembered.walked[w],
-        remembered.seen[w],
-        remembered.v[w],
-        remembered.delta[w],
-        remembered.drift[w],
-        remembered.z[w],
-        remembered.right[w],
-        remembered.direction[w],
-        remembered.residue[w],
-        RoundMemory(rounds.held[w], rounds.line[w], rounds.streams, rounds.first),
-    )
-    memory_of_links = LinkMemory(
-        heard.heard[w],
-        heard.velocity[w],
-        heard.attitude[w],
-        heard.before[w],
-        heard.cells[w],
-    )
-    own_memory = Memory(
-        memory.flat[w],
-        memory.y[w],
-        memory.residual[w],
-        memory.command[w],
-        memory.supplied[w],
-        memory_of_terms,
-        memory_of_links,
-    )
-    return Loop(
-        ControlArrays(own_law, own_motion),
-        MediumArrays(medium.agents, medium.planar, medium.kernels, medium.rows, harmonics),
-        loop.fleet,
-        worlds.qpos[w],
-        worlds.qvel[w],
-        worlds.ctrl[w],
-        loop.gain,
-        worlds.act[w],
-        worlds.x[w],
-        worlds.drift[w],
-        own_memory,
-        worlds.sines[w],
-        loop.stopped,
-        loop.station,
-        loop.start,
-        loop.timestep,
-        loop.per_law,
-        loop.per_sample,
-    )
+def mapped(function: Callable[[Leaf], Any], tree: Any, path: str = "loop", own: bool = False) -> Any:
+    """Return a tree of tuples with another value in the place of each leaf."""
+    if not isinstance(tree, tuple):
+        fixed = isinstance(tree, np.ndarray) and tree.dtype != np.float64
+        return function(Leaf(path, tree, own and not fixed))
+    make = getattr(type(tree), "_make", tuple)
+    return make(mapped(function, part, place, own or mark) for place, part, mark in _parts(tree, path))
+
+
+def _parts(tree: tuple[Any, ...], path: str) -> Iterator[tuple[str, Any, bool]]:
+    """Yield the path of each part of a tuple, the part, and True if worlds have it for themselves."""
+    if not hasattr(tree, "_fields"):
+        yield from ((f"{path}[{k}]", part, False) for k, part in enumerate(tree))
+        return
+    marks = _own_fields(type(tree))
+    for name, part in zip(tree._fields, tree, strict=True):
+        yield f"{path}.{name}", part, name in marks
+
+
+@cache
+def _own_fields(kind: type) -> frozenset[str]:
+    """Return the names of the fields of a NamedTuple that are `Own`."""
+    hints = get_type_hints(kind, include_extras=True)
+    return frozenset(name for name, hint in hints.items() if OWN in getattr(hint, "__metadata__", ()))
+
+
+def leaves_of(tree: Any) -> list[Leaf]:
+    """Return the leaves of a tree in order."""
+    leaves: list[Leaf] = []
+    mapped(leaves.append, tree)
+    return leaves
+
+
+class _Source(str):
+    """Source text whose representation is the text itself."""
+
+    __slots__ = ()
+    __repr__ = str.__str__
+
+
+def world_taker(loop: Loop) -> Taker:
+    """Return the function that takes a world out of a batch whose worlds have the types of a loop.
+
+    It is one expression, written from the types: the representation of a tree of named tuples is the call that makes
+    it. numba compiles it for every device; CUDA refuses generic functions that return views.
+    """
+    tree = mapped(lambda leaf: _Source(f"{leaf.path}[w]" if leaf.own else leaf.path), loop)
+    return _compiled_taker(repr(tree), frozenset(_types_of(loop)))
+
+
+@cache
+def _compiled_taker(expression: str, types: frozenset[type]) -> Taker:
+    names: dict[str, Any] = {kind.__name__: kind for kind in types}
+    exec(f"def take_world(loop, w):\n    return {expression}\n", names)
+    taker: Taker = names["take_world"]
+    return taker
+
+
+def _types_of(tree: Any) -> Iterator[type]:
+    """Yield the types of all named tuples in a tree."""
+    if isinstance(tree, tuple):
+        yield type(tree)
+        for part in tree:
+            yield from _types_of(part)
 
 
 class Rows:
     """Runs of one team, at their start, as rows.
 
     Attributes:
-        loop: what they have in common; what each has of its own is that of the first.
-        motion: a MOTION for each kind of vehicle.
-        values: what all have of their own, shape (W, n), of which `worlds` has views.
-        worlds: see there.
+        loop: Loop of the batch.
+        take: Function that takes a world out of it; see `world_taker`.
+        motion: A MOTION for each kind of vehicle.
+        values: Numbers that worlds have of their own, shape (W, n), of which `loop` has views.
     """
 
     def __init__(
@@ -203,143 +137,123 @@ class Rows:
         """
         if not runs:
             raise InputError("no run; expected one or more")
-        self._type, common = np.dtype(number), _shared(runs[0])
+        self._type = np.dtype(number)
         if self._type not in (np.float64, np.float32):
             raise InputError(f"number: {self._type}; expected float64 or float32")
-        whole, motion = runs[0].compiled
         # One row lies in C's order and in Fortran's, and would be compiled otherwise than several: it is there twice.
         several = list(runs) * (1 + (len(runs) == 1))
+        _require_one_team(runs)
+        whole, motion = runs[0].compiled
+        own = _own_arrays(whole)
+        self._places = list(zip(own, np.cumsum([0, *(part.size for part in own)]).tolist(), strict=False))
         self.values = np.empty((len(several), _size(whole)), dtype=self._type, order=order)
+        seeds = []
         for w, run in enumerate(several):
-            if run.time != run.system.grid.start:
-                raise InputError(f"run {w} is at {run.time:g} s; expected one at its start")
-            if w and (where := _difference(common, _shared(run))) is not None:
-                raise InputError(f"{where}: run {w} has another than run 0; expected runs of one team")
-            self.values[w] = np.concatenate([part.ravel() for part in _own(run.compiled[0])])
-        self.loop: Loop = mapped(self.in_numbers, whole)
-        self.motion = self.in_numbers(motion)
-        seeds = [_seed(run.compiled[0]) for run in several]
-        self.worlds = Worlds(np.array(seeds, dtype=np.int64), *self._views(whole))
+            loop, _ = run.compiled
+            self.values[w] = np.concatenate([part.ravel() for part in _own_arrays(loop)])
+            seeds.append(
+                [leaf.value for leaf in leaves_of(loop) if leaf.own and not isinstance(leaf.value, np.ndarray)]
+            )
+        columns = iter(np.array(seeds, dtype=np.int64).T.copy())
+
+        def laid_out(leaf: Leaf) -> Any:
+            if not leaf.own:
+                return self._in_type(leaf.value)
+            return self._view(leaf.value) if isinstance(leaf.value, np.ndarray) else next(columns)
+
+        self.loop: Loop = mapped(laid_out, whole)
+        self.motion = self._in_type(motion)
+        self.take = world_taker(whole)
 
     def loop_of(self, w: int) -> Loop:
-        """The Loop of world w, for threads of this machine."""
-        found: Loop = world_of.py_func(self.loop, self.worlds, w)
-        return found
+        """Return the Loop of world w, for threads of this machine."""
+        return self.take(self.loop, w)
 
-    def in_numbers(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Values with the rows' type in place of double precision."""
-        if values.dtype.names is None:
-            return values.astype(self._type) if values.dtype == np.float64 else values
-        fields = [(name, *_field(values.dtype[name], self._type)) for name in values.dtype.names]
-        return values.astype(np.dtype(fields, align=True))
+    def in_numbers(self, tree: Any) -> Any:
+        """Return a tree with the rows' type in place of double precision."""
+        return mapped(lambda leaf: self._in_type(leaf.value), tree)
 
-    def _views(self, loop: Loop) -> Iterator[Any]:
-        """What Worlds have after the seed, as views of the rows that are laid out as parts of one Loop."""
-        begin = 0
+    def _in_type(self, value: Any) -> Any:
+        if not isinstance(value, np.ndarray):
+            return value
+        if value.dtype.names is None:
+            return value.astype(self._type) if value.dtype == np.float64 else value
+        fields = [(name, *_field(value.dtype[name], self._type)) for name in value.dtype.names]
+        return value.astype(np.dtype(fields, align=True))
 
-        def view(part: Array, offset: int) -> Array:
-            strides = (self.values.strides[0], *(n // 8 * self.values.strides[1] for n in part.strides))
-            start = self.values[:, offset:] if part.size else self.values[:, :0]
-            return as_strided(start, (len(self.values), *part.shape), strides)
-
-        *parts, flat = _own(loop)
-        for part in parts:
-            yield view(part, begin)
-            begin += part.size
-        origin = flat.ctypes.data
-
-        def of_memory(values: NDArray[Any]) -> NDArray[Any]:
-            if not _is_remembered(values):
-                return values
-            return view(values, begin + (values.ctypes.data - origin) // 8 * (values.size > 0))
-
-        yield mapped(of_memory, loop.memory)
-
-
-def mapped(function: Callable[[NDArray[Any]], NDArray[Any]], tree: Any) -> Any:
-    """A tree of named tuples with another array in the place of each."""
-    if isinstance(tree, tuple):
-        return type(tree)(*(mapped(function, part) for part in tree))
-    return function(tree) if isinstance(tree, np.ndarray) else tree
+    def _view(self, part: Array) -> Array:
+        """Return what an own array of the first run is in all rows, shape (W, ...)."""
+        W = len(self.values)
+        if not part.size:
+            return self.values[:, :0].reshape(W, *part.shape)
+        whole, begin = next((whole, begin) for whole, begin in self._places if _holds(whole, part))
+        begin += (part.ctypes.data - whole.ctypes.data) // whole.itemsize
+        return self.values[:, begin : begin + part.size].reshape(W, *part.shape)
 
 
 def _field(kind: np.dtype[Any], number: np.dtype[Any]) -> tuple[Any, ...]:
-    """Type and shape of a record's field, with a type in place of double precision."""
+    """Return type and shape of a record's field, with a type in place of double precision."""
     base, shape = kind.subdtype or (kind, ())
     return (number if base == np.float64 else base), shape
 
 
-def _own(loop: Loop) -> tuple[Array, ...]:
-    """What a world has of its own, in the order of Worlds, the memory as one."""
-    law, harmonics = loop.control.law, loop.medium.harmonics
-    of_loop = loop.qpos, loop.qvel, loop.ctrl, loop.act, loop.x, loop.drift, loop.sines
-    return law.gain, law.limit, loop.control.motion.origin, *harmonics, *of_loop, loop.memory.flat
+def _holds(whole: NDArray[Any], part: NDArray[Any]) -> bool:
+    """Return True if an array begins in the memory of another."""
+    return bool(0 <= part.ctypes.data - whole.ctypes.data < whole.nbytes)
 
 
-def _is_remembered(values: NDArray[Any]) -> bool:
-    """Whether an array of a Memory is a part of what it remembers; others say where to look, and are shared."""
-    return values.dtype == np.float64
+def _own_arrays(loop: Loop) -> list[Array]:
+    """Return the arrays that a world has of its own, without those that are parts of an earlier one."""
+    found: list[Array] = []
+    for leaf in leaves_of(loop):
+        part = leaf.value
+        if leaf.own and isinstance(part, np.ndarray) and not any(_holds(whole, part) for whole in found):
+            found.append(part)
+    return found
 
 
 def _size(loop: Loop) -> int:
-    """How many numbers a world has of its own."""
-    return sum(part.size for part in _own(loop))
-
-
-def _seed(loop: Loop) -> int:
-    """Of the links' and terms' random numbers."""
-    law = loop.control.law
-    return law.links.seed if len(law.links.table) else law.terms.seed
+    """Return how many numbers a world has of its own."""
+    return sum(part.size for part in _own_arrays(loop))
 
 
 def groups_of_one_team(runs: Sequence[Fused]) -> list[list[int]]:
-    """The numbers of the runs that can be rows together, group by group, each of LARGEST numbers at most."""
-    groups = dict[bytes, list[list[int]]]()
+    """Return the numbers of the runs that can be rows together, group by group, each of MAX_NUMBERS at most."""
+    groups: dict[bytes, list[list[int]]] = {}
     for k, run in enumerate(runs):
-        most = max(1, LARGEST // _size(run.compiled[0]))
+        largest = max(1, MAX_NUMBERS // _size(run.compiled[0]))
         of_team = groups.setdefault(sha256(pickle.dumps(_shared(run))).digest(), [[]])
-        if len(of_team[-1]) == most:
+        if len(of_team[-1]) == largest:
             of_team.append([])
         of_team[-1].append(k)
     return [group for of_team in groups.values() for group in of_team]
 
 
 def _shared(run: Fused) -> dict[str, Any]:
-    """What worlds share, by name, and the shapes of what they do not."""
+    """Return what worlds share, by name, and the shapes of what they do not."""
     loop, motion = run.compiled
-    own = {"qpos", "qvel", "ctrl", "act", "x", "drift", "sines", "control.motion.origin"}
-    own |= {"control.law.gain", "control.law.limit", "control.law.terms.seed", "control.law.links.seed"}
-    own |= set(_named(loop.medium.harmonics, "medium.harmonics"))
-    own |= {name for name, values in _named(loop.memory, "memory").items() if _is_remembered(values)}
-    return {name: value for name, value in _named(loop).items() if name not in own} | {
-        "sizes": [x.shape for x in _own(loop)],
-        "motion": motion,
-        "team": run.system.team.members,
-        "time": run.system.grid,
-    }
+    shared = {leaf.path: np.shape(leaf.value) if leaf.own else leaf.value for leaf in leaves_of(loop)}
+    return shared | {"motion": motion, "team": run.system.team.members, "time": run.system.grid}
 
 
-def _named(tree: Any, name: str = "") -> dict[str, Any]:
-    """The leaves of a tree, by their path."""
-    if isinstance(tree, tuple) and hasattr(tree, "_asdict"):
-        tree = tree._asdict()
-    if not isinstance(tree, dict):
-        return {name: tree}
-    return {
-        path: leaf for key, part in tree.items() for path, leaf in _named(part, f"{name}.{key}"[not name :]).items()
-    }
+def _require_one_team(runs: Sequence[Fused]) -> None:
+    """Refuse runs that have begun, or differ in what worlds share.
+
+    Raises:
+        InputError: naming the run, and where it differs from the first.
+    """
+    common = _shared(runs[0])
+    for w, run in enumerate(runs):
+        if run.time != run.system.grid.start:
+            raise InputError(f"run {w} is at {run.time:g} s; expected one at its start")
+        other = _shared(run)
+        for name in common | other:
+            if not _same(common.get(name), other.get(name)):
+                raise InputError(f"{name}: run {w} has another than run 0; expected runs of one team")
 
 
-def _difference(one: dict[str, Any], other: dict[str, Any]) -> str | None:
-    """Where two differ first."""
-    for name, value in one.items():
-        other_value = other[name]
-        if value is other_value:
-            continue
-        if isinstance(value, np.ndarray):
-            same = value.shape == other_value.shape and value.tobytes() == other_value.tobytes()
-        else:
-            same = value == other_value
-        if not same:
-            return name
-    return None
+def _same(one: Any, other: Any) -> bool:
+    """Return True if two leaves are equal, to the bit."""
+    if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
+        return one.shape == other.shape and one.tobytes() == other.tobytes()
+    return type(one) is type(other) and bool(one == other)

@@ -76,11 +76,12 @@ def square_error(goal, x, i):
 @inline_jit
 def score(goal, scores, w, n, loop):
     """Take sample n of world w into its scores, from `squares` and what the law left."""
-    N, found, square, size, eta = goal.first.shape[0] - 1, scores.found[w], 0.0, 0.0, loop.memory.residual
+    N, found, square, size, eta = goal.first.shape[0] - 1, scores.found[w], 0.0, 0.0, loop.state.memory.residual
     if scores.eta.shape[1] > 0:
         eta = scores.eta[w]
-        measure(loop.control.law.edges, loop.x, scores.y[w])
-        pull_back(loop.control.law.edges, scores.y[w], eta)
+        edges = loop.params.control.law.edges
+        measure(edges, loop.state.x, scores.y[w])
+        pull_back(edges, scores.y[w], eta)
     for i in range(N):
         square += scores.squares[w, i]
         size += np.sqrt(eta[i, 0] ** 2 + eta[i, 1] ** 2 + eta[i, 2] ** 2)

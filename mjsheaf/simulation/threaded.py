@@ -15,7 +15,7 @@ from mjsheaf.control.controller import Controller, Law
 from mjsheaf.errors import InputError
 from mjsheaf.jit import inline_jit
 from mjsheaf.simulation.gate import Crew, failed, refill, wait
-from mjsheaf.simulation.loop import ClosedLoop, Loop, Recorder, place_targets, run_law
+from mjsheaf.simulation.loop import ClosedLoop, EngineArrays, Loop, Recorder, place_targets, run_law
 from mjsheaf.system import Phase, PhysicsOptions, System
 
 BLOCK = 8
@@ -44,8 +44,8 @@ def begin_span(loop, k, recorder, row, thread, threads, meetings, gate):
     if thread == 0:
         if row >= 0:
             place_targets(loop, recorder)
-        if k % loop.per_law == 0:
-            run_law(loop, loop.start + k * loop.timestep)
+        if k % loop.params.per_law == 0:
+            run_law(loop, loop.params.start + k * loop.params.timestep)
         if row >= 0:
             recorder.written[0] = row + 1
         refill(gate)
@@ -61,7 +61,7 @@ def end_span(threads, meetings, gate):
 @inline_jit
 def next_row(loop, k, recorder, row):
     """The row of the log for step k, or -1 where it is no sample or there is no room for it."""
-    return row if k % loop.per_sample == 0 and row < recorder.log.positions.shape[0] else -1
+    return row if k % loop.params.per_sample == 0 and row < recorder.log.positions.shape[0] else -1
 
 
 class ThreadedLoop(ClosedLoop):
@@ -86,8 +86,15 @@ class ThreadedLoop(ClosedLoop):
         channels = self._fleet.channels
         self._bad, self._count = np.empty(V, dtype=np.int64), 0
         self._crew = Crew(crew_size(plan, self._controller is not None))
-        gain, late = channels["gain"].reshape(-1, 1).copy(), int(channels["late"].sum())
-        self._begin((np.zeros(7 * V), np.zeros(6 * V), np.zeros(len(channels)), gain, np.zeros(late)))
+        self._begin(
+            EngineArrays(
+                qpos=np.zeros(7 * V),
+                qvel=np.zeros(6 * V),
+                ctrl=np.zeros(len(channels)),
+                act=np.zeros(channels["late"].sum()),
+                gain=channels["gain"].reshape(-1, 1).copy(),
+            )
+        )
 
     def _start(self) -> None:
         """Put the vehicles where they begin, and compile what threads run, lest one compiles while others wait."""

@@ -27,6 +27,7 @@ from mjsheaf.simulation.gate import fail
 from mjsheaf.simulation.loop import (
     HUGE,
     ClosedLoop,
+    EngineArrays,
     Loop,
     Recorder,
     place_targets,
@@ -67,9 +68,9 @@ def mujoco_arrays(model: mujoco.MjModel, data: mujoco.MjData) -> MujocoArrays:
     return MujocoArrays(data.qacc, data.qfrc_applied, model.actuator_gear, model._address, data._address)
 
 
-def state_of(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[Array, Array, Array, Array, Array]:
-    """Those that a Loop sees."""
-    return data.qpos, data.qvel, data.ctrl, model.actuator_gainprm, data.act
+def engine_arrays(model: mujoco.MjModel, data: mujoco.MjData) -> EngineArrays:
+    """Return views of the arrays that a Loop sees."""
+    return EngineArrays(data.qpos, data.qvel, data.ctrl, data.act, model.actuator_gainprm)
 
 
 @jit
@@ -78,15 +79,17 @@ def apply_forces(loop, arrays, t, first, last):
 
     They are MuJoCo's only ones.
     """
-    evaluate_sines(loop.medium.harmonics, t, first, last, loop.sines)
+    params, state = loop
+    fleet = params.fleet
+    evaluate_sines(params.medium.harmonics, t, first, last, state.sines)
     for v in range(first, last):
-        body = loop.fleet.bodies[v]
-        kind = loop.fleet.kinds[body.kind]
+        body = fleet.bodies[v]
+        kind = fleet.kinds[body.kind]
         R, _, force, moment = sense_and_command(loop, v)
-        place, channel = 6 * (v - first), body.actuator - loop.fleet.bodies[first].actuator
+        place, channel = 6 * (v - first), body.actuator - fleet.bodies[first].actuator
         applied, gear = arrays.applied[place : place + 6], arrays.gear[channel : channel + kind.count]
-        apply_wrench(kind, loop.qvel[body.dof : body.dof + 6], R, force, moment, applied)
-        turn_gears(kind, loop.fleet.thrusters[kind.thruster :], R, loop.act[body.state :], gear)
+        apply_wrench(kind, state.qvel[body.dof : body.dof + 6], R, force, moment, applied)
+        turn_gears(kind, fleet.thrusters[kind.thruster :], R, state.act[body.state :], gear)
 
 
 @jit
@@ -104,23 +107,24 @@ def _advance(loop, arrays, step, count, recorder):
 
     While the recorder has room, a sample is recorded every `loop.per_sample` steps.
     """
-    V = loop.fleet.bodies.shape[0]
+    params, state = loop
+    V = params.fleet.bodies.shape[0]
     for k in range(step, step + count):
-        t = loop.start + k * loop.timestep
-        recorded = k % loop.per_sample == 0 and recorder.written[0] < recorder.log.positions.shape[0]
+        t = params.start + k * params.timestep
+        recorded = k % params.per_sample == 0 and recorder.written[0] < recorder.log.positions.shape[0]
         if recorded:
             place_targets(loop, recorder)
-        if k % loop.per_law == 0:
+        if k % params.per_law == 0:
             run_law(loop, t)
         apply_forces(loop, arrays, t, 0, V)
         if recorded:
             record(loop, recorder.log, recorder.written[0], 0, V)
             recorder.written[0] += 1
         # MuJoCo sets all commands to zero where one is bad, and goes on: that would be another simulation.
-        if _is_bad(loop.ctrl):
+        if _is_bad(state.ctrl):
             return True
         _mj_step(arrays.model, arrays.data)
-        if _is_bad(loop.qpos) or _is_bad(loop.qvel) or _is_bad(arrays.qacc):
+        if _is_bad(state.qpos) or _is_bad(state.qvel) or _is_bad(arrays.qacc):
             return True
     return False
 
@@ -157,7 +161,7 @@ class World(ClosedLoop):
         self.model: mujoco.MjModel = self.arena.model
         self.data: mujoco.MjData = mujoco.MjData(self.model)
         self._arrays = mujoco_arrays(self.model, self.data)
-        self._begin(state_of(self.model, self.data))
+        self._begin(engine_arrays(self.model, self.data))
         self.reset()
 
     @property
@@ -185,7 +189,7 @@ class World(ClosedLoop):
 
         A law in Python keeps its own state, which is not in it.
         """
-        memory = self._enter_phase().memory.flat  # where a phase begins, as `set_state` expects it
+        memory = self._enter_phase().state.memory.flat  # where a phase begins, as `set_state` expects it
         state = np.empty(mujoco.mj_stateSize(self.model, _STATE))
         mujoco.mj_getState(self.model, self.data, state, _STATE)
         return np.concatenate([state, memory])
@@ -210,7 +214,7 @@ class World(ClosedLoop):
         if len(state) <= size:
             return False
         mujoco.mj_setState(self.model, self.data, state[:size], _STATE)
-        memory = self._enter_phase().memory.flat
+        memory = self._enter_phase().state.memory.flat
         if len(state) != size + len(memory):
             return False
         memory[:] = state[size:]
@@ -266,21 +270,22 @@ def _step_part(loop, arrays, own, first, last, step, count, log, row, bad):
     Returns:
         Whether none did; see `ThreadedLoop._work` on `bad`.
     """
-    bodies = loop.fleet.bodies
-    qpos, qvel = loop.qpos[7 * first : 7 * last], loop.qvel[6 * first : 6 * last]
-    ctrl, act = loop.ctrl[bodies[first].actuator :], loop.act[bodies[first].state :]
+    params, state = loop
+    bodies = params.fleet.bodies
+    qpos, qvel = state.qpos[7 * first : 7 * last], state.qvel[6 * first : 6 * last]
+    ctrl, act = state.ctrl[bodies[first].actuator :], state.act[bodies[first].state :]
     _copy(qpos, own.qpos)
     _copy(qvel, own.qvel)
     _copy(act, own.act)
     for k in range(step, step + count):
-        apply_forces(loop, arrays, loop.start + k * loop.timestep, first, last)
+        apply_forces(loop, arrays, params.start + k * params.timestep, first, last)
         if k == step and row >= 0:
             record(loop, log, row, first, last)
         _copy(ctrl, own.ctrl)
         if _is_bad(own.ctrl):
             for v in range(first, last):
                 a = bodies[v].actuator - bodies[first].actuator
-                if _is_bad(own.ctrl[a : a + loop.fleet.kinds[bodies[v].kind].count]):
+                if _is_bad(own.ctrl[a : a + params.fleet.kinds[bodies[v].kind].count]):
                     bad[v] = 2 * k + 1
             return False
         _mj_step(arrays.model, arrays.data)
@@ -301,7 +306,7 @@ def _advance_part(loop, arrays, own, first, last, step, count, recorder, row, ba
     """See `ThreadedLoop._work`; the thread's vehicles are those from first up to last."""
     k, end, meetings = step, step + count, 0
     while k < end:
-        span, sample = min(loop.per_law - k % loop.per_law, end - k), next_row(loop, k, recorder, row)
+        span, sample = min(loop.params.per_law - k % loop.params.per_law, end - k), next_row(loop, k, recorder, row)
         if not begin_span(loop, k, recorder, sample, thread, threads, meetings, gate):
             return
         if not _step_part(loop, arrays, own, first, last, k, span, recorder.log, sample, bad):

@@ -47,7 +47,7 @@ def require_as_alone(batch: Batch, scenarios: list[Scenario], alone: list[xr.Dat
         assert outcome.tracking_error == pytest.approx(final["tracking_error"], rel=1e-12)
         assert outcome.mean_disagreement == pytest.approx(final["mean_disagreement"], rel=1e-12)
         if run.attrs["status"] == "finished":
-            np.testing.assert_array_equal(loop.x[: len(team.agents)], np.nan_to_num(run["agent_position"][-1]))
+            np.testing.assert_array_equal(loop.state.x[: len(team.agents)], np.nan_to_num(run["agent_position"][-1]))
             assert outcome.late_tracking_error == pytest.approx(late["tracking_error"], rel=1e-12)
             assert outcome.late_mean_disagreement == pytest.approx(late["mean_disagreement"], rel=1e-12)
         else:
@@ -121,8 +121,10 @@ def test_the_layout_of_a_card_gives_the_same_bits(members: int, monkeypatch: pyt
     columns.run(members=members)
     assert columns.outcomes() == plain.outcomes()
     for w in range(3):
-        np.testing.assert_array_equal(columns.rows.loop_of(w).qpos, plain.rows.loop_of(w).qpos)
-        np.testing.assert_array_equal(columns.rows.loop_of(w).memory.flat, plain.rows.loop_of(w).memory.flat)
+        np.testing.assert_array_equal(columns.rows.loop_of(w).state.qpos, plain.rows.loop_of(w).state.qpos)
+        np.testing.assert_array_equal(
+            columns.rows.loop_of(w).state.memory.flat, plain.rows.loop_of(w).state.memory.flat
+        )
 
 
 @pytest.mark.slow

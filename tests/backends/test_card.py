@@ -17,13 +17,14 @@ import pytest
 from numba import typeof, types
 from numpy.typing import NDArray
 
+from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError
 from mjsheaf.simulation import card
 from mjsheaf.simulation.batch import Batch, run_world
 from mjsheaf.simulation.card import arguments, kernel_function, place_of, require_card
 from mjsheaf.simulation.fused import Fused
 from mjsheaf.simulation.gate import Crew
-from mjsheaf.simulation.rows import world_of
+from mjsheaf.simulation.rows import leaves_of
 from tests.backends.test_batch import WILD, linked
 from tests.builders import refused
 
@@ -54,14 +55,18 @@ def test_views_are_at_the_same_places_of_a_copy(number: type) -> None:
     copy = rows.values.copy(order="F")
     copy[:] = np.arange(copy.size).reshape(copy.shape)
 
-    seeds, *parts, memory = rows.worlds
-    assert seeds.tolist() == [0, 1, 2]
-    for part in (*parts, memory.flat):
+    loop = rows.loop
+    np.testing.assert_array_equal(loop.params.control.law.links.seed, [0, 1, 2])
+    whole, parts = list[Array](), list[Array]()
+    for leaf in leaves_of(loop):
+        if getattr(leaf.value, "base", None) is rows.values and leaf.value.size:
+            (parts if ".memory." in leaf.path else whole).append(leaf.value)
+    for part in (*whole, loop.state.memory.flat):
         there = np.asarray(SimpleNamespace(__array_interface__=place_of(part, rows.values, copy.ctypes.data)))
         assert there.shape == part.shape
         seen.extend(there.astype(np.int64).ravel().tolist())
     assert sorted(seen) == list(range(copy.size))  # every number once
-    places = [place_of(part, rows.values, 0) for part in rows.worlds.memory.terms if isinstance(part, np.ndarray)]
+    places = [place_of(part, rows.values, 0) for part in (*whole, *parts)]
     assert all(place["strides"][0] == copy.itemsize for place in places)  # neighbouring worlds
 
 
@@ -85,7 +90,8 @@ class Card:
 
     to_device = CardArray
 
-    def __init__(self) -> None:
+    def __init__(self, take: Any) -> None:
+        self.take = take
         self.launches: list[tuple[tuple[int, ...], int, int]] = []
 
     def as_cuda_array(self, described: Any) -> CardArray:
@@ -100,11 +106,11 @@ class Card:
 
         def launch(*given: Any) -> None:
             *trees, begin, end = given
-            loop, motion, rows, goal, scores, nothing = map(here, trees)
+            loop, motion, goal, scores, nothing = map(here, trees)
             self.launches.append(((blocks, worlds, members), begin, end))
             crew = Crew(members)
             for w in range(len(scores.bound)):
-                own = world_of.py_func(loop, rows, w)
+                own = self.take(loop, w)
 
                 def work(member: int, gate: Any, w: int = w, own: Any = own) -> None:
                     run_world(own, motion, goal, scores, nothing, w, True, begin, end, 1, member, members, gate)
@@ -125,12 +131,13 @@ def here(tree: Any) -> Any:
 @pytest.mark.slow
 def test_what_is_sent_to_a_card_and_comes_back_is_what_threads_have(monkeypatch: pytest.MonkeyPatch) -> None:
     """In another memory, by addresses alone and in several launches; one world blows up."""
-    fake, scenarios = Card(), [linked(0, 1.0), linked(1, 2.0), linked(2, WILD)]
+    scenarios = [linked(0, 1.0), linked(1, 2.0), linked(2, WILD)]
+    on_card, on_threads = (Batch([Fused(one.phases) for one in scenarios], order="F") for _ in range(2))
+    fake = Card(on_card.rows.take)
     monkeypatch.setattr(card, "import_module", lambda name: fake)
-    monkeypatch.setattr(card, "_kernel", lambda: fake)
+    monkeypatch.setattr(card, "_kernel", lambda take: fake)
     monkeypatch.setattr(card, "require_card", lambda: None)
     monkeypatch.setattr(Batch, "chunk", 10)
-    on_card, on_threads = (Batch([Fused(one.phases) for one in scenarios], order="F") for _ in range(2))
     on_threads.run()
     assert list(card.run_on_card(on_card)) == [0, 1, 2]
     assert on_card.outcomes() == on_threads.outcomes()
@@ -152,7 +159,7 @@ def test_the_kernel_compiles_for_a_card(monkeypatch: pytest.MonkeyPatch) -> None
     batch = Batch([Fused(linked(seed, 1.0).phases) for seed in range(2)], order="F")
     kinds = [typeof(tree) for tree in arguments(batch)]
     signature = types.void(*kinds, types.int64, types.int64)
-    ptx, _ = cuda.compile(kernel_function(), signature, device=False, abi="numba", cc=H200)
+    ptx, _ = cuda.compile(kernel_function(batch.rows.take), signature, device=False, abi="numba", cc=H200)
     assert ".target sm_90" in ptx
     assert ptx.count("bar.sync") >= 2
     assert "ld.global.f64" in ptx

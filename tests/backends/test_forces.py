@@ -275,7 +275,7 @@ def test_drag_is_taken_once(tau: float, period: float) -> None:
     scenario = {"agents": agents, "targets": [{"id": "T", "position": [1, 2, 3]}], "vehicles": {"tau": tau}}
     scenario |= {"sensing": [["A", "T"], ["B", "T"]], "physics": {"timestep": timestep}}
     world = World(make_scenario({**scenario, "controller": {"gain": 1.0, "control_period": steps * timestep}}))
-    fleet = world._loop.fleet
+    fleet = world._loop.params.fleet
     for v, vehicle in enumerate(world.arena.vehicles):
         kind, damping = fleet.kinds[fleet.bodies[v]["kind"]], world.model.dof_damping[parts(world, v)[1]]
         assert (kind["implicit"], kind["explicit"]) == ((damping[0], 0.0) if damping.any() else (0.0, 1.0))

@@ -100,8 +100,8 @@ def off_by(scenario: Scenario, count: int, seed: int) -> float:
     """The largest difference of a step of both engines from random states, over what its rounding allows."""
     rng = np.random.default_rng(seed)
     world, fused = World(scenario, visible=False), Fused(scenario.phases)
-    ours, theirs, vehicles = fused._loop, world._loop, world.arena.vehicles
-    V, h, worst = len(vehicles), theirs.timestep, 0.0
+    (params, ours), (of_world, theirs), vehicles = fused._loop, world._loop, world.arena.vehicles
+    V, h, worst = len(vehicles), of_world.timestep, 0.0
     low, high = np.nan_to_num(np.concatenate([vehicle.limits for vehicle in vehicles]), posinf=30, neginf=-30).T
     mass = np.array([vehicle.mass for vehicle in vehicles])
     least = np.array([np.linalg.eigvalsh(v.turning_inertia - np.diag(v.added_mass[3:]))[0] for v in vehicles])
@@ -113,15 +113,15 @@ def off_by(scenario: Scenario, count: int, seed: int) -> float:
         if k % 2:  # nearly level too, as vehicles mostly are
             q[:, 3:] = Rotation.from_rotvec(rng.normal(0, 0.1, (V, 3))).as_quat()[:, [3, 0, 1, 2]]
         w[:, :3], w[:, 3:] = rng.normal(0, 4, (V, 3)), rng.normal(0, 2, (V, 3))
-        ours.act[:] = rng.uniform(low, high)[ours.fleet.channels["late"] > 0]
+        ours.act[:] = rng.uniform(low, high)[params.fleet.channels["late"] > 0]
         ours.memory.command[:] = rng.normal(0, 3, (V, 3)) * (rng.random() < 0.8)
-        ours.stopped[:] = theirs.stopped[:] = rng.random(V) < 0.1
+        params.stopped[:] = of_world.stopped[:] = rng.random(V) < 0.1
         theirs.qpos[:], theirs.qvel[:], theirs.act[:] = ours.qpos, ours.qvel, ours.act
         theirs.memory.command[:] = ours.memory.command
         before = w.copy()
-        apply_forces(theirs, world._arrays, theirs.start + k * h, 0, V)
+        apply_forces(world._loop, world._arrays, of_world.start + k * h, 0, V)
         mujoco.mj_step(world.model, world.data)
-        assert advance_block(ours, fused._motion, 0, V, k, 1, nothing, -1, fused._bad)
+        assert advance_block(fused._loop, fused._motion, 0, V, k, 1, nothing, -1, fused._bad)
         np.testing.assert_array_equal(ours.ctrl, theirs.ctrl)
         pushes = np.abs(world.data.actuator_force[:, None] * world.model.actuator_gear)
         pushed = np.add.reduceat(pushes, world.arena.thruster[:-1]) + np.abs(world.data.qfrc_applied.reshape(V, 6))
