@@ -35,6 +35,7 @@ _SOURCES = (
     "noise.py",
     "sheaf/*.py",
     "dynamics/*.py",
+    "media/*.py",
     "control/*.py",
     "vehicles/*.py",
     "simulation/*.py",

@@ -11,13 +11,13 @@ from mjsheaf.arrays import Array, BoolArray, IntArray, Own
 from mjsheaf.control import ControlArrays, LawArrays
 from mjsheaf.control.station import Station, no_station
 from mjsheaf.control.terms import TermArrays, cover
-from mjsheaf.dynamics import disturbance
-from mjsheaf.dynamics.disturbance import HarmonicArrays, disturbance_velocity
 from mjsheaf.dynamics.effectiveness import EffectivenessArrays
-from mjsheaf.dynamics.flow import FlowField, flow_velocity
 from mjsheaf.dynamics.motion import MotionArrays
 from mjsheaf.errors import InputError, in_field
 from mjsheaf.jit import inline_jit
+from mjsheaf.media import disturbance
+from mjsheaf.media.disturbance import HarmonicArrays, disturbance_velocity
+from mjsheaf.media.flow import FlowField, flow_velocity
 from mjsheaf.team import Team
 from mjsheaf.vehicles.effects import Effects, embody
 from mjsheaf.vehicles.vehicle import Vehicle

@@ -21,9 +21,9 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import ortho_group
 
 from mjsheaf import Sheaf, World
-from mjsheaf.dynamics import disturbance
-from mjsheaf.dynamics.flow import CHANNEL, SOURCE, Channel, FlowField, Source, Vortex
 from mjsheaf.dynamics.motion import add_reference
+from mjsheaf.media import disturbance
+from mjsheaf.media.flow import CHANNEL, SOURCE, Channel, FlowField, Source, Vortex
 from mjsheaf.scenario import Scenario, scenario_from_mapping
 from mjsheaf.simulation.fused import Fused
 from mjsheaf.studies import Plan, load_plan

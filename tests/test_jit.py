@@ -19,7 +19,7 @@ for name in sys.argv[1:]:
 FILES = (
     "noise.py",
     "sheaf/edges.py",
-    "dynamics/flow.py",
+    "media/flow.py",
     "control/terms.py",
     "simulation/ideal.py",
     "simulation/loop.py",

@@ -45,10 +45,10 @@ from mjsheaf.checking.constants import (
 from mjsheaf.checking.targets import Carrier, follow_targets
 from mjsheaf.checking.targets_loop import targets_loop
 from mjsheaf.control.theorem import ConstantRho, Rho, Theorem, disturbance_bound, theorem_1
-from mjsheaf.dynamics.bounds import singular_points
-from mjsheaf.dynamics.disturbance import bounds
 from mjsheaf.dynamics.effectiveness import is_rank_deficient, without_full_row_rank
 from mjsheaf.io.section import Finite, Record
+from mjsheaf.media.bounds import singular_points
+from mjsheaf.media.disturbance import bounds
 from mjsheaf.system import System
 from mjsheaf.team import Edge, Team
 from mjsheaf.threads import one_thread

@@ -26,10 +26,10 @@ from mjsheaf.checking.targets import Carrier
 from mjsheaf.checking.targets_loop import TargetsLoop, targets_loop
 from mjsheaf.checking.wanted_gain import gain_for_wanted_radius
 from mjsheaf.control.theorem import Rho, RhoLike, as_rho
-from mjsheaf.dynamics.disturbance import bounds
 from mjsheaf.errors import InputError, listed
 from mjsheaf.io.norms import OF_TEAM, TEAM_NORM, Norm, per_agent
 from mjsheaf.io.section import Finite, Record
+from mjsheaf.media.disturbance import bounds
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.slips import slips_of
 from mjsheaf.system import Phase, System, during, phases_of

@@ -19,8 +19,8 @@ import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.checking.targets import Carrier, Cells, TargetPath
-from mjsheaf.dynamics.bounds import Supremum, supremum
-from mjsheaf.dynamics.disturbance import evaluate
+from mjsheaf.media.bounds import Supremum, supremum
+from mjsheaf.media.disturbance import evaluate
 from mjsheaf.system import System
 
 _MOST_CELLS = 50_000  # that are bounded

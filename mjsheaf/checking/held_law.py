@@ -37,11 +37,11 @@ from mjsheaf.checking.modelled import UndecidedError, require_model, unmodelled_
 from mjsheaf.checking.targets import Carrier
 from mjsheaf.checking.targets_loop import targets_loop
 from mjsheaf.control.terms import traffic_of
-from mjsheaf.dynamics.disturbance import evaluate
 from mjsheaf.dynamics.effectiveness import without_full_row_rank
 from mjsheaf.io.norms import OF_TEAM, TEAM_NORM, Norm, per_agent
 from mjsheaf.io.section import Finite, Record
 from mjsheaf.jit import jit
+from mjsheaf.media.disturbance import evaluate
 from mjsheaf.noise import LARGEST_NORMAL
 from mjsheaf.system import System
 

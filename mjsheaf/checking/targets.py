@@ -30,11 +30,11 @@ from mjsheaf.checking.cohomology import Spectrum
 from mjsheaf.control.law import ControlArrays, evaluate_law, new_memory, pack_edges
 from mjsheaf.control.links import no_links
 from mjsheaf.control.terms import no_terms
-from mjsheaf.dynamics import disturbance
-from mjsheaf.dynamics.disturbance import disturbance_velocity
-from mjsheaf.dynamics.flow import flow_scale, flow_slope
 from mjsheaf.dynamics.motion import MotionArrays, add_reference, reference_bounds
 from mjsheaf.jit import inline_jit, jit
+from mjsheaf.media import disturbance
+from mjsheaf.media.disturbance import disturbance_velocity
+from mjsheaf.media.flow import flow_scale, flow_slope
 from mjsheaf.remember import remember_last
 from mjsheaf.simulation.ideal import new_integrator, slope_of, take_step
 from mjsheaf.system import MediumArrays, System

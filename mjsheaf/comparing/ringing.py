@@ -31,8 +31,8 @@ from mjsheaf.checking.margins import LARGEST_SECOND_ORDER
 from mjsheaf.comparing.ladder import effects_of, inertial_tau
 from mjsheaf.comparing.measures import positions_at_q_star
 from mjsheaf.control.links import LinkArrays
-from mjsheaf.dynamics import FlowField
 from mjsheaf.io.section import FiniteRecord
+from mjsheaf.media import FlowField
 from mjsheaf.simulation.physics import run_physics
 from mjsheaf.system import System
 from mjsheaf.vehicles.effects import Effects, capability_of, of_each

@@ -26,11 +26,12 @@ from mjsheaf.control.terms import (
     Terms,
     pack_terms,
 )
-from mjsheaf.dynamics import ControlEffectiveness, Disturbance, FlowField, Motion, disturbance
+from mjsheaf.dynamics import ControlEffectiveness, Motion
 from mjsheaf.dynamics import effectiveness as effectivenesses
 from mjsheaf.dynamics import motion as motions
 from mjsheaf.errors import InputError, in_field, shortened, visible
 from mjsheaf.io.section import Duration, Id, NonNegative, Number, Point, Positive, Section
+from mjsheaf.media import Disturbance, FlowField, disturbance
 from mjsheaf.noise import generator_of
 from mjsheaf.scenario.events import AnyEvent, phases_of_events
 from mjsheaf.scenario.swarm import Swarm, expand_swarm

@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 
 from mjsheaf.arrays import IntArray
 from mjsheaf.control.controller import Controller, Law
-from mjsheaf.dynamics.disturbance import evaluate_sines
 from mjsheaf.jit import inline_jit, jit
+from mjsheaf.media.disturbance import evaluate_sines
 from mjsheaf.simulation.bodies import kinds_of
 from mjsheaf.simulation.gate import fail, take
 from mjsheaf.simulation.loop import HUGE, Loop, Recorder, record, sense_and_command

@@ -23,9 +23,9 @@ from mjsheaf.arrays import Array, IntArray
 from mjsheaf.control.controller import Controller
 from mjsheaf.control.law import Memory, carry, evaluate_law, new_memory
 from mjsheaf.control.station import Station, keep_station, no_station
-from mjsheaf.dynamics.disturbance import evaluate_sines
 from mjsheaf.dynamics.effectiveness import EffectivenessArrays, allocate
 from mjsheaf.jit import inline_jit, jit
+from mjsheaf.media.disturbance import evaluate_sines
 from mjsheaf.simulation.trajectory import Trajectory, blow_up_message, new_log, pieces_of, quaternions_of, record_links
 from mjsheaf.system import MediumArrays, Phase, System, TimeGrid, medium_velocity, phases_of
 

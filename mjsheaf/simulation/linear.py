@@ -18,9 +18,9 @@ import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.control import ControlArrays
-from mjsheaf.dynamics import FlowField
-from mjsheaf.dynamics.disturbance import pack
 from mjsheaf.engine import mujoco
+from mjsheaf.media import FlowField
+from mjsheaf.media.disturbance import pack
 from mjsheaf.remember import remember_last
 from mjsheaf.simulation.arena import compose
 from mjsheaf.simulation.bodies import pack_fleet

@@ -15,9 +15,9 @@ from mjsheaf.arrays import Array, BoolArray, IntArray, Own
 from mjsheaf.control.controller import Controller, Law, controller_of
 from mjsheaf.control.law import ControlArrays, LawArrays, Memory, carry, evaluate_law, new_memory
 from mjsheaf.control.station import Station, keep_station, no_station
-from mjsheaf.dynamics.disturbance import evaluate_sines
 from mjsheaf.errors import UnstableError
 from mjsheaf.jit import inline_jit, jit
+from mjsheaf.media.disturbance import evaluate_sines
 from mjsheaf.simulation.bodies import (
     Fleet,
     Sensed,

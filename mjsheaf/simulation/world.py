@@ -17,10 +17,10 @@ from numba import types
 from mjsheaf.arguments import phases_given
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.control.controller import Controller, Law
-from mjsheaf.dynamics.disturbance import evaluate_sines
 from mjsheaf.engine import mujoco
 from mjsheaf.errors import InputError, expected
 from mjsheaf.jit import inline_jit, jit
+from mjsheaf.media.disturbance import evaluate_sines
 from mjsheaf.simulation.arena import Arena, compose
 from mjsheaf.simulation.bodies import apply_wrench, turn_gears
 from mjsheaf.simulation.gate import fail

@@ -13,9 +13,9 @@ import numpy as np
 from mjsheaf.arrays import Array
 from mjsheaf.checking.finished import bound_ahead
 from mjsheaf.control.terms import traffic_of
-from mjsheaf.dynamics.disturbance import bounds as bounds_of_harmonics
 from mjsheaf.io.norms import PER_AGENT_RMS
 from mjsheaf.io.section import finite
+from mjsheaf.media.disturbance import bounds as bounds_of_harmonics
 from mjsheaf.results.dataset import law_of
 from mjsheaf.results.metrics import MEASURES
 from mjsheaf.runs.many import fused_run

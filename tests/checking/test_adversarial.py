@@ -16,7 +16,7 @@ import pytest
 
 import mjsheaf
 from mjsheaf.checking.finished import bound_of_run
-from mjsheaf.dynamics.flow import FlowField
+from mjsheaf.media.flow import FlowField
 from mjsheaf.scenario import scenario_from_mapping
 from mjsheaf.simulation.ideal import run_ideal
 from tests.builders import random_scenario

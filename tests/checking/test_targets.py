@@ -14,8 +14,8 @@ from mjsheaf.checking.cohomology import spectrum_of
 from mjsheaf.checking.constants import coarser, difference_along
 from mjsheaf.checking.targets import Carrier, Cells, follow_targets
 from mjsheaf.dynamics import Lissajous, Waypoints
-from mjsheaf.dynamics.disturbance import evaluate
 from mjsheaf.dynamics.motion import Motion, pack, reference_bounds
+from mjsheaf.media.disturbance import evaluate
 from mjsheaf.scenario import scenario_from_mapping
 from tests.builders import field_of, flow_jacobian
 from tests.checking.adversarial import adversarial_scenario

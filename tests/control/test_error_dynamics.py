@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 import mjsheaf
 from mjsheaf.checking.finished import bound_of_run
-from mjsheaf.dynamics import disturbance
+from mjsheaf.media import disturbance
 from mjsheaf.scenario import scenario_from_mapping
 from mjsheaf.simulation.ideal import run_ideal
 from mjsheaf.system import System

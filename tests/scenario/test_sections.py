@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mjsheaf.dynamics import ControlEffectiveness, Disturbance, FlowField, Lissajous, Waypoints
-from mjsheaf.dynamics.flow import Source
+from mjsheaf.dynamics import ControlEffectiveness, Lissajous, Waypoints
 from mjsheaf.errors import InputError
 from mjsheaf.io.section import Section
+from mjsheaf.media import Disturbance, FlowField
+from mjsheaf.media.flow import Source
 from mjsheaf.scenario import load_scenario
 from mjsheaf.scenario.scenario import Agent
 from mjsheaf.team import Anchor, LinearEdge

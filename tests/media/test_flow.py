@@ -12,9 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from mjsheaf.dynamics import FlowField
-from mjsheaf.dynamics.flow import Source
 from mjsheaf.errors import InputError
+from mjsheaf.media import FlowField
+from mjsheaf.media.flow import Source
 from tests.builders import FACTS, field_of, flow_jacobian, of_facts
 
 Array = NDArray[np.float64]

@@ -36,8 +36,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mjsheaf.arrays import Array
-from mjsheaf.dynamics.flow import CHANNEL, SOURCE, VORTEX, FlowField
 from mjsheaf.errors import InputError
+from mjsheaf.media.flow import CHANNEL, SOURCE, VORTEX, FlowField
 
 _BATCH = 1024  # cells that are cut at once: enough to hide numpy's overhead, few enough to stay best-first
 _NO_CORE = 1e-30  # m; a core smaller than this is none

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjsheaf.dynamics import Disturbance, disturbance
-from mjsheaf.dynamics.disturbance import disturbance_velocity, evaluate_sines
 from mjsheaf.errors import InputError
+from mjsheaf.media import Disturbance, disturbance
+from mjsheaf.media.disturbance import disturbance_velocity, evaluate_sines
 
 kinds = st.builds(
     Disturbance,
