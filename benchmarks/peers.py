@@ -10,9 +10,9 @@ from pathlib import Path
 from benchmarks import peer_rates
 from mjsheaf.bench import Row, at_least, best, informs, swarm
 from mjsheaf.errors import InputError
-from mjsheaf.runs.simulate import ENGINES
 from mjsheaf.scenario import Scenario
 from mjsheaf.simulation.fused import Fused
+from mjsheaf.simulation.session import ENGINES
 from mjsheaf.simulation.world import World
 from mjsheaf.system import on_engine
 from mjsheaf.threads import usable_processors

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from mjsheaf.runs.simulate import simulate
     from mjsheaf.scenario import Scenario, load_scenario
     from mjsheaf.sheaf import Sheaf
+    from mjsheaf.simulation.session import Session
     from mjsheaf.simulation.world import World
     from mjsheaf.vehicles.loading import load_vehicle
 
@@ -28,6 +29,7 @@ _HOME = {
     "simulate": "mjsheaf.runs.simulate",
     "simulate_many": "mjsheaf.runs.many",
     "check": "mjsheaf.checking",
+    "Session": "mjsheaf.simulation.session",
     "World": "mjsheaf.simulation.world",
     "load_vehicle": "mjsheaf.vehicles.loading",
     "save": "mjsheaf.runs.publish",
@@ -41,6 +43,7 @@ __all__ = [
     "Controller",
     "PerAgent",
     "Scenario",
+    "Session",
     "Sheaf",
     "World",
     "__version__",

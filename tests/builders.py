@@ -368,11 +368,8 @@ class AloneFused(Fused):
         super().__init__(scenario.phases, controller=lambda *_: self.wanted[None])
         state, V = self._loop.state, np.arange(len(self._vehicles))
         self.data = SimpleNamespace(qpos=state.qpos, qvel=state.qvel, act=state.act, ctrl=state.ctrl)
-        first = self._first_thruster
+        first = np.cumsum([0, *(len(vehicle.channels) for vehicle in self._vehicles)])
         self.arena = SimpleNamespace(vehicles=self._vehicles, qpos=7 * V, dof=6 * V, thruster=first)
-
-    def reset(self) -> None:
-        self._place()
 
 
 def alone(

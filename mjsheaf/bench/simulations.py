@@ -10,12 +10,10 @@ import numpy as np
 import mjsheaf
 from mjsheaf.bench import WANTED, Row, at_least, at_most, best, elapsed, informs, swarm, timed
 from mjsheaf.engine import mujoco
-from mjsheaf.runs.simulate import ENGINES
 from mjsheaf.scenario import Scenario
 from mjsheaf.simulation.fused import Fused
-from mjsheaf.simulation.ideal import run_ideal
 from mjsheaf.simulation.loop import ClosedLoop
-from mjsheaf.simulation.physics import run_physics
+from mjsheaf.simulation.session import ENGINES, engine_of
 from mjsheaf.simulation.threaded import ThreadedLoop
 from mjsheaf.simulation.world import SplitWorld, World
 from mjsheaf.system import on_engine, phases_of
@@ -36,7 +34,7 @@ def ideal(short: bool = False, end: float | None = None) -> list[Row]:
     system = scenario.system
     mjsheaf.simulate(scenario, backend="ideal")  # compiles
     repetitions = 5 if short else 20
-    run = best(lambda: run_ideal(system), repetitions, thread_time)
+    run = best(lambda: engine_of(system, "ideal").run(), repetitions, thread_time)
     simulate = best(lambda: mjsheaf.simulate(scenario, backend="ideal", progress=False), repetitions, thread_time)
     what = f"published run, {system.grid.steps} steps, s"
     return [
@@ -89,9 +87,9 @@ def fused(short: bool = False, sizes: tuple[int, ...] = (1, 100, 1000, 10_000)) 
     rows = [_fused_swarm(size, repetitions) for size in sizes[: -1 if short else None]]
     system = mjsheaf.load_scenario("paper").system
     (phase,) = on_engine(phases_of(system), "fused")
-    run_physics(phase.system)  # compiles
-    run = best(lambda: run_physics(phase.system), repetitions, thread_time)
-    theirs = best(lambda: run_physics(system), max(2, repetitions // 10), thread_time)
+    engine_of(phase.system).run()  # compiles
+    run = best(lambda: engine_of(phase.system).run(), repetitions, thread_time)
+    theirs = best(lambda: engine_of(system).run(), max(2, repetitions // 10), thread_time)
     steps = system.grid.steps * system.steps_per_sample
     what = f"published run on bodies, {steps} steps, s"
     rows.append(at_most("fused", what, run, bound, run / bound, 1.0, "wanted time"))

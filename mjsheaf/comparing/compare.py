@@ -16,8 +16,9 @@ from mjsheaf.control.source import LawFile
 from mjsheaf.jit import working_time
 from mjsheaf.results.dataset import law_of
 from mjsheaf.runs.diagnostics import examine_terms
-from mjsheaf.runs.simulate import Progress, moved_by, no_progress, require_simulable
+from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.scenario import Scenario
+from mjsheaf.simulation.session import moved_by, require_simulable
 from mjsheaf.system import Phase, phases_of
 
 

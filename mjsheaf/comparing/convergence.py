@@ -9,8 +9,7 @@ from mjsheaf.comparing.ladder import inertial_tau, without_links, without_terms
 from mjsheaf.comparing.measures import largest_distance, positions_at_q_star
 from mjsheaf.io.section import FiniteRecord
 from mjsheaf.runs.simulate import Progress, no_progress
-from mjsheaf.simulation.ideal import run_ideal
-from mjsheaf.simulation.physics import run_physics
+from mjsheaf.simulation.session import engine_of
 from mjsheaf.system import System
 from mjsheaf.vehicles.effects import Effects
 
@@ -77,7 +76,7 @@ def converge(system: System, progress: Progress = no_progress) -> ConvergenceRec
     if smallest < _SHORTEST_STEP:
         return record([], f"it would take timesteps of {smallest:.2g} s, as bodies or law are so fast")
     system = replace(system, grid=replace(grid, steps=steps))
-    ideal = run_ideal(system)
+    ideal = engine_of(system, "ideal").run()
     if ideal.status != "finished" or end <= start:
         return record([], ideal.message or "the run is too short")
     points = []
@@ -85,7 +84,7 @@ def converge(system: System, progress: Progress = no_progress) -> ConvergenceRec
         progress("converging", k, _COUNT)
         timestep = grid.period / np.ceil(grid.period / min(tau / _STEPS_PER_TAU, system.bodies.timestep) - 1e-9)
         here = _with_inertia(system, tau)
-        run = run_physics(replace(here, bodies=replace(here.bodies, timestep=float(timestep))))
+        run = engine_of(replace(here, bodies=replace(here.bodies, timestep=float(timestep)))).run()
         apart = largest_distance(run, ideal, start) if run.status == "finished" else None
         points.append(PointRecord(tau_s=tau, timestep_s=timestep, distance_m=apart.distance_m if apart else None))
     progress("converging", _COUNT, _COUNT)

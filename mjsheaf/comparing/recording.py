@@ -11,8 +11,7 @@ from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.comparing.measures import Series, error_series, positions_at_q_star
 from mjsheaf.control.controller import Controller
 from mjsheaf.runs.simulate import dataset_of
-from mjsheaf.simulation.ideal import stream_ideal
-from mjsheaf.simulation.physics import stream_physics
+from mjsheaf.simulation.session import engine_of
 from mjsheaf.simulation.trajectory import Log, Trajectory
 from mjsheaf.system import Phase
 
@@ -94,10 +93,9 @@ class Recording:
 def record_run(
     phases: Sequence[Phase], *, bodies: bool, targets: Array | None = None, controller: Controller | None = None
 ) -> Recording:
-    """Simulate phases on bodies or ideal kinematics; `targets` and `controller` are those of `stream_ideal`."""
-    samples = phases[0].system.grid.steps + 1
-    stream = stream_physics if bodies else stream_ideal
-    pieces = tuple(stream(phases, samples, None, targets, controller))
+    """Simulate phases on bodies or ideal kinematics; `targets` are those of `Engine.record`."""
+    with engine_of(phases, "physics" if bodies else "ideal", controller=controller) as engine:
+        pieces = tuple(engine.record(phases[0].system.grid.steps + 1, targets))
     return Recording(tuple(phases), pieces, controller)
 
 

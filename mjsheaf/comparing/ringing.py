@@ -33,7 +33,7 @@ from mjsheaf.comparing.measures import positions_at_q_star
 from mjsheaf.control.links import LinkArrays
 from mjsheaf.io.section import FiniteRecord
 from mjsheaf.media import FlowField
-from mjsheaf.simulation.physics import run_physics
+from mjsheaf.simulation.session import engine_of
 from mjsheaf.system import System
 from mjsheaf.vehicles.effects import Effects, capability_of, of_each
 from mjsheaf.vehicles.vehicle import Vehicle
@@ -279,7 +279,7 @@ def _release(system: System, mode: Mode, bodies: str) -> ReleaseRecord:
     for attempt in range(_TRIES):
         initial = q_star.copy()
         initial[:N] += offset / 2.0**attempt
-        run = run_physics(replace(system, initial=initial), targets=targets)
+        run = engine_of(replace(system, initial=initial)).run(targets)
         saturated = float(run.log.saturation[:, :N].mean())
         if saturated == 0.0 or run.status != "finished":
             break

@@ -12,19 +12,15 @@ import sys
 import traceback
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
-from functools import cached_property
-from itertools import pairwise
+from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from mjsheaf.arrays import Array
-from mjsheaf.control.law import ControlArrays, LawArrays, Memory, link_of, observe, rows_of_measuring_edges
-from mjsheaf.control.terms import no_terms
+from mjsheaf.control.sample import Sample, Traffic, real_numbers
 from mjsheaf.errors import InputError, expected, visible
 from mjsheaf.team import Edge, Team
 
@@ -33,122 +29,17 @@ MAX_SPEED = 1e9
 
 _STREAM = 0x6C6177  # keeps a law's random numbers apart from others of the same seed
 _MAX_MESSAGE = 300  # characters of an exception that a message repeats
-Law = Callable[[float, "Sample"], ArrayLike]
-
-
-@dataclass(frozen=True)
-class Truth:
-    """What no agent knows; for debugging.
-
-    Attributes:
-        positions: of agents, then targets, padded, shape (V, 3), m.
-        harmonic_extension: q*, padded, shape (N, 3), m.
-    """
-
-    positions: Array
-    harmonic_extension: Array
-
-
-class ReadOnlyTeam(Team):
-    """A team as a law is handed it: the run's own, of which the law can change nothing."""
-
-    def __init__(self, team: Team) -> None:
-        """Take over all that a team has, with read-only views of its arrays and mappings and copies of its lists."""
-        own = dict(vars(team))
-        own.pop("remaining", None)  # which may be the run's own team
-        for name, value in own.items():
-            if isinstance(value, np.ndarray):
-                own[name] = _read_only(value)
-        own["index"] = MappingProxyType(team.index)
-        own["displacement"] = MappingProxyType({id: _read_only(o) for id, o in team.displacement.items()})
-        for name in ("agent_ids", "target_ids"):
-            own[name] = list(own[name])
-        for name in ("communication", "sensing", "target_edges", "anchors"):
-            own[name] = tuple(_read_only_edge(edge) for edge in own[name])
-        vars(self).update(own)
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        raise AttributeError(f"cannot set {name}: the team that a law is handed is read-only")
-
-
-def _read_only(values: Array) -> Array:
-    """Return a view that cannot be written."""
-    view = values.view()
-    view.flags.writeable = False
-    return view
-
-
-def _read_only_edge(edge: Edge) -> Edge:
-    """Return an edge whose arrays cannot be written."""
-    return replace(
-        edge,
-        F_tail=_read_only(edge.F_tail),
-        F_head=_read_only(edge.F_head),
-        weight=_read_only(edge.weight),
-        offset=None if edge.offset is None else _read_only(edge.offset),
-    )
-
-
-class Sample:
-    """What N agents may know at a sample.
-
-    Attributes:
-        team: the team, read-only; `team.agent_ids` names the rows of arrays.
-        edges: those at which agents measure: communication, sensing, anchors.
-        measurements: y_e = F_head x_head - F_tail x_tail of each edge, in its stalk, m, as its link delivers it; -b_e
-            where nothing is heard.
-        heard: whether each edge has a measurement, new or held.
-        disagreement: eta by these, padded, shape (N, 3), m.
-        velocity: over ground, shape (N, 3), m/s: of bodies now, on ideal kinematics the mean since the sample before.
-        displacement: of the controlled position since the sample before, zero at the first, shape (N, 3), m.
-        attitude: quaternions (w, x, y, z), body to world, shape (N, 4).
-    """
-
-    def __init__(
-        self, door: "Controller", x: Array, memory: Memory, velocity: Array, displacement: Array, attitude: Array
-    ) -> None:
-        N = len(door.team.agents)
-        self.team: Team = door.shown
-        self.edges = door.edges
-        self.measurements = [memory.y[place].copy() for place in door.places]
-        self.heard = [link < 0 or bool(memory.links.heard[link] > 0.0) for link in door.links]
-        self.disagreement = memory.residual[:N].copy()
-        self.velocity, self.displacement, self.attitude = velocity, displacement, attitude.copy()
-        self._door, self._x = door, x.copy()
-
-    @cached_property
-    def truth(self) -> Truth:
-        """What no agent knows; for debugging."""
-        return Truth(self._x, self._door.team.harmonic_extension(self._x))
-
-    def exchange(self, values: ArrayLike) -> list[dict[str, Array]]:
-        """Let every agent send numbers to its neighbours: one round of communication, which is counted.
-
-        Args:
-            values: what each agent sends, shape (N, ...).
-
-        Returns:
-            For each agent what it receives, by the neighbour's id.
-        """
-        sent, ids = _real(values), self._door.team.agent_ids
-        if sent.shape[:1] != (len(ids),):
-            raise InputError(f"exchange: values have shape {sent.shape}; expected ({len(ids)}, ...)")
-        messages = sum(map(len, self._door.neighbours))
-        self._door.rounds += 1
-        self._door.messages += messages
-        self._door.numbers += messages * (sent.size // len(sent))
-        return [{ids[j]: sent[j].copy() for j in near} for near in self._door.neighbours]
+Law = Callable[[float, Sample], ArrayLike]
 
 
 class Controller:
     """A law in Python, called once a control period.
 
     Attributes:
-        name: what messages call it.
-        team: the team that it controls now.
-        shown: The same as the law is handed it.
-        rounds, messages, numbers: of communication so far: calls of `exchange`, what they sent from agent to agent, and
-            how many numbers were in that.
+        law: The law.
+        name: Name in messages and results.
+        seed: Seed of the random numbers that the law's `reset` is handed.
+        traffic: Communication so far.
     """
 
     def __init__(self, law: Law, name: str = "", seed: int = 0) -> None:
@@ -166,76 +57,49 @@ class Controller:
         called = name or str(getattr(law, "__name__", type(law).__name__))
         self.name = called if called.isprintable() else visible(called)
         self.seed = seed
-        self.rounds = self.messages = self.numbers = 0
+        self.traffic = Traffic()
 
-    def reset(self) -> None:
-        """Begin a run with the team that was entered."""
-        self.rounds = self.messages = self.numbers = 0
-        self._time, self._before, self._now = -np.inf, np.zeros(0), np.zeros(0)
+    def reset(self, team: Team) -> None:
+        """Begin a run with a team."""
+        self.traffic.rounds = self.traffic.messages = self.traffic.numbers = 0
         reset = getattr(self.law, "reset", None)
         if reset is not None:
             rng = np.random.default_rng([self.seed, _STREAM])
-            self._guarded("reset", lambda: reset(self.shown, rng))
+            self._guarded("reset", lambda: reset(team, rng))
 
-    def enter(self, team: Team, control: ControlArrays) -> ControlArrays:
-        """Control this team from here on, with other edges in another phase; return its law with agents supplied."""
-        self.team = team
-        self.shown = shown = ReadOnlyTeam(team)
-        self.edges = shown.measuring_edges
-        rows = rows_of_measuring_edges(team, control.law)
-        slices = [slice(begin, end) for begin, end in pairwise(control.law.edges.first)]
-        self.places = [slices[row] for row in rows]
-        self.links = [link_of(control.law, row) for row in rows]
-        near: list[dict[int, None]] = [{} for _ in team.agents]
-        for e in team.communication:
-            i, j = team.index[e.tail], team.index[e.head]
-            near[i][j] = near[j][i] = None
-        self.neighbours = [list(js) for js in near]
-        return control._replace(law=control.law._replace(supplied=len(team.agents), terms=no_terms()))
-
-    def supply(
-        self, law: LawArrays, t: float, x: Array, memory: Memory, velocity: Array, attitude: Array, *, bodies: bool
-    ) -> None:
-        """Call the law at time t, s, for positions x (V, 3), m, and leave in the memory what it asks for.
-
-        `bodies` says that the links' memory has the vehicles' attitudes.
+    def call(self, team: Team, sample: Sample) -> Array:
+        """Call the law of a team and return the velocities that it commands, padded, shape (N, 3), m/s.
 
         Raises:
             InputError: the law raised an exception, or did not return finite velocities of shape (N, 3).
         """
-        N = len(self.team.agents)
-        observe(law, t, x, bodies, memory)
-        shown = Sample(self, x, memory, velocity, self._moved(t, x[:N].copy()), attitude)
-        wanted = self._guarded(f"t = {t:.6g} s", lambda: _real(self.law(t, shown)))
-        if wanted.shape != (N, 3):
-            raise InputError(f"controller {self.name} at t = {t:.6g} s: returned shape {wanted.shape}; "
-                             f"expected ({N}, 3), a velocity in m/s for each agent")  # fmt: skip
+        ids = team.agent_ids
+        t = sample.time
+        when = f"t = {t:.6g} s"
+        wanted = self._guarded(when, lambda: real_numbers(self.law(t, sample)))
+        if wanted.shape != (len(ids), 3):
+            raise InputError(
+                f"controller {self.name} at {when}: returned shape {wanted.shape}; "
+                f"expected ({len(ids)}, 3), a velocity in m/s for each agent"
+            )
         good = np.abs(wanted) <= MAX_SPEED  # False where it is not finite
         if not good.all():
             i = int(np.flatnonzero(~good.all(axis=1))[0])
             raise InputError(
-                f"controller {self.name} at t = {t:.6g} s: returned {wanted[i]} for {self.team.agent_ids[i]}; expected "
-                f"finite velocities of at most {MAX_SPEED:g} m/s"
+                f"controller {self.name} at {when}: returned {wanted[i]} for {ids[i]}; "
+                f"expected finite velocities of at most {MAX_SPEED:g} m/s"
             )
-        for i, agent in enumerate(self.team.agents):
-            memory.supplied[i, : agent.dimension] = wanted[i, : agent.dimension]
+        return cast(Array, wanted)
 
-    def cause_of_blow_up(self, vehicle: int, command: Array) -> str:
+    def cause_of_blow_up(self, team: Team, vehicle: int, command: Array) -> str:
         """Say that the law may be why a vehicle's state blew up under commands (V, 3), m/s; empty for a target."""
-        if vehicle >= len(self.team.agents):
+        if vehicle >= len(team.agents):
             return ""
         speed = float(np.linalg.norm(command[vehicle]))
         return (
-            f"likely cause: controller {self.name}, which asks for {speed:.3g} m/s for {self.team.agent_ids[vehicle]}, "
+            f"likely cause: controller {self.name}, which asks for {speed:.3g} m/s for {team.agent_ids[vehicle]}, "
             "or a flow too strong to integrate"
         )
-
-    def _moved(self, t: float, q: Array) -> Array:
-        """How far agents at q (N, 3), m, have moved since the sample before, shape (N, 3), m."""
-        if t != self._time:  # a sample may be taken again
-            self._time, self._before = t, self._now
-        self._now = q
-        return q - self._before if len(self._before) else np.zeros_like(q)
 
     def _guarded(self, when: str, call: Callable[[], Any]) -> Any:
         try:
@@ -268,22 +132,6 @@ def _working_directory() -> str | None:
     return None
 
 
-def _real(values: ArrayLike) -> Array:
-    """Return numbers as float64.
-
-    Raises:
-        TypeError: they are complex, no numbers, or a masked array that lacks some.
-    """
-    if isinstance(values, (list, tuple)) and any(isinstance(row, np.ma.MaskedArray) for row in values):
-        values = cast(ArrayLike, np.ma.array(values))
-    if np.ma.is_masked(values):
-        raise TypeError("expected real numbers, not a masked array with masked entries")
-    found = np.asarray(values)
-    if found.dtype.kind not in "buif":
-        raise TypeError(f"expected real numbers, not {str(values)[:40]} of type {found.dtype}")
-    return found.astype(np.float64)
-
-
 def _described(error: BaseException) -> str:
     """An exception of the user's code in a line, with where it was raised."""
     frames = traceback.extract_tb(error.__traceback__)[-1:]
@@ -295,7 +143,7 @@ def _described(error: BaseException) -> str:
     return f"{visible(type(error).__name__)}: {visible(text, _MAX_MESSAGE)}{place}"
 
 
-def controller_of(law: "Law | Controller | None", system: Any, seed: int) -> "Controller | None":
+def controller_of(law: Law | Controller | None, system: Any, seed: int = 0) -> Controller | None:
     """The controller of a run, where it has one.
 
     Raises:
@@ -410,7 +258,7 @@ class PerAgent:
             for i, law in list(running.items()):
                 with _naming(ids[i]):
                     try:
-                        sent[i] = np.atleast_1d(_real(law.send(received[i])))
+                        sent[i] = np.atleast_1d(real_numbers(law.send(received[i])))
                     except StopIteration as done:
                         del running[i]
                         _put(velocity[i], done.value)
@@ -426,7 +274,7 @@ class PerAgent:
 
 
 def _put(row: Array, value: Any) -> None:
-    found = _real(value)
+    found = real_numbers(value)
     if found.ndim != 1 or len(found) not in (2, 3):
         raise InputError(f"returned shape {found.shape}; expected (2,) or (3,), a velocity in m/s")
     row[: len(found)] = found

@@ -301,12 +301,6 @@ def hear(law, t, x, bodies, memory):
     pull_back(law.edges, memory.y, memory.residual)
 
 
-@jit
-def observe(law, t, x, bodies, memory):
-    """`hear`, for a law in Python, before it is called."""
-    hear(law, t, x, bodies, memory)
-
-
 @inline_jit
 def measure(edges, x, y):
     """Write y_e = F_head x_head - F_tail x_tail of every edge into y (m,) for positions x (V, 3)."""

@@ -7,20 +7,18 @@ reward of an agent is -|q* - q|^2, so that its distance from 0 is the regret aga
 
 import logging
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Iterable, Mapping
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from mjsheaf.arguments import require_scenario
-from mjsheaf.arrays import Array, BoolArray, IntArray
-from mjsheaf.control.law import link_of, rows_of_measuring_edges
+from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.errors import InputError, UnstableError, expected
-from mjsheaf.runs.simulate import require_simulable
 from mjsheaf.scenario import Scenario
+from mjsheaf.simulation.session import Session
 from mjsheaf.simulation.world import World
-from mjsheaf.system import System
 from mjsheaf.team import Edge
 from mjsheaf.vehicles.effects import capability_of, of_each
 
@@ -30,42 +28,14 @@ DEFAULT_ACTION_LIMIT = 10.0
 _log = logging.getLogger("mjsheaf")
 
 
-class _Senses(NamedTuple):
-    """Indices of the measurements of all agents, one agent after another, in the memory of a law.
-
-    Attributes:
-        numbers: Index in `memory.y` of each measured number; -1 where the edge is absent.
-        links: Index in `memory.links.heard` of each edge; -1 where it is exact, -2 where it is absent.
-    """
-
-    numbers: IntArray
-    links: IntArray
-
-
-def _keys(edges: Iterable[Edge]) -> Iterator[tuple[tuple[str, str], int]]:
-    """Yield a name for each edge that it has in all phases: its ends, and its number among edges of these ends."""
+def _named(edges: Iterable[Edge]) -> dict[tuple[tuple[str, str], int], Edge]:
+    """Return edges by a name that each has in all phases: its ends, and its number among edges of these ends."""
     met: Counter[tuple[str, str]] = Counter()
+    named = {}
     for edge in edges:
-        yield edge.between, met[edge.between]
+        named[edge.between, met[edge.between]] = edge
         met[edge.between] += 1
-
-
-def _senses(system: System, edges: Sequence[Edge], keys: Sequence[Any]) -> _Senses:
-    """Find the edges of all agents, which have these keys, in the law of a system; see `_Senses`."""
-    team, law = system.team, system.law
-    first = law.edges.first
-    row_of = dict(zip(_keys(team.measuring_edges), rows_of_measuring_edges(team, law), strict=True))
-    numbers: list[int] = []
-    links: list[int] = []
-    for edge, key in zip(edges, keys, strict=True):
-        row = row_of.get(key)
-        if row is None:
-            numbers += [-1] * len(edge.b)
-            links.append(-2)
-        else:
-            numbers += range(first[row], first[row + 1])
-            links.append(link_of(law, row))
-    return _Senses(np.array(numbers, dtype=np.int64), np.array(links, dtype=np.int64))
+    return named
 
 
 class Episode:
@@ -73,7 +43,8 @@ class Episode:
 
     Attributes:
         scenario: The scenario, with the seed of its episodes.
-        world: The closed loop on bodies.
+        session: The run, period by period.
+        world: Its closed loop on bodies.
         agents: Ids of all agents, those included that are lost or have yet to join.
         dimensions: Components of each agent's action, shape (N,).
         action_limits: Largest size of each component of an agent's action, shape (N,), m/s: its velocity limit or, if
@@ -101,29 +72,23 @@ class Episode:
         require_scenario(scenario)
         if seed is not None:
             scenario = scenario.with_seed(seed)
-        require_simulable(scenario.phases, "physics")
+        self.session = Session(scenario, visible=visible)
         self.scenario = scenario
-        self.world = World(scenario, visible=visible)
+        self.world = cast(World, self.session.engine)
         team = scenario.team
         self.agents = list(team.agent_ids)
         self.dimensions = np.array([agent.dimension for agent in team.agents])
         self.action_limits = _action_limits(scenario)
         grid = scenario.whole.grid
         self.periods = grid.steps if horizon is None else _whole_periods(horizon, grid.period, grid.steps)
-        every = list(zip(team.measuring_edges, _keys(team.measuring_edges), strict=True))
-        own = [[(edge, key) for edge, key in every if name in edge.between] for name in self.agents]
-        self.edges = {name: [edge for edge, _ in mine] for name, mine in zip(self.agents, own, strict=True)}
-        edges, keys = zip(*(both for mine in own for both in mine), strict=True) if every else ((), ())
-        systems = {id(phase.system): phase.system for phase in self.world.phases}
-        self._senses = {key: _senses(system, edges, keys) for key, system in systems.items()}
-        self._sizes = np.array([len(edge.b) for edge in edges], dtype=np.int64)
-        self._edge_ends = np.cumsum([len(mine) for mine in own])[:-1]
-        self._number_ends = np.cumsum([sum(len(edge.b) for edge, _ in mine) for mine in own])[:-1]
+        every = [(edge.between, key, edge) for key, edge in _named(team.measuring_edges).items()]
+        self._keys = {name: [key for ends, key, _ in every if name in ends] for name in self.agents}
+        self.edges = {name: [edge for ends, _, edge in every if name in ends] for name in self.agents}
         self.reset()
 
     def reset(self) -> None:
         """Go back to the start: the same episode again, to the bit."""
-        self.world.reset()
+        self.session.reset()
         self.message = ""
         self.sample()
 
@@ -166,12 +131,7 @@ class Episode:
     @property
     def finished(self) -> bool:
         """True from the end of an episode on."""
-        return self._steps >= self.periods * self.world.steps_per_sample
-
-    @property
-    def _steps(self) -> int:
-        """Physics steps since the start."""
-        return round((self.world.time - self.scenario.whole.grid.start) / self.world.system.timestep)
+        return self.world.steps_taken >= self.periods * self.world.steps_per_sample
 
     @property
     def horizon(self) -> float:
@@ -202,7 +162,7 @@ class Episode:
 
     def state(self) -> Array:
         """Return everything that determines the rest of the episode, as `World.get_state` does."""
-        return self.world.get_state()
+        return self.session.state
 
     def set_state(self, state: Array) -> None:
         """Continue from a result of `state`, to the bit.
@@ -210,7 +170,7 @@ class Episode:
         Raises:
             InputError: It is not a state of this scenario.
         """
-        self.world.set_state(state)
+        self.session.state = state
         self.message = ""
         self.sample()
 
@@ -220,34 +180,31 @@ class Episode:
         A sample may be taken again.
         """
         world = self.world
-        if self._steps % world.steps_per_sample:
+        if world.steps_taken % world.steps_per_sample:
             return
         world.close_loop(sample=True)
-        memory, senses = world.memory, self._senses[id(world.system)]
-        received = np.concatenate([memory.links.heard > 0.0, [False, True]])[senses.links]
-        numbers = np.concatenate([memory.y, [0.0]])[senses.numbers]
-        numbers[~np.repeat(received, self._sizes)] = 0.0
-        N = len(self.agents)
-        present = self.present
-        attitude = np.where(present[:, None], world.quaternions()[:N], 0.0)
-        velocity = np.where(present[:, None], world.data.qvel.reshape(-1, 6)[:N], 0.0)
-        by_agent = zip(
-            self.agents,
-            np.split(numbers, self._number_ends),
-            np.split(received, self._edge_ends),
-            attitude,
-            velocity[:, :3],
-            velocity[:, 3:],
-            present,
-            strict=True,
-        )
-        names = ("measurements", "received", "attitude", "velocity", "angular_velocity", "present")
-        self._observations = {
-            agent: {name: np.array(value) for name, value in zip(names, own, strict=True)} for agent, *own in by_agent
-        }
-        x = world.positions()
-        error = world.system.team.harmonic_extension(x) - x[:N]
-        self._rewards = np.where(present, -(error**2).sum(axis=1), 0.0)
+        sample = self.session.observe()
+        numbers = dict(zip(_named(sample.edges), sample.measurements, strict=True))
+        received = dict(zip(_named(sample.edges), sample.received, strict=True))
+        self._observations = {}
+        for i, (name, keys) in enumerate(self._keys.items()):
+            heard = np.array([received.get(key, False) for key in keys], dtype=np.bool_)
+            parts = [
+                numbers[key] if there else np.zeros(len(edge.b))
+                for key, there, edge in zip(keys, heard, self.edges[name], strict=True)
+            ]
+            present = self.present[i]
+            self._observations[name] = {
+                "measurements": np.concatenate([np.zeros(0), *parts]),
+                "received": heard,
+                "attitude": np.where(present, sample.attitude[i], 0.0),
+                "velocity": np.where(present, sample.velocity[i], 0.0),
+                "angular_velocity": np.where(present, sample.angular_velocity[i], 0.0),
+                "present": np.array(present),
+            }
+        truth = sample.truth
+        error = truth.harmonic_extension - truth.positions[: len(self.agents)]
+        self._rewards = np.where(self.present, -(error**2).sum(axis=1), 0.0)
 
 
 def _action_limits(scenario: Scenario) -> Array:

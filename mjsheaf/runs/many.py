@@ -4,20 +4,13 @@ from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from functools import partial
 from threading import Event, Lock
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from mjsheaf.arguments import require_whole
 from mjsheaf.errors import InputError, MjsheafError
-from mjsheaf.runs.simulate import (
-    datasets_of,
-    moved_by,
-    require_backend,
-    require_engine,
-    require_simulable,
-    simulate,
-    with_scenario,
-)
+from mjsheaf.runs.simulate import dataset_of_session, simulate
 from mjsheaf.scenario import Scenario
+from mjsheaf.simulation.session import Session, require_backend, require_engine
 from mjsheaf.threads import usable_processors
 
 if TYPE_CHECKING:
@@ -84,7 +77,7 @@ def simulate_many(
             check(0, 0)
             if engine == "fused":
                 run = slices.take(k)
-                return run if isinstance(run, MjsheafError) else _record(run, todo[k], check)
+                return run if isinstance(run, MjsheafError) else dataset_of_session(run, check)
             return simulate(todo[k], backend, engine=engine, threads=1, allow_drift=allow_drift, progress=check)
         except MjsheafError as error:
             return error
@@ -108,17 +101,16 @@ class _Abandoned(Exception):  # noqa: N818
     """Ends a run whose siblings were interrupted."""
 
 
-def fused_run(scenario: Scenario, *, allow_drift: bool = False) -> "Fused":
-    """A run at its start, on the fused engine and one thread.
+def fused_session(scenario: Scenario, *, allow_drift: bool = False) -> "tuple[Session, Fused]":
+    """A run at its start, on the fused engine and one thread, and that engine.
 
     Raises:
         InputError, NotUniqueError: as for `simulate`.
     """
     from mjsheaf.simulation.fused import Fused
 
-    phases = moved_by(scenario.phases, "physics", "fused", 1)
-    require_simulable(phases, "physics", allow_drift=allow_drift)
-    return Fused(phases)
+    session = Session(scenario, engine="fused", allow_drift=allow_drift)
+    return session, cast(Fused, session.engine)
 
 
 class _Slices:
@@ -126,9 +118,9 @@ class _Slices:
 
     def __init__(self, scenarios: Sequence[Scenario], allow_drift: bool) -> None:
         self._scenarios, self._allow_drift, self._lock = scenarios, allow_drift, Lock()
-        self._prepared: dict[int, dict[int, Fused | MjsheafError]] = {}
+        self._prepared: dict[int, dict[int, Session | MjsheafError]] = {}
 
-    def take(self, k: int) -> "Fused | MjsheafError":
+    def take(self, k: int) -> "Session | MjsheafError":
         """Run number k, once, or why `simulate` refuses it."""
         number, place = divmod(k, _AT_ONCE)
         with self._lock:
@@ -136,14 +128,14 @@ class _Slices:
                 self._prepared[number] = self._prepare(self._scenarios[number * _AT_ONCE : (number + 1) * _AT_ONCE])
             return self._prepared[number].pop(place)
 
-    def _prepare(self, scenarios: Sequence[Scenario]) -> "dict[int, Fused | MjsheafError]":
+    def _prepare(self, scenarios: Sequence[Scenario]) -> "dict[int, Session | MjsheafError]":
         from mjsheaf.simulation.rows import Rows, groups_of_one_team
 
-        found: dict[int, Fused | MjsheafError] = {}
+        found: dict[int, Session | MjsheafError] = {}
         runs: dict[int, Fused] = {}
         for k, scenario in enumerate(scenarios):
             try:
-                found[k] = runs[k] = fused_run(scenario, allow_drift=self._allow_drift)
+                found[k], runs[k] = fused_session(scenario, allow_drift=self._allow_drift)
             except MjsheafError as error:
                 found[k] = error
         numbers = list(runs)
@@ -154,10 +146,3 @@ class _Slices:
                 for w, run in enumerate(members):
                     run.adopt(rows.loop_of(w))
         return found
-
-
-def _record(run: "Fused", scenario: Scenario, progress: "Callable[[int, int], None]") -> "xr.Dataset":
-    """What `simulate` returns, of a run at its start."""
-    samples = run.system.grid.steps + 1
-    pieces = run.record(samples, None, progress)
-    return with_scenario(next(datasets_of(pieces, run.phases, "physics", scenario.seed, samples)), scenario)

@@ -26,8 +26,9 @@ from mjsheaf.jit import working_time
 from mjsheaf.results import check_expectation, open_dataset, store, summarize, thinned, write_dataset
 from mjsheaf.results.metrics import communication, delivery_of, engine_of, summarize_phases
 from mjsheaf.results.netcdf import split
-from mjsheaf.runs.simulate import Progress, moved_by, no_progress, require_simulable, stream
+from mjsheaf.runs.simulate import Progress, no_progress, stream
 from mjsheaf.scenario import Scenario
+from mjsheaf.simulation.session import moved_by, require_simulable
 from mjsheaf.video import VideoOptions, available_backend
 
 if TYPE_CHECKING:

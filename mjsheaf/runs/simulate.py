@@ -2,12 +2,11 @@
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from mjsheaf.arguments import require_choice, require_scenario, require_whole
-from mjsheaf.errors import InputError, NotUniqueError, RankError
+from mjsheaf.arguments import require_scenario
 from mjsheaf.scenario import Scenario
-from mjsheaf.threads import free_processors
+from mjsheaf.simulation.session import Session, engine_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -15,10 +14,6 @@ if TYPE_CHECKING:
     from mjsheaf.control.controller import Controller, Law
     from mjsheaf.simulation.trajectory import Trajectory
     from mjsheaf.system import Phase, System
-
-BACKENDS = ("physics", "ideal")
-ENGINES = ("mujoco", "fused")
-_WORTH_THREADS = 1e6  # vehicles times physics steps: less ends before another thread is of use
 
 Progress = Callable[[str, int, int], None]
 """Called with (what is being done, done, in all)."""
@@ -66,43 +61,29 @@ def simulate(
     """
     from mjsheaf.progress import shown
 
-    require_scenario(scenario)
+    require_scenario(scenario)  # before a bar is shown
     with shown(progress, "simulating") as bar:
         report = partial(bar, "simulating") if bar else progress if callable(progress) else None
-        phases = moved_by(scenario.phases, backend, engine, threads)
-        require_simulable(phases, backend, allow_drift=allow_drift)
-        result = next(stream(phases, backend, scenario.seed, report, phases[0].system.grid.steps + 1, controller))
-    return with_scenario(result, scenario)
+        options: Any = {"engine": engine, "threads": threads, "controller": controller, "allow_drift": allow_drift}
+        with Session(scenario, backend, **options) as session:
+            return dataset_of_session(session, report)
+
+
+def dataset_of_session(session: Session, progress: Callable[[int, int], None] | None = None) -> "xr.Dataset":
+    """Run a session of a Scenario to its end and return its data; see `simulate`."""
+    engine = session.engine
+    samples = engine.system.grid.steps + 1
+    pieces = engine.record(samples, progress=progress)
+    dataset = next(
+        datasets_of(pieces, engine.phases, session.backend, session.scenario.seed, samples, engine.controller)
+    )
+    return with_scenario(dataset, session.scenario)
 
 
 def with_scenario(dataset: "xr.Dataset", scenario: Scenario) -> "xr.Dataset":
     """Note on a run what it is of, for `mjsheaf.save`; no file gets it."""
     dataset.encoding["scenario"] = scenario
     return dataset
-
-
-def moved_by(
-    phases: "Sequence[Phase]", backend: str, engine: str = "mujoco", threads: int | None = None
-) -> "Sequence[Phase]":
-    """A run on an engine and threads; see `simulate`.
-
-    Raises:
-        InputError: unknown engine, threads below 1, or either for ideal kinematics.
-    """
-    from mjsheaf.system import on_engine
-
-    require_engine(engine, backend)
-    if threads is not None:
-        require_whole("threads", threads, 1)
-    if backend == "ideal":
-        if threads is not None and threads > 1:
-            raise InputError(f"threads is {threads}: ideal kinematics run on one; expected 1, or backend 'physics'")
-        return phases
-    plan, grid = phases[0].system.bodies, phases[0].system.grid
-    if threads is None:
-        vehicle_steps = len(plan.vehicle) * grid.steps * grid.period / plan.timestep
-        threads = free_processors() if vehicle_steps >= _WORTH_THREADS and not plan.contacts else 1
-    return phases if (plan.engine, plan.threads) == (engine, threads) else on_engine(phases, engine, threads)
 
 
 def stream(
@@ -124,15 +105,11 @@ def stream(
     from mjsheaf.simulation.trajectory import samples_in_piece
     from mjsheaf.system import phases_of
 
-    if backend == "ideal":
-        from mjsheaf.simulation.ideal import stream_ideal as simulated
-    else:
-        from mjsheaf.simulation.physics import stream_physics as simulated
     phases = phases_of(run)
-    first = phases[0].system
-    called, length = controller_of(controller, first, seed), samples or samples_in_piece(first)
-    pieces = simulated(run, length, progress, controller=called)
-    yield from datasets_of(pieces, phases, backend, seed, length, called)
+    called = controller_of(controller, phases[0].system, seed)
+    length = samples or samples_in_piece(phases[0].system)
+    with engine_of(phases, backend, controller=called) as engine:
+        yield from datasets_of(engine.record(length, progress=progress), phases, backend, seed, length, called)
 
 
 def datasets_of(
@@ -155,9 +132,9 @@ def datasets_of(
             dataset.attrs |= {
                 "controller": controller.name,
                 "law": controller.name,
-                "exchange_rounds": controller.rounds,
-                "messages": controller.messages,
-                "numbers_sent": controller.numbers,
+                "exchange_rounds": controller.traffic.rounds,
+                "messages": controller.traffic.messages,
+                "numbers_sent": controller.traffic.numbers,
             }
         yield dataset
 
@@ -172,61 +149,3 @@ def dataset_of(
     """Gather a run that lies in memory, one piece for each phase that it reached; arguments as of `stream`."""
     samples = phases[0].system.grid.steps + 1
     return next(datasets_of(pieces, phases, backend, seed, samples, controller))
-
-
-def require_backend(backend: str) -> None:
-    """Refuse an unknown backend.
-
-    Raises:
-        InputError: it is.
-    """
-    require_choice("backend", backend, BACKENDS)
-
-
-def require_engine(engine: str, backend: str) -> None:
-    """Refuse an engine.
-
-    Raises:
-        InputError: it is unknown, or not for this backend.
-    """
-    require_choice("engine", engine, ENGINES)
-    if engine != "mujoco" and backend == "ideal":
-        raise InputError(f"engine {engine!r}: moves bodies, and ideal kinematics have none; expected backend 'physics'")
-
-
-def require_simulable(run: "System | Sequence[Phase]", backend: str, *, allow_drift: bool = False) -> None:
-    """Refuse what cannot be simulated; the same on both backends, before anything is simulated or written.
-
-    Raises:
-        InputError: unknown backend; contacts, where the engine or its threads have none; a vehicle that is unknown or
-            does not fit its agent or target, which matters to the ideal backend too, as a scenario that only one
-            backend takes is not one to compare; or a g that is not of full row rank.
-        NotUniqueError: the harmonic extension is not unique, in some phase of the run, and drift is not allowed.
-    """
-    from mjsheaf.dynamics.effectiveness import without_full_row_rank
-    from mjsheaf.system import DEFAULT_VEHICLE, phases_of
-
-    require_backend(backend)
-    phases = phases_of(run)
-    system = phases[0].system
-    system.bodies.refuse_contacts()
-    team = system.team
-    named = zip(team.members, system.bodies.vehicle, strict=True)
-    if any(name != DEFAULT_VEHICLE[member.dimension] for member, name in named):
-        _ = system.vehicles
-    for i in without_full_row_rank(system.effectiveness, [a.dimension for a in team.agents]):
-        raise RankError(
-            f"agents.{team.agents[i].id}.effectiveness: g is not of full row rank {team.agents[i].dimension} "
-            "(Assumption 2): no input makes every velocity"
-        )
-    for k, phase in enumerate(() if allow_drift else phases):
-        if phase.system.team.dirichlet.unique:
-            continue
-        from mjsheaf.team.null_modes import describe_null_modes
-
-        free = describe_null_modes(phase.system.team.remaining)
-        when = f" in phase {k}, from t = {phase.time:g} s on ({phase.name})" if len(phases) > 1 else ""
-        raise NotUniqueError(
-            f"the harmonic extension is not unique{when}: H^0(G, G_p; F) has dimension {len(free)}: "
-            f"{'; '.join(free[:4])}{'; ...' if len(free) > 4 else ''}; sense or share the free coordinates"
-        )

@@ -134,7 +134,7 @@ def require_world(run: Fused) -> None:
     if later or first.events:
         what = first.events[0] if first.events else f"{later[0].name} at {later[0].time:g} s"
         raise InputError(f"events: {what}; expected none in a batch, whose runs keep their edges")
-    if run.controlled:
+    if run.controller:
         raise InputError("controller: a law in Python; expected the agents' own in a batch, which calls no Python")
     require_scorable(run.system)
 

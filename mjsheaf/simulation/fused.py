@@ -23,14 +23,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjsheaf.arrays import IntArray
-from mjsheaf.control.controller import Controller, Law
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.media.disturbance import evaluate_sines
 from mjsheaf.simulation.bodies import kinds_of
+from mjsheaf.simulation.engine import Recorder
 from mjsheaf.simulation.gate import fail, take
-from mjsheaf.simulation.loop import HUGE, Loop, Recorder, record, sense_and_command
+from mjsheaf.simulation.loop import HUGE, Loop, record, sense_and_command
 from mjsheaf.simulation.threaded import BLOCK, ThreadedLoop, begin_span, end_span, next_row
-from mjsheaf.system import Phase, System
 from mjsheaf.vehicles.actuators import actuator_force, unit_wrench
 from mjsheaf.vehicles.vectors import add, cross, product, row_product, subtract, to_world, triple, upward
 from mjsheaf.vehicles.vehicle import Vehicle
@@ -211,15 +210,9 @@ def command_all(loop, t):
 class Fused(ThreadedLoop):
     """A scenario on bodies that this module moves. It has no contacts, and takes no forces from outside."""
 
-    def __init__(self, run: System | Sequence[Phase], *, controller: Law | Controller | None = None) -> None:
-        """Put every vehicle at its initial position and heading; arguments as of `World`.
-
-        Raises:
-            InputError: as `World` does; or there are contacts.
-        """
-        super().__init__(run, controller)
+    def _prepare(self) -> None:
+        super()._prepare()
         self._motion = pack_motion(kinds_of(self._vehicles)[0], self._timestep)
-        self._start()
 
     @property
     def compiled(self) -> tuple[Loop, NDArray[np.void]]:
@@ -230,8 +223,8 @@ class Fused(ThreadedLoop):
         """Go on in another place of memory: with a loop that is a copy of this one's."""
         self._loop = loop
 
-    def _command(self, loop: Loop) -> None:
-        command_all(loop, self.time)
+    def _command(self) -> None:
+        command_all(self._loop, self.time)
 
     def _work(
         self, loop: Loop, step: int, count: int, recorder: Recorder, row: int, thread: int, gate: IntArray

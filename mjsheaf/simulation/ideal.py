@@ -14,20 +14,20 @@ All within a period is inlined into one function for one vehicle (see `inline_ji
 costs more than a slope does.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.control.controller import Controller
-from mjsheaf.control.law import Memory, carry, evaluate_law, new_memory
+from mjsheaf.control.law import ControlArrays, Memory, evaluate_law, new_memory
 from mjsheaf.control.station import Station, keep_station, no_station
 from mjsheaf.dynamics.effectiveness import EffectivenessArrays, allocate
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.media.disturbance import evaluate_sines
-from mjsheaf.simulation.trajectory import Trajectory, blow_up_message, new_log, pieces_of, quaternions_of, record_links
-from mjsheaf.system import MediumArrays, Phase, System, TimeGrid, medium_velocity, phases_of
+from mjsheaf.simulation.engine import Engine, Recorder
+from mjsheaf.simulation.trajectory import Log, blow_up_message, new_log, quaternions_of, record_links
+from mjsheaf.system import MediumArrays, System, medium_velocity
 
 _A = np.array(
     [
@@ -48,7 +48,6 @@ _SMALLEST_STEP = 1e-13  # of a period
 _SMALLEST_TRIAL = 1e-9  # of a period
 _MOST_STEPS = 50_000  # of the integrator beyond the usual ones: the solution runs into a singularity, or is stiff
 _USUAL_STEPS = 2_000  # of the integrator in a period: those above it are counted from period to period
-_CHUNK = 500  # periods between progress reports
 
 
 class Integrator(NamedTuple):
@@ -278,96 +277,114 @@ def _run(control, follow, run, times, advances, x, log, placed):
     return times.shape[0], -1
 
 
-def _described(surplus: IntArray, grid: TimeGrid) -> str:
-    """Say in a message that the integrator gave up because of its many steps, if it did."""
-    if surplus.max(initial=0) <= _MOST_STEPS:
-        return ""
-    field = "controller.record_period" if grid.continuous else "controller.control_period"
-    return f" takes more than {_USUAL_STEPS} steps of the integrator for each {field} of {grid.period:g} s"
+class Ideal(Engine):
+    """A run on ideal kinematics; a step is one period between samples."""
 
+    steps_per_sample = 1
+    _chunk = 500
+    _stride = 1
 
-def run_ideal(
-    run: System | Sequence[Phase],
-    progress: Callable[[int, int], None] | None = None,
-    targets: Array | None = None,
-    controller: Controller | None = None,
-) -> Trajectory:
-    """Integrate a system on ideal kinematics, in one piece; see `stream_ideal`.
+    def _begin(self) -> None:
+        self._timestep = self.system.grid.period
+        self._x = np.array(self.system.initial)
+        self._surplus = np.zeros(len(self._x), dtype=np.int64)
+        self._count = np.zeros(1, dtype=np.int64)
+        self._enter(new_memory(self._control.law, len(self._x)))
 
-    Returns:
-        The trajectory; its status is 'unstable' and it ends early where the solution blows up.
-    """
-    return next(stream_ideal(run, phases_of(run)[0].system.grid.steps + 1, progress, targets, controller))
+    def _enter(self, memory: Memory) -> None:
+        system = self.system
+        self._integrator = new_integrator(
+            system.medium,
+            system.effectiveness,
+            system.tolerance,
+            system.grid.period,
+            memory,
+            self._surplus,
+            system.station,
+        )
+        self._unrecorded = self._recorder(1)  # which each sample overwrites
 
+    def _new_log(self, samples: int) -> Log:
+        inputs = len(self.system.team.agents), self.system.effectiveness.pinv.shape[1]
+        return new_log(samples, self._control.law, inputs=inputs)
 
-def stream_ideal(
-    run: System | Sequence[Phase],
-    samples: int,
-    progress: Callable[[int, int], None] | None = None,
-    targets: Array | None = None,
-    controller: Controller | None = None,
-) -> Iterator[Trajectory]:
-    """Integrate on ideal kinematics, and hand out pieces of at most so many samples.
+    @property
+    def memory(self) -> Memory:
+        """Values that onboard computers hold; a phase with other edges has others."""
+        return self._integrator.memory
 
-    Args:
-        run: the system, or phases of a run.
-        samples: in each piece; the last one, and the last of a phase, may have fewer.
-        progress: called with (samples done, samples in all).
-        targets: where the targets are at each sample, shape (T, V - N, 3), m, whatever their own motion would be; the
-            run ends with the last. None integrates them too.
-        controller: a law in Python in place of the agents' own.
+    @property
+    def steps_taken(self) -> int:
+        """Number of periods since the start."""
+        return int(self._count[0])
 
-    Yields:
-        Pieces with the status 'finished', but for the last where the solution blows up, which ends there.
-    """
-    phases = phases_of(run)
-    first = phases[0].system
-    x, grid, N = np.array(first.initial), first.grid, len(first.team.agents)
-    before, attitude = x[:N].copy(), quaternions_of(first.bodies.heading[:N])
-    control, present = first.control, first
-    if controller:
-        control = controller.enter(first.team, control)
-        controller.reset()
-    memory, surplus = new_memory(control.law, len(x)), np.zeros(len(x), dtype=np.int64)
-    of = grid.steps + 1 if targets is None else min(grid.steps + 1, len(targets))
-    for system, begin, end in pieces_of(phases, samples, of):
-        law = control.law
-        control = controller.enter(system.team, system.control) if controller else system.control
-        if system is not present:
-            memory, present = carry(memory, law, control.law, begin), system
-        medium, g = system.medium, system.effectiveness
-        integrator = new_integrator(medium, g, system.tolerance, grid.period, memory, surplus, system.station)
-        log = new_log(end - begin, control.law, inputs=(N, system.effectiveness.pinv.shape[1]))
-        done, message = 0, ""
-        while done < end - begin and not message:
-            count = min(1 if controller else _CHUNK, end - begin - done)
-            times, last = grid.span(begin + done, begin + done + count), begin + done + count == of
-            placed = np.empty((count, 0, 3)) if targets is None else targets[begin + done : begin + done + count]
-            if controller:
-                x[len(x) - placed.shape[1] :] = placed[0]
-                velocity = (x[:N] - before) / grid.period
-                controller.supply(control.law, float(times[0]), x, memory, velocity, attitude, bodies=False)
-                before = x[:N].copy()
-            new, broken = _run(
-                control,
-                control if grid.continuous else None,
-                integrator,
-                times,
-                count - last,
-                x,
-                log.span(done, done + count),
-                placed,
-            )
-            done += new
-            if broken >= 0:
-                if broken == len(x):  # the team was integrated as one: the largest state names the vehicle
-                    broken = int(np.argmax(np.abs(np.nan_to_num(x, nan=np.inf)).max(axis=1)))
-                held = 0.0 if grid.continuous else grid.period
-                detail = _described(surplus, grid)
-                cause = controller.cause_of_blow_up(broken, memory.command) if controller else ""
-                message = blow_up_message(system, broken, float(times[new - 1]), held, detail, cause)
-            if progress:
-                progress(min(begin + done, of - 1), of - 1)
-        yield Trajectory(system, grid.span(begin, begin + done), log.span(0, done), message)
-        if message:
-            return
+    @property
+    def _moving(self) -> Sequence[Array | IntArray]:
+        return self._count, self._x, self._surplus
+
+    def _control_of(self, system: System) -> ControlArrays:
+        return system.control
+
+    def _place_targets(self, recorder: Recorder) -> None:
+        k = int(recorder.written[0])
+        if k < len(recorder.placed):
+            placed = recorder.placed[k]
+            self._x[len(self._x) - len(placed) :] = placed
+
+    def _evaluate_law(self) -> None:
+        self._record_now(self._unrecorded)
+
+    def _record_now(self, recorder: Recorder) -> None:
+        self._integrate(self.steps_taken, 1, recorder, advance=False)
+
+    def _move(self, step: int, count: int, recorder: Recorder) -> tuple[int, int] | None:
+        done, broken = self._integrate(step, count, recorder, advance=True)
+        self._count[0] = step + done
+        if broken < 0:
+            return None
+        if broken == len(self._x):  # the team was integrated as one: the largest state names the vehicle
+            broken = int(np.argmax(np.abs(np.nan_to_num(self._x, nan=np.inf)).max(axis=1)))
+        return broken, step + done - 1
+
+    def _integrate(self, step: int, count: int, recorder: Recorder, *, advance: bool) -> tuple[int, int]:
+        """Record `count` samples from step number `step` on, and advance after each or not.
+
+        Returns:
+            The number of samples recorded, and the vehicle that blew up or -1; V where the team was integrated as one.
+        """
+        row = min(int(recorder.written[0]), len(recorder.log.positions) - count)
+        done, broken = _run(
+            self._control,
+            self._control if self.system.grid.continuous else None,
+            self._integrator,
+            self.system.grid.span(step, step + count),
+            count if advance else 0,
+            self._x,
+            recorder.log.span(row, row + count),
+            recorder.placed[row : row + count],
+        )
+        recorder.written[0] = row + done
+        return done, broken
+
+    def _describe_blow_up(self, vehicle: int, step: int) -> str:
+        grid = self.system.grid
+        detail = ""
+        if self._surplus.max(initial=0) > _MOST_STEPS:
+            field = "controller.record_period" if grid.continuous else "controller.control_period"
+            detail = f" takes more than {_USUAL_STEPS} steps of the integrator for each {field} of {grid.period:g} s"
+        cause = ""
+        if self.controller:
+            cause = self.controller.cause_of_blow_up(self.system.team, vehicle, self.memory.command)
+        held = 0.0 if grid.continuous else grid.period
+        return blow_up_message(self.system, vehicle, grid.start + step * grid.period, held, detail, cause)
+
+    def _velocity(self, displacement: Array) -> Array:
+        return np.hstack([displacement / self._timestep, np.zeros_like(displacement)])
+
+    def positions(self) -> Array:
+        """Positions, padded: agents then targets, shape (V, 3), m."""
+        return self._x.copy()
+
+    def quaternions(self) -> Array:
+        """Attitudes at the start (w, x, y, z), body to world, shape (V, 4): ideal kinematics have none of their own."""
+        return quaternions_of(self._phases[0].system.bodies.heading)

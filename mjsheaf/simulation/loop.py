@@ -4,18 +4,16 @@ What moves the bodies is an engine: MuJoCo (see `world`), or our own function (s
 code; samples are recorded inside the loop, into arrays allocated once.
 """
 
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from abc import abstractmethod
+from collections.abc import Sequence
 from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from mjsheaf.arguments import require_whole
-from mjsheaf.arrays import Array, BoolArray, IntArray, Own
-from mjsheaf.control.controller import Controller, Law, controller_of
-from mjsheaf.control.law import ControlArrays, LawArrays, Memory, carry, evaluate_law, new_memory
+from mjsheaf.arrays import Array, BoolArray, Own
+from mjsheaf.control.controller import Controller
+from mjsheaf.control.law import ControlArrays, Memory, evaluate_law, new_memory
 from mjsheaf.control.station import Station, keep_station, no_station
-from mjsheaf.errors import UnstableError
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.media.disturbance import evaluate_sines
 from mjsheaf.simulation.bodies import (
@@ -26,16 +24,9 @@ from mjsheaf.simulation.bodies import (
     rest_on_surface,
     thruster_commands,
 )
-from mjsheaf.simulation.trajectory import (
-    Log,
-    Trajectory,
-    blow_up_message,
-    new_log,
-    pieces_of,
-    quaternions_of,
-    record_links,
-)
-from mjsheaf.system import MediumArrays, Phase, System, medium_velocity, phases_of
+from mjsheaf.simulation.engine import Engine, Recorder
+from mjsheaf.simulation.trajectory import Log, blow_up_message, new_log, quaternions_of, record_links
+from mjsheaf.system import MediumArrays, Phase, System, medium_velocity
 from mjsheaf.vehicles.actuators import ANGLE
 from mjsheaf.vehicles.vectors import add, rotation, subtract, to_body, triple
 
@@ -115,20 +106,6 @@ class EngineArrays(NamedTuple):
     ctrl: Array
     act: Array
     gain: Array
-
-
-class Recorder(NamedTuple):
-    """Where samples go.
-
-    Attributes:
-        log: T samples.
-        placed: where targets are put at each sample, shape (T, V - N, 3), m; (0, 0, 3) leaves them to their bodies.
-        written: how many samples are there, shape (1,).
-    """
-
-    log: Log
-    placed: Array
-    written: IntArray
 
 
 @jit
@@ -303,123 +280,103 @@ def blow_up_of(system: System, loop: Loop, vehicle: int, step: int, controller: 
     speed = float(np.linalg.norm(loop.state.qvel[6 * vehicle :][:3]))
     detail = f" (body '{system.vehicles[vehicle].name}', speed {speed:.3g} m/s)"
     time = system.grid.start + step * system.timestep
-    cause = controller.cause_of_blow_up(vehicle, loop.state.memory.command) if controller else ""
+    cause = controller.cause_of_blow_up(system.team, vehicle, loop.state.memory.command) if controller else ""
     return blow_up_message(system, vehicle, time, system.timestep * loop.params.per_law, detail, cause)
 
 
-class ClosedLoop(ABC):
-    """A run on bodies with the loop closed: its phases, its law and its samples, whatever moves the bodies.
+class ClosedLoop(Engine):
+    """A run on bodies; a step is a physics step.
 
-    Subclasses call `_begin` with the arrays of their state, count steps and move the bodies.
-
-    Attributes:
-        system: the closed-loop system; of a run with phases, that of the present one.
-        steps_per_sample: physics steps between samples.
+    Subclasses must implement `_state_arrays`, `_command`, `steps_taken` and `_move`.
     """
 
     _loop: Loop
     _at_once: ClassVar = 200_000  # physics steps times vehicles in one compiled call, after which Ctrl-C is heard
 
-    def __init__(self, run: System | Sequence[Phase], controller: Law | Controller | None, seed: int) -> None:
-        """Take over a run; arguments as of `World`."""
-        self._phases = phases_of(run)
-        self.system: System = self._phases[0].system
-        self._vehicles = self.system.vehicles
-        plan = self.system.bodies
-        self._fleet = pack_fleet(self._vehicles, plan.heading, plan.surface_height, self.system.timestep, plan.surface)
-        self._controller = controller_of(controller, self.system, seed)
-        self.steps_per_sample, self._timestep = self.system.steps_per_sample, self.system.timestep
-        self._chunk = max(1, min(4000, self._at_once // len(self._vehicles)))
-        self._first_thruster = np.cumsum([0, *(len(vehicle.channels) for vehicle in self._vehicles)])
+    def _take(self, run: System | Sequence[Phase]) -> None:
+        super()._take(run)
+        system = self.system
+        plan = system.bodies
+        self._vehicles = system.vehicles
+        self._fleet = pack_fleet(self._vehicles, plan.heading, plan.surface_height, system.timestep, plan.surface)
+        self.steps_per_sample = system.steps_per_sample
+        self._timestep = system.timestep
+        self._chunk = self._stride = max(1, min(4000, self._at_once // len(self._vehicles)))
 
-    def _begin(self, arrays: EngineArrays) -> None:
-        """Make the loop about the arrays of what moves the bodies."""
+    @abstractmethod
+    def _state_arrays(self) -> EngineArrays:
+        """Return the arrays of what moves the bodies."""
+
+    @abstractmethod
+    def _command(self) -> None:
+        """Let every vehicle measure and command, with the state as it is."""
+
+    def _begin(self) -> None:
         grid = self.system.grid
         params, state = new_loop(
             self._fleet,
-            self._control(),
+            self._control,
             self.system.medium,
-            arrays,
+            self._state_arrays(),
             timestep=self._timestep,
             start=grid.start,
             per_law=1 if grid.continuous else self.steps_per_sample,
             per_sample=self.steps_per_sample,
         )
-        params = params._replace(stopped=self._stopped(), station=self.system.station_of_bodies)
         self._loop = Loop(params, state)
-        self._unrecorded = self._recorder(0, self.system.law)
+        self._enter(state.memory)
+        self._unrecorded = self._recorder(0)
+        self._place()
 
-    @abstractmethod
-    def _command(self, loop: Loop) -> None:
-        """Let every vehicle measure and command, with the state as it is."""
-
-    @property
-    @abstractmethod
-    def _step(self) -> int:
-        """Physics steps since the start."""
-
-    @abstractmethod
-    def _move(self, loop: Loop, step: int, count: int, recorder: Recorder) -> tuple[int, int] | None:
-        """Take `count` steps; where the state becomes bad, say of which vehicle, and at which step."""
-
-    @property
-    def time(self) -> float:
-        """Simulated time in s."""
-        return self.system.grid.start + self._step * self._timestep
-
-    @property
-    def command(self) -> Array:
-        """Velocities that the law asks for, of its last evaluation, shape (V, 3), m/s."""
-        return self._loop.state.memory.command
-
-    @property
-    def disagreement(self) -> Array:
-        """eta of the agents, L_T p - c_T of the targets, at the law's last evaluation, shape (V, 3), m."""
-        return self._loop.state.memory.residual
-
-    @property
-    def memory(self) -> Memory:
-        """What onboard computers hold since the law's last evaluation; a phase with other edges has another."""
-        return self._loop.state.memory
-
-    def add_to_command(self, velocity: Array) -> None:
-        """Add velocities to what the compiled law commands, before the speed limit, until other ones are given.
-
-        They count from the law's next evaluation on. Zeros change nothing, to the bit.
-
-        Args:
-            velocity: of the agents, relative to the medium, padded, shape (N, 3), m/s.
-        """
-        self._loop.state.memory.supplied[: len(velocity)] = velocity
-
-    @property
-    def phases(self) -> Sequence[Phase]:
-        """Of the run."""
-        return self._phases
-
-    @property
-    def controlled(self) -> bool:
-        """Whether a law in Python is in control."""
-        return self._controller is not None
+    def _enter(self, memory: Memory) -> None:
+        system = self.system
+        stopped = system.stopped
+        params = self._loop.params._replace(
+            control=self._control,
+            medium=system.medium,
+            stopped=np.zeros(len(self._vehicles), dtype=np.bool_) if stopped is None else stopped,
+            station=system.station_of_bodies,
+        )
+        sines = np.zeros(len(system.medium.harmonics.rate))
+        self._loop = Loop(params, self._loop.state._replace(sines=sines, memory=memory))
 
     def _place(self) -> None:
-        """Put the vehicles where they begin, with an empty memory; rotors turn before a multirotor is let go."""
-        plan, initial = self.system.bodies, self.system.initial
-        x, hand = (
-            self._loop.state.qpos.reshape(-1, 7),
-            np.array([[vehicle.steering.hand] for vehicle in self._vehicles]),
-        )
-        x[:, :3] = initial
+        """Put the vehicles where they begin; rotors turn before a multirotor is let go."""
+        plan = self.system.bodies
+        x = self._loop.state.qpos.reshape(-1, 7)
+        hand = np.array([[vehicle.steering.hand] for vehicle in self._vehicles])
+        x[:, :3] = self.system.initial
         x[:, :2] -= hand * np.column_stack([np.cos(plan.heading), np.sin(plan.heading)])
         x[[vehicle.dimension == 2 for vehicle in self._vehicles], 2] = plan.surface_height
         x[:, 3:] = quaternions_of(plan.heading)
         trim = np.concatenate([vehicle.trim for vehicle in self._vehicles])
         self._loop.state.act[:] = trim[self._fleet.channels["late"] > 0]
-        self._enter_phase().state.memory.flat[:] = 0.0
-        if self._controller:  # it is called at the first step, and asks for nothing until then
-            self._controller.reset()
+        self._evaluate_law()
+        self._command()
+
+    def _control_of(self, system: System) -> ControlArrays:
+        return system.control_of_bodies
+
+    def _evaluate_law(self) -> None:
         run_law(self._loop, self.time)
-        self._command(self._loop)
+
+    def _place_targets(self, recorder: Recorder) -> None:
+        place_targets(self._loop, recorder)
+
+    def _record_now(self, recorder: Recorder) -> None:
+        self._evaluate_law()
+        self._command()
+        record(self._loop, recorder.log, int(recorder.written[0]), 0, len(self._vehicles))
+        recorder.written[0] += 1
+
+    def _describe_blow_up(self, vehicle: int, step: int) -> str:
+        return blow_up_of(self.system, self._loop, vehicle, step, self.controller)
+
+    def _new_log(self, samples: int) -> Log:
+        return new_log(samples, self._control.law, actuators=len(self._loop.state.ctrl))
+
+    def _velocity(self, displacement: Array) -> Array:
+        return self._loop.state.qvel.reshape(-1, 6)[: len(displacement)]
 
     def close_loop(self, sample: bool | None = None) -> None:
         """Write commands and forces for the present state, without stepping.
@@ -428,123 +385,39 @@ class ClosedLoop(ABC):
         it for you.
 
         Args:
-            sample: whether the law is evaluated; None evaluates it when its period is due.
+            sample: True if the law is evaluated; None evaluates it when its period is due.
         """
-        loop = self._enter_phase()
+        self._enter_phase()
         if sample is None:
-            sample = self._step % loop.params.per_law == 0
+            sample = self.steps_taken % self._loop.params.per_law == 0
         if sample:
             self._consult()
-            run_law(loop, self.time)
-        self._command(loop)
+            self._evaluate_law()
+        self._command()
 
-    def step(self, n: int = 1) -> None:
-        """Take n physics steps with the loop closed.
+    def add_to_command(self, velocity: Array) -> None:
+        """Add velocities to what the compiled law commands; see `command_agents`."""
+        self.command_agents(velocity)
 
-        Raises:
-            UnstableError: the state became bad; the message names vehicle, time and likely cause.
-            InputError: a law in Python raised an exception, or asked for no velocity.
-        """
-        require_whole("n", n, 0)
-        while n > 0:
-            n -= self._advance(min(n, self._chunk), self._unrecorded)
+    @property
+    def memory(self) -> Memory:
+        """Values that onboard computers hold since the law's last evaluation; a phase with other edges has others."""
+        return self._loop.state.memory
 
-    def _advance(self, count: int, recorder: Recorder) -> int:
-        """Take up to `count` steps within one phase and, of a law in Python, one period; return how many."""
-        step, loop = self._step, self._enter_phase()
-        ahead = (phase.start * loop.params.per_sample - step for phase in self._phases)
-        count = min([count, *(steps for steps in ahead if steps > 0)])
-        if self._controller:
-            if step % loop.params.per_law == 0:
-                place_targets(loop, recorder)
-                self._consult()
-            count = min(count, loop.params.per_law - step % loop.params.per_law)
-        bad = self._move(loop, step, count, recorder)
-        if bad:
-            raise UnstableError(blow_up_of(self.system, self._loop, *bad, self._controller))
-        return count
+    @property
+    def command(self) -> Array:
+        """Velocities that the law asks for, of its last evaluation, shape (V, 3), m/s."""
+        return self.memory.command
 
-    def _enter_phase(self) -> Loop:
-        """The loop of the phase that the present step belongs to."""
-        sample = max(self._step // self.steps_per_sample, 0)
-        system = [phase.system for phase in self._phases if phase.start <= sample][-1]
-        if system is not self.system:
-            self.system = system
-            control = self._control()
-            params, state = self._loop
-            memory = carry(state.memory, params.control.law, control.law, sample)
-            sines = np.zeros(len(system.medium.harmonics.rate))
-            params = params._replace(
-                control=control, medium=system.medium, stopped=self._stopped(), station=system.station_of_bodies
-            )
-            self._loop = Loop(params, state._replace(sines=sines, memory=memory))
-        return self._loop
-
-    def _stopped(self) -> BoolArray:
-        """Whether each vehicle's thrusters stand still now, shape (V,)."""
-        stopped = self.system.stopped
-        return np.zeros(len(self._vehicles), dtype=np.bool_) if stopped is None else stopped
-
-    def _control(self) -> ControlArrays:
-        """What onboard computers know now; a law in Python takes the agents over."""
-        control = self.system.control_of_bodies
-        return self._controller.enter(self.system.team, control) if self._controller else control
-
-    def _consult(self) -> None:
-        """Let a law in Python, where there is one, say what it wants now."""
-        if self._controller:
-            N, memory = len(self.system.team.agents), self._loop.state.memory
-            velocity, attitude = self._loop.state.qvel.reshape(-1, 6)[:N, :3].copy(), self.quaternions()[:N]
-            if len(memory.links.attitude):
-                memory.links.attitude[:] = self.quaternions()
-            law, x = self._loop.params.control.law, self.positions()
-            self._controller.supply(law, self.time, x, memory, velocity, attitude, bodies=True)
-
-    def record(
-        self, samples: int, targets: Array | None, progress: Callable[[int, int], None] | None
-    ) -> Iterator[Trajectory]:
-        """Take a sample now and after each period, up to the end of the run's time or of `targets`; in pieces.
-
-        Args:
-            samples: at most in each piece.
-            targets: where the targets are put, as for `stream_physics`.
-            progress: called with (samples done, samples in all).
-        """
-        grid = self.system.grid
-        of = grid.steps + 1 if targets is None else min(grid.steps + 1, len(targets))
-        for system, begin, end in pieces_of(self._phases, samples, of):
-            recorder = self._recorder(end - begin, system.law, None if targets is None else targets[begin:end])
-            left, message = (end - begin - (end == of)) * self.steps_per_sample, ""
-            try:
-                while left > 0:
-                    left -= self._advance(min(left, self._chunk), recorder)
-                    if progress:
-                        progress(begin + int(recorder.written[0]) - 1, of - 1)
-                if end == of:
-                    loop = self._enter_phase()
-                    place_targets(loop, recorder)
-                    self.close_loop(sample=True)
-                    record(self._loop, recorder.log, int(recorder.written[0]), 0, len(self._vehicles))
-                    recorder.written[0] += 1
-                    if progress:
-                        progress(of - 1, of - 1)
-            except UnstableError as error:
-                message = str(error)
-            done = int(recorder.written[0])
-            yield Trajectory(system, grid.span(begin, begin + done), recorder.log.span(0, done), message)
-            if message:
-                return
-
-    def _recorder(self, T: int, law: LawArrays, placed: Array | None = None) -> Recorder:
-        """A place for T samples; 0 records nothing."""
-        log = new_log(T, law, actuators=len(self._loop.state.ctrl))
-        placed = np.empty((0, 0, 3)) if placed is None else np.ascontiguousarray(placed)
-        return Recorder(log, placed, np.zeros(1, dtype=np.int64))
+    @property
+    def disagreement(self) -> Array:
+        """eta of the agents, L_T p - c_T of the targets, at the law's last evaluation, shape (V, 3), m."""
+        return self.memory.residual
 
     def positions(self) -> Array:
         """Controlled positions, padded: agents then targets, z = 0 for planar ones; shape (V, 3), m."""
         x = np.empty((len(self._vehicles), 3))
-        controlled_positions(self._loop.params.fleet, self._loop.state.qpos, x)
+        controlled_positions(self._fleet, self._loop.state.qpos, x)
         return x
 
     def heights(self) -> Array:
@@ -556,10 +429,13 @@ class ClosedLoop(ABC):
         return self._loop.state.qpos.reshape(-1, 7)[:, 3:].copy()
 
     def saturation(self) -> Array:
-        """Share of each vehicle's thrusters whose command is at its limit, shape (V,)."""
-        channels, kinds = self._fleet.channels, self._fleet.kinds[self._fleet.bodies["kind"]]
-        first, ctrl, count = self._first_thruster, self._loop.state.ctrl, kinds["count"]
+        """Fraction of each vehicle's thrusters whose command is at its limit, shape (V,)."""
+        channels = self._fleet.channels
+        kinds = self._fleet.kinds[self._fleet.bodies["kind"]]
+        ctrl = self._loop.state.ctrl
+        count = kinds["count"]
         resting = np.repeat(kinds["one_sided"] > 0, count) & (ctrl == 0.0)
         at_limit = ((ctrl <= channels["low"]) | (ctrl >= channels["high"])) & ~resting
+        ends = np.cumsum(count)
         total = np.append(0, np.cumsum(at_limit))
-        return (total[first[1:]] - total[first[:-1]]) / np.maximum(count, 1)
+        return (total[ends] - total[ends - count]) / np.maximum(count, 1)

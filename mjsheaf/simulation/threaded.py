@@ -5,18 +5,16 @@ In between vehicles do not know of one another: which thread moves one does not 
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 
-from mjsheaf.arrays import IntArray
-from mjsheaf.control.controller import Controller, Law
+from mjsheaf.arrays import Array, IntArray
 from mjsheaf.errors import InputError
 from mjsheaf.jit import inline_jit
+from mjsheaf.simulation.engine import Recorder
 from mjsheaf.simulation.gate import Crew, failed, refill, wait
-from mjsheaf.simulation.loop import ClosedLoop, EngineArrays, Loop, Recorder, place_targets, run_law
-from mjsheaf.system import Phase, PhysicsOptions, System
+from mjsheaf.simulation.loop import ClosedLoop, EngineArrays, Loop, place_targets, run_law
+from mjsheaf.system import PhysicsOptions
 
 BLOCK = 8
 """Vehicles that a thread takes at a time; fewer are not worth one."""
@@ -67,39 +65,39 @@ def next_row(loop, k, recorder, row):
 class ThreadedLoop(ClosedLoop):
     """A run without contacts whose state is the loop's own, moved by the threads that its plan names.
 
-    Subclasses call `_start` once they are ready to move. A law in Python keeps them to one thread: between two
-    calls, starting others would take longer than they save.
+    Subclasses must implement `_work`. A law in Python keeps them to one thread: between two calls, starting others
+    would take longer than they save.
     """
 
     _at_once = AT_ONCE
 
-    def __init__(self, run: System | Sequence[Phase], controller: Law | Controller | None) -> None:
-        """Take over a run; arguments as of `World`.
-
-        Raises:
-            InputError: as `World` does; or there are contacts.
-        """
-        super().__init__(run, controller, 0)
-        plan, V = self.system.bodies, len(self._vehicles)
+    def _prepare(self) -> None:
+        plan = self.system.bodies
         if plan.contacts:
             raise InputError("physics.contacts: is true; expected false, as only World has contacts")
+        V = len(self._vehicles)
         channels = self._fleet.channels
-        self._bad, self._count = np.empty(V, dtype=np.int64), 0
-        self._crew = Crew(crew_size(plan, self._controller is not None))
-        self._begin(
-            EngineArrays(
-                qpos=np.zeros(7 * V),
-                qvel=np.zeros(6 * V),
-                ctrl=np.zeros(len(channels)),
-                act=np.zeros(channels["late"].sum()),
-                gain=channels["gain"].reshape(-1, 1).copy(),
-            )
+        self._count = np.zeros(1, dtype=np.int64)
+        self._arrays = EngineArrays(
+            qpos=np.zeros(7 * V),
+            qvel=np.zeros(6 * V),
+            ctrl=np.zeros(len(channels)),
+            act=np.zeros(channels["late"].sum()),
+            gain=channels["gain"].reshape(-1, 1).copy(),
         )
+        self._bad = np.empty(V, dtype=np.int64)
+        self._crew = Crew(crew_size(plan, self.controller is not None))
 
-    def _start(self) -> None:
-        """Put the vehicles where they begin, and compile what threads run, lest one compiles while others wait."""
-        self._place()
+    def reset(self) -> None:
+        """Go back to the initial condition; compile what threads run, lest one compiles while others wait."""
+        arrays = self._arrays
+        for values in (self._count, arrays.qpos, arrays.qvel, arrays.ctrl, arrays.act):
+            values[:] = 0
+        super().reset()
         self._work(self._loop, 0, 0, self._unrecorded, 0, 0, self._crew.gate())
+
+    def _state_arrays(self) -> EngineArrays:
+        return self._arrays
 
     @abstractmethod
     def _work(
@@ -110,39 +108,37 @@ class ThreadedLoop(ClosedLoop):
         Whose state or command is bad first gets 2 k or 2 k + 1 in `_bad`: a state after k steps, or a command there.
 
         Args:
-            loop: the loop.
-            step, count: as said.
-            recorder, row: where samples go, the next of them as this row.
-            thread: which.
-            gate: where threads meet; of a count of 0 nobody does.
+            loop: Loop of the present phase.
+            step: Number of the first step.
+            count: Number of steps; with 0, no thread waits for another.
+            recorder: Destination of samples.
+            row: Row of the next sample.
+            thread: Number of the thread.
+            gate: Gate at which threads meet.
         """
 
     @property
-    def _step(self) -> int:
-        """Physics steps since the start."""
-        return self._count
+    def steps_taken(self) -> int:
+        """Number of physics steps since the start."""
+        return int(self._count[0])
 
-    def _move(self, loop: Loop, step: int, count: int, recorder: Recorder) -> tuple[int, int] | None:
-        """The vehicle that was bad first, and the step."""
+    @property
+    def _moving(self) -> Sequence[Array | IntArray]:
+        state = self._loop.state
+        return self._count, state.qpos, state.qvel, state.ctrl, state.act
+
+    def _move(self, step: int, count: int, recorder: Recorder) -> tuple[int, int] | None:
         row = int(recorder.written[0])
         self._bad[:] = NEVER
 
         def work(thread: int, gate: IntArray) -> None:
-            self._work(loop, step, count, recorder, row, thread, gate)
+            self._work(self._loop, step, count, recorder, row, thread, gate)
 
         self._crew.run(work)
-        self._count = step + count
+        self._count[0] = step + count
         vehicle = int(np.argmin(self._bad))
         return None if self._bad[vehicle] == NEVER else (vehicle, int(self._bad[vehicle]) // 2)
 
     def close(self) -> None:
         """End the threads."""
         self._crew.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self.close()

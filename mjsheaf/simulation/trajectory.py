@@ -121,10 +121,14 @@ def quaternions_of(heading: Array) -> Array:
     return np.column_stack([np.cos(heading / 2.0), zero, zero, np.sin(heading / 2.0)])
 
 
-def pieces_of(phases: Sequence[Phase], samples: int, end: int) -> Iterator[tuple[System, int, int]]:
-    """Cut a run into pieces of at most `samples` samples and one phase each: (system, first sample, end)."""
+def pieces_of(phases: Sequence[Phase], samples: int, end: int, first: int = 0) -> Iterator[tuple[System, int, int]]:
+    """Cut a run, from sample `first` on, into pieces of at most `samples` samples and one phase each.
+
+    Yields:
+        System, first sample and end of each piece.
+    """
     for phase, stop in zip(phases, [*(later.start for later in phases[1:]), end], strict=True):
-        for begin in range(phase.start, min(stop, end), samples):
+        for begin in range(max(phase.start, first), min(stop, end), samples):
             yield phase.system, begin, min(begin + samples, stop, end)
 
 

@@ -5,7 +5,6 @@ those belong to the whole process, and slow down or break whatever else it simul
 symbol, which frees it from the interpreter.
 """
 
-from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -23,20 +22,20 @@ from mjsheaf.jit import inline_jit, jit
 from mjsheaf.media.disturbance import evaluate_sines
 from mjsheaf.simulation.arena import Arena, compose
 from mjsheaf.simulation.bodies import apply_wrench, turn_gears
+from mjsheaf.simulation.engine import Recorder
 from mjsheaf.simulation.gate import fail
 from mjsheaf.simulation.loop import (
     HUGE,
     ClosedLoop,
     EngineArrays,
     Loop,
-    Recorder,
     place_targets,
     record,
     run_law,
     sense_and_command,
 )
 from mjsheaf.simulation.threaded import ThreadedLoop, begin_span, end_span, next_row
-from mjsheaf.system import Phase, System
+from mjsheaf.system import System
 
 # The very library that the Python bindings use; numba binds the name when it links compiled code.
 for _library in Path(mujoco.__file__).parent.glob("libmujoco*"):
@@ -143,35 +142,46 @@ class World(ClosedLoop):
             `vehicle.rigid_wrench_map`.
     """
 
-    def __init__(self, scenario: Any, *, controller: Law | Controller | None = None, visible: bool = True) -> None:
+    def __init__(
+        self,
+        scenario: Any,
+        *,
+        controller: Law | Controller | None = None,
+        commanded: bool = False,
+        visible: bool = True,
+    ) -> None:
         """Compose the arena and put every vehicle at its initial position and heading.
 
         Args:
             scenario: a Scenario, the System that one describes, or the phases of a run.
             controller: a law in Python in place of the agents' own; see `mjsheaf.control.controller`.
+            commanded: True if `add_to_command` gives the agents' whole command, in place of their own law.
             visible: False for a model without the geoms that are only to be seen: the same motion to the bit, sooner.
 
         Raises:
             InputError: a vehicle is unknown, or does not fit the dimension of its agent or target; or a law in Python
                 where the control period is 0.
         """
-        run = phases_given(scenario)
-        super().__init__(run, controller, getattr(scenario, "seed", 0))
-        self.arena = arena_of(self.system, visible=visible)
+        self._visible = visible
+        seed = getattr(scenario, "seed", 0)
+        super().__init__(phases_given(scenario), controller=controller, seed=seed, commanded=commanded)
+
+    def _prepare(self) -> None:
+        self.arena = arena_of(self.system, visible=self._visible)
         self.model: mujoco.MjModel = self.arena.model
         self.data: mujoco.MjData = mujoco.MjData(self.model)
         self._arrays = mujoco_arrays(self.model, self.data)
-        self._begin(engine_arrays(self.model, self.data))
-        self.reset()
+
+    def _state_arrays(self) -> EngineArrays:
+        return engine_arrays(self.model, self.data)
 
     @property
-    def _step(self) -> int:
+    def steps_taken(self) -> int:
         """Physics steps since the start, by MuJoCo's clock: those count that were taken without `step`."""
         return round((self.data.time - self.system.grid.start) / self._timestep)
 
-    def _command(self, loop: Loop) -> None:
-        """And write forces."""
-        apply_forces(loop, self._arrays, self.time, 0, len(self._vehicles))
+    def _command(self) -> None:
+        apply_forces(self._loop, self._arrays, self.time, 0, len(self._vehicles))
 
     def reset(self) -> None:
         """Go back to the initial condition.
@@ -180,19 +190,9 @@ class World(ClosedLoop):
         """
         mujoco.mj_resetData(self.model, self.data)
         self.data.time = self.system.grid.start
-        self._place()
+        super().reset()
         # Where a command is bad MuJoCo would warn and take others; `step` raises.
         (mujoco.mj_fwdPosition if _is_bad(self.data.ctrl) else mujoco.mj_forward)(self.model, self.data)
-
-    def get_state(self) -> Array:
-        """All that decides how the run goes on: MuJoCo's state and the law's memory, as one array.
-
-        A law in Python keeps its own state, which is not in it.
-        """
-        memory = self._enter_phase().state.memory.flat  # where a phase begins, as `set_state` expects it
-        state = np.empty(mujoco.mj_stateSize(self.model, _STATE))
-        mujoco.mj_getState(self.model, self.data, state, _STATE)
-        return np.concatenate([state, memory])
 
     def set_state(self, state: Array) -> None:
         """Go on from a state of `get_state`, to the bit as the world did from which it was taken.
@@ -200,34 +200,27 @@ class World(ClosedLoop):
         Raises:
             InputError: the state is of another size, so not one of this scenario, or not finite.
         """
-        values, before = np.ascontiguousarray(state, dtype=np.float64), self.get_state()
-        if values.ndim != 1 or not np.isfinite(values).all() or not self._restore(values):
-            self._restore(before)
-            raise InputError(
-                f"state has shape {values.shape}; expected {before.shape} finite numbers, as get_state gives them"
-            )
+        super().set_state(state)
         mujoco.mj_fwdPosition(self.model, self.data)
 
-    def _restore(self, state: Array) -> bool:
-        """Take over a state; False where it is not of the size that the law of its phase needs."""
-        size = mujoco.mj_stateSize(self.model, _STATE)
-        if len(state) <= size:
-            return False
-        mujoco.mj_setState(self.model, self.data, state[:size], _STATE)
-        memory = self._enter_phase().state.memory.flat
-        if len(state) != size + len(memory):
-            return False
-        memory[:] = state[size:]
-        return True
+    def _get_motion(self) -> Array:
+        state = np.empty(mujoco.mj_stateSize(self.model, _STATE))
+        mujoco.mj_getState(self.model, self.data, state, _STATE)
+        return state
 
-    def _move(self, loop: Loop, step: int, count: int, recorder: Recorder) -> tuple[int, int] | None:
+    def _set_motion(self, values: Array) -> None:
+        mujoco.mj_setState(self.model, self.data, values, _STATE)
+
+    def _move(self, step: int, count: int, recorder: Recorder) -> tuple[int, int] | None:
         """The first vehicle with a bad command or, if none has, a bad position, velocity or acceleration, if any."""
-        if not _advance(loop, self._arrays, step, count, recorder):
+        if not _advance(self._loop, self._arrays, step, count, recorder):
             return None
-        data, owner = self.data, np.repeat(np.arange(len(self._vehicles)), np.diff(self.arena.thruster))
-        motion = np.hstack([x.reshape(len(self._vehicles), -1) for x in (data.qpos, data.qvel, data.qacc)])
+        data = self.data
+        V = len(self._vehicles)
+        owner = np.repeat(np.arange(V), np.diff(self.arena.thruster))
+        motion = np.hstack([x.reshape(V, -1) for x in (data.qpos, data.qvel, data.qacc)])
         bad = owner[~(np.abs(data.ctrl) < HUGE)], np.flatnonzero(~(np.abs(motion) < HUGE).all(axis=1))
-        return int(np.concatenate(bad)[0]), self._step
+        return int(np.concatenate(bad)[0]), self.steps_taken
 
     def actuators(self, id: str) -> IntArray:
         """Indices of a vehicle's actuators in `model` and in `data.ctrl`, in the order of `result.nc`'s thrusters.
@@ -334,16 +327,10 @@ class SplitWorld(ThreadedLoop):
     the loop's; MuJoCo's is a copy.
     """
 
-    def __init__(self, run: System | Sequence[Phase]) -> None:
-        """Compose an arena for each thread, and put every vehicle where it begins; the run as of `World`.
-
-        Raises:
-            InputError: as `World` does; or there are contacts.
-        """
-        super().__init__(run, None)
+    def _prepare(self) -> None:
+        super()._prepare()
         ends = np.arange(self._crew.count + 1) * len(self._vehicles) // self._crew.count
         self._parts = [self._part(int(first), int(last)) for first, last in pairwise(ends)]
-        self._start()
 
     def _part(self, first: int, last: int) -> "_Part":
         """The model of vehicles from first up to last."""
@@ -353,10 +340,9 @@ class SplitWorld(ThreadedLoop):
         state = _State(data.qpos, data.qvel, data.ctrl, data.act)
         return _Part(first, last, mujoco_arrays(model, data), state, model, data)
 
-    def _command(self, loop: Loop) -> None:
-        """And write forces, which the next step overwrites."""
-        for part in self._parts:
-            apply_forces(loop, part.arrays, self.time, part.first, part.last)
+    def _command(self) -> None:
+        for part in self._parts:  # forces are written too, which the next step overwrites
+            apply_forces(self._loop, part.arrays, self.time, part.first, part.last)
 
     def _work(
         self, loop: Loop, step: int, count: int, recorder: Recorder, row: int, thread: int, gate: IntArray

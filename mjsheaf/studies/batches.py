@@ -18,7 +18,7 @@ from mjsheaf.io.section import finite
 from mjsheaf.media.disturbance import bounds as bounds_of_harmonics
 from mjsheaf.results.dataset import law_of
 from mjsheaf.results.metrics import MEASURES
-from mjsheaf.runs.many import fused_run
+from mjsheaf.runs.many import fused_session
 from mjsheaf.simulation.batch import Batch, Outcome, require_world
 from mjsheaf.simulation.fused import Fused
 from mjsheaf.simulation.rows import groups_of_one_team
@@ -62,7 +62,7 @@ class Batches:
         for job in jobs:
             try:
                 scenario = job.load()
-                run = fused_run(scenario)
+                _, run = fused_session(scenario)
                 require_world(run)
                 known.append((job, run, scenario.seed))
             except Exception as error:  # as `run_job` has it: one bad point must not end the study

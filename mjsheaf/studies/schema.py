@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import AfterValidator, Field, JsonValue, model_validator
 
 from mjsheaf.io.section import Number, Positive, Section, split_path
-from mjsheaf.runs.simulate import BACKENDS, ENGINES, require_engine
+from mjsheaf.simulation.session import BACKENDS, ENGINES, require_engine
 
 Measure = Literal["mean_disagreement", "tracking_error", "formation_error", "centering_error"]
 

@@ -15,10 +15,12 @@ import yaml
 from numpy.typing import NDArray
 
 import mjsheaf
-from mjsheaf.control.controller import Agent, Controller, LocalSample, PerAgent, ReadOnlyTeam, Sample, load_controller
+from mjsheaf.control.controller import Agent, Controller, LocalSample, PerAgent, load_controller
+from mjsheaf.control.sample import ReadOnlyTeam, Sample
 from mjsheaf.errors import InputError
 from tests.builders import mixed_scenario
 from tests.commands import IDEAL, RUN_FILES, answer_of, call, is_refusal
+from tests.running import run_ideal, run_physics
 
 Array = NDArray[np.float64]
 BACKENDS = ("ideal", "physics")
@@ -75,9 +77,6 @@ def test_what_a_law_asks_for_is_recorded_and_carried_out(backend: str) -> None:
 def test_a_change_of_the_compiled_law_is_in_the_data() -> None:
     """The wanted value of an edge is changed for the loop alone: recorded eta and commands follow the loop."""
     from dataclasses import replace
-
-    from mjsheaf.simulation.ideal import run_ideal
-    from mjsheaf.simulation.physics import run_physics
 
     system = mixed_scenario(**SHORT).system
     edges = system.law.edges._replace(b=system.law.edges.b + 0.5)
@@ -164,9 +163,9 @@ def test_exchange_reaches_neighbours_alone_and_is_counted() -> None:
     door = Controller(PerAgent(Averaging))
     found = mjsheaf.simulate(scenario, "ideal", controller=door)
     samples = found.sizes["time"]
-    assert door.rounds == 40 * samples
+    assert door.traffic.rounds == 40 * samples
     pairs = {frozenset((e.tail, e.head)) for e in team.communication}
-    assert door.messages == 2 * len(pairs) * 40 * samples
+    assert door.traffic.messages == 2 * len(pairs) * 40 * samples
     command = found["velocity_command"].values[0, :, 0]
     laplacian = np.zeros((len(team.agents),) * 2)
     for i, j in (sorted(pair) for pair in pairs):

@@ -16,10 +16,10 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from mjsheaf import World, simulate
-from mjsheaf.simulation.physics import run_physics
 from mjsheaf.vehicles import body
 from mjsheaf.vehicles.loading import load_vehicle
 from tests.builders import altered, find, make_scenario, medium, mixed_scenario, velocity_commands, xml_of
+from tests.running import run_physics
 
 Array = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ from mjsheaf.cli.main import main
 from mjsheaf.errors import InputError
 from mjsheaf.io.yaml import dump_yaml
 from mjsheaf.runs.expecting import try_scenario
-from mjsheaf.runs.simulate import require_simulable
+from mjsheaf.simulation.session import require_simulable
 from mjsheaf.studies import load_plan
 from mjsheaf.studies.job import run_job
 from tests.builders import make_scenario, mixed_scenario, refused

@@ -16,10 +16,10 @@ from mjsheaf import load_scenario, simulate
 from mjsheaf.checking.held_law import loop_of
 from mjsheaf.results import make_dataset
 from mjsheaf.scenario import Scenario
-from mjsheaf.simulation.ideal import run_ideal
 from mjsheaf.simulation.trajectory import Trajectory, largest_integral, likely_cause
 from mjsheaf.system import System
 from tests.builders import FACTS, FLOW, Simulated, make_scenario, medium, mixed_scenario, velocity_commands
+from tests.running import run_ideal
 
 Array = NDArray[np.float64]
 

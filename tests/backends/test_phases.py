@@ -12,12 +12,11 @@ from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario
 from mjsheaf.simulation.batch import Batch
 from mjsheaf.simulation.fused import Fused
-from mjsheaf.simulation.ideal import run_ideal, stream_ideal
-from mjsheaf.simulation.physics import run_physics, stream_physics
 from mjsheaf.simulation.trajectory import Log
 from mjsheaf.system import Phase, System, on_engine, phases_of
 from mjsheaf.team import Team
 from tests.builders import mixed_scenario, two_boats
+from tests.running import run_ideal, run_physics, stream_ideal, stream_physics
 
 BACKENDS = [(run_ideal, stream_ideal), (run_physics, stream_physics)]
 

@@ -14,7 +14,6 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from mjsheaf import World
-from mjsheaf.simulation.physics import run_physics
 from mjsheaf.vehicles.loading import load_vehicle
 from mjsheaf.vehicles.steering import HandPoint, ThrustVector
 from tests.builders import (
@@ -34,6 +33,7 @@ from tests.builders import (
     yaw_of,
     yaws,
 )
+from tests.running import run_physics
 
 Array = NDArray[np.float64]
 

@@ -7,12 +7,11 @@ import pytest
 from numpy.typing import NDArray
 
 from mjsheaf import World
-from mjsheaf.simulation.ideal import run_ideal, stream_ideal
 from mjsheaf.simulation.loop import ClosedLoop
-from mjsheaf.simulation.physics import run_physics, stream_physics
 from mjsheaf.simulation.trajectory import Log
 from mjsheaf.system import System
 from tests.builders import mixed_scenario
+from tests.running import run_ideal, run_physics, stream_ideal, stream_physics
 
 Array = NDArray[np.float64]
 

@@ -10,9 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 from mjsheaf.scenario import Scenario
-from mjsheaf.simulation.ideal import run_ideal
-from mjsheaf.simulation.physics import run_physics
 from tests.builders import FLOW, make_scenario, mixed_scenario
+from tests.running import run_ideal, run_physics
 
 Array = NDArray[np.float64]
 

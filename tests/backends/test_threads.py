@@ -13,9 +13,9 @@ from mjsheaf import load_scenario, simulate
 from mjsheaf import threads as processors
 from mjsheaf.errors import InputError
 from mjsheaf.jit import jit
-from mjsheaf.runs.simulate import ENGINES, moved_by
 from mjsheaf.scenario import Scenario
 from mjsheaf.simulation.gate import Crew, wait
+from mjsheaf.simulation.session import ENGINES, moved_by
 from mjsheaf.simulation.world import SplitWorld
 from mjsheaf.system import on_engine
 from tests.builders import make_scenario, mixed_scenario, refused
@@ -65,7 +65,7 @@ def test_a_container_has_the_processors_of_its_quota(
 
 def test_long_runs_take_the_idle_processors(monkeypatch: pytest.MonkeyPatch) -> None:
     """A short one takes one, as does one with contacts."""
-    monkeypatch.setattr("mjsheaf.runs.simulate.free_processors", lambda: 7)
+    monkeypatch.setattr("mjsheaf.simulation.session.free_processors", lambda: 7)
     long = {"swarm.size": 60, "time.end": 100.0}
 
     def threads(engine: str = "mujoco", asked: int | None = None, **changes: Any) -> int:

@@ -16,9 +16,9 @@ from scipy.spatial.transform import Rotation
 
 from mjsheaf import World, load_scenario, simulate
 from mjsheaf.errors import InputError, UnstableError
-from mjsheaf.simulation.physics import run_physics
 from mjsheaf.vehicles.loading import load_vehicle
 from tests.builders import altered, find, make_scenario, mixed_scenario, refused
+from tests.running import run_physics
 
 Array = NDArray[np.float64]
 

@@ -18,12 +18,12 @@ import mjsheaf
 from mjsheaf.checking.finished import bound_of_run
 from mjsheaf.media.flow import FlowField
 from mjsheaf.scenario import scenario_from_mapping
-from mjsheaf.simulation.ideal import run_ideal
 from tests.builders import random_scenario
 from tests.checking import oracle
 from tests.checking.adversarial import FAMILIES, REPORTED, TEAMS, adversarial_scenario, family_of
 from tests.checking.study import BASELINE, BROKEN, Judgement, judge, record_shipped, row_of, table
 from tests.checking.test_theorem import CERTIFIED
+from tests.running import run_ideal
 
 TRIED = int(os.environ.get("MJSHEAF_TEAMS", 3 * TEAMS // 10))
 """Three tenths of the study's teams, 15 of each family, unless told otherwise."""

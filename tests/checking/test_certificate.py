@@ -18,9 +18,9 @@ from mjsheaf.checking.certificate import certify
 from mjsheaf.checking.constants import Difference
 from mjsheaf.checking.finished import BROKEN, bound_of_run
 from mjsheaf.scenario import scenario_from_mapping
-from mjsheaf.simulation.ideal import run_ideal
 from tests.builders import flow_jacobian
 from tests.commands import call
+from tests.running import run_ideal
 
 
 def _verdicts(record: dict[str, Any]) -> str:

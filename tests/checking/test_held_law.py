@@ -19,9 +19,9 @@ from mjsheaf.checking.held_law import Envelope, envelope, law_loop, loop_of
 from mjsheaf.checking.modelled import UndecidedError
 from mjsheaf.checking.proposals import propose
 from mjsheaf.scenario import scenario_from_mapping
-from mjsheaf.simulation.ideal import run_ideal
 from mjsheaf.system import System
 from tests.builders import medium, random_scenario
+from tests.running import run_ideal
 
 Array = NDArray[np.float64]
 

@@ -32,9 +32,9 @@ from mjsheaf.checking.loss import SecondMoments
 from mjsheaf.cli.check import check as check_command
 from mjsheaf.cli.options import NotHeldError
 from mjsheaf.scenario import load_scenario, scenario_from_mapping
-from mjsheaf.simulation.ideal import run_ideal
 from mjsheaf.system import System
 from tests.builders import random_scenario
+from tests.running import run_ideal
 
 Array = NDArray[np.float64]
 

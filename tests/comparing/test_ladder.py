@@ -11,8 +11,8 @@ import pytest
 from mjsheaf import simulate
 from mjsheaf.comparing.ladder import EFFECTS, effects_of, ladder_of, run_ablation
 from mjsheaf.scenario import Scenario
-from mjsheaf.simulation.physics import run_physics
 from tests.builders import two_aircraft, two_boats
+from tests.running import run_physics
 
 OFF = {name: False for name in EFFECTS if name != "contacts"}
 

@@ -28,9 +28,9 @@ from mjsheaf.comparing.verdict import verdict_of
 from mjsheaf.control import disagreement
 from mjsheaf.results.metrics import evaluate_errors
 from mjsheaf.scenario import Scenario
-from mjsheaf.simulation.ideal import run_ideal
 from mjsheaf.vehicles.loading import load_vehicle
 from tests.builders import approx, two_boats
+from tests.running import run_ideal
 
 
 def two_groups(link: Any, **fields: Any) -> Scenario:

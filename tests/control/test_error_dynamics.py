@@ -14,9 +14,9 @@ import mjsheaf
 from mjsheaf.checking.finished import bound_of_run
 from mjsheaf.media import disturbance
 from mjsheaf.scenario import scenario_from_mapping
-from mjsheaf.simulation.ideal import run_ideal
 from mjsheaf.system import System
 from tests.builders import random_scenario, velocity_commands
+from tests.running import run_ideal
 
 Array = NDArray[np.float64]
 

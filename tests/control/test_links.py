@@ -31,13 +31,12 @@ from mjsheaf.results.dataset import join
 from mjsheaf.results.netcdf import dataset_bytes, write_dataset
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario
-from mjsheaf.simulation.ideal import run_ideal, stream_ideal
-from mjsheaf.simulation.physics import run_physics, stream_physics
 from mjsheaf.system import Phase
 from mjsheaf.team import Edge
 from mjsheaf.team.links import Exact, Link, LinkModel, Links
 from tests.backends.test_phases import without_an_edge
 from tests.builders import mixed_scenario, two_boats
+from tests.running import run_ideal, run_physics, stream_ideal, stream_physics
 
 Array = NDArray[np.float64]
 BACKENDS = ("ideal", "physics")

@@ -18,7 +18,7 @@ from mjsheaf.results.netcdf import length_of_piece, pieces_of
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario, scenario_from_mapping
 from mjsheaf.simulation import trajectory
-from mjsheaf.simulation.physics import run_physics
+from tests.running import run_physics
 
 BACKENDS = ("ideal", "physics")
 

@@ -1,0 +1,204 @@
+"""What agents may know at a sample: the record that laws in Python, environments and viewers read."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+from types import MappingProxyType
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from mjsheaf.arrays import Array
+from mjsheaf.control.law import LawArrays, Memory, link_of, rows_of_measuring_edges
+from mjsheaf.errors import InputError
+from mjsheaf.team import Edge, Team
+
+
+@dataclass
+class Traffic:
+    """Communication of a law in Python.
+
+    Attributes:
+        rounds: Number of rounds, which are calls of `Sample.exchange`.
+        messages: Number of messages from agent to agent.
+        numbers: Number of numbers in all messages.
+    """
+
+    rounds: int = 0
+    messages: int = 0
+    numbers: int = 0
+
+
+class ReadOnlyTeam(Team):
+    """A team as a law is handed it: the run's own, of which the law can change nothing."""
+
+    def __init__(self, team: Team) -> None:
+        """Take over all that a team has, with read-only views of its arrays and mappings and copies of its lists."""
+        own = dict(vars(team))
+        own.pop("remaining", None)  # which may be the run's own team
+        for name, value in own.items():
+            if isinstance(value, np.ndarray):
+                own[name] = _read_only(value)
+        own["index"] = MappingProxyType(team.index)
+        own["displacement"] = MappingProxyType({id: _read_only(o) for id, o in team.displacement.items()})
+        for name in ("agent_ids", "target_ids"):
+            own[name] = list(own[name])
+        for name in ("communication", "sensing", "target_edges", "anchors"):
+            own[name] = tuple(_read_only_edge(edge) for edge in own[name])
+        vars(self).update(own)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        raise AttributeError(f"cannot set {name}: the team that a law is handed is read-only")
+
+
+def _read_only(values: Array) -> Array:
+    """Return a view that cannot be written."""
+    view = values.view()
+    view.flags.writeable = False
+    return view
+
+
+def _read_only_edge(edge: Edge) -> Edge:
+    """Return an edge whose arrays cannot be written."""
+    return replace(
+        edge,
+        F_tail=_read_only(edge.F_tail),
+        F_head=_read_only(edge.F_head),
+        weight=_read_only(edge.weight),
+        offset=None if edge.offset is None else _read_only(edge.offset),
+    )
+
+
+class View:
+    """Places of what agents know in the memory of a law; each phase of a run has its own.
+
+    Attributes:
+        team: The run's team.
+        shown: The same, read-only.
+        edges: Edges at which agents measure: communication, sensing, anchors; E of them.
+        places: Slice of `memory.y` with the numbers of each edge.
+        links: Index in `memory.links.heard` of each edge, shape (E,); -1 for an edge without a link.
+        neighbours: Indices of the agents that each agent communicates with.
+    """
+
+    def __init__(self, team: Team, law: LawArrays) -> None:
+        self.team = team
+        self.shown = ReadOnlyTeam(team)
+        self.edges = self.shown.measuring_edges
+        rows = rows_of_measuring_edges(team, law)
+        slices = [slice(begin, end) for begin, end in pairwise(law.edges.first)]
+        self.places = [slices[row] for row in rows]
+        self.links = np.array([link_of(law, row) for row in rows], dtype=np.int64)
+        near: list[dict[int, None]] = [{} for _ in team.agents]
+        for e in team.communication:
+            i, j = team.index[e.tail], team.index[e.head]
+            near[i][j] = near[j][i] = None
+        self.neighbours = [list(js) for js in near]
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What no agent knows; for debugging, for rewards and for drawing.
+
+    Attributes:
+        positions: Positions of agents, then targets, padded, shape (V, 3), m.
+        attitude: Quaternions (w, x, y, z) of agents, then targets, body to world, shape (V, 4).
+    """
+
+    positions: Array
+    attitude: Array
+    _team: Team  # the run's own
+
+    @cached_property
+    def harmonic_extension(self) -> Array:
+        """q*, padded, shape (N, 3), m."""
+        return self._team.harmonic_extension(self.positions)
+
+
+class Sample:
+    """What N agents may know at a sample, with E edges at which they measure.
+
+    Attributes:
+        time: Time of the sample, s.
+        team: The team, read-only; `team.agent_ids` names the rows of arrays.
+        edges: The edges at which agents measure: communication, sensing, anchors.
+        measurements: y_e = F_head x_head - F_tail x_tail of each edge, in its stalk, m, as its link delivers it; -b_e
+            where nothing is received.
+        received: True for each edge with a measurement, new or held, shape (E,).
+        disagreement: eta by these, padded, shape (N, 3), m.
+        command: Velocities relative to the medium that the compiled law commands, padded, shape (N, 3), m/s; under a
+            law in Python those that it returned last. What is added from outside is not in them.
+        velocity: Velocities over ground, shape (N, 3), m/s: of bodies now, on ideal kinematics the mean since the
+            sample before.
+        angular_velocity: Angular velocities in body axes, shape (N, 3), rad/s; zero on ideal kinematics.
+        displacement: Displacements of the controlled positions since the sample before, zero at the first, shape
+            (N, 3), m.
+        attitude: Quaternions (w, x, y, z), body to world, shape (N, 4).
+        truth: What no agent knows.
+    """
+
+    def __init__(
+        self,
+        view: View,
+        time: float,
+        positions: Array,
+        attitude: Array,
+        motion: Array,
+        memory: Memory,
+        traffic: Traffic,
+    ) -> None:
+        N = len(view.team.agents)
+        self.time = time
+        self.team: Team = view.shown
+        self.edges = view.edges
+        self.measurements = [memory.y[place].copy() for place in view.places]
+        self.received = np.append(memory.links.heard > 0.0, True)[view.links]
+        self.disagreement = memory.residual[:N].copy()
+        self.command = memory.command[:N].copy()
+        self.displacement, self.velocity, self.angular_velocity = np.hsplit(motion, 3)
+        self.attitude = attitude[:N].copy()
+        self.truth = Truth(positions, attitude, view.team)
+        self._view = view
+        self._traffic = traffic
+
+    @property
+    def heard(self) -> list[bool]:
+        """The same as `received`, as a list."""
+        return cast(list[bool], self.received.tolist())
+
+    def exchange(self, values: ArrayLike) -> list[dict[str, Array]]:
+        """Let every agent send numbers to its neighbours: one round of communication, which is counted.
+
+        Args:
+            values: Numbers that each agent sends, shape (N, ...).
+
+        Returns:
+            For each agent what it receives, by the neighbour's id.
+        """
+        sent = real_numbers(values)
+        ids = self._view.team.agent_ids
+        neighbours = self._view.neighbours
+        if sent.shape[:1] != (len(ids),):
+            raise InputError(f"exchange: values have shape {sent.shape}; expected ({len(ids)}, ...)")
+        messages = sum(map(len, neighbours))
+        self._traffic.rounds += 1
+        self._traffic.messages += messages
+        self._traffic.numbers += messages * (sent.size // len(sent))
+        return [{ids[j]: sent[j].copy() for j in near} for near in neighbours]
+
+
+def real_numbers(values: ArrayLike) -> Array:
+    """Return numbers as float64.
+
+    Raises:
+        TypeError: They are complex, no numbers, or a masked array that lacks some.
+    """
+    if isinstance(values, (list, tuple)) and any(isinstance(row, np.ma.MaskedArray) for row in values):
+        values = cast(ArrayLike, np.ma.array(values))
+    if np.ma.is_masked(values):
+        raise TypeError("expected real numbers, not a masked array with masked entries")
+    found = np.asarray(values)
+    if found.dtype.kind not in "buif":
+        raise TypeError(f"expected real numbers, not {str(values)[:40]} of type {found.dtype}")
+    return found.astype(np.float64)

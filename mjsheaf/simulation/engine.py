@@ -1,0 +1,431 @@
+"""A run with the loop closed, whatever moves the vehicles: what all engines have in common.
+
+An engine takes steps: control periods on ideal kinematics, physics steps on bodies. Between two samples it runs
+compiled code. `mjsheaf.simulation.session` chooses one and offers it as a `Session`.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple, Self
+
+import numpy as np
+
+from mjsheaf.arguments import require_whole
+from mjsheaf.arrays import Array, IntArray
+from mjsheaf.control.controller import Controller, Law, controller_of
+from mjsheaf.control.law import ControlArrays, Memory, carry
+from mjsheaf.control.sample import Sample, Traffic, View
+from mjsheaf.control.terms import no_terms
+from mjsheaf.errors import InputError, UnstableError
+from mjsheaf.simulation.trajectory import Log, Trajectory, pieces_of
+from mjsheaf.system import Phase, System, phases_of
+
+Progress = Callable[[int, int], None]
+"""Called with (samples done, samples in all)."""
+
+
+class Recorder(NamedTuple):
+    """Destination of samples.
+
+    Attributes:
+        log: T samples.
+        placed: Positions that targets are put at, one for each sample, shape (T, V - N, 3), m; (0, 0, 3) leaves targets
+            to their own motion.
+        written: Number of samples in the log, shape (1,).
+    """
+
+    log: Log
+    placed: Array
+    written: IntArray
+
+
+class Engine(ABC):
+    """A run with the loop closed: its phases, its law and its samples.
+
+    Subclasses must implement the abstract methods.
+
+    Attributes:
+        system: The closed-loop system; of a run with phases, that of the present one.
+        steps_per_sample: Steps between samples.
+        controller: Law in Python that is in control, or None.
+    """
+
+    system: System
+    steps_per_sample: int
+    _control: ControlArrays  # of the present phase
+    _timestep: float  # s
+    _chunk: int  # steps in one compiled call, after which Ctrl-C is heard
+    _stride: int  # the same where nothing is recorded
+    _unrecorded: Recorder
+
+    def __init__(
+        self,
+        run: System | Sequence[Phase],
+        *,
+        controller: Law | Controller | None = None,
+        seed: int = 0,
+        commanded: bool = False,
+    ) -> None:
+        """Put every vehicle at its initial position and heading.
+
+        Args:
+            run: The System of a scenario, or the phases of a run.
+            controller: Law in Python in place of the agents' own.
+            seed: Seed of the law's random numbers.
+            commanded: True if velocities from outside take the place of the agents' own law, see `command_agents`.
+
+        Raises:
+            InputError: A vehicle is unknown or does not fit the dimension of its agent or target, or the control period
+                is 0 with a law in Python.
+        """
+        self._take(run)
+        self.controller = controller_of(controller, self.system, seed)
+        self._commanded = commanded or self.controller is not None
+        self._traffic = self.controller.traffic if self.controller else Traffic()
+        self._prepare()
+        self.reset()
+
+    def _prepare(self) -> None:  # noqa: B027
+        """Make what no seed changes."""
+
+    def _take(self, run: System | Sequence[Phase]) -> None:
+        """Take over the phases of a run, and what is known of all of them."""
+        self._phases = phases_of(run)
+        self.system = self._phases[0].system
+        self._views: dict[int, View] = {}
+
+    def restart(self, run: System | Sequence[Phase], seed: int) -> None:
+        """Begin anew with the same team under another seed.
+
+        Args:
+            run: The run under that seed.
+            seed: Seed of a law in Python.
+        """
+        self._take(run)
+        if self.controller:
+            self.controller.seed = seed
+        self.reset()
+
+    def reset(self) -> None:
+        """Go back to the initial condition."""
+        self.system = self._phases[0].system
+        self._control = self._law_of_phase()
+        self._begin()
+        self._observed = -1
+        self._now = self._before = self.positions()[: len(self.system.team.agents)]
+        if self.controller:
+            self.controller.reset(self._view.shown)
+
+    # -- for subclasses ------------------------------------------------------------------------------------------------
+
+    @property
+    @abstractmethod
+    def memory(self) -> Memory:
+        """Values that onboard computers hold; a phase with other edges has others."""
+
+    @property
+    @abstractmethod
+    def steps_taken(self) -> int:
+        """Number of steps since the start."""
+
+    @abstractmethod
+    def _control_of(self, system: System) -> ControlArrays:
+        """Return law and references of a system's vehicles."""
+
+    @abstractmethod
+    def _begin(self) -> None:
+        """Put the vehicles at their initial condition, with an empty memory."""
+
+    @abstractmethod
+    def _enter(self, memory: Memory) -> None:
+        """Continue under `system` and `_control`, those of another phase, with a memory."""
+
+    @abstractmethod
+    def _evaluate_law(self) -> None:
+        """Evaluate the law now, into the memory."""
+
+    @abstractmethod
+    def _place_targets(self, recorder: Recorder) -> None:
+        """Put targets where the recorder has them at its next sample."""
+
+    @abstractmethod
+    def _move(self, step: int, count: int, recorder: Recorder) -> tuple[int, int] | None:
+        """Take `count` steps, and samples as long as the recorder has room.
+
+        Returns:
+            The first vehicle whose state became bad and the step at which it did; None if all are good.
+        """
+
+    @abstractmethod
+    def _record_now(self, recorder: Recorder) -> None:
+        """Evaluate the law and record a sample, without a step."""
+
+    @abstractmethod
+    def _describe_blow_up(self, vehicle: int, step: int) -> str:
+        """Name the vehicle whose state became bad at a step, and the likely cause."""
+
+    @abstractmethod
+    def _new_log(self, samples: int) -> Log:
+        """Return a log for samples of the present phase."""
+
+    @abstractmethod
+    def _velocity(self, displacement: Array) -> Array:
+        """Return velocities over ground and angular velocities of the agents, shape (N, 6), m/s and rad/s.
+
+        Args:
+            displacement: Displacements of the agents since the sample before, shape (N, 3), m.
+        """
+
+    @abstractmethod
+    def positions(self) -> Array:
+        """Controlled positions, padded: agents then targets, z = 0 for planar ones; shape (V, 3), m."""
+
+    @abstractmethod
+    def quaternions(self) -> Array:
+        """Attitudes (w, x, y, z), body to world, shape (V, 4)."""
+
+    # -- phases --------------------------------------------------------------------------------------------------------
+
+    @property
+    def phases(self) -> Sequence[Phase]:
+        """Phases of the run."""
+        return self._phases
+
+    @property
+    def time(self) -> float:
+        """Simulated time in s."""
+        return self.system.grid.start + self.steps_taken * self._timestep
+
+    @property
+    def finished(self) -> bool:
+        """True from the end of the run's time on."""
+        return self.steps_taken >= self.system.grid.steps * self.steps_per_sample
+
+    @property
+    def _view(self) -> View:
+        """Places of what agents know in the memory of the present phase."""
+        key = id(self.system)
+        if key not in self._views:
+            self._views[key] = View(self.system.team, self._control.law)
+        return self._views[key]
+
+    def _law_of_phase(self) -> ControlArrays:
+        """Return law and references of the present system, without the agents' own law if they are commanded."""
+        control = self._control_of(self.system)
+        if not self._commanded:
+            return control
+        return control._replace(law=control.law._replace(supplied=len(self.system.team.agents), terms=no_terms()))
+
+    def _enter_phase(self) -> None:
+        """Enter the phase that the present step belongs to."""
+        sample = max(self.steps_taken // self.steps_per_sample, 0)
+        system = [phase.system for phase in self._phases if phase.start <= sample][-1]
+        if system is not self.system:
+            law = self._control.law
+            self.system = system
+            self._control = self._law_of_phase()
+            self._enter(carry(self.memory, law, self._control.law, sample))
+
+    # -- stepping ------------------------------------------------------------------------------------------------------
+
+    def step(self, n: int = 1) -> None:
+        """Take n steps with the loop closed.
+
+        Raises:
+            UnstableError: the state became bad; the message names vehicle, time and likely cause.
+            InputError: a law in Python raised an exception, or asked for no velocity.
+        """
+        require_whole("n", n, 0)
+        while n > 0:
+            n -= self._advance(min(n, self._stride), self._unrecorded)
+
+    def step_period(self) -> None:
+        """Take the steps up to the next sample; see `step`."""
+        self._displaced(self.positions()[: len(self.system.team.agents)])
+        self.step(self.steps_per_sample - self.steps_taken % self.steps_per_sample)
+
+    def _advance(self, count: int, recorder: Recorder) -> int:
+        """Take up to `count` steps within one phase and, of a law in Python, one period; return how many."""
+        step = self.steps_taken
+        self._enter_phase()
+        ahead = (phase.start * self.steps_per_sample - step for phase in self._phases)
+        count = min([count, *(steps for steps in ahead if steps > 0)])
+        if self.controller:
+            into = step % self.steps_per_sample
+            if into == 0:
+                self._place_targets(recorder)
+                self._consult()
+            count = min(count, self.steps_per_sample - into)
+        bad = self._move(step, count, recorder)
+        if bad:
+            raise UnstableError(self._describe_blow_up(*bad))
+        return count
+
+    def record(
+        self, samples: int, targets: Array | None = None, progress: Progress | None = None
+    ) -> Iterator[Trajectory]:
+        """Take a sample now and after each period, up to the end of the run's time or of `targets`; in pieces.
+
+        Args:
+            samples: Largest number in each piece; the last one, and the last of a phase, may have fewer.
+            targets: Positions that targets are put at, one for each sample, shape (T, V - N, 3), m, whatever their own
+                motion would be; the run ends with the last. None lets them move by themselves.
+            progress: Called with (samples done, samples in all).
+
+        Yields:
+            Pieces with the status 'finished', but for the last where the run blows up, which ends there.
+        """
+        of = self.system.grid.steps + 1 if targets is None else min(self.system.grid.steps + 1, len(targets))
+        for system, begin, end in pieces_of(self._phases, samples, of, self.steps_taken // self.steps_per_sample):
+            self._enter_phase()
+            recorder = self._recorder(end - begin, None if targets is None else targets[begin:end])
+            remaining = (end - begin - (end == of)) * self.steps_per_sample
+            message = ""
+            try:
+                while remaining > 0:
+                    remaining -= self._advance(min(remaining, self._chunk), recorder)
+                    if progress:
+                        progress(min(begin + int(recorder.written[0]), of - 1), of - 1)
+                if end == of:
+                    self._enter_phase()
+                    self._place_targets(recorder)
+                    self._consult()
+                    self._record_now(recorder)
+            except UnstableError as error:
+                message = str(error)
+            done = int(recorder.written[0])
+            log = recorder.log.span(0, done)
+            self._keep_last(log.positions[: done - (end == of)])
+            yield Trajectory(system, system.grid.span(begin, begin + done), log, message)
+            if message:
+                return
+
+    def _recorder(self, samples: int, targets: Array | None = None) -> Recorder:
+        """Return a place for samples of the present phase."""
+        placed = np.empty((0, 0, 3)) if targets is None else np.ascontiguousarray(targets)
+        return Recorder(self._new_log(samples), placed, np.zeros(1, dtype=np.int64))
+
+    def run(self, targets: Array | None = None, progress: Progress | None = None) -> Trajectory:
+        """Record the whole run of one phase in one piece, and end the threads; see `record`.
+
+        Returns:
+            The trajectory; its status is 'unstable' and it ends early where the run blows up.
+        """
+        with self:
+            return next(self.record(self.system.grid.steps + 1, targets, progress))
+
+    # -- what agents know ----------------------------------------------------------------------------------------------
+
+    def command_agents(self, velocity: Array) -> None:
+        """Command velocities until other ones are given, in addition to the agents' compiled law.
+
+        They are added before the speed limit and count from the law's next evaluation on. Zeros change nothing, to the
+        bit. Agents that are `commanded` have no other law.
+
+        Args:
+            velocity: Of the agents, relative to the medium, padded, shape (N, 3), m/s.
+        """
+        self._enter_phase()
+        own = np.arange(3) < [[agent.dimension] for agent in self.system.team.agents]
+        self.memory.supplied[: len(own)] = np.where(own, velocity, 0.0)
+
+    def observe(self) -> Sample:
+        """Return what agents may know now, and apart from that the truth; the run goes on as if nobody had looked."""
+        self._enter_phase()
+        memory = self.memory
+        kept = memory.flat.copy()
+        if not self._commanded:
+            memory.supplied[:] = 0.0
+        self._evaluate_law()
+        x = self.positions()
+        displacement = self._displaced(x[: len(self.system.team.agents)])
+        motion = np.hstack([displacement, self._velocity(displacement)])
+        sample = Sample(self._view, self.time, x, self.quaternions(), motion, memory, self._traffic)
+        memory.flat[:] = kept
+        return sample
+
+    def _displaced(self, q: Array) -> Array:
+        """Return the displacement of agents at q (N, 3), m, since the sample before, shape (N, 3), m."""
+        if self._observed != self.steps_taken:  # a sample may be taken again
+            self._observed = self.steps_taken
+            self._before = self._now
+        self._now = q.copy()
+        return np.asarray(q - self._before)
+
+    def _keep_last(self, positions: Array) -> None:
+        """Keep where the agents were at the last of the samples before now, shape (T, V, 3), m."""
+        if len(positions) and not self.controller:
+            self._observed = -1
+            self._now = positions[-1, : len(self._now)].copy()
+
+    def _consult(self) -> None:
+        """Call the law in Python, if there is one, and supply the velocities that it returns."""
+        if self.controller:
+            self.command_agents(self.controller.call(self.system.team, self.observe()))
+
+    # -- the state -----------------------------------------------------------------------------------------------------
+
+    def get_state(self) -> Array:
+        """Return all that decides how the run goes on, as one array.
+
+        A law in Python keeps its own state, which is not in it.
+        """
+        self._enter_phase()  # where a phase begins, as `set_state` expects it
+        before = self._before if self._observed == self.steps_taken else self._now
+        return np.concatenate([self._get_motion(), self.memory.flat, before.ravel()])
+
+    def set_state(self, state: Array) -> None:
+        """Go on from a state of `get_state`, to the bit as the run did from which it was taken.
+
+        Raises:
+            InputError: the state is of another size, so not one of this scenario, or not finite.
+        """
+        values = np.ascontiguousarray(state, dtype=np.float64)
+        before = self.get_state()
+        if values.ndim != 1 or not np.isfinite(values).all() or not self._restore(values):
+            self._restore(before)
+            raise InputError(
+                f"state has shape {values.shape}; expected {before.shape} finite numbers, as get_state gives them"
+            )
+
+    def _restore(self, state: Array) -> bool:
+        """Take over a state; return False if it is not of the size that its phase needs."""
+        size = len(self._get_motion())
+        if len(state) <= size:
+            return False
+        self._set_motion(state[:size])
+        self._enter_phase()
+        memory = self.memory.flat
+        if len(state) != size + len(memory) + self._now.size:
+            return False
+        memory[:] = state[size : size + len(memory)]
+        self._observed = -1
+        self._now = state[size + len(memory) :].reshape(-1, 3).copy()
+        return True
+
+    @property
+    def _moving(self) -> Sequence[Array | IntArray]:
+        """Arrays that hold the motion, the number of steps among them; unused where MuJoCo holds it."""
+        return ()
+
+    def _get_motion(self) -> Array:
+        """Return the motion as one array."""
+        return np.concatenate([values.ravel() for values in self._moving])
+
+    def _set_motion(self, values: Array) -> None:
+        """Take over a motion."""
+        arrays = self._moving
+        parts = np.split(values, np.cumsum([array.size for array in arrays])[:-1])
+        for array, part in zip(arrays, parts, strict=True):
+            array.reshape(-1)[:] = part
+
+    # -- threads -------------------------------------------------------------------------------------------------------
+
+    def close(self) -> None:  # noqa: B027
+        """End the threads of an engine that has any."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()

@@ -1,0 +1,273 @@
+"""A run that is stepped by control periods, on ideal kinematics or bodies, whichever engine moves them.
+
+`simulate`, `simulate_many`, `compare` and the environments are callers of `Session`.
+"""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from mjsheaf.arguments import require_choice, require_scenario, require_whole
+from mjsheaf.arrays import Array
+from mjsheaf.errors import InputError, NotUniqueError, RankError
+from mjsheaf.threads import free_processors
+
+if TYPE_CHECKING:
+    from mjsheaf.control.controller import Controller, Law
+    from mjsheaf.control.sample import Sample
+    from mjsheaf.scenario import Scenario
+    from mjsheaf.simulation.engine import Engine
+    from mjsheaf.system import Phase, System
+
+BACKENDS = ("physics", "ideal")
+ENGINES = ("mujoco", "fused")
+_WORTH_THREADS = 1e6  # vehicles times physics steps: less ends before another thread is of use
+
+
+class Session:
+    """A run with the loop closed, one control period at a time.
+
+    What it does is what `simulate` does, to the bit: `step` repeated gives the samples of its dataset. Close it, or use
+    it in a `with` block, if it has several threads.
+
+    Attributes:
+        scenario: The scenario, with the seed of the run.
+        backend: 'physics' or 'ideal'.
+        engine: What moves the vehicles: a `World` on MuJoCo and one thread, else an `Engine` of its own kind.
+    """
+
+    def __init__(
+        self,
+        scenario: "Scenario",
+        backend: str = "physics",
+        *,
+        engine: str = "mujoco",
+        threads: int | None = 1,
+        controller: "Law | Controller | None" = None,
+        commanded: bool = False,
+        allow_drift: bool = False,
+        visible: bool = False,
+    ) -> None:
+        """Put every vehicle at its initial condition.
+
+        Args:
+            scenario: The scenario, as `mjsheaf.load_scenario` returns it.
+            backend: 'physics' or 'ideal'.
+            engine: Engine that moves bodies: 'mujoco' or 'fused'; see `simulate`.
+            threads: Number of threads that move the bodies; None takes the idle processors, see `simulate`.
+            controller: A law in Python in place of the agents' own; see `simulate`.
+            commanded: True if what `step` is given takes the place of the agents' own law; by default it is added.
+            allow_drift: Simulate a team whose harmonic extension is not unique too; see `simulate`.
+            visible: True for a MuJoCo model with the geoms that are only to be seen.
+
+        Raises:
+            InputError: As for `simulate`.
+            NotUniqueError: The harmonic extension is not unique, and drift is not allowed.
+        """
+        from mjsheaf.control.controller import controller_of
+
+        require_scenario(scenario)
+        self.scenario = scenario
+        self.backend = backend
+        self._engine = engine
+        self._threads = threads
+        phases = self._phases_of(scenario)
+        require_simulable(phases, backend, allow_drift=allow_drift)
+        called = controller_of(controller, phases[0].system, scenario.seed)
+        self.engine: Engine = engine_of(phases, backend, controller=called, commanded=commanded, visible=visible)
+
+    def _phases_of(self, scenario: "Scenario") -> "Sequence[Phase]":
+        """Return a scenario as phases, on the session's engine and threads."""
+        return moved_by(scenario.phases, self.backend, self._engine, self._threads)
+
+    def reset(self, seed: int | None = None) -> None:
+        """Go back to the start.
+
+        Args:
+            seed: Seed of the run from here on: of initial conditions, disturbances, links and a law in Python. None
+                keeps the seed, and gives the same run again, to the bit.
+
+        Raises:
+            InputError: The seed is no whole number of at least 0.
+        """
+        if seed is None:
+            self.engine.reset()
+            return
+        scenario = self.scenario.with_seed(seed)
+        self.engine.restart(self._phases_of(scenario), seed)
+        self.scenario = scenario
+
+    def observe(self) -> "Sample":
+        """Return what agents may know now, and apart from that the truth; this changes nothing of the run.
+
+        It is the record that a law in Python is handed; sample k is what row k of the dataset holds.
+        """
+        return self.engine.observe()
+
+    def step(self, command: ArrayLike | None = None) -> None:
+        """Take one control period.
+
+        Args:
+            command: Velocity of each agent relative to the medium, in this period, padded, shape (N, 3), m/s. It is
+                added to the command of the agents' law before the speed limit; if the session is `commanded`, it takes
+                its place. None stands for zeros, which change nothing of a law's command, to the bit.
+
+        Raises:
+            UnstableError: The state became bad; the message names vehicle, time and likely cause.
+            InputError: The command has another shape or is not finite, or a law in Python raised an exception or
+                returned no velocities.
+        """
+        engine = self.engine
+        shape = len(engine.system.team.agents), 3
+        velocity = np.zeros(shape) if command is None else np.asarray(command, dtype=np.float64)
+        if velocity.shape != shape or not np.isfinite(velocity).all():
+            raise InputError(f"command has shape {velocity.shape}; expected {shape} finite velocities in m/s")
+        engine.command_agents(velocity)
+        engine.step_period()
+
+    @property
+    def time(self) -> float:
+        """Simulated time, s."""
+        return self.engine.time
+
+    @property
+    def finished(self) -> bool:
+        """True from the end of the run's time on."""
+        return self.engine.finished
+
+    @property
+    def state(self) -> Array:
+        """All that decides how the run goes on, as one array; set it to go on from there, to the bit.
+
+        A law in Python keeps its own state, which is not in it.
+        """
+        return self.engine.get_state()
+
+    @state.setter
+    def state(self, state: Array) -> None:
+        self.engine.set_state(state)
+
+    def close(self) -> None:
+        """End the threads."""
+        self.engine.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+
+def engine_of(
+    run: "System | Sequence[Phase]",
+    backend: str = "physics",
+    *,
+    controller: "Law | Controller | None" = None,
+    commanded: bool = False,
+    visible: bool = False,
+) -> "Engine":
+    """Return the engine that a run names, at its start; arguments as of `Session`.
+
+    What cannot be simulated is not refused here: see `require_simulable`.
+    """
+    from mjsheaf.system import phases_of
+
+    if backend == "ideal":
+        from mjsheaf.simulation.ideal import Ideal
+
+        return Ideal(run, controller=controller, commanded=commanded)
+    plan = phases_of(run)[0].system.bodies
+    if plan.engine == "fused":
+        from mjsheaf.simulation.fused import Fused
+
+        return Fused(run, controller=controller, commanded=commanded)
+    from mjsheaf.simulation.threaded import crew_size
+    from mjsheaf.simulation.world import SplitWorld, World
+
+    if crew_size(plan, controller is not None) > 1:
+        return SplitWorld(run, commanded=commanded)
+    return World(run, controller=controller, commanded=commanded, visible=visible)
+
+
+def moved_by(
+    phases: "Sequence[Phase]", backend: str, engine: str = "mujoco", threads: int | None = None
+) -> "Sequence[Phase]":
+    """A run on an engine and threads; see `simulate`.
+
+    Raises:
+        InputError: unknown engine, threads below 1, or either for ideal kinematics.
+    """
+    from mjsheaf.system import on_engine
+
+    require_engine(engine, backend)
+    if threads is not None:
+        require_whole("threads", threads, 1)
+    if backend == "ideal":
+        if threads is not None and threads > 1:
+            raise InputError(f"threads is {threads}: ideal kinematics run on one; expected 1, or backend 'physics'")
+        return phases
+    plan, grid = phases[0].system.bodies, phases[0].system.grid
+    if threads is None:
+        vehicle_steps = len(plan.vehicle) * grid.steps * grid.period / plan.timestep
+        threads = free_processors() if vehicle_steps >= _WORTH_THREADS and not plan.contacts else 1
+    return phases if (plan.engine, plan.threads) == (engine, threads) else on_engine(phases, engine, threads)
+
+
+def require_backend(backend: str) -> None:
+    """Refuse an unknown backend.
+
+    Raises:
+        InputError: it is.
+    """
+    require_choice("backend", backend, BACKENDS)
+
+
+def require_engine(engine: str, backend: str) -> None:
+    """Refuse an engine.
+
+    Raises:
+        InputError: it is unknown, or not for this backend.
+    """
+    require_choice("engine", engine, ENGINES)
+    if engine != "mujoco" and backend == "ideal":
+        raise InputError(f"engine {engine!r}: moves bodies, and ideal kinematics have none; expected backend 'physics'")
+
+
+def require_simulable(run: "System | Sequence[Phase]", backend: str, *, allow_drift: bool = False) -> None:
+    """Refuse what cannot be simulated; the same on both backends, before anything is simulated or written.
+
+    Raises:
+        InputError: unknown backend; contacts, where the engine or its threads have none; a vehicle that is unknown or
+            does not fit its agent or target, which matters to the ideal backend too, as a scenario that only one
+            backend takes is not one to compare; or a g that is not of full row rank.
+        NotUniqueError: the harmonic extension is not unique, in some phase of the run, and drift is not allowed.
+    """
+    from mjsheaf.dynamics.effectiveness import without_full_row_rank
+    from mjsheaf.system import DEFAULT_VEHICLE, phases_of
+
+    require_backend(backend)
+    phases = phases_of(run)
+    system = phases[0].system
+    system.bodies.refuse_contacts()
+    team = system.team
+    named = zip(team.members, system.bodies.vehicle, strict=True)
+    if any(name != DEFAULT_VEHICLE[member.dimension] for member, name in named):
+        _ = system.vehicles
+    for i in without_full_row_rank(system.effectiveness, [a.dimension for a in team.agents]):
+        raise RankError(
+            f"agents.{team.agents[i].id}.effectiveness: g is not of full row rank {team.agents[i].dimension} "
+            "(Assumption 2): no input makes every velocity"
+        )
+    for k, phase in enumerate(() if allow_drift else phases):
+        if phase.system.team.dirichlet.unique:
+            continue
+        from mjsheaf.team.null_modes import describe_null_modes
+
+        free = describe_null_modes(phase.system.team.remaining)
+        when = f" in phase {k}, from t = {phase.time:g} s on ({phase.name})" if len(phases) > 1 else ""
+        raise NotUniqueError(
+            f"the harmonic extension is not unique{when}: H^0(G, G_p; F) has dimension {len(free)}: "
+            f"{'; '.join(free[:4])}{'; ...' if len(free) > 4 else ''}; sense or share the free coordinates"
+        )
