@@ -3,56 +3,22 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from mjsheaf.arrays import Array, BoolArray, IntArray, Own
+from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.control import ControlArrays, LawArrays
 from mjsheaf.control.station import Station, no_station
 from mjsheaf.control.terms import TermArrays, cover
 from mjsheaf.dynamics.effectiveness import EffectivenessArrays
 from mjsheaf.dynamics.motion import MotionArrays
 from mjsheaf.errors import InputError, in_field
-from mjsheaf.jit import inline_jit
-from mjsheaf.media import disturbance
-from mjsheaf.media.disturbance import HarmonicArrays, disturbance_velocity
-from mjsheaf.media.flow import FlowField, flow_velocity
+from mjsheaf.media import FlowField, disturbance
+from mjsheaf.media.medium import MediumArrays, pack_medium
 from mjsheaf.team import Team
 from mjsheaf.vehicles.effects import Effects, embody
 from mjsheaf.vehicles.vehicle import Vehicle
-
-
-class MediumArrays(NamedTuple):
-    """What surrounds the vehicles, for compiled code; V vehicles, the first `agents` of them agents.
-
-    planar (V,): whether a vehicle lives in the plane; kernels: tables of all flow fields, one below the other, of which
-    each vehicle meets the rows from rows[v, 0] to rows[v, 1]; harmonics: of the disturbances.
-    """
-
-    agents: int
-    planar: BoolArray
-    kernels: Array
-    rows: IntArray
-    harmonics: Own[HarmonicArrays]
-
-
-@inline_jit
-def flow_about(medium, v, x, y, z):
-    """Velocity of the flow that vehicle v meets at a point, as three numbers."""
-    wx, wy, wz = flow_velocity(medium.kernels[medium.rows[v, 0] : medium.rows[v, 1]], x, y, z)
-    return wx, wy, 0.0 if medium.planar[v] else wz
-
-
-@inline_jit
-def medium_velocity(medium, sines, v, x, y, z):
-    """Velocity of the medium about vehicle v at a point, as three numbers: its flow and its disturbance.
-
-    `sines` (V K,) holds those of the disturbances at the present time: see `evaluate_sines`.
-    """
-    wx, wy, wz = flow_about(medium, v, x, y, z)
-    dx, dy, dz = disturbance_velocity(medium.harmonics, sines, v)
-    return wx + dx, wy + dy, wz + dz
 
 
 @dataclass(frozen=True)
@@ -141,7 +107,8 @@ class System:
         gain: k1, 1/s.
         law, motion, effectiveness: packed parts.
         harmonics: of the disturbances, shape (V, K, 5).
-        flows: the flow fields.
+        flows: Flow fields.
+        flow_names: Name of each flow field, as video and page show it.
         field: number of the flow field that each vehicle meets, shape (V,).
         tolerance: relative and absolute error of the ideal backend's integrator for each step.
         bodies: how the physics backend embodies it.
@@ -159,6 +126,7 @@ class System:
     harmonics: Array
     effectiveness: EffectivenessArrays
     flows: list[FlowField]
+    flow_names: tuple[str, ...]
     field: IntArray
     tolerance: tuple[float, float]
     bodies: PhysicsOptions
@@ -265,15 +233,15 @@ class System:
 
     @cached_property
     def medium(self) -> MediumArrays:
-        """The medium for compiled code."""
-        ends = np.cumsum([0, *(len(flow.table) for flow in self.flows)])
-        return MediumArrays(
-            len(self.team.agents),
-            np.array([m.dimension == 2 for m in self.team.members]),
-            np.vstack([flow.table for flow in self.flows]),
-            np.column_stack([ends[self.field], ends[self.field + 1]]).astype(np.int64),
-            disturbance.pack(self.harmonics),
-        )
+        """Parameters of the medium for compiled code."""
+        planar = np.array([member.dimension == 2 for member in self.team.members])
+        level = self.bodies.surface_height
+        return pack_medium(len(self.team.agents), planar, self.flows, self.field, self.harmonics, level)
+
+    @cached_property
+    def largest_disturbance(self) -> Array:
+        """Bounds on the part of the medium's velocity that changes with time, for each vehicle, shape (V,), m/s."""
+        return disturbance.bounds(self.harmonics)
 
     def fields_met(self, first: int, last: int) -> list[tuple[FlowField, bool]]:
         """Each flow field that vehicles from first to last meet, and whether in the plane, every pair once."""

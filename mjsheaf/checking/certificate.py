@@ -48,7 +48,6 @@ from mjsheaf.control.theorem import ConstantRho, Rho, Theorem, disturbance_bound
 from mjsheaf.dynamics.effectiveness import is_rank_deficient, without_full_row_rank
 from mjsheaf.io.section import Finite, Record
 from mjsheaf.media.bounds import singular_points
-from mjsheaf.media.disturbance import bounds
 from mjsheaf.system import System
 from mjsheaf.team import Edge, Team
 from mjsheaf.threads import one_thread
@@ -208,7 +207,7 @@ class Search:
         self.spectrum = spectrum = spectrum_of(system.team)
         self._carrier = Carrier(system, spectrum)
         path = follow_targets(system, self._carrier)
-        largest, team = float(bounds(system.harmonics).max(initial=0.0)), system.team
+        largest, team = float(system.largest_disturbance.max(initial=0.0)), system.team
         if initial_error is None:
             initial_error = float(np.linalg.norm(path.q_star[0] - team.split(system.initial)[0]))
         self.constants = Constants(

@@ -29,7 +29,6 @@ from mjsheaf.control.theorem import Rho, RhoLike, as_rho
 from mjsheaf.errors import InputError, listed
 from mjsheaf.io.norms import OF_TEAM, TEAM_NORM, Norm, per_agent
 from mjsheaf.io.section import Finite, Record
-from mjsheaf.media.disturbance import bounds
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.slips import slips_of
 from mjsheaf.system import Phase, System, during, phases_of
@@ -317,7 +316,7 @@ def _stays(system: System, agent: int) -> bool:
         return False
     place = system.initial[agent, : system.team.agents[agent].dimension]
     flow = float(np.linalg.norm(system.flows[system.field[agent]].velocity(place)))
-    return flow + float(bounds(system.harmonics)[agent]) <= float(system.waiting.limit[agent])
+    return flow + float(system.largest_disturbance[agent]) <= float(system.waiting.limit[agent])
 
 
 def _settled(old: System, new: System, targets: Array) -> Array:

@@ -33,11 +33,11 @@ from mjsheaf.control.terms import no_terms
 from mjsheaf.dynamics.motion import MotionArrays, add_reference, reference_bounds
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.media import disturbance
-from mjsheaf.media.disturbance import disturbance_velocity
 from mjsheaf.media.flow import flow_scale, flow_slope
+from mjsheaf.media.medium import MediumArrays, moving_velocity
 from mjsheaf.remember import remember_last
 from mjsheaf.simulation.ideal import new_integrator, slope_of, take_step
-from mjsheaf.system import MediumArrays, System
+from mjsheaf.system import System
 
 MOST_STEPS = 1_500_000
 """Steps of the integrator times targets: a path that takes more is too long or too stiff to follow."""
@@ -315,7 +315,7 @@ def _accepted_step(follow, setting, run, t, h, x, bound):
 def _add_drift(run, slope, cells, count, second):
     """Put half of f_p at the present time into a cell, or add the second half; f_p is x' without the disturbance."""
     for v in range(slope.shape[0]):
-        w = disturbance_velocity(run.medium.harmonics, run.sines, v)
+        w = moving_velocity(run.medium, run.medium_state, v)
         for i in range(3):
             first_half = cells.drift[count, v, i] if second else 0.0
             cells.drift[count, v, i] = first_half + 0.5 * (slope[v, i] - w[i])

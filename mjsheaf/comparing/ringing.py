@@ -236,6 +236,7 @@ def _displaced_at_rest(system: System, mode: Mode) -> System:
         ),
         harmonics=np.zeros_like(system.harmonics),
         flows=[FlowField(dimension=3)],
+        flow_names=("still",),
         field=np.zeros(V, dtype=np.int64),
     )
 

@@ -20,7 +20,11 @@ from mjsheaf.system import Phase, System, TimeGrid
 from mjsheaf.team import Edge, Team
 
 _FIXED = ("controller.control_period", "controller.record_period")  # samples are those of the whole run
-_OF_LINKS = re.compile(r"links\.(all|communication|sensing)\.(noise|bias|loss|range|hold)(\..+)?")
+_CHANGING = re.compile(
+    r"controller\..+"
+    r"|flow\.(agents|targets|air|water)(\..+)?"
+    r"|links\.(all|communication|sensing)\.(noise|bias|loss|range|hold)(\..+)?"
+)
 _ROUNDING = 1e-6  # of a period, by which a time may miss its sample
 _Pair = Annotated[list[Id], Field(min_length=2, max_length=2)]
 
@@ -35,7 +39,7 @@ class State:
         waiting: ids of those that have yet to join.
         drifting: Ids of agents that do not hold their position until they join.
         cut: pairs whose edges are cut.
-        sections: controller and links as they are now, by name.
+        sections: Controller, links and flow as they are now, by name.
     """
 
     team: Team
@@ -176,9 +180,9 @@ class Join(Event):
 
 
 class Change(Event):
-    """Fields of the controller, or of the links of all edges or of a kind, change."""
+    """Change fields of the controller, of the flow, or of the links of all edges or of a kind."""
 
-    set: dict[str, Any] = Field(description="values by path, such as controller.gain or links.all.loss", min_length=1)
+    set: dict[str, Any] = Field(description="values by path, such as controller.gain or flow.water.drift", min_length=1)
 
     def apply(self, state: State) -> None:
         """Change them, all at once, if the values are valid."""
@@ -189,10 +193,11 @@ class Change(Event):
             with in_field("set"):
                 split_path(path)
             with in_field(f"set.{path}"):
-                if not _OF_LINKS.fullmatch(path) and (not path.startswith("controller.") or path in _FIXED):
+                if path in _FIXED or not _CHANGING.fullmatch(path):
                     raise InputError(
-                        "cannot change during a run; expected a field of controller but for its periods, or noise, "
-                        "bias, loss, range or hold of links.all, links.communication or links.sensing"
+                        "cannot change during a run; expected a field of controller but for its periods, a field of "
+                        "flow.agents, flow.targets, flow.air or flow.water, or noise, bias, loss, range or hold of "
+                        "links.all, links.communication or links.sensing"
                     )
         for name, section in state.sections.items():
             state.sections[name] = _changed(section, name, self.values())
@@ -284,7 +289,7 @@ def phases_of_events(
     Args:
         events: in any order; those at one time happen in the order given.
         whole: the system with everybody present.
-        sections: controller and links at the start, by name.
+        sections: Controller, links and flow at the start, by name.
         adapt: makes the system of another team, and of other sections.
         drifting: Ids of agents that drift with the medium until they join.
 

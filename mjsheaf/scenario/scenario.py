@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 
 from mjsheaf.arguments import require_whole
-from mjsheaf.arrays import Array, IntArray
+from mjsheaf.arrays import Array
 from mjsheaf.control.law import LawArrays, pack_law
 from mjsheaf.control.links import pack_links
 from mjsheaf.control.rounds import pack_rounds
@@ -31,9 +31,9 @@ from mjsheaf.dynamics import effectiveness as effectivenesses
 from mjsheaf.dynamics import motion as motions
 from mjsheaf.errors import InputError, in_field, shortened, visible
 from mjsheaf.io.section import Duration, Id, NonNegative, Number, Point, Positive, Section
-from mjsheaf.media import Disturbance, FlowField, disturbance
 from mjsheaf.noise import generator_of
 from mjsheaf.scenario.events import AnyEvent, phases_of_events
+from mjsheaf.scenario.medium import Disturbances, Flow
 from mjsheaf.scenario.swarm import Swarm, expand_swarm
 from mjsheaf.system import DEFAULT_VEHICLE, Phase, PhysicsOptions, System, TimeGrid
 from mjsheaf.team import Anchor, Member, Team
@@ -45,53 +45,6 @@ from mjsheaf.vehicles.effects import Effects
 EDGE_FIELDS = ("communication", "sensing", "target_edges")
 """The fields of a scenario that hold edges."""
 _MOST_SAMPLES = 50_000_000
-
-
-class Flow(Section):
-    """The medium, in one of two ways: by dimension (air, water), or by role (agents, targets) as in the paper."""
-
-    agents: FlowField | None = Field(
-        None, description="flow that all agents meet, planar and spatial ones; not together with air or water"
-    )
-    targets: FlowField | None = Field(
-        None, description="flow that all targets meet, planar and spatial ones; not together with air or water"
-    )
-    air: FlowField | None = Field(
-        None, description="flow that spatial vehicles meet, agents and targets; not together with agents or targets"
-    )
-    water: FlowField | None = Field(
-        None, description="flow that planar vehicles meet, agents and targets; not together with agents or targets"
-    )
-
-    @model_validator(mode="after")
-    def _one_way(self) -> "Flow":
-        if (self.agents or self.targets) and (self.air or self.water):
-            raise ValueError("give either agents and targets, or air and water")
-        return self
-
-    def met_by(self, team: Team) -> tuple[list[FlowField], IntArray]:
-        """The flow fields, by medium where one is given, else by role; and which each vehicle meets, shape (V,)."""
-        if self.air is not None or self.water is not None:
-            fields, met = (self.air, self.water), [0 if m.dimension == 3 else 1 for m in team.members]
-        else:
-            fields, met = (self.agents, self.targets), [0] * len(team.agents) + [1] * len(team.targets)
-        return [field or FlowField(dimension=2) for field in fields], np.array(met, dtype=np.int64)
-
-
-class Disturbances(Section):
-    """Disturbances of agents and targets."""
-
-    agents: Disturbance | None = Field(None, description="of every agent, drawn independently")
-    targets: Disturbance | None = Field(None, description="of every target, drawn independently")
-
-    def draw(self, team: Team, last: float, seed: int) -> Array:
-        """Draw the harmonics of each vehicle, shape (V, K, 5), for times up to `last` in s."""
-        for role, kind in (("agents", self.agents), ("targets", self.targets)):
-            if kind is not None:
-                with in_field(f"disturbance.{role}"):
-                    kind.require_resolved(last)
-        kinds = [self.agents] * len(team.agents) + [self.targets] * len(team.targets)
-        return disturbance.draw(kinds, [m.dimension for m in team.members], [m.id for m in team.members], seed)
 
 
 class Attitude(Section):
@@ -524,7 +477,7 @@ class Scenario(Section):
         Raises:
             InputError: an event cannot happen, or as for `whole`; the message begins with the field.
         """
-        sections = {"controller": self.controller, "links": self.links}
+        sections = {"controller": self.controller, "links": self.links, "flow": self.flow}
         drifting = [agent.id for agent in self.agents if agent.drift]
         return phases_of_events(self.events, self.whole, sections, self._adapted, drifting)
 
@@ -534,9 +487,12 @@ class Scenario(Section):
         return self.phases[0].system
 
     def _adapted(self, team: Team, sections: Mapping[str, Section]) -> System:
-        """The system of a changed team, under another controller and over other links."""
-        whole, law, links = self.whole, cast(Controller, sections["controller"]), cast(Links, sections["links"])
-        return replace(whole, team=team, gain=law.gain, law=self._pack_law(team, law, links, whole.bodies.heading))
+        """Return the system of a changed team, under another controller, over other links and in another flow."""
+        whole = self.whole
+        law = cast(Controller, sections["controller"])
+        packed = self._pack_law(team, law, cast(Links, sections["links"]), whole.bodies.heading)
+        flow = cast(Flow, sections["flow"])
+        return replace(whole, team=team, gain=law.gain, law=packed, **flow.parts(self.team))
 
     @cached_property
     def whole(self) -> System:
@@ -551,7 +507,6 @@ class Scenario(Section):
             grid = self.time.grid(law.control_period, law.record_period)
         initial, heading = self.spread.place(agents, targets, self.seed)
         harmonics = self.disturbance.draw(team, max(abs(self.time.start), abs(self.time.end)), self.seed)
-        flows, field = self.flow.met_by(team)
         moves = [*[None] * len(agents), *(target.motion or self.target_motion for target in targets)]
         with in_field("targets"):
             motion = motions.pack(moves, initial, self.time.start, dimensions, self.time.end)
@@ -567,8 +522,7 @@ class Scenario(Section):
             motion=motion,
             harmonics=harmonics,
             effectiveness=g,
-            flows=flows,
-            field=field,
+            **self.flow.parts(team),
             tolerance=(self.ideal.rtol, self.ideal.atol),
             bodies=PhysicsOptions(
                 vehicle=self.vehicles.names(agents, targets),

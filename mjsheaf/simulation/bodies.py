@@ -6,7 +6,7 @@ of a kind have in common is there once.
 A vehicle with attitude R, velocity v and rates omega in a medium that moves at w meets, with v_r = R^T (v - w),
 
     drag           -D v_r - Q |v_r| v_r, and the same about the axes                          body axes
-    hydrostatics   weight carried at the centre of buoyancy, -K (z - level, roll, pitch)
+    hydrostatics   weight carried at the centre of buoyancy, -K (height above the surface, roll, pitch)
     added mass     -M_A a - C_A(v_r) v_r  (Kirchhoff; Fossen, Handbook of Marine Craft Hydrodynamics, 2011, ch. 6)
 
 Linear drag that is stiff (D / M above 10 1/s, whatever the timestep), and does not fight added mass, is split: the
@@ -77,7 +77,6 @@ KIND = np.dtype(
         ("ballast_point", "f8", 3),  # where the ballast does, m
         ("centre", "f8", 3),  # of buoyancy, m
         ("restoring", "f8", 3),  # heave, roll, pitch, N/m and N m/rad
-        ("level", "f8"),  # height of the surface, m
         # its autopilot
         ("steering", "i8"),  # its code
         ("gain", "f8", 6),  # M k_v, N s/m and N m s/rad
@@ -168,15 +167,12 @@ def kinds_of(vehicles: Sequence[Vehicle]) -> tuple[list[Vehicle], IntArray]:
     return list(kinds.values()), np.array([number[id(vehicle)] for vehicle in vehicles], dtype=np.int64)
 
 
-def pack_fleet(
-    vehicles: Sequence[Vehicle], heading: Array, level: float, timestep: float, surface: str = "none"
-) -> Fleet:
+def pack_fleet(vehicles: Sequence[Vehicle], heading: Array, timestep: float, surface: str = "none") -> Fleet:
     """Pack vehicles, each on a free joint of its own, in order.
 
     Args:
         vehicles: what each is.
         heading: that each holds, shape (V,), rad.
-        level: height of the surface, m.
         timestep: of the physics, s.
         surface: that of the scene, on which lost aircraft come to rest.
 
@@ -192,7 +188,6 @@ def pack_fleet(
     kinds = np.zeros(len(types), KIND)
     kinds["count"] = [len(vehicle.channels) for vehicle in types]
     kinds["thruster"] = np.cumsum(kinds["count"]) - kinds["count"]
-    kinds["level"] = level
     thrusters, states = np.zeros(kinds["count"].sum(), CHANNEL), np.zeros(len(types), dtype=np.int64)
     for k, (kind, vehicle) in enumerate(zip(kinds, types, strict=True)):
         _pack(vehicle, kind)
@@ -261,7 +256,8 @@ def _planar_wrenches(vehicle: Vehicle, norms: Array) -> Array:
 def medium_wrench(kind, height, R, s, omega):
     """Force and moment of the medium, but for what the joint takes of the moment, body axes, (3,) each.
 
-    s and omega are the velocity through the medium and the rates in body axes, (3,) each; height is the origin's, m.
+    s and omega are the velocity through the medium and the rates in body axes, (3,) each; height is that of the
+    origin above the surface, m.
     """
     D, Q, k = kind.drag, kind.quadratic, kind.explicit
     force = drag_force(kind, s)
@@ -273,7 +269,7 @@ def medium_wrench(kind, height, R, s, omega):
     )
     if kind.buoyancy > 0.0:
         # A moment K (b_z x e_z) rights the hull; its height and its tilt are small.
-        force = add(force, upward(R, kind.buoyancy - kind.restoring[0] * (height - kind.level)))
+        force = add(force, upward(R, kind.buoyancy - kind.restoring[0] * height))
         moment = add(moment, cross(triple(kind.centre), upward(R, kind.buoyancy)))
         moment = moment[0] - kind.restoring[1] * R[7], moment[1] + kind.restoring[2] * R[6], moment[2]
     if kind.ballast > 0.0:

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from mjsheaf.arrays import IntArray
 from mjsheaf.jit import inline_jit, jit
-from mjsheaf.media.disturbance import evaluate_sines
+from mjsheaf.media.medium import advance as advance_medium
 from mjsheaf.simulation.bodies import kinds_of
 from mjsheaf.simulation.engine import Recorder
 from mjsheaf.simulation.gate import fail, take
@@ -136,7 +136,7 @@ def advance_block(loop, motion, first, last, step, count, log, row, bad):
     params, state = loop
     h, all_good = params.timestep, True
     for k in range(step, step + count):
-        evaluate_sines(params.medium.harmonics, params.start + k * h, first, last, state.sines)
+        advance_medium(params.medium, params.start + k * h, first, last, state.medium)
         for v in range(first, last):  # to the last, as all of them are recorded
             body = params.fleet.bodies[v]
             R, omega, force, moment = sense_and_command(loop, v)
@@ -202,7 +202,7 @@ def command_all(loop, t):
     """Let every vehicle measure and command at time t, s."""
     params, state = loop
     V = params.fleet.bodies.shape[0]
-    evaluate_sines(params.medium.harmonics, t, 0, V, state.sines)
+    advance_medium(params.medium, t, 0, V, state.medium)
     for v in range(V):
         sense_and_command(loop, v)
 

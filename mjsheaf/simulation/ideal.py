@@ -24,10 +24,10 @@ from mjsheaf.control.law import ControlArrays, Memory, evaluate_law, new_memory
 from mjsheaf.control.station import Station, keep_station, no_station
 from mjsheaf.dynamics.effectiveness import EffectivenessArrays, allocate
 from mjsheaf.jit import inline_jit, jit
-from mjsheaf.media.disturbance import evaluate_sines
+from mjsheaf.media.medium import MediumArrays, MediumState, advance, medium_velocity, new_state
 from mjsheaf.simulation.engine import Engine, Recorder
 from mjsheaf.simulation.trajectory import Log, blow_up_message, new_log, quaternions_of, record_links
-from mjsheaf.system import MediumArrays, System, medium_velocity
+from mjsheaf.system import System
 
 _A = np.array(
     [
@@ -62,7 +62,7 @@ class Integrator(NamedTuple):
         state: positions at a stage, shape (V, 3), m.
         slope: x' at each stage, shape (7, V, 3), m/s.
         input: u of an agent, shape (s,).
-        sines: of the disturbances at the present time, shape (V K,).
+        medium_state: State of the medium at the present time.
         surplus: steps beyond the usual ones so far, less what later periods have left of theirs, by the first of the
             vehicles that are integrated together, shape (V,).
     """
@@ -76,7 +76,7 @@ class Integrator(NamedTuple):
     state: Array
     slope: Array
     input: Array
-    sines: Array
+    medium_state: MediumState
     surplus: IntArray
 
 
@@ -104,7 +104,7 @@ def new_integrator(
         state=np.zeros((V, 3)),
         slope=np.zeros((7, V, 3)),
         input=np.zeros(effectiveness.pinv.shape[1]),
-        sines=np.zeros(len(medium.harmonics.rate)),
+        medium_state=new_state(medium),
         surplus=np.zeros(V, dtype=np.int64) if surplus is None else surplus,
     )
 
@@ -115,11 +115,11 @@ def slope_of(follow, run, t, x, first, last, out):
     medium, effectiveness = run.medium, run.effectiveness
     if follow is not None:
         evaluate_law(follow, t, x, None, run.memory)
-    evaluate_sines(medium.harmonics, t, first, last, run.sines)
+    advance(medium, t, first, last, run.medium_state)
     for v in range(first, last):
         for i in range(3):
             out[v, i] = run.memory.command[v, i]
-        wx, wy, wz = medium_velocity(medium, run.sines, v, x[v, 0], x[v, 1], x[v, 2])
+        wx, wy, wz = medium_velocity(medium, run.medium_state, v, x[v, 0], x[v, 1], x[v, 2])
         if run.station.holds[v]:
             keep_station(run.station, v, x[v], (wx, wy, wz), out[v])
         if v < medium.agents and effectiveness.given[v]:
@@ -230,9 +230,9 @@ def _record(run, t, x, k, log):
     """Write sample k at time t: positions x (V, 3), commands just made, and x', kept in run.slope[0]."""
     medium, memory, slope = run.medium, run.memory, run.slope[0]
     record_links(memory, log, k)
-    evaluate_sines(medium.harmonics, t, 0, x.shape[0], run.sines)
+    advance(medium, t, 0, x.shape[0], run.medium_state)
     for v in range(x.shape[0]):
-        w = medium_velocity(medium, run.sines, v, x[v, 0], x[v, 1], x[v, 2])
+        w = medium_velocity(medium, run.medium_state, v, x[v, 0], x[v, 1], x[v, 2])
         if run.station.holds[v]:
             keep_station(run.station, v, x[v], w, memory.command[v])
         for i in range(3):

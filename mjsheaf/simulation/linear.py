@@ -20,14 +20,13 @@ from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.control import ControlArrays
 from mjsheaf.engine import mujoco
 from mjsheaf.media import FlowField
-from mjsheaf.media.disturbance import pack
+from mjsheaf.media.medium import pack_medium
 from mjsheaf.remember import remember_last
 from mjsheaf.simulation.arena import compose
 from mjsheaf.simulation.bodies import pack_fleet
 from mjsheaf.simulation.loop import controlled_positions, new_loop
 from mjsheaf.simulation.trajectory import quaternions_of
 from mjsheaf.simulation.world import apply_forces, engine_arrays, mujoco_arrays
-from mjsheaf.system import MediumArrays
 from mjsheaf.vehicles.vehicle import Vehicle
 
 _PROBE = 1e-6  # m, rad, m/s, rad/s; and, times the mass, of a thruster's force in N: half of what is differenced
@@ -128,15 +127,9 @@ class _Bench:
         self.model, self.data, self.timestep = arena.model, mujoco.MjData(arena.model), timestep
         n = np.array([vehicle.dimension for vehicle in vehicles])
         flows = [FlowField(dimension=3, drift=station.medium.tolist()) for station in stations]
-        medium = MediumArrays(
-            V,
-            n == 2,
-            np.vstack([flow.table for flow in flows]),
-            np.column_stack([np.arange(V), np.arange(1, V + 1)]).astype(np.int64),
-            pack(np.zeros((V, 0, 5))),
-        )
+        medium = pack_medium(V, n == 2, flows, np.arange(V), np.zeros((V, 0, 5)), 0.0)
         heading = np.array([station.heading for station in stations])
-        fleet, self.arrays = pack_fleet(vehicles, heading, 0.0, timestep), mujoco_arrays(self.model, self.data)
+        fleet, self.arrays = pack_fleet(vehicles, heading, timestep), mujoco_arrays(self.model, self.data)
         self.loop = new_loop(fleet, control, medium, engine_arrays(self.model, self.data), timestep=timestep)
         self.arena, self.vehicles = arena, vehicles
         self.controlled = np.arange(3) < n[:, None]

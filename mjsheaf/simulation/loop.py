@@ -15,7 +15,7 @@ from mjsheaf.control.controller import Controller
 from mjsheaf.control.law import ControlArrays, Memory, evaluate_law, new_memory
 from mjsheaf.control.station import Station, keep_station, no_station
 from mjsheaf.jit import inline_jit, jit
-from mjsheaf.media.disturbance import evaluate_sines
+from mjsheaf.media.medium import MediumArrays, MediumState, advance, medium_velocity, new_state, surface_about
 from mjsheaf.simulation.bodies import (
     Fleet,
     Sensed,
@@ -26,7 +26,7 @@ from mjsheaf.simulation.bodies import (
 )
 from mjsheaf.simulation.engine import Engine, Recorder
 from mjsheaf.simulation.trajectory import Log, blow_up_message, new_log, quaternions_of, record_links
-from mjsheaf.system import MediumArrays, Phase, System, medium_velocity
+from mjsheaf.system import Phase, System
 from mjsheaf.vehicles.actuators import ANGLE
 from mjsheaf.vehicles.vectors import add, rotation, subtract, to_body, triple
 
@@ -72,7 +72,7 @@ class State(NamedTuple):
         act: Activations of the actuators with a lag.
         x: Positions that the law sees, padded, shape (V, 3), m.
         drift: Velocity of the medium as each vehicle measures it, shape (V, 3), m/s.
-        sines: Sines of the disturbances at the present time, shape (V K,).
+        medium: State of the medium.
         memory: Memory of the law.
     """
 
@@ -82,7 +82,7 @@ class State(NamedTuple):
     act: Array
     x: Array
     drift: Array
-    sines: Array
+    medium: MediumState
     memory: Memory
 
 
@@ -129,7 +129,7 @@ def run_law(loop, t):
     bodies = params.fleet.bodies
     controlled_positions(params.fleet, state.qpos, state.x)
     if params.control.law.terms.drift > 0.0:
-        evaluate_sines(params.medium.harmonics, t, 0, bodies.shape[0], state.sines)
+        advance(params.medium, t, 0, bodies.shape[0], state.medium)
         for v in range(bodies.shape[0]):
             w = medium_at(params, state, v)
             for i in range(3):
@@ -141,17 +141,17 @@ def run_law(loop, t):
     evaluate_law(params.control, t, state.x, state.drift, memory)
     for v in range(bodies.shape[0]):
         if params.station.holds[v]:
-            evaluate_sines(params.medium.harmonics, t, v, v + 1, state.sines)
+            advance(params.medium, t, v, v + 1, state.medium)
             keep_station(params.station, v, state.x[v], medium_at(params, state, v), memory.command[v])
 
 
 @inline_jit
 def medium_at(params, state, v):
-    """Velocity of the medium at the origin of vehicle v, as three numbers, for the sines of the state."""
+    """Velocity of the medium at the origin of vehicle v, as three numbers, m/s."""
     body = params.fleet.bodies[v]
     a, q = body.qpos, state.qpos
     z = 0.0 if params.fleet.kinds[body.kind].planar else q[a + 2]
-    return medium_velocity(params.medium, state.sines, v, q[a], q[a + 1], z)
+    return medium_velocity(params.medium, state.medium, v, q[a], q[a + 1], z)
 
 
 @inline_jit
@@ -172,7 +172,8 @@ def sense_and_command(loop, v):
     R = rotation(quaternion[0], quaternion[1], quaternion[2], quaternion[3])
     s = to_body(R, subtract((qvel[d], qvel[d + 1], qvel[d + 2]), medium_at(params, state, v)))
     omega = triple(qvel[d + 3 :])
-    force, moment = medium_wrench(kind, q[a + 2], R, s, omega)
+    height = q[a + 2] - surface_about(params.medium, state.medium, q[a], q[a + 1])[0]
+    force, moment = medium_wrench(kind, height, R, s, omega)
     sensed = Sensed(R, quaternion, s, omega)
     command = triple(state.memory.command[v])
     thruster_commands(kind, thrusters, body.heading, command, sensed, state.act[body.state :], ctrl)
@@ -180,9 +181,8 @@ def sense_and_command(loop, v):
         for j in range(kind.count):
             if thrusters[j].code != ANGLE:
                 ctrl[j] = 0.0
-        depth = kind.level - q[a + 2]
-        if kind.rest > 0.0 and depth > 0.0:
-            push, turn = rest_on_surface(kind, depth, R, triple(qvel[d:]), omega)
+        if kind.rest > 0.0 and height < 0.0:
+            push, turn = rest_on_surface(kind, -height, R, triple(qvel[d:]), omega)
             force = add(force, push)
             moment = add(moment, turn)
     return R, omega, force, moment
@@ -269,7 +269,7 @@ def new_loop(
         act=arrays.act,
         x=np.zeros((V, 3)),
         drift=np.zeros((V, 3)),
-        sines=np.zeros(len(medium.harmonics.rate)),
+        medium=new_state(medium),
         memory=new_memory(control.law, V),
     )
     return Loop(params, state)
@@ -298,7 +298,7 @@ class ClosedLoop(Engine):
         system = self.system
         plan = system.bodies
         self._vehicles = system.vehicles
-        self._fleet = pack_fleet(self._vehicles, plan.heading, plan.surface_height, system.timestep, plan.surface)
+        self._fleet = pack_fleet(self._vehicles, plan.heading, system.timestep, plan.surface)
         self.steps_per_sample = system.steps_per_sample
         self._timestep = system.timestep
         self._chunk = self._stride = max(1, min(4000, self._at_once // len(self._vehicles)))
@@ -337,8 +337,7 @@ class ClosedLoop(Engine):
             stopped=np.zeros(len(self._vehicles), dtype=np.bool_) if stopped is None else stopped,
             station=system.station_of_bodies,
         )
-        sines = np.zeros(len(system.medium.harmonics.rate))
-        self._loop = Loop(params, self._loop.state._replace(sines=sines, memory=memory))
+        self._loop = Loop(params, self._loop.state._replace(medium=new_state(system.medium), memory=memory))
 
     def _place(self) -> None:
         """Put the vehicles where they begin; rotors turn before a multirotor is let go."""

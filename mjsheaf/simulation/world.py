@@ -19,7 +19,7 @@ from mjsheaf.control.controller import Controller, Law
 from mjsheaf.engine import mujoco
 from mjsheaf.errors import InputError, expected
 from mjsheaf.jit import inline_jit, jit
-from mjsheaf.media.disturbance import evaluate_sines
+from mjsheaf.media.medium import advance
 from mjsheaf.simulation.arena import Arena, compose
 from mjsheaf.simulation.bodies import apply_wrench, turn_gears
 from mjsheaf.simulation.engine import Recorder
@@ -80,7 +80,7 @@ def apply_forces(loop, arrays, t, first, last):
     """
     params, state = loop
     fleet = params.fleet
-    evaluate_sines(params.medium.harmonics, t, first, last, state.sines)
+    advance(params.medium, t, first, last, state.medium)
     for v in range(first, last):
         body = fleet.bodies[v]
         kind = fleet.kinds[body.kind]

@@ -15,7 +15,6 @@ from mjsheaf.checking.finished import bound_ahead
 from mjsheaf.control.terms import traffic_of
 from mjsheaf.io.norms import PER_AGENT_RMS
 from mjsheaf.io.section import finite
-from mjsheaf.media.disturbance import bounds as bounds_of_harmonics
 from mjsheaf.results.dataset import law_of
 from mjsheaf.results.metrics import MEASURES
 from mjsheaf.runs.many import fused_session
@@ -125,7 +124,7 @@ def _rounded_up(system: System) -> System:
     N, harmonics = len(system.team.agents), np.zeros_like(system.harmonics)
     harmonics[N:] = system.harmonics[N:]
     if harmonics.shape[1]:
-        size = bounds_of_harmonics(system.harmonics[:N])
+        size = system.largest_disturbance[:N]
         harmonics[:N, 0, 0] = np.round(size, 9) + 1e-9 * (size > 0.0)
     return replace(system, harmonics=harmonics)
 

@@ -185,7 +185,7 @@ def test_rounding_does_not_turn_it() -> None:
 def test_the_dead_band_is_small_against_thrust_or_weight(limits: bool) -> None:
     vehicle = load_vehicle(NAME)
     vehicle = vehicle if limits else embody(vehicle, Effects(limits=False))
-    channels = pack_fleet([vehicle], np.zeros(1), 0.0, 0.01).channels
+    channels = pack_fleet([vehicle], np.zeros(1), 0.01).channels
     expected = PUSH if limits else 9.81 * vehicle.mass
     np.testing.assert_allclose(channels["dead_band"], 1e-6 * expected)
 

@@ -72,7 +72,7 @@ def with_thrusters(places: list[tuple[float, float, float, float, float]]) -> Ve
 
 def allocate(vehicle: Vehicle, wanted: Array) -> Array:
     """Efforts for surge, sway and yaw (3,)."""
-    fleet = pack_fleet([vehicle], np.zeros(1), 0.0, 0.01)
+    fleet = pack_fleet([vehicle], np.zeros(1), 0.01)
     effort = np.empty(len(vehicle.channels))
     norms = tuple(fleet.kinds[0]["row_norm"].tolist())
     allocate_nearest(fleet.thrusters, norms, (float(wanted[0]), float(wanted[1]), 0.0), float(wanted[2]), effort)
@@ -174,7 +174,7 @@ def test_symmetric_vehicles_do_not_take_the_branch() -> None:
     for name in list_vehicles():
         vehicle = load_vehicle(name)
         assert not is_one_sided(vehicle)
-        kind = pack_fleet([vehicle], np.zeros(1), 0.0, 0.01).kinds[0]
+        kind = pack_fleet([vehicle], np.zeros(1), 0.01).kinds[0]
         assert not kind["one_sided"]
         assert not kind["forward_only"]
         if vehicle.actuators:

@@ -1,0 +1,72 @@
+"""The sections of a scenario file on the medium: what flows, and what disturbs the vehicles beside it."""
+
+from typing import TypedDict
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from mjsheaf.arrays import Array, IntArray
+from mjsheaf.errors import in_field
+from mjsheaf.io.section import Section
+from mjsheaf.media import Disturbance, FlowField, disturbance
+from mjsheaf.team import Team
+
+
+class _Parts(TypedDict):
+    """Fields of a System that describe its flow."""
+
+    flows: list[FlowField]
+    flow_names: tuple[str, str]
+    field: IntArray
+
+
+class Flow(Section):
+    """The medium, in one of two ways: by dimension (air, water), or by role (agents, targets) as in the paper."""
+
+    agents: FlowField | None = Field(
+        None, description="flow that all agents meet, planar and spatial ones; not together with air or water"
+    )
+    targets: FlowField | None = Field(
+        None, description="flow that all targets meet, planar and spatial ones; not together with air or water"
+    )
+    air: FlowField | None = Field(
+        None, description="flow that spatial vehicles meet, agents and targets; not together with agents or targets"
+    )
+    water: FlowField | None = Field(
+        None, description="flow that planar vehicles meet, agents and targets; not together with agents or targets"
+    )
+
+    @model_validator(mode="after")
+    def _one_way(self) -> "Flow":
+        if (self.agents or self.targets) and (self.air or self.water):
+            raise ValueError("give either agents and targets, or air and water")
+        return self
+
+    def parts(self, team: Team) -> _Parts:
+        """Return the flow fields of a system, by medium if one is given, else by role."""
+        if self.air is not None or self.water is not None:
+            names = ("wind", "current")
+            fields = (self.air, self.water)
+            met = [0 if member.dimension == 3 else 1 for member in team.members]
+        else:
+            names = ("flow about agents", "flow about targets")
+            fields = (self.agents, self.targets)
+            met = [0] * len(team.agents) + [1] * len(team.targets)
+        flows = [field or FlowField(dimension=2) for field in fields]
+        return {"flows": flows, "flow_names": names, "field": np.array(met, dtype=np.int64)}
+
+
+class Disturbances(Section):
+    """Disturbances of agents and targets."""
+
+    agents: Disturbance | None = Field(None, description="of every agent, drawn independently")
+    targets: Disturbance | None = Field(None, description="of every target, drawn independently")
+
+    def draw(self, team: Team, last: float, seed: int) -> Array:
+        """Draw the harmonics of each vehicle, shape (V, K, 5), for times up to `last` in s."""
+        for role, kind in (("agents", self.agents), ("targets", self.targets)):
+            if kind is not None:
+                with in_field(f"disturbance.{role}"):
+                    kind.require_resolved(last)
+        kinds = [self.agents] * len(team.agents) + [self.targets] * len(team.targets)
+        return disturbance.draw(kinds, [m.dimension for m in team.members], [m.id for m in team.members], seed)

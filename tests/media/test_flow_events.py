@@ -1,0 +1,148 @@
+"""Events that set the flow: against runs glued by hand, bit for bit, and against the field's own velocity."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mjsheaf import check, simulate
+from mjsheaf.checking.finished import bounds_of_phases
+from mjsheaf.errors import InputError
+from mjsheaf.media import FlowField
+from mjsheaf.scenario import Scenario
+from mjsheaf.simulation.trajectory import Log
+from mjsheaf.system import Phase, System, on_engine
+from tests.builders import mixed_scenario
+from tests.running import stream_ideal, stream_physics
+
+BEFORE = {"dimension": 2, "drift": [0.3, 0.2]}
+VORTEX = {"centre": [2.0, 1.0], "gamma": 0.4}
+AFTER = {"dimension": 2, "core": 1.0, "drift": [-0.2, 0.1], "vortices": [VORTEX]}
+TIME, SAMPLE = 0.2, 20
+BACKENDS = [("ideal", "mujoco"), ("physics", "mujoco"), ("physics", "fused")]
+
+
+def scenario_in(flow: dict[str, Any], events: Any = (), **fields: Any) -> Scenario:
+    """Return the mixed team in a flow about its agents, with a disturbance."""
+    disturbance = {"agents": {"bound": 0.1}, "targets": {"bound": 0.05}}
+    raw = {"time": {"end": 0.4}, "flow": {"agents": flow}, "disturbance": disturbance, "events": list(events)}
+    return mixed_scenario(**raw | fields)
+
+
+def pieces_of(run: Any, backend: str, engine: str) -> dict[str, np.ndarray]:
+    """Return the whole log of a run by name."""
+    phases = (Phase(0, run),) if isinstance(run, System) else tuple(run)
+    stream = stream_ideal if backend == "ideal" else stream_physics
+    logs = [piece.log for piece in stream(on_engine(phases, engine), 1000)]
+    return {name: np.concatenate([getattr(log, name) for log in logs]) for name in Log._fields}
+
+
+@pytest.mark.parametrize(("backend", "engine"), BACKENDS)
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"flow.agents": AFTER},
+        {"flow.agents.drift": [-0.2, 0.1], "flow.agents.core": 1.0, "flow.agents.vortices": [VORTEX]},
+    ],
+    ids=["whole", "fields"],
+)
+def test_an_event_gives_the_run_that_is_glued_from_two_systems(
+    backend: str, engine: str, change: dict[str, Any]
+) -> None:
+    events = scenario_in(BEFORE, [{"time": TIME, "set": change}])
+    by_event = pieces_of(events.phases, backend, engine)
+    before, after = (scenario_in(flow).system for flow in (BEFORE, AFTER))
+    glued = pieces_of([Phase(0, before), Phase(SAMPLE, replace(before, flows=after.flows))], backend, engine)
+    still = pieces_of(before, backend, engine)
+    for name in Log._fields:
+        np.testing.assert_array_equal(by_event[name], glued[name], err_msg=name)
+        np.testing.assert_array_equal(by_event[name][:SAMPLE], still[name][:SAMPLE], err_msg=name)
+    assert np.abs(by_event["positions"][-1] - still["positions"][-1]).max() > 1e-3
+
+
+@pytest.mark.parametrize(("backend", "engine"), BACKENDS)
+def test_vehicles_meet_the_flow_of_each_phase(backend: str, engine: str) -> None:
+    scenario = scenario_in(BEFORE, [{"time": TIME, "set": {"flow.agents": AFTER}}], disturbance={})
+    log = pieces_of(scenario.phases, backend, engine)
+    places = log["origin"] if backend == "physics" else log["positions"]
+    for part, flow in ((slice(0, SAMPLE), BEFORE), (slice(SAMPLE, None), AFTER)):
+        field = FlowField.model_validate(flow)
+        for v in (v for v, agent in enumerate(scenario.agents) if len(agent.position) == 2):
+            met = field.velocity(places[part, v, :2])
+            np.testing.assert_allclose(log["medium"][part, v, :2], met, rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize(("backend", "engine"), BACKENDS)
+def test_setting_what_is_already_there_changes_no_bit(backend: str, engine: str) -> None:
+    same = scenario_in(BEFORE, [{"time": TIME, "set": {"flow.agents.drift": BEFORE["drift"]}}])
+    plain = pieces_of(scenario_in(BEFORE).system, backend, engine)
+    for name, values in pieces_of(same.phases, backend, engine).items():
+        np.testing.assert_array_equal(values, plain[name], err_msg=name)
+
+
+def test_a_flow_that_returns_is_that_of_the_beginning() -> None:
+    events = [
+        {"time": 0.1, "set": {"flow.agents": AFTER}},
+        {"time": 0.2, "set": {"flow.agents": None}},
+        {"time": 0.3, "set": {"flow.agents": BEFORE}},
+    ]
+    phases = scenario_in(BEFORE, events).phases
+    assert [phase.system.flows[0].drift for phase in phases] == [[0.3, 0.2], [-0.2, 0.1], None, [0.3, 0.2]]
+    assert phases[0].system is phases[3].system
+    assert phases[2].events == ("agents = None",)
+
+
+def test_a_flow_by_medium_begins_where_there_was_none() -> None:
+    events = [{"time": TIME, "set": {"flow.water": {"dimension": 2, "drift": [1, 0]}}}]
+    scenario = mixed_scenario(time={"end": 0.4}, flow={}, events=events)
+    first, second = (phase.system for phase in scenario.phases)
+    assert second.flow_names == ("wind", "current") != first.flow_names
+    flow = simulate(scenario, "ideal")["agent_flow"].values
+    planar = np.array([len(agent.position) == 2 for agent in scenario.agents])
+    assert not np.nan_to_num(flow[:SAMPLE]).any()
+    np.testing.assert_array_equal(flow[SAMPLE:, planar, 0], 1.0)
+    assert not np.nan_to_num(flow[SAMPLE:, ~planar]).any()
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"flow": {"agents": AFTER}}, r"events\.0: set\.flow: cannot change during a run.*flow\.water"),
+        ({"flow.sea.drift": [1, 0]}, r"events\.0: set\.flow\.sea\.drift: cannot change"),
+        ({"disturbance.agents.bound": 1.0}, r"disturbance\.agents\.bound.*cannot change"),
+        ({"flow.agents.speed": 1.0}, r"flow\.agents\.speed"),
+        ({"flow.agents.drift": [1, 0, 0]}, r"flow\.agents.*drift has 3 numbers; expected 2"),
+        ({"flow.water": AFTER}, "either agents and targets, or air and water"),
+        ({"flow.targets.drift": [1, 0]}, r"flow\.targets\.dimension"),
+    ],
+)
+def test_what_cannot_be_set_is_named(change: dict[str, Any], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        _ = scenario_in(BEFORE, [{"time": TIME, "set": change}]).phases
+
+
+def test_check_decides_each_phase_in_its_own_flow() -> None:
+    """A phase over targets at rest has the constants of a run that is in its flow from the start."""
+    still = {"target_formation": None, "target_motion": {"kind": "static"}, "disturbance": {"agents": {"bound": 0.1}}}
+    record = check(scenario_in(BEFORE, [{"time": TIME, "set": {"flow.agents": AFTER}}], **still))
+    for phase, flow in zip(record["phases"], (BEFORE, AFTER), strict=True):
+        alone = check(scenario_in(flow, **still))
+        for name in ("f_bar", "omega_bar", "rho"):
+            assert phase["theorem"][name] == pytest.approx(alone["theorem"][name], rel=1e-9), name
+    first, second = (phase["theorem"] for phase in record["phases"])
+    assert first["f_bar"] != second["f_bar"]
+    assert first["rho"] == 0.0 < second["rho"]
+
+
+@pytest.mark.parametrize("strength", [0.5, 5.0])
+def test_a_run_keeps_the_bounds_of_its_phases(strength: float) -> None:
+    change = {"flow.agents": AFTER | {"drift": [-strength, 0.3 * strength]}}
+    scenario = scenario_in(BEFORE, [{"time": 1.0, "set": change}], time={"end": 2.0})
+    bounds = bounds_of_phases(scenario.phases, simulate(scenario, "ideal"))
+    assert len(bounds) == 2
+    for theorem, held in bounds:
+        assert theorem.applies
+        for ratio in (theorem.ratio, held.ratio):
+            assert ratio is not None
+            assert ratio <= 1.0
