@@ -243,6 +243,10 @@ class System:
         """Bounds on the part of the medium's velocity that changes with time, for each vehicle, shape (V,), m/s."""
         return disturbance.bounds(self.harmonics)
 
+    def flow_named(self, name: str) -> FlowField:
+        """Return the flow field of a name; one at rest if there is none."""
+        return dict(zip(self.flow_names, self.flows, strict=True)).get(name) or FlowField(dimension=2)
+
     def fields_met(self, first: int, last: int) -> list[tuple[FlowField, bool]]:
         """Each flow field that vehicles from first to last meet, and whether in the plane, every pair once."""
         members = self.team.members

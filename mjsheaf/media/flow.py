@@ -219,6 +219,11 @@ class FlowField(Section):
         # A kernel without strength is no kernel: left in, it would be 0 / 0 at a centre without a core.
         return np.array([drift, *(row for row in rows if row[_STRENGTH] != 0.0)])
 
+    @property
+    def is_still(self) -> bool:
+        """True if the velocity is zero everywhere."""
+        return len(self.table) == 1 and not self.table[0, 2:5].any()
+
     def velocity(self, points: ArrayLike) -> Array:
         """Velocity of the medium.
 

@@ -160,7 +160,7 @@ def _scene(
         "limits": [{"time": phase.time, "limit": own} for phase, own in zip(phases, limits, strict=True)],
         "surface": scenario.scene.surface,
         "height": scenario.scene.height - replay["origin"][2],
-        "flow": _flow(media_of(scenario, system, places), places, scenario.scene.height, replay),
+        "flow": _flow(media_of(phases, places), places, scenario.scene.height, replay),
         "phases": phases_in(dataset),
         "speed": scenario.video.speed,
         "trail": scenario.video.trail,
@@ -184,7 +184,11 @@ def _flow(media: Sequence[Medium], places: Array, height: float, replay: dict[st
     for medium in media:
         level = height if medium.level else float(np.nanmedian(places[:, medium.vehicles, 2]))
         grid = np.column_stack([x, y, np.full_like(x, level)])
-        velocity = velocities(medium, grid)
+
+        def arrows(time: float, medium: Medium = medium, grid: Array = grid) -> list[list[float]]:
+            velocity = velocities(medium, grid, time)
+            return np.where(np.isfinite(velocity), velocity, 0.0).round(3).tolist()
+
         found.append(
             {
                 "name": medium.name,
@@ -193,7 +197,8 @@ def _flow(media: Sequence[Medium], places: Array, height: float, replay: dict[st
                 "vehicles": medium.vehicles.tolist(),
                 "spacing": float(side[1] - side[0]),
                 "places": (grid - origin).round(2).tolist(),
-                "velocity": np.where(np.isfinite(velocity), velocity, 0.0).round(3).tolist(),
+                "velocity": arrows(-np.inf),
+                "changes": [{"time": time, "velocity": arrows(time)} for time, _ in medium.changes],
             }
         )
     return found

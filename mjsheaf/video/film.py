@@ -99,11 +99,12 @@ class Medium:
 
     Attributes:
         name: such as 'wind'.
-        velocity: velocities, shape (K, 3), m/s, at points, shape (K, 3), m.
+        velocity: Velocities at the start of the run, shape (K, 3), m/s, at points, shape (K, 3), m.
         vehicles: numbers of those that meet it. Shape (M,).
         level: whether it moves in the plane alone, at the surface.
         scale: Number of the scale of colours that shows its speed; see `flow.STOPS`.
         top: End of that scale, m/s.
+        changes: Times at which events change the velocities, s, and the velocities from there on; in order.
     """
 
     name: str
@@ -112,6 +113,7 @@ class Medium:
     level: bool
     scale: int = 0
     top: float = 1.0
+    changes: Sequence[tuple[float, Callable[[FloatArray], FloatArray]]] = ()
 
 
 @dataclass(frozen=True)

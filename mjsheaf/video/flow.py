@@ -63,7 +63,20 @@ def largest_speed(velocity: Callable[[Array], Array], places: Array) -> float:
     return round_up(fastest) if fastest > 1e-9 else 0.0
 
 
-def velocities(medium: Medium, places: Array) -> Array:
-    """Compute the velocities of a medium, shape (K, 3), m/s, at places (K, 3), m; not finite at a singular one."""
+def velocities(medium: Medium, places: Array, time: float = -np.inf) -> Array:
+    """Compute the velocities of a medium at a time in s, by default that of the start.
+
+    Args:
+        medium: The medium.
+        places: Points, shape (K, 3), m.
+        time: Time, s.
+
+    Returns:
+        Velocities, shape (K, 3), m/s; not finite at a singular point.
+    """
+    velocity = medium.velocity
+    for start, changed in medium.changes:
+        if start <= time + 1e-9:
+            velocity = changed
     with np.errstate(all="ignore"):
-        return medium.velocity(places) * [1.0, 1.0, not medium.level]
+        return velocity(places) * [1.0, 1.0, not medium.level]

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -31,7 +32,7 @@ from mjsheaf.video.sizes import MOMENTS, automatic_scales, vehicle_radii
 
 if TYPE_CHECKING:
     from mjsheaf.engine import mujoco
-    from mjsheaf.system import Phase, System
+    from mjsheaf.system import Phase
 
 DRAFT_FPS = 15
 HALF_FPS = 24  # most, where two runs are drawn side by side,
@@ -137,7 +138,7 @@ def film_of(
         surface_height=scenario.scene.height,
         grid=grid,
         kinds=system.bodies.vehicle,
-        media=media_of(scenario, system, places),
+        media=media_of(phases, places),
         stages=[_stage(phase) for phase in phases] if any(phase.events for phase in phases) else (),
         automatic=automatic_scales(system.bodies.vehicle, vehicle_radii(arena.model, arena.body), places),
     )
@@ -155,24 +156,27 @@ def places_of(run: "RecordedRun", phases: "Sequence[Phase]") -> FloatArray:
     return positions
 
 
-def media_of(scenario: Scenario, system: "System", places: FloatArray) -> list[Medium]:
-    """List the flow fields that vehicles meet and that move.
+def media_of(phases: "Sequence[Phase]", places: FloatArray) -> list[Medium]:
+    """List the flow fields that vehicles meet and that move in a phase of the run.
 
     Args:
-        scenario: The scenario.
-        system: Its first system.
+        phases: The phases.
         places: Positions at a few moments, as `places_of` returns them.
     """
-    by_medium = scenario.flow.air is not None or scenario.flow.water is not None
-    names = ("wind", "current") if by_medium else ("flow about agents", "flow about targets")
+    systems = {name: phase.system for phase in phases for name in phase.system.flow_names}
     found = []
-    for k, (name, flow) in enumerate(zip(names, system.flows, strict=True)):
+    for name, system in systems.items():
+        k = system.flow_names.index(name)
         met = np.flatnonzero(system.field == k)
+        flows = [(phase.time, phase.system.flow_named(name)) for phase in phases]
+        if not len(met) or all(flow.is_still for _, flow in flows):
+            continue
         level = all(system.team.members[v].dimension == 2 for v in met)
-        if len(met) and (len(flow.table) > 1 or flow.table[0, 2:5].any()):
-            medium = Medium(name, flow.velocity, met, level, k)
-            top = largest_speed(partial(velocities, medium), places[:, met].reshape(-1, 3))
-            found.append(replace(medium, top=top))
+        changes = [(time, flow.velocity) for (_, old), (time, flow) in pairwise(flows) if flow != old]
+        medium = Medium(name, flows[0][1].velocity, met, level, k, changes=changes)
+        seen = places[:, met].reshape(-1, 3)
+        tops = [largest_speed(partial(velocities, medium, time=time), seen) for time, _ in flows]
+        found.append(replace(medium, top=max(tops)))
     return [medium for medium in found if medium.top > 0.0]
 
 

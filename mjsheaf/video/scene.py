@@ -119,7 +119,7 @@ class Decorator:
         x, y = (self._spacing * (round(at / self._spacing) + 0.5 * number) + steps for at in view.lookat[:2])
         height = self._film.surface_height if medium.level else float(np.median(moment.positions[medium.vehicles, 2]))
         places = np.stack([*np.meshgrid(x, y), np.full((len(x), len(y)), height)], axis=-1).reshape(-1, 3)
-        velocity = velocities(medium, places)
+        velocity = velocities(medium, places, moment.time)
         speed = np.linalg.norm(velocity, axis=1)
         away = np.linalg.norm(places[:, :2] - view.lookat[:2], axis=1) / (ARROW_REACH * self._spacing)
         shown = np.isfinite(speed) & (speed > SLOWEST_ARROW * medium.top) & (away < 1.0)

@@ -10,10 +10,14 @@ from mjsheaf import check, simulate
 from mjsheaf.checking.finished import bounds_of_phases
 from mjsheaf.errors import InputError
 from mjsheaf.media import FlowField
+from mjsheaf.page import page_of
 from mjsheaf.scenario import Scenario
 from mjsheaf.simulation.trajectory import Log
 from mjsheaf.system import Phase, System, on_engine
+from mjsheaf.video.flow import velocities
+from mjsheaf.video.from_run import media_of
 from tests.builders import mixed_scenario
+from tests.page.pages import said_in
 from tests.running import stream_ideal, stream_physics
 
 BEFORE = {"dimension": 2, "drift": [0.3, 0.2]}
@@ -146,3 +150,26 @@ def test_a_run_keeps_the_bounds_of_its_phases(strength: float) -> None:
         for ratio in (theorem.ratio, held.ratio):
             assert ratio is not None
             assert ratio <= 1.0
+
+
+def test_video_and_page_show_the_flow_of_each_phase() -> None:
+    """A current that begins at an event is shown from there on, on one scale for the whole run."""
+    events = [
+        {"time": 0.1, "set": {"flow.water": {"dimension": 2, "drift": [1, 0]}}},
+        {"time": 0.2, "lose": "boat"},
+        {"time": 0.3, "set": {"flow.water.drift": [0, -2]}},
+    ]
+    scenario = mixed_scenario(time={"end": 0.4}, flow={}, events=events)
+    phases = scenario.phases
+    (current,) = media_of(phases, np.zeros((1, 5, 3)))
+    assert (current.name, current.top) == ("current", 2.0)
+    assert [time for time, _ in current.changes] == [0.1, 0.3]
+    point = np.zeros((1, 3))
+    for time, velocity in ((0.0, [0, 0, 0]), (0.1, [1, 0, 0]), (0.25, [1, 0, 0]), (0.3, [0, -2, 0])):
+        np.testing.assert_array_equal(velocities(current, point, time), [velocity])
+    data = simulate(scenario, "ideal", allow_drift=True)
+    page = page_of(scenario, phases, data, {}, bounds_of_phases(phases, data))
+    (shown,) = said_in(page)["flow"]
+    assert not np.any(shown["velocity"])
+    assert [change["time"] for change in shown["changes"]] == [0.1, 0.3]
+    assert {tuple(v) for v in shown["changes"][1]["velocity"]} == {(0.0, -2.0, 0.0)}

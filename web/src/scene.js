@@ -263,7 +263,7 @@ export class World extends EventTarget {
     uniforms.colour.value = this.theme[this.run.said.surface];
     uniforms.grid.value = this.theme.grid;
     uniforms.sky.value = this.theme.sky;
-    this.drawFlow();
+    this.flowsNow = null; // arrows are drawn in other colours
     this.changed();
   }
 
@@ -320,6 +320,7 @@ export class World extends EventTarget {
     this.ideal?.update(this.idealAt, this.quaternions, this.scales, null, this.camera, unit);
     this.drawGoals(metres);
     this.drawLines(metres, unit);
+    if (this.readFlow()) this.drawFlow();
     this.arrows.forEach((arrows, n) => {
       arrows.finish(this.width, this.height);
       arrows.mesh.visible = this.layers[`flow${n}`];
@@ -418,10 +419,19 @@ export class World extends EventTarget {
     }
   }
 
+  /** Take the flow of this time; events may change it. Returns whether it is another than before. */
+  readFlow() {
+    const now = this.run.said.flow.map((flow) => flow.changes.findLast(({ time }) => time <= this.clock.t + 1e-9) ?? flow);
+    const same = this.flowsNow?.every((flow, n) => flow === now[n]);
+    this.flowsNow = now;
+    return !same;
+  }
+
   drawFlow() {
     this.run.said.flow.forEach((flow, n) => {
       this.arrows[n].clear();
-      flow.places.forEach((place, k) => addArrow(this.arrows[n], place, flow.velocity[k], flow, this.theme.flow[flow.scale], 0.65, 1.6));
+      const { velocity } = this.flowsNow[n];
+      flow.places.forEach((place, k) => addArrow(this.arrows[n], place, velocity[k], flow, this.theme.flow[flow.scale], 0.65, 1.6));
     });
   }
 
