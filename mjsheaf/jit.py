@@ -20,7 +20,7 @@ from typing import Any
 from mjsheaf.errors import InputError
 
 try:
-    from numba import config, njit
+    from numba import config, njit, types
     from numba.core import event
 except ValueError:  # numba reads its environment variables as it is imported
     raise InputError(
@@ -99,7 +99,18 @@ def _compile(function: Callable[..., Any], **options: Any) -> Any:
     except RuntimeError:  # no directory can be written: compile anew in each process
         return njit(nogil=True, error_model="numpy", **options)(function)
     _drop_stale_code(compiled.stats.cache_path, Path(inspect.getfile(function)).resolve())
+    _share_literals(compiled)
     return compiled
+
+
+def _share_literals(compiled: Any) -> None:
+    """Let compiled calls with literal integers share the code for integers; numba compiles each literal anew."""
+    template_for = compiled.get_call_template
+
+    def get_call_template(args: Any, kws: Any) -> Any:
+        return template_for(tuple(types.unliteral(argument) for argument in args), kws)
+
+    compiled.get_call_template = get_call_template
 
 
 @cache
