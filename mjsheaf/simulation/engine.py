@@ -48,9 +48,13 @@ class Engine(ABC):
         system: The closed-loop system; of a run with phases, that of the present one.
         steps_per_sample: Steps between samples.
         controller: Law in Python that is in control, or None.
+        seed: Seed of the run; -1 if it is unknown.
+        run_under: Function that returns the run under another seed; None unless the run was made from a scenario.
     """
 
     system: System
+    seed: int = -1
+    run_under: Callable[[int], Sequence[Phase]] | None = None
     steps_per_sample: int
     _control: ControlArrays  # of the present phase
     _timestep: float  # s
@@ -94,14 +98,16 @@ class Engine(ABC):
         self.system = self._phases[0].system
         self._views: dict[int, View] = {}
 
-    def restart(self, run: System | Sequence[Phase], seed: int) -> None:
+    def restart(self, seed: int) -> None:
         """Begin anew with the same team under another seed.
 
-        Args:
-            run: The run under that seed.
-            seed: Seed of a law in Python.
+        Raises:
+            InputError: The run was not made from a scenario, or the seed is no whole number of at least 0.
         """
-        self._take(run)
+        if self.run_under is None:
+            raise InputError(f"seed is {seed}; expected None for a run that was not made from a Scenario")
+        self._take(self.run_under(seed))
+        self.seed = seed
         if self.controller:
             self.controller.seed = seed
         self.reset()
@@ -366,16 +372,16 @@ class Engine(ABC):
     # -- the state -----------------------------------------------------------------------------------------------------
 
     def get_state(self) -> Array:
-        """Return all that decides how the run goes on, as one array.
+        """Return all that decides how the run goes on, the seed among it, as one array.
 
         A law in Python keeps its own state, which is not in it.
         """
         self._enter_phase()  # where a phase begins, as `set_state` expects it
         before = self._before if self._observed == self.steps_taken else self._now
-        return np.concatenate([self._get_motion(), self.memory.flat, before.ravel()])
+        return np.concatenate([[self.seed], self._get_motion(), self.memory.flat, before.ravel()])
 
     def set_state(self, state: Array) -> None:
-        """Go on from a state of `get_state`, to the bit as the run did from which it was taken.
+        """Go on from a state of `get_state`, to the bit as the run did from which it was taken, under its seed.
 
         Raises:
             InputError: the state is of another size, so not one of this scenario, or not finite.
@@ -390,17 +396,21 @@ class Engine(ABC):
 
     def _restore(self, state: Array) -> bool:
         """Take over a state; return False if it is not of the size that its phase needs."""
-        size = len(self._get_motion())
-        if len(state) <= size:
+        begin = 1 + len(self._get_motion())
+        if len(state) <= begin:
             return False
-        self._set_motion(state[:size])
+        seed = int(state[0])
+        if self.run_under is not None and seed not in (-1, self.seed):
+            self.restart(seed)
+        self._set_motion(state[1:begin])
         self._enter_phase()
         memory = self.memory.flat
-        if len(state) != size + len(memory) + self._now.size:
+        end = begin + len(memory)
+        if len(state) != end + self._now.size:
             return False
-        memory[:] = state[size : size + len(memory)]
+        memory[:] = state[begin:end]
         self._observed = -1
-        self._now = state[size + len(memory) :].reshape(-1, 3).copy()
+        self._now = state[end:].reshape(-1, 3).copy()
         return True
 
     @property

@@ -77,10 +77,17 @@ class Session:
         require_simulable(phases, backend, allow_drift=allow_drift)
         called = controller_of(controller, phases[0].system, scenario.seed)
         self.engine: Engine = engine_of(phases, backend, controller=called, commanded=commanded, visible=visible)
+        self.engine.seed = scenario.seed
+        self.engine.run_under = self._take_seed
 
     def _phases_of(self, scenario: "Scenario") -> "Sequence[Phase]":
         """Return a scenario as phases, on the session's engine and threads."""
         return moved_by(scenario.phases, self.backend, self._engine, self._threads)
+
+    def _take_seed(self, seed: int) -> "Sequence[Phase]":
+        """Give the scenario another seed, and return its phases."""
+        self.scenario = self.scenario.with_seed(seed)
+        return self._phases_of(self.scenario)
 
     def reset(self, seed: int | None = None) -> None:
         """Go back to the start.
@@ -94,10 +101,8 @@ class Session:
         """
         if seed is None:
             self.engine.reset()
-            return
-        scenario = self.scenario.with_seed(seed)
-        self.engine.restart(self._phases_of(scenario), seed)
-        self.scenario = scenario
+        else:
+            self.engine.restart(seed)
 
     def observe(self) -> "Sample":
         """Return what agents may know now, and apart from that the truth; this changes nothing of the run.
@@ -139,7 +144,7 @@ class Session:
 
     @property
     def state(self) -> Array:
-        """All that decides how the run goes on, as one array; set it to go on from there, to the bit.
+        """All that decides how the run goes on, the seed too, as one array; set it to go on from there, to the bit.
 
         A law in Python keeps its own state, which is not in it.
         """

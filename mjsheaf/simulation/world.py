@@ -163,8 +163,11 @@ class World(ClosedLoop):
                 where the control period is 0.
         """
         self._visible = visible
-        seed = getattr(scenario, "seed", 0)
-        super().__init__(phases_given(scenario), controller=controller, seed=seed, commanded=commanded)
+        run = phases_given(scenario)
+        if hasattr(scenario, "with_seed"):
+            self.seed = scenario.seed
+            self.run_under = lambda seed: scenario.with_seed(seed).phases
+        super().__init__(run, controller=controller, seed=max(self.seed, 0), commanded=commanded)
 
     def _prepare(self) -> None:
         self.arena = arena_of(self.system, visible=self._visible)
@@ -183,11 +186,21 @@ class World(ClosedLoop):
     def _command(self) -> None:
         apply_forces(self._loop, self._arrays, self.time, 0, len(self._vehicles))
 
-    def reset(self) -> None:
+    def reset(self, seed: int | None = None) -> None:
         """Go back to the initial condition.
 
         Where a command is bad there already, `data` has positions but no forces, and `step` raises UnstableError.
+
+        Args:
+            seed: Seed of the run from here on: of initial conditions, disturbances, links and a law in Python. None
+                keeps the seed, and gives the same run again, to the bit.
+
+        Raises:
+            InputError: There is a seed and the world was not made from a Scenario, or it is no whole number from 0 on.
         """
+        if seed is not None:
+            self.restart(seed)
+            return
         mujoco.mj_resetData(self.model, self.data)
         self.data.time = self.system.grid.start
         super().reset()
