@@ -78,7 +78,8 @@ class View:
         shown: The same, read-only.
         edges: Edges at which agents measure: communication, sensing, anchors; E of them.
         places: Slice of `memory.y` with the numbers of each edge.
-        links: Index in `memory.links.heard` of each edge, shape (E,); -1 for an edge without a link.
+        linked: True for each edge that has a link, shape (E,).
+        links: Index in `memory.links.heard` of each edge that has a link.
         neighbours: Indices of the agents that each agent communicates with.
     """
 
@@ -89,7 +90,9 @@ class View:
         rows = rows_of_measuring_edges(team, law)
         slices = [slice(begin, end) for begin, end in pairwise(law.edges.first)]
         self.places = [slices[row] for row in rows]
-        self.links = np.array([link_of(law, row) for row in rows], dtype=np.int64)
+        links = np.array([link_of(law, row) for row in rows], dtype=np.int64)
+        self.linked = links >= 0
+        self.links = links[self.linked]
         near: list[dict[int, None]] = [{} for _ in team.agents]
         for e in team.communication:
             i, j = team.index[e.tail], team.index[e.head]
@@ -144,7 +147,8 @@ class Sample:
         time: float,
         positions: Array,
         attitude: Array,
-        motion: Array,
+        displacement: Array,
+        velocity: Array,
         memory: Memory,
         traffic: Traffic,
     ) -> None:
@@ -153,10 +157,13 @@ class Sample:
         self.team: Team = view.shown
         self.edges = view.edges
         self.measurements = [memory.y[place].copy() for place in view.places]
-        self.received = np.append(memory.links.heard > 0.0, True)[view.links]
+        self.received = np.ones(len(view.edges), dtype=np.bool_)
+        self.received[view.linked] = memory.links.heard[view.links] > 0.0
         self.disagreement = memory.residual[:N].copy()
         self.command = memory.command[:N].copy()
-        self.displacement, self.velocity, self.angular_velocity = np.hsplit(motion, 3)
+        self.velocity = velocity[:, :3].copy()
+        self.angular_velocity = velocity[:, 3:].copy()
+        self.displacement = displacement
         self.attitude = attitude[:N].copy()
         self.truth = Truth(positions, attitude, view.team)
         self._view = view

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from mjsheaf.control.controller import Controller, Law
+    from mjsheaf.simulation.engine import Engine
     from mjsheaf.simulation.trajectory import Trajectory
     from mjsheaf.system import Phase, System
 
@@ -72,12 +73,8 @@ def simulate(
 def dataset_of_session(session: Session, progress: Callable[[int, int], None] | None = None) -> "xr.Dataset":
     """Run a session of a Scenario to its end and return its data; see `simulate`."""
     engine = session.engine
-    samples = engine.system.grid.steps + 1
-    pieces = engine.record(samples, progress=progress)
-    dataset = next(
-        datasets_of(pieces, engine.phases, session.backend, session.scenario.seed, samples, engine.controller)
-    )
-    return with_scenario(dataset, session.scenario)
+    datasets = datasets_by(engine, session.backend, session.scenario.seed, engine.system.grid.steps + 1, progress)
+    return with_scenario(next(datasets), session.scenario)
 
 
 def with_scenario(dataset: "xr.Dataset", scenario: Scenario) -> "xr.Dataset":
@@ -101,15 +98,18 @@ def stream(
         seed: seed of the scenario.
         samples: at most in each piece; a few megabytes of them unless given.
     """
-    from mjsheaf.control.controller import controller_of
     from mjsheaf.simulation.trajectory import samples_in_piece
-    from mjsheaf.system import phases_of
 
-    phases = phases_of(run)
-    called = controller_of(controller, phases[0].system, seed)
-    length = samples or samples_in_piece(phases[0].system)
-    with engine_of(phases, backend, controller=called) as engine:
-        yield from datasets_of(engine.record(length, progress=progress), phases, backend, seed, length, called)
+    with engine_of(run, backend, controller=controller, seed=seed) as engine:
+        yield from datasets_by(engine, backend, seed, samples or samples_in_piece(engine.system), progress)
+
+
+def datasets_by(
+    engine: "Engine", backend: str, seed: int, samples: int, progress: Callable[[int, int], None] | None
+) -> "Iterator[xr.Dataset]":
+    """Yield the Datasets of an engine's run; arguments as of `stream`."""
+    pieces = engine.record(samples, progress=progress)
+    return datasets_of(pieces, engine.phases, backend, seed, samples, engine.controller)
 
 
 def datasets_of(

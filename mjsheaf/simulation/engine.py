@@ -67,7 +67,6 @@ class Engine(ABC):
         run: System | Sequence[Phase],
         *,
         controller: Law | Controller | None = None,
-        seed: int = 0,
         commanded: bool = False,
     ) -> None:
         """Put every vehicle at its initial position and heading.
@@ -75,15 +74,14 @@ class Engine(ABC):
         Args:
             run: The System of a scenario, or the phases of a run.
             controller: Law in Python in place of the agents' own.
-            seed: Seed of the law's random numbers.
-            commanded: True if velocities from outside take the place of the agents' own law, see `command_agents`.
+            commanded: True if velocities from outside take the place of the agents' own law, see `add_to_command`.
 
         Raises:
             InputError: A vehicle is unknown or does not fit the dimension of its agent or target, or the control period
                 is 0 with a law in Python.
         """
         self._take(run)
-        self.controller = controller_of(controller, self.system, seed)
+        self.controller = controller_of(controller, self.system)
         self._commanded = commanded or self.controller is not None
         self._traffic = self.controller.traffic if self.controller else Traffic()
         self._prepare()
@@ -97,6 +95,7 @@ class Engine(ABC):
         self._phases = phases_of(run)
         self.system = self._phases[0].system
         self._views: dict[int, View] = {}
+        self._coordinates = np.arange(3) < [[agent.dimension] for agent in self.system.team.agents]
 
     def restart(self, seed: int) -> None:
         """Begin anew with the same team under another seed.
@@ -285,26 +284,31 @@ class Engine(ABC):
         for system, begin, end in pieces_of(self._phases, samples, of, self.steps_taken // self.steps_per_sample):
             self._enter_phase()
             recorder = self._recorder(end - begin, None if targets is None else targets[begin:end])
-            remaining = (end - begin - (end == of)) * self.steps_per_sample
             message = ""
             try:
-                while remaining > 0:
-                    remaining -= self._advance(min(remaining, self._chunk), recorder)
+                for _ in self._fill(recorder, to_the_end=end == of):
                     if progress:
                         progress(min(begin + int(recorder.written[0]), of - 1), of - 1)
-                if end == of:
-                    self._enter_phase()
-                    self._place_targets(recorder)
-                    self._consult()
-                    self._record_now(recorder)
             except UnstableError as error:
                 message = str(error)
             done = int(recorder.written[0])
-            log = recorder.log.span(0, done)
-            self._keep_last(log.positions[: done - (end == of)])
-            yield Trajectory(system, system.grid.span(begin, begin + done), log, message)
+            yield Trajectory(system, system.grid.span(begin, begin + done), recorder.log.span(0, done), message)
             if message:
                 return
+
+    def _fill(self, recorder: Recorder, *, to_the_end: bool) -> Iterator[None]:
+        """Record samples of one phase and advance after each, but for the last sample of a run; yield now and then."""
+        positions = recorder.log.positions
+        remaining = (len(positions) - to_the_end) * self.steps_per_sample
+        while remaining > 0:
+            remaining -= self._advance(min(remaining, self._chunk), recorder)
+            yield
+        self._keep(positions[: len(positions) - to_the_end])
+        if to_the_end:
+            self._enter_phase()
+            self._place_targets(recorder)
+            self._consult()
+            self._record_now(recorder)
 
     def _recorder(self, samples: int, targets: Array | None = None) -> Recorder:
         """Return a place for samples of the present phase."""
@@ -322,18 +326,17 @@ class Engine(ABC):
 
     # -- what agents know ----------------------------------------------------------------------------------------------
 
-    def command_agents(self, velocity: Array) -> None:
-        """Command velocities until other ones are given, in addition to the agents' compiled law.
+    def add_to_command(self, velocity: Array) -> None:
+        """Add velocities to what the compiled law commands, before the speed limit, until other ones are given.
 
-        They are added before the speed limit and count from the law's next evaluation on. Zeros change nothing, to the
-        bit. Agents that are `commanded` have no other law.
+        They count from the law's next evaluation on. Zeros change nothing, to the bit. Agents that are `commanded` have
+        no other law.
 
         Args:
             velocity: Of the agents, relative to the medium, padded, shape (N, 3), m/s.
         """
         self._enter_phase()
-        own = np.arange(3) < [[agent.dimension] for agent in self.system.team.agents]
-        self.memory.supplied[: len(own)] = np.where(own, velocity, 0.0)
+        self.memory.supplied[: len(velocity)] = np.where(self._coordinates, velocity, 0.0)
 
     def observe(self) -> Sample:
         """Return what agents may know now, and apart from that the truth; the run goes on as if nobody had looked."""
@@ -345,8 +348,8 @@ class Engine(ABC):
         self._evaluate_law()
         x = self.positions()
         displacement = self._displaced(x[: len(self.system.team.agents)])
-        motion = np.hstack([displacement, self._velocity(displacement)])
-        sample = Sample(self._view, self.time, x, self.quaternions(), motion, memory, self._traffic)
+        moved = displacement, self._velocity(displacement)
+        sample = Sample(self._view, self.time, x, self.quaternions(), *moved, memory, self._traffic)
         memory.flat[:] = kept
         return sample
 
@@ -358,8 +361,8 @@ class Engine(ABC):
         self._now = q.copy()
         return np.asarray(q - self._before)
 
-    def _keep_last(self, positions: Array) -> None:
-        """Keep where the agents were at the last of the samples before now, shape (T, V, 3), m."""
+    def _keep(self, positions: Array) -> None:
+        """Keep where the agents were at the last of the samples before now; positions have the shape (T, V, 3), m."""
         if len(positions) and not self.controller:
             self._observed = -1
             self._now = positions[-1, : len(self._now)].copy()
@@ -367,7 +370,7 @@ class Engine(ABC):
     def _consult(self) -> None:
         """Call the law in Python, if there is one, and supply the velocities that it returns."""
         if self.controller:
-            self.command_agents(self.controller.call(self.system.team, self.observe()))
+            self.add_to_command(self.controller.call(self.system.team, self.observe()))
 
     # -- the state -----------------------------------------------------------------------------------------------------
 

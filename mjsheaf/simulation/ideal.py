@@ -287,6 +287,7 @@ class Ideal(Engine):
     def _begin(self) -> None:
         self._timestep = self.system.grid.period
         self._x = np.array(self.system.initial)
+        self._attitude = quaternions_of(self.system.bodies.heading)
         self._surplus = np.zeros(len(self._x), dtype=np.int64)
         self._count = np.zeros(1, dtype=np.int64)
         self._enter(new_memory(self._control.law, len(self._x)))
@@ -387,4 +388,4 @@ class Ideal(Engine):
 
     def quaternions(self) -> Array:
         """Attitudes at the start (w, x, y, z), body to world, shape (V, 4): ideal kinematics have none of their own."""
-        return quaternions_of(self._phases[0].system.bodies.heading)
+        return self._attitude.copy()

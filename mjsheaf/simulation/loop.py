@@ -394,10 +394,6 @@ class ClosedLoop(Engine):
             self._evaluate_law()
         self._command()
 
-    def add_to_command(self, velocity: Array) -> None:
-        """Add velocities to what the compiled law commands; see `command_agents`."""
-        self.command_agents(velocity)
-
     @property
     def memory(self) -> Memory:
         """Values that onboard computers hold since the law's last evaluation; a phase with other edges has others."""

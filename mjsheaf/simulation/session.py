@@ -66,8 +66,6 @@ class Session:
             InputError: As for `simulate`.
             NotUniqueError: The harmonic extension is not unique, and drift is not allowed.
         """
-        from mjsheaf.control.controller import controller_of
-
         require_scenario(scenario)
         self.scenario = scenario
         self.backend = backend
@@ -75,8 +73,9 @@ class Session:
         self._threads = threads
         phases = self._phases_of(scenario)
         require_simulable(phases, backend, allow_drift=allow_drift)
-        called = controller_of(controller, phases[0].system, scenario.seed)
-        self.engine: Engine = engine_of(phases, backend, controller=called, commanded=commanded, visible=visible)
+        self.engine = engine_of(
+            phases, backend, controller=controller, seed=scenario.seed, commanded=commanded, visible=visible
+        )
         self.engine.seed = scenario.seed
         self.engine.run_under = self._take_seed
 
@@ -129,7 +128,7 @@ class Session:
         velocity = np.zeros(shape) if command is None else np.asarray(command, dtype=np.float64)
         if velocity.shape != shape or not np.isfinite(velocity).all():
             raise InputError(f"command has shape {velocity.shape}; expected {shape} finite velocities in m/s")
-        engine.command_agents(velocity)
+        engine.add_to_command(velocity)
         engine.step_period()
 
     @property
@@ -170,30 +169,33 @@ def engine_of(
     backend: str = "physics",
     *,
     controller: "Law | Controller | None" = None,
+    seed: int = 0,
     commanded: bool = False,
     visible: bool = False,
 ) -> "Engine":
-    """Return the engine that a run names, at its start; arguments as of `Session`.
+    """Return the engine that a run names, at its start; arguments as of `Session`, and the seed of a law in Python.
 
     What cannot be simulated is not refused here: see `require_simulable`.
     """
+    from mjsheaf.control.controller import controller_of
     from mjsheaf.system import phases_of
 
+    system = phases_of(run)[0].system
+    called = controller_of(controller, system, seed)
     if backend == "ideal":
         from mjsheaf.simulation.ideal import Ideal
 
-        return Ideal(run, controller=controller, commanded=commanded)
-    plan = phases_of(run)[0].system.bodies
-    if plan.engine == "fused":
+        return Ideal(run, controller=called, commanded=commanded)
+    if system.bodies.engine == "fused":
         from mjsheaf.simulation.fused import Fused
 
-        return Fused(run, controller=controller, commanded=commanded)
+        return Fused(run, controller=called, commanded=commanded)
     from mjsheaf.simulation.threaded import crew_size
     from mjsheaf.simulation.world import SplitWorld, World
 
-    if crew_size(plan, controller is not None) > 1:
+    if crew_size(system.bodies, called is not None) > 1:
         return SplitWorld(run, commanded=commanded)
-    return World(run, controller=controller, commanded=commanded, visible=visible)
+    return World(run, controller=called, commanded=commanded, visible=visible)
 
 
 def moved_by(

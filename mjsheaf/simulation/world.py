@@ -15,7 +15,7 @@ from numba import types
 
 from mjsheaf.arguments import phases_given
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.control.controller import Controller, Law
+from mjsheaf.control.controller import Controller, Law, controller_of
 from mjsheaf.engine import mujoco
 from mjsheaf.errors import InputError, expected
 from mjsheaf.jit import inline_jit, jit
@@ -35,7 +35,7 @@ from mjsheaf.simulation.loop import (
     sense_and_command,
 )
 from mjsheaf.simulation.threaded import ThreadedLoop, begin_span, end_span, next_row
-from mjsheaf.system import System
+from mjsheaf.system import System, phases_of
 
 # The very library that the Python bindings use; numba binds the name when it links compiled code.
 for _library in Path(mujoco.__file__).parent.glob("libmujoco*"):
@@ -167,7 +167,8 @@ class World(ClosedLoop):
         if hasattr(scenario, "with_seed"):
             self.seed = scenario.seed
             self.run_under = lambda seed: scenario.with_seed(seed).phases
-        super().__init__(run, controller=controller, seed=max(self.seed, 0), commanded=commanded)
+        called = controller_of(controller, phases_of(run)[0].system, getattr(scenario, "seed", 0))
+        super().__init__(run, controller=called, commanded=commanded)
 
     def _prepare(self) -> None:
         self.arena = arena_of(self.system, visible=self._visible)
