@@ -1,23 +1,15 @@
 """The sections of a scenario file on the medium: what flows, and what disturbs the vehicles beside it."""
 
-from typing import TypedDict
+from typing import Any
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from mjsheaf.arrays import Array, IntArray
+from mjsheaf.arrays import Array
 from mjsheaf.errors import in_field
 from mjsheaf.io.section import Section
 from mjsheaf.media import Disturbance, FlowField, disturbance
 from mjsheaf.team import Team
-
-
-class _Parts(TypedDict):
-    """Fields of a System that describe its flow."""
-
-    flows: list[FlowField]
-    flow_names: tuple[str, str]
-    field: IntArray
 
 
 class Flow(Section):
@@ -42,8 +34,8 @@ class Flow(Section):
             raise ValueError("give either agents and targets, or air and water")
         return self
 
-    def parts(self, team: Team) -> _Parts:
-        """Return the flow fields of a system, by medium if one is given, else by role."""
+    def parts(self, team: Team) -> dict[str, Any]:
+        """Return the fields of a System that describe its flow: by medium if one is given, else by role."""
         if self.air is not None or self.water is not None:
             names = ("wind", "current")
             fields = (self.air, self.water)

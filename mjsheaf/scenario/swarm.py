@@ -62,16 +62,8 @@ def expand_swarm(raw: dict[str, Any]) -> dict[str, Any]:
         swarm = Swarm.model_validate(raw["swarm"])
     except ValidationError:
         return raw  # the whole scenario's validation names the field
-    made = [name for name in ("agents", "communication", "sensing", "formations") if raw.get(name)]
-    if made:
-        raise InputError(f"swarm: makes {', '.join(made)} itself; give either")
-    given = raw.get("targets")
-    targets = [t for t in given if isinstance(t, dict)] if isinstance(given, list) else []
-    centre = next((t.get("position") for t in targets if t.get("id") == swarm.about), None)
-    try:
-        centre = _POINT.validate_python(centre)
-    except ValidationError:
-        raise InputError(f"swarm.about: {swarm.about!r} is no target with a position of two or three numbers") from None
+    _require_alone(raw)
+    centre = _centre_of(swarm.about, raw.get("targets"))
     seed = raw.get("seed", 0)
     if type(seed) is not int or not 0 <= seed < 2**63:
         raise InputError(f"seed: expected a whole number from 0 to 2^63 - 1, not {str(seed)[:60]!r}")
@@ -80,6 +72,32 @@ def expand_swarm(raw: dict[str, Any]) -> dict[str, Any]:
             f"swarm.degree: {swarm.degree} is odd; expected an even number with graph {swarm.graph}, as half "
             "of an agent's links lead each way"
         )
+    return {name: value for name, value in raw.items() if name != "swarm"} | _written_out(swarm, centre, seed)
+
+
+def _require_alone(raw: dict[str, Any]) -> None:
+    """Refuse fields that a swarm makes."""
+    made = [name for name in ("agents", "communication", "sensing", "formations") if raw.get(name)]
+    if made:
+        raise InputError(f"swarm: makes {', '.join(made)} itself; give either")
+
+
+def _centre_of(about: str, targets: Any) -> list[float]:
+    """Return the position of the target that a swarm is about; targets are as a file has them.
+
+    Raises:
+        InputError: There is no such target, or it has no position.
+    """
+    known = [target for target in targets if isinstance(target, dict)] if isinstance(targets, list) else []
+    position = next((target.get("position") for target in known if target.get("id") == about), None)
+    try:
+        return _POINT.validate_python(position)
+    except ValidationError:
+        raise InputError(f"swarm.about: {about!r} is no target with a position of two or three numbers") from None
+
+
+def _written_out(swarm: Swarm, centre: list[float], seed: int) -> dict[str, Any]:
+    """Return the fields of a scenario that a swarm makes, about a centre in m."""
     # Where an agent begins depends on its number alone: not on how many there are, nor on what the graph draws.
     rng = np.random.default_rng([seed, _SCATTER])
     places = _sunflower(swarm.size, swarm.spacing)
@@ -96,7 +114,6 @@ def expand_swarm(raw: dict[str, Any]) -> dict[str, Any]:
     height = 0.0 if swarm.altitude is None or len(centre) < 3 else swarm.altitude - float(centre[2])
     displacements = offset + ([0.0, 0.0, height][: offset.shape[1]] if height else 0.0)
     return {
-        **{name: value for name, value in raw.items() if name != "swarm"},
         "agents": [
             {"id": name, "position": p, "heading": h, **vehicle}
             for name, p, h in zip(ids, start.round(6).tolist(), heading.round(3).tolist(), strict=True)
