@@ -154,12 +154,21 @@ def _supremum(
     for centre in _inside(kernels.singular, a, b):
         return result(np.inf, np.inf, centre)
 
+    return result(*_search(kernels, a, b, slope, tolerance, most_cells))
+
+
+def _search(
+    kernels: "_Kernels", low: Array, high: Array, slope: bool, tolerance: float, most_cells: int
+) -> tuple[float, float, Array]:
+    """Cut boxes into cells until the bound is tight: a bound, the largest value seen, and where, shape (n,)."""
+    n = low.shape[1]
     points = kernels.candidates()
+    centres = 0.5 * (low + high)
+    halves = 0.5 * (high - low)
     # In one box those outside have their nearest point inside it; in several, only those inside one count.
-    points = np.clip(points, a, b) if len(a) == 1 else np.concatenate([_inside(points, a, b), 0.5 * (a + b)])
+    points = np.clip(points, low, high) if len(low) == 1 else np.concatenate([_inside(points, low, high), centres])
     values = kernels.values(points, slope)
     seen, at = float(values.max()), points[np.argmax(values)]
-    centres, halves, uppers = 0.5 * (a + b), 0.5 * (b - a), np.empty(len(a))
     closed, bounded, batch = 0.0, 0, int(np.clip(_PAIRS / (kernels.count * 2**n), 1, _BATCH))
 
     def bound(c: Array, h: Array) -> Array:
@@ -170,9 +179,8 @@ def _supremum(
         bounded += len(c)
         return found
 
-    for first in range(0, len(a), batch):
-        some = slice(first, first + batch)
-        uppers[some] = bound(centres[some], halves[some])
+    firsts = range(0, len(low), batch)
+    uppers = np.concatenate([bound(centres[k : k + batch], halves[k : k + batch]) for k in firsts])
     while True:
         # Cells that need no cut, or are as small as rounding lets them be.
         done = (uppers <= (1.0 + tolerance) * seen) | (halves.max(axis=1) <= 1e-14 * np.abs(centres).max(axis=1))
@@ -187,7 +195,7 @@ def _supremum(
             c, h, parents = _cut(c, h, parents)
         centres, halves = np.concatenate([centres[later], c]), np.concatenate([halves[later], h])
         uppers = np.concatenate([uppers[later], np.minimum(bound(c, h), parents)])
-    return result(max(closed, seen, float(uppers.max(initial=0.0))), seen, at)
+    return max(closed, seen, float(uppers.max(initial=0.0))), seen, at
 
 
 def _inside(points: Array, low: Array, high: Array) -> Array:
