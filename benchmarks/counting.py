@@ -134,7 +134,7 @@ def touched(loop: Loop) -> int:
 
 def count(loop: Loop, motion: NDArray[np.void]) -> dict[str, dict[str, float]]:
     """Operations of a vehicle and step by kind: of the step itself, and of its share of the law."""
-    V, nothing = len(loop.params.fleet.bodies), Log(*[np.empty((0, 0, 0))] * len(Log._fields))
+    V, nothing = len(loop.params.fleet.bodies), Log(*[np.empty((0, 0, 0))] * (len(Log._fields) - 1))
     ours, moved, found = counting(loop), counting(motion), {}
     counted.clear()
     advance_block(ours, moved, 0, V, 0, _STEPS, nothing, -1, np.zeros(V, dtype=np.int64))

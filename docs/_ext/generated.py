@@ -13,6 +13,7 @@ import vehicles
 from sphinx.application import Sphinx
 
 from mjsheaf.cli.main import app as command_line
+from mjsheaf.results import variables
 from mjsheaf.scenario import Scenario, list_scenarios
 from mjsheaf.studies.schema import StudyFile
 from mjsheaf.vehicles.vehicle import VehicleDescription
@@ -66,6 +67,7 @@ def generate(_: Sphinx) -> None:
         write(to / "gallery" / f"{name}.md", gallery.page(name))
     write(to / "gallery_fields.md", gallery.cards())
     write(to / "commands_fields.md", commands_page())
+    write(to / "variables_fields.md", variables.reference())
     stalks.write(to / "stalks.svg")
     write(to / "vehicles_fields.md", vehicles.page(to / "vehicles"))
     changes = re.sub(r"\A# .*\n", "", (REPOSITORY / "CHANGELOG.md").read_text())

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 _OF_LINKS = ("heard", "measurements")  # fields of a log whose width changes from phase to phase
+_LEFT_OUT = (*_OF_LINKS, "extra")
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ class Recording:
         fields = {
             name: np.concatenate([getattr(piece.log, name) for piece in self.pieces])
             for name in Log._fields
-            if name not in _OF_LINKS
+            if name not in _LEFT_OUT
         }
         log = Log(**fields, **{name: np.empty((samples, 0)) for name in _OF_LINKS})
         time = np.concatenate([piece.time for piece in self.pieces])

@@ -25,8 +25,9 @@ from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.page.ghosts import Ghost, add_ghosts
-from mjsheaf.results.dataset import join, labelled_edges
+from mjsheaf.results.dataset import join
 from mjsheaf.results.netcdf import length_of_piece, pieces_of, split
+from mjsheaf.results.variables import labelled_edges
 from mjsheaf.system import Phase
 from mjsheaf.team import Edge
 from mjsheaf.video.from_run import RecordedRun
@@ -124,6 +125,11 @@ class Scene:
         """By which a path may be missed, m: see the module."""
         return _TOLERANCE * self.size
 
+    @property
+    def step(self) -> float:
+        """Step of packed positions, m."""
+        return self.tolerance / 4.0
+
     def confined(self, points: Array) -> Array:
         """The same points, none absurdly far out; what is not known stays so."""
         far = _OUTLIER * self.size
@@ -170,27 +176,16 @@ def pack(
         scene = Scene(began.centre, min(scene.size, _ROOM_OF_BLOWN_UP * began.size))
     rows = _kept(bend, scene.tolerance, dataset.sizes["agent"] + dataset.sizes["target"], _event_rows(phases))
     time = dataset["time"].values[rows]
-    step, packer = scene.tolerance / 4.0, Packer()
+    packer = Packer()
     own = _at_rows(dataset, [name for name in (*sorted(REQUIRED), *_WHERE_THERE) if name in dataset], rows)
     positions = _positions_at(pieces, rows)
-    shown = packer.add_fixed("position", scene.confined(positions), step)
-    q_star = own["harmonic_extension"].values - origin
-    q_star = np.where(np.isnan(q_star), positions[:, : q_star.shape[1]] * [np.nan, np.nan, 1.0], q_star)
-    packer.add_fixed("q_star", scene.confined(q_star), step)
+    shown = _add_places(packer, own, positions, scene, origin)
     if dataset.attrs["backend"] == "physics":
         attitude = np.concatenate([own[f"{kind}_orientation"].values for kind in ("agent", "target")], axis=1)
     else:  # facing where they go
         attitude = RecordedRun(dataset, surface_height).at(time).quaternions
     packer.add_fixed("quaternion", _continuous(attitude), _QUATERNION_STEP)
-    packer.add_float("disagreement", own["disagreement"].values)
-    packer.add_float("tracking_error", own["tracking_error"].values)
-    packer.add_float("speed", np.linalg.norm(np.nan_to_num(own["velocity_command"].values), axis=2))
-    packer.add_fixed("flow", np.nan_to_num(own["agent_flow"].values), 0.01)
-    for name in ("formation_error", "centering_error", "group_formation_error", "group_centering_error"):
-        if name in own:
-            packer.add_float(name, own[name].values)
-    if "agent_saturation" in own:
-        packer.add_fixed("saturation", own["agent_saturation"].values, 2.0**-7)
+    _add_curves(packer, own)
     edges = _add_edges(packer, phases, positions + origin, own, rows)
     for k, values in enumerate(bounds.values()):
         packer.add_float(f"bound{k}", np.where(np.abs(values) < 1e30, values, np.nan)[rows])
@@ -207,13 +202,34 @@ def pack(
     if ideal is not None:
         end = ideal["time"].values[-1]
         other = RecordedRun(ideal, surface_height).at(np.minimum(time, end)).positions - origin
-        packer.add_fixed("ghost", scene.confined(other), step)
-        agents = dataset.sizes["agent"]
-        apart = np.linalg.norm((positions - other)[:, :agents], axis=2)
+        packer.add_fixed("ghost", scene.confined(other), scene.step)
+        apart = np.linalg.norm((positions - other)[:, : dataset.sizes["agent"]], axis=2)
         packer.add_float("apart", np.where(time[:, None] <= end + 1e-9, apart, np.nan))
     record["ghosts"] = add_ghosts(packer, ghosts, dataset, time, scene, origin)
     record["arrays"] = packer.index
     return Replay(record, packer.packed())
+
+
+def _add_places(packer: Packer, own: xr.Dataset, positions: Array, scene: Scene, origin: Array) -> Array:
+    """Add positions (K, V, 3) from an origin and the harmonic extension; return positions as the page has them."""
+    shown = packer.add_fixed("position", scene.confined(positions), scene.step)
+    q_star = own["harmonic_extension"].values - origin
+    q_star = np.where(np.isnan(q_star), positions[:, : q_star.shape[1]] * [np.nan, np.nan, 1.0], q_star)
+    packer.add_fixed("q_star", scene.confined(q_star), scene.step)
+    return shown
+
+
+def _add_curves(packer: Packer, own: xr.Dataset) -> None:
+    """Add the recorded variables of agents and groups that the page shows."""
+    packer.add_float("disagreement", own["disagreement"].values)
+    packer.add_float("tracking_error", own["tracking_error"].values)
+    packer.add_float("speed", np.linalg.norm(np.nan_to_num(own["velocity_command"].values), axis=2))
+    packer.add_fixed("flow", np.nan_to_num(own["agent_flow"].values), 0.01)
+    for name in ("formation_error", "centering_error", "group_formation_error", "group_centering_error"):
+        if name in own:
+            packer.add_float(name, own[name].values)
+    if "agent_saturation" in own:
+        packer.add_fixed("saturation", own["agent_saturation"].values, 2.0**-7)
 
 
 def _origin_of(dataset: xr.Dataset) -> Array:

@@ -3,7 +3,6 @@
 import json
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from pathlib import PurePath
 from typing import Any
 
 import numpy as np
@@ -12,16 +11,15 @@ from numpy.typing import NDArray
 
 from mjsheaf._version import __version__
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.control.law import disagreement
-from mjsheaf.control.links import NEW, SILENT
+from mjsheaf.control.links import NEW
 from mjsheaf.control.terms import traffic_of
-from mjsheaf.results.metrics import evaluate_errors, separations
-from mjsheaf.simulation.trajectory import Log, Trajectory
+from mjsheaf.results import variables as declared
+from mjsheaf.results.variables import Samples, labelled_edges
+from mjsheaf.simulation.trajectory import Trajectory
 from mjsheaf.system import Phase, System
-from mjsheaf.team import Edge
 from mjsheaf.team.null_modes import describe_null_modes
 
-Variable = tuple[str | tuple[str, ...], NDArray[Any], dict[str, Any]]
+Coordinate = tuple[str | tuple[str, ...], NDArray[Any], dict[str, Any]]
 """Dimensions, values and attributes, as xarray takes them."""
 
 
@@ -58,7 +56,8 @@ def make_datasets(
         delivery.add(piece)
         samples = np.arange(done, done + len(piece.time))
         done += len(piece.time)
-        dataset = _gather(piece, delivery, _number_phases(phases or [Phase(0, piece.system)], samples))
+        read_from = Samples(piece, delivery.edges, delivery.sizes, delivery.share)
+        dataset = gather(read_from, _number_phases(phases or [Phase(0, piece.system)], samples))
         traffic += len(piece.time) * np.array(traffic_of(piece.system.law.terms, piece.system.team))
         dataset.attrs = attributes | {"status": piece.status, "message": piece.message}
         dataset.attrs |= dict(zip(("exchange_rounds", "messages", "numbers_sent"), traffic.tolist(), strict=True))
@@ -89,7 +88,7 @@ def in_pieces(pieces: Iterable[xr.Dataset], samples: int) -> Iterator[xr.Dataset
         yield join(held)
 
 
-def _number_phases(phases: Sequence[Phase], samples: IntArray) -> Variable:
+def _number_phases(phases: Sequence[Phase], samples: IntArray) -> Coordinate:
     """Return the coordinate `phase` of some samples: the number of each one's phase, and when each phase begins.
 
     `flag_values` and `flag_meanings` are those of CF: numbers, and words without blanks. `events` has the words as they
@@ -197,151 +196,19 @@ class Delivery:
         self._new[plain] += T
 
 
-def labelled_edges(system: System) -> list[tuple[tuple[str, str], Edge]]:
-    """The edges of communication and sensing in the order of the law: kind and name, such as 'A1-A2', and the edge.
-
-    The second of several edges between the same ends is 'A1-A2-2'.
-    """
-    met: dict[tuple[str, str], int] = {}
-    found = []
-    for kind, edges in (("communication", system.team.communication), ("sensing", system.team.sensing)):
-        for edge in edges:
-            key = kind, f"{edge.tail}-{edge.head}"
-            met[key] = met.get(key, 0) + 1
-            found.append(((kind, key[1] + (f"-{met[key]}" if met[key] > 1 else "")), edge))
-    return found
-
-
-def _gather(trajectory: Trajectory, delivery: Delivery, phase: Variable) -> xr.Dataset:
-    system, log = trajectory.system, trajectory.log
-    team, N = system.team, len(system.team.agents)
-    errors = evaluate_errors(team, log.positions)
-    has = np.array([[axis < member.dimension for axis in range(3)] for member in team.members])
-
+def gather(samples: Samples, phase: Coordinate) -> xr.Dataset:
+    """Read all variables and coordinates that a run has from samples of it."""
+    time = "time", samples.trajectory.time, {"long_name": "time", "units": "s"}
     # Gathered first: a dataset that grows variable by variable aligns all of them each time.
-    variables: dict[str, Variable] = {}
-    coordinates: dict[str, Variable] = {
-        "time": ("time", trajectory.time, {"long_name": "time", "units": "s"}),
-        "agent": _labels("agent", team.agent_ids, "agent"),
-        "target": _labels("target", team.target_ids, "target"),
-        "axis": _labels("axis", ["x", "y", "z"], "axis of the world frame"),
-        "phase": phase,
-        **_describe_members(system),
-    }
-
-    def add(name: str, dims: tuple[str, ...], values: Array, units: str, long_name: str) -> None:
-        variables[name] = (dims, values, {"units": units, "long_name": long_name})
-
-    def of_each(name: str, dims: tuple[str, ...], values: Array, units: str, long_name: str) -> None:
-        """Add a variable of agents and one of targets; long_name names whose with {}."""
-        for kind, own in (("agent", values[:, :N]), ("target", values[:, N:])):
-            add(f"{kind}_{name}", ("time", kind, *dims), own, units, long_name.format(f"each {kind}"))
-
-    def padded(values: Array) -> Array:
-        """NaN in what a vehicle has no coordinate for."""
-        return np.where(has, values, np.nan)
-
-    body = ("time", "agent", "axis")
-    add("agent_position", body, padded(log.positions)[:, :N], "m", "controlled position of each agent")
-    add("target_position", ("time", "target", "axis"), padded(log.positions)[:, N:], "m", "position of each target")
-    add("harmonic_extension", body, errors.harmonic_extension, "m", "q*, the harmonic extension of the targets")
-    linked = bool(delivery.edges)
-    eta = disagreement(system.law, log.positions) if linked else log.residual
-
-    def of_present(values: Array) -> Array:
-        """Of agents, padded; NaN in those that are absent."""
-        return np.where(team.present[:, None], padded(values)[:, :N], np.nan)
-
-    size = np.linalg.norm(eta[:, :N], axis=2)
-    add("disagreement", ("time", "agent"), np.where(team.present, size, np.nan), "m",
-        "|eta_i|, norm of the disagreement")  # fmt: skip
-    add("disagreement_vector", body, of_present(eta), "m",
-        "eta_i, the disagreement" + (", the true one" if linked else ", as the law had it"))  # fmt: skip
-    if linked:
-        add("measured_disagreement_vector", body, of_present(log.residual), "m",
-            "eta_i by what was heard, as the law had it")  # fmt: skip
-        kinds, names = zip(*delivery.edges, strict=True)
-        coordinates["edge"] = _labels("edge", list(names), "edge that has a link")
-        coordinates["edge_kind"] = _labels("edge", list(kinds), "communication or sensing")
-        edges = len(team.communication) + len(team.sensing)
-        arrived = edges - log.heard.shape[1] + (log.heard == NEW).sum(axis=1)
-        add("arrival", ("time",), arrived / max(edges, 1), "1", "share of all edges by which a new measurement arrives")
-        add("delivery", ("edge",), delivery.share, "1", "share of an edge's measurements that arrived, so far")
-    if linked or system.law.links.record:
-        _add_heard(variables, coordinates, trajectory, delivery)
-    add("tracking_error", ("time", "agent"), errors.tracking, "m", "|q*_i - q_i|")
-    add("velocity_command", body, padded(log.command)[:, :N], "m s-1",
-        "commanded velocity relative to the medium, limited: -k1 eta_i and terms, or of a law in Python")  # fmt: skip
-    add("formation_error", ("time",), errors.formation_rms(), "m", "RMS residual over the edges inside formations")
-    add("centering_error", ("time",), errors.largest_centering(), "m",
-        "largest distance of a group's centroid from where its formation wants it")  # fmt: skip
-    groups = [f.name for f in team.formations]
-    if groups:
-        coordinates["formation"] = _labels("formation", groups, "formation group")
-        by_group = ("time", "formation")
-        add("group_formation_error", by_group, np.column_stack([errors.formation_rms(g) for g in groups]), "m",
-            "RMS residual over the edges of a group")  # fmt: skip
-        add("group_centering_error", by_group, np.column_stack([errors.centering[g] for g in groups]), "m",
-            "distance of each centroid from its place: target's projection plus mean displacement")  # fmt: skip
-    bodies = bool(len(log.origin))
-    of_each("velocity", ("axis",), log.velocity if bodies else padded(log.velocity), "m s-1",
-            "velocity over ground of {}" + ("'s body" if bodies else ""))  # fmt: skip
-    of_each("flow", ("axis",), padded(log.medium), "m s-1", "velocity of flow and disturbance about {}")
-    of_each("separation", (), separations(log.origin if bodies else log.positions), "m",
-            "distance from {} to the nearest other vehicle")  # fmt: skip
-    if bodies:
-        _add_body_data(variables, coordinates, system, log)
-        of_each("body_position", ("axis",), log.origin, "m", "position of {}'s body, its origin")
-        of_each("height", (), log.origin[..., 2], "m", "z of {}'s body")
-        of_each("orientation", ("quaternion",), log.quaternions, "1", "attitude of {}, body to world")
-        of_each("saturation", (), log.saturation, "1", "share of {}'s thrusters at a limit")
-    else:
-        used = np.arange(log.inputs.shape[2]) < system.effectiveness.inputs[:, None]
-        add("command", ("time", "agent", "channel"), np.where(used, log.inputs, np.nan), "1",
-            "u_i = g_i^+ times the velocity command, control input of each agent")  # fmt: skip
+    coordinates: dict[str, Coordinate] = {"time": time}
+    variables: dict[str, Coordinate] = {}
+    for found, entries in ((coordinates, declared.COORDINATES), (variables, declared.VARIABLES)):
+        for entry in entries:
+            if entry.where(samples):
+                found[entry.name] = entry.dimensions, samples.read(entry), entry.attributes(samples)
+            if entry.name == "axis":
+                found["phase"] = phase
     return xr.Dataset(variables, coordinates)
-
-
-def _labels(dimension: str, names: list[str], long_name: str) -> Variable:
-    return dimension, np.array(names, dtype=object), {"long_name": long_name}
-
-
-def _describe_members(system: System) -> dict[str, Variable]:
-    """Return the group, vehicle and kind of every agent and target, as coordinates to group by.
-
-    A coordinate's name is unique in a dataset, so that those of targets begin with `target_`.
-    """
-    team = system.team
-    agents = len(team.agents)
-    groups = {member: formation.name for formation in team.formations for member in formation.members}
-    tracked: dict[str, str] = {}
-    for formation in team.formations:
-        if formation.about is not None:
-            tracked.setdefault(formation.about, formation.name)
-    vehicles = [PurePath(name).stem for name in system.bodies.vehicle]
-    kinds = _kinds_of(system)
-    found: dict[str, Variable] = {}
-    for prefix, kind, rows, of in (("", "agent", slice(0, agents), groups),
-                                   ("target_", "target", slice(agents, None), tracked)):  # fmt: skip
-        members = team.members[rows]
-        belonging = "group of each agent" if kind == "agent" else "first group about each target"
-        named = {
-            "group": ([of.get(member.id, "") for member in members], f"{belonging}, empty without one"),
-            "vehicle": (vehicles[rows], f"vehicle of each {kind}; on ideal kinematics the one that it stands for"),
-            "kind": (kinds[rows], f"surface, aerial or underwater: where each {kind} moves"),
-        }
-        for name, (labels, long_name) in named.items():
-            found[f"{prefix}{name}"] = _labels(kind, labels, long_name)
-    return found
-
-
-def _kinds_of(system: System) -> list[str]:
-    """Return `surface` for a vehicle in the plane, `underwater` for one that starts below the water, else `aerial`."""
-    bodies = system.bodies
-    under = (system.initial[:, 2] < bodies.surface_height) & (bodies.surface == "water")
-    spatial = np.where(under, "underwater", "aerial")
-    planar = np.array([member.dimension == 2 for member in system.team.members])
-    return [str(kind) for kind in np.where(planar, "surface", spatial)]
 
 
 def law_of(system: System) -> str:
@@ -371,68 +238,3 @@ def _attributes(system: System, backend: str, seed: int) -> dict[str, Any]:
             {f.name: {"members": list(f.members), "about": f.about or ""} for f in team.formations}, sort_keys=True
         ),
     }
-
-
-def _add_heard(
-    variables: dict[str, Variable], coordinates: dict[str, Variable], trajectory: Trajectory, delivery: Delivery
-) -> None:
-    """What each edge heard, and where they are recorded its measurements as delivered.
-
-    They are NaN where nothing was heard, or an edge is not there.
-    """
-    system, log = trajectory.system, trajectory.log
-    first, T = system.law.edges.first, len(log.positions)
-    own = [key for key, _ in labelled_edges(system)]
-    number = {key: e for e, key in enumerate(delivery.sizes)}
-    heard = np.full((T, len(number)), SILENT, dtype=np.int8)
-    heard[:, [number[key] for key in own]] = NEW
-    heard[:, [number[own[e]] for e in system.law.links.table["edge"]]] = log.heard
-    coordinates["measuring_edge"] = _labels("measuring_edge", [" ".join(key) for key in number], "edge")
-    variables["heard"] = (
-        ("time", "measuring_edge"),
-        heard,
-        {"units": "1", "long_name": "what an edge heard: 0 nothing, 1 the last measurement held, 2 a new one"},
-    )
-    if not system.law.links.record:
-        return
-    begin = np.cumsum([0, *delivery.sizes.values()])
-    measured = np.full((T, begin[-1]), np.nan)
-    for e, key in enumerate(own):
-        k = number[key]
-        y = log.measurements[:, first[e] : first[e + 1]]
-        measured[:, begin[k] : begin[k + 1]] = np.where(heard[:, [k]] == SILENT, np.nan, y)
-    rows = [f"{kind} {name} {r}" for (kind, name), m in delivery.sizes.items() for r in range(m)]
-    coordinates["measured_number"] = _labels("measured_number", rows, "edge, and number in its stalk")
-    variables["measurement"] = (
-        ("time", "measured_number"),
-        measured,
-        {"units": "m", "long_name": "y_e = F_head x_head - F_tail x_tail as delivered; NaN where nothing was heard"},
-    )
-
-
-def _add_body_data(variables: dict[str, Variable], coordinates: dict[str, Variable], system: System, log: Log) -> None:
-    """Thruster commands and what lags leave of them."""
-    N, T = len(system.team.agents), len(log.positions)
-    thrusters = [[channel.name for channel in vehicle.channels] for vehicle in system.vehicles]
-    units = [[channel.unit for channel in vehicle.channels] for vehicle in system.vehicles]
-    width = max(len(names) for names in thrusters)
-    has = np.arange(width) < np.array([len(names) for names in thrusters])[:, None]
-    # Of turning thrusters some channels are angles: see thruster_unit.
-    unit = "N" if all(name == "N" for names in units for name in names) else "1"
-    for agents, targets, values, long_name in (
-        ("command", "target_command", log.thruster_command,
-         "u_i = W_i^+ [force; moment] + trim, thruster commands of {}"),
-        ("agent_thrust", "target_thrust", log.thruster_output,
-         "what {}'s thrusters do at the sample: their commands after lag"),
-    ):  # fmt: skip
-        u = np.full((T, *has.shape), np.nan)
-        u[:, has] = values
-        for key, kind, own in ((agents, "agent", u[:, :N]), (targets, "target", u[:, N:])):
-            attributes = {"units": unit, "long_name": long_name.format(f"each {kind}")}
-            variables[key] = (("time", kind, "channel"), own, attributes)
-    coordinates["quaternion"] = _labels("quaternion", ["w", "x", "y", "z"], "component of the unit quaternion")
-    for name, values_of, what in (("thruster", thrusters, "thruster behind"), ("thruster_unit", units, "unit of")):
-        labels = np.array([values + [""] * (width - len(values)) for values in values_of], dtype=object)
-        for key, kind, own in ((name, "agent", labels[:N]), (f"target_{name}", "target", labels[N:])):
-            long_name = f"{what} each channel of each {kind}, empty where it has fewer"
-            coordinates[key] = ((kind, "channel"), own, {"long_name": long_name})

@@ -2,7 +2,7 @@
 
 import io
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ import xarray as xr
 
 from mjsheaf.arrays import IntArray
 from mjsheaf.results.dataset import join
+from mjsheaf.results.sinks import send
 
 
 class EnduringFile(io.FileIO):
@@ -113,42 +114,45 @@ def write_dataset(pieces: Iterable[xr.Dataset], path: Path) -> None:
         OSError: it cannot be written, as on a full disk; what was written of it remains.
     """
     with EnduringFile(path) as file:
-        _write(pieces, file, file.raise_refusal)
+        send(pieces, NetCDF(file))
     file.raise_refusal()
 
 
 def dataset_bytes(dataset: xr.Dataset) -> bytes:
-    """What `write_dataset` writes of a run in one piece."""
+    """Return what `write_dataset` writes of a run in one piece."""
     file = io.BytesIO()
-    _write([dataset], file, lambda: None)
+    send([dataset], NetCDF(file))
     return file.getvalue()
 
 
-def _write(pieces: Iterable[xr.Dataset], file: io.BytesIO | EnduringFile, check: Callable[[], None]) -> None:
-    """Write pieces in a thread beside, where no signal gets between HDF5 and the file; check after each of them."""
-    with ThreadPoolExecutor(1) as beside:
-        opened = beside.submit(h5netcdf.File, file, "w")
-        try:
-            for piece in pieces:
-                beside.submit(_append, opened.result(), piece).result()
-                check()
-        finally:
-            beside.submit(opened.result().close).result()
+class NetCDF:
+    """Sink that writes netCDF-4 in a thread beside, where no signal gets between HDF5 and the file."""
+
+    def __init__(self, file: io.BytesIO | EnduringFile) -> None:
+        """Write into an open file, of which the disk is asked after each chunk."""
+        self._file = file
+        self._beside = ThreadPoolExecutor(1)
+        self._netcdf = self._beside.submit(h5netcdf.File, file, "w")
+
+    def open(self, variables: Mapping[Any, xr.Variable], attrs: Mapping[str, Any]) -> None:
+        """Need nothing: the first chunk brings all that has no time, too."""
+
+    def write(self, chunk: xr.Dataset) -> None:
+        """Write a chunk after those that the file holds already."""
+        self._beside.submit(_append, self._netcdf.result(), chunk).result()
+        if isinstance(self._file, EnduringFile):
+            self._file.raise_refusal()
+
+    def close(self) -> None:
+        """Complete the file."""
+        with self._beside:
+            self._beside.submit(self._netcdf.result().close).result()
 
 
 def _append(netcdf: h5netcdf.File, piece: xr.Dataset) -> None:
     """Write a piece after those that the file holds already; the first one brings all that has no time, too."""
     if not netcdf.dimensions:
-        packed = {"zlib": True, "complevel": 3, "shuffle": True}
-        encoding: dict[str, Any] = {}
-        for name, variable in piece.variables.items():
-            if name in _COUNTED:
-                continue  # in one place, to be written anew
-            if variable.dtype.kind in "fi" and variable.ndim > 0:
-                chunks = {"chunksizes": variable.shape} if "time" in variable.dims and variable.size else {}
-                encoding[str(name)] = packed | chunks
-        store = xr.backends.H5NetCDFStore(netcdf)
-        piece.dump_to_store(store, encoding=encoding, unlimited_dims=["time"])
+        _begin(netcdf, piece)
     elif piece.sizes["time"]:
         begin = netcdf.dimensions["time"].size
         end = begin + piece.sizes["time"]
@@ -163,6 +167,19 @@ def _append(netcdf: h5netcdf.File, piece: xr.Dataset) -> None:
             netcdf._h5group.attrs.modify(name, value)  # in place, so that the bytes are those of one piece
         elif netcdf.attrs[name] != value:
             netcdf.attrs[name] = value
+
+
+def _begin(netcdf: h5netcdf.File, piece: xr.Dataset) -> None:
+    """Write the first piece, which brings all that has no time, too."""
+    packed = {"zlib": True, "complevel": 3, "shuffle": True}
+    encoding: dict[str, Any] = {}
+    for name, variable in piece.variables.items():
+        if name in _COUNTED:
+            continue  # in one place, to be written anew
+        if variable.dtype.kind in "fi" and variable.ndim > 0:
+            chunks = {"chunksizes": variable.shape} if "time" in variable.dims and variable.size else {}
+            encoding[str(name)] = packed | chunks
+    piece.dump_to_store(xr.backends.H5NetCDFStore(netcdf), encoding=encoding, unlimited_dims=["time"])
 
 
 def open_dataset(path: Path) -> xr.Dataset:

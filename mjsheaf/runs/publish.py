@@ -26,6 +26,7 @@ from mjsheaf.jit import working_time
 from mjsheaf.results import check_expectation, open_dataset, store, summarize, thinned, write_dataset
 from mjsheaf.results.metrics import communication, delivery_of, engine_of, summarize_phases
 from mjsheaf.results.netcdf import split
+from mjsheaf.results.variables import fault_of
 from mjsheaf.runs.simulate import Progress, no_progress, stream
 from mjsheaf.scenario import Scenario
 from mjsheaf.simulation.session import moved_by, require_simulable
@@ -340,12 +341,19 @@ def scenario_of(result: xr.Dataset, doing: str) -> Scenario:
     scenario = result.encoding.get("scenario")
     if not isinstance(scenario, Scenario):
         raise InputError(f"{doing}: the result does not know its scenario; expected a Dataset as `simulate` returns it")
-    parts = {"agent", "agent_position", "harmonic_extension", "tracking_error"} <= set(result.variables)
-    said = {"backend", "status", "exchange_rounds", "numbers_sent"} <= set(result.attrs)
-    agents = scenario.system.team.agent_ids
-    if not (parts and said and result.sizes["time"]) or result["agent"].values.tolist() != agents:
-        raise InputError(f"{doing}: the result is not whole; expected a Dataset as `simulate` returns it")
+    wrong = fault_of(result) or _unlike(result, scenario)
+    if wrong:
+        raise InputError(f"{doing}: the result {wrong}; expected a Dataset as `simulate` returns it")
     return scenario
+
+
+def _unlike(result: xr.Dataset, scenario: Scenario) -> str:
+    """Return in words how the members of a result differ from its scenario's; empty where they do not."""
+    team = scenario.system.team
+    for kind, ids in (("agent", team.agent_ids), ("target", team.target_ids)):
+        if result[kind].values.tolist() != ids:
+            return f"has other {kind}s than its scenario"
+    return ""
 
 
 def _summary_of(

@@ -26,7 +26,7 @@ from mjsheaf.dynamics.effectiveness import EffectivenessArrays, allocate
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.media.medium import MediumArrays, MediumState, advance, medium_velocity, new_state
 from mjsheaf.simulation.engine import Engine, Recorder
-from mjsheaf.simulation.trajectory import Log, blow_up_message, new_log, quaternions_of, record_links
+from mjsheaf.simulation.trajectory import Log, blow_up_message, new_log, quaternions_of, record_links, record_vehicle
 from mjsheaf.system import System
 
 _A = np.array(
@@ -245,11 +245,7 @@ def _record(run, t, x, k, log):
                     log.inputs[k, v, i] = memory.command[v, i]
         for i in range(3):
             slope[v, i] += w[i]
-            log.positions[k, v, i] = x[v, i]
-            log.residual[k, v, i] = memory.residual[v, i]
-            log.command[k, v, i] = memory.command[v, i]
-            log.velocity[k, v, i] = slope[v, i]
-            log.medium[k, v, i] = w[i]
+        record_vehicle(run, memory, log, k, v, x[v], slope[v], w)
 
 
 @jit

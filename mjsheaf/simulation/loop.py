@@ -25,7 +25,7 @@ from mjsheaf.simulation.bodies import (
     thruster_commands,
 )
 from mjsheaf.simulation.engine import Engine, Recorder
-from mjsheaf.simulation.trajectory import Log, blow_up_message, new_log, quaternions_of, record_links
+from mjsheaf.simulation.trajectory import Log, blow_up_message, new_log, quaternions_of, record_links, record_vehicle
 from mjsheaf.system import Phase, System
 from mjsheaf.vehicles.actuators import ANGLE
 from mjsheaf.vehicles.vectors import add, rotation, subtract, to_body, triple
@@ -216,12 +216,8 @@ def record(loop, log, k, first, last):
         body = fleet.bodies[v]
         kind, a, d = fleet.kinds[body.kind], body.qpos, body.dof
         w = medium_at(params, state, v)
+        record_vehicle(loop, memory, log, k, v, state.x[v], state.qvel[d : d + 3], w)
         for i in range(3):
-            log.positions[k, v, i] = state.x[v, i]
-            log.residual[k, v, i] = memory.residual[v, i]
-            log.command[k, v, i] = memory.command[v, i]
-            log.velocity[k, v, i] = state.qvel[d + i]
-            log.medium[k, v, i] = w[i]
             log.origin[k, v, i] = state.qpos[a + i]
         for i in range(4):
             log.quaternions[k, v, i] = state.qpos[a + 3 + i]

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,6 +18,22 @@ _PIECE = 2**16  # of vehicles and samples, their product: a few megabytes of res
 def samples_in_piece(system: System) -> int:
     """How many samples of a run are handled at a time, so that memory does not grow with its length."""
     return max(16, min(2048, _PIECE // len(system.team.members)))
+
+
+class Extra(NamedTuple):
+    """What the loop records for entries with a compiled reader in the list of variables (`results.variables`).
+
+    Attributes:
+        values: Their numbers, one entry after the other, shape (T, V, width).
+        read: Compiled function that writes those of one vehicle.
+    """
+
+    values: Array
+    read: Any
+
+    def span(self, begin: int, end: int) -> "Extra":
+        """Return views of the samples from `begin` up to but without `end`."""
+        return Extra(self.values[begin:end], self.read)
 
 
 class Log(NamedTuple):
@@ -37,6 +53,7 @@ class Log(NamedTuple):
         saturation: share of each vehicle's thrusters at a limit, shape (T, V).
         heard: what each link heard (see `mjsheaf.control.links`), shape (T, L).
         measurements: as delivered, -b where nothing was heard, shape (T, m), m; only where they are asked for.
+        extra: Extra of further variables; () without any.
     """
 
     positions: Array
@@ -52,10 +69,13 @@ class Log(NamedTuple):
     saturation: Array
     heard: Array
     measurements: Array
+    extra: Any = ()
 
     def span(self, begin: int, end: int) -> "Log":
-        """Views of the samples from `begin` up to but without `end`."""
-        return Log(*(values[begin:end] for values in self))
+        """Return views of the samples from `begin` up to but without `end`."""
+        arrays = [values[begin:end] for values in self[:-1]]
+        extra = self.extra.span(begin, end) if self.extra else ()
+        return Log._make([*arrays, extra])
 
 
 def new_log(T: int, law: LawArrays, *, inputs: tuple[int, int] | None = None, actuators: int | None = None) -> Log:
@@ -76,7 +96,32 @@ def new_log(T: int, law: LawArrays, *, inputs: tuple[int, int] | None = None, ac
         saturation=np.empty((bodies, V)),
         heard=np.empty((T, len(links.table))),
         measurements=np.empty((T, len(law.edges.b) if links.record else 0)),
+        extra=_new_extra(T, V),
     )
+
+
+def _new_extra(T: int, V: int) -> Extra | tuple[()]:
+    """Return room for the variables that have a compiled reader."""
+    from mjsheaf.results.variables import compiled
+
+    entries = compiled()
+    if not entries:
+        return ()
+    read, width = entries[0].read, entries[0].width
+    for entry in entries[1:]:
+        read = _one_after_the_other(read, width, entry.read)
+        width += entry.width
+    return Extra(np.full((T, V, width), np.nan), read)
+
+
+def _one_after_the_other(first: Any, width: int, then: Any) -> Any:
+    """Return the compiled reader of two, the first of which writes so many numbers."""
+
+    def read(run, memory, v, out):
+        first(run, memory, v, out[:width])
+        then(run, memory, v, out[width:])
+
+    return inline_jit(read)
 
 
 @dataclass(frozen=True)
@@ -104,6 +149,35 @@ class Trajectory:
     def positions(self) -> Array:
         """Controlled positions, agents then targets, shape (T, V, 3), m."""
         return self.log.positions
+
+
+@inline_jit
+def record_vehicle(run, memory, log, k, v, position, velocity, medium):
+    """Write what every backend records of vehicle v as sample k.
+
+    Args:
+        run: what compiled readers read from: a Loop on bodies, an Integrator on ideal kinematics.
+        memory: of the law.
+        log: see Log.
+        k, v: numbers of the sample and the vehicle.
+        position: where the law sees it, at least 3 numbers, m.
+        velocity: of the vehicle, at least 3 numbers, m/s.
+        medium: velocity about it, (x, y, z), m/s.
+    """
+    for i in range(3):
+        log.positions[k, v, i] = position[i]
+        log.residual[k, v, i] = memory.residual[v, i]
+        log.command[k, v, i] = memory.command[v, i]
+        log.velocity[k, v, i] = velocity[i]
+        log.medium[k, v, i] = medium[i]
+    _record_extra(log.extra, run, memory, k, v)
+
+
+@inline_jit
+def _record_extra(extra, run, memory, k, v):
+    """Write what compiled readers read; without any, nothing of this is compiled."""
+    if len(extra) > 0:
+        extra.read(run, memory, v, extra.values[k, v])
 
 
 @inline_jit

@@ -106,7 +106,7 @@ def off_by(scenario: Scenario, count: int, seed: int) -> float:
     mass = np.array([vehicle.mass for vehicle in vehicles])
     least = np.array([np.linalg.eigvalsh(v.turning_inertia - np.diag(v.added_mass[3:]))[0] for v in vehicles])
     lever = np.array([np.linalg.norm(v.centre_of_mass) for v in vehicles])
-    nothing = Log(*(np.empty((0,) * values.ndim) for values in fused._unrecorded.log))
+    nothing = Log(*(np.empty((0,) * values.ndim) for values in fused._unrecorded.log[:-1]))
     for k in range(count):
         q, w = ours.qpos.reshape(V, 7), ours.qvel.reshape(V, 6)
         q[:, :3], q[:, 3:] = rng.uniform(-9, 9, (V, 3)), Rotation.random(V, random_state=rng).as_quat()

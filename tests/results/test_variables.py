@@ -1,0 +1,175 @@
+"""Variables are declared once: an entry of the list is all that a new one takes; sinks get what the list says.
+
+Oracles: the law's own residual, and the dataset that `simulate` returns.
+"""
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import mjsheaf
+from mjsheaf import simulate
+from mjsheaf.errors import InputError
+from mjsheaf.jit import inline_jit
+from mjsheaf.results import dataset_bytes, open_dataset, variables, write_dataset
+from mjsheaf.results.sinks import Memory, send
+from mjsheaf.results.variables import COORDINATES, VARIABLES, Variable, reference
+from mjsheaf.runs.simulate import stream
+from mjsheaf.scenario import Scenario, load_scenario
+
+BACKENDS = ("ideal", "physics")
+SPEED = Variable(
+    "agent_speed",
+    ("time", "agent"),
+    "m s-1",
+    "speed over ground of each agent",
+    lambda s: np.linalg.norm(s.log.velocity, axis=2),
+    rows="agent",
+)
+
+
+def scenario(**fields: Any) -> Scenario:
+    return load_scenario(
+        {
+            "name": "declared",
+            "time": {"end": 0.3},
+            "agents": [{"id": "A", "position": [0, 0]}, {"id": "B", "position": [3, 0]}],
+            "targets": [{"id": "T", "position": [5, 1]}],
+            "communication": [["A", "B"]],
+            "sensing": [["A", "T"], ["B", "T"]],
+            **fields,
+        }
+    )
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_one_entry_is_in_the_file_and_in_the_reference(
+    backend: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(variables, "VARIABLES", [*VARIABLES, SPEED])
+    run = scenario()
+    write_dataset(stream(run.system, backend, 0, samples=7), tmp_path / "result.nc")
+    with open_dataset(tmp_path / "result.nc") as found:
+        assert found["agent_speed"].attrs == {"units": "m s-1", "long_name": "speed over ground of each agent"}
+        expected = np.linalg.norm(np.nan_to_num(found["agent_velocity"].values), axis=2)
+        np.testing.assert_allclose(found["agent_speed"].values, expected, rtol=1e-12, atol=1e-3)
+        assert found["agent_speed"].dims == ("time", "agent")
+    assert "`agent_speed` | time, agent | m s-1 | speed over ground of each agent" in reference()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_compiled_reader_writes_while_the_loop_runs(backend: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two entries side by side, of unlike widths, are what the law had at each sample."""
+
+    def residual(run, memory, v, out):
+        for i in range(3):
+            out[i] = memory.residual[v, i]
+
+    def first(run, memory, v, out):
+        out[0] = memory.command[v, 0]
+
+    agents: dict[str, Any] = {"rows": "agent"}
+    added = [
+        Variable("heading_east", ("time", "agent"), "m s-1", "command", read=inline_jit(first), **agents),
+        Variable("as_heard", ("time", "agent", "axis"), "m", "eta", read=inline_jit(residual), width=3, **agents),
+    ]
+    monkeypatch.setattr(variables, "VARIABLES", [*VARIABLES, *added])
+    found = simulate(scenario(), backend)
+    np.testing.assert_array_equal(found["as_heard"][..., :2], found["disagreement_vector"][..., :2])
+    np.testing.assert_array_equal(found["heading_east"], found["velocity_command"][..., 0])
+
+
+class Counting:
+    """A sink that notes what it is told."""
+
+    def __init__(self) -> None:
+        self.told: list[str] = []
+
+    def open(self, variables: Mapping[Any, xr.Variable], attrs: Mapping[str, Any]) -> None:
+        self.told.append("open")
+        self.variables, self.scenario = {name: v.attrs for name, v in variables.items()}, attrs["scenario"]
+
+    def write(self, chunk: xr.Dataset) -> None:
+        self.told.append(f"write {chunk.sizes['time']}")
+
+    def close(self) -> None:
+        self.told.append("close")
+
+
+def test_sinks_get_chunks_of_a_tenth_of_a_second_and_the_same_run() -> None:
+    run, counting, memory = scenario(), Counting(), Memory()
+    send(stream(run.system, "ideal", run.seed, samples=10), counting, memory)
+    assert counting.told == ["open", "write 10", "write 10", "write 10", "write 1", "close"]
+    assert counting.scenario == "declared"
+    whole = simulate(run, "ideal")
+    assert dataset_bytes(memory.dataset) == dataset_bytes(whole)
+    for name, attrs in counting.variables.items():
+        assert attrs == whole[name].attrs
+
+
+@pytest.mark.parametrize("before", [0, 1])
+def test_every_sink_is_closed_whatever_fails(before: int) -> None:
+    run, sinks = scenario(), (Counting(), Counting())
+
+    def failing() -> Any:
+        for number, chunk in enumerate(stream(run.system, "ideal", 0, samples=10)):
+            if number == before:
+                raise KeyboardInterrupt
+            yield chunk
+
+    with pytest.raises(KeyboardInterrupt):
+        send(failing(), *sinks)
+    for sink in sinks:
+        assert sink.told == [*["open", "write 10"][: 2 * before], "close"]
+
+
+@pytest.mark.parametrize("links", [{}, {"record": True}, {"sensing": {"loss": 0.2}}])
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_run_has_what_the_lists_say(backend: str, links: dict[str, Any]) -> None:
+    found = simulate(scenario(links=links), backend)
+    declared = {entry.name: entry for entry in (*VARIABLES, *COORDINATES)}
+    assert set(found.variables) - set(declared) == {"time", "phase"}
+    for name in set(map(str, found.variables)) & set(declared):
+        assert found[name].dims == declared[name].dimensions
+    for shown in found.data_vars:
+        assert f"`{shown}`" in reference()
+
+
+def _transposed(name: str) -> Any:
+    return lambda d: d.assign({name: d[name].transpose()})
+
+
+@pytest.mark.parametrize(
+    ("damage", "said"),
+    [
+        (lambda d: d.drop_vars("agent_flow"), "has no agent_flow"),
+        (lambda d: d.drop_vars("tracking_error"), "has no tracking_error"),
+        (_transposed("disagreement"), "disagreement over (agent, time) and not (time, agent)"),
+        (_transposed("agent_position"), "agent_position over (axis, agent, time)"),
+        (lambda d: d.assign(agent_velocity=d["agent_velocity"].astype(str)), "agent_velocity of the type"),
+        (lambda d: d.isel(axis=0), "has axis over () and not (axis)"),
+        (lambda d: d.isel(axis=[0, 1]), "has not three axes"),
+        (lambda d: d.isel(agent=[0]), "has other agents than its scenario"),
+        (lambda d: d.isel(target=[]), "has other targets than its scenario"),
+        (lambda d: d.isel(time=[]), "has no samples"),
+        (lambda d: d.isel(time=0), "has time over () and not (time)"),
+        (lambda d: d.assign_attrs(backend="other"), "has the backend 'other'"),
+        (lambda d: d.assign_attrs(status=3), "has a wrong attribute status"),
+        (lambda d: d.drop_attrs(deep=False), "has no attribute backend"),
+    ],
+)
+@pytest.mark.parametrize("doing", ["plot", "replay", "save"])
+def test_a_damaged_dataset_is_refused_by_name(doing: str, damage: Any, said: str, tmp_path: Path) -> None:
+    run = scenario()
+    whole = simulate(run, "ideal")
+    broken = damage(whole)
+    broken.encoding["scenario"] = whole.encoding["scenario"]
+    arguments = [tmp_path / "run"] if doing == "save" else []
+    with pytest.raises(InputError, match=re.escape(said)):
+        getattr(mjsheaf, doing)(broken, *arguments)
