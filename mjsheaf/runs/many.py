@@ -1,10 +1,10 @@
 """Simulating many scenarios at once, on threads of this process."""
 
 from collections.abc import Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from functools import partial
 from threading import Event, Lock
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, TypeVar, cast
 
 from mjsheaf.arguments import require_whole
 from mjsheaf.errors import InputError, MjsheafError
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from mjsheaf.simulation.fused import Fused
 
+T = TypeVar("T")
 _AT_ONCE = 64  # runs that are prepared at a time
 
 
@@ -34,9 +35,8 @@ def simulate_many(
 ) -> "list[xr.Dataset | MjsheafError]":
     """Run independent scenarios side by side on threads of this process.
 
-    The compiled loops run without the interpreter's lock, so that threads do what processes would, without starting
-    any or copying results. What comes out is bit for bit what `simulate` gives one by one. On the fused engine runs
-    of one team lie side by side in memory, and share what does not differ: see `mjsheaf.simulation.rows`.
+    The compiled loops run without the interpreter's lock. Results are those of `simulate` one by one, to the bit. On the
+    fused engine runs of one team lie side by side in memory: see `mjsheaf.simulation.rows`.
 
     Args:
         scenarios: for example one scenario with many seeds or gains.
@@ -60,12 +60,7 @@ def simulate_many(
     require_engine(engine, backend)
     if workers is not None:
         require_whole("workers", workers, 1)
-    if isinstance(scenarios, Scenario) or not isinstance(scenarios, Iterable):
-        raise InputError(f"scenarios is a {type(scenarios).__name__}; expected a list of Scenarios")
-    todo = list(scenarios)
-    for k, scenario in enumerate(todo):
-        if not isinstance(scenario, Scenario):
-            raise InputError(f"scenarios: number {k} is a {type(scenario).__name__}; expected a Scenario")
+    todo = _listed(scenarios)
     stop, slices = Event(), _Slices(todo, allow_drift)
 
     def check(done: int, of: int) -> None:
@@ -84,17 +79,36 @@ def simulate_many(
 
     with shown(progress, "running") as bar, ThreadPoolExecutor(workers or usable_processors()) as pool:
         report = partial(bar, "running") if bar else progress if callable(progress) else None
-        if bar and report:
-            report(0, len(todo))
-        futures = [pool.submit(one, k) for k in range(len(todo))]
+        if bar:
+            bar("running", 0, len(todo))
         try:
-            for done, future in enumerate(as_completed(futures), 1):
-                future.result()  # raises what is not a refusal: the others are abandoned
-                if report:
-                    report(done, len(todo))
+            return _results([pool.submit(one, k) for k in range(len(todo))], report)
         finally:
             stop.set()
+
+
+def _results(futures: "list[Future[T]]", report: "Callable[[int, int], None] | None") -> list[T]:
+    """Return results in order once all are there; an exception is raised as soon as it is known."""
+    for done, future in enumerate(as_completed(futures), 1):
+        future.result()
+        if report:
+            report(done, len(futures))
     return [future.result() for future in futures]
+
+
+def _listed(scenarios: Iterable[Scenario]) -> list[Scenario]:
+    """Return scenarios as a list.
+
+    Raises:
+        InputError: They are no Scenarios.
+    """
+    if isinstance(scenarios, Scenario) or not isinstance(scenarios, Iterable):
+        raise InputError(f"scenarios is a {type(scenarios).__name__}; expected a list of Scenarios")
+    todo = list(scenarios)
+    for k, scenario in enumerate(todo):
+        if not isinstance(scenario, Scenario):
+            raise InputError(f"scenarios: number {k} is a {type(scenario).__name__}; expected a Scenario")
+    return todo
 
 
 class _Abandoned(Exception):  # noqa: N818

@@ -418,7 +418,10 @@ class Engine(ABC):
 
     @property
     def _moving(self) -> Sequence[Array | IntArray]:
-        """Arrays that hold the motion, the number of steps among them; unused where MuJoCo holds it."""
+        """Arrays that hold the motion, the number of steps among them; unused where MuJoCo holds it.
+
+        Whatever else time changes, such as filters of a medium, belongs here too.
+        """
         return ()
 
     def _get_motion(self) -> Array:
