@@ -15,7 +15,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from mjsheaf.arrays import Array
+from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.control.law import disagreement
 from mjsheaf.control.links import NEW, SILENT
 from mjsheaf.results.metrics import Errors, evaluate_errors, separations
@@ -62,10 +62,14 @@ class Samples:
         """Return values of agents (T, N, 3), NaN where one is absent or lacks the coordinate."""
         return np.where(self.team.present[:, None], self.padded(values)[:, : self.agents], np.nan)
 
+    @cached_property
+    def _coordinates(self) -> BoolArray:
+        """Coordinates that each vehicle has, shape (V, 3)."""
+        return np.arange(3) < np.array([[member.dimension] for member in self.team.members])
+
     def padded(self, values: Array) -> Array:
         """Return values (T, V, 3), NaN where a vehicle lacks the coordinate."""
-        has = np.array([[axis < member.dimension for axis in range(3)] for member in self.team.members])
-        return np.where(has, values, np.nan)
+        return np.where(self._coordinates, values, np.nan)
 
     @cached_property
     def errors(self) -> Errors:

@@ -35,8 +35,8 @@ def simulate_many(
 ) -> "list[xr.Dataset | MjsheafError]":
     """Run independent scenarios side by side on threads of this process.
 
-    The compiled loops run without the interpreter's lock. Results are those of `simulate` one by one, to the bit. On the
-    fused engine runs of one team lie side by side in memory: see `mjsheaf.simulation.rows`.
+    The compiled loops run without the interpreter's lock. Results are those of `simulate`, to the bit. On the fused
+    engine runs of one team lie side by side in memory: see `mjsheaf.simulation.rows`.
 
     Args:
         scenarios: for example one scenario with many seeds or gains.
@@ -58,8 +58,7 @@ def simulate_many(
 
     require_backend(backend)
     require_engine(engine, backend)
-    if workers is not None:
-        require_whole("workers", workers, 1)
+    require_whole("workers", 1 if workers is None else workers, 1)
     todo = _listed(scenarios)
     stop, slices = Event(), _Slices(todo, allow_drift)
 
