@@ -65,12 +65,13 @@ def test_each_goal_lints_and_runs_its_tests(goal: str, chosen: list[str], profil
     """`test` and `test-slow` together are `test-all`."""
     stamp, called = tmp_path / "installed", tmp_path / "called"
     stamp.touch()
-    for name in ("ruff", "mypy", "pytest"):
+    for name in ("ruff", "mypy", "python", "pytest"):
         stand_in(tmp_path / "bin", name, f"printf '%s|' {name} \"$@\" >> {called}; echo >> {called}")
     variables = [f"BIN={tmp_path / 'bin'}", f"STAMP={stamp}", f"CARDS={stamp}"]
     # A make around this test hands its own variables down.
     environment = {name: value for name, value in os.environ.items() if name not in ("MAKEFLAGS", "MFLAGS", "EXAMPLES")}
     subprocess.run(["make", "-C", str(REPOSITORY), goal, *variables], env=environment, capture_output=True, check=True)
-    ruff, formatted, mypy, tests = (line.split("|")[:-1] for line in called.read_text().splitlines())
+    ruff, formatted, mypy, budget, tests = (line.split("|")[:-1] for line in called.read_text().splitlines())
     assert (ruff[:2], formatted[:2], mypy) == (["ruff", "check"], ["ruff", "format"], ["mypy"])
+    assert budget == ["python", "tools/budget.py"]
     assert tests == ["pytest", "-n", "2", "--dist", "worksteal", "--hypothesis-profile", profile, *chosen]
