@@ -7,6 +7,7 @@ which it imports, directly or not, and dropped when the stamp does not match: an
 
 import ast
 import contextlib
+import ctypes
 import hashlib
 import inspect
 import logging
@@ -16,6 +17,10 @@ from functools import cache
 from pathlib import Path
 from time import perf_counter
 from typing import Any
+
+import llvmlite.binding
+import numpy as np
+from numpy.typing import NDArray
 
 from mjsheaf.errors import InputError
 
@@ -91,8 +96,39 @@ def inline_jit(function: Callable[..., Any]) -> Any:
     return _compile(function, _nrt=False, forceinline=True)
 
 
+INTERPRETED = bool(config.DISABLE_JIT)  # type: ignore[attr-defined]  # NUMBA_DISABLE_JIT of the environment
+"""True if nothing is compiled, so that a debugger can stop in any loop."""
+
+
+def as_records(values: NDArray[np.void]) -> NDArray[np.void]:
+    """Return records whose fields are attributes, as compiled code reads them."""
+    return values.view(np.recarray) if INTERPRETED else values
+
+
+def external(library: Path, name: str, result: str, *arguments: str) -> Any:
+    """Return a function of a shared library that compiled code can call.
+
+    Args:
+        library: File of the library.
+        name: Symbol of the function.
+        result: Type of what it returns, by numba's name for it.
+        arguments: Types of its arguments, likewise.
+    """
+    if INTERPRETED:
+        function = getattr(ctypes.CDLL(str(library)), name)
+        function.restype = _C_TYPES[result]
+        function.argtypes = [_C_TYPES[argument] for argument in arguments]
+        return function
+    llvmlite.binding.load_library_permanently(str(library))
+    signature = getattr(types, result)(*(getattr(types, argument) for argument in arguments))
+    return types.ExternalFunction(name, signature)
+
+
+_C_TYPES: dict[str, Any] = {"void": None, "voidptr": ctypes.c_void_p}
+
+
 def _compile(function: Callable[..., Any], **options: Any) -> Any:
-    if config.DISABLE_JIT:  # type: ignore[attr-defined]  # by the environment's NUMBA_DISABLE_JIT
+    if INTERPRETED:
         return function
     try:
         compiled = njit(cache=True, nogil=True, error_model="numpy", **options)(function)

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array, IntArray, Own
 from mjsheaf.errors import InputError, in_field
-from mjsheaf.jit import inline_jit, jit
+from mjsheaf.jit import as_records, inline_jit, jit
 from mjsheaf.noise import normal_of, stream_of, uniforms
 from mjsheaf.team import Edge, Team
 from mjsheaf.team.links import KINDS, LinkModel, Links, require_bearing, whole_periods
@@ -113,7 +113,7 @@ class LinkMemory(NamedTuple):
 def no_links(record: bool = False) -> LinkArrays:
     """All that is measured is heard at once, as it is."""
     none, nobody = np.zeros(0, dtype=np.int64), np.zeros((0, 4))
-    return LinkArrays(np.zeros(0, dtype=LINK), none, np.zeros(0), nobody, 0, False, 0.0, 1.0, 0, record)
+    return LinkArrays(as_records(np.zeros(0, dtype=LINK)), none, np.zeros(0), nobody, 0, False, 0.0, 1.0, 0, record)
 
 
 def size_of_link_memory(links: LinkArrays, m: int) -> int:
@@ -276,7 +276,7 @@ def pack_links(
     half = 0.5 * (np.zeros(len(team.members)) if heading is None else heading)
     facing = np.column_stack([np.cos(half), 0.0 * half, 0.0 * half, np.sin(half)])
     return LinkArrays(
-        table=np.array(table, dtype=LINK),
+        table=as_records(np.array(table, dtype=LINK)),
         of=of,
         lift=np.array([height if member.dimension == 2 else 0.0 for member in team.members]),
         facing=facing if turning else np.zeros((0, 4)),

@@ -44,12 +44,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numba import config
 from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.errors import InputError
-from mjsheaf.jit import inline_jit, jit
+from mjsheaf.jit import as_records, inline_jit, jit
 from mjsheaf.simulation.trajectory import quaternions_of
 from mjsheaf.vehicles.actuators import AZIMUTH, CHANNEL, FIXED, aim, at_most, room_of, unit_wrench
 from mjsheaf.vehicles.allocation import allocate_nearest
@@ -175,15 +173,7 @@ def pack_fleet(vehicles: Sequence[Vehicle], heading: Array, timestep: float, sur
         heading: that each holds, shape (V,), rad.
         timestep: of the physics, s.
         surface: that of the scene, on which lost aircraft come to rest.
-
-    Raises:
-        InputError: compilation is switched off.
     """
-    if getattr(config, "DISABLE_JIT", 0):
-        raise InputError(
-            "NUMBA_DISABLE_JIT: is set, and the loops about bodies run compiled only; expected it unset or 0, or ideal "
-            "kinematics, as with --backend ideal"
-        )
     types, number = kinds_of(vehicles)
     kinds = np.zeros(len(types), KIND)
     kinds["count"] = [len(vehicle.channels) for vehicle in types]
@@ -207,7 +197,7 @@ def pack_fleet(vehicles: Sequence[Vehicle], heading: Array, timestep: float, sur
     for name, each in (("actuator", kinds["count"][number]), ("state", states[number])):
         bodies[name] = np.cumsum(each) - each
     bodies["heading"] = quaternions_of(heading)[:, [0, 3]]
-    return Fleet(kinds, bodies, thrusters)
+    return Fleet(as_records(kinds), as_records(bodies), as_records(thrusters))
 
 
 def _pack(vehicle: Vehicle, kind: np.void) -> None:

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjsheaf.arrays import IntArray
-from mjsheaf.jit import inline_jit, jit
+from mjsheaf.jit import as_records, inline_jit, jit
 from mjsheaf.media.medium import advance as advance_medium
 from mjsheaf.simulation.bodies import kinds_of
 from mjsheaf.simulation.engine import Recorder
@@ -60,7 +60,7 @@ def pack_motion(vehicles: Sequence[Vehicle], timestep: float) -> NDArray[np.void
         one["inertia"], one["damping"] = vehicle.inertia, taken[3:]
         one["weight"], one["weight_moment"] = vehicle.weight - vehicle.ballast, vehicle.weight_moment
         one["mass_moment"] = vehicle.mass * vehicle.centre_of_mass
-    return motion
+    return as_records(motion)
 
 
 @inline_jit

@@ -10,7 +10,7 @@ import numpy as np
 
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.errors import InputError
-from mjsheaf.jit import inline_jit
+from mjsheaf.jit import INTERPRETED, inline_jit
 from mjsheaf.simulation.engine import Recorder
 from mjsheaf.simulation.gate import Crew, failed, refill, wait
 from mjsheaf.simulation.loop import ClosedLoop, EngineArrays, Loop, place_targets, run_law
@@ -28,8 +28,13 @@ NEVER = int(np.iinfo(np.int64).max)
 
 
 def crew_size(plan: PhysicsOptions, controlled: bool) -> int:
-    """How many threads move a run: one where a law in Python is in control, which it is called for too often."""
-    return 1 if controlled else max(1, min(plan.threads, len(plan.vehicle) // BLOCK))
+    """Return how many threads move a run.
+
+    One if a law in Python is in control, which is called too often for more, or if nothing is compiled.
+    """
+    if controlled or INTERPRETED:
+        return 1
+    return max(1, min(plan.threads, len(plan.vehicle) // BLOCK))
 
 
 @inline_jit

@@ -9,16 +9,14 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import llvmlite.binding
 import numpy as np
-from numba import types
 
 from mjsheaf.arguments import phases_given
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.control.controller import Controller, Law, controller_of
 from mjsheaf.engine import mujoco
 from mjsheaf.errors import InputError, expected
-from mjsheaf.jit import inline_jit, jit
+from mjsheaf.jit import external, inline_jit, jit
 from mjsheaf.media.medium import advance
 from mjsheaf.simulation.arena import Arena, compose
 from mjsheaf.simulation.bodies import apply_wrench, turn_gears
@@ -37,10 +35,8 @@ from mjsheaf.simulation.loop import (
 from mjsheaf.simulation.threaded import ThreadedLoop, begin_span, end_span, next_row
 from mjsheaf.system import System, phases_of
 
-# The very library that the Python bindings use; numba binds the name when it links compiled code.
-for _library in Path(mujoco.__file__).parent.glob("libmujoco*"):
-    llvmlite.binding.load_library_permanently(str(_library))
-_mj_step = types.ExternalFunction("mj_step", types.void(types.voidptr, types.voidptr))
+# Of the very library that the Python bindings use.
+_mj_step = external(next(Path(mujoco.__file__).parent.glob("libmujoco*")), "mj_step", "void", "voidptr", "voidptr")
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 

@@ -221,21 +221,31 @@ def test_asserts_are_no_checks_of_what_users_write(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(
-    ("variable", "value", "word"), [("NUMBA_NUM_THREADS", "0", "from 1 on"), ("NUMBA_DISABLE_JIT", "1", "ideal")]
-)
-def test_what_numba_s_variables_rule_out_is_said_in_one_line(
-    variable: str, value: str, word: str, tmp_path: Path
-) -> None:
-    done = run("run", "midpoint", "--no-video", cwd=tmp_path, env=BARE | {variable: value})
+def test_a_number_of_threads_that_numba_refuses_is_named_in_one_line(tmp_path: Path) -> None:
+    done = run("run", "midpoint", "--no-video", cwd=tmp_path, env=BARE | {"NUMBA_NUM_THREADS": "0"})
     assert (done.returncode, done.stdout) == (2, "")
-    assert one_line(done.stderr, variable, word)
+    assert one_line(done.stderr, "NUMBA_NUM_THREADS", "from 1 on")
 
 
-def test_ideal_kinematics_run_uncompiled(tmp_path: Path) -> None:
-    """To rounding."""
-    assert answer_of(*SHORT, "--out", tmp_path / "compiled").code == 0
-    done = run(*SHORT, "--out", "plain", cwd=tmp_path, env=BARE | {"NUMBA_DISABLE_JIT": "1"})
+INTERPRETED = {
+    "ideal": ("midpoint", "--backend", "ideal", "--set", "time.end=1"),
+    "mujoco": ("midpoint", "--set", "time.end=1"),
+    "fused": ("midpoint", "--engine", "fused", "--set", "time.end=1"),
+    "links": ("noisy_harbour", "--set", "time.end=0.3"),
+    "terms": ("paper_feedforward", "--engine", "fused", "--set", "time.end=0.05"),
+    "threads": ("swarm", "--engine", "fused", "--threads", "2", "--set", "swarm.size=20", "--set", "time.end=0.06"),
+}
+
+
+@pytest.mark.parametrize(
+    "name", [name if name == "mujoco" else pytest.param(name, marks=pytest.mark.slow) for name in INTERPRETED]
+)
+def test_every_backend_runs_uncompiled(name: str, tmp_path: Path) -> None:
+    """To rounding, so that a debugger can stop in any loop."""
+    command = ("run", *INTERPRETED[name], "--no-video")
+    assert answer_of(*command, "--out", tmp_path / "compiled").code == 0
+    done = run(*command, "--out", "plain", cwd=tmp_path, env=BARE | {"NUMBA_DISABLE_JIT": "1"})
     assert done.returncode == 0, done.stderr
     with open_run(tmp_path / "compiled") as (compiled, _), open_run(tmp_path / "plain") as (plain, _):
         np.testing.assert_allclose(plain.agent_position, compiled.agent_position, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(plain.velocity_command, compiled.velocity_command, rtol=0, atol=1e-9)
