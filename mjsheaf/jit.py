@@ -44,6 +44,7 @@ _SOURCES = (
     "control/*.py",
     "vehicles/*.py",
     "simulation/*.py",
+    "checking/theorem/*.py",
 )
 
 

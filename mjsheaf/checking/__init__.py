@@ -1,9 +1,9 @@
 """The paper's assumptions and Theorem 1 for a team and its scenario: whether they hold, why not, and what to change.
 
-cohomology and mending look at the team's sheaf alone. targets follows the targets' path, constants takes the
-theorem's constants along it, certificate finds the region that proves itself, applies the theorem and decides the
-assumptions; margins holds what theory leaves out. check gathers all in a record that report prints and figures draws.
-finished compares a run with the certificate and says how it ended.
+Rooms: `topology` looks at the team's sheaf alone; `theorem` follows the targets' path, takes the theorem's constants
+along it, finds the region that proves itself and decides the assumptions; `loop` has the sampled law with its terms,
+links and vehicles. check gathers all in a record that report prints and figures draws. finished compares a run with
+the certificate and says how it ended; stuck finds agents that do not move.
 """
 
 from mjsheaf.checking.check import CheckRecord, Examination, check, examine, examine_scenario

@@ -7,10 +7,10 @@ from rich.table import Table
 from rich.text import Text
 
 from mjsheaf.checking.check import CheckRecord, ExplainedCohomology
-from mjsheaf.checking.cohomology import Fragility
-from mjsheaf.checking.links import LinkRecord
-from mjsheaf.checking.margins import BodyMargins, SpeedDemand
-from mjsheaf.checking.targets_loop import TargetsLoop
+from mjsheaf.checking.loop.links import LinkRecord
+from mjsheaf.checking.loop.margins import BodyMargins, SpeedDemand
+from mjsheaf.checking.loop.targets_loop import TargetsLoop
+from mjsheaf.checking.topology.cohomology import Fragility
 
 Row = tuple[str, str, str]
 """Name, value, remark."""

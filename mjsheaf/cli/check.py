@@ -115,8 +115,8 @@ def check(
 
 def _failures(part: "CheckRecord | PhaseRecord") -> list[str]:
     """Why a check, or that of a phase, is not ok, in sentences."""
-    from mjsheaf.checking.links import UNSTABLE_LINKS
-    from mjsheaf.checking.modelled import because_of
+    from mjsheaf.checking.loop.links import UNSTABLE_LINKS
+    from mjsheaf.checking.loop.modelled import because_of
 
     told = [
         f"assumption {a.number} {'fails' if a.verdict == 'fails' else 'is undecided'} ({a.name}): {a.witness}"

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from mjsheaf._version import __version__
-from mjsheaf.checking.body_loop import loop_along
+from mjsheaf.checking.loop.body_loop import loop_along
 from mjsheaf.comparing.convergence import ConvergenceRecord, converge
 from mjsheaf.comparing.demands import JUDGED, UnlimitedRuns, demands_of, fastest_vehicles, run_without_limits
 from mjsheaf.comparing.gains import examine_gain

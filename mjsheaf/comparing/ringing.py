@@ -27,7 +27,7 @@ from pydantic import Field
 from scipy import linalg
 
 from mjsheaf.arrays import Array
-from mjsheaf.checking.margins import LARGEST_SECOND_ORDER
+from mjsheaf.checking.loop.margins import LARGEST_SECOND_ORDER
 from mjsheaf.comparing.ladder import effects_of, inertial_tau
 from mjsheaf.comparing.measures import positions_at_q_star
 from mjsheaf.control.links import LinkArrays

@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from mjsheaf import load_scenario, simulate
-from mjsheaf.checking.held_law import loop_of
+from mjsheaf.checking.loop.held_law import loop_of
 from mjsheaf.results import make_dataset
 from mjsheaf.scenario import Scenario
 from mjsheaf.simulation.trajectory import Trajectory, largest_integral, likely_cause

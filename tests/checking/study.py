@@ -22,7 +22,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 import mjsheaf
 from mjsheaf.checking.finished import RunBound, bound_of_run
-from mjsheaf.checking.targets import follow_targets
+from mjsheaf.checking.theorem.targets import follow_targets
 from mjsheaf.scenario import scenario_from_mapping
 from tests.checking.adversarial import FAMILIES, TEAMS, adversarial_scenario, family_of
 from tests.checking.oracle import Truth, solve

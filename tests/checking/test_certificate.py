@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 
 import mjsheaf
-from mjsheaf.checking import certificate as certificates
-from mjsheaf.checking import constants, examine
-from mjsheaf.checking.certificate import certify
-from mjsheaf.checking.constants import Difference
+from mjsheaf.checking import examine
 from mjsheaf.checking.finished import BROKEN, bound_of_run
+from mjsheaf.checking.theorem import certificate as certificates
+from mjsheaf.checking.theorem import constants
+from mjsheaf.checking.theorem.certificate import certify
+from mjsheaf.checking.theorem.constants import Difference
 from mjsheaf.scenario import scenario_from_mapping
 from tests.builders import flow_jacobian
 from tests.commands import call

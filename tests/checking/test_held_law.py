@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 import mjsheaf
-from mjsheaf.checking import held_law
-from mjsheaf.checking.body_loop import loop_on_path
-from mjsheaf.checking.certificate import certify
-from mjsheaf.checking.held_law import Envelope, envelope, law_loop, loop_of
-from mjsheaf.checking.modelled import UndecidedError
+from mjsheaf.checking.loop import held_law
+from mjsheaf.checking.loop.body_loop import loop_on_path
+from mjsheaf.checking.loop.held_law import Envelope, envelope, law_loop, loop_of
+from mjsheaf.checking.loop.modelled import UndecidedError
 from mjsheaf.checking.proposals import propose
+from mjsheaf.checking.theorem.certificate import certify
 from mjsheaf.scenario import scenario_from_mapping
 from mjsheaf.system import System
 from tests.builders import medium, random_scenario

@@ -17,18 +17,18 @@ import pytest
 from numpy.typing import NDArray
 
 from mjsheaf import check, simulate
-from mjsheaf.checking.certificate import certify
-from mjsheaf.checking.delay import largest_delay, team_loop
-from mjsheaf.checking.held_law import loop_of
-from mjsheaf.checking.linked_law import (
+from mjsheaf.checking.loop.delay import largest_delay, team_loop
+from mjsheaf.checking.loop.held_law import loop_of
+from mjsheaf.checking.loop.linked_law import (
     LinkedLaw,
     SpatialBearing,
     measured_edges,
     perfect_links,
     range_bearing_covariances,
 )
-from mjsheaf.checking.links import LinkRecord, answers_for, link_answers
-from mjsheaf.checking.loss import SecondMoments
+from mjsheaf.checking.loop.links import LinkRecord, answers_for, link_answers
+from mjsheaf.checking.loop.loss import SecondMoments
+from mjsheaf.checking.theorem.certificate import certify
 from mjsheaf.cli.check import check as check_command
 from mjsheaf.cli.options import NotHeldError
 from mjsheaf.scenario import load_scenario, scenario_from_mapping
@@ -401,7 +401,7 @@ def test_large_teams_answer_by_lambda_max_alone(monkeypatch: pytest.MonkeyPatch)
         path = certify(system).constants.path
         found = link_answers(system, path)
         with monkeypatch.context() as patch:
-            patch.setattr("mjsheaf.checking.links.DENSE_STATES", 0)
+            patch.setattr("mjsheaf.checking.loop.links.DENSE_STATES", 0)
             large = link_answers(system, path)
         assert found is not None
         assert large is not None
@@ -409,7 +409,7 @@ def test_large_teams_answer_by_lambda_max_alone(monkeypatch: pytest.MonkeyPatch)
         stable.append(large.stable)
     assert set(stable) == {True, False}
     raw["links"] = {"all": {"loss": 0.2, "noise": 0.1}}
-    monkeypatch.setattr("mjsheaf.checking.links.DENSE_STATES", 0)
+    monkeypatch.setattr("mjsheaf.checking.loop.links.DENSE_STATES", 0)
     lossy = link_answers(scenario_from_mapping(raw).system, path)
     assert lossy is not None
     assert lossy.delay.stable

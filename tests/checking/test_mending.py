@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from mjsheaf.checking.cohomology import explain
-from mjsheaf.checking.mending import Augmentation, plan_augmentation
+from mjsheaf.checking.topology.cohomology import explain
+from mjsheaf.checking.topology.mending import Augmentation, plan_augmentation
 from mjsheaf.team import Edge, Team, anchor, restriction_maps
 from tests.builders import Array, coboundary, hold, make_edge, make_team, turn
 from tests.strategies import exact_rank, examples, shared_teams, whole_number_teams
@@ -217,7 +217,7 @@ def test_the_greedy_plan_mends_with_nothing_to_spare(
     fewest = planned(LARGE[k])
     assert fewest.exact
     for name, limit in {**limits, "RANKED_STATES": states}.items():
-        monkeypatch.setattr(f"mjsheaf.checking.mending.{name}", limit)
+        monkeypatch.setattr(f"mjsheaf.checking.topology.mending.{name}", limit)
     plan = planned(LARGE[k])
     check(plan, LARGE[k])
     assert plan.needed >= fewest.needed
@@ -227,7 +227,7 @@ def test_the_greedy_plan_mends_with_nothing_to_spare(
 
 def test_it_says_whether_the_plan_is_the_smallest(monkeypatch: pytest.MonkeyPatch) -> None:
     """Four heights need four holds whatever they are; a boat and an aircraft adrift could do with fewer than found."""
-    monkeypatch.setattr("mjsheaf.checking.mending.JOINT_DIMENSION", 0)
+    monkeypatch.setattr("mjsheaf.checking.topology.mending.JOINT_DIMENSION", 0)
     heights = planned(LARGE[1])
     assert (heights.needed, heights.exact) == (3, True)
     adrift = planned(LARGE[2])

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import mjsheaf
-from mjsheaf.checking.modelled import unmodelled_parts
+from mjsheaf.checking.loop.modelled import unmodelled_parts
 from mjsheaf.control.law import EdgeArrays, LawArrays
 from mjsheaf.control.links import LINK, LinkArrays
 from mjsheaf.control.rounds import RoundArrays
@@ -42,7 +42,7 @@ def system() -> System:
 
 def test_every_shipped_field_is_modelled_or_the_list_is_out_of_date() -> None:
     """A field that was added without a name in `modelled` makes all shipped laws undecided where it is on."""
-    from mjsheaf.checking import modelled
+    from mjsheaf.checking.loop import modelled
 
     assert set(TermArrays._fields) == modelled._TERMS
     assert set(RoundArrays._fields) == modelled._ROUNDS
@@ -76,7 +76,7 @@ def test_a_new_field_that_is_off_changes_nothing(system: System, value: Any) -> 
 
 
 def test_a_limit_whose_neutral_value_is_not_zero_is_off_there(system: System, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("mjsheaf.checking.modelled.no_terms", lambda: with_field(no_terms(), "width", np.inf))
+    monkeypatch.setattr("mjsheaf.checking.loop.modelled.no_terms", lambda: with_field(no_terms(), "width", np.inf))
     for width, parts in ((np.inf, []), (2.0, ["term width"])):
         terms = with_field(system.law.terms, "width", width)
         assert unmodelled_parts(replace(system, law=system.law._replace(terms=terms))) == parts

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mjsheaf.checking import targets
-from mjsheaf.checking.cohomology import spectrum_of
-from mjsheaf.checking.constants import coarser, difference_along
-from mjsheaf.checking.targets import Carrier, Cells, follow_targets
+from mjsheaf.checking.theorem import targets
+from mjsheaf.checking.theorem.constants import coarser, difference_along
+from mjsheaf.checking.theorem.targets import Carrier, Cells, follow_targets
+from mjsheaf.checking.topology.cohomology import spectrum_of
 from mjsheaf.dynamics import Lissajous, Waypoints
 from mjsheaf.dynamics.motion import Motion, pack, reference_bounds
 from mjsheaf.media.disturbance import evaluate

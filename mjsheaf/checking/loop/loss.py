@@ -27,9 +27,9 @@ from scipy.sparse import csr_array
 from scipy.sparse.linalg import ArpackError, LinearOperator, cg, eigs, eigsh, gmres
 
 from mjsheaf.arrays import Array
-from mjsheaf.checking.delay import MOST_STATES, team_loop
-from mjsheaf.checking.linked_law import LinkedLaw
-from mjsheaf.checking.modelled import UndecidedError
+from mjsheaf.checking.loop.delay import MOST_STATES, team_loop
+from mjsheaf.checking.loop.linked_law import LinkedLaw
+from mjsheaf.checking.loop.modelled import UndecidedError
 from mjsheaf.io.section import Finite, Record
 
 _MOST_MOMENTS = 60_000  # numbers in the second moments with bursts, delay, newton or integral

@@ -29,9 +29,9 @@ from numpy.polynomial.chebyshev import chebroots
 from pydantic import Field
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
-from mjsheaf.checking.held_law import Loop, residual_polynomial
-from mjsheaf.checking.linked_law import LinkedLaw
-from mjsheaf.checking.modelled import UndecidedError
+from mjsheaf.checking.loop.held_law import Loop, residual_polynomial
+from mjsheaf.checking.loop.linked_law import LinkedLaw
+from mjsheaf.checking.loop.modelled import UndecidedError
 from mjsheaf.control.terms import TermArrays
 from mjsheaf.io.section import Finite, Record
 

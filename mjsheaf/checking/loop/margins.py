@@ -5,10 +5,10 @@ from pydantic import Field
 from scipy import linalg
 
 from mjsheaf.arrays import Array
-from mjsheaf.checking.body_loop import BodyLoop, held_modes, loop_on_path
-from mjsheaf.checking.certificate import Certificate
-from mjsheaf.checking.cohomology import Spectrum
-from mjsheaf.checking.constants import Difference
+from mjsheaf.checking.loop.body_loop import BodyLoop, held_modes, loop_on_path
+from mjsheaf.checking.theorem.certificate import Certificate
+from mjsheaf.checking.theorem.constants import Difference
+from mjsheaf.checking.topology.cohomology import Spectrum
 from mjsheaf.control import disagreement
 from mjsheaf.io.norms import PER_AGENT_RMS, Norm
 from mjsheaf.io.section import Finite, Record

@@ -9,13 +9,20 @@ from collections.abc import Sequence
 import numpy as np
 from pydantic import Field
 
-from mjsheaf.checking.cohomology import DENSE_STATES
-from mjsheaf.checking.delay import DelayAnswer, delay_answer, papers_answer
-from mjsheaf.checking.link_noise import NoiseAnswer, noise_answer
-from mjsheaf.checking.linked_law import LinkedLaw, LinkParameters, MeasuredEdge, linked_law, links_of, measured_edges
-from mjsheaf.checking.loss import LossAnswer, loss_answer
-from mjsheaf.checking.modelled import UndecidedError, require_model
-from mjsheaf.checking.targets import TargetPath
+from mjsheaf.checking.loop.delay import DelayAnswer, delay_answer, papers_answer
+from mjsheaf.checking.loop.link_noise import NoiseAnswer, noise_answer
+from mjsheaf.checking.loop.linked_law import (
+    LinkedLaw,
+    LinkParameters,
+    MeasuredEdge,
+    linked_law,
+    links_of,
+    measured_edges,
+)
+from mjsheaf.checking.loop.loss import LossAnswer, loss_answer
+from mjsheaf.checking.loop.modelled import UndecidedError, require_model
+from mjsheaf.checking.theorem.targets import TargetPath
+from mjsheaf.checking.topology.cohomology import DENSE_STATES
 from mjsheaf.control.terms import TermArrays
 from mjsheaf.io.norms import OF_TEAM, TEAM_NORM, Norm
 from mjsheaf.io.section import Finite, Record

@@ -30,12 +30,12 @@ from pydantic import Field
 from scipy.signal import fftconvolve, lfilter, ss2tf
 
 from mjsheaf.arrays import Array
-from mjsheaf.checking.certificate import Certificate
-from mjsheaf.checking.cohomology import DENSE_STATES
-from mjsheaf.checking.constants import agent_drift, agent_slopes
-from mjsheaf.checking.modelled import UndecidedError, require_model, unmodelled_parts
-from mjsheaf.checking.targets import Carrier
-from mjsheaf.checking.targets_loop import targets_loop
+from mjsheaf.checking.loop.modelled import UndecidedError, require_model, unmodelled_parts
+from mjsheaf.checking.loop.targets_loop import targets_loop
+from mjsheaf.checking.theorem.certificate import Certificate
+from mjsheaf.checking.theorem.constants import agent_drift, agent_slopes
+from mjsheaf.checking.theorem.targets import Carrier
+from mjsheaf.checking.topology.cohomology import DENSE_STATES
 from mjsheaf.control.terms import traffic_of
 from mjsheaf.dynamics.effectiveness import without_full_row_rank
 from mjsheaf.io.norms import OF_TEAM, TEAM_NORM, Norm, per_agent

@@ -18,7 +18,7 @@ from functools import cached_property
 import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
-from mjsheaf.checking.targets import Carrier, Cells, TargetPath
+from mjsheaf.checking.theorem.targets import Carrier, Cells, TargetPath
 from mjsheaf.media.bounds import Supremum, supremum
 from mjsheaf.media.disturbance import evaluate
 from mjsheaf.system import System

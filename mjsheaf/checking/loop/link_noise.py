@@ -10,10 +10,10 @@ import numpy as np
 from pydantic import Field
 
 from mjsheaf.arrays import Array
-from mjsheaf.checking.delay import MOST_WORK, DelayedLoop
-from mjsheaf.checking.linked_law import LinkedLaw
-from mjsheaf.checking.loss import SecondMoments
-from mjsheaf.checking.modelled import UndecidedError
+from mjsheaf.checking.loop.delay import MOST_WORK, DelayedLoop
+from mjsheaf.checking.loop.linked_law import LinkedLaw
+from mjsheaf.checking.loop.loss import SecondMoments
+from mjsheaf.checking.loop.modelled import UndecidedError
 from mjsheaf.io.norms import OF_TEAM, PER_AGENT_RMS, TEAM_NORM, Norm, per_agent
 from mjsheaf.io.section import Finite, Record
 from mjsheaf.team import Team

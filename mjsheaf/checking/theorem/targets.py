@@ -26,7 +26,7 @@ import numpy as np
 from scipy import sparse
 
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.checking.cohomology import Spectrum
+from mjsheaf.checking.topology.cohomology import Spectrum
 from mjsheaf.control.law import ControlArrays, evaluate_law, new_memory, pack_edges
 from mjsheaf.control.links import no_links
 from mjsheaf.control.terms import no_terms

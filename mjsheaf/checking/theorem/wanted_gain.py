@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mjsheaf.arrays import Array
-from mjsheaf.checking.certificate import (
+from mjsheaf.checking.theorem.certificate import (
     RHO_STEP,
     Certificate,
     Search,

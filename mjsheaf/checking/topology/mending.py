@@ -22,7 +22,7 @@ from scipy import sparse
 from scipy.sparse import csgraph
 
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.checking.cohomology import agent_coboundary, smallest_eigenvalue
+from mjsheaf.checking.topology.cohomology import agent_coboundary, smallest_eigenvalue
 from mjsheaf.io.section import Record
 from mjsheaf.team import Edge, Member, Team, anchor, restriction_maps
 from mjsheaf.team.null_modes import null_mode_basis

@@ -31,8 +31,8 @@ import networkx as nx
 import numpy as np
 
 from mjsheaf.arrays import Array
-from mjsheaf.checking.cohomology import RelativeCohomology, Spectrum, explain, spectrum_of
-from mjsheaf.checking.constants import (
+from mjsheaf.checking.loop.targets_loop import targets_loop
+from mjsheaf.checking.theorem.constants import (
     FARTHEST,
     Constants,
     Region,
@@ -42,8 +42,8 @@ from mjsheaf.checking.constants import (
     tube_about,
     tube_guessed,
 )
-from mjsheaf.checking.targets import Carrier, follow_targets
-from mjsheaf.checking.targets_loop import targets_loop
+from mjsheaf.checking.theorem.targets import Carrier, follow_targets
+from mjsheaf.checking.topology.cohomology import RelativeCohomology, Spectrum, explain, spectrum_of
 from mjsheaf.control.theorem import ConstantRho, Rho, Theorem, disturbance_bound, theorem_1
 from mjsheaf.dynamics.effectiveness import is_rank_deficient, without_full_row_rank
 from mjsheaf.io.section import Finite, Record

@@ -22,9 +22,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
-from mjsheaf.checking.held_law import Loop, loop_of
-from mjsheaf.checking.modelled import UndecidedError
-from mjsheaf.checking.targets import TargetPath
+from mjsheaf.checking.loop.held_law import Loop, loop_of
+from mjsheaf.checking.loop.modelled import UndecidedError
+from mjsheaf.checking.theorem.targets import TargetPath
 from mjsheaf.control.terms import TermArrays
 from mjsheaf.system import System
 from mjsheaf.team import Edge, Team

@@ -22,12 +22,12 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import eigsh
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
-from mjsheaf.checking.certificate import Certificate
-from mjsheaf.checking.cohomology import DENSE_STATES, Spectrum, spectrum_of
-from mjsheaf.checking.constants import agent_drift
-from mjsheaf.checking.held_law import UNKNOWN_ROUNDS, residual_polynomial
-from mjsheaf.checking.modelled import UndecidedError, require_model
-from mjsheaf.checking.targets_loop import targets_loop
+from mjsheaf.checking.loop.held_law import UNKNOWN_ROUNDS, residual_polynomial
+from mjsheaf.checking.loop.modelled import UndecidedError, require_model
+from mjsheaf.checking.loop.targets_loop import targets_loop
+from mjsheaf.checking.theorem.certificate import Certificate
+from mjsheaf.checking.theorem.constants import agent_drift
+from mjsheaf.checking.topology.cohomology import DENSE_STATES, Spectrum, spectrum_of
 from mjsheaf.control.terms import TermArrays
 from mjsheaf.errors import InputError
 from mjsheaf.io.section import Record
