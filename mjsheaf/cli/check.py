@@ -25,10 +25,11 @@ from mjsheaf.cli.options import (
 )
 from mjsheaf.cli.terminal import make_console, print_lines, print_note, progress_bars
 from mjsheaf.errors import InputError, UnstableError, in_field
-from mjsheaf.io.figures import FORMATS, FigureOptions
+from mjsheaf.io.figures import AS_USUAL, FORMATS, FigureOptions
 
 if TYPE_CHECKING:
-    from mjsheaf.checking.check import CheckRecord, PhaseRecord
+    from mjsheaf.checking.check import CheckRecord, Examination, PhaseRecord
+    from mjsheaf.control.theorem import Rho
 
 
 def check(
@@ -68,75 +69,106 @@ def check(
     (also over its links), of the targets' law or of the vehicles is unstable, or if the law has a part without a model.
     The gain condition does not change it. Errors are the RMS over agents, in metres.
     """
-    if plot is not None:
-        require_file_name("--plot", plot, *(f".{form}" for form in FORMATS))
-        own = plot.suffix[1:]
-        given = [own, *(form for form in (formats or own).split(",") if form != own)]
-        figures = FigureOptions(tuple(given), title)
-    elif formats is not None:
-        raise InputError(f"--format {formats}: there is no plot; expected --plot FILE with it")
+    figures = _figures_of(plot, formats, title)
     import json
 
     from mjsheaf.checking import examine_scenario
     from mjsheaf.checking.report import report
-    from mjsheaf.control.theorem import as_rho
-    from mjsheaf.io.files import naming, whole_file
     from mjsheaf.scenario import load_scenario
 
     loaded = load_scenario(scenario, changes_of(overrides))
-    try:
-        bound = None if rho is None else as_rho([float(c) for c in rho.split(",")])
-    except (ValueError, InputError):
-        raise InputError(f"--rho {rho}: expected coefficients >= 0, separated by commas, such as 0.1,0.02") from None
-    examination = examine_scenario(loaded, rate=rate, radius=radius, rho=bound)
+    examination = examine_scenario(loaded, rate=rate, radius=radius, rho=_rho_of(rho))
     record = examination.record
     if as_json:
         print(json.dumps(record.model_dump(mode="json"), indent=2, allow_nan=False))
     else:
         make_console().print(report(record))
     if plot is not None:
-        from mjsheaf.checking.figures import draw_check
-        from mjsheaf.plotting import write_figure
-
-        figure = draw_check(examination, figures)
-        for path in figures.paths(plot):
-            with naming(f"--plot {path}"), whole_file(path) as part:
-                write_figure(figure, part, path.suffix[1:])
-            if not as_json:
-                print_lines(path)
-    told = [
+        drawn = _draw(examination, figures, plot)
+        if not as_json:
+            print_lines(*drawn)
+    failures = [
         f"from t = {part.start:g} s on ({', '.join(part.events) or 'start'}): {why}"
         for part in record.phases
         for why in _failures(part)
-    ] or _failures(record)
-    if told:
-        raise NotHeldError(f"{scenario}: {'; '.join(told)}")
+    ]
+    failures = failures or _failures(record)
+    if failures:
+        raise NotHeldError(f"{scenario}: {'; '.join(failures)}")
+
+
+def _figures_of(plot: Path | None, formats: str | None, title: bool) -> FigureOptions:
+    """Return how the plot is written: in the format of its name, then in others.
+
+    Raises:
+        InputError: The name or a format is none of a figure, or formats are given without a plot.
+    """
+    if plot is None and formats is not None:
+        raise InputError(f"--format {formats}: there is no plot; expected --plot FILE with it")
+    if plot is None:
+        return AS_USUAL
+    require_file_name("--plot", plot, *(f".{form}" for form in FORMATS))
+    named = plot.suffix[1:]
+    others = [form for form in (formats or named).split(",") if form != named]
+    return FigureOptions((named, *others), title)
+
+
+def _rho_of(text: str | None) -> "Rho | None":
+    """Return the bound that --rho gives.
+
+    Raises:
+        InputError: It is no polynomial with coefficients of at least 0.
+    """
+    from mjsheaf.control.theorem import as_rho
+
+    if text is None:
+        return None
+    try:
+        return as_rho([float(c) for c in text.split(",")])
+    except (ValueError, InputError):
+        raise InputError(f"--rho {text}: expected coefficients >= 0, separated by commas, such as 0.1,0.02") from None
+
+
+def _draw(examination: "Examination", figures: FigureOptions, plot: Path) -> list[Path]:
+    """Draw an examination into files, and return them."""
+    from mjsheaf.checking.figures import draw_check
+    from mjsheaf.io.files import naming, whole_file
+    from mjsheaf.plotting import write_figure
+
+    figure = draw_check(examination, figures)
+    paths = list(figures.paths(plot))
+    for path in paths:
+        with naming(f"--plot {path}"), whole_file(path) as part:
+            write_figure(figure, part, path.suffix[1:])
+    return paths
 
 
 def _failures(part: "CheckRecord | PhaseRecord") -> list[str]:
-    """Why a check, or that of a phase, is not ok, in sentences."""
+    """Return why a check, or that of a phase, is not ok, in sentences."""
     from mjsheaf.checking.loop.links import UNSTABLE_LINKS
     from mjsheaf.checking.loop.modelled import because_of
 
-    told = [
+    failures = [
         f"assumption {a.number} {'fails' if a.verdict == 'fails' else 'is undecided'} ({a.name}): {a.witness}"
         for a in part.assumptions
         if a.verdict != "holds"
     ]
     if part.law.unmodelled:
-        told.append(f"the law is undecided, {because_of(part.law.unmodelled)}")
+        failures.append(f"the law is undecided, {because_of(part.law.unmodelled)}")
     if part.law.stable is False:
         gains = " to ".join(f"{gain:.4g}" for gain in part.law.stable_gains or [])
         wanted = f": expected controller.gain from {gains} 1/s" if gains else " at any controller.gain"
-        told.append(f"the held law is unstable{wanted}")
+        failures.append(f"the held law is unstable{wanted}")
     if part.links is not None and part.links.stable is False:
-        margin, late = part.links.delay_margin, part.links.delay
-        bears = f"; it bears up to {margin:.6g} s of delay" if margin is not None and not late.stable else ""
-        told.append(f"{UNSTABLE_LINKS}{bears}")
+        margin = part.links.delay_margin
+        known = margin is not None and not part.links.delay.stable
+        failures.append(UNSTABLE_LINKS + (f"; it bears up to {margin:.6g} s of delay" if known else ""))
     if part.targets.unstable:
-        told = [why for why in told if part.targets.failure not in why or not part.targets.failure]
-        told.append(part.targets.verdict())
-    return told + [part.margins.bodies.verdict()] * (part.margins.bodies.stable is False)
+        failures = [why for why in failures if part.targets.failure not in why or not part.targets.failure]
+        failures.append(part.targets.verdict())
+    if part.margins.bodies.stable is False:
+        failures.append(part.margins.bodies.verdict())
+    return failures
 
 
 def compare(

@@ -1,5 +1,7 @@
 """`mjsheaf run`, `mjsheaf expect`, and what shows a finished run again: `video`, `plot` and `report`."""
 
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -31,6 +33,7 @@ from mjsheaf.cli.terminal import Stopped, print_lines, print_note, progress_bars
 from mjsheaf.errors import InputError, MjsheafError, PlaceError, UnstableError, in_field
 
 if TYPE_CHECKING:
+    from mjsheaf.control.controller import Controller
     from mjsheaf.runs.publish import Outcome
     from mjsheaf.scenario import Scenario
     from mjsheaf.video.film import VideoOptions
@@ -64,54 +67,76 @@ def run(
     code 1, a team in which some agent is free to drift.
     """
     from mjsheaf.cli.outcome import announcing, print_outcome
-    from mjsheaf.control.controller import load_controller
-    from mjsheaf.runs.expecting import expected_law, miss
     from mjsheaf.runs.publish import execute
-    from mjsheaf.scenario.load import find_scenario
     from mjsheaf.video.from_run import video_options
 
     figures = figure_options(formats, title)
     loaded, directory, origin = prepare(scenario, overrides, seed, out, str(backend), str(backend))
-    refusal = loaded.expect.refused
-    if expect and getattr(loaded.expect, backend) is None and refusal is None:
+    if expect and getattr(loaded.expect, backend) is None and loaded.expect.refused is None:
         raise InputError(f"{scenario}: expect.{backend}: missing; --expect needs bounds for this backend")
-    law = None if controller is None else load_controller(controller, loaded.seed)
-    if law is None and expect:
-        named = expected_law(loaded, find_scenario(scenario).parent)
-        law = named.load(loaded.seed) if named else None
+    law = _law_of(scenario, loaded, controller, expect)
     options = video_options(loaded, quality=quality, legend=legend) if video else None
-    try:
-        with progress_bars() as bars:
-            outcome = execute(
-                loaded,
-                str(backend),
-                directory,
-                video=None,
-                engine=str(engine),
-                threads=threads,
-                allow_drift=allow_drift,
-                controller=law,
-                origin=origin,
-                figures=figures,
-                progress=announcing(loaded, str(backend), bars),
-            )
-    except PlaceError:
-        raise
-    except MjsheafError as error:
-        other = expect and refusal is not None and refusal not in str(error)
-        verdict = f" (NOT as expected: expect.refused is {refusal!r})" if other else ""
-        raise type(error)(f"{scenario}: {error}{verdict}") from None
+    with _as_expected(scenario, loaded.expect.refused if expect else None), progress_bars() as bars:
+        outcome = execute(
+            loaded,
+            str(backend),
+            directory,
+            video=None,
+            engine=str(engine),
+            threads=threads,
+            allow_drift=allow_drift,
+            controller=law,
+            origin=origin,
+            figures=figures,
+            progress=announcing(loaded, str(backend), bars),
+        )
     print_outcome(outcome, overridden=bool(overrides))
     if options is not None:
         outcome = _draw_video(outcome, loaded, options)
-    summary = outcome.summary
-    if summary["status"] == "unstable":
-        raise UnstableError(f"{summary['message']}; what was recorded is in {directory}")
+    if outcome.summary["status"] == "unstable":
+        raise UnstableError(f"{outcome.summary['message']}; what was recorded is in {directory}")
+    if expect:
+        _require_expected(scenario, outcome.summary)
+
+
+def _law_of(scenario: str, loaded: "Scenario", controller: str | None, expect: bool) -> "Controller | None":
+    """Return the law in Python of a run: that of --controller, else with --expect that of `expect.controller`."""
+    from mjsheaf.control.controller import load_controller
+    from mjsheaf.runs.expecting import expected_law
+    from mjsheaf.scenario.load import find_scenario
+
+    if controller is not None:
+        return load_controller(controller, loaded.seed)
+    named = expected_law(loaded, find_scenario(scenario).parent) if expect else None
+    return named.load(loaded.seed) if named else None
+
+
+@contextmanager
+def _as_expected(scenario: str, refusal: str | None) -> Iterator[None]:
+    """Name the scenario in what a run is refused with, and say if another refusal is expected."""
+    try:
+        yield
+    except PlaceError:
+        raise
+    except MjsheafError as error:
+        other = refusal is not None and refusal not in str(error)
+        verdict = f" (NOT as expected: expect.refused is {refusal!r})" if other else ""
+        raise type(error)(f"{scenario}: {error}{verdict}") from None
+
+
+def _require_expected(scenario: str, summary: dict[str, Any]) -> None:
+    """Refuse a run that misses its expectation, or exceeds a bound.
+
+    Raises:
+        NotHeldError: It does. A bound that is exceeded is an error of mjsheaf's.
+    """
+    from mjsheaf.runs.expecting import miss
+
     missed = [miss(check) for check in summary["expect"]["checks"] if not check["met"]]
-    if expect and missed:
+    if missed:
         raise NotHeldError(f"{scenario}: {', '.join(missed)}")
     bounds = [part[name] for part in (summary, *summary["phases"]) for name in ("theorem", "held_law") if name in part]
-    if expect and any(bound["wrong"] for bound in bounds):  # an error of mjsheaf's
+    if any(bound["wrong"] for bound in bounds):
         raise NotHeldError(f"{scenario}: {next(n['text'] for n in summary['notes'] if n['kind'] == 'bound')}")
 
 
@@ -153,28 +178,21 @@ def expect(
     team that is refused is expected to be refused, and a run that blows up is not written (exit code 3).
     """
     from mjsheaf.control.source import find_law, name_law_from
-    from mjsheaf.io.files import replace_file, require_writable
-    from mjsheaf.io.yaml import with_field
+    from mjsheaf.io.files import require_writable
     from mjsheaf.runs import expecting
     from mjsheaf.scenario.load import find_scenario, load_scenario
 
-    loaded, path = load_scenario(scenario), find_scenario(scenario)
+    loaded = load_scenario(scenario)
+    path = find_scenario(scenario)
     data = path.read_bytes() if update else b""
-    wanted = [name for name in expecting.BACKEND_ORDER if name in (backend or expecting.BACKEND_ORDER)]
     if update:
         require_writable(path)
-    else:
-        known = expecting.expected_backends(loaded)
-        missing = [name for name in wanted if name not in known]
-        if missing and (backend or not known):
-            raise InputError(f"{scenario}: expect.{missing[0]}: missing; --update writes it from a run")
-        wanted = [name for name in wanted if name in known]
+    backends = _backends_to_try(scenario, loaded, backend, update)
     trials = []
     with in_field(scenario):
         law = expecting.expected_law(loaded, path.parent) if controller is None else find_law(controller)
-    if update and law is not None:
-        named = name_law_from(law, path.parent)
-    for name in wanted:
+    law_name = name_law_from(law, path.parent) if update and law is not None else None
+    for name in backends:
         with in_field(scenario), progress_bars() as bars:
             progress = partial(bars, f"simulating ({name})")
             trials.append(expecting.try_scenario(loaded, name, law=law, progress=progress))
@@ -184,16 +202,31 @@ def expect(
         if misses:
             raise NotHeldError(f"{scenario}: {', '.join(misses)}")
         return
-    for trial in (t for t in trials if t.status == "unstable"):
-        raise UnstableError(f"{scenario}: blew up on {trial.backend}: {trial.message}; nothing is written")
-    before = loaded.expect.model_dump(exclude_none=True)
-    if law is not None:
-        before["controller"] = named
+    for trial in trials:
+        if trial.status == "unstable":
+            raise UnstableError(f"{scenario}: blew up on {trial.backend}: {trial.message}; nothing is written")
+    before = loaded.expect.model_dump(exclude_none=True) | ({} if law_name is None else {"controller": law_name})
     block = expecting.expectation_from(trials, margin, before)
-    comment = "" if "refused" in block else f"at most {100.0 * margin:g} % above what was found"
-    text = with_field(data.decode("utf-8"), "expect", block, scenario, comment)
-    replace_file(path, text.encode("utf-8"), expected=data)
+    expecting.replace_expectation(path, data, scenario, block, margin)
     print_lines(f"wrote expect: of {path}")
+
+
+def _backends_to_try(scenario: str, loaded: "Scenario", chosen: "Sequence[Backend] | None", update: bool) -> list[str]:
+    """Return the backends on which `expect` runs a scenario.
+
+    Raises:
+        InputError: A chosen one, or every one, has no expectation, and none is to be written.
+    """
+    from mjsheaf.runs.expecting import BACKEND_ORDER, expected_backends
+
+    wanted = [name for name in BACKEND_ORDER if name in (chosen or BACKEND_ORDER)]
+    if update:
+        return wanted
+    known = expected_backends(loaded)
+    missing = [name for name in wanted if name not in known]
+    if missing and (chosen or not known):
+        raise InputError(f"{scenario}: expect.{missing[0]}: missing; --update writes it from a run")
+    return [name for name in wanted if name in known]
 
 
 def video(

@@ -2,11 +2,11 @@
 
 import os
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -23,6 +23,12 @@ from mjsheaf.cli.options import (
 )
 from mjsheaf.cli.terminal import Stopped, print_lines, print_note, progress_bars
 from mjsheaf.errors import InputError
+
+if TYPE_CHECKING:
+    from mjsheaf.studies.plan import Plan
+    from mjsheaf.studies.study import Study
+
+    Begin = Callable[[], AbstractContextManager[Any]]
 
 Measure = Literal["mean_disagreement", "tracking_error", "formation_error", "centering_error"]
 
@@ -73,9 +79,6 @@ def sweep(
     Writes table.csv and table.parquet with a row a run, plots and index.html. The table reports a run that fails, and
     the others go on; the exit code is then still 0.
     """
-    if scheduler is not None and (workers is not None or threads):
-        given = "--workers" if workers is not None else "--threads"
-        raise InputError(f"{given}: has no meaning beside --scheduler, whose workers exist; give either")
     from mjsheaf.threads import ONE_THREAD
 
     # Workers side by side share the cores: each takes one, also where they are threads of this process, whose numpy is
@@ -83,18 +86,15 @@ def sweep(
     for name in ONE_THREAD:
         os.environ.setdefault(name, "1")
     from mjsheaf.studies import load_plan, run_study
-    from mjsheaf.studies.plan import parse_grid, parse_seeds
-    from mjsheaf.studies.study import not_converged
-    from mjsheaf.studies.workers import local_workers, workers_at
+    from mjsheaf.studies.plan import parse_seeds
 
+    given = {"--workers": workers is not None, "--threads": threads, "--scheduler": scheduler is not None}
+    if scheduler is not None:
+        _refuse({**given, "--scheduler": False}, "beside --scheduler, whose workers exist; give either")
     figures = figure_options(formats, title)
-    swept = [parse_grid(text) for text in grid or ()]
-    twice = [path for path, count in Counter(path for path, _ in swept).items() if count > 1]
-    if twice:
-        raise InputError(f"--grid {twice[0]}: is given twice; give all its values once")
     plan = load_plan(
         source,
-        grid=dict(swept),
+        grid=_grid_of(grid or ()),
         seeds=None if seeds is None else parse_seeds(seeds),
         overrides=changes_of(overrides),
         backend=backend and backend.value,
@@ -107,25 +107,7 @@ def sweep(
     )
     if plan.study.seeds is not None and not plan.seed_matters:
         note_idle_seed(plan.scenario["name"], plan.study.backend)
-    begin: Callable[[], AbstractContextManager[Any]] = partial(local_workers, workers, processes=not threads)
-    if plan.study.device == "gpu":
-        from mjsheaf.simulation.card import require_card
-        from mjsheaf.studies.batches import on_card
-
-        if workers is not None or threads or scheduler is not None:
-            given = "--workers" if workers is not None else "--threads" if threads else "--scheduler"
-            raise InputError(f"{given}: has no meaning on device gpu, which runs all together; leave it out")
-        require_card()
-        begin = on_card
-    elif plan.study.batch:
-        from mjsheaf.studies.batches import on_threads
-
-        if scheduler is not None or threads:
-            given = "--threads" if threads else "--scheduler"
-            raise InputError(f"{given}: has no meaning with --batch, whose runs are on threads; leave it out")
-        begin = partial(on_threads, workers)
-    elif scheduler is not None:
-        begin = partial(workers_at, scheduler, print_note)
+    begin = _workers_for(plan, given, workers, scheduler)
     with progress_bars() as bars:
         try:
             study = run_study(plan, out, begin, retry_failed=retry_failed, figures=figures, progress=bars)
@@ -134,14 +116,77 @@ def sweep(
             kept = f"{ended} of {len(plan.points)} runs have ended and are kept in {out}; the same command goes on"
             stopped.message = stopped.message.replace("nothing was written", kept)
             raise
-    counts = Counter(record["status"] for record in study.records)
-    failed = [record for record in study.records if record["status"] != "finished"]
-    moving = sum(record["settled"] is False for record in study.records if record["status"] == "finished")
-    print_lines(
-        f"{len(study.records)} runs: {', '.join(f'{count} {status}' for status, count in counts.items())}"
-        + (f" ({len(study.records) - study.begun} had ended before)" if study.begun < len(study.records) else ""),
-        *(f"  run {r['run']}: {r['status']}: {r['message'].removeprefix(r['status'] + ': ')}" for r in failed[:1]),
-        *([f"  and {len(failed) - 1} more that did not finish; see {out / 'table.csv'}"] if len(failed) > 1 else []),
-        *([not_converged(moving, counts["finished"])] if moving else []),
-        *(f"  {out / name}" for name in study.files),
-    )
+    _print_study(study, out)
+
+
+def _refuse(given: dict[str, bool], reason: str) -> None:
+    """Refuse the first of some options that is given.
+
+    Raises:
+        InputError: One is.
+    """
+    for option, is_given in given.items():
+        if is_given:
+            raise InputError(f"{option}: has no meaning {reason}")
+
+
+def _grid_of(texts: Sequence[str]) -> dict[str, Any]:
+    """Return the values of each field that --grid names.
+
+    Raises:
+        InputError: A field is named twice, or a text is no field with values.
+    """
+    from mjsheaf.studies.plan import parse_grid
+
+    swept = [parse_grid(text) for text in texts]
+    for path, count in Counter(path for path, _ in swept).items():
+        if count > 1:
+            raise InputError(f"--grid {path}: is given twice; give all its values once")
+    return dict(swept)
+
+
+def _workers_for(plan: "Plan", given: dict[str, bool], workers: int | None, scheduler: str | None) -> "Begin":
+    """Return the function that begins the workers of a study: on a GPU, on threads, on a cluster or on this machine.
+
+    Raises:
+        InputError: An option that is given has no meaning for them, or there is no GPU.
+    """
+    from mjsheaf.studies.workers import local_workers, workers_at
+
+    if plan.study.device == "gpu":
+        from mjsheaf.simulation.card import require_card
+        from mjsheaf.studies.batches import on_card
+
+        _refuse(given, "on device gpu, which runs all together; leave it out")
+        require_card()
+        return on_card
+    if plan.study.batch:
+        from mjsheaf.studies.batches import on_threads
+
+        _refuse({**given, "--workers": False}, "with --batch, whose runs are on threads; leave it out")
+        return partial(on_threads, workers)
+    if scheduler is not None:
+        return partial(workers_at, scheduler, print_note)
+    return partial(local_workers, workers, processes=not given["--threads"])
+
+
+def _print_study(study: "Study", out: Path) -> None:
+    """Print how the runs of a study ended, and its files."""
+    from mjsheaf.studies.study import not_converged
+
+    records = study.records
+    counts = Counter(record["status"] for record in records)
+    before = len(records) - study.begun
+    headline = f"{len(records)} runs: {', '.join(f'{count} {status}' for status, count in counts.items())}"
+    print_lines(f"{headline} ({before} had ended before)" if before > 0 else headline)
+    failed = [record for record in records if record["status"] != "finished"]
+    for record in failed[:1]:
+        print_lines(
+            f"  run {record['run']}: {record['status']}: {record['message'].removeprefix(record['status'] + ': ')}"
+        )
+    if len(failed) > 1:
+        print_lines(f"  and {len(failed) - 1} more that did not finish; see {out / 'table.csv'}")
+    moving = sum(record["settled"] is False for record in records if record["status"] == "finished")
+    if moving:
+        print_lines(not_converged(moving, counts["finished"]))
+    print_lines(*(f"  {out / name}" for name in study.files))

@@ -11,6 +11,8 @@ from typing import Any
 
 from mjsheaf.control.source import LawFile, find_law
 from mjsheaf.errors import NotUniqueError, RankError
+from mjsheaf.io.files import replace_file
+from mjsheaf.io.yaml import with_field
 from mjsheaf.results.metrics import MEASURES, check_expectation, summarize, summarize_phases
 from mjsheaf.runs.simulate import simulate
 from mjsheaf.scenario import Scenario
@@ -168,6 +170,24 @@ def expectation_from(trials: Sequence[Trial], margin: float, old: Mapping[str, A
     kept = {name: old[name] for name in BACKEND_ORDER if old.get(name)}
     law = {"controller": old["controller"]} if old.get("controller") else {}
     return law | {name: {**kept, **found}[name] for name in BACKEND_ORDER if name in found or name in kept}
+
+
+def replace_expectation(path: Path, data: bytes, source: str, block: dict[str, Any], margin: float) -> None:
+    """Write an `expect:` block into a scenario's file, and keep the rest as it is.
+
+    Args:
+        path: The file.
+        data: Content of the file when the runs began.
+        source: Name of the file in errors.
+        block: As `expectation_from` returns it.
+        margin: By which its bounds lie above what was found.
+
+    Raises:
+        InputError: The file has changed since.
+    """
+    comment = "" if "refused" in block else f"at most {100.0 * margin:g} % above what was found"
+    text = with_field(data.decode("utf-8"), "expect", block, source, comment)
+    replace_file(path, text.encode("utf-8"), expected=data)
 
 
 def round_up(value: float) -> float:
