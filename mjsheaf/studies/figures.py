@@ -110,38 +110,43 @@ class SweptAxis:
 
 
 def swept_axes(study: StudyFile, records: list[dict[str, Any]]) -> list[SweptAxis]:
-    """The swept fields that take more than one value, in the order of the study; fields that go together once."""
-    drawn = study.draws.values if study.draws else {}
-    axes = []
+    """Return the swept fields that take more than one value, in the order of the study.
+
+    One of several fields that always have the same value stands for all of them.
+    """
     listed = {path for point in study.points for path in point} if study.names else set()
-    if study.names:
-        each = study.size // len(study.points)  # runs of a listed point, which change slowest
-        index = np.array([r["run"] // each for r in records], dtype=np.int64)
-        axes.append(SweptAxis("points", "", False, False, False, np.arange(len(study.names), dtype=np.float64),
-                              [plain(name) for name in study.names], index))  # fmt: skip
-    for path in study.paths:
-        if path in listed:
-            continue
-        values = [r["parameters"].get(path) for r in records]
-        how = drawn.get(path)
-        numeric = all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
-        if numeric:
-            places, index = np.unique(np.array(values, dtype=np.float64), return_inverse=True)
-            labels = [f"{x:g}" for x in places]
-        else:
-            keys = list(map(_key, values))
-            order = [_key(value) for value in how.values] if isinstance(how, Choice) else []
-            names = list(dict.fromkeys([*filter(set(keys).__contains__, order), *keys]))
-            places, index = np.arange(len(names), dtype=np.float64), np.array([names.index(key) for key in keys])
-            labels = [plain(_shortened(name)) for name in names]
-        log = numeric and (isinstance(how, LogUniform) or _spans_decades(places))
-        name = plain(study.labels.get(path, path))
-        axes.append(SweptAxis(path, name, numeric, how is not None, log, places, labels, index))
-    shown: list[SweptAxis] = []
-    for axis in axes:  # one of fields that always have the same value stands for all of them
-        if len(axis.places) > 1 and not any(axis.alike(other) for other in shown):
-            shown.append(axis)
-    return shown
+    axes = [_axis_of_points(study, records)] if study.names else []
+    axes += [_axis_of_field(study, records, path) for path in study.paths if path not in listed]
+    distinct: list[SweptAxis] = []
+    for axis in axes:
+        if len(axis.places) > 1 and not any(axis.alike(other) for other in distinct):
+            distinct.append(axis)
+    return distinct
+
+
+def _axis_of_points(study: StudyFile, records: list[dict[str, Any]]) -> SweptAxis:
+    """Return the axis of the named points of a study."""
+    runs = study.size // len(study.points)  # of a point, which changes slowest
+    index = np.array([record["run"] // runs for record in records], dtype=np.int64)
+    places = np.arange(len(study.names), dtype=np.float64)
+    return SweptAxis("points", "", False, False, False, places, [plain(name) for name in study.names], index)
+
+
+def _axis_of_field(study: StudyFile, records: list[dict[str, Any]], path: str) -> SweptAxis:
+    """Return the axis of a field."""
+    values = [record["parameters"].get(path) for record in records]
+    draw = (study.draws.values if study.draws else {}).get(path)
+    name = plain(study.labels.get(path, path))
+    if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
+        places, index = np.unique(np.array(values, dtype=np.float64), return_inverse=True)
+        log = isinstance(draw, LogUniform) or _spans_decades(places)
+        return SweptAxis(path, name, True, draw is not None, log, places, [f"{x:g}" for x in places], index)
+    keys = [_key(value) for value in values]
+    order = [_key(value) for value in draw.values] if isinstance(draw, Choice) else []
+    names = list(dict.fromkeys([*(key for key in order if key in keys), *keys]))
+    index = np.array([names.index(key) for key in keys])
+    labels = [plain(_shortened(name)) for name in names]
+    return SweptAxis(path, name, False, draw is not None, False, np.arange(len(names), dtype=np.float64), labels, index)
 
 
 def _key(value: Any) -> str:
@@ -181,34 +186,52 @@ def plot_study(
     axes = swept_axes(study, records)
     finished = np.array([r["status"] == "finished" for r in records])
     ends = np.array([_MARKS[r["settled"]][0] if r["status"] == "finished" else _UNFINISHED for r in records])
-    errors, when = {}, "late" if study.late else "final"
-    measures = [study.measure] if study.measure else MEASURES
-    for measure in measures:
-        found = [(r[when] or {}).get(measure) if done else None for r, done in zip(records, finished, strict=True)]
-        values = np.array(found, dtype=np.float64)
-        if np.isfinite(values).any():
-            label = _LABELS[measure]
-            errors[f"{label.removeprefix('final ')}\nRMS over the last half" if study.late else label] = values
-    count = f"{len(records)} runs" if finished.all() else f"{finished.sum()} of {len(records)} runs finished"
-    law = f", law {study.controller}" if study.controller else ""
-    title = f"{name}   [{study.backend}{law}, {count}]"
-    title = title if options.title else ""
+    errors = _final_errors(study, records)
+    title = _title_of(study, name, finished) if options.title else ""
     plots = {}
     if errors:
         plots["error"] = _draw(title, axes, errors, ends)
-    traffic = [r.get("numbers_per_agent_second") if done else None for r, done in zip(records, finished, strict=True)]
-    sent = np.array(traffic, dtype=np.float64)
+    sent = _of_finished(records, lambda record: record.get("numbers_per_agent_second"))
     if errors and len(np.unique(sent[np.isfinite(sent)])) > 1:
         plots["messages"] = _draw_messages(title, axes, errors, sent)
-    used = {label: [r[name] for r in records if r.get(name) is not None] for name, label in _RATIOS.items()}
-    if ratios := {label: np.array(found) for label, found in used.items() if found}:
-        plots["bound"] = _draw_bound(title, ratios)
+    ratios = {label: [r[ratio] for r in records if r.get(ratio) is not None] for ratio, label in _RATIOS.items()}
+    if any(ratios.values()):
+        plots["bound"] = _draw_bound(title, {label: np.array(values) for label, values in ratios.items() if values})
     if len(records) <= _MOST_LINES and any(r.get("series") for r in records):
-        plots["over_time"] = _draw_over_time(title, axes, measures, records)
+        plots["over_time"] = _draw_over_time(title, axes, _measures_of(study), records)
     if not finished.all():
         plots["success"] = _draw(title, axes, {"share of runs that finish": finished.astype(np.float64)}, None)
     drawn = {plot: figure_bytes(figure, options) for plot, figure in plots.items()}
     return {f"{plot}.{form}": data for plot, forms in drawn.items() for form, data in forms.items()}
+
+
+def _measures_of(study: StudyFile) -> Sequence[str]:
+    """Return the measures that a study draws."""
+    return [study.measure] if study.measure else MEASURES
+
+
+def _of_finished(records: list[dict[str, Any]], read: Callable[[dict[str, Any]], float | None]) -> Array:
+    """Return a number of each run, NaN for those that have none or did not finish."""
+    return np.array([read(r) if r["status"] == "finished" else None for r in records], dtype=np.float64)
+
+
+def _final_errors(study: StudyFile, records: list[dict[str, Any]]) -> dict[str, Array]:
+    """Return the errors of all runs by label, for each measure that is defined in some run."""
+    when = "late" if study.late else "final"
+    errors = {}
+    for measure in _measures_of(study):
+        values = _of_finished(records, lambda record, measure=measure: (record[when] or {}).get(measure))  # type: ignore[misc]
+        if np.isfinite(values).any():
+            label = _LABELS[measure]
+            errors[f"{label.removeprefix('final ')}\nRMS over the last half" if study.late else label] = values
+    return errors
+
+
+def _title_of(study: StudyFile, name: str, finished: NDArray[np.bool_]) -> str:
+    """Return the title of a study's figures."""
+    count = f"{len(finished)} runs" if finished.all() else f"{finished.sum()} of {len(finished)} runs finished"
+    law = f", law {study.controller}" if study.controller else ""
+    return f"{name}   [{study.backend}{law}, {count}]"
 
 
 def _draw(title: str, axes: list[SweptAxis], values: dict[str, Array], ends: Ends) -> Figure:
