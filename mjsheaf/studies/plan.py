@@ -138,16 +138,9 @@ def load_plan(
                 split_path(path)
     read = _read(source)
     study = read.study
-    # What a user types is relative to the working directory; workers may run anywhere.
     law = _law(read, controller, source)
-    overrides = {path: _absolute(value, path) for path, value in (overrides or {}).items()}
-    grid = {path: [_absolute(value, path) for value in values] for path, values in (grid or {}).items()}
-    twice = sorted(set(grid) & set(study.grid))
-    if twice:
-        raise ScenarioError(f"{source}: grid: {twice[0]} is swept by the study itself; set or sweep another field")
     changes = {
-        "grid": {**study.grid, **grid},
-        "set": {**study.set, **overrides},
+        **_typed(source, study, grid or {}, overrides or {}),
         "trajectories": study.trajectories or trajectories,
         "backend": backend or study.backend,
         "engine": engine or ("fused" if device == "gpu" or batch else study.engine),
@@ -163,6 +156,24 @@ def load_plan(
     plan = replace(read, study=study, files=files, points=list(points_of(study)), law=law)
     scenario = _a_valid_point(plan)
     return replace(plan, seed_matters=scenario.uses_seed(study.backend) or "swarm" in read.scenario)
+
+
+def _typed(
+    source: str, study: StudyFile, grid: Mapping[str, Sequence[Any]], overrides: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return a study's fields `grid` and `set` with what a user has typed.
+
+    That is relative to the working directory; workers may run anywhere.
+
+    Raises:
+        ScenarioError: The study sweeps a field of the grid itself.
+    """
+    twice = sorted(set(grid) & set(study.grid))
+    if twice:
+        raise ScenarioError(f"{source}: grid: {twice[0]} is swept by the study itself; set or sweep another field")
+    swept = {path: [_absolute(value, path) for value in values] for path, values in grid.items()}
+    fixed = {path: _absolute(value, path) for path, value in overrides.items()}
+    return {"grid": {**study.grid, **swept}, "set": {**study.set, **fixed}}
 
 
 def _read(source: str) -> Plan:

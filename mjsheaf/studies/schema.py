@@ -174,22 +174,32 @@ class StudyFile(Section):
         return {"engine": "fused", **given} if together else given
 
     @model_validator(mode="after")
-    def _fits(self) -> "StudyFile":
+    def _engine_fits(self) -> "StudyFile":
         require_engine(self.engine, self.backend)
         together = "device gpu" if self.device == "gpu" else "batch" if self.batch else ""
-        if together and self.engine != "fused":
+        if not together:
+            return self
+        if self.engine != "fused":
             raise ValueError(f"{together}: has the fused engine alone; expected engine fused")
-        if together and self.controller is not None:
+        if self.controller is not None:
             raise ValueError(
                 f"controller: a law in Python runs alone, not on {together}; expected device cpu without batch"
             )
-        if together and self.trajectories:
+        if self.trajectories:
             raise ValueError(f"trajectories: {together} keeps none; expected device cpu without batch")
+        return self
+
+    @model_validator(mode="after")
+    def _lengths_fit(self) -> "StudyFile":
         if len({len(values) for values in self.paired.values()}) > 1:
-            told = ", ".join(f"{path} has {len(values)}" for path, values in self.paired.items())
-            raise ValueError(f"paired: lists must have one length, but {told}")
+            lengths = ", ".join(f"{path} has {len(values)}" for path, values in self.paired.items())
+            raise ValueError(f"paired: lists must have one length, but {lengths}")
         if self.names and (len(self.names) != len(self.points) or len(set(self.names)) < len(self.names)):
             raise ValueError(f"names: {len(self.names)}; expected {len(self.points)} different ones, as many as points")
+        return self
+
+    @model_validator(mode="after")
+    def _no_field_is_given_twice(self) -> "StudyFile":
         swept = self.paths
         for k, path in enumerate(swept):
             if path in self.set:
@@ -201,10 +211,14 @@ class StudyFile(Section):
                 if other.startswith(f"{path}."):
                     raise ValueError(f"{path}: would overwrite {other}, which is {instead}")
         _check_items(self.set, swept)
-        for path in self.labels.keys() - set(swept):
-            raise ValueError(f"labels: {path} is not swept; expected {', '.join(swept) or 'none'}")
         if self.seeds is not None and "seed" in (*swept, *self.set):
             raise ValueError("seeds: the field seed is given too; give either")
+        return self
+
+    @model_validator(mode="after")
+    def _labels_and_size_fit(self) -> "StudyFile":
+        for path in self.labels.keys() - set(self.paths):
+            raise ValueError(f"labels: {path} is not swept; expected {', '.join(self.paths) or 'none'}")
         if self.size > MOST_RUNS:
             raise ValueError(f"{self.size} runs are asked for; expected at most {MOST_RUNS}")
         return self
