@@ -121,3 +121,7 @@ def suggestion(name: str, names: Collection[str]) -> str:
 def expected(name: str, names: Collection[str]) -> str:
     """'expected one of A, B, C', and the closest to what was written."""
     return f"expected {'one of ' * (len(names) > 1)}{listed(names)}{suggestion(name, names)}"
+
+
+class UndecidedError(Exception):
+    """Nothing can be claimed; the message says why."""

@@ -16,7 +16,7 @@ from mjsheaf.arrays import Array
 from mjsheaf.checking.loop.held_law import LawLoop, envelope, law_loop
 from mjsheaf.checking.loop.links import UNSTABLE_LINKS, LinkRecord, link_answers
 from mjsheaf.checking.loop.margins import Margins, margins
-from mjsheaf.checking.loop.modelled import UndecidedError, because_of
+from mjsheaf.checking.loop.modelled import because_of
 from mjsheaf.checking.loop.target_bodies import with_bodies
 from mjsheaf.checking.loop.targets_loop import TargetsLoop, targets_loop
 from mjsheaf.checking.proposals import Proposal, propose
@@ -26,7 +26,7 @@ from mjsheaf.checking.theorem.wanted_gain import gain_for_wanted_radius
 from mjsheaf.checking.topology.cohomology import Fragility, RelativeCohomology, fragility, spectrum_of
 from mjsheaf.checking.topology.mending import Augmentation, plan_augmentation
 from mjsheaf.control.theorem import Rho, RhoLike, as_rho
-from mjsheaf.errors import InputError, listed
+from mjsheaf.errors import InputError, UndecidedError, listed
 from mjsheaf.io.norms import OF_TEAM, TEAM_NORM, Norm, per_agent
 from mjsheaf.io.section import Finite, Record
 from mjsheaf.scenario import Scenario

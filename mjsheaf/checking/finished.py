@@ -22,9 +22,10 @@ import numpy as np
 from mjsheaf.arrays import Array
 from mjsheaf.checking.loop.body_loop import loop_along
 from mjsheaf.checking.loop.held_law import envelope
-from mjsheaf.checking.loop.modelled import UndecidedError, because_of, unmodelled_parts
+from mjsheaf.checking.loop.modelled import because_of, unmodelled_parts
 from mjsheaf.checking.stuck import find_stuck
 from mjsheaf.checking.theorem.certificate import Certificate, certify
+from mjsheaf.errors import UndecidedError
 from mjsheaf.results.dataset import of_phase
 from mjsheaf.results.netcdf import pieces_of
 from mjsheaf.system import Phase, System, during

@@ -8,9 +8,9 @@ from pydantic import Field
 
 from mjsheaf.checking.loop.body_loop import loop_on_path
 from mjsheaf.checking.loop.held_law import LawLoop, envelope, law_loop, loop_of
-from mjsheaf.checking.loop.modelled import UndecidedError
 from mjsheaf.checking.theorem.certificate import Certificate
 from mjsheaf.control.terms import Drift, Feedforward, Newton, Odometry, Terms, pack_terms
+from mjsheaf.errors import UndecidedError
 from mjsheaf.io.norms import OF_TEAM, TEAM_NORM, Norm
 from mjsheaf.io.section import Finite, Record
 from mjsheaf.system import System

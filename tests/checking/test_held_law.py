@@ -15,9 +15,9 @@ import mjsheaf
 from mjsheaf.checking.loop import held_law
 from mjsheaf.checking.loop.body_loop import loop_on_path
 from mjsheaf.checking.loop.held_law import Envelope, envelope, law_loop, loop_of
-from mjsheaf.checking.loop.modelled import UndecidedError
 from mjsheaf.checking.proposals import propose
 from mjsheaf.checking.theorem.certificate import certify
+from mjsheaf.errors import UndecidedError
 from mjsheaf.scenario import scenario_from_mapping
 from mjsheaf.system import System
 from tests.builders import medium, random_scenario
@@ -137,7 +137,7 @@ def test_the_matrices_are_the_loop(kind: str) -> None:
     found = errors(system) @ vectors
     drive = held_law._drive(system, certify(system), values, vectors)
     d, M = (drive.left - drive.met) @ vectors, loop.matrices()
-    x = np.zeros((len(values), 3))
+    x = np.zeros(M.shape[:2])
     x[:, 0] = found[0]
     for k in range(system.grid.steps):
         np.testing.assert_allclose(x[:, 0], found[k], atol=1e-6)

@@ -1,6 +1,6 @@
 """The linear model of the law, read off the compiled stages, against its dynamics derived by hand.
 
-Oracles: the recursions of e = q* - q in `held_law` and `delay`; terms added behind the compiled law.
+Oracles: the recursions in `derived_law`; runs of the scenario's law; terms added behind the compiled law.
 """
 
 from collections.abc import Callable
@@ -12,23 +12,27 @@ import pytest
 
 import mjsheaf
 from mjsheaf.arrays import Array
-from mjsheaf.checking.loop.delay import DelayedLoop
-from mjsheaf.checking.loop.held_law import loop_of
-from mjsheaf.checking.loop.modelled import UndecidedError
+from mjsheaf.checking.loop import linear_law
+from mjsheaf.checking.loop.body_loop import _joined
+from mjsheaf.checking.loop.held_law import _noise, law_loop, loop_of
+from mjsheaf.checking.loop.linear_law import model_of
+from mjsheaf.checking.loop.sampled_loop import DelayedLoop, Loop
+from mjsheaf.checking.theorem.certificate import certify
 from mjsheaf.control.law import new_memory
+from mjsheaf.errors import UndecidedError
 from mjsheaf.scenario import scenario_from_mapping
+from mjsheaf.simulation.linear import LinearVehicle
 from mjsheaf.system import System
 from tests.builders import random_scenario
-from tests.checking import linear_law
-from tests.checking.linear_law import linearise_law
+from tests.checking.derived_law import DerivedLaw
 
 TERMS: dict[str, dict[str, Any]] = {
     "feedforward": {"rounds": 2, "filter": 0.02, "extrapolate": True},
-    "newton": {"rounds": 2},
+    "newton": {"rounds": 1},
     "drift": {"filter": 0.1},
     "integral": {"gain": 0.2},
 }
-LAWS = [chosen for size in (0, 1, 2, 4) for chosen in combinations(TERMS, size)]
+LAWS = [chosen for size in range(5) for chosen in combinations(TERMS, size)]
 
 
 def with_terms(names: tuple[str, ...]) -> System:
@@ -37,22 +41,33 @@ def with_terms(names: tuple[str, ...]) -> System:
     return mjsheaf.load_scenario("midpoint", fields).system
 
 
+def derived(system: System, loop: Loop, delay: int = 0) -> DerivedLaw:
+    return DerivedLaw(system.law.terms, loop.values, loop.gain, loop.period, delay)
+
+
 @pytest.mark.parametrize("delay", range(6))
 @pytest.mark.parametrize("names", LAWS, ids="+".join)
 def test_running_the_law_gives_the_loop_derived_by_hand(names: tuple[str, ...], delay: int) -> None:
+    """Responses of error and command to a start and to noise in every input, and the radius of the loop."""
     system = with_terms(names)
     loop = loop_of(system)
-    by_hand = DelayedLoop(loop, system.law.terms, delay)
-    law = linearise_law(system.law, system.gain, loop.values, loop.period, delay)
-    power = np.zeros((len(loop.values), by_hand.own.shape[1], 1))
-    power[:, 0] = 1.0  # e_0; nothing is measured before the start
-    expected = np.zeros((len(loop.values), 80))
-    for k in range(80):
-        expected[:, k] = power[:, 0, 0]
-        power = by_hand.own @ power
-    np.testing.assert_allclose(law.responses(80), expected, rtol=0.0, atol=1e-10)
-    radii = np.abs(np.linalg.eigvals(by_hand.own)).max(axis=1)
-    np.testing.assert_allclose(law.radii, radii, rtol=0.0, atol=1e-10)
+    by_hand = derived(system, loop, delay)
+    read = DelayedLoop(loop, delay)
+    radius = np.abs(np.linalg.eigvals(by_hand.own)).max()
+    assert read.radius == pytest.approx(radius, abs=1e-10)
+    L = len(loop.values)
+    for (M, G, command), sign in ((by_hand.matrices, -1.0), (read.matrices, 1.0)):  # of e = -q; u is the same
+        n = M.shape[1]
+        x = np.concatenate([sign * G, np.zeros((L, n, 1))], axis=2)
+        x[:, 0, 4] = sign
+        found = np.zeros((60, 2, L, 5))
+        for k in range(60):
+            found[k, 0] = sign * x[:, 0]
+            found[k, 1] = np.einsum("li,lij->lj", command[:, :n], sign * x if sign < 0.0 else x)
+            x = M @ x
+        if sign < 0.0:
+            expected = found
+    np.testing.assert_allclose(np.abs(found), np.abs(expected), rtol=0.0, atol=1e-10)
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -66,41 +81,121 @@ def test_random_teams_gains_and_periods(seed: int) -> None:
     raw["time"] = {"end": 2.0}
     system = scenario_from_mapping(raw).system
     loop = loop_of(system)
-    law = linearise_law(system.law, system.gain, loop.values, period)
-    radii = np.abs(np.linalg.eigvals(loop.matrices())).max(axis=1)
-    np.testing.assert_allclose(law.radii, radii, rtol=1e-10)
+    by_hand = derived(system, loop)
+    radii = np.abs(np.linalg.eigvals(by_hand.own)).max(axis=1)
+    np.testing.assert_allclose(np.abs(np.linalg.eigvals(loop.matrices())).max(axis=1), radii, rtol=1e-10)
+    start = np.zeros((len(loop.values), 1 + len(by_hand.own[0]) - 1))
+    start[:, 0] = 1.0
+    decay = loop.responses(50)[0]
+    for k in range(50):
+        assert decay[k] == pytest.approx(np.abs(start[:, 0]).max(), rel=2e-9, abs=1e-12)
+        start = np.einsum("lij,lj->li", by_hand.own, start)
+
+
+@pytest.mark.parametrize("names", LAWS, ids="+".join)
+def test_gains_between_which_the_loop_is_stable(names: tuple[str, ...]) -> None:
+    """At the ends of the interval the spectral radius of the matrices derived by hand is 1."""
+    system = with_terms(names)
+    loop = loop_of(system)
+    assert loop.stable_gains is not None
+    low, high = loop.stable_gains
+    for gain in (low, high):
+        if gain > 0.0:
+            at_end = DerivedLaw(system.law.terms, loop.values, gain, loop.period)
+            assert np.abs(np.linalg.eigvals(at_end.own)).max() == pytest.approx(1.0, abs=1e-6)
+    for gain in (1.01 * low + 1e-6, 0.99 * high):
+        inside = DerivedLaw(system.law.terms, loop.values, gain, loop.period)
+        assert np.abs(np.linalg.eigvals(inside.own)).max() < 1.0
+
+
+@pytest.mark.parametrize("names", LAWS, ids="+".join)
+def test_noise_of_the_command(names: tuple[str, ...]) -> None:
+    """By impulse responses of the filters, rounds and feedback derived by hand."""
+    from scipy.signal import lfilter
+
+    system = with_terms(names)
+    loop = loop_of(system)
+    terms = system.law.terms
+    by_hand = derived(system, loop)
+    impulse = np.zeros(20_000)
+    impulse[0] = 1.0
+    expected = 0.0
+    if terms.feedforward:
+        rate = lfilter([terms.measured], [1.0, terms.measured - 1.0], impulse)
+        lead = float(terms.lead[0])
+        c = linear_residual(system, loop)
+        v = [lfilter([(1.0 - kept) * (1.0 + lead), -(1.0 - kept) * lead], [1.0, -kept], rate) for kept in c]
+        from mjsheaf.checking.loop.held_law import _carried_odometry
+
+        largest = max(float(np.linalg.norm(by_hand.answered(one, v[one]))) for one in range(len(v)))
+        expected += largest * _carried_odometry(system) / terms.period
+    if terms.drift > 0.0:
+        phi = lfilter([terms.drift], [1.0, terms.drift - 1.0], impulse)
+        each = range(len(loop.values))
+        expected += max(float(np.linalg.norm(by_hand.answered(one, phi))) for one in each) / terms.period
+    assert _noise(system, loop) == pytest.approx(expected, rel=1e-8, abs=1e-14)
+
+
+def linear_residual(system: System, loop: Loop) -> Array:
+    from mjsheaf.checking.loop.held_law import residual_polynomial
+
+    return residual_polynomial(loop.values, system.law.terms.feedforward, *system.law.terms.eigenvalues)
+
+
+@pytest.mark.parametrize("names", LAWS, ids="+".join)
+def test_the_loop_of_a_vehicle(names: tuple[str, ...]) -> None:
+    """Closed through the law that was read and through the formulas, a random stable vehicle has the same factors."""
+    system = with_terms(names)
+    loop = loop_of(system)
+    rng = np.random.default_rng(5)
+    A = rng.normal(size=(4, 4))
+    A *= 0.9 / np.abs(np.linalg.eigvals(A)).max()
+    plant = LinearVehicle(A, rng.normal(size=(4, 2)), 0.01 * rng.normal(size=(2, 4)), 0.01 * np.eye(2))
+    for gain in (0.0, 0.3, 2.0):
+        by_hand = DerivedLaw(system.law.terms, loop.values, gain, loop.period).joined(plant)
+        read = _joined(plant, loop.model.feedback(gain, loop.values))
+        for one, other in zip(np.linalg.eigvals(read), np.linalg.eigvals(by_hand), strict=True):
+            away = np.abs(one[:, None] - other[None])  # a state more or less decays at once, or is not excited
+            assert away.min(axis=1).max() < 1e-6
 
 
 def with_term(monkeypatch: pytest.MonkeyPatch, term: Callable[[Array], Array]) -> None:
     """Let the compiled law end with one more term, a function of eta."""
     compiled = linear_law._answer
 
-    def answer(control: Any, t: float, starts: Array, positions: Array, *rest: Any) -> None:
-        compiled(control, t, starts, positions, *rest)
+    def answer(control: Any, t: float, start: Array, cells: Array, size: float, points: Array, *rest: Any) -> None:
+        compiled(control, t, start, cells, size, points, *rest)
         ends, commands = rest[-2:]
-        memory = new_memory(control.law, 2)
-        for k in range(len(ends)):
-            memory.flat[:] = ends[k]
-            commands[k] += term(memory.residual[0, :1])[0]
-            memory.command[0, 0] = commands[k]
-            ends[k] = memory.flat
+        memory = new_memory(control.law, 3)
+        for one in np.ndindex(*commands.shape):
+            memory.flat[:] = ends[one]
+            commands[one] += term(memory.residual[0, :1])[0]
+            memory.command[0, 0] = commands[one]
+            ends[one] = memory.flat
 
     monkeypatch.setattr(linear_law, "_answer", answer)
+    monkeypatch.setattr(linear_law, "_models", {})
 
 
-@pytest.mark.parametrize("names", [(), ("newton", "integral")], ids="+".join)
-def test_a_new_linear_term_is_in_the_model(names: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("names", [("drift",), ("newton", "integral")], ids="+".join)
+def test_a_new_linear_term_is_in_all_that_check_says(names: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
     """The paper's law with 0.7 eta more is the paper's law at a gain larger by 0.7."""
     system = with_terms(names)
-    values = loop_of(system).values
-    period = system.grid.period
-    before = linearise_law(system.law, system.gain, values, period)
+    before = loop_of(system)
+    plain = before.matrices()
+    share = before.law.D[:, 0]
+    record = law_loop(system, certify(system))
     with_term(monkeypatch, lambda eta: -0.7 * eta)
-    after = linearise_law(system.law, system.gain, values, period)
-    np.testing.assert_allclose(after.d - before.d, -0.7 * values, rtol=1e-12)
-    assert not np.allclose(after.radii, before.radii, rtol=1e-6)
-    if not names:
-        np.testing.assert_allclose(after.radii, np.abs(1.0 - period * (system.gain + 0.7) * values), rtol=1e-12)
+    after = loop_of(system)
+    np.testing.assert_allclose(after.law.D[:, 0] - share, -0.7 * before.values, rtol=1e-12)
+    assert not np.allclose(after.matrices(), plain, rtol=1e-6)
+    changed = law_loop(system, certify(system))
+    assert changed.spectral_radius != record.spectral_radius
+    if names == ("drift",):
+        assert record.largest_gain is not None
+        assert changed.largest_gain == pytest.approx(record.largest_gain - 0.7, rel=1e-9)
+        radius = np.abs(1.0 - before.period * (before.gain + 0.7) * before.values).max()
+        assert changed.spectral_radius == pytest.approx(radius, rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -116,7 +211,11 @@ def test_a_new_linear_term_is_in_the_model(names: tuple[str, ...], monkeypatch: 
 )
 def test_a_law_that_is_not_linear_is_undecided(term: Callable[[Array], Array], monkeypatch: pytest.MonkeyPatch) -> None:
     """A push -k eta / (abs(eta) + w) of slope 30,000 1/s was once certified as if it were not there."""
-    system = with_terms(())
+    system = with_terms(("drift",))
     with_term(monkeypatch, term)
     with pytest.raises(UndecidedError, match="not linear"):
-        linearise_law(system.law, system.gain, np.array([0.4, 1.7]), 0.01)
+        model_of(system.law, 0.01)
+    record = law_loop(system, certify(system))
+    assert record.unmodelled == ["term drift"]
+    assert record.stable is None
+    assert "because of term drift" in record.reason

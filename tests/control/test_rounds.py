@@ -15,9 +15,8 @@ import xarray as xr
 
 from mjsheaf import World, load_scenario, simulate, simulate_many
 from mjsheaf.checking.loop.held_law import loop_of
-from mjsheaf.checking.loop.modelled import UndecidedError
 from mjsheaf.control.law import Memory, carry, evaluate_law, new_memory
-from mjsheaf.errors import InputError
+from mjsheaf.errors import InputError, UndecidedError
 from mjsheaf.noise import stream_of, uniforms
 from mjsheaf.results import dataset_bytes
 from mjsheaf.runs.simulate import stream

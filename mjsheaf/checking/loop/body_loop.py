@@ -22,14 +22,14 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import eigsh
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
-from mjsheaf.checking.loop.held_law import UNKNOWN_ROUNDS, residual_polynomial
-from mjsheaf.checking.loop.modelled import UndecidedError, require_model
+from mjsheaf.checking.loop.held_law import UNKNOWN_ROUNDS
+from mjsheaf.checking.loop.linear_law import Feedback, LawModel, model_of
+from mjsheaf.checking.loop.modelled import require_model
 from mjsheaf.checking.loop.targets_loop import targets_loop
 from mjsheaf.checking.theorem.certificate import Certificate
 from mjsheaf.checking.theorem.constants import agent_drift
 from mjsheaf.checking.topology.cohomology import DENSE_STATES, Spectrum, spectrum_of
-from mjsheaf.control.terms import TermArrays
-from mjsheaf.errors import InputError
+from mjsheaf.errors import InputError, UndecidedError
 from mjsheaf.io.section import Record
 from mjsheaf.simulation.linear import LinearVehicle, Station, linearise, power
 from mjsheaf.system import System, whole_ratio
@@ -266,15 +266,16 @@ def _close(system: System, spectrum: Spectrum, models: list[LinearVehicle], peri
     Raises:
         UndecidedError: it is too large.
     """
+    law = model_of(system.law, system.grid.period)
     kinds = list({id(model): model for model in models}.values())
     if len(kinds) > 1:
         try:
-            return _Whole(system, spectrum, models)
+            return _Whole(system, spectrum, models, law)
         except UndecidedError:
             if not _alike(kinds, period):
                 raise
     parts = _parts(system, spectrum, kinds[0], period)
-    return _Split(system, parts) if parts else _Whole(system, spectrum, models)
+    return _Split(law, parts) if parts else _Whole(system, spectrum, models, law)
 
 
 class _Part(NamedTuple):
@@ -343,78 +344,69 @@ class _Split:
         own: factors of the vehicles' own modes, under a command that does not change.
     """
 
-    def __init__(self, system: System, parts: list[_Part]) -> None:
-        self._terms, self._parts = system.law.terms, parts
+    def __init__(self, law: LawModel, parts: list[_Part]) -> None:
+        self._law = law
+        self._parts = parts
         self.own = np.concatenate([np.linalg.eigvals(part.plant.A) for part in parts])
 
     def modes(self, gain: float) -> Iterator[_Modes]:
         """All modes, or those at the sampled eigenvalues."""
         for part in self._parts:
             n = part.plant.D.shape[0]
-            factors, vectors = np.linalg.eig(_matrices(part.plant, self._terms, gain, part.values))
+            factors, vectors = np.linalg.eig(_joined(part.plant, self._law.feedback(gain, part.values)))
             moved = np.linalg.norm(vectors[:, :n], axis=1) > MODE_AT_REST * np.linalg.norm(vectors, axis=1)
             yield _Modes(factors.ravel(), np.repeat(part.agent, factors.shape[1]), moved.ravel())
 
     def growth_at_ends(self, gain: float) -> float:
         """Growth of the modes at eigenvalues that H surely has."""
-        ends = (_growths(part.plant, self._terms, gain, part.values[part.agent >= 0]) for part in self._parts)
-        return max(float(growths.max()) for growths in ends)
+        return max(float(self._growths(part, gain, part.values[part.agent >= 0]).max()) for part in self._parts)
 
     def _growth(self, gain: float) -> float:
-        return max(float(_growths(part.plant, self._terms, gain, part.values).max()) for part in self._parts)
+        return max(float(self._growths(part, gain, part.values).max()) for part in self._parts)
+
+    def _growths(self, part: _Part, gain: float, values: Array) -> Array:
+        """Growth over a period of the fastest growing mode at each eigenvalue of H, shape (k,)."""
+        factors = np.linalg.eigvals(_joined(part.plant, self._law.feedback(gain, values)))
+        return np.asarray(np.log(np.abs(factors).max(axis=1)))
 
     def largest_gain(self, gain: float, most: float) -> float | None:
         """See BodyLoop; `most` is the growth over a period that counts as none."""
-        if self._terms.newton or self._terms.integral:  # which make more of the loop than k1 lambda
+        if not self._law.plain:  # there is more in the loop than k1 lambda
             return _first_beyond(self._growth, gain, most)
-        found = [_first_unstable(part.plant, self._terms, most) for part in self._parts]
+        found = [self._first_unstable(part, most) for part in self._parts]
         gains = [rate / float(p.values[-1]) for rate, p in zip(found, self._parts, strict=True) if rate is not None]
         return min(gains) if gains and min(gains) > 0.0 else None
 
+    def _first_unstable(self, part: _Part, most: float) -> float | None:
+        """Find the smallest rate k1 lambda at which a mode grows, 1/s; None if none does, 0 if the smallest tried."""
+        grid = np.geomspace(_LEAST_RATE, _LARGEST_RATE, 200)
+        unstable = np.flatnonzero(self._growths(part, 1.0, grid) > most)
+        if not unstable.size:
+            return None
+        if unstable[0] == 0:
+            return 0.0
+        low, high = grid[unstable[0] - 1], grid[unstable[0]]
+        return _bisect(lambda rate: bool(self._growths(part, 1.0, np.array([rate]))[0] > most), float(low), float(high))
 
-def _matrices(plant: LinearVehicle, terms: TermArrays, gain: float, values: Array) -> Array:
-    """The closed loop of one vehicle for each eigenvalue of H, on (p, x, s, z): see `held_law`, with p for -e.
 
-    s is there with newton alone, z with integral alone; n numbers each.
+def _joined(plant: LinearVehicle, law: Feedback) -> Array:
+    """Close the loop of one vehicle for each eigenvalue of H, on its position, its state and what the law remembers.
+
+    The law acts along each of the n axes alike, so that of every number it remembers there are n.
     """
-    n, m, k = plant.D.shape[0], len(plant.A), len(values)
-    newton, integral = bool(terms.newton), terms.integral > 0.0
-    c = residual_polynomial(values, terms.newton, *terms.eigenvalues) if newton else np.zeros(k)
-    alpha, eye = (1.0 - c if newton else values)[:, None, None], np.eye(n)
-    size = n + m + n * (newton + integral)
-    found = np.zeros((k, size, size))
-    found[:, :n, :n], found[:, :n, n : n + m] = eye, plant.C
-    found[:, n : n + m, n : n + m] = plant.A
-    p, at = slice(0, n), n + m
+    n = plant.D.shape[0]
+    L, r = law.b.shape
+    at = n + len(plant.A)
     push = np.vstack([plant.D, plant.B])
-    found[:, :at, p] -= gain * alpha * push
-    if newton:
-        s = slice(at, at + n)
-        found[:, :at, s] = -gain * c[:, None, None] * push
-        found[:, s, p], found[:, s, s] = alpha * eye, c[:, None, None] * eye
-        at += n
-    if integral:
-        z = slice(at, at + n)
-        found[:, : n + m, z] = -terms.integral * push
-        found[:, z, p], found[:, z, z] = terms.period * values[:, None, None] * eye, eye
-    return found
-
-
-def _growths(plant: LinearVehicle, terms: TermArrays, gain: float, values: Array) -> Array:
-    """Growth over a period of the fastest growing mode at each eigenvalue of H, shape (k,)."""
-    return np.log(np.abs(np.linalg.eigvals(_matrices(plant, terms, gain, values))).max(axis=1))
-
-
-def _first_unstable(plant: LinearVehicle, terms: TermArrays, most: float) -> float | None:
-    """The smallest rate k1 lambda at which a mode grows, 1/s; None where none does, 0 where the smallest tried does."""
-    grid = np.geomspace(_LEAST_RATE, _LARGEST_RATE, 200)
-    unstable = np.flatnonzero(_growths(plant, terms, 1.0, grid) > most)
-    if not unstable.size:
-        return None
-    if unstable[0] == 0:
-        return 0.0
-    low, high = grid[unstable[0] - 1], grid[unstable[0]]
-    return _bisect(lambda rate: bool(_growths(plant, terms, 1.0, np.array([rate]))[0] > most), float(low), float(high))
+    M = np.zeros((L, at + r * n, at + r * n))
+    M[:, :n, :n] = np.eye(n)
+    M[:, :n, n:at] = plant.C
+    M[:, n:at, n:at] = plant.A
+    M[:, :at, :n] += law.d[:, None, None] * push
+    M[:, :at, at:] = np.kron(law.c[:, None, :], push)
+    M[:, at:, :n] = np.kron(law.b[:, :, None], np.eye(n))
+    M[:, at:, at:] = np.kron(law.A, np.eye(n))
+    return M
 
 
 def _first_beyond(growth: Callable[[float], float], gain: float, most: float) -> float | None:
@@ -437,60 +429,62 @@ def _bisect(unstable: Callable[[float], bool], low: float, high: float) -> float
 
 
 class _Whole:
-    """Unlike vehicles: the matrix of the team on (p, x_1, ..., s, z), p the coordinates of what H holds.
+    """Unlike vehicles: the matrix of the team on (p, x_1, ..., what the law remembers), p what H holds.
 
-    s and z, what the law remembers, are in these coordinates too: see `_matrices`.
-
-    M(k1) = free - k1 pull. It is block triangular over the sets of states that act on one another, whose own blocks
-    have all its eigenvalues.
+    It is block triangular over the sets of states that act on one another, whose own blocks have all its eigenvalues.
     """
 
-    def __init__(self, system: System, spectrum: Spectrum, models: list[LinearVehicle]) -> None:
+    def __init__(self, system: System, spectrum: Spectrum, models: list[LinearVehicle], law: LawModel) -> None:
         team, H = system.team, system.team.dirichlet.H
         states = sum(len(model.A) for model in models)
         if H.shape[0] + states > 10 * LARGEST_WHOLE:
             raise UndecidedError(f"too many unlike vehicles: {H.shape[0] + states} states")
-        H = H.toarray()
-        Q, held = np.eye(len(H)), H
+        self._law = law
+        self._held = H.toarray()
+        self.Q = np.eye(len(self._held))
         if spectrum.nullity:
-            values, Q = held_modes(system, spectrum)
-            held = np.diag(values)
+            values, self.Q = held_modes(system, spectrum)
+            self._held = np.diag(values)
+        Q = self.Q
         A, B, C, D = (linalg.block_diag(*(model[k] for model in models)) for k in range(4))
-        m, terms = Q.shape[1], system.law.terms
-        eye, push = np.eye(m), np.vstack([Q.T @ D @ Q, B @ Q])  # what a command, in these coordinates, does to (p, x)
-        none = np.zeros((m + len(A), m))
-        columns = [np.vstack([eye, none[m:]]), np.vstack([Q.T @ C, A])]
-        pulls, rows = [push @ held, np.zeros((m + len(A), len(A)))], []
-        if terms.newton:
-            c = _polynomial(held, terms)
-            columns, pulls = [*columns, none], [push @ (eye - c), pulls[1], push @ c]
-            rows.append([eye - c, np.zeros((m, len(A))), c])
-        if terms.integral > 0.0:
-            columns, pulls = [*columns, -terms.integral * push], [*pulls, none]
-            rows = [[*row, np.zeros((m, m))] for row in rows]
-            between = [np.zeros((m, len(A))), *[np.zeros((m, m))] * bool(terms.newton)]
-            rows.append([terms.period * held, *between, eye])
-        self.free = np.vstack([np.hstack(columns), *map(np.hstack, rows)])
-        self.pull = np.zeros_like(self.free)
-        self.pull[: m + len(A)] = np.hstack(pulls)
-        self.Q, self.m = Q, m
+        self.m = Q.shape[1]
+        self._free = np.block([[np.eye(self.m), Q.T @ C], [np.zeros((len(A), self.m)), A]])
+        self._push = np.vstack([Q.T @ D @ Q, B @ Q])  # what a command, in these coordinates, does to (p, x)
         self.own = np.concatenate([np.linalg.eigvals(A) for A in {id(model): model.A for model in models}.values()])
         self.owner = np.repeat(np.arange(len(team.agents)), [a.dimension for a in team.agents])
-        acts = (self.free != 0.0) | (self.pull != 0.0)
+        acts = self._matrix(1.0) != 0.0
         count, which = connected_components(sparse.csr_array(acts), directed=True, connection="strong")
         self.sets = [np.flatnonzero(which == k) for k in range(count)]
         largest = max(len(s) for s in self.sets)
         if largest > LARGEST_WHOLE:
             raise UndecidedError(f"too many unlike vehicles: {largest} states act on one another")
 
-    def _block(self, gain: float, chosen: NDArray[np.integer]) -> Array:
-        at = np.ix_(chosen, chosen)
-        return np.asarray(self.free[at] - gain * self.pull[at])
+    def _matrix(self, gain: float) -> Array:
+        """Return the matrix at a gain."""
+        m = self.m
+        if self._law.plain:
+            M = self._free.copy()
+            M[:, :m] -= gain * self._push @ self._held
+            return M
+        values, T = np.linalg.eigh(self._held)
+        law = self._law.feedback(gain, values)
+        at, r = len(self._free), law.b.shape[1]
+        M = np.zeros((at + r * m, at + r * m))
+        M[:at, :at] = self._free
+        M[:at, :m] += self._push @ (T * law.d) @ T.T
+        for i in range(r):
+            rows = slice(at + i * m, at + (i + 1) * m)
+            M[:at, rows] = self._push @ (T * law.c[:, i])
+            M[rows, :m] = law.b[:, i, None] * T.T
+            for k in range(r):
+                M[rows, at + k * m : at + (k + 1) * m] = np.diag(law.A[:, i, k])
+        return M
 
     def modes(self, gain: float) -> Iterator[_Modes]:
         """All modes."""
+        M = self._matrix(gain)
         for chosen in self.sets:
-            factors, vectors = linalg.eig(self._block(gain, chosen))
+            factors, vectors = linalg.eig(M[np.ix_(chosen, chosen)])
             held = chosen < self.m
             z = vectors[held]
             moved = np.linalg.norm(z, axis=0) > MODE_AT_REST * np.linalg.norm(vectors, axis=0)
@@ -498,17 +492,12 @@ class _Whole:
             yield _Modes(factors, np.where(moved, self.owner[far.argmax(axis=0)], -1), moved)
 
     def _growth(self, gain: float) -> float:
-        return max(float(np.log(np.abs(linalg.eigvals(self._block(gain, s))).max())) for s in self.sets)
+        M = self._matrix(gain)
+        return max(float(np.log(np.abs(linalg.eigvals(M[np.ix_(s, s)])).max())) for s in self.sets)
 
     def largest_gain(self, gain: float, most: float) -> float | None:
         """As in `_Split`."""
         return _first_beyond(self._growth, gain, most)
-
-
-def _polynomial(H: Array, terms: TermArrays) -> Array:
-    """What the rounds of newton leave of an error, c(H), for a symmetric H."""
-    values, vectors = np.linalg.eigh(H)
-    return np.asarray(vectors * residual_polynomial(values, terms.newton, *terms.eigenvalues) @ vectors.T)
 
 
 def _least_damped(modes: _Modes, own: Array, period: float, system: System) -> Swing:

@@ -1,14 +1,5 @@
 """The law with measurements as old as they are, on ideal kinematics: stable or not, and up to which delay.
 
-A measurement that is d periods old is met by odometry of the same age, so that feedforward and the drift's observer
-stay outside the loop: they carry noise into it, and nothing back. In each eigenvector of H, with e = q* - q and the
-symbols of `held_law`,
-
-    s_k = alpha (e_{k-d} - n_k / lambda) + c s_{k-1},    z_{k+1} = z_k - h lambda e_{k-d} + h n_k,
-    e_{k+1} = e_k - h (k1 s_k - k_I z_k + v_k + lead (v_k - v_{k-1}) - phi_k),
-
-where n is the noise of eta, and v and phi are what feedforward and observer make of noise alone.
-
 The loop is 1 + L(z) z^-d = 0 in each mode, L that of the loop without delay, whose poles lie on z = 1 or inside the
 circle. Where |L| = 1 at one frequency theta only, the loop is stable up to d theta = pi + arg L there, and unstable
 from there on (Nyquist). Of the paper's law that is k1 h lambda < 2 sin(pi / (2 (2 d + 1))).
@@ -20,8 +11,6 @@ sum w_e >= 2 sin(pi / (2 (2 d + 1))), while sum w_e <= k1 h lambda_max. So no ro
 from a small one, with which the loop is stable.
 """
 
-from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -29,10 +18,9 @@ from numpy.polynomial.chebyshev import chebroots
 from pydantic import Field
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
-from mjsheaf.checking.loop.held_law import Loop, residual_polynomial
 from mjsheaf.checking.loop.linked_law import LinkedLaw
-from mjsheaf.checking.loop.modelled import UndecidedError
-from mjsheaf.control.terms import TermArrays
+from mjsheaf.checking.loop.sampled_loop import DelayedLoop, Loop
+from mjsheaf.errors import UndecidedError
 from mjsheaf.io.section import Finite, Record
 
 MOST_STATES = 900  # of a matrix whose eigenvalues are found
@@ -55,94 +43,18 @@ class DelayAnswer(Record):
     reason: str = Field(description="why a number is missing, or empty")
 
 
-@dataclass(frozen=True)
-class DelayedLoop:
-    """The loop per eigenvalue of H with measurements d periods old, and how noise enters it.
-
-    The state holds e_k, ..., e_{k-d}, then s and z where the law has them, then what makes feedforward and drift of
-    noise; the inputs are the noise of eta, that of B p', what odometry adds to that, and that of odometry.
-
-    Attributes:
-        loop: without delay.
-        terms: of the law.
-        delay: d, in periods.
-    """
-
-    loop: Loop
-    terms: TermArrays
-    delay: int
-
-    @cached_property
-    def _names(self) -> list[str]:
-        """The states, those of the loop itself first."""
-        d, terms = self.delay, self.terms
-        names = [f"e{j}" for j in range(d + 1)] + ["s"] * (terms.newton > 0) + ["z"] * (terms.integral > 0.0)
-        if terms.feedforward:
-            names += ["rate", "v", "sensed", *(f"odometry{j}" for j in range(1, d + 1))]
-        return names + ["drift"] * (terms.drift > 0.0)
-
-    @cached_property
-    def matrices(self) -> tuple[Array, Array, Array]:
-        """M and G of x+ = M x + G u, and rows that give the command of x and u: (L, n, n), (L, n, 4), (L, n + 4)."""
-        loop, terms, d, values, names = self.loop, self.terms, self.delay, self.loop.values, self._names
-        h, n, L = loop.period, len(names), len(values)
-
-        def unit(name: str) -> Array:
-            row = np.zeros((L, n + 4))
-            if name in names:
-                row[:, names.index(name)] = 1.0
-            return row
-
-        def given(i: int) -> Array:
-            row = np.zeros((L, n + 4))
-            row[:, n + i] = 1.0
-            return row
-
-        def each(number: Array) -> Array:
-            return number[:, None]
-
-        eta = each(-values) * unit(f"e{d}") + given(0)
-        s = each(-loop.alpha / values) * eta + each(loop.c) * unit("s")
-        command, new = loop.gain * s - loop.integral * unit("z"), {"s": s, "z": unit("z") + h * eta}
-        if terms.feedforward:
-            c, lead = residual_polynomial(values, terms.feedforward, *terms.eigenvalues), float(terms.lead[0])
-            moved = unit(f"odometry{d}") if d else given(2)
-            rate = unit("rate") + terms.measured * ((given(1) - unit("sensed") + moved) / h - unit("rate"))
-            v = each(c) * unit("v") + each((1.0 - c) / values) * rate
-            command = command + v + lead * (v - unit("v"))
-            new |= {"rate": rate, "v": v, "sensed": given(1), "odometry1": given(2)}
-            new |= {f"odometry{j}": unit(f"odometry{j - 1}") for j in range(2, d + 1)}
-        if terms.drift > 0.0:
-            new["drift"] = unit("drift") + terms.drift * (given(3) / h - unit("drift"))
-            command = command - new["drift"]
-        new |= {"e0": unit("e0") - h * command} | {f"e{j}": unit(f"e{j - 1}") for j in range(1, d + 1)}
-        rows = np.stack([new[name] for name in names], axis=1)
-        return rows[..., :n], rows[..., n:], command
-
-    @property
-    def own(self) -> Array:
-        """The matrices of the loop itself, shape (L, n, n)."""
-        n = self.delay + 1 + (self.terms.newton > 0) + (self.terms.integral > 0.0)
-        return self.matrices[0][:, :n, :n]
-
-    @cached_property
-    def radius(self) -> float:
-        """The largest spectral radius of the loop itself."""
-        return float(np.abs(np.linalg.eigvals(self.own)).max())
-
-
 def team_loop(law: LinkedLaw, delay: IntArray, most: int = MOST_STATES) -> tuple[Array, Array, Array]:
     """The loop of the whole team with a delay for each edge, in periods: x+ = (M + L C) x, m rows of C for m numbers.
 
-    The states are e_k, e_{k-1}, ..., then s and z where the law has them; C x is D_e e_{k-d} of each edge.
+    The states are e_k, e_{k-1}, ..., then what the law remembers in eigenvectors of H; C x is D_e e_{k-d} of each edge.
 
     Raises:
         UndecidedError: it has more than `most` states.
     """
-    loop, terms, vectors = law.loop, law.terms, law.vectors
-    n, d, h = len(vectors), int(delay.max(initial=0)), loop.period
-    newton, integral = terms.newton > 0, terms.integral > 0.0
-    if (size := n * (d + 1 + newton + integral)) > most:
+    vectors, h = law.vectors, law.loop.period
+    feedback, values = law.loop.feedback, law.loop.values
+    n, r, d = len(vectors), feedback.b.shape[1], int(delay.max(initial=0))
+    if (size := n * (d + 1 + r)) > most:
         raise UndecidedError(f"with unlike delays, or losses, the loop has {size} states; up to {most} are looked at")
     m, begin = sum(len(edge.D) for edge in law.edges), 0
     C, pulled = np.zeros((m, size)), np.zeros((n, m))
@@ -150,17 +62,17 @@ def team_loop(law: LinkedLaw, delay: IntArray, most: int = MOST_STATES) -> tuple
         rows = slice(begin, begin := begin + len(edge.D))
         C[rows, n * age + edge.slots] = edge.D
         pulled[edge.slots, rows] = edge.pull
-    e, s, z = slice(0, n), slice(n * (d + 1), n * (d + 2)), slice(size - n, size)
     M, L = np.zeros((size, size)), np.zeros((size, m))
     M[n : n * (d + 1), : n * d] = np.eye(n * d)
-    M[e, e] += np.eye(n)
-    climbed = vectors * (loop.alpha / loop.values) @ vectors.T @ pulled if newton else pulled
-    L[e] = -h * loop.gain * climbed
-    if newton:
-        kept = vectors * loop.c @ vectors.T
-        M[e, s], M[s, s], L[s] = -h * loop.gain * kept, kept, climbed
-    if integral:
-        M[e, z], M[z, z], L[z] = h * loop.integral * np.eye(n), np.eye(n), -h * pulled
+    M[:n, :n] += np.eye(n)
+    eta = vectors.T @ pulled  # in eigenvectors of H, where e has eta = lambda e
+    L[:n] = -h * law.loop.gain * pulled if law.paper else h * (vectors * (feedback.d / values)) @ eta
+    kept = [slice(n * (d + 1 + i), n * (d + 2 + i)) for i in range(r)]
+    for i, row in enumerate(kept):
+        M[:n, row] = h * vectors * feedback.c[:, i]
+        L[row] = (feedback.b[:, i] / values)[:, None] * eta
+        for k, column in enumerate(kept):
+            M[row, column] = np.diag(feedback.A[:, i, k])
     return M, L, C
 
 
@@ -174,7 +86,7 @@ def spectral_radius(law: LinkedLaw, delay: IntArray) -> float:
     if (delay == d).all():
         if len(law.vectors) * (d + 3.0) ** 3 > MOST_WORK / 25.0 or d + 3 > MOST_STATES:
             raise UndecidedError(f"with {d} periods of delay each of {len(law.vectors)} modes has too many states")
-        return DelayedLoop(law.loop, law.terms, d).radius
+        return DelayedLoop(law.loop, d).radius
     M, L, C = team_loop(law, delay)
     return float(np.abs(np.linalg.eigvals(M + L @ C)).max())
 
@@ -226,13 +138,15 @@ def largest_delay(law: LinkedLaw) -> int | None:
 
 
 def _limit(loop: Loop, one: int) -> float | None:
-    """The delay, in periods, with which a mode is no more stable; None where |L| is 1 at several frequencies."""
-    h, k, value, alpha, c = loop.period, loop.gain, loop.values[one], loop.alpha[one], loop.c[one]
-    below, above = np.array([1.0, -1.0 - c, c]), np.array([0.0, h * k * alpha, 0.0])  # of L, powers of z descending
-    if loop.integral > 0.0:
-        below = np.convolve(below, [1.0, -1.0])
-        above = np.convolve(above[1:], [1.0, -1.0])
-        above = np.concatenate([[0.0], above]) + h * h * loop.integral * value * np.array([0.0, 0.0, 1.0, -c])
+    """Find the delay, in periods, from which on a mode is unstable; None where that is not the only one."""
+    A, b, c, d = (part[one] for part in (loop.feedback.A, loop.feedback.b, loop.feedback.c, loop.feedback.d))
+    if len(A) and np.abs(np.linalg.eigvals(A)).max() > 1.0 + _ROUNDING:
+        return None  # Nyquist's count would need the poles outside the circle
+    below = np.atleast_1d(np.poly(A))  # of L, powers of z descending
+    # c adj(z - A) b = det(z - A + b c) - det(z - A)
+    above = -loop.period * (np.atleast_1d(np.poly(A - np.outer(b, c))) + (d - 1.0) * below)
+    below = np.convolve(below, [1.0, -1.0])
+    above = np.concatenate([[0.0], above])
     square = [np.correlate(p, p, "full")[len(p) - 1 :] for p in (below, above)]
     series = (square[0] - square[1]) * np.concatenate([[1.0], np.full(len(below) - 1, 2.0)])
     roots = chebroots(np.trim_zeros(series, "b"))

@@ -22,15 +22,16 @@ same way: the bounds of the rounds fall, and each is valid.
 """
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 from pydantic import Field
-from scipy.signal import fftconvolve, lfilter, ss2tf
+from scipy.signal import fftconvolve, lfilter
 
 from mjsheaf.arrays import Array
-from mjsheaf.checking.loop.modelled import UndecidedError, require_model, unmodelled_parts
+from mjsheaf.checking.loop.linear_law import model_of
+from mjsheaf.checking.loop.modelled import require_model, terms_without_bound, unmodelled_parts
+from mjsheaf.checking.loop.sampled_loop import DelayedLoop, Loop
 from mjsheaf.checking.loop.targets_loop import targets_loop
 from mjsheaf.checking.theorem.certificate import Certificate
 from mjsheaf.checking.theorem.constants import agent_drift, agent_slopes
@@ -38,9 +39,9 @@ from mjsheaf.checking.theorem.targets import Carrier
 from mjsheaf.checking.topology.cohomology import DENSE_STATES
 from mjsheaf.control.terms import traffic_of
 from mjsheaf.dynamics.effectiveness import without_full_row_rank
+from mjsheaf.errors import UndecidedError, listed
 from mjsheaf.io.norms import OF_TEAM, TEAM_NORM, Norm, per_agent
 from mjsheaf.io.section import Finite, Record
-from mjsheaf.jit import jit
 from mjsheaf.media.disturbance import evaluate
 from mjsheaf.noise import LARGEST_NORMAL
 from mjsheaf.system import System
@@ -128,134 +129,6 @@ def residual_polynomial(values: Array, rounds: int, low: float, high: float) -> 
     return error
 
 
-@dataclass(frozen=True)
-class Loop:
-    """The loop per eigenvalue of H, shape (L,) each.
-
-    Attributes:
-        values: the eigenvalues above zero.
-        alpha, c: see the module.
-        gain, integral: k1, 1/s, and k_I, 1/s^2.
-        period: h, s.
-    """
-
-    values: Array
-    alpha: Array
-    c: Array
-    gain: float
-    integral: float
-    period: float
-
-    def matrices(self, gain: float | None = None) -> Array:
-        """M at a gain, shape (L, 3, 3); the row of z is zero without integral."""
-        k, h, M = self.gain if gain is None else gain, self.period, np.zeros((len(self.values), 3, 3))
-        M[:, 0, 0], M[:, 0, 1], M[:, 0, 2] = 1.0 - h * k * self.alpha, -h * k * self.c, h * self.integral
-        M[:, 1, 0], M[:, 1, 1] = self.alpha, self.c
-        if self.integral > 0.0:
-            M[:, 2, 0], M[:, 2, 2] = -h * self.values, 1.0
-        return M
-
-    @cached_property
-    def radius(self) -> float:
-        """The largest spectral radius."""
-        return float(np.abs(np.linalg.eigvals(self.matrices())).max())
-
-    @cached_property
-    def stable_gains(self) -> tuple[float, float] | None:
-        """See LawLoop: where the intervals of all eigenvalues meet."""
-        stretches = np.array([[0.0, np.inf]])
-        for low, high in (self._stable(one) for one in range(len(self.values))):
-            begin, end = np.maximum(stretches[:, None, 0], low), np.minimum(stretches[:, None, 1], high)
-            stretches = np.stack([begin, end], axis=-1)[begin < end]
-        if not len(stretches):
-            return None
-        away = np.maximum(stretches[:, 0] - self.gain, self.gain - stretches[:, 1])
-        low, high = stretches[int(away.argmin())]
-        return float(low), float(high)
-
-    def _stable(self, one: int) -> tuple[Array, Array]:
-        """The gains between which one eigenvalue's loop is stable: where they begin and end, ascending.
-
-        The characteristic polynomial is a(z) + k b(z), of degree 3. A root passes the unit circle only at a gain
-        -a(z) / b(z) with z on it. There 1 / z is the conjugate of z, so k is real where f = a b~ - a~ b is zero, with
-        a~(z) = z^3 a(1 / z). As f~ = -f, it is (z^2 - 1) times a polynomial that reads the same from both ends: a
-        quadratic in y = z + 1 / z. Every gain so found is tried between its neighbours, so one too many does no harm.
-        """
-        single = replace(self, values=self.values[[one]], alpha=self.alpha[[one]], c=self.c[[one]])
-        a = np.poly(single.matrices(0.0)[0])[::-1]  # ascending powers of z
-        b = np.poly(single.matrices(1.0)[0])[::-1] - a
-        f = np.convolve(a, b[::-1]) - np.convolve(a[::-1], b)
-        y = np.roots([-f[0], -f[1], f[0] - f[2]]) if f[:2].any() else np.zeros(0)  # c0 (y^2 - 2) + c1 y + c2
-        z = np.concatenate([[1.0, -1.0], np.exp(1j * np.arccos(np.clip(0.5 * y.real, -1.0, 1.0)))])
-        with np.errstate(divide="ignore", invalid="ignore"):
-            gains = (-np.polyval(a[::-1], z) / np.polyval(b[::-1], z)).real
-        gains = np.sort(gains[(gains > _NO_GAIN / self.period) & (gains < 1.0 / (_NO_GAIN * self.period))])
-        gains = np.concatenate([[0.0], gains, [2.0 * gains[-1] + 1.0 if len(gains) else 1.0]])
-        middle = 0.5 * (gains[1:] + gains[:-1])
-        stable = [bool(np.abs(np.linalg.eigvals(single.matrices(k)[0])).max() < 1.0) for k in middle]
-        change = np.flatnonzero(np.diff([False, *stable, False]))
-        ends = np.append(gains[:-1], np.inf)[change]
-        return ends[::2], ends[1::2]
-
-    @cached_property
-    def error_per_disturbance(self) -> float:
-        """h sum_j max |(M^j g)_e|, s; infinite where it does not converge, or too slowly."""
-        if not self.radius < 1.0:
-            return np.inf
-        power, found, total = self.matrices(), np.zeros((len(self.values), 3, 1)), 0.0
-        found[:, 0] = self.period
-        while found.shape[2] < _BLOCK:
-            found, power = np.concatenate([found, power @ found], axis=2), power @ power
-        for _ in range(_MOST_BLOCKS):
-            largest = np.abs(found[:, 0]).max(axis=0)
-            total += float(largest.sum())
-            if largest.max() < _SUMMED * (1.0 - self.radius) * total:
-                return total * (1.0 + _SUMMED)
-            found = power @ found
-        return np.inf
-
-    @property
-    def ask(self) -> Array:
-        """What feedback asks for is this times x, shape (L, 3): 1/s, 1/s and 1/s^2."""
-        k = np.full(len(self.values), self.gain)
-        return np.stack([k * self.alpha, k * self.c, np.full(len(k), -self.integral)], axis=1)
-
-    def answered(self, one: int, added: Array) -> Array:
-        """The command of one eigenvalue where this, shape (n,), is added to it, and feedback answers."""
-        push = [[-self.period], [0.0], [0.0]]
-        above, below = ss2tf(self.matrices()[one], push, self.ask[[one]], [[1.0]])
-        return np.asarray(lfilter(above[0], below, added))
-
-    def responses(self, count: int) -> Array:
-        """Largest sizes over the eigenvalues, shape (6, count), of powers j = 0, 1, ...
-
-        After e_0: e; what feedback asks for, 1/s; z, s. After h d: e, s; what feedback asks for; z, s^2.
-        """
-        found = np.zeros((6, count))
-        _respond(self.matrices(), self.ask, self.period, found)
-        return found * (1.0 + _ROUNDING)
-
-
-@jit
-def _respond(M, ask, h, found):
-    """Write `Loop.responses` for M (L, 3, 3) and the rows of what feedback asks for, (L, 3)."""
-    for one in range(M.shape[0]):
-        m, k = M[one], ask[one]
-        for row, begin in ((0, 1.0), (3, h)):
-            e, s, z = begin, 0.0, 0.0
-            for j in range(found.shape[1]):
-                found[row, j] = max(found[row, j], abs(e))
-                found[row + 1, j] = max(found[row + 1, j], abs(k[0] * e + k[1] * s + k[2] * z))
-                found[row + 2, j] = max(found[row + 2, j], abs(z))
-                if max(abs(e), abs(s), abs(z)) < _NOTHING:
-                    break
-                e, s, z = (
-                    m[0, 0] * e + m[0, 1] * s + m[0, 2] * z,
-                    m[1, 0] * e + m[1, 1] * s + m[1, 2] * z,
-                    m[2, 0] * e + m[2, 1] * s + m[2, 2] * z,
-                )
-
-
 def _eigen(system: System) -> tuple[Array, Array]:
     """Eigenvalues and orthonormal eigenvectors of H."""
     problem = system.team.dirichlet
@@ -278,11 +151,11 @@ def loop_of(system: System) -> Loop:
             is too large for its eigenvalues, or rounds can be late or lost.
     """
     require_model(system)
-    values, terms = _eigen(system)[0], system.law.terms
-    if terms.rounds.imperfect:
+    values = _eigen(system)[0]
+    if system.law.terms.rounds.imperfect:
         raise UndecidedError(UNKNOWN_ROUNDS)
-    c = residual_polynomial(values, terms.newton, *terms.eigenvalues) if terms.newton else np.zeros_like(values)
-    return Loop(values, 1.0 - c if terms.newton else values, c, system.gain, terms.integral, system.grid.period)
+    period = system.grid.period
+    return Loop(model_of(system.law, period), values, system.gain, period)
 
 
 @dataclass(frozen=True)
@@ -377,8 +250,11 @@ def _amplified(c: Array) -> float:
     """
     share, slowest, found = np.abs(1.0 - c), float(np.abs(c).max()), 0.0
     for _ in range(_IMPULSE):
-        found += float(share.max())
+        largest = float(share.max())
+        found += largest
         share = share * np.abs(c)
+        if largest < _NOTHING:
+            break
     return found + float(share.max()) / (1.0 - slowest)
 
 
@@ -440,6 +316,8 @@ def envelope(system: System, certificate: Certificate) -> Envelope:
         raise UndecidedError("the error with which the phase begins is not known")
     if len(system.law.links.table):
         raise UndecidedError("links are not exact: no bound is known with noise, delay, loss or range")
+    if new := terms_without_bound(system.law):
+        raise UndecidedError(f"no bound along the targets' path is known with {listed(new)}")
     for i in without_full_row_rank(system.effectiveness, [agent.dimension for agent in agents]):
         raise UndecidedError(f"g of {agents[i].id} is not of full row rank: g g^+ is not the identity")
     if not loop.radius < 1.0:
@@ -521,7 +399,7 @@ def _bounded(system: System, certificate: Certificate, loop: Loop, drive: _Drive
         "flow within a period": change + drive.observed(change),
         "errors of the targets' path" + odometry: np.full(K, drive.unsure),
     }
-    return Envelope(samples, within, command, loop.integral * float(integrated.max()), left, "")
+    return Envelope(samples, within, command, terms.integral * float(integrated.max()), left, "")
 
 
 def law_loop(system: System, certificate: Certificate, *, carried: bool = False) -> LawLoop:
@@ -569,17 +447,9 @@ def law_loop(system: System, certificate: Certificate, *, carried: bool = False)
 
 
 def _noise(system: System, loop: Loop) -> float:
-    """See LawLoop: by the impulse responses of filters, rounds and feedback, added up."""
-    terms, found = system.law.terms, 0.0
-    impulse, each = np.zeros(_IMPULSE), range(len(loop.values))
-    impulse[0] = 1.0
-    if terms.feedforward:
-        rate, lead = lfilter([terms.measured], [1.0, terms.measured - 1.0], impulse), float(terms.lead[0])
-        c = residual_polynomial(loop.values, terms.feedforward, *terms.eigenvalues)
-        v = [lfilter([(1.0 - kept) * (1.0 + lead), -(1.0 - kept) * lead], [1.0, -kept], rate) for kept in c]
-        largest = max(float(np.linalg.norm(loop.answered(one, v[one]))) for one in each)
-        found += largest * _carried_odometry(system) / terms.period
-    if terms.drift > 0.0:
-        phi = lfilter([terms.drift], [1.0, terms.drift - 1.0], impulse)
-        found += max(float(np.linalg.norm(loop.answered(one, phi))) for one in each) / terms.period
-    return found
+    """See LawLoop: what odometry adds by way of sensed targets and of the agent itself, at most."""
+    if not system.law.terms.agents:
+        return 0.0
+    command = np.sqrt(DelayedLoop(loop, 0).command_variances())  # per m of each input, shape (L, 4)
+    carried = float((loop.values * command[:, 2]).max()) * _carried_odometry(system)
+    return carried + float(command[:, 3].max())

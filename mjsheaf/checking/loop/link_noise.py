@@ -10,10 +10,11 @@ import numpy as np
 from pydantic import Field
 
 from mjsheaf.arrays import Array
-from mjsheaf.checking.loop.delay import MOST_WORK, DelayedLoop
+from mjsheaf.checking.loop.delay import MOST_WORK
 from mjsheaf.checking.loop.linked_law import LinkedLaw
 from mjsheaf.checking.loop.loss import SecondMoments
-from mjsheaf.checking.loop.modelled import UndecidedError
+from mjsheaf.checking.loop.sampled_loop import DelayedLoop, stationary
+from mjsheaf.errors import UndecidedError
 from mjsheaf.io.norms import OF_TEAM, PER_AGENT_RMS, TEAM_NORM, Norm, per_agent
 from mjsheaf.io.section import Finite, Record
 from mjsheaf.team import Team
@@ -21,7 +22,6 @@ from mjsheaf.team import Team
 _MAX_ITERATIONS = 8  # of the fixed point of frames that noise turns
 _SETTLED = 1e-4  # change of E|e|^2 in an iteration, relative, at which it ends
 _CHUNK = 4_000_000  # numbers of covariances at once
-_SMALLEST = 1e-12  # of a power of a stable matrix: what it adds to a covariance is lost
 
 
 class AgentNoise(Record):
@@ -85,20 +85,18 @@ def mean_error(law: LinkedLaw) -> Array:
     Raises:
         UndecidedError: measurements with a bias are lost.
     """
-    loop, vectors, links, terms = law.loop, law.vectors, law.links, law.terms
+    vectors, links, terms = law.vectors, law.links, law.terms
     if links.lossy.any() and any(bias.any() for bias in links.bias):
         raise UndecidedError("measurements with a bias are lost")
-    eta, sensed = np.zeros((2, len(vectors)))
+    eta, sensed_motion = np.zeros((2, len(vectors)))
+    own_motion = np.full(len(vectors), terms.bias * law.loop.period)
     for edge, bias in zip(law.edges, links.bias, strict=True):
         eta[edge.slots] += edge.pull @ bias
-        sensed[edge.slots] += edge.sensing * terms.bias * edge.H.sum(axis=1)
-    added = vectors.T @ sensed / loop.values * (terms.feedforward > 0)
-    if terms.drift > 0.0:
-        added -= terms.bias * vectors.sum(axis=0)
-    if terms.integral > 0.0:
-        added[:] = 0.0  # the integral takes it up
-    slow = loop.alpha / (1.0 - loop.c) if terms.newton else loop.values  # s of a constant e
-    return np.asarray(vectors @ (vectors.T @ eta / loop.values - added / (loop.gain * slow)))
+        sensed_motion[edge.slots] += edge.sensing * edge.H @ own_motion[edge.slots]
+    M, G, _ = DelayedLoop(law.loop, 0).matrices
+    inputs = np.stack([eta, 0.0 * eta, sensed_motion, own_motion], axis=1)
+    q = np.linalg.solve(np.eye(M.shape[1]) - M, G @ (vectors.T @ inputs)[:, :, None])[:, 0, 0]
+    return np.asarray(-vectors @ q)
 
 
 def _with_turned_frames(law: LinkedLaw) -> Array:
@@ -132,7 +130,7 @@ def noise_covariances(law: LinkedLaw) -> Array:
             what = "measurements are lost" if links.lossy.any() else "delays are unlike"
             raise UndecidedError(f"{what}, and the law has feedforward or drift")
         return SecondMoments(law).covariances()
-    delayed = DelayedLoop(law.loop, terms, int(links.delay.max(initial=0)))
+    delayed = DelayedLoop(law.loop, int(links.delay.max(initial=0)))
     M, G, command = delayed.matrices
     states, inputs = G.shape[1:]
     if n * n * states**3 > MOST_WORK:
@@ -153,17 +151,8 @@ def noise_covariances(law: LinkedLaw) -> Array:
     step = max(1, _CHUNK // (n * states * states))
     for begin in range(0, n, step):
         rows = slice(begin, begin + step)
-        P = _stationary(M[rows], M, np.einsum("aik,abkl,bjl->abij", G[rows], U[rows], G, optimize=True))
+        P = stationary(M[rows, None], M, np.einsum("aik,abkl,bjl->abij", G[rows], U[rows], G, optimize=True))
         moments[0, rows] = P[..., 0, 0]
         moments[1, rows] = np.einsum("ai,abij,bj->ab", of_state[rows], P, of_state, optimize=True)
         moments[1, rows] += np.einsum("ai,abij,bj->ab", of_input[rows], U[rows], of_input, optimize=True)
     return np.asarray(Q @ moments @ Q.T)
-
-
-def _stationary(A: Array, B: Array, W: Array) -> Array:
-    """P_ab = A_a P_ab B_b^T + W_ab by doubling, for stable A (k, n, n), B (L, n, n) and W (k, L, n, n)."""
-    P = W
-    while np.abs(A).max() * np.abs(B).max() > _SMALLEST:
-        P = P + A[:, None] @ P @ B[None].swapaxes(-1, -2)
-        A, B = A @ A, B @ B
-    return P

@@ -22,10 +22,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
-from mjsheaf.checking.loop.held_law import Loop, loop_of
-from mjsheaf.checking.loop.modelled import UndecidedError
+from mjsheaf.checking.loop.held_law import loop_of
+from mjsheaf.checking.loop.sampled_loop import Loop
 from mjsheaf.checking.theorem.targets import TargetPath
 from mjsheaf.control.terms import TermArrays
+from mjsheaf.errors import UndecidedError
 from mjsheaf.system import System
 from mjsheaf.team import Edge, Team
 

@@ -29,7 +29,7 @@ from scipy.sparse.linalg import ArpackError, LinearOperator, cg, eigs, eigsh, gm
 from mjsheaf.arrays import Array
 from mjsheaf.checking.loop.delay import MOST_STATES, team_loop
 from mjsheaf.checking.loop.linked_law import LinkedLaw
-from mjsheaf.checking.loop.modelled import UndecidedError
+from mjsheaf.errors import UndecidedError
 from mjsheaf.io.section import Finite, Record
 
 _MOST_MOMENTS = 60_000  # numbers in the second moments with bursts, delay, newton or integral

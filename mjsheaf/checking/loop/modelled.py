@@ -1,8 +1,8 @@
-"""Parts of a law that `check` has a model of.
+"""Parts of a law that `check` has no model of.
 
-The models of `held_law`, `delay`, `link_noise`, `loss` and `body_loop` are derived by hand, field by field. A law with
-a field that is not named here is not modelled, whatever the field does: `check` answers "undecided". So a new term, a
-new field of a link or a new sensor is undecided until its model is written and its name is added to this file.
+What the law's stages make of their measurements is read off the stages themselves (see `linear_law`), so that a new
+term needs nothing here. What that cannot see is named here, field by field: what edges measure, what links do to it,
+who has which gain. A law with a field that is not named, or with terms that are not linear, is undecided.
 """
 
 from collections.abc import Iterator
@@ -10,10 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from mjsheaf.checking.loop.linear_law import model_of
+from mjsheaf.control.law import LawArrays
 from mjsheaf.control.links import no_links
 from mjsheaf.control.rounds import no_rounds
 from mjsheaf.control.terms import no_terms
-from mjsheaf.errors import listed
+from mjsheaf.errors import UndecidedError, listed
 from mjsheaf.system import System
 
 _LAW = frozenset(("edges", "gain", "limit", "supplied", "terms", "links"))
@@ -33,13 +35,12 @@ _SENSORS = (0, 1)  # values of `bearing`: the exact sensor, and range and bearin
 
 
 def unmodelled_parts(system: System) -> list[str]:
-    """Return the parts of a system's law that `check` has no model of, such as "term robust"; empty if it has all.
+    """Return the parts of a system's law that `check` has no model of, such as "law in Python"; empty if it has all.
 
     A field that is not known counts unless it is switched off: zero, or as in the paper's law over exact links.
     """
     law, N = system.law, len(system.team.agents)
     structures: list[tuple[str, Any, frozenset[str], Any]] = [
-        ("term", law.terms, _TERMS, no_terms()),
         ("field of the rounds", law.terms.rounds, _ROUNDS, no_rounds()),
         ("field of the links", law.links, _LINKS, no_links()),
         ("field of the edges", law.edges, _EDGES, None),
@@ -55,11 +56,25 @@ def unmodelled_parts(system: System) -> list[str]:
         parts.append("law in Python")
     if (law.gain[:N] != system.gain).any():
         parts.append("gains that differ between agents")
-    return parts
+    return parts + _terms_without_model(system)
 
 
-class UndecidedError(Exception):
-    """Nothing can be claimed; the message says why."""
+def _terms_without_model(system: System) -> list[str]:
+    """Return the terms of a law that is not linear, or that is continuous with a term that `check` does not know."""
+    law = system.law
+    new = terms_without_bound(law)
+    if system.grid.continuous or not law.terms.agents:
+        return new
+    try:
+        model_of(law, system.grid.period)
+    except UndecidedError:
+        return new or [f"term {name}" for name in law.terms.names]
+    return []
+
+
+def terms_without_bound(law: LawArrays) -> list[str]:
+    """Return the terms of a law of which no bound along the targets' path is derived."""
+    return [f"term {name}" for name in _unknown(law.terms, _TERMS, no_terms())]
 
 
 def because_of(parts: list[str]) -> str:

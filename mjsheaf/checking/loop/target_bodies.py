@@ -9,10 +9,9 @@ from scipy import linalg
 
 from mjsheaf.arrays import Array
 from mjsheaf.checking.loop.body_loop import LARGEST_WHOLE, MODE_AT_REST, NEUTRAL_RATE, station_in
-from mjsheaf.checking.loop.modelled import UndecidedError
 from mjsheaf.checking.loop.targets_loop import TargetsLoop, TargetsOnBodies, stiffness, targets_loop
 from mjsheaf.checking.theorem.targets import TargetPath
-from mjsheaf.errors import InputError
+from mjsheaf.errors import InputError, UndecidedError
 from mjsheaf.simulation.linear import LinearVehicle, linearise
 from mjsheaf.system import System, whole_ratio
 from mjsheaf.threads import one_thread

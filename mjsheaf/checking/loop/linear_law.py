@@ -1,0 +1,377 @@
+"""Linear model of a law, read off the compiled stages that run.
+
+A team of one agent whose edges have the weight lambda together has H = lambda I, so that the law of any team, in an
+eigenvector of H, is the law of that agent. Its compiled stages are run once for every number that it remembers and
+for every input, with that one moved from rest and nothing else. The differences are the columns of
+
+    x_{k+1} = A x_k + B w_k,    u_k = C x_k + D w_k,
+
+with u the command, x what the agent remembers, and w its inputs (see `INPUTS`). No formula of a term is written here:
+whatever the stages do is in the model. A law whose answers to motions of other sizes, and to many motions at once over
+several samples, are not those of the model is not linear, and nothing is claimed of it.
+
+The agent has two edges to points that rest, each with half of the weight. Feedforward learns velocities over the first
+alone, so that errors of measurements on it and on the other edge differ by what feedforward makes of them.
+"""
+
+import pickle
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.csgraph import breadth_first_order
+
+from mjsheaf.arrays import Array, IntArray
+from mjsheaf.control.law import ControlArrays, EdgeArrays, LawArrays, evaluate_law, new_memory
+from mjsheaf.control.links import no_links
+from mjsheaf.control.rounds import no_rounds
+from mjsheaf.dynamics.motion import MotionArrays
+from mjsheaf.errors import UndecidedError, listed
+from mjsheaf.jit import jit
+
+INPUTS = ("position", "eta", "sensed", "sensed_motion", "own_motion")
+"""Inputs of the model: the agent's position, m; errors of eta, of the sum of F^T K y over sensing edges, and of the
+agent's own displacement as that sum sees it (each in units of eta, m), and as the agent itself sees it, m."""
+
+_MOTION = 2.0**-20  # m, from rest: a power of two, by which a linear law scales without rounding
+_OTHER_MOTIONS = (2.0**-34, -(2.0**-20), 2.0**10)  # m: a linear law answers them in proportion
+_LINEAR = 1e-9  # relative difference of two answers of a linear law
+_NEGLIGIBLE = 1e-11  # relative size of a new direction that is rounding
+_SETTLING = 4  # samples after which counters of samples no longer matter
+_TESTED = 12  # samples over which the model is held against the law
+_GENERIC = np.array([[0.685, 0.685]])  # weights of the two edges at which it is
+_STILL = np.zeros((1, 3, 3))
+_MOST_MODELS = 200
+_models: "dict[bytes, LawModel]" = {}
+_MOVED_POINTS = _MOTION * np.eye(3)[:, :, None] * [1.0, 0.0, 0.0]  # the agent, the first point, the second
+
+
+@dataclass(frozen=True)
+class Feedback:
+    """The path from position to command, u = d q + c x with x+ = A x + b q, in L eigenvectors of H.
+
+    Attributes:
+        A: Shape (L, r, r).
+        b: Shape (L, r).
+        c: Shape (L, r).
+        d: Shape (L,), 1/s.
+        integral: The integral of eta that an agent remembers, as a row on x, shape (r,), m s.
+    """
+
+    A: Array
+    b: Array
+    c: Array
+    d: Array
+    integral: Array
+
+    def closed(self, period: float, delay: int = 0) -> Array:
+        """Return the loop around an ideal agent, q_{k+1} = q_k + h u_k, shape (L, 1 + delay + r, 1 + delay + r).
+
+        It acts on the positions q_k, ..., q_{k-delay}, of which the law sees the last, and on x.
+        """
+        L, r = self.b.shape
+        M = np.zeros((L, 1 + delay + r, 1 + delay + r))
+        M[:, 0, 0] = 1.0
+        M[:, 0, delay] += period * self.d
+        M[:, 0, 1 + delay :] = period * self.c
+        M[:, range(1, 1 + delay), range(delay)] = 1.0
+        M[:, 1 + delay :, delay] = self.b
+        M[:, 1 + delay :, 1 + delay :] = self.A
+        return M
+
+
+@dataclass(frozen=True)
+class LinearLaw:
+    """Linear model of the law in L eigenvectors of H, with n numbers that it remembers; see the module.
+
+    Attributes:
+        A: Shape (L, n, n).
+        B: Shape (L, n, 5).
+        C: Shape (L, n).
+        D: Shape (L, 5).
+        integral: Number of the state that is the integral of eta; -1 without.
+    """
+
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+    integral: int
+
+    @cached_property
+    def basis(self) -> Array:
+        """Basis of what a position excites and a command shows in any of the eigenvectors, shape (n, r)."""
+        excited = _invariant_basis(self.A, self.B[:, :, 0], np.abs(self.B[:, :, 0]))
+        inner = excited.T @ self.A @ excited
+        size = np.abs(excited)
+        seen = _invariant_basis(inner.swapaxes(1, 2), self.C @ excited, np.abs(self.C) @ size)
+        return np.asarray(excited @ seen)
+
+    def feedback(self, basis: Array) -> Feedback:
+        """Return the path from position to command, on coordinates in a basis of what it excites and shows."""
+        integral = basis[self.integral] if self.integral >= 0 else np.zeros(basis.shape[1])
+        return Feedback(
+            basis.T @ self.A @ basis, self.B[:, :, 0] @ basis, self.C @ basis, self.D[:, 0].copy(), integral
+        )
+
+
+def _invariant_basis(A: Array, b: Array, size: Array) -> Array:
+    """Return an orthonormal basis of the least space that holds all of b (L, n) and that all of A (L, n, n) keep.
+
+    What is small beside the sizes of the parts that it is the sum of, of b given by `size` (L, n), is rounding.
+    """
+    n = b.shape[1]
+    basis = np.zeros((n, 0))
+    pending = b
+    while len(pending) and basis.shape[1] < n:
+        length = np.linalg.norm(pending, axis=1)
+        counts = length > _NEGLIGIBLE * np.linalg.norm(size, axis=1)
+        pending = pending[counts] / length[counts, None]
+        rest = pending - pending @ basis @ basis.T
+        _, sizes, rows = np.linalg.svd(rest, full_matrices=False)
+        found = rows[sizes > _NEGLIGIBLE * np.sqrt(max(len(rest), 1))]
+        basis = np.column_stack([basis, found.T])
+        pending = (A @ found.T).swapaxes(1, 2).reshape(-1, n)
+        size = (np.abs(A) @ np.abs(found.T)).swapaxes(1, 2).reshape(-1, n)
+    return basis
+
+
+def model_of(law: LawArrays, period: float) -> "LawModel":
+    """Return the linear model of a team's law with a control period, s, which teams with the same terms share.
+
+    Raises:
+        UndecidedError: The law is not linear.
+    """
+    alone = _one_agent(law)
+    key = pickle.dumps((*alone.law.terms, period))
+    if key not in _models:
+        if len(_models) >= _MOST_MODELS:
+            _models.clear()
+        _models[key] = LawModel(alone, period)
+    return _models[key]
+
+
+class LawModel:
+    """Linear model of a team's law for any gain, in any eigenvectors of H.
+
+    Args:
+        alone: Law of one agent, without noise, losses and limits.
+        period: Control period, s.
+
+    Attributes:
+        plain: Whether the law is that of the paper, u = -k1 eta.
+
+    Raises:
+        UndecidedError: The law is not linear.
+    """
+
+    def __init__(self, alone: ControlArrays, period: float) -> None:
+        self.plain = alone.law.terms.agents == 0
+        if self.plain:
+            return
+        self._control = alone
+        terms = alone.law.terms._replace(bias=_MOTION / period)
+        self._led_astray = alone._replace(law=alone.law._replace(terms=terms))  # whose odometry errs by _MOTION
+        self._period = period
+        self._bases: dict[bytes, Array] = {}
+        self._memory = new_memory(self._control.law, 3)
+        self._rest = np.zeros_like(self._memory.flat)
+        self._cells = np.zeros(0, dtype=np.int64)
+        for sample in range(_SETTLING):
+            self._rest = self._answers(alone, self._cells, _STILL, _GENERIC, sample)[0][0, 0]
+        self._end = self._answers(alone, self._cells, _STILL, _GENERIC)[0][0, 0]
+        self._cells = self._cells_in_loop()
+        self._require_linear()
+
+    def at(self, gain: float, values: Array) -> LinearLaw:
+        """Return the model at a gain, 1/s, for eigenvalues of H above zero, shape (L,)."""
+        if self.plain:
+            return _papers_law(gain, values)
+        self._control.law.gain[0] = gain
+        half = np.column_stack([0.5 * values, 0.5 * values])
+        moved = self._columns(_MOVED_POINTS, half)
+        n = len(self._cells)
+        position, sensed, heard = moved[:, n], moved[:, n + 1], moved[:, n + 2]
+        both = self._led_astray_by(half)
+        self._control.law.terms.sensing[1] = 0
+        own = self._led_astray_by(half)
+        self._control.law.terms.sensing[1] = 1
+        each = half[:, :1]
+        inputs = np.stack([position, -heard / each, (sensed - heard) / each, (both - own) / each, own], axis=2)
+        return LinearLaw(
+            A=moved[:, :n, :n].swapaxes(1, 2),
+            B=inputs[:, :n],
+            C=moved[:, :n, n],
+            D=inputs[:, n],
+            integral=self._number_of_integral(),
+        )
+
+    def feedback(self, gain: float, values: Array) -> Feedback:
+        """Return the path from position to command at a gain, 1/s, for eigenvalues of H above zero, shape (L,)."""
+        if self.plain:
+            return _papers_law(gain, values).feedback(np.zeros((0, 0)))
+        key = values.tobytes()
+        if key not in self._bases:
+            self._bases = {key: self.at(1.0, values).basis}  # the gain 0 would hide what is remembered
+        return self.at(gain, values).feedback(self._bases[key])
+
+    def _answers(
+        self, control: ControlArrays, cells: IntArray, points: Array, weights: Array, sample: int = _SETTLING
+    ) -> tuple[Array, Array]:
+        """Evaluate the law once with each of some numbers moved from rest, then once with agent and points moved.
+
+        Args:
+            control: The law.
+            cells: Numbers of the memory, shape (n,).
+            points: Positions of the agent and of the points, shape (K, 3, 3), m.
+            weights: Of the two edges, shape (L, 2).
+            sample: Number of the sample.
+
+        Returns:
+            Memories, shape (L, n + K, m), and commands, shape (L, n + K), m/s.
+        """
+        cases = len(cells) + len(points)
+        ends = np.empty((len(weights), cases, len(self._rest)))
+        commands = np.empty((len(weights), cases))
+        time = sample * self._period
+        _answer(control, time, self._rest, cells, _MOTION, points, weights, _STILL[0], self._memory, ends, commands)
+        return ends, commands
+
+    def _columns(self, points: Array, weights: Array) -> Array:
+        """Return how the state and, last, the command answer to a unit of each motion, shape (L, n + K, n + 1)."""
+        ends, commands = self._answers(self._control, self._cells, points, weights)
+        return np.dstack([(ends - self._end)[:, :, self._cells], commands]) / _MOTION
+
+    def _led_astray_by(self, weights: Array) -> Array:
+        """Return how the state and, last, the command answer to a unit error of odometry, shape (L, n + 1)."""
+        ends, commands = self._answers(self._led_astray, self._cells[:0], _STILL, weights)
+        return np.column_stack([(ends - self._end)[:, 0, self._cells], commands]) / _MOTION
+
+    def _cells_in_loop(self) -> IntArray:
+        """Find the numbers remembered that depend on an input and on which the command depends."""
+        self._control.law.gain[0] = 1.0
+        self._cells = np.flatnonzero(self._rest == 0.0)  # the others count samples
+        n = len(self._cells)
+        answers = self._columns(_MOVED_POINTS, _GENERIC)[0]
+        wrong = self._led_astray_by(_GENERIC)
+        acts = np.zeros((n + 2, n + 2), dtype=np.bool_)  # row on column: the state, the inputs, the command
+        acts[:n, :n] = answers[:n, :n] != 0.0
+        acts[:n, n + 1] = answers[:n, n] != 0.0
+        acts[n, :n] = (answers[n:, :n] != 0.0).any(axis=0) | (wrong[0, :n] != 0.0)
+        graph = sparse.csr_array(acts)
+        excited = breadth_first_order(graph, n, return_predecessors=False)
+        seen = breadth_first_order(sparse.csr_array(graph.T), n + 1, return_predecessors=False)
+        both = np.intersect1d(excited, seen)
+        return np.asarray(self._cells[both[both < n]])
+
+    def _number_of_integral(self) -> int:
+        """Return which number of the state is the integral of eta; -1 if none is."""
+        memory = new_memory(self._control.law, 3)
+        memory.flat[:] = np.arange(len(memory.flat))
+        where = np.flatnonzero(self._cells == memory.terms.z[0, 0])
+        return int(where[0]) if len(where) else -1
+
+    def _require_linear(self) -> None:
+        """Raise an UndecidedError unless the law does what its model says, in motions of several sizes."""
+        model = self.at(1.0, _GENERIC.sum(axis=1))
+        rest = self._rest
+        weight = _GENERIC[0, 0]
+        for size in (_MOTION, *_OTHER_MOTIONS):
+            astray = size == _MOTION
+            agent, first, second = np.random.default_rng(0).uniform(-1.0, 1.0, (3, _TESTED))
+            odometry = np.full(_TESTED, float(astray))
+            errors = (agent, -weight * (first + second), weight * first, weight * odometry, odometry)
+            state = np.zeros(len(self._cells))
+            expected = np.zeros(_TESTED)
+            found = np.zeros(_TESTED)
+            for k, inputs in enumerate(np.column_stack(errors)):
+                points = np.zeros((1, 3, 3))
+                points[0, :, 0] = size * agent[k], size * first[k], size * second[k]
+                control = self._led_astray if astray else self._control
+                ends, command = self._answers(control, self._cells[:0], points, _GENERIC, _SETTLING + k)
+                self._rest = ends[0, 0]
+                found[k] = command[0, 0] / size
+                expected[k] = model.C[0] @ state + model.D[0] @ inputs
+                state = model.A[0] @ state + model.B[0] @ inputs
+            self._rest = rest
+            if not np.allclose(found, expected, rtol=_LINEAR, atol=_LINEAR * np.abs(expected).max()):
+                names = listed([f"term {name}" for name in self._control.law.terms.names])
+                raise UndecidedError(f"the law is not linear about its equilibrium ({names})")
+
+
+def _papers_law(gain: float, values: Array) -> LinearLaw:
+    """Return the model of u = -k1 eta, which remembers nothing."""
+    L = len(values)
+    D = np.zeros((L, len(INPUTS)))
+    D[:, 0] = -gain * values
+    D[:, 1] = -gain
+    return LinearLaw(np.zeros((L, 0, 0)), np.zeros((L, 0, len(INPUTS))), np.zeros((L, 0)), D, -1)
+
+
+def _one_agent(law: LawArrays) -> ControlArrays:
+    """Return a law as one agent runs it that measures two points, without limits, noise and losses."""
+    row = np.array([[1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    edges = EdgeArrays(
+        tail=np.zeros(2, dtype=np.int64),
+        head=np.array([1, 2], dtype=np.int64),
+        listens=np.array([[True, False], [True, False]]),
+        first=np.array([0, 1, 2], dtype=np.int64),
+        F_tail=row.copy(),
+        F_head=row.copy(),
+        P_tail=row.copy(),
+        P_head=row.copy(),
+        b=np.zeros(2),
+    )
+    motion = MotionArrays(
+        pull=np.zeros(3),
+        origin=np.zeros((3, 3)),
+        amplitude=np.zeros((3, 3)),
+        rate=np.zeros((3, 3)),
+        phase=np.zeros((3, 3)),
+        path=np.zeros((3, 2), dtype=np.int64),
+        period=np.zeros(3),
+        knots=np.zeros(0),
+        coefficients=np.zeros((0, 6, 3)),
+    )
+    terms = law.terms
+    if terms.agents:
+        terms = terms._replace(
+            agents=1,
+            dimension=np.ones(1, dtype=np.int64),
+            sensing=np.array([0, 1]),
+            lead=terms.lead[:1].copy(),
+            settled=0,
+            largest=np.inf,
+            noise=0.0,
+            bias=0.0,
+            seed=0,
+            streams=np.zeros((1, 2), dtype=np.int64),
+            rounds=no_rounds(),
+        )
+    alone = LawArrays(edges, np.array([1.0, 0.0, 0.0]), np.full(3, np.inf), 0, terms, no_links())
+    return ControlArrays(alone, motion)
+
+
+@jit
+def _answer(control, t, start, cells, size, points, weights, still, memory, ends, commands):
+    """Write memories (L, n + K, m) and commands (L, n + K) of one evaluation of the law each.
+
+    With each pair of `weights` (L, 2), the law begins with `start` (m,), of which one of the `cells` (n,) is moved by
+    `size`, at positions `still` (3, 3); then with `start` itself at the positions in each of `points` (K, 3, 3).
+    """
+    edges = control.law.edges
+    n = cells.shape[0]
+    for one in range(weights.shape[0]):
+        for e in range(2):
+            edges.P_tail[e, 0] = weights[one, e]
+            edges.P_head[e, 0] = weights[one, e]
+        for case in range(n + points.shape[0]):
+            for i in range(start.shape[0]):
+                memory.flat[i] = start[i]
+            if case < n:
+                memory.flat[cells[case]] += size
+            evaluate_law(control, t, points[case - n] if case >= n else still, still, memory)
+            commands[one, case] = memory.command[0, 0]
+            for i in range(start.shape[0]):
+                ends[one, case, i] = memory.flat[i]

@@ -1,0 +1,241 @@
+"""The sampled loop of a law around ideal agents, one small matrix for each eigenvalue of H, with and without delay.
+
+In each eigenvector of H the law is the linear filter that `linear_law` reads off it, so that with e = q* - q, the
+errors of one mode, and x, what the law remembers of them,
+
+    u_k = d e_{k-j} + c x_k,    x_{k+1} = A x_k + b e_{k-j},    e_{k+1} = e_k + h u_k
+
+with measurements j periods old. A measurement that is j periods old is met by odometry of the same age, so that what
+feedforward and the drift's observer make of motion cancels: they carry noise into the loop, and nothing back.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.polynomial.chebyshev import chebroots
+
+from mjsheaf.arrays import Array
+from mjsheaf.checking.loop.linear_law import Feedback, LawModel, LinearLaw
+from mjsheaf.jit import jit
+
+_ROUNDING = 1e-9  # relative, of sums and eigenvalues
+_NO_GAIN = 1e-12  # times the period: a gain below it is rounding, and one over its inverse
+_NOTHING = 1e-40  # of a response: all that follows is lost in rounding
+_SUMMED = 1e-7  # of a sum of responses: what the rest may be
+_BLOCK, _MOST_BLOCKS = 1024, 2000  # samples of the loop's response that are found at a time, and how often
+_SMALLEST = 1e-12  # of a power of a matrix, beyond which nothing is added
+
+
+@dataclass(frozen=True)
+class Loop:
+    """The loop of an ideal agent per eigenvalue of H, on the error and what the law remembers of it.
+
+    Attributes:
+        model: Linear model of the law.
+        values: Eigenvalues of H above zero, shape (L,).
+        gain: k1, 1/s.
+        period: h, s.
+    """
+
+    model: LawModel
+    values: Array
+    gain: float
+    period: float
+
+    @cached_property
+    def law(self) -> LinearLaw:
+        """The law in eigenvectors of H."""
+        return self.model.at(self.gain, self.values)
+
+    @cached_property
+    def feedback(self) -> Feedback:
+        """What the law makes of the error."""
+        return self.model.feedback(self.gain, self.values)
+
+    def matrices(self, gain: float | None = None) -> Array:
+        """Return M at a gain, shape (L, 1 + r, 1 + r), on (e, x)."""
+        if gain is None:
+            return self.feedback.closed(self.period)
+        return self.model.feedback(gain, self.values).closed(self.period)
+
+    @cached_property
+    def radius(self) -> float:
+        """Largest spectral radius."""
+        return float(np.abs(np.linalg.eigvals(self.matrices())).max())
+
+    @cached_property
+    def stable_gains(self) -> tuple[float, float] | None:
+        """Gains that hold every mode stable, about the present one or else the nearest, 1/s.
+
+        None if there are none, and if the command is not affine in the gain.
+        """
+        none, one, two = (self.matrices(k) for k in (0.0, 1.0, 2.0))
+        change = one - none
+        rounding = _ROUNDING * np.abs(two).max()
+        if change[:, 1:].any() or not np.allclose(two - one, change, rtol=_ROUNDING, atol=rounding):
+            return None
+        stretches = np.array([[0.0, np.inf]])
+        for low, high in map(self._stable, none, change):
+            begin, end = np.maximum(stretches[:, None, 0], low), np.minimum(stretches[:, None, 1], high)
+            stretches = np.stack([begin, end], axis=-1)[begin < end]
+        if not len(stretches):
+            return None
+        away = np.maximum(stretches[:, 0] - self.gain, self.gain - stretches[:, 1])
+        low, high = stretches[int(away.argmin())]
+        return float(low), float(high)
+
+    def _stable(self, M: Array, change: Array) -> tuple[Array, Array]:
+        """Find the gains k between which M + k change is stable: where they begin and end, ascending.
+
+        Only the first row of `change` is not zero, so that the characteristic polynomial is a(z) + k b(z). A root
+        passes the unit circle only at a gain -a(z) / b(z) with z on it, where the imaginary part of a(z) times the
+        conjugate of b(z) is zero. With z = exp(i theta) that is a sum of s_m sin(m theta), and so sin(theta) times a
+        polynomial in cos(theta). Every gain so found is tried between its neighbours, so one too many does no harm.
+        """
+        a = np.poly(M)[::-1]  # ascending powers of z
+        b = np.poly(M + change)[::-1] - a
+        n = len(a) - 1
+        sines = np.array([a[m:] @ b[: n + 1 - m] - a[: n + 1 - m] @ b[m:] for m in range(1, n + 1)])
+        # sin(m theta) / sin(theta) is U_{m-1} = 2 (T_{m-1} + T_{m-3} + ...), in which T_0 counts once.
+        cosines = np.array([2.0 * sines[m::2].sum() for m in range(n)])
+        cosines[0] *= 0.5
+        roots = chebroots(np.trim_zeros(cosines, "b")) if cosines[1:].any() else np.zeros(0)
+        z = np.concatenate([[1.0, -1.0], np.exp(1j * np.arccos(np.clip(roots.real, -1.0, 1.0)))])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            gains = (-np.polyval(a[::-1], z) / np.polyval(b[::-1], z)).real
+        gains = np.sort(gains[(gains > _NO_GAIN / self.period) & (gains < 1.0 / (_NO_GAIN * self.period))])
+        gains = np.concatenate([[0.0], gains, [2.0 * gains[-1] + 1.0 if len(gains) else 1.0]])
+        middle = 0.5 * (gains[1:] + gains[:-1])
+        stable = np.abs(np.linalg.eigvals(M + middle[:, None, None] * change)).max(axis=1) < 1.0
+        turns = np.flatnonzero(np.diff([False, *stable.tolist(), False]))
+        ends = np.append(gains[:-1], np.inf)[turns]
+        return ends[::2], ends[1::2]
+
+    @cached_property
+    def error_per_disturbance(self) -> float:
+        """h sum_j max |(M^j g)_e|, s; infinite where it does not converge, or too slowly."""
+        if not self.radius < 1.0:
+            return np.inf
+        power, total = self.matrices(), 0.0
+        found = np.zeros((*power.shape[:2], 1))
+        found[:, 0] = self.period
+        while found.shape[2] < _BLOCK:
+            found, power = np.concatenate([found, power @ found], axis=2), power @ power
+        for _ in range(_MOST_BLOCKS):
+            largest = np.abs(found[:, 0]).max(axis=0)
+            total += float(largest.sum())
+            if largest.max() < _SUMMED * (1.0 - self.radius) * total:
+                return total * (1.0 + _SUMMED)
+            found = power @ found
+        return np.inf
+
+    def responses(self, count: int) -> Array:
+        """Return the largest sizes over the eigenvalues, shape (6, count), of powers j = 0, 1, ...
+
+        After e_0: e; what feedback asks for, 1/s; z, s. After h d: e, s; what feedback asks for; z, s^2.
+        """
+        feedback = self.feedback
+        L, r = feedback.c.shape
+        shown = np.zeros((L, 2, 1 + r))
+        shown[:, 0, 0] = feedback.d
+        shown[:, 0, 1:] = feedback.c
+        shown[:, 1, 1:] = feedback.integral
+        found = np.zeros((6, count))
+        _respond(self.matrices(), shown, self.period, np.zeros((2, 1 + r)), found)
+        return found * (1.0 + _ROUNDING)
+
+
+@jit
+def _respond(M, shown, h, states, found):
+    """Write `Loop.responses` for M (L, n, n), rows `shown` (L, 2, n) on its states and room for two `states` (2, n)."""
+    for one in range(M.shape[0]):
+        for row, begin in ((0, 1.0), (3, h)):
+            x, after = states[0], states[1]
+            for i in range(x.shape[0]):
+                x[i] = 0.0
+            x[0] = begin
+            for j in range(found.shape[1]):
+                found[row, j] = max(found[row, j], abs(x[0]))
+                largest = 0.0
+                for k in range(2):
+                    size = 0.0
+                    for i in range(x.shape[0]):
+                        size += shown[one, k, i] * x[i]
+                    found[row + 1 + k, j] = max(found[row + 1 + k, j], abs(size))
+                for i in range(x.shape[0]):
+                    largest = max(largest, abs(x[i]))
+                if largest < _NOTHING:
+                    break
+                for i in range(x.shape[0]):
+                    after[i] = 0.0
+                    for k in range(x.shape[0]):
+                        after[i] += M[one, i, k] * x[k]
+                for i in range(x.shape[0]):
+                    x[i] = after[i]
+
+
+@dataclass(frozen=True)
+class DelayedLoop:
+    """The loop per eigenvalue of H with measurements d periods old, and how noise enters it.
+
+    The state holds e_k, ..., e_{k-d}, then what the law remembers, then the last d errors of odometry, which meet
+    measurements of their age. The inputs are those of `linear_law.INPUTS` but the position: errors of eta, of what
+    feedforward senses, and of odometry in that and by itself.
+
+    Attributes:
+        loop: The loop without delay.
+        delay: d, periods.
+    """
+
+    loop: Loop
+    delay: int
+
+    @cached_property
+    def matrices(self) -> tuple[Array, Array, Array]:
+        """M and G of x+ = M x + G w, and rows that give the command of x and w: (L, n, n), (L, n, 4), (L, n + 4)."""
+        law = self.loop.law
+        d = self.delay
+        L, n = law.C.shape
+        waiting = d if law.B[:, :, 3].any() or law.D[:, 3].any() else 0
+        size = d + 1 + n + waiting
+        remembered = slice(d + 1, d + 1 + n)
+        sensed_motion = size - 1 if waiting else size + 2
+        inputs = [d, size, size + 1, sensed_motion, size + 3]  # of the law, among states and inputs
+        command = np.zeros((L, size + 4))
+        command[:, remembered] = law.C
+        command[:, inputs] = law.D
+        rows = np.zeros((L, size, size + 4))
+        rows[:, remembered, remembered] = law.A
+        rows[:, remembered, inputs] = law.B
+        rows[:, 0] = self.loop.period * command
+        rows[:, 0, 0] += 1.0
+        rows[:, range(1, d + 1), range(d)] = 1.0
+        if waiting:
+            first = d + 1 + n
+            rows[:, first, size + 2] = 1.0
+            rows[:, range(first + 1, size), range(first, size - 1)] = 1.0
+        return rows[..., :size], rows[..., size:], command
+
+    @cached_property
+    def radius(self) -> float:
+        """Largest spectral radius of what errors excite."""
+        return float(np.abs(np.linalg.eigvals(self.loop.feedback.closed(self.loop.period, self.delay))).max())
+
+    def command_variances(self) -> Array:
+        """Return the variance of the command by white noise of unit variance in each input, shape (L, 4), 1/s^2."""
+        M, G, command = self.matrices
+        size = M.shape[1]
+        noise = G.swapaxes(1, 2)[..., None] * G.swapaxes(1, 2)[..., None, :]  # (L, 4, n, n)
+        P = stationary(M[:, None], M[:, None], noise)
+        of_state = command[:, :size]
+        return np.asarray(np.einsum("li,lkij,lj->lk", of_state, P, of_state) + command[:, size:] ** 2)
+
+
+def stationary(A: Array, B: Array, W: Array) -> Array:
+    """Solve P = A P B^T + W for stable matrices A and B, shape (..., n, n), by doubling."""
+    P = W
+    while np.abs(A).max() * np.abs(B).max() > _SMALLEST:
+        P = P + A @ P @ B.swapaxes(-1, -2)
+        A, B = A @ A, B @ B
+    return P
