@@ -25,7 +25,7 @@ from mjsheaf import load_scenario, simulate
 from mjsheaf.scenario import Scenario, list_scenarios
 from mjsheaf.studies import load_plan
 from mjsheaf.studies.schema import StudyFile
-from mjsheaf.vehicles.actuators import Azimuth
+from mjsheaf.vehicles.actuators import AnyActuator
 from mjsheaf.vehicles.loading import load_vehicle
 from mjsheaf.vehicles.vehicle import VehicleDescription
 from tests.builders import REPOSITORY
@@ -163,7 +163,7 @@ def test_files_are_valid(page: Path, tmp_path: Path) -> None:
         if "mjcf" in given:
             assert load_vehicle(str(path)).actuators
         elif set(given) == {"actuators"}:
-            TypeAdapter(dict[str, Azimuth]).validate_python(given["actuators"])
+            TypeAdapter(dict[str, AnyActuator]).validate_python(given["actuators"])
         elif "scenario" in given:
             (runs,) = re.findall(r"# (\d+) runs", text)
             assert len(load_plan(str(path)).points) == int(runs)

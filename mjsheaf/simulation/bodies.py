@@ -49,7 +49,7 @@ from numpy.typing import NDArray
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.jit import as_records, inline_jit, jit
 from mjsheaf.simulation.trajectory import quaternions_of
-from mjsheaf.vehicles.actuators import AZIMUTH, CHANNEL, FIXED, aim, at_most, room_of, unit_wrench
+from mjsheaf.vehicles.actuators import CHANNEL, FIXED, RUDDER, aim, at_most, room_of, unit_wrench
 from mjsheaf.vehicles.allocation import allocate_nearest
 from mjsheaf.vehicles.authority import is_one_sided, turning_of
 from mjsheaf.vehicles.body import GRAVITY
@@ -63,6 +63,7 @@ KIND = np.dtype(
         ("thruster", "i8"),  # the first of its channels among those of all kinds
         ("count", "i8"),  # how many it has
         ("turning", "i8"),  # whether some of them turn
+        ("in_flow", "i8"),  # whether the force of some of them depends on velocity: see `flow_wrench`
         # what the medium does to it
         ("planar", "i8"),
         ("drag", "f8", 6),  # of v, N s/m and N m s/rad
@@ -191,7 +192,9 @@ def pack_fleet(vehicles: Sequence[Vehicle], heading: Array, timestep: float, sur
         for actuator, own in zip(vehicle.actuators, vehicle.by_actuator(channels), strict=True):
             actuator.pack(own, timestep, vehicle.mass * GRAVITY)
         channels["state"] = np.cumsum(channels["late"]) - channels["late"]
-        kind["turning"], states[k] = (channels["code"] == AZIMUTH).any(), channels["late"].sum()
+        kind["turning"] = (channels["code"] != FIXED).any()
+        kind["in_flow"] = (channels["code"] == RUDDER).any()
+        states[k] = channels["late"].sum()
     bodies, v = np.zeros(len(vehicles), BODY), np.arange(len(vehicles))
     bodies["kind"], bodies["qpos"], bodies["dof"] = number, 7 * v, 6 * v
     for name, each in (("actuator", kinds["count"][number]), ("state", states[number])):
@@ -357,7 +360,7 @@ def thruster_commands(kind, thrusters, heading, command, sensed, act, ctrl):
     weight, turn, force, moment = steer(kind, heading, sensed, wanted, force, weight)
     _allocate(kind, thrusters, R[8], weight, turn, force, moment, ctrl)
     if kind.turning:
-        aim(thrusters, act, ctrl)
+        aim(thrusters, s, sensed.rates, act, ctrl)
 
 
 @inline_jit

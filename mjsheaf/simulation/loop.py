@@ -27,7 +27,7 @@ from mjsheaf.simulation.bodies import (
 from mjsheaf.simulation.engine import Engine, Recorder
 from mjsheaf.simulation.trajectory import Log, blow_up_message, new_log, quaternions_of, record_links, record_vehicle
 from mjsheaf.system import Phase, System
-from mjsheaf.vehicles.actuators import ANGLE
+from mjsheaf.vehicles.actuators import ANGLE, flow_wrench
 from mjsheaf.vehicles.vectors import add, rotation, subtract, to_body, triple
 
 HUGE = 1e10
@@ -159,8 +159,8 @@ def sense_and_command(loop, v):
     """Let vehicle v measure and write its commands.
 
     Returns:
-        Its attitude (9,) and rates, and force and moment of the medium (see `medium_wrench`), and of the surface on
-        which it rests once it is lost; body axes, (3,) each.
+        Its attitude (9,) and rates, and force and moment of the medium (see `medium_wrench` and `flow_wrench`), and of
+        the surface on which it rests once it is lost; body axes, (3,) each.
     """
     params, state = loop
     q, qvel = state.qpos, state.qvel
@@ -176,7 +176,8 @@ def sense_and_command(loop, v):
     force, moment = medium_wrench(kind, height, R, s, omega)
     sensed = Sensed(R, quaternion, s, omega)
     command = triple(state.memory.command[v])
-    thruster_commands(kind, thrusters, body.heading, command, sensed, state.act[body.state :], ctrl)
+    act = state.act[body.state :]
+    thruster_commands(kind, thrusters, body.heading, command, sensed, act, ctrl)
     if params.stopped[v]:
         for j in range(kind.count):
             if thrusters[j].code != ANGLE:
@@ -185,6 +186,10 @@ def sense_and_command(loop, v):
             push, turn = rest_on_surface(kind, -height, R, triple(qvel[d:]), omega)
             force = add(force, push)
             moment = add(moment, turn)
+    if kind.in_flow:
+        push, turn = flow_wrench(thrusters, s, omega, act, ctrl)
+        force = add(force, push)
+        moment = add(moment, turn)
     return R, omega, force, moment
 
 

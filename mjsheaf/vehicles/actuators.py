@@ -4,35 +4,52 @@ Allocation is linear in efforts: W maps them to the wrench on the body. A thrust
 azimuth thruster has two, the components of its thrust along its site's direction and to port of that, of which its
 branch makes thrust and angle. Every effort has a channel: an actuator of MuJoCo's, with its command in ctrl.
 
-A new kind subclasses `Thruster` and has a code with a branch in `aim`, `unit_wrench` and `room_of`; `actuator_force` is
-MuJoCo's own dynamics of whatever kind, for the engine that does without it.
+A propeller with a rudder has two efforts too: the force ahead and, in proportion, the force to port. With u and v the
+velocity of the rudder ahead and to port through the water, T the thrust and delta the deflection, the rudder feels
+
+    inflow         a |a| = u |u| + 2 eta T / (rho A_p), b = v: momentum theory of the propeller's disc A_p far behind
+                   it, eta the share of the rudder in its race (Molland and Turnock, Marine Rudders and Control
+                   Surfaces, 2007, ch. 3); a propeller that pushes astern has its race ahead of it
+    normal force   F = -1/2 rho A_R U f n, limited where |n| > U sin(stall), with U^2 = a^2 + b^2, the normal velocity
+                   n = b cos(delta) - a sin(delta), and f = 6.13 Lambda / (Lambda + 2.25) for a plate of aspect ratio
+                   Lambda (Fujii; Yasukawa and Yoshimura, J. Mar. Sci. Technol. 20, 2015): lift F cos(alpha) and
+                   drag F sin(alpha) at an incidence alpha; F n <= 0, so it takes energy from what flows past it
+
+It acts behind the propeller. The hull's part in it (flow straightening, wake) is left out. At a given thrust W is what
+full deflection makes at rest: speed ahead adds to that, so efforts that are feasible at rest are so at any speed. `aim`
+inverts the model at the measured velocity. Without thrust and speed there is no force, whatever the deflection.
+
+A new kind subclasses `Thruster`, has a section with `fit`, named in `AnyActuator`, and a code with a branch in `aim`
+and, as far as it needs them, in `unit_wrench`, `room_of` and `flow_wrench`: the force that depends on velocity.
+`actuator_force` is MuJoCo's own dynamics of whatever kind, for the engine that does without it.
 """
 
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from mjsheaf.arrays import Array, freeze
+from mjsheaf.errors import InputError
 from mjsheaf.io.section import Section
 from mjsheaf.jit import inline_jit, jit
-from mjsheaf.vehicles.vectors import triple
+from mjsheaf.vehicles.vectors import add, cross, triple
 
 Range = tuple[float, float] | None  # of MuJoCo's: lowest and highest, or no limit
 
 LAGS = ("none", "filter", "filterexact")
 """How a thruster may follow its command: MJCF's dyntype."""
 
-FIXED, AZIMUTH, ANGLE = 0, 1, 2  # codes of channels
+FIXED, AZIMUTH, ANGLE, RUDDER = 0, 1, 2, 3  # codes of channels
 CHANNEL = np.dtype(
     [
         ("direction", "f8", 3),  # force on the body for a force of 1, body axes; of an angle, at 90 degrees
         ("row", "f8", 6),  # of the allocation W^+
         ("low", "f8"),  # limits of the command
         ("high", "f8"),
-        ("code", "i8"),  # FIXED, AZIMUTH or, right after that, its ANGLE
+        ("code", "i8"),  # FIXED, AZIMUTH or RUDDER and, right after these, its ANGLE
         ("moment", "f8", 3),  # as direction
         ("reach", "f8"),  # farthest that an angle's command may be from the angle, rad
         ("dead_band", "f8"),  # effort below which an angle follows in proportion to the effort, N
@@ -46,6 +63,12 @@ CHANNEL = np.dtype(
         ("act", "f8", 2),
         ("force", "f8", 2),
         ("planar", "f8", 3),  # wrench of an effort of 1 on the rows surge, sway and yaw: see `allocation`
+        # of the ANGLE of a RUDDER
+        ("position", "f8", 3),  # m
+        ("race", "f8"),  # 2 eta / (rho A_p), m^2/s^2 for 1 N of thrust
+        ("normal", "f8"),  # 1/2 rho A_R f, kg/m
+        ("stall", "f8"),  # sine of the incidence from which on the normal force grows no more
+        ("side", "f8"),  # force to port for an effort of 1
     ],
     align=True,
 )
@@ -64,6 +87,8 @@ the band: an angle turns at most 1e-7 as fast as it can, so 0.1 rad of turning b
 moves nothing: 2.4 mN push a WAM-V of 211 kg at 0.02 mm/s against its drag.
 """
 _OVERLAP = 0.2  # share of a force that an azimuth thruster leaves out before it turns round for it, by 180 degrees
+_PORT = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])  # turns rows by 90 degrees to port
+_AIM_ROUNDS = 4  # of a rudder: thrust makes up for its drag, and its deflection for the thrust
 
 
 class Channel(NamedTuple):
@@ -203,8 +228,24 @@ class Thruster:
             one[name] = limits or (-np.inf, np.inf)
 
 
+class Mount(NamedTuple):
+    """Place of a thruster in the body, body axes.
+
+    Attributes:
+        arm: Position of its site, shape (3,), m.
+        force: Force for a command of 1, shape (3,), N.
+        torque: Moment for a command of 1 about the site, shape (3,), N m.
+    """
+
+    arm: Array
+    force: Array
+    torque: Array
+
+
 class Azimuth(Section):
     """How a thruster of the MJCF file turns about the vertical axis through its site."""
+
+    surface_only: ClassVar[bool] = False
 
     kind: Literal["azimuth"] = Field(description="always azimuth")
     angle: Annotated[list[float], Field(min_length=2, max_length=2)] = Field(
@@ -220,6 +261,25 @@ class Azimuth(Section):
         if not -360.0 <= self.angle[0] < self.angle[1] <= 360.0:
             raise ValueError("angle: expected the lowest, then the highest, from -360 to 360 degrees")
         return self
+
+    def fit(self, thruster: Thruster, mount: Mount) -> "AzimuthThruster":
+        """Return a thruster of the MJCF file as one that turns.
+
+        Raises:
+            InputError: It does not push across the vertical.
+        """
+        if not max(abs(mount.force[2]), abs(mount.torque[2])) < 1e-9 * np.hypot(*mount.force[:2]):
+            raise InputError("expected a horizontal thrust and no torque about the vertical")
+        force = mount.force @ _PORT
+        low, high, rate = map(float, np.deg2rad([*self.angle, self.rate]))
+        return AzimuthThruster(
+            **vars(thruster),
+            sideways=np.concatenate([force, np.cross(mount.arm, force) + mount.torque @ _PORT]),
+            low=low,
+            high=high,
+            rate=rate,
+            angle_lag=self.lag,
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -248,9 +308,14 @@ class AzimuthThruster(Thruster):
         return np.array([self.wrench, self.sideways])
 
     @property
+    def angle_name(self) -> str:
+        """Name of the second channel."""
+        return f"{self.name}_angle"
+
+    @property
     def channels(self) -> list[Channel]:
         """Thrust and angle."""
-        return [*super().channels, Channel(f"{self.name}_angle", "rad", self.low, self.high)]
+        return [*super().channels, Channel(self.angle_name, "rad", self.low, self.high)]
 
     def _reach(self, normals: Array) -> Array:
         """Largest effort along directions (k,) in rad."""
@@ -310,7 +375,7 @@ class AzimuthThruster(Thruster):
 
     def to_mujoco(self, gears: Array) -> list[dict[str, Any]]:
         """Thrust, and the angle, whose force is the angle and acts on nothing."""
-        angle = _actuator(f"{self.name}_angle", np.zeros(6), 1.0, "filterexact", self.angle_lag)
+        angle = _actuator(self.angle_name, np.zeros(6), 1.0, "filterexact", self.angle_lag)
         if np.isfinite([self.low, self.high]).all():
             angle |= {"ctrllimited": 1, "ctrlrange": (self.low, self.high)}
         return [*super().to_mujoco(gears), angle]
@@ -330,6 +395,119 @@ class AzimuthThruster(Thruster):
         angle["ctrl"] = (self.low, self.high) if np.isfinite([self.low, self.high]).all() else free
 
 
+class Rudder(Section):
+    """A rudder behind a propeller of the MJCF file, which pushes ahead; see `mjsheaf/vehicles/actuators.py`."""
+
+    surface_only: ClassVar[bool] = True
+
+    kind: Literal["rudder"] = Field(description="always rudder")
+    angle: Annotated[float, Field(gt=0, lt=90)] = Field(description="largest deflection to either side [degrees]")
+    rate: Annotated[float, Field(gt=0)] = Field(description="fastest turn [degrees/s]")
+    lag: Annotated[float, Field(ge=0)] = Field(
+        0.0, description="time constant with which the deflection follows its command [s]"
+    )
+    behind: Annotated[float, Field(ge=0)] = Field(description="distance of the rudder behind the propeller's site [m]")
+    area: Annotated[float, Field(gt=0)] = Field(description="area of the blade A_R [m^2]")
+    span: Annotated[float, Field(gt=0)] = Field(description="height of the blade; aspect ratio is span^2 / area [m]")
+    diameter: Annotated[float, Field(gt=0)] = Field(description="diameter of the propeller [m]")
+    slipstream: Annotated[float, Field(gt=0, le=1)] = Field(
+        description="share eta of the blade that is in the propeller's race [-]"
+    )
+    stall: Annotated[float, Field(gt=0, le=90)] = Field(
+        35.0, description="incidence from which on the normal force grows no more [degrees]"
+    )
+    density: Annotated[float, Field(gt=0)] = Field(1025.0, description="density of the water [kg/m^3]")
+
+    def fit(self, thruster: Thruster, mount: Mount) -> "RudderThruster":
+        """Return a thruster of the MJCF file with this rudder behind it.
+
+        Raises:
+            InputError: It does not push straight ahead by 1 N for a command of 1, or the rudder would stop its race.
+        """
+        if thruster.gain != 1.0 or not np.allclose(mount.force, [1.0, 0.0, 0.0], atol=1e-9):
+            raise InputError("expected a thrust straight ahead, of 1 N for a command of 1, before a rudder")
+        aspect_ratio = self.span**2 / self.area
+        normal = 0.5 * self.density * self.area * 6.13 * aspect_ratio / (aspect_ratio + 2.25)
+        race = 2.0 * self.slipstream / (self.density * 0.25 * np.pi * self.diameter**2)
+        angle, stall, rate = map(float, np.deg2rad([self.angle, self.stall, self.rate]))
+        useful = min(angle, stall)
+        pushed = normal * race * np.sin(useful) * np.cos(useful)  # to port, for a thrust of 1 N at rest
+        ahead = 1.0 - pushed * np.tan(useful)
+        if ahead <= 0.0:
+            raise InputError("its drag at full deflection exceeds the thrust; expected less area, angle or slipstream")
+        side = pushed / (ahead * np.tan(angle))
+        position = mount.arm - [self.behind, 0.0, 0.0]
+        force = np.array([0.0, side, 0.0])
+        return RudderThruster(
+            **vars(thruster),
+            sideways=np.concatenate([force, np.cross(position, force)]),
+            low=-angle,
+            high=angle,
+            rate=rate,
+            angle_lag=self.lag,
+            position=position,
+            race=race,
+            normal=normal,
+            stall=float(np.sin(stall)),
+            side=side,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class RudderThruster(AzimuthThruster):
+    """A propeller with a rudder behind it.
+
+    Its efforts are those of a thruster that turns by the deflection, and pushes `side` times as hard to port as one.
+    It is commanded ahead only: astern, no race passes the rudder.
+
+    Attributes:
+        position: Position of the rudder in the body, shape (3,), m.
+        race: Square of the speed that 1 N of thrust adds to the inflow, m^2/s^2.
+        normal: Normal force for a speed and a normal velocity of 1 m/s, kg/m.
+        stall: Sine of the incidence from which on the normal force grows no more.
+        side: Force to port for an effort of 1 N.
+    """
+
+    position: Array
+    race: float
+    normal: float
+    stall: float
+    side: float
+
+    @property
+    def angle_name(self) -> str:
+        """As the field calls it."""
+        return f"{self.name}_rudder"
+
+    @property
+    def thrust(self) -> tuple[float, float]:
+        """Ahead only."""
+        low, high = super().thrust
+        return max(low, 0.0), high
+
+    def why_rough(self, command: Array, least: float) -> str:
+        """Without thrust nothing need flow past the rudder."""
+        if command[0] <= least:
+            return "a rudder makes no force without thrust or speed"
+        return Thruster.why_rough(self, command, least)
+
+    def without_limits(self) -> AzimuthThruster:
+        """The force to port needs no flow: a thruster that turns, and pushes as hard as asked."""
+        own = {name: getattr(self, name) for name in AzimuthThruster.__dataclass_fields__}
+        return AzimuthThruster(**own).without_limits()
+
+    def pack(self, channels: NDArray[np.void], timestep: float, weight: float = 0.0) -> None:
+        """Blade and race, too."""
+        super().pack(channels, timestep, weight)
+        channels["code"] = RUDDER, ANGLE
+        for name in ("position", "race", "normal", "stall", "side"):
+            channels[1][name] = getattr(self, name)
+
+
+AnyActuator = Annotated[Azimuth | Rudder, Field(discriminator="kind")]
+"""What a description may say of a thruster of the MJCF file."""
+
+
 def _actuator(name: str, gear: Array, gain: float, law: str, time_constant: float) -> dict[str, Any]:
     from mjsheaf.engine import mujoco  # which ideal kinematics do without
 
@@ -345,38 +523,119 @@ def _actuator(name: str, gear: Array, gain: float, law: str, time_constant: floa
 
 
 @jit
-def aim(channels, act, ctrl):
-    """Turn the efforts of azimuth thrusters into commands, in place.
+def aim(channels, velocity, rates, act, ctrl):
+    """Turn the efforts of actuators with an angle into commands, in place.
+
+    Args:
+        channels: of one vehicle, shape (s,); see CHANNEL.
+        velocity, rates: through the medium, body axes, (3,) each, m/s and rad/s.
+        act: its activations.
+        ctrl: efforts, then commands, shape (s,).
+    """
+    for k in range(ctrl.shape[0] - 1):
+        if channels[k].code == AZIMUTH:
+            _aim_azimuth(channels, k, act, ctrl)
+        elif channels[k].code == RUDDER:
+            _aim_rudder(channels, k, velocity, rates, act, ctrl)
+
+
+@jit
+def _aim_azimuth(channels, k, act, ctrl):
+    """Turn the efforts of an azimuth thruster, with its thrust in channel k, into commands.
 
     Of the two angles at which an azimuth thruster makes a force, by thrust ahead or astern, or of the best that it can
     reach, it takes the one that leaves less out, or is nearer. It turns no faster than it may, and thrusts meanwhile by
     the force's component along its present angle. No force leaves the angle as it is. Within the dead band, the turn of
     a step is proportional to the force: rounding errors have a direction too. A threshold would not do: engines whose
     forces rounding puts on either side of it would differ by the turn of a whole step.
+    """
+    x, y, thrust, angle = ctrl[k], ctrl[k + 1], channels[k], channels[k + 1]
+    size, now = np.sqrt(x * x + y * y), act[angle.state]
+    if size < np.inf:  # what is not finite stays, to be seen
+        wanted, least = now, np.inf if size > 0.0 else 0.0
+        for sign in (1.0, -1.0):
+            a = nearest_angle(np.arctan2(sign * y, sign * x), now, angle.low, angle.high)
+            c, s = np.cos(a), np.sin(a)
+            made = min(max(x * c + y * s, thrust.low), thrust.high)
+            cost = np.sqrt((x - made * c) ** 2 + (y - made * s) ** 2)
+            cost += _OVERLAP * size * min(abs(a - now) / np.pi, 1.0)
+            if cost < least:
+                wanted, least = a, cost
+        ctrl[k] = at_most(x * np.cos(now) + y * np.sin(now), thrust.low, thrust.high)
+        ctrl[k + 1] = min(max(wanted, now - angle.reach, angle.low), now + angle.reach, angle.high)
+        if size < angle.dead_band:
+            ctrl[k + 1] = now + size / angle.dead_band * (ctrl[k + 1] - now)
+
+
+@jit
+def _aim_rudder(channels, k, velocity, rates, act, ctrl):
+    """Turn the efforts of a propeller with a rudder into thrust, in channel k, and deflection.
+
+    With b = U sin(beta), a force Y to port takes sin(2 delta - beta) = sin(beta) + 2 Y / (normal U^2); thrust makes up
+    for the drag. A little is added to U^2, so that no direction is taken from rounding where nothing flows.
+    """
+    x, side, propeller, rudder = ctrl[k], channels[k + 1].side * ctrl[k + 1], channels[k], channels[k + 1]
+    if abs(x) + abs(side) < np.inf:  # what is not finite stays, to be seen
+        thrust, deflection, most = x, 0.0, np.arcsin(rudder.stall)
+        calm = rudder.dead_band / rudder.normal
+        for _ in range(_AIM_ROUNDS):
+            thrust = at_most(thrust, propeller.low, propeller.high)
+            a, b = _inflow(rudder, velocity, rates, thrust)
+            square = a * a + b * b + calm
+            facing = a / np.sqrt(a * a + calm)
+            across = b / np.sqrt(square)
+            sine = facing * (across + 2.0 * side / (rudder.normal * square))
+            drift = np.arcsin(facing * across)
+            deflection = 0.5 * (drift + np.arcsin(min(max(sine, -1.0), 1.0)))
+            deflection = min(max(deflection, drift - most, rudder.low), drift + most, rudder.high)
+            thrust = x - _blade_force(rudder, a, b, deflection)[0]
+        now = act[rudder.state]
+        ctrl[k] = at_most(thrust, propeller.low, propeller.high)
+        ctrl[k + 1] = min(max(deflection, now - rudder.reach, rudder.low), now + rudder.reach, rudder.high)
+
+
+@inline_jit
+def _inflow(rudder, velocity, rates, thrust):
+    """Velocity of a rudder through the water about it, ahead and to port, m/s; see the module."""
+    moved = add(velocity, cross(rates, triple(rudder.position)))
+    square = moved[0] * abs(moved[0]) + rudder.race * max(thrust, 0.0)
+    return np.copysign(np.sqrt(abs(square)), square), moved[1]
+
+
+@inline_jit
+def _blade_force(rudder, a, b, deflection):
+    """Force on a rudder ahead and to port, N; see the module."""
+    c, s = np.cos(deflection), np.sin(deflection)
+    speed = np.sqrt(a * a + b * b)
+    stalled = rudder.stall * speed
+    force = -rudder.normal * speed * min(max(b * c - a * s, -stalled), stalled)
+    return -force * s, force * c
+
+
+@jit
+def flow_wrench(channels, velocity, rates, act, ctrl):
+    """Force and moment of what flows past a vehicle's actuators, beside those of the actuators themselves.
 
     Args:
         channels: of one vehicle, shape (s,); see CHANNEL.
+        velocity, rates: through the medium, body axes, (3,) each, m/s and rad/s.
         act: its activations.
-        ctrl: efforts, then commands, shape (s,).
+        ctrl: its commands, shape (s,).
+
+    Returns:
+        Force and moment, body axes, (3,) each, as `unit_wrench` has them.
     """
+    force = moment = (0.0, 0.0, 0.0)
     for k in range(ctrl.shape[0] - 1):
-        if channels[k].code == AZIMUTH:
-            x, y, thrust, angle = ctrl[k], ctrl[k + 1], channels[k], channels[k + 1]
-            size, now = np.sqrt(x * x + y * y), act[angle.state]
-            if size < np.inf:  # what is not finite stays, to be seen
-                wanted, least = now, np.inf if size > 0.0 else 0.0
-                for sign in (1.0, -1.0):
-                    a = nearest_angle(np.arctan2(sign * y, sign * x), now, angle.low, angle.high)
-                    c, s = np.cos(a), np.sin(a)
-                    made = min(max(x * c + y * s, thrust.low), thrust.high)
-                    cost = np.sqrt((x - made * c) ** 2 + (y - made * s) ** 2)
-                    cost += _OVERLAP * size * min(abs(a - now) / np.pi, 1.0)
-                    if cost < least:
-                        wanted, least = a, cost
-                ctrl[k] = at_most(x * np.cos(now) + y * np.sin(now), thrust.low, thrust.high)
-                ctrl[k + 1] = min(max(wanted, now - angle.reach, angle.low), now + angle.reach, angle.high)
-                if size < angle.dead_band:
-                    ctrl[k + 1] = now + size / angle.dead_band * (ctrl[k + 1] - now)
+        if channels[k].code == RUDDER:
+            propeller, rudder = channels[k], channels[k + 1]
+            thrust, _ = actuator_force(propeller, ctrl[k], act[propeller.state] if propeller.late else 0.0)
+            a, b = _inflow(rudder, velocity, rates, thrust)
+            ahead, port = _blade_force(rudder, a, b, act[rudder.state])
+            port /= rudder.side
+            force = add(force, _turned(ahead, port, triple(propeller.direction), triple(rudder.direction)))
+            moment = add(moment, _turned(ahead, port, triple(propeller.moment), triple(rudder.moment)))
+    return force, moment
 
 
 @inline_jit

@@ -18,7 +18,7 @@ whatever the number of thrusters, and semismooth Newton steps find it. Nothing i
 import numpy as np
 
 from mjsheaf.jit import inline_jit, jit
-from mjsheaf.vehicles.actuators import ANGLE, AZIMUTH, FIXED, WEAK_SIDE
+from mjsheaf.vehicles.actuators import ANGLE, FIXED, WEAK_SIDE
 from mjsheaf.vehicles.vectors import subtract, triple
 
 _FORCE_WEIGHT, _YAW_WEIGHT = 1e-3, 1e-8  # of E: yaw comes first
@@ -40,7 +40,7 @@ def _plus(a, share, b):
 
 @jit
 def nearest_effort(channels, k, a, b):
-    """Find the effort of actuator k that is nearest to (a, b); b belongs to an azimuth thruster.
+    """Find the effort of actuator k that is nearest to (a, b); b belongs to one with an angle.
 
     An azimuth thruster that pushes one way and turns by less than 180 degrees has the sector of a disc for its efforts.
     Any other counts as having the whole disc.
@@ -89,7 +89,7 @@ def _wrench_of(channels, y):
             one, other = triple(channels[k].planar), triple(channels[min(k + 1, last)].planar)
             a, b, _, _, _ = nearest_effort(channels, k, _dot(one, y), _dot(other, y))
             made = _plus(made, a, one)
-            if channels[k].code == AZIMUTH:
+            if channels[k].code != FIXED:
                 made = _plus(made, b, other)
     return made
 
@@ -163,7 +163,7 @@ def _reachable_yaw(channels, desired):
             one, other = channels[k].planar[2], channels[min(k + 1, last)].planar[2]
             a, b, _, _, _ = nearest_effort(channels, k, sign * one, sign * other)
             made += one * a if one != 0.0 else 0.0
-            if channels[k].code == AZIMUTH:
+            if channels[k].code != FIXED:
                 made += other * b
     return min(desired, made) if sign > 0.0 else max(desired, made)
 
@@ -202,5 +202,5 @@ def allocate_nearest(channels, scale, force, yaw, effort):
             one, other = triple(channels[k].planar), triple(channels[min(k + 1, last)].planar)
             a, b, _, _, _ = nearest_effort(channels, k, _dot(one, dual), _dot(other, dual))
             effort[k] = a
-            if channels[k].code == AZIMUTH:
+            if channels[k].code != FIXED:
                 effort[k + 1] = b

@@ -26,7 +26,7 @@ from mjsheaf.errors import InputError, expected, in_field, shortened
 from mjsheaf.io.files import confined, read_bytes, resource_directory
 from mjsheaf.io.section import validation_problems
 from mjsheaf.io.yaml import SUFFIXES, read_yaml
-from mjsheaf.vehicles.actuators import LAGS, Azimuth, AzimuthThruster, Range, Thruster
+from mjsheaf.vehicles.actuators import LAGS, AnyActuator, Mount, Range, Thruster
 from mjsheaf.vehicles.body import GRAVITY, ROW_NAMES, Inertial
 from mjsheaf.vehicles.steering import Full
 from mjsheaf.vehicles.vehicle import Vehicle, VehicleDescription
@@ -346,14 +346,16 @@ def _thruster_names(model: mujoco.MjModel) -> list[str]:
     return names
 
 
-def _actuators(path: Path, model: mujoco.MjModel, data: mujoco.MjData, turning: dict[str, Azimuth]) -> list[Thruster]:
+def _actuators(
+    path: Path, model: mujoco.MjModel, data: mujoco.MjData, described: dict[str, AnyActuator]
+) -> list[Thruster]:
     """The actuators of a compiled file; its elements would not do: most of them may stand in their default class.
 
     Raises:
-        InputError: one that is to turn does not exist, or does not push across the vertical.
+        InputError: one that is described does not exist, or does not push as its description needs it.
     """
     names = _thruster_names(model)
-    for name in turning:
+    for name in described:
         if name not in names:
             raise InputError(f"{path}: actuators.{name} of the description is not there; {expected(name, names)}")
     site, gains = model.actuator_trnid[:, 0], model.actuator_gainprm[:, :1]
@@ -361,8 +363,6 @@ def _actuators(path: Path, model: mujoco.MjModel, data: mujoco.MjData, turning: 
     force = np.einsum("kij,kj->ki", axes, model.actuator_gear[:, :3])
     torque = np.einsum("kij,kj->ki", axes, model.actuator_gear[:, 3:])
     wrenches = np.hstack([force, np.cross(arms, force) + torque]) * gains
-    port = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]).T  # turns rows by 90 degrees
-    sideways = np.hstack([force @ port, np.cross(arms, force @ port) + torque @ port]) * gains
     actuators = []
     for k, name in enumerate(names):
         thruster = Thruster(
@@ -376,14 +376,10 @@ def _actuators(path: Path, model: mujoco.MjModel, data: mujoco.MjData, turning: 
             time_constant=float(model.actuator_dynprm[k, 0]),
             early=bool(model.actuator_actearly[k]),
         )
-        if name in turning:
-            if not max(abs(wrenches[k, 2]), abs(torque[k, 2])) < 1e-9 * np.hypot(*wrenches[k, :2]):
-                raise InputError(
-                    f"{path}: actuators.{name}: expected a horizontal thrust and no torque about the vertical"
-                )
-            low, high, rate = map(float, np.deg2rad([*turning[name].angle, turning[name].rate]))
-            turn = {"sideways": sideways[k], "low": low, "high": high, "rate": rate, "angle_lag": turning[name].lag}
-            thruster = AzimuthThruster(**vars(thruster), **turn)
+        if name in described:
+            mount = Mount(arms[k], force[k] * gains[k], torque[k] * gains[k])
+            with in_field(f"{path}: actuators.{name}"):
+                thruster = described[name].fit(thruster, mount)
         actuators.append(thruster)
     return actuators
 

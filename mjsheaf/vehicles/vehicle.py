@@ -17,7 +17,7 @@ from pydantic import Discriminator, Field, Tag, model_validator
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError
 from mjsheaf.io.section import Section
-from mjsheaf.vehicles.actuators import Azimuth
+from mjsheaf.vehicles.actuators import AnyActuator
 from mjsheaf.vehicles.body import AttitudeHold, Body
 from mjsheaf.vehicles.steering import HandPoint, Steering, ThrustVector
 
@@ -81,7 +81,9 @@ class VehicleDescription(Section):
     autopilot: Autopilot | None = Field(
         None, description="hold of the commanded velocity; feedforward of the drag law only unless given"
     )
-    actuators: dict[str, Azimuth] = Field({}, description="thrusters of the MJCF file that turn, by name")
+    actuators: dict[str, AnyActuator] = Field(
+        {}, description="thrusters of the MJCF file that turn, or have a rudder, by name"
+    )
     steering: (
         Annotated[
             Annotated[HandPoint, Tag("HandPoint")] | Annotated[ThrustVector, Tag("ThrustVector")],
@@ -103,6 +105,8 @@ class VehicleDescription(Section):
             raise ValueError("a surface vehicle needs hydrostatics, and no other has them")
         if isinstance(self.steering, ThrustVector if self.domain == "surface" else HandPoint):
             raise ValueError("steering has a hand_point on the surface, and a largest_tilt in a volume")
+        if self.domain != "surface" and any(actuator.surface_only for actuator in self.actuators.values()):
+            raise ValueError("a rudder steers a vehicle on the surface")
         if self.drifts and (self.domain != "surface" or self.steering or self.autopilot or self.actuators):
             raise ValueError("what drifts floats on the surface, without steering, autopilot and actuators")
         return self

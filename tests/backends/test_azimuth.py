@@ -33,6 +33,7 @@ Array = NDArray[np.float64]
 
 NAME = "wamv_azimuth"
 PUSH = 2353.5  # N
+STILL = (0.0, 0.0, 0.0)  # m/s, rad/s
 RATE, END = np.deg2rad(60.0), np.pi / 2
 
 
@@ -150,7 +151,7 @@ def test_it_takes_the_best_thrust_and_angle_that_it_can_reach(low: float, high: 
         f, now = size * np.exp(1j * bearing), pod.low + share * (pod.high - pod.low)
         for _ in range(2):  # the first turns it, the second thrusts there
             ctrl = np.array([f.real, f.imag])
-            aim(channels, np.array([0.0, now]), ctrl)
+            aim(channels, STILL, STILL, np.array([0.0, now]), ctrl)
             assert weakest <= ctrl[0] <= 1.0
             assert pod.low <= ctrl[1] <= pod.high
             now = ctrl[1]
@@ -166,7 +167,7 @@ def test_it_does_not_turn_round_for_thrust_astern_or_for_nothing() -> None:
     pod.pack(channels, 0.01)
     for x, y, thrust, angle in ((-0.3, -0.4, -0.5, np.arctan2(4, 3)), (0.0, 0.0, 0.0, 0.9)):
         ctrl = np.array([x, y])
-        aim(channels, np.array([0.0, angle]), ctrl)
+        aim(channels, STILL, STILL, np.array([0.0, angle]), ctrl)
         np.testing.assert_allclose(ctrl, [thrust, angle], atol=1e-15)
 
 
@@ -177,7 +178,7 @@ def test_rounding_does_not_turn_it() -> None:
     pod.pack(channels, 0.01)
     for size, share in ((1e-16, 1e-10), (1e-13, 1e-7), (1e-9, 1e-3), (0.5e-6, 0.5), (1e-6, 1.0), (1e-3, 1.0)):
         ctrl = np.array([0.0, size])
-        aim(channels, np.array([0.0, 0.2]), ctrl)
+        aim(channels, STILL, STILL, np.array([0.0, 0.2]), ctrl)
         assert ctrl[1] - 0.2 == pytest.approx(0.01 * share, rel=1e-6, abs=1e-16)
 
 
@@ -433,7 +434,7 @@ def upward(root: ElementTree.Element) -> None:
         (None, swivel(angle=[-400, 0]), r"actuators\.thruster_port: angle: .* -360 to 360"),
         (None, swivel(angle=[0]), r"actuators\.thruster_port\.angle: "),
         (None, swivel(rate=0), r"actuators\.thruster_port\.rate: .*above 0"),
-        (None, swivel(kind="rudder"), r"actuators\.thruster_port\.kind: .*azimuth"),
+        (None, swivel(kind="wing"), r"actuators\.thruster_port\.kind: .*azimuth"),
         (None, swivel(reach=1), r"actuators\.thruster_port\.reach: unknown field; expected angle, kind, lag, rate"),
         (upward, swivel(), r"actuators\.thruster_port: expected a horizontal thrust"),
     ],
