@@ -49,7 +49,7 @@ from numpy.typing import NDArray
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.jit import as_records, inline_jit, jit
 from mjsheaf.simulation.trajectory import quaternions_of
-from mjsheaf.vehicles.actuators import CHANNEL, FIXED, RUDDER, aim, at_most, room_of, unit_wrench
+from mjsheaf.vehicles.actuators import CHANNEL, FIXED, aim, at_most, room_of, unit_wrench
 from mjsheaf.vehicles.allocation import allocate_nearest
 from mjsheaf.vehicles.authority import is_one_sided, turning_of
 from mjsheaf.vehicles.body import GRAVITY
@@ -193,7 +193,7 @@ def pack_fleet(vehicles: Sequence[Vehicle], heading: Array, timestep: float, sur
             actuator.pack(own, timestep, vehicle.mass * GRAVITY)
         channels["state"] = np.cumsum(channels["late"]) - channels["late"]
         kind["turning"] = (channels["code"] != FIXED).any()
-        kind["in_flow"] = (channels["code"] == RUDDER).any()
+        kind["in_flow"] = any(actuator.in_flow for actuator in vehicle.actuators)
         states[k] = channels["late"].sum()
     bodies, v = np.zeros(len(vehicles), BODY), np.arange(len(vehicles))
     bodies["kind"], bodies["qpos"], bodies["dof"] = number, 7 * v, 6 * v

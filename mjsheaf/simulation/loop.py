@@ -182,6 +182,8 @@ def sense_and_command(loop, v):
         for j in range(kind.count):
             if thrusters[j].code != ANGLE:
                 ctrl[j] = 0.0
+            elif kind.in_flow:
+                ctrl[j] = act[thrusters[j].state]
         if kind.rest > 0.0 and height < 0.0:
             push, turn = rest_on_surface(kind, -height, R, triple(qvel[d:]), omega)
             force = add(force, push)

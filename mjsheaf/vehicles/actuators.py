@@ -24,7 +24,7 @@ and, as far as it needs them, in `unit_wrench`, `room_of` and `flow_wrench`: the
 `actuator_force` is MuJoCo's own dynamics of whatever kind, for the engine that does without it.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -118,7 +118,10 @@ class Thruster:
         law: how it follows its command, one of LAGS.
         time_constant: of that, s.
         early: whether its force is that of the activation after a step.
+        in_flow: True for a kind with a branch in `flow_wrench`.
     """
+
+    in_flow: ClassVar[bool] = False
 
     name: str
     wrench: Array
@@ -468,6 +471,8 @@ class RudderThruster(AzimuthThruster):
         side: Force to port for an effort of 1 N.
     """
 
+    in_flow: ClassVar[bool] = True
+
     position: Array
     race: float
     normal: float
@@ -493,7 +498,7 @@ class RudderThruster(AzimuthThruster):
 
     def without_limits(self) -> AzimuthThruster:
         """The force to port needs no flow: a thruster that turns, and pushes as hard as asked."""
-        own = {name: getattr(self, name) for name in AzimuthThruster.__dataclass_fields__}
+        own = {field.name: getattr(self, field.name) for field in fields(AzimuthThruster)}
         return AzimuthThruster(**own).without_limits()
 
     def pack(self, channels: NDArray[np.void], timestep: float, weight: float = 0.0) -> None:

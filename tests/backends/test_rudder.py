@@ -23,7 +23,7 @@ from mjsheaf.vehicles.actuators import AzimuthThruster, RudderThruster, aim, flo
 from mjsheaf.vehicles.effects import Effects, embody, has_effects
 from mjsheaf.vehicles.loading import load_vehicle
 from mjsheaf.vehicles.vehicle import Vehicle
-from tests.builders import Edit, alone, altered, body, find, make_scenario, yaw_of
+from tests.builders import Edit, alone, altered, ask, body, find, make_scenario, yaw_of
 
 Array = NDArray[np.float64]
 
@@ -234,6 +234,19 @@ def test_without_thrust_and_speed_it_stays_where_it_is() -> None:
     rate, heading = sail(LIMIT, 0.0, 1500)
     assert np.abs(rate).max() < 1e-9
     assert np.abs(heading).max() < 1e-9
+
+
+def test_a_lost_boat_leaves_its_rudder_where_it_is() -> None:
+    world = alone(NAME, timestep=0.01)
+    ask(world, [1.5, 1.0])
+    world.step(60)
+    own = body(world)[3]
+    before = world.data.act[own][1]
+    assert abs(before) > 0.05
+    world._loop.params.stopped[:] = True
+    world.step(100)
+    assert world.data.act[own][1] == pytest.approx(before, abs=1e-12)
+    assert world.data.act[own][0] < 1e-3 * MOST
 
 
 def test_its_loop_is_linear_in_a_current_and_not_at_rest() -> None:
