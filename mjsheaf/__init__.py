@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from mjsheaf import envs
     from mjsheaf.checking import check
     from mjsheaf.control.controller import Controller, PerAgent
+    from mjsheaf.control.custom import register
     from mjsheaf.runs.many import simulate_many
     from mjsheaf.runs.publish import save
     from mjsheaf.runs.showing import plot, replay
@@ -35,6 +36,7 @@ _HOME = {
     "save": "mjsheaf.runs.publish",
     "plot": "mjsheaf.runs.showing",
     "replay": "mjsheaf.runs.showing",
+    "register": "mjsheaf.control.custom",
     "Controller": "mjsheaf.control.controller",
     "PerAgent": "mjsheaf.control.controller",
 }
@@ -52,6 +54,7 @@ __all__ = [
     "load_scenario",
     "load_vehicle",
     "plot",
+    "register",
     "replay",
     "save",
     "simulate",

@@ -97,6 +97,12 @@ def inline_jit(function: Callable[..., Any]) -> Any:
     return _compile(function, _nrt=False, forceinline=True)
 
 
+def user_jit(function: Callable[..., Any]) -> Any:
+    """Compile a function of a user's as `jit` does, but for the cache, which has it as a part of what calls it."""
+    options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": False}
+    return function if INTERPRETED else njit(**options)(function)
+
+
 INTERPRETED = bool(config.DISABLE_JIT)  # type: ignore[attr-defined]  # NUMBA_DISABLE_JIT of the environment
 """True if nothing is compiled, so that a debugger can stop in any loop."""
 

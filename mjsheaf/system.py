@@ -268,6 +268,7 @@ class System:
         if terms.agents:
             rows_of_agents = {name: getattr(terms, name)[agents] for name in ("dimension", "lead", "streams")}
             terms = terms._replace(agents=len(agents), **rows_of_agents)
+        custom = tuple(term._replace(agents=len(agents)) for term in law.custom)
         links = law.links
         if len(links.table):
             facing = links.facing[rows] if len(links.facing) else links.facing
@@ -277,7 +278,9 @@ class System:
             self,
             team=team.remaining,
             initial=self.initial[rows],
-            law=law._replace(edges=edges, gain=law.gain[rows], limit=law.limit[rows], terms=terms, links=links),
+            law=law._replace(
+                edges=edges, gain=law.gain[rows], limit=law.limit[rows], terms=terms, links=links, custom=custom
+            ),
             motion=self.motion._replace(**{name: getattr(self.motion, name)[rows] for name in by_vehicle}),
             harmonics=self.harmonics[rows],
             effectiveness=g._replace(**{name: getattr(g, name)[agents] for name in g._fields}),

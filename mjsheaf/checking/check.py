@@ -219,7 +219,7 @@ class Examination:
         """The smallest bound on |e| at the end of the system's time, m; infinite where there is none."""
         certificate, system = self.certificate, self.system
         found = [certificate.at_end(system.grid.period * system.grid.steps)]
-        if not system.law.terms.agents:
+        if not system.law.extended:
             with suppress(UndecidedError):
                 bound = envelope(system, certificate)
                 found += [] if bound.clipped else [float(bound.samples[-1])]
@@ -254,8 +254,8 @@ def examine(
             old, path = phases[k - 1].system, before.certificate.constants.path
             targets = _targets_at(before.certificate, phase.start - phases[k - 1].start, phase.time)
             jumps = _jumps(old, phase.system, targets)
-            beyond = beyond or bool(old.law.terms.agents or before.record.law.unmodelled)
-            unknown = beyond and not phase.system.law.terms.agents
+            beyond = beyond or bool(old.law.extended or before.record.law.unmodelled)
+            unknown = beyond and not phase.system.law.extended
             joining = _distances_of_joining(phases[: k + 1], targets)
             start = math.inf if unknown else before.end + math.hypot(*jumps.values(), *joining)
             system = during(phases, k, _settled(old, phase.system, targets))

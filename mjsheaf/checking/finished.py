@@ -201,7 +201,7 @@ def held_bound_of_run(
     system, dataset = _phase_of(run, dataset, which)
     python = f"the run has {theorem.law}" if dataset.attrs.get("controller") else ""
     reason = "the run is one of bodies" if theorem.bodies else python or theorem.departed
-    if not reason and which > 0 and system.law.terms.agents:
+    if not reason and which > 0 and system.law.extended:
         reason = "terms remember the phase before, of which the bound knows nothing"
     if reason:
         return HeldBound(None, reason)
@@ -247,7 +247,7 @@ def _other_law(system: System, controller: str) -> str:
         return f"a law of its own, {controller}"
     if parts := unmodelled_parts(system):
         return f"a law that is not certified, {because_of(parts)}"
-    return "terms beyond -k1 eta" if system.law.terms.agents else ""
+    return "terms beyond -k1 eta" if system.law.extended else ""
 
 
 def _compared(bound: RunBound, dataset: "xr.Dataset") -> RunBound:

@@ -65,7 +65,7 @@ def _cheapest(
         first = bisect_left(laws, True, key=lambda law: _keeps(law, certificate, radius))
         if first < len(laws):
             fields, on_bodies = _terms(kind, rounds[first], odometry), loop_on_path(laws[first], certificate).stable
-            return _proposal(gain, fields, system.law.terms.names, law_loop(laws[first], certificate), on_bodies)
+            return _proposal(gain, fields, system.law.term_names, law_loop(laws[first], certificate), on_bodies)
     return None
 
 

@@ -77,7 +77,7 @@ def compare(
         law=law.label if law else law_of(system),
         controller=law.label if law else None,
         gain=None if law else system.gain,
-        terms=[] if law else list(system.law.terms.names),
+        terms=[] if law else list(system.law.term_names),
         harm=[] if law else _harm(phases, runs["all"], scenario.seed),
         usable_gain=min((limit.gain for limit in gains.limits), default=None) if gains else None,
         gains=gains,
@@ -174,7 +174,7 @@ def _loop(phases: Sequence[Phase], ideal: Run) -> LoopRecord | None:
 
 def _harm(phases: Sequence[Phase], run: Run, seed: int) -> list[str]:
     """What the terms of the law do wrong in the run of the scenario as it stands."""
-    if not any(phase.system.law.terms.agents for phase in phases):
+    if not any(phase.system.law.extended for phase in phases):
         return []
     found = examine_terms(phases, run.recording.dataset("physics", seed))
     return list(found.harm) if found else []

@@ -319,7 +319,7 @@ def ladder_of(run: System | Sequence[Phase], *, controlled: bool = False) -> lis
     phases = phases_of(run)
     system = phases[0].system
     effects, own = effects_of(system), _switched_on(system)
-    has_terms = controlled or any(phase.system.law.terms.agents for phase in phases)
+    has_terms = controlled or any(phase.system.law.extended for phase in phases)
     has_links = any(len(phase.system.law.links.table) for phase in phases)
 
     def bodies(effects: frozenset[str], terms: bool = True, links: bool = True) -> Setup:

@@ -5,13 +5,9 @@ may have a method `reset(team, rng)`, called before the first sample. `sample` h
 from that, named so, the truth. Targets, references, speed limits and recording are as for the compiled law.
 """
 
-import importlib.util
 import inspect
-import os
-import sys
-import traceback
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
@@ -22,13 +18,13 @@ from numpy.typing import ArrayLike
 from mjsheaf.arrays import Array
 from mjsheaf.control.sample import Sample, Traffic, real_numbers
 from mjsheaf.errors import InputError, expected, visible
+from mjsheaf.io.user_code import described, executed, in_this_directory
 from mjsheaf.team import Edge, Team
 
 MAX_SPEED = 1e9
 """Largest velocity that a law may return, m/s."""
 
 _STREAM = 0x6C6177  # keeps a law's random numbers apart from others of the same seed
-_MAX_MESSAGE = 300  # characters of an exception that a message repeats
 Law = Callable[[float, Sample], ArrayLike]
 
 
@@ -103,44 +99,14 @@ class Controller:
 
     def _guarded(self, when: str, call: Callable[[], Any]) -> Any:
         try:
-            with _in_this_directory():
+            with in_this_directory():
                 return call()
         except KeyboardInterrupt:
             raise
         except BaseException as error:
             who = f"{error}, " if isinstance(error, _AgentError) else ""
             cause = error.__cause__ if isinstance(error, _AgentError) and error.__cause__ else error
-            raise InputError(f"controller {self.name}: {who}{when}: {_described(cause)}") from error
-
-
-@contextmanager
-def _in_this_directory() -> Iterator[None]:
-    """Come back to the working directory, by which the results' place and files are named."""
-    place = _working_directory()
-    try:
-        yield
-    finally:
-        if place is not None and _working_directory() != place:
-            with suppress(OSError):
-                os.chdir(place)
-
-
-def _working_directory() -> str | None:
-    """Return the working directory; None where it is gone."""
-    with suppress(OSError):
-        return os.getcwd()
-    return None
-
-
-def _described(error: BaseException) -> str:
-    """An exception of the user's code in a line, with where it was raised."""
-    frames = traceback.extract_tb(error.__traceback__)[-1:]
-    place = "".join(f" ({visible(Path(frame.filename).name)}, line {frame.lineno})" for frame in frames)
-    try:
-        text = str(error)
-    except (Exception, SystemExit):
-        text = "an exception that cannot be printed, as its __str__ raises another"
-    return f"{visible(type(error).__name__)}: {visible(text, _MAX_MESSAGE)}{place}"
+            raise InputError(f"controller {self.name}: {who}{when}: {described(cause)}") from error
 
 
 def controller_of(law: Law | Controller | None, system: Any, seed: int = 0) -> Controller | None:
@@ -304,15 +270,9 @@ def load_controller(source: str, seed: int = 0) -> Controller:
     source = source if source.isprintable() else visible(source)
     if not path.is_file():
         raise InputError(f"--controller {source}: there is no such file")
-    module_name = f"mjsheaf_controller_{path.stem}"
-    spec = importlib.util.spec_from_file_location(module_name, path)
-    assert spec is not None  # of a .py file
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[module_name] = module  # dataclasses and pickle look a class's module up
     try:
-        with _in_this_directory():
-            spec.loader.exec_module(module)
+        module = executed(path, "mjsheaf_controller")
+        with in_this_directory():
             law: Any = getattr(module, name, None)
             law = law() if inspect.isclass(law) else law
         if not hasattr(module, name):
@@ -324,4 +284,4 @@ def load_controller(source: str, seed: int = 0) -> Controller:
     except InputError as error:
         raise InputError(f"--controller {source}: {error}") from None
     except BaseException as error:
-        raise InputError(f"--controller {source}: {_described(error)}") from error
+        raise InputError(f"--controller {source}: {described(error)}") from error

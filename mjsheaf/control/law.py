@@ -8,6 +8,7 @@ and desired value b,
     deliver     y_e as sensor and link leave it, where the edge has any (see `mjsheaf.control.links`)
     pull back   eta_i = sum of -F_i^T K (y_e + b_e) over the edges whose tail is i, F_j^T K (y_e + b_e) where i is head
     terms       -k1 eta (eq. controller-1), or the velocities that a law in Python asks for
+    custom      terms that users registered (see `mjsheaf.control.custom`)
     residual    velocities from outside, such as the action of an environment
     reference   targets' own motion
     limit       largest commanded speed
@@ -18,11 +19,12 @@ neighbours alone, to the bit.
 """
 
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray, IntArray, Own
+from mjsheaf.control.custom import add_custom, names_of, size_of_custom
 from mjsheaf.control.links import (
     LinkArrays,
     LinkMemory,
@@ -86,6 +88,7 @@ class LawArrays(NamedTuple):
         supplied: how many vehicles, from the first on, take their velocity from `Memory.supplied` instead of -gain eta.
         terms: what is added to -gain eta.
         links: what happens to measurements.
+        custom: terms that users registered, of the types that `mjsheaf.control.custom` makes.
     """
 
     edges: EdgeArrays
@@ -94,6 +97,17 @@ class LawArrays(NamedTuple):
     supplied: int
     terms: TermArrays
     links: LinkArrays
+    custom: tuple[Any, ...] = ()
+
+    @property
+    def term_names(self) -> tuple[str, ...]:
+        """Names of the terms beyond -k1 eta."""
+        return self.terms.names + names_of(self.custom)
+
+    @property
+    def extended(self) -> bool:
+        """Whether there is more to it than -k1 eta."""
+        return bool(self.terms.agents or self.custom)
 
     @property
     def random(self) -> bool:
@@ -125,6 +139,7 @@ class Memory(NamedTuple):
             compiled law's.
         terms: what the terms hold.
         links: what the links hold.
+        custom: what registered terms hold of each vehicle, shape (V, k).
     """
 
     flat: Array
@@ -134,17 +149,18 @@ class Memory(NamedTuple):
     supplied: Array
     terms: TermMemory
     links: LinkMemory
+    custom: Array
 
 
 def new_memory(law: LawArrays, V: int) -> Memory:
     """The memory of a law of V vehicles before its first sample: zeros."""
     m = len(law.edges.b)
-    ends = np.cumsum([m, 9 * V, size_of_memory(law.terms, law.edges.first, V), size_of_link_memory(law.links, m)])
-    flat = np.zeros(ends[-1])
-    y, rest, terms, links, _ = np.split(flat, ends)
+    sizes = [m, 9 * V, size_of_memory(law.terms, law.edges.first, V), size_of_link_memory(law.links, m)]
+    flat = np.zeros(sum(sizes) + V * size_of_custom(law.custom))
+    y, rest, terms, links, custom = np.split(flat, np.cumsum(sizes))
     residual, command, supplied = rest.reshape(3, V, 3)
     of_terms, of_links = split_memory(terms, law.terms, law.edges.first, V), split_link_memory(links, law.links, m)
-    return Memory(flat, y, residual, command, supplied, of_terms, of_links)
+    return Memory(flat, y, residual, command, supplied, of_terms, of_links, custom.reshape(V, -1))
 
 
 def carry(memory: Memory, old: LawArrays, law: LawArrays, sample: int) -> Memory:
@@ -157,6 +173,8 @@ def carry(memory: Memory, old: LawArrays, law: LawArrays, sample: int) -> Memory
     new = new_memory(law, V)
     vehicles = slice(len(new.y), len(new.y) + 9 * V)
     new.flat[vehicles] = memory.flat[m : m + 9 * V]
+    if [type(term) for term in old.custom] == [type(term) for term in law.custom]:
+        new.custom[:] = memory.custom
     kept, rows = edges_kept(old.edges, law.edges)
     carry_terms(memory.terms, new.terms, rows, _with_changed_edges(old.edges, law.edges, kept, V))
     if len(old.links.of) or len(law.links.of):
@@ -282,6 +300,7 @@ def evaluate_law(control, t, x, drift, memory):
     proportional(law, memory.residual, memory.supplied, memory.command)
     if law.terms.agents > 0:
         add_terms(law, x, memory.y, memory.residual, memory.command, memory.terms, memory.links)
+    add_custom(law.custom, memory.residual, memory.command, memory.custom)
     add_supplied(law, memory.supplied, memory.command)
     for v in range(x.shape[0]):
         add_reference(control.motion, v, t, x[v], memory.command[v])
@@ -382,6 +401,7 @@ def pack_law(
     limits: Array,
     terms: TermArrays | None = None,
     links: LinkArrays | None = None,
+    custom: tuple[Any, ...] = (),
 ) -> LawArrays:
     """Assemble the law of a team.
 
@@ -392,11 +412,12 @@ def pack_law(
         limits: largest commanded speed of each vehicle, m/s, shape (V,).
         terms: beyond the paper's law.
         links: of its edges; exact unless given.
+        custom: registered terms.
     """
     gains = np.concatenate([np.full(len(team.agents), gain), np.full(len(team.targets), target_gain)])
     kinds = [(team.communication, True), (team.sensing, False), (team.target_edges, True), (team.anchors, False)]
     edges = pack_edges(team.members, kinds)
-    return LawArrays(edges, gains, limits.astype(float), 0, terms or no_terms(), links or no_links())
+    return LawArrays(edges, gains, limits.astype(float), 0, terms or no_terms(), links or no_links(), custom)
 
 
 def pack_edges(members: Sequence[Member], kinds: Sequence[tuple[Sequence[Edge], bool]]) -> EdgeArrays:

@@ -218,7 +218,7 @@ def _facts(
     engine = f" --engine {attrs['engine']}" if "engine" in attrs else ""
     command = f"mjsheaf run scenario.yaml --backend {backend}{engine}{controller}"
     command, where = again or (command, " in this directory")
-    laws = [f"gain {scenario.controller.gain:g} 1/s", *scenario.system.law.terms.names]
+    laws = [f"gain {scenario.controller.gain:g} 1/s", *scenario.system.law.term_names]
     return {
         "scenario": scenario.name,
         "summary": scenario.summary,

@@ -213,7 +213,7 @@ def gather(samples: Samples, phase: Coordinate) -> xr.Dataset:
 
 def law_of(system: System) -> str:
     """Name the compiled law of a system: the paper's, and the terms that it has in addition."""
-    terms = system.law.terms.names
+    terms = system.law.term_names
     return f"paper's law with {' and '.join(terms)}" if terms else "paper's law"
 
 

@@ -14,6 +14,7 @@ from pydantic import ConfigDict, Field, model_validator
 
 from mjsheaf.arguments import require_whole
 from mjsheaf.arrays import Array
+from mjsheaf.control.custom import CustomTerm, pack_custom
 from mjsheaf.control.law import LawArrays, pack_law
 from mjsheaf.control.links import pack_links
 from mjsheaf.control.rounds import pack_rounds
@@ -160,6 +161,9 @@ class Controller(Section):
     )
     integral: Integral | None = Field(None, description="adds the sum of eta over time; not in the law unless given")
     odometry: Odometry = Field(Odometry(), description="errors of odometry, on which feedforward and drift rest")
+    custom: dict[str, CustomTerm] = Field(
+        {}, description="compiled terms of your own, by the name that `mjsheaf.register` gave them; none unless given"
+    )
 
     @property
     def terms(self) -> Terms:
@@ -168,8 +172,10 @@ class Controller(Section):
 
     @model_validator(mode="after")
     def _sampled(self) -> "Controller":
-        if self.terms.any and self.control_period == 0.0:
-            raise ValueError("control_period is 0; expected a positive one with feedforward, newton, drift or integral")
+        if (self.terms.any or self.custom) and self.control_period == 0.0:
+            raise ValueError(
+                "control_period is 0; expected a positive one with feedforward, newton, drift, integral or custom terms"
+            )
         return self
 
 
@@ -559,6 +565,7 @@ class Scenario(Section):
             np.array(limits),
             pack_terms(law.terms, team, period, self.seed, rounds),
             packed_links,
+            pack_custom(law.custom, len(team.agents), period),
         )
 
     def uses_seed(self, backend: str) -> bool:

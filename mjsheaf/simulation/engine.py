@@ -219,7 +219,8 @@ class Engine(ABC):
         control = self._control_of(self.system)
         if not self._commanded:
             return control
-        return control._replace(law=control.law._replace(supplied=len(self.system.team.agents), terms=no_terms()))
+        law = control.law._replace(supplied=len(self.system.team.agents), terms=no_terms(), custom=())
+        return control._replace(law=law)
 
     def _enter_phase(self) -> None:
         """Enter the phase that the present step belongs to."""

@@ -120,7 +120,7 @@ def film_of(
     places = places_of(run, phases)
     law = law_in_words(dataset)
     if not dataset.attrs.get("controller"):
-        law = ", ".join([law, *system.law.terms.names])
+        law = ", ".join([law, *system.law.term_names])
     unstable = "" if dataset.attrs["status"] == "finished" else ", blew up"
     film = Film(
         name=scenario.name,

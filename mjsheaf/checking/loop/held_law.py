@@ -411,7 +411,7 @@ def law_loop(system: System, certificate: Certificate, *, carried: bool = False)
     terms, h = system.law.terms, system.grid.period
     sent = traffic_of(terms, system.team)
     found: dict[str, Any] = {
-        "terms": list(terms.names),
+        "terms": list(system.law.term_names),
         "unmodelled": unmodelled_parts(system),
         "exchanges": sent.rounds / h,
         "numbers": sent.numbers / (h * len(system.team.agents)),
@@ -428,7 +428,7 @@ def law_loop(system: System, certificate: Certificate, *, carried: bool = False)
         found["largest_gain"] = loop.stable_gains[1] if loop.stable_gains else None
         found["error_per_disturbance"] = loop.error_per_disturbance
         found["noise"] = _noise(system, loop) if loop.radius < 1.0 else None
-        if carried and terms.agents:
+        if carried and system.law.extended:
             raise UndecidedError("terms remember the phase before, of which the bound knows nothing")
         bound = envelope(system, certificate)
         late = slice(len(bound.within) // 2, None)
@@ -448,7 +448,7 @@ def law_loop(system: System, certificate: Certificate, *, carried: bool = False)
 
 def _noise(system: System, loop: Loop) -> float:
     """See LawLoop: what odometry adds by way of sensed targets and of the agent itself, at most."""
-    if not system.law.terms.agents:
+    if not system.law.extended:
         return 0.0
     command = np.sqrt(DelayedLoop(loop, 0).command_variances())  # per m of each input, shape (L, 4)
     carried = float((loop.values * command[:, 2]).max()) * _carried_odometry(system)

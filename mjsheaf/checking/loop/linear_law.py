@@ -144,7 +144,7 @@ def model_of(law: LawArrays, period: float) -> "LawModel":
         UndecidedError: The law is not linear.
     """
     alone = _one_agent(law)
-    key = pickle.dumps((*alone.law.terms, period))
+    key = pickle.dumps((*alone.law.terms, alone.law.custom, period))
     if key not in _models:
         if len(_models) >= _MOST_MODELS:
             _models.clear()
@@ -167,7 +167,7 @@ class LawModel:
     """
 
     def __init__(self, alone: ControlArrays, period: float) -> None:
-        self.plain = alone.law.terms.agents == 0
+        self.plain = not alone.law.extended
         if self.plain:
             return
         self._control = alone
@@ -269,7 +269,7 @@ class LawModel:
         """Return which number of the state is the integral of eta; -1 if none is."""
         memory = new_memory(self._control.law, 3)
         memory.flat[:] = np.arange(len(memory.flat))
-        where = np.flatnonzero(self._cells == memory.terms.z[0, 0])
+        where = np.flatnonzero(self._cells == memory.terms.z[:1, :1])
         return int(where[0]) if len(where) else -1
 
     def _require_linear(self) -> None:
@@ -296,7 +296,7 @@ class LawModel:
                 state = model.A[0] @ state + model.B[0] @ inputs
             self._rest = rest
             if not np.allclose(found, expected, rtol=_LINEAR, atol=_LINEAR * np.abs(expected).max()):
-                names = listed([f"term {name}" for name in self._control.law.terms.names])
+                names = listed([f"term {name}" for name in self._control.law.term_names])
                 raise UndecidedError(f"the law is not linear about its equilibrium ({names})")
 
 
@@ -334,7 +334,7 @@ def _one_agent(law: LawArrays) -> ControlArrays:
         knots=np.zeros(0),
         coefficients=np.zeros((0, 6, 3)),
     )
-    terms = law.terms
+    terms = law.terms._replace(sensing=np.zeros(2, dtype=np.int64))
     if terms.agents:
         terms = terms._replace(
             agents=1,
@@ -349,7 +349,8 @@ def _one_agent(law: LawArrays) -> ControlArrays:
             streams=np.zeros((1, 2), dtype=np.int64),
             rounds=no_rounds(),
         )
-    alone = LawArrays(edges, np.array([1.0, 0.0, 0.0]), np.full(3, np.inf), 0, terms, no_links())
+    custom = tuple(term._replace(agents=1) for term in law.custom)
+    alone = LawArrays(edges, np.array([1.0, 0.0, 0.0]), np.full(3, np.inf), 0, terms, no_links(), custom)
     return ControlArrays(alone, motion)
 
 

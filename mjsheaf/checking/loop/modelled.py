@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from mjsheaf.checking.loop.linear_law import model_of
+from mjsheaf.control.custom import names_of
 from mjsheaf.control.law import LawArrays
 from mjsheaf.control.links import no_links
 from mjsheaf.control.rounds import no_rounds
@@ -18,7 +19,7 @@ from mjsheaf.control.terms import no_terms
 from mjsheaf.errors import UndecidedError, listed
 from mjsheaf.system import System
 
-_LAW = frozenset(("edges", "gain", "limit", "supplied", "terms", "links"))
+_LAW = frozenset(("edges", "gain", "limit", "supplied", "terms", "links", "custom"))
 _EDGES = frozenset(("tail", "head", "listens", "first", "F_tail", "F_head", "P_tail", "P_head", "b"))
 _TERMS = frozenset((
     "agents", "dimension", "period", "sensing", "eigenvalues", "feedforward", "newton", "measured", "drift",
@@ -63,18 +64,18 @@ def _terms_without_model(system: System) -> list[str]:
     """Return the terms of a law that is not linear, or that is continuous with a term that `check` does not know."""
     law = system.law
     new = terms_without_bound(law)
-    if system.grid.continuous or not law.terms.agents:
+    if system.grid.continuous or not law.extended:
         return new
     try:
         model_of(law, system.grid.period)
     except UndecidedError:
-        return new or [f"term {name}" for name in law.terms.names]
+        return new or [f"term {name}" for name in law.term_names]
     return []
 
 
 def terms_without_bound(law: LawArrays) -> list[str]:
     """Return the terms of a law of which no bound along the targets' path is derived."""
-    return [f"term {name}" for name in _unknown(law.terms, _TERMS, no_terms())]
+    return [f"term {name}" for name in (*_unknown(law.terms, _TERMS, no_terms()), *names_of(law.custom))]
 
 
 def because_of(parts: list[str]) -> str:

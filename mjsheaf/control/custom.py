@@ -1,0 +1,262 @@
+"""Terms that users write and register, compiled into the law that runs.
+
+A term is a function of what one agent knows. Every agent calls it once a control period, after the shipped terms. It
+reads the agent's disagreement eta, adds to the agent's command, and keeps numbers of the agent's own, which are zero
+before the first sample and part of the state of a run:
+
+    @mjsheaf.register(parameters=["gain", "forgetting"], memory=3)
+    def leaky_integral(residual, command, memory, parameters, period):
+        for i in range(3):
+            memory[i] += period * (residual[i] - parameters[1] * memory[i])
+            command[i] -= parameters[0] * memory[i]
+
+In compiled code each term is a named tuple of a type of its own, whose name has a digest of the file that defines it.
+The law holds those of a team in a tuple, so that the types alone tell numba which functions to call: other teams
+compile nothing more, the cache on disk knows a term by its type, and another source is another type.
+"""
+
+import hashlib
+import inspect
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import types
+from numba.core.errors import NumbaError
+from numba.extending import overload
+from pydantic import Field
+
+from mjsheaf.arrays import Array
+from mjsheaf.errors import InputError, expected, in_field
+from mjsheaf.io.section import Section
+from mjsheaf.io.user_code import described, executed
+from mjsheaf.jit import INTERPRETED, user_jit
+
+_PREFIX = "Term_"
+_MOST_NUMBERS = 1000  # that a term may remember of an agent
+SHIPPED = ("feedforward", "newton", "drift", "integral", "odometry")
+"""Names that terms of mjsheaf have."""
+
+Term = Callable[[Array, Array, Array, Array, float], None]
+"""Called with (residual (3,), m; command (3,), m/s; memory (m,); parameters (p,); period, s), to write to command and
+memory."""
+
+
+class CustomTerm(Section):
+    """A compiled term of the user's own; see `mjsheaf.register`."""
+
+    file: str | None = Field(
+        None,
+        description="Python file that registers the term, from this file's directory; none where it is registered "
+        "before the scenario is read",
+    )
+    parameters: dict[str, float] = Field({}, description="values of the term's parameters, by name")
+
+
+@dataclass(frozen=True)
+class Registered:
+    """A term that has been registered.
+
+    Attributes:
+        function: The function, compiled.
+        parameters: Names of its parameters.
+        memory: How many numbers it remembers of an agent.
+        kind: Type of its named tuple.
+    """
+
+    function: Any
+    parameters: tuple[str, ...]
+    memory: int
+    kind: type
+
+
+_registered: dict[str, Registered] = {}
+_of_kind: dict[str, Registered] = {}
+
+
+def register(*, parameters: Sequence[str] = (), memory: int = 0) -> Callable[[Term], Term]:
+    """Register a compiled term of the law under its function's name: a decorator.
+
+    Args:
+        parameters: Names of the numbers that a scenario gives it, in the order in which it sees them.
+        memory: How many numbers it remembers of each agent.
+
+    Returns:
+        A decorator of a function `term(residual, command, memory, parameters, period)`, which numba must be able to
+        compile without making arrays. `residual` is the agent's eta, shape (3,), m; `command` its velocity so far,
+        shape (3,), m/s, to be added to; `memory`, shape (memory,), what it remembers, to be written to; `period` the
+        control period, s.
+
+    Raises:
+        InputError: The name is taken by a term of mjsheaf, a parameter's name is no name or is there twice, or the
+            function does not compile.
+    """
+    names = tuple(parameters)
+    if isinstance(parameters, str) or len(set(names)) != len(names) or not all(map(_is_name, names)):
+        raise InputError(f"register: parameters are {parameters!r}; expected a list of different names")
+    if not (isinstance(memory, int) and 0 <= memory <= _MOST_NUMBERS):
+        raise InputError(f"register: memory is {memory!r}; expected a whole number from 0 to {_MOST_NUMBERS}")
+
+    def decorate(function: Term) -> Term:
+        name = function.__name__
+        if not _is_name(name) or name in SHIPPED:
+            raise InputError(f"register: a term cannot be named {name!r}; expected a name that mjsheaf does not use")
+        kind = _kind(f"{_PREFIX}{name}_{_digest(function)}")
+        known = Registered(_compiled(function), names, memory, kind)
+        _registered[name] = _of_kind[kind.__name__] = known
+        return function
+
+    return decorate
+
+
+def _is_name(name: Any) -> bool:
+    return isinstance(name, str) and name.isidentifier() and name.isascii()
+
+
+def _digest(function: Term) -> str:
+    """Return a digest of the file that defines a function; where there is none, of its source and this process."""
+    path = Path(inspect.getsourcefile(function) or "")
+    try:
+        source = path.read_bytes()
+    except OSError:
+        source = repr((function.__code__.co_code, function.__code__.co_consts, id(function))).encode()
+    return hashlib.sha256(source).hexdigest()[:16]
+
+
+def _compiled(function: Term) -> Any:
+    """Compile a term for the shapes that it will see, so that its faults show where it is registered."""
+    compiled = user_jit(function)
+    if not INTERPRETED:
+        numbers = types.float64[::1]
+        try:
+            compiled.compile((numbers, numbers, numbers, numbers, types.float64))
+        except NumbaError as error:
+            lines = [line for line in str(error).splitlines() if line.strip()]
+            raise InputError(f"register: {function.__name__} does not compile: {' '.join(lines[:3])}") from None
+    return compiled
+
+
+def __getattr__(name: str) -> Any:
+    """Return the type of a term by name, which the cache of compiled code asks for before a term is registered."""
+    if re.fullmatch(rf"{_PREFIX}\w+_[0-9a-f]{{16}}", name):
+        return _kind(name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+@cache
+def _kind(name: str) -> type:
+    """Return the type of the named tuples of a term: see `TermOfLaw` for its fields."""
+    kind = type(name, (TermOfLaw,), {"__slots__": (), "__module__": __name__})
+    globals()[name] = kind
+    return kind
+
+
+class TermOfLaw(NamedTuple):
+    """A registered term in the law of a team: the fields that the type of each has.
+
+    Attributes:
+        agents: How many vehicles, from the first on, have it.
+        first: Where its numbers begin among those that an agent's terms remember.
+        parameters: Values of its parameters.
+        period: Control period, s.
+    """
+
+    agents: int
+    first: int
+    parameters: Array
+    period: float
+
+
+def pack_custom(terms: Mapping[str, CustomTerm], agents: int, period: float) -> tuple[Any, ...]:
+    """Return the registered terms of a law for compiled code, in the order of their names.
+
+    Raises:
+        InputError: A term is not registered, its file cannot be read or does not register it, or parameters are
+            missing or unknown; the message begins with the field.
+    """
+    packed = list[Any]()
+    first = 0
+    for name in sorted(terms):
+        with in_field(f"controller.custom.{name}"):
+            term = _find(name, terms[name])
+            values = _values(term, terms[name].parameters)
+        make: Any = term.kind
+        packed.append(make(agents, first, values, period))
+        first += term.memory
+    return tuple(packed)
+
+
+def _find(name: str, section: CustomTerm) -> Registered:
+    if section.file is not None:
+        _execute(section.file, name)
+    if name not in _registered:
+        hint = "" if section.file else "; give the file that registers it as `file`"
+        raise InputError(f"no term of this name is registered; {expected(name, list(_registered))}{hint}")
+    return _registered[name]
+
+
+def _execute(file: str, name: str) -> None:
+    """Execute a file that registers terms, unless its terms are registered as the file has them now."""
+    path = Path(file)
+    try:
+        digest = hashlib.sha256(path.read_bytes()).hexdigest()[:16]
+    except OSError:
+        raise InputError(f"file: there is no file {file}") from None
+    if name in _registered and _registered[name].kind.__name__ == f"{_PREFIX}{name}_{digest}":
+        return
+    _registered.pop(name, None)
+    try:
+        executed(path, "mjsheaf_terms")
+    except (KeyboardInterrupt, InputError):
+        raise
+    except BaseException as error:
+        raise InputError(f"file: {described(error)}") from error
+
+
+def _values(term: Registered, given: Mapping[str, float]) -> Array:
+    for name in given:
+        if name not in term.parameters:
+            raise InputError(f"parameters.{name}: unknown; {expected(name, term.parameters)}")
+    if missing := [name for name in term.parameters if name not in given]:
+        raise InputError(f"parameters: {', '.join(missing)} missing")
+    return np.array([given[name] for name in term.parameters], dtype=np.float64)
+
+
+def names_of(terms: Sequence[Any]) -> tuple[str, ...]:
+    """Return the names of the registered terms of a law."""
+    return tuple(type(term).__name__[len(_PREFIX) : -17] for term in terms)
+
+
+def size_of_custom(terms: Sequence[Any]) -> int:
+    """Return how many numbers the registered terms of a law remember of each agent."""
+    return sum(_of_kind[type(term).__name__].memory for term in terms)
+
+
+def add_custom(terms, residual, command, memory):
+    """Add the registered terms to the commands (V, 3) by eta (V, 3), m, and what they remember (V, m)."""
+    for term in terms:
+        known = _of_kind[type(term).__name__]
+        for v in range(term.agents):
+            own = memory[v, term.first : term.first + known.memory]
+            known.function(residual[v], command[v], own, term.parameters, term.period)
+
+
+@overload(add_custom)
+def _add_custom(terms, residual, command, memory):
+    """Write the calls out, one after the other: numba then compiles a function for these types."""
+    known = [_of_kind[kind.instance_class.__name__] for kind in terms]
+    names = {f"term_{k}": one.function for k, one in enumerate(known)}
+    lines = ["def add_all(terms, residual, command, memory):", "    pass"]
+    for k, one in enumerate(known):
+        lines += [
+            f"    own_{k} = terms[{k}]",
+            f"    for v in range(own_{k}.agents):",
+            f"        kept_{k} = memory[v, own_{k}.first : own_{k}.first + {one.memory}]",
+            f"        term_{k}(residual[v], command[v], kept_{k}, own_{k}.parameters, own_{k}.period)",
+        ]
+    exec("\n".join(lines), names)
+    return names["add_all"]

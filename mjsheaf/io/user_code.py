@@ -1,0 +1,57 @@
+"""Python files of users: executed as modules, with their exceptions as one line of a message."""
+
+import importlib.util
+import os
+import sys
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from types import ModuleType
+
+from mjsheaf.errors import visible
+
+_MAX_MESSAGE = 300  # characters of an exception that a message repeats
+
+
+@contextmanager
+def in_this_directory() -> Iterator[None]:
+    """Come back to the working directory, by which the results' place and files are named."""
+    place = _working_directory()
+    try:
+        yield
+    finally:
+        if place is not None and _working_directory() != place:
+            with suppress(OSError):
+                os.chdir(place)
+
+
+def _working_directory() -> str | None:
+    """Return the working directory; None where it is gone."""
+    with suppress(OSError):
+        return os.getcwd()
+    return None
+
+
+def described(error: BaseException) -> str:
+    """An exception of the user's code in a line, with where it was raised."""
+    frames = traceback.extract_tb(error.__traceback__)[-1:]
+    place = "".join(f" ({visible(Path(frame.filename).name)}, line {frame.lineno})" for frame in frames)
+    try:
+        text = str(error)
+    except (Exception, SystemExit):
+        text = "an exception that cannot be printed, as its __str__ raises another"
+    return f"{visible(type(error).__name__)}: {visible(text, _MAX_MESSAGE)}{place}"
+
+
+def executed(path: Path, prefix: str) -> ModuleType:
+    """Execute a Python file of a user's as a module named after it, and return the module."""
+    name = f"{prefix}_{path.stem}"
+    spec = importlib.util.spec_from_file_location(name, path)
+    assert spec is not None  # of a .py file
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # dataclasses and pickle look a class's module up
+    with in_this_directory():
+        spec.loader.exec_module(module)
+    return module
