@@ -34,32 +34,23 @@ _MOST_NUMBERS = 100_000_000  # in delay lines
 _HEADER = 2  # of what was received: state, last
 _STILL = 1e-9  # m in a period: no direction of motion
 
+_WHOLE = ("bearing", "delay", "hold")  # fields of a LinkModel that are whole numbers for compiled code
+
 LINK = np.dtype(
     [
-        ("edge", "i8"),  # its number
-        ("place", "i8"),  # where its numbers begin in LinkMemory.cells
-        ("received", "i8"),  # where, after the delay line, what was received begins
-        ("own", "i8"),  # how many numbers of own displacement go with a sample: feedforward's, of sensing
-        ("delay", "i8"),  # periods
-        ("hold", "i8"),  # periods
-        ("random", "i8"),  # whether it takes random numbers
-        ("lossy", "i8"),  # whether anything is lost at random
-        ("bursts", "i8"),  # whether losses depend on the state of a chain
-        ("bearing", "i8"),  # whether the sensor is range_bearing
-        ("noise", "f8"),  # m
-        ("bias", "f8"),  # m
-        ("range_noise", "f8"),  # m
-        ("bearing_noise", "f8"),  # rad
-        ("range", "f8"),  # m
-        ("to_bad", "f8"),
-        ("to_good", "f8"),
-        ("bad", "f8"),  # probability that it begins in the bad state
-        ("loss_good", "f8"),
-        ("loss_bad", "f8"),
-        ("stream", "i8", 2),  # of its random numbers, the same wherever the edge stands
+        ("edge", "i8"),  # number of the edge
+        ("place", "i8"),  # index in LinkMemory.cells where the delay line begins
+        ("received", "i8"),  # index where, after the delay line, what was received begins
+        ("own", "i8"),  # numbers of own displacement that go with a sample: feedforward's, of sensing
+        ("random", "i8"),  # 1 if the link takes random numbers
+        ("lossy", "i8"),  # 1 if anything is lost at random
+        ("bursts", "i8"),  # 1 if losses depend on the state of a chain
+        ("stream", "i8", 2),  # stream of random numbers, the same wherever the edge stands
+        *((name, "i8" if name in _WHOLE else "f8") for name in LinkModel._fields),
     ],
     align=True,
 )
+"""A link for compiled code: the fields of a `LinkModel`, with `delay` and `hold` in periods, and those of its place."""
 
 
 class LinkArrays(NamedTuple):
@@ -189,6 +180,11 @@ class LinkedEdge(NamedTuple):
         """Stream of its random numbers, by its ends: the same wherever the edge stands."""
         return stream_of(self.kind, self.edge.tail, self.edge.head, self.nth)
 
+    @property
+    def turns(self) -> bool:
+        """True if measurements depend on the attitude of the tail."""
+        return self.link.bearing and not self.link.exact and len(self.edge.F_tail) == 3
+
 
 def linked_edges(team: Team, links: Links) -> list[LinkedEdge]:
     """The edges of communication and sensing with their links, in the order of the law.
@@ -241,52 +237,63 @@ def pack_links(
             message begins with the field.
     """
     _require_delays(team, links, period)
-    everyone, ever = linked_edges(team, links), linked_edges(run or team, links)
+    present = linked_edges(team, links)
+    ever = linked_edges(run or team, links)
     if all(one.link.exact for one in ever):
         return no_links(bool(links.record))
     if period == 0.0:
         raise InputError(
             "links: controller.control_period is 0; expected a positive one with noise, delay, loss or range"
         )
-    edges = len(everyone) + len(team.target_edges) + len(team.anchors)
-    of, place = np.full(edges, -1), 0
-    turning = any(one.link.range_bearing and not one.link.exact and len(one.edge.F_tail) == 3 for one in ever)
-    table: list[tuple[Any, ...]] = []
-    for e, one in enumerate(everyone):
-        kind, edge, link = one.kind, one.edge, one.link
-        if link.exact:
-            continue
-        m = len(edge.F_tail)
-        if link.range_bearing:
-            with in_field(f"{kind}.{one.number}, {edge}"):
-                require_bearing(edge.F_tail, edge.F_head)
-        delay, hold = whole_periods(link.delay, period), int(min(link.hold / period + 1e-6, 1e9))
-        own = m * (feedforward and kind == "sensing")
-        received = place + (delay + 1) * (1 + m + own)
-        of[e] = len(table)
-        loss = link.loss
-        sensor = link.range_bearing, link.noise, link.bias, link.range_noise, link.bearing_noise, link.range
-        chain = loss.to_bad, loss.to_good, loss.bad, loss.loss_good, loss.loss_bad
-        bursts = loss.loss_good != loss.loss_bad
-        kind_of_loss = link.random, link.lossy, bursts
-        table.append((e, place, received, own, delay, hold, *kind_of_loss, *sensor, *chain, one.stream))
-        place = received + 2 * (_HEADER + m + 2 * own)
-        with in_field("links"):
-            require_held(place)
+    table, size = _pack_table(present, period, feedforward)
+    of = np.full(len(present) + len(team.target_edges) + len(team.anchors), -1)
+    of[table["edge"]] = np.arange(len(table))
     half = 0.5 * (np.zeros(len(team.members)) if heading is None else heading)
     facing = np.column_stack([np.cos(half), 0.0 * half, 0.0 * half, np.sin(half)])
     return LinkArrays(
-        table=as_records(np.array(table, dtype=LINK)),
+        table=as_records(table),
         of=of,
         lift=np.array([height if member.dimension == 2 else 0.0 for member in team.members]),
-        facing=facing if turning else np.zeros((0, 4)),
-        size=place,
+        facing=facing if any(one.turns for one in ever) else np.zeros((0, 4)),
+        size=size,
         odometry=feedforward,
         start=start,
         period=period,
         seed=seed,
         record=bool(links.record),
     )
+
+
+def _pack_table(edges: Sequence[LinkedEdge], period: float, feedforward: bool) -> tuple[NDArray[np.void], int]:
+    """Return the links that change anything, of the type LINK, and the size of their cells; see `pack_links`."""
+    table = np.zeros(sum(not one.link.exact for one in edges), dtype=LINK)
+    rows = iter(table)
+    size = 0
+    for e, one in enumerate(edges):
+        if one.link.exact:
+            continue
+        m = len(one.edge.F_tail)
+        own = m if feedforward and one.kind == "sensing" else 0
+        if one.link.bearing:
+            with in_field(f"{one.kind}.{one.number}, {one.edge}"):
+                require_bearing(one.edge.F_tail, one.edge.F_head)
+        fields: dict[str, Any] = one.link._asdict()
+        for name in ("random", "lossy", "bursts"):
+            fields[name] = getattr(one.link, name)
+        fields["delay"] = whole_periods(one.link.delay, period)
+        fields["hold"] = int(min(one.link.hold / period + 1e-6, 1e9))
+        fields["edge"] = e
+        fields["place"] = size
+        fields["received"] = size + (fields["delay"] + 1) * (1 + m + own)
+        fields["own"] = own
+        fields["stream"] = one.stream
+        size = fields["received"] + 2 * (_HEADER + m + 2 * own)
+        with in_field("links"):
+            require_held(size)
+        row = next(rows)
+        for name, value in fields.items():
+            row[name] = value
+    return table, size
 
 
 def require_held(numbers: int) -> None:
@@ -312,74 +319,126 @@ def deliver(law, t, x, bodies, y, terms, memory):
     """Turn true measurements y (m,) of time t, s, into those that arrive now; y = -b where nothing does.
 
     Args:
-        law: the law.
-        t: time, s.
-        x: positions, shape (V, 3), m.
-        bodies: whether memory.attitude has the true attitudes; else vehicles face where they move.
-        y: measurements, in place.
-        terms: memory of the terms.
-        memory: of the links.
+        law: Law of the team.
+        t: Time, s.
+        x: Positions, shape (V, 3), m.
+        bodies: True if memory.attitude has the true attitudes; otherwise vehicles face where they move.
+        y: Measurements, in place.
+        terms: Memory of the terms.
+        memory: Memory of the links.
     """
-    links, edges, cells = law.links, law.edges, memory.cells
+    links = law.links
     n = int(np.rint((t - links.start) / links.period))
     if memory.attitude.shape[0] > 0 and not bodies:
         face_along(links, x, n, memory)
     delay, ring, oldest = -1, 0, 0
     for k in range(links.table.shape[0]):
         link = links.table[k]
-        first, end = edges.first[link.edge], edges.first[link.edge + 1]
-        m, own = end - first, link.own
-        tail, head = edges.tail[link.edge], edges.head[link.edge]
-        width = _HEADER + m + 2 * own
-        now, before = link.received + (n % 2) * width, link.received + ((n + 1) % 2) * width
-        state, last = cells[before], cells[before + 1]
-
-        lost, draw = False, (0.5, 0.5, 0.5, 0.5)
-        if link.random:
-            draw = uniforms(links.seed, link.stream, n, 0)
-        if link.bursts:
-            chance = uniforms(links.seed, link.stream, n, 1)[0]
-            state = next_state(state, chance, link.to_bad, link.to_good, link.bad)
-        if link.lossy:
-            lost = draw[0] < (link.loss_bad if state == 2.0 else link.loss_good)
-        if not lost and link.range < np.inf:
-            lost = distance(x[tail], links.lift[tail], x[head], links.lift[head]) > link.range
-
+        first = law.edges.first[link.edge]
+        m = law.edges.first[link.edge + 1] - first
         if link.delay != delay:
             delay = link.delay
             ring, oldest = n % (delay + 1), (n + 1) % (delay + 1)
-        slot = link.place + ring * (1 + m + own)
-        cells[slot] = 0.0 if lost else n + 1.0
-        if not lost:
-            sense(links, link, edges, first, end, n, draw, memory.attitude, tail, y)
-            for i in range(m):
-                cells[slot + 1 + i] = y[first + i]
-            if own > 0 and law.terms.agents > 0:
-                walked = terms.walked[tail]
-                for i in range(m):
-                    F = edges.F_tail[first + i]
-                    cells[slot + 1 + m + i] = F[0] * walked[0] + F[1] * walked[1] + F[2] * walked[2]
+        width = _HEADER + m + 2 * link.own
+        now, before = link.received + (n % 2) * width, link.received + ((n + 1) % 2) * width
+        state = send(law, link, n, m, link.place + ring * (1 + m + link.own), memory.cells[before], x, y, terms, memory)
+        memory.cells[now] = state
+        slot = link.place + oldest * (1 + m + link.own)
+        memory.heard[k] = take_in(law, link, n, m, slot, before, now, y, terms, memory)
 
-        slot = link.place + oldest * (1 + m + own)
-        arrives = n >= delay and cells[slot] == n - delay + 1.0
-        held = not arrives and 0.0 < last <= n and n + 1.0 - last <= link.hold  # above n: the delay has grown
-        memory.heard[k] = NEW if arrives else HELD if held else SILENT
+
+@inline_jit
+def send(law, link, n, m, slot, state, x, y, terms, memory):
+    """Measure the m numbers of an edge at sample n and put them, unless they are lost, into a slot of the delay line.
+
+    Returns:
+        State of the chain of losses at this sample, from the state before.
+    """
+    links, cells, first = law.links, memory.cells, law.edges.first[link.edge]
+    tail, head = law.edges.tail[link.edge], law.edges.head[link.edge]
+    lost, draw = False, (0.5, 0.5, 0.5, 0.5)
+    if link.random:
+        draw = uniforms(links.seed, link.stream, n, 0)
+    if link.bursts:
+        chance = uniforms(links.seed, link.stream, n, 1)[0]
+        state = next_state(state, chance, link.to_bad, link.to_good, link.bad)
+    if link.lossy:
+        lost = draw[0] < (link.loss_bad if state == 2.0 else link.loss_good)
+    if not lost and link.range < np.inf:
+        lost = distance(x[tail], links.lift[tail], x[head], links.lift[head]) > link.range
+    cells[slot] = 0.0 if lost else n + 1.0
+    if not lost:
+        sense(links, link, law.edges, first, first + m, n, draw, memory.attitude, tail, y)
         for i in range(m):
-            if arrives:
-                y[first + i] = cells[slot + 1 + i]
-            else:
-                y[first + i] = cells[before + _HEADER + i] if held else -edges.b[first + i]
-        if arrives:  # of a velocity it says something if odometry has gone on since the last was measured
-            known = own > 0 and law.terms.agents > 0 and last > 0.0 and last - 1.0 - delay >= n - terms.clock[0]
-            age = n + 1.0 - last if known else 0.0
-            receive(law, cells, slot + 1, before + _HEADER, now + _HEADER, m, own, age)
-            last = n + 1.0
-        else:
-            for i in range(m + 2 * own):
-                cells[now + _HEADER + i] = cells[before + _HEADER + i]
-        cells[now], cells[now + 1] = state, last
-        for i in range(own):
-            memory.velocity[first + i] = cells[now + _HEADER + 2 * m + i]
+            cells[slot + 1 + i] = y[first + i]
+        if link.own > 0 and law.terms.agents > 0:
+            multiply(law.edges.F_tail[first : first + m], terms.walked[tail], cells[slot + 1 + m :])
+    return state
+
+
+@inline_jit
+def multiply(F, v, out):
+    """Write F v into out, F of shape (m, 3)."""
+    for i in range(F.shape[0]):
+        out[i] = F[i, 0] * v[0] + F[i, 1] * v[1] + F[i, 2] * v[2]
+
+
+@inline_jit
+def take_in(law, link, n, m, slot, before, now, y, terms, memory):
+    """Write what an edge has at sample n into y and, with its velocity, into the memory.
+
+    Args:
+        law: Law of the team.
+        link: Link of the edge.
+        n: Number of the sample.
+        m: Numbers that the edge measures.
+        slot: Index of the cells with the sample that is due.
+        before, now: Indices of the cells with what was received, up to the sample before and up to this one.
+        y: Measurements, in place.
+        terms: Memory of the terms.
+        memory: Memory of the links.
+
+    Returns:
+        NEW, HELD or SILENT.
+    """
+    cells, edges, first, last = memory.cells, law.edges, law.edges.first[link.edge], memory.cells[before + 1]
+    heard = arrival(link, n, cells[slot], last)
+    if heard == NEW:
+        for i in range(m):
+            y[first + i] = cells[slot + 1 + i]
+        periods = age_of_velocity(law.terms, link, n, last, terms)
+        receive(law, cells, slot + 1, before + _HEADER, now + _HEADER, m, link.own, periods)
+        last = n + 1.0
+    else:
+        for i in range(m):
+            y[first + i] = cells[before + _HEADER + i] if heard == HELD else -edges.b[first + i]
+        for i in range(m + 2 * link.own):
+            cells[now + _HEADER + i] = cells[before + _HEADER + i]
+    cells[now + 1] = last
+    for i in range(link.own):
+        memory.velocity[first + i] = cells[now + _HEADER + 2 * m + i]
+    return heard
+
+
+@inline_jit
+def arrival(link, n, stamp, last):
+    """Return NEW, HELD or SILENT, by the stamp of the sample that is due at sample n and that of the last arrival."""
+    if n >= link.delay and stamp == n - link.delay + 1.0:
+        return NEW
+    if 0.0 < last <= n and n + 1.0 - last <= link.hold:  # above n: the delay has grown
+        return HELD
+    return SILENT
+
+
+@inline_jit
+def age_of_velocity(params, link, n, last, terms):
+    """Return the periods over which a sample that arrives gives a velocity, by the stamp of the last arrival, or 0.
+
+    It gives one if odometry has gone on since the last was measured.
+    """
+    if link.own > 0 and params.agents > 0 and last > 0.0 and last - 1.0 - link.delay >= n - terms.clock[0]:
+        return n + 1.0 - last
+    return 0.0
 
 
 @inline_jit
@@ -427,20 +486,21 @@ def sense(links, link, edges, first, end, n, draw, attitude, tail, y):
         else:
             tilt = link.bearing_noise * normal_of(draw[3])
             perceive_space(edges.F_tail[first:end], attitude[tail], far, angle, tilt, y[first:end])
-    elif link.noise > 0.0 and end > first:
-        y[first] += link.noise * normal_of(draw[1])
-        if end - first > 1:
-            y[first + 1] += link.noise * normal_of(draw[2])
-        if end - first > 2:
-            y[first + 2] += link.noise * normal_of(draw[3])
-        for r in range(first + 3, end):
-            more = (r - first - 3) % 4
-            if more == 0:
-                draw = uniforms(links.seed, link.stream, n, 2 + (r - first - 3) // 4)
-            y[r] += link.noise * normal_of(draw[more])
+    elif link.noise > 0.0:
+        add_noise(links, link, n, draw, y[first:end])
     if link.bias != 0.0:
         for r in range(first, end):
             y[r] += link.bias
+
+
+@inline_jit
+def add_noise(links, link, n, draw, y):
+    """Add white noise to the measurement y of an edge: three numbers of `draw` (4,), then four of each further draw."""
+    for r in range(y.shape[0]):
+        word = (r + 1) % 4
+        if r > 0 and word == 0:
+            draw = uniforms(links.seed, link.stream, n, 2 + (r - 3) // 4)
+        y[r] += link.noise * normal_of(draw[word])
 
 
 @inline_jit
@@ -487,16 +547,27 @@ def face_along(links, x, n, memory):
     """
     for v in range(memory.attitude.shape[0]):
         attitude, last = memory.attitude[v], memory.before[(n + 1) % 2, v]
-        dx, dy, dz = x[v, 0] - last[0], x[v, 1] - last[1], x[v, 2] - last[2]
-        unknown = attitude[0] == 0.0 and attitude[1] == 0.0 and attitude[2] == 0.0 and attitude[3] == 0.0
-        if n == 0 or unknown:
+        if n == 0 or is_unknown(attitude):
             for i in range(4):
                 attitude[i] = links.facing[v, i]
-        elif dx * dx + dy * dy + dz * dz > _STILL * _STILL:
-            level = np.sqrt(dx * dx + dy * dy)
-            yaw = 0.5 * np.arctan2(dy, dx) if level > 0.0 else 0.0
-            pitch = -0.5 * np.arctan2(dz, level)
-            attitude[0], attitude[1] = np.cos(yaw) * np.cos(pitch), -np.sin(yaw) * np.sin(pitch)
-            attitude[2], attitude[3] = np.cos(yaw) * np.sin(pitch), np.sin(yaw) * np.cos(pitch)
+        else:
+            point_along(x[v, 0] - last[0], x[v, 1] - last[1], x[v, 2] - last[2], attitude)
         for i in range(3):
             memory.before[n % 2, v, i] = x[v, i]
+
+
+@inline_jit
+def is_unknown(attitude):
+    """Return True for an attitude (4,) that was never set."""
+    return attitude[0] == 0.0 and attitude[1] == 0.0 and attitude[2] == 0.0 and attitude[3] == 0.0
+
+
+@inline_jit
+def point_along(dx, dy, dz, attitude):
+    """Write the attitude (4,) of a body that faces along a displacement, m, unless that is too small."""
+    if dx * dx + dy * dy + dz * dz > _STILL * _STILL:
+        level = np.sqrt(dx * dx + dy * dy)
+        yaw = 0.5 * np.arctan2(dy, dx) if level > 0.0 else 0.0
+        pitch = -0.5 * np.arctan2(dz, level)
+        attitude[0], attitude[1] = np.cos(yaw) * np.cos(pitch), -np.sin(yaw) * np.sin(pitch)
+        attitude[2], attitude[3] = np.cos(yaw) * np.sin(pitch), np.sin(yaw) * np.cos(pitch)

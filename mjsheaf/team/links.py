@@ -61,14 +61,9 @@ class GilbertElliott(Section):
         return self.to_bad / total if total > 0.0 else 0.0
 
     @property
-    def mean(self) -> float:
-        """Stationary probability of a loss."""
-        return self.loss_bad * self.bad + self.loss_good * (1.0 - self.bad)
-
-    @property
     def lossy(self) -> bool:
-        """Whether anything can be lost."""
-        return self.mean > 0.0 or self.loss_good > 0.0
+        """True if anything can be lost."""
+        return self.loss_good > 0.0 or self.loss_bad * self.bad > 0.0
 
 
 def chain_of(loss: float | GilbertElliott | None) -> GilbertElliott:
@@ -141,41 +136,55 @@ class Links(Section):
 
 
 class LinkModel(NamedTuple):
-    """A link with every field.
+    """A link with every field, in SI units; compiled code has the same fields (`mjsheaf.control.links.LINK`).
 
     Attributes:
-        noise, bias, range_noise: m; bearing_noise: rad.
-        range_bearing: whether the sensor is.
-        delay, hold: s.
-        range: m, infinite without one.
-        loss: as a chain of two states, alike where losses are independent.
+        noise: Standard deviation of white noise on each measured number, m.
+        bias: Constant added to each measured number, m.
+        bearing: True for the sensor range_bearing.
+        range_noise: Standard deviation of its range, m.
+        bearing_noise: Standard deviation of its angles, rad.
+        delay: Age of a measurement, s.
+        hold: Time for which the last measurement stands in for lost ones, s.
+        range: Distance beyond which the link is silent, infinite without one, m.
+        to_bad, to_good: Probabilities that the chain of losses changes its state, at each sample.
+        bad: Probability that the chain begins in the bad state.
+        loss_good, loss_bad: Probabilities of a loss in each state; equal where losses are independent.
     """
 
     noise: float = 0.0
     bias: float = 0.0
-    range_bearing: bool = False
+    bearing: bool = False
     range_noise: float = 0.0
     bearing_noise: float = 0.0
     delay: float = 0.0
     hold: float = 0.0
     range: float = np.inf
-    loss: GilbertElliott = chain_of(None)
+    to_bad: float = 0.0
+    to_good: float = 1.0
+    bad: float = 0.0
+    loss_good: float = 0.0
+    loss_bad: float = 0.0
 
     @property
     def lossy(self) -> bool:
-        """Whether a measurement can be lost at random."""
-        return self.loss.lossy
+        """True if a measurement can be lost at random."""
+        return self.loss_good > 0.0 or self.loss_bad * self.bad > 0.0
 
     @property
-    def exact(self) -> bool:
-        """Whether measurements arrive at once, all of them, without error."""
-        erring = self.noise > 0.0 or self.bias != 0.0 or self.range_noise > 0.0 or self.bearing_noise > 0.0
-        return not (erring or self.delay > 0.0 or np.isfinite(self.range) or self.lossy)
+    def bursts(self) -> bool:
+        """True if losses depend on the state of the chain."""
+        return self.loss_good != self.loss_bad
 
     @property
     def random(self) -> bool:
-        """Whether random numbers enter."""
+        """True if random numbers enter."""
         return self.noise > 0.0 or self.range_noise > 0.0 or self.bearing_noise > 0.0 or self.lossy
+
+    @property
+    def exact(self) -> bool:
+        """True if measurements arrive at once, all of them, without error."""
+        return not (self.random or self.bias != 0.0 or self.delay > 0.0 or np.isfinite(self.range))
 
 
 def _model(*sections: Link | None) -> LinkModel:
@@ -193,8 +202,9 @@ def _model(*sections: Link | None) -> LinkModel:
                 "noise beside a coarser section's sensor range_bearing; expected sensor: {kind: exact} with it"
             )
         angle = float(np.deg2rad(sensor.bearing_noise))
-        fields |= {"range_bearing": True, "range_noise": sensor.range_noise, "bearing_noise": angle}
-    return LinkModel(**fields, loss=chain_of(loss))
+        fields |= {"bearing": True, "range_noise": sensor.range_noise, "bearing_noise": angle}
+    chain = chain_of(loss)
+    return LinkModel(**fields, **chain.model_dump(exclude={"kind"}), bad=chain.bad)
 
 
 def require_bearing(F_tail: Array, F_head: Array) -> None:

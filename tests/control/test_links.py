@@ -101,7 +101,7 @@ class Line:
         self.last: tuple[int, Array] | None = None
 
     def lost(self, n: int) -> bool:
-        loss, chance = self.link.loss, uniforms(self.seed, self.stream, n, 1)[0]
+        loss, chance = self.link, uniforms(self.seed, self.stream, n, 1)[0]
         if loss.loss_good != loss.loss_bad:
             if self.bad is None:
                 self.bad = chance < loss.to_bad / (loss.to_bad + loss.to_good)
@@ -112,7 +112,7 @@ class Line:
     def sense(self, n: int, y: Array, body: Rotation) -> Array:
         error = stats.norm.ppf(uniforms(self.seed, self.stream, n, 0)[1:])
         link, m = self.link, len(y)
-        if not link.range_bearing:
+        if not link.bearing:
             return y + link.noise * error[:m] + link.bias
         far, angles = link.range_noise * error[0], link.bearing_noise * error[1:]
         r = np.linalg.norm(y)
@@ -664,9 +664,9 @@ def test_the_finest_section_counts_field_by_field() -> None:
         {"all": {"noise": 0.3, "delay": 0.1, "loss": 0.5}, "sensing": {"noise": 0.2, "loss": BURSTS}}
     )
     found = links.resolve("sensing", Link(delay=0.0, range=5.0))
-    assert (found.noise, found.delay, found.range, found.loss.to_bad) == (0.2, 0.0, 5.0, 0.1)
+    assert (found.noise, found.delay, found.range, found.to_bad) == (0.2, 0.0, 5.0, 0.1)
     plain = links.resolve("communication")
-    assert (plain.noise, plain.delay, plain.loss.mean) == (0.3, 0.1, 0.5)
+    assert (plain.noise, plain.delay, plain.loss_good, plain.loss_bad) == (0.3, 0.1, 0.5, 0.5)
     assert not links.resolve("communication", Link(loss=0.0, noise=0.0, delay=0.0)).lossy
     other = Links.model_validate({"all": {"noise": 0.3}, "sensing": {"sensor": RANGE_BEARING}})
     assert other.resolve("sensing").noise == 0.0
