@@ -125,6 +125,28 @@ def compose(
             name=surface, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], pos=[0, 0, surface_height],
             material=surface, contype=0, conaffinity=0,
         )  # fmt: skip
+    _attach_all(root, vehicles, ids, colours, visible)
+    with refusing("the vehicles do not compile into one model"), _quiet():
+        model = root.compile()
+    joint = np.array([model.joint(f"{name}/").id for name in ids])
+    arena = Arena(
+        model=model,
+        vehicles=list(vehicles),
+        qpos=model.jnt_qposadr[joint].astype(np.int64),
+        dof=model.jnt_dofadr[joint].astype(np.int64),
+        body=model.jnt_bodyid[joint].astype(np.int64),
+        thruster=np.concatenate([[0], np.cumsum([len(v.channels) for v in vehicles])]).astype(np.int64),
+    )
+    for v, vehicle in enumerate(vehicles):
+        model.dof_damping[arena.dof[v] : arena.dof[v] + 6] = vehicle.joint_damping
+    _check_masses(arena)
+    return arena
+
+
+def _attach_all(
+    root: mujoco.MjSpec, vehicles: Sequence[Vehicle], ids: Sequence[str], colours: Array | None, visible: bool
+) -> None:
+    """Attach vehicles to an arena; arguments as of `compose`."""
     kinds = {key: _prepared(v, visible) for key, v in {id(vehicle): vehicle for vehicle in vehicles}.items()}
     for spec, _, _ in kinds.values():
         root.assets = {**root.assets, **spec.assets}
@@ -144,21 +166,6 @@ def compose(
         _paint(group, looks)
         with _quiet():
             root.attach(group, prefix="", frame=root.worldbody.add_frame())
-    with refusing("the vehicles do not compile into one model"), _quiet():
-        model = root.compile()
-    joint = np.array([model.joint(f"{name}/").id for name in ids])
-    arena = Arena(
-        model=model,
-        vehicles=list(vehicles),
-        qpos=model.jnt_qposadr[joint].astype(np.int64),
-        dof=model.jnt_dofadr[joint].astype(np.int64),
-        body=model.jnt_bodyid[joint].astype(np.int64),
-        thruster=np.concatenate([[0], np.cumsum([len(v.channels) for v in vehicles])]).astype(np.int64),
-    )
-    for v, vehicle in enumerate(vehicles):
-        model.dof_damping[arena.dof[v] : arena.dof[v] + 6] = vehicle.joint_damping
-    _check_masses(arena)
-    return arena
 
 
 _ALONE = Lock()  # handlers of warnings belong to the process, not to a thread
@@ -201,17 +208,21 @@ def _prepared(vehicle: Vehicle, visible: bool) -> tuple[mujoco.MjSpec, mujoco.Mj
     visible, geoms that are only to be seen are left out.
     """
     spec = attachable(vehicle)
-    world = spec.worldbody
-    beside = world.geoms or world.sites or world.cameras or world.lights
-    alone = not beside and len(world.bodies) == 1 and _is_at_origin(world.bodies[0])
-    if not visible:
-        for geom in list(spec.geoms):
-            if geom.contype == 0 and geom.conaffinity == 0:  # their mass, if any, is in the bodies' inertia already
-                spec.delete(geom)
+    alone = _is_one_body(spec.worldbody)
+    only_seen = [geom for geom in spec.geoms if geom.contype == 0 and geom.conaffinity == 0]
+    for geom in [] if visible else only_seen:  # their mass, if any, is in the bodies' inertia already
+        spec.delete(geom)
     bare = spec.copy()
     for asset in [*bare.materials, *bare.textures]:
         bare.delete(asset)
     return spec, bare, alone
+
+
+def _is_one_body(world: mujoco.MjsBody) -> bool:
+    """Return True if a file has one body, at the origin and level, and nothing next to it."""
+    if world.geoms or world.sites or world.cameras or world.lights:
+        return False
+    return len(world.bodies) == 1 and _is_at_origin(world.bodies[0])
 
 
 def _is_at_origin(body: mujoco.MjsBody) -> bool:
