@@ -222,15 +222,17 @@ class Engine(ABC):
         law = control.law._replace(supplied=len(self.system.team.agents), terms=no_terms(), custom=())
         return control._replace(law=law)
 
-    def _enter_phase(self) -> None:
-        """Enter the phase that the present step belongs to."""
-        sample = max(self.steps_taken // self.steps_per_sample, 0)
+    def _enter_phase(self) -> int:
+        """Enter the phase that the present step belongs to, and return the number of steps taken."""
+        step = self.steps_taken
+        sample = max(step // self.steps_per_sample, 0)
         system = [phase.system for phase in self._phases if phase.start <= sample][-1]
         if system is not self.system:
             law = self._control.law
             self.system = system
             self._control = self._law_of_phase()
             self._enter(carry(self.memory, law, self._control.law, sample))
+        return step
 
     # -- stepping ------------------------------------------------------------------------------------------------------
 
@@ -252,8 +254,7 @@ class Engine(ABC):
 
     def _advance(self, count: int, recorder: Recorder) -> int:
         """Take up to `count` steps within one phase and, of a law in Python, one period; return how many."""
-        step = self.steps_taken
-        self._enter_phase()
+        step = self._enter_phase()
         ahead = (phase.start * self.steps_per_sample - step for phase in self._phases)
         count = min([count, *(steps for steps in ahead if steps > 0)])
         if self.controller:

@@ -67,6 +67,12 @@ def next_row(loop, k, recorder, row):
     return row if k % loop.params.per_sample == 0 and row < recorder.log.positions.shape[0] else -1
 
 
+def first_bad(bad: IntArray) -> tuple[int, int] | None:
+    """Return the vehicle that was bad first and the number of its step, from `ThreadedLoop._work`; None if none was."""
+    vehicle = int(np.argmin(bad))
+    return None if bad[vehicle] == NEVER else (vehicle, int(bad[vehicle]) // 2)
+
+
 class ThreadedLoop(ClosedLoop):
     """A run without contacts whose state is the loop's own, moved by the threads that its plan names.
 
@@ -141,8 +147,7 @@ class ThreadedLoop(ClosedLoop):
 
         self._crew.run(work)
         self._count[0] = step + count
-        vehicle = int(np.argmin(self._bad))
-        return None if self._bad[vehicle] == NEVER else (vehicle, int(self._bad[vehicle]) // 2)
+        return first_bad(self._bad)
 
     def close(self) -> None:
         """End the threads."""

@@ -21,18 +21,16 @@ from mjsheaf.media.medium import advance
 from mjsheaf.simulation.arena import Arena, compose
 from mjsheaf.simulation.bodies import apply_wrench, turn_gears
 from mjsheaf.simulation.engine import Recorder
-from mjsheaf.simulation.gate import fail
+from mjsheaf.simulation.gate import Crew, fail
 from mjsheaf.simulation.loop import (
     HUGE,
     ClosedLoop,
     EngineArrays,
     Loop,
-    place_targets,
     record,
-    run_law,
     sense_and_command,
 )
-from mjsheaf.simulation.threaded import ThreadedLoop, begin_span, end_span, next_row
+from mjsheaf.simulation.threaded import NEVER, ThreadedLoop, begin_span, end_span, first_bad, next_row
 from mjsheaf.system import System, phases_of
 
 # Of the very library that the Python bindings use.
@@ -96,32 +94,98 @@ def _is_bad(values):
     return bad > 0
 
 
-@jit
-def _advance(loop, arrays, step, count, recorder):
-    """Take `count` steps from step number `step`, or fewer where the state becomes bad; return whether it did.
+@inline_jit
+def _copy(source, target):
+    for i in range(target.shape[0]):
+        target[i] = source[i]
 
-    While the recorder has room, a sample is recorded every `loop.per_sample` steps.
+
+@inline_jit
+def _mark_bad_commands(loop, first, last, k, bad):
+    for v in range(first, last):
+        body = loop.params.fleet.bodies[v]
+        count = loop.params.fleet.kinds[body.kind].count
+        if _is_bad(loop.state.ctrl[body.actuator : body.actuator + count]):
+            bad[v] = 2 * k + 1
+
+
+@inline_jit
+def _mark_bad_motion(loop, qacc, first, last, k, bad):
+    state = loop.state
+    for v in range(first, last):
+        a, d, own = 7 * v, 6 * v, 6 * (v - first)
+        if _is_bad(state.qpos[a : a + 7]) or _is_bad(state.qvel[d : d + 6]) or _is_bad(qacc[own : own + 6]):
+            bad[v] = 2 * k
+
+
+@jit
+def _step_part(loop, arrays, own, first, last, step, count, log, row, bad):
+    """Take `count` steps from step number `step` with a model's vehicles, fewer where one of them becomes bad.
+
+    Their samples before the first step are recorded as `row` of the log, unless that is negative.
+
+    Args:
+        loop: Loop of all vehicles.
+        arrays: Arrays of the model.
+        own: State of the model; None where it is the loop's, which is another type and compiles without the copies.
+        first, last: Vehicles of the model, up to but without the last.
+        step, count: Number of the first step, and of steps.
+        log, row: Destination of samples.
+        bad: Time at which each vehicle was bad, see `ThreadedLoop._work`.
+
+    Returns:
+        True if none did.
     """
     params, state = loop
-    V = params.fleet.bodies.shape[0]
+    body, final = params.fleet.bodies[first], params.fleet.bodies[last - 1]
+    qpos, qvel, act = state.qpos[7 * first : 7 * last], state.qvel[6 * first : 6 * last], state.act[body.state :]
+    ctrl = state.ctrl[body.actuator : final.actuator + params.fleet.kinds[final.kind].count]
+    if own is not None:
+        _copy(qpos, own.qpos)
+        _copy(qvel, own.qvel)
+        _copy(act, own.act)
     for k in range(step, step + count):
-        t = params.start + k * params.timestep
-        recorded = k % params.per_sample == 0 and recorder.written[0] < recorder.log.positions.shape[0]
-        if recorded:
-            place_targets(loop, recorder)
-        if k % params.per_law == 0:
-            run_law(loop, t)
-        apply_forces(loop, arrays, t, 0, V)
-        if recorded:
-            record(loop, recorder.log, recorder.written[0], 0, V)
-            recorder.written[0] += 1
+        apply_forces(loop, arrays, params.start + k * params.timestep, first, last)
+        if k == step and row >= 0:
+            record(loop, log, row, first, last)
         # MuJoCo sets all commands to zero where one is bad, and goes on: that would be another simulation.
-        if _is_bad(state.ctrl):
-            return True
+        if _is_bad(ctrl):
+            _mark_bad_commands(loop, first, last, k, bad)
+            return False
+        if own is not None:
+            _copy(ctrl, own.ctrl)
         _mj_step(arrays.model, arrays.data)
-        if _is_bad(state.qpos) or _is_bad(state.qvel) or _is_bad(arrays.qacc):
-            return True
-    return False
+        if own is not None:
+            _copy(own.qpos, qpos)
+            _copy(own.qvel, qvel)
+            _copy(own.act, act[: own.act.shape[0]])
+        if _is_bad(qpos) or _is_bad(qvel) or _is_bad(arrays.qacc):
+            _mark_bad_motion(loop, arrays.qacc, first, last, k + 1, bad)
+            return False
+    return True
+
+
+@jit
+def _advance_part(loop, arrays, own, first, last, step, count, recorder, row, bad, thread, threads, gate):
+    """Do a thread's part, see `ThreadedLoop._work`, with vehicles from first up to last; return False if one is bad."""
+    k, end, meetings = step, step + count, 0
+    while k < end:
+        span, sample = min(loop.params.per_law - k % loop.params.per_law, end - k), next_row(loop, k, recorder, row)
+        if not begin_span(loop, k, recorder, sample, thread, threads, meetings, gate):
+            return False
+        if not _step_part(loop, arrays, own, first, last, k, span, recorder.log, sample, bad):
+            fail(gate)
+        if not end_span(threads, meetings, gate):
+            return False
+        k, row, meetings = k + span, row + (sample >= 0), meetings + 2
+    return True
+
+
+@jit
+def _advance(loop, arrays, step, count, recorder, bad, gate):
+    """Take `count` steps from step number `step` with all vehicles in one model; return False if one becomes bad."""
+    V, row = loop.params.fleet.bodies.shape[0], recorder.written[0]
+    return _advance_part(loop, arrays, None, 0, V, step, count, recorder, row, bad, 0, 1, gate)
 
 
 class World(ClosedLoop):
@@ -171,6 +235,8 @@ class World(ClosedLoop):
         self.model: mujoco.MjModel = self.arena.model
         self.data: mujoco.MjData = mujoco.MjData(self.model)
         self._arrays = mujoco_arrays(self.model, self.data)
+        self._bad = np.full(len(self._vehicles), NEVER)
+        self._gate = Crew.gate()
 
     def _state_arrays(self) -> EngineArrays:
         return engine_arrays(self.model, self.data)
@@ -222,15 +288,12 @@ class World(ClosedLoop):
         mujoco.mj_setState(self.model, self.data, values, _STATE)
 
     def _move(self, step: int, count: int, recorder: Recorder) -> tuple[int, int] | None:
-        """The first vehicle with a bad command or, if none has, a bad position, velocity or acceleration, if any."""
-        if not _advance(self._loop, self._arrays, step, count, recorder):
+        if _advance(self._loop, self._arrays, step, count, recorder, self._bad, self._gate):
             return None
-        data = self.data
-        V = len(self._vehicles)
-        owner = np.repeat(np.arange(V), np.diff(self.arena.thruster))
-        motion = np.hstack([x.reshape(V, -1) for x in (data.qpos, data.qvel, data.qacc)])
-        bad = owner[~(np.abs(data.ctrl) < HUGE)], np.flatnonzero(~(np.abs(motion) < HUGE).all(axis=1))
-        return int(np.concatenate(bad)[0]), self.steps_taken
+        found = first_bad(self._bad)
+        self._bad[:] = NEVER
+        self._gate = Crew.gate()
+        return found
 
     def actuators(self, id: str) -> IntArray:
         """Indices of a vehicle's actuators in `model` and in `data.ctrl`, in the order of `result.nc`'s thrusters.
@@ -249,83 +312,13 @@ class World(ClosedLoop):
         return np.arange(*self.arena.thruster[index[id] :][:2])
 
 
-class _State(NamedTuple):
-    """MuJoCo's qpos, qvel, ctrl and act."""
-
-    qpos: Array
-    qvel: Array
-    ctrl: Array
-    act: Array
-
-
-@inline_jit
-def _copy(source, target):
-    for i in range(target.shape[0]):
-        target[i] = source[i]
-
-
-@jit
-def _step_part(loop, arrays, own, first, last, step, count, log, row, bad):
-    """Take `count` steps from step number `step` with a model's vehicles, fewer where one of them becomes bad.
-
-    Their samples before the first step are recorded as `row` of the log, unless that is negative.
-
-    Returns:
-        Whether none did; see `ThreadedLoop._work` on `bad`.
-    """
-    params, state = loop
-    bodies = params.fleet.bodies
-    qpos, qvel = state.qpos[7 * first : 7 * last], state.qvel[6 * first : 6 * last]
-    ctrl, act = state.ctrl[bodies[first].actuator :], state.act[bodies[first].state :]
-    _copy(qpos, own.qpos)
-    _copy(qvel, own.qvel)
-    _copy(act, own.act)
-    for k in range(step, step + count):
-        apply_forces(loop, arrays, params.start + k * params.timestep, first, last)
-        if k == step and row >= 0:
-            record(loop, log, row, first, last)
-        _copy(ctrl, own.ctrl)
-        if _is_bad(own.ctrl):
-            for v in range(first, last):
-                a = bodies[v].actuator - bodies[first].actuator
-                if _is_bad(own.ctrl[a : a + params.fleet.kinds[bodies[v].kind].count]):
-                    bad[v] = 2 * k + 1
-            return False
-        _mj_step(arrays.model, arrays.data)
-        _copy(own.qpos, qpos)
-        _copy(own.qvel, qvel)
-        _copy(own.act, act[: own.act.shape[0]])
-        if _is_bad(qpos) or _is_bad(qvel) or _is_bad(arrays.qacc):
-            for v in range(first, last):
-                a, d = 7 * (v - first), 6 * (v - first)
-                if _is_bad(qpos[a : a + 7]) or _is_bad(qvel[d : d + 6]) or _is_bad(arrays.qacc[d : d + 6]):
-                    bad[v] = 2 * (k + 1)
-            return False
-    return True
-
-
-@jit
-def _advance_part(loop, arrays, own, first, last, step, count, recorder, row, bad, thread, threads, gate):
-    """See `ThreadedLoop._work`; the thread's vehicles are those from first up to last."""
-    k, end, meetings = step, step + count, 0
-    while k < end:
-        span, sample = min(loop.params.per_law - k % loop.params.per_law, end - k), next_row(loop, k, recorder, row)
-        if not begin_span(loop, k, recorder, sample, thread, threads, meetings, gate):
-            return
-        if not _step_part(loop, arrays, own, first, last, k, span, recorder.log, sample, bad):
-            fail(gate)
-        if not end_span(threads, meetings, gate):
-            return
-        k, row, meetings = k + span, row + (sample >= 0), meetings + 2
-
-
 class _Part(NamedTuple):
     """The vehicles of a thread, from first up to last, in a model of their own."""
 
     first: int
     last: int
     arrays: MujocoArrays
-    state: _State
+    own: EngineArrays
     model: mujoco.MjModel
     data: mujoco.MjData
 
@@ -347,8 +340,7 @@ class SplitWorld(ThreadedLoop):
         ids = [member.id for member in self.system.team.members[first:last]]
         model = compose(self._vehicles[first:last], ids, timestep=self._timestep, visible=False).model
         data = mujoco.MjData(model)
-        state = _State(data.qpos, data.qvel, data.ctrl, data.act)
-        return _Part(first, last, mujoco_arrays(model, data), state, model, data)
+        return _Part(first, last, mujoco_arrays(model, data), engine_arrays(model, data), model, data)
 
     def _command(self) -> None:
         for part in self._parts:  # forces are written too, which the next step overwrites
