@@ -101,7 +101,7 @@ def run(
 
 def _law_of(scenario: str, loaded: "Scenario", controller: str | None, expect: bool) -> "Controller | None":
     """Return the law in Python of a run: that of --controller, else with --expect that of `expect.controller`."""
-    from mjsheaf.control.controller import load_controller
+    from mjsheaf.control.source import load_controller
     from mjsheaf.runs.expecting import expected_law
     from mjsheaf.scenario.load import find_scenario
 

@@ -6,10 +6,9 @@ from that, named so, the truth. Targets, references, speed limits and recording 
 """
 
 import inspect
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
@@ -17,8 +16,8 @@ from numpy.typing import ArrayLike
 
 from mjsheaf.arrays import Array
 from mjsheaf.control.sample import Sample, Traffic, real_numbers
-from mjsheaf.errors import InputError, expected, visible
-from mjsheaf.io.user_code import described, executed, in_this_directory
+from mjsheaf.errors import InputError, visible
+from mjsheaf.io.user_code import describe, in_this_directory
 from mjsheaf.team import Edge, Team
 
 MAX_SPEED = 1e9
@@ -106,7 +105,7 @@ class Controller:
         except BaseException as error:
             who = f"{error}, " if isinstance(error, _AgentError) else ""
             cause = error.__cause__ if isinstance(error, _AgentError) and error.__cause__ else error
-            raise InputError(f"controller {self.name}: {who}{when}: {described(cause)}") from error
+            raise InputError(f"controller {self.name}: {who}{when}: {describe(cause)}") from error
 
 
 def controller_of(law: Law | Controller | None, system: Any, seed: int = 0) -> Controller | None:
@@ -198,45 +197,64 @@ class PerAgent:
         self._edges = [tuple(edges[k] for k in own) for own in self._own]
 
     def __call__(self, t: float, sample: Sample) -> Array:
-        """The velocities of all agents, shape (N, 3), m/s."""
+        """Return the velocities of all agents, shape (N, 3), m/s."""
         if sample.team is not self._team:
             self._enter(sample.team)
-        ids, velocity = sample.team.agent_ids, np.zeros((len(self._laws), 3))
+        ids = sample.team.agent_ids
+        velocity = np.zeros((len(self._laws), 3))
         running: dict[int, Any] = {}
         for i, law in enumerate(self._laws):
-            local = LocalSample(
-                self._edges[i],
-                [sample.measurements[k].copy() for k in self._own[i]],
-                sample.disagreement[i],
-                sample.velocity[i],
-                sample.displacement[i],
-                sample.attitude[i],
-            )
             with _naming(ids[i]):
-                found = law(t, local)
+                found = law(t, self._local(i, sample))
                 if inspect.isgenerator(found):
                     running[i] = found
                 else:
                     _put(velocity[i], found)
-        received: list[Mapping[str, Array] | None] = [None] * len(ids)
+        received: list[Mapping[str, Array]] | list[None] = [None] * len(ids)
         while running:
-            sent: dict[int, Array] = {}
-            for i, law in list(running.items()):
-                with _naming(ids[i]):
-                    try:
-                        sent[i] = np.atleast_1d(real_numbers(law.send(received[i])))
-                    except StopIteration as done:
-                        del running[i]
-                        _put(velocity[i], done.value)
-            if not sent:
-                break
-            if len(sent) != len(ids):
-                silent = next(ids[i] for i in range(len(ids)) if i not in sent)
-                raise InputError(f"{silent} has no numbers for a round in which others exchange; all agents must yield")
-            if len(sizes := {values.shape for values in sent.values()}) > 1:
-                raise InputError(f"agents exchange values of unlike shapes {sorted(sizes)}; expected one shape")
-            received = list(sample.exchange(np.stack([sent[i] for i in range(len(ids))])))
+            sent = self._take_round(running, received, velocity)
+            if sent:
+                received = _exchange(sample, sent)
         return velocity
+
+    def _local(self, i: int, sample: Sample) -> LocalSample:
+        """Return what agent i may know."""
+        return LocalSample(
+            self._edges[i],
+            [sample.measurements[k].copy() for k in self._own[i]],
+            sample.disagreement[i],
+            sample.velocity[i],
+            sample.displacement[i],
+            sample.attitude[i],
+        )
+
+    def _take_round(self, running: dict[int, Any], received: Sequence[Any], velocity: Array) -> dict[int, Array]:
+        """Let running generators go on with what they received; return what agents send, and drop those that end."""
+        sent: dict[int, Array] = {}
+        for i, law in list(running.items()):
+            with _naming(self._team.agent_ids[i]):
+                try:
+                    sent[i] = np.atleast_1d(real_numbers(law.send(received[i])))
+                except StopIteration as done:
+                    del running[i]
+                    _put(velocity[i], done.value)
+        return sent
+
+
+def _exchange(sample: Sample, sent: dict[int, Array]) -> list[Mapping[str, Array]]:
+    """Send the numbers of each agent to its neighbours.
+
+    Raises:
+        InputError: An agent has none, or their shapes differ.
+    """
+    ids = sample.team.agent_ids
+    if len(sent) != len(ids):
+        silent = next(ids[i] for i in range(len(ids)) if i not in sent)
+        raise InputError(f"{silent} has no numbers for a round in which others exchange; all agents must yield")
+    sizes = {values.shape for values in sent.values()}
+    if len(sizes) > 1:
+        raise InputError(f"agents exchange values of unlike shapes {sorted(sizes)}; expected one shape")
+    return list(sample.exchange(np.stack([sent[i] for i in range(len(ids))])))
 
 
 def _put(row: Array, value: Any) -> None:
@@ -253,35 +271,3 @@ def _naming(agent: str) -> Iterator[None]:
         yield
     except Exception as error:
         raise _AgentError(agent) from error
-
-
-def load_controller(source: str, seed: int = 0) -> Controller:
-    """The law FILE.py:NAME, a function, an object or a class that is made without arguments.
-
-    Raises:
-        InputError: there is no such file or name, or the file raises an exception.
-    """
-    if not isinstance(source, str):
-        raise InputError(f"controller: expected FILE.py:NAME as a str, not {type(source).__name__}")
-    file, colon, name = source.rpartition(":")
-    path = Path(file)
-    if not colon or not name.isidentifier() or path.suffix != ".py":
-        raise InputError(f"--controller {source!r}: expected FILE.py:NAME, for example mylaw.py:MyLaw")
-    source = source if source.isprintable() else visible(source)
-    if not path.is_file():
-        raise InputError(f"--controller {source}: there is no such file")
-    try:
-        module = executed(path, "mjsheaf_controller")
-        with in_this_directory():
-            law: Any = getattr(module, name, None)
-            law = law() if inspect.isclass(law) else law
-        if not hasattr(module, name):
-            public = [n for n, value in vars(module).items() if callable(value) and not n.startswith("_")]
-            raise InputError(f"there is no {name!r} in it; {expected(name, public)}")
-        return Controller(cast(Law, law), source, seed)
-    except KeyboardInterrupt:
-        raise
-    except InputError as error:
-        raise InputError(f"--controller {source}: {error}") from None
-    except BaseException as error:
-        raise InputError(f"--controller {source}: {described(error)}") from error

@@ -33,7 +33,7 @@ from pydantic import Field
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError, expected, in_field
 from mjsheaf.io.section import Section
-from mjsheaf.io.user_code import described, executed
+from mjsheaf.io.user_code import describe, execute_file
 from mjsheaf.jit import INTERPRETED, user_jit
 
 _PREFIX = "Term_"
@@ -210,11 +210,11 @@ def _execute(file: str, name: str) -> None:
         return
     _registered.pop(name, None)
     try:
-        executed(path, "mjsheaf_terms")
+        execute_file(path, "mjsheaf_terms")
     except (KeyboardInterrupt, InputError):
         raise
     except BaseException as error:
-        raise InputError(f"file: {described(error)}") from error
+        raise InputError(f"file: {describe(error)}") from error
 
 
 def _values(term: Registered, given: Mapping[str, float]) -> Array:

@@ -1,13 +1,16 @@
 """Laws in Python by their files: FILE.py:NAME, recognised by a digest and loaded anew for every run."""
 
 import hashlib
+import inspect
 import os
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from mjsheaf.control.controller import Controller, load_controller
-from mjsheaf.errors import InputError
+from mjsheaf.control.controller import Controller
+from mjsheaf.errors import InputError, expected, visible
 from mjsheaf.io.files import confined
+from mjsheaf.io.user_code import describe, execute_file, in_this_directory
 
 
 @dataclass(frozen=True)
@@ -36,14 +39,13 @@ class LawFile:
         """
         if self.changed:
             raise InputError(f"{self.field} {self.label}: the file has changed since the command began; start it again")
-        source = f"{self.path}:{self.name}"
         try:
-            controller = load_controller(source, seed)
-        except InputError as error:
-            told = str(error).removeprefix(f"--controller {source}: ")
-            raise InputError(f"{self.field} {self.label}: {told}") from None
-        controller.name = self.label
-        return controller
+            return Controller(_execute(Path(self.path), self.name), self.label, seed)
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:
+            message = str(error) if isinstance(error, InputError) else describe(error)
+            raise InputError(f"{self.field} {self.label}: {message}") from error
 
     @property
     def changed(self) -> bool:
@@ -75,6 +77,7 @@ def find_law(source: str, field: str = "--controller", directory: Path | None = 
     file, colon, name = source.rpartition(":")
     if not colon or not name.isidentifier() or Path(file).suffix != ".py":
         raise InputError(f"{field} {source!r}: expected FILE.py:NAME, for example mylaw.py:MyLaw")
+    source = source if source.isprintable() else visible(source)
     try:
         path = Path(file) if directory is None else confined(file, directory)
     except InputError as error:
@@ -82,6 +85,32 @@ def find_law(source: str, field: str = "--controller", directory: Path | None = 
     if not path.is_file():
         raise InputError(f"{field} {source}: there is no file {file}")
     return LawFile(str(path.resolve()), name, source, _digest(path), field)
+
+
+def load_controller(source: str, seed: int = 0) -> Controller:
+    """Load the law FILE.py:NAME: a function, an object or a class that is made without arguments.
+
+    Raises:
+        InputError: There is no such file or name, or the file raises an exception.
+    """
+    if not isinstance(source, str):
+        raise InputError(f"controller: expected FILE.py:NAME as a str, not {type(source).__name__}")
+    return find_law(source).load(seed)
+
+
+def _execute(path: Path, name: str) -> Any:
+    """Execute a file and return the law of this name in it, an object of it where that is a class.
+
+    Raises:
+        InputError: There is none. Exceptions of the file pass through.
+    """
+    module = execute_file(path, "mjsheaf_controller")
+    with in_this_directory():
+        if not hasattr(module, name):
+            public = [n for n, value in vars(module).items() if callable(value) and not n.startswith("_")]
+            raise InputError(f"there is no {name!r} in it; {expected(name, public)}")
+        law = getattr(module, name)
+        return law() if inspect.isclass(law) else law
 
 
 def name_law_from(law: LawFile, directory: Path) -> str:

@@ -33,7 +33,7 @@ def _working_directory() -> str | None:
     return None
 
 
-def described(error: BaseException) -> str:
+def describe(error: BaseException) -> str:
     """An exception of the user's code in a line, with where it was raised."""
     frames = traceback.extract_tb(error.__traceback__)[-1:]
     place = "".join(f" ({visible(Path(frame.filename).name)}, line {frame.lineno})" for frame in frames)
@@ -44,7 +44,7 @@ def described(error: BaseException) -> str:
     return f"{visible(type(error).__name__)}: {visible(text, _MAX_MESSAGE)}{place}"
 
 
-def executed(path: Path, prefix: str) -> ModuleType:
+def execute_file(path: Path, prefix: str) -> ModuleType:
     """Execute a Python file of a user's as a module named after it, and return the module."""
     name = f"{prefix}_{path.stem}"
     spec = importlib.util.spec_from_file_location(name, path)

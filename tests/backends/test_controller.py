@@ -15,8 +15,9 @@ import yaml
 from numpy.typing import NDArray
 
 import mjsheaf
-from mjsheaf.control.controller import Agent, Controller, LocalSample, PerAgent, load_controller
+from mjsheaf.control.controller import Agent, Controller, LocalSample, PerAgent
 from mjsheaf.control.sample import ReadOnlyTeam, Sample
+from mjsheaf.control.source import load_controller
 from mjsheaf.errors import InputError
 from tests.builders import mixed_scenario
 from tests.commands import IDEAL, RUN_FILES, answer_of, call, is_refusal
@@ -342,7 +343,7 @@ def test_loading_a_law_from_a_file(tmp_path: Any) -> None:
     (tmp_path / "broken.py").write_text("x = 1\nraise ValueError('oh no')\n")
     assert type(load_controller(f"{tmp_path}/mine.py:Mine").law).__name__ == "Mine"
     for source, said in (
-        ("mine.py:Mine", "no such file"),
+        ("mine.py:Mine", "there is no file mine.py"),
         (f"{tmp_path}/mine.py", "FILE.py:NAME"),
         (f"{tmp_path}/mine.py:mine", "did you mean Mine"),
         (f"{tmp_path}/broken.py:Law", "ValueError: oh no (broken.py, line 2)"),

@@ -13,8 +13,7 @@ from matplotlib.figure import Figure
 import mjsheaf
 from mjsheaf.comparing import CompareRecord, compare
 from mjsheaf.comparing.report import report_text
-from mjsheaf.control.controller import load_controller
-from mjsheaf.control.source import find_law, same_law
+from mjsheaf.control.source import find_law, load_controller, same_law
 from mjsheaf.errors import InputError
 from mjsheaf.io.yaml import dump_yaml
 from mjsheaf.runs.expecting import expected_law, try_scenario

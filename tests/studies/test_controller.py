@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import mjsheaf
-from mjsheaf.control.controller import load_controller
+from mjsheaf.control.source import load_controller
 from mjsheaf.errors import PlaceError, ScenarioError
 from mjsheaf.studies import load_plan, run_study
 from mjsheaf.studies.plan import Plan
