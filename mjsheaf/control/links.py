@@ -266,34 +266,36 @@ def pack_links(
 
 def _pack_table(edges: Sequence[LinkedEdge], period: float, feedforward: bool) -> tuple[NDArray[np.void], int]:
     """Return the links that change anything, of the type LINK, and the size of their cells; see `pack_links`."""
-    table = np.zeros(sum(not one.link.exact for one in edges), dtype=LINK)
-    rows = iter(table)
+    rows: list[tuple[Any, ...]] = []
     size = 0
     for e, one in enumerate(edges):
-        if one.link.exact:
+        link, edge = one.link, one.edge
+        if link.exact:
             continue
-        m = len(one.edge.F_tail)
+        if link.bearing:
+            with in_field(f"{one.kind}.{one.number}, {edge}"):
+                require_bearing(edge.F_tail, edge.F_head)
+        m = len(edge.F_tail)
         own = m if feedforward and one.kind == "sensing" else 0
-        if one.link.bearing:
-            with in_field(f"{one.kind}.{one.number}, {one.edge}"):
-                require_bearing(one.edge.F_tail, one.edge.F_head)
-        fields: dict[str, Any] = one.link._asdict()
-        for name in ("random", "lossy", "bursts"):
-            fields[name] = getattr(one.link, name)
-        fields["delay"] = whole_periods(one.link.delay, period)
-        fields["hold"] = int(min(one.link.hold / period + 1e-6, 1e9))
-        fields["edge"] = e
-        fields["place"] = size
-        fields["received"] = size + (fields["delay"] + 1) * (1 + m + own)
-        fields["own"] = own
-        fields["stream"] = one.stream
-        size = fields["received"] + 2 * (_HEADER + m + 2 * own)
+        delay = whole_periods(link.delay, period)
+        received = size + (delay + 1) * (1 + m + own)
+        fields = link._asdict() | {
+            "edge": e,
+            "place": size,
+            "received": received,
+            "own": own,
+            "random": link.random,
+            "lossy": link.lossy,
+            "bursts": link.bursts,
+            "stream": one.stream,
+            "delay": delay,
+            "hold": int(min(link.hold / period + 1e-6, 1e9)),
+        }
+        rows.append(tuple(fields[name] for name in LINK.names or ()))
+        size = received + 2 * (_HEADER + m + 2 * own)
         with in_field("links"):
             require_held(size)
-        row = next(rows)
-        for name, value in fields.items():
-            row[name] = value
-    return table, size
+    return np.array(rows, dtype=LINK), size
 
 
 def require_held(numbers: int) -> None:
@@ -364,8 +366,7 @@ def send(law, link, n, m, slot, state, x, y, terms, memory):
         state = next_state(state, chance, link.to_bad, link.to_good, link.bad)
     if link.lossy:
         lost = draw[0] < (link.loss_bad if state == 2.0 else link.loss_good)
-    if not lost and link.range < np.inf:
-        lost = distance(x[tail], links.lift[tail], x[head], links.lift[head]) > link.range
+    lost |= is_beyond_range(links, link, x, tail, head)
     cells[slot] = 0.0 if lost else n + 1.0
     if not lost:
         sense(links, link, law.edges, first, first + m, n, draw, memory.attitude, tail, y)
@@ -374,6 +375,14 @@ def send(law, link, n, m, slot, state, x, y, terms, memory):
         if link.own > 0 and law.terms.agents > 0:
             multiply(law.edges.F_tail[first : first + m], terms.walked[tail], cells[slot + 1 + m :])
     return state
+
+
+@inline_jit
+def is_beyond_range(links, link, x, tail, head):
+    """Return True if the ends of an edge are too far apart for its link."""
+    if link.range == np.inf:
+        return False
+    return distance(x[tail], links.lift[tail], x[head], links.lift[head]) > link.range
 
 
 @inline_jit
