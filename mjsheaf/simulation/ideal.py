@@ -188,6 +188,27 @@ def take_step(follow, run, t, h, x, first, last):
 
 
 @inline_jit
+def _next_step(h, error, rejected):
+    """Return the step to try after one of h with this error; it does not grow where the one before was rejected."""
+    if not error < 1.0:
+        return h * max(0.2, 0.9 * error**-0.2)
+    factor = 10.0 if error == 0.0 else min(10.0, 0.9 * error**-0.2)
+    return h * (min(1.0, factor) if rejected else factor)
+
+
+@inline_jit
+def _take_over(run, x, first, last):
+    """Take over the positions and slopes of a step that passed; return False if a position is huge."""
+    for v in range(first, last):
+        for i in range(3):
+            x[v, i] = run.state[v, i]
+            run.slope[0, v, i] = run.slope[6, v, i]
+            if abs(x[v, i]) > _HUGE:
+                return False
+    return True
+
+
+@inline_jit
 def _advance(follow, run, t, x, first, last):
     """Integrate the vehicles from first to last over one period, in place; False where the solution blows up.
 
@@ -200,26 +221,20 @@ def _advance(follow, run, t, x, first, last):
         steps += 1
         if steps > _USUAL_STEPS:
             run.surplus[first] += 1
-        if run.surplus[first] > _MOST_STEPS or not step > _SMALLEST_STEP * period:  # also where it is NaN
+        if run.surplus[first] > _MOST_STEPS:
+            return False
+        if not step > _SMALLEST_STEP * period:  # also where it is NaN
             return False
         h = min(step, period - done)
         error = take_step(follow, run, t + done, h, x, first, last)
         if not np.isfinite(error):
             return False
-        if error < 1.0:
-            factor = 10.0 if error == 0.0 else min(10.0, 0.9 * error**-0.2)
-            step = h * (min(1.0, factor) if rejected else factor)
+        step = _next_step(h, error, rejected)
+        rejected = not error < 1.0
+        if not rejected:
             done = period if h >= period - done else done + h
-            rejected = False
-            for v in range(first, last):
-                for i in range(3):
-                    x[v, i] = run.state[v, i]
-                    run.slope[0, v, i] = run.slope[6, v, i]
-                    if abs(x[v, i]) > _HUGE:
-                        return False
-        else:
-            step = h * max(0.2, 0.9 * error**-0.2)
-            rejected = True
+            if not _take_over(run, x, first, last):
+                return False
     if steps < _USUAL_STEPS:
         run.surplus[first] = max(run.surplus[first] - (_USUAL_STEPS - steps), 0)
     return True
