@@ -210,6 +210,14 @@ def place_targets(loop, recorder):
 
 
 @inline_jit
+def is_at_limit(kind, thruster, command):
+    """Return True if a thruster's command is at a limit; one that cannot reverse is at rest at 0."""
+    if command == 0.0 and kind.one_sided:
+        return False
+    return command <= thruster.low or command >= thruster.high
+
+
+@inline_jit
 def record(loop, log, k, first, last):
     """Write the state and the commands just made for it of vehicles from first up to last as sample k.
 
@@ -235,8 +243,7 @@ def record(loop, log, k, first, last):
             log.thruster_command[k, n] = command
             late = state.act[body.state + thruster.state] if thruster.late else command
             log.thruster_output[k, n] = late if thruster.code == ANGLE else params.gain[n, 0] * late
-            if command != 0.0 or not kind.one_sided:  # a thruster that cannot reverse is at rest there, not at a limit
-                at_limit += command <= thruster.low or command >= thruster.high
+            at_limit += is_at_limit(kind, thruster, command)
         log.saturation[k, v] = at_limit / max(kind.count, 1)
 
 

@@ -224,34 +224,17 @@ def blow_up_message(
 
 
 def likely_cause(system: System, law_period: float) -> str:
-    """The first stability margin that the system violates, with the field that would mend it.
+    """Return the first stability margin that the system violates, with the field that would mend it.
 
     Args:
-        system: the system.
-        law_period: time between evaluations of the law, s; 0 where it is inside the integrator.
+        system: The system.
+        law_period: Time between evaluations of the law, s; 0 where it is inside the integrator.
     """
-    h, target_gain = law_period, float(np.max(system.law.gain[len(system.team.agents) :], initial=0.0))
-    consensus = np.linalg.eigvalsh(system.team.target_sheaf.laplacian().toarray())[-1] if target_gain > 0.0 else 0.0
-    agents = system.largest_eigenvalue, "k1 h lambda_max", "the held law"
-    terms, late = system.law.terms, 0
+    h = law_period
+    terms = system.law.terms
     rough = terms.newton > 0 and terms.rounds.imperfect  # what its rounds leave is not known
-    if terms.newton:  # x+ = (1 - h k1) x - h k1 s, s+ = p (h k1 x + (1 + h k1) s), and p of the rounds is at least -c
-        c = contraction(terms.newton, *terms.eigenvalues)
-        agents = (
-            (1.0 + c) / max(1.0 - c, 1e-9),
-            "k1 h (1 + c) / (1 - c)",
-            f"the held law, whose rounds leave c = {c:.3g},",
-        )
-    elif late := int(np.max(system.law.links.table["delay"], initial=0)):
-        agents = system.largest_eigenvalue, "k1 h lambda_max", f"the held law on measurements {late} periods old"
     shorter = "physics.timestep" if system.grid.continuous else "controller.control_period"
-    most = 2.0 * np.sin(0.5 * np.pi / (2 * late + 1))  # of all edges alike, without terms
-    pull = np.max(system.motion.pull, initial=0.0)
-    for gain, fastest, limit, margin, what, field in (
-        (0.0 if rough else system.gain, agents[0], most, *agents[1:], "controller.gain"),
-        (target_gain, consensus, 2.0, "gain h lambda_max", "the targets' own held consensus", "target_formation.gain"),
-        (pull, 1.0, 2.0, "pull h", "a target's held pull to its path", "its motion.pull"),
-    ):
+    for gain, fastest, limit, margin, what, field in _margins(system, rough):
         if gain * h * fastest >= limit:
             return (
                 f"likely cause: {what} diverges, as {margin} = {gain * h * fastest:.3g} is not below {limit:.3g}; take "
@@ -263,15 +246,42 @@ def likely_cause(system: System, law_period: float) -> str:
             "likely cause: the gain is too high for newton over links that delay or lose its rounds; take a lower "
             "controller.gain, or a shorter links.rounds.delay"
         )
-    if 0.0 < (most := largest_integral(system)) <= terms.integral:
+    largest = largest_integral(system)
+    if 0.0 < largest <= terms.integral:
         return (
             f"likely cause: the integral diverges, as k_I is {terms.integral:.4g} 1/s^2; take controller.integral.gain "
-            f"below {most:.4g}, a larger controller.gain or a shorter controller.control_period"
+            f"below {largest:.4g}, a larger controller.gain or a shorter controller.control_period"
         )
     return (
         "likely cause: a flow or a motion too strong to integrate; look at flow (strengths, core radii) and "
         "target motions, and on bodies shorten physics.timestep"
     )
+
+
+def _margins(system: System, rough: bool) -> list[tuple[float, float, float, str, str, str]]:
+    """Return gain, largest eigenvalue, limit of their product with the period, and words, of each held loop."""
+    target_gain = float(np.max(system.law.gain[len(system.team.agents) :], initial=0.0))
+    consensus = np.linalg.eigvalsh(system.team.target_sheaf.laplacian().toarray())[-1] if target_gain > 0.0 else 0.0
+    pull = np.max(system.motion.pull, initial=0.0)
+    fastest, margin, what, delay = _agents_loop(system)
+    limit = 2.0 * np.sin(0.5 * np.pi / (2 * delay + 1))  # of all edges alike, without terms
+    return [
+        (0.0 if rough else system.gain, fastest, limit, margin, what, "controller.gain"),
+        (target_gain, consensus, 2.0, "gain h lambda_max", "the targets' own held consensus", "target_formation.gain"),
+        (pull, 1.0, 2.0, "pull h", "a target's held pull to its path", "its motion.pull"),
+    ]
+
+
+def _agents_loop(system: System) -> tuple[float, str, str, int]:
+    """Return the agents' held law: largest eigenvalue, margin and name in words, and delay in periods."""
+    terms = system.law.terms
+    if terms.newton:  # x+ = (1 - h k1) x - h k1 s, s+ = p (h k1 x + (1 + h k1) s), and p of the rounds is at least -c
+        c = contraction(terms.newton, *terms.eigenvalues)
+        what = f"the held law, whose rounds leave c = {c:.3g},"
+        return (1.0 + c) / max(1.0 - c, 1e-9), "k1 h (1 + c) / (1 - c)", what, 0
+    delay = int(np.max(system.law.links.table["delay"], initial=0))
+    what = f"the held law on measurements {delay} periods old" if delay else "the held law"
+    return system.largest_eigenvalue, "k1 h lambda_max", what, delay
 
 
 def largest_integral(system: System) -> float:

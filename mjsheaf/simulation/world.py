@@ -95,6 +95,11 @@ def _is_bad(values):
 
 
 @inline_jit
+def _is_any_bad(qpos, qvel, qacc):
+    return _is_bad(qpos) or _is_bad(qvel) or _is_bad(qacc)
+
+
+@inline_jit
 def _copy(source, target):
     for i in range(target.shape[0]):
         target[i] = source[i]
@@ -114,7 +119,7 @@ def _mark_bad_motion(loop, qacc, first, last, k, bad):
     state = loop.state
     for v in range(first, last):
         a, d, own = 7 * v, 6 * v, 6 * (v - first)
-        if _is_bad(state.qpos[a : a + 7]) or _is_bad(state.qvel[d : d + 6]) or _is_bad(qacc[own : own + 6]):
+        if _is_any_bad(state.qpos[a : a + 7], state.qvel[d : d + 6], qacc[own : own + 6]):
             bad[v] = 2 * k
 
 
@@ -159,7 +164,7 @@ def _step_part(loop, arrays, own, first, last, step, count, log, row, bad):
             _copy(own.qpos, qpos)
             _copy(own.qvel, qvel)
             _copy(own.act, act[: own.act.shape[0]])
-        if _is_bad(qpos) or _is_bad(qvel) or _is_bad(arrays.qacc):
+        if _is_any_bad(qpos, qvel, arrays.qacc):
             _mark_bad_motion(loop, arrays.qacc, first, last, k + 1, bad)
             return False
     return True
