@@ -193,7 +193,7 @@ def pack_fleet(vehicles: Sequence[Vehicle], heading: Array, timestep: float, sur
             actuator.pack(own, timestep, vehicle.mass * GRAVITY)
         channels["state"] = np.cumsum(channels["late"]) - channels["late"]
         kind["turning"] = (channels["code"] != FIXED).any()
-        kind["in_flow"] = any(actuator.in_flow for actuator in vehicle.actuators)
+        kind["in_flow"] = channels["flow"].any()
         states[k] = channels["late"].sum()
     bodies, v = np.zeros(len(vehicles), BODY), np.arange(len(vehicles))
     bodies["kind"], bodies["qpos"], bodies["dof"] = number, 7 * v, 6 * v

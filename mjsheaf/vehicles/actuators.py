@@ -19,9 +19,10 @@ It acts behind the propeller. The hull's part in it (flow straightening, wake) i
 full deflection makes at rest: speed ahead adds to that, so efforts that are feasible at rest are so at any speed. `aim`
 inverts the model at the measured velocity. Without thrust and speed there is no force, whatever the deflection.
 
-A new kind subclasses `Thruster`, has a section with `fit`, named in `AnyActuator`, and a code with a branch in `aim`
-and, as far as it needs them, in `unit_wrench`, `room_of` and `flow_wrench`: the force that depends on velocity.
-`actuator_force` is MuJoCo's own dynamics of whatever kind, for the engine that does without it.
+A new kind subclasses `Thruster` and has a section with `fit`, named in `AnyActuator`. Where its force depends on
+velocity, it has a code `flow` with a branch in `flow_wrench`. Where its efforts are not its commands, it has a code
+with a branch in `aim`, `unit_wrench` and `room_of`. `actuator_force` is MuJoCo's own dynamics of whatever kind, for the
+engine that does without it.
 """
 
 from dataclasses import dataclass, fields, replace
@@ -43,6 +44,7 @@ LAGS = ("none", "filter", "filterexact")
 """How a thruster may follow its command: MJCF's dyntype."""
 
 FIXED, AZIMUTH, ANGLE, RUDDER = 0, 1, 2, 3  # codes of channels
+BLADE = 1  # code of a force that depends on velocity: that of a rudder
 CHANNEL = np.dtype(
     [
         ("direction", "f8", 3),  # force on the body for a force of 1, body axes; of an angle, at 90 degrees
@@ -63,6 +65,7 @@ CHANNEL = np.dtype(
         ("act", "f8", 2),
         ("force", "f8", 2),
         ("planar", "f8", 3),  # wrench of an effort of 1 on the rows surge, sway and yaw: see `allocation`
+        ("flow", "i8"),  # code of its branch in `flow_wrench`, 0 where its force does not depend on velocity
         # of the ANGLE of a RUDDER
         ("position", "f8", 3),  # m
         ("race", "f8"),  # 2 eta / (rho A_p), m^2/s^2 for 1 N of thrust
@@ -118,10 +121,7 @@ class Thruster:
         law: how it follows its command, one of LAGS.
         time_constant: of that, s.
         early: whether its force is that of the activation after a step.
-        in_flow: True for a kind with a branch in `flow_wrench`.
     """
-
-    in_flow: ClassVar[bool] = False
 
     name: str
     wrench: Array
@@ -471,8 +471,6 @@ class RudderThruster(AzimuthThruster):
         side: Force to port for an effort of 1 N.
     """
 
-    in_flow: ClassVar[bool] = True
-
     position: Array
     race: float
     normal: float
@@ -505,6 +503,7 @@ class RudderThruster(AzimuthThruster):
         """Blade and race, too."""
         super().pack(channels, timestep, weight)
         channels["code"] = RUDDER, ANGLE
+        channels[0]["flow"] = BLADE
         for name in ("position", "race", "normal", "stall", "side"):
             channels[1][name] = getattr(self, name)
 
@@ -631,8 +630,8 @@ def flow_wrench(channels, velocity, rates, act, ctrl):
         Force and moment, body axes, (3,) each, as `unit_wrench` has them.
     """
     force = moment = (0.0, 0.0, 0.0)
-    for k in range(ctrl.shape[0] - 1):
-        if channels[k].code == RUDDER:
+    for k in range(ctrl.shape[0]):
+        if channels[k].flow == BLADE:
             propeller, rudder = channels[k], channels[k + 1]
             thrust, _ = actuator_force(propeller, ctrl[k], act[propeller.state] if propeller.late else 0.0)
             a, b = _inflow(rudder, velocity, rates, thrust)
