@@ -63,7 +63,6 @@ KIND = np.dtype(
         ("thruster", "i8"),  # the first of its channels among those of all kinds
         ("count", "i8"),  # how many it has
         ("turning", "i8"),  # whether some of them turn
-        ("in_flow", "i8"),  # whether the force of some of them depends on velocity: see `flow_wrench`
         # what the medium does to it
         ("planar", "i8"),
         ("drag", "f8", 6),  # of v, N s/m and N m s/rad
@@ -101,6 +100,7 @@ KIND = np.dtype(
         ("forward_only", "i8"),  # whether it is steered at its hand point and cannot back
         ("turning_price", "f8"),  # surge force for each unit of yaw moment, 1/m
         ("turning_speed", "f8"),  # wanted speed above which it turns round, m/s
+        ("in_flow", "i8"),  # whether the force of some of its actuators depends on velocity: see `flow_wrench`
     ],
     align=True,
 )

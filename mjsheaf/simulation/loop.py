@@ -154,6 +154,18 @@ def medium_at(params, state, v):
     return medium_velocity(params.medium, state.medium, v, q[a], q[a + 1], z)
 
 
+@jit
+def _flow_wrench_of(loop, v, R):
+    """Force and moment of what flows past the actuators of vehicle v. Few vehicles have any, so it is not part of the hot loop."""
+    params, state = loop
+    body = params.fleet.bodies[v]
+    kind, d = params.fleet.kinds[body.kind], body.dof
+    thrusters = params.fleet.thrusters[kind.thruster : kind.thruster + kind.count]
+    ctrl = state.ctrl[body.actuator : body.actuator + kind.count]
+    s = to_body(R, subtract(triple(state.qvel[d:]), medium_at(params, state, v)))
+    return flow_wrench(thrusters, s, triple(state.qvel[d + 3 :]), state.act[body.state :], ctrl)
+
+
 @inline_jit
 def sense_and_command(loop, v):
     """Let vehicle v measure and write its commands.
@@ -189,7 +201,7 @@ def sense_and_command(loop, v):
             force = add(force, push)
             moment = add(moment, turn)
     if kind.in_flow:
-        push, turn = flow_wrench(thrusters, s, omega, act, ctrl)
+        push, turn = _flow_wrench_of(loop, v, R)
         force = add(force, push)
         moment = add(moment, turn)
     return R, omega, force, moment
