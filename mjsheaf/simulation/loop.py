@@ -156,7 +156,10 @@ def medium_at(params, state, v):
 
 @jit
 def _flow_wrench_of(loop, v, R):
-    """Force and moment of what flows past the actuators of vehicle v. Few vehicles have any, so it is not part of the hot loop."""
+    """Force and moment of what flows past the actuators of vehicle v; see `flow_wrench`.
+
+    Few vehicles have any: in a function of its own it takes no registers from the loop of the others.
+    """
     params, state = loop
     body = params.fleet.bodies[v]
     kind, d = params.fleet.kinds[body.kind], body.dof

@@ -100,13 +100,17 @@ class VehicleDescription(Section):
     drifts: bool = Field(False, description="true for a buoy without thrusters, which can only be a target")
 
     @model_validator(mode="after")
+    def _rudders_float(self) -> "VehicleDescription":
+        if self.domain != "surface" and any(actuator.surface_only for actuator in self.actuators.values()):
+            raise ValueError("a rudder steers a vehicle on the surface")
+        return self
+
+    @model_validator(mode="after")
     def _fits_together(self) -> "VehicleDescription":
         if (self.domain == "surface") != (self.hydrostatics is not None):
             raise ValueError("a surface vehicle needs hydrostatics, and no other has them")
         if isinstance(self.steering, ThrustVector if self.domain == "surface" else HandPoint):
             raise ValueError("steering has a hand_point on the surface, and a largest_tilt in a volume")
-        if self.domain != "surface" and any(actuator.surface_only for actuator in self.actuators.values()):
-            raise ValueError("a rudder steers a vehicle on the surface")
         if self.drifts and (self.domain != "surface" or self.steering or self.autopilot or self.actuators):
             raise ValueError("what drifts floats on the surface, without steering, autopilot and actuators")
         return self
