@@ -25,8 +25,11 @@ from numpy.typing import NDArray
 from mjsheaf.errors import InputError
 
 try:
-    from numba import config, njit, types
+    from numba import config, njit
+    from numba import types as types
     from numba.core import event
+    from numba.core.errors import NumbaError as NumbaError
+    from numba.extending import overload as overload
 except ValueError:  # numba reads its environment variables as it is imported
     raise InputError(
         f"NUMBA_NUM_THREADS: {os.environ.get('NUMBA_NUM_THREADS', '')[:40]!r}; expected a whole number from 1 on"

@@ -56,7 +56,6 @@ from mjsheaf.comparing.measures import (
 from mjsheaf.comparing.recording import Recording, record_run
 from mjsheaf.control.links import no_links
 from mjsheaf.control.source import LawFile
-from mjsheaf.control.terms import no_terms
 from mjsheaf.io.section import FiniteRecord
 from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.simulation.trajectory import Trajectory
@@ -261,7 +260,7 @@ def changed_systems(phases: Sequence[Phase], change: Callable[[System], System])
 
 def without_terms(system: System) -> System:
     """The system under the paper's law alone."""
-    return replace(system, law=system.law._replace(terms=no_terms()))
+    return replace(system, law=system.law.without_terms)
 
 
 def without_links(system: System) -> System:

@@ -25,16 +25,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import types
-from numba.core.errors import NumbaError
-from numba.extending import overload
 from pydantic import Field
 
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError, expected, in_field
 from mjsheaf.io.section import Section
 from mjsheaf.io.user_code import describe, execute_file
-from mjsheaf.jit import INTERPRETED, user_jit
+from mjsheaf.jit import INTERPRETED, NumbaError, overload, types, user_jit
 
 _PREFIX = "Term_"
 _MOST_NUMBERS = 1000  # that a term may remember of an agent
@@ -54,7 +51,7 @@ class CustomTerm(Section):
         description="Python file that registers the term, from this file's directory; none where it is registered "
         "before the scenario is read",
     )
-    parameters: dict[str, float] = Field({}, description="values of the term's parameters, by name")
+    parameters: dict[str, float] = Field({}, description="values of the term's parameters, by name [-]")
 
 
 @dataclass(frozen=True)

@@ -105,6 +105,11 @@ class LawArrays(NamedTuple):
         return self.terms.names + names_of(self.custom)
 
     @property
+    def without_terms(self) -> "LawArrays":
+        """The paper's law."""
+        return self._replace(terms=no_terms(), custom=())
+
+    @property
     def extended(self) -> bool:
         """Whether there is more to it than -k1 eta."""
         return bool(self.terms.agents or self.custom)

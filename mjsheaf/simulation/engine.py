@@ -15,7 +15,6 @@ from mjsheaf.arrays import Array, IntArray
 from mjsheaf.control.controller import Controller, Law, controller_of
 from mjsheaf.control.law import ControlArrays, Memory, carry
 from mjsheaf.control.sample import Sample, Traffic, View
-from mjsheaf.control.terms import no_terms
 from mjsheaf.errors import InputError, UnstableError
 from mjsheaf.simulation.trajectory import Log, Trajectory, pieces_of
 from mjsheaf.system import Phase, System, phases_of
@@ -219,8 +218,8 @@ class Engine(ABC):
         control = self._control_of(self.system)
         if not self._commanded:
             return control
-        law = control.law._replace(supplied=len(self.system.team.agents), terms=no_terms(), custom=())
-        return control._replace(law=law)
+        supplied = len(self.system.team.agents)
+        return control._replace(law=control.law.without_terms._replace(supplied=supplied))
 
     def _enter_phase(self) -> int:
         """Enter the phase that the present step belongs to, and return the number of steps taken."""

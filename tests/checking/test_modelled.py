@@ -29,7 +29,7 @@ def with_field(values: Any, name: str, value: Any) -> Any:
     """The named tuple with one more field, as if its class had it."""
     kind = type(values)
     extended: Any = namedtuple(kind.__name__, (*kind._fields, name))  # type: ignore[misc]
-    for inherited in ("names", "noisy", "lossy", "random", "settling"):
+    for inherited in ("names", "noisy", "lossy", "random", "settling", "extended", "term_names", "without_terms"):
         if hasattr(kind, inherited):
             setattr(extended, inherited, getattr(kind, inherited))
     make: Any = extended._make
