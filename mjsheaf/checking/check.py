@@ -387,6 +387,17 @@ def _theorem(search: Search, certificate: Certificate, radius: float) -> Theorem
     holds = theorem.applies and proven
     wanted = gain_for_wanted_radius(search, certificate, radius)
     source = "largest norm of the Jacobian of the agents' field over their region, by branch and bound"
+    if not slope.exact:
+        source += " (an upper bound, not tight)"
+    sets: dict[str, Any] = {
+        "chi": theorem.chi,
+        "chi_infinite": math.isinf(theorem.chi),
+        "radius_D": theorem.chi,
+        "radius_S": theorem.radius_S,
+        "radius_U": theorem.radius,
+        "radius_U_per_agent": per_agent(theorem.radius, agents),
+        "initial_error_inside_S": theorem.contains(start),
+    }
     return TheoremSummary(
         applies=certificate.applies,
         gain_condition=holds,
@@ -400,22 +411,14 @@ def _theorem(search: Search, certificate: Certificate, radius: float) -> Theorem
         f_bar=constants.difference.bound,
         rho=slope.upper if rho is None else rho(start),
         rho_seen=slope.seen,
-        rho_source=(source + ("" if slope.exact else " (an upper bound, not tight)"))
-        if rho is None
-        else "given by the user, here at the initial error",
+        rho_source=source if rho is None else "given by the user, here at the initial error",
         lambda_V=theorem.rate or None if holds or rate is not None else None,
         lambda_V_given=rate is not None,
         k_min=theorem.k_min,
         mu=theorem.mu,
-        chi=theorem.chi if holds else None,
-        chi_infinite=math.isinf(theorem.chi) if holds else None,
-        radius_D=theorem.chi if holds else None,
-        radius_S=theorem.radius_S if holds else None,
-        radius_U=theorem.radius if holds else None,
+        **(sets if holds else dict.fromkeys(sets)),
         initial_error=start,
-        radius_U_per_agent=per_agent(theorem.radius if holds else None, agents),
         initial_error_per_agent=per_agent(start, agents),
-        initial_error_inside_S=theorem.contains(start) if holds else None,
         wanted_radius=radius,
         gain_for_wanted_radius=wanted.gain,
         gain_for_wanted_radius_reason=wanted.reason,

@@ -1,5 +1,6 @@
 """The report of `mjsheaf check`: a record as a page for a terminal."""
 
+from collections.abc import Mapping
 from typing import Any
 
 from rich.console import Group
@@ -7,7 +8,10 @@ from rich.table import Table
 from rich.text import Text
 
 from mjsheaf.checking.check import CheckRecord, ExplainedCohomology
+from mjsheaf.checking.loop.held_law import LawLoop
+from mjsheaf.checking.loop.link_noise import NoiseAnswer
 from mjsheaf.checking.loop.links import LinkRecord
+from mjsheaf.checking.loop.loss import LossAnswer
 from mjsheaf.checking.loop.margins import BodyMargins, SpeedDemand
 from mjsheaf.checking.loop.targets_loop import TargetsLoop
 from mjsheaf.checking.topology.cohomology import Fragility
@@ -156,8 +160,13 @@ def _law(record: CheckRecord) -> Table:
     if law.stable:
         remark = "|e|, the norm of the whole team, is in the end at most this times the largest |d|"
         rows.append(("error per disturbance", _number(law.error_per_disturbance, "s"), remark))
+    return _pairs(name, rows + _bound_rows(law) + _cost_rows(law))
+
+
+def _bound_rows(law: LawLoop) -> list[Row]:
+    """Return the bound of a run under a law, and what it is made of."""
     never = _rms_of(law.radius, "never exceeded at samples of the run's last half")
-    rows.append(("bound on the error", _number(law.radius_per_agent, "m"), law.reason or never))
+    rows: list[Row] = [("bound on the error", _number(law.radius_per_agent, "m"), law.reason or never)]
     if law.radius is not None:
         whole = f"RMS over agents; {_number(law.largest_per_agent, 'm')} over the whole run"
         rows.append(("between samples", _number(law.between_per_agent, "m"), whole))
@@ -169,13 +178,19 @@ def _law(record: CheckRecord) -> Table:
     if left:
         rows.append(("left of d", "", "what drives e away from 0, in the last half at most:"))
     rows += [("", _number(share.size, "m/s"), share.part) for share in left]
+    return rows
+
+
+def _cost_rows(law: LawLoop) -> list[Row]:
+    """Return what a law sends, and what noise it hands on."""
+    rows = list[Row]()
     if law.exchanges:
         sent = f"{law.numbers:.4g} numbers a second that an agent sends"
         rows.append(("messages", _number(law.exchanges, "1/s"), f"rounds of exchange; {sent}"))
     if law.noise:
         remark = "of the command, m/s RMS for each m of noise of odometry, at most"
         rows.append(("noise", _number(law.noise, "1/s"), remark))
-    return _pairs(name, rows)
+    return rows
 
 
 _WORDS = {True: "stable", False: "UNSTABLE", None: "undecided"}
@@ -185,40 +200,62 @@ def _links(links: LinkRecord | None) -> list[Table]:
     """What links do to the law."""
     if links is None:
         return []
-    delay, noise, loss, rows = links.delay, links.noise, links.loss, list[Row]()
+    rows = _delay_rows(links)
+    if links.noise is not None:
+        rows += _noise_rows(links.noise, lossy=links.loss is not None)
+    if links.loss is not None:
+        rows += _loss_rows(links.loss, links.delivery)
+    if links.assumed and not links.exact:
+        rows.append(("holds for", "", links.assumed))
+    return [_pairs("the law over its links, on ideal kinematics", rows)]
+
+
+def _delay_rows(links: LinkRecord) -> list[Row]:
+    """Return what delay does to the law."""
+    delay = links.delay
+    rows = list[Row]()
     if not links.exact:
         late = "" if delay.delay is None else f"measurements up to {_number(delay.delay, 's')} old"
         late = "measurements arrive at once" if delay.delay == 0.0 else late
-        late += ", as if none were lost" if late and loss is not None else ""
+        late += ", as if none were lost" if late and links.loss is not None else ""
         radius = "" if delay.spectral_radius is None else f", spectral radius {delay.spectral_radius:.6g} over a period"
         rows.append(("delay", _WORDS[delay.stable], (late + radius) or delay.reason))
     if delay.delay is not None:
         alike = "all links alike and in whole periods; one period more is unstable"
         rows.append(("delay margin", _number(delay.margin, "s"), delay.reason or alike))
-    if noise is not None:
-        what = "what noise makes in time, at samples"
-        what += ", in addition to what losses make" if loss is not None else ""
-        what += ", linearised" if noise.linearised else ""
-        rows.append(("error by noise", _number(noise.error_per_agent, "m"), noise.reason or _rms_of(noise.error, what)))
-        if noise.error is not None:
-            worst = max(noise.agents, key=lambda agent: agent.error)
-            rows.append(("  of one agent", _number(worst.error, "m"), f"RMS of |e_i|, the largest, of {worst.agent}"))
-            rows.append(("  of commands", _number(noise.command, "m/s"), "RMS of the commands, norm of the whole team"))
-            rows.append(("  by bias", _number(noise.mean_per_agent, "m"), _rms_of(noise.mean, "mean of e")))
-    if loss is not None:
-        arrive = ", ".join(f"{100.0 * x:.4g} % of {kind}" for kind, x in links.delivery.items() if x is not None)
-        if arrive:
-            rows.append(("arrives", "", f"{arrive}, in the long run"))
-        falls = "in mean square, with these delays" if loss.factor is None else "E|e|^2, with these delays"
-        rows.append(("loss", _WORDS[loss.stable], loss.reason or falls))
-        if loss.factor is not None:
-            most = "" if loss.bound is None else f"; in any one period times {loss.bound:.6g} at most"
-            rows.append(("  factor", f"{loss.factor:.6g}", f"of E|e|^2 over a period in the long run{most}"))
-            rows.append(("  rate", _number(loss.rate, "1/s"), "at which the RMS of e decays"))
-        rows.append(("  not counted", "", "what losses leave where edges disagree at q*, or where e is not zero"))
-    if links.assumed and not links.exact:
-        rows.append(("holds for", "", links.assumed))
-    return [_pairs("the law over its links, on ideal kinematics", rows)]
+    return rows
+
+
+def _noise_rows(noise: NoiseAnswer, *, lossy: bool) -> list[Row]:
+    """Return what noise does to the team, on links of which some may lose measurements."""
+    what = "what noise makes in time, at samples"
+    what += ", in addition to what losses make" if lossy else ""
+    what += ", linearised" if noise.linearised else ""
+    rows: list[Row] = [
+        ("error by noise", _number(noise.error_per_agent, "m"), noise.reason or _rms_of(noise.error, what))
+    ]
+    if noise.error is not None:
+        worst = max(noise.agents, key=lambda agent: agent.error)
+        rows.append(("  of one agent", _number(worst.error, "m"), f"RMS of |e_i|, the largest, of {worst.agent}"))
+        rows.append(("  of commands", _number(noise.command, "m/s"), "RMS of the commands, norm of the whole team"))
+        rows.append(("  by bias", _number(noise.mean_per_agent, "m"), _rms_of(noise.mean, "mean of e")))
+    return rows
+
+
+def _loss_rows(loss: LossAnswer, delivery: Mapping[str, float | None]) -> list[Row]:
+    """Return how errors fall in mean square, where so large a share of each kind's measurements arrives."""
+    rows = list[Row]()
+    arrive = ", ".join(f"{100.0 * x:.4g} % of {kind}" for kind, x in delivery.items() if x is not None)
+    if arrive:
+        rows.append(("arrives", "", f"{arrive}, in the long run"))
+    falls = "in mean square, with these delays" if loss.factor is None else "E|e|^2, with these delays"
+    rows.append(("loss", _WORDS[loss.stable], loss.reason or falls))
+    if loss.factor is not None:
+        most = "" if loss.bound is None else f"; in any one period times {loss.bound:.6g} at most"
+        rows.append(("  factor", f"{loss.factor:.6g}", f"of E|e|^2 over a period in the long run{most}"))
+        rows.append(("  rate", _number(loss.rate, "1/s"), "at which the RMS of e decays"))
+    rows.append(("  not counted", "", "what losses leave where edges disagree at q*, or where e is not zero"))
+    return rows
 
 
 def _proposals(record: CheckRecord) -> list[Text | Table]:
