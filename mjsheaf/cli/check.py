@@ -87,6 +87,11 @@ def check(
         drawn = _draw(examination, figures, plot)
         if not as_json:
             print_lines(*drawn)
+    _require_held(scenario, record)
+
+
+def _require_held(scenario: str, record: "CheckRecord") -> None:
+    """Raise a NotHeldError that says what fails, and from when on, if anything does."""
     failures = [
         f"from t = {part.start:g} s on ({', '.join(part.events) or 'start'}): {why}"
         for part in record.phases

@@ -33,45 +33,55 @@ if TYPE_CHECKING:
 Measure = Literal["mean_disagreement", "tracking_error", "formation_error", "centering_error"]
 
 
+_Source = Annotated[
+    str, typer.Argument(metavar="STUDY|SCENARIO", help="A study file or a scenario: a name, or a YAML file.")
+]
+_Out = Annotated[Path, typer.Option(metavar="DIR", help="Directory of the study: new, or one to be gone on with.")]
+_Grid = Annotated[
+    list[str] | None,
+    typer.Option(metavar="PATH=V1,V2,...", help="Sweep a field that --set reaches; each with every other."),
+]
+_Seeds = Annotated[str | None, typer.Option(metavar="A:B", help="Every point with the seeds A to B - 1.")]
+_Workers = Annotated[
+    int | None,
+    typer.Option(
+        min=1, metavar="N", help="Processes of this machine, threads with --batch.", show_default="one a core"
+    ),
+]
+_Scheduler = Annotated[
+    str | None, typer.Option(metavar="ADDRESS", help="A dask scheduler that exists, instead of this machine.")
+]
+_Threads = Annotated[bool, typer.Option("--threads", help="Threads of one process instead of processes.")]
+_Retry = Annotated[bool, typer.Option("--retry-failed", help="Run again what ended otherwise than finished.")]
+_Trajectories = Annotated[bool, typer.Option("--trajectories", help="Keep result.nc of every run in DIR/trajectories.")]
+_Measured = Annotated[Measure | None, typer.Option(help="The error that plots show.", show_default="all")]
+_Device = Annotated[
+    Literal["cpu", "gpu"] | None,
+    typer.Option(help="gpu: many runs at once on a CUDA card, by the fused engine.", show_default="cpu"),
+]
+_Batch = Annotated[
+    bool, typer.Option("--batch", help="Runs of one team together, by the fused engine; records keep less.")
+]
+
+
 def sweep(
-    source: Annotated[
-        str, typer.Argument(metavar="STUDY|SCENARIO", help="A study file or a scenario: a name, or a YAML file.")
-    ],
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Directory of the study: new, or one to be gone on with.")],
-    grid: Annotated[
-        list[str] | None,
-        typer.Option(metavar="PATH=V1,V2,...", help="Sweep a field that --set reaches; each with every other."),
-    ] = None,
-    seeds: Annotated[str | None, typer.Option(metavar="A:B", help="Every point with the seeds A to B - 1.")] = None,
+    source: _Source,
+    out: _Out,
+    grid: _Grid = None,
+    seeds: _Seeds = None,
     overrides: SetOption = None,
     backend: Annotated[Backend | None, typer.Option(help="As for run.", show_default="physics")] = None,
-    workers: Annotated[
-        int | None,
-        typer.Option(
-            min=1, metavar="N", help="Processes of this machine, threads with --batch.", show_default="one a core"
-        ),
-    ] = None,
-    scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="A dask scheduler that exists, instead of this machine.")
-    ] = None,
-    threads: Annotated[bool, typer.Option("--threads", help="Threads of one process instead of processes.")] = False,
-    retry_failed: Annotated[
-        bool, typer.Option("--retry-failed", help="Run again what ended otherwise than finished.")
-    ] = False,
-    trajectories: Annotated[
-        bool, typer.Option("--trajectories", help="Keep result.nc of every run in DIR/trajectories.")
-    ] = False,
-    measure: Annotated[Measure | None, typer.Option(help="The error that plots show.", show_default="all")] = None,
+    workers: _Workers = None,
+    scheduler: _Scheduler = None,
+    threads: _Threads = False,
+    retry_failed: _Retry = False,
+    trajectories: _Trajectories = False,
+    measure: _Measured = None,
     formats: FormatOption = "png",
     title: TitleOption = True,
     engine: Annotated[Engine | None, typer.Option(help="As for run.", show_default="mujoco")] = None,
-    device: Annotated[
-        Literal["cpu", "gpu"] | None,
-        typer.Option(help="gpu: many runs at once on a CUDA card, by the fused engine.", show_default="cpu"),
-    ] = None,
-    batch: Annotated[
-        bool, typer.Option("--batch", help="Runs of one team together, by the fused engine; records keep less.")
-    ] = False,
+    device: _Device = None,
+    batch: _Batch = False,
     controller: ControllerOption = None,
 ) -> None:
     """Run a scenario many times, on every core or a cluster; killed at any moment, the same command goes on.

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from mjsheaf._version import __version__
 from mjsheaf.checking.loop.body_loop import loop_along
@@ -63,25 +64,16 @@ def compare(
     ideal = runs["ideal"]
     at_q_star = ideal.recording.series_at_q_star()
     limits = run_without_limits(phases, runs, law, scenario.seed)
-    progress("free-decay test", 0, 1)
     watched = _least_damped_phase(phases)
-    ringing = None if law else ringing_of(phases[watched].system.remaining)
-    progress("free-decay test", 1, 1)
-    loop = None if law else _loop(phases, ideal)
-    largest = loop.largest_gain if loop else None
-    gains = None if law else examine_gain(phases, runs, phases[watched].system.remaining, ringing, largest, progress)
+    theory = _theory(phases, runs, watched, progress) if law is None else dict.fromkeys(_THEORY)
     draft = CompareRecord(
         mjsheaf_version=__version__,
         scenario=scenario.name,
         seed=scenario.seed,
         law=law.label if law else law_of(system),
         controller=law.label if law else None,
-        gain=None if law else system.gain,
         terms=[] if law else list(system.law.term_names),
         harm=[] if law else _harm(phases, runs["all"], scenario.seed),
-        usable_gain=min((limit.gain for limit in gains.limits), default=None) if gains else None,
-        gains=gains,
-        loop=loop,
         time_s=system.grid.period * system.grid.steps,
         formation_size_m=formation_size(system),
         ladder=[run.record(ideal) for run in runs.values()],
@@ -89,8 +81,7 @@ def compare(
             {key: run.errors for key, run in runs.items()},
             errors_by_scope(at_q_star, whole_run(system), complete=ideal.finished),
         ),
-        ringing=ringing,
-        ringing_phase=watched if ringing and len(phases) > 1 else None,
+        ringing_phase=watched if theory["ringing"] and len(phases) > 1 else None,
         convergence=_convergence(phases, law, progress),
         velocity_limit=limits.record() if limits else None,
         demands=[demand for key in JUDGED for demand in demands_of(system, key, runs[key])],
@@ -99,9 +90,26 @@ def compare(
         verdict=[],
         wall_time_s=working_time() - begun,
         video=None,
+        **theory,
     )
     own = [phase.model_copy(update={"levers": levers_of(draft, phase)}) for phase in draft.phases]
     return Comparison(draft.model_copy(update={"phases": own, "verdict": verdict_of(draft)}), runs)
+
+
+_THEORY = ("gain", "ringing", "loop", "gains", "usable_gain")
+"""Fields of a CompareRecord that a law in Python has not."""
+
+
+def _theory(phases: Sequence[Phase], runs: dict[str, Run], watched: int, progress: Progress) -> dict[str, Any]:
+    """Return what theory and experiments say of the compiled law's gain: see `_THEORY`."""
+    damped = phases[watched].system.remaining
+    progress("free-decay test", 0, 1)
+    ringing = ringing_of(damped)
+    progress("free-decay test", 1, 1)
+    loop = _loop(phases, runs["ideal"])
+    gains = examine_gain(phases, runs, damped, ringing, loop.largest_gain if loop else None, progress)
+    usable = min((limit.gain for limit in gains.limits), default=None) if gains else None
+    return dict(zip(_THEORY, (phases[0].system.gain, ringing, loop, gains, usable), strict=True))
 
 
 def _phases(

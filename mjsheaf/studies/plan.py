@@ -94,6 +94,17 @@ class Plan:
         )
 
 
+def _require_readable(source: str, grid: Mapping[str, Any] | None, overrides: Mapping[str, Any] | None) -> None:
+    """Raise a ScenarioError or InputError where an argument of `load_plan` has the wrong type or a path is no path."""
+    require_type("source", source, str, "the name of a study or scenario, or the path of its file")
+    require_mapping("grid", grid, "a mapping of field paths to lists of values")
+    require_mapping("overrides", overrides, "a mapping of field paths to values")
+    for option, paths in (("--set", overrides), ("--grid", grid)):
+        with in_field(option):
+            for path in paths or ():
+                split_path(path)
+
+
 def load_plan(
     source: str,
     *,
@@ -129,13 +140,7 @@ def load_plan(
         ScenarioError: a file does not exist, is not valid or names what lies outside its directory, fields clash, or no
             point is valid.
     """
-    require_type("source", source, str, "the name of a study or scenario, or the path of its file")
-    require_mapping("grid", grid, "a mapping of field paths to lists of values")
-    require_mapping("overrides", overrides, "a mapping of field paths to values")
-    for option, paths in (("--set", overrides), ("--grid", grid)):
-        with in_field(option):
-            for path in paths or ():
-                split_path(path)
+    _require_readable(source, grid, overrides)
     read = _read(source)
     study = read.study
     law = _law(read, controller, source)

@@ -388,18 +388,23 @@ def _bounded(system: System, certificate: Certificate, loop: Loop, drive: _Drive
     command = added + (fed[:K] + drive.unsure + drive.observed(apart + change))[:, None]
     integrated = kept_start * start
     integrated[1:] += fftconvolve(kept[:K], d)[:K] * (1.0 + _ROUNDING)
+    left = _parts_of_d(system, drive, apart, change)
+    return Envelope(samples, within, command, system.law.terms.integral * float(integrated.max()), left, "")
+
+
+def _parts_of_d(system: System, drive: _Drive, apart: Array, change: Array) -> dict[str, Array]:
+    """Return the sizes of the parts of d by name, from bounds on f(q) - f(q*) and on how f changes in a period."""
     terms = system.law.terms
     odometry = " and of odometry" * bool((terms.noise or terms.bias) and (terms.feedforward or terms.drift))
-    left = {
+    return {
         "targets' motion" + ", less feedforward" * bool(terms.feedforward): np.linalg.norm(drive.left, axis=1),
         "flow and disturbance along q*" + ", less the observed drift" * bool(terms.drift): np.linalg.norm(
             drive.met, axis=1
         ),
         "flow at q instead of q*, by its slope": apart + drive.observed(apart),
         "flow within a period": change + drive.observed(change),
-        "errors of the targets' path" + odometry: np.full(K, drive.unsure),
+        "errors of the targets' path" + odometry: np.full(len(drive.left), drive.unsure),
     }
-    return Envelope(samples, within, command, terms.integral * float(integrated.max()), left, "")
 
 
 def law_loop(system: System, certificate: Certificate, *, carried: bool = False) -> LawLoop:
