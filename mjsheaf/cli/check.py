@@ -28,7 +28,11 @@ from mjsheaf.errors import InputError, UnstableError, in_field
 from mjsheaf.io.figures import AS_USUAL, FORMATS, FigureOptions
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from mjsheaf.checking.check import CheckRecord, Examination, PhaseRecord
+    from mjsheaf.checking.loop.held_law import LawLoop
+    from mjsheaf.checking.loop.links import LinkRecord
     from mjsheaf.control.theorem import Rho
 
 
@@ -87,19 +91,7 @@ def check(
         drawn = _draw(examination, figures, plot)
         if not as_json:
             print_lines(*drawn)
-    _require_held(scenario, record)
-
-
-def _require_held(scenario: str, record: "CheckRecord") -> None:
-    """Raise a NotHeldError that says what fails, and from when on, if anything does."""
-    failures = [
-        f"from t = {part.start:g} s on ({', '.join(part.events) or 'start'}): {why}"
-        for part in record.phases
-        for why in _failures(part)
-    ]
-    failures = failures or _failures(record)
-    if failures:
-        raise NotHeldError(f"{scenario}: {'; '.join(failures)}")
+    _require_ok(scenario, record)
 
 
 def _figures_of(plot: Path | None, formats: str | None, title: bool) -> FigureOptions:
@@ -148,32 +140,57 @@ def _draw(examination: "Examination", figures: FigureOptions, plot: Path) -> lis
     return paths
 
 
+def _require_ok(scenario: str, record: "CheckRecord") -> None:
+    """Refuse a scenario whose check, or that of one of its phases, is not ok.
+
+    Raises:
+        NotHeldError: It is not; the message gives the reasons.
+    """
+    failures = [
+        f"from t = {part.start:g} s on ({', '.join(part.events) or 'start'}): {why}"
+        for part in record.phases
+        for why in _failures(part)
+    ]
+    failures = failures or _failures(record)
+    if failures:
+        raise NotHeldError(f"{scenario}: {'; '.join(failures)}")
+
+
 def _failures(part: "CheckRecord | PhaseRecord") -> list[str]:
     """Return why a check, or that of a phase, is not ok, in sentences."""
-    from mjsheaf.checking.loop.links import UNSTABLE_LINKS
-    from mjsheaf.checking.loop.modelled import because_of
-
     failures = [
         f"assumption {a.number} {'fails' if a.verdict == 'fails' else 'is undecided'} ({a.name}): {a.witness}"
         for a in part.assumptions
         if a.verdict != "holds"
     ]
-    if part.law.unmodelled:
-        failures.append(f"the law is undecided, {because_of(part.law.unmodelled)}")
-    if part.law.stable is False:
-        gains = " to ".join(f"{gain:.4g}" for gain in part.law.stable_gains or [])
-        wanted = f": expected controller.gain from {gains} 1/s" if gains else " at any controller.gain"
-        failures.append(f"the held law is unstable{wanted}")
-    if part.links is not None and part.links.stable is False:
-        margin = part.links.delay_margin
-        known = margin is not None and not part.links.delay.stable
-        failures.append(UNSTABLE_LINKS + (f"; it bears up to {margin:.6g} s of delay" if known else ""))
+    failures += [*_failures_of_law(part.law), *_failures_of_links(part.links)]
     if part.targets.unstable:
         failures = [why for why in failures if part.targets.failure not in why or not part.targets.failure]
         failures.append(part.targets.verdict())
     if part.margins.bodies.stable is False:
         failures.append(part.margins.bodies.verdict())
     return failures
+
+
+def _failures_of_law(law: "LawLoop") -> "Iterator[str]":
+    """Yield why the loop of the law as it is held is not known to be stable."""
+    from mjsheaf.checking.loop.modelled import because_of
+
+    if law.unmodelled:
+        yield f"the law is undecided, {because_of(law.unmodelled)}"
+    if law.stable is False:
+        gains = " to ".join(f"{gain:.4g}" for gain in law.stable_gains or [])
+        expected = f": expected controller.gain from {gains} 1/s" if gains else " at any controller.gain"
+        yield f"the held law is unstable{expected}"
+
+
+def _failures_of_links(links: "LinkRecord | None") -> "Iterator[str]":
+    """Yield why the loop of the law over its links is unstable."""
+    from mjsheaf.checking.loop.links import UNSTABLE_LINKS
+
+    if links is not None and links.stable is False:
+        known = links.delay_margin is not None and not links.delay.stable
+        yield UNSTABLE_LINKS + (f"; it bears up to {links.delay_margin:.6g} s of delay" if known else "")
 
 
 def compare(

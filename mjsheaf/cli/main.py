@@ -86,9 +86,7 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def _exit_code(arguments: list[str] | None) -> int:
-    # What matters of a library's warnings is in the one line that mjsheaf prints.
-    for library in ("imageio_ffmpeg", "matplotlib"):
-        logging.getLogger(library).setLevel(logging.ERROR)
+    """Run the command line and return its exit code; an error is printed in a line."""
     if sys.stderr.isatty():
         logger = logging.getLogger("mjsheaf")
         logger.setLevel(logging.INFO)
@@ -97,39 +95,51 @@ def _exit_code(arguments: list[str] | None) -> int:
         with warnings.catch_warnings(), stoppable():
             if not sys.warnoptions:
                 warnings.simplefilter("ignore")
-            try:
-                code: Any = app(arguments, standalone_mode=False)
-                sys.stdout.flush()  # here what it cannot say still has an exit code
-            except Exception:
-                # A terminal's signal reaches ffmpeg too, whose end may be noticed first; and what is raised while a
-                # library is loaded comes out as an error of that.
-                raise_if_stopped()
-                raise
-            except SystemExit as stop:
-                if isinstance(stop.__context__, BrokenPipeError):  # which the command-line library turns into this
-                    return _end_of_pipe()
-                raise
-        return code if isinstance(code, int) else 0
+            return _run(arguments)
     except MjsheafError as error:
         return _complain(*error.args, code=error.exit_code)
     except Stopped as stopped:
         return _complain(stopped.message, code=int(stopped.code or 1))
     except BrokenPipeError:
         return _end_of_pipe()
-    except OSError as error:
-        return _complain(f"{_place_of(error)}: {error.strerror or error}")
-    except ImportError as error:  # also of a library for which there is no memory
-        return _complain(f"cannot load what it needs: {error}")
-    except (MemoryError, SystemError) as error:  # the second from libraries that run out of it in C
-        return _complain(f"not enough memory: {error}; ask for fewer samples or vehicles")
     except Exception as error:
-        # Usage errors are a class of the command-line library; older and newer releases keep it in different places.
-        if not hasattr(error, "format_message"):
-            raise
-        message = error.format_message()  # empty where help itself was the answer
-        for its, ours in _PLAINER.items():
-            message = message.replace(its, ours)
-        return _complain(f"{message} (see mjsheaf --help)") if message else InputError.exit_code
+        for kinds, describe in _DESCRIPTIONS:
+            if isinstance(error, kinds):
+                return _complain(describe(error))
+        return _refuse_usage(error)
+
+
+def _run(arguments: list[str] | None) -> int:
+    """Run the command line and return its exit code."""
+    # What matters of a library's warnings is in the one line that mjsheaf prints.
+    for library in ("imageio_ffmpeg", "matplotlib"):
+        logging.getLogger(library).setLevel(logging.ERROR)
+    try:
+        code: Any = app(arguments, standalone_mode=False)
+        sys.stdout.flush()  # here what it cannot say still has an exit code
+    except Exception:
+        # A terminal's signal reaches ffmpeg too, whose end may be noticed first; and what is raised while a library is
+        # loaded comes out as an error of that.
+        raise_if_stopped()
+        raise
+    except SystemExit as stop:
+        if isinstance(stop.__context__, BrokenPipeError):  # which the command-line library turns into this
+            return _end_of_pipe()
+        raise
+    return code if isinstance(code, int) else 0
+
+
+def _refuse_usage(error: Exception) -> int:
+    """Print what is wrong with the command's arguments, and return the exit code; raise any other error again.
+
+    Usage errors are a class of the command-line library. Older and newer releases keep it in different places.
+    """
+    if not hasattr(error, "format_message"):
+        raise error
+    message = error.format_message()  # empty where help itself was the answer
+    for its, ours in _PLAINER.items():
+        message = message.replace(its, ours)
+    return _complain(f"{message} (see mjsheaf --help)") if message else InputError.exit_code
 
 
 _PLAINER = {
@@ -165,6 +175,15 @@ def _place_of(error: OSError) -> str:
     except OSError:
         return "the working directory is gone"
     return "input or output"
+
+
+_DESCRIPTIONS: tuple[tuple[tuple[type[Exception], ...], Callable[[Any], str]], ...] = (
+    ((OSError,), lambda error: f"{_place_of(error)}: {error.strerror or error}"),
+    ((ImportError,), lambda error: f"cannot load what it needs: {error}"),  # also a library without memory
+    # The second is raised by libraries that run out of memory in C.
+    ((MemoryError, SystemError), lambda error: f"not enough memory: {error}; ask for fewer samples or vehicles"),
+)
+"""Descriptions of errors that are not mjsheaf's, by their types."""
 
 
 def _complain(*lines: str, code: int = InputError.exit_code) -> int:

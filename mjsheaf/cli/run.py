@@ -29,11 +29,12 @@ from mjsheaf.cli.options import (
     prepare,
     require_file_name,
 )
-from mjsheaf.cli.terminal import Stopped, print_lines, print_note, progress_bars
+from mjsheaf.cli.terminal import print_lines, print_note, progress_bars, saying_what_is_kept
 from mjsheaf.errors import InputError, MjsheafError, PlaceError, UnstableError, in_field
 
 if TYPE_CHECKING:
     from mjsheaf.control.controller import Controller
+    from mjsheaf.runs.expecting import Trial
     from mjsheaf.runs.publish import Outcome
     from mjsheaf.scenario import Scenario
     from mjsheaf.video.film import VideoOptions
@@ -135,8 +136,9 @@ def _require_expected(scenario: str, summary: dict[str, Any]) -> None:
     missed = [miss(check) for check in summary["expect"]["checks"] if not check["met"]]
     if missed:
         raise NotHeldError(f"{scenario}: {', '.join(missed)}")
-    bounds = [part[name] for part in (summary, *summary["phases"]) for name in ("theorem", "held_law") if name in part]
-    if any(bound["wrong"] for bound in bounds):
+    unproven: dict[str, bool] = {"wrong": False}
+    parts = (summary, *summary["phases"])
+    if any(part.get(name, unproven)["wrong"] for part in parts for name in ("theorem", "held_law")):
         raise NotHeldError(f"{scenario}: {next(n['text'] for n in summary['notes'] if n['kind'] == 'bound')}")
 
 
@@ -146,12 +148,8 @@ def _draw_video(outcome: "Outcome", scenario: "Scenario", options: "VideoOptions
 
     directory = outcome.directory
     print_lines(f"drawing the video; everything else is there: open {directory / 'report.html'} in any browser")
-    try:
-        with progress_bars() as bars:
-            outcome = add_video(outcome, scenario, options, bars)
-    except Stopped as stopped:
-        stopped.message = stopped.message.replace("nothing was written", without_video(directory))
-        raise
+    with progress_bars() as bars, saying_what_is_kept(partial(without_video, directory)):
+        outcome = add_video(outcome, scenario, options, bars)
     for note in outcome.notes:
         print_note(note)
     if outcome.summary["video"] is not None:
@@ -184,8 +182,9 @@ def expect(
 
     loaded = load_scenario(scenario)
     path = find_scenario(scenario)
-    data = path.read_bytes() if update else b""
+    data = b""
     if update:
+        data = path.read_bytes()
         require_writable(path)
     backends = _backends_to_try(scenario, loaded, backend, update)
     trials = []
@@ -198,9 +197,7 @@ def expect(
             trials.append(expecting.try_scenario(loaded, name, law=law, progress=progress))
         print_lines(expecting.describe(trials[-1], loaded.name, scenario))
     if not update:
-        misses = [f"{expecting.miss(c)} on {trial.backend}" for trial in trials for c in expecting.missed(trial)]
-        if misses:
-            raise NotHeldError(f"{scenario}: {', '.join(misses)}")
+        _require_met(scenario, trials)
         return
     for trial in trials:
         if trial.status == "unstable":
@@ -211,6 +208,19 @@ def expect(
     print_lines(f"wrote expect: of {path}")
 
 
+def _require_met(scenario: str, trials: "Sequence[Trial]") -> None:
+    """Refuse runs that miss an expectation.
+
+    Raises:
+        NotHeldError: One does.
+    """
+    from mjsheaf.runs.expecting import miss, missed
+
+    misses = [f"{miss(check)} on {trial.backend}" for trial in trials for check in missed(trial)]
+    if misses:
+        raise NotHeldError(f"{scenario}: {', '.join(misses)}")
+
+
 def _backends_to_try(scenario: str, loaded: "Scenario", chosen: "Sequence[Backend] | None", update: bool) -> list[str]:
     """Return the backends on which `expect` runs a scenario.
 
@@ -219,10 +229,8 @@ def _backends_to_try(scenario: str, loaded: "Scenario", chosen: "Sequence[Backen
     """
     from mjsheaf.runs.expecting import BACKEND_ORDER, expected_backends
 
-    wanted = [name for name in BACKEND_ORDER if name in (chosen or BACKEND_ORDER)]
-    if update:
-        return wanted
-    known = expected_backends(loaded)
+    wanted = sorted(map(str, set(chosen or BACKEND_ORDER)), key=BACKEND_ORDER.index)
+    known = wanted if update else expected_backends(loaded)
     missing = [name for name in wanted if name not in known]
     if missing and (chosen or not known):
         raise InputError(f"{scenario}: expect.{missing[0]}: missing; --update writes it from a run")

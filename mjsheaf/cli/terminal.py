@@ -43,6 +43,16 @@ class Stopped(SystemExit):
         self.message = f"{_WORDS[signal.Signals(number)]}; nothing was written"
 
 
+@contextmanager
+def saying_what_is_kept(describe: Callable[[], str]) -> Iterator[None]:
+    """Say what was written so far, in the words of `describe`, if a signal ends the block."""
+    try:
+        yield
+    except Stopped as stopped:
+        stopped.message = stopped.message.replace("nothing was written", describe())
+        raise
+
+
 def raise_if_stopped() -> None:
     """Raise `Stopped` where a signal came, whose own exception may have been lost."""
     if _received is not None:
