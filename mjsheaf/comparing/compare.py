@@ -47,14 +47,12 @@ def compare(
     Args:
         scenario: from `load_scenario`.
         progress: called with (what is being done, done, in all).
-        engine, threads: that move bodies; see `simulate`. Beside another engine's runs is MuJoCo's of the scenario as
-            it stands.
+        engine, threads: see `simulate`; with another engine than MuJoCo, MuJoCo's run is compared too.
         law: Law in Python in place of the scenario's; it is constructed anew for every run.
 
     Raises:
-        InputError: an engine that lacks what the scenario asks for, a vehicle that does not fit its agent, a g that is
-            not of full row rank, or a law in Python that fails.
-        NotUniqueError: the harmonic extension is not unique, in some phase.
+        InputError: The engine, a vehicle, g or the law does not fit the scenario.
+        NotUniqueError: The harmonic extension is not unique, in some phase.
     """
     begun = working_time()
     phases = phases_of(moved_by(scenario.phases, "physics", engine, threads))
