@@ -10,18 +10,21 @@ before the first sample and part of the state of a run:
             memory[i] += period * (residual[i] - parameters[1] * memory[i])
             command[i] -= parameters[0] * memory[i]
 
-In compiled code each term is a named tuple of a type of its own, whose name has a digest of the file that defines it.
+In compiled code each term is a named tuple of a type of its own, whose name has a digest of the file that defines it
+and of what it refers to, as compiled code holds the values of those.
 The law holds those of a team in a tuple, so that the types alone tell numba which functions to call: other teams
 compile nothing more, the cache on disk knows a term by its type, and another source is another type.
 """
 
 import hashlib
 import inspect
+import marshal
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from types import FunctionType, ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -63,12 +66,14 @@ class Registered:
         parameters: Names of its parameters.
         memory: How many numbers it remembers of an agent.
         kind: Type of its named tuple.
+        source: SHA-256 of the file that defines it, hexadecimal; of nothing where there is none.
     """
 
     function: Any
     parameters: tuple[str, ...]
     memory: int
     kind: type
+    source: str
 
 
 _registered: dict[str, Registered] = {}
@@ -90,7 +95,7 @@ def register(*, parameters: Sequence[str] = (), memory: int = 0) -> Callable[[Te
 
     Raises:
         InputError: The name is taken by a term of mjsheaf, a parameter's name is no name or is there twice, or the
-            function does not compile.
+            function does not compile, writes to residual or parameters, or uses numbers that it does not have.
     """
     names = tuple(parameters)
     if isinstance(parameters, str) or len(set(names)) != len(names) or not all(map(_is_name, names)):
@@ -102,8 +107,11 @@ def register(*, parameters: Sequence[str] = (), memory: int = 0) -> Callable[[Te
         name = function.__name__
         if not _is_name(name) or name in SHIPPED:
             raise InputError(f"register: a term cannot be named {name!r}; expected a name that mjsheaf does not use")
-        kind = _kind(f"{_PREFIX}{name}_{_digest(function)}")
-        known = Registered(_compiled(function), names, memory, kind)
+        _require_own_numbers(function, len(names), memory)
+        file = _file_of(function)
+        digest = _digest(repr(memory).encode(), file, *_meaning(function, set()))
+        kind = _kind(f"{_PREFIX}{name}_{digest[:16]}")
+        known = Registered(_compiled(function), names, memory, kind, _digest(file))
         _registered[name] = _of_kind[kind.__name__] = known
         return function
 
@@ -114,14 +122,54 @@ def _is_name(name: Any) -> bool:
     return isinstance(name, str) and name.isidentifier() and name.isascii()
 
 
-def _digest(function: Term) -> str:
-    """Return a digest of the file that defines a function; where there is none, of its source and this process."""
-    path = Path(inspect.getsourcefile(function) or "")
+def _digest(*parts: bytes) -> str:
+    return hashlib.sha256(b"\0".join(parts)).hexdigest()
+
+
+def _file_of(function: Term) -> bytes:
+    """Return the file that defines a function; nothing where there is none."""
     try:
-        source = path.read_bytes()
-    except OSError:
-        source = repr((function.__code__.co_code, function.__code__.co_consts, id(function))).encode()
-    return hashlib.sha256(source).hexdigest()[:16]
+        return Path(inspect.getsourcefile(function) or "").read_bytes()
+    except (OSError, TypeError):
+        return b""
+
+
+def _meaning(value: Any, met: set[int]) -> Iterator[bytes]:
+    """Yield what decides what a value is in compiled code: of functions, also all that they refer to."""
+    value = getattr(value, "py_func", value)
+    if id(value) in met:
+        return
+    met.add(id(value))
+    if isinstance(value, FunctionType):
+        yield marshal.dumps(value.__code__, 2)  # without references, which depend on what else a process has
+        inside = inspect.getclosurevars(value)
+        for names in (inside.nonlocals, inside.globals):
+            for name in sorted(names):
+                yield name.encode()
+                yield from _meaning(names[name], met)
+    elif isinstance(value, ModuleType):
+        yield _file_of(value)  # type: ignore[arg-type]
+    elif isinstance(value, np.ndarray):
+        yield str((value.dtype, value.shape)).encode() + value.tobytes()
+    else:
+        yield repr(value).encode()
+
+
+def _require_own_numbers(function: Term, parameters: int, memory: int) -> None:
+    """Refuse a term that uses numbers beyond those it has: compiled code would read and write those of others.
+
+    Raises:
+        InputError: It does, at rest or in motion.
+    """
+    for value in (0.0, 1.0):
+        numbers = [np.full(size, value) for size in (3, 3, memory, parameters)]
+        try:
+            with np.errstate(all="ignore"):
+                function(*numbers, np.float64(1.0))  # type: ignore[call-arg, arg-type]
+        except IndexError as error:
+            raise InputError(f"register: {function.__name__}: {error}") from None
+        except Exception:  # what Python refuses may compile
+            continue
 
 
 def _compiled(function: Term) -> Any:
@@ -129,8 +177,9 @@ def _compiled(function: Term) -> Any:
     compiled = user_jit(function)
     if not INTERPRETED:
         numbers = types.float64[::1]
+        given = types.Array(types.float64, 1, "C", readonly=True)
         try:
-            compiled.compile((numbers, numbers, numbers, numbers, types.float64))
+            compiled.compile((given, numbers, numbers, given, types.float64))
         except NumbaError as error:
             lines = [line for line in str(error).splitlines() if line.strip()]
             raise InputError(f"register: {function.__name__} does not compile: {' '.join(lines[:3])}") from None
@@ -199,11 +248,13 @@ def _find(name: str, section: CustomTerm) -> Registered:
 def _execute(file: str, name: str) -> None:
     """Execute a file that registers terms, unless its terms are registered as the file has them now."""
     path = Path(file)
+    if not file.endswith(".py"):
+        raise InputError(f"file: {file!r}; expected a Python file, NAME.py")
     try:
-        digest = hashlib.sha256(path.read_bytes()).hexdigest()[:16]
+        digest = _digest(path.read_bytes())
     except OSError:
         raise InputError(f"file: there is no file {file}") from None
-    if name in _registered and _registered[name].kind.__name__ == f"{_PREFIX}{name}_{digest}":
+    if name in _registered and _registered[name].source == digest:
         return
     _registered.pop(name, None)
     try:
@@ -231,6 +282,16 @@ def names_of(terms: Sequence[Any]) -> tuple[str, ...]:
 def size_of_custom(terms: Sequence[Any]) -> int:
     """Return how many numbers the registered terms of a law remember of each agent."""
     return sum(_of_kind[type(term).__name__].memory for term in terms)
+
+
+def carry_custom(old: Sequence[Any], kept: Array, new: Sequence[Any], memory: Array) -> None:
+    """Take over what the terms of one law remember (V, m) under another, of the terms that both have."""
+    before = {type(term): term.first for term in old}
+    for term in new:
+        if type(term) in before:
+            first = before[type(term)]
+            size = _of_kind[type(term).__name__].memory
+            memory[:, term.first : term.first + size] = kept[:, first : first + size]
 
 
 def add_custom(terms, residual, command, memory):

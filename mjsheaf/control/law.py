@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray, IntArray, Own
-from mjsheaf.control.custom import add_custom, names_of, size_of_custom
+from mjsheaf.control.custom import add_custom, carry_custom, names_of, size_of_custom
 from mjsheaf.control.links import (
     LinkArrays,
     LinkMemory,
@@ -178,8 +178,7 @@ def carry(memory: Memory, old: LawArrays, law: LawArrays, sample: int) -> Memory
     new = new_memory(law, V)
     vehicles = slice(len(new.y), len(new.y) + 9 * V)
     new.flat[vehicles] = memory.flat[m : m + 9 * V]
-    if [type(term) for term in old.custom] == [type(term) for term in law.custom]:
-        new.custom[:] = memory.custom
+    carry_custom(old.custom, memory.custom, law.custom, new.custom)
     kept, rows = edges_kept(old.edges, law.edges)
     carry_terms(memory.terms, new.terms, rows, _with_changed_edges(old.edges, law.edges, kept, V))
     if len(old.links.of) or len(law.links.of):

@@ -32,6 +32,8 @@ from mjsheaf.scenario import Scenario
 from mjsheaf.simulation.session import moved_by, require_simulable
 from mjsheaf.video import VideoOptions, available_backend
 
+_TERMS = "terms"  # folder of the files of registered terms, beside those of vehicles
+
 if TYPE_CHECKING:
     from mjsheaf.checking.finished import HeldBound, RunBound
     from mjsheaf.control.controller import Controller
@@ -47,7 +49,7 @@ def dump_scenario(scenario: Scenario) -> str:
 
 
 def write_scenario(scenario: Scenario, directory: Path) -> Path:
-    """Write scenario.yaml, and copy the files of custom vehicles into vehicles/.
+    """Write scenario.yaml, and copy the files of custom vehicles and of registered terms into vehicles/.
 
     scenario.yaml names the copies, so that the directory can be moved, and re-run to the same bits after the originals
     have changed. Checksums of the copies show later what a user has added or changed.
@@ -69,14 +71,30 @@ def write_scenario(scenario: Scenario, directory: Path) -> Path:
         if name is None or Path(name).suffix not in SUFFIXES:
             continue
         if name not in copies:
-            taken = {store.CHECKSUMS, *(Path(copy).parts[1] for copy in copies.values())}
+            taken = {store.CHECKSUMS, _TERMS, *(Path(copy).parts[1] for copy in copies.values())}
             copies[name] = _copy(Path(name), directory, taken)
         holder[key] = copies[name]
-    if copies:
+    terms = _copy_terms(raw["controller"].get("custom", {}), directory)
+    if copies or terms:
         store.write_checksums(directory / store.VEHICLES)
     path = directory / "scenario.yaml"
     path.write_text(dump_yaml(raw), encoding="utf-8")
     return path
+
+
+def _copy_terms(terms: dict[str, Any], directory: Path) -> dict[str, str]:
+    """Copy the files of registered terms, name the copies in their sections, and return them by their originals."""
+    copies: dict[str, str] = {}
+    for name, section in terms.items():
+        file = section.get("file")
+        if file is None:
+            continue
+        if file not in copies:
+            copies[file] = f"{store.VEHICLES}/{_TERMS}/{name}.py"
+            (directory / copies[file]).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(file, directory / copies[file])
+        section["file"] = copies[file]
+    return copies
 
 
 def _copy(description: Path, directory: Path, taken: set[str]) -> str:

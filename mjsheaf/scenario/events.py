@@ -199,8 +199,13 @@ class Change(Event):
                         "flow.agents, flow.targets, flow.air or flow.water, or noise, bias, loss, range or hold of "
                         "links.all, links.communication or links.sensing"
                     )
+        before = set(_files_in(state.sections["controller"]))
         for name, section in state.sections.items():
             state.sections[name] = _changed(section, name, self.values())
+        if new := sorted(set(_files_in(state.sections["controller"])) - before):
+            raise InputError(
+                f"set.controller.custom: an event cannot name a file, {new[0]}; expected it in controller.custom"
+            )
 
     def touches(self, part: str) -> bool:
         """Whether it changes that part of the controller, or fields in it."""
@@ -218,6 +223,11 @@ class Change(Event):
     def words(self) -> str:
         """For example: gain = 5, or: all.loss = 0.5."""
         return ", ".join(f"{path.partition('.')[2]} = {_in_words(value)}" for path, value in self.values())
+
+
+def _files_in(controller: Any) -> Iterator[str]:
+    """Yield the files of the registered terms in a section `controller`."""
+    return (term.file for term in controller.custom.values() if term.file is not None)
 
 
 def _in_words(value: Any) -> str:

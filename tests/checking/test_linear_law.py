@@ -168,10 +168,10 @@ def with_term(monkeypatch: pytest.MonkeyPatch, term: Callable[[Array], Array]) -
         compiled(control, t, start, cells, size, points, *rest)
         ends, commands = rest[-2:]
         memory = new_memory(control.law, 3)
-        for one in np.ndindex(*commands.shape):
+        for one in np.ndindex(*commands.shape[:2]):
             memory.flat[:] = ends[one]
-            commands[one] += term(memory.residual[0, :1])[0]
-            memory.command[0, 0] = commands[one]
+            commands[one] += term(memory.residual[0])
+            memory.command[0] = commands[one]
             ends[one] = memory.flat
 
     monkeypatch.setattr(linear_law, "_answer", answer)

@@ -15,8 +15,10 @@ import numpy as np
 import pytest
 
 import mjsheaf
+from mjsheaf.checking.loop import linear_law
 from mjsheaf.control import custom
-from mjsheaf.errors import InputError
+from mjsheaf.errors import InputError, UndecidedError
+from mjsheaf.runs.publish import write_scenario
 
 SOURCE = """
 import mjsheaf
@@ -98,6 +100,7 @@ def test_a_term_that_is_not_linear_is_undecided(file: Path) -> None:
         ("steeper", {"parameters": {}}, "custom.steeper: parameters: gain missing"),
         ("steeper", {"parameters": {"gain": 1.0, "gian": 2.0}}, "parameters.gian: unknown"),
         ("steeper", {"file": "/nowhere/terms.py", "parameters": {"gain": 1.0}}, "there is no file"),
+        ("steeper", {"file": "/nowhere/terms.py/", "parameters": {"gain": 1.0}}, "expected a Python file"),
     ],
 )
 def test_what_does_not_fit_is_refused(file: Path, name: str, section: dict[str, Any], message: str) -> None:
@@ -113,7 +116,13 @@ def test_a_continuous_law_has_no_terms(file: Path) -> None:
 
 @pytest.mark.parametrize(
     ("body", "message"),
-    [("command[0] = undefined_name", "does not compile"), ("raise SystemExit(3)", "SystemExit"), (None, "ValueError")],
+    [
+        ("command[0] = undefined_name", "does not compile"),
+        ("residual[0] = 0.0", "does not compile"),
+        ("memory[0] = 1.0", "out of bounds"),
+        ("raise SystemExit(3)", "SystemExit"),
+        (None, "ValueError"),
+    ],
 )
 def test_faults_of_a_file_are_one_message(tmp_path: Path, body: str | None, message: str) -> None:
     path = tmp_path / "faulty.py"
@@ -209,3 +218,151 @@ def test_without_compiling_and_from_the_cache(file: Path, tmp_path: Path) -> Non
         file.write_text(before)
     assert compiled
     assert changed != first
+
+
+UNFIT = """
+import mjsheaf
+
+
+@mjsheaf.register(parameters=["gain"])
+def unfit(residual, command, memory, parameters, period):
+    command[0] -= parameters[0] * residual[1]
+    command[1] += parameters[0] * residual[0]
+
+
+@mjsheaf.register(parameters=["gain"])
+def one_axis(residual, command, memory, parameters, period):
+    command[1] -= parameters[0] * residual[1]
+
+
+@mjsheaf.register(parameters=["gain"], memory=1)
+def later(residual, command, memory, parameters, period):
+    memory[0] += 1.0
+    if memory[0] > 100.0:
+        for i in range(3):
+            command[i] -= parameters[0] * residual[i]
+
+
+@mjsheaf.register(parameters=["gain"], memory=1)
+def stirred(residual, command, memory, parameters, period):
+    if residual[0] != 0.0:
+        memory[0] += 1.0
+    if memory[0] > 100.0:
+        for i in range(3):
+            command[i] -= parameters[0] * residual[i]
+
+
+@mjsheaf.register(parameters=["gain"])
+def between(residual, command, memory, parameters, period):
+    for i in range(3):
+        if 1e-3 < abs(residual[i]) < 10.0:
+            command[i] -= parameters[0] * residual[i]
+
+
+@mjsheaf.register(parameters=["gain"], memory=4)
+def latched(residual, command, memory, parameters, period):
+    for i in range(3):
+        if memory[3] == 0.0:
+            memory[i] = parameters[0] * residual[i]
+        command[i] += memory[i]
+    memory[3] = 1.0
+
+
+@mjsheaf.register(parameters=["gain"], memory=3)
+def cancelled(residual, command, memory, parameters, period):
+    for i in range(3):
+        memory[i] += period * (command[i] + residual[i])
+        command[i] -= parameters[0] * memory[i]
+
+
+@mjsheaf.register(parameters=["gain"], memory=4)
+def ramp(residual, command, memory, parameters, period):
+    memory[3] = min(memory[3] + 1.0, 20.0)
+    for i in range(2):
+        command[i] -= parameters[0] * memory[3] / 20.0 * residual[i]
+
+
+@mjsheaf.register(parameters=["gain"], memory=4)
+def slope(residual, command, memory, parameters, period):
+    for i in range(3):
+        if memory[3] > 0.0:
+            command[i] -= parameters[0] * (residual[i] - memory[i])
+        memory[i] = residual[i]
+    memory[3] = 1.0
+"""
+
+
+def model_with(tmp_path: Path, name: str, gain: float) -> linear_law.LawModel:
+    path = tmp_path / "unfit.py"
+    path.write_text(UNFIT)
+    system = with_term(path, name, {"gain": gain}).system
+    return linear_law.model_of(system.law, system.grid.period)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("unfit", "not linear"),
+        ("one_axis", "not linear"),
+        ("later", "changes with time"),
+        ("stirred", "not in proportion"),
+        ("between", "not linear"),
+        ("latched", "keeps what it met"),
+    ],
+)
+def test_what_is_no_linear_law_of_each_axis_is_undecided(tmp_path: Path, name: str, message: str) -> None:
+    with pytest.raises(UndecidedError, match=message):
+        model_with(tmp_path, name, 5.0)
+
+
+@pytest.mark.slow
+def test_models_of_terms_with_a_start_of_their_own(tmp_path: Path) -> None:
+    """A ramp that ends, a difference whose first sample is another, and what cancels at the gain 1."""
+    one = np.ones(1)
+    ramp = model_with(tmp_path, "ramp", 2.0).at(5.0, one)
+    assert ramp.D[0, 0] == pytest.approx(-7.0)
+    slope = model_with(tmp_path, "slope", 0.1).at(5.0, one)
+    np.testing.assert_allclose([slope.A[0, 0, 0], slope.B[0, 0, 0], slope.C[0, 0], slope.D[0, 0]], [0, 1, 0.1, -5.1])
+    cancelled = model_with(tmp_path, "cancelled", 3.0)
+    assert cancelled.at(5.0, one).A.shape == (1, 1, 1)
+    assert cancelled.feedback(5.0, one).c[0, 0] * cancelled.feedback(5.0, one).b[0, 0] != 0.0
+
+
+def test_other_constants_are_another_term() -> None:
+    """A closure's value is frozen in compiled code, which the cache finds by the type."""
+
+    def make(size: float) -> str:
+        @mjsheaf.register()
+        def enclosing(residual: Any, command: Any, memory: Any, parameters: Any, period: float) -> None:
+            command[0] -= size * residual[0]
+
+        return custom._registered["enclosing"].kind.__name__
+
+    assert make(1.0) != make(2.0)
+    assert make(1.0) == make(1.0)
+
+
+def test_events_keep_what_terms_remember_and_name_no_file(file: Path) -> None:
+    steeper = {"time": 0.5, "set": {"controller.custom.steeper": {"parameters": {"gain": 0.0}}}}
+    scenario = with_term(file, "summed", {"gain": 5.0})
+    expected = mjsheaf.simulate(scenario, backend="ideal")
+    found = mjsheaf.simulate(with_term(file, "summed", {"gain": 5.0}, events=[steeper]), backend="ideal")
+    np.testing.assert_allclose(found.agent_position, expected.agent_position, rtol=0.0, atol=1e-12)
+    steeper["set"] = {"controller.custom.steeper": {"file": str(file), "parameters": {"gain": 0.0}}}
+    elsewhere = file.with_name("elsewhere.py")
+    elsewhere.write_text(SOURCE)
+    steeper["set"]["controller.custom.steeper"]["file"] = str(elsewhere)
+    with pytest.raises(InputError, match="cannot name a file"):
+        with_term(file, "summed", {"gain": 5.0}, events=[steeper])
+
+
+def test_a_run_can_be_repeated_from_its_directory(file: Path, tmp_path: Path) -> None:
+    scenario = with_term(file, "steeper", {"gain": 0.7})
+    path = write_scenario(scenario, tmp_path)
+    again = mjsheaf.load_scenario(path)
+    assert again.controller.custom["steeper"].file == str(tmp_path / "vehicles/terms/steeper.py")
+    outside = path.read_text().replace("vehicles/terms/steeper.py", "../steeper.py")
+    path.write_text(outside)
+    with pytest.raises(InputError, match="lies outside"):
+        mjsheaf.load_scenario(path)

@@ -7,8 +7,10 @@ for every input, with that one moved from rest and nothing else. The differences
     x_{k+1} = A x_k + B w_k,    u_k = C x_k + D w_k,
 
 with u the command, x what the agent remembers, and w its inputs (see `INPUTS`). No formula of a term is written here:
-whatever the stages do is in the model. A law whose answers to motions of other sizes, and to many motions at once over
-several samples, are not those of the model is not linear, and nothing is claimed of it.
+whatever the stages do is in the model. It is read off along one axis. Nothing is claimed of a law whose answers to
+motions of many sizes, along all axes at once over many samples, are not those of the model along each axis; nor of one
+with registered terms that go on changing at rest, whose memory is not in proportion to the motion, or keeps what it met
+at the start and no input reaches later.
 
 The agent has two edges to points that rest, each with half of the weight. Feedforward learns velocities over the first
 alone, so that errors of measurements on it and on the other edge differ by what feedforward makes of them.
@@ -17,6 +19,7 @@ alone, so that errors of measurements on it and on the other edge differ by what
 import pickle
 from dataclasses import dataclass
 from functools import cached_property
+from threading import Lock
 
 import numpy as np
 from scipy import sparse
@@ -35,16 +38,18 @@ INPUTS = ("position", "eta", "sensed", "sensed_motion", "own_motion")
 agent's own displacement as that sum sees it (each in units of eta, m), and as the agent itself sees it, m."""
 
 _MOTION = 2.0**-20  # m, from rest: a power of two, by which a linear law scales without rounding
-_OTHER_MOTIONS = (2.0**-34, -(2.0**-20), 2.0**10)  # m: a linear law answers them in proportion
+_OTHER_MOTIONS = (2.0**-34, -(2.0**-20), 2.0**-12, -(2.0**-6), 1.0, -(2.0**5), 2.0**10)  # m: answered in proportion
 _LINEAR = 1e-9  # relative difference of two answers of a linear law
 _NEGLIGIBLE = 1e-11  # relative size of a new direction that is rounding
 _SETTLING = 4  # samples after which counters of samples no longer matter
-_TESTED = 12  # samples over which the model is held against the law
+_MOST_SETTLING = 1000  # samples, for what registered terms remember
+_TESTED = 40  # samples over which the model is held against the law
+_GENERIC_GAIN = 0.7390851332  # 1/s, at which terms do not cancel -k1 eta by chance
 _GENERIC = np.array([[0.685, 0.685]])  # weights of the two edges at which it is
 _STILL = np.zeros((1, 3, 3))
 _MOST_MODELS = 200
 _models: "dict[bytes, LawModel]" = {}
-_MOVED_POINTS = _MOTION * np.eye(3)[:, :, None] * [1.0, 0.0, 0.0]  # the agent, the first point, the second
+_MOVED_POINTS = _MOTION * np.eye(9).reshape(3, 3, 3, 3).swapaxes(0, 1)  # along an axis: agent, first point, second
 
 
 @dataclass(frozen=True)
@@ -144,12 +149,14 @@ def model_of(law: LawArrays, period: float) -> "LawModel":
         UndecidedError: The law is not linear.
     """
     alone = _one_agent(law)
-    key = pickle.dumps((*alone.law.terms, alone.law.custom, period))
-    if key not in _models:
+    key = pickle.dumps((*alone.law.terms, alone.law.custom, alone.law.edges.F_tail, period))
+    model = _models.get(key)
+    if model is None:
+        model = LawModel(alone, period)
         if len(_models) >= _MOST_MODELS:
             _models.clear()
-        _models[key] = LawModel(alone, period)
-    return _models[key]
+        _models[key] = model
+    return model
 
 
 class LawModel:
@@ -176,11 +183,12 @@ class LawModel:
         self._period = period
         self._bases: dict[bytes, Array] = {}
         self._memory = new_memory(self._control.law, 3)
-        self._rest = np.zeros_like(self._memory.flat)
-        self._cells = np.zeros(0, dtype=np.int64)
-        for sample in range(_SETTLING):
-            self._rest = self._answers(alone, self._cells, _STILL, _GENERIC, sample)[0][0, 0]
-        self._end = self._answers(alone, self._cells, _STILL, _GENERIC)[0][0, 0]
+        self._numbers = new_memory(self._control.law, 3)
+        self._numbers.flat[:] = np.arange(len(self._memory.flat))
+        self._registered = self._numbers.custom[0].astype(np.int64)
+        self._lock = Lock()
+        alone.law.gain[0] = _GENERIC_GAIN
+        self._settle()
         self._cells = self._cells_in_loop()
         self._require_linear()
 
@@ -188,15 +196,16 @@ class LawModel:
         """Return the model at a gain, 1/s, for eigenvalues of H above zero, shape (L,)."""
         if self.plain:
             return _papers_law(gain, values)
-        self._control.law.gain[0] = gain
         half = np.column_stack([0.5 * values, 0.5 * values])
-        moved = self._columns(_MOVED_POINTS, half)
         n = len(self._cells)
+        with self._lock:
+            self._control.law.gain[0] = gain
+            moved = self._columns(_MOVED_POINTS[0], half)
+            both = self._led_astray_by(half)
+            self._control.law.terms.sensing[1] = 0
+            own = self._led_astray_by(half)
+            self._control.law.terms.sensing[1] = 1
         position, sensed, heard = moved[:, n], moved[:, n + 1], moved[:, n + 2]
-        both = self._led_astray_by(half)
-        self._control.law.terms.sensing[1] = 0
-        own = self._led_astray_by(half)
-        self._control.law.terms.sensing[1] = 1
         each = half[:, :1]
         inputs = np.stack([position, -heard / each, (sensed - heard) / each, (both - own) / each, own], axis=2)
         return LinearLaw(
@@ -212,13 +221,33 @@ class LawModel:
         if self.plain:
             return _papers_law(gain, values).feedback(np.zeros((0, 0)))
         key = values.tobytes()
-        if key not in self._bases:
-            self._bases = {key: self.at(1.0, values).basis}  # the gain 0 would hide what is remembered
-        return self.at(gain, values).feedback(self._bases[key])
+        basis = self._bases.get(key)
+        if basis is None:
+            basis = self.at(_GENERIC_GAIN, values).basis  # the gain 0 would hide what is remembered
+            self._bases = {key: basis}
+        return self.at(gain, values).feedback(basis)
 
-    def _answers(
-        self, control: ControlArrays, cells: IntArray, points: Array, weights: Array, sample: int = _SETTLING
-    ) -> tuple[Array, Array]:
+    def _settle(self) -> None:
+        """Find what the law remembers at rest, and then a sample later.
+
+        Raises:
+            UndecidedError: Registered terms go on changing.
+        """
+        self._end = np.zeros_like(self._memory.flat)
+        none = np.zeros(0, dtype=np.int64)
+        for self._sample in range(_MOST_SETTLING):
+            self._rest = self._end
+            self._end = self._answers(self._control, none, _STILL, _GENERIC)[0][0, 0]
+            same = np.array_equal(self._rest[self._registered], self._end[self._registered])
+            if self._sample >= _SETTLING and same:
+                return
+        raise UndecidedError(f"the law changes with time ({self._terms})")
+
+    @property
+    def _terms(self) -> str:
+        return listed([f"term {name}" for name in self._control.law.term_names])
+
+    def _answers(self, control: ControlArrays, cells: IntArray, points: Array, weights: Array) -> tuple[Array, Array]:
         """Evaluate the law once with each of some numbers moved from rest, then once with agent and points moved.
 
         Args:
@@ -226,34 +255,36 @@ class LawModel:
             cells: Numbers of the memory, shape (n,).
             points: Positions of the agent and of the points, shape (K, 3, 3), m.
             weights: Of the two edges, shape (L, 2).
-            sample: Number of the sample.
 
         Returns:
-            Memories, shape (L, n + K, m), and commands, shape (L, n + K), m/s.
+            Memories, shape (L, n + K, m), and commands, shape (L, n + K, 3), m/s.
         """
         cases = len(cells) + len(points)
         ends = np.empty((len(weights), cases, len(self._rest)))
-        commands = np.empty((len(weights), cases))
-        time = sample * self._period
+        commands = np.empty((len(weights), cases, 3))
+        time = self._sample * self._period
         _answer(control, time, self._rest, cells, _MOTION, points, weights, _STILL[0], self._memory, ends, commands)
         return ends, commands
 
     def _columns(self, points: Array, weights: Array) -> Array:
         """Return how the state and, last, the command answer to a unit of each motion, shape (L, n + K, n + 1)."""
         ends, commands = self._answers(self._control, self._cells, points, weights)
-        return np.dstack([(ends - self._end)[:, :, self._cells], commands]) / _MOTION
+        return np.dstack([(ends - self._end)[:, :, self._cells], commands[:, :, 0]]) / _MOTION
 
     def _led_astray_by(self, weights: Array) -> Array:
         """Return how the state and, last, the command answer to a unit error of odometry, shape (L, n + 1)."""
         ends, commands = self._answers(self._led_astray, self._cells[:0], _STILL, weights)
-        return np.column_stack([(ends - self._end)[:, 0, self._cells], commands]) / _MOTION
+        return np.column_stack([(ends - self._end)[:, 0, self._cells], commands[:, 0, 0]]) / _MOTION
 
     def _cells_in_loop(self) -> IntArray:
-        """Find the numbers remembered that depend on an input and on which the command depends."""
-        self._control.law.gain[0] = 1.0
+        """Find the numbers remembered that depend on an input and on which the command along the first axis depends.
+
+        Raises:
+            UndecidedError: Registered terms keep, of how they began, what no input reaches later.
+        """
         self._cells = np.flatnonzero(self._rest == 0.0)  # the others count samples
         n = len(self._cells)
-        answers = self._columns(_MOVED_POINTS, _GENERIC)[0]
+        answers = self._columns(_MOVED_POINTS.reshape(9, 3, 3), _GENERIC)[0]
         wrong = self._led_astray_by(_GENERIC)
         acts = np.zeros((n + 2, n + 2), dtype=np.bool_)  # row on column: the state, the inputs, the command
         acts[:n, :n] = answers[:n, :n] != 0.0
@@ -262,42 +293,72 @@ class LawModel:
         graph = sparse.csr_array(acts)
         excited = breadth_first_order(graph, n, return_predecessors=False)
         seen = breadth_first_order(sparse.csr_array(graph.T), n + 1, return_predecessors=False)
-        both = np.intersect1d(excited, seen)
-        return np.asarray(self._cells[both[both < n]])
+        excited = excited[excited < n]
+        kept = np.setdiff1d(self._registered, self._cells[excited])
+        if (self._after_a_start()[kept] != self._end[kept]).any():
+            raise UndecidedError(f"the law keeps what it met at the start ({self._terms})")
+        return np.asarray(self._cells[np.intersect1d(excited, seen)])
+
+    def _after_a_start(self) -> Array:
+        """Return what the law remembers where the agent and both points have been away from rest since the start."""
+        rest = self._rest
+        last = self._sample
+        points = _MOTION * np.random.default_rng(1).uniform(-1.0, 1.0, (1, 3, 3))
+        self._rest = np.zeros_like(rest)
+        for self._sample in range(last + 1):
+            self._rest = self._answers(self._control, self._cells[:0], points, _GENERIC)[0][0, 0]
+        found = self._rest
+        self._rest = rest
+        return found
 
     def _number_of_integral(self) -> int:
         """Return which number of the state is the integral of eta; -1 if none is."""
-        memory = new_memory(self._control.law, 3)
-        memory.flat[:] = np.arange(len(memory.flat))
-        where = np.flatnonzero(self._cells == memory.terms.z[:1, :1])
+        where = np.flatnonzero(self._cells == self._numbers.terms.z[:1, :1])
         return int(where[0]) if len(where) else -1
 
     def _require_linear(self) -> None:
         """Raise an UndecidedError unless the law does what its model says, in motions of several sizes."""
-        model = self.at(1.0, _GENERIC.sum(axis=1))
-        rest = self._rest
+        model = self.at(_GENERIC_GAIN, _GENERIC.sum(axis=1))
         weight = _GENERIC[0, 0]
+        measured = self._control.law.edges.F_tail.diagonal()[:, None]
+        agent, first, second = points = np.random.default_rng(0).uniform(-1.0, 1.0, (3, _TESTED, 3))
+        memories = []
         for size in (_MOTION, *_OTHER_MOTIONS):
             astray = size == _MOTION
-            agent, first, second = np.random.default_rng(0).uniform(-1.0, 1.0, (3, _TESTED))
-            odometry = np.full(_TESTED, float(astray))
+            odometry = np.full((_TESTED, 3), float(astray))
             errors = (agent, -weight * (first + second), weight * first, weight * odometry, odometry)
-            state = np.zeros(len(self._cells))
-            expected = np.zeros(_TESTED)
-            found = np.zeros(_TESTED)
-            for k, inputs in enumerate(np.column_stack(errors)):
-                points = np.zeros((1, 3, 3))
-                points[0, :, 0] = size * agent[k], size * first[k], size * second[k]
-                control = self._led_astray if astray else self._control
-                ends, command = self._answers(control, self._cells[:0], points, _GENERIC, _SETTLING + k)
-                self._rest = ends[0, 0]
-                found[k] = command[0, 0] / size
-                expected[k] = model.C[0] @ state + model.D[0] @ inputs
-                state = model.A[0] @ state + model.B[0] @ inputs
-            self._rest = rest
-            if not np.allclose(found, expected, rtol=_LINEAR, atol=_LINEAR * np.abs(expected).max()):
-                names = listed([f"term {name}" for name in self._control.law.term_names])
-                raise UndecidedError(f"the law is not linear about its equilibrium ({names})")
+            state = np.zeros((3, len(self._cells)))
+            expected = np.zeros((_TESTED, 3))
+            for k, inputs in enumerate(measured * np.stack(errors, axis=-1)):
+                expected[k] = state @ model.C[0] + inputs @ model.D[0]
+                state = state @ model.A[0].T + inputs @ model.B[0].T
+            found, memory = self._follow(self._led_astray if astray else self._control, size * points)
+            memories.append(memory / size)
+            if not _alike(found / size, expected):
+                raise UndecidedError(f"the law is not linear about its equilibrium ({self._terms})")
+        if not all(_alike(memory, memories[1]) for memory in memories[2:]):
+            raise UndecidedError(f"what the law remembers is not in proportion to motion ({self._terms})")
+
+    def _follow(self, control: ControlArrays, points: Array) -> tuple[Array, Array]:
+        """Follow motions (3, T, 3), m, from rest; return commands (T, 3) and how registered terms' memory differs."""
+        rest = self._rest
+        last = self._sample
+        commands = np.zeros(points.shape[1:])
+        memories = np.zeros((len(commands), len(self._registered)))
+        for k, moved in enumerate(points.swapaxes(0, 1)):
+            ends, command = self._answers(control, self._cells[:0], moved[None], _GENERIC)
+            self._rest = ends[0, 0]
+            self._sample += 1
+            commands[k] = command[0, 0]
+            memories[k] = (self._rest - rest)[self._registered]
+        self._rest = rest
+        self._sample = last
+        return commands, memories
+
+
+def _alike(found: Array, expected: Array) -> bool:
+    """Return True if answers are the same but for rounding."""
+    return np.allclose(found, expected, rtol=_LINEAR, atol=_LINEAR * np.abs(expected).max(initial=0.0))
 
 
 def _papers_law(gain: float, values: Array) -> LinearLaw:
@@ -311,17 +372,18 @@ def _papers_law(gain: float, values: Array) -> LinearLaw:
 
 def _one_agent(law: LawArrays) -> ControlArrays:
     """Return a law as one agent runs it that measures two points, without limits, noise and losses."""
-    row = np.array([[1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    solid = bool(law.edges.F_tail[:, 2].any() or law.edges.F_head[:, 2].any())
+    F = np.tile(np.diag([1.0, 1.0, float(solid)]), (2, 1))
     edges = EdgeArrays(
         tail=np.zeros(2, dtype=np.int64),
         head=np.array([1, 2], dtype=np.int64),
         listens=np.array([[True, False], [True, False]]),
-        first=np.array([0, 1, 2], dtype=np.int64),
-        F_tail=row.copy(),
-        F_head=row.copy(),
-        P_tail=row.copy(),
-        P_head=row.copy(),
-        b=np.zeros(2),
+        first=np.array([0, 3, 6], dtype=np.int64),
+        F_tail=F.copy(),
+        F_head=F.copy(),
+        P_tail=F.copy(),
+        P_head=F.copy(),
+        b=np.zeros(6),
     )
     motion = MotionArrays(
         pull=np.zeros(3),
@@ -338,7 +400,7 @@ def _one_agent(law: LawArrays) -> ControlArrays:
     if terms.agents:
         terms = terms._replace(
             agents=1,
-            dimension=np.ones(1, dtype=np.int64),
+            dimension=np.full(1, 3 if solid else 2, dtype=np.int64),
             sensing=np.array([0, 1]),
             lead=terms.lead[:1].copy(),
             settled=0,
@@ -356,7 +418,7 @@ def _one_agent(law: LawArrays) -> ControlArrays:
 
 @jit
 def _answer(control, t, start, cells, size, points, weights, still, memory, ends, commands):
-    """Write memories (L, n + K, m) and commands (L, n + K) of one evaluation of the law each.
+    """Write memories (L, n + K, m) and commands (L, n + K, 3) of one evaluation of the law each.
 
     With each pair of `weights` (L, 2), the law begins with `start` (m,), of which one of the `cells` (n,) is moved by
     `size`, at positions `still` (3, 3); then with `start` itself at the positions in each of `points` (K, 3, 3).
@@ -364,15 +426,17 @@ def _answer(control, t, start, cells, size, points, weights, still, memory, ends
     edges = control.law.edges
     n = cells.shape[0]
     for one in range(weights.shape[0]):
-        for e in range(2):
-            edges.P_tail[e, 0] = weights[one, e]
-            edges.P_head[e, 0] = weights[one, e]
+        for r in range(edges.b.shape[0]):
+            for i in range(3):
+                edges.P_tail[r, i] = weights[one, r // 3] * edges.F_tail[r, i]
+                edges.P_head[r, i] = weights[one, r // 3] * edges.F_head[r, i]
         for case in range(n + points.shape[0]):
             for i in range(start.shape[0]):
                 memory.flat[i] = start[i]
             if case < n:
                 memory.flat[cells[case]] += size
             evaluate_law(control, t, points[case - n] if case >= n else still, still, memory)
-            commands[one, case] = memory.command[0, 0]
+            for i in range(3):
+                commands[one, case, i] = memory.command[0, i]
             for i in range(start.shape[0]):
                 ends[one, case, i] = memory.flat[i]
