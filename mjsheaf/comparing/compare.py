@@ -1,11 +1,11 @@
 """The whole comparison: ladder, budgets, ringing, convergence, demands and a verdict, as one record."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from mjsheaf._version import __version__
-from mjsheaf.checking.loop.body_loop import loop_along
+from mjsheaf.checking.loop.body_loop import BodyLoop, loop_along
 from mjsheaf.comparing.convergence import ConvergenceRecord, converge
 from mjsheaf.comparing.demands import JUDGED, UnlimitedRuns, demands_of, fastest_vehicles, run_without_limits
 from mjsheaf.comparing.gains import examine_gain
@@ -47,12 +47,14 @@ def compare(
     Args:
         scenario: from `load_scenario`.
         progress: called with (what is being done, done, in all).
-        engine, threads: see `simulate`; with another engine than MuJoCo, MuJoCo's run is compared too.
+        engine, threads: that move bodies; see `simulate`. Beside another engine's runs is MuJoCo's of the scenario as
+            it stands.
         law: Law in Python in place of the scenario's; it is constructed anew for every run.
 
     Raises:
-        InputError: The engine, a vehicle, g or the law does not fit the scenario.
-        NotUniqueError: The harmonic extension is not unique, in some phase.
+        InputError: an engine that lacks what the scenario asks for, a vehicle that does not fit its agent, a g that is
+            not of full row rank, or a law in Python that fails.
+        NotUniqueError: the harmonic extension is not unique, in some phase.
     """
     begun = working_time()
     phases = phases_of(moved_by(scenario.phases, "physics", engine, threads))
@@ -62,16 +64,11 @@ def compare(
     ideal = runs["ideal"]
     at_q_star = ideal.recording.series_at_q_star()
     limits = run_without_limits(phases, runs, law, scenario.seed)
-    watched = _least_damped_phase(phases)
-    theory = _theory(phases, runs, watched, progress) if law is None else dict.fromkeys(_THEORY)
     draft = CompareRecord(
         mjsheaf_version=__version__,
         scenario=scenario.name,
         seed=scenario.seed,
-        law=law.label if law else law_of(system),
-        controller=law.label if law else None,
-        terms=[] if law else list(system.law.term_names),
-        harm=[] if law else _harm(phases, runs["all"], scenario.seed),
+        **_about_law(phases, runs, law, scenario.seed, progress),
         time_s=system.grid.period * system.grid.steps,
         formation_size_m=formation_size(system),
         ladder=[run.record(ideal) for run in runs.values()],
@@ -79,7 +76,6 @@ def compare(
             {key: run.errors for key, run in runs.items()},
             errors_by_scope(at_q_star, whole_run(system), complete=ideal.finished),
         ),
-        ringing_phase=watched if theory["ringing"] and len(phases) > 1 else None,
         convergence=_convergence(phases, law, progress),
         velocity_limit=limits.record() if limits else None,
         demands=[demand for key in JUDGED for demand in demands_of(system, key, runs[key])],
@@ -88,55 +84,65 @@ def compare(
         verdict=[],
         wall_time_s=working_time() - begun,
         video=None,
-        **theory,
     )
     own = [phase.model_copy(update={"levers": levers_of(draft, phase)}) for phase in draft.phases]
     return Comparison(draft.model_copy(update={"phases": own, "verdict": verdict_of(draft)}), runs)
 
 
-_THEORY = ("gain", "ringing", "loop", "gains", "usable_gain")
-"""Fields of a CompareRecord that a law in Python has not."""
-
-
-def _theory(phases: Sequence[Phase], runs: dict[str, Run], watched: int, progress: Progress) -> dict[str, Any]:
-    """Return what theory and experiments say of the compiled law's gain: see `_THEORY`."""
-    damped = phases[watched].system.remaining
+def _about_law(
+    phases: Sequence[Phase], runs: dict[str, Run], law: LawFile | None, seed: int, progress: Progress
+) -> dict[str, Any]:
+    """Return the fields of a `CompareRecord` about the law; a law in Python has no more than a name."""
+    if law is not None:
+        return {"law": law.label, "controller": law.label, "ringing": None}
+    system = phases[0].system
+    watched = _least_damped_phase(phases)
+    remaining = phases[watched].system.remaining
     progress("free-decay test", 0, 1)
-    ringing = ringing_of(damped)
+    ringing = ringing_of(remaining)
     progress("free-decay test", 1, 1)
     loop = _loop(phases, runs["ideal"])
-    gains = examine_gain(phases, runs, damped, ringing, loop.largest_gain if loop else None, progress)
-    usable = min((limit.gain for limit in gains.limits), default=None) if gains else None
-    return dict(zip(_THEORY, (phases[0].system.gain, ringing, loop, gains, usable), strict=True))
+    gains = examine_gain(phases, runs, remaining, ringing, loop.largest_gain if loop else None, progress)
+    return {
+        "law": law_of(system),
+        "gain": system.gain,
+        "terms": list(system.law.term_names),
+        "harm": _harm(phases, runs["all"], seed),
+        "usable_gain": min((limit.gain for limit in gains.limits), default=None),
+        "gains": gains,
+        "loop": loop,
+        "ringing": ringing,
+        "ringing_phase": watched if ringing and len(phases) > 1 else None,
+    }
 
 
 def _phases(
     phases: Sequence[Phase], runs: dict[str, Run], at_q_star: Series, limits: UnlimitedRuns | None
 ) -> list[PhaseRecord]:
-    """The errors of every phase that the ideal run reached; none without events."""
+    """Return the errors of every phase that the ideal run reached; none without events."""
     if not any(phase.events for phase in phases):
         return []
-    ideal, found = runs["ideal"], []
-    for k, phase in enumerate(phases[: len(ideal.recording.pieces)]):
-        span = span_of_phase(phases, k)
-        reached = {key: k < len(run.recording.pieces) for key, run in runs.items()}
-        errors = {key: run.errors_in_phase(k) for key, run in runs.items() if reached[key]}
-        complete = ideal.finished or k + 1 < len(ideal.recording.pieces)
-        there = errors_by_scope(at_q_star, span, complete=complete)
-        known = {key: errors.get(key, unknown_errors(there)) for key in runs}
-        judged = limits is not None and all(reached[key] for key in JUDGED)
-        found.append(
-            PhaseRecord(
-                start=phase.time,
-                end=float(phase.system.grid.span(span.end - 1, span.end)[0]),
-                events=list(phase.events),
-                errors=known,
-                budgets=budgets_of(known, there),
-                velocity_limit=limits.record(k) if limits is not None and judged else None,
-                levers=[],
-            )
-        )
-    return found
+    return [_phase(phases, k, runs, at_q_star, limits) for k in range(len(runs["ideal"].recording.pieces))]
+
+
+def _phase(
+    phases: Sequence[Phase], k: int, runs: dict[str, Run], at_q_star: Series, limits: UnlimitedRuns | None
+) -> PhaseRecord:
+    """Return the errors of a phase, by its number; unknown ones of runs that did not reach it."""
+    span = span_of_phase(phases, k)
+    there = errors_by_scope(at_q_star, span, complete=runs["ideal"].finished_phase(k))
+    unknown = unknown_errors(there)
+    reached = {key for key, run in runs.items() if k < len(run.recording.pieces)}
+    errors = {key: run.errors_in_phase(k) if key in reached else unknown for key, run in runs.items()}
+    return PhaseRecord(
+        start=phases[k].time,
+        end=float(phases[k].system.grid.span(span.end - 1, span.end)[0]),
+        events=list(phases[k].events),
+        errors=errors,
+        budgets=budgets_of(errors, there),
+        velocity_limit=limits.record(k) if limits is not None and reached.issuperset(JUDGED) else None,
+        levers=[],
+    )
 
 
 def _least_damped_phase(phases: Sequence[Phase]) -> int:
@@ -157,25 +163,27 @@ def _convergence(phases: Sequence[Phase], law: LawFile | None, progress: Progres
 
 
 def _loop(phases: Sequence[Phase], ideal: Run) -> LoopRecord | None:
-    """The loop of the scenario's bodies in the mean flow along the ideal run; the worst of all phases.
-
-    The systems of the ideal run itself are without the effects of bodies.
-    """
+    """Analyse the loop of the scenario's bodies in the mean flow along the ideal run, in the worst of all phases."""
     if not ideal.finished:
         return None
-    found = []
+    loops = list(_loops(phases, ideal))
+    stable = {loop.stable for loop in loops}
+    gains = [loop.largest_gain for loop in loops if loop.largest_gain is not None]
+    reasons = [*(loop.reason for loop in loops), "" if loops else "the run is too short"]
+    return LoopRecord(
+        stable=next((verdict for verdict in (False, None, True) if verdict in stable), None),
+        largest_gain=min(gains, default=None),
+        reason=next(filter(None, reasons), ""),
+    )
+
+
+def _loops(phases: Sequence[Phase], ideal: Run) -> Iterator[BodyLoop]:
+    """Yield the loop of the bodies in each phase; the systems of the ideal run are without the effects of bodies."""
     for phase, piece in zip(phases, ideal.recording.pieces, strict=False):
         if len(piece.time) > 1:
             team = phase.system.team
             q_star = team.harmonic_extension(piece.positions)[:, team.present]
-            found.append(loop_along(phase.system.remaining, piece.time, q_star))
-    gains = [loop.largest_gain for loop in found if loop.largest_gain is not None]
-    stable = [loop.stable for loop in found]
-    return LoopRecord(
-        stable=False if False in stable else None if None in stable or not stable else True,
-        largest_gain=min(gains, default=None),
-        reason=next((loop.reason for loop in found if loop.reason), "" if found else "the run is too short"),
-    )
+            yield loop_along(phase.system.remaining, piece.time, q_star)
 
 
 def _harm(phases: Sequence[Phase], run: Run, seed: int) -> list[str]:

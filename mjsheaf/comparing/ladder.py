@@ -187,10 +187,14 @@ class Run:
         """Final errors and those of the last half, by scope."""
         return errors_by_scope(self.series, whole_run(self.system), complete=self.finished)
 
+    def finished_phase(self, number: int) -> bool:
+        """Return True if it reached the end of a phase."""
+        return self.finished or number + 1 < len(self.recording.pieces)
+
     def errors_in_phase(self, number: int) -> dict[str, ScopeRecord]:
         """Measure the errors over a phase, by scope."""
-        complete = self.finished or number + 1 < len(self.recording.pieces)
-        return errors_by_scope(self.series, span_of_phase(self.recording.phases, number), complete=complete)
+        span = span_of_phase(self.recording.phases, number)
+        return errors_by_scope(self.series, span, complete=self.finished_phase(number))
 
     def record(self, ideal: "Run") -> RungRecord:
         """The run as compare.json has it.

@@ -94,17 +94,6 @@ class Plan:
         )
 
 
-def _require_readable(source: str, grid: Mapping[str, Any] | None, overrides: Mapping[str, Any] | None) -> None:
-    """Raise a ScenarioError or InputError where an argument of `load_plan` has the wrong type or a path is no path."""
-    require_type("source", source, str, "the name of a study or scenario, or the path of its file")
-    require_mapping("grid", grid, "a mapping of field paths to lists of values")
-    require_mapping("overrides", overrides, "a mapping of field paths to values")
-    for option, paths in (("--set", overrides), ("--grid", grid)):
-        with in_field(option):
-            for path in paths or ():
-                split_path(path)
-
-
 def load_plan(
     source: str,
     *,
@@ -140,27 +129,39 @@ def load_plan(
         ScenarioError: a file does not exist, is not valid or names what lies outside its directory, fields clash, or no
             point is valid.
     """
-    _require_readable(source, grid, overrides)
+    require_type("source", source, str, "the name of a study or scenario, or the path of its file")
+    _require_paths("overrides", "--set", overrides, "a mapping of field paths to values")
+    _require_paths("grid", "--grid", grid, "a mapping of field paths to lists of values")
     read = _read(source)
-    study = read.study
     law = _law(read, controller, source)
+    engine = engine or ("fused" if device == "gpu" or batch else None)
+    chosen = {"backend": backend, "engine": engine, "device": device, "measure": measure}
     changes = {
-        **_typed(source, study, grid or {}, overrides or {}),
-        "trajectories": study.trajectories or trajectories,
-        "backend": backend or study.backend,
-        "engine": engine or ("fused" if device == "gpu" or batch else study.engine),
-        "device": device or study.device,
-        "batch": batch or study.batch,
-        "measure": measure or study.measure,
+        **_typed(source, read.study, grid or {}, overrides or {}),
+        **{field: value for field, value in chosen.items() if value},
+        "trajectories": read.study.trajectories or trajectories,
+        "batch": batch or read.study.batch,
         "controller": law.label if law else None,
     }
     if seeds is not None:
         changes["seeds"] = {"start": seeds[0], "stop": seeds[1]}
-    study = _validated({**study.model_dump(exclude_none=True), **changes}, source)
+    study = _validated({**read.study.model_dump(exclude_none=True), **changes}, source)
     files = _vehicle_files(read.scenario, study, read.directory)
     plan = replace(read, study=study, files=files, points=list(points_of(study)), law=law)
     scenario = _a_valid_point(plan)
     return replace(plan, seed_matters=scenario.uses_seed(study.backend) or "swarm" in read.scenario)
+
+
+def _require_paths(name: str, option: str, fields: Any, expected: str) -> None:
+    """Refuse an argument that is neither None nor a mapping whose keys are paths of fields.
+
+    Raises:
+        InputError: It is not that.
+    """
+    require_mapping(name, fields, expected)
+    with in_field(option):
+        for path in fields or ():
+            split_path(path)
 
 
 def _typed(
