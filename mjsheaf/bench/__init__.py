@@ -171,23 +171,31 @@ def run_bench(
         InputError: an unknown topic, or one that is not installed, or peers without theirs, or a Python that measures
             none.
     """
-    available = [topic for topic, module in TOPICS.items() if _is_available(module)]
-    for topic in topics or ():
-        if topic not in TOPICS:
-            raise InputError(f"unknown topic {topic!r}; expected {', '.join(available)}")
-        if topic not in available:
-            raise InputError(f"topic {topic!r} needs mjsheaf's source tree; expected {', '.join(available)}")
-    chosen = [topic for topic in available if not topics or topic in topics]
+    chosen = _choose(topics)
     if peers is not None and "peers" not in chosen:
         raise InputError(f"--peers {peers}: has no meaning without the topic peers; expected it among the topics")
+    options = {"peers": {"python": peers}}
     rows: list[Row] = []
     for done, topic in enumerate(chosen):
         progress("measuring", done, len(chosen))
-        measure = _load(topic)
-        rows += measure(short, python=peers) if topic == "peers" else measure(short)
+        rows += _load(topic)(short, **options.get(topic, {}))
     progress("measuring", len(chosen), len(chosen))
     figures = {topic: {row.what: row.ours for row in rows if row.topic == topic} for topic in chosen}
     return {"machine": machine(), "short": short, "figures": figures, "rows": [asdict(row) for row in rows]}
+
+
+def _choose(topics: Sequence[str] | None) -> list[str]:
+    """Return the topics to measure, in the order of TOPICS: these, or all that are installed.
+
+    Raises:
+        InputError: One is unknown, or not installed.
+    """
+    available = [topic for topic, module in TOPICS.items() if _is_available(module)]
+    unknown = next((topic for topic in topics or () if topic not in available), None)
+    if unknown is not None:
+        fault = f"topic {unknown!r} needs mjsheaf's source tree" if unknown in TOPICS else f"unknown topic {unknown!r}"
+        raise InputError(f"{fault}; expected {', '.join(available)}")
+    return [topic for topic in available if topic in (topics or available)]
 
 
 def _is_available(module: str) -> bool:

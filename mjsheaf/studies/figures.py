@@ -1,7 +1,7 @@
 """Figures of a study, which answer what was asked: error against what was swept, and how often runs end well."""
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
@@ -243,29 +243,29 @@ def _draw(title: str, axes: list[SweptAxis], values: dict[str, Array], ends: End
         kinds = [partial(_marginal, axis=axis, over=over) for axis in axes[:_MOST_AXES]]
     else:
         kinds = [_distribution]
-    columns = len(kinds) if len(kinds) > 1 else min(len(values), 2)
-    rows = -(-len(values) * len(kinds) // columns)
     upright = [len(max(axis.labels, key=len)) for axis in axes if axis.upright and not axis.numeric]
-    figure = _figure(columns, rows, title, 0.065 * max(upright, default=0))
-    panels = figure.subplots(rows, columns, squeeze=False)
-    for panel in panels.flat[len(values) * len(kinds) :]:
-        panel.set_visible(False)
-    handles: dict[str, Any] = {}
-    for panel, ((label, y), kind) in zip(panels.flat, product(values.items(), kinds), strict=False):
+    columns = len(kinds) if len(kinds) > 1 else min(len(values), 2)
+    figure, panels = _panels(len(values) * len(kinds), columns, title, 0.065 * max(upright, default=0))
+    for panel, ((label, y), kind) in zip(panels, product(values.items(), kinds), strict=True):
         kind(panel, label, y, ends)
-        handles |= dict(zip(*reversed(panel.get_legend_handles_labels()), strict=True))
+    handles = _handles_of(panels)
     if handles.keys() - {_SETTLED}:  # which needs no legend where there is nothing else
         legend_below(figure, list(handles.values()), 3)
     settle(figure)
-    for panel in panels.flat:
+    for panel in panels:
         _drop_what_does_not_fit(panel)
     return figure
 
 
-def _figure(columns: int, rows: int, title: str, below: float = 0.0) -> Figure:
-    """A figure for so many panels, with room below each, in."""
+def _panels(count: int, columns: int, title: str, below: float = 0.0) -> tuple[Figure, list[Any]]:
+    """Return a figure and its panels, in rows of so many columns, with room below each, in."""
+    rows = -(-count // columns)
     width = max(WIDTH if columns > 1 else 0.65 * WIDTH, _PANEL * columns)
-    return new_figure(width, 0.6 + (2.7 + below) * rows, title)
+    figure = new_figure(width, 0.6 + (2.7 + below) * rows, title)
+    panels = list(figure.subplots(rows, columns, squeeze=False).flat)
+    for panel in panels[count:]:
+        panel.set_visible(False)
+    return figure, panels[:count]
 
 
 def _drop_what_does_not_fit(panel: Any) -> None:
@@ -311,13 +311,8 @@ def _draw_messages(title: str, axes: list[SweptAxis], errors: dict[str, Array], 
     """Errors against numbers that an agent sends a second; a line for each value of the one field that changes none."""
     others = [a for a in axes if pd.Series(sent).groupby(a.index).nunique().max() > 1]
     lines = others[0] if len(others) == 1 and len(others[0].places) <= _MOST_LINES else None
-    columns = min(len(errors), 2)
-    rows = -(-len(errors) // columns)
-    figure = _figure(columns, rows, title)
-    panels = figure.subplots(rows, columns, squeeze=False)
-    for panel in panels.flat[len(errors) :]:
-        panel.set_visible(False)
-    for panel, (label, y) in zip(panels.flat, errors.items(), strict=False):
+    figure, panels = _panels(len(errors), min(len(errors), 2), title)
+    for panel, (label, y) in zip(panels, errors.items(), strict=True):
         label_axes(panel, "", "numbers that an agent sends (1/s)", label, which="major")
         known = np.isfinite(y) & np.isfinite(sent)
         for k, name in enumerate(lines.labels if lines else [""]):
@@ -330,15 +325,14 @@ def _draw_messages(title: str, axes: list[SweptAxis], errors: dict[str, Array], 
         if _spans_decades(y[known]):
             log_axis(panel, "y", y[known])
     if lines:
-        handles = panels.flat[0].get_legend_handles_labels()[0]
+        handles = panels[0].get_legend_handles_labels()[0]
         legend_below(figure, handles, 6, title=lines.name)
     return figure
 
 
 def _draw_bound(title: str, ratios: dict[str, Array]) -> Figure:
     """How many runs used which share of Theorem 1's bound, with the bound itself."""
-    figure = _figure(len(ratios), 1, title)
-    panels = figure.subplots(1, len(ratios), squeeze=False)[0]
+    figure, panels = _panels(len(ratios), len(ratios), title)
     for panel, (label, known) in zip(panels, ratios.items(), strict=True):
         middle, half = 0.5 * (known.min() + known.max()), max(0.5 * np.ptp(known), _NARROWEST)
         edges = np.linspace(middle - half, middle + half, min(_MOST_BINS, 2 + int(np.sqrt(len(known)))))
@@ -353,11 +347,13 @@ def _draw_bound(title: str, ratios: dict[str, Array]) -> Figure:
         panel.axvline(1.0, color="black", linewidth=1.2, linestyle="--", label="the bound of Theorem 1")
         heading = f"{len(known)} runs, {(known > BROKEN).sum()} beyond the bound"
         label_axes(panel, heading, label, "share of runs", which="major")
-    handles: dict[str, Any] = {}
-    for panel in panels:
-        handles |= dict(zip(*reversed(panel.get_legend_handles_labels()), strict=True))
-    legend_below(figure, list(handles.values()), 3)
+    legend_below(figure, list(_handles_of(panels).values()), 3)
     return figure
+
+
+def _handles_of(panels: Iterable[Any]) -> dict[str, Any]:
+    """Return the handles of the legend of some panels, by label."""
+    return {label: handle for panel in panels for handle, label in zip(*panel.get_legend_handles_labels(), strict=True)}
 
 
 def _fill_a_grid(axes: list[SweptAxis]) -> bool:
