@@ -138,23 +138,35 @@ def choose_rungs(record: CompareRecord) -> tuple[list[RungRecord], str]:
     All with one effect are drawn but those whose line is that of ideal thrusters, and, beyond 10 lines, those that do
     least.
     """
-    law = [rung for rung in record.ladder if rung.key in ("all-terms", "all-links")]
-    base, fixed = record.rung("base"), ("targets", "agents", "base", "all", "ideal", *(rung.key for rung in law))
+    keys = {rung.key for rung in record.ladder}
+    begin = [record.rung(key) for key in ("targets", "agents", "base")]
+    end = [record.rung(key) for key in ("all-terms", "all-links", "all", "ideal") if key in keys]
     alone = [rung for rung in record.ladder if rung.kind == "alone"]
-    same = [r for r in alone if (r.status, r.errors, r.distance) == (base.status, base.errors, base.distance)]
+    same = [rung for rung in alone if _line_of(rung) == _line_of(begin[-1])]
     others = [rung for rung in alone if rung not in same]
-
-    def weight(rung: RungRecord) -> float:
-        return np.inf if rung.distance is None or rung.status != "finished" else rung.distance.distance_m
-
-    kept = sorted(others, key=weight, reverse=True)[: _MOST_LINES - len(fixed)]
+    kept = sorted(others, key=_weight, reverse=True)[: _MOST_LINES - len(begin) - len(end)]
+    shown = [rung for rung in others if rung in kept]
     small = [rung for rung in others if rung not in kept]
-    shown = [*(record.rung(key) for key in fixed[:3]), *(rung for rung in others if rung in kept)]
-    groups = [(same, "as ideal thrusters"), (small, "little")]
-    missing = [f"{', '.join(display_name(r.effect or '') for r in rungs)} ({why})" for rungs, why in groups if rungs]
+    missing = [*_named(same, "as ideal thrusters"), *_named(small, "little")]
     missing += ["all but one"] if any(rung.kind == "without" for rung in record.ladder) else []
     footnote = f"not drawn: {'; '.join(missing)}" if missing else ""
-    return [*shown, *law, record.rung("all"), record.rung("ideal")], footnote
+    return [*begin, *shown, *end], footnote
+
+
+def _line_of(rung: RungRecord) -> tuple[Any, ...]:
+    """Return what the line of a rung depends on."""
+    return rung.status, rung.errors, rung.distance
+
+
+def _weight(rung: RungRecord) -> float:
+    """Return how far a rung is from the ideal run, m; infinite if it blew up."""
+    return np.inf if rung.distance is None or rung.status != "finished" else rung.distance.distance_m
+
+
+def _named(rungs: list[RungRecord], reason: str) -> list[str]:
+    """Return the effects of rungs that are not drawn and the reason, if there are any."""
+    effects = [display_name(rung.effect or "") for rung in rungs]
+    return [f"{', '.join(effects)} ({reason})"] if effects else []
 
 
 def farthest(run: Run, ideal: Run) -> Array:

@@ -2,7 +2,7 @@
 
 from functools import partial
 from io import StringIO
-from itertools import accumulate
+from itertools import accumulate, groupby
 from pathlib import Path
 
 import xarray as xr
@@ -118,25 +118,11 @@ def _gains(record: CompareRecord) -> list[Group]:
 
 def _ladder(record: CompareRecord) -> Group:
     table = _table("rung", "tracking", "formation", "settles (s)", "distance", "last half", "who, when", "limited")
-    for rung, following in zip(record.ladder, [*record.ladder[1:], None], strict=True):
-        far, near = rung.distance, rung.distance_late
-        cells: list[Text | str | None] = [Text("BLOWS UP", style="bold red"), *[""] * 6]
-        if rung.status == "finished":
-            cells = [
-                *(_late_and_final(rung, name) for name in (TRACKING, FORMATION)),
-                _number(rung.settling_time_s) if rung.ending in ("settled", None) else rung.ending,
-                *[""] * 3,
-                f"{100 * rung.saturation[0].share:.1f}%" if rung.saturation else "",
-            ]
-            if rung.kind != "ideal":
-                who = f"{near.agent}, {near.time_s:.4g}" if near else ""
-                cells[3:6] = [*(_number(d.distance_m if d else None) for d in (far, near)), who]
-        table.add_row(
-            rung.label,
-            *cells,
-            style="bold" if rung.kind in ("ideal", "all") and rung.status == "finished" else None,
-            end_section=following is None or _SECTION[rung.kind] != _SECTION[following.kind],
-        )
+    for _, rungs in groupby(record.ladder, key=lambda rung: _SECTION[rung.kind]):
+        for rung in rungs:
+            bold = rung.kind in ("ideal", "all") and rung.status == "finished"
+            table.add_row(rung.label, *_cells(rung), style="bold" if bold else None)
+        table.add_section()
     usual = record.rung("all").timestep_s
     finer = ", ".join(r.label for r in record.ladder if r.timestep_s not in (None, usual))
     telling = record.measure.removesuffix("_error")
@@ -153,6 +139,23 @@ def _ladder(record: CompareRecord) -> Group:
     notes += [f"{r.label}: {r.message}" for r in record.ladder if r.status != "finished"]
     title = "ladder: errors in m, over the last half / at the end; largest distance to the ideal run in m"
     return _under(title, table, *notes)
+
+
+def _cells(rung: RungRecord) -> list[Text | str | None]:
+    """Return the cells of a rung in the table of the ladder."""
+    if rung.status != "finished":
+        return [Text("BLOWS UP", style="bold red"), *[""] * 6]
+    near = rung.distance_late
+    distances: list[str | None] = [""] * 3
+    if rung.kind != "ideal":
+        who = f"{near.agent}, {near.time_s:.4g}" if near else ""
+        distances = [*(_number(d.distance_m if d else None) for d in (rung.distance, near)), who]
+    return [
+        *(_late_and_final(rung, name) for name in (TRACKING, FORMATION)),
+        _number(rung.settling_time_s) if rung.ending in ("settled", None) else rung.ending,
+        *distances,
+        f"{100 * rung.saturation[0].share:.1f}%" if rung.saturation else "",
+    ]
 
 
 def _late_and_final(rung: RungRecord, measure: str) -> str:

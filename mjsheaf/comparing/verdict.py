@@ -286,25 +286,39 @@ def _lever(record: CompareRecord, scope: str) -> _Lever | None:
     budget = record.budget(scope, record.measure, "late")
     if budget.ideal_m is None or budget.all_m is None or budget.all_m <= ROUNDING:
         return None
-    cost, now = budget.all_m - budget.ideal_m, f"{budget.all_m:.3g} m now, {budget.ideal_m:.3g} m ideal"
     floor = budget.at_q_star_m
-    if floor is not None and budget.all_m > 0.0 and floor >= _LEAST_Q_STAR_SHARE * budget.all_m:
+    if floor is not None and floor >= _LEAST_Q_STAR_SHARE * budget.all_m:
         return _Lever(
             "the sheaf, not law or vehicles",
             f"q* itself is {floor:.3g} m out of formation (now {budget.all_m:.3g} m)",
             "give the edges between groups an `offset`, or weigh sensing and formation edges more against them",
         )
-    known = _ranked(budget)
+    now = f"{budget.all_m:.3g} m now, {budget.ideal_m:.3g} m ideal"
+    effects = _ranked(budget)
     limit = record.limit_costs(scope, record.measure, "all") or 0.0
-    if 0.0 < limit >= _LEAST_CAUSE_SHARE * budget.all_m and (not known or limit >= known[0][0]):
+    if 0.0 < limit >= _LEAST_CAUSE_SHARE * budget.all_m and limit >= max(effects, default=(limit, ""))[0]:
         less = f"without it the error would be {limit:.2g} m less ({now})"
         return _Lever("the velocity limit", less, _raise_limit(record))
+    cost = budget.all_m - budget.ideal_m
     if cost <= _LEAST_BODY_SHARE * budget.all_m:
         return _Lever("the law, not the vehicles", now, _law(record, "more agents that sense", "slower targets"))
-    changes = _changes(record)
-    if known and known[0][0] >= _LEAST_CAUSE_SHARE * cost:
-        (most, effect), others = known[0], known[1:2]
-        then = "".join(f"; then {display_name(e)} with {x:.2g} m: {changes[e]}" for x, e in others if x >= 0.5 * most)
+    return _lever_of_bodies(budget, _changes(record), cost, now)
+
+
+def _lever_of_bodies(budget: BudgetRecord, changes: dict[str, str], cost: float, now: str) -> _Lever:
+    """Return what would lower most the part of an error that bodies add.
+
+    Args:
+        budget: Budget of the error.
+        changes: Advice for each effect.
+        cost: Part that bodies add, m.
+        now: The error in words.
+    """
+    effects = _ranked(budget)
+    if effects and effects[0][0] >= _LEAST_CAUSE_SHARE * cost:
+        most, effect = effects[0]
+        others = [(x, other) for x, other in effects[1:2] if x >= 0.5 * most]
+        then = "".join(f"; then {display_name(e)} with {x:.2g} m: {changes[e]}" for x, e in others)
         less = f"without it the error would be {most:.2g} m less ({now})"
         return _Lever(display_name(effect), less, f"{changes[effect]}{then}")
     share, who = max((budget.agents_m or 0.0, "agents"), (budget.targets_m or 0.0, "targets"))
