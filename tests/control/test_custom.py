@@ -344,7 +344,7 @@ def test_other_constants_are_another_term() -> None:
 
 
 def test_events_keep_what_terms_remember_and_name_no_file(file: Path) -> None:
-    steeper = {"time": 0.5, "set": {"controller.custom.steeper": {"parameters": {"gain": 0.0}}}}
+    steeper: dict[str, Any] = {"time": 0.5, "set": {"controller.custom.steeper": {"parameters": {"gain": 0.0}}}}
     scenario = with_term(file, "summed", {"gain": 5.0})
     expected = mjsheaf.simulate(scenario, backend="ideal")
     found = mjsheaf.simulate(with_term(file, "summed", {"gain": 5.0}, events=[steeper]), backend="ideal")
