@@ -1,5 +1,6 @@
 """The figures of a comparison: errors of the rungs over time, the error budget, convergence in the time constant."""
 
+from operator import attrgetter
 from pathlib import Path
 from textwrap import fill
 from typing import Any
@@ -9,7 +10,7 @@ import numpy as np
 from mjsheaf.arrays import Array
 from mjsheaf.comparing.ladder import Run, RungRecord, display_name
 from mjsheaf.comparing.measures import FORMATION, RMS_OVER, TEAM, TRACKING, BudgetRecord, distances
-from mjsheaf.comparing.verdict import CompareRecord, PhaseRecord
+from mjsheaf.comparing.verdict import CompareRecord
 from mjsheaf.io.figures import AS_USUAL, FigureOptions
 from mjsheaf.plotting import (
     BLUE,
@@ -33,6 +34,7 @@ from mjsheaf.runs.figures import mark_times
 
 _ALL, _BASE, _GREY = RED, "#8A94A6", "#C4CAD4"
 _GREYS = {0: "#7B8494", 1: "#5B6472", 2: "#2F3A4A"}  # of the first three rungs, which have no effect yet
+_line_of = attrgetter("status", "errors", "distance")  # what the line of a rung depends on
 _MOST_LINES, _MOST_POINTS, _MOST_PANELS = 10, 1500, 4
 
 
@@ -76,7 +78,8 @@ def plot_rungs(record: CompareRecord, runs: dict[str, Run], path: Path, options:
         mark_times(axis, [phase.start for phase in record.phases if phase.events])
         label_ends(axis, ends)
     words = "time (s); the error budget of the whole run counts the shaded half\n" + fill(footnote, 80)
-    happened = [f"{k}: {', '.join(p.events)} ({p.start:.6g} s)" for k, p in enumerate(_with_events(record), 1)]
+    eventful = [phase for phase in record.phases if phase.events]
+    happened = [f"{k}: {', '.join(phase.events)} ({phase.start:.6g} s)" for k, phase in enumerate(eventful, 1)]
     words += "\n" + fill("   ".join(happened), 100)
     panels[-1].set_xlabel(words.strip(), fontsize=NORMAL)
     figure.align_ylabels(panels)
@@ -153,11 +156,6 @@ def choose_rungs(record: CompareRecord) -> tuple[list[RungRecord], str]:
     return [*begin, *shown, *end], footnote
 
 
-def _line_of(rung: RungRecord) -> tuple[Any, ...]:
-    """Return what the line of a rung depends on."""
-    return rung.status, rung.errors, rung.distance
-
-
 def _weight(rung: RungRecord) -> float:
     """Return how far a rung is from the ideal run, m; infinite if it blew up."""
     return np.inf if rung.distance is None or rung.status != "finished" else rung.distance.distance_m
@@ -173,10 +171,6 @@ def farthest(run: Run, ideal: Run) -> Array:
     """Compute the distance of the present agent farthest from its ideal run at each sample, shape (T,), m."""
     apart = distances(run.trajectory, ideal.trajectory)
     return np.where(run.recording.present[: len(apart)], apart, 0.0).max(axis=1)
-
-
-def _with_events(record: CompareRecord) -> list[PhaseRecord]:
-    return [phase for phase in record.phases if phase.events]
 
 
 def _style(rung: RungRecord, k: int) -> dict[str, Any]:

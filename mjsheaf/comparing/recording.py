@@ -1,6 +1,6 @@
 """Runs in memory, with events or without: their samples as one, phase by phase, and as the dataset of a plain run."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -71,15 +71,12 @@ class Recording:
 
     def series(self) -> Series:
         """Compute the errors of the team and of its groups over time."""
-        return _joined([error_series(piece.system, piece.positions) for piece in self.pieces])
+        return _joined(error_series(piece.system, piece.positions) for piece in self.pieces)
 
     def series_at_q_star(self) -> Series:
         """Compute the errors over time with every agent at its harmonic extension."""
-        parts = []
-        for piece in self.pieces:
-            placed = positions_at_q_star(piece.system, piece.positions)
-            parts.append(error_series(piece.system, placed))
-        return _joined(parts)
+        placed = ((piece.system, positions_at_q_star(piece.system, piece.positions)) for piece in self.pieces)
+        return _joined(error_series(system, positions) for system, positions in placed)
 
     def dataset(self, backend: str, seed: int) -> "xr.Dataset":
         """Gather the run as `simulate` returns it."""
@@ -100,9 +97,10 @@ def record_run(
     return Recording(tuple(phases), pieces, controller)
 
 
-def _joined(parts: list[Series]) -> Series:
+def _joined(parts: Iterable[Series]) -> Series:
     """Join errors over time that follow one another."""
+    first, *others = parts
     return {
-        scope: {name: np.concatenate([part[scope][name] for part in parts]) for name in own}
-        for scope, own in parts[0].items()
+        scope: {name: np.concatenate([x, *(part[scope][name] for part in others)]) for name, x in own.items()}
+        for scope, own in first.items()
     }

@@ -175,28 +175,29 @@ def _check_place(path: Path) -> None:
     Raises:
         PlaceError: naming what is in the way.
     """
+    obstacle = _obstacle_around(path) or _obstacle_inside(path)
+    if obstacle:
+        raise PlaceError(f"{path}: {obstacle}; choose another --out")
 
-    def refuse(why: str) -> None:
-        raise PlaceError(f"{path}: {why}; choose another --out")
 
+def _obstacle_around(path: Path) -> str:
+    """Return in which other directory a place lies; empty if in none."""
     run = enclosing_run(path)
     if run is not None:
-        refuse(f"lies inside {run}, the directory of a run")
+        return f"lies inside {run}, the directory of a run"
     study = next((place for place in Path(os.path.realpath(path)).parents if _study_in(place) is not None), None)
-    if study is not None:
-        refuse(f"lies inside {study}, the directory of a study")
-    if not path.exists() and not path.is_symlink():
-        return
+    return "" if study is None else f"lies inside {study}, the directory of a study"
+
+
+def _obstacle_inside(path: Path) -> str:
+    """Return what a place is or holds that is no study; empty if there is nothing."""
     if not path.is_dir():
-        refuse("exists and is not a directory")
+        return "exists and is not a directory" if path.exists() or path.is_symlink() else ""
     if (path / _STUDY).exists():
-        if _study_in(path) is None:
-            refuse(f"its {_STUDY} is no study of mjsheaf")
-        return
+        return f"its {_STUDY} is no study of mjsheaf" if _study_in(path) is None else ""
     # Without study.json, which is written first, nothing else can be ours.
     strange = sorted(p.name for p in path.iterdir() if p.name != _LOCK and not is_part_of(p.name, [_STUDY]))
-    if strange:
-        refuse(f"holds {strange[0]!r} and no study")
+    return f"holds {strange[0]!r} and no study" if strange else ""
 
 
 def _begin(path: Path, plan: Plan) -> None:
