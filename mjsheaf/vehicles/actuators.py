@@ -591,7 +591,8 @@ def _aim_rudder(channels, k, velocity, rates, act, ctrl):
             sine = facing * (across + 2.0 * side / (rudder.normal * square))
             drift = np.arcsin(facing * across)
             deflection = 0.5 * (drift + np.arcsin(min(max(sine, -1.0), 1.0)))
-            deflection = min(max(deflection, drift - most, rudder.low), drift + most, rudder.high)
+            deflection = min(max(deflection, drift - most), drift + most)
+            deflection = min(max(deflection, rudder.low), rudder.high)
             thrust = x - _blade_force(rudder, a, b, deflection)[0]
         now = act[rudder.state]
         ctrl[k] = at_most(thrust, propeller.low, propeller.high)

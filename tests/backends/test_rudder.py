@@ -127,6 +127,13 @@ def aimed(effort: Any, velocity: Any = STILL, turn: Any = STILL, channels: Any =
     return ctrl
 
 
+@given(st.floats(0.0, MOST), st.floats(-MOST, MOST), st.floats(-3.0, 3.0), st.floats(-4.0, 4.0))
+def test_allocation_is_mirrored_whatever_the_drift(ahead: float, side: float, u: float, v: float) -> None:
+    one = aimed([ahead, side], [u, v, 0.0])
+    other = aimed([ahead, -side], [u, -v, 0.0])
+    np.testing.assert_allclose(other, one * [1.0, -1.0], rtol=1e-9, atol=1e-9)
+
+
 @settings(max_examples=300)
 @given(st.floats(1.0, 0.95 * MOST), st.floats(-1.0, 1.0), st.floats(0.0, 3.0), st.floats(-0.1, 0.1))
 def test_efforts_that_are_feasible_at_rest_are_made_at_any_speed_ahead(
