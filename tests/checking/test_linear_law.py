@@ -13,6 +13,7 @@ import pytest
 from mjsheaf.arrays import Array
 from mjsheaf.checking.loop import linear_law
 from mjsheaf.checking.loop.body_loop import _joined
+from mjsheaf.checking.loop.delay import _limit
 from mjsheaf.checking.loop.held_law import _noise, law_loop, loop_of
 from mjsheaf.checking.loop.linear_law import model_of
 from mjsheaf.checking.loop.sampled_loop import DelayedLoop, Loop
@@ -69,6 +70,19 @@ def test_running_the_law_gives_the_loop_derived_by_hand(names: tuple[str, ...], 
         if sign < 0.0:
             expected = found
     np.testing.assert_allclose(np.abs(found), np.abs(expected), rtol=0.0, atol=1e-10)
+
+
+@pytest.mark.parametrize("gain", [0.1, 0.5, 2.5])
+@pytest.mark.parametrize("rounds", [5, 8, 13, 21])
+def test_many_rounds_leave_rounding_and_no_other_loop(rounds: int, gain: float) -> None:
+    """What rounds leave is small beside what cancels in the law: the loop has the factors of the law unreduced."""
+    both = {"controller.newton": {"rounds": rounds}, "controller.feedforward": {"rounds": rounds}}
+    system = mjsheaf.load_scenario("swarm", {"swarm.size": 9, "controller.gain": gain, **both}).system
+    loop = loop_of(system)
+    whole = loop.law.feedback(np.eye(loop.law.A.shape[1])).closed(loop.period)
+    assert loop.radius == pytest.approx(float(np.abs(np.linalg.eigvals(whole)).max()), abs=1e-11)
+    by_hand = derived(system, loop).own
+    assert loop.radius == pytest.approx(float(np.abs(np.linalg.eigvals(by_hand)).max()), abs=1e-10)
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -220,3 +234,11 @@ def test_a_law_that_is_not_linear_is_undecided(term: Callable[[Array], Array], m
     assert record.unmodelled == ["term drift"]
     assert record.stable is None
     assert "because of term drift" in record.reason
+
+
+def test_one_eigenvalue_that_rounds_meet_exactly() -> None:
+    """The law then remembers nothing, and its delay is decided all the same."""
+    system = mjsheaf.load_scenario("midpoint", {"controller.newton": {"rounds": 5}, "controller.drift": {}}).system
+    loop = loop_of(system)
+    assert loop.feedback.A.shape[1:] == (0, 0)
+    assert _limit(loop, 0) is not None

@@ -142,9 +142,9 @@ def _limit(loop: Loop, one: int) -> float | None:
     A, b, c, d = (part[one] for part in (loop.feedback.A, loop.feedback.b, loop.feedback.c, loop.feedback.d))
     if len(A) and np.abs(np.linalg.eigvals(A)).max() > 1.0 + _ROUNDING:
         return None  # Nyquist's count would need the poles outside the circle
-    below = np.atleast_1d(np.poly(A))  # of L, powers of z descending
+    below = _characteristic(A)  # of L, powers of z descending
     # c adj(z - A) b = det(z - A + b c) - det(z - A)
-    above = -loop.period * (np.atleast_1d(np.poly(A - np.outer(b, c))) + (d - 1.0) * below)
+    above = -loop.period * (_characteristic(A - np.outer(b, c)) + (d - 1.0) * below)
     below = np.convolve(below, [1.0, -1.0])
     above = np.concatenate([[0.0], above])
     square = [np.correlate(p, p, "full")[len(p) - 1 :] for p in (below, above)]
@@ -157,6 +157,11 @@ def _limit(loop: Loop, one: int) -> float | None:
     z = np.exp(1j * theta)
     L = np.polyval(above, z) / np.polyval(below, z)
     return float(((np.angle(L) + np.pi) % (2.0 * np.pi)) / theta)
+
+
+def _characteristic(A: Array) -> Array:
+    """Return the coefficients of det(z - A), of z descending; of a matrix without rows, 1."""
+    return np.atleast_1d(np.poly(np.linalg.eigvals(A)))
 
 
 def papers_answer(gain: float, period: float, largest: float, delay: IntArray, linked: BoolArray) -> DelayAnswer:

@@ -136,6 +136,7 @@ def _invariant_basis(A: Array, b: Array, size: Array) -> Array:
         rest = pending - pending @ basis @ basis.T
         _, sizes, rows = np.linalg.svd(rest, full_matrices=False)
         found = rows[sizes > _NEGLIGIBLE * np.sqrt(max(len(rest), 1))]
+        found = np.linalg.qr((found - found @ basis @ basis.T).T)[0].T  # a small rest is hardly orthogonal to the basis
         basis = np.column_stack([basis, found.T])
         pending = (A @ found.T).swapaxes(1, 2).reshape(-1, n)
         size = (np.abs(A) @ np.abs(found.T)).swapaxes(1, 2).reshape(-1, n)
@@ -223,7 +224,10 @@ class LawModel:
         key = values.tobytes()
         basis = self._bases.get(key)
         if basis is None:
-            basis = self.at(_GENERIC_GAIN, values).basis  # the gain 0 would hide what is remembered
+            # What is affine in the gain keeps a space at every gain if it does at two.
+            one, two = (self.at(k, values) for k in (_GENERIC_GAIN, 2.0 * _GENERIC_GAIN))
+            A, B, C, D = (np.concatenate([getattr(one, name), getattr(two, name)]) for name in "ABCD")
+            basis = LinearLaw(A, B, C, D, -1).basis
             self._bases = {key: basis}
         return self.at(gain, values).feedback(basis)
 
