@@ -1,4 +1,4 @@
-"""`mjsheaf check` and `mjsheaf compare`."""
+"""`mjsheaf check`."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -6,25 +6,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mjsheaf.cli.options import (
-    ControllerOption,
-    Engine,
-    EngineOption,
-    FormatOption,
     NotHeldError,
-    OutOption,
     ScenarioArgument,
-    SeedOption,
     SetOption,
-    ThreadsOption,
     TitleOption,
-    VideoOption,
     changes_of,
-    figure_options,
-    prepare,
     require_file_name,
 )
-from mjsheaf.cli.terminal import make_console, print_lines, print_note, progress_bars
-from mjsheaf.errors import InputError, UnstableError, in_field
+from mjsheaf.cli.terminal import make_console, print_lines
+from mjsheaf.errors import InputError
 from mjsheaf.io.figures import AS_USUAL, FORMATS, FigureOptions
 
 if TYPE_CHECKING:
@@ -191,51 +181,3 @@ def _failures_of_links(links: "LinkRecord | None") -> "Iterator[str]":
     if links is not None and links.stable is False:
         known = links.delay_margin is not None and not links.delay.stable
         yield UNSTABLE_LINKS + (f"; it bears up to {links.delay_margin:.6g} s of delay" if known else "")
-
-
-def compare(
-    scenario: ScenarioArgument,
-    overrides: SetOption = None,
-    seed: SeedOption = None,
-    out: OutOption = None,
-    video: VideoOption = True,
-    formats: FormatOption = "png",
-    title: TitleOption = True,
-    engine: EngineOption = Engine.MUJOCO,
-    threads: ThreadsOption = None,
-    controller: ControllerOption = None,
-) -> None:
-    """Compare ideal kinematics with bodies: what each effect costs, and what to change.
-
-    Climbs a ladder from the theory's kinematics to the scenario's own bodies, one effect at a time. In a scenario with
-    events every variant runs the same phases, and each phase has its own error budget. Writes
-    compare.json, report.txt, errors.png, budget.png, convergence.png, scenario.yaml and compare.mp4 (ideal left,
-    bodies right) into the directory, runs/NAME-compare unless given.
-    """
-    from mjsheaf.comparing.report import WIDTH, publish, report
-    from mjsheaf.control.source import find_law
-
-    figures = figure_options(formats, title)
-    loaded, directory, origin = prepare(scenario, overrides, seed, out, "physics", "compare")
-    law = None if controller is None else find_law(controller)
-    with in_field(scenario), progress_bars() as bars:
-        record, notes, replaced = publish(
-            loaded,
-            directory,
-            video=video,
-            engine=str(engine),
-            threads=threads,
-            law=law,
-            origin=origin,
-            figures=figures,
-            progress=bars,
-        )
-    for note in notes:
-        print_note(note)
-    console = make_console()
-    console.width = max(console.width, WIDTH)
-    console.print(report(record))
-    print_lines(*filter(None, [replaced]), *(f"  {path}" for path in sorted(directory.iterdir())))
-    for rung in map(record.rung, ("ideal", "all")):
-        if rung.status != "finished":
-            raise UnstableError(f"{rung.label}: {rung.message}; what was found is in {directory}")

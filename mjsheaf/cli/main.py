@@ -13,11 +13,10 @@ from typing import Annotated, Any
 import typer
 
 from mjsheaf._version import __version__
-from mjsheaf.cli.check import check, compare
-from mjsheaf.cli.listing import bench, list_, schema
-from mjsheaf.cli.new import new
+from mjsheaf.cli.check import check
+from mjsheaf.cli.compare import compare, compare_runs
+from mjsheaf.cli.listing import bench, list_, new, schema
 from mjsheaf.cli.run import expect, plot, report, run, video
-from mjsheaf.cli.runs import compare_runs
 from mjsheaf.cli.sweep import sweep
 from mjsheaf.cli.terminal import Stopped, open_streams, raise_if_stopped, stoppable, was_stopped
 from mjsheaf.errors import InputError, MjsheafError, printable

@@ -122,8 +122,11 @@ def open_streams() -> None:
         sys.stdout.reconfigure(errors="backslashreplace")
 
 
-def make_console(**options: Any) -> "Console":
-    """A console that has some width, whatever the terminal or COLUMNS says."""
+def make_console(min_width: int = 20, **options: Any) -> "Console":
+    """Make a console at least so many columns wide, whatever the terminal or COLUMNS says.
+
+    In fewer columns than the default a table has no room for its text.
+    """
     from rich.console import Console
 
     class Cleaned(Console):
@@ -134,7 +137,7 @@ def make_console(**options: Any) -> "Console":
                 yield segment if segment.control else segment._replace(text=printable(segment.text))
 
     console = Cleaned(highlight=False, emoji=False, **options)
-    console.width = max(console.width, 20)  # columns; in fewer, a table has no room for its text
+    console.width = max(console.width, min_width)
     return console
 
 

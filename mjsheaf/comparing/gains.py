@@ -78,10 +78,9 @@ def examine_gain(
         limits.append(GainLimitRecord(gain=largest_stable, kind="unstable", effect="loop", agent=""))
     factors = _factors(phases[0].system.gain, largest_stable)
     trials = [_trial(runs["all"], phases[0].system.gain)] if factors else []
+    variant = Variant("all", "higher gain", "all", runs["all"].variant.setup)
     for k, factor in enumerate(factors):
         progress("trying higher gains", k, len(factors))
-        setup = runs["all"].variant.setup
-        variant = Variant("all", "higher gain", "all", setup)
         raised = run_ablation(_with_gain(phases, factor), [variant])["all"]
         trials.append(_trial(raised, factor * phases[0].system.gain))
     return GainRecord(limits=sorted(limits, key=lambda limit: limit.gain), trials=trials)

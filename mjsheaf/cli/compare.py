@@ -1,18 +1,78 @@
-"""`mjsheaf compare-runs`."""
+"""`mjsheaf compare` and `mjsheaf compare-runs`."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mjsheaf.cli.options import FormatOption, OutOption, TitleOption, figure_options
-from mjsheaf.cli.terminal import make_console, make_table, print_lines, progress_bars
+from mjsheaf.cli.options import (
+    ControllerOption,
+    Engine,
+    EngineOption,
+    FormatOption,
+    OutOption,
+    ScenarioArgument,
+    SeedOption,
+    SetOption,
+    ThreadsOption,
+    TitleOption,
+    VideoOption,
+    figure_options,
+    prepare,
+)
+from mjsheaf.cli.terminal import make_console, make_table, print_lines, print_note, progress_bars
+from mjsheaf.errors import UnstableError, in_field
 
 if TYPE_CHECKING:
     from mjsheaf.comparing.overlay import RunsRecord
 
+_WIDTH = 120  # least on a terminal, as numbers must not be cut; that of report.txt
 
-_WIDTH = 120  # least on a terminal, as numbers must not be cut
+
+def compare(
+    scenario: ScenarioArgument,
+    overrides: SetOption = None,
+    seed: SeedOption = None,
+    out: OutOption = None,
+    video: VideoOption = True,
+    formats: FormatOption = "png",
+    title: TitleOption = True,
+    engine: EngineOption = Engine.MUJOCO,
+    threads: ThreadsOption = None,
+    controller: ControllerOption = None,
+) -> None:
+    """Compare ideal kinematics with bodies: what each effect costs, and what to change.
+
+    Climbs a ladder from the theory's kinematics to the scenario's own bodies, one effect at a time. In a scenario with
+    events every variant runs the same phases, and each phase has its own error budget. Writes
+    compare.json, report.txt, errors.png, budget.png, convergence.png, scenario.yaml and compare.mp4 (ideal left,
+    bodies right) into the directory, runs/NAME-compare unless given.
+    """
+    from mjsheaf.comparing.report import publish, report
+    from mjsheaf.control.source import find_law
+
+    figures = figure_options(formats, title)
+    loaded, directory, origin = prepare(scenario, overrides, seed, out, "physics", "compare")
+    law = None if controller is None else find_law(controller)
+    with in_field(scenario), progress_bars() as bars:
+        record, notes, replaced = publish(
+            loaded,
+            directory,
+            video=video,
+            engine=str(engine),
+            threads=threads,
+            law=law,
+            origin=origin,
+            figures=figures,
+            progress=bars,
+        )
+    for note in notes:
+        print_note(note)
+    make_console(_WIDTH).print(report(record))
+    print_lines(*filter(None, [replaced]), *(f"  {path}" for path in sorted(directory.iterdir())))
+    for rung in map(record.rung, ("ideal", "all")):
+        if rung.status != "finished":
+            raise UnstableError(f"{rung.label}: {rung.message}; what was found is in {directory}")
 
 
 def compare_runs(
@@ -61,9 +121,7 @@ def _print_record(record: "RunsRecord") -> None:
             _shown(run.distance_m),
         ]
         table.add_row(*map(Text, cells))
-    console = make_console()
-    console.width = max(console.width, _WIDTH)
-    console.print(table)
+    make_console(_WIDTH).print(table)
     print_lines(*(f"note: {note}" for note in record.notes))
 
 
