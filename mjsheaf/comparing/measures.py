@@ -146,11 +146,6 @@ def middle_of(system: System) -> float:
     return system.grid.start + 0.5 * system.grid.period * system.grid.steps
 
 
-def late(system: System, time: Array) -> BoolArray:
-    """Which samples lie in the last half of the requested run, shape (T,)."""
-    return np.asarray(time >= middle_of(system))
-
-
 def root_mean_square(values: Array, chosen: BoolArray) -> float:
     """RMS over the chosen samples whose values have a meaning; NaN where there are none."""
     known = values[chosen][~np.isnan(values[chosen])]

@@ -329,9 +329,10 @@ def _plot(comparison: Comparison, folder: Path, figures: FigureOptions) -> None:
 
 def _datasets(scenario: Scenario, comparison: Comparison) -> tuple[xr.Dataset, xr.Dataset]:
     """The runs on ideal kinematics and on the bodies as they stand."""
-    both = (("ideal", "ideal"), ("all", "physics"))
-    ideal, physics = (comparison.runs[key].recording.dataset(name, scenario.seed) for key, name in both)
-    return ideal, physics
+    return (
+        comparison.runs["ideal"].recording.dataset("ideal", scenario.seed),
+        comparison.runs["all"].recording.dataset("physics", scenario.seed),
+    )
 
 
 def _page(scenario: Scenario, comparison: Comparison) -> bytes:
