@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import mjsheaf
 from mjsheaf.arrays import Array
 from mjsheaf.checking.loop import linear_law
 from mjsheaf.checking.loop.body_loop import _joined
