@@ -94,7 +94,7 @@ def _about_law(
 ) -> dict[str, Any]:
     """Return the fields of a `CompareRecord` about the law; a law in Python has no more than a name."""
     if law is not None:
-        return {"law": law.label, "controller": law.label, "ringing": None}
+        return {"law": law.label, "controller": law.label, "gain": None, "usable_gain": None, "ringing": None}
     system = phases[0].system
     watched = _least_damped_phase(phases)
     remaining = phases[watched].system.remaining
