@@ -140,23 +140,33 @@ _C_TYPES: dict[str, Any] = {"void": None, "voidptr": ctypes.c_void_p}
 def _compile(function: Callable[..., Any], **options: Any) -> Any:
     if INTERPRETED:
         return function
+    options |= {"nogil": True, "error_model": "numpy"}
+    cached = True
     try:
-        compiled = njit(cache=True, nogil=True, error_model="numpy", **options)(function)
+        compiled = njit(cache=True, no_cfunc_wrapper=True, **options)(function)
     except RuntimeError:  # no directory can be written: compile anew in each process
-        return njit(nogil=True, error_model="numpy", **options)(function)
-    _drop_stale_code(compiled.stats.cache_path, Path(inspect.getfile(function)).resolve())
-    _share_literals(compiled)
+        cached = False
+        compiled = njit(no_cfunc_wrapper=True, **options)(function)
+    if cached:
+        _drop_stale_code(compiled.stats.cache_path, Path(inspect.getfile(function)).resolve())
+    _link_into_callers(compiled, cached, options)
     return compiled
 
 
-def _share_literals(compiled: Any) -> None:
-    """Let compiled calls with literal integers share the code for integers; numba compiles each literal anew."""
-    template_for = compiled.get_call_template
+def _link_into_callers(compiled: Any, cached: bool, options: dict[str, Any]) -> None:
+    """Hand compiled callers the function's code for linking, and share that for integers among literal integers."""
+
+    @cache
+    def for_callers() -> Any:
+        from mjsheaf.linking import linked
+
+        return linked(compiled.py_func, cached, **options)
 
     def get_call_template(args: Any, kws: Any) -> Any:
-        return template_for(tuple(types.unliteral(argument) for argument in args), kws)
+        return for_callers().get_call_template(tuple(types.unliteral(argument) for argument in args), kws)
 
     compiled.get_call_template = get_call_template
+    compiled.get_overload = lambda signature: for_callers().get_overload(signature)
 
 
 @cache
