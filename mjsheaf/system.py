@@ -9,6 +9,7 @@ import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.control import ControlArrays, LawArrays
+from mjsheaf.control.law import new_control
 from mjsheaf.control.station import Station, no_station
 from mjsheaf.control.terms import TermArrays, cover
 from mjsheaf.dynamics.effectiveness import EffectivenessArrays
@@ -200,7 +201,7 @@ class System:
     @cached_property
     def control(self) -> ControlArrays:
         """The law and the references for compiled code."""
-        return ControlArrays(self.law, self.motion)
+        return new_control(self.law, self.motion)
 
     @cached_property
     def control_of_bodies(self) -> ControlArrays:
@@ -210,7 +211,7 @@ class System:
             return self.control
         tau = np.array([vehicle.reduced_model().tau[0] for vehicle in self.vehicles[: terms.agents]])
         law = self.law._replace(terms=terms._replace(lead=terms.lead * (1.0 + tau / terms.period)))
-        return ControlArrays(law, self.motion)
+        return new_control(law, self.motion)
 
     @cached_property
     def station(self) -> Station:

@@ -40,7 +40,6 @@ from mjsheaf.control.terms import (
     TermArrays,
     TermMemory,
     add_terms,
-    begin_sample,
     carry_terms,
     integrate,
     limit_speed,
@@ -120,16 +119,40 @@ class LawArrays(NamedTuple):
         return bool(self.links.table["random"].any()) or self.terms.noisy or self.terms.rounds.lossy
 
 
-class ControlArrays(NamedTuple):
-    """What onboard computers know.
+class Stages(NamedTuple):
+    """Optional stages of a law: (1,) where a team has them, and () where it has not.
+
+    The types differ, so that compiled code leaves out the stages that a team does not have.
 
     Attributes:
-        law: the law.
-        motion: references of the targets.
+        terms: Shipped terms beyond -k1 eta.
+        links: Links over which measurements are made.
+        rounds: Links over which agents exchange numbers.
+    """
+
+    terms: tuple[int, ...]
+    links: tuple[int, ...]
+    rounds: tuple[int, ...]
+
+
+class ControlArrays(NamedTuple):
+    """Parameters of the onboard computers; see `new_control`.
+
+    Attributes:
+        law: Law of the vehicles.
+        motion: References of the targets.
+        stages: Optional stages that the law has.
     """
 
     law: LawArrays
     motion: MotionArrays
+    stages: Stages
+
+
+def new_control(law: LawArrays, motion: MotionArrays) -> ControlArrays:
+    """Make the parameters of the onboard computers."""
+    present = law.terms.agents > 0, len(law.links.of) > 0, law.terms.rounds.imperfect
+    return ControlArrays(law, motion, Stages._make((1,) if stage else () for stage in present))
 
 
 class Memory(NamedTuple):
@@ -296,31 +319,27 @@ def evaluate_law(control, t, x, drift, memory):
 
     `drift` (V, 3), m/s, is what bodies measure of the medium that carries them; None on ideal kinematics.
     """
-    law = control.law
-    if law.terms.agents > 0:
-        begin_sample(t, memory.terms)
-        navigate(law.terms, x, drift, memory.command, memory.terms)
-    hear(law, t, x, drift is not None, memory)
+    law, stages = control.law, control.stages
+    navigate(stages.terms, law.terms, t, x, drift, memory.command, memory.terms)
+    hear(control, t, x, drift is not None, memory)
     proportional(law, memory.residual, memory.supplied, memory.command)
-    if law.terms.agents > 0:
-        add_terms(law, x, memory.y, memory.residual, memory.command, memory.terms, memory.links)
+    add_terms(stages.terms, stages, law, x, memory)
     add_custom(law.custom, memory.residual, memory.command, memory.custom)
     add_supplied(law, memory.supplied, memory.command)
     for v in range(x.shape[0]):
         add_reference(control.motion, v, t, x[v], memory.command[v])
         clipped = limit_speed(law.limit[v], memory.command[v])
-        if law.terms.agents > v and not clipped:
-            integrate(law.terms, memory.residual[v], memory.terms.z[v])
-    if law.terms.agents > 0:
-        remember(law.terms, t, x, memory.y, memory.terms)
+        if not clipped:
+            integrate(stages.terms, law.terms, v, memory.residual[v], memory.terms)
+    remember(stages.terms, law.terms, t, x, memory.y, memory.terms)
 
 
 @inline_jit
-def hear(law, t, x, bodies, memory):
-    """Write into the memory what agents hear at time t, s, and eta by it; of `bodies` it holds the attitudes."""
+def hear(control, t, x, bodies, memory):
+    """Write into the memory what agents receive at time t, s, and eta by it; of `bodies` it holds the attitudes."""
+    law = control.law
     measure(law.edges, x, memory.y)
-    if law.links.of.shape[0] > 0:
-        deliver(law, t, x, bodies, memory.y, memory.terms, memory.links)
+    deliver(control.stages.links, law, t, x, bodies, memory.y, memory.terms, memory.links)
     pull_back(law.edges, memory.y, memory.residual)
 
 

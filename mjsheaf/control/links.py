@@ -317,10 +317,11 @@ def _require_delays(team: Team, links: Links, period: float) -> None:
 
 
 @jit
-def deliver(law, t, x, bodies, y, terms, memory):
+def deliver(stage, law, t, x, bodies, y, terms, memory):
     """Turn true measurements y (m,) of time t, s, into those that arrive now; y = -b where nothing does.
 
     Args:
+        stage: () where the team has no links.
         law: Law of the team.
         t: Time, s.
         x: Positions, shape (V, 3), m.
@@ -329,6 +330,8 @@ def deliver(law, t, x, bodies, y, terms, memory):
         terms: Memory of the terms.
         memory: Memory of the links.
     """
+    if len(stage) == 0:
+        return
     links = law.links
     n = int(np.rint((t - links.start) / links.period))
     if memory.attitude.shape[0] > 0 and not bodies:

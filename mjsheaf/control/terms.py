@@ -423,17 +423,22 @@ def begin_sample(t, memory):
 
 
 @jit
-def navigate(terms, x, drift, command, memory):
-    """Write what agents see of their own motion since the sample before.
+def navigate(stage, terms, t, x, drift, command, memory):
+    """Begin a sample, and write what agents see of their own motion since the sample before.
 
     Args:
+        stage: () where the law has no terms.
         terms: the terms.
+        t: Time of the sample, s.
         x: positions, shape (V, 3), m.
         drift: velocity over ground less that through the medium, measured on bodies, shape (V, 3), m/s; None takes
             what the displacement has beside the command.
         command: since the sample before, as limited, shape (V, 3), m/s.
         memory: see TermMemory.
     """
+    if len(stage) == 0:
+        return
+    begin_sample(t, memory)
     if memory.clock[0] == 0.0:
         return
     h = terms.period
@@ -452,17 +457,19 @@ def navigate(terms, x, drift, command, memory):
 
 
 @jit
-def add_terms(law, x, y, residual, command, memory, links):
-    """Add the terms to the agents' commands (V, 3), which hold -k1 eta, from measurements (m,) and eta (V, 3).
+def add_terms(stage, stages, law, x, everything):
+    """Add the terms, unless `stage` is (), to the agents' commands, which hold -k1 eta.
 
-    Of the positions x (V, 3) only links know, whether rounds reach a neighbour. `links` is the memory of links, which
-    knows the velocities of targets that are sensed over one.
+    They are computed from the memory of the law, `everything`. The positions x (V, 3) decide only whether rounds reach a
+    neighbour.
     """
-    terms = law.terms
+    if len(stage) == 0:
+        return
+    terms, memory, command = law.terms, everything.terms, everything.command
     if terms.newton > 0:
-        _ascend(law, x, residual, command, memory)
+        _ascend(stages, law, x, everything.residual, command, memory)
     if terms.feedforward > 0:
-        _feed_forward(law, x, y, command, memory, links)
+        _feed_forward(stages, law, x, everything.y, command, memory, everything.links)
     if terms.drift > 0.0 and memory.clock[0] > 0.0:
         share = terms.drift if memory.clock[0] > 1.0 else 1.0  # the first measurement has nothing to be mixed with
         for v in range(terms.agents):
@@ -476,33 +483,33 @@ def add_terms(law, x, y, residual, command, memory, links):
 
 
 @inline_jit
-def _exchange(law, term, x, b, found, memory):
-    """Improve the solution (V, 3) of H found = b (V, 3) by a term's rounds."""
+def _exchange(stage, law, term, x, b, found, memory):
+    """Improve the solution (V, 3) of H found = b (V, 3) by a term's rounds, over links unless `stage` is ()."""
     terms = law.terms
     rounds = terms.newton if term == NEWTON else terms.feedforward
-    if terms.rounds.imperfect:
+    if len(stage) == 0:
+        solve(law.edges, terms, rounds, b, found, memory)
+    else:
         first, n = 0 if term == NEWTON else terms.newton, int(memory.clock[0])
         sent = memory.rounds
         relax(law.edges, terms.rounds, terms.seed, n, term, rounds, first, b, found, x, sent, memory.residue)
-    else:
-        solve(law.edges, terms, rounds, b, found, memory)
 
 
 @inline_jit
-def _ascend(law, x, residual, command, memory):
+def _ascend(stages, law, x, residual, command, memory):
     """Put k1 delta in place of -k1 eta, where H delta = -eta."""
     terms = law.terms
     for v in range(terms.agents):
         for i in range(3):
             memory.right[v, i] = -residual[v, i]
-    _exchange(law, NEWTON, x, memory.right, memory.delta, memory)
+    _exchange(stages.rounds, law, NEWTON, x, memory.right, memory.delta, memory)
     for v in range(terms.agents):
         for i in range(3):
             command[v, i] = law.gain[v] * memory.delta[v, i]
 
 
 @inline_jit
-def _feed_forward(law, x, y, command, memory, links):
+def _feed_forward(stages, law, x, y, command, memory, links):
     """Add the velocity of q*: v, and ahead of that by how it changed."""
     terms = law.terms
     if memory.clock[0] > 0.0:
@@ -511,7 +518,7 @@ def _feed_forward(law, x, y, command, memory, links):
             if memory.since[v] > terms.settled:
                 for i in range(3):
                     command[v, i] -= terms.lead[v] * memory.v[v, i]
-        _exchange(law, FEEDFORWARD, x, memory.right, memory.v, memory)
+        _exchange(stages.rounds, law, FEEDFORWARD, x, memory.right, memory.v, memory)
         for v in range(terms.agents):
             if memory.since[v] > terms.settled:
                 for i in range(3):
@@ -549,17 +556,22 @@ def _sense_targets(law, y, memory, links):
 
 
 @inline_jit
-def integrate(terms, residual, z):
-    """Integrate eta_i (3,) over a period into z_i (3,), up to the largest correction."""
-    if terms.integral > 0.0:
+def integrate(stage, terms, v, residual, memory):
+    """Integrate eta_i (3,) of an agent over a period into z_i, up to the largest correction, unless `stage` is ()."""
+    if len(stage) == 0:
+        return
+    if v < terms.agents and terms.integral > 0.0:
+        z = memory.z[v]
         for i in range(3):
             z[i] += terms.period * residual[i]
         limit_speed(terms.largest / terms.integral, z)
 
 
 @inline_jit
-def remember(terms, t, x, y, memory):
-    """Keep what the next sample compares with; t is the time of this one, s."""
+def remember(stage, terms, t, x, y, memory):
+    """Keep what the next sample compares with, unless `stage` is (); t is the time of this one, s."""
+    if len(stage) == 0:
+        return
     memory.clock[0] += 1.0
     memory.clock[1] = t
     for r in range(y.shape[0]):

@@ -17,6 +17,7 @@ from scipy import sparse
 from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.errors import SheafError
 from mjsheaf.jit import allocating_jit, inline_jit, jit
+from mjsheaf.tiers import Tiered
 
 
 @dataclass(frozen=True)
@@ -315,6 +316,7 @@ def block_rows(
     return values, indices, indptr, diagonal
 
 
+@Tiered
 @allocating_jit
 def incidence(tail, head, vertices):
     """The edges at each vertex, ascending: (first (V + 1,), incident (2 E,))."""
@@ -333,6 +335,7 @@ def incidence(tail, head, vertices):
     return first, incident
 
 
+@Tiered
 @jit
 def _fill_coboundary(t, indptr, indices, values):
     """Fill delta, all row pointers zero before: F_tail x_tail - F_head x_head for each edge, columns ascending."""
@@ -354,6 +357,7 @@ def _fill_coboundary(t, indptr, indices, values):
                     values[place + k] = sign * t.F[at + a * n + k]
 
 
+@Tiered
 @jit
 def _coboundary_times(t, x, y):
     """Y = delta x; x of shape (n, k), y of shape (m, k)."""
@@ -370,6 +374,7 @@ def _coboundary_times(t, x, y):
                 y[t.row[e] + a, c] = total
 
 
+@Tiered
 @jit
 def _add_adjoint_times(t, y, x):
     """X += delta^T y; y of shape (m, k), x of shape (n, k)."""
@@ -404,6 +409,7 @@ def _inner_product(F, m, at_v, n_v, at_u, n_u, a, b):
     return total
 
 
+@Tiered
 @allocating_jit
 def fill_block(t, place, columns, upper, sign, rows, diagonal, counting):
     """Fill a block of sign * L; return where its rows end, which counts what they need if all begin at 0.
@@ -455,6 +461,7 @@ def fill_block(t, place, columns, upper, sign, rows, diagonal, counting):
     return end
 
 
+@Tiered
 @allocating_jit
 def neighbours(t, free):
     """Compressed rows (values, indices, indptr) of the graph on the free vertices, parallel edges repeated."""
@@ -474,6 +481,7 @@ def neighbours(t, free):
     return np.ones(size, dtype=np.int8), indices[:size], indptr
 
 
+@Tiered
 @jit
 def bandwidth(t, place):
     """Largest |i - j| over the entries of delta^T delta on the vertices with a place, which is their first row."""

@@ -47,6 +47,7 @@ from mjsheaf.sheaf.edges import (
     ranges,
 )
 from mjsheaf.sheaf.sections import section_basis
+from mjsheaf.tiers import Tiered
 
 DIRECT_WORK = 5e8
 """Largest states * bandwidth^2 of a direct solution: a tenth of a second, once."""
@@ -467,6 +468,7 @@ def _norm(x: Array) -> float:
 # -- compiled loops --------------------------------------------------------------------------------------------
 
 
+@Tiered
 @jit
 def factor_band(band):
     """Factor A = C C^T in place; return whether A is positive definite to rounding.
@@ -489,6 +491,7 @@ def factor_band(band):
     return True
 
 
+@Tiered
 @jit
 def solve_band(band, x):
     """Solve C C^T x = b in place, for b of shape (n, k)."""

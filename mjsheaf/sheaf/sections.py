@@ -20,6 +20,7 @@ from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.jit import allocating_jit, inline_jit, jit
 from mjsheaf.sheaf.blocks import DENSE_COLUMNS, ROUNDING, assembled, largest_singular_value, sparse_null_space
 from mjsheaf.sheaf.edges import EdgeTable, coboundary_matrix, product, ranges
+from mjsheaf.tiers import Tiered
 
 _LEAST_CONDITION = 1e-3  # of maps that may carry a value on along a forest
 _MOST_OPEN = 64  # free directions of one component; with more of them the small problem is not small
@@ -191,6 +192,7 @@ def _connect(tail, head, free):
     return component
 
 
+@Tiered
 @allocating_jit
 def _grow(t, free, by_dimension, work):
     """Breadth first from all held vertices at once, then from free roots in the order given; see `Forest`."""
@@ -243,6 +245,7 @@ def _grow(t, free, by_dimension, work):
     return order[held:grown], parent, component, rows, columns
 
 
+@Tiered
 @allocating_jit
 def _norms(t, free):
     """Bounds of the largest singular value of delta on the free vertices: a column's norm, and sqrt(|.|_1 |.|_inf)."""

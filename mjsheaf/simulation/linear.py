@@ -26,7 +26,7 @@ from mjsheaf.simulation.arena import compose
 from mjsheaf.simulation.bodies import pack_fleet
 from mjsheaf.simulation.loop import controlled_positions, new_loop
 from mjsheaf.simulation.trajectory import quaternions_of
-from mjsheaf.simulation.world import apply_forces, engine_arrays, mujoco_arrays
+from mjsheaf.simulation.world import engine_arrays, evaluate_forces, mujoco_arrays
 from mjsheaf.vehicles.vehicle import Vehicle
 
 _PROBE = 1e-6  # m, rad, m/s, rad/s; and, times the mass, of a thruster's force in N: half of what is differenced
@@ -202,7 +202,7 @@ class _Bench:
         """Let all vehicles fly or sail under their commands, then put them back to where they began."""
         self._place(self.qpos, self.qvel, self.act, self.command)
         for _ in range(min(round(_SETTLE_TIME / self.timestep), _MOST_SETTLE_STEPS)):
-            apply_forces(self.loop, self.arrays, 0.0, 0, len(self.vehicles))
+            evaluate_forces(self.loop, self.arrays, 0.0, 0, len(self.vehicles))
             mujoco.mj_step(self.model, self.data)
         self.qpos, self.qvel = self.data.qpos.reshape(-1, 7).copy(), self.data.qvel.reshape(-1, 6).copy()
         self.act = self.data.act.copy()
@@ -236,7 +236,7 @@ class _Bench:
         x, R = self.loop.state.x, self._rotations()
         controlled_positions(self.loop.params.fleet, self.data.qpos, x)
         begin = x.copy()
-        apply_forces(self.loop, self.arrays, 0.0, 0, len(self.vehicles))
+        evaluate_forces(self.loop, self.arrays, 0.0, 0, len(self.vehicles))
         mujoco.mj_step(self.model, self.data)
         dq, after = np.empty(self.model.nv), self.still.copy()
         mujoco.mj_differentiatePos(self.model, dq, 1.0, self.qpos.ravel(), self.data.qpos)

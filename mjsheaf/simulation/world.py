@@ -32,6 +32,7 @@ from mjsheaf.simulation.loop import (
 )
 from mjsheaf.simulation.threaded import NEVER, ThreadedLoop, begin_span, end_span, first_bad, next_row
 from mjsheaf.system import System, phases_of
+from mjsheaf.tiers import Tiered
 
 # Of the very library that the Python bindings use.
 _mj_step = external(next(Path(mujoco.__file__).parent.glob("libmujoco*")), "mj_step", "void", "voidptr", "voidptr")
@@ -83,6 +84,11 @@ def apply_forces(loop, arrays, t, first, last):
         applied, gear = arrays.applied[place : place + 6], arrays.gear[channel : channel + kind.count]
         apply_wrench(kind, state.qvel[body.dof : body.dof + 6], R, force, moment, applied)
         turn_gears(kind, fleet.thrusters[kind.thruster :], R, state.act[body.state :], gear)
+
+
+evaluate_forces = Tiered(apply_forces, records=True)
+"""`apply_forces`, for calls by Python."""
+
 
 
 @jit
@@ -252,7 +258,7 @@ class World(ClosedLoop):
         return round((self.data.time - self.system.grid.start) / self._timestep)
 
     def _command(self) -> None:
-        apply_forces(self._loop, self._arrays, self.time, 0, len(self._vehicles))
+        evaluate_forces(self._loop, self._arrays, self.time, 0, len(self._vehicles))
 
     def reset(self, seed: int | None = None) -> None:
         """Go back to the initial condition.

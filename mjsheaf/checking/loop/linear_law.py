@@ -26,12 +26,13 @@ from scipy import sparse
 from scipy.sparse.csgraph import breadth_first_order
 
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.control.law import ControlArrays, EdgeArrays, LawArrays, evaluate_law, new_memory
+from mjsheaf.control.law import ControlArrays, EdgeArrays, LawArrays, evaluate_law, new_control, new_memory
 from mjsheaf.control.links import no_links
 from mjsheaf.control.rounds import no_rounds
 from mjsheaf.dynamics.motion import MotionArrays
 from mjsheaf.errors import UndecidedError, listed
 from mjsheaf.jit import jit
+from mjsheaf.tiers import tiered
 
 INPUTS = ("position", "eta", "sensed", "sensed_motion", "own_motion")
 """Inputs of the model: the agent's position, m; errors of eta, of the sum of F^T K y over sensing edges, and of the
@@ -417,9 +418,10 @@ def _one_agent(law: LawArrays) -> ControlArrays:
         )
     custom = tuple(term._replace(agents=1) for term in law.custom)
     alone = LawArrays(edges, np.array([1.0, 0.0, 0.0]), np.full(3, np.inf), 0, terms, no_links(), custom)
-    return ControlArrays(alone, motion)
+    return new_control(alone, motion)
 
 
+@tiered(seconds=2.0, numbers=np.inf)
 @jit
 def _answer(control, t, start, cells, size, points, weights, still, memory, ends, commands):
     """Write memories (L, n + K, m) and commands (L, n + K, 3) of one evaluation of the law each.

@@ -18,6 +18,7 @@ from numpy.polynomial.chebyshev import chebroots
 from mjsheaf.arrays import Array
 from mjsheaf.checking.loop.linear_law import Feedback, LawModel, LinearLaw
 from mjsheaf.jit import jit
+from mjsheaf.tiers import Tiered
 
 _ROUNDING = 1e-9  # relative, of sums and eigenvalues
 _NO_GAIN = 1e-12  # times the period: a gain below it is rounding, and one over its inverse
@@ -146,6 +147,7 @@ class Loop:
         return found * (1.0 + _ROUNDING)
 
 
+@Tiered
 @jit
 def _respond(M, shown, h, states, found):
     """Write `Loop.responses` for M (L, n, n), rows `shown` (L, 2, n) on its states and room for two `states` (2, n)."""

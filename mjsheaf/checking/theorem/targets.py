@@ -27,7 +27,7 @@ from scipy import sparse
 
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.checking.topology.cohomology import Spectrum
-from mjsheaf.control.law import ControlArrays, evaluate_law, new_memory, pack_edges
+from mjsheaf.control.law import ControlArrays, evaluate_law, new_control, new_memory, pack_edges
 from mjsheaf.control.links import no_links
 from mjsheaf.dynamics.motion import MotionArrays, add_reference, reference_bounds
 from mjsheaf.jit import inline_jit, jit
@@ -37,7 +37,9 @@ from mjsheaf.media.medium import MediumArrays, moving_velocity
 from mjsheaf.remember import remember_last
 from mjsheaf.simulation.ideal import new_integrator, slope_of, take_step
 from mjsheaf.system import System
+from mjsheaf.tiers import tiered
 
+_FIRST_CELLS = 50  # of a call that follows the targets; later calls fill more
 MOST_STEPS = 1_500_000
 """Steps of the integrator times targets: a path that takes more is too long or too stiff to follow."""
 
@@ -340,16 +342,18 @@ def _copy(x, out):
             out[v, i] = x[v, i]
 
 
+@tiered(seconds=1.0, numbers=np.inf)
 @jit
-def _follow(follow, setting, run, x, bound, cells, samples):
-    """Follow the targets until the end, until the cells are full, or until no step is short enough.
+def _follow(follow, setting, run, x, bound, cells, samples, place, end):
+    """Follow the targets until the end, until `end` cells are full, or until no step is short enough.
 
     `follow` is the setting's `control` where the law is continuous, None where it is held; run is the integrator.
-    Returned are how many cells there are, and how far they lead: the last sample, and the time since then, s.
+    The place on the path is where an earlier call left: how many cells there are, the last sample before, the time
+    since then, s, and the step to try, s. The place to which this call leads is returned.
     """
     times = setting.times
     period = run.period
-    k, done, step, count = 0, 0.0, run.period, 0
+    count, k, done, step = place
     while k < len(times) - 1:
         if done == 0.0 and follow is None:
             evaluate_law(setting.control, times[k], x, None, run.memory)
@@ -358,14 +362,14 @@ def _follow(follow, setting, run, x, bound, cells, samples):
             slope_of(follow, run, t, x, 0, x.shape[0], run.slope[0])
             h = min(min(step, setting.share * setting.turn), period - done)
             h = _shortened(setting, run.medium, h, x, run.slope[0], bound)
-            if count == len(cells.begin):
-                return count, k, done
+            if count == end:
+                return count, k, done, step
             _add_drift(run, run.slope[0], cells, count, False)  # while the sines are those of t
             if h > _NEARLY * (period - done):  # so that no sliver is left
                 h = period - done
             h, error = _accepted_step(follow, setting, run, t, h, x, bound)
             if h == 0.0:
-                return count, k, done
+                return count, k, done, h
             if follow is not None:
                 _lead(setting, t, x, run.slope[0], bound)
                 _tighten(setting, h, run.slope[0], bound)
@@ -381,7 +385,7 @@ def _follow(follow, setting, run, x, bound, cells, samples):
         k, done = k + 1, 0.0
         if k % setting.stride == 0:
             _copy(x, samples[k // setting.stride])
-    return count, k, done
+    return count, k, done, step
 
 
 class _UnknownPathError(Exception):
@@ -455,7 +459,11 @@ def _integrate(system: System, share: float, tolerance: float, margin: float) ->
     n = max(1, int(MOST_STEPS / (share * M)))  # memory is taken as it is written to
     shapes = (n,), (n,), (n, M, 3), (n, M, 3), (n, M), (n, M, 3), (n, M), (n, M)
     cells = Cells(*map(np.empty, shapes))
-    count, k, since = _follow(follow, setting, run, x, bound, cells, samples)
+    count, k, since, step = place = (0, 0, 0.0, period)
+    while count < n and k < len(times) - 1 and step > 0.0:
+        count, k, since, step = place = _follow(
+            follow, setting, run, x, bound, cells, samples, place, min(2 * count + _FIRST_CELLS, n)
+        )
     now = times[k] + since
     if k == len(times) - 1:
         return samples, Cells(*(part[:count].copy() for part in cells))
@@ -490,7 +498,7 @@ def _targets_alone(system: System) -> tuple[ControlArrays, MediumArrays, Array]:
     around = medium._replace(
         agents=0, planar=medium.planar[N:], rows=medium.rows[N:], harmonics=disturbance.pack(system.harmonics[N:])
     )
-    return ControlArrays(alone, motion._replace(**own)), around, system.initial[N:].copy()
+    return new_control(alone, motion._replace(**own)), around, system.initial[N:].copy()
 
 
 def _rates(
