@@ -141,12 +141,13 @@ def _compile(function: Callable[..., Any], **options: Any) -> Any:
     if INTERPRETED:
         return function
     options |= {"nogil": True, "error_model": "numpy"}
+    own: dict[str, Any] = {**options, "no_cfunc_wrapper": True}
     cached = True
     try:
-        compiled = njit(cache=True, no_cfunc_wrapper=True, **options)(function)
+        compiled: Any = njit(cache=True, **own)(function)
     except RuntimeError:  # no directory can be written: compile anew in each process
         cached = False
-        compiled = njit(no_cfunc_wrapper=True, **options)(function)
+        compiled = njit(**own)(function)
     if cached:
         _drop_stale_code(compiled.stats.cache_path, Path(inspect.getfile(function)).resolve())
     _link_into_callers(compiled, cached, options)

@@ -73,23 +73,24 @@ class _LinkedCacheImpl(CompileResultCacheImpl):
     def rebuild(self, target_context: Any, payload: Any) -> Any:
         libdata, fndesc, environment, signature, objectmode, lifted, annotation, reload_init, _ = payload
         library = LinkedLibrary.from_bitcode(target_context.codegen(), *libdata)
-        return CompileResult(
-            typing_context=target_context.typing_context,
-            target_context=target_context,
-            entry_point=target_context.get_executable(library, fndesc, environment),
-            typing_error=None,
-            type_annotation=annotation,
-            signature=signature,
-            objectmode=objectmode,
-            lifted=lifted,
-            fndesc=fndesc,
-            library=library,
-            call_helper=None,
-            environment=environment,
-            metadata=None,
-            reload_init=reload_init,
-            referenced_envs=[],
-        )
+        fields = {
+            "typing_context": target_context.typing_context,
+            "target_context": target_context,
+            "entry_point": target_context.get_executable(library, fndesc, environment),
+            "typing_error": None,
+            "type_annotation": annotation,
+            "signature": signature,
+            "objectmode": objectmode,
+            "lifted": lifted,
+            "fndesc": fndesc,
+            "library": library,
+            "call_helper": None,
+            "environment": environment,
+            "metadata": None,
+            "reload_init": reload_init,
+            "referenced_envs": [],
+        }
+        return CompileResult(**fields)  # type: ignore[call-arg]  # a named tuple that is made at run time
 
 
 class _LinkedCache(FunctionCache):
@@ -98,7 +99,8 @@ class _LinkedCache(FunctionCache):
 
 def linked(function: Any, cached: bool, **options: Any) -> Any:
     """Return the dispatcher of a function for calls by compiled code."""
-    dispatcher = njit(pipeline_class=_LinkedCompiler, no_cpython_wrapper=True, no_cfunc_wrapper=True, **options)(function)
+    without: dict[str, Any] = {**options, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+    dispatcher: Any = njit(pipeline_class=_LinkedCompiler, **without)(function)
     if cached:
         dispatcher._cache = _LinkedCache(function)
     return dispatcher

@@ -1,10 +1,14 @@
-"""Functions that run in Python while they have little to do, and compiled from then on.
+"""Functions that run in Python at first, and compiled once they have enough to do.
 
-Compiling a function takes seconds, and a team of a few vehicles asks some of them for a millisecond's work. Both ways
-compute the same operations in the same order, so that results have the same bits whichever is taken; tests hold the
-functions that use this to it. A function whose machine code is on disk is never run in Python.
+Compiling a function takes seconds, and a check of a few vehicles asks some of them for milliseconds of work. Python and
+compiled code carry out the same operations in the same order, so that results have the same bits whichever is taken;
+tests hold the functions that use this to it. A function is compiled when Python has taken a while in one process, or
+when a second process asks for it after a first one in which Python took noticeable time. Machine code on disk is used
+at once.
 """
 
+import contextlib
+import math
 from collections.abc import Callable
 from pathlib import Path
 from time import thread_time
@@ -17,7 +21,41 @@ from numba.core.dispatcher import Dispatcher
 from mjsheaf.jit import INTERPRETED
 
 _MAX_SECONDS = 0.3  # processor time that a function may take in Python, in a process
+_NOTICEABLE = 0.1  # s: after so much in one process, the next one compiles the function
 _MAX_NUMBERS = 10_000  # in the arrays of a call that Python carries out
+
+
+_FUNCTIONS: dict[str, Callable[..., float]] = {
+    "exp": math.exp,
+    "log": math.log,
+    "sin": math.sin,
+    "cos": math.cos,
+    "tan": math.tan,
+    "arcsin": math.asin,
+    "arccos": math.acos,
+    "arctan": math.atan,
+    "arctan2": math.atan2,
+}
+"""Functions of numpy and those of the C library, which compiled code calls; numpy itself differs by rounding."""
+
+
+class _Numpy:
+    """numpy with the functions of the C library, for scalars."""
+
+    def __getattr__(self, name: str) -> Any:
+        of_numpy = getattr(np, name)
+        of_library = _FUNCTIONS.get(name)
+        if of_library is None:
+            return of_numpy
+
+        def call(*arguments: float) -> Any:
+            try:
+                return of_library(*arguments)
+            except (ValueError, OverflowError):  # nan and infinity
+                return of_numpy(*arguments)
+
+        setattr(self, name, call)
+        return call
 
 
 class Tiered:
@@ -39,6 +77,8 @@ class Tiered:
         self.compiled = compiled
         self._python: Callable[..., Any] | None = None
         self._left = 0.0 if INTERPRETED else seconds
+        self._taken = 0.0
+        self._marked = False
         self._numbers = numbers
         self._records = records
 
@@ -46,20 +86,30 @@ class Tiered:
         """Call the function, in Python or compiled."""
         if self._python is None:
             self._python = in_python(self.compiled)
-            if _is_on_disk(self.compiled):
+            self._mark = _file(self.compiled)
+            if self._mark.exists() or _is_on_disk(self.compiled):
                 self._left = 0.0
         if self._left <= 0.0 or (self._numbers < np.inf and _numbers_in(arguments) > self._numbers):
             return self.compiled(*arguments)
         begun = thread_time()
         with np.errstate(all="ignore"):  # as compiled code
             result = self._python(*(_as_records(arguments) if self._records else arguments))
-        self._left -= thread_time() - begun
+        taken = thread_time() - begun
+        self._left -= taken
+        self._taken += taken
+        if self._taken > _NOTICEABLE and not self._marked:
+            self._marked = True
+            with contextlib.suppress(OSError):
+                self._mark.touch()
         return result
 
 
 def tiered(**limits: Any) -> Callable[[Any], Tiered]:
     """Return a decorator that makes a Tiered function with other limits."""
     return lambda compiled: Tiered(compiled, **limits)
+
+
+_NUMPY = _Numpy()
 
 
 def in_python(compiled: Any) -> Callable[..., Any]:
@@ -74,15 +124,24 @@ def _in_python(compiled: Any, made: dict[int, Callable[..., Any]]) -> Callable[.
     made[id(compiled)] = twin
     for name, value in function.__globals__.items():
         if name in function.__code__.co_names and isinstance(value, Dispatcher):
-            names[name] = made[id(value)] if id(value) in made else _in_python(value, made)
+            names[name] = made.get(id(value)) or _in_python(value, made)
         else:
-            names[name] = value
+            names[name] = _NUMPY if value is np else value
     return twin
 
 
+def _file(compiled: Any) -> Path:
+    """Return a file beside the machine code of a function, which marks that a process has needed it."""
+    function = compiled.py_func
+    return (
+        Path(compiled.stats.cache_path or "")
+        / f"{Path(function.__code__.co_filename).stem}.{function.__qualname__}.used"
+    )
+
+
 def _is_on_disk(compiled: Any) -> bool:
-    path = Path(compiled.stats.cache_path or "")
-    return any(path.glob(f"{Path(compiled.py_func.__code__.co_filename).stem}.{compiled.py_func.__qualname__}-*.nbi"))
+    mark = _file(compiled)
+    return any(mark.parent.glob(f"{mark.stem}-*.nbi"))
 
 
 def _numbers_in(tree: Any) -> int:

@@ -357,7 +357,7 @@ def _share(period: float, time_constant: float) -> float:
 @inline_jit
 def limit_speed(limit, velocity):
     """Shorten velocity (3,) to the limit, keeping its direction; return whether it was longer."""
-    speed = np.sqrt(velocity[0] ** 2 + velocity[1] ** 2 + velocity[2] ** 2)
+    speed = np.sqrt(velocity[0] * velocity[0] + velocity[1] * velocity[1] + velocity[2] * velocity[2])
     if speed > limit:
         share = limit / speed
         for i in range(3):
@@ -396,7 +396,8 @@ def solve(edges, terms, rounds, b, x, memory):
     nothing is divided by b - a).
     """
     low, high = terms.eigenvalues
-    middle, square = 0.5 * (low + high), 0.25 * (high - low) ** 2
+    middle = 0.5 * (low + high)
+    square = 0.25 * ((high - low) * (high - low))
     before, scale = 0.0, 1.0 / middle
     for r in range(rounds):
         apply_laplacian(edges, terms.agents, x, memory.residue)
@@ -460,8 +461,8 @@ def navigate(stage, terms, t, x, drift, command, memory):
 def add_terms(stage, stages, law, x, everything):
     """Add the terms, unless `stage` is (), to the agents' commands, which hold -k1 eta.
 
-    They are computed from the memory of the law, `everything`. The positions x (V, 3) decide only whether rounds reach a
-    neighbour.
+    They are computed from the memory of the law, `everything`. The positions x (V, 3) decide only whether rounds reach
+    a neighbour.
     """
     if len(stage) == 0:
         return

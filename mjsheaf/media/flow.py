@@ -90,7 +90,9 @@ def flow_slope(table, x, y, z, radius):
             across = np.sqrt(across2)
             near, low = max(across - radius, 0.0), max(abs(along) - radius, 0.0)
             strongest = np.exp(-min(near * near * c[9] + low * low * c[10], _NOTHING_LEFT))
-            steepest = 2.0 * np.sqrt((c[9] * (across + radius)) ** 2 + (c[10] * (abs(along) + radius)) ** 2)
+            slope_across = c[9] * (across + radius)
+            slope_along = c[10] * (abs(along) + radius)
+            steepest = 2.0 * np.sqrt(slope_across * slope_across + slope_along * slope_along)
             total += abs(c[8]) * min(strongest * steepest, np.sqrt(max(c[9], c[10]) * _TWO_OVER_E))
         else:
             r = max(np.sqrt(rx * rx + ry * ry + rz * rz) - radius, 0.0)

@@ -107,7 +107,7 @@ def _inverse_norm(L, n, column):
             column[a] = 1.0 if a == c else 0.0
         _substitute(L, n, column)
         for a in range(n):
-            total += column[a] ** 2
+            total += column[a] * column[a]
     return total
 
 
@@ -166,7 +166,7 @@ def _carry(t, e, u, w, work):
     # Where Gershgorin's bound is poor, 1 / |L^-1|_F^2 is another of the smallest eigenvalue of L L^T.
     if not smallest > 0.5 * largest:
         smallest = max(smallest, 1.0 / _inverse_norm(L, n, column))
-    if smallest < _LEAST_CONDITION**2 * largest:
+    if smallest < _LEAST_CONDITION * _LEAST_CONDITION * largest:
         return -1.0, -1.0
     _solve_map(F, at_w, at_u, m, n, n_u, L, column, M)
     return _norm_bound(M, n, n_u), 1.0 / np.sqrt(smallest)

@@ -136,7 +136,8 @@ def _norm(values, x, y, first, last, tolerance):
     for v in range(first, last):
         for i in range(3):
             scale = tolerance[1] + tolerance[0] * max(abs(x[v, i]), abs(y[v, i]))
-            total += (values[v, i] / scale) ** 2
+            relative = values[v, i] / scale
+            total += relative * relative
     return np.sqrt(total / (3 * (last - first)))
 
 

@@ -90,7 +90,6 @@ evaluate_forces = Tiered(apply_forces, records=True)
 """`apply_forces`, for calls by Python."""
 
 
-
 @jit
 def _is_bad(values):
     """Whether MuJoCo would call one of the numbers bad: it is not finite, or huge."""

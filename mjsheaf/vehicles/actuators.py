@@ -561,7 +561,9 @@ def _aim_azimuth(channels, k, act, ctrl):
             a = nearest_angle(np.arctan2(sign * y, sign * x), now, angle.low, angle.high)
             c, s = np.cos(a), np.sin(a)
             made = min(max(x * c + y * s, thrust.low), thrust.high)
-            cost = np.sqrt((x - made * c) ** 2 + (y - made * s) ** 2)
+            dx = x - made * c
+            dy = y - made * s
+            cost = np.sqrt(dx * dx + dy * dy)
             cost += _OVERLAP * size * min(abs(a - now) / np.pi, 1.0)
             if cost < least:
                 wanted, least = a, cost
@@ -700,7 +702,7 @@ def room_of(channels, k, u, du, v, dv):
         ahead = np.cos(nearest_angle(bearing, bearing, ends.low, ends.high) - bearing)
         astern = np.cos(nearest_angle(bearing + np.pi, bearing, ends.low, ends.high) - bearing)
         most = max(high if ahead >= -astern - 1e-9 else 0.0, -low if -astern >= ahead - 1e-9 else 0.0)
-        if not (u + du) ** 2 + (v + dv) ** 2 <= most * most:
+        if not (u + du) * (u + du) + (v + dv) * (v + dv) <= most * most:
             a, b, c = du * du + dv * dv, u * du + v * dv, u * u + v * v - most * most
             room = max(0.0, (np.sqrt(b * b - a * c) - b) / a) if c < 0.0 else 0.0
     elif channels[k].code == FIXED:

@@ -44,7 +44,8 @@ _LINEAR = 1e-9  # relative difference of two answers of a linear law
 _NEGLIGIBLE = 1e-11  # relative size of a new direction that is rounding
 _SETTLING = 4  # samples after which counters of samples no longer matter
 _MOST_SETTLING = 1000  # samples, for what registered terms remember
-_TESTED = 40  # samples over which the model is held against the law
+_TESTED = 40  # samples over which the model of registered terms is held against the law
+_TESTED_SHIPPED = 8  # and that of the shipped terms alone, which have no counters that end later
 _GENERIC_GAIN = 0.7390851332  # 1/s, at which terms do not cancel -k1 eta by chance
 _GENERIC = np.array([[0.685, 0.685]])  # weights of the two edges at which it is
 _STILL = np.zeros((1, 3, 3))
@@ -326,14 +327,15 @@ class LawModel:
         model = self.at(_GENERIC_GAIN, _GENERIC.sum(axis=1))
         weight = _GENERIC[0, 0]
         measured = self._control.law.edges.F_tail.diagonal()[:, None]
-        agent, first, second = points = np.random.default_rng(0).uniform(-1.0, 1.0, (3, _TESTED, 3))
+        tested = _TESTED if len(self._registered) else _TESTED_SHIPPED
+        agent, first, second = points = np.random.default_rng(0).uniform(-1.0, 1.0, (3, tested, 3))
         memories = []
         for size in (_MOTION, *_OTHER_MOTIONS):
             astray = size == _MOTION
-            odometry = np.full((_TESTED, 3), float(astray))
+            odometry = np.full((tested, 3), float(astray))
             errors = (agent, -weight * (first + second), weight * first, weight * odometry, odometry)
             state = np.zeros((3, len(self._cells)))
-            expected = np.zeros((_TESTED, 3))
+            expected = np.zeros((tested, 3))
             for k, inputs in enumerate(measured * np.stack(errors, axis=-1)):
                 expected[k] = state @ model.C[0] + inputs @ model.D[0]
                 state = state @ model.A[0].T + inputs @ model.B[0].T

@@ -259,7 +259,8 @@ def _tighten(setting, h, velocity, bound):
                 j = setting.column[k] // 3
                 at += setting.value[k] * velocity[j, setting.column[k] - 3 * j]
                 change += abs(setting.value[k]) * (bound.D[j] + setting.shake[j])
-            moved += (abs(at) + h * change) ** 2
+            row_moved = abs(at) + h * change
+            moved += row_moved * row_moved
         gap = bound.gap[v] + h * (setting.acceleration[v] + bound.D[v] + setting.shake[v])
         own = setting.acceleration[v] + pull[v] * gap + gain[v] * np.sqrt(moved)
         bound.lower[v] = min(bound.D[v], bound.flow[v] + own)
@@ -292,7 +293,8 @@ def _lead(setting, t, x, velocity, bound):
         add_reference(setting.reference, v, t, x[v], lead)
         total = 0.0
         for i in range(3):
-            total += (lead[i] - velocity[v, i]) ** 2
+            difference = lead[i] - velocity[v, i]
+            total += difference * difference
         bound.gap[v] = np.sqrt(total)
 
 

@@ -1,0 +1,55 @@
+"""Functions that only compiled code calls have no machine code of their own."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+PROGRAM = """
+import numpy as np
+from numba.core import event
+from mjsheaf.jit import jit
+
+compiled = []
+
+class Listener(event.Listener):
+    def on_start(self, event):
+        compiled.append(event.data["dispatcher"].py_func.__name__)
+    def on_end(self, event):
+        pass
+
+event.register("numba:compile", Listener())
+{functions}
+"""
+FUNCTIONS = """
+@jit
+def square(x):
+    return x * x
+
+@jit
+def hypotenuse(x, y):
+    return np.sqrt(square(x) + square(y))
+"""
+OTHER = """
+@jit
+def cube(x):
+    return x * square(x)
+"""
+
+
+def run(folder: Path, functions: str, calls: str) -> list[str]:
+    file = folder / "program.py"
+    file.write_text(PROGRAM.format(functions=functions))
+    code = f"import sys; sys.path.insert(0, {str(folder)!r})\nfrom program import *\n{calls}\nprint(*compiled)"
+    done = subprocess.run([sys.executable, "-B", "-c", code], capture_output=True, text=True, check=True, cwd=folder)
+    return done.stdout.split()
+
+
+def test_a_function_is_linked_into_its_callers_and_still_callable_from_python(tmp_path: Path) -> None:
+    calls = "assert hypotenuse(3.0, 4.0) == 5.0\nassert not square.signatures\nassert square(2.0) == 4.0"
+    assert run(tmp_path, FUNCTIONS, calls) == ["hypotenuse", "square", "square"]
+    assert run(tmp_path, FUNCTIONS, calls) == []
+
+
+def test_another_caller_takes_the_linked_code_from_disk(tmp_path: Path) -> None:
+    assert run(tmp_path, FUNCTIONS + OTHER, "assert hypotenuse(3.0, 4.0) == 5.0") == ["hypotenuse", "square"]
+    assert run(tmp_path, FUNCTIONS + OTHER, "assert cube(2.0) == 8.0") == ["cube"]

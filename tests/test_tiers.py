@@ -1,0 +1,108 @@
+"""Functions that run in Python at first: the same bits as compiled, and compiled once they have enough to do."""
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mjsheaf
+from mjsheaf import tiers
+from mjsheaf.jit import jit
+
+COUNT = """
+import sys
+from numba.core import event
+
+compiled = []
+
+class Listener(event.Listener):
+    def on_start(self, event):
+        compiled.append(event.data["dispatcher"].py_func.__qualname__)
+    def on_end(self, event):
+        pass
+
+event.register("numba:compile", Listener())
+import mjsheaf
+mjsheaf.check(mjsheaf.load_scenario("midpoint"))
+print(*compiled)
+"""
+
+
+def leaves(tree: Any) -> Iterator[Any]:
+    if isinstance(tree, tuple):
+        for part in tree:
+            yield from leaves(part)
+    else:
+        yield tree
+
+
+@pytest.mark.parametrize("name", ["midpoint", pytest.param("harbour", marks=pytest.mark.slow)])
+def test_python_and_compiled_code_agree_to_the_bit(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    calls: dict[str, int] = {}
+
+    def call_both(self: tiers.Tiered, *arguments: Any) -> Any:
+        arrays = [x for x in leaves(arguments) if isinstance(x, np.ndarray) and x.flags.writeable]
+        before = [x.copy() for x in arrays]
+        with np.errstate(all="ignore"):
+            result = tiers.in_python(self.compiled)(*tiers._as_records(arguments))
+        by_python = [x.tobytes() for x in arrays]
+        for x, value in zip(arrays, before, strict=True):
+            x[...] = value
+        expected = self.compiled(*arguments)
+        assert [x.tobytes() for x in arrays] == by_python, self.compiled.py_func.__qualname__
+        for x, y in zip(leaves((expected,)), leaves((result,)), strict=True):
+            assert x is y or np.asarray(x).tobytes() == np.asarray(y, dtype=np.asarray(x).dtype).tobytes()
+        function = self.compiled.py_func.__qualname__
+        calls[function] = calls.get(function, 0) + 1
+        return expected
+
+    monkeypatch.setattr(tiers.Tiered, "__call__", call_both)
+    mjsheaf.check(mjsheaf.load_scenario(name))
+    assert {"_answer", "_follow", "apply_forces", "fill_block", "solve_band", "_grow"} <= set(calls)
+
+
+def test_a_first_check_compiles_little_and_a_second_one_what_took_time(tmp_path: Path) -> None:
+    def compiled() -> set[str]:
+        environment = {"NUMBA_CACHE_DIR": str(tmp_path), "PATH": ""}
+        done = subprocess.run(
+            [sys.executable, "-c", COUNT], env=environment, capture_output=True, text=True, check=True
+        )
+        return set(done.stdout.split())
+
+    first = compiled()
+    assert not {"_answer", "_follow", "evaluate_law", "apply_forces", "fill_block"} & first
+    assert list(tmp_path.rglob("*.used"))
+
+
+def test_python_hands_over_when_its_time_is_up() -> None:
+    @jit
+    def double(x):
+        for i in range(x.shape[0]):
+            x[i] *= 2.0
+
+    function = tiers.Tiered(double, seconds=1e-9)
+    x = np.ones(3)
+    function(x)  # in Python: its time was not up yet
+    assert not double.signatures
+    function(x)
+    assert double.signatures
+    np.testing.assert_array_equal(x, 4.0)
+
+
+def test_python_leaves_large_calls_to_compiled_code() -> None:
+    @jit
+    def total(x):
+        s = 0.0
+        for i in range(x.shape[0]):
+            s += x[i]
+        return s
+
+    function = tiers.Tiered(total, numbers=10)
+    assert function(np.ones(10)) == 10.0
+    assert not total.signatures
+    assert function(np.ones(11)) == 11.0
+    assert total.signatures
