@@ -73,7 +73,7 @@ class _LinkedCacheImpl(CompileResultCacheImpl):
     def rebuild(self, target_context: Any, payload: Any) -> Any:
         libdata, fndesc, environment, signature, objectmode, lifted, annotation, reload_init, _ = payload
         library = LinkedLibrary.from_bitcode(target_context.codegen(), *libdata)
-        fields = {
+        fields: dict[str, Any] = {
             "typing_context": target_context.typing_context,
             "target_context": target_context,
             "entry_point": target_context.get_executable(library, fndesc, environment),
@@ -90,7 +90,7 @@ class _LinkedCacheImpl(CompileResultCacheImpl):
             "reload_init": reload_init,
             "referenced_envs": [],
         }
-        return CompileResult(**fields)  # type: ignore[call-arg]  # a named tuple that is made at run time
+        return CompileResult(**fields)
 
 
 class _LinkedCache(FunctionCache):
