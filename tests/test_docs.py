@@ -30,6 +30,7 @@ from mjsheaf.vehicles.loading import load_vehicle
 from mjsheaf.vehicles.vehicle import VehicleDescription
 from tests.builders import REPOSITORY
 from tests.commands import answer_of, call
+from tests.pictures import is_legible, written
 
 DOCS = REPOSITORY / "docs"
 sys.path.append(str(DOCS / "_ext"))
@@ -53,6 +54,15 @@ TEAM = {
     "sensing": [["B1", "D"], ["B3", "D"]],
 }
 """What a part of a scenario is a part of."""
+INTRODUCED = {
+    "sheaf_comparison": ["(5, 1, 8)", "(5, 1)", "(1, 3)", "(−4, 2) m"],
+    "sheaf_sections": ["3 numbers", "(0, 1)", "2 numbers"],
+    "sheaf_diffusion": ["e^{-2 t}"],
+    "sheaf_extension": ["(0, 0)", "(6, 3, 9)", "(2, 1)", "(4, 2, 9)"],
+}
+"""Numbers that figures of the introduction show."""
+VALUE = r"\([^)]*\)|True|False|array\([^)]*\)|-?\d+(?:\.\d+)?(?=$|,|;)"
+"""A value that a comment shows."""
 
 
 def blocks(page: Path, language: str) -> list[str]:
@@ -137,7 +147,7 @@ def test_terminal_shows_what_is_printed(
 
 @pytest.mark.parametrize("page", [p for p in PAGES if blocks(p, "python")], ids=lambda p: p.name)
 def test_code_gives_what_its_comments_say(page: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """A comment that begins with a value is what the expression before it gives."""
+    """A comment that begins with a value is what the expression before it gives; "up to sign", its absolute value."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MPLBACKEND", "agg")
     monkeypatch.syspath_prepend(tmp_path)
@@ -148,8 +158,13 @@ def test_code_gives_what_its_comments_say(page: Path, monkeypatch: pytest.Monkey
             compile(code, page.name, "exec")  # asks for a cluster
             continue
         exec(compile(code, page.name, "exec"), names)
-        for expression, value in re.findall(r"^(\S.*?)  # (\([^)]*\)|True|False|array\([^)]*\))", code, re.MULTILINE):
-            np.testing.assert_allclose(np.abs(eval(expression, names)), np.abs(eval(value, names)), atol=1e-12)
+        for expression, value, rest in re.findall(rf"^(\S.*?)  # ({VALUE})(.*)$", code, re.MULTILINE):
+            given = eval(expression, names)
+            shown = eval(value, names)
+            if "up to sign" in rest:
+                given = np.abs(given)
+                shown = np.abs(shown)
+            np.testing.assert_allclose(given, shown, atol=1e-12, err_msg=expression)
     plt.close("all")
 
 
@@ -318,7 +333,7 @@ def test_the_figure_of_stalks_shows_the_sheaf_of_its_text(tmp_path: Path) -> Non
     import stalks
 
     texts = [text.get_text() for axis in stalks.draw().axes for text in axis.texts]
-    assert any(text.endswith("= (−1, 0.5) m") for text in texts)
+    assert any(text.endswith("= (−4, 2) m") for text in texts)
     assert any("has dimension 3" in text and "has dimension 0" in text for text in texts)
     assert [text for text in texts if text in ("0", "1", "−1")] == list("1001") + list("100010") + [
         *("1", "0", "−1", "0", "0"),
@@ -327,3 +342,39 @@ def test_the_figure_of_stalks_shows_the_sheaf_of_its_text(tmp_path: Path) -> Non
     for name in ("a.svg", "b.svg"):
         stalks.write(tmp_path / name)
     assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()
+
+
+def test_figures_of_the_introduction_are_legible_and_show_its_numbers(tmp_path: Path) -> None:
+    """Numbers: those of the two pages, whose code gives them."""
+    import sheaves
+
+    for name, draw in sheaves.FIGURES.items():
+        figure = draw()
+        assert is_legible(figure), name
+        shown = " ".join(text.text for text in written(figure))
+        for number in INTRODUCED[name]:
+            assert number in shown, (name, number)
+        plt.close(figure)
+    for directory in ("a", "b"):
+        sheaves.write(tmp_path / directory)
+    for name in sheaves.FIGURES:
+        assert (tmp_path / "a" / f"{name}.svg").read_bytes() == (tmp_path / "b" / f"{name}.svg").read_bytes()
+    pages = (DOCS / "sheaves.md").read_text() + (DOCS / "harmonic.md").read_text()
+    assert set(re.findall(r"generated/(sheaf_\w+)\.svg", pages)) == set(sheaves.FIGURES)
+
+
+def test_paths_of_the_introduction_are_those_of_the_simulation() -> None:
+    """Oracle: the ideal backend runs the page's scenario under its law."""
+    import sheaves
+
+    text = files_of(DOCS / "harmonic.md")["pair.yaml"]
+    result = simulate(load_scenario(yaml.safe_load(text)), backend="ideal")
+    problem = sheaves.team().dirichlet_problem(list(sheaves.TARGETS))
+    pull = problem.B @ np.concatenate(list(sheaves.TARGETS.values()))
+    start = np.concatenate(list(sheaves.STARTS.values()))
+    times = result.time.values
+    path = sheaves.follow(problem.H.toarray(), pull, start, 2.0 * times)  # the scenario's gain is 2 1/s
+    position = result.agent_position.values
+    given = np.concatenate([position[:, 0, :2], position[:, 1]], axis=1)
+    assert np.abs(path - given).max() < 0.1  # m; the simulation holds its command for 0.01 s
+    np.testing.assert_allclose(path[-1], given[-1], atol=1e-6)

@@ -7,6 +7,7 @@ from typing import Any
 
 import fields
 import gallery
+import sheaves
 import stalks
 import typer
 import vehicles
@@ -69,6 +70,7 @@ def generate(_: Sphinx) -> None:
     write(to / "commands_fields.md", commands_page())
     write(to / "variables_fields.md", variables.reference())
     stalks.write(to / "stalks.svg")
+    sheaves.write(to)
     write(to / "vehicles_fields.md", vehicles.page(to / "vehicles"))
     changes = re.sub(r"\A# .*\n", "", (REPOSITORY / "CHANGELOG.md").read_text())
     write(to / "changes_fields.md", changes)

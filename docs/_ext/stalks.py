@@ -13,7 +13,7 @@ from mjsheaf.plotting import new_figure
 
 PROJECTION = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 """Restriction map of the drone: its horizontal position."""
-PLACES = {"boat": np.array([4.0, 2.0]), "drone": np.array([5.0, 1.5, 8.0])}
+PLACES = {"boat": np.array([1.0, 3.0]), "drone": np.array([5.0, 1.0, 8.0])}
 """Positions, m."""
 
 _COLOURS = {"boat": "#0072B2", "drone": "#B45309", "edge": "#4B5563"}
@@ -38,8 +38,8 @@ def draw() -> Figure:
     axis = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     axis.set(xlim=(0.0, 10.0), ylim=(0.0, 5.0))
     axis.set_axis_off()
-    _box(axis, 1.35, "boat", "boat", "vertex stalk $\\mathbb{R}^2$", f"x = {_vector(PLACES['boat'])}")
-    _box(axis, 8.55, "drone", "drone", "vertex stalk $\\mathbb{R}^3$", f"x = {_vector(PLACES['drone'])}")
+    _box(axis, 1.35, "boat", "boat", "vertex stalk $\\mathbb{R}^2$", f"x = {vector(PLACES['boat'])}")
+    _box(axis, 8.55, "drone", "drone", "vertex stalk $\\mathbb{R}^3$", f"x = {vector(PLACES['drone'])}")
     _box(axis, 4.95, "edge", "edge boat-drone", "edge stalk $\\mathbb{R}^2$", "horizontal position")
     for name, start, end, middle, matrix in (
         ("boat", 2.5, 3.75, 3.12, delta[:, :2]),
@@ -49,7 +49,7 @@ def draw() -> Figure:
         axis.annotate("", (end, 3.55), (start, 3.55), arrowprops=arrow)
         _matrix(axis, middle, 4.2, matrix, [_COLOURS[name]] * matrix.shape[1])
         axis.text(middle, 4.72, f"$F_\\mathrm{{{name}}}$", ha="center", va="center", fontsize=10, color=_COLOURS[name])
-        axis.text(middle, 3.25, f"shows {_vector(shown[name])}", ha="center", va="center", fontsize=8,
+        axis.text(middle, 3.25, f"shows {vector(shown[name])}", ha="center", va="center", fontsize=8,
                   color=_COLOURS[name])  # fmt: skip
     _draw_coboundary(axis, delta, value)
     kernel, cokernel = s.betti()
@@ -71,7 +71,7 @@ def _draw_coboundary(axis: Any, delta: Any, value: Any) -> None:
     for name, at in (("boat", 2.84), ("drone", 3.69)):
         axis.text(at, 2.2, name, ha="center", va="center", fontsize=8, color=_COLOURS[name])
     words = "$\\delta x = F_\\mathrm{boat}\\,x_\\mathrm{boat} - F_\\mathrm{drone}\\,x_\\mathrm{drone}$"
-    axis.text(4.9, 1.6, f"{words} = {_vector(value)} m", ha="left", va="center", fontsize=10)
+    axis.text(4.9, 1.6, f"{words} = {vector(value)} m", ha="left", va="center", fontsize=10)
     axis.text(4.9, 1.12, "what the two disagree about", ha="left", va="center", fontsize=8, color=_COLOURS["edge"])
 
 
@@ -100,7 +100,8 @@ def _matrix(axis: Any, x: float, y: float, values: Any, colours: list[str]) -> N
             axis.text(*place, number, ha="center", va="center", fontsize=9, color=colours[j])
 
 
-def _vector(values: Any) -> str:
+def vector(values: Any) -> str:
+    """Format a vector with true minus signs."""
     return "(" + ", ".join(f"{v:g}".replace("-", "−") for v in values) + ")"
 
 
