@@ -240,7 +240,7 @@ def test_files_that_extending_names_are_there() -> None:
 
 
 def test_readme_is_short() -> None:
-    assert len((REPOSITORY / "README.md").read_text().splitlines()) <= 130
+    assert len((REPOSITORY / "README.md").read_text().splitlines()) <= 110
 
 
 def properties() -> list[Any]:
