@@ -16,7 +16,9 @@ from mjsheaf.dynamics.effectiveness import EffectivenessArrays
 from mjsheaf.dynamics.motion import MotionArrays
 from mjsheaf.errors import InputError, in_field
 from mjsheaf.media import FlowField, disturbance
-from mjsheaf.media.medium import MediumArrays, pack_medium
+from mjsheaf.media.gusts import Exposure
+from mjsheaf.media.medium import MediumArrays, pack_medium, pack_parts
+from mjsheaf.media.moving import Parts, bounds_of
 from mjsheaf.team import Team
 from mjsheaf.vehicles.effects import Effects, embody
 from mjsheaf.vehicles.vehicle import Vehicle
@@ -115,6 +117,7 @@ class System:
         bodies: how the physics backend embodies it.
         stopped: whether each vehicle's thrusters stand still, shape (V,); None where none of them does.
         waiting: Station of the vehicles that hold their position until they join; None where none of them does.
+        seed: Seed of gusts and waves.
     """
 
     name: str
@@ -133,6 +136,7 @@ class System:
     bodies: PhysicsOptions
     stopped: BoolArray | None = None
     waiting: Station | None = None
+    seed: int = 0
 
     def described_vehicle(self, name: str) -> Vehicle:
         """A vehicle as its files describe it; they are compiled once for a system and all copies of it.
@@ -232,17 +236,46 @@ class System:
         """How long a command is held, s."""
         return 0.0 if self.grid.continuous else self.grid.period
 
+    @property
+    def planar(self) -> BoolArray:
+        """True for vehicles that live in the plane, shape (V,)."""
+        return np.array([member.dimension == 2 for member in self.team.members])
+
+    @cached_property
+    def moving(self) -> Parts:
+        """Gusts, waves and all else of the medium that moves, for compiled code.
+
+        Raises:
+            InputError: A frozen field of gusts would be too long; the message begins with the field.
+        """
+        if all(flow.is_steady for flow in self.flows):
+            return ()
+        met = np.ones(len(self.field), dtype=np.bool_)
+        wind = np.zeros((len(self.field), 3))
+        for k, flow in enumerate(self.flows):
+            wind[self.field == k] = flow.velocity(self.initial[self.field == k])
+        wind[self.planar, 2] = 0.0
+        grid, level = self.grid, self.bodies.surface_height
+        end = grid.start + grid.steps * grid.period
+        ids = [member.id for member in self.team.members]
+        exposed = Exposure(met, ids, self.initial, wind, level, grid.start, end, grid.period, self.seed)
+        with in_field("flow"):
+            return pack_parts(self.flows, self.flow_names, self.field, self.planar, exposed)
+
     @cached_property
     def medium(self) -> MediumArrays:
         """Parameters of the medium for compiled code."""
-        planar = np.array([member.dimension == 2 for member in self.team.members])
         level = self.bodies.surface_height
-        return pack_medium(len(self.team.agents), planar, self.flows, self.field, self.harmonics, level)
+        harmonics, planar = self.harmonics, self.planar
+        return pack_medium(len(self.team.agents), planar, self.flows, self.field, harmonics, level, self.moving)
 
     @cached_property
     def largest_disturbance(self) -> Array:
-        """Bounds on the part of the medium's velocity that changes with time, for each vehicle, shape (V,), m/s."""
-        return disturbance.bounds(self.harmonics)
+        """Bounds on the part of the medium's velocity that changes with time, for each vehicle, shape (V,), m/s.
+
+        Infinite for a vehicle that meets gusts.
+        """
+        return disturbance.bounds(self.harmonics) + bounds_of(self.moving, len(self.field))
 
     def flow_named(self, name: str) -> FlowField:
         """Return the flow field of a name; one at rest if there is none."""

@@ -50,7 +50,7 @@ def pack(harmonics: Array) -> HarmonicArrays:
 
 
 @inline_jit
-def _sine(x):
+def sine(x):
     """The sine of x, |x| up to LARGEST_PHASE, to a unit in the last place of 1; beyond, a number in [-1, 1].
 
     It is arithmetic alone, without a call or a branch: a loop over it becomes vector instructions. Six harmonics of a
@@ -71,7 +71,7 @@ def evaluate_sines(harmonics, t, first, last, sines):
     """Write the sines of the harmonics of the vehicles from first to last at time t into sines (V K,)."""
     K = harmonics.amplitude.shape[1]
     for j in range(first * K, last * K):
-        sines[j] = _sine(harmonics.rate[j] * t + harmonics.phase[j])
+        sines[j] = sine(harmonics.rate[j] * t + harmonics.phase[j])
 
 
 @inline_jit

@@ -25,6 +25,8 @@ from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError
 from mjsheaf.io.section import NonNegative, Number, Point, Positive, Section
 from mjsheaf.jit import inline_jit, jit
+from mjsheaf.media.gusts import Gusts
+from mjsheaf.media.waves import Waves
 
 # A field is a table with one row for each kernel: its kind, 1 if it lies in space (0: its z is ignored), centre (3),
 # axis or direction (3), strength, and two parameters. One array is what compiled code passes on most cheaply.
@@ -191,6 +193,8 @@ class FlowField(Section):
     sources: list[Source] = Field(default_factory=list, description="point sources and sinks")
     vortices: list[Vortex] = Field(default_factory=list, description="vortices")
     channels: list[Channel] = Field(default_factory=list, description="Gaussian streams")
+    gusts: Gusts | None = Field(None, description="turbulence in addition to the steady flow; none unless given")
+    waves: Waves | None = Field(None, description="waves, in `flow.water` alone; none unless given")
 
     @model_validator(mode="after")
     def _fits(self) -> "FlowField":
@@ -223,8 +227,13 @@ class FlowField(Section):
 
     @property
     def is_still(self) -> bool:
-        """True if the velocity is zero everywhere."""
+        """True if the steady velocity is zero everywhere."""
         return len(self.table) == 1 and not self.table[0, 2:5].any()
+
+    @property
+    def is_steady(self) -> bool:
+        """True if nothing of it changes with time."""
+        return self.gusts is None and self.waves is None
 
     def velocity(self, points: ArrayLike) -> Array:
         """Velocity of the medium.

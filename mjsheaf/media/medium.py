@@ -1,21 +1,25 @@
 """The medium about the vehicles, for compiled code: parameters, state, and what it does at a time.
 
 `MediumArrays` holds the parameters, which nothing changes during a phase of a run; `MediumState` holds all that
-depends on time. A loop calls `advance` once for each time and range of vehicles, and then `medium_velocity` and
-`surface_about` at as many points as it likes. A medium that moves adds its parameters to the one and its state to
-the other, computes the state in `advance`, and reads it in the other two; no loop changes. Vehicles are advanced in
-ranges by several threads at once, so that the state of each vehicle is its own.
+depends on time. A loop calls `hold` at each sample, `advance` once for each time and range of vehicles, and then
+`medium_velocity` and `surface_about` at as many points as it likes. A medium that moves is a part of both, of a kind in
+`mjsheaf.media.moving`; no loop changes. Vehicles are advanced in ranges by several threads at once, so that the state
+of each vehicle is its own. It is a function of time alone: at any time, a run can continue with a new state.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray, IntArray, Own
+from mjsheaf.errors import in_field
 from mjsheaf.jit import inline_jit
 from mjsheaf.media.disturbance import HarmonicArrays, disturbance_velocity, evaluate_sines, pack
 from mjsheaf.media.flow import FlowField, flow_velocity
+from mjsheaf.media.gusts import Exposure, pack_frozen, pack_gusts
+from mjsheaf.media.moving import Parts, add_surfaces, add_velocities, advance_parts, hold_parts, new_states
+from mjsheaf.media.waves import pack_waves
 
 
 class MediumArrays(NamedTuple):
@@ -28,6 +32,7 @@ class MediumArrays(NamedTuple):
         rows: First row of `kernels` that each vehicle meets, and the row after the last, shape (V, 2).
         harmonics: Harmonics of the disturbances.
         level: Height of the undisturbed surface, m.
+        parts: Parameters of what moves; see `mjsheaf.media.moving`.
     """
 
     agents: int
@@ -36,6 +41,7 @@ class MediumArrays(NamedTuple):
     rows: IntArray
     harmonics: Own[HarmonicArrays]
     level: float
+    parts: Own[Parts] = ()
 
 
 class MediumState(NamedTuple):
@@ -43,29 +49,71 @@ class MediumState(NamedTuple):
 
     Attributes:
         sines: Sines of the disturbances' harmonics, shape (V K,).
+        parts: States of what moves.
     """
 
     sines: Array
+    parts: Parts = ()
 
 
 def pack_medium(
-    agents: int, planar: BoolArray, flows: Sequence[FlowField], field: IntArray, harmonics: Array, level: float
+    agents: int,
+    planar: BoolArray,
+    flows: Sequence[FlowField],
+    field: IntArray,
+    harmonics: Array,
+    level: float,
+    parts: Parts = (),
 ) -> MediumArrays:
-    """Pack flow fields, of which vehicle v meets number field[v], and harmonics (V, K, 5) for compiled code."""
+    """Pack flow fields, harmonics (V, K, 5) and parts for compiled code; vehicle v meets the flow field field[v]."""
     ends = np.cumsum([0, *(len(flow.table) for flow in flows)])
     rows = np.column_stack([ends[field], ends[field + 1]]).astype(np.int64)
-    return MediumArrays(agents, planar, np.vstack([flow.table for flow in flows]), rows, pack(harmonics), level)
+    return MediumArrays(agents, planar, np.vstack([flow.table for flow in flows]), rows, pack(harmonics), level, parts)
+
+
+def pack_parts(
+    flows: Sequence[FlowField], names: Sequence[str], field: IntArray, planar: BoolArray, exposed: Exposure
+) -> Parts:
+    """Pack what moves for compiled code.
+
+    Args:
+        flows: Flow fields.
+        names: Their names, which name their random streams.
+        field: Number of the flow field that each vehicle meets, shape (V,).
+        planar: True for vehicles that live in the plane, shape (V,).
+        exposed: All vehicles.
+
+    Raises:
+        InputError: A frozen field of gusts would be too long; the message begins with the field.
+    """
+    parts: list[Any] = []
+    for k, (flow, name) in enumerate(zip(flows, names, strict=True)):
+        met = exposed._replace(met=field == k)
+        if flow.gusts is not None and met.met.any():
+            with in_field("gusts"):
+                parts.append(pack_frozen(flow.gusts, met, name) if flow.gusts.frozen else pack_gusts(flow.gusts, met))
+        if flow.waves is not None:
+            reached = np.where(planar, met.met.astype(np.int64), 2)
+            parts.append(pack_waves(flow.waves.components_of(exposed.seed), reached, exposed.level))
+    return tuple(parts)
 
 
 def new_state(medium: MediumArrays) -> MediumState:
     """Return a state for `advance` to write to."""
-    return MediumState(np.zeros(len(medium.harmonics.rate)))
+    return MediumState(np.zeros(len(medium.harmonics.rate)), new_states(medium.parts))
+
+
+@inline_jit
+def hold(medium, t, first, last, state):
+    """Bring what is held between samples to the sample at time t, s, for the vehicles from first up to last."""
+    hold_parts(medium.parts, state.parts, t, first, last)
 
 
 @inline_jit
 def advance(medium, t, first, last, state):
     """Bring the state of the medium about the vehicles from first up to last to time t, s."""
     evaluate_sines(medium.harmonics, t, first, last, state.sines)
+    advance_parts(medium.parts, state.parts, t, first, last)
 
 
 @inline_jit
@@ -76,23 +124,25 @@ def flow_about(medium, v, x, y, z):
 
 
 @inline_jit
-def moving_velocity(medium, state, v):
-    """Return the part of the velocity about vehicle v that changes with time, as three numbers, m/s.
+def moving_velocity(medium, state, v, x, y, z):
+    """Return the part of the velocity about vehicle v at a point that changes with time, as three numbers, m/s.
 
     `System.largest_disturbance` bounds it. The certificates rest on that bound, and on `flow_about` for the rest.
     """
-    return disturbance_velocity(medium.harmonics, state.sines, v)
+    w = disturbance_velocity(medium.harmonics, state.sines, v)
+    wx, wy, wz = add_velocities(medium.parts, state.parts, v, x, y, z, w)
+    return wx, wy, 0.0 if medium.planar[v] else wz
 
 
 @inline_jit
 def medium_velocity(medium, state, v, x, y, z):
     """Return the velocity of the medium that vehicle v meets at a point, as three numbers, m/s."""
     wx, wy, wz = flow_about(medium, v, x, y, z)
-    dx, dy, dz = moving_velocity(medium, state, v)
+    dx, dy, dz = moving_velocity(medium, state, v, x, y, z)
     return wx + dx, wy + dy, wz + dz
 
 
 @inline_jit
-def surface_about(medium, state, x, y):
-    """Return the height of the surface above a point, m, and its slopes along x and y; at rest, it is level."""
-    return medium.level, 0.0, 0.0
+def surface_about(medium, state, v, x, y):
+    """Return height, m, slopes along x and y, and rate, m/s, of the surface above a point where vehicle v is."""
+    return add_surfaces(medium.parts, state.parts, v, x, y, medium.level)

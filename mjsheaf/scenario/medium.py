@@ -32,6 +32,9 @@ class Flow(Section):
     def _one_way(self) -> "Flow":
         if (self.agents or self.targets) and (self.air or self.water):
             raise ValueError("give either agents and targets, or air and water")
+        for name in ("agents", "targets", "air"):
+            if getattr(self, name) is not None and getattr(self, name).waves is not None:
+                raise ValueError(f"{name}.waves: only water has waves; expected them in flow.water")
         return self
 
     def parts(self, team: Team) -> dict[str, Any]:

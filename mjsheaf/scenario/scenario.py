@@ -529,6 +529,7 @@ class Scenario(Section):
             harmonics=harmonics,
             effectiveness=g,
             **self.flow.parts(team),
+            seed=self.seed,
             tolerance=(self.ideal.rtol, self.ideal.atol),
             bodies=PhysicsOptions(
                 vehicle=self.vehicles.names(agents, targets),
@@ -571,5 +572,5 @@ class Scenario(Section):
     def uses_seed(self, backend: str) -> bool:
         """Whether another seed would change anything on a backend."""
         drawn = any(d is not None and d.bound > 0.0 for d in (self.disturbance.agents, self.disturbance.targets))
-        drawn = drawn or any(phase.system.law.random for phase in self.phases)
+        drawn = drawn or any(phase.system.law.random or phase.system.moving for phase in self.phases)
         return drawn or self.spread.position > 0.0 or (backend == "physics" and self.spread.heading > 0.0)

@@ -246,11 +246,11 @@ def _planar_wrenches(vehicle: Vehicle, norms: Array) -> Array:
 
 
 @inline_jit
-def medium_wrench(kind, height, R, s, omega):
+def medium_wrench(kind, height, normal, R, s, omega):
     """Force and moment of the medium, but for what the joint takes of the moment, body axes, (3,) each.
 
     s and omega are the velocity through the medium and the rates in body axes, (3,) each; height is that of the
-    origin above the surface, m.
+    origin above the surface, m, and normal the surface's, along the body's x and y axes.
     """
     D, Q, k = kind.drag, kind.quadratic, kind.explicit
     force = drag_force(kind, s)
@@ -261,10 +261,10 @@ def medium_wrench(kind, height, R, s, omega):
         -(k * D[5] + Q[5] * abs(omega[2])) * omega[2],
     )
     if kind.buoyancy > 0.0:
-        # A moment K (b_z x e_z) rights the hull; its height and its tilt are small.
+        # A moment K (b_z x n) rights the hull; its height and its tilt to the surface's normal n are small.
         force = add(force, upward(R, kind.buoyancy - kind.restoring[0] * height))
         moment = add(moment, cross(triple(kind.centre), upward(R, kind.buoyancy)))
-        moment = moment[0] - kind.restoring[1] * R[7], moment[1] + kind.restoring[2] * R[6], moment[2]
+        moment = moment[0] - kind.restoring[1] * normal[1], moment[1] + kind.restoring[2] * normal[0], moment[2]
     if kind.ballast > 0.0:
         weight = upward(R, -kind.ballast)
         force, moment = add(force, weight), add(moment, cross(triple(kind.ballast_point), weight))

@@ -24,7 +24,7 @@ from mjsheaf.control.law import ControlArrays, Memory, evaluate_law, new_memory
 from mjsheaf.control.station import Station, keep_station, no_station
 from mjsheaf.dynamics.effectiveness import EffectivenessArrays, allocate
 from mjsheaf.jit import inline_jit, jit
-from mjsheaf.media.medium import MediumArrays, MediumState, advance, medium_velocity, new_state
+from mjsheaf.media.medium import MediumArrays, MediumState, advance, hold, medium_velocity, new_state
 from mjsheaf.simulation.engine import Engine, Recorder
 from mjsheaf.simulation.trajectory import Log, blow_up_message, new_log, quaternions_of, record_links, record_vehicle
 from mjsheaf.system import System
@@ -246,6 +246,7 @@ def _record(run, t, x, k, log):
     """Write sample k at time t: positions x (V, 3), commands just made, and x', kept in run.slope[0]."""
     medium, memory, slope = run.medium, run.memory, run.slope[0]
     record_links(memory, log, k)
+    hold(medium, t, 0, x.shape[0], run.medium_state)
     advance(medium, t, 0, x.shape[0], run.medium_state)
     for v in range(x.shape[0]):
         w = medium_velocity(medium, run.medium_state, v, x[v, 0], x[v, 1], x[v, 2])

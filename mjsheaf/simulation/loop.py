@@ -15,7 +15,8 @@ from mjsheaf.control.controller import Controller
 from mjsheaf.control.law import ControlArrays, Memory, evaluate_law, new_memory
 from mjsheaf.control.station import Station, keep_station, no_station
 from mjsheaf.jit import inline_jit, jit
-from mjsheaf.media.medium import MediumArrays, MediumState, advance, medium_velocity, new_state, surface_about
+from mjsheaf.media.medium import MediumArrays, MediumState, advance, hold, medium_velocity, new_state, surface_about
+from mjsheaf.media.moving import upright_in
 from mjsheaf.simulation.bodies import (
     Fleet,
     Sensed,
@@ -128,6 +129,7 @@ def run_law(loop, t):
     memory = state.memory
     bodies = params.fleet.bodies
     controlled_positions(params.fleet, state.qpos, state.x)
+    hold(params.medium, t, 0, bodies.shape[0], state.medium)
     if params.control.law.terms.drift > 0.0:
         advance(params.medium, t, 0, bodies.shape[0], state.medium)
         for v in range(bodies.shape[0]):
@@ -185,10 +187,13 @@ def sense_and_command(loop, v):
     ctrl = state.ctrl[body.actuator : body.actuator + kind.count]
     quaternion = (q[a + 3], q[a + 4], q[a + 5], q[a + 6])
     R = rotation(quaternion[0], quaternion[1], quaternion[2], quaternion[3])
-    s = to_body(R, subtract((qvel[d], qvel[d + 1], qvel[d + 2]), medium_at(params, state, v)))
+    surface = surface_about(params.medium, state.medium, v, q[a], q[a + 1])
+    w = medium_at(params, state, v)
+    rise = surface[3] if kind.planar else 0.0
+    s = to_body(R, subtract((qvel[d], qvel[d + 1], qvel[d + 2]), (w[0], w[1], w[2] + rise)))
     omega = triple(qvel[d + 3 :])
-    height = q[a + 2] - surface_about(params.medium, state.medium, q[a], q[a + 1])[0]
-    force, moment = medium_wrench(kind, height, R, s, omega)
+    height = q[a + 2] - surface[0]
+    force, moment = medium_wrench(kind, height, upright_in(params.medium.parts, surface, R), R, s, omega)
     sensed = Sensed(R, quaternion, s, omega)
     command = triple(state.memory.command[v])
     act = state.act[body.state :]

@@ -86,7 +86,7 @@ def test_the_sine_of_the_loops_is_the_sine(most: float) -> None:
     """To a unit in the last place of 1, also at multiples of a quarter turn."""
     quarters = np.arange(-2000.0, 2000.0) * (np.pi / 2)
     x = np.concatenate([np.random.default_rng(0).uniform(-most, most, 20_000), quarters])
-    found = np.array([disturbance._sine(value) for value in x])
+    found = np.array([disturbance.sine(value) for value in x])
     np.testing.assert_allclose(found, np.sin(x), rtol=0, atol=2.3e-16)
 
 

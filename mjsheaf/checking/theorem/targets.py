@@ -34,6 +34,7 @@ from mjsheaf.jit import inline_jit, jit
 from mjsheaf.media import disturbance
 from mjsheaf.media.flow import flow_scale, flow_slope
 from mjsheaf.media.medium import MediumArrays, moving_velocity
+from mjsheaf.media.moving import bounds_of, rows_of
 from mjsheaf.remember import remember_last
 from mjsheaf.simulation.ideal import new_integrator, slope_of, take_step
 from mjsheaf.system import System
@@ -315,10 +316,10 @@ def _accepted_step(follow, setting, run, t, h, x, bound):
 
 
 @inline_jit
-def _add_drift(run, slope, cells, count, second):
-    """Put half of f_p at the present time into a cell, or add the second half; f_p is x' without the disturbance."""
+def _add_drift(run, x, slope, cells, count, second):
+    """Put half of f_p at x into a cell, or add the second half; f_p is x' without the disturbance."""
     for v in range(slope.shape[0]):
-        w = moving_velocity(run.medium, run.medium_state, v)
+        w = moving_velocity(run.medium, run.medium_state, v, x[v, 0], x[v, 1], x[v, 2])
         for i in range(3):
             first_half = cells.drift[count, v, i] if second else 0.0
             cells.drift[count, v, i] = first_half + 0.5 * (slope[v, i] - w[i])
@@ -366,7 +367,7 @@ def _follow(follow, setting, run, x, bound, cells, samples, place, end):
             h = _shortened(setting, run.medium, h, x, run.slope[0], bound)
             if count == end:
                 return count, k, done, step
-            _add_drift(run, run.slope[0], cells, count, False)  # while the sines are those of t
+            _add_drift(run, x, run.slope[0], cells, count, False)  # while the sines are those of t
             if h > _NEARLY * (period - done):  # so that no sliver is left
                 h = period - done
             h, error = _accepted_step(follow, setting, run, t, h, x, bound)
@@ -380,7 +381,7 @@ def _follow(follow, setting, run, x, bound, cells, samples, place, end):
             last = h >= period - done
             cells.begin[count] = t
             cells.end[count] = times[k + 1] if last else t + h
-            _add_drift(run, run.slope[6], cells, count, True)  # the sines are those of t + h
+            _add_drift(run, run.state, run.slope[6], cells, count, True)  # the sines are those of t + h
             _fill_cell(setting, run, h, x, bound, cells, count)
             count += 1
             done = period if last else done + h
@@ -411,6 +412,8 @@ def follow_targets(system: System, carrier: Carrier | None = None) -> TargetPath
     N, M, n_q = len(system.team.agents), len(system.team.targets), int(system.team.first_state[-1])
     extend = (carrier or Carrier(system)).extend
     try:
+        if bounds_of(system.moving, N + M)[N:].any():
+            raise _UnknownPathError("they meet gusts or waves, in which no path is certain")
         finer, _ = _integrate(system, share=0.5, tolerance=0.1 * _TOLERANCE, margin=0.0)
         farthest = float(np.abs(finer).max())
         error = _ERROR + _RELATIVE_ERROR * farthest
@@ -498,7 +501,11 @@ def _targets_alone(system: System) -> tuple[ControlArrays, MediumArrays, Array]:
     alone = alone._replace(links=no_links())
     own = {name: getattr(motion, name)[N:] for name in motion._fields if name not in ("knots", "coefficients")}
     around = medium._replace(
-        agents=0, planar=medium.planar[N:], rows=medium.rows[N:], harmonics=disturbance.pack(system.harmonics[N:])
+        agents=0,
+        planar=medium.planar[N:],
+        rows=medium.rows[N:],
+        harmonics=disturbance.pack(system.harmonics[N:]),
+        parts=rows_of(medium.parts, np.arange(N, len(medium.planar))),
     )
     return new_control(alone, motion._replace(**own)), around, system.initial[N:].copy()
 

@@ -1,0 +1,390 @@
+"""Dryden gusts: air whose velocity is a stationary Gaussian process, discretised exactly.
+
+The velocity has a component u along the mean wind, v to its left and w up. With a = V / L, a component's
+autocorrelation is sigma^2 e^(-a t) for u, and sigma^2 e^(-a t) (1 - a t / 2) for v and w. The latter has two states,
+
+    x1' = -a x1 + (2 a)^(1/2) n,   x2' = -a x2 + a x1,   v = c1 x1 + c2 x2,   c1 = sigma (3 / 2)^(1/2),
+    c2 = c1 (3^(-1/2) - 1),
+
+with the stationary covariance P = [[1, 1/2], [1/2, 1/2]]. Over a period h their transition is
+e^(-a h) [[1, 0], [a h, 1]], and the covariance of what the noise adds is, with x = 2 a h and the lower incomplete gamma
+function, [[gamma(1, x), gamma(2, x) / 2], [gamma(2, x) / 2, gamma(3, x) / 4]]: Van Loan's integral in closed form, to
+rounding at any h. So the process is stationary from the first sample, and its statistics do not depend on h.
+
+Scale lengths and intensities are those of MIL-F-8785C for low altitude, h in ft, with W20 the wind speed at 20 ft:
+L_w = h, L_u = L_v = h / (0.177 + 0.000823 h)^1.2, sigma_w = 0.1 W20, sigma_u = sigma_v =
+sigma_w / (0.177 + 0.000823 h)^0.4. MIL-HDBK-1797 halves the lengths, and its filters of v and w have a = V / (2 L).
+
+Gusts change at control periods and are held between. What a vehicle meets is a function of the seed, the vehicle's id
+and the number of the period alone; the state is what that function has reached, and goes back by starting over.
+"""
+
+from collections.abc import Sequence
+from typing import Annotated, Literal, NamedTuple
+
+import numpy as np
+from pydantic import Field, field_validator
+from scipy.special import gammainc
+
+from mjsheaf.arrays import Array, BoolArray, IntArray
+from mjsheaf.errors import InputError
+from mjsheaf.io.section import Number, Positive, Section
+from mjsheaf.jit import inline_jit, jit
+from mjsheaf.noise import normals, stream_of
+
+FOOT = 0.3048  # m
+LOWEST = 10.0 * FOOT
+"""Lowest altitude of the low-altitude model, m."""
+HIGHEST = 1000.0 * FOOT
+"""Highest altitude of the low-altitude model, m."""
+
+_NODES_PER_LENGTH = 100.0  # of the shortest scale length in a frozen field
+_MAX_NODES = 8_000_000  # of a frozen field: 200 MB
+_MARGIN = 20.0  # scale lengths beyond what vehicles meet from where they begin
+_STATES = 5  # u, and two each for v and w
+_ROUNDING = 1e-6  # of a period
+
+
+class Gusts(Section):
+    """Dryden gusts in addition to the steady flow."""
+
+    kind: Literal["dryden"] = Field(description="spectrum")
+    wind_speed: Positive = Field(description="wind speed at 20 ft (6.1 m), which sets the intensity [m/s]")
+    altitude: Number | Literal["from_position"] = Field(
+        "from_position",
+        description="altitude, 3.048 to 304.8, or from_position: each vehicle's initial height above the surface [m]",
+    )
+    standard: Literal["MIL-F-8785C", "MIL-HDBK-1797"] = Field(
+        "MIL-F-8785C", description="source of scale lengths and filters"
+    )
+    frozen: bool = Field(
+        False,
+        description="one field for all vehicles, carried by the mean wind, instead of gusts of each vehicle's own",
+    )
+    airspeed: Annotated[float, Field(gt=0.0)] = Field(
+        1.0, description="lowest speed at which gusts pass, where the mean wind is slower [m/s]"
+    )
+
+    @field_validator("altitude")
+    @classmethod
+    def _low(cls, altitude: float | str) -> float | str:
+        if not isinstance(altitude, str) and not LOWEST - 1e-9 <= altitude <= HIGHEST + 1e-9:
+            raise ValueError(f"{altitude:g} m; the low-altitude model holds from {LOWEST:g} to {HIGHEST:g} m")
+        return altitude
+
+    def altitude_of(self, height: float) -> float:
+        """Return the altitude of a vehicle that begins at a height above the surface, m."""
+        return float(np.clip(height, LOWEST, HIGHEST)) if isinstance(self.altitude, str) else self.altitude
+
+    def scales(self, altitude: float) -> tuple[Array, Array]:
+        """Return the standard deviations (3,), m/s, and scale lengths (3,), m, of u, v and w at an altitude, m."""
+        feet = altitude / FOOT
+        shape = 0.177 + 0.000823 * feet
+        vertical = 0.1 * self.wind_speed
+        horizontal = vertical / shape**0.4
+        lengths = np.array([altitude / shape**1.2, altitude / shape**1.2, altitude])
+        if self.standard == "MIL-HDBK-1797":
+            lengths = 0.5 * lengths
+        return np.array([horizontal, horizontal, vertical]), lengths
+
+    def decay_lengths(self, altitude: float) -> Array:
+        """Return V / a of u, v and w at an altitude in m: lengths over which they decay by 1 / e, shape (3,), m."""
+        lengths = self.scales(altitude)[1]
+        return lengths * np.array([1.0, 2.0, 2.0]) if self.standard == "MIL-HDBK-1797" else lengths
+
+    def wind(self, velocity: Array) -> tuple[Array, float]:
+        """Return the direction (2,) of a mean wind (3,), m/s, and the speed at which gusts pass, m/s."""
+        speed = float(np.hypot(velocity[0], velocity[1]))
+        direction = velocity[:2] / speed if speed > 0.0 else np.array([1.0, 0.0])
+        return direction, max(float(np.linalg.norm(velocity)), self.airspeed)
+
+
+class Exposure(NamedTuple):
+    """The vehicles that meet the gusts of a flow field, and how the run is sampled.
+
+    Attributes:
+        met: True for those vehicles, shape (V,).
+        ids: Ids of all vehicles.
+        positions: Initial positions, shape (V, 3), m.
+        wind: Steady flow at the initial positions, shape (V, 3), m/s.
+        level: Height of the surface, m.
+        start, end, period: Times of the first and last sample, and between samples, s.
+        seed: Seed of the run.
+    """
+
+    met: BoolArray
+    ids: Sequence[str]
+    positions: Array
+    wind: Array
+    level: float
+    start: float
+    end: float
+    period: float
+    seed: int
+
+
+# -- filters -------------------------------------------------------------------------------------------------------
+
+OUTPUT = np.sqrt(1.5) * np.array([1.0, 1.0 / np.sqrt(3.0) - 1.0])
+"""c1 and c2 at sigma = 1."""
+
+
+def discretise(rate: float, period: float) -> tuple[Array, Array]:
+    """Return transition (2, 2) and noise factor (2, 2), lower triangular, of the states of v or w over a period, s."""
+    x = 2.0 * rate * period
+    decay = np.exp(-rate * period)
+    transition = decay * np.array([[1.0, 0.0], [rate * period, 1.0]])
+    first = gammainc(1.0, x)
+    mixed = 0.5 * gammainc(2.0, x)
+    second = 0.5 * gammainc(3.0, x)
+    corner = np.sqrt(first)
+    factor = np.array([[corner, 0.0], [mixed / corner, np.sqrt(second - mixed**2 / first)]])
+    return transition, factor
+
+
+def _filter(rates: Array, sigma: Array, direction: Array, period: float) -> Array:
+    """Return a row of `GustArrays.filters`."""
+    row = [*direction, np.exp(-rates[0] * period), np.sqrt(-np.expm1(-2.0 * rates[0] * period)), sigma[0]]
+    for rate, size in zip(rates[1:], sigma[1:], strict=True):
+        transition, factor = discretise(rate, period)
+        row += [transition[0, 0], transition[1, 0], factor[0, 0], factor[1, 0], factor[1, 1], *(size * OUTPUT)]
+    return np.array(row)
+
+
+@inline_jit
+def _begin(seed, stream, state):
+    """Draw the stationary states (5,) of the first sample."""
+    a, b, c, d = normals(seed, stream, 0, 0)
+    e = normals(seed, stream, 0, 1)[0]
+    state[0] = a
+    state[1] = b
+    state[2] = 0.5 * (b + c)
+    state[3] = d
+    state[4] = 0.5 * (d + e)
+
+
+@inline_jit
+def _continue(row, seed, stream, k, state):
+    """Take the states (5,) from sample k - 1 to sample k."""
+    a, b, c, d = normals(seed, stream, k, 0)
+    e = normals(seed, stream, k, 1)[0]
+    state[0] = row[2] * state[0] + row[3] * a
+    state[2] = row[6] * state[1] + row[5] * state[2] + row[8] * b + row[9] * c
+    state[1] = row[5] * state[1] + row[7] * b
+    state[4] = row[13] * state[3] + row[12] * state[4] + row[15] * d + row[16] * e
+    state[3] = row[12] * state[3] + row[14] * d
+
+
+@inline_jit
+def _components(row, state):
+    """Return u, v and w, m/s."""
+    return row[4] * state[0], row[10] * state[1] + row[11] * state[2], row[17] * state[3] + row[18] * state[4]
+
+
+# -- gusts of each vehicle's own -----------------------------------------------------------------------------------
+
+
+class GustArrays(NamedTuple):
+    """Gusts of V vehicles, each with its own.
+
+    Attributes:
+        seed: Seed of the run.
+        streams: Random stream of each vehicle, shape (V, 2); zeros for a vehicle that meets none.
+        filters: Direction of the mean wind, and the filters of u, v and w over a period, shape (V, 19).
+        clock: Time of sample 0, and the period, shape (2,), s.
+    """
+
+    seed: int
+    streams: IntArray
+    filters: Array
+    clock: Array
+
+
+class GustState(NamedTuple):
+    """State of the gusts.
+
+    Attributes:
+        sample: Number of the sample of each vehicle, -1 before the first, shape (V,).
+        filters: States of the filters, shape (V, 5).
+        velocity: Velocity in world axes, shape (V, 3), m/s.
+    """
+
+    sample: Array
+    filters: Array
+    velocity: Array
+
+
+def new_gust_state(gusts: GustArrays) -> GustState:
+    """Return a state for `hold_gusts` to write to."""
+    V = len(gusts.streams)
+    return GustState(np.full(V, -1.0), np.zeros((V, _STATES)), np.zeros((V, 3)))
+
+
+@jit
+def hold_gusts(gusts, t, first, last, state):
+    """Let vehicles from first up to last meet the gusts of the sample at time t, s."""
+    n = sample_at(gusts.clock, t)
+    for v in range(first, last):
+        stream = gusts.streams[v]
+        if stream[0] == 0 or state.sample[v] == n:
+            continue
+        row, filters = gusts.filters[v], state.filters[v]
+        k = int(state.sample[v])
+        if k < 0 or k > n:
+            _begin(gusts.seed, stream, filters)
+            k = 0
+        while k < n:
+            k += 1
+            _continue(row, gusts.seed, stream, k, filters)
+        state.sample[v] = n
+        along, left, up = _components(row, filters)
+        state.velocity[v, 0] = row[0] * along - row[1] * left
+        state.velocity[v, 1] = row[1] * along + row[0] * left
+        state.velocity[v, 2] = up
+
+
+@inline_jit
+def sample_at(clock, t):
+    """Return the number of the sample whose values are held at time t, s."""
+    return max(int(np.floor((t - clock[0]) / clock[1] + _ROUNDING)), 0)
+
+
+@inline_jit
+def gust_velocity(gusts, state, v, x, y, z):
+    """Return the velocity of vehicle v's gusts, as three numbers, m/s."""
+    return state.velocity[v, 0], state.velocity[v, 1], state.velocity[v, 2]
+
+
+def bound_gusts(gusts: GustArrays) -> Array:
+    """Return infinity for vehicles that meet gusts, which are Gaussian, and 0 for others, shape (V,), m/s."""
+    return np.where(gusts.streams[:, 0] > 0, np.inf, 0.0)
+
+
+def pack_gusts(gusts: Gusts, met: Exposure) -> GustArrays:
+    """Pack gusts of each vehicle's own for compiled code."""
+    V = len(met.ids)
+    filters = np.zeros((V, 19))
+    streams = np.zeros((V, 2), dtype=np.int64)
+    for v in np.flatnonzero(met.met).tolist():
+        altitude = gusts.altitude_of(met.positions[v, 2] - met.level)
+        direction, speed = gusts.wind(met.wind[v])
+        sigma = gusts.scales(altitude)[0]
+        filters[v] = _filter(speed / gusts.decay_lengths(altitude), sigma, direction, met.period)
+        streams[v] = stream_of("gusts", met.ids[v])
+    return GustArrays(met.seed, streams, filters, np.array([met.start, met.period]))
+
+
+# -- a frozen field ------------------------------------------------------------------------------------------------
+
+
+class FrozenArrays(NamedTuple):
+    """A field of gusts that the mean wind carries, the same for all vehicles.
+
+    With s the distance along the wind, it is a function of xi = V t - s, given at nodes. Between two nodes with the
+    correlation r it is ((1 - f) g_0 + f g_1) / ((1 - f)^2 + f^2 + 2 f (1 - f) r)^(1/2), whose variance is that at the
+    nodes. Distances below that of nodes, a hundredth of the shortest scale length, are not resolved. Beyond the last
+    node, far beyond where vehicles begin, it is mirrored.
+
+    Attributes:
+        met: 1 for vehicles that meet it, else 0, shape (V,).
+        nodes: u, v and w at the nodes, shape (n, 3), m/s.
+        place: Cosine and sine of the wind, V in m/s, xi of the first node and distance of nodes in m, and the three
+            correlations r, shape (8,).
+        clock: Time of sample 0, and the period, shape (2,), s.
+    """
+
+    met: IntArray
+    nodes: Array
+    place: Array
+    clock: Array
+
+
+class FrozenState(NamedTuple):
+    """State of a frozen field.
+
+    Attributes:
+        time: Time of the sample that is held, by vehicle, shape (V,), s.
+    """
+
+    time: Array
+
+
+def new_frozen_state(gusts: FrozenArrays) -> FrozenState:
+    """Return a state for `hold_frozen` to write to."""
+    return FrozenState(np.zeros(len(gusts.met)))
+
+
+@jit
+def hold_frozen(gusts, t, first, last, state):
+    """Let vehicles from first up to last meet the field as it is at the sample at time t, s."""
+    n = sample_at(gusts.clock, t)
+    for v in range(first, last):
+        state.time[v] = gusts.clock[0] + n * gusts.clock[1]
+
+
+@jit
+def frozen_velocity(gusts, state, v, x, y, z):
+    """Return the velocity of the field at a point, as three numbers, m/s."""
+    if gusts.met[v] == 0:
+        return 0.0, 0.0, 0.0
+    place, last = gusts.place, gusts.nodes.shape[0] - 1
+    at = (place[2] * state.time[v] - place[0] * x - place[1] * y - place[3]) / place[4]
+    at = abs(at) % (2.0 * last)
+    if at > last:
+        at = 2.0 * last - at
+    k = min(int(at), last - 1)
+    f = at - k
+    both = (1.0 - f) * (1.0 - f) + f * f
+    mixed = 2.0 * f * (1.0 - f)
+    one, other = gusts.nodes[k], gusts.nodes[k + 1]
+    along = ((1.0 - f) * one[0] + f * other[0]) / np.sqrt(both + mixed * place[5])
+    left = ((1.0 - f) * one[1] + f * other[1]) / np.sqrt(both + mixed * place[6])
+    up = ((1.0 - f) * one[2] + f * other[2]) / np.sqrt(both + mixed * place[7])
+    return place[0] * along - place[1] * left, place[1] * along + place[0] * left, up
+
+
+def bound_frozen(gusts: FrozenArrays) -> Array:
+    """Return infinity for vehicles that meet the field, which is Gaussian, and 0 for others, shape (V,), m/s."""
+    return np.where(gusts.met > 0, np.inf, 0.0)
+
+
+@jit
+def _draw_nodes(row, seed, stream, state, nodes):
+    for k in range(nodes.shape[0]):
+        if k == 0:
+            _begin(seed, stream, state)
+        else:
+            _continue(row, seed, stream, k, state)
+        nodes[k, 0], nodes[k, 1], nodes[k, 2] = _components(row, state)
+
+
+def pack_frozen(gusts: Gusts, met: Exposure, name: str) -> FrozenArrays:
+    """Pack a frozen field for compiled code, at the mean altitude and in the mean wind of those who meet it.
+
+    Raises:
+        InputError: The field would be too long.
+    """
+    own = met.met
+    altitude = float(np.mean([gusts.altitude_of(z - met.level) for z in met.positions[own, 2]]))
+    direction, speed = gusts.wind(met.wind[own].mean(axis=0))
+    sigma = gusts.scales(altitude)[0]
+    lengths = gusts.decay_lengths(altitude)
+    spacing = float(lengths.min()) / _NODES_PER_LENGTH
+    along = met.positions[own, :2] @ direction
+    margin = _MARGIN * float(lengths.max()) + float(np.ptp(along))
+    first = speed * met.start - float(along.max()) - margin
+    last = speed * met.end - float(along.min()) + margin
+    count = int((last - first) / spacing) + 2
+    if count > _MAX_NODES:
+        raise InputError(
+            f"frozen: {met.end - met.start:g} s at {speed:g} m/s need {count} nodes {spacing:.3g} m apart; expected at "
+            f"most {_MAX_NODES}: a shorter run, a higher altitude, or frozen: false"
+        )
+    nodes = np.empty((count, 3))
+    row = _filter(1.0 / lengths, sigma, direction, spacing)
+    stream = np.array(stream_of("frozen gusts", name), dtype=np.int64)
+    _draw_nodes(row, met.seed, stream, np.zeros(_STATES), nodes)
+    slip = spacing / lengths
+    correlations = np.exp(-slip) * (1.0 - np.array([0.0, 0.5, 0.5]) * slip)
+    place = np.array([*direction, speed, first, spacing, *correlations])
+    return FrozenArrays(own.astype(np.int64), nodes, place, np.array([met.start, met.period]))

@@ -1,0 +1,289 @@
+"""Waves: one sea for all vehicles, a sum of Airy's waves with phase k . x - omega t.
+
+The spectrum is Pierson and Moskowitz's, S ~ omega^-5 exp(-5/4 (omega_p / omega)^4), or JONSWAP's, which is that times
+gamma^exp(-(omega / omega_p - 1)^2 / (2 s^2)), s = 0.07 up to the peak and 0.09 beyond. It is scaled to
+m_0 = H_s^2 / 16 by its own integral. With s = (omega_p / omega)^2,
+
+    S d omega ~ s exp(-5/4 s^2) gamma^... ds,   omega^2 S d omega ~ omega_p^2 exp(-5/4 s^2) gamma^... ds,
+
+both smooth but for the peak s = 1. Each of N components has the energy m_0 / N, and the frequency with which the second
+moments of the components sum up to m_2: m_0 and m_2 are exact for any N. Each component has one direction.
+
+A component of amplitude a and direction d in water of depth h has, at depth -z below the undisturbed surface,
+
+    eta = a cos(theta),   (u, v) = a omega cosh(k (z + h)) / sinh(k h) cos(theta) d,
+    w = a omega sinh(k (z + h)) / sinh(k h) sin(theta),   omega^2 = g k tanh(k h).
+
+Vehicles in the plane meet the velocity at z = 0. Vehicles in space meet it below the undisturbed surface alone.
+"""
+
+import math
+from typing import Annotated, Literal, NamedTuple
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from mjsheaf.arrays import Array, IntArray
+from mjsheaf.io.section import Number, Positive, Section
+from mjsheaf.jit import jit
+from mjsheaf.media.disturbance import sine
+from mjsheaf.noise import generator_of
+
+GRAVITY = 9.81
+"""m/s^2, as in MuJoCo's models."""
+
+_PANELS = 4000  # of the quadrature on each side of the peak
+_END = 7.0  # of s: exp(-1.25 * 49) is 2e-27
+_GAUSS = np.polynomial.legendre.leggauss(8)
+_HALF_PI = 0.5 * np.pi
+_DEEP = 30.0  # k h beyond which tanh(k h) is 1
+
+
+class Waves(Section):
+    """A sea of long-crested waves of many frequencies."""
+
+    kind: Literal["pierson_moskowitz", "jonswap"] = Field(description="spectrum")
+    significant_height: Positive = Field(description="significant wave height, 4 m_0^(1/2) [m]")
+    peak_period: Positive = Field(description="period at which the spectrum has its peak [s]")
+    gamma: Annotated[float, Field(ge=1.0, le=10.0)] | None = Field(
+        None, description="peak enhancement of JONSWAP; 3.3 unless given [-]"
+    )
+    direction: Number = Field(0.0, description="where the waves travel to, from the x axis to port [deg]")
+    spreading: Literal["none", "cos2"] = Field(
+        "none", description="distribution of directions: all alike, or cos^2 of the angle within 90 deg of `direction`"
+    )
+    components: Annotated[int, Field(ge=1, le=1000)] = Field(50, description="number of waves [-]")
+    depth: Positive | None = Field(None, description="depth of the water; infinite unless given [m]")
+    seed: Annotated[int, Field(ge=0, lt=2**63)] | None = Field(
+        None, description="seed of phases and directions; the scenario's unless given [-]"
+    )
+
+    @model_validator(mode="after")
+    def _fits(self) -> "Waves":
+        if self.kind == "pierson_moskowitz" and self.gamma is not None:
+            raise ValueError("gamma: Pierson and Moskowitz's spectrum has none; expected kind jonswap with it")
+        return self
+
+    @property
+    def peak_rate(self) -> float:
+        """omega_p, rad/s."""
+        return 2.0 * math.pi / self.peak_period
+
+    def spectrum(self, rate: Array) -> Array:
+        """Return S at frequencies in rad/s, m^2 s: the variance of the elevation is its integral."""
+        s = (self.peak_rate / rate) ** 2
+        total = _quadrature(self._enhancement)[1][-1]
+        per_s = s * np.exp(-1.25 * s**2) * self._enhancement(s) / total
+        return np.asarray(self.significant_height**2 / 16.0 * per_s * 2.0 * s / rate)
+
+    def _enhancement(self, s: Array) -> Array:
+        """Return gamma^... at s."""
+        if self.kind == "pierson_moskowitz":
+            return np.ones_like(s)
+        width = np.where(s >= 1.0, 0.07, 0.09)
+        gamma = 3.3 if self.gamma is None else self.gamma
+        return np.asarray(gamma ** np.exp(-0.5 * ((s**-0.5 - 1.0) / width) ** 2))
+
+    def components_of(self, seed: int) -> "Components":
+        """Draw the waves, with the scenario's seed."""
+        edges, energy, second = _quadrature(self._enhancement)
+        shares = np.linspace(0.0, energy[-1], self.components + 1)
+        ends = np.interp(shares, energy, edges)
+        # omega^2 of each bin, times its energy; the sum of the bins is the integral, wherever they end.
+        rates = self.peak_rate * np.sqrt(np.diff(np.interp(ends, edges, second)) * self.components / energy[-1])
+        rng = generator_of(seed if self.seed is None else self.seed, "waves")
+        phases = rng.uniform(0.0, 2.0 * np.pi, self.components)
+        directions = np.full(self.components, math.radians(self.direction))
+        if self.spreading == "cos2":
+            directions += _cos2(rng.uniform(0.0, 1.0, self.components))
+        amplitude = np.full(self.components, self.significant_height / math.sqrt(8.0 * self.components))
+        return Components(amplitude, rates, wave_numbers(rates, self.depth), directions, phases, self.depth)
+
+
+class Components(NamedTuple):
+    """The waves of a sea, N of them.
+
+    Attributes:
+        amplitude: m, shape (N,).
+        rate: omega, rad/s, shape (N,).
+        number: k, rad/m, shape (N,).
+        direction: Angle from the x axis to port, rad, shape (N,).
+        phase: rad, shape (N,).
+        depth: Depth of the water, m; None if it is infinite.
+    """
+
+    amplitude: Array
+    rate: Array
+    number: Array
+    direction: Array
+    phase: Array
+    depth: float | None
+
+    @property
+    def unit(self) -> Array:
+        """Unit vectors of the directions, shape (N, 2)."""
+        return np.column_stack([np.cos(self.direction), np.sin(self.direction)])
+
+    @property
+    def speed(self) -> Array:
+        """Amplitudes of the horizontal velocity at the undisturbed surface, shape (N,), m/s."""
+        return self.amplitude * self.rate / np.tanh(self.number * (self.depth or np.inf))
+
+
+def _quadrature(enhancement: object) -> tuple[Array, Array, Array]:
+    """Return edges of panels in s, and the integrals up to each of S and omega^2 S over m_0 and omega_p^2, all (P,)."""
+    edges = np.concatenate([np.linspace(0.0, 1.0, _PANELS + 1), np.linspace(1.0, _END, _PANELS + 1)[1:]])
+    middle, half = 0.5 * (edges[1:] + edges[:-1]), 0.5 * np.diff(edges)
+    s = middle[:, None] + half[:, None] * _GAUSS[0]
+    second = np.exp(-1.25 * s**2) * enhancement(s)  # type: ignore[operator]
+    sums = [np.append(0.0, np.cumsum(half * (values @ _GAUSS[1]))) for values in (s * second, second)]
+    return edges, sums[0], sums[1]
+
+
+def _cos2(share: Array) -> Array:
+    """Return the angles, rad, below which shares of cos^2 lie: the distribution is 1/2 + x / pi + sin(2 x) / (2 pi)."""
+    angles = np.linspace(-_HALF_PI, _HALF_PI, 20_001)
+    return np.interp(share, 0.5 + angles / np.pi + np.sin(2.0 * angles) / (2.0 * np.pi), angles)
+
+
+def wave_numbers(rate: Array, depth: float | None) -> Array:
+    """Return k, rad/m, of frequencies in rad/s: omega^2 = g k tanh(k h), by Newton's method from a close start."""
+    deep = rate**2 / GRAVITY
+    if depth is None:
+        return deep
+    target = deep * depth
+    x = np.where(target > 1.0, target, np.sqrt(target))
+    for _ in range(30):
+        tanh = np.tanh(x)
+        x = x - (x * tanh - target) / (tanh + x * (1.0 - tanh**2))
+    return np.asarray(x / depth)
+
+
+# -- compiled ------------------------------------------------------------------------------------------------------
+
+
+class WaveArrays(NamedTuple):
+    """A sea for compiled code, N waves.
+
+    Attributes:
+        met: 0 for vehicles that meet no water, 1 for those at its surface, 2 for those in space, shape (V,).
+        waves: Rows of k_x, k_y, omega, phase, amplitude, amplitude times omega, horizontal velocity along x and along
+            y, and exp(-2 k h), shape (9, N).
+        level: Height of the undisturbed surface, and of the bottom above it, shape (2,), m; -inf at infinite depth.
+    """
+
+    met: IntArray
+    waves: Array
+    level: Array
+
+
+class WaveState(NamedTuple):
+    """State of the sea.
+
+    Attributes:
+        time: Time by vehicle, shape (V,), s.
+        place: Time and place for which `met` was computed, shape (V, 4), s and m.
+        met: Velocity (3), elevation, slopes along x and y, and its rate, shape (V, 7), m/s, m, 1 and m/s.
+        waves: Cosine and sine of the phases, shape (V, 2, N).
+    """
+
+    time: Array
+    place: Array
+    met: Array
+    waves: Array
+
+
+def pack_waves(components: Components, met: IntArray, level: float) -> WaveArrays:
+    """Pack a sea for compiled code; `met` as in `WaveArrays`, the level in m."""
+    c, unit = components, components.unit
+    bottom = -np.inf if c.depth is None else -c.depth
+    decay = np.zeros_like(c.number) if c.depth is None else np.exp(-2.0 * c.number * c.depth)
+    speed = c.amplitude * c.rate
+    rows = [*(c.number * unit.T), c.rate, c.phase, c.amplitude, speed, *(c.speed * unit.T), decay]
+    return WaveArrays(met, np.ascontiguousarray(rows), np.array([level, bottom]))
+
+
+def bound_waves(waves: WaveArrays) -> Array:
+    """Return the sum of the amplitudes of the velocity for vehicles that meet waves, 0 for others, shape (V,), m/s."""
+    along = np.hypot(waves.waves[6], waves.waves[7])
+    spatial = np.hypot(along, waves.waves[5])
+    return np.select([waves.met == 1, waves.met == 2], [along.sum(), spatial.sum()], 0.0)
+
+
+def new_wave_state(waves: WaveArrays) -> WaveState:
+    """Return a state for `advance_waves` to write to."""
+    V, N = len(waves.met), waves.waves.shape[1]
+    return WaveState(np.zeros(V), np.full((V, 4), np.nan), np.zeros((V, 7)), np.zeros((V, 2, N)))
+
+
+@jit
+def advance_waves(waves, t, first, last, state):
+    """Bring the sea about the vehicles from first up to last to time t, s."""
+    for v in range(first, last):
+        state.time[v] = t
+
+
+@jit
+def _meet(waves, state, v, x, y):
+    """Compute what vehicle v meets at the undisturbed surface, unless it is known.
+
+    The phases are in a loop of their own, which becomes vector instructions.
+    """
+    t, place = state.time[v], state.place[v]
+    if place[0] == t and place[1] == x and place[2] == y and place[3] == 0.0:
+        return
+    w, met, cosine, sin = waves.waves, state.met[v], state.waves[v, 0], state.waves[v, 1]
+    for j in range(w.shape[1]):
+        angle = w[0, j] * x + w[1, j] * y - w[2, j] * t + w[3, j]
+        cosine[j] = sine(angle + _HALF_PI)
+        sin[j] = sine(angle)
+    east, north, height, slope_x, slope_y, rise = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for j in range(w.shape[1]):
+        east += w[6, j] * cosine[j]
+        north += w[7, j] * cosine[j]
+        height += w[4, j] * cosine[j]
+        steep = w[4, j] * sin[j]
+        slope_x -= w[0, j] * steep
+        slope_y -= w[1, j] * steep
+        rise += w[5, j] * sin[j]
+    met[0], met[1], met[2], met[3] = east, north, rise, height
+    met[4], met[5], met[6] = slope_x, slope_y, rise
+    place[0], place[1], place[2], place[3] = t, x, y, 0.0
+
+
+@jit
+def _meet_below(waves, state, v, x, y, z):
+    """Return the velocity below the undisturbed surface, z < 0, as three numbers, m/s."""
+    t, w = state.time[v], waves.waves
+    east, north, up = 0.0, 0.0, 0.0
+    for j in range(w.shape[1]):
+        angle = w[0, j] * x + w[1, j] * y - w[2, j] * t + w[3, j]
+        k = np.sqrt(w[0, j] * w[0, j] + w[1, j] * w[1, j])
+        direct = np.exp(k * z)
+        mirrored = np.exp(-k * (z - 2.0 * waves.level[1]))
+        # w[6] and w[7] are the velocities at z = 0, where cosh is (1 + e^(-2 k h)) / 2 of e^(k h).
+        along = (direct + mirrored) / (1.0 + w[8, j]) * sine(angle + _HALF_PI)
+        east += w[6, j] * along
+        north += w[7, j] * along
+        up += w[5, j] * (direct - mirrored) / (1.0 - w[8, j]) * sine(angle)
+    return east, north, up
+
+
+@jit
+def wave_velocity(waves, state, v, x, y, z):
+    """Return the velocity of the water that vehicle v meets at a point, as three numbers, m/s."""
+    met = waves.met[v]
+    if met == 1:
+        _meet(waves, state, v, x, y)
+        return state.met[v, 0], state.met[v, 1], 0.0
+    if met == 2 and z < waves.level[0]:
+        return _meet_below(waves, state, v, x, y, max(z - waves.level[0], waves.level[1]))
+    return 0.0, 0.0, 0.0
+
+
+@jit
+def wave_surface(waves, state, v, x, y):
+    """Return elevation, m, slopes along x and y, and rate of the elevation, m/s, of the surface where vehicle v is."""
+    _meet(waves, state, v, x, y)
+    met = state.met[v]
+    return met[3], met[4], met[5], met[6]

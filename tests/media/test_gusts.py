@@ -1,0 +1,212 @@
+"""Dryden gusts: covariances against Van Loan's integral and the standards' formulas, samples against covariances."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.linalg import expm, solve_continuous_lyapunov
+
+import mjsheaf
+from mjsheaf.errors import InputError
+from mjsheaf.media.gusts import FOOT, OUTPUT, Gusts, discretise
+from mjsheaf.media.medium import pack_parts
+from mjsheaf.scenario import Scenario
+from tests.builders import mixed_scenario
+from tests.media.test_flow_events import BACKENDS, pieces_of
+
+STEPS = [0.002, 0.02, 0.5]
+DRIFT = [3.0, 4.0, 0.0]
+FIXED = {"kind": "dryden", "wind_speed": 15.0, "altitude": 10.0}
+
+
+def gusty(gusts: dict[str, Any], **fields: Any) -> Scenario:
+    """Return the mixed team in gusts of the air."""
+    flow = {"air": {"dimension": 3, "drift": DRIFT, "gusts": {**FIXED, **gusts}}}
+    return mixed_scenario(**{"time": {"end": 0.4}, "flow": flow, **fields})
+
+
+def aloft(scenario: Scenario) -> list[str]:
+    """Return the ids of the vehicles in space."""
+    return [member.id for member in scenario.team.members if member.dimension == 3]
+
+
+def covariance(rate: float, period: float, lags: int) -> np.ndarray:
+    """Return the autocorrelation at multiples of a period that the discrete states have, shape (lags + 1,)."""
+    transition, _ = discretise(rate, period)
+    P = np.array([[1.0, 0.5], [0.5, 0.5]])
+    return np.array([OUTPUT @ np.linalg.matrix_power(transition, k) @ P @ OUTPUT for k in range(lags + 1)])
+
+
+@pytest.mark.parametrize("period", STEPS)
+@pytest.mark.parametrize("rate", [0.02, 0.2, 5.0])
+def test_the_discrete_states_are_those_of_van_loan_and_lyapunov(rate: float, period: float) -> None:
+    A = rate * np.array([[-1.0, 0.0], [1.0, -1.0]])
+    noise = np.diag([2.0 * rate, 0.0])
+    transition, factor = discretise(rate, period)
+    exponential = expm(period * np.block([[-A, noise], [np.zeros((2, 2)), A.T]]))
+    exact = exponential[2:, 2:].T
+    added = exact @ exponential[:2, 2:]
+    P = solve_continuous_lyapunov(A, -noise)
+    assert np.allclose(transition, exact, rtol=1e-11, atol=1e-14)
+    assert np.allclose(factor @ factor.T, added, rtol=1e-10, atol=1e-14)
+    assert np.allclose(transition @ P @ transition.T + factor @ factor.T, P, rtol=0.0, atol=1e-14)
+
+
+@pytest.mark.parametrize("period", [0.01, 0.05, 1.0])
+def test_the_vertical_gust_has_its_published_correlations_at_any_step(period: float) -> None:
+    times = np.array([0.01, 1.0, 5.0])
+    k = np.round(times / period).astype(int)
+    found = covariance(0.2, period, int(k.max()))
+    published = np.array([0.9970039967, 0.7368576778, 0.1839397206])
+    assert found[0] == pytest.approx(1.0, abs=1e-14)
+    on_grid = np.isclose(k * period, times)
+    assert on_grid.any()
+    assert np.allclose(found[k[on_grid]], published[on_grid], rtol=0.0, atol=1e-10)
+
+
+def test_intensities_and_lengths_are_those_of_the_standards() -> None:
+    for knots, sigma in ((15.0, 0.771667), (30.0, 1.543333), (45.0, 2.315)):
+        gusts = Gusts(kind="dryden", wind_speed=knots * 1852.0 / 3600.0)
+        for altitude, length, ratio in ((10.0, 67.366, 1.88863), (50.0, 202.2896, 1.593436)):
+            sizes, lengths = gusts.scales(altitude)
+            assert sizes[2] == pytest.approx(sigma, abs=1e-6)
+            assert sizes[:2] / sizes[2] == pytest.approx(ratio, abs=1e-5)
+            assert lengths == pytest.approx([length, length, altitude], abs=1e-3)
+
+
+def test_the_handbook_halves_the_lengths_and_doubles_those_of_its_filters() -> None:
+    mil, handbook = (Gusts(kind="dryden", wind_speed=10.0, standard=s) for s in ("MIL-F-8785C", "MIL-HDBK-1797"))
+    assert handbook.scales(30.0)[1] == pytest.approx(0.5 * mil.scales(30.0)[1])
+    # (1 + 2 sqrt(3) L s / V) / (1 + 2 L s / V)^2 has its poles at V / 2 L.
+    assert handbook.decay_lengths(30.0) == pytest.approx(handbook.scales(30.0)[1] * [1.0, 2.0, 2.0])
+
+
+@pytest.mark.parametrize("altitude", [10.0 * FOOT, 1000.0 * FOOT])
+def test_altitudes_of_the_model_are_accepted_and_others_refused(altitude: float) -> None:
+    assert Gusts(kind="dryden", wind_speed=10.0, altitude=altitude).altitude_of(99.0) == altitude
+    with pytest.raises(InputError, match=r"flow\.air\.gusts\.altitude.*3\.048 to 304\.8"):
+        gusty({"altitude": altitude + (-0.01 if altitude < 100.0 else 0.01)})
+
+
+@pytest.mark.parametrize("period", STEPS)
+@pytest.mark.parametrize("standard", ["MIL-F-8785C", "MIL-HDBK-1797"])
+def test_long_runs_have_the_variance_and_the_correlations_of_theory(period: float, standard: str) -> None:
+    gusts = {"standard": standard, "altitude": 3.048}
+    time = {"end": 2.0}
+    scenario = gusty(gusts, time=time, controller={"gain": 1.0, "control_period": period}, physics={"timestep": period})
+    name = aloft(scenario)[0]
+    count = min(400_000, int(20_000.0 / period))
+    times = period * np.arange(count)
+    velocity = mjsheaf.medium(scenario).velocity(name, times, [0.0, 0.0, 5.0]) - DRIFT
+    along = np.array([0.6, 0.8, 0.0])
+    parts = np.column_stack([velocity @ along, velocity @ [-0.8, 0.6, 0.0], velocity[:, 2]])
+    model = Gusts.model_validate({**FIXED, **gusts})
+    sigma, lengths = model.scales(3.048)[0], model.decay_lengths(3.048)
+    for k, length in enumerate(lengths):
+        for lag in (0.0, 0.5 * length / 5.0, 2.0 * length / 5.0):
+            steps = round(lag / period)
+            slip = steps * period * 5.0 / length
+            theory = np.exp(-slip) * (1.0 - 0.5 * slip * (k > 0))
+            found = np.mean(parts[: count - steps, k] * parts[steps:, k]) / sigma[k] ** 2
+            # The variance of an estimate of R over a time T is 2 / T of the integral of R^2, L / V for u at most.
+            error = np.sqrt(2.0 * length / 5.0 / (count * period))
+            assert abs(found - theory) < 5.0 * error
+
+
+def test_gusts_are_stationary_from_the_first_sample() -> None:
+    first = []
+    for seed in range(300):
+        scenario = gusty({}, seed=seed)
+        first.append(mjsheaf.medium(scenario).velocity(aloft(scenario)[0], [0.0], [0.0, 0.0, 10.0])[0] - DRIFT)
+    sigma = Gusts.model_validate(FIXED).scales(10.0)[0]
+    assert np.std(first, axis=0) == pytest.approx(sigma, rel=5.0 / np.sqrt(600.0))
+
+
+def test_vehicles_meet_independent_gusts_that_no_other_vehicle_changes() -> None:
+    scenario = gusty({})
+    one, other = aloft(scenario)[:2]
+    times = 0.1 * np.arange(40_000)
+    of = {id: mjsheaf.medium(scenario).velocity(id, times, [0.0, 0.0, 10.0]) for id in (one, other)}
+    assert abs(np.corrcoef(of[one][:, 2], of[other][:, 2])[0, 1]) < 0.1
+    raw = scenario.model_dump(mode="json", exclude_none=True)
+    raw["agents"] = raw["agents"][::-1]
+    turned = mjsheaf.medium(Scenario.model_validate(raw))
+    for id in (one, other):
+        assert np.array_equal(turned.velocity(id, times, [0.0, 0.0, 10.0]), of[id])
+    again = mjsheaf.medium(gusty({}, seed=7)).velocity(one, times, [0.0, 0.0, 10.0])
+    assert abs(np.corrcoef(again[:, 0], of[one][:, 0])[0, 1]) < 0.3
+    assert np.array_equal(mjsheaf.medium(scenario).velocity(one, times[5:50], [0.0, 0.0, 10.0]), of[one][5:50])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("standard", ["MIL-F-8785C", "MIL-HDBK-1797"])
+def test_a_frozen_field_has_the_correlations_of_theory_along_the_wind(standard: str) -> None:
+    model = Gusts.model_validate({**FIXED, "standard": standard, "altitude": 3.048})
+    sigma, lengths = model.scales(3.048)[0], model.decay_lengths(3.048)
+    period, count = 0.5, 12_000
+    gusts = {"standard": standard, "altitude": 3.048, "frozen": True}
+    scenario = gusty(gusts, time={"end": 0.5}, controller={"gain": 1.0, "control_period": period})
+    probe, name, other = mjsheaf.medium(scenario), *aloft(scenario)[:2]
+    times = period * np.arange(count)
+    frame = np.array([[0.6, 0.8, 0.0], [-0.8, 0.6, 0.0], [0.0, 0.0, 1.0]])
+    here = (probe.velocity(name, times, [0.0, 0.0, 10.0]) - DRIFT) @ frame.T
+    assert here.std(axis=0) == pytest.approx(sigma, rel=0.08)
+    assert np.array_equal(probe.velocity(other, times[:9], [-8.0, 6.0, 10.0])[0], frame.T @ here[0] + DRIFT)
+    for distance in (0.2, 1.0, 4.0):
+        there = (probe.velocity(other, times, distance * frame[0]) - DRIFT) @ frame.T
+        slip = distance / lengths
+        theory = np.exp(-slip) * (1.0 - np.array([0.0, 0.5, 0.5]) * slip)
+        # The mean square of the difference, whose error is small where the correlation is close to 1.
+        expected = 2.0 * sigma**2 * (1.0 - theory)
+        assert np.mean((there - here) ** 2, axis=0) == pytest.approx(expected, rel=0.15)
+
+
+@pytest.mark.parametrize("frozen", [False, True])
+@pytest.mark.parametrize(("backend", "engine"), BACKENDS)
+def test_a_run_meets_the_gusts_that_medium_returns(backend: str, engine: str, frozen: bool) -> None:
+    scenario = gusty({"frozen": frozen})
+    log = pieces_of(scenario.phases, backend, engine)
+    system = scenario.system
+    times = system.grid.samples
+    where = log["origin"] if backend == "physics" else log["positions"]
+    for v, member in enumerate(scenario.team.members):
+        met = mjsheaf.medium(scenario).velocity(member.id, times, where[:, v])
+        assert log["medium"][:, v] == pytest.approx(met, abs=1e-12)
+
+
+def test_a_held_gust_moves_a_lone_vehicle_by_its_velocity_times_the_period() -> None:
+    scenario = gusty({}, controller={"gain": 1e-9, "control_period": 0.02}, disturbance={}, physics={"timestep": 0.02})
+    log = pieces_of(scenario.phases, "ideal", "mujoco")
+    v = scenario.team.index[next(id for id in aloft(scenario) if id in scenario.team.agent_ids)]
+    moved = np.diff(log["positions"][:, v], axis=0)
+    assert moved == pytest.approx(0.02 * (log["medium"][:-1, v] + log["command"][:-1, v]), abs=1e-9)
+
+
+@pytest.mark.parametrize("backend", ["ideal", "physics"])
+def test_a_run_goes_on_from_a_state_and_begins_again_to_the_bit(backend: str) -> None:
+    with mjsheaf.Session(gusty({}), backend) as session:
+        for _ in range(5):
+            session.step()
+        state = session.state
+        for _ in range(5):
+            session.step()
+        end = session.engine.positions()
+        session.state = state
+        for _ in range(5):
+            session.step()
+        assert np.array_equal(session.engine.positions(), end)
+        session.reset()
+        for _ in range(10):
+            session.step()
+        assert np.array_equal(session.engine.positions(), end)
+
+
+def test_a_frozen_field_that_is_too_long_is_refused() -> None:
+    with pytest.raises(InputError, match=r"flow: gusts: frozen: .*nodes.*expected at most"):
+        _ = gusty({"frozen": True}, time={"end": 4e5}).system.moving
+
+
+def test_a_medium_without_gusts_or_waves_has_no_parts() -> None:
+    system = mixed_scenario().system
+    assert system.moving == ()
+    assert pack_parts([], [], np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.bool_), None) == ()  # type: ignore[arg-type]
