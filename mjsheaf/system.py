@@ -16,6 +16,7 @@ from mjsheaf.dynamics.effectiveness import EffectivenessArrays
 from mjsheaf.dynamics.motion import MotionArrays
 from mjsheaf.errors import InputError, in_field
 from mjsheaf.media import FlowField, disturbance
+from mjsheaf.media.bounded import Bounds
 from mjsheaf.media.gusts import Exposure
 from mjsheaf.media.medium import MediumArrays, pack_medium, pack_parts
 from mjsheaf.media.moving import Parts, bounds_of
@@ -270,12 +271,17 @@ class System:
         return pack_medium(len(self.team.agents), planar, self.flows, self.field, harmonics, level, self.moving)
 
     @cached_property
+    def moving_bounds(self) -> Bounds:
+        """Bounds of gusts, waves and all else of the medium that moves."""
+        return bounds_of(self.moving, len(self.field))
+
+    @cached_property
     def largest_disturbance(self) -> Array:
         """Bounds on the part of the medium's velocity that changes with time, for each vehicle, shape (V,), m/s.
 
         Infinite for a vehicle that meets gusts.
         """
-        return disturbance.bounds(self.harmonics) + bounds_of(self.moving, len(self.field))
+        return disturbance.bounds(self.harmonics) + self.moving_bounds.speed
 
     def flow_named(self, name: str) -> FlowField:
         """Return the flow field of a name; one at rest if there is none."""

@@ -140,9 +140,9 @@ class CheckRecord(Record):
 
     scenario: str
     ok: bool = Field(
-        description="every numbered assumption holds (none fails, none is undecided), check has a model of the whole "
-        "law, and neither the held law, alone and over its links, nor the targets' own, nor the vehicles' loop is "
-        "unstable, in any phase"
+        description="every numbered assumption that applies holds (none fails, none is undecided), check has a model "
+        "of the whole law, and neither the held law, alone and over its links, nor the targets' own, nor the vehicles' "
+        "loop is unstable, in any phase"
     )
     region: RegionSummary
     assumptions: list[Assumption]
@@ -162,7 +162,8 @@ class CheckRecord(Record):
     def verdict(self) -> str:
         """The check in a few words: what holds, where, and what does not."""
         region = f"along the targets' path from {self.region.start:g} to {self.region.end:g} s"
-        counts = [sum(a.verdict == kind for a in self.assumptions) for kind in ("holds", "fails", "undecided")]
+        kinds = ("holds", "fails", "undecided", "does not apply")
+        counts = [sum(a.verdict == kind for a in self.assumptions) for kind in kinds]
         loop = f"; the law is undecided, {because_of(self.law.unmodelled)}" if self.law.unmodelled else ""
         loop += "; the held law is unstable" if self.law.stable is False else ""
         loop += "; " + UNSTABLE_LINKS if self.links is not None and self.links.stable is False else ""
@@ -174,7 +175,7 @@ class CheckRecord(Record):
             return f"all {counts[0]} assumptions hold, the 7th {region}{loop}"
         named = [
             f"{n} {word}"
-            for n, word in zip(counts[1:], ("FAIL" if counts[1] > 1 else "FAILS", "undecided"), strict=True)
+            for n, word in zip(counts[1:], ("FAIL" if counts[1] > 1 else "FAILS", *kinds[2:]), strict=True)
             if n
         ]
         return f"{counts[0]} assumptions hold, {', '.join(named)}; the 7th is taken {region}{loop}"
@@ -347,7 +348,7 @@ def _examine_one(
     loops_hold = all(stable is not False for stable in loops) and not targets.unstable
     record = CheckRecord(
         scenario=system.name,
-        ok=all(a.verdict == "holds" for a in certificate.assumptions) and loops_hold and not law.unmodelled,
+        ok=all(a.holds or not a.applies for a in certificate.assumptions) and loops_hold and not law.unmodelled,
         region=_region(certificate),
         assumptions=certificate.assumptions,
         relative_cohomology=ExplainedCohomology(**dict(certificate.cohomology), mending=plan_augmentation(system.team)),

@@ -20,7 +20,12 @@ Row = tuple[str, str, str]
 """Name, value, remark."""
 
 _INSIDE = {True: "inside S", False: "OUTSIDE S", None: "no set S"}
-_MARKS = {"holds": ("holds", "green"), "fails": ("FAILS", "bold red"), "undecided": ("undecided", "yellow")}
+_MARKS = {
+    "holds": ("holds", "green"),
+    "fails": ("FAILS", "bold red"),
+    "undecided": ("undecided", "yellow"),
+    "does not apply": ("n/a", "yellow"),
+}
 _MOST = 12  # null directions, and losses, that are listed
 
 

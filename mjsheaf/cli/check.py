@@ -151,7 +151,7 @@ def _failures(part: "CheckRecord | PhaseRecord") -> list[str]:
     failures = [
         f"assumption {a.number} {'fails' if a.verdict == 'fails' else 'is undecided'} ({a.name}): {a.witness}"
         for a in part.assumptions
-        if a.verdict != "holds"
+        if a.applies and not a.holds
     ]
     failures += [*_failures_of_law(part.law), *_failures_of_links(part.links)]
     if part.targets.unstable:

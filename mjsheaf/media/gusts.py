@@ -30,6 +30,7 @@ from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.errors import InputError
 from mjsheaf.io.section import Number, Positive, Section
 from mjsheaf.jit import inline_jit, jit
+from mjsheaf.media.bounded import Bounds, unbounded
 from mjsheaf.noise import normals, stream_of
 
 FOOT = 0.3048  # m
@@ -255,9 +256,9 @@ def gust_velocity(gusts, state, v, x, y, z):
     return state.velocity[v, 0], state.velocity[v, 1], state.velocity[v, 2]
 
 
-def bound_gusts(gusts: GustArrays) -> Array:
-    """Return infinity for vehicles that meet gusts, which are Gaussian, and 0 for others, shape (V,), m/s."""
-    return np.where(gusts.streams[:, 0] > 0, np.inf, 0.0)
+def bound_gusts(gusts: GustArrays) -> Bounds:
+    """Return bounds, infinite for vehicles that meet gusts: they are Gaussian."""
+    return unbounded(gusts.streams[:, 0] > 0)
 
 
 def pack_gusts(gusts: Gusts, met: Exposure) -> GustArrays:
@@ -343,9 +344,9 @@ def frozen_velocity(gusts, state, v, x, y, z):
     return place[0] * along - place[1] * left, place[1] * along + place[0] * left, up
 
 
-def bound_frozen(gusts: FrozenArrays) -> Array:
-    """Return infinity for vehicles that meet the field, which is Gaussian, and 0 for others, shape (V,), m/s."""
-    return np.where(gusts.met > 0, np.inf, 0.0)
+def bound_frozen(gusts: FrozenArrays) -> Bounds:
+    """Return bounds, infinite for vehicles that meet the field: it is Gaussian."""
+    return unbounded(gusts.met > 0)
 
 
 @jit

@@ -14,7 +14,7 @@ import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray, IntArray, Own
 from mjsheaf.errors import in_field
-from mjsheaf.jit import inline_jit
+from mjsheaf.jit import inline_jit, jit
 from mjsheaf.media.disturbance import HarmonicArrays, disturbance_velocity, evaluate_sines, pack
 from mjsheaf.media.flow import FlowField, flow_velocity
 from mjsheaf.media.gusts import Exposure, pack_frozen, pack_gusts
@@ -140,6 +140,24 @@ def medium_velocity(medium, state, v, x, y, z):
     wx, wy, wz = flow_about(medium, v, x, y, z)
     dx, dy, dz = moving_velocity(medium, state, v, x, y, z)
     return wx + dx, wy + dy, wz + dz
+
+
+@jit
+def _record_moving(medium, state, times, positions, out):
+    V = positions.shape[1]
+    for k in range(times.shape[0]):
+        hold(medium, times[k], 0, V, state)
+        advance(medium, times[k], 0, V, state)
+        for v in range(V):
+            x = positions[k, v]
+            out[k, v, 0], out[k, v, 1], out[k, v, 2] = moving_velocity(medium, state, v, x[0], x[1], x[2])
+
+
+def moving_along(medium: MediumArrays, times: Array, positions: Array) -> Array:
+    """Return the part of the velocity that changes with time, along paths (T, V, 3), m, at times (T,), s: (T, V, 3)."""
+    out = np.zeros_like(positions)
+    _record_moving(medium, new_state(medium), times, np.ascontiguousarray(positions), out)
+    return out
 
 
 @inline_jit

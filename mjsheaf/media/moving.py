@@ -10,8 +10,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mjsheaf.arrays import Array, IntArray
+from mjsheaf.arrays import IntArray
 from mjsheaf.jit import overload
+from mjsheaf.media.bounded import Bounds
 from mjsheaf.media.gusts import (
     FrozenArrays,
     GustArrays,
@@ -36,8 +37,7 @@ class Kind(NamedTuple):
     Attributes:
         new_state: Called with (parameters); returns a state.
         by_vehicle: Names of the parameters with a row for each vehicle.
-        bound: Called with (parameters); returns the largest speed that each vehicle can meet, shape (V,), m/s, infinite
-            where it is Gaussian.
+        bound: Called with (parameters); returns the `Bounds` of what each vehicle can meet.
         hold: Called with (parameters, t, first, last, state) at every sample.
         advance: Called likewise at every time.
         velocity: Called with (parameters, state, v, x, y, z); returns three numbers, m/s.
@@ -46,7 +46,7 @@ class Kind(NamedTuple):
 
     new_state: Callable[[Any], Any]
     by_vehicle: tuple[str, ...]
-    bound: Callable[[Any], Array]
+    bound: Callable[[Any], Bounds]
     hold: Any = None
     advance: Any = None
     velocity: Any = None
@@ -79,9 +79,14 @@ def rows_of(parts: Parts, rows: IntArray) -> Parts:
     )
 
 
-def bounds_of(parts: Parts, vehicles: int) -> Array:
-    """Return the largest speed that each vehicle can meet of all parts, shape (V,), m/s; infinite if it is Gaussian."""
-    return sum((KINDS[type(part)].bound(part) for part in parts), np.zeros(vehicles))
+def bounds_of(parts: Parts, vehicles: int) -> Bounds:
+    """Return the bounds of all parts together."""
+    total = Bounds(np.zeros(vehicles), np.zeros(vehicles), np.zeros(vehicles), 0.0)
+    for part in parts:
+        more = KINDS[type(part)].bound(part)
+        rate = max(total.rate, more.rate)
+        total = Bounds(total.speed + more.speed, total.change + more.change, total.slope + more.slope, rate)
+    return total
 
 
 def of_kind(parts: Parts, kind: type) -> list[Any]:

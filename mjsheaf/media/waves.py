@@ -26,6 +26,7 @@ from pydantic import Field, model_validator
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.io.section import Number, Positive, Section
 from mjsheaf.jit import jit
+from mjsheaf.media.bounded import Bounds
 from mjsheaf.media.disturbance import sine
 from mjsheaf.noise import generator_of
 
@@ -203,11 +204,21 @@ def pack_waves(components: Components, met: IntArray, level: float) -> WaveArray
     return WaveArrays(met, np.ascontiguousarray(rows), np.array([level, bottom]))
 
 
-def bound_waves(waves: WaveArrays) -> Array:
-    """Return the sum of the amplitudes of the velocity for vehicles that meet waves, 0 for others, shape (V,), m/s."""
-    along = np.hypot(waves.waves[6], waves.waves[7])
-    spatial = np.hypot(along, waves.waves[5])
-    return np.select([waves.met == 1, waves.met == 2], [along.sum(), spatial.sum()], 0.0)
+def bound_waves(waves: WaveArrays) -> Bounds:
+    """Return the sums of the amplitudes of the velocity and of its derivatives, for vehicles that meet waves.
+
+    Below the surface no amplitude is larger than at it. There the velocity along the wave and upwards are a quarter of
+    a period apart, so that neither it nor its derivatives exceed their amplitudes along the wave.
+    """
+    along, rate = np.hypot(waves.waves[6], waves.waves[7]), waves.waves[2]
+    number = np.hypot(waves.waves[0], waves.waves[1])
+    met = waves.met > 0
+    return Bounds(
+        speed=met * along.sum(),
+        change=met * (along * rate).sum(),
+        slope=met * (along * number).sum(),
+        rate=float(rate.max()) if met.any() else 0.0,
+    )
 
 
 def new_wave_state(waves: WaveArrays) -> WaveState:

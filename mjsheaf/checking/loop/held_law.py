@@ -219,6 +219,10 @@ def _drive(system: System, certificate: Certificate, values: Array, vectors: Arr
         leads = np.where(np.arange(K) > terms.settled, lead, 0.0)[:, None]
         v = (rate + leads * (rate - before)) @ vectors.T
         total += (1.0 + 2.0 * lead) * _amplified(c) * (unsure + _odometry(system, sensed=True))
+    moving = system.moving_bounds.speed
+    if not np.isfinite(moving).all():
+        raise UndecidedError("vehicles meet gusts, which are not bounded")
+    total += float(np.linalg.norm(moving[:N]))
     harmonics = system.harmonics[:N].copy()
     harmonics[..., :3] *= np.sinc(harmonics[..., 3:4] * h / (2.0 * np.pi))  # the mean of a sine over a period
     shaken = evaluate(harmonics, system.grid.span(0, K) + 0.5 * h)
@@ -239,6 +243,7 @@ def _drive(system: System, certificate: Certificate, values: Array, vectors: Arr
     change = np.linalg.norm(carried - carried[first[period]], axis=1)
     np.maximum.at(ripple, period, change + np.linalg.norm(carrier.reach(cells.spread), axis=1))
     shake = 0.5 * h * (np.linalg.norm(system.harmonics[..., :3], axis=2) * np.abs(system.harmonics[..., 3])).sum(axis=1)
+    shake[N:] += 2.0 * moving[N:]
     ripple += np.linalg.norm(shake[:N]) + np.linalg.norm(carrier.reach(shake[N:]))
     return _Drive(W - v, F - observed, v - observed, total, middle, moves, ripple, terms.drift)
 

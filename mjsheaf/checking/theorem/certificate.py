@@ -29,6 +29,7 @@ from typing import Literal
 
 import networkx as nx
 import numpy as np
+from pydantic import Field
 
 from mjsheaf.arrays import Array
 from mjsheaf.checking.loop.targets_loop import targets_loop
@@ -52,7 +53,7 @@ from mjsheaf.system import System
 from mjsheaf.team import Edge, Team
 from mjsheaf.threads import one_thread
 
-Verdict = Literal["holds", "fails", "undecided"]
+Verdict = Literal["holds", "fails", "undecided", "does not apply"]
 Finding = tuple[Verdict, float | None, str, str]
 """Verdict, value, unit and witness of an assumption."""
 
@@ -69,6 +70,8 @@ class Assumption(Record):
     number: int
     name: str
     verdict: Verdict
+    holds: bool | None = Field(description="null where it is undecided or does not apply")
+    applies: bool = Field(description="false where the vehicles' gusts are Gaussian; then it does not count in `ok`")
     value: Finite
     unit: str
     witness: str
@@ -76,7 +79,7 @@ class Assumption(Record):
     @property
     def failure(self) -> str:
         """Why it does not hold, in a sentence; empty where it holds."""
-        word = {"holds": "", "fails": "fails", "undecided": "is undecided"}[self.verdict]
+        word = {"holds": "", "fails": "fails", "undecided": "is undecided"}.get(self.verdict, self.verdict)
         return word and f"assumption {self.number} {word}: {self.witness}"
 
 
@@ -363,12 +366,10 @@ def _decide(
 ) -> list[Assumption]:
     """Decide all seven assumptions over a region, to which the agents are confined or not."""
     smooth, (rank, inverse) = _smooth(system, region, confined, constants), _rank_and_inverse(system)
-    largest = constants.largest_disturbance
-    sines = "sums of sines: continuous, and bounded by construction" if largest else "there is no disturbance"
     found = {
         "f is continuously differentiable": smooth,
         "g has full row rank": rank,
-        "disturbances are continuous and bounded": ("holds", largest, "m/s", sines),
+        "disturbances are continuous and bounded": _bounded(system, constants.largest_disturbance),
         "g^+ is continuous and bounded": inverse,
         "G_q is connected and every target is sensed": _topology(system.team),
         "H^0(G, G_p; F) = 0": _cohomology(cohomology),
@@ -376,10 +377,31 @@ def _decide(
             system, constants, smooth[0], cohomology.dimension > 0
         ),
     }
-    return [
-        Assumption(number=k, name=name, verdict=verdict, value=value, unit=unit, witness=witness)
-        for k, (name, (verdict, value, unit, witness)) in enumerate(found.items(), 1)
-    ]
+    return [_assumption(k, name, *finding) for k, (name, finding) in enumerate(found.items(), 1)]
+
+
+def _assumption(number: int, name: str, verdict: Verdict, value: float | None, unit: str, witness: str) -> Assumption:
+    """Return the record of a finding."""
+    return Assumption(
+        number=number,
+        name=name,
+        verdict=verdict,
+        holds={"holds": True, "fails": False}.get(verdict),
+        applies=verdict != "does not apply",
+        value=value,
+        unit=unit,
+        witness=witness,
+    )
+
+
+def _bounded(system: System, largest: float) -> Finding:
+    """Sums of sines are bounded; gusts are Gaussian, and no bound is claimed."""
+    gusts = np.flatnonzero(~np.isfinite(system.largest_disturbance))
+    if len(gusts):
+        who = _first([system.team.members[v].id for v in gusts], 6)
+        return "does not apply", None, "m/s", f"the gusts of {who} are Gaussian, not bounded: see disturbance.rms"
+    sines = "sums of sines: continuous, and bounded by construction" if largest else "there is no disturbance"
+    return "holds", largest, "m/s", sines
 
 
 def _smooth(system: System, region: Region, confined: bool, constants: Constants) -> Finding:
@@ -475,6 +497,8 @@ def _bounded_difference(system: System, constants: Constants, smooth: Verdict, f
         return "fails", None, "m/s", "a field is unbounded inside the region: a core radius is 0 there"
     if unbounded := obstacle_of_targets(system):
         return "fails", None, "m/s", unbounded
+    if not np.isfinite(system.largest_disturbance[len(system.team.agents) :]).all():
+        return "does not apply", None, "m/s", f"the targets have no certain path: {path.warning}"
     if path.warning:
         return "undecided", None, "m/s", f"the path is not known: {path.warning}"
     if free:

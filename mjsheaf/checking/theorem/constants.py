@@ -21,6 +21,7 @@ from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.checking.theorem.targets import Carrier, Cells, TargetPath
 from mjsheaf.media.bounds import Supremum, supremum
 from mjsheaf.media.disturbance import evaluate
+from mjsheaf.media.medium import moving_along
 from mjsheaf.system import System
 
 _MOST_CELLS = 50_000  # that are bounded
@@ -57,11 +58,19 @@ class Difference:
 def difference_along(system: System, path: TargetPath, carrier: Carrier) -> Difference:
     """Bound |f_B| along a path, and evaluate f_B at its instants."""
     carried, own = carrier.carry(np.nan_to_num(path.drift)), agent_drift(system, path.q_star)
-    values, shaken = carried - own, carrier.carry(evaluate(system.harmonics[len(system.team.agents) :], path.time))
+    values, shaken = carried - own, carrier.carry(_shaking(system, path))
     if path.cells is None:
         return Difference(np.inf, float(path.time[0]), carried, own, np.full_like(values, np.nan), shaken)
     bound, time = _largest(system, path.cells, carrier)
     return Difference(bound * (1.0 + _ROUNDING), time, carried, own, values, shaken)
+
+
+def _shaking(system: System, path: TargetPath) -> Array:
+    """Return what moves the targets in addition to f_p at the path's own instants, shape (T, M, 3), m/s."""
+    N = len(system.team.agents)
+    if system.moving:
+        return moving_along(system.medium, path.time, path.positions)[:, N:]
+    return evaluate(system.harmonics[N:], path.time)
 
 
 def _largest(system: System, cells: Cells, carrier: Carrier) -> tuple[float, float]:

@@ -34,7 +34,7 @@ from mjsheaf.jit import inline_jit, jit
 from mjsheaf.media import disturbance
 from mjsheaf.media.flow import flow_scale, flow_slope
 from mjsheaf.media.medium import MediumArrays, moving_velocity
-from mjsheaf.media.moving import bounds_of, rows_of
+from mjsheaf.media.moving import rows_of
 from mjsheaf.remember import remember_last
 from mjsheaf.simulation.ideal import new_integrator, slope_of, take_step
 from mjsheaf.system import System
@@ -166,7 +166,8 @@ class _Step(NamedTuple):
     """Bounds over one step, and what they are made of, (M,) each.
 
     V and D bound |p'|, m/s, and |f_p'|, m/s^2; slope is that of f_p, 1/s; flow is the flow's part of D; speed is |p'|,
-    gap |v - p'| and lead v where the step begins, m/s, lead (M, 3); lower is a place for a new D.
+    gap |v - p'| and lead v where the step begins, m/s, lead (M, 3); lower is a place for a new D; shake bounds
+    |omega'| along the path, m/s^2.
     """
 
     V: Array
@@ -177,6 +178,7 @@ class _Step(NamedTuple):
     gap: Array
     lead: Array
     lower: Array
+    shake: Array
 
 
 class _Setting(NamedTuple):
@@ -187,7 +189,8 @@ class _Setting(NamedTuple):
         reference: their motions without their pull.
         start, column, value: L_T over padded targets by compressed rows: their own law is -gain (L_T p - c_T).
         acceleration, speed: sup |v'| and sup |v| of their references, shape (M,), m/s^2 and m/s.
-        shake: sup |omega'|, shape (M,), m/s^2.
+        shake: sup |omega'| at a fixed place, shape (M,), m/s^2.
+        swing: Largest norm of the Jacobian of omega, shape (M,), 1/s.
         turn: a step that is short beside the fastest motion and disturbance, s.
         decay: rate of consensus and pull where the law is continuous, else 0, 1/s.
         share: of the usual steps.
@@ -204,6 +207,7 @@ class _Setting(NamedTuple):
     acceleration: Array
     speed: Array
     shake: Array
+    swing: Array
     turn: float
     decay: float
     share: float
@@ -239,11 +243,12 @@ def _bound_speeds(setting, medium, continuous, h, x, bound):
                 D += setting.acceleration[v] + pull[v] * (setting.speed[v] + V) + gain[v] * np.sqrt(moved)
             bound.D[v] = D
             bound.slope[v] = slope + pull[v] + gain[v] * np.sqrt(moving)
-            right = right and bound.speed[v] + h * (D + setting.shake[v]) <= V
+            bound.shake[v] = setting.shake[v] + (setting.swing[v] * V if setting.swing[v] > 0.0 else 0.0)
+            right = right and bound.speed[v] + h * (D + bound.shake[v]) <= V
         if right:
             return True
         for v in range(M):
-            bound.V[v] = _SLACK * (bound.speed[v] + h * (bound.D[v] + setting.shake[v]))
+            bound.V[v] = _SLACK * (bound.speed[v] + h * (bound.D[v] + bound.shake[v]))
     return False
 
 
@@ -259,10 +264,10 @@ def _tighten(setting, h, velocity, bound):
             for k in range(setting.start[row], setting.start[row + 1]):
                 j = setting.column[k] // 3
                 at += setting.value[k] * velocity[j, setting.column[k] - 3 * j]
-                change += abs(setting.value[k]) * (bound.D[j] + setting.shake[j])
+                change += abs(setting.value[k]) * (bound.D[j] + bound.shake[j])
             row_moved = abs(at) + h * change
             moved += row_moved * row_moved
-        gap = bound.gap[v] + h * (setting.acceleration[v] + bound.D[v] + setting.shake[v])
+        gap = bound.gap[v] + h * (setting.acceleration[v] + bound.D[v] + bound.shake[v])
         own = setting.acceleration[v] + pull[v] * gap + gain[v] * np.sqrt(moved)
         bound.lower[v] = min(bound.D[v], bound.flow[v] + own)
     for v in range(M):
@@ -329,7 +334,7 @@ def _add_drift(run, x, slope, cells, count, second):
 def _fill_cell(setting, run, h, x, bound, cells, count):
     """Fill a cell with a step from x to run.state, and put x there."""
     for v in range(x.shape[0]):
-        cells.bend[count, v] = 0.125 * h * h * (bound.D[v] + setting.shake[v])
+        cells.bend[count, v] = 0.125 * h * h * (bound.D[v] + bound.shake[v])
         cells.spread[count, v] = 0.5 * h * bound.D[v]
         cells.slope[count, v] = bound.slope[v]
         for i in range(3):
@@ -412,8 +417,8 @@ def follow_targets(system: System, carrier: Carrier | None = None) -> TargetPath
     N, M, n_q = len(system.team.agents), len(system.team.targets), int(system.team.first_state[-1])
     extend = (carrier or Carrier(system)).extend
     try:
-        if bounds_of(system.moving, N + M)[N:].any():
-            raise _UnknownPathError("they meet gusts or waves, in which no path is certain")
+        if not np.isfinite(system.moving_bounds.speed[N:]).all():
+            raise _UnknownPathError("they meet gusts, which are not bounded")
         finer, _ = _integrate(system, share=0.5, tolerance=0.1 * _TOLERANCE, margin=0.0)
         farthest = float(np.abs(finer).max())
         error = _ERROR + _RELATIVE_ERROR * farthest
@@ -512,7 +517,7 @@ def _targets_alone(system: System) -> tuple[ControlArrays, MediumArrays, Array]:
 
 def _rates(
     system: System, control: ControlArrays
-) -> tuple[MotionArrays, IntArray, IntArray, Array, Array, Array, Array, float, float]:
+) -> tuple[MotionArrays, IntArray, IntArray, Array, Array, Array, Array, Array, float, float]:
     """What `_Setting` says of the targets, from `reference` to `decay`."""
     L, places = system.team.target_sheaf.laplacian().tocoo(), _places(system)
     padded = sparse.csr_array((L.data, (places[L.row], places[L.col])), shape=(3 * len(system.team.targets),) * 2)
@@ -520,9 +525,13 @@ def _rates(
     rows = padded.indptr.astype(np.int64), padded.indices.astype(np.int64), padded.data
     speed, acceleration = reference_bounds(control.motion)
     harmonics = system.harmonics[len(system.team.agents) :]
-    shake = (np.linalg.norm(harmonics[..., :3], axis=2) * np.abs(harmonics[..., 3])).sum(axis=1)
+    moving = system.moving_bounds
+    own = slice(len(system.team.agents), None)
+    shake = (np.linalg.norm(harmonics[..., :3], axis=2) * np.abs(harmonics[..., 3])).sum(axis=1) + moving.change[own]
     fastest = max(
-        float(np.abs(control.motion.rate).max(initial=0.0)), float(np.abs(harmonics[..., 3]).max(initial=0.0))
+        moving.rate,
+        float(np.abs(control.motion.rate).max(initial=0.0)),
+        float(np.abs(harmonics[..., 3]).max(initial=0.0)),
     )
     pieces = np.diff(control.motion.knots)
     if (pieces > 0.0).any():  # one turn in each piece of a path through waypoints
@@ -530,7 +539,7 @@ def _rates(
     turn = _SHARE_OF_TURN / fastest if fastest > 0.0 else np.inf
     decay = own_rate(system) if system.grid.continuous else 0.0
     reference = control.motion._replace(pull=np.zeros_like(speed))
-    return reference, *rows, acceleration, speed, shake, turn, decay
+    return reference, *rows, acceleration, speed, shake, moving.slope[own], turn, decay
 
 
 def own_rate(system: System) -> float:
