@@ -3,7 +3,7 @@ Will it hold?
 =============
 
 ``check`` decides the paper's assumptions before anything runs. Drones that see only boats are free along z;
-the record says so, and what mends it.
+the record says so and proposes a fix.
 """
 
 import matplotlib.pyplot as plt

@@ -2,7 +2,7 @@
 A vehicle of your own
 =====================
 
-A vehicle is an MJCF file and a short description beside it. This one is a raft with a thruster under each
+A vehicle is an MJCF file and a short description. This one is a raft with a thruster under each
 corner.
 """
 

@@ -2,7 +2,7 @@
 Agents that fail
 ================
 
-Events begin a phase with a team of its own. An agent is lost at 5 s and comes back at 10 s; the others go on
+Events begin a phase with a team of its own. An agent is lost at 5 s and returns at 10 s; the others continue
 without it.
 """
 

@@ -1,8 +1,8 @@
 """
-How much delay?
-===============
+Delay margin
+============
 
-``check`` says how old measurements may be. One period more, and a run diverges.
+``check`` computes the largest delay that the law tolerates. With one period more, a run diverges.
 """
 
 import matplotlib.pyplot as plt

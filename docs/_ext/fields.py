@@ -36,9 +36,9 @@ class Section:
     """A section of a file.
 
     Attributes:
-        name: of its class.
-        schema: its JSON Schema.
-        paths: where it may stand in a file.
+        name: Name of its class.
+        schema: JSON Schema of the section.
+        paths: Paths in a file at which it may appear.
     """
 
     name: str
@@ -47,7 +47,7 @@ class Section:
 
 
 def is_number(node: Schema) -> bool:
-    """Whether a field's own value is a number, or a list of numbers."""
+    """Return True if the value of a field is a number or a list of numbers."""
     if node.get("type") in ("number", "integer"):
         return True
     below = [*node.get("anyOf", []), *node.get("oneOf", []), *([node["items"]] if "items" in node else [])]
@@ -93,7 +93,7 @@ def references(node: Schema) -> Iterator[tuple[str, str]]:
 
 
 def type_of(node: Schema, anchor: str) -> str:
-    """What a value may be, in words."""
+    """Describe the values that a field accepts."""
     if "$ref" in node:
         name = node["$ref"].rsplit("/", 1)[1]
         return f"[{name}](#{anchor}-{name.lower()})"
@@ -142,7 +142,7 @@ def _range(node: Schema) -> str:
 
 
 def default_of(name: str, node: Schema, section: Schema) -> str:
-    """What a field is where a file leaves it out."""
+    """Return the default of a field as text."""
     if name in section.get("required", []):
         return "**required**"
     value = node.get("default")

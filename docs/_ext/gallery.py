@@ -14,7 +14,7 @@ from mjsheaf.scenario import Scenario, list_scenarios, load_scenario
 from mjsheaf.scenario.load import read_scenario
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-_MENDED = {"lost_thruster": ", in which the thrusters work"}
+_MENDED = {"lost_thruster": " and working thrusters"}
 MORE = "Variations"
 REFUSED = "Where an assumption fails"
 SECTIONS = {
@@ -66,11 +66,11 @@ def label_of(name: str) -> str:
 
 
 def cards() -> str:
-    """Return a card for each scenario, section by section (picture, name, what it shows), and the pages' order."""
+    """Return a tile for each scenario, section by section (picture, name, what it shows), and the pages' order."""
     lines = []
     sections = ordered(list_scenarios())
     for title, names in sections.items():
-        lines += [f"## {title}\n", '<div class="cards">', *(_card(name) for name in names), "</div>\n"]
+        lines += [f"## {title}\n", '<div class="tiles">', *(_card(name) for name in names), "</div>\n"]
     pages = [f"../generated/gallery/{name}" for names in sections.values() for name in names]
     return "\n".join([*lines, "```{toctree}", ":hidden:", "", *pages, "```", ""])
 
@@ -80,7 +80,7 @@ def _card(name: str) -> str:
     label = label_of(name)
     mark = f' <em class="label">{label}</em>' if label else ""
     return (
-        f'<a class="card" href="../generated/gallery/{name}.html">{_picture(name, "..")}'
+        f'<a class="tile" href="../generated/gallery/{name}.html">{_picture(name, "..")}'
         f"<span><code>{name}</code>{mark}<br>{summary}</span></a>"
     )
 

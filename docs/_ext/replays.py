@@ -102,6 +102,6 @@ def program() -> bytes:
 
 
 def summary_of(name: str) -> dict[str, Any]:
-    """What the run left in summary.json."""
+    """Read the summary.json of a run."""
     found: dict[str, Any] = json.loads((replay_of(name) / "summary.json").read_text())
     return found

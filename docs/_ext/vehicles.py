@@ -93,7 +93,7 @@ def _plot(vehicle: Vehicle, path: Path) -> None:
 
 
 def _step_response(vehicle: Vehicle) -> tuple[Any, Any]:
-    """Time, s, and forward speed of the controlled point, m/s, of one vehicle that is asked for 1 m/s from rest."""
+    """Time, s, and forward speed of the controlled point, m/s, of one vehicle that is commanded to 1 m/s from rest."""
     start = [0.0, 0.0, 10.0][: vehicle.dimension]
     scenario = mjsheaf.load_scenario(
         {
