@@ -1,11 +1,13 @@
 """Compiled code on disk: an edit drops the code of the edited file and of its callers, and of no other file."""
 
+import ast
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import mjsheaf
+from mjsheaf import jit
 
 PACKAGE = Path(mjsheaf.__file__).parent
 HASHES = """
@@ -53,3 +55,13 @@ def test_an_edit_of_the_decorator_makes_all_code_stale(tmp_path: Path) -> None:
     source.write_text(source.read_text() + "\n# an edit\n")
     after = hashes(package)
     assert all(after[name] != before[name] for name in FILES)
+
+
+def test_imports_are_found_as_the_parser_finds_them() -> None:
+    """Oracle: Python's own parser, on every file with compiled functions."""
+    package = Path(jit.__file__).resolve().parent
+    for path in sorted(path for pattern in jit._SOURCES for path in package.glob(pattern)):
+        nodes = [node for node in ast.walk(ast.parse(path.read_bytes())) if isinstance(node, ast.ImportFrom)]
+        ours = [node for node in nodes if not node.level and str(node.module).split(".")[0] == "mjsheaf"]
+        expected = {jit._origin_of(str(node.module), alias.name) for node in ours for alias in node.names}
+        assert expected <= jit._imports_of(path), path

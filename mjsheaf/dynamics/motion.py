@@ -6,16 +6,18 @@ is the paper's: the flow carries the target away from its reference. The consens
 
 import csv
 from math import factorial
-from typing import Annotated, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
 import numpy as np
 from pydantic import ConfigDict, Field
-from scipy.interpolate import BPoly, PPoly, make_interp_spline
 
 from mjsheaf.arrays import Array, IntArray, Own
 from mjsheaf.errors import InputError, shortened
 from mjsheaf.io.section import NonNegative, Number, Point, Positive, Section, tagged
 from mjsheaf.jit import inline_jit
+
+if TYPE_CHECKING:
+    from scipy.interpolate import PPoly
 
 _ORDER = 6  # coefficients of the quintic pieces of a waypoint path
 
@@ -110,12 +112,14 @@ class Waypoints(Section):
     closed: bool = Field(False, description="whether the path returns to the initial position and repeats")
     pull: NonNegative = Field(1.0, description="return to the path when flow moves the target off it [1/s]")
 
-    def spline(self, initial: Array, start: float) -> PPoly:
+    def spline(self, initial: Array, start: float) -> "PPoly":
         """The path from `initial` (n,) in m at time `start` in s, as a piecewise polynomial.
 
         It is the quintic spline through the points at times in proportion to the distances between them: position,
         velocity and acceleration are continuous. An open path starts and ends at rest, and holds its last point.
         """
+        from scipy.interpolate import PPoly, make_interp_spline
+
         for k, point in enumerate(self.points):
             if len(point) != len(initial):
                 raise InputError(f"waypoint {k} has {len(point)} entries; the target has dimension {len(initial)}")
@@ -146,12 +150,14 @@ class Recorded(Section):
     )
     pull: NonNegative = Field(1.0, description="return to the path where the target is off it [1/s]")
 
-    def spline(self, n: int, start: float, end: float) -> PPoly:
+    def spline(self, n: int, start: float, end: float) -> "PPoly":
         """The path, its first n coordinates, m, over time, s, of the degree of `Waypoints.spline`.
 
         Raises:
             InputError: samples are of another dimension, do not rise, or do not cover the run from `start` to `end`.
         """
+        from scipy.interpolate import PPoly, make_interp_spline
+
         for k, row in enumerate(self.samples):
             if len(row) < n + 1:
                 raise InputError(f"sample {k} has {len(row)} entries; expected t and {n} coordinates")
@@ -275,7 +281,7 @@ def pack(
     return arrays
 
 
-def _spline(motion: Waypoints | Recorded | File, initial: Array, start: float, end: float) -> PPoly:
+def _spline(motion: Waypoints | Recorded | File, initial: Array, start: float, end: float) -> "PPoly":
     """The path of a target that is at `initial` (n,), m, at the start."""
     if isinstance(motion, Waypoints):
         return motion.spline(initial, start)
@@ -288,6 +294,8 @@ def reference_bounds(motion: MotionArrays) -> tuple[Array, Array]:
 
     A piece of a path is a polynomial, which lies in the convex hull of its Bernstein coefficients.
     """
+    from scipy.interpolate import BPoly, PPoly
+
     swing = np.abs(motion.amplitude * motion.rate)
     speed, acceleration = np.linalg.norm(swing, axis=1), np.linalg.norm(swing * motion.rate, axis=1)
     for v, (first, pieces) in enumerate(motion.path):

@@ -69,10 +69,16 @@ def join(pieces: Iterable[xr.Dataset]) -> xr.Dataset:
     parts = list(pieces)
     if len(parts) == 1:
         return parts[0]
-    alike: dict[str, Any] = dict.fromkeys(("data_vars", "coords"), "minimal")
-    alike |= dict.fromkeys(("compat", "join", "combine_attrs"), "override")
-    whole = xr.concat(parts, "time", **alike).assign_attrs(parts[-1].attrs)
-    return whole.assign(delivery=parts[-1]["delivery"]) if "delivery" in whole else whole
+    first, last = parts[0], parts[-1]
+    variables: dict[Any, Any] = {}
+    for name, variable in first.variables.items():  # alike but for `time`, which xarray would check at length
+        if "time" in variable.dims:
+            values = np.concatenate([part.variables[name].values for part in parts], variable.dims.index("time"))
+            variables[name] = variable.dims, values, variable.attrs, variable.encoding
+        else:
+            variables[name] = (last if name == "delivery" else first).variables[name]
+    coordinates = {name: variables.pop(name) for name in first.coords}
+    return xr.Dataset(variables, coordinates, last.attrs)
 
 
 def in_pieces(pieces: Iterable[xr.Dataset], samples: int) -> Iterator[xr.Dataset]:

@@ -2,18 +2,22 @@
 
 import io
 import os
+import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import h5netcdf
+import h5py
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from mjsheaf.arrays import IntArray
 from mjsheaf.results.dataset import join
-from mjsheaf.results.sinks import send
+from mjsheaf.results.sinks import Memory, send
+from mjsheaf.threads import usable_processors
 
 
 class EnduringFile(io.FileIO):
@@ -101,21 +105,33 @@ _MOST_SAMPLES = 4000  # of a thinned run: more cannot be seen in a plot
 _MOST_POSITIONS = 400_000  # of agents in a thinned run, which bounds its memory where there are many
 _FEWEST_SAMPLES = 200
 _POSITIONS_READ = 2**18  # of vehicles at a time, about: six megabytes a variable
+_COMPRESSION = 3  # level of zlib
+MAX_BYTES_HELD = 2**29
+"""Size of a run up to which it stays in memory while it is published, bytes."""
 
 
-def write_dataset(pieces: Iterable[xr.Dataset], path: Path) -> None:
+def write_dataset(pieces: Iterable[xr.Dataset], path: Path, memory: Memory | None = None) -> None:
     """Write a run as netCDF-4, compressed, one piece in memory at a time; equal runs give equal bytes.
 
     Args:
         pieces: as `make_datasets` gives them: alike but for `time`, all of one length but for the last.
         path: the file.
+        memory: gets the run too.
 
     Raises:
         OSError: it cannot be written, as on a full disk; what was written of it remains.
     """
+    others = [] if memory is None else [memory]
     with EnduringFile(path) as file:
-        send(pieces, NetCDF(file))
+        send(pieces, NetCDF(file), *others)
     file.raise_refusal()
+
+
+def write_and_open(pieces: Iterable[xr.Dataset], path: Path) -> xr.Dataset:
+    """Write a run as `write_dataset` does and return it, from memory if it is small, otherwise from the file."""
+    memory = Memory(MAX_BYTES_HELD)
+    write_dataset(pieces, path, memory)
+    return open_dataset(path) if memory.overflowed else memory.dataset
 
 
 def dataset_bytes(dataset: xr.Dataset) -> bytes:
@@ -132,6 +148,7 @@ class NetCDF:
         """Write into an open file, of which the disk is asked after each chunk."""
         self._file = file
         self._beside = ThreadPoolExecutor(1)
+        self._packing = ThreadPoolExecutor(usable_processors())
         self._netcdf = self._beside.submit(h5netcdf.File, file, "w")
 
     def open(self, variables: Mapping[Any, xr.Variable], attrs: Mapping[str, Any]) -> None:
@@ -139,29 +156,22 @@ class NetCDF:
 
     def write(self, chunk: xr.Dataset) -> None:
         """Write a chunk after those that the file holds already."""
-        self._beside.submit(_append, self._netcdf.result(), chunk).result()
+        self._beside.submit(_append, self._netcdf.result(), chunk, self._packing).result()
         if isinstance(self._file, EnduringFile):
             self._file.raise_refusal()
 
     def close(self) -> None:
         """Complete the file."""
-        with self._beside:
+        with self._beside, self._packing:
             self._beside.submit(self._netcdf.result().close).result()
 
 
-def _append(netcdf: h5netcdf.File, piece: xr.Dataset) -> None:
+def _append(netcdf: h5netcdf.File, piece: xr.Dataset, packing: ThreadPoolExecutor) -> None:
     """Write a piece after those that the file holds already; the first one brings all that has no time, too."""
     if not netcdf.dimensions:
         _begin(netcdf, piece)
-    elif piece.sizes["time"]:
-        begin = netcdf.dimensions["time"].size
-        end = begin + piece.sizes["time"]
-        netcdf.resize_dimension("time", end)
-        for name, variable in piece.variables.items():
-            if "time" in variable.dims:
-                netcdf.variables[name][begin:end] = variable.values
-            elif name in _COUNTED:
-                netcdf.variables[name][:] = variable.values
+    if piece.sizes["time"]:
+        _write_samples(netcdf, piece, packing)
     for name, value in piece.attrs.items():  # the last piece has the run's status, and what agents have sent
         if netcdf.attrs[name] != value and isinstance(value, int):
             netcdf._h5group.attrs.modify(name, value)  # in place, so that the bytes are those of one piece
@@ -169,9 +179,48 @@ def _append(netcdf: h5netcdf.File, piece: xr.Dataset) -> None:
             netcdf.attrs[name] = value
 
 
+def _write_samples(netcdf: h5netcdf.File, piece: xr.Dataset, packing: ThreadPoolExecutor) -> None:
+    """Write what changes over time, after the samples that the file holds already."""
+    begin = len(netcdf.dimensions["time"])
+    end = begin + piece.sizes["time"]
+    netcdf.resize_dimension("time", end)
+    # h5netcdf looks up the lengths of all dimensions at each access, which takes longer than writing.
+    stored = {name: netcdf._h5group[netcdf.variables[name]._h5path] for name in piece.variables}
+    packed = {}
+    for name, variable in piece.variables.items():
+        if name in _COUNTED:
+            stored[name][...] = variable.values
+        elif _is_chunk_of(stored[name], variable, begin):
+            packed[name] = packing.submit(_pack, variable.values, stored[name].chunks)
+        elif "time" in variable.dims:
+            stored[name][begin:end] = variable.values
+    for name, chunk in packed.items():
+        place = (begin, *(0 for _ in stored[name].shape[1:]))
+        stored[name].id.write_direct_chunk(place, chunk.result())
+
+
+def _is_chunk_of(stored: h5py.Dataset, variable: xr.Variable, begin: int) -> bool:
+    """Return True if values from sample `begin` on are at most one chunk of a compressed dataset and begin with it."""
+    chunks = stored.chunks
+    if "time" not in variable.dims or stored.compression != "gzip" or stored.dtype != variable.dtype or chunks is None:
+        return False
+    return begin % chunks[0] == 0 and variable.shape[0] <= chunks[0] and variable.shape[1:] == chunks[1:]
+
+
+def _pack(values: NDArray[Any], shape: tuple[int, ...]) -> bytes:
+    """Return a chunk as HDF5 stores it: bytes sorted by their significance, then compressed.
+
+    HDF5 compresses one chunk at a time; this may run in several threads.
+    """
+    chunk = np.zeros(shape, values.dtype)
+    chunk[: len(values)] = values
+    planes = chunk.reshape(-1).view(np.uint8).reshape(-1, chunk.itemsize).T
+    return zlib.compress(planes.tobytes(), _COMPRESSION)
+
+
 def _begin(netcdf: h5netcdf.File, piece: xr.Dataset) -> None:
-    """Write the first piece, which brings all that has no time, too."""
-    packed = {"zlib": True, "complevel": 3, "shuffle": True}
+    """Begin a file like its first piece, with all that has no time."""
+    packed = {"zlib": True, "complevel": _COMPRESSION, "shuffle": True}
     encoding: dict[str, Any] = {}
     for name, variable in piece.variables.items():
         if name in _COUNTED:
@@ -179,7 +228,8 @@ def _begin(netcdf: h5netcdf.File, piece: xr.Dataset) -> None:
         if variable.dtype.kind in "fi" and variable.ndim > 0:
             chunks = {"chunksizes": variable.shape} if "time" in variable.dims and variable.size else {}
             encoding[str(name)] = packed | chunks
-    piece.dump_to_store(xr.backends.H5NetCDFStore(netcdf), encoding=encoding, unlimited_dims=["time"])
+    empty = piece.isel(time=slice(0, 0))
+    empty.dump_to_store(xr.backends.H5NetCDFStore(netcdf), encoding=encoding, unlimited_dims=["time"])
 
 
 def open_dataset(path: Path) -> xr.Dataset:

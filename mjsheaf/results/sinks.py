@@ -4,6 +4,7 @@ A sink needs one file with one class. Chunks may be as short as one sample; thei
 of the lists in `variables`, and the same in all chunks of a run but for the length of `time`.
 """
 
+import math
 from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
 from typing import Any, Protocol
@@ -27,10 +28,16 @@ class Sink(Protocol):
 
 
 class Memory:
-    """Keeps a run in memory."""
+    """Keeps a run in memory.
 
-    def __init__(self) -> None:
-        """Begin without a run."""
+    Attributes:
+        overflowed: True if the run is larger than allowed; nothing of it is kept then.
+    """
+
+    def __init__(self, limit: float = math.inf) -> None:
+        """Begin without a run, of which at most `limit` bytes are kept."""
+        self.overflowed = False
+        self._left = limit
         self._chunks: list[xr.Dataset] = []
 
     def open(self, variables: Mapping[Any, xr.Variable], attrs: Mapping[str, Any]) -> None:
@@ -38,15 +45,24 @@ class Memory:
 
     def write(self, chunk: xr.Dataset) -> None:
         """Keep a chunk."""
+        self._left -= chunk.nbytes
         self._chunks.append(chunk)
+        if self._left < 0.0:
+            self.overflowed = True
+            self._chunks.clear()
 
     def close(self) -> None:
         """Keep what has come."""
 
     @property
     def dataset(self) -> xr.Dataset:
-        """The whole run."""
-        return join(self._chunks)
+        """The whole run; it remembers the length of its chunks, as a file does."""
+        first = self._chunks[0]
+        whole = join(self._chunks)
+        for name, variable in first.variables.items():
+            if "time" in variable.dims:
+                whole[name].encoding["chunksizes"] = variable.shape
+        return whole
 
 
 def send(chunks: Iterable[xr.Dataset], *sinks: Sink) -> None:

@@ -23,11 +23,12 @@ from mjsheaf.io.files import naming, write_whole
 from mjsheaf.io.section import LARGEST
 from mjsheaf.io.yaml import SUFFIXES, dump_yaml
 from mjsheaf.jit import working_time
-from mjsheaf.results import check_expectation, open_dataset, store, summarize, thinned, write_dataset
+from mjsheaf.results import check_expectation, open_dataset, store, summarize, thinned
 from mjsheaf.results.metrics import communication, delivery_of, engine_of, summarize_phases
-from mjsheaf.results.netcdf import split
+from mjsheaf.results.netcdf import split, write_and_open
 from mjsheaf.results.variables import fault_of
 from mjsheaf.runs.simulate import Progress, no_progress, stream
+from mjsheaf.runs.timings import Timings, join_timings
 from mjsheaf.scenario import Scenario
 from mjsheaf.simulation.session import moved_by, require_simulable
 from mjsheaf.video import VideoOptions, available_backend
@@ -167,6 +168,7 @@ def execute(
     origin: str | None = None,
     figures: FigureOptions = AS_USUAL,
     progress: Progress = no_progress,
+    timings: Timings | None = None,
 ) -> Outcome:
     """Run a scenario (see `simulate`) and publish its directory (see `publish`).
 
@@ -177,11 +179,14 @@ def execute(
         PlaceError: the directory may not be replaced or cannot be written.
         NotUniqueError: the harmonic extension is not unique and drift is not allowed; nothing is written.
     """
-    phases = moved_by(scenario.phases, backend, engine, threads)
-    require_simulable(phases, backend, allow_drift=allow_drift)
+    timings = timings or Timings()
+    with timings.part("checks"):
+        phases = moved_by(scenario.phases, backend, engine, threads)
+        require_simulable(phases, backend, allow_drift=allow_drift)
     simulating = partial(progress, "simulating")
     pieces = TimedIterator(stream(phases, backend, scenario.seed, simulating, controller=controller))
-    return publish(pieces, scenario, phases, directory, video=video, origin=origin, figures=figures, progress=progress)
+    shown: Any = {"video": video, "figures": figures, "progress": progress}
+    return publish(pieces, scenario, phases, directory, origin=origin, timings=timings, **shown)
 
 
 def publish(
@@ -194,6 +199,7 @@ def publish(
     origin: str | None = None,
     figures: FigureOptions = AS_USUAL,
     progress: Progress = no_progress,
+    timings: Timings | None = None,
 ) -> Outcome:
     """Write the directory of a run, whole or not at all; then draw its video into it.
 
@@ -209,37 +215,55 @@ def publish(
         origin: where the scenario comes from, as `scenario.load.origin` has it; summary.json keeps it.
         figures: how the plots are written.
         progress: called with (what is being done, done, in all).
+        timings: durations of what was done before.
 
     Raises:
         PlaceError: the directory may not be replaced or cannot be written.
     """
     from mjsheaf.page import page_of
-    from mjsheaf.simulation.trajectory import samples_in_piece
     from mjsheaf.system import phases_of
 
+    timings = timings or Timings()
     phases = phases_of(simulated)
-    system = phases[0].system
     replaced = store.replaced_run(directory)
-    pieces = split(run, samples_in_piece(system)) if isinstance(run, xr.Dataset) else run
     with store.staging(directory) as fresh, ExitStack() as held:
-        write_dataset(pieces, fresh / "result.nc")
-        dataset = held.enter_context(open_dataset(fresh / "result.nc"))
+        dataset, seconds = _write_data(run, phases[0].system, fresh / "result.nc", timings)
+        held.enter_context(dataset)
         write_scenario(scenario, fresh)
-        account = account_of(scenario, phases, dataset)
+        progress("comparing with theory", 0, 1)
+        account = account_of(scenario, phases, dataset, timings)
         summary, drawn, bounds = account.summary, account.drawn, account.bounds
-        shown = shown_bound(phases, drawn["time"].values, *bounds[0])
-        _plot(phases, drawn, shown, fresh, progress, figures, scenario.video.eye)
-        seconds = run.seconds if isinstance(run, TimedIterator) else None
+        with timings.part("plots"):
+            shown = shown_bound(phases, drawn["time"].values, *bounds[0])
+            _plot(phases, drawn, shown, fresh, progress, figures, scenario.video.eye)
         summary |= {"origin": origin, "wall_time_s": seconds, store.RESULT_DIGEST: store.digest(fresh / "result.nc")}
         if seconds:
             summary["realtime_factor"] = float(drawn["time"][-1] - drawn["time"][0]) / seconds
         progress("writing the page", 0, 1)
-        page = page_of(scenario, phases, dataset, summary, bounds, notes=summary["notes"])
-        (fresh / "report.html").write_bytes(page)
+        with timings.part("page"):
+            page = page_of(scenario, phases, dataset, summary, bounds, notes=summary["notes"])
+            (fresh / "report.html").write_bytes(page)
         progress("publishing", 0, 1)  # the last moment at which the user can stop it
+        summary["timings"] = timings.record()
         store.save_summary(summary, fresh / "summary.json")
     outcome = Outcome(directory, summary, [], replaced)
     return outcome if video is None else add_video(outcome, scenario, video, progress)
+
+
+def _write_data(
+    run: xr.Dataset | Iterable[xr.Dataset], system: "System", path: Path, timings: Timings
+) -> tuple[xr.Dataset, float | None]:
+    """Write result.nc, and return its data and how long the simulation took, s; None if that is not known."""
+    from mjsheaf.simulation.trajectory import samples_in_piece
+
+    pieces = split(run, samples_in_piece(system)) if isinstance(run, xr.Dataset) else run
+    with timings.part("data"):
+        dataset = write_and_open(pieces, path)
+    if not isinstance(run, TimedIterator):
+        return dataset, None
+    timings.add("simulation", run.seconds)
+    timings.add("data", -run.seconds)
+    return dataset, run.seconds
 
 
 def add_video(outcome: Outcome, scenario: Scenario, options: VideoOptions, progress: Progress = no_progress) -> Outcome:
@@ -266,7 +290,8 @@ def add_video(outcome: Outcome, scenario: Scenario, options: VideoOptions, progr
     directory = outcome.directory
     path = directory / "video.mp4"
     drawing = partial(progress, "drawing video")
-    with open_dataset(directory / "result.nc") as dataset:
+    timings = Timings()
+    with open_dataset(directory / "result.nc") as dataset, timings.part("video"):
         try:
             frames, reason = draw_video(partial(film_run, scenario, dataset, path, options, drawing))
         except UnwritableError as error:
@@ -274,6 +299,7 @@ def add_video(outcome: Outcome, scenario: Scenario, options: VideoOptions, progr
     if reason:
         return replace(outcome, notes=[*outcome.notes, reason])
     summary = {**outcome.summary, "video": video_entry(frames, options)}
+    summary["timings"] = join_timings(outcome.summary["timings"], timings.record())
     store.save_summary(summary, directory / "summary.json")
     return replace(outcome, summary=summary)
 
@@ -298,22 +324,27 @@ class Account:
     drawn: xr.Dataset
 
 
-def account_of(scenario: Scenario, phases: "Sequence[Phase]", dataset: xr.Dataset) -> Account:
+def account_of(
+    scenario: Scenario, phases: "Sequence[Phase]", dataset: xr.Dataset, timings: Timings | None = None
+) -> Account:
     """Errors, bounds and notes of a run, from its data, in memory or opened."""
     from mjsheaf.checking.finished import bounds_of_phases
     from mjsheaf.runs.diagnostics import examine_terms, notes_of_run
     from mjsheaf.scenario.slips import slips_of
 
+    timings = timings or Timings()
     own, drawn = summarize_phases(phases[0].system.team, dataset), thinned(dataset)
-    bounds = bounds_of_phases(phases, dataset)
+    with timings.part("bounds"):
+        bounds = bounds_of_phases(phases, dataset)
     for phase, bound in zip(own, bounds, strict=False):
         phase |= _bounds_summary(*bound)
-    summary = _summary_of(scenario, phases, dataset.sizes["time"] - 1, drawn, own, *bounds[0])
-    terms = examine_terms(phases, dataset)
-    if terms is not None:
-        summary["terms"] = terms.record()
-    limits = [one for bound in bounds for one in bound]
-    found = notes_of_run(phases, dataset, summary["ending"], limits, terms, slips_of(scenario))
+    with timings.part("notes"):
+        summary = _summary_of(scenario, phases, dataset.sizes["time"] - 1, drawn, own, *bounds[0])
+        terms = examine_terms(phases, dataset)
+        if terms is not None:
+            summary["terms"] = terms.record()
+        limits = [one for bound in bounds for one in bound]
+        found = notes_of_run(phases, dataset, summary["ending"], limits, terms, slips_of(scenario))
     summary["notes"] = [note.record() for note in found]
     return Account(summary, bounds, drawn)
 
@@ -415,6 +446,7 @@ def _summary_of(
         "terms": None,
         "notes": [],
         "video": None,
+        "timings": {},
         store.RESULT_DIGEST: "",
     }
 

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 from scipy import linalg, sparse
-from scipy.integrate import trapezoid
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import eigsh
 
@@ -173,7 +172,7 @@ def mean_medium(system: System, time: Array, q_star: Array) -> Array:
     """
     stride = max(1, len(q_star) // _MOST_SAMPLES)
     w = agent_drift(system, q_star[::stride])
-    mean = trapezoid(w, time[::stride], axis=0) / float(time[::stride][-1] - time[0])
+    mean = np.trapezoid(w, time[::stride], axis=0) / float(time[::stride][-1] - time[0])
     return system.team.unpack(mean - (q_star[-1] - q_star[0]) / float(time[-1] - time[0]))
 
 

@@ -26,7 +26,6 @@ from typing import Any
 
 import numpy as np
 from pydantic import Field
-from scipy.signal import fftconvolve, lfilter
 
 from mjsheaf.arrays import Array
 from mjsheaf.checking.loop.linear_law import model_of
@@ -189,6 +188,8 @@ class _Drive:
 
 def _filtered(values: Array, share: float) -> Array:
     """A first-order filter, a sample late: nothing, then the first value, then a share of each; shape (K, n)."""
+    from scipy.signal import lfilter  # which takes a third of a second to load
+
     found = np.zeros_like(values)
     if len(values) > 1:
         with np.errstate(invalid="ignore"):  # 0 times what is infinite
@@ -199,6 +200,8 @@ def _filtered(values: Array, share: float) -> Array:
 
 def _drive(system: System, certificate: Certificate, values: Array, vectors: Array) -> _Drive:
     """Follow feedforward and observer along the targets' path."""
+    from scipy.signal import lfilter
+
     team, terms, h, path = system.team, system.law.terms, system.grid.period, certificate.constants.path
     n_q, N = len(values), len(team.agents)
     if path.cells is None:
@@ -342,6 +345,8 @@ def envelope(system: System, certificate: Certificate) -> Envelope:
 
 
 def _bounded(system: System, certificate: Certificate, loop: Loop, drive: _Drive) -> Envelope:
+    from scipy.signal import fftconvolve
+
     K, N, h, constants = len(drive.left), len(system.team.agents), loop.period, certificate.constants
     start = constants.initial_error
     decay, ask_start, kept_start, hit, ask, kept = loop.responses(K + 1)

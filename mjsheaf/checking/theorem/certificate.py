@@ -27,9 +27,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
-import networkx as nx
 import numpy as np
 from pydantic import Field
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
 
 from mjsheaf.arrays import Array
 from mjsheaf.checking.loop.targets_loop import targets_loop
@@ -459,10 +460,12 @@ def _rank_and_inverse(system: System) -> tuple[Finding, Finding]:
 
 
 def _topology(team: Team) -> Finding:
-    links = [e for e in team.communication if _couples(e)]
-    graph = nx.Graph([(e.tail, e.head) for e in links])
-    graph.add_nodes_from(team.agent_ids)
-    parts = sorted(sorted(team.index[agent] for agent in part) for part in nx.connected_components(graph))
+    N = len(team.agents)
+    ends = [(team.index[e.tail], team.index[e.head]) for e in team.communication if _couples(e)]
+    tails, heads = np.array(ends, dtype=np.int64).reshape(-1, 2).T
+    graph = sparse.coo_array((np.ones(len(ends)), (tails, heads)), shape=(N, N))
+    count, number = connected_components(graph, directed=False)
+    parts = sorted(np.flatnonzero(number == k).tolist() for k in range(count))
     sensed = {e.head for e in team.sensing if _couples(e)}
     unseen = [t for t in team.target_ids if t not in sensed]
     warnings = []
@@ -471,7 +474,7 @@ def _topology(team: Team) -> Finding:
         warnings.append(f"the agents fall into {len(parts)} parts: {_first(listed, 4, '; ')}")
     if unseen:
         warnings.append(f"no agent senses {_first(unseen, 8)}")
-    witness = "; ".join(warnings) or f"{len(links)} links connect {len(team.agents)} agents; every target is sensed"
+    witness = "; ".join(warnings) or f"{len(ends)} links connect {len(team.agents)} agents; every target is sensed"
     unit = "part" if len(parts) == 1 else "parts"
     return "fails" if warnings else "holds", float(len(parts)), unit, witness
 

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from typing import Literal
 from weakref import WeakKeyDictionary
 
-import networkx as nx
 import numpy as np
 from pydantic import Field
 from scipy import linalg, sparse
@@ -330,6 +329,8 @@ def _singles(team: Team) -> Iterator[tuple[Loss, list[int], int | None]]:
         What its loss breaks of CONNECTED and SENSED, which takes no linear algebra and is exact at any size; the edges
         that are lost, by their places in the sheaf's order; and the number of the agent that is.
     """
+    import networkx as nx
+
     edges, links, seen = _edges(team), Counter(map(_ends, team.communication)), Counter[tuple[str, ...]]()
     alike, incident = Counter(_ends(edge) for _, edge in edges), defaultdict[str, list[int]](list)
     graph = nx.Graph(list(links))
