@@ -1,7 +1,7 @@
 """`mjsheaf compare` and `mjsheaf compare-runs`."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -20,11 +20,12 @@ from mjsheaf.cli.options import (
     figure_options,
     prepare,
 )
-from mjsheaf.cli.terminal import make_console, make_table, print_lines, print_note, progress_bars
+from mjsheaf.cli.terminal import make_console, make_table, print_lines, print_note, progress_bars, saying_what_is_kept
 from mjsheaf.errors import UnstableError, in_field
 
 if TYPE_CHECKING:
     from mjsheaf.comparing.overlay import RunsRecord
+    from mjsheaf.comparing.report import Published
 
 _WIDTH = 120  # least on a terminal, as numbers must not be cut; that of report.txt
 
@@ -40,13 +41,16 @@ def compare(
     engine: EngineOption = Engine.MUJOCO,
     threads: ThreadsOption = None,
     controller: ControllerOption = None,
+    quality: Annotated[
+        Literal["good", "draft"], typer.Option(help="Quality of the video; a draft takes a fraction of the time.")
+    ] = "draft",
 ) -> None:
     """Compare ideal kinematics with bodies: what each effect costs, and what to change.
 
     Climbs a ladder from the theory's kinematics to the scenario's own bodies, one effect at a time. In a scenario with
     events every variant runs the same phases, and each phase has its own error budget. Writes
     compare.json, report.txt, errors.png, budget.png, convergence.png, scenario.yaml and compare.mp4 (ideal left,
-    bodies right) into the directory, runs/NAME-compare unless given.
+    bodies right) into the directory, runs/NAME-compare unless given. The video comes last.
     """
     from mjsheaf.comparing.report import publish, report
     from mjsheaf.control.source import find_law
@@ -55,10 +59,9 @@ def compare(
     loaded, directory, origin = prepare(scenario, overrides, seed, out, "physics", "compare")
     law = None if controller is None else find_law(controller)
     with in_field(scenario), progress_bars() as bars:
-        record, notes, replaced = publish(
+        published = publish(
             loaded,
             directory,
-            video=video,
             engine=str(engine),
             threads=threads,
             law=law,
@@ -66,13 +69,28 @@ def compare(
             figures=figures,
             progress=bars,
         )
-    for note in notes:
-        print_note(note)
+    record = published.comparison.record
     make_console(_WIDTH).print(report(record))
-    print_lines(*filter(None, [replaced]), *(f"  {path}" for path in sorted(directory.iterdir())))
+    print_lines(*filter(None, [published.replaced]), *(f"  {path}" for path in sorted(directory.iterdir())))
+    if video:
+        _draw_video(published, quality)
     for rung in map(record.rung, ("ideal", "all")):
         if rung.status != "finished":
             raise UnstableError(f"{rung.label}: {rung.message}; what was found is in {directory}")
+
+
+def _draw_video(published: "Published", quality: str) -> None:
+    """Draw the video of a published comparison, and print where it is or why there is none."""
+    from mjsheaf.comparing.report import add_video
+
+    directory = published.directory
+    print_lines(f"drawing the video; everything else is there: open {directory / 'report.html'} in any browser")
+    with progress_bars() as bars, saying_what_is_kept(lambda: f"{directory} is complete but for its video"):
+        reason = add_video(published, quality, bars)
+    if reason:
+        print_note(reason)
+    else:
+        print_lines(f"  {directory / 'compare.mp4'}")
 
 
 def compare_runs(

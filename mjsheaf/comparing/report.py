@@ -1,5 +1,6 @@
 """A comparison as a page (what to change, then ladder, budget, ringing, speeds, convergence) and as a directory."""
 
+from dataclasses import dataclass, replace
 from functools import partial
 from io import StringIO
 from itertools import accumulate, groupby
@@ -17,7 +18,7 @@ from mjsheaf.comparing.ladder import RungRecord, display_name
 from mjsheaf.comparing.measures import FORMATION, RMS_OVER, TEAM, TRACKING, BudgetRecord, ItemRecord
 from mjsheaf.comparing.verdict import LIMITED_BY, CompareRecord
 from mjsheaf.control.source import LawFile
-from mjsheaf.errors import joined, shortened
+from mjsheaf.errors import PlaceError, joined, shortened
 from mjsheaf.io.figures import AS_USUAL, FigureOptions
 from mjsheaf.results import summarize
 from mjsheaf.results.store import replaced_run, save_summary, staging
@@ -275,24 +276,37 @@ def _convergence(record: CompareRecord) -> str:
     )
 
 
+@dataclass(frozen=True)
+class Published:
+    """A published comparison.
+
+    Attributes:
+        directory: Its directory.
+        scenario: Scenario that was compared.
+        comparison: Its numbers and runs.
+        replaced: Sentence about the earlier run that it replaced; None if there was none.
+    """
+
+    directory: Path
+    scenario: Scenario
+    comparison: Comparison
+    replaced: str | None
+
+
 def publish(
     scenario: Scenario,
     directory: Path,
     *,
-    video: bool,
     engine: str = "mujoco",
     threads: int | None = None,
     law: LawFile | None = None,
     origin: str | None = None,
     figures: FigureOptions = AS_USUAL,
     progress: Progress = no_progress,
-) -> tuple[CompareRecord, list[str], str | None]:
+) -> Published:
     """Compare a scenario's ideal kinematics with its bodies and write the directory, also where bodies blow up.
 
-    Arguments are those of `runs.publish.publish` and `compare`; `video` draws ideal and physics side by side.
-
-    Returns:
-        The comparison as compare.json has it; what else to report; and which earlier run it replaced, if any.
+    Arguments are those of `runs.publish.publish` and `compare`. `add_video` draws the video afterwards.
 
     Raises:
         InputError: a scenario that cannot be simulated; nothing is written.
@@ -300,23 +314,46 @@ def publish(
         NotUniqueError: the harmonic extension is not unique; nothing is written.
     """
     replaced = replaced_run(directory)
-    notes: list[str] = []
     with staging(directory) as fresh:
         comparison = compare(scenario, progress, engine=engine, threads=threads, law=law)
         record = comparison.record.model_copy(update={"origin": origin})
         write_scenario(scenario, fresh)
+        progress("plotting", 0, 1)
         _plot(comparison, fresh, figures)
-        progress("plotting", 1, 1)
-        if video:
-            _, reason = draw_video(partial(_film, scenario, comparison, fresh / "compare.mp4", progress))
-            notes += [reason] if reason else []
-            record = record.model_copy(update={"video": None if reason else "compare.mp4"})
         progress("writing the page", 0, 1)
         (fresh / "report.html").write_bytes(_page(scenario, comparison))
         (fresh / "report.txt").write_text(report_text(record), encoding="utf-8")
         progress("publishing", 0, 1)  # the last moment at which the user can stop it
         save_summary(record.model_dump(mode="json"), fresh / "compare.json")
-    return record, notes, replaced
+    return Published(directory, scenario, replace(comparison, record=record), replaced)
+
+
+def add_video(published: Published, quality: str | None = None, progress: Progress = no_progress) -> str:
+    """Draw ideal kinematics and bodies side by side into the directory of a published comparison.
+
+    The video appears when it is complete, and compare.json then names it.
+
+    Returns:
+        The reason why there is no video; empty if there is one.
+
+    Raises:
+        PlaceError: The video cannot be written.
+    """
+    from mjsheaf.video.draw import UnwritableError
+    from mjsheaf.video.from_run import film_side_by_side
+
+    directory = published.directory
+    path = directory / "compare.mp4"
+    datasets = _datasets(published.scenario, published.comparison)
+    drawing = partial(progress, "drawing video")
+    try:
+        _, reason = draw_video(partial(film_side_by_side, published.scenario, *datasets, path, drawing, quality))
+    except UnwritableError as error:
+        raise PlaceError(f"{error}; {directory} is complete but for its video") from error
+    if not reason:
+        record = published.comparison.record.model_copy(update={"video": path.name})
+        save_summary(record.model_dump(mode="json"), directory / "compare.json")
+    return reason
 
 
 def _plot(comparison: Comparison, folder: Path, figures: FigureOptions) -> None:
@@ -354,10 +391,3 @@ def _page(scenario: Scenario, comparison: Comparison) -> bytes:
     again = f"mjsheaf compare scenario.yaml{engine}{law}", " in this directory"
     notes = comparison.record.verdict
     return page_of(scenario, phases, physics, summary, bounds, notes=notes, ideal=ideal, again=again)
-
-
-def _film(scenario: Scenario, comparison: Comparison, path: Path, progress: Progress) -> int:
-    from mjsheaf.video.from_run import film_side_by_side
-
-    ideal, physics = _datasets(scenario, comparison)
-    return film_side_by_side(scenario, ideal, physics, path, partial(progress, "drawing video"))

@@ -61,11 +61,12 @@ def film_side_by_side(
     physics: xr.Dataset,
     path: Path,
     progress: Callable[[int, int], None] | None = None,
+    quality: str | None = None,
 ) -> int:
     """Draw ideal kinematics on the left and bodies on the right, seen by one camera; see `film_run`."""
     from mjsheaf.video.draw import draw_video
 
-    options = half_options(scenario)
+    options = half_options(scenario, quality)
     return draw_video(both_films(scenario, ideal, physics, options), path, options, progress)
 
 
@@ -86,12 +87,17 @@ def both_films(
     ]
 
 
-def half_options(scenario: Scenario) -> VideoOptions:
-    """How each half is drawn: as the scenario's video, no wider than 4 by 3, and fast enough to last at most 30 s."""
+def half_options(scenario: Scenario, quality: str | None = None) -> VideoOptions:
+    """Return how each half is drawn: as the scenario's video, no wider than 4 by 3, and in at most 30 s.
+
+    `quality` replaces the scenario's.
+    """
     video = scenario.video
+    quality = quality or video.quality
+    fps = min(video.fps, DRAFT_FPS if quality == "draft" else HALF_FPS)
     width = min(video.width, 2 * round(video.height * 2 / 3))
     speed = max(video.speed, (scenario.time.end - scenario.time.start) / LONGEST_HALF)
-    return video_options(scenario, width=width, fps=min(video.fps, HALF_FPS), speed=min(float(f"{speed:.3g}"), 1e3))
+    return video_options(scenario, width=width, fps=fps, speed=min(float(f"{speed:.3g}"), 1e3), quality=quality)
 
 
 def film_of(

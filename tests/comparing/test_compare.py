@@ -140,6 +140,30 @@ def test_a_blow_up_is_published_with_exit_code_3(tmp_path: Path, capsys: pytest.
     assert record.rung("all").errors["team"].late.tracking_error is None
 
 
+def test_everything_else_is_there_before_the_video(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The video is a draft unless asked otherwise; compare.json names it once it is there."""
+    out = tmp_path / "out"
+    asked: list[str] = []
+
+    def film(scenario: object, ideal: object, physics: object, path: Path, progress: object, quality: str) -> int:
+        assert {p.name for p in out.iterdir()} == DATA
+        assert CompareRecord.model_validate_json((out / "compare.json").read_text()).video is None
+        assert "report.html in any browser" in capsys.readouterr().out
+        asked.append(quality)
+        path.touch()
+        return 1
+
+    monkeypatch.setattr("mjsheaf.runs.publish.available_backend", lambda: ("none", ""))
+    monkeypatch.setattr("mjsheaf.video.from_run.film_side_by_side", film)
+    for quality in ("draft", "good"):
+        option = ["--quality", quality] * (quality != "draft")
+        assert call("compare", "midpoint", *SHORT, *option, "--out", out) == 0
+        assert CompareRecord.model_validate_json((out / "compare.json").read_text()).video == "compare.mp4"
+    assert asked == ["draft", "good"]
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(available_backend()[0] is None, reason="nothing can be drawn here")
 def test_video_has_both_side_by_side(tmp_path: Path) -> None:
