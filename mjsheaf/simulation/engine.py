@@ -13,7 +13,7 @@ import numpy as np
 from mjsheaf.arguments import require_whole
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.control.controller import Controller, Law, controller_of
-from mjsheaf.control.law import ControlArrays, Memory, carry
+from mjsheaf.control.law import ControlArrays, Memory, carry, new_control
 from mjsheaf.control.sample import Sample, Traffic, View
 from mjsheaf.errors import InputError, UnstableError
 from mjsheaf.simulation.trajectory import Log, Trajectory, pieces_of
@@ -219,7 +219,7 @@ class Engine(ABC):
         if not self._commanded:
             return control
         supplied = len(self.system.team.agents)
-        return control._replace(law=control.law.without_terms._replace(supplied=supplied))
+        return new_control(control.law.without_terms._replace(supplied=supplied), control.motion)
 
     def _enter_phase(self) -> int:
         """Enter the phase that the present step belongs to, and return the number of steps taken."""

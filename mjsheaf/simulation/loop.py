@@ -28,6 +28,7 @@ from mjsheaf.simulation.bodies import (
 from mjsheaf.simulation.engine import Engine, Recorder
 from mjsheaf.simulation.trajectory import Log, blow_up_message, new_log, quaternions_of, record_links, record_vehicle
 from mjsheaf.system import Phase, System
+from mjsheaf.tiers import Tiered
 from mjsheaf.vehicles.actuators import ANGLE, flow_wrench
 from mjsheaf.vehicles.vectors import add, rotation, subtract, to_body, triple
 
@@ -314,6 +315,13 @@ def blow_up_of(system: System, loop: Loop, vehicle: int, step: int, controller: 
     return blow_up_message(system, vehicle, time, system.timestep * loop.params.per_law, detail, cause)
 
 
+# Python calls them once for a run or a sample; compiled loops call the functions themselves.
+_run_law = Tiered(run_law, records=True)
+_place_targets = Tiered(place_targets, records=True, numbers=np.inf)
+_record = Tiered(record, records=True, numbers=np.inf)
+
+
+
 class ClosedLoop(Engine):
     """A run on bodies; a step is a physics step.
 
@@ -387,15 +395,15 @@ class ClosedLoop(Engine):
         return system.control_of_bodies
 
     def _evaluate_law(self) -> None:
-        run_law(self._loop, self.time)
+        _run_law(self._loop, self.time)
 
     def _place_targets(self, recorder: Recorder) -> None:
-        place_targets(self._loop, recorder)
+        _place_targets(self._loop, recorder)
 
     def _record_now(self, recorder: Recorder) -> None:
         self._evaluate_law()
         self._command()
-        record(self._loop, recorder.log, int(recorder.written[0]), 0, len(self._vehicles))
+        _record(self._loop, recorder.log, int(recorder.written[0]), 0, len(self._vehicles))
         recorder.written[0] += 1
 
     def _describe_blow_up(self, vehicle: int, step: int) -> str:
