@@ -247,7 +247,8 @@ class System:
         """Gusts, waves and all else of the medium that moves, for compiled code.
 
         Raises:
-            InputError: A frozen field of gusts would be too long; the message begins with the field.
+            InputError: A frozen field of gusts would be too long, or a file does not cover the run; the message begins
+                with the field.
         """
         if all(flow.is_steady for flow in self.flows):
             return ()

@@ -26,6 +26,7 @@ from mjsheaf.errors import InputError
 from mjsheaf.io.section import NonNegative, Number, Point, Positive, Section
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.media.gusts import Gusts
+from mjsheaf.media.varying import Ramp, Tide
 from mjsheaf.media.waves import Waves
 
 # A field is a table with one row for each kernel: its kind, 1 if it lies in space (0: its z is ignored), centre (3),
@@ -160,6 +161,8 @@ class Vortex(Section):
         None, description="axis, of which the length counts; in space only [-]"
     )
 
+    velocity: Point | None = Field(None, description="velocity of the centre; at rest unless given [m/s]")
+
     def row(self, core2: float) -> list[float]:
         """As that of a source."""
         return [*_padded(self.centre), *(self.axis or (0.0, 0.0, 1.0)), self.gamma, core2, 0.0]
@@ -193,6 +196,8 @@ class FlowField(Section):
     sources: list[Source] = Field(default_factory=list, description="point sources and sinks")
     vortices: list[Vortex] = Field(default_factory=list, description="vortices")
     channels: list[Channel] = Field(default_factory=list, description="Gaussian streams")
+    tide: Tide | None = Field(None, description="uniform flow that turns; none unless given")
+    ramp: Ramp | None = Field(None, description="uniform flow that rises once; none unless given")
     gusts: Gusts | None = Field(None, description="turbulence in addition to the steady flow; none unless given")
     waves: Waves | None = Field(None, description="waves, in `flow.water` alone; none unless given")
 
@@ -203,7 +208,11 @@ class FlowField(Section):
             raise ValueError("vortices: in space each needs an axis; in the plane the axis is z, leave it out")
         if (self.sources or self.vortices) and self.core is None:
             raise ValueError("sources and vortices are singular at their centre: give a 'core' radius (0 leaves it so)")
-        points = {"drift": self.drift} | {f"channels.{k}.direction": c.direction for k, c in enumerate(self.channels)}
+        if any(k.velocity is not None for k in self.vortices) and not self.core:
+            raise ValueError("vortices: one that moves needs a 'core' radius above 0")
+        points = {"drift": self.drift, "ramp.velocity": self.ramp.velocity if self.ramp else None}
+        points |= {f"channels.{k}.direction": c.direction for k, c in enumerate(self.channels)}
+        points |= {f"vortices.{k}.velocity": vortex.velocity for k, vortex in enumerate(self.vortices)}
         for name in ("sources", "vortices", "channels"):
             points |= {f"{name}.{k}.centre": kernel.centre for k, kernel in enumerate(getattr(self, name))}
         for name, point in points.items():
@@ -220,7 +229,8 @@ class FlowField(Section):
         """The field as a table for the compiled loops, one row for each kernel after the drift's."""
         core2, space = float(self.core or 0.0) ** 2, float(self.dimension == 3)
         drift = [0.0, space, *_padded(self.drift or [0.0, 0.0]), *[0.0] * 6]
-        kinds = ((SOURCE, self.sources), (VORTEX, self.vortices), (CHANNEL, self.channels))
+        resting = [vortex for vortex in self.vortices if vortex.velocity is None]
+        kinds = ((SOURCE, self.sources), (VORTEX, resting), (CHANNEL, self.channels))
         rows = [[kind, space, *kernel.row(core2)] for kind, kernels in kinds for kernel in kernels]
         # A kernel without strength is no kernel: left in, it would be 0 / 0 at a centre without a core.
         return np.array([drift, *(row for row in rows if row[_STRENGTH] != 0.0)])
@@ -233,7 +243,23 @@ class FlowField(Section):
     @property
     def is_steady(self) -> bool:
         """True if nothing of it changes with time."""
-        return self.gusts is None and self.waves is None
+        return self.gusts is None and self.waves is None and not self.varies
+
+    @property
+    def varies(self) -> bool:
+        """True if it has a tide, a ramp, or a vortex that moves."""
+        return self.tide is not None or self.ramp is not None or len(self.moving_vortices) > 0
+
+    @property
+    def moving_vortices(self) -> Array:
+        """Vortices that move, as `VaryingArrays` has them, shape (n, 11)."""
+        space, core2 = float(self.dimension == 3), float(self.core or 0.0) ** 2
+        rows = [
+            [*_padded(k.centre), *_padded(k.velocity), *(k.gamma * np.array(k.axis or (0.0, 0.0, 1.0))), core2, space]
+            for k in self.vortices
+            if k.velocity is not None and k.gamma != 0.0
+        ]
+        return np.array(rows).reshape(-1, 11)
 
     def velocity(self, points: ArrayLike) -> Array:
         """Velocity of the medium.

@@ -17,8 +17,10 @@ from mjsheaf.errors import in_field
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.media.disturbance import HarmonicArrays, disturbance_velocity, evaluate_sines, pack
 from mjsheaf.media.flow import FlowField, flow_velocity
+from mjsheaf.media.gridded import GriddedFlow, flow_at_start, pack_grid
 from mjsheaf.media.gusts import Exposure, pack_frozen, pack_gusts
 from mjsheaf.media.moving import Parts, add_surfaces, add_velocities, advance_parts, hold_parts, new_states
+from mjsheaf.media.varying import pack_varying
 from mjsheaf.media.waves import pack_waves
 
 
@@ -84,16 +86,24 @@ def pack_parts(
         exposed: All vehicles.
 
     Raises:
-        InputError: A frozen field of gusts would be too long; the message begins with the field.
+        InputError: A frozen field of gusts would be too long, or a file does not cover the run; the message begins with
+            the field.
     """
     parts: list[Any] = []
     for k, (flow, name) in enumerate(zip(flows, names, strict=True)):
         met = exposed._replace(met=field == k)
+        numbers = met.met.astype(np.int64)
+        if flow.varies:
+            parts.append(pack_varying(flow.tide, flow.ramp, flow.moving_vortices, numbers))
+        if isinstance(flow, GriddedFlow):
+            with in_field(name):
+                parts.append(pack_grid(flow, numbers, exposed))
+                met = met._replace(wind=met.wind + flow_at_start(parts[-1], exposed))
         if flow.gusts is not None and met.met.any():
-            with in_field("gusts"):
+            with in_field(f"{name}: gusts"):
                 parts.append(pack_frozen(flow.gusts, met, name) if flow.gusts.frozen else pack_gusts(flow.gusts, met))
         if flow.waves is not None:
-            reached = np.where(planar, met.met.astype(np.int64), 2)
+            reached = np.where(planar, numbers, 2)
             parts.append(pack_waves(flow.waves.components_of(exposed.seed), reached, exposed.level))
     return tuple(parts)
 

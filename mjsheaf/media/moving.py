@@ -13,6 +13,7 @@ import numpy as np
 from mjsheaf.arrays import IntArray
 from mjsheaf.jit import overload
 from mjsheaf.media.bounded import Bounds
+from mjsheaf.media.gridded import GridArrays, advance_grid, bound_grid, describe_unknown, grid_velocity, new_grid_state
 from mjsheaf.media.gusts import (
     FrozenArrays,
     GustArrays,
@@ -24,6 +25,13 @@ from mjsheaf.media.gusts import (
     hold_gusts,
     new_frozen_state,
     new_gust_state,
+)
+from mjsheaf.media.varying import (
+    VaryingArrays,
+    advance_varying,
+    bound_varying,
+    new_varying_state,
+    varying_velocity,
 )
 from mjsheaf.media.waves import WaveArrays, advance_waves, bound_waves, new_wave_state, wave_surface, wave_velocity
 
@@ -54,6 +62,8 @@ class Kind(NamedTuple):
 
 
 KINDS: dict[type, Kind] = {
+    VaryingArrays: Kind(new_varying_state, ("met",), bound_varying, advance=advance_varying, velocity=varying_velocity),
+    GridArrays: Kind(new_grid_state, ("met",), bound_grid, advance=advance_grid, velocity=grid_velocity),
     GustArrays: Kind(new_gust_state, ("streams", "filters"), bound_gusts, hold=hold_gusts, velocity=gust_velocity),
     FrozenArrays: Kind(new_frozen_state, ("met",), bound_frozen, hold=hold_frozen, velocity=frozen_velocity),
     WaveArrays: Kind(
@@ -87,6 +97,14 @@ def bounds_of(parts: Parts, vehicles: int) -> Bounds:
         rate = max(total.rate, more.rate)
         total = Bounds(total.speed + more.speed, total.change + more.change, total.slope + more.slope, rate)
     return total
+
+
+def unknown_flow(parts: Parts, states: Parts, v: int) -> str:
+    """Return why vehicle v met a flow that is not known, or an empty string."""
+    for part, state in zip(parts, states, strict=True):
+        if isinstance(part, GridArrays) and (why := describe_unknown(part, state, v)):
+            return why
+    return ""
 
 
 def of_kind(parts: Parts, kind: type) -> list[Any]:

@@ -13,6 +13,7 @@ from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError, expected
 from mjsheaf.jit import jit
 from mjsheaf.media.medium import MediumArrays, advance, hold, medium_velocity, new_state, surface_about
+from mjsheaf.media.moving import unknown_flow
 
 if TYPE_CHECKING:
     from mjsheaf.scenario import Scenario
@@ -63,7 +64,10 @@ class MediumOfRun:
         t, x = _samples(times, positions)
         out = np.zeros_like(x)
         for part, medium in self._media(t):
-            _velocities(medium, new_state(medium), v, t[part], x[part], out[part])
+            state = new_state(medium)
+            _velocities(medium, state, v, t[part], x[part], out[part])
+            if why := unknown_flow(medium.parts, state.parts, v):
+                raise InputError(f"{vehicle_id}: {why}")
         return out
 
     def surface(self, times: ArrayLike, positions: ArrayLike) -> Array:

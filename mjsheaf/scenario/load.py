@@ -25,6 +25,7 @@ _VEHICLE_PLACES = (
     ("targets", "*", "vehicle"),
     ("swarm", "vehicle"),
     ("controller", "custom", "*", "file"),
+    ("flow", "*", "path"),
 )
 """Fields that name a file; * is any item of a list or mapping."""
 
@@ -177,7 +178,7 @@ def map_vehicles(node: Any, change: Callable[[str], str], path: tuple[str, ...] 
         return {key: map_vehicles(item, change, (*path, key)) for key, item in node.items()}
     if isinstance(node, list):
         return [map_vehicles(item, change, (*path, str(k))) for k, item in enumerate(node)]
-    if not node.endswith((*_SUFFIXES, ".py")) or all(len(place) != len(path) for place in places):
+    if not node.endswith((*_SUFFIXES, ".py", ".nc")) or all(len(place) != len(path) for place in places):
         return node
     with in_field(".".join(path)):
         return change(node)

@@ -1,30 +1,44 @@
 """The sections of a scenario file on the medium: what flows, and what disturbs the vehicles beside it."""
 
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Discriminator, Field, Tag, model_validator
 
 from mjsheaf.arrays import Array
 from mjsheaf.errors import in_field
 from mjsheaf.io.section import Section
 from mjsheaf.media import Disturbance, FlowField, disturbance
+from mjsheaf.media.gridded import GriddedFlow
 from mjsheaf.team import Team
+
+
+def _kind_of(flow: Any) -> str:
+    """Return the name of the class of a flow, as a file has it."""
+    if isinstance(flow, FlowField):
+        return type(flow).__name__
+    return "GriddedFlow" if isinstance(flow, dict) and "kind" in flow else "FlowField"
+
+
+AnyFlow = Annotated[
+    Annotated[FlowField, Tag("FlowField")] | Annotated[GriddedFlow, Tag("GriddedFlow")], Discriminator(_kind_of)
+]
+"""A flow by kernels, or out of a file."""
 
 
 class Flow(Section):
     """The medium, in one of two ways: by dimension (air, water), or by role (agents, targets) as in the paper."""
 
-    agents: FlowField | None = Field(
+    agents: AnyFlow | None = Field(
         None, description="flow that all agents meet, planar and spatial ones; not together with air or water"
     )
-    targets: FlowField | None = Field(
+    targets: AnyFlow | None = Field(
         None, description="flow that all targets meet, planar and spatial ones; not together with air or water"
     )
-    air: FlowField | None = Field(
+    air: AnyFlow | None = Field(
         None, description="flow that spatial vehicles meet, agents and targets; not together with agents or targets"
     )
-    water: FlowField | None = Field(
+    water: AnyFlow | None = Field(
         None, description="flow that planar vehicles meet, agents and targets; not together with agents or targets"
     )
 

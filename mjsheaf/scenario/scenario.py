@@ -498,7 +498,9 @@ class Scenario(Section):
         law = cast(Controller, sections["controller"])
         packed = self._pack_law(team, law, cast(Links, sections["links"]), whole.bodies.heading)
         flow = cast(Flow, sections["flow"])
-        return replace(whole, team=team, gain=law.gain, law=packed, **flow.parts(self.team))
+        system = replace(whole, team=team, gain=law.gain, law=packed, **flow.parts(self.team))
+        _ = system.moving  # which may not fit
+        return system
 
     @cached_property
     def whole(self) -> System:
@@ -518,7 +520,7 @@ class Scenario(Section):
             motion = motions.pack(moves, initial, self.time.start, dimensions, self.time.end)
         with in_field("agents"):
             g = effectivenesses.pack([agent.effectiveness for agent in agents], dimensions[: len(agents)])
-        return System(
+        system = System(
             name=self.name,
             team=team,
             initial=initial,
@@ -542,6 +544,8 @@ class Scenario(Section):
                 surface_height=self.scene.height,
             ),
         )
+        _ = system.moving  # which may not fit
+        return system
 
     def _pack_law(self, team: Team, law: Controller, links: Links, heading: Array) -> LawArrays:
         """The law of a team under a controller and over links, its vehicles' initial headings (V,) in rad."""

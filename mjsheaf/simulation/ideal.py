@@ -25,6 +25,7 @@ from mjsheaf.control.station import Station, keep_station, no_station
 from mjsheaf.dynamics.effectiveness import EffectivenessArrays, allocate
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.media.medium import MediumArrays, MediumState, advance, hold, medium_velocity, new_state
+from mjsheaf.media.moving import unknown_flow
 from mjsheaf.simulation.engine import Engine, Recorder
 from mjsheaf.simulation.trajectory import Log, blow_up_message, new_log, quaternions_of, record_links, record_vehicle
 from mjsheaf.system import System
@@ -393,6 +394,7 @@ class Ideal(Engine):
         if self.controller:
             cause = self.controller.cause_of_blow_up(self.system.team, vehicle, self.memory.command)
         held = 0.0 if grid.continuous else grid.period
+        cause = unknown_flow(self.system.moving, self._integrator.medium_state.parts, vehicle) or cause
         return blow_up_message(self.system, vehicle, grid.start + step * grid.period, held, detail, cause)
 
     def _velocity(self, displacement: Array) -> Array:

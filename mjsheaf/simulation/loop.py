@@ -16,7 +16,7 @@ from mjsheaf.control.law import ControlArrays, Memory, evaluate_law, new_memory
 from mjsheaf.control.station import Station, keep_station, no_station
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.media.medium import MediumArrays, MediumState, advance, hold, medium_velocity, new_state, surface_about
-from mjsheaf.media.moving import upright_in
+from mjsheaf.media.moving import unknown_flow, upright_in
 from mjsheaf.simulation.bodies import (
     Fleet,
     Sensed,
@@ -312,6 +312,7 @@ def blow_up_of(system: System, loop: Loop, vehicle: int, step: int, controller: 
     detail = f" (body '{system.vehicles[vehicle].name}', speed {speed:.3g} m/s)"
     time = system.grid.start + step * system.timestep
     cause = controller.cause_of_blow_up(system.team, vehicle, loop.state.memory.command) if controller else ""
+    cause = unknown_flow(loop.params.medium.parts, loop.state.medium.parts, vehicle) or cause
     return blow_up_message(system, vehicle, time, system.timestep * loop.params.per_law, detail, cause)
 
 

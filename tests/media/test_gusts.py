@@ -12,7 +12,8 @@ from mjsheaf.media.gusts import FOOT, OUTPUT, Gusts, discretise
 from mjsheaf.media.medium import pack_parts
 from mjsheaf.scenario import Scenario
 from tests.builders import mixed_scenario
-from tests.media.test_flow_events import BACKENDS, pieces_of
+from tests.media.backends import BACKENDS
+from tests.media.test_flow_events import pieces_of
 
 STEPS = [0.002, 0.02, 0.5]
 DRIFT = [3.0, 4.0, 0.0]
@@ -182,7 +183,7 @@ def test_a_held_gust_moves_a_lone_vehicle_by_its_velocity_times_the_period() -> 
     assert moved == pytest.approx(0.02 * (log["medium"][:-1, v] + log["command"][:-1, v]), abs=1e-9)
 
 
-@pytest.mark.parametrize("backend", ["ideal", "physics"])
+@pytest.mark.parametrize("backend", ["ideal", pytest.param("physics", marks=pytest.mark.slow)])
 def test_a_run_goes_on_from_a_state_and_begins_again_to_the_bit(backend: str) -> None:
     with mjsheaf.Session(gusty({}), backend) as session:
         for _ in range(5):

@@ -13,7 +13,8 @@ from mjsheaf.media.waves import GRAVITY, Waves, wave_numbers
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import scenario_from_mapping
 from tests.builders import mixed_scenario
-from tests.media.test_flow_events import BACKENDS, pieces_of
+from tests.media.backends import BACKENDS
+from tests.media.test_flow_events import pieces_of
 
 PM = {"kind": "pierson_moskowitz", "significant_height": 1.0, "peak_period": 2.0 * np.pi}
 JONSWAP = {"kind": "jonswap", "significant_height": 2.0, "peak_period": 8.0, "gamma": 3.3}
@@ -185,6 +186,7 @@ def test_a_run_meets_the_sea_that_medium_returns(backend: str, engine: str) -> N
         assert log["medium"][:, v] == pytest.approx(met, abs=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ["mujoco", "fused"])
 def test_a_hull_heaves_rolls_and_pitches_with_a_long_wave(engine: str) -> None:
     waves = {**PM, "significant_height": 1.0, "peak_period": 12.0, "components": 1, "direction": 90.0}

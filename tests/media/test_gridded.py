@@ -1,0 +1,170 @@
+"""Flow out of files: against the analytic double gyre, at its bounds, and beyond its edges."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import mjsheaf
+from mjsheaf.errors import InputError, UnstableError
+from mjsheaf.scenario import Scenario
+from mjsheaf.scenario.load import scenario_from_mapping
+from tests.media import double_gyre
+from tests.media.test_flow_events import pieces_of
+
+ORIGIN = [double_gyre.LATITUDE, double_gyre.LONGITUDE]
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a file of the double gyre."""
+    path = tmp_path_factory.mktemp("flow") / "gyre.nc"
+    double_gyre.write(path, 20, 41, 400.0)
+    return path
+
+
+def in_flow(path: Path, *, start: Any = (30.0, 40.0), **fields: Any) -> Scenario:
+    """Return a buoy that drifts in a gridded flow, and an agent next to it."""
+    water = {"kind": "gridded", "path": str(path), "origin": ORIGIN, **fields.pop("water", {})}
+    return scenario_from_mapping(
+        {
+            "name": "drift",
+            "time": {"end": 40.0},
+            "controller": {"gain": 0.5, "control_period": 0.5},
+            "agents": [{"id": "A", "position": [50, 60]}],
+            "targets": [{"id": "buoy", "position": list(start)}],
+            "sensing": [["A", "buoy"]],
+            "communication": [],
+            "flow": {"water": water},
+            **fields,
+        }
+    )
+
+
+def test_the_flow_of_a_file_is_the_analytic_one_with_an_error_of_second_order(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    points = np.column_stack([rng.uniform(0.0, 200.0, 400), rng.uniform(0.0, 100.0, 400), np.zeros(400)])
+    times = np.sort(rng.uniform(0.0, 400.0, 400))
+    exact = np.column_stack([*double_gyre.velocity(points[:, 0], points[:, 1], times), np.zeros(400)])
+    errors = []
+    for k in range(3):
+        path = tmp_path / f"{k}.nc"
+        double_gyre.write(path, 10 * 2**k, 20 * 2**k + 1, 400.0)
+        found = mjsheaf.medium(in_flow(path)).velocity("buoy", times, points)
+        errors.append(np.sqrt(np.mean((found - exact) ** 2)))
+    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.1)
+    assert errors[1] / errors[2] == pytest.approx(4.0, rel=0.1)
+    assert errors[2] < 1e-3
+
+
+def test_nodes_are_met_exactly(file: Path) -> None:
+    x, y, t = 35.0, 45.0, 30.0
+    found = mjsheaf.medium(in_flow(file)).velocity("buoy", [t], [x, y, 0.0])[0, :2]
+    assert found == pytest.approx(np.array(double_gyre.velocity(*np.array([x, y, t]))), abs=1e-9)
+
+
+@pytest.mark.parametrize("backend", ["ideal", pytest.param("physics", marks=pytest.mark.slow)])
+def test_a_free_buoy_drifts_along_the_analytic_flow(file: Path, backend: str) -> None:
+    scenario = in_flow(file, time={"end": 20.0}, vehicles={"tau": 0.05}, physics={"timestep": 0.02, "contacts": False})
+    positions = pieces_of(scenario.phases, backend, "mujoco")["positions"][:, 1, :2]
+    x, h = np.array([30.0, 40.0]), 0.01
+    for k in range(2000):
+        slope = np.array(double_gyre.velocity(x[0], x[1], np.array(k * h)))
+        between = x + 0.5 * h * slope
+        x = x + h * np.array(double_gyre.velocity(between[0], between[1], np.array((k + 0.5) * h)))
+    assert positions[-1] == pytest.approx(x, abs=0.05)
+
+
+def test_bounds_are_attained_at_nodes_and_not_exceeded_between(file: Path) -> None:
+    scenario = in_flow(file)
+    bounds, rng, h = scenario.system.moving_bounds, np.random.default_rng(1), 1e-5
+    probe = mjsheaf.medium(scenario)
+    times = np.sort(rng.uniform(0.0, 399.0, 20_000))
+    points = rng.uniform([1.0, 1.0, 0.0], [199.0, 99.0, 0.0], (20_000, 3))
+    at = probe.velocity("buoy", times, points)
+    assert np.linalg.norm(at, axis=1).max() <= bounds.speed[1]
+    assert np.linalg.norm(at, axis=1).max() > 0.97 * bounds.speed[1]
+    turn = rng.uniform(0.0, 2.0 * np.pi, 20_000)
+    beside = probe.velocity("buoy", times, points + h * np.column_stack([np.cos(turn), np.sin(turn), 0.0 * turn]))
+    slopes = np.linalg.norm(beside - at, axis=1) / h
+    assert slopes.max() <= bounds.slope[1] + 1e-6
+    assert slopes.max() > 0.9 * bounds.slope[1]
+    changes = np.linalg.norm(probe.velocity("buoy", times + h, points) - at, axis=1) / h
+    assert changes.max() <= bounds.change[1] + 1e-6
+    assert bounds.speed[0] == bounds.speed[1]
+
+
+def test_places_and_times_beyond_the_file_are_refused_with_the_numbers(file: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"flow: current: path: buoy begins .* left the file .*x from 0 to 200 m"):
+        in_flow(file, start=(250.0, 40.0))
+    with pytest.raises(InputError, match=r"covers 0 to 400 s .* expected 0 to 500 s"):
+        in_flow(file, time={"end": 500.0})
+    with pytest.raises(InputError, match=r"covers -100 to 300 s"):
+        in_flow(file, water={"start": "2026-05-01T00:01:40Z"}, time={"end": 350.0})
+    with pytest.raises(InputError, match=r"buoy: it left the file of the flow at \(300, 40\) m"):
+        mjsheaf.medium(in_flow(file)).velocity("buoy", [1.0], [300.0, 40.0, 0.0])
+    with pytest.raises(InputError, match="there is no file"):
+        in_flow(tmp_path / "none.nc")
+    (tmp_path / "text.nc").write_text("no netCDF")
+    with pytest.raises(InputError, match="no netCDF file"):
+        in_flow(tmp_path / "text.nc")
+
+
+def test_start_shifts_the_time_of_the_file(file: Path) -> None:
+    early, late = in_flow(file), in_flow(file, water={"start": "2026-05-01T00:01:40"})
+    place = [30.0, 40.0, 0.0]
+    shifted = mjsheaf.medium(late).velocity("buoy", [5.0], place)
+    assert shifted == pytest.approx(mjsheaf.medium(early).velocity("buoy", [105.0], place), abs=1e-12)
+
+
+@pytest.mark.parametrize("backend", ["ideal", pytest.param("physics", marks=pytest.mark.slow)])
+def test_a_vehicle_that_meets_land_runs_aground(tmp_path: Path, backend: str) -> None:
+    path = tmp_path / "land.nc"
+    double_gyre.write(path, 40, 41, 400.0, land=True)
+    targets = [
+        {"id": "buoy", "position": [60, 50], "motion": {"kind": "waypoints", "points": [[140, 50]], "speed": 4.0}}
+    ]
+    scenario = in_flow(path, targets=targets, agents=[{"id": "A", "position": [50, 20]}])
+    aground = pytest.raises(UnstableError, match=r"buoy.*ran aground at \(")
+    with mjsheaf.Session(scenario, backend) as session, aground:
+        while not session.finished:
+            session.step()
+
+
+def test_curvilinear_grids_and_other_units_are_refused(file: Path, tmp_path: Path) -> None:
+    with xr.open_dataset(file) as data:
+        turned = data.rename(lat="j", lon="i").drop_vars(["i", "j"])
+        turned = turned.assign_coords(lat=(("j", "i"), np.zeros((21, 41))), lon=(("j", "i"), np.zeros((21, 41))))
+        turned.to_netcdf(tmp_path / "curved.nc", engine="h5netcdf")
+        data["uo"].attrs["units"] = "cm s-1"
+        data.to_netcdf(tmp_path / "slow.nc", engine="h5netcdf")
+    with pytest.raises(InputError, match="curvilinear"):
+        in_flow(tmp_path / "curved.nc")
+    with pytest.raises(InputError, match=r"unit of uo is 'cm s-1'; expected m s-1"):
+        in_flow(tmp_path / "slow.nc")
+
+
+def test_a_depth_is_interpolated_between_the_levels_of_a_file(file: Path, tmp_path: Path) -> None:
+    with xr.open_dataset(file) as data:
+        levels = [data * factor for factor in (1.0, 0.5)]
+        for part in levels:
+            for name in ("uo", "vo"):
+                part[name].attrs = data[name].attrs
+        deep = xr.concat(levels, dim="depth").assign_coords(depth=[0.5, 10.5])
+        deep["depth"].attrs = {"standard_name": "depth", "positive": "down"}
+        deep.to_netcdf(tmp_path / "deep.nc", engine="h5netcdf")
+    place, at = [30.0, 40.0, 0.0], [7.0]
+    surface = mjsheaf.medium(in_flow(file)).velocity("buoy", at, place)
+    for depth, factor in ((0.0, 1.0), (5.5, 0.75), (10.5, 0.5)):
+        found = mjsheaf.medium(in_flow(tmp_path / "deep.nc", water={"depth": depth})).velocity("buoy", at, place)
+        assert found == pytest.approx(factor * surface, abs=1e-12)
+    with pytest.raises(InputError, match=r"depth: 11 m is beyond the file's; expected up to 10\.5 m"):
+        in_flow(tmp_path / "deep.nc", water={"depth": 11.0})
+
+
+def test_check_bounds_a_gridded_flow(file: Path) -> None:
+    third = mjsheaf.check(in_flow(file))["assumptions"][2]
+    assert third["holds"]
+    assert third["value"] == pytest.approx(in_flow(file).system.moving_bounds.speed.max())
