@@ -34,6 +34,7 @@ from mjsheaf.simulation.session import moved_by, require_simulable
 from mjsheaf.video import VideoOptions, available_backend
 
 _TERMS = "terms"  # folder of the files of registered terms, beside those of vehicles
+_FLOWS = "flows"  # folder of the files of gridded flow
 
 if TYPE_CHECKING:
     from mjsheaf.checking.finished import HeldBound, RunBound
@@ -50,7 +51,7 @@ def dump_scenario(scenario: Scenario) -> str:
 
 
 def write_scenario(scenario: Scenario, directory: Path) -> Path:
-    """Write scenario.yaml, and copy the files of custom vehicles and of registered terms into vehicles/.
+    """Write scenario.yaml, and copy the files of custom vehicles, registered terms and gridded flow into vehicles/.
 
     scenario.yaml names the copies, so that the directory can be moved, and re-run to the same bits after the originals
     have changed. Checksums of the copies show later what a user has added or changed.
@@ -72,29 +73,30 @@ def write_scenario(scenario: Scenario, directory: Path) -> Path:
         if name is None or Path(name).suffix not in SUFFIXES:
             continue
         if name not in copies:
-            taken = {store.CHECKSUMS, _TERMS, *(Path(copy).parts[1] for copy in copies.values())}
+            taken = {store.CHECKSUMS, _TERMS, _FLOWS, *(Path(copy).parts[1] for copy in copies.values())}
             copies[name] = _copy(Path(name), directory, taken)
         holder[key] = copies[name]
-    terms = _copy_terms(raw["controller"].get("custom", {}), directory)
-    if copies or terms:
+    copies |= _copy_files(raw["controller"].get("custom", {}), "file", _TERMS, directory)
+    copies |= _copy_files(raw["flow"], "path", _FLOWS, directory)
+    if copies:
         store.write_checksums(directory / store.VEHICLES)
     path = directory / "scenario.yaml"
     path.write_text(dump_yaml(raw), encoding="utf-8")
     return path
 
 
-def _copy_terms(terms: dict[str, Any], directory: Path) -> dict[str, str]:
-    """Copy the files of registered terms, name the copies in their sections, and return them by their originals."""
+def _copy_files(sections: dict[str, Any], field: str, folder: str, directory: Path) -> dict[str, str]:
+    """Copy the files that a field of sections names, name the copies there, and return them by their originals."""
     copies: dict[str, str] = {}
-    for name, section in terms.items():
-        file = section.get("file")
+    for name, section in sections.items():
+        file = section.get(field)
         if file is None:
             continue
         if file not in copies:
-            copies[file] = f"{store.VEHICLES}/{_TERMS}/{name}.py"
+            copies[file] = f"{store.VEHICLES}/{folder}/{name}{Path(file).suffix}"
             (directory / copies[file]).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(file, directory / copies[file])
-        section["file"] = copies[file]
+        section[field] = copies[file]
     return copies
 
 

@@ -200,11 +200,16 @@ class Change(Event):
                         "links.all, links.communication or links.sensing"
                     )
         before = set(_files_in(state.sections["controller"]))
+        data = set(_data_in(state.sections["flow"]))
         for name, section in state.sections.items():
             state.sections[name] = _changed(section, name, self.values())
         if new := sorted(set(_files_in(state.sections["controller"])) - before):
             raise InputError(
                 f"set.controller.custom: an event cannot name a file, {new[0]}; expected it in controller.custom"
+            )
+        if new := sorted(set(_data_in(state.sections["flow"])) - data):
+            raise InputError(
+                f"set.flow: an event cannot name a file, {new[0]}; expected one that `flow` has at the start"
             )
 
     def touches(self, part: str) -> bool:
@@ -228,6 +233,12 @@ class Change(Event):
 def _files_in(controller: Any) -> Iterator[str]:
     """Yield the files of the registered terms in a section `controller`."""
     return (term.file for term in controller.custom.values() if term.file is not None)
+
+
+def _data_in(flow: Any) -> Iterator[str]:
+    """Yield the files of gridded flow in a section `flow`."""
+    parts = (getattr(flow, name) for name in type(flow).model_fields)
+    return (part.path for part in parts if hasattr(part, "path"))
 
 
 def _in_words(value: Any) -> str:

@@ -248,7 +248,7 @@ def _absolute(value: Any, path: str) -> Any:
 
 
 def _vehicle_files(scenario: dict[str, Any], study: StudyFile, directory: Path) -> dict[str, str]:
-    """SHA-256 of the files of vehicles that do not come with mjsheaf: path of description, MJCF file or mesh to digest.
+    """SHA-256 of the files of vehicles that do not come with mjsheaf, and of gridded flow, by path.
 
     The study's values may name vehicles too.
 
@@ -268,7 +268,8 @@ def _vehicle_files(scenario: dict[str, Any], study: StudyFile, directory: Path) 
     for description in named:
         from mjsheaf.vehicles.loading import files_of, read_description
 
-        for path in [description, *files_of(description, read_description(description).mjcf)]:
+        own = [] if description.suffix == ".nc" else files_of(description, read_description(description).mjcf)
+        for path in [description, *own]:
             with naming(path, verb="read"):
                 digests[str(path)] = hashlib.sha256(path.read_bytes()).hexdigest()
     return digests

@@ -168,3 +168,19 @@ def test_check_bounds_a_gridded_flow(file: Path) -> None:
     third = mjsheaf.check(in_flow(file))["assumptions"][2]
     assert third["holds"]
     assert third["value"] == pytest.approx(in_flow(file).system.moving_bounds.speed.max())
+
+
+def test_a_run_keeps_a_copy_of_its_file_and_can_be_run_again(tmp_path: Path) -> None:
+    scenario = mjsheaf.load_scenario("double_gyre", {"time.end": 1.0})
+    first = mjsheaf.simulate(scenario, backend="ideal")
+    mjsheaf.save(first, tmp_path / "run")
+    assert (tmp_path / "run" / "vehicles" / "flows" / "water.nc").is_file()
+    (tmp_path / "run").rename(tmp_path / "moved")
+    again = mjsheaf.simulate(mjsheaf.load_scenario(tmp_path / "moved" / "scenario.yaml"), backend="ideal")
+    assert np.array_equal(again.agent_position, first.agent_position, equal_nan=True)
+
+
+def test_an_event_cannot_name_a_file(file: Path) -> None:
+    water = {"kind": "gridded", "path": str(file), "origin": ORIGIN}
+    with pytest.raises(InputError, match="an event cannot name a file"):
+        in_flow(file, flow={"water": {"dimension": 2}}, events=[{"time": 1.0, "set": {"flow.water": water}}])

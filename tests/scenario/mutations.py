@@ -126,6 +126,9 @@ def base(name: str) -> dict[str, Any]:
     for field in ("communication", "sensing", "target_edges"):
         ends = [(edge if isinstance(edge, list) else edge["between"], edge) for edge in raw.get(field, [])]
         raw[field] = [edge for (tail, head), edge in ends if {tail, head} <= kept]
+    for medium, flow in raw.get("flow", {}).items():
+        if "path" in flow:  # a file of data is not a part of a scenario's text
+            raw["flow"][medium] = {"dimension": 2, "drift": [0.1, 0.0]}
     raw["anchors"] = [item for item in raw.get("anchors", []) if item["agent"] in kept]
     groups = [{**group, "members": [m for m in group["members"] if m in kept]} for group in raw.get("formations", [])]
     legal = [group for group in groups if len(group["members"]) == 2 and group["shape"] in ("polygon", "line")]
