@@ -17,6 +17,7 @@ from mjsheaf.checking.loop.held_law import LawLoop, envelope, law_loop
 from mjsheaf.checking.loop.links import UNSTABLE_LINKS, LinkRecord, link_answers
 from mjsheaf.checking.loop.margins import Margins, margins
 from mjsheaf.checking.loop.modelled import because_of
+from mjsheaf.checking.loop.steady import SteadyError, steady_error
 from mjsheaf.checking.loop.target_bodies import with_bodies
 from mjsheaf.checking.loop.targets_loop import TargetsLoop, targets_loop
 from mjsheaf.checking.proposals import Proposal, propose
@@ -150,6 +151,7 @@ class CheckRecord(Record):
     theorem: TheoremSummary = Field(description="of the paper's law, whatever terms the scenario's has")
     law: LawLoop
     links: LinkRecord | None = Field(description="what links do to the law; null without a held law")
+    steady: SteadyError
     proposals: list[Proposal] = Field(
         description="laws whose bound is at most the wanted radius, cheapest of each kind"
     )
@@ -355,6 +357,7 @@ def _examine_one(
         theorem=_theorem(search, certificate, radius),
         law=law,
         links=links,
+        steady=steady_error(system, certificate, law.rate),
         proposals=proposals,
         targets=targets,
         margins=practice,

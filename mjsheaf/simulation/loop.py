@@ -322,7 +322,6 @@ _place_targets = Tiered(place_targets, records=True, numbers=np.inf)
 _record = Tiered(record, records=True, numbers=np.inf)
 
 
-
 class ClosedLoop(Engine):
     """A run on bodies; a step is a physics step.
 

@@ -159,10 +159,28 @@ def loop_along(system: System, time: Array, q_star: Array, *, gain: bool = True)
 
 def loop_on_path(system: System, certificate: Certificate) -> BodyLoop:
     """The loop in the mean flow along the targets' path."""
-    path, N = certificate.constants.path, len(system.team.agents)
-    bounded = path.cells is not None and targets_loop(system).stable
-    medium = mean_medium(system, path.time, path.q_star) if bounded else np.full((N, 3), np.nan)
-    return body_loop(system, certificate.spectrum, medium)
+    return body_loop(system, certificate.spectrum, _medium_on_path(system, certificate))
+
+
+def linear_vehicles(system: System, certificate: Certificate) -> list[LinearVehicle]:
+    """Return the linear vehicle of every agent in the mean flow along the targets' path, over a control period.
+
+    Raises:
+        UndecidedError: A vehicle has none.
+    """
+    try:
+        steps = whole_ratio(system.grid.period, system.bodies.timestep)
+        return _models(system, _medium_on_path(system, certificate), system.grid.period / steps, steps)
+    except (InputError, np.linalg.LinAlgError) as error:
+        raise UndecidedError(f"the vehicles cannot be linearised: {error}") from error
+
+
+def _medium_on_path(system: System, certificate: Certificate) -> Array:
+    """Return the mean velocity of the medium relative to each agent's q*, shape (N, 3), m/s; NaN if it is not known."""
+    path = certificate.constants.path
+    if path.cells is None or not targets_loop(system).stable:
+        return np.full((len(system.team.agents), 3), np.nan)
+    return mean_medium(system, path.time, path.q_star)
 
 
 def mean_medium(system: System, time: Array, q_star: Array) -> Array:
