@@ -18,13 +18,14 @@ if TYPE_CHECKING:
     from mjsheaf.runs.showing import plot, replay
     from mjsheaf.runs.simulate import simulate
     from mjsheaf.scenario import Scenario, load_scenario
-    from mjsheaf.sheaf import Sheaf
+    from mjsheaf.sheaf import NonlinearSheaf, Sheaf
     from mjsheaf.simulation.session import Session
     from mjsheaf.simulation.world import World
     from mjsheaf.vehicles.loading import load_vehicle
 
 _HOME = {
     "Sheaf": "mjsheaf.sheaf",
+    "NonlinearSheaf": "mjsheaf.sheaf",
     "Scenario": "mjsheaf.scenario",
     "load_scenario": "mjsheaf.scenario",
     "simulate": "mjsheaf.runs.simulate",
@@ -44,6 +45,7 @@ _HOME = {
 
 __all__ = [
     "Controller",
+    "NonlinearSheaf",
     "PerAgent",
     "Scenario",
     "Session",

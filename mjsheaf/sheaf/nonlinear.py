@@ -1,0 +1,509 @@
+"""Nonlinear sheaves: edges that compare positions, ranges or bearings, and harmonic extensions by Gauss-Newton.
+
+On an edge from tail to head, z = F_head x_head - F_tail x_tail + lift is the relative position. The edge measures
+
+| measures | h           | desired h*                    | weight K | pulls z by c             | M of H = D^T M D  |
+|----------|-------------|-------------------------------|----------|--------------------------|-------------------|
+| position | -z          | F_tail x_tail - F_head x_head | K        | K (z + h*)               | K                 |
+| range    | abs(z)      | a distance                    | w        | w (1 - h*/abs(z)) z      | w g g^T           |
+| bearing  | g = z/abs(z)| a unit vector, tail to head   | w abs(z) | -w P h*, P = I - g g^T   | w P/abs(z)        |
+
+so that the disagreement is D^T c, D the coboundary of z. A directed edge pulls its tail alone: D^T loses the head's
+columns and H is not symmetric. Of positions and ranges c is the derivative of an energy, 1/2 |h - h*|_K^2; of bearings
+of none, as the weight depends on z.
+Where z = 0 there is no direction: a range or bearing edge pulls nothing there.
+"""
+
+import itertools
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import sparse
+from scipy.sparse.linalg import SuperLU, splu
+
+from mjsheaf.arrays import Array, IntArray
+from mjsheaf.errors import SheafError
+from mjsheaf.sheaf.blocks import RANK_TOLERANCE, assembled
+from mjsheaf.sheaf.cochains import Cochains
+from mjsheaf.sheaf.sheaf import Sheaf
+
+Measure = Literal["position", "range", "bearing"]
+MEASURES: tuple[Measure, ...] = ("position", "range", "bearing")
+UNIT_TOLERANCE = 1e-6
+"""Largest difference of a desired bearing's length from 1; below it the vector is normalised."""
+
+_DAMPING = 1e-8  # of H, relative to its largest diagonal entry: keeps free motions where they are
+_FIRST_DAMPING = 1e-4
+_MAX_DAMPING = 1e6
+_STALE_ABOVE = 0.1  # ratio of two gradients above which H is factored again
+_MAX_STEPS = 200
+_CONVERGED = 1e-14  # of the pulls: a gradient of this size is rounding
+_STATIONARY = 1e-9  # of the pulls: largest gradient of what counts as a stationary point
+_SMALLEST_STEP = 1e-15  # of the team's extent
+_ROUNDING = 1e-13
+
+
+class NonlinearEdge(NamedTuple):
+    """An edge of a nonlinear sheaf; see the module for the symbols.
+
+    Attributes:
+        tail, head: Vertices.
+        F_tail, F_head: Restriction maps, shapes (m, n_tail) and (m, n_head).
+        measures: What is compared.
+        desired: Desired value h*: shape (m,) of positions and bearings, (1,) of ranges.
+        weight: K, shape (m, m); a multiple of the identity unless positions are compared.
+        lift: Constant part of z, shape (m,).
+        directed: True if only the tail is pulled.
+    """
+
+    tail: Hashable
+    head: Hashable
+    F_tail: Array
+    F_head: Array
+    measures: Measure
+    desired: Array
+    weight: Array
+    lift: Array
+    directed: bool
+
+
+class LinearMaps(NamedTuple):
+    """A linear edge that agrees to first order with an edge at some z.
+
+    Attributes:
+        F_tail, F_head: J F_tail and J F_head, J = dh/dz up to sign.
+        weight: K there.
+        offset: Desired value of F_tail x_tail - F_head x_head.
+    """
+
+    F_tail: Array
+    F_head: Array
+    weight: Array
+    offset: Array
+
+
+def linear_maps(edge: NonlinearEdge, z: Array) -> LinearMaps:
+    """Linearise an edge at the relative position z, shape (m,)."""
+    if edge.measures == "position":
+        return LinearMaps(edge.F_tail, edge.F_head, edge.weight, edge.desired + edge.lift)
+    length = float(np.linalg.norm(z))
+    g = z / length if length > 0.0 else np.zeros_like(z)
+    weight = edge.weight
+    if edge.measures == "range":
+        J = g[None]
+        offset = J @ edge.lift - edge.desired
+        weight = weight[:1, :1]
+    else:
+        J = (np.eye(len(z)) - np.outer(g, g)) / length if length > 0.0 else np.zeros((len(z), len(z)))
+        offset = J @ edge.lift + g - edge.desired
+        weight = weight * (length or 1.0)
+    return LinearMaps(J @ edge.F_tail, J @ edge.F_head, weight, offset)
+
+
+def desired_value(measures: Measure, value: ArrayLike, m: int) -> Array:
+    """Return a desired value as an array; a bearing is normalised.
+
+    Raises:
+        SheafError: It has another length, a range is not positive, or a bearing is not a unit vector.
+    """
+    found = np.atleast_1d(np.asarray(value, dtype=np.float64))
+    size = 1 if measures == "range" else m
+    if found.shape != (size,) or not np.isfinite(found).all():
+        what = {"range": "a distance", "bearing": "a unit vector"}.get(measures, "a value for each row of the maps")
+        raise SheafError(f"desired value has shape {found.shape}; expected ({size},), {what}")
+    if measures == "range" and not found[0] > 0.0:
+        raise SheafError(f"desired range is {found[0]:g}; expected a positive distance")
+    if measures == "bearing":
+        length = float(np.linalg.norm(found))
+        if abs(length - 1.0) > UNIT_TOLERANCE:
+            raise SheafError(
+                f"desired bearing has the length {length:.9g}; expected a unit vector from tail to head, to "
+                f"{UNIT_TOLERANCE:g}"
+            )
+        found = found / length
+    return found
+
+
+@dataclass(frozen=True)
+class NonlinearExtension:
+    """A harmonic extension of a nonlinear sheaf.
+
+    Attributes:
+        x: Value of every vertex, boundary included.
+        unique: True if no motion of the other vertices is free to first order; then x is isolated.
+        null_basis: Basis of the free motions, orthonormal, shape (n_W, dimension).
+        residual: Norm of h - h* over all edges, with weights K.
+    """
+
+    x: dict[Hashable, Array]
+    unique: bool
+    null_basis: Array
+    residual: float
+
+
+class NonlinearSheaf:
+    """A sheaf whose edges compare positions, ranges or bearings of vectors in the stalks of their ends."""
+
+    def __init__(self, stalks: Mapping[Any, int]) -> None:
+        """Make a sheaf without edges; `stalks` maps each vertex to its dimension, in order."""
+        self._stalks = Cochains(stalks)
+        self._dimension = dict(stalks)
+        self.edges: list[NonlinearEdge] = []
+
+    def add_edge(
+        self,
+        tail: Hashable,
+        head: Hashable,
+        F_tail: ArrayLike,
+        F_head: ArrayLike,
+        *,
+        measures: Measure = "position",
+        desired: ArrayLike | None = None,
+        weight: ArrayLike = 1.0,
+        lift: ArrayLike | None = None,
+        directed: bool = False,
+    ) -> int:
+        """Add an edge and return its number.
+
+        Args:
+            tail, head: Vertices.
+            F_tail, F_head: Restriction maps, shapes (m, n_tail) and (m, n_head).
+            measures: What the edge compares.
+            desired: Desired value: of F_tail x_tail - F_head x_head for positions (zero unless given), a distance, or
+                the unit vector from tail to head.
+            weight: A positive number, or for positions an SPD matrix (m, m).
+            lift: Constant part of z, shape (m,); zero unless given.
+            directed: True if only the tail is pulled.
+
+        Raises:
+            SheafError: An unknown vertex, a loop, a wrong shape, no desired range or bearing, or a bad value.
+        """
+        where = f"edge ({tail!r}, {head!r})"
+        self._stalks.numbers([tail, head])
+        if tail == head:
+            raise SheafError(f"{where} is a loop; the ends of an edge must differ")
+        maps = [np.asarray(F, dtype=np.float64) for F in (F_tail, F_head)]
+        m = len(maps[0]) if maps[0].ndim == 2 else 0
+        shapes = [(m, self._dimension[end]) for end in (tail, head)]
+        if [F.shape for F in maps] != shapes:
+            raise SheafError(f"{where}: maps have shapes {[F.shape for F in maps]}; expected {shapes}")
+        if measures not in MEASURES:
+            raise SheafError(f"{where}: measures {measures!r}; expected one of {', '.join(MEASURES)}")
+        if desired is None and measures != "position":
+            raise SheafError(f"{where}: no desired {measures}; expected one")
+        K = np.asarray(weight, dtype=np.float64)
+        fits = K.shape == () or (K.shape == (m, m) and measures == "position")
+        if not (fits and (np.diag(np.atleast_2d(K)) > 0.0).all()):
+            raise SheafError(f"{where}: weight has shape {K.shape}; expected a positive number")
+        value = np.zeros(m) if desired is None else desired
+        self.edges.append(
+            NonlinearEdge(
+                tail,
+                head,
+                maps[0],
+                maps[1],
+                measures,
+                desired_value(measures, value, m),
+                K if K.ndim else K * np.eye(m),
+                np.zeros(m) if lift is None else np.asarray(lift, dtype=np.float64).reshape(m),
+                directed,
+            )
+        )
+        self.__dict__.pop("_arrays", None)
+        return len(self.edges) - 1
+
+    @cached_property
+    def _arrays(self) -> "_Arrays":
+        return _pack(self._stalks, self.edges, sum(self._dimension.values()))
+
+    def pack(self, x: Any) -> Array:
+        """Return a 0-cochain, given as a mapping or a vector, as a vector, shape (n,)."""
+        return self._stalks.pack(x)
+
+    def relative(self, x: Any) -> list[Array]:
+        """Return z of every edge."""
+        arrays = self._arrays
+        return np.split(arrays.D @ self.pack(x) + arrays.lift, arrays.first[1:-1])
+
+    def coboundary(self, x: Any) -> Array:
+        """Return h of every edge for a 0-cochain x, one after the other; see the module."""
+        found = [np.zeros(0)]
+        for edge, z in zip(self.edges, self.relative(x), strict=True):
+            length = float(np.linalg.norm(z))
+            if edge.measures == "position":
+                found.append(-z)
+            elif edge.measures == "range":
+                found.append(np.array([length]))
+            else:
+                found.append(z / length if length > 0.0 else np.zeros_like(z))
+        return np.concatenate(found)
+
+    def jacobian(self, x: Any) -> Sheaf:
+        """Return the sheaf of the linear edges that agree with these to first order at x, with their offsets."""
+        sheaf = Sheaf(self._dimension)
+        linear = [linear_maps(edge, z) for edge, z in zip(self.edges, self.relative(x), strict=True)]
+        sheaf.add_mixed_edges(
+            [e.tail for e in self.edges],
+            [e.head for e in self.edges],
+            [e.F_tail for e in linear],
+            [e.F_head for e in linear],
+            offset=[e.offset for e in linear],
+            weight=[e.weight for e in linear],
+        )
+        return sheaf
+
+    def gradient(self, x: Any) -> Array:
+        """Return D^T c of every vertex, shape (n,): the disagreement eta, by which the law moves agents down."""
+        arrays = self._arrays
+        return np.asarray(arrays.pulled.T @ arrays.pull(arrays.D @ self.pack(x) + arrays.lift))
+
+    def solver(self, boundary: Sequence[Hashable]) -> "StationarySolver":
+        """Return what extends values on boundary vertices, in their order, for many of them."""
+        U = self._stalks.columns_of(self._stalks.numbers(list(boundary)))
+        W = self._stalks.columns_of(np.flatnonzero(self._stalks.free(list(boundary))))
+        return StationarySolver(self._arrays, U, W)
+
+    def harmonic_extension(self, boundary: Mapping[Any, ArrayLike], start: Any) -> NonlinearExtension:
+        """Extend values of boundary vertices to a stationary point of the energy, by Gauss-Newton from `start`.
+
+        There may be several, of which the one that is found is near the start; free motions stay as they are there.
+
+        Args:
+            boundary: Values of boundary vertices.
+            start: Value of every vertex, as a mapping or a vector; those of boundary vertices do not count.
+
+        Raises:
+            SheafError: The iteration does not converge.
+        """
+        known = {v: np.asarray(value, dtype=np.float64) for v, value in boundary.items()}
+        solver = self.solver(list(known))
+        x = self.pack(start).copy()
+        x[solver.U] = np.concatenate([np.zeros(0), *known.values()])
+        found = solver.settle(x[solver.W], x[solver.U])
+        if not found.converged:
+            raise SheafError("Gauss-Newton does not converge from this start; expected another")
+        x[solver.W] = found.x
+        basis = self.jacobian(x).relative_sections(list(known), rtol=RANK_TOLERANCE)
+        values: Any = self._stalks.unpack(x)
+        return NonlinearExtension(values, basis.shape[1] == 0, basis, found.residual)
+
+
+@dataclass
+class _Arrays:
+    """All edges of a nonlinear sheaf, with m rows of z in all; see the module.
+
+    Attributes:
+        D: Coboundary of z, shape (m, n).
+        pulled: The same without heads that are not pulled.
+        lift: Shape (m,).
+        first: First row of each edge, and m at the end, shape (E + 1,).
+        code: Index in MEASURES of the edge of each row, shape (m,).
+        desired: h*, of a range in each of its rows, shape (m,).
+        weight: w of each row, shape (m,); 0 where K is in `K`.
+        K: Weights of edges that compare positions, shape (m, m).
+        pairs: Rows and columns of the blocks of range and bearing edges.
+        conservative: True if c is the derivative of an energy at all ends: no edge is directed, none a bearing.
+    """
+
+    D: sparse.csr_array
+    pulled: sparse.csr_array
+    lift: Array
+    first: IntArray
+    code: IntArray
+    desired: Array
+    weight: Array
+    K: sparse.csr_array
+    pairs: tuple[IntArray, IntArray]
+    conservative: bool
+
+    def lengths(self, z: Array) -> Array:
+        """Return abs(z) of the edge of each row, shape (m,)."""
+        if not len(z):
+            return z
+        size = np.sqrt(np.add.reduceat(z * z, self.first[:-1]))
+        return np.asarray(np.repeat(size, np.diff(self.first)))
+
+    def directions(self, z: Array) -> tuple[Array, Array]:
+        """Return g and 1 / abs(z) of each row; 0 where abs(z) is 0."""
+        length = self.lengths(z)
+        inverse = np.divide(1.0, length, out=np.zeros_like(length), where=length > 0.0)
+        return z * inverse, inverse
+
+    def along(self, g: Array) -> Array:
+        """Return g . h* of the edge of each row."""
+        if not len(g):
+            return g
+        return np.asarray(np.repeat(np.add.reduceat(g * self.desired, self.first[:-1]), np.diff(self.first)))
+
+    def pull(self, z: Array) -> Array:
+        """Return c, shape (m,)."""
+        g, _ = self.directions(z)
+        ranged = np.where(self.lengths(z) > 0.0, z - self.desired * g, 0.0)
+        borne = np.where(self.lengths(z) > 0.0, self.along(g) * g - self.desired, 0.0)
+        nonlinear = self.weight * np.where(self.code == 1, ranged, borne)
+        return np.asarray(self.K @ (z + self.desired) + nonlinear)
+
+    def metric(self, z: Array) -> sparse.csr_array:
+        """Return M, shape (m, m)."""
+        g, inverse = self.directions(z)
+        r, s = self.pairs
+        outer = g[r] * g[s]
+        blocks = np.where(self.code[r] == 1, outer, ((r == s) - outer) * inverse[r])
+        return sparse.csr_array(self.K + sparse.coo_array((self.weight[r] * blocks, (r, s)), shape=self.K.shape))
+
+    def residual(self, z: Array) -> float:
+        """Return the K-norm of h - h* over all edges."""
+        length = self.lengths(z)
+        g, _ = self.directions(z)
+        e = z + self.desired
+        each = 1.0 / np.repeat(np.diff(self.first), np.diff(self.first))
+        ranged = (length - self.desired) ** 2 * each
+        borne = length * (g - self.desired) ** 2
+        return float(np.sqrt(e @ (self.K @ e) + self.weight @ np.where(self.code == 1, ranged, borne)))
+
+
+def _pack(stalks: Cochains, edges: Sequence[NonlinearEdge], n: int) -> _Arrays:
+    """Pack the edges of a sheaf whose stalks have n coordinates in all."""
+    sizes = np.array([len(e.lift) for e in edges], dtype=np.int64)
+    first = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+    m = int(first[-1])
+    columns = {v: stalks.columns_of(stalks.numbers([v])) for v in {end for e in edges for end in (e.tail, e.head)}}
+    rows = [np.arange(begin, end) for begin, end in itertools.pairwise(first)]
+    tails = [(r[:, None], columns[e.tail][None], -e.F_tail) for r, e in zip(rows, edges, strict=True)]
+    heads = [(r[:, None], columns[e.head][None], e.F_head) for r, e in zip(rows, edges, strict=True)]
+    pulled_heads = [block for block, e in zip(heads, edges, strict=True) if not e.directed]
+    linear = [(r, e) for r, e in zip(rows, edges, strict=True) if e.measures == "position"]
+    curved = [r for r, e in zip(rows, edges, strict=True) if e.measures != "position"]
+    pairs = [np.meshgrid(r, r, indexing="ij") for r in curved]
+    none = [np.zeros(0, dtype=np.int64)]
+    desired = [np.broadcast_to(e.desired, e.lift.shape) for e in edges]
+    weights = [np.full(len(e.lift), 0.0 if e.measures == "position" else e.weight[0, 0]) for e in edges]
+    return _Arrays(
+        D=assembled(tails + heads, (m, n)).tocsr(),
+        pulled=assembled(tails + pulled_heads, (m, n)).tocsr(),
+        lift=np.concatenate([np.zeros(0), *(e.lift for e in edges)]),
+        first=first,
+        code=np.repeat([MEASURES.index(e.measures) for e in edges], sizes).astype(np.int64),
+        desired=np.concatenate([np.zeros(0), *desired]),
+        weight=np.concatenate([np.zeros(0), *weights]),
+        K=assembled([(r[:, None], r[None], e.weight) for r, e in linear], (m, m)).tocsr(),
+        pairs=(
+            np.concatenate(none + [a.ravel() for a, _ in pairs]),
+            np.concatenate(none + [b.ravel() for _, b in pairs]),
+        ),
+        conservative=not any(e.directed or e.measures == "bearing" for e in edges),
+    )
+
+
+class Settled(NamedTuple):
+    """A stationary point.
+
+    Attributes:
+        x: Values of the free vertices, stacked, shape (n_W,).
+        converged: True if the gradient vanishes there.
+        residual: Norm of h - h* over all edges, with weights K.
+    """
+
+    x: Array
+    converged: bool
+    residual: float
+
+
+@dataclass
+class StationarySolver:
+    """Stationary points of the energy with some vertices held: D^T c = 0 on the others, by damped Gauss-Newton.
+
+    H is factored again only where the gradient falls by less than a factor of ten, so that a path of boundary values
+    costs a few triangular solutions a sample.
+
+    Attributes:
+        arrays: The edges.
+        U, W: Coordinates of the boundary, in the order of boundary vectors, and the others.
+    """
+
+    arrays: _Arrays
+    U: IntArray
+    W: IntArray
+    _factor: SuperLU | None = field(default=None, repr=False)
+
+    @cached_property
+    def _moved(self) -> sparse.csr_array:
+        return self.arrays.D[:, self.W]
+
+    @cached_property
+    def _held(self) -> sparse.csr_array:
+        return self.arrays.D[:, self.U]
+
+    @cached_property
+    def _pulled(self) -> sparse.csr_array:
+        return sparse.csr_array(self.arrays.pulled[:, self.W].T)
+
+    def relative(self, x: Array, boundary: Array) -> Array:
+        """Return z of all edges, shape (m,)."""
+        return np.asarray(self._moved @ x + (self._held @ boundary + self.arrays.lift))
+
+    def H(self, x: Array, boundary: Array) -> sparse.csr_array:  # noqa: N802 - the paper's symbol
+        """Return D^T M D on the free vertices, shape (n_W, n_W); not symmetric with directed edges."""
+        return sparse.csr_array(self._pulled @ self.arrays.metric(self.relative(x, boundary)) @ self._moved)
+
+    def settle(self, x: Array, boundary: Array, *, free: bool = False) -> Settled:
+        """Find a stationary point from x, shape (n_W,), with boundary values (n_U,).
+
+        With `free` motions H is factored at every step: an old one would push what is free now.
+        """
+        arrays = self.arrays
+        base = self._held @ boundary + arrays.lift
+        z = self._moved @ x + base
+        gradient = self._pulled @ arrays.pull(z)
+        stiffest = float(np.abs(arrays.weight).max(initial=0.0) + np.abs(arrays.K.data).max(initial=0.0))
+        extent = float(np.abs(z).max(initial=0.0) + np.abs(arrays.desired).max(initial=0.0))
+        damping = _DAMPING
+        self._factor = None if free else self._factor
+        for _ in range(_MAX_STEPS):
+            size = float(np.abs(gradient).max(initial=0.0))
+            if size <= _CONVERGED * stiffest * extent or damping > _MAX_DAMPING:
+                break
+            stale = self._factor is not None
+            if self._factor is None:
+                self._factor = self._factored(z, damping, stiffest)
+            step = _limited(self._factor.solve(-gradient), extent)
+            moved = self._moved @ (x + step) + base
+            after = self._pulled @ arrays.pull(moved)
+            worse = self._is_worse(z, moved, gradient, after, stiffest * extent)
+            if worse or free or float(np.abs(after).max(initial=0.0)) > _STALE_ABOVE * size:
+                self._factor = None
+            if worse:
+                damping = damping if stale else max(10.0 * damping, _FIRST_DAMPING)
+                continue
+            x = x + step
+            z = moved
+            gradient = after
+            damping = max(0.1 * damping, _DAMPING)
+            if float(np.abs(step).max(initial=0.0)) <= _SMALLEST_STEP * extent:
+                break
+        size = float(np.abs(gradient).max(initial=0.0))
+        return Settled(x, size <= _STATIONARY * stiffest * extent, arrays.residual(z))
+
+    def _factored(self, z: Array, damping: float, stiffest: float) -> SuperLU:
+        H = self._pulled @ self.arrays.metric(z) @ self._moved
+        shift = damping * max(float(H.diagonal().max(initial=0.0)), _DAMPING * stiffest)
+        return splu(sparse.csc_array(H + shift * sparse.eye_array(H.shape[0])))
+
+    def _is_worse(self, z: Array, moved: Array, before: Array, after: Array, scale: float) -> bool:
+        """Return True if a step raises the energy or, where there is none, more than doubles the gradient."""
+        if not np.isfinite(after).all():
+            return True
+        if self.arrays.conservative:
+            energy, lowered = (self.arrays.residual(at) ** 2 for at in (z, moved))
+            return lowered > energy + _ROUNDING * scale * scale
+        return float(np.linalg.norm(after)) > 2.0 * float(np.linalg.norm(before)) + _ROUNDING * scale
+
+
+def _limited(step: Array, longest: float) -> Array:
+    """Return a step, shortened until no coordinate changes by more than the longest."""
+    size = float(np.abs(step).max(initial=0.0))
+    return step if size <= longest else step * (longest / size)

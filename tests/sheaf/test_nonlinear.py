@@ -1,0 +1,208 @@
+"""Nonlinear sheaves: rigidity of known frameworks, random ones against exact ranks, and their harmonic extensions."""
+
+import itertools
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from mjsheaf import NonlinearSheaf, Sheaf
+from mjsheaf.errors import SheafError
+
+HALF = 3**0.5 / 2
+TRIANGLE = [(0, 0), (1, 0), (0.5, HALF)]
+SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
+TETRAHEDRON = [(0, 0, 0), (1, 0, 0), (0.5, HALF, 0), (0.5, HALF / 3, (2 / 3) ** 0.5)]
+CUBE = list(itertools.product((0, 1), repeat=3))
+RING = [(0, 1), (1, 2), (2, 3), (3, 0)]
+SIDES = [(i, j) for i, j in itertools.combinations(range(8), 2) if np.abs(np.subtract(CUBE[i], CUBE[j])).sum() == 1]
+
+
+def framework(points: Any, edges: Any, measures: Any) -> tuple[NonlinearSheaf, NDArray[np.float64]]:
+    """Return the sheaf of points whose desired values are those that they have, and where they are."""
+    x = np.array(points, dtype=np.float64)
+    n, d = x.shape
+    sheaf = NonlinearSheaf({v: d for v in range(n)})  # noqa: C420 - typed
+    for i, j in edges:
+        z = x[j] - x[i]
+        length = np.linalg.norm(z)
+        desired = [length] if measures == "range" else z / length
+        sheaf.add_edge(i, j, np.eye(d), np.eye(d), measures=measures, desired=desired)
+    return sheaf, x.ravel()
+
+
+@pytest.mark.parametrize(
+    ("points", "edges", "measures", "rank", "rate"),
+    [
+        (TRIANGLE, list(itertools.combinations(range(3), 2)), "range", 3, 1.5),
+        (TRIANGLE, list(itertools.combinations(range(3), 2)), "bearing", 3, 1.5),
+        (SQUARE, [*RING, (0, 2)], "range", 5, 0.585786),
+        (SQUARE, [*RING, (0, 2)], "bearing", 5, 0.482362),
+        (SQUARE, list(itertools.combinations(range(4), 2)), "range", 5, 2.0),
+        (SQUARE, list(itertools.combinations(range(4), 2)), "bearing", 5, 1.414214),
+        (TETRAHEDRON, list(itertools.combinations(range(4), 2)), "range", 6, 1.0),
+        (TETRAHEDRON, list(itertools.combinations(range(4), 2)), "bearing", 8, 2.0),
+        (SQUARE, RING, "range", 4, None),
+        (SQUARE, RING, "bearing", 4, None),
+        (CUBE, [*SIDES, (0, 7)], "range", 13, None),
+        (CUBE, [*SIDES, (0, 7)], "bearing", 20, 0.206490),
+    ],
+)
+def test_ranks_and_rates_of_known_frameworks(
+    points: Any, edges: Any, measures: str, rank: int, rate: float | None
+) -> None:
+    """They are those of the literature; H of the solver is the Laplacian of the Jacobian sheaf."""
+    sheaf, x = framework(points, edges, measures)
+    H = sheaf.solver([]).H(x, np.zeros(0)).toarray()
+    assert np.allclose(H, sheaf.jacobian(x).laplacian().toarray(), atol=1e-14)
+    values = np.linalg.eigvalsh(H)
+    positive = values[values > 1e-9]
+    assert len(positive) == rank
+    assert len(x) - sheaf.jacobian(x).betti()[0] == rank
+    if rate is not None:
+        assert positive[0] == pytest.approx(rate, abs=1e-6)
+
+
+def exact_rank(rows: list[list[int]]) -> int:
+    """Return the rank of a matrix of whole numbers, by elimination over the rationals."""
+    matrix = [[Fraction(x) for x in row] for row in rows]
+    rank = 0
+    for column in range(len(matrix[0])):
+        pivot = next((r for r in range(rank, len(matrix)) if matrix[r][column]), None)
+        if pivot is None:
+            continue
+        matrix[rank], matrix[pivot] = matrix[pivot], matrix[rank]
+        for r in range(rank + 1, len(matrix)):
+            factor = matrix[r][column] / matrix[rank][column]
+            matrix[r] = [a - factor * b for a, b in zip(matrix[r], matrix[rank], strict=True)]
+        rank += 1
+    return rank
+
+
+def exact_matrix(points: Any, edges: Any, measures: str) -> list[list[int]]:
+    """Return rows whose rank is that of the rigidity matrix, for points of whole coordinates."""
+    n, d = points.shape
+    rows = []
+    for i, j in edges:
+        z = [int(b) - int(a) for a, b in zip(points[i], points[j], strict=True)]
+        square = sum(c * c for c in z)
+        if measures == "range":
+            blocks = [z]
+        else:  # |z|^2 P
+            blocks = [[square * (a == b) - z[a] * z[b] for b in range(d)] for a in range(d)]
+        for block in blocks:
+            row = [0] * (n * d)
+            row[i * d : i * d + d] = [-c for c in block]
+            row[j * d : j * d + d] = block
+            rows.append(row)
+    return rows
+
+
+@pytest.mark.slow
+def test_random_frameworks_are_decided_as_an_exact_rank_decides() -> None:
+    """Of 500 frameworks on small lattices, where points are often collinear, most ranks are deficient."""
+    rng = np.random.default_rng(7)
+    rigid = 0
+    for _ in range(500):
+        d = int(rng.integers(2, 4))
+        n = int(rng.integers(3, 8))
+        lattice = np.array(list(itertools.product(range(3), repeat=d)))
+        points = lattice[rng.choice(len(lattice), n, replace=False)]
+        pairs = list(itertools.combinations(range(n), 2))
+        edges = [pairs[k] for k in rng.choice(len(pairs), int(rng.integers(1, len(pairs) + 1)), replace=False)]
+        measures = str(rng.choice(["range", "bearing"]))
+        sheaf, x = framework(points, edges, measures)
+        wanted = exact_rank(exact_matrix(points, edges, measures))
+        assert len(x) - sheaf.jacobian(x).betti()[0] == wanted, (points.tolist(), edges, measures)
+        rigid += wanted == (n * d - d * (d + 1) // 2 if measures == "range" else n * d - d - 1)
+    assert 50 < rigid < 450
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.integers(0, 10**6))
+def test_the_jacobian_sheaf_has_the_residuals_and_the_slope(seed: int) -> None:
+    """Its gradient at x is that of the sheaf; its coboundary is the derivative of h, up to the sign of positions."""
+    rng = np.random.default_rng(seed)
+    sheaf = NonlinearSheaf({"a": 2, "b": 3, "c": 3})
+    lift = np.array([0.0, 0.0, 0.7])
+    maps = {"a": np.eye(3, 2), "b": np.eye(3), "c": np.eye(3)}
+    kinds: list[Any] = ["range", "bearing", "position"] * 2
+    for (i, j), measures in zip(itertools.permutations("abc", 2), kinds, strict=True):
+        b = rng.normal(size=3)
+        desired: Any = {"range": [1.3], "bearing": b / np.linalg.norm(b), "position": b}[measures]
+        weight = float(rng.uniform(0.5, 2.0))
+        sheaf.add_edge(i, j, maps[i], maps[j], measures=measures, desired=desired, weight=weight, lift=lift)
+    x = rng.normal(size=8)
+    linear = sheaf.jacobian(x)
+    delta = linear.coboundary()
+    K = linear.edge_product
+    assert K is not None
+    assert np.allclose(delta.T @ (K.matrix @ (delta @ x - linear.offset())), sheaf.gradient(x), atol=1e-12)
+    v = rng.normal(size=8)
+    slope = (sheaf.coboundary(x + 1e-6 * v) - sheaf.coboundary(x - 1e-6 * v)) / 2e-6
+    sign = np.concatenate(
+        [{"position": [1.0] * 3, "range": [-1.0], "bearing": [-1.0] * 3}[e.measures] for e in sheaf.edges]
+    )
+    assert np.allclose(sign * slope, delta @ v, atol=1e-7)
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.integers(0, 10**6), st.sampled_from(["range", "bearing"]))
+def test_an_extension_from_nearby_finds_the_exact_shape(seed: int, measures: str) -> None:
+    """With two vertices held, a complete graph has the shape that it had."""
+    rng = np.random.default_rng(seed)
+    points = np.array([*TRIANGLE, (0.2, 1.4), (1.5, 1.1)]) + rng.uniform(-0.1, 0.1, (5, 2))
+    sheaf, x = framework(points, list(itertools.combinations(range(5), 2)), measures)
+    start = x + rng.uniform(-0.1, 0.1, len(x))
+    found = sheaf.harmonic_extension({0: points[0], 1: points[1]}, start)
+    assert found.unique
+    assert found.null_basis.shape == (6, 0)
+    assert found.residual < 1e-10
+    assert np.allclose(sheaf.pack(found.x), x, atol=1e-9)
+
+
+def test_positions_alone_are_a_linear_sheaf() -> None:
+    """The extension of edges that compare positions is the harmonic extension of `Sheaf`."""
+    rng = np.random.default_rng(3)
+    linear, curved = Sheaf({"a": 2, "b": 3, "c": 2}), NonlinearSheaf({"a": 2, "b": 3, "c": 2})
+    for tail, head in itertools.combinations("abc", 2):
+        F = [rng.normal(size=(3, 3 if end == "b" else 2)) for end in (tail, head)]
+        b = rng.normal(size=3)
+        linear.add_edge(tail, head, *F, offset=b)
+        curved.add_edge(tail, head, *F, desired=b)
+    held = {"a": [0.3, -0.2]}
+    found = curved.harmonic_extension(held, np.zeros(7))
+    wanted = linear.harmonic_extension(held)
+    assert all(np.allclose(found.x[v], wanted.x[v], atol=1e-12) for v in "abc")
+    assert found.residual**2 == pytest.approx(2.0 * wanted.energy)
+
+
+def test_coincident_vertices_pull_nothing() -> None:
+    """There is no direction between them, and nothing is NaN."""
+    for measures in ("range", "bearing"):
+        sheaf, x = framework(TRIANGLE, [(0, 1)], measures)
+        together = np.zeros_like(x)
+        assert not sheaf.gradient(together).any()
+        assert not sheaf.jacobian(together).laplacian().toarray().any()
+        assert np.isfinite(sheaf.coboundary(together)).all()
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"measures": "range", "desired": [0.0]}, "positive distance"),
+        ({"measures": "range", "desired": [1.0, 2.0]}, "a distance"),
+        ({"measures": "bearing", "desired": [1.0, 1e-2]}, "unit vector"),
+        ({"measures": "bearing"}, "no desired bearing"),
+        ({"measures": "angle", "desired": [1.0]}, "expected one of position, range, bearing"),
+        ({"measures": "range", "desired": [1.0], "weight": np.eye(2)}, "expected a positive number"),
+    ],
+)
+def test_bad_edges_are_refused(fields: Any, message: str) -> None:
+    """The error names the edge and what is expected."""
+    with pytest.raises(SheafError, match=message):
+        NonlinearSheaf({"a": 2, "b": 2}).add_edge("a", "b", np.eye(2), np.eye(2), **fields)
