@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
-from mjsheaf.control import ControlArrays, LawArrays
+from mjsheaf.control import ControlArrays, LawArrays, edges_of
 from mjsheaf.control.law import new_control
 from mjsheaf.control.station import Station, no_station
 from mjsheaf.control.terms import TermArrays, cover
@@ -202,6 +202,22 @@ class System:
     def timestep(self) -> float:
         """The physics step that divides a period exactly, s: sample times then agree with the ideal backend's."""
         return self.grid.period / self.steps_per_sample
+
+    @cached_property
+    def local(self) -> "System":
+        """The system near q* of its initial positions: the team linearised there; itself if all edges are linear."""
+        if self.team.linear and not self.team.free:
+            return self
+        team = self.team.remaining.linearised_about(self.remaining.initial)
+        return replace(self.remaining, team=team, law=self.remaining.law._replace(edges=edges_of(team)))
+
+    @cached_property
+    def free_directions(self) -> list[str]:
+        """Directions in which q* of the present agents is free, in words; of a team without targets none."""
+        from mjsheaf.team.null_modes import describe_null_modes
+
+        team = self.team.remaining
+        return [] if team.free else describe_null_modes(team if team.plain else self.local.team)
 
     @cached_property
     def control(self) -> ControlArrays:

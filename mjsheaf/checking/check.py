@@ -13,6 +13,7 @@ from pydantic import Field
 
 from mjsheaf.arguments import require_number, require_scenario
 from mjsheaf.arrays import Array
+from mjsheaf.checking.loop.directed import held_eigenvalues
 from mjsheaf.checking.loop.held_law import LawLoop, envelope, law_loop
 from mjsheaf.checking.loop.links import UNSTABLE_LINKS, LinkRecord, link_answers
 from mjsheaf.checking.loop.margins import Margins, margins
@@ -21,11 +22,12 @@ from mjsheaf.checking.loop.steady import SteadyError, steady_error
 from mjsheaf.checking.loop.target_bodies import with_bodies
 from mjsheaf.checking.loop.targets_loop import TargetsLoop, targets_loop
 from mjsheaf.checking.proposals import Proposal, propose
-from mjsheaf.checking.theorem.certificate import Assumption, Certificate, Search, certificate_of
+from mjsheaf.checking.theorem.certificate import Assumption, Certificate, Search, certificate_of, obstacle_of_team
 from mjsheaf.checking.theorem.targets import Carrier
 from mjsheaf.checking.theorem.wanted_gain import gain_for_wanted_radius
 from mjsheaf.checking.topology.cohomology import Fragility, RelativeCohomology, fragility, spectrum_of
 from mjsheaf.checking.topology.mending import Augmentation, plan_augmentation
+from mjsheaf.checking.topology.rigidity import Rigidity, rigidity_of
 from mjsheaf.control.theorem import Rho, RhoLike, as_rho
 from mjsheaf.errors import InputError, UndecidedError, listed
 from mjsheaf.io.norms import OF_TEAM, TEAM_NORM, Norm, per_agent
@@ -34,6 +36,8 @@ from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.slips import slips_of
 from mjsheaf.system import Phase, System, during, phases_of
 from mjsheaf.threads import one_thread
+
+_ZERO = 1e-9  # of the largest eigenvalue: one that is no larger is zero
 
 
 class RegionSummary(Record):
@@ -67,6 +71,10 @@ class WeakerBound(Record):
 class TheoremSummary(Record):
     """Theorem 1, computed."""
 
+    holds: bool | None = Field(
+        description="the same as `applies`; null where the theorem is about other teams: with ranges, bearings or "
+        "directed edges, or without targets"
+    )
     applies: bool = Field(
         description="the gain condition and every numbered assumption hold, and no hold or speed limit is in the way"
     )
@@ -133,6 +141,7 @@ class PhaseRecord(Record):
     links: LinkRecord | None
     targets: TargetsLoop
     margins: Margins
+    rigidity: Rigidity = Field(description="of the communication edges, linearised at q*")
     fragility: Fragility = Field(description="which single event more breaks an assumption")
 
 
@@ -158,6 +167,7 @@ class CheckRecord(Record):
     targets: TargetsLoop = Field(description="the targets' own law, on ideal kinematics and on their vehicles")
     margins: Margins
     fragility: Fragility
+    rigidity: Rigidity = Field(description="of the communication edges, linearised at q*")
     phases: list[PhaseRecord] = Field(default_factory=list, description="of a run with events, the first included")
     notes: list[str] = Field(default_factory=list, description="what in the files looks like a slip, in sentences")
 
@@ -173,6 +183,8 @@ class CheckRecord(Record):
         loop += "; " + self.margins.bodies.verdict() if self.margins.bodies.stable is False else ""
         later = [f"from {p.start:g} s on ({', '.join(p.events)})" for p in self.phases[1:] if not p.ok]
         loop += f"; NOT SO in {len(later)} of {len(self.phases)} phases: {listed(later)}" if later else ""
+        if self.theorem.holds is None:
+            return self._local_verdict() + loop
         if counts[0] == len(self.assumptions):
             return f"all {counts[0]} assumptions hold, the 7th {region}{loop}"
         named = [
@@ -181,6 +193,14 @@ class CheckRecord(Record):
             if n
         ]
         return f"{counts[0]} assumptions hold, {', '.join(named)}; the 7th is taken {region}{loop}"
+
+    def _local_verdict(self) -> str:
+        """The verdict on a team that Theorem 1 is not about."""
+        shape = self.rigidity
+        held = {True: "localizable", False: "NOT localizable", None: "without targets"}[shape.localizable]
+        rigid = {True: "rigid", False: "NOT rigid", None: "of unknown rigidity"}[shape.rigid]
+        stable = {True: "stable", False: "unstable", None: "undecided"}[self.law.stable]
+        return f"the team is {rigid} and {held}, its law {stable}; Theorem 1 {self.theorem.reason}"
 
 
 def check(
@@ -278,7 +298,18 @@ def examine(
     return replace(first, record=first.record.model_copy(update={"ok": ok, "phases": records}))
 
 
-_OF_PHASE = ("ok", "assumptions", "relative_cohomology", "theorem", "law", "links", "targets", "margins", "fragility")
+_OF_PHASE = (
+    "ok",
+    "assumptions",
+    "relative_cohomology",
+    "theorem",
+    "law",
+    "links",
+    "targets",
+    "margins",
+    "fragility",
+    "rigidity",
+)
 
 
 def _targets_at(certificate: Certificate, sample: int, time: float) -> Array:
@@ -294,7 +325,7 @@ def _targets_at(certificate: Certificate, sample: int, time: float) -> Array:
 
 def _q_star(system: System, targets: Array) -> Array:
     """q* of targets (M, 3), padded, shape (N, 3), m; NaN for absent agents."""
-    positions = np.concatenate([np.zeros((len(system.team.agents), 3)), targets])
+    positions = np.concatenate([system.initial[: len(system.team.agents)], targets])
     return system.team.harmonic_extension(positions)
 
 
@@ -330,6 +361,7 @@ def _settled(old: System, new: System, targets: Array) -> Array:
 
 def _carried_error(system: System, error: float) -> float:
     """How far q* of the present agents may be off where targets are by an error, m."""
+    system = system.local
     if not (error > 0.0 and system.team.dirichlet.unique):
         return 0.0
     reach = Carrier(system, spectrum_of(system.team)).reach(np.full(len(system.team.targets), error))
@@ -340,6 +372,7 @@ def _examine_one(
     system: System, rate: float | None, radius: float, rho: Rho | None, start: float | None = None
 ) -> Examination:
     """`check` of one phase, whose |e(t0)| in m is at most `start`; None takes that of the initial positions."""
+    system = system.local
     search = Search(system, rate, rho, start)
     certificate = certificate_of(search)
     practice, law = margins(system, certificate), law_loop(system, certificate, carried=start is not None)
@@ -348,12 +381,21 @@ def _examine_one(
     proposals = propose(system, certificate, radius)
     targets = with_bodies(targets_loop(system), system, certificate.constants.path)
     loops_hold = all(stable is not False for stable in loops) and not targets.unstable
+    rigidity = _rigidity(system)
+    plain = not obstacle_of_team(system.team)
+    topology = all(
+        a.verdict in ("holds", "does not apply") for a in certificate.assumptions if plain or a.number in (5, 6)
+    )
+    if not plain:
+        topology = topology and _is_stable(system, law) and (rigidity.rigid is True or not system.team.free)
+    mending = None if system.team.free else plan_augmentation(system.team)
     record = CheckRecord(
         scenario=system.name,
-        ok=all(a.holds or not a.applies for a in certificate.assumptions) and loops_hold and not law.unmodelled,
+        ok=topology and loops_hold and not law.unmodelled,
         region=_region(certificate),
         assumptions=certificate.assumptions,
-        relative_cohomology=ExplainedCohomology(**dict(certificate.cohomology), mending=plan_augmentation(system.team)),
+        relative_cohomology=ExplainedCohomology(**dict(certificate.cohomology), mending=mending),
+        rigidity=rigidity,
         theorem=_theorem(search, certificate, radius),
         law=law,
         links=links,
@@ -364,6 +406,29 @@ def _examine_one(
         fragility=fragility(system.team),
     )
     return Examination(record, certificate, system)
+
+
+def _is_stable(system: System, law: LawLoop) -> bool:
+    """Return True if the law of a team of linear edges is known to be stable, also where it is continuous."""
+    if not system.grid.continuous or law.unmodelled or len(system.law.links.table):
+        return law.stable is True
+    try:
+        return bool((held_eigenvalues(system.team).real > 0.0).all())
+    except UndecidedError:
+        return False
+
+
+def _rigidity(system: System) -> Rigidity:
+    """The rigidity of a system's present team, all of whose edges are linear."""
+    team = system.team
+    x = team.pack(system.initial) if team.linearised_at is None else team.linearised_at
+    n_q = int(team.first_state[-1])
+    try:
+        values = held_eigenvalues(team)
+    except UndecidedError:
+        values = spectrum_of(team).smallest.astype(np.complex128)
+    zero = np.abs(values) <= _ZERO * np.abs(values).max(initial=0.0)
+    return rigidity_of(team, x[:n_q], system.gain, values[~zero])
 
 
 def _region(certificate: Certificate) -> RegionSummary:
@@ -403,6 +468,7 @@ def _theorem(search: Search, certificate: Certificate, radius: float) -> Theorem
         "initial_error_inside_S": theorem.contains(start),
     }
     return TheoremSummary(
+        holds=None if obstacle_of_team(system.team) else certificate.applies,
         applies=certificate.applies,
         gain_condition=holds,
         approximate=certificate.approximate,

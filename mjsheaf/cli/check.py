@@ -151,8 +151,10 @@ def _failures(part: "CheckRecord | PhaseRecord") -> list[str]:
     failures = [
         f"assumption {a.number} {'fails' if a.verdict == 'fails' else 'is undecided'} ({a.name}): {a.witness}"
         for a in part.assumptions
-        if a.applies and not a.holds
+        if a.applies and not a.holds and (part.theorem.holds is not None or a.number in (5, 6))
     ]
+    if part.theorem.holds is None:
+        failures += _failures_of_shape(part)
     failures += [*_failures_of_law(part.law), *_failures_of_links(part.links)]
     if part.targets.unstable:
         failures = [why for why in failures if part.targets.failure not in why or not part.targets.failure]
@@ -160,6 +162,17 @@ def _failures(part: "CheckRecord | PhaseRecord") -> list[str]:
     if part.margins.bodies.stable is False:
         failures.append(part.margins.bodies.verdict())
     return failures
+
+
+def _failures_of_shape(part: "CheckRecord | PhaseRecord") -> "Iterator[str]":
+    """Yield why a team that Theorem 1 is not about does not hold its shape, or is not known to."""
+    shape = part.rigidity
+    if shape.localizable is None and shape.rigid is not True:
+        yield f"the formation is not rigid: its edges have rank {shape.rank} of {shape.needed}"
+    if shape.localizable is False and part.law.stable is not None:
+        yield "targets and anchors do not hold every agent's place"
+    if part.law.stable is None and not part.ok:
+        yield f"the law is undecided: {part.law.reason}"
 
 
 def _failures_of_law(law: "LawLoop") -> "Iterator[str]":

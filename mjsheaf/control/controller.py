@@ -129,7 +129,9 @@ class LocalSample:
 
     Attributes:
         edges: of the agent, now; those of its `Agent.edges` up to a phase with other edges.
-        measurements: y_e of each of them, m; -b_e where nothing is heard.
+        measurements: y_e of each of them, m; -b_e where nothing is received. See `Sample` for these and the next two.
+        jacobians: dh/dz of each of them.
+        residuals: What each measurement lacks of the desired one.
         disagreement: eta_i, padded, shape (3,), m.
         velocity: over ground, shape (3,), m/s.
         displacement: of its controlled position since the sample before, zero at the first, shape (3,), m.
@@ -138,6 +140,8 @@ class LocalSample:
 
     edges: tuple[Edge, ...]
     measurements: list[Array]
+    jacobians: list[Array]
+    residuals: list[Array]
     disagreement: Array
     velocity: Array
     displacement: Array
@@ -222,6 +226,8 @@ class PerAgent:
         return LocalSample(
             self._edges[i],
             [sample.measurements[k].copy() for k in self._own[i]],
+            [sample.jacobians[k].copy() for k in self._own[i]],
+            [sample.residuals[k].copy() for k in self._own[i]],
             sample.disagreement[i],
             sample.velocity[i],
             sample.displacement[i],

@@ -6,6 +6,7 @@ and desired value b,
 
     measure     y_e = F_j x_j - F_i x_i
     deliver     y_e as sensor and link leave it, where the edge has any (see `mjsheaf.control.links`)
+    compare     y_e + b_e as it is, or what a range or bearing edge makes of it (see `mjsheaf.control.curved`)
     pull back   eta_i = sum of -F_i^T K (y_e + b_e) over the edges whose tail is i, F_j^T K (y_e + b_e) where i is head
     terms       -k1 eta (eq. controller-1), or the velocities that a law in Python asks for
     custom      terms that users registered (see `mjsheaf.control.custom`)
@@ -24,6 +25,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray, IntArray, Own
+from mjsheaf.control.curved import compare, pack_kinds
 from mjsheaf.control.custom import add_custom, carry_custom, names_of, size_of_custom
 from mjsheaf.control.links import (
     LinkArrays,
@@ -46,6 +48,8 @@ from mjsheaf.control.terms import (
     navigate,
     no_terms,
     remember,
+    require_linear,
+    require_symmetric,
     size_of_memory,
     split_memory,
 )
@@ -64,6 +68,7 @@ class EdgeArrays(NamedTuple):
         F_tail, F_head: restriction maps, padded, shape (m, 3).
         P_tail, P_head: K F, of which the transpose pulls back, shape (m, 3).
         b: desired values of F_tail x_tail - F_head x_head, shape (m,), m.
+        kinds: What edges compare; () where all compare positions.
     """
 
     tail: IntArray
@@ -75,6 +80,7 @@ class EdgeArrays(NamedTuple):
     P_tail: Array
     P_head: Array
     b: Array
+    kinds: Any = ()
 
 
 class LawArrays(NamedTuple):
@@ -168,6 +174,7 @@ class Memory(NamedTuple):
         terms: what the terms hold.
         links: what the links hold.
         custom: what registered terms hold of each vehicle, shape (V, k).
+        compared: What range and bearing edges make of y, shape (m,); y itself where all edges compare positions.
     """
 
     flat: Array
@@ -178,17 +185,30 @@ class Memory(NamedTuple):
     terms: TermMemory
     links: LinkMemory
     custom: Array
+    compared: Array
 
 
 def new_memory(law: LawArrays, V: int) -> Memory:
     """The memory of a law of V vehicles before its first sample: zeros."""
     m = len(law.edges.b)
     sizes = [m, 9 * V, size_of_memory(law.terms, law.edges.first, V), size_of_link_memory(law.links, m)]
-    flat = np.zeros(sum(sizes) + V * size_of_custom(law.custom))
-    y, rest, terms, links, custom = np.split(flat, np.cumsum(sizes))
+    sizes.append(V * size_of_custom(law.custom))
+    flat = np.zeros(sum(sizes) + (m if law.edges.kinds else 0))
+    y, rest, terms, links, own, compared = np.split(flat, np.cumsum(sizes))
+    custom = own.reshape(V, size_of_custom(law.custom))
     residual, command, supplied = rest.reshape(3, V, 3)
     of_terms, of_links = split_memory(terms, law.terms, law.edges.first, V), split_link_memory(links, law.links, m)
-    return Memory(flat, y, residual, command, supplied, of_terms, of_links, custom.reshape(V, -1))
+    return Memory(
+        flat,
+        y,
+        residual,
+        command,
+        supplied,
+        of_terms,
+        of_links,
+        custom,
+        compared if law.edges.kinds else y,
+    )
 
 
 def carry(memory: Memory, old: LawArrays, law: LawArrays, sample: int) -> Memory:
@@ -340,7 +360,8 @@ def hear(control, t, x, bodies, memory):
     law = control.law
     measure(law.edges, x, memory.y)
     deliver(control.stages.links, law, t, x, bodies, memory.y, memory.terms, memory.links)
-    pull_back(law.edges, memory.y, memory.residual)
+    compare(law.edges.kinds, law.edges, memory.y, memory.compared)
+    pull_back(law.edges, memory.compared, memory.residual)
 
 
 @inline_jit
@@ -394,9 +415,10 @@ def add_supplied(law, supplied, command):
 
 @jit
 def _disagreement(law, x, y, residual):
-    """Write residual (T, V, 3) for positions x (T, V, 3), m, and leave the last measurements in y (m,)."""
+    """Write residual (T, V, 3) for positions x (T, V, 3), m; y (m,) is overwritten."""
     for k in range(x.shape[0]):
         measure(law.edges, x[k], y)
+        compare(law.edges.kinds, law.edges, y, y)
         pull_back(law.edges, y, residual[k])
 
 
@@ -438,9 +460,18 @@ def pack_law(
         custom: registered terms.
     """
     gains = np.concatenate([np.full(len(team.agents), gain), np.full(len(team.targets), target_gain)])
-    kinds = [(team.communication, True), (team.sensing, False), (team.target_edges, True), (team.anchors, False)]
-    edges = pack_edges(team.members, kinds)
+    if team.directed:
+        require_symmetric(terms)
+    if not team.linear:
+        require_linear(terms)
+    edges = edges_of(team)
     return LawArrays(edges, gains, limits.astype(float), 0, terms or no_terms(), links or no_links(), custom)
+
+
+def edges_of(team: Team) -> EdgeArrays:
+    """Return all edges of a team as arrays."""
+    kinds = [(team.communication, True), (team.sensing, False), (team.target_edges, True), (team.anchors, False)]
+    return pack_edges(team.members, kinds)
 
 
 def pack_edges(members: Sequence[Member], kinds: Sequence[tuple[Sequence[Edge], bool]]) -> EdgeArrays:
@@ -460,11 +491,12 @@ def pack_edges(members: Sequence[Member], kinds: Sequence[tuple[Sequence[Edge], 
     return EdgeArrays(
         np.array([number[e.tail] for e, _ in edges], dtype=np.int64),
         np.array([number.get(e.head, number[e.tail]) for e, _ in edges], dtype=np.int64),
-        np.array([(True, both) for _, both in edges], dtype=np.bool_).reshape(-1, 2),
+        np.array([(True, both and not e.directed) for e, both in edges], dtype=np.bool_).reshape(-1, 2),
         first.astype(np.int64),
         maps[0],
         maps[1],
         maps[2],
         maps[3],
         np.concatenate([np.zeros(0), *(e.b for e, _ in edges)]),
+        pack_kinds([e for e, _ in edges]),
     )

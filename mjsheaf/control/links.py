@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array, IntArray, Own
+from mjsheaf.control.curved import disturb
 from mjsheaf.errors import InputError, in_field
 from mjsheaf.jit import as_records, inline_jit, jit
 from mjsheaf.noise import normal_of, stream_of, uniforms
@@ -203,8 +204,29 @@ def linked_edges(team: Team, links: Links) -> list[LinkedEdge]:
             if edge.link is not None:
                 with in_field(f"{kind}.{k}"):
                     link = links.resolve(kind, edge.link)
+            if edge.measures != "position":
+                with in_field(f"{kind}.{k}, {edge}"):
+                    link = _of_curved(edge, link)
             found.append(LinkedEdge(kind, k, met[ends], edge, link))
     return found
+
+
+def _of_curved(edge: Edge, link: LinkModel) -> LinkModel:
+    """Return the link of a range or bearing edge, whose noise is of that: of a bearing in rad from degrees.
+
+    Raises:
+        InputError: a sensor of positions, or a bias of a bearing.
+    """
+    if link.bearing:
+        raise InputError(
+            f"sensor range_bearing measures positions, and the edge a {edge.measures}; expected noise, or "
+            "sensor: {kind: exact}"
+        )
+    if edge.measures == "range":
+        return link
+    if link.bias:
+        raise InputError("bias: expected none on an edge that measures a bearing, which has no number to add it to")
+    return link._replace(noise=float(np.deg2rad(link.noise)))
 
 
 def pack_links(
@@ -491,6 +513,8 @@ def distance(x, x_lift, y, y_lift):
 @inline_jit
 def sense(links, link, edges, first, end, n, draw, attitude, tail, y):
     """Add the errors of sample n to the measurement y[first:end] of an edge; of `draw` (4,) the last three are used."""
+    if disturb(edges.kinds, link, edges, first, end, draw, y):
+        return
     if link.bearing:
         far, angle = link.range_noise * normal_of(draw[1]), link.bearing_noise * normal_of(draw[2])
         if end - first == 2:

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from types import MappingProxyType
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -70,6 +70,29 @@ def _read_only_edge(edge: Edge) -> Edge:
     )
 
 
+class Perceived(NamedTuple):
+    """What an edge measures; see `Sample`."""
+
+    measurement: Array
+    jacobian: Array
+    residual: Array
+
+
+def perceived(edge: Edge, y: Array) -> Perceived:
+    """Return what an edge measures where its relative position, less b, is y, shape (m,), m."""
+    z = y + edge.b
+    if edge.measures == "position" or edge.offset is None:
+        return Perceived(y.copy(), np.eye(len(y)), z)
+    length = float(np.linalg.norm(z))
+    g = z / length if length > 0.0 else np.zeros_like(z)
+    silent = length == 0.0
+    if edge.measures == "range":
+        distance = np.array([length])
+        return Perceived(distance, g[None], 0.0 * distance if silent else distance - edge.offset)
+    J = np.zeros((len(z), len(z))) if silent else (np.eye(len(z)) - np.outer(g, g)) / length
+    return Perceived(g, J, 0.0 * g if silent else g - edge.offset)
+
+
 class View:
     """Places of what agents know in the memory of a law; each phase of a run has its own.
 
@@ -127,7 +150,12 @@ class Sample:
         team: The team, read-only; `team.agent_ids` names the rows of arrays.
         edges: The edges at which agents measure: communication, sensing, anchors.
         measurements: y_e = F_head x_head - F_tail x_tail of each edge, in its stalk, m, as its link delivers it; -b_e
-            where nothing is received.
+            where nothing is received. Of a range edge the distance, shape (1,), m; of a bearing edge the unit vector
+            from tail to head; both zero where nothing is received.
+        jacobians: dh/dz of each edge, h what it measures and z = F_head x_head - F_tail x_tail: the identity, of a
+            range shape (1, m), of a bearing shape (m, m), 1/m.
+        residuals: What measurements lack of the desired ones: y_e + b_e, h - h* of ranges and bearings. By these and
+            K the tail's part of its disagreement is -F_tail^T J^T K residual, where K of a bearing has the factor |z|.
         received: True for each edge with a measurement, new or held, shape (E,).
         disagreement: eta by these, padded, shape (N, 3), m.
         command: Velocities relative to the medium that the compiled law commands, padded, shape (N, 3), m/s; under a
@@ -156,7 +184,10 @@ class Sample:
         self.time = time
         self.team: Team = view.shown
         self.edges = view.edges
-        self.measurements = [memory.y[place].copy() for place in view.places]
+        seen = [perceived(edge, memory.y[place]) for edge, place in zip(view.edges, view.places, strict=True)]
+        self.measurements = [one.measurement for one in seen]
+        self.jacobians = [one.jacobian for one in seen]
+        self.residuals = [one.residual for one in seen]
         self.received = np.ones(len(view.edges), dtype=np.bool_)
         self.received[view.linked] = memory.links.heard[view.links] > 0.0
         self.disagreement = memory.residual[:N].copy()

@@ -34,6 +34,7 @@ from mjsheaf.control.rounds import (
     relax,
     size_of_round_memory,
 )
+from mjsheaf.errors import InputError
 from mjsheaf.io.section import NonNegative, Positive, Section
 from mjsheaf.jit import inline_jit, jit
 from mjsheaf.noise import normals, stream_of
@@ -257,6 +258,34 @@ def no_terms() -> TermArrays:
     )
 
 
+def require_symmetric(terms: TermArrays | None) -> None:
+    """Refuse terms whose rounds solve with H in a team whose directed edges make it asymmetric.
+
+    Raises:
+        InputError: there is one; the message begins with the field.
+    """
+    for name in ("feedforward", "newton"):
+        if terms is not None and getattr(terms, name):
+            raise InputError(
+                f"controller.{name}: its rounds assume a symmetric H, which a team with directed communication edges "
+                f"does not have; expected no {name}, or undirected edges"
+            )
+
+
+def require_linear(terms: TermArrays | None) -> None:
+    """Refuse terms whose rounds know bounds on the eigenvalues of H in a team where H changes with the positions.
+
+    Raises:
+        InputError: there is one; the message begins with the field.
+    """
+    for name in ("feedforward", "newton"):
+        if terms is not None and getattr(terms, name):
+            raise InputError(
+                f"controller.{name}: its rounds need eigenvalues of H that are fixed before the run, and range and "
+                f"bearing edges make H depend on the positions; expected no {name}, or edges that measure position"
+            )
+
+
 def pack_terms(terms: Terms, team: Team, period: float, seed: int, rounds: RoundArrays | None = None) -> TermArrays:
     """The terms of a law for compiled code, on ideal kinematics.
 
@@ -295,7 +324,9 @@ def pack_terms(terms: Terms, team: Team, period: float, seed: int, rounds: Round
         streams=np.array([stream_of("odometry", a.id) for a in team.agents], dtype=np.int64).reshape(N, 2),
         rounds=rounds if rounds and (forward or newton) else no_rounds(),
     )
-    return with_eigenvalues(packed, *team.dirichlet.eigenvalues) if forward or newton else packed
+    if not (forward or newton) or not team.plain:
+        return packed
+    return with_eigenvalues(packed, *team.dirichlet.eigenvalues)
 
 
 def with_eigenvalues(terms: TermArrays, low: float, high: float) -> TermArrays:

@@ -17,7 +17,6 @@ from mjsheaf.results import variables as declared
 from mjsheaf.results.variables import Samples, labelled_edges
 from mjsheaf.simulation.trajectory import Trajectory
 from mjsheaf.system import Phase, System
-from mjsheaf.team.null_modes import describe_null_modes
 
 Coordinate = tuple[str | tuple[str, ...], NDArray[Any], dict[str, Any]]
 """Dimensions, values and attributes, as xarray takes them."""
@@ -123,7 +122,7 @@ def _about_phases(phases: Sequence[Phase]) -> dict[str, Any]:
     if not any(phase.events for phase in phases):
         return {}
     told = json.dumps([{"time": phase.time, "events": list(phase.events)} for phase in phases])
-    free = dict.fromkeys(words for phase in phases for words in describe_null_modes(phase.system.team.remaining))
+    free = dict.fromkeys(words for phase in phases for words in phase.system.free_directions)
     return {"phases": told, "free_directions": "; ".join(free)}
 
 
@@ -235,7 +234,7 @@ def _attributes(system: System, backend: str, seed: int) -> dict[str, Any]:
         **({"engine": system.bodies.engine} if backend == "physics" and system.bodies.engine != "mujoco" else {}),
         "status": "",
         "message": "",
-        "free_directions": "; ".join(describe_null_modes(team.remaining)),
+        "free_directions": "; ".join(system.free_directions),
         "seed": seed,
         "law": law_of(system),
         "gain": system.gain,

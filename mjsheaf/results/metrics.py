@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from mjsheaf.arrays import Array
 from mjsheaf.io.norms import PER_AGENT_RMS
 from mjsheaf.io.section import finite
-from mjsheaf.team import Formation, Team
+from mjsheaf.team import Edge, Formation, Team
 from mjsheaf.team.links import KINDS
 
 if TYPE_CHECKING:
@@ -33,7 +33,8 @@ class Errors:
     Attributes:
         harmonic_extension: q*, padded with NaN, shape (T, N, 3).
         tracking: |q*_i - q_i|, shape (T, N).
-        formation: residual norm |F_i x_i - F_j x_j - b_e| of each edge inside a formation, for each group, (T, edges).
+        formation: residual norm |F_i x_i - F_j x_j - b_e| of each edge inside a formation, for each group, (T, edges);
+            of a range the error of the distance, of a bearing the distance times the error of the unit vector.
         centering: distance of each group's centroid from where its formation wants it, for each group, (T,): from
             its target's projection plus the mean of the members' wanted displacements. NaN where the group is about no
             target.
@@ -61,7 +62,7 @@ class Errors:
 def evaluate_errors(team: Team, positions: Array) -> Errors:
     """Compute all errors from positions (T, V, 3)."""
     q, p = team.split(positions)
-    q_star = team.extend(p)
+    q_star = team.extend(p, q)
     return Errors(
         harmonic_extension=team.unpack(q_star, np.nan),
         tracking=np.linalg.norm(team.unpack(q_star - q), axis=2),
@@ -75,8 +76,20 @@ def _residuals(team: Team, formation: Formation, positions: Array) -> Array:
     for e in team.formation_edges(formation):
         tail = positions[:, team.index[e.tail], : e.F_tail.shape[1]] @ e.F_tail.T
         head = positions[:, team.index[e.head], : e.F_head.shape[1]] @ e.F_head.T
-        columns.append(np.linalg.norm(tail - head - e.b, axis=1))
+        if e.measures == "position":
+            columns.append(np.linalg.norm(tail - head - e.b, axis=1))
+        else:
+            columns.append(_curved_residual(e, head - tail + e.b))
     return np.column_stack(columns) if columns else np.zeros((len(positions), 0))
+
+
+def _curved_residual(edge: Edge, z: Array) -> Array:
+    """Return the residual of a range or bearing edge at relative positions z (T, m), shape (T,), m."""
+    desired = np.zeros(1) if edge.offset is None else edge.offset
+    length = np.linalg.norm(z, axis=1)
+    if edge.measures == "range":
+        return np.abs(length - desired[0])
+    return np.linalg.norm(z - length[:, None] * desired, axis=1)
 
 
 def _centering(team: Team, formation: Formation, positions: Array) -> Array:

@@ -418,12 +418,11 @@ def _summary_of(
 ) -> dict[str, Any]:
     """What summary.json says, in its order, of a run of `periods` sample periods; None where the data do not tell."""
     from mjsheaf.checking.finished import ending_of_run
-    from mjsheaf.team.null_modes import describe_null_modes
 
     backend, status, controller = drawn.attrs["backend"], drawn.attrs["status"], drawn.attrs.get("controller")
     system = phases[0].system
     final = summarize(system.team, drawn)
-    free = dict.fromkeys(words for phase in phases for words in describe_null_modes(phase.system.team.remaining))
+    free = dict.fromkeys(words for phase in phases for words in phase.system.free_directions)
     return {
         "scenario": scenario.name,
         "origin": None,

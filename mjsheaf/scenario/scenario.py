@@ -387,8 +387,10 @@ class Scenario(Section):
         None, description="generates agents, communication, sensing and formations; give either it or those"
     )
     agents: Annotated[list[Agent], Field(min_length=1)] = Field(description="vehicles that the law controls")
-    targets: Annotated[list[Target], Field(min_length=1)] = Field(
-        description="vehicles that the agents track and that the law does not control"
+    targets: list[Target] = Field(
+        default_factory=list,
+        description="vehicles that the agents track and that the law does not control; without any the agents keep "
+        "their formation",
     )
     communication: list[PairOrEdge] = Field(
         default_factory=list, description="edges between agents: a pair [tail, head], or a mapping with more fields"
@@ -453,9 +455,10 @@ class Scenario(Section):
                 raise InputError(
                     f"target_edges.{k}.{name}: targets have no links; expected between, map, weight, offset"
                 )
+        height = self.scene.height
         return Team(
-            [agent.member for agent in self.agents],
-            [Member(target.id, len(target.position)) for target in self.targets],
+            [replace(agent.member, height=height) for agent in self.agents],
+            [Member(target.id, len(target.position), height=height) for target in self.targets],
             self.communication,
             self.sensing,
             self.target_edges,

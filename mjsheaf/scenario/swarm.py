@@ -14,6 +14,7 @@ from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.errors import InputError
 from mjsheaf.io.section import Id, NonNegative, Number, Point, Positive, Section
+from mjsheaf.sheaf.nonlinear import Measure
 
 Edges = set[tuple[int, int]]
 
@@ -45,6 +46,8 @@ class Swarm(Section):
     sensing: Annotated[float, Field(gt=0, le=1)] = Field(
         0.1, description="share of the agents that sense the target [-]"
     )
+    measures: Measure = Field("position", description="what edges compare: position, range or bearing")
+    directed: bool = Field(False, description="only the tail of a communication edge measures and moves")
 
 
 def expand_swarm(raw: dict[str, Any]) -> dict[str, Any]:
@@ -118,8 +121,8 @@ def _written_out(swarm: Swarm, centre: list[float], seed: int) -> dict[str, Any]
             {"id": name, "position": p, "heading": h, **vehicle}
             for name, p, h in zip(ids, start.round(6).tolist(), heading.round(3).tolist(), strict=True)
         ],
-        "communication": [[ids[i], ids[j]] for i, j in sorted(edges)],
-        "sensing": [[ids[k], swarm.about] for k in sensors],
+        "communication": [_edge(swarm, ids[i], ids[j], swarm.directed) for i, j in sorted(edges)],
+        "sensing": [_edge(swarm, ids[k], swarm.about) for k in sensors],
         "formations": [
             {
                 "name": "swarm",
@@ -130,6 +133,16 @@ def _written_out(swarm: Swarm, centre: list[float], seed: int) -> dict[str, Any]
             }
         ],
     }
+
+
+def _edge(swarm: Swarm, tail: str, head: str, directed: bool = False) -> Any:
+    """Return an edge as a file has it."""
+    fields: dict[str, Any] = {}
+    if swarm.measures != "position":
+        fields["measures"] = swarm.measures
+    if directed:
+        fields["directed"] = True
+    return {"between": [tail, head], **fields} if fields else [tail, head]
 
 
 def _sunflower(size: int, spacing: float) -> Array:

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mjsheaf.arrays import Array, IntArray
+from mjsheaf.control.curved import compare
 from mjsheaf.control.law import measure, pull_back
 from mjsheaf.errors import InputError
 from mjsheaf.jit import inline_jit
@@ -81,6 +82,7 @@ def score(goal, scores, w, n, loop):
         eta = scores.eta[w]
         edges = loop.params.control.law.edges
         measure(edges, loop.state.x, scores.y[w])
+        compare(edges.kinds, edges, scores.y[w], scores.y[w])
         pull_back(edges, scores.y[w], eta)
     for i in range(N):
         square += scores.squares[w, i]
@@ -102,8 +104,13 @@ def require_scorable(system: System) -> None:
     """Refuse a team of which no errors can be computed this way.
 
     Raises:
-        InputError: what carries its targets to q* is too large.
+        InputError: what carries its targets to q* is too large, or q* is no linear function of them.
     """
+    if not system.team.plain:
+        raise InputError(
+            "communication: q* of a team with range, bearing or directed edges, or without targets and anchors, is no "
+            "linear function of the targets, by which a batch is scored; expected runs one by one"
+        )
     n_q, n_p = system.team.first_state[-1], system.team.dirichlet.B.shape[1]
     if n_q * n_p > _MOST_NUMBERS:
         raise InputError(

@@ -7,6 +7,9 @@ Restriction maps by name:
 | identity    | I               | I               | R^n, equal dimensions   | constant sheaf                       |
 | shared      | [I_m 0]         | [I_m 0]         | R^m, m the smaller n    | Example 4, USV-UAV projection        |
 | local_frame | R_tail [I_m 0]  | R_tail [I_m 0]  | R^m in the tail's frame | Examples 5 and 6, R_i and R_i P      |
+| space       | [I_n; 0]        | [I_n; 0]        | R^3, planar members at the surface's height | -                |
+
+An edge compares relative positions, ranges or bearings: see `mjsheaf.sheaf.nonlinear` for the formulas.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,11 +20,12 @@ import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
 from mjsheaf.arrays import Array
-from mjsheaf.errors import InputError, expected
+from mjsheaf.errors import InputError, expected, in_field
 from mjsheaf.io.section import Id, Matrix, Number, Positive, Section
-from mjsheaf.team.links import Link
+from mjsheaf.sheaf.nonlinear import Measure, desired_value
+from mjsheaf.team.links import Link, RangeBearing
 
-NAMES = ("identity", "shared", "local_frame")
+NAMES = ("identity", "shared", "local_frame", "space")
 
 GROUND = "(ground)"
 """Vertex with a stalk of dimension 0 that anchors end on; no id can be written like this."""
@@ -35,11 +39,13 @@ class Member:
         id: its id.
         dimension: of its state space, 2 (planar) or 3 (spatial).
         attitude: roll, pitch and yaw of its local frame, rad.
+        height: z of a planar member in space, m.
     """
 
     id: str
     dimension: int
     attitude: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    height: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -50,8 +56,12 @@ class Edge:
         tail, head: ids; on a sensing edge the tail is the agent, and the head of an anchor is GROUND.
         F_tail, F_head: restriction maps, shapes (m, n_tail) and (m, n_head).
         weight: inner product K of the edge stalk, shape (m, m).
-        offset: desired value b of F_tail x_tail - F_head x_head, shape (m,), in m; None takes it from formations.
+        offset: desired value b of F_tail x_tail - F_head x_head, shape (m,), in m; None takes it from formations. Of a
+            range the desired distance, shape (1,), m; of a bearing the desired unit vector from tail to head, (m,).
         link: what it has of a link's fields by itself; None where nothing.
+        measures: What is compared: position, range or bearing.
+        directed: True if only the tail measures and moves.
+        lift: Constant part of z = F_head x_head - F_tail x_tail + lift, shape (m,), m; None for zero.
     """
 
     tail: str
@@ -61,6 +71,9 @@ class Edge:
     weight: Array
     offset: Array | None = None
     link: Link | None = None
+    measures: Measure = "position"
+    directed: bool = False
+    lift: Array | None = None
 
     def __str__(self) -> str:
         return f"the anchor of {self.tail}" if self.head == GROUND else f"[{self.tail}, {self.head}]"
@@ -72,17 +85,24 @@ class Edge:
 
     @property
     def b(self) -> Array:
-        """The desired value as a number: zero where nothing set it."""
-        return np.zeros(len(self.F_tail)) if self.offset is None else self.offset
+        """What is added to F_head x_head - F_tail x_tail: of positions the desired value, else the lift; (m,), m."""
+        added = self.offset if self.measures == "position" else self.lift
+        return np.zeros(len(self.F_tail)) if added is None else added
+
+    @property
+    def linear(self) -> bool:
+        """True if positions are compared and both ends measure."""
+        return self.measures == "position" and not self.directed
 
     @property
     def equation(self) -> tuple[Any, ...]:
         """F_tail x_tail - F_head x_head = b, weighted by K, as a key that is the same in either direction."""
         ends, sign = [(self.tail, self.F_tail), (self.head, self.F_head)], 1.0
-        if self.head < self.tail:
-            ends, sign = ends[::-1], -1.0
+        if self.head < self.tail and not self.directed:
+            ends, sign = ends[::-1], 1.0 if self.measures == "range" else -1.0
         b = None if self.offset is None else (sign * self.offset + 0.0).tobytes()  # + 0.0: no negative zeros
-        return (*((name, F.shape, (F + 0.0).tobytes()) for name, F in ends), (self.weight + 0.0).tobytes(), b)
+        what = (self.measures, self.directed)
+        return (*((name, F.shape, (F + 0.0).tobytes()) for name, F in ends), (self.weight + 0.0).tobytes(), b, what)
 
 
 def anchor(agent: str, F: Array, value: Array, weight: Array) -> Edge:
@@ -115,15 +135,23 @@ class LinearEdge(Link):
     """
 
     between: _Ends = Field(description="ids of tail and head")
-    map: Literal["shared", "identity", "local_frame"] | ExplicitMaps = Field(
+    map: Literal["shared", "identity", "local_frame", "space"] | ExplicitMaps = Field(
         "shared",
-        description="shared: coordinates that both have; identity: all; local_frame: in the tail's frame; or matrices",
+        description="shared: coordinates that both have; identity: all; local_frame: in the tail's frame; space: in "
+        "space, planar vehicles at scene.height; or matrices",
     )
+    measures: Measure = Field(
+        "position",
+        description="what is compared: position, the relative position; range, its length; bearing, its direction",
+    )
+    directed: bool = Field(False, description="only the tail measures and moves; the head does not know")
     weight: _Weight = Field(
         None, description="inner product K of the edge stalk, a matrix or a number times I; 1 unless given [-]"
     )
     offset: list[Number] | None = Field(
-        None, description="wanted F_tail x_tail - F_head x_head; from the formations unless given [m]"
+        None,
+        description="desired F_tail x_tail - F_head x_head; of a range the distance, [r]; of a bearing the unit vector "
+        "from tail to head, in the edge's frame; from the formations unless given [m]",
     )
     parallel: bool = Field(False, description="a second sensor: it may repeat another edge, and counts beside it")
 
@@ -139,9 +167,37 @@ class LinearEdge(Link):
         else:
             maps = restriction_maps(self.map, tail.dimension, head.dimension, tail.attitude)
         m = len(maps[0])
-        offset = None if self.offset is None else _vector(self.offset, "offset", m)
+        self._require_measurable(m)
+        if self.offset is None:
+            offset = None
+        elif self.measures == "position":
+            offset = _vector(self.offset, "offset", m)
+        else:
+            with in_field("offset"):
+                offset = desired_value(self.measures, self.offset, m)
         link = Link(**self.own) if self.own else None
-        return Edge(tail.id, head.id, *maps, _inner_product(self.weight, m), offset, link)
+        weight = _inner_product(self.weight, m)
+        lift = _lift(tail, head) if self.map == "space" else None
+        if lift is not None and offset is not None and self.measures == "position":
+            offset = offset + lift
+        return Edge(tail.id, head.id, *maps, weight, offset, link, self.measures, self.directed, lift)
+
+    def _require_measurable(self, m: int) -> None:
+        """Refuse what a range or a bearing of m coordinates cannot have.
+
+        Raises:
+            InputError: a weight is a matrix, a sensor is for positions, or a bearing has one coordinate.
+        """
+        if self.measures == "position":
+            return
+        if isinstance(self.sensor, RangeBearing):
+            raise InputError(f"sensor: range_bearing measures positions; expected none on an edge of a {self.measures}")
+        if isinstance(self.weight, list):
+            raise InputError(
+                f"weight: is a matrix; expected a positive number on an edge that measures {self.measures}"
+            )
+        if self.measures == "bearing" and m not in (2, 3):
+            raise InputError(f"measures: a bearing needs maps of two or three rows, and they have {m}; expected range")
 
 
 def edge_from_pair(value: Any) -> Any:
@@ -198,6 +254,12 @@ class Anchor(Section):
                 raise InputError(f"axes: [{', '.join(self.axes or [])}]: expected each axis once; {has}")
             F = np.eye(n)[rows]
         return anchor(agent.id, F, _vector(self.value, "value", len(F)), _inner_product(self.weight, len(F)))
+
+
+def _lift(tail: Member, head: Member) -> Array:
+    """Return the constant part of the relative position in space of members that may be planar, shape (3,), m."""
+    heights = [member.height if member.dimension == 2 else 0.0 for member in (tail, head)]
+    return np.array([0.0, 0.0, heights[1] - heights[0]])
 
 
 def _inner_product(weight: float | Sequence[Sequence[float]] | None, m: int) -> Array:
@@ -288,6 +350,8 @@ def restriction_maps(
         raise InputError(f"unknown restriction map {name!r}; {expected(name, NAMES)}")
     if name == "identity" and n_tail != n_head:
         raise InputError(f"map 'identity' needs equal dimensions, but they are {n_tail} and {n_head}; use 'shared'")
+    if name == "space":
+        return np.eye(3, n_tail), np.eye(3, n_head)
     m = min(n_tail, n_head)
     R = rotation_to_local(*attitude, dimension=m) if name == "local_frame" else np.eye(m)
     return R @ np.eye(m, n_tail), R @ np.eye(m, n_head)

@@ -76,7 +76,10 @@ def chain_of(loss: float | GilbertElliott | None) -> GilbertElliott:
 class Link(Section):
     """What a link does to the measurements of an edge; None leaves a field to a coarser section."""
 
-    noise: NonNegative | None = Field(None, description="standard deviation of white noise on each measured number [m]")
+    noise: NonNegative | None = Field(
+        None,
+        description="standard deviation of white noise on each measured number; of a bearing in degrees [m]",
+    )
     bias: Number | None = Field(None, description="constant added to each measured number [m]")
     delay: NonNegative | None = Field(
         None, description="age of a measurement, a whole number of periods of controller.control_period [s]"

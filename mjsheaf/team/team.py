@@ -9,11 +9,14 @@ import numpy as np
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.errors import InputError, SheafError, expected, in_field
-from mjsheaf.sheaf import DirichletProblem, Sheaf
+from mjsheaf.sheaf import DirichletProblem, NonlinearSheaf, Sheaf
+from mjsheaf.sheaf.nonlinear import linear_maps
 from mjsheaf.team.edges import GROUND, Anchor, Edge, LinearEdge, Member, require_ends
 from mjsheaf.team.formation import Explicit, Formation
+from mjsheaf.team.shapes import Shapes
 
 _GROUND = Member(GROUND, 0)
+_COINCIDENT = 1e-9  # m, between places of a formation
 
 
 class Team:
@@ -29,6 +32,7 @@ class Team:
         displacement: o_i of each agent by id, in m; zero where it is in no formation, and for targets.
         formations: groups of agents.
         sheaf: the sheaf F over the whole graph G.
+        linearised_at: Stacked positions at which a team of other edges was linearised to get this one; None else.
         absent: ids of agents that are no part of the team now, as they are lost or have yet to join: they keep their
             places in all arrays, have no edges, and the harmonic extension is that of the others.
     """
@@ -58,9 +62,9 @@ class Team:
         self.index = {m.id: v for v, m in enumerate(self.members)}
         self.formations, self.target_formation = tuple(formations), target_formation
         self.absent = frozenset(absent)
-        for role, some in (("agent", self.agents), ("target", self.targets)):
-            if not some:
-                raise InputError(f"{role}s: a team needs at least one {role}")
+        self.linearised_at: Array | None = None
+        if not self.agents:
+            raise InputError("agents: a team needs at least one agent")
         self._roles: dict[str, str] = {}
         for v, member in enumerate(self.members):
             if member.id in self._roles:
@@ -176,16 +180,126 @@ class Team:
 
         NaN for absent agents.
         """
-        return self.unpack(self.extend(self.split(positions)[1]))
+        q, p = self.split(positions)
+        return self.unpack(self.extend(p, q))
 
-    def extend(self, p: Array) -> Array:
-        """Stacked q* (..., n_q) of stacked targets (..., n_p), m; NaN for absent agents."""
-        known = self.dirichlet.extend(p)
+    def extend(self, p: Array, q: Array | None = None) -> Array:
+        """Stacked q* (..., n_q) of stacked targets (..., n_p), m; NaN for absent agents.
+
+        Where q* is not linear in p, or the team has no targets and no anchors, it is the one near the agents at q
+        (..., n_q); see `mjsheaf.team.shapes`. Without q agents are at 0.
+        """
+        if self.plain:
+            known = self.dirichlet.extend(p)
+        else:
+            present = np.repeat(self.present, np.diff(self.first_state))
+            start = np.zeros((*p.shape[:-1], len(present))) if q is None else q
+            known = self.remaining.shapes.extend(p, start[..., present])
         if not self.absent:
             return known
         q = np.full((*p.shape[:-1], int(self.first_state[-1])), np.nan)
         q[..., np.repeat(self.present, np.diff(self.first_state))] = known
         return q
+
+    @cached_property
+    def linear(self) -> bool:
+        """True if all edges compare positions."""
+        return all(edge.measures == "position" for edge in self.measuring_edges)
+
+    @cached_property
+    def directed(self) -> bool:
+        """True if only the tail moves on some communication edge, so that H is not symmetric."""
+        return any(edge.directed for edge in self.communication)
+
+    @property
+    def free(self) -> bool:
+        """True if the team keeps a formation alone: it has no targets and no anchors."""
+        return not (self.sensing or self.anchors or self.targets)
+
+    @property
+    def plain(self) -> bool:
+        """True if q* is the harmonic extension of a linear sheaf: H q* = B p + c with a symmetric H."""
+        return self.linear and not self.directed and not self.free
+
+    @cached_property
+    def shapes(self) -> Shapes:
+        """Solver of q* for teams that are not plain."""
+        return Shapes(self)
+
+    @cached_property
+    def nonlinear_sheaf(self) -> NonlinearSheaf:
+        """The sheaf of all members and measuring edges, as edges of any kind see it; GROUND is its last vertex."""
+        sheaf = NonlinearSheaf({member.id: member.dimension for member in (*self.members, _GROUND)})
+        for e in self.measuring_edges:
+            lift = None if e.measures == "position" else e.lift
+            weight = e.weight if e.measures == "position" else e.weight[0, 0]
+            sheaf.add_edge(
+                e.tail,
+                e.head,
+                e.F_tail,
+                e.F_head,
+                measures=e.measures,
+                desired=e.offset,
+                weight=weight,
+                lift=lift,
+                directed=e.directed,
+            )
+        return sheaf
+
+    def linearised(self, x: Array) -> "Team":
+        """Return the team whose linear edges agree to first order with this one's where members are at x.
+
+        Its H is that of the law near x, and its residuals at x are those of this team. Edges stay directed.
+
+        Args:
+            x: Padded positions (V, 3) or stacked ones (n,), m.
+        """
+        stacked = x if np.ndim(x) == 1 else self.pack(x)
+        sheaf = self.nonlinear_sheaf
+        linear = dict[int, Edge]()
+        for e, known, z in zip(self.measuring_edges, sheaf.edges, sheaf.relative(stacked), strict=True):
+            maps = linear_maps(known, z)
+            linear[id(e)] = replace(
+                e,
+                F_tail=maps.F_tail,
+                F_head=maps.F_head,
+                weight=maps.weight,
+                offset=maps.offset,
+                measures="position",
+                lift=None,
+            )
+
+        def linearise(edges: Iterable[Edge]) -> list[Edge]:
+            return [linear[id(e)] for e in edges]
+
+        team = Team(
+            self.agents,
+            self.targets,
+            linearise(self.communication),
+            linearise(self.sensing),
+            self.target_edges,
+            self.formations,
+            self.target_formation,
+            linearise(self.anchors),
+            self.absent,
+        )
+        team.linearised_at = stacked
+        return team
+
+    def linearised_about(self, positions: Array) -> "Team":
+        """Return the team linearised at q* of the targets in padded positions (V, 3), m, near the agents in them."""
+        q, p = self.split(positions)
+        return self.linearised(np.concatenate([self.extend(p, q), p]))
+
+    def is_settled(self, positions: Array) -> bool:
+        """Return True if q* of the targets in padded positions (V, 3), m, is the only one near it.
+
+        In a team without targets and anchors, which holds a shape and no place, True.
+        """
+        if self.plain or self.free:
+            return self.free or self.dirichlet.unique
+        q, p = self.split(positions)
+        return not self.shapes.has_free_motions(self.extend(p, q), p)
 
     @cached_property
     def target_sheaf(self) -> Sheaf:
@@ -251,6 +365,9 @@ class Team:
                             f"{built} says the same as {field}.{k}, {made[k]}, and would count double; leave one out, "
                             "give it another weight, map or offset, or write parallel: true if there are two sensors"
                         )
+                if not (built.linear or field in ("communication", "sensing")):
+                    what = "directed" if built.directed else "measures"
+                    raise InputError(f"{what}: expected on communication and sensing edges alone, not on {field}")
                 made.append(_with_offset(built, displacement))
         except InputError as error:
             raise error.within(f"{field}.{len(made)}") from None
@@ -280,4 +397,15 @@ def _with_offset(edge: Edge, displacement: Mapping[str, Array]) -> Edge:
             f"({edge.tail}, {edge.head}): the maps have shapes {np.shape(edge.F_tail)} and "
             f"{np.shape(edge.F_head)}; expected {shapes[0]} and {shapes[1]}"
         )
-    return edge if edge.offset is not None else replace(edge, offset=edge.F_tail @ o_tail - edge.F_head @ o_head)
+    if edge.offset is not None:
+        return edge
+    apart = edge.F_tail @ o_tail - edge.F_head @ o_head
+    if edge.measures == "position":
+        return replace(edge, offset=apart if edge.lift is None else apart + edge.lift)
+    far = float(np.linalg.norm(apart))
+    if far < _COINCIDENT:
+        raise InputError(
+            f"offset: the formations give [{edge.tail}, {edge.head}] no {edge.measures}, as both ends have one place; "
+            "expected an offset, or different places"
+        )
+    return replace(edge, offset=np.array([far]) if edge.measures == "range" else -apart / far)

@@ -184,7 +184,6 @@ def grouped(*groups: tuple[str, list[str], Any]) -> Team:
     ("make", "message"),
     [
         (lambda: Team([], T, [], []), "at least one agent"),
-        (lambda: Team(A, [], [], []), "at least one target"),
         (lambda: Team([*A, Member("B1", 3)], T, [], []), "id 'B1' is used twice"),
         (lambda: Team(A, [Member("U1", 3)], [], []), "id 'U1' is used twice"),
         (

@@ -120,6 +120,8 @@ def body_loop(system: System, spectrum: Spectrum, medium: Array, *, gain: bool =
         timestep = period / ratio
         period, steps = (timestep, 1) if system.grid.continuous else (period, ratio)
         require_model(system)
+        if system.team.directed:
+            raise UndecidedError("H is not symmetric, as communication edges are directed")
         if system.gain <= 0.0:
             raise UndecidedError("the gain is 0")
         links = system.law.links.table

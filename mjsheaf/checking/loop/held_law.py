@@ -28,6 +28,7 @@ import numpy as np
 from pydantic import Field
 
 from mjsheaf.arrays import Array
+from mjsheaf.checking.loop.directed import directed_loop
 from mjsheaf.checking.loop.linear_law import model_of
 from mjsheaf.checking.loop.modelled import require_model, terms_without_bound, unmodelled_parts
 from mjsheaf.checking.loop.sampled_loop import DelayedLoop, Loop
@@ -128,18 +129,27 @@ def residual_polynomial(values: Array, rounds: int, low: float, high: float) -> 
     return error
 
 
-def _eigen(system: System) -> tuple[Array, Array]:
-    """Eigenvalues and orthonormal eigenvectors of H."""
+def eigen_of(system: System) -> tuple[Array, Array]:
+    """Eigenvalues and orthonormal eigenvectors of H, shapes (L,) and (n, L); of a free team those above zero.
+
+    Raises:
+        UndecidedError: H is not symmetric, something is free in a team that should hold places, the law is continuous,
+            or H is too large.
+    """
     problem = system.team.dirichlet
+    if system.team.directed:
+        raise UndecidedError("H is not symmetric, as communication edges are directed")
     if system.grid.continuous:
         raise UndecidedError("the law is continuous: see Theorem 1")
-    if not problem.unique:
+    if not (problem.unique or system.team.free):
         raise UndecidedError("the harmonic extension is not unique")
     if (n := problem.H.shape[0]) > DENSE_STATES:
         raise UndecidedError(f"H has {n} rows; all its eigenvalues are found up to {DENSE_STATES}")
-    if problem.eigenvectors[0][0] <= 0.0:
+    values, vectors = problem.eigenvectors
+    free = problem.sparse_null_basis.shape[1]
+    if free == n or values[free] <= 0.0:
         raise UndecidedError("the smallest eigenvalue of H is lost in rounding")
-    return problem.eigenvectors
+    return values[free:], vectors[:, free:]
 
 
 def loop_of(system: System) -> Loop:
@@ -150,7 +160,7 @@ def loop_of(system: System) -> Loop:
             is too large for its eigenvalues, or rounds can be late or lost.
     """
     require_model(system)
-    values = _eigen(system)[0]
+    values = eigen_of(system)[0]
     if system.law.terms.rounds.imperfect:
         raise UndecidedError(UNKNOWN_ROUNDS)
     period = system.grid.period
@@ -319,6 +329,8 @@ def envelope(system: System, certificate: Certificate) -> Envelope:
     Raises:
         UndecidedError: there is no bound, and why.
     """
+    if system.team.linearised_at is not None:
+        raise UndecidedError("the team is linearised: what is said of it is local, and bounds no run")
     loop, agents = loop_of(system), system.team.agents
     if not np.isfinite(certificate.constants.initial_error):
         raise UndecidedError("the error with which the phase begins is not known")
@@ -332,7 +344,7 @@ def envelope(system: System, certificate: Certificate) -> Envelope:
         raise UndecidedError("the loop is unstable")
     if not (targets := targets_loop(system)).stable:
         raise UndecidedError(targets.failure)
-    found = _bounded(system, certificate, loop, _drive(system, certificate, *_eigen(system)))
+    found = _bounded(system, certificate, loop, _drive(system, certificate, *eigen_of(system)))
     limit = system.law.limit[: len(agents)]
     over = (found.command > limit).any(axis=0)
     if over.any():
@@ -424,6 +436,8 @@ def law_loop(system: System, certificate: Certificate, *, carried: bool = False)
     only of the paper's law.
     """
     terms, h = system.law.terms, system.grid.period
+    if system.team.directed:
+        return directed_law_loop(system)
     sent = traffic_of(terms, system.team)
     found: dict[str, Any] = {
         "terms": list(system.law.term_names),
@@ -458,6 +472,24 @@ def law_loop(system: System, certificate: Certificate, *, carried: bool = False)
     agents = len(system.team.agents)
     for name in ("radius", "between", "largest", "unlimited"):
         found[f"{name}_per_agent"] = per_agent(found[name], agents)
+    return LawLoop(**found)
+
+
+def directed_law_loop(system: System) -> LawLoop:
+    """The loop of the law of a team with directed edges, of which no bound along the targets' path is known."""
+    found: dict[str, Any] = dict.fromkeys(LawLoop.model_fields)
+    found |= {"terms": list(system.law.term_names), "unmodelled": unmodelled_parts(system), "norm": TEAM_NORM}
+    found |= {"exchanges": 0.0, "numbers": 0.0, "left": []}
+    found["reason"] = "H is not symmetric: no bound along the targets' path is known"
+    try:
+        loop = directed_loop(system)
+        found["stable"] = loop.radius < 1.0
+        found["spectral_radius"] = loop.radius
+        found["rate"] = -np.log(max(loop.radius, _NOTHING)) / system.grid.period
+        found["largest_gain"] = loop.largest_gain
+        found["stable_gains"] = None if loop.largest_gain is None else [0.0, loop.largest_gain]
+    except UndecidedError as error:
+        found["reason"] = str(error)
     return LawLoop(**found)
 
 

@@ -22,7 +22,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
-from mjsheaf.checking.loop.held_law import loop_of
+from mjsheaf.checking.loop.held_law import eigen_of, loop_of
 from mjsheaf.checking.loop.sampled_loop import Loop
 from mjsheaf.checking.theorem.targets import TargetPath
 from mjsheaf.control.terms import TermArrays
@@ -185,7 +185,7 @@ def linked_law(system: System, path: TargetPath) -> LinkedLaw:
     Raises:
         UndecidedError: the law is continuous, H has no known eigenvectors, or bodies are beyond a link's range.
     """
-    loop, vectors = loop_of(system), system.team.dirichlet.eigenvectors[1]
+    loop, vectors = loop_of(system), eigen_of(system)[1]
     return LinkedLaw(loop, vectors, measured_edges(system.team), links_of(system, path), system.law.terms)
 
 

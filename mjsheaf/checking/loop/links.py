@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import Field
 
 from mjsheaf.checking.loop.delay import DelayAnswer, delay_answer, papers_answer
+from mjsheaf.checking.loop.directed import continuous_delay_margin, directed_loop, held_eigenvalues
 from mjsheaf.checking.loop.link_noise import NoiseAnswer, noise_answer
 from mjsheaf.checking.loop.linked_law import (
     LinkedLaw,
@@ -67,6 +68,8 @@ def link_answers(system: System, path: TargetPath) -> LinkRecord | None:
     law, team = system.law, system.team
     try:
         require_model(system)
+        if team.directed:
+            return _of_directed_team(system)
         if team.dirichlet.H.shape[0] > DENSE_STATES and not (system.grid.continuous or law.terms.newton):
             return _of_large_team(system, path)
         return answers_for(linked_law(system, path), team)
@@ -84,6 +87,35 @@ def answers_for(law: LinkedLaw, team: Team) -> LinkRecord:
     loss = loss_answer(law) if links.lossy.any() else None
     noise = noise_answer(law, team) if links.noisy or _strays(terms) else None
     return _record(delay_answer(law), noise, loss, _delivery(law.edges, links), _assumed(links), links.exact)
+
+
+def _of_directed_team(system: System) -> LinkRecord:
+    """What the complex eigenvalues of H say of a team with directed edges.
+
+    Raises:
+        UndecidedError: Nothing.
+    """
+    table = system.law.links.table
+    why = "of teams with directed edges only a delay of all measurements alike is decided"
+    age = int(table["delay"].max(initial=0))
+    if system.grid.continuous:
+        margin = continuous_delay_margin(held_eigenvalues(system.team), system.gain)
+        delay = DelayAnswer(delay=0.0, stable=margin is not None, margin=margin, reason="")
+    else:
+        loop = directed_loop(system)
+        limit = loop.largest_delay
+        linked = len(table) == len(system.team.communication) + len(system.team.sensing)
+        alike = age == 0 or (linked and not system.team.anchors and bool((table["delay"] == age).all()))
+        delay = DelayAnswer(
+            delay=age * system.grid.period,
+            stable=limit is not None and age <= limit if alike else None,
+            spectral_radius=loop.radius_at(age) if alike else None,
+            margin=None if limit is None else limit * system.grid.period,
+            reason="" if alike else why,
+        )
+    noisy = bool(table["noise"].any()) or _strays(system.law.terms)
+    noise = NoiseAnswer(agents=[], linearised=False, reason=why) if noisy else None
+    return _record(delay, noise, LossAnswer(reason=why) if table["lossy"].any() else None, {}, "")
 
 
 def _of_large_team(system: System, path: TargetPath) -> LinkRecord:

@@ -20,7 +20,7 @@ from mjsheaf.errors import UndecidedError, listed
 from mjsheaf.system import System
 
 _LAW = frozenset(("edges", "gain", "limit", "supplied", "terms", "links", "custom"))
-_EDGES = frozenset(("tail", "head", "listens", "first", "F_tail", "F_head", "P_tail", "P_head", "b"))
+_EDGES = frozenset(("tail", "head", "listens", "first", "F_tail", "F_head", "P_tail", "P_head", "b", "kinds"))
 _TERMS = frozenset((
     "agents", "dimension", "period", "sensing", "eigenvalues", "feedforward", "newton", "measured", "drift",
     "lead", "settled", "integral", "largest", "noise", "bias", "seed", "streams", "rounds",
@@ -53,6 +53,8 @@ def unmodelled_parts(system: System) -> list[str]:
     parts += [f"field of a link {name}" for name in columns]
     if not np.isin(table["bearing"], _SENSORS).all():
         parts.append("sensor of a link")
+    if law.edges.kinds:
+        parts.append("range and bearing edges, unless linearised")
     if law.supplied:
         parts.append("law in Python")
     if (law.gain[:N] != system.gain).any():

@@ -108,6 +108,8 @@ def targets_loop(system: System) -> TargetsLoop:
 def stiffness(system: System) -> sparse.csr_array:
     """S = k_T L_T + P on the stacked positions of the targets, shape (n_p, n_p), 1/s."""
     team, N = system.team, len(system.team.agents)
+    if not team.targets:
+        return sparse.csr_array((0, 0))
     pull = np.repeat(system.motion.pull[N:], [target.dimension for target in team.targets])
     gain = float(system.law.gain[N:].max(initial=0.0))
     return sparse.csr_array(gain * team.target_sheaf.laplacian() + sparse.diags_array(pull))

@@ -72,7 +72,9 @@ class Assumption(Record):
     name: str
     verdict: Verdict
     holds: bool | None = Field(description="null where it is undecided or does not apply")
-    applies: bool = Field(description="false where the vehicles' gusts are Gaussian; then it does not count in `ok`")
+    applies: bool = Field(
+        description="false where it is about other teams, or gusts are Gaussian; then it does not count in `ok`"
+    )
     value: Finite
     unit: str
     witness: str
@@ -170,10 +172,16 @@ def certificate_of(search: "Search") -> Certificate:
     theorem = search.theorem(search.rho or region.rho.upper, search.rate)
     weaker = search.weaker(region.tube.speed.upper)
     cohomology = explain(system.team, spectrum)
-    obstacle = obstacle_of_law(system) or obstacle_of_gain(
-        system, constants, spectrum, theorem if theorem.applies else weaker
+    obstacle = (
+        obstacle_of_team(system.team)
+        or obstacle_of_law(system)
+        or obstacle_of_gain(system, constants, spectrum, theorem if theorem.applies else weaker)
     )
-    reason = obstacle_of_targets(system) or _gain_condition(constants, spectrum, theorem, search.rate, region)
+    reason = (
+        obstacle_of_team(system.team)
+        or obstacle_of_targets(system)
+        or _gain_condition(constants, spectrum, theorem, search.rate, region)
+    )
     reason = reason or ("" if region.verified else region.source)
     assumptions = _decide(system, region, region.verified and not obstacle, constants, cohomology)
     return Certificate(
@@ -205,7 +213,7 @@ class Search:
         self, system: System, rate: float | None = None, rho: Rho | None = None, initial_error: float | None = None
     ) -> None:
         """Follow the targets; see `certify`."""
-        self.system = system
+        self.system = system = system.local
         self.rate = rate
         self.rho = rho
         self.spectrum = spectrum = spectrum_of(system.team)
@@ -329,6 +337,17 @@ def _gain_condition(
     return f"k_min = {theorem.k_min:.4g} 1/s does not exceed rho = {rho:.4g} 1/s, {where}"
 
 
+def obstacle_of_team(team: Team) -> str:
+    """Why Theorem 1 does not apply to a team at all; or empty."""
+    if team.directed:
+        return "does not apply: H is not symmetric, as communication edges are directed"
+    if team.free:
+        return "does not apply: the team has no targets and no anchors, and holds a shape instead of places"
+    if team.linearised_at is not None:
+        return "does not apply: edges measure ranges or bearings, and what is said of their linearisation is local"
+    return ""
+
+
 def obstacle_of_law(system: System) -> str:
     """Why no bound of the continuous, unlimited law holds at any gain: links, rank of g, the targets' law; or empty."""
     agents = system.team.agents
@@ -373,7 +392,7 @@ def _decide(
         "disturbances are continuous and bounded": _bounded(system, constants.largest_disturbance),
         "g^+ is continuous and bounded": inverse,
         "G_q is connected and every target is sensed": _topology(system.team),
-        "H^0(G, G_p; F) = 0": _cohomology(cohomology),
+        "H^0(G, G_p; F) = 0": _cohomology(cohomology, system.team),
         "bounded difference of target and agent dynamics, along the targets' path": _bounded_difference(
             system, constants, smooth[0], cohomology.dimension > 0
         ),
@@ -488,7 +507,9 @@ def _couples(edge: Edge) -> bool:
     return bool(np.any(edge.F_tail.T @ edge.weight @ edge.F_head))
 
 
-def _cohomology(cohomology: RelativeCohomology) -> Finding:
+def _cohomology(cohomology: RelativeCohomology, team: Team) -> Finding:
+    if team.free:
+        return "does not apply", None, "", "the team has no targets and no anchors: see rigidity"
     witness = _first([direction.description for direction in cohomology.basis], 4, "; ") or "no agent is free to drift"
     return "fails" if cohomology.basis else "holds", float(cohomology.dimension), "", witness
 
@@ -496,6 +517,8 @@ def _cohomology(cohomology: RelativeCohomology) -> Finding:
 def _bounded_difference(system: System, constants: Constants, smooth: Verdict, free: bool) -> Finding:
     """The paper asks for it over all p; its proof uses only the path that the targets take, as here."""
     bound, path = constants.difference.bound, constants.path
+    if obstacle_of_team(system.team):
+        return "does not apply", None, "", "it is an assumption of Theorem 1 alone, which is about other teams"
     if smooth == "fails":
         return "fails", None, "m/s", "a field is unbounded inside the region: a core radius is 0 there"
     if unbounded := obstacle_of_targets(system):

@@ -70,11 +70,15 @@ class Carrier:
         self._team = system.team
         self._problem = system.team.dirichlet
         n_q, n_p = self._problem.B.shape
-        self._rest = self._problem.extend(np.zeros(n_p))
+        rest = self._problem.extend(np.zeros(n_p))
+        self._rest = self._offset = rest
         self._norm = np.inf
         if spectrum is not None and spectrum.smallest.size:
             self._norm = spectrum.sigma_max_B / float(spectrum.smallest[0])
-        self._K = self._problem.extend(np.eye(n_p)) - self._rest if n_q * n_p <= _DENSE else None  # (n_p, n_q)
+        if system.team.linearised_at is not None and not self._problem.unique:
+            free = self._problem.sparse_null_basis  # motions that are free stay as they were at the linearisation
+            self._rest = self._rest + free @ (free.T @ (system.team.linearised_at[:n_q] - self._rest))
+        self._K = self._problem.extend(np.eye(n_p)) - rest if n_q * n_p <= _DENSE else None  # (n_p, n_q)
         self._own = _places(system)
 
     def extend(self, targets: Array) -> Array:
@@ -84,7 +88,7 @@ class Carrier:
     def carry(self, motions: Array) -> Array:
         """K applied to motions of the targets (..., M, 3), stacked, (..., n_q)."""
         flat = motions.reshape(*motions.shape[:-2], -1)[..., self._own]
-        return flat @ self._K if self._K is not None else self._problem.extend(flat) - self._rest
+        return flat @ self._K if self._K is not None else self._problem.extend(flat) - self._offset
 
     def reach(self, radii: Array) -> Array:
         """How far each agent's q*_i moves at most where targets move by at most `radii` (..., M), (..., N)."""
@@ -416,6 +420,11 @@ def follow_targets(system: System, carrier: Carrier | None = None) -> TargetPath
     """
     N, M, n_q = len(system.team.agents), len(system.team.targets), int(system.team.first_state[-1])
     extend = (carrier or Carrier(system)).extend
+    span = system.grid.span(0, system.grid.steps + 1)[[0, -1]]
+    still = np.repeat(system.initial[None], 2, axis=0)
+    if M == 0:
+        none = still[:, N:]
+        return TargetPath(span, still, none, extend(none), None, 0.0, none[:1], 1, "there are no targets")
     try:
         if not np.isfinite(system.moving_bounds.speed[N:]).all():
             raise _UnknownPathError("they meet gusts, which are not bounded")
@@ -432,8 +441,6 @@ def follow_targets(system: System, carrier: Carrier | None = None) -> TargetPath
         # Cells that hold every path within `error` of the one that they cover.
         cells = cells._replace(bend=cells.bend + error, spread=cells.spread + error * cells.slope)
     except _UnknownPathError as unknown:
-        still = np.repeat(system.initial[None], 2, axis=0)
-        span = system.grid.span(0, system.grid.steps + 1)[[0, -1]]
         return TargetPath(
             span, still, np.full((2, M, 3), np.nan), extend(still[:, N:]), None, np.inf, still[:0, N:], 1, str(unknown)
         )

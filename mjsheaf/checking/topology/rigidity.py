@@ -1,0 +1,105 @@
+"""Rigidity of a team at a shape: whether its communication edges hold the shape, and its other edges the place.
+
+The rank is that of the coboundary of communication edges, linearised. It is enough if it is that of all motions but
+those that no edge of these kinds can ever see: of translations, rotations and a scale those which the edges leave free.
+For ranges alone that is n d - d (d + 1) / 2, for bearings n d - d - 1, for positions n d - d.
+"""
+
+import itertools
+
+import numpy as np
+from pydantic import Field
+
+from mjsheaf.arrays import Array
+from mjsheaf.io.section import Finite, Record
+from mjsheaf.sheaf import RANK_TOLERANCE
+from mjsheaf.team import Edge, Team
+
+MAX_STATES = 600
+"""Largest number of the agents' coordinates for which a rank is computed."""
+
+_UNSEEN = 1e-9  # of a rigid motion: what edges measure of it is rounding
+
+
+class Rigidity(Record):
+    """Rigidity of the linearised team at q*; everything about range and bearing edges is local."""
+
+    rank: int | None = Field(description="rank of the communication edges' Jacobian; null in a large team")
+    needed: int | None = Field(description="rank with which they hold the shape; null in a large team")
+    rigid: bool | None = Field(description="whether they hold it to first order; null in a large team")
+    localizable: bool | None = Field(
+        description="whether targets and anchors hold every agent's place to first order; null without any"
+    )
+    rate: Finite = Field(
+        description="k1 times the smallest real part above zero of an eigenvalue of H, 1/s; null where there is none"
+    )
+
+
+def rigidity_of(team: Team, positions: Array, gain: float, values: Array) -> Rigidity:
+    """Decide the rigidity of a team of linear edges.
+
+    Args:
+        team: The present agents; linearised at the shape.
+        positions: Stacked positions of the agents there, m.
+        gain: k1, 1/s.
+        values: Eigenvalues of H that are not zero; of a large undirected team some of the smallest.
+    """
+    unique = len(values) == int(team.first_state[-1]) if team.directed else team.dirichlet.unique
+    localizable = None if team.free else bool(unique)
+    rate = gain * float(values.real.min()) if len(values) else None
+    n = int(team.first_state[-1])
+    if n > MAX_STATES:
+        return Rigidity(rank=None, needed=None, rigid=None, localizable=localizable, rate=rate)
+    D = _coboundary(team, n)
+    rank = _rank(D)
+    needed = n - _unseen(D, _motions(team, positions))
+    return Rigidity(rank=rank, needed=needed, rigid=rank >= needed, localizable=localizable, rate=rate)
+
+
+def _coboundary(team: Team, n: int) -> Array:
+    """Return the coboundary of the communication edges, rows scaled to length 1, shape (m, n)."""
+    rows = [np.zeros((0, n))]
+    for edge in team.communication:
+        rows.append(_rows(team, edge, n))
+    D = np.concatenate(rows)
+    length = np.linalg.norm(D, axis=1, keepdims=True)
+    return np.asarray(D / np.where(length > 0.0, length, 1.0))
+
+
+def _rows(team: Team, edge: Edge, n: int) -> Array:
+    rows = np.zeros((len(edge.F_tail), n))
+    for sign, end, F in ((1.0, edge.tail, edge.F_tail), (-1.0, edge.head, edge.F_head)):
+        first = team.first_state[team.index[end]]
+        rows[:, first : first + F.shape[1]] += sign * F
+    return rows
+
+
+def _rank(matrix: Array) -> int:
+    if not matrix.size:
+        return 0
+    singular = np.linalg.svd(matrix, compute_uv=False)
+    return int(np.count_nonzero(singular > RANK_TOLERANCE * max(singular[0], 1e-300)))
+
+
+def _motions(team: Team, positions: Array) -> Array:
+    """Return translations, rotations about the centroid, and the scale of a shape, shape (n, count)."""
+    x = team.unpack(positions)
+    x = x - x.mean(axis=0)
+    axes = max(agent.dimension for agent in team.agents)
+    size = float(np.abs(x).max()) or 1.0
+    motions = [np.broadcast_to(np.eye(3)[a], x.shape) for a in range(axes)]
+    for a, b in itertools.combinations(range(axes), 2):
+        turn = np.zeros((3, 3))
+        turn[a, b] = 1.0
+        turn[b, a] = -1.0
+        motions.append(x @ turn / size)
+    motions.append(x / size)
+    flat = np.array([motion.reshape(-1) for motion in motions])
+    return np.asarray(flat[:, team.slots[: len(positions)]].T)
+
+
+def _unseen(D: Array, motions: Array) -> int:
+    """Return the dimension of the combinations of motions that edges do not see."""
+    seen = D @ motions
+    singular = np.linalg.svd(seen, compute_uv=False) if seen.size else np.zeros(0)
+    return motions.shape[1] - int(np.count_nonzero(singular > _UNSEEN * np.sqrt(len(D))))

@@ -1,0 +1,140 @@
+"""What range and bearing edges make of measured relative positions, between measuring and pulling back.
+
+With z = y + b the relative position of an edge and g = z / |z|, the vector that is pulled back in place of z is
+
+    range      (1 - r / |z|) z
+    bearing    (g . g*) g - g*
+
+(see `mjsheaf.sheaf.nonlinear`); nothing where z is 0, as with a silent link. The kinds of edges that a team has are a
+named tuple in `EdgeArrays`, or () where all compare positions: the type alone tells numba to compile nothing more.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mjsheaf.arrays import Array, IntArray
+from mjsheaf.jit import inline_jit, overload
+from mjsheaf.noise import normal_of
+from mjsheaf.team import Edge
+
+POSITION, RANGE, BEARING = 0, 1, 2
+"""What an edge compares."""
+
+
+class EdgeKinds(NamedTuple):
+    """What the edges of a team compare.
+
+    Attributes:
+        code: POSITION, RANGE or BEARING, shape (E,).
+        desired: The distance in the first number of a range edge, the unit vector of a bearing edge, shape (m,).
+    """
+
+    code: IntArray
+    desired: Array
+
+
+def pack_kinds(edges: Sequence[Edge]) -> Any:
+    """Return the EdgeKinds of edges; () if all compare positions."""
+    if all(edge.measures == "position" for edge in edges):
+        return ()
+    names = ("position", "range", "bearing")
+    desired = []
+    for edge in edges:
+        value = np.zeros(len(edge.F_tail))
+        if edge.measures != "position" and edge.offset is not None:
+            value[: len(edge.offset)] = edge.offset
+        desired.append(value)
+    return EdgeKinds(np.array([names.index(edge.measures) for edge in edges], dtype=np.int64), np.concatenate(desired))
+
+
+@inline_jit
+def bend(kinds, edges, y, out):
+    """Write into out (m,) what is pulled back, less b, from measurements y (m,); out may be y."""
+    for e in range(edges.tail.shape[0]):
+        first, end = edges.first[e], edges.first[e + 1]
+        if kinds.code[e] == POSITION:
+            for r in range(first, end):
+                out[r] = y[r]
+            continue
+        square, along = 0.0, 0.0
+        for r in range(first, end):
+            z = y[r] + edges.b[r]
+            square += z * z
+            along += z * kinds.desired[r]
+        length = np.sqrt(square)
+        if length == 0.0:
+            for r in range(first, end):
+                out[r] = -edges.b[r]
+        elif kinds.code[e] == RANGE:
+            share = 1.0 - kinds.desired[first] / length
+            for r in range(first, end):
+                out[r] = share * (y[r] + edges.b[r]) - edges.b[r]
+        else:
+            share = along / square
+            for r in range(first, end):
+                out[r] = share * (y[r] + edges.b[r]) - kinds.desired[r] - edges.b[r]
+
+
+def compare(kinds, edges, y, out):
+    """Write into out (m,) what is pulled back, less b, from measurements y (m,); nothing if all compare positions."""
+    if kinds:
+        bend(kinds, edges, y, out)
+
+
+@overload(compare)
+def _compare(kinds, edges, y, out):
+    """Choose by the type of `kinds`."""
+    if len(kinds) == 0:
+        return lambda kinds, edges, y, out: None
+    return lambda kinds, edges, y, out: bend(kinds, edges, y, out)
+
+
+@inline_jit
+def blur(kinds, link, edges, first, end, draw, y):
+    """Add the errors of a link to the range or the bearing of its edge, in y[first:end]; False of a position edge.
+
+    A range gets noise and bias in m; a bearing is turned by a random angle about every axis, with noise in rad.
+    """
+    code = kinds.code[link.edge]
+    if code == POSITION:
+        return False
+    square, along = 0.0, 0.0
+    for r in range(first, end):
+        z = y[r] + edges.b[r]
+        square += z * z
+        along += z * normal_of(draw[1 + (r - first) % 3])
+    length = np.sqrt(square)
+    if length == 0.0:
+        return True
+    if code == RANGE:
+        scale = (length + link.noise * normal_of(draw[1]) + link.bias) / length
+        for r in range(first, end):
+            y[r] = scale * (y[r] + edges.b[r]) - edges.b[r]
+        return True
+    across = 0.0
+    for r in range(first, end):
+        n = normal_of(draw[1 + (r - first) % 3]) - along * (y[r] + edges.b[r]) / square
+        across += n * n
+    across = np.sqrt(across)
+    angle = link.noise * across
+    turned = length * np.sin(angle) / across if across > 0.0 else 0.0
+    for r in range(first, end):
+        z = y[r] + edges.b[r]
+        n = normal_of(draw[1 + (r - first) % 3]) - along * z / square
+        y[r] = np.cos(angle) * z + turned * n - edges.b[r]
+    return True
+
+
+def disturb(kinds, link, edges, first, end, draw, y):
+    """Add a link's errors to a measured range or bearing; return False if its edge compares positions."""
+    return blur(kinds, link, edges, first, end, draw, y) if kinds else False
+
+
+@overload(disturb)
+def _disturb(kinds, link, edges, first, end, draw, y):
+    """Choose by the type of `kinds`."""
+    if len(kinds) == 0:
+        return lambda kinds, link, edges, first, end, draw, y: False
+    return lambda kinds, link, edges, first, end, draw, y: blur(kinds, link, edges, first, end, draw, y)

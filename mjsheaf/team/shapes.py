@@ -1,0 +1,108 @@
+"""q* of teams with nonlinear or directed edges, and of teams without targets and anchors.
+
+q* is a stationary point: D^T c = 0 at the agents (see `mjsheaf.sheaf.nonlinear`). Along a path it continues from sample
+to sample. At the first sample it is searched for from the present positions; if no exact shape is found there, also
+from the places of the formations, and the one with the smaller residual is q*. Where motions are free, as in a team
+without targets and anchors, each sample begins at its present positions and free motions stay as they are there.
+"""
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mjsheaf.arrays import Array
+from mjsheaf.sheaf.nonlinear import Settled, StationarySolver
+from mjsheaf.team.edges import GROUND
+
+if TYPE_CHECKING:
+    from mjsheaf.team.team import Team
+
+_EXACT = 1e-7  # of the team's size: residual of an exact shape
+_FREE = 1e-9  # of the largest eigenvalue of H: a direction below it is free
+_DENSE = 600  # states up to which free directions are counted
+
+
+class Shapes:
+    """Solver of q* of a team without absent agents."""
+
+    def __init__(self, team: "Team") -> None:
+        self._team = team
+
+    @cached_property
+    def solver(self) -> StationarySolver:
+        """Solver with targets and ground held."""
+        return self._team.nonlinear_sheaf.solver([*self._team.target_ids, GROUND])
+
+    def extend(self, p: Array, q: Array) -> Array:
+        """Return q* (..., n_q) of targets at p (..., n_p), near agents at q (..., n_q), m."""
+        boundary = p.reshape(-1, p.shape[-1]) if p.shape[-1] else np.zeros((int(np.prod(p.shape[:-1])), 0))
+        start = q.reshape(-1, q.shape[-1])
+        found = np.full_like(start, np.nan)
+        last: Array | None = None
+        moving = True
+        for k, (held, near) in enumerate(zip(boundary, start, strict=True)):
+            if not (np.isfinite(held).all() and np.isfinite(near).all()):
+                continue
+            if last is None or moving:
+                last = self.first(held, near).x
+                moving = moving and self.has_free_motions(last, held)
+            elif k == 0 or not np.array_equal(held, boundary[k - 1]):
+                last = self.solver.settle(last, held).x
+            found[k] = last
+        return found.reshape(q.shape)
+
+    def first(self, held: Array, near: Array) -> Settled:
+        """Return q* of targets at `held` (n_p,) from the present positions `near` (n_q,), or from places."""
+        found = self.solver.settle(near, held, free=True)
+        size = 1.0 + float(np.abs(self.solver.relative(near, held)).max(initial=0.0))
+        if found.converged and found.residual <= _EXACT * size:
+            return found
+        options: Sequence[Settled] = [
+            found,
+            *(self.solver.settle(x, held, free=True) for x in self._places(held, near)),
+        ]
+        return min(options, key=lambda each: (not each.converged, each.residual))
+
+    def has_free_motions(self, q: Array, p: Array) -> bool:
+        """Return True if some motion of the agents at q changes no measurement to first order."""
+        if self._team.free:
+            return True
+        if len(q) > _DENSE:
+            return False
+        values = np.linalg.svd(self.solver.H(q, p).toarray(), compute_uv=False)
+        return bool(values[-1] <= _FREE * values[0])
+
+    def _places(self, held: Array, near: Array) -> list[Array]:
+        """Return where formations place the agents about where they are; none if an agent is in no formation."""
+        team = self._team
+        placed = {member for formation in team.formations for member in formation.members}
+        if not placed.issuperset(team.agent_ids):
+            return []
+        places = np.zeros((len(team.agents), 3))
+        for i, agent in enumerate(team.agents):
+            places[i, : agent.dimension] = team.displacement[agent.id]
+        present = team.unpack(near)
+        centre = np.zeros(3)
+        for formation in team.formations:
+            rows = [team.index[member] for member in formation.members]
+            if formation.about is not None:
+                about = team.unpack(np.concatenate([near, held]))[team.index[formation.about]]
+                places[rows] += about
+            else:
+                centre = present[rows].mean(axis=0)
+                places[rows] = centre + _turned(places[rows] - places[rows].mean(axis=0), present[rows] - centre)
+        return [team.pack(np.concatenate([places, np.zeros((len(team.targets), 3))]))[: len(near)]]
+
+
+def _turned(places: Array, present: Array) -> Array:
+    """Return centred places (N, 3), turned without reflection to lie near centred positions (N, 3)."""
+    planar = not (places[:, 2].any() or present[:, 2].any())
+    axes = 2 if planar else 3
+    u, _, v = np.linalg.svd(places[:, :axes].T @ present[:, :axes])
+    signs = np.ones(axes)
+    signs[-1] = np.sign(np.linalg.det(u @ v)) or 1.0
+    turned = np.zeros_like(places)
+    turned[:, :axes] = places[:, :axes] @ (u * signs) @ v
+    return turned

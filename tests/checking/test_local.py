@@ -1,0 +1,204 @@
+"""What `check` says of teams with range, bearing or directed edges, and of teams without targets."""
+
+import itertools
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mjsheaf.checking import check
+from mjsheaf.scenario import Scenario
+from tests.builders import make_scenario
+
+HALF = 3**0.5 / 2
+TRIANGLE = [[0, 0], [1, 0], [0.5, HALF]]
+SQUARE = [[0, 0], [1, 0], [1, 1], [0, 1]]
+TETRAHEDRON = [[0, 0, 0], [1, 0, 0], [0.5, HALF, 0], [0.5, HALF / 3, (2 / 3) ** 0.5]]
+CUBE = [list(x) for x in itertools.product((0, 1), repeat=3)]
+RING = [(0, 1), (1, 2), (2, 3), (3, 0)]
+SIDES = [(i, j) for i, j in itertools.combinations(range(8), 2) if np.abs(np.subtract(CUBE[i], CUBE[j])).sum() == 1]
+
+
+def complete(n: int) -> list[tuple[int, int]]:
+    """Return all pairs of n agents."""
+    return list(itertools.combinations(range(n), 2))
+
+
+def keeping(places: Any, pairs: Any, measures: str = "position", directed: bool = False, **fields: Any) -> Scenario:
+    """Agents at the places that they should keep; fields replace fields."""
+    ids = [f"A{k}" for k in range(len(places))]
+    edges = [{"between": [ids[i], ids[j]], "measures": measures, "directed": directed} for i, j in pairs]
+    return make_scenario(
+        {
+            "time": {"end": 1.0},
+            "controller": {"gain": 1.0, "control_period": 0.01},
+            "agents": [{"id": id, "position": x} for id, x in zip(ids, places, strict=True)],
+            "communication": edges,
+            "formations": [{"name": "f", "shape": "explicit", "members": ids, "displacements": places}],
+            **fields,
+        }
+    )
+
+
+@pytest.mark.parametrize(
+    ("places", "pairs", "measures", "rank", "needed", "rate"),
+    [
+        (TRIANGLE, complete(3), "range", 3, 3, 1.5),
+        (TRIANGLE, complete(3), "bearing", 3, 3, 1.5),
+        (SQUARE, [*RING, (0, 2)], "range", 5, 5, 0.585786),
+        (SQUARE, [*RING, (0, 2)], "bearing", 5, 5, 0.482362),
+        (SQUARE, complete(4), "range", 5, 5, 2.0),
+        (SQUARE, complete(4), "bearing", 5, 5, 1.414214),
+        (TETRAHEDRON, complete(4), "range", 6, 6, 1.0),
+        (TETRAHEDRON, complete(4), "bearing", 8, 8, 2.0),
+        (SQUARE, RING, "range", 4, 5, None),
+        (SQUARE, RING, "bearing", 4, 5, None),
+        (CUBE, [*SIDES, (0, 7)], "range", 13, 18, None),
+        (CUBE, [*SIDES, (0, 7)], "bearing", 20, 20, 0.206490),
+        (TRIANGLE, [(0, 1), (1, 2)], "position", 4, 4, 1.0),
+        (TRIANGLE, [(0, 1)], "position", 2, 4, None),
+    ],
+)
+def test_checkpoints_of_formations(
+    places: Any, pairs: Any, measures: str, rank: int, needed: int, rate: float | None
+) -> None:
+    """Ranks exactly, rates to 1e-6; a team that is not rigid is not ok."""
+    record = check(keeping(places, pairs, measures))
+    rigidity = record["rigidity"]
+    assert (rigidity["rank"], rigidity["needed"], rigidity["rigid"]) == (rank, needed, rank == needed)
+    assert rigidity["localizable"] is None
+    assert record["ok"] is (rank == needed)
+    assert record["law"]["stable"]
+    assert record["theorem"]["holds"] is None
+    assert record["theorem"]["applies"] is False
+    assert record["theorem"]["reason"]
+    if rate is not None:
+        assert rigidity["rate"] == pytest.approx(rate, abs=1e-6)
+        assert record["law"]["rate"] == pytest.approx(-np.log(1.0 - 0.01 * rate) / 0.01, abs=1e-5)
+
+
+@pytest.mark.parametrize("measures", ["range", "bearing"])
+@pytest.mark.parametrize("angle", [30.0, 90.0, 150.0, 180.0])
+def test_one_agent_and_two_targets(measures: str, angle: float) -> None:
+    """The rate is 1 - |cos theta|, of bearings over the distance; collinear targets do not locate the agent."""
+    theta = np.deg2rad(angle)
+    r = 2.0
+    targets = [[r, 0.0], [r * np.cos(theta), r * np.sin(theta)]]
+    sensing = [
+        {
+            "between": ["A", f"T{k}"],
+            "measures": measures,
+            "offset": [r] if measures == "range" else (np.array(x) / r).tolist(),
+        }
+        for k, x in enumerate(targets)
+    ]
+    record = check(
+        make_scenario(
+            {
+                "controller": {"gain": 1.0, "control_period": 0.01},
+                "agents": [{"id": "A", "position": [0, 0]}],
+                "targets": [{"id": f"T{k}", "position": x} for k, x in enumerate(targets)],
+                "sensing": sensing,
+            }
+        )
+    )
+    wanted = (1.0 - abs(np.cos(theta))) / (r if measures == "bearing" else 1.0)
+    rigidity = record["rigidity"]
+    assert rigidity["localizable"] is (angle != 180.0)
+    assert record["ok"] is (angle != 180.0)
+    if angle != 180.0:
+        assert rigidity["rate"] == pytest.approx(wanted, abs=1e-6)
+    else:
+        assert (
+            record["relative_cohomology"]["basis"][0]["description"]
+            == f"A is free along {'y' if measures == 'range' else 'x'}"
+        )
+
+
+@pytest.mark.parametrize(("n", "margin"), [(3, 0.604600), (4, 0.555360)])
+def test_directed_cycles(n: int, margin: float) -> None:
+    """The rate is 1 - cos(2 pi / n), and the continuous delay margin that of the literature; held ones come near."""
+    angles = 2.0 * np.pi * np.arange(n) / n
+    places = np.column_stack([np.cos(angles), np.sin(angles)]).tolist()
+    cycle = [(k, (k + 1) % n) for k in range(n)]
+    continuous = check(keeping(places, cycle, directed=True, controller={"gain": 1.0, "control_period": 0}))
+    assert continuous["ok"]
+    assert continuous["rigidity"]["rate"] == pytest.approx(1.0 - np.cos(2.0 * np.pi / n), abs=1e-9)
+    assert continuous["links"]["delay_margin"] == pytest.approx(margin, abs=1e-6)
+    held = check(keeping(places, cycle, directed=True))
+    assert held["ok"]
+    assert "not symmetric" in held["theorem"]["reason"]
+    assert held["theorem"]["holds"] is None
+    values = 1.0 - np.exp(2j * np.pi * np.arange(1, n) / n)
+    assert held["law"]["spectral_radius"] == pytest.approx(np.abs(1.0 - 0.01 * values).max(), abs=1e-9)
+    assert held["law"]["largest_gain"] == pytest.approx((2.0 * values.real / np.abs(values) ** 2).min() / 0.01)
+    assert held["links"]["delay_margin"] == pytest.approx(margin, abs=0.02)
+
+
+def following(directed: bool = True, **fields: Any) -> Scenario:
+    """A leader that senses a target, and two that follow one after the other; fields replace fields."""
+    return make_scenario(
+        {
+            "controller": {"gain": 1.0, "control_period": 0.01},
+            "agents": [{"id": id, "position": [x, 0]} for id, x in (("A", 0), ("B", 1), ("C", 2))],
+            "targets": [{"id": "T", "position": [0, 1]}],
+            "communication": [
+                {"between": ["B", "A"], "directed": directed, "weight": 2.0},
+                {"between": ["C", "B"], "directed": directed},
+                {"between": ["C", "A"], "directed": directed, "weight": 3.0},
+            ],
+            "sensing": [{"between": ["A", "T"], "weight": 5.0}],
+            **fields,
+        }
+    )
+
+
+def test_a_directed_acyclic_team_has_its_out_degrees_as_eigenvalues() -> None:
+    """A measures 5, B 2, C 4; where the leader looks at those behind, nothing holds them."""
+    from mjsheaf.checking.loop.directed import eigenvalues_of
+
+    values = eigenvalues_of(following().team)
+    assert np.allclose(np.sort(values.real), [2, 2, 4, 4, 5, 5])
+    assert np.abs(values.imag).max() < 1e-12
+    record = check(following())
+    assert record["ok"]
+    assert record["rigidity"]["rate"] == pytest.approx(2.0)
+    assert record["rigidity"]["localizable"] is True
+    looking_back = [{"between": ["A", "B"], "directed": True}, {"between": ["A", "C"], "directed": True}]
+    lost = check(following(communication=looking_back))
+    assert not lost["ok"]
+    assert lost["law"]["stable"] is False
+    assert lost["rigidity"]["localizable"] is False
+
+
+@pytest.mark.parametrize("terms", [{"integral": {"gain": 0.2}}, {"drift": {"filter": 0.1}}])
+def test_terms_of_directed_teams_are_read_off_the_law(terms: Any) -> None:
+    """With real eigenvalues the loop is that of an undirected team with the same ones."""
+    found = check(following(controller={"gain": 1.0, "control_period": 0.01, **terms}))
+    assert found["law"]["stable"]
+    same = make_scenario(
+        {
+            "controller": {"gain": 1.0, "control_period": 0.01, **terms},
+            "agents": [{"id": id, "position": [x, 0]} for id, x in (("A", 0), ("B", 1), ("C", 2))],
+            "targets": [{"id": "T", "position": [0, 1]}],
+            "communication": [{"between": ["A", "B"], "weight": 1e-9}, {"between": ["B", "C"], "weight": 1e-9}],
+            "sensing": [{"between": [id, "T"], "weight": w} for id, w in (("A", 5.0), ("B", 2.0), ("C", 4.0))],
+        }
+    )
+    assert found["law"]["spectral_radius"] == pytest.approx(check(same)["law"]["spectral_radius"], abs=1e-7)
+
+
+def test_records_are_json_and_have_verdicts() -> None:
+    """Every record of such a team can be written, and its report too."""
+    from rich.console import Console
+
+    from mjsheaf.checking.check import examine_scenario
+    from mjsheaf.checking.report import report
+
+    for scenario in (keeping(TRIANGLE, complete(3), "range"), following(), keeping(SQUARE, RING, "bearing")):
+        record = examine_scenario(scenario).record
+        json.dumps(record.model_dump(mode="json"), allow_nan=False)
+        with Console(width=160).capture() as _:
+            Console(width=160).print(report(record))
+        assert "rigid" in record.verdict()
