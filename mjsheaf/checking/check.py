@@ -13,7 +13,9 @@ from pydantic import Field
 
 from mjsheaf.arguments import require_number, require_scenario
 from mjsheaf.arrays import Array
+from mjsheaf.checking.loop.body_loop import medium_on_path
 from mjsheaf.checking.loop.directed import held_eigenvalues
+from mjsheaf.checking.loop.disturbance import DisturbanceRecord, predict_rms
 from mjsheaf.checking.loop.held_law import LawLoop, envelope, law_loop
 from mjsheaf.checking.loop.links import UNSTABLE_LINKS, LinkRecord, link_answers
 from mjsheaf.checking.loop.margins import Margins, margins
@@ -142,6 +144,7 @@ class PhaseRecord(Record):
     targets: TargetsLoop
     margins: Margins
     rigidity: Rigidity = Field(description="of the communication edges, linearised at q*")
+    disturbance: DisturbanceRecord
     fragility: Fragility = Field(description="which single event more breaks an assumption")
 
 
@@ -166,6 +169,7 @@ class CheckRecord(Record):
     )
     targets: TargetsLoop = Field(description="the targets' own law, on ideal kinematics and on their vehicles")
     margins: Margins
+    disturbance: DisturbanceRecord
     fragility: Fragility
     rigidity: Rigidity = Field(description="of the communication edges, linearised at q*")
     phases: list[PhaseRecord] = Field(default_factory=list, description="of a run with events, the first included")
@@ -307,6 +311,7 @@ _OF_PHASE = (
     "links",
     "targets",
     "margins",
+    "disturbance",
     "fragility",
     "rigidity",
 )
@@ -403,6 +408,7 @@ def _examine_one(
         proposals=proposals,
         targets=targets,
         margins=practice,
+        disturbance=predict_rms(system, search.spectrum, medium_on_path(system, certificate)),
         fragility=fragility(system.team),
     )
     return Examination(record, certificate, system)

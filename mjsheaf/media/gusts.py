@@ -289,6 +289,7 @@ class FrozenArrays(NamedTuple):
     Attributes:
         met: 1 for vehicles that meet it, else 0, shape (V,).
         nodes: u, v and w at the nodes, shape (n, 3), m/s.
+        filter: Row of `GustArrays.filters`.
         place: Cosine and sine of the wind, V in m/s, xi of the first node and distance of nodes in m, and the three
             correlations r, shape (8,).
         clock: Time of sample 0, and the period, shape (2,), s.
@@ -296,6 +297,7 @@ class FrozenArrays(NamedTuple):
 
     met: IntArray
     nodes: Array
+    filter: Array
     place: Array
     clock: Array
 
@@ -388,4 +390,5 @@ def pack_frozen(gusts: Gusts, met: Exposure, name: str) -> FrozenArrays:
     slip = spacing / lengths
     correlations = np.exp(-slip) * (1.0 - np.array([0.0, 0.5, 0.5]) * slip)
     place = np.array([*direction, speed, first, spacing, *correlations])
-    return FrozenArrays(own.astype(np.int64), nodes, place, np.array([met.start, met.period]))
+    of_period = _filter(speed / lengths, sigma, direction, met.period)
+    return FrozenArrays(own.astype(np.int64), nodes, of_period, place, np.array([met.start, met.period]))

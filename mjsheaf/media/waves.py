@@ -34,6 +34,9 @@ GRAVITY = 9.81
 """m/s^2, as in MuJoCo's models."""
 
 _PANELS = 4000  # of the quadrature on each side of the peak
+_NODES = 60  # of the quadrature of predictions, on each side of the peak
+_DIRECTIONS = 13
+_FEW = 20  # waves, which are predicted one by one
 _END = 7.0  # of s: exp(-1.25 * 49) is 2e-27
 _GAUSS = np.polynomial.legendre.leggauss(8)
 _HALF_PI = 0.5 * np.pi
@@ -84,6 +87,26 @@ class Waves(Section):
         width = np.where(s >= 1.0, 0.07, 0.09)
         gamma = 3.3 if self.gamma is None else self.gamma
         return np.asarray(gamma ** np.exp(-0.5 * ((s**-0.5 - 1.0) / width) ** 2))
+
+    def sampled(self, seed: int) -> "Components":
+        """Return waves whose sum over any smooth function of frequency is the integral over the spectrum.
+
+        They are at the nodes of Gauss and Legendre in s, and of the trapezoidal rule in the direction, which is exact
+        for cos^2. A sea of few waves is those waves themselves.
+        """
+        if self.components < _FEW:
+            return self.components_of(seed)
+        nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+        s = np.concatenate([0.5 * (nodes + 1.0), 1.0 + 0.5 * (_END - 1.0) * (nodes + 1.0)])
+        density = np.concatenate([0.5 * weights, 0.5 * (_END - 1.0) * weights])
+        density *= s * np.exp(-1.25 * s**2) * self._enhancement(s)
+        angles = np.array([0.0]) if self.spreading == "none" else np.linspace(-_HALF_PI, _HALF_PI, _DIRECTIONS)[1:-1]
+        share = np.cos(angles) ** 2 / np.sum(np.cos(angles) ** 2)
+        energy = np.outer(self.significant_height**2 / 16.0 * density / density.sum(), share).ravel()
+        rates = np.repeat(self.peak_rate / np.sqrt(s), len(angles))
+        directions = np.tile(math.radians(self.direction) + angles, len(s))
+        numbers = wave_numbers(rates, self.depth)
+        return Components(np.sqrt(2.0 * energy), rates, numbers, directions, np.zeros_like(rates), self.depth)
 
     def components_of(self, seed: int) -> "Components":
         """Draw the waves, with the scenario's seed."""

@@ -161,7 +161,7 @@ def loop_along(system: System, time: Array, q_star: Array, *, gain: bool = True)
 
 def loop_on_path(system: System, certificate: Certificate) -> BodyLoop:
     """The loop in the mean flow along the targets' path."""
-    return body_loop(system, certificate.spectrum, _medium_on_path(system, certificate))
+    return body_loop(system, certificate.spectrum, medium_on_path(system, certificate))
 
 
 def linear_vehicles(system: System, certificate: Certificate) -> list[LinearVehicle]:
@@ -172,17 +172,20 @@ def linear_vehicles(system: System, certificate: Certificate) -> list[LinearVehi
     """
     try:
         steps = whole_ratio(system.grid.period, system.bodies.timestep)
-        return _models(system, _medium_on_path(system, certificate), system.grid.period / steps, steps)
+        return _models(system, medium_on_path(system, certificate), system.grid.period / steps, steps)
     except (InputError, np.linalg.LinAlgError) as error:
         raise UndecidedError(f"the vehicles cannot be linearised: {error}") from error
 
 
-def _medium_on_path(system: System, certificate: Certificate) -> Array:
-    """Return the mean velocity of the medium relative to each agent's q*, shape (N, 3), m/s; NaN if it is not known."""
-    path = certificate.constants.path
-    if path.cells is None or not targets_loop(system).stable:
-        return np.full((len(system.team.agents), 3), np.nan)
-    return mean_medium(system, path.time, path.q_star)
+def medium_on_path(system: System, certificate: Certificate) -> Array:
+    """Return the mean velocity of the medium along the targets' path, see `mean_medium`; NaN where none is known.
+
+    Under gusts, which leave no certain path, it is that of targets that stay where they begin.
+    """
+    path, N = certificate.constants.path, len(system.team.agents)
+    gusts = not np.isfinite(system.moving_bounds.speed).all()
+    known = (path.cells is not None or gusts) and targets_loop(system).stable
+    return mean_medium(system, path.time, path.q_star) if known else np.full((N, 3), np.nan)
 
 
 def mean_medium(system: System, time: Array, q_star: Array) -> Array:
@@ -194,6 +197,30 @@ def mean_medium(system: System, time: Array, q_star: Array) -> Array:
     w = agent_drift(system, q_star[::stride])
     mean = np.trapezoid(w, time[::stride], axis=0) / float(time[::stride][-1] - time[0])
     return system.team.unpack(mean - (q_star[-1] - q_star[0]) / float(time[-1] - time[0]))
+
+
+def linear_team(system: System, medium: Array) -> tuple[list[LinearVehicle], float]:
+    """Return the linear vehicle of every agent in the medium that it meets, (N, 3), m/s, and the law's period, s.
+
+    Raises:
+        UndecidedError: One has none.
+        InputError: The timestep does not divide the period.
+    """
+    period = system.grid.period
+    ratio = whole_ratio(period, system.bodies.timestep)
+    steps = 1 if system.grid.continuous else ratio
+    timestep = period / ratio
+    return _models(system, medium, timestep, steps), timestep * steps
+
+
+def whole_loop(system: System, spectrum: Spectrum, models: list[LinearVehicle]) -> tuple[Array, Array]:
+    """Return the matrix of the closed loop, on held positions, states and the law's memory, and the positions' basis.
+
+    Raises:
+        UndecidedError: It is too large.
+    """
+    whole = _Whole(system, spectrum, models, model_of(system.law, system.grid.period))
+    return whole.matrix(system.gain), whole.Q
 
 
 def _models(system: System, medium: Array, timestep: float, steps: int) -> list[LinearVehicle]:
@@ -471,14 +498,14 @@ class _Whole:
         self._push = np.vstack([Q.T @ D @ Q, B @ Q])  # what a command, in these coordinates, does to (p, x)
         self.own = np.concatenate([np.linalg.eigvals(A) for A in {id(model): model.A for model in models}.values()])
         self.owner = np.repeat(np.arange(len(team.agents)), [a.dimension for a in team.agents])
-        acts = self._matrix(1.0) != 0.0
+        acts = self.matrix(1.0) != 0.0
         count, which = connected_components(sparse.csr_array(acts), directed=True, connection="strong")
         self.sets = [np.flatnonzero(which == k) for k in range(count)]
         largest = max(len(s) for s in self.sets)
         if largest > LARGEST_WHOLE:
             raise UndecidedError(f"too many unlike vehicles: {largest} states act on one another")
 
-    def _matrix(self, gain: float) -> Array:
+    def matrix(self, gain: float) -> Array:
         """Return the matrix at a gain."""
         m = self.m
         if self._law.plain:
@@ -501,7 +528,7 @@ class _Whole:
 
     def modes(self, gain: float) -> Iterator[_Modes]:
         """All modes."""
-        M = self._matrix(gain)
+        M = self.matrix(gain)
         for chosen in self.sets:
             factors, vectors = linalg.eig(M[np.ix_(chosen, chosen)])
             held = chosen < self.m
@@ -511,7 +538,7 @@ class _Whole:
             yield _Modes(factors, np.where(moved, self.owner[far.argmax(axis=0)], -1), moved)
 
     def _growth(self, gain: float) -> float:
-        M = self._matrix(gain)
+        M = self.matrix(gain)
         return max(float(np.log(np.abs(linalg.eigvals(M[np.ix_(s, s)])).max())) for s in self.sets)
 
     def largest_gain(self, gain: float, most: float) -> float | None:

@@ -1,0 +1,333 @@
+"""RMS error that gusts and waves leave: their spectra through the law's loop, on ideal kinematics and on bodies.
+
+The loop from one sample to the next, on errors e = q - q* and all else that it remembers, is X+ = M X + N w, with w the
+mean velocity of the medium over a period. Its response at a frequency is E = (z I - M)^-1 N, z = e^(i omega h), and the
+variance of e is the integral of |E|^2 over the spectrum of w. Gusts are held over a period, so that their spectrum is
+that of their discrete filter; a wave's mean over a period is sin(omega h / 2) / (omega h / 2) of it. Waves and frozen
+gusts meet all vehicles with a phase, each at q* as it is at the start; gusts of each vehicle's own are independent. A
+target that the medium moves takes q* along. Where the law is continuous, the loop is (i omega + k1 H)^-1 for waves.
+
+On bodies the loop is that of the linear vehicles. In axes that move with the medium a vehicle does not know that it
+moves; so with E_v the rows of its velocity, x+ = A x + B u + (E_v - A E_v) w and p+ = p + C x + D u + (h - C E_v) w.
+Waves act by their horizontal velocity alone: heave, roll and pitch are left out.
+"""
+
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from mjsheaf.arrays import Array
+from mjsheaf.checking.loop.body_loop import linear_team, whole_loop
+from mjsheaf.checking.loop.modelled import require_model
+from mjsheaf.checking.theorem.targets import Carrier
+from mjsheaf.checking.topology.cohomology import Spectrum
+from mjsheaf.errors import InputError, UndecidedError
+from mjsheaf.io.norms import PER_AGENT_RMS, Norm
+from mjsheaf.io.section import Finite, Record
+from mjsheaf.media.gusts import FrozenArrays, GustArrays
+from mjsheaf.media.moving import of_kind
+from mjsheaf.media.waves import Components
+from mjsheaf.simulation.linear import LinearVehicle
+from mjsheaf.system import System
+
+Complex = NDArray[np.complex128]
+
+_MOST_STATES = 300
+"""Largest loop that is solved at every frequency."""
+
+_FREQUENCIES = 240  # of the spectra of gusts, evenly in the logarithm
+_NEUTRAL = 1.0 + 1e-6  # of a heading that nothing holds, rounded
+_LOWEST = 1e-3  # of the slowest rate of gusts and loop
+
+
+class DisturbanceRecord(Record):
+    """RMS errors |q - q*| that gusts and waves leave once the loop has settled; what is steady is not in them."""
+
+    rms: Finite = Field(description="RMS over agents, on ideal kinematics, m; null: see reason")
+    agents: dict[str, Finite] = Field(description="RMS of each agent on ideal kinematics, m")
+    bodies: dict[str, Finite] = Field(description="RMS of each agent on its vehicle, m; empty: see bodies_reason")
+    norm: Norm = Field(PER_AGENT_RMS, description="which norm `rms` is")
+    reason: str = Field("", description="why it is not known, or empty")
+    bodies_reason: str = Field("", description="why it is not known on bodies, or empty")
+
+
+class _Loop(NamedTuple):
+    """A loop and how the medium enters it.
+
+    Attributes:
+        M: Map of the states from one sample to the next, shape (S, S).
+        met: Input of the agents' mean velocities, shape (S, n_q), s and 1.
+        carried: Input of the mean velocity of q*, shape (S, n_q), s.
+        shown: Rows that give the error, shape (n_q, S).
+        period: Time between samples, s.
+        continuous: Eigenvalues k1 lambda of a continuous law and their vectors; None where it is held.
+    """
+
+    M: Array
+    met: Array
+    carried: Array
+    shown: Array
+    period: float
+    continuous: tuple[Array, Array] | None = None
+
+    def response(self, angle: float) -> tuple[Complex, Complex]:
+        """Return E of the agents' velocities and of that of q*, at an angle omega h, shape (n_q, n_q) each, s."""
+        both = np.concatenate([self.met, self.carried], axis=1)
+        solved = self.shown @ np.linalg.solve(np.exp(1j * angle) * np.eye(len(self.M)) - self.M, both)
+        n = self.met.shape[1]
+        return solved[:, :n].astype(np.complex128), solved[:, n:].astype(np.complex128)
+
+    def response_to_waves(self, rate: float) -> tuple[Complex, Complex]:
+        """Return the same of a wave of a frequency, rad/s, by its velocity at the middle of a period."""
+        if self.continuous is not None:
+            values, vectors = self.continuous
+            answer = ((vectors / (1j * rate + values)) @ vectors.T).astype(np.complex128)
+            return answer, -answer
+        angle = rate * self.period
+        mean = np.sinc(angle / (2.0 * np.pi))
+        met, carried = self.response(angle)
+        return mean * met, mean * carried
+
+
+def predict_rms(system: System, spectrum: Spectrum, medium: Array) -> DisturbanceRecord:
+    """Predict the errors that gusts and waves leave.
+
+    Args:
+        system: The system.
+        spectrum: Spectrum of H.
+        medium: Mean velocity of the medium that the agents' vehicles meet, shape (N, 3), m/s.
+    """
+    ids = system.team.agent_ids
+    if not _moves(system):
+        return DisturbanceRecord(rms=0.0, agents=dict.fromkeys(ids, 0.0), bodies=dict.fromkeys(ids, 0.0))
+    bodies, bodies_reason = dict[str, float](), ""
+    try:
+        _require_known(system)
+        ideal = _rms(system, _ideal_loop(system, spectrum), np.zeros(len(system.team.targets)))
+    except (UndecidedError, InputError, np.linalg.LinAlgError) as error:
+        reason = str(error)
+        return DisturbanceRecord(rms=None, agents=dict.fromkeys(ids), bodies={}, reason=reason, bodies_reason=reason)
+    try:
+        tau = np.array([v.reduced_model().tau.max() for v in system.vehicles[len(ids) :]])
+        real = _rms(system, _body_loop(system, spectrum, medium), tau)
+        bodies = dict(zip(ids, real.tolist(), strict=True))
+    except (UndecidedError, InputError, np.linalg.LinAlgError) as error:
+        bodies_reason = str(error)
+    rms = float(np.sqrt(np.mean(ideal**2)))
+    agents = dict(zip(ids, ideal.tolist(), strict=True))
+    return DisturbanceRecord(rms=rms, agents=agents, bodies=bodies, bodies_reason=bodies_reason)
+
+
+def _moves(system: System) -> bool:
+    return any(flow.gusts is not None or flow.waves is not None for flow in system.flows)
+
+
+def _require_known(system: System) -> None:
+    """Raise an UndecidedError unless the law's loop is all that answers to the medium."""
+    require_model(system)
+    terms, links = system.law.terms, system.law.links.table
+    if terms.drift or terms.feedforward:
+        raise UndecidedError("the law observes the medium's velocity or follows the targets'")
+    if terms.rounds.imperfect or links["delay"].any() or links["lossy"].any() or np.isfinite(links["range"]).any():
+        raise UndecidedError("measurements are delayed or lost")
+    if not system.team.dirichlet.unique:
+        raise UndecidedError("the harmonic extension is not unique")
+    if len(system.team.target_edges):
+        raise UndecidedError("targets follow one another")
+    if system.effectiveness.given.any():
+        raise UndecidedError("g is the scenario's own")
+
+
+def _ideal_loop(system: System, spectrum: Spectrum) -> _Loop:
+    """Return the loop of ideal agents."""
+    h, n_q = system.grid.period, int(system.team.first_state[-1])
+    if n_q > _MOST_STATES:
+        raise UndecidedError(f"the team has {n_q} states; up to {_MOST_STATES} are solved")
+    if system.grid.continuous:
+        if system.law.extended:
+            raise UndecidedError("the law is continuous and has terms")
+        values, vectors = np.linalg.eigh(system.team.dirichlet.H.toarray())
+        rates = system.gain * values
+        into = (vectors * (-np.expm1(-rates * h) / rates)) @ vectors.T
+        M = (vectors * np.exp(-rates * h)) @ vectors.T
+        return _Loop(M, into, -into, np.eye(n_q), h, (rates, vectors))
+    shapes = ((np.zeros((0, 0)), np.zeros((0, n)), np.zeros((n, 0)), h * np.eye(n)) for n in _sizes(system))
+    return _closed(system, spectrum, [LinearVehicle(*parts) for parts in shapes], h)
+
+
+def _body_loop(system: System, spectrum: Spectrum, medium: Array) -> _Loop:
+    """Return the loop of the agents' vehicles."""
+    if system.grid.continuous and of_kind(system.moving, GustArrays) + of_kind(system.moving, FrozenArrays):
+        raise UndecidedError("the law is continuous, and gusts are held")
+    agents, period = linear_team(system, medium)
+    return _closed(system, spectrum, agents, period)
+
+
+def _sizes(system: System) -> list[int]:
+    return [agent.dimension for agent in system.team.agents]
+
+
+def _closed(system: System, spectrum: Spectrum, agents: list[LinearVehicle], h: float) -> _Loop:
+    """Close the law's loop around linear vehicles."""
+    M, Q = whole_loop(system, spectrum, agents)
+    if len(M) > 2 * _MOST_STATES:
+        raise UndecidedError(f"the loop has {len(M)} states; up to {2 * _MOST_STATES} are solved")
+    n_q, m = Q.shape
+    met, carried = np.zeros((len(M), n_q)), np.zeros((len(M), n_q))
+    carried[:m] = -h * Q.T
+    row, column = m, 0
+    for one, n in zip(agents, _sizes(system), strict=True):
+        s = len(one.A)
+        velocity = np.zeros((s, n))
+        if s:
+            first = 3 + (3 - n)  # after the attitude and, of a floating vehicle, the height
+            velocity[first : first + n] = np.eye(n)
+        columns = slice(column, column + n)
+        met[:m, columns] = Q[columns].T @ (h * np.eye(n) - one.C @ velocity)
+        met[row : row + s, columns] = velocity - one.A @ velocity
+        row, column = row + s, column + n
+    shown = np.zeros((n_q, len(M)))
+    shown[:, :m] = Q
+    return _Loop(M, met, carried, shown, h)
+
+
+class _Source(NamedTuple):
+    """What moves vehicles with one random amplitude.
+
+    Attributes:
+        agents: Velocity of each agent by it, stacked, shape (n_q,), complex.
+        targets: Velocity of q* by it, stacked, shape (n_q,), complex.
+    """
+
+    agents: Complex
+    targets: Complex
+
+
+def _rms(system: System, loop: _Loop, tau: Array) -> Array:
+    """Return the RMS of each agent, shape (N,), m; `tau` is how slowly each target follows the medium, (M,), s."""
+    if np.abs(np.linalg.eigvals(loop.M)).max() >= _NEUTRAL:
+        raise UndecidedError("the loop is not stable")
+    carrier = Carrier(system)
+    variance = np.zeros(int(system.team.first_state[-1]))
+    for number, flow in enumerate(system.flows):
+        if flow.waves is not None:
+            variance += _of_waves(system, loop, carrier, tau, flow.waves.sampled(system.seed), number)
+    for gusts in of_kind(system.moving, GustArrays):
+        variance += _of_gusts(system, loop, carrier, tau, gusts)
+    for frozen in of_kind(system.moving, FrozenArrays):
+        variance += _of_frozen(system, loop, carrier, tau, frozen)
+    return np.sqrt(np.square(system.team.unpack(np.sqrt(variance))).sum(axis=1))
+
+
+def _follow(system: System, tau: Array, rate: float) -> Complex:
+    """Return how targets follow the medium at a frequency: their pull holds them, and bodies lag, shape (M,)."""
+    pull = system.motion.pull[len(system.team.agents) :]
+    return 1j * rate / (1j * rate + pull) / (1.0 + 1j * rate * tau)
+
+
+def _places(system: System) -> Array:
+    """Return q* and the targets at the start, shape (V, 3), m."""
+    agents = system.team.harmonic_extension(system.initial)
+    return np.concatenate([np.nan_to_num(agents), system.initial[len(agents) :]])
+
+
+def _source(system: System, carrier: Carrier, velocity: Complex, follow: Complex) -> _Source:
+    """Return a source that moves all vehicles by velocities (V, 3), m/s, as far as targets follow it."""
+    N, team = len(system.team.agents), system.team
+    moved = velocity[N:] * follow[:, None]
+    rest = carrier.carry(np.zeros_like(velocity[N:].real))
+    targets = carrier.carry(moved.real) - rest + 1j * (carrier.carry(moved.imag) - rest)
+    return _Source(velocity[:N].reshape(-1)[team.slots[: int(team.first_state[-1])]], targets)
+
+
+def _of_waves(system: System, loop: _Loop, carrier: Carrier, tau: Array, waves: Components, number: int) -> Array:
+    """Return the variances by waves, stacked, shape (n_q,), m^2."""
+    met = (system.field == number) & system.planar
+    places = _places(system)
+    variance = np.zeros(loop.shown.shape[0])
+    answers: dict[float, tuple[Complex, Complex]] = {}
+    for rate, number_, unit, speed in zip(waves.rate, waves.number, waves.unit, waves.speed, strict=True):
+        phase = np.exp(-1j * number_ * (places[:, :2] @ unit))
+        velocity = np.zeros((len(met), 3), dtype=np.complex128)
+        velocity[met, :2] = speed * phase[met, None] * unit
+        if rate not in answers:
+            answers[rate] = loop.response_to_waves(rate)
+        source = _source(system, carrier, velocity, _follow(system, tau, rate))
+        variance += 0.5 * np.abs(answers[rate][0] @ source.agents + answers[rate][1] @ source.targets) ** 2
+    return variance
+
+
+def _angles(loop: _Loop, slowest: float) -> Iterator[tuple[float, float]]:
+    """Yield angles from 0 to pi and the weight of each: the integral of |E|^2 S over both signs, over 2 pi."""
+    logarithm = np.linspace(np.log(_LOWEST * min(slowest, 1.0)), np.log(np.pi), _FREQUENCIES)
+    weight = np.full(_FREQUENCIES, logarithm[1] - logarithm[0])
+    weight[[0, -1]] *= 0.5
+    angles = np.exp(logarithm)
+    yield from zip(angles.tolist(), (weight * angles / np.pi).tolist(), strict=True)
+
+
+def _spectra(row: Array, z: complex) -> list[float]:
+    """Return the spectra of u, v and w of a row of `GustArrays.filters` at z, m^2/s^2."""
+    found = [abs(row[4] * row[3] / (z - row[2])) ** 2]
+    for first in (5, 12):
+        decay, slip, corner, below, last, one, other = row[first : first + 7]
+        pole = 1.0 / (z - decay)
+        mixed = corner * (one + other * slip * pole) + other * below
+        found.append(abs(mixed * pole) ** 2 + abs(other * last * pole) ** 2)
+    return found
+
+
+def _frame(row: Array) -> Array:
+    """Return the directions of u, v and w, shape (3, 3)."""
+    return np.array([[row[0], row[1], 0.0], [-row[1], row[0], 0.0], [0.0, 0.0, 1.0]])
+
+
+def _of_gusts(system: System, loop: _Loop, carrier: Carrier, tau: Array, gusts: GustArrays) -> Array:
+    """Return the variances by gusts of each vehicle's own, stacked, shape (n_q,), m^2."""
+    met = np.flatnonzero(gusts.streams[:, 0])
+    slowest = float((1.0 - gusts.filters[met][:, [2, 5, 12]]).min())
+
+    def sources(z: complex, rate: float) -> Iterator[tuple[Complex, float]]:
+        for v in met:
+            for direction, size in zip(_frame(gusts.filters[v]), _spectra(gusts.filters[v], z), strict=True):
+                velocity = np.zeros((len(gusts.streams), 3), dtype=np.complex128)
+                velocity[v] = direction
+                yield velocity, size
+
+    return _integrated(system, loop, carrier, tau, slowest, sources)
+
+
+def _of_frozen(system: System, loop: _Loop, carrier: Carrier, tau: Array, frozen: FrozenArrays) -> Array:
+    """Return the variances by a frozen field, stacked, shape (n_q,), m^2."""
+    place, row = frozen.place, frozen.filter
+    along = _places(system)[:, :2] @ place[:2]
+
+    def sources(z: complex, rate: float) -> Iterator[tuple[Complex, float]]:
+        phase = np.exp(-1j * rate * along / place[2]) * (frozen.met > 0)
+        for direction, size in zip(_frame(row), _spectra(row, z), strict=True):
+            yield phase[:, None] * direction, size
+
+    return _integrated(system, loop, carrier, tau, float((1.0 - row[[2, 5, 12]]).min()), sources)
+
+
+def _integrated(
+    system: System,
+    loop: _Loop,
+    carrier: Carrier,
+    tau: Array,
+    slowest: float,
+    sources: Callable[[complex, float], Iterator[tuple[Any, float]]],
+) -> Array:
+    """Integrate |E|^2 over the spectra of independent sources, stacked, shape (n_q,), m^2."""
+    variance = np.zeros(loop.shown.shape[0])
+    for angle, weight in _angles(loop, slowest):
+        rate = angle / loop.period
+        met, carried = loop.response(angle)
+        follow = _follow(system, tau, rate)
+        for velocity, size in sources(np.exp(1j * angle), rate):
+            source = _source(system, carrier, velocity, follow)
+            variance += weight * size * np.abs(met @ source.agents + carried @ source.targets) ** 2
+    return variance

@@ -1,0 +1,131 @@
+"""Predictions of the RMS error by gusts and waves: published numbers, and long runs on ideal kinematics and bodies."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mjsheaf
+from mjsheaf.scenario import Scenario
+from mjsheaf.scenario.load import scenario_from_mapping
+from tests.builders import mixed_scenario
+
+PM = {"kind": "pierson_moskowitz", "significant_height": 1.0, "peak_period": 2.0 * np.pi}
+SHORT = {"kind": "jonswap", "significant_height": 0.3, "peak_period": 4.0, "spreading": "cos2"}
+GUSTS = {"kind": "dryden", "wind_speed": 6.0, "altitude": 20.0}
+
+
+def lone(gain: float, period: float, waves: dict[str, Any], **fields: Any) -> Scenario:
+    """Return an agent in waves about a target in still air."""
+    time = {"end": 10.0} | fields.pop("time", {})
+    law = {"gain": gain, "control_period": period} | ({} if period else {"record_period": 0.1})
+    return scenario_from_mapping(
+        {
+            "name": "lone",
+            "time": time,
+            "controller": law,
+            "agents": [{"id": "A", "position": [5, 0]}],
+            "targets": [{"id": "T", "position": [5, 0, 8]}],
+            "sensing": [["A", "T"]],
+            "communication": [],
+            "flow": {"water": {"dimension": 2, "waves": waves}},
+            **fields,
+        }
+    )
+
+
+def team(period: float = 0.1, **fields: Any) -> Scenario:
+    """Return two Otters in waves and two hexarotors in gusts about a drone."""
+    return scenario_from_mapping(
+        {
+            "name": "team",
+            "time": {"end": 10.0},
+            "controller": {"gain": 0.4, "control_period": period},
+            "agents": [
+                {"id": "O1", "position": [-6, 4], "vehicle": "otter"},
+                {"id": "O2", "position": [-6, -4], "vehicle": "otter"},
+                {"id": "H1", "position": [5, 6, 20], "vehicle": "hexarotor"},
+                {"id": "H2", "position": [5, -6, 20], "vehicle": "hexarotor"},
+            ],
+            "targets": [
+                {"id": "T", "position": [0, 0, 20], "vehicle": "hexarotor", "motion": {"kind": "static", "pull": 1.0}}
+            ],
+            "communication": [["O1", "O2"], ["O1", "H1"], ["H1", "H2"]],
+            "sensing": [["O1", "T"], ["H1", "T"], ["H2", "T"]],
+            "formations": [
+                {"name": "boats", "shape": "line", "members": ["O1", "O2"], "about": "T", "spacing": 8, "angle": 90},
+                {"name": "drones", "shape": "line", "members": ["H1", "H2"], "about": "T", "spacing": 12, "angle": 90},
+            ],
+            "flow": {
+                "air": {"dimension": 3, "drift": [2.0, 0.0, 0.0], "gusts": GUSTS},
+                "water": {"dimension": 2, "waves": SHORT},
+            },
+            "physics": {"timestep": 0.01, "contacts": False},
+            **fields,
+        }
+    )
+
+
+def measured(scenario: Scenario, backend: str, end: float, seeds: int, engine: str = "mujoco") -> dict[str, float]:
+    """Return the RMS of each agent's error about its mean over long runs, m."""
+    squares = 0.0
+    for seed in range(seeds):
+        raw = scenario.model_dump(mode="json", exclude_none=True) | {"seed": seed, "time": {"end": end}}
+        data = mjsheaf.simulate(scenario_from_mapping(raw), backend=backend, engine=engine)
+        error = (data.agent_position - data.harmonic_extension).values[len(data.time) // 10 :]
+        error = error - error.mean(axis=0)
+        squares = squares + np.nansum(error**2, axis=2).mean(axis=0)
+    return dict(zip(scenario.team.agent_ids, np.sqrt(squares / seeds).tolist(), strict=True))
+
+
+@pytest.mark.parametrize(("gain", "rms"), [(0.1, 0.249017), (0.5, 0.229216), (1.0, 0.191609), (5.0, 0.065049)])
+@pytest.mark.parametrize("spreading", ["none", "cos2"])
+def test_the_continuous_law_leaves_the_published_errors(gain: float, rms: float, spreading: str) -> None:
+    record = mjsheaf.check(lone(gain, 0.0, {**PM, "spreading": spreading, "direction": 70.0}))["disturbance"]
+    assert record["rms"] == pytest.approx(rms, abs=2e-6)
+    assert record["agents"] == {"A": record["rms"]}
+    assert record["norm"] == "per_agent_rms"
+
+
+def test_a_fast_hold_is_nearly_the_continuous_law_and_a_slow_one_is_not() -> None:
+    found = [mjsheaf.check(lone(0.5, h, PM))["disturbance"]["rms"] for h in (0.0, 0.001, 0.5)]
+    assert found[1] == pytest.approx(found[0], rel=1e-3)
+    assert abs(found[2] - found[0]) > 0.01 * found[0]
+
+
+def test_a_sea_of_few_waves_is_predicted_by_them() -> None:
+    waves = {**PM, "components": 3}
+    scenario = lone(0.5, 0.1, waves)
+    predicted = mjsheaf.check(scenario)["disturbance"]["rms"]
+    assert measured(scenario, "ideal", 4000.0, 1)["A"] == pytest.approx(predicted, rel=0.01)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("frozen", [False, True])
+def test_predictions_are_within_3_percent_of_long_ideal_runs(frozen: bool) -> None:
+    flow = team().flow.model_dump(mode="json", exclude_none=True)
+    flow["air"]["gusts"]["frozen"] = frozen
+    scenario = team(flow=flow)
+    predicted = mjsheaf.check(scenario)["disturbance"]
+    found = measured(scenario, "ideal", 3000.0, 10)
+    assert found == pytest.approx(predicted["agents"], rel=0.03)
+    assert predicted["rms"] == pytest.approx(np.sqrt(np.mean(np.square(list(predicted["agents"].values())))))
+
+
+@pytest.mark.slow
+def test_predictions_are_within_10_percent_of_long_runs_on_bodies() -> None:
+    scenario = team()
+    predicted = mjsheaf.check(scenario)["disturbance"]
+    assert predicted["bodies_reason"] == ""
+    found = measured(scenario, "physics", 1500.0, 4, "fused")
+    assert found == pytest.approx(predicted["bodies"], rel=0.1)
+
+
+def test_a_still_medium_leaves_no_error_and_what_is_unknown_is_null() -> None:
+    still = mjsheaf.check(mixed_scenario())["disturbance"]
+    assert still["rms"] == 0.0
+    assert set(still["agents"].values()) == {0.0}
+    law = {"gain": 0.5, "control_period": 0.1, "feedforward": {"rounds": 2}}
+    ahead = mjsheaf.check(lone(0.5, 0.1, PM, controller=law))["disturbance"]
+    assert ahead["rms"] is None
+    assert "follows the targets" in ahead["reason"]
