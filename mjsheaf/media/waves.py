@@ -208,7 +208,7 @@ class WaveState(NamedTuple):
         time: Time by vehicle, shape (V,), s.
         place: Time and place for which `met` was computed, shape (V, 4), s and m.
         met: Velocity (3), elevation, slopes along x and y, and its rate, shape (V, 7), m/s, m, 1 and m/s.
-        waves: Cosine and sine of the phases, shape (V, 2, N).
+        waves: Cosine and sine of the phases, and the phases, rad, shape (V, 3, N).
     """
 
     time: Array
@@ -247,7 +247,7 @@ def bound_waves(waves: WaveArrays) -> Bounds:
 def new_wave_state(waves: WaveArrays) -> WaveState:
     """Return a state for `advance_waves` to write to."""
     V, N = len(waves.met), waves.waves.shape[1]
-    return WaveState(np.zeros(V), np.full((V, 4), np.nan), np.zeros((V, 7)), np.zeros((V, 2, N)))
+    return WaveState(np.zeros(V), np.full((V, 4), np.nan), np.zeros((V, 7)), np.zeros((V, 3, N)))
 
 
 @jit
@@ -258,19 +258,29 @@ def advance_waves(waves, t, first, last, state):
 
 
 @jit
-def _meet(waves, state, v, x, y):
-    """Compute what vehicle v meets at the undisturbed surface, unless it is known.
+def _find_phases(waves, x, y, t, found):
+    """Write cosines, sines and phases of the waves at a place and time into found (3, N).
 
-    The phases are in a loop of their own, which becomes vector instructions.
+    Each is a loop of its own: only that becomes vector instructions.
     """
+    east, north, rate, phase = waves[0], waves[1], waves[2], waves[3]
+    cosine, sin, angle = found[0], found[1], found[2]
+    for j in range(angle.shape[0]):
+        angle[j] = east[j] * x + north[j] * y - rate[j] * t + phase[j]
+    for j in range(angle.shape[0]):
+        cosine[j] = sine(angle[j] + _HALF_PI)
+    for j in range(angle.shape[0]):
+        sin[j] = sine(angle[j])
+
+
+@jit
+def _meet(waves, state, v, x, y):
+    """Compute what vehicle v meets at the undisturbed surface, unless it is known."""
     t, place = state.time[v], state.place[v]
     if place[0] == t and place[1] == x and place[2] == y and place[3] == 0.0:
         return
     w, met, cosine, sin = waves.waves, state.met[v], state.waves[v, 0], state.waves[v, 1]
-    for j in range(w.shape[1]):
-        angle = w[0, j] * x + w[1, j] * y - w[2, j] * t + w[3, j]
-        cosine[j] = sine(angle + _HALF_PI)
-        sin[j] = sine(angle)
+    _find_phases(w, x, y, t, state.waves[v])
     east, north, height, slope_x, slope_y, rise = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(w.shape[1]):
         east += w[6, j] * cosine[j]
