@@ -53,23 +53,56 @@ _SOURCES = (
 
 
 class _Compilations(event.Listener):
-    """Adds up the time that compiling takes, and logs it once in a process: seconds that later runs do not take."""
+    """Counts the functions that numba compiles, and adds up the time: seconds that later runs do not take.
+
+    Attributes:
+        seconds: Time that compiling took, s.
+        count: Functions that were compiled.
+        expected: About how many functions will have been compiled when the present compilation ends.
+    """
 
     def __init__(self) -> None:
         self.seconds = 0.0
+        self.count = 0
+        self.expected = 0
+        self._compiled: set[Any] = set()
         self._begun: list[float] = []  # one within the other
         self._announced = False
 
     def on_start(self, event: Any) -> None:
+        function = event.data["dispatcher"].py_func
+        if not self._begun:
+            self.expected = self.count + len(_functions_called(function, self._compiled))
         self._begun.append(perf_counter())
-        if not self._announced and str(event.data["dispatcher"].py_func.__module__).startswith("mjsheaf."):
+        if not self._announced and str(function.__module__).startswith("mjsheaf."):
             self._announced = True
-            _logger.info("compiling loops for this machine: some 50 seconds, once")
+            _logger.info("compiling the loops for this machine, once")
 
-    def on_end(self, _: Any) -> None:
+    def on_end(self, event: Any) -> None:
         begun = self._begun.pop()
+        self.count += 1
+        self._compiled.add(event.data["dispatcher"].py_func)
         if not self._begun:
             self.seconds += perf_counter() - begun
+
+    @property
+    def under_way(self) -> bool:
+        """True while something is compiled."""
+        return bool(self._begun)
+
+
+def _functions_called(function: Any, known: set[Any]) -> set[Any]:
+    """Return a function and those for compilation that it calls, directly or not, without those that are `known`."""
+    reached = set()
+    pending = [function]
+    while pending:
+        caller = pending.pop()
+        reached.add(caller)
+        code = getattr(caller, "__code__", None)
+        named = (caller.__globals__.get(name) for name in code.co_names) if code else ()
+        called = {one.py_func for one in named if hasattr(one, "py_func")}
+        pending += called - reached - known
+    return reached
 
 
 _compilations = _Compilations()
@@ -79,6 +112,14 @@ event.register("numba:compile", _compilations)
 def compilation_time() -> float:
     """Return how long this process has compiled, s."""
     return _compilations.seconds
+
+
+def compiling() -> tuple[int, int] | None:
+    """Return the number of the function that is being compiled and about how many there are; None if there is none."""
+    if not _compilations.under_way:
+        return None
+    number = _compilations.count + 1
+    return number, max(number, _compilations.expected)
 
 
 def working_time() -> float:

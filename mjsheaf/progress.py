@@ -1,103 +1,92 @@
-"""Progress of long work in Python: a bar on a terminal or in a notebook, and nothing elsewhere.
+"""Progress of long work: a bar on a terminal or in a notebook, lines where a command's output goes to a file.
 
-A bar appears after half a second, so that short work shows nothing, and disappears when the work ends. While numba
-compiles, the bar shows that: otherwise the first run on a machine would be silent for about a minute.
+It appears after half a second, so that short work shows nothing, and a bar disappears when the work ends. While numba
+compiles, it shows that, function by function: otherwise the first run on a machine would be silent.
 """
 
 import contextvars
 import html
 import sys
+import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from threading import Event, Lock, Thread
-from typing import Any, Protocol
-
-from numba.core import event
-
-from mjsheaf.arguments import require_type
+from typing import Protocol
 
 Report = Callable[[str, int, int], None]
 """Called with (what is being done, done, in all)."""
 
 DELAY = 0.5
-"""Time before a bar appears, s."""
+"""Time before progress appears, s."""
+BETWEEN_LINES = 2.0
+"""Time between lines of progress, s."""
 _INTERVAL = 0.2  # s between updates of a bar
-_displaying = Lock()  # held while a bar is shown: there is one at most
-
-
-class _Compilations(event.Listener):
-    """Counts the functions that numba compiles while this module is loaded."""
-
-    def __init__(self) -> None:
-        self.under_way = 0
-        self.count = 0
-
-    def on_start(self, event: Any) -> None:
-        self.under_way += 1
-
-    def on_end(self, event: Any) -> None:
-        self.under_way = max(self.under_way - 1, 0)  # one may have started before this module was loaded
-        self.count += 1
-
-
-_compilations = _Compilations()
-event.register("numba:compile", _compilations)
-
-
-def describe_compiling() -> str:
-    """Return that loops are being compiled and how many functions were, or nothing."""
-    if not _compilations.under_way:
-        return ""
-    return f"compiling loops for this machine, once, about a minute (function {_compilations.count + 1})"
+_displaying = Lock()  # held while progress is shown: one at most
 
 
 class State:
-    """Contents of a bar: a title, the amount done and the whole amount; 0 of 0 where that is not known yet."""
+    """Progress of some work: what is being done, the amount done and the whole amount; at most 1 where unknown."""
 
     def __init__(self, what: str) -> None:
-        self.what = what
-        self.done = 0
-        self.total = 0
+        self._begun = time.monotonic()
+        self._what = what
+        self._done = 0
+        self._total = 0
 
     def report(self, what: str, done: int, total: int) -> None:
         """Take note of progress."""
-        self.what = what
-        self.done = done
-        self.total = total
+        self._what = what
+        self._done = done
+        self._total = total
 
     @property
-    def title(self) -> str:
-        """Title of the bar: the compilation if there is one."""
-        return describe_compiling() or self.what
+    def seconds(self) -> float:
+        """Time since the start, s."""
+        return time.monotonic() - self._begun
+
+    def now(self) -> tuple[str, int, int]:
+        """Return what is being done, the amount done and the whole amount: those of compilation while there is one."""
+        jit = sys.modules.get("mjsheaf.jit")  # not loaded for this: it takes long
+        compiled = jit.compiling() if jit else None
+        if compiled:
+            return "compiling the loops for this machine, once: function", *compiled
+        return self._what, self._done, self._total
 
 
-class _View(Protocol):
-    def update(self, state: State) -> None: ...
+class View(Protocol):
+    """Shows progress."""
 
-    def close(self) -> None: ...
+    def update(self, state: State) -> None:
+        """Show the present state."""
+
+    def close(self) -> None:
+        """Remove what is shown."""
 
 
-class _Terminal:
+class Terminal:
     """A bar on stderr."""
 
     def __init__(self) -> None:
         from rich.console import Console
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
         self._bars = Progress(*columns, console=Console(stderr=True), transient=True, auto_refresh=False)
         self._task = self._bars.add_task("", total=None)
         self._bars.start()
 
     def update(self, state: State) -> None:
-        total = state.total or None
-        self._bars.update(self._task, description=state.title, completed=state.done, total=total, refresh=True)
+        """Draw the bar."""
+        what, done, total = state.now()
+        known = total if total > 1 else None
+        self._bars.update(self._task, description=what, completed=done, total=known, refresh=True)
 
     def close(self) -> None:
+        """Remove the bar."""
         self._bars.stop()
 
 
-class _Notebook:
+class Notebook:
     """A bar below a notebook's cell."""
 
     def __init__(self) -> None:
@@ -106,24 +95,48 @@ class _Notebook:
         self._handle = display({"text/plain": ""}, raw=True, display_id=True)
 
     def update(self, state: State) -> None:
-        share = f'max="{state.total}" value="{state.done}"' if state.total else ""
-        number = f"{state.done} of {state.total}" if state.total else ""
+        """Draw the bar."""
+        what, done, total = state.now()
+        share = f'max="{total}" value="{done}"' if total > 1 else ""
+        number = f"{done} of {total}, " if total > 1 else ""
+        after = f"{number}{state.seconds:.0f} s"
         bar = f"<progress {share}></progress>"
-        text = f"{html.escape(state.title)} {bar} {number}"
-        self._handle.update({"text/html": text, "text/plain": f"{state.title} {number}"}, raw=True)
+        data = {"text/html": f"{html.escape(what)} {bar} {after}", "text/plain": f"{what} {after}"}
+        self._handle.update(data, raw=True)
 
     def close(self) -> None:
+        """Remove the bar."""
         self._handle.update({"text/plain": "", "text/html": ""}, raw=True)
 
 
-def _new_view() -> Callable[[], _View] | None:
+class Lines:
+    """Lines on stdout: one at once, then one every two seconds."""
+
+    def __init__(self) -> None:
+        self._due = 0.0
+
+    def update(self, state: State) -> None:
+        """Print a line if one is due."""
+        if state.seconds < self._due:
+            return
+        self._due = state.seconds + BETWEEN_LINES
+        what, done, total = state.now()
+        share = f" {done} of {total} ({100 * done // total} %)" if total > 1 else ""
+        with suppress(OSError, ValueError):  # the reader went away, or the stream is closed
+            print(f"{what}{share}, {state.seconds:.0f} s since the start", flush=True)
+
+    def close(self) -> None:
+        """Leave the lines."""
+
+
+def _find_view() -> Callable[[], View] | None:
     """Return what shows a bar here: a notebook, a terminal, or nothing."""
     ipython = sys.modules.get("IPython")
     shell = ipython.get_ipython() if ipython else None
     if shell is not None and "IPKernelApp" in getattr(shell, "config", {}):
-        return _Notebook
+        return Notebook
     if sys.stderr is not None and sys.stderr.isatty():
-        return _Terminal
+        return Terminal
     return None
 
 
@@ -139,8 +152,16 @@ def shown(progress: "Callable[..., None] | bool | None", what: str) -> Iterator[
     Raises:
         InputError: `progress` is something else.
     """
+    from mjsheaf.arguments import require_type
+
     require_type("progress", progress, (bool, type(None), Callable), "True, False or a function")
-    make = _new_view() if progress is True else None
+    with displaying(_find_view() if progress is True else None, what) as report:
+        yield report
+
+
+@contextmanager
+def displaying(make: Callable[[], View] | None, what: str) -> Iterator[Report | None]:
+    """Show progress in a view, which `make` makes, and yield what to call with it; None if nothing can be shown."""
     if make is None or not _displaying.acquire(blocking=False):
         yield None
         return
@@ -157,8 +178,8 @@ def shown(progress: "Callable[..., None] | bool | None", what: str) -> Iterator[
         _displaying.release()
 
 
-def _show(state: State, make: Callable[[], _View], ended: Event) -> None:
-    """Show a bar from half a second on until the work has ended."""
+def _show(state: State, make: Callable[[], View], ended: Event) -> None:
+    """Show progress from half a second on until the work has ended."""
     if ended.wait(DELAY):
         return
     view = make()

@@ -17,7 +17,7 @@ import pytest
 from numba.core import event
 
 import mjsheaf
-from mjsheaf import progress
+from mjsheaf import jit, progress
 from mjsheaf.errors import InputError
 
 SLOW = """
@@ -121,10 +121,10 @@ def test_a_notebook_has_a_bar_that_goes_away(notebook: Handle) -> None:
 
 
 def test_it_says_that_loops_are_compiled(notebook: Handle) -> None:
-    data = {"dispatcher": SimpleNamespace(py_func=SimpleNamespace(__module__="elsewhere"))}
+    data = {"dispatcher": SimpleNamespace(py_func=wait_for)}
     with progress.shown(True, "working") as bar:
         event.start_event("numba:compile", data=data)
-        wait_for(notebook, "compiling loops for this machine")
+        wait_for(notebook, "compiling the loops for this machine")
         event.end_event("numba:compile", data=data)
         assert bar is not None
         bar("working", 1, 2)
@@ -192,3 +192,29 @@ def test_the_terminal_is_left_clean(monkeypatch: pytest.MonkeyPatch) -> None:
         time.sleep(0.5)
     assert "working" in screen.getvalue()
     assert screen.getvalue().endswith("\x1b[2K")  # the line is erased
+
+
+def test_a_compilation_says_how_many_functions_there_are() -> None:
+    """Each function counts once, however often it is called; those that are compiled already do not count."""
+
+    def expected(caller: Any, known: set[Any]) -> int:
+        return len(jit._functions_called(caller.py_func, known))
+
+    assert expected(_outer, set()) == 3
+    assert expected(_middle, set()) == 2
+    assert expected(_outer, {_inner.py_func}) == 2
+
+
+@jit.user_jit
+def _inner(x: float) -> float:
+    return x + 1.0
+
+
+@jit.user_jit
+def _middle(x: float) -> float:
+    return _inner(x) * _inner(x)
+
+
+@jit.user_jit
+def _outer(x: float) -> float:
+    return _middle(x) + _inner(x) + float(np.sqrt(x))

@@ -13,7 +13,7 @@ from mjsheaf.cli.options import (
     changes_of,
     require_file_name,
 )
-from mjsheaf.cli.terminal import make_console, print_lines
+from mjsheaf.cli.terminal import make_console, print_lines, progress_bars
 from mjsheaf.errors import InputError
 from mjsheaf.io.figures import AS_USUAL, FORMATS, FigureOptions
 
@@ -66,13 +66,14 @@ def check(
     figures = _figures_of(plot, formats, title)
     import json
 
-    from mjsheaf.checking import examine_scenario
-    from mjsheaf.checking.report import report
-    from mjsheaf.scenario import load_scenario
+    with progress_bars("checking", lines=not as_json):
+        from mjsheaf.checking import examine_scenario
+        from mjsheaf.checking.report import report
+        from mjsheaf.scenario import load_scenario
 
-    loaded = load_scenario(scenario, changes_of(overrides))
-    examination = examine_scenario(loaded, rate=rate, radius=radius, rho=_rho_of(rho))
-    record = examination.record
+        loaded = load_scenario(scenario, changes_of(overrides))
+        examination = examine_scenario(loaded, rate=rate, radius=radius, rho=_rho_of(rho))
+        record = examination.record
     if as_json:
         print(json.dumps(record.model_dump(mode="json"), indent=2, allow_nan=False))
     else:

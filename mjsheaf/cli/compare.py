@@ -52,23 +52,24 @@ def compare(
     compare.json, report.txt, errors.png, budget.png, convergence.png, scenario.yaml and compare.mp4 (ideal left,
     bodies right) into the directory, runs/NAME-compare unless given. The video comes last.
     """
-    from mjsheaf.comparing.report import publish, report
-    from mjsheaf.control.source import find_law
+    with progress_bars() as bars:
+        from mjsheaf.comparing.report import publish, report
+        from mjsheaf.control.source import find_law
 
-    figures = figure_options(formats, title)
-    loaded, directory, origin = prepare(scenario, overrides, seed, out, "physics", "compare")
-    law = None if controller is None else find_law(controller)
-    with in_field(scenario), progress_bars() as bars:
-        published = publish(
-            loaded,
-            directory,
-            engine=str(engine),
-            threads=threads,
-            law=law,
-            origin=origin,
-            figures=figures,
-            progress=bars,
-        )
+        figures = figure_options(formats, title)
+        loaded, directory, origin = prepare(scenario, overrides, seed, out, "physics", "compare")
+        law = None if controller is None else find_law(controller)
+        with in_field(scenario):
+            published = publish(
+                loaded,
+                directory,
+                engine=str(engine),
+                threads=threads,
+                law=law,
+                origin=origin,
+                figures=figures,
+                progress=bars,
+            )
     record = published.comparison.record
     make_console(_WIDTH).print(report(record))
     print_lines(*filter(None, [published.replaced]), *(f"  {path}" for path in sorted(directory.iterdir())))
@@ -106,9 +107,9 @@ def compare_runs(
     runs/SCENARIO-runs unless given.
     """
     figures = figure_options(formats, title)
-    from mjsheaf.comparing.overlay import publish_runs
-
     with progress_bars() as bars:
+        from mjsheaf.comparing.overlay import publish_runs
+
         record, place, replaced = publish_runs(directories, out, figures, bars)
     _print_record(record)
     print_lines(*([replaced] if replaced else []), *(f"  {path}" for path in sorted(place.iterdir())))

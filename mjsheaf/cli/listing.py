@@ -162,9 +162,9 @@ def bench(
     Topics: ideal, loop, fused, threads, assembly, sheaf; with mjsheaf's source tree also startup, peers, hardware,
     video and memory.
     """
-    from mjsheaf.bench import run_bench
-
     with progress_bars(lines=not as_json) as bars:
+        from mjsheaf.bench import run_bench
+
         found = run_bench(topics, short=not full, peers=peers, progress=bars)
     if as_json:
         print(json.dumps(found, indent=2))

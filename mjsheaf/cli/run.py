@@ -67,30 +67,31 @@ def run(
     video.mp4 into the directory (runs/NAME-BACKEND unless given): the video last, all else at once. Refuses, with exit
     code 1, a team in which some agent is free to drift.
     """
-    from mjsheaf.cli.outcome import announcing, print_outcome
-    from mjsheaf.runs.publish import execute
-    from mjsheaf.video.from_run import video_options
+    with progress_bars() as bars:
+        from mjsheaf.cli.outcome import announcing, print_outcome
+        from mjsheaf.runs.publish import execute
+        from mjsheaf.video.from_run import video_options
 
-    figures = figure_options(formats, title)
-    loaded, directory, origin = prepare(scenario, overrides, seed, out, str(backend), str(backend))
-    if expect and getattr(loaded.expect, backend) is None and loaded.expect.refused is None:
-        raise InputError(f"{scenario}: expect.{backend}: missing; --expect needs bounds for this backend")
-    law = _law_of(scenario, loaded, controller, expect)
-    options = video_options(loaded, quality=quality, legend=legend) if video else None
-    with _as_expected(scenario, loaded.expect.refused if expect else None), progress_bars() as bars:
-        outcome = execute(
-            loaded,
-            str(backend),
-            directory,
-            video=None,
-            engine=str(engine),
-            threads=threads,
-            allow_drift=allow_drift,
-            controller=law,
-            origin=origin,
-            figures=figures,
-            progress=announcing(loaded, str(backend), bars),
-        )
+        figures = figure_options(formats, title)
+        loaded, directory, origin = prepare(scenario, overrides, seed, out, str(backend), str(backend))
+        if expect and getattr(loaded.expect, backend) is None and loaded.expect.refused is None:
+            raise InputError(f"{scenario}: expect.{backend}: missing; --expect needs bounds for this backend")
+        law = _law_of(scenario, loaded, controller, expect)
+        options = video_options(loaded, quality=quality, legend=legend) if video else None
+        with _as_expected(scenario, loaded.expect.refused if expect else None):
+            outcome = execute(
+                loaded,
+                str(backend),
+                directory,
+                video=None,
+                engine=str(engine),
+                threads=threads,
+                allow_drift=allow_drift,
+                controller=law,
+                origin=origin,
+                figures=figures,
+                progress=announcing(loaded, str(backend), bars),
+            )
     print_outcome(outcome, overridden=bool(overrides))
     if options is not None:
         outcome = _draw_video(outcome, loaded, options)
@@ -175,27 +176,28 @@ def expect(
     Writes no directory. Exit code 1 where an expectation is missed. --update keeps the rest of the file as it is; a
     team that is refused is expected to be refused, and a run that blows up is not written (exit code 3).
     """
-    from mjsheaf.control.source import find_law, name_law_from
-    from mjsheaf.io.files import require_writable
-    from mjsheaf.runs import expecting
-    from mjsheaf.scenario.load import find_scenario, load_scenario
+    with progress_bars() as bars:
+        from mjsheaf.control.source import find_law, name_law_from
+        from mjsheaf.io.files import require_writable
+        from mjsheaf.runs import expecting
+        from mjsheaf.scenario.load import find_scenario, load_scenario
 
-    loaded = load_scenario(scenario)
-    path = find_scenario(scenario)
-    data = b""
-    if update:
-        data = path.read_bytes()
-        require_writable(path)
-    backends = _backends_to_try(scenario, loaded, backend, update)
-    trials = []
-    with in_field(scenario):
-        law = expecting.expected_law(loaded, path.parent) if controller is None else find_law(controller)
-    law_name = name_law_from(law, path.parent) if update and law is not None else None
-    for name in backends:
-        with in_field(scenario), progress_bars() as bars:
-            progress = partial(bars, f"simulating ({name})")
-            trials.append(expecting.try_scenario(loaded, name, law=law, progress=progress))
-        print_lines(expecting.describe(trials[-1], loaded.name, scenario))
+        loaded = load_scenario(scenario)
+        path = find_scenario(scenario)
+        data = b""
+        if update:
+            data = path.read_bytes()
+            require_writable(path)
+        backends = _backends_to_try(scenario, loaded, backend, update)
+        trials = []
+        with in_field(scenario):
+            law = expecting.expected_law(loaded, path.parent) if controller is None else find_law(controller)
+        law_name = name_law_from(law, path.parent) if update and law is not None else None
+        for name in backends:
+            with in_field(scenario):
+                progress = partial(bars, f"simulating ({name})")
+                trials.append(expecting.try_scenario(loaded, name, law=law, progress=progress))
+            print_lines(expecting.describe(trials[-1], loaded.name, scenario))
     if not update:
         _require_met(scenario, trials)
         return
@@ -265,21 +267,21 @@ def video(
     """
     changes = {k: v for k, v in locals().items() if k not in ("directory", "out")}
     changes |= {"vehicle_scale": None} if vehicle_scale is None else _scales(vehicle_scale)
-    from mjsheaf.results.store import reopen_run, save_summary
-    from mjsheaf.runs.publish import video_entry
-    from mjsheaf.video import available_backend
-    from mjsheaf.video.from_run import film_run, video_options
+    with progress_bars() as bars:
+        from mjsheaf.results.store import reopen_run, save_summary
+        from mjsheaf.runs.publish import video_entry
+        from mjsheaf.video import available_backend
+        from mjsheaf.video.from_run import film_run, video_options
 
-    with reopen_run(directory) as (scenario, dataset, summary):
-        options = video_options(scenario, **changes)
-        own = directory / "video.mp4"
-        path = own if out is None else out
-        require_file_name("--out", path, ".mp4")
-        _require_outside_of_runs(path, own)
-        backend, reason = available_backend()
-        if backend is None:
-            raise InputError(f"no video can be drawn here: {reason}")
-        with progress_bars() as bars:
+        with reopen_run(directory) as (scenario, dataset, summary):
+            options = video_options(scenario, **changes)
+            own = directory / "video.mp4"
+            path = own if out is None else out
+            require_file_name("--out", path, ".mp4")
+            _require_outside_of_runs(path, own)
+            backend, reason = available_backend()
+            if backend is None:
+                raise InputError(f"no video can be drawn here: {reason}")
             frames = film_run(scenario, dataset, path, options, partial(bars, "drawing video"))
     if path.resolve() == own.resolve():
         save_summary({**summary, "video": video_entry(frames, options)}, directory / "summary.json")
@@ -306,12 +308,14 @@ def report(
     out: Annotated[Path | None, typer.Option(metavar="FILE", help="The page; report.html in DIR unless given.")] = None,
 ) -> None:
     """Write the page of a finished run again: one HTML file that replays it in any browser, offline."""
-    from mjsheaf.page import write_page_again
+    with progress_bars("writing the page"):
+        from mjsheaf.page import write_page_again
 
-    if out is not None:
-        require_file_name("--out", out, ".html")
-        _require_outside_of_runs(out, directory / "report.html")
-    print_lines(write_page_again(directory, out))
+        if out is not None:
+            require_file_name("--out", out, ".html")
+            _require_outside_of_runs(out, directory / "report.html")
+        path = write_page_again(directory, out)
+    print_lines(path)
 
 
 def plot(
@@ -321,14 +325,14 @@ def plot(
     out: Annotated[Path | None, typer.Option(metavar="FOLDER", help="Where to put them; DIR unless given.")] = None,
 ) -> None:
     """Draw the plots of a finished run again, such as without titles and in other formats, for a paper."""
-    figures = figure_options(formats, title)
-    from mjsheaf.runs.publish import plot_again
-
-    if out is not None:
-        if out.exists() and not out.is_dir():
-            raise InputError(f"--out {out}: is not a directory")
-        _require_outside_of_runs(out / "errors.png", directory / "errors.png")
     with progress_bars() as bars:
+        figures = figure_options(formats, title)
+        from mjsheaf.runs.publish import plot_again
+
+        if out is not None:
+            if out.exists() and not out.is_dir():
+                raise InputError(f"--out {out}: is not a directory")
+            _require_outside_of_runs(out / "errors.png", directory / "errors.png")
         found = plot_again(directory, out or directory, figures, bars)
     for path in found:
         print_lines(path)

@@ -83,28 +83,29 @@ def sweep(
     the others go on; the exit code is then still 0.
     """
     _take_one_thread_each()
-    from mjsheaf.studies import load_plan, run_study
+    with progress_bars() as bars:
+        from mjsheaf.studies import load_plan, run_study
 
-    given = {"--workers": workers is not None, "--threads": threads}
-    _refuse(given, scheduler is not None, "beside --scheduler, whose workers exist; give either")
-    figures = figure_options(formats, title)
-    plan = load_plan(
-        source,
-        **_points_of(grid or (), seeds),
-        overrides=changes_of(overrides),
-        backend=backend and backend.value,
-        engine=engine and engine.value,
-        device=device,
-        batch=batch,
-        measure=measure,
-        trajectories=trajectories,
-        controller=controller,
-    )
-    if plan.study.seeds is not None and not plan.seed_matters:
-        note_idle_seed(plan.scenario["name"], plan.study.backend)
-    begin = _workers_for(plan, {**given, "--scheduler": scheduler is not None}, workers, scheduler)
-    with progress_bars() as bars, saying_what_is_kept(partial(_describe_kept, plan, out)):
-        study = run_study(plan, out, begin, retry_failed=retry_failed, figures=figures, progress=bars)
+        given = {"--workers": workers is not None, "--threads": threads}
+        _refuse(given, scheduler is not None, "beside --scheduler, whose workers exist; give either")
+        figures = figure_options(formats, title)
+        plan = load_plan(
+            source,
+            **_points_of(grid or (), seeds),
+            overrides=changes_of(overrides),
+            backend=backend and backend.value,
+            engine=engine and engine.value,
+            device=device,
+            batch=batch,
+            measure=measure,
+            trajectories=trajectories,
+            controller=controller,
+        )
+        if plan.study.seeds is not None and not plan.seed_matters:
+            note_idle_seed(plan.scenario["name"], plan.study.backend)
+        begin = _workers_for(plan, {**given, "--scheduler": scheduler is not None}, workers, scheduler)
+        with saying_what_is_kept(partial(_describe_kept, plan, out)):
+            study = run_study(plan, out, begin, retry_failed=retry_failed, figures=figures, progress=bars)
     _print_study(study, out)
 
 

@@ -11,7 +11,6 @@ import os
 import signal
 import sys
 import threading
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from types import FrameType
@@ -21,15 +20,8 @@ from mjsheaf.errors import printable
 
 if TYPE_CHECKING:
     from rich.console import Console
-    from rich.progress import Progress
     from rich.segment import Segment
     from rich.table import Table
-
-BETWEEN_LINES = 15.0
-"""Time between lines of progress where there is no terminal, s."""
-
-BETWEEN_LOOKS = 0.5
-"""Time between looks whether loops are being compiled, s."""
 
 _WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated", signal.SIGHUP: "hung up"}
 _received: int | None = None
@@ -168,73 +160,25 @@ def print_note(text: str) -> None:
 
 
 @contextmanager
-def progress_bars(*, lines: bool = True) -> Iterator[Callable[[str, int, int], None]]:
-    """Yield a function of (what is being done, done, in all) that keeps a bar for each kind of work, on stderr.
+def progress_bars(what: str = "loading", *, lines: bool = True) -> Iterator[Callable[[str, int, int], None]]:
+    """Yield a function of (what is being done, done, in all) that shows it: in a bar on stderr if that is a terminal.
 
-    Where stderr is not a terminal, what takes long has a line now and then on stdout instead, if `lines` may stand
-    there: stderr is for the one line of an error. Either shows within a second that loops are being compiled. Each call
-    ends the work if a signal has asked for that.
+    Otherwise there are lines on stdout, if `lines` may stand there: stderr is for the one line of an error. Either
+    shows within a second that something is done, also that loops are being compiled. Each call ends the work if a
+    signal has asked for that.
+
+    Args:
+        what: What is being done until the first call.
+        lines: False if stdout is for something else.
     """
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
+    from mjsheaf.progress import Lines, Terminal, displaying
 
-    console = make_console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    bars = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
-    tasks: dict[str, TaskID] = {}
-    begun = told = time.monotonic()
+    view = Terminal if sys.stderr.isatty() else Lines if lines else None
+    with displaying(view, what) as show:
 
-    def report(what: str, done: int, total: int) -> None:
-        nonlocal told
-        raise_if_stopped()
-        now = time.monotonic()
-        if bars.disable:
-            if lines and now - told >= BETWEEN_LINES and total > 1:
-                told = now
-                share = f"{done} of {total} ({100 * done // total} %)"
-                print(f"{what}: {share}, {now - begun:.0f} s since the start", flush=True)
-            return
-        if what not in tasks:
-            tasks[what] = bars.add_task(what, total=total)
-        bars.update(tasks[what], completed=done, total=total)
+        def report(what: str, done: int, total: int) -> None:
+            raise_if_stopped()
+            if show is not None:
+                show(what, done, total)
 
-    with bars, _compilation_shown(None if bars.disable else bars, lines=lines):
         yield report
-
-
-@contextmanager
-def _compilation_shown(bars: "Progress | None", *, lines: bool) -> Iterator[None]:
-    """Show while the block lasts that loops are being compiled: in a bar, or in lines on stdout where there is none."""
-    ended = threading.Event()
-    thread = threading.Thread(target=_show_compilation, args=(bars, lines, ended), daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        ended.set()
-        thread.join()
-
-
-def _show_compilation(bars: "Progress | None", lines: bool, ended: threading.Event) -> None:
-    """Look for compilation every half second until the work has ended."""
-    task = None
-    waited = BETWEEN_LINES  # s since the last line
-    while not ended.wait(BETWEEN_LOOKS):
-        waited += BETWEEN_LOOKS
-        text = _describe_compiling()
-        if bars is not None:
-            if text and task is None:
-                task = bars.add_task(text, total=None)
-            if task is not None:
-                bars.update(task, description=text, visible=bool(text))
-        elif text and lines and waited >= BETWEEN_LINES:
-            waited = 0.0
-            print(text, flush=True)
-
-
-def _describe_compiling() -> str:
-    """Return that loops are being compiled, or nothing; does not load the compiler, which takes long."""
-    if "mjsheaf.jit" not in sys.modules:
-        return ""
-    from mjsheaf.progress import describe_compiling
-
-    return describe_compiling()

@@ -1,54 +1,72 @@
-"""Lines of progress where there is no terminal. Oracle: a clock that the test turns."""
+"""Progress of a command: a bar on a terminal, lines on stdout elsewhere. Oracle: what the streams receive, and when."""
 
 import io
 import sys
 import time
 from collections.abc import Callable
+from itertools import pairwise
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from numba.core import event
 
+from mjsheaf import jit, progress
 from mjsheaf.cli import terminal
 
 
-def test_what_takes_long_has_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch) -> None:
-    now = 100.0
+def redirect(monkeypatch: pytest.MonkeyPatch) -> tuple[io.StringIO, io.StringIO]:
     out, err = io.StringIO(), io.StringIO()
     monkeypatch.setattr(sys, "stdout", out)
     monkeypatch.setattr(sys, "stderr", err)
+    return out, err
+
+
+def test_there_is_a_line_within_a_second_and_every_two_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also while the work reports nothing."""
+    assert progress.DELAY < 1.0
+    assert progress.BETWEEN_LINES + progress._INTERVAL <= 2.2
+    now = 100.0
     monkeypatch.setattr("time.monotonic", lambda: now)
-    with terminal.progress_bars() as report:
-        for done in range(1, 101):
-            now += 1.0
-            report("drawing video", done, 100)
+    state, lines = progress.State("working"), progress.Lines()
+    printed: list[float] = []
+    monkeypatch.setattr("builtins.print", lambda *_, **__: printed.append(now))
+    for _ in range(100):
+        lines.update(state)
+        now += 0.1
+    assert printed[0] == 100.0
+    assert max(b - a for a, b in pairwise(printed)) < 2.15
+    assert len(printed) == 5
+
+
+def test_lines_say_how_far_the_work_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(progress, "DELAY", 0.0)
+    monkeypatch.setattr(progress, "BETWEEN_LINES", 0.0)
+    out, err = redirect(monkeypatch)
+    with terminal.progress_bars("loading") as report:
+        wait_until(lambda: "loading, 0 s since the start" in out.getvalue())
+        report("drawing video", 30, 120)
+        wait_until(lambda: "drawing video 30 of 120 (25 %), " in out.getvalue())
     assert err.getvalue() == ""  # which is for the one line of an error
-    lines = out.getvalue().splitlines()
-    assert len(lines) == int(100.0 / terminal.BETWEEN_LINES)
-    assert all(line.startswith("drawing video: ") and "of 100 (" in line for line in lines)
-    shares = [int(line.split()[2]) for line in lines]
-    assert shares == sorted(set(shares))
 
 
 def test_what_is_short_says_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    out, err = io.StringIO(), io.StringIO()
-    monkeypatch.setattr(sys, "stdout", out)
-    monkeypatch.setattr(sys, "stderr", err)
+    streams = redirect(monkeypatch)
+    monkeypatch.setattr(progress, "DELAY", 60.0)  # of a machine that may be busy
     with terminal.progress_bars() as report:
         for done in range(1000):
             report("simulating", done, 1000)
-    assert (out.getvalue(), err.getvalue()) == ("", "")
+    assert [stream.getvalue() for stream in streams] == ["", ""]
 
 
-def test_what_prints_json_says_nothing(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    now = 0.0
-    monkeypatch.setattr("time.monotonic", lambda: now)
+def test_what_prints_json_says_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    streams = redirect(monkeypatch)
+    monkeypatch.setattr(progress, "DELAY", 0.0)
     with terminal.progress_bars(lines=False) as report:
-        for done in range(100):
-            now += 10.0
-            report("measuring", done, 100)
-    assert capsys.readouterr() == ("", "")
+        for done in range(10):
+            report("measuring", done, 10)
+            time.sleep(0.03)
+    assert [stream.getvalue() for stream in streams] == ["", ""]
 
 
 class Screen(io.StringIO):
@@ -68,17 +86,18 @@ def wait_until(condition: Callable[[], bool]) -> None:
 @pytest.mark.parametrize("terminal_there", [True, False])
 def test_compiling_is_shown_within_a_second(terminal_there: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """In the bar of a terminal; elsewhere on stdout, once in a while."""
-    assert terminal.BETWEEN_LOOKS < 1.0
+    assert progress.DELAY + progress._INTERVAL < 1.0
+    assert jit.compiling() is None
     out: Any = io.StringIO()
     err: Any = Screen() if terminal_there else io.StringIO()
     monkeypatch.setattr(sys, "stdout", out)
     monkeypatch.setattr(sys, "stderr", err)
     monkeypatch.setenv("TERM", "xterm")
-    data = {"dispatcher": SimpleNamespace(py_func=SimpleNamespace(__module__="elsewhere"))}
+    data = {"dispatcher": SimpleNamespace(py_func=wait_until)}
     shown = err if terminal_there else out
     with terminal.progress_bars():
         event.start_event("numba:compile", data=data)
-        wait_until(lambda: "compiling loops" in shown.getvalue())
+        wait_until(lambda: "compiling the loops" in shown.getvalue())
         event.end_event("numba:compile", data=data)
     if not terminal_there:
         assert err.getvalue() == ""
