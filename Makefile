@@ -4,20 +4,32 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+TESTS := $(VENV)/.tests
 CARDS := $(VENV)/.cuda
 DEMO := runs/paper-physics
+
+# uv where it is installed and finds the packages, otherwise pip; both take the tested versions.
+install = { command -v uv >/dev/null && uv pip install --quiet --compile-bytecode --python $(BIN)/python \
+	--constraint constraints.txt --editable '$(1)'; } \
+	|| $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '$(1)'
 
 .PHONY: demo test test-slow test-all lint docs clean bundle check-bundle
 
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "mjsheaf needs Python 3.11 or later; set PYTHON=")'
-	@echo "installing mjsheaf and what it needs into $(VENV): about a minute, once"
-	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
-	touch $(STAMP)
+	@echo "installing into $(VENV) (about a minute)"
+	@$(PYTHON) -m venv $(VENV)
+	@$(call install,.)
+	@touch $(STAMP)
+
+# What tests need in addition: a browser's driver, a type checker, dask.
+$(TESTS): $(STAMP)
+	@echo "installing what tests need into $(VENV) (about a minute)"
+	@$(call install,.[dev])
+	@touch $@
 
 demo: $(STAMP)
-	@echo "running the paper's 13 agents and 4 targets; the first run compiles loops for about a minute, once"
+	@echo "running the paper's 13 agents and 4 targets; the first run compiles loops, once"
 	$(BIN)/mjsheaf run paper --expect --quality draft --out $(DEMO)
 	@echo
 	@echo "look    $(DEMO)/report.html in any browser"
@@ -26,7 +38,7 @@ demo: $(STAMP)
 	@echo "plots   $(DEMO)/errors.png trajectories.png configurations.png   (for a paper: run --format pdf --no-title)"
 	@echo "data    $(DEMO)/result.nc summary.json"
 
-lint: $(STAMP)
+lint: $(TESTS)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
@@ -51,13 +63,13 @@ test-all: lint $(CARDS)
 
 # The compiler for cards, of which none is needed.
 $(CARDS): $(STAMP)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[cuda]'
-	touch $@
+	@$(call install,.[cuda])
+	@touch $@
 
 # The site, in build/docs; examples, vehicles and references are made from what runs. Needs no network once installed.
-$(VENV)/.docs: $(STAMP)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[docs]'
-	touch $@
+$(VENV)/.docs: $(TESTS)
+	@$(call install,.[docs])
+	@touch $@
 
 docs: $(VENV)/.docs
 	$(BIN)/python -m sphinx -W --keep-going -q -b html docs build/docs

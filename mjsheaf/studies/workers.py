@@ -215,8 +215,12 @@ def workers_at(address: str, note: Callable[[str], None] | None = None) -> Itera
 
     Raises:
         SchedulerError: nobody answers there.
+        InputError: dask is not installed.
     """
-    from distributed import Client
+    try:
+        from distributed import Client
+    except ImportError:
+        raise InputError("--scheduler needs dask, which is not installed: pip install 'mjsheaf[cluster]'") from None
 
     for handler in logging.getLogger("distributed").handlers:
         handler.setLevel(logging.CRITICAL + 1)  # the one line of an exception says what dask's log would

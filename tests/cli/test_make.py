@@ -67,7 +67,7 @@ def test_each_goal_lints_and_runs_its_tests(goal: str, chosen: list[str], profil
     stamp.touch()
     for name in ("ruff", "mypy", "python", "pytest"):
         stand_in(tmp_path / "bin", name, f"printf '%s|' {name} \"$@\" >> {called}; echo >> {called}")
-    variables = [f"BIN={tmp_path / 'bin'}", f"STAMP={stamp}", f"CARDS={stamp}"]
+    variables = [f"BIN={tmp_path / 'bin'}", *(f"{name}={stamp}" for name in ("STAMP", "TESTS", "CARDS"))]
     # A make around this test hands its own variables down.
     environment = {name: value for name, value in os.environ.items() if name not in ("MAKEFLAGS", "MFLAGS", "EXAMPLES")}
     subprocess.run(["make", "-C", str(REPOSITORY), goal, *variables], env=environment, capture_output=True, check=True)
