@@ -49,7 +49,8 @@ class State:
         jit = sys.modules.get("mjsheaf.jit")  # not loaded for this: it takes long
         compiled = jit.compiling() if jit else None
         if compiled:
-            return "compiling the loops for this machine, once: function", *compiled
+            what = "compiling the loops for this machine, once"
+            return f"{what}: function" if compiled[1] > 1 else what, *compiled
         return self._what, self._done, self._total
 
 

@@ -34,6 +34,7 @@ from mjsheaf.control.theorem import Rho, RhoLike, as_rho
 from mjsheaf.errors import InputError, UndecidedError, listed
 from mjsheaf.io.norms import OF_TEAM, TEAM_NORM, Norm, per_agent
 from mjsheaf.io.section import Finite, Record
+from mjsheaf.progress import shown
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.slips import slips_of
 from mjsheaf.system import Phase, System, during, phases_of
@@ -208,7 +209,12 @@ class CheckRecord(Record):
 
 
 def check(
-    scenario: Scenario, *, rate: float | None = None, radius: float = 1.0, rho: RhoLike | None = None
+    scenario: Scenario,
+    *,
+    rate: float | None = None,
+    radius: float = 1.0,
+    rho: RhoLike | None = None,
+    progress: bool | None = True,
 ) -> dict[str, Any]:
     """Check a scenario: the paper's assumptions, Theorem 1, margins and fragility.
 
@@ -218,6 +224,7 @@ def check(
         radius: ultimate radius of |e| for which the smallest gain, and other laws, are wanted, m.
         rho: |f_q(q*) - f_q(q)| <= rho(|e|) |e|, as the caller claims: a number, coefficients c_0, c_1, ... of a
             polynomial, pairs (radius, value) or a function; None takes the flow's largest slope over the region.
+        progress: True shows a bar on a terminal or in a notebook, False and None nothing.
 
     Returns:
         The record that `mjsheaf check --json` prints; its schema is that of `CheckRecord`.
@@ -230,7 +237,8 @@ def check(
     if rate is not None:
         require_number("rate", rate, positive=True)
     own = None if rho is None else as_rho(rho)
-    return examine_scenario(scenario, rate=rate, radius=radius, rho=own).record.model_dump(mode="json")
+    with shown(progress, "checking"):
+        return examine_scenario(scenario, rate=rate, radius=radius, rho=own).record.model_dump(mode="json")
 
 
 @dataclass(frozen=True)

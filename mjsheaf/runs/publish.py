@@ -358,6 +358,7 @@ def save(
     video: bool = True,
     formats: Sequence[str] = ("png",),
     title: bool = True,
+    progress: bool | None = True,
 ) -> Outcome:
     """Write all that `mjsheaf run` writes, from a result in memory: data, plots, page, video, summary, scenario.
 
@@ -367,11 +368,13 @@ def save(
         video: whether to draw the video.
         formats: of the plots: png, svg, pdf.
         title: whether the plots have one.
+        progress: True shows a bar on a terminal or in a notebook, False and None nothing.
 
     Raises:
         InputError: the result is not one of `simulate`, or has lost its scenario on the way through other functions.
         PlaceError: the directory may not be replaced or cannot be written.
     """
+    from mjsheaf.progress import shown
     from mjsheaf.video.from_run import video_options
 
     require_type("result", result, xr.Dataset, "a Dataset, as mjsheaf.simulate returns it")
@@ -380,7 +383,9 @@ def save(
     scenario = scenario_of(result, "save")
     options = video_options(scenario) if video else None
     figures = FigureOptions(tuple(formats), title)
-    return publish(result, scenario, scenario.phases, Path(directory), video=options, figures=figures)
+    with shown(progress, "saving") as bar:
+        given: Any = {"video": options, "figures": figures, "progress": bar or no_progress}
+        return publish(result, scenario, scenario.phases, Path(directory), **given)
 
 
 def scenario_of(result: xr.Dataset, doing: str) -> Scenario:
