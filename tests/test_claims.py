@@ -66,7 +66,7 @@ def test_named_tests_exist() -> None:
 
 COMMANDS = [
     (heading, shown, command.strip("`"))
-    for heading, column in (("The theory and the published run", 1), ("Runs that pages and lessons speak of", 0))
+    for heading, column in (("The theory and the published run", 1), ("Runs in pages and lessons", 0))
     for row in rows(heading)
     for shown, command in [(row[column], row[-1])]
 ]
@@ -141,10 +141,10 @@ def test_scenarios_of_pages() -> None:
     (line,) = [line for line in CLAIMS.splitlines() if line.startswith("| the triangle of *Start*")]
     bound, proposed = re.findall(r"[\d.]+(?= m[,;])", line)
     assert f"from {bound} m to {proposed} m" in (DOCS / "start.md").read_text()
-    assert agrees(bound, triangle["law"]["radius"])
+    assert agrees(bound, triangle["law"]["radius"] / np.sqrt(3))  # RMS over the three agents
     (with_a_round,) = [p for p in triangle["proposals"] if {*p["controller"]} == {"gain", "feedforward"}]
     assert with_a_round["controller"]["feedforward"]["rounds"] == 1
-    assert agrees(proposed, with_a_round["bound"])
+    assert agrees(proposed, with_a_round["bound"] / np.sqrt(3))
     assert agrees("2.0", escort["margins"]["bodies"]["largest_gain"])
     assert "Here it is 2.0 1/s" in (DOCS / "howto/scenario.md").read_text()
 

@@ -49,7 +49,7 @@ def draw() -> Figure:
         axis.annotate("", (end, 3.55), (start, 3.55), arrowprops=arrow)
         _matrix(axis, middle, 4.2, matrix, [_COLOURS[name]] * matrix.shape[1])
         axis.text(middle, 4.72, f"$F_\\mathrm{{{name}}}$", ha="center", va="center", fontsize=10, color=_COLOURS[name])
-        axis.text(middle, 3.25, f"shows {vector(shown[name])}", ha="center", va="center", fontsize=8,
+        axis.text(middle, 3.25, f"sends {vector(shown[name])}", ha="center", va="center", fontsize=8,
                   color=_COLOURS[name])  # fmt: skip
     _draw_coboundary(axis, delta, value)
     kernel, cokernel = s.betti()
@@ -72,7 +72,7 @@ def _draw_coboundary(axis: Any, delta: Any, value: Any) -> None:
         axis.text(at, 2.2, name, ha="center", va="center", fontsize=8, color=_COLOURS[name])
     words = "$\\delta x = F_\\mathrm{boat}\\,x_\\mathrm{boat} - F_\\mathrm{drone}\\,x_\\mathrm{drone}$"
     axis.text(4.9, 1.6, f"{words} = {vector(value)} m", ha="left", va="center", fontsize=10)
-    axis.text(4.9, 1.12, "what the two disagree about", ha="left", va="center", fontsize=8, color=_COLOURS["edge"])
+    axis.text(4.9, 1.12, "disagreement of the two", ha="left", va="center", fontsize=8, color=_COLOURS["edge"])
 
 
 def _box(axis: Any, middle: float, colour: str, name: str, stalk: str, content: str) -> None:
