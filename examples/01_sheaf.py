@@ -19,13 +19,13 @@ s.add_edge("drone 1", "drone 2", np.eye(3), np.eye(3))
 print("dimensions of H^0 and H^1:", s.betti())
 
 # %%
-# Hold the boat at (4, 2). Both drones hover over it; nothing says at which height, so the extension is not unique.
+# Hold the boat at (4, 2). Both drones hover above it. Nothing determines their height, so the extension is not unique.
 h = s.harmonic_extension({"boat": [4.0, 2.0]})
 print("unique:", h.unique, "  free directions:", h.null_basis.shape[1])
 print({name: x.round(3).tolist() for name, x in h.x.items()})
 
 # %%
-# An altimeter on one drone holds the height of both: an edge to a vertex with a known value.
+# An altimeter on one drone determines the height of both. It is an edge to a vertex with a known value.
 t = Sheaf({"boat": 2, "drone 1": 3, "drone 2": 3, "height": 1})
 t.add_edge("boat", "drone 1", np.eye(2), P)
 t.add_edge("drone 1", "drone 2", np.eye(3), np.eye(3))

@@ -2,8 +2,7 @@
 A scenario from a dict
 ======================
 
-``load_scenario`` takes a mapping with the fields of a scenario file. Two boats keep a formation about a drone
-that they see from below.
+``load_scenario`` takes a mapping with the fields of a scenario file. Two boats keep a formation below a drone.
 """
 
 import matplotlib.pyplot as plt

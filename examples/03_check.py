@@ -1,6 +1,6 @@
 """
-Will it hold?
-=============
+Check a team before a run
+=========================
 
 ``check`` decides the paper's assumptions before anything runs. Drones that see only boats are free along z;
 the record says so and proposes a fix.

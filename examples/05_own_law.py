@@ -3,7 +3,7 @@ A law of your own
 =================
 
 A law is a callable ``law(t, sample)`` that returns velocities, shape (N, 3), in m/s. This one adds an
-integral to the paper's, which takes away the error that a steady current leaves.
+integral to the paper's law, to remove the error that a steady current causes.
 """
 
 import matplotlib.pyplot as plt

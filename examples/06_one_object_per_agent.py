@@ -2,9 +2,9 @@
 One object per agent
 ====================
 
-``PerAgent`` makes one object per agent and hands it its own edges only, so that the law cannot help being
-decentralized. A law that yields numbers exchanges them with its neighbours; here each agent mixes its
-neighbours' last command into its own.
+``PerAgent`` makes one object per agent and gives it its own edges only, so the law is decentralized by
+construction. A law that yields numbers exchanges them with its neighbours; here each agent averages its
+command with those of its neighbours.
 """
 
 import matplotlib.pyplot as plt

@@ -2,7 +2,7 @@
 Noise, predicted and measured
 =============================
 
-A link has noise, bias, delay and loss. ``check`` predicts the error that noise leaves; a run of the same team
+A link has noise, bias, delay and loss. ``check`` predicts the error that noise causes; a run of the same team
 at rest measures it.
 """
 

@@ -2,8 +2,8 @@
 The physics loop by hand
 ========================
 
-``World`` is the closed loop on MuJoCo's own model and data. Step it yourself, and add forces of your own
-through ``xfrc_applied``: here a tug that pulls a boat away for two seconds.
+``World`` is the closed loop on MuJoCo's own model and data. Step it yourself and apply forces
+through ``xfrc_applied``: here a tug pulls a boat away for two seconds.
 """
 
 import matplotlib.pyplot as plt
@@ -31,7 +31,7 @@ axes.set(xlabel="time (s)", ylabel="|eta| (m)")
 axes.legend()
 
 # %%
-# A state can be kept and taken up again, to the bit.
+# A saved state continues with the same bits.
 state = world.get_state()
 world.step(100)
 after = world.data.qpos.copy()

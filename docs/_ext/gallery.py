@@ -14,7 +14,7 @@ from mjsheaf.scenario import Scenario, list_scenarios, load_scenario
 from mjsheaf.scenario.load import read_scenario
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-_MENDED = {"lost_thruster": " and working thrusters"}
+_WORKING = {"lost_thruster": " and working thrusters"}
 MORE = "Variations"
 REFUSED = "Where an assumption fails"
 SECTIONS = {
@@ -102,22 +102,22 @@ def page(name: str) -> str:
     lines += [_picture(name, "../.."), "", lesson_of(name) + "\n", "```sh"]
     lines += [f"mjsheaf check {name}", f"mjsheaf run {name}{option and ' ' + option}", "```\n"]
     if refused:
-        lines.append(f"`mjsheaf run {name}` alone refuses it, because: {fields.prose(refused)}. ")
-        lines.append(f"The replay and the numbers are those of a run with `{option}`{_MENDED.get(name, '')}.\n")
-    lines += ["## Replay\n", "Drag to turn the scene; click on a curve to go to that moment.", *_open(name), ""]
+        lines.append(f"`mjsheaf run {name}` refuses this scenario: {fields.prose(refused)}. ")
+        lines.append(f"Replay and numbers are from a run with `{option}`{_WORKING.get(name, '')}.\n")
+    lines += ["## Replay\n", "Drag to turn the scene. Click a curve to jump to that moment.", *_open(name), ""]
     lines.append(
         f'<iframe class="replay" src="../../replays/{name}.html" title="Replay of {name}" loading="lazy"></iframe>\n'
     )
     lines += ["## Numbers\n", *_facts(name, s), "", *_errors(s, summary), ""]
     notes = [note["text"] for note in summary["notes"]]
     if notes:
-        lines += ["What `run` notes:\n", *(f"- {fields.prose(note)}" for note in notes), ""]
+        lines += ["Warnings of `run`:\n", *(f"- {fields.prose(note)}" for note in notes), ""]
     lines += ["## The file\n", f"```{{literalinclude}} ../../../scenarios/{name}.yaml", ":language: yaml", "```\n"]
     return "\n".join(lines)
 
 
 def _open(name: str) -> list[str]:
-    return [f'<a href="../../replays/{name}.html">Open it alone</a>: it is the `report.html` of that run, one file.']
+    return [f'<a href="../../replays/{name}.html">Open the replay in its own page</a>, the `report.html` of the run.']
 
 
 def lesson_of(name: str) -> str:
