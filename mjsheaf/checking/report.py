@@ -1,5 +1,6 @@
 """The report of `mjsheaf check`: a record as a page for a terminal."""
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -8,6 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from mjsheaf.checking.check import CheckRecord, ExplainedCohomology
+from mjsheaf.checking.loop.disturbance import DisturbanceRecord
 from mjsheaf.checking.loop.held_law import LawLoop
 from mjsheaf.checking.loop.link_noise import NoiseAnswer
 from mjsheaf.checking.loop.links import LinkRecord
@@ -38,6 +40,7 @@ def report(record: CheckRecord) -> Group:
         *_cohomology(record.relative_cohomology),
         _theorem(record),
         _law(record),
+        *_disturbance(record.disturbance),
         *_links(record.links),
         *_proposals(record),
         _margins(record),
@@ -184,6 +187,24 @@ def _bound_rows(law: LawLoop) -> list[Row]:
         rows.append(("left of d", "", "what drives e away from 0, in the last half at most:"))
     rows += [("", _number(share.size, "m/s"), share.part) for share in left]
     return rows
+
+
+def _disturbance(found: DisturbanceRecord) -> list[Table]:
+    """Return what gusts and waves do to the agents; nothing where there are none."""
+    if found.rms == 0.0:
+        return []
+    rows: list[Row] = [("error", _number(found.rms, "m"), found.reason or "RMS over agents on ideal kinematics")]
+    on_bodies = [rms for rms in found.bodies.values() if rms is not None]
+    if on_bodies:
+        who = max(found.bodies, key=lambda id: found.bodies[id] or 0.0)
+        total = math.sqrt(sum(rms**2 for rms in on_bodies) / len(on_bodies))
+        rows.append(("on bodies", _number(total, "m"), f"largest {_number(found.bodies[who], 'm')}, of {who}"))
+    elif found.bodies_reason:
+        rows.append(("on bodies", "undecided", found.bodies_reason))
+    for id, speed in found.carried_off.items():
+        remark = f"the medium is {_number(speed, 'm/s')} faster at times than its vehicle can be"
+        rows.append(("cannot hold station", id, remark))
+    return [_pairs("gusts and waves, once the loop has settled", rows)]
 
 
 def _cost_rows(law: LawLoop) -> list[Row]:

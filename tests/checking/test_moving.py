@@ -1,4 +1,4 @@
-"""What check says of a medium that moves: waves are bounded, gusts are Gaussian, and bounds hold in runs."""
+"""Checks of a medium that moves: waves are bounded, gusts are Gaussian, and bounds hold in runs."""
 
 from typing import Any
 

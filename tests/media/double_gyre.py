@@ -36,7 +36,7 @@ def velocity(x: np.ndarray, y: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, n
 
 
 def write(path: Path, cells: int, times: int, end: float, *, land: bool = False, short: bool = False) -> None:
-    """Write a file with so many cells along each gyre's side, and times from 0 to `end` s.
+    """Write a file with a number of cells along each gyre's side, and of times from 0 to `end` s.
 
     Its latitudes fall, as those of many files do; `short` rounds to single precision, and compresses.
     """

@@ -32,6 +32,7 @@ from mjsheaf.media.moving import of_kind
 from mjsheaf.media.waves import Components
 from mjsheaf.simulation.linear import LinearVehicle
 from mjsheaf.system import System
+from mjsheaf.vehicles.effects import capability_of
 
 Complex = NDArray[np.complex128]
 
@@ -50,6 +51,11 @@ class DisturbanceRecord(Record):
     agents: dict[str, Finite] = Field(description="RMS of each agent on ideal kinematics, m")
     bodies: dict[str, Finite] = Field(description="RMS of each agent on its vehicle, m; empty: see bodies_reason")
     norm: Norm = Field(PER_AGENT_RMS, description="which norm `rms` is")
+    carried_off: dict[str, float] = Field(
+        {},
+        description="agents that cannot hold station at times: by how much the medium's speed, its mean and twice its "
+        "RMS, exceeds the vehicle's steady speed in its slowest direction, m/s",
+    )
     reason: str = Field("", description="why it is not known, or empty")
     bodies_reason: str = Field("", description="why it is not known on bodies, or empty")
 
@@ -104,12 +110,15 @@ def predict_rms(system: System, spectrum: Spectrum, medium: Array) -> Disturbanc
     if not _moves(system):
         return DisturbanceRecord(rms=0.0, agents=dict.fromkeys(ids, 0.0), bodies=dict.fromkeys(ids, 0.0))
     bodies, bodies_reason = dict[str, float](), ""
+    carried_off = _carried_off(system, medium)
     try:
         _require_known(system)
         ideal = _rms(system, _ideal_loop(system, spectrum), np.zeros(len(system.team.targets)))
     except (UndecidedError, InputError, np.linalg.LinAlgError) as error:
         reason = str(error)
-        return DisturbanceRecord(rms=None, agents=dict.fromkeys(ids), bodies={}, reason=reason, bodies_reason=reason)
+        unknown = dict.fromkeys(ids)
+        reasons = {"reason": reason, "bodies_reason": reason}
+        return DisturbanceRecord(rms=None, agents=unknown, bodies={}, carried_off=carried_off, **reasons)
     try:
         tau = np.array([v.reduced_model().tau.max() for v in system.vehicles[len(ids) :]])
         real = _rms(system, _body_loop(system, spectrum, medium), tau)
@@ -118,7 +127,29 @@ def predict_rms(system: System, spectrum: Spectrum, medium: Array) -> Disturbanc
         bodies_reason = str(error)
     rms = float(np.sqrt(np.mean(ideal**2)))
     agents = dict(zip(ids, ideal.tolist(), strict=True))
-    return DisturbanceRecord(rms=rms, agents=agents, bodies=bodies, bodies_reason=bodies_reason)
+    return DisturbanceRecord(
+        rms=rms, agents=agents, bodies=bodies, carried_off=carried_off, bodies_reason=bodies_reason
+    )
+
+
+def _carried_off(system: System, medium: Array) -> dict[str, float]:
+    """Return by how much the medium is too fast at times for each agent for which it is, m/s."""
+    variance = np.zeros(len(system.field))
+    for number, flow in enumerate(system.flows):
+        if flow.waves is not None:
+            met = (system.field == number) & system.planar
+            variance += met * 0.5 * np.sum(flow.waves.sampled(system.seed).speed ** 2)
+    for gusts in of_kind(system.moving, GustArrays):
+        variance += np.square(gusts.filters[:, 4]) * (1.0 + (gusts.streams[:, 0] > 0))
+    for frozen in of_kind(system.moving, FrozenArrays):
+        variance += 2.0 * frozen.filter[4] ** 2 * (frozen.met > 0)
+    found = {}
+    for i, id in enumerate(system.team.agent_ids):
+        able = min(capability_of(system.vehicles[i]).least_speed, float(system.law.limit[i]))
+        excess = float(np.linalg.norm(medium[i])) + 2.0 * float(np.sqrt(variance[i])) - able
+        if excess > 0.0:
+            found[id] = excess
+    return found
 
 
 def _moves(system: System) -> bool:
@@ -195,7 +226,7 @@ def _closed(system: System, spectrum: Spectrum, agents: list[LinearVehicle], h: 
 
 
 class _Source(NamedTuple):
-    """What moves vehicles with one random amplitude.
+    """Velocities of all vehicles with one random amplitude.
 
     Attributes:
         agents: Velocity of each agent by it, stacked, shape (n_q,), complex.
