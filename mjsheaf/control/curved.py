@@ -1,4 +1,4 @@
-"""What range and bearing edges make of measured relative positions, between measuring and pulling back.
+"""Range and bearing edges in the law: a stage between measuring and pulling back.
 
 With z = y + b the relative position of an edge and g = z / |z|, the vector that is pulled back in place of z is
 
@@ -20,11 +20,11 @@ from mjsheaf.noise import normal_of
 from mjsheaf.team import Edge
 
 POSITION, RANGE, BEARING = 0, 1, 2
-"""What an edge compares."""
+"""Kinds of edges."""
 
 
 class EdgeKinds(NamedTuple):
-    """What the edges of a team compare.
+    """Kinds of the edges of a team.
 
     Attributes:
         code: POSITION, RANGE or BEARING, shape (E,).

@@ -1,6 +1,7 @@
 """Diagnose a run: notes in sentences, for the terminal and summary.json, and the harm that the law's terms do.
 
     bound         a bound that theory gives is exceeded
+    shape         a formation ends as its mirror image, on a line, or reflected in a point
     growing       the team's error grows to the end; circling: the team oscillates by itself
     slip          a value of the files looks like a slip, such as an angle in radians (see `slips`)
     medium        flow and disturbance are faster than a vehicle can be
@@ -33,6 +34,7 @@ from mjsheaf.control.terms import TermArrays
 from mjsheaf.errors import joined
 from mjsheaf.results.dataset import of_phase
 from mjsheaf.results.netcdf import pieces_of
+from mjsheaf.runs.reflections import describe_reflections
 from mjsheaf.simulation.trajectory import largest_integral
 from mjsheaf.system import Phase, System
 from mjsheaf.vehicles.authority import is_one_sided
@@ -42,6 +44,7 @@ if TYPE_CHECKING:
 
 Kind = Literal[
     "bound",
+    "shape",
     "growing",
     "circling",
     "slip",
@@ -156,6 +159,7 @@ def notes_of_run(
     found = [Note("slip", sentence) for sentence in slips]
     found += [Note("bound", bound.violation(), None, bound.worst, bound.ratio) for bound in bounds if bound.violation()]
     found += [Note("terms", sentence) for sentence in (terms.harm if terms else ())]
+    found += [Note("shape", sentence) for sentence in describe_reflections(phases[-1].system.team, dataset)]
     found += _about_the_end(dataset, ending)
     stuck = find_stuck(phases, dataset)
     found += _about_stuck(phases[0].system, stuck)

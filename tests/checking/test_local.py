@@ -1,4 +1,4 @@
-"""What `check` says of teams with range, bearing or directed edges, and of teams without targets."""
+"""Answers of `check` on teams with range, bearing or directed edges, and of teams without targets."""
 
 import itertools
 import json

@@ -108,7 +108,9 @@ class DirectedLoop:
         for delay in range(1, _MAX_DELAY + 1):
             if not self.radius_at(delay) < _STABLE:
                 return delay - 1
-        raise UndecidedError(f"the loop bears a delay of {_MAX_DELAY} periods or more; longer ones are not looked at")
+        raise UndecidedError(
+            f"the loop is stable with a delay of {_MAX_DELAY} periods or more; longer ones are not looked at"
+        )
 
 
 def directed_loop(system: System) -> DirectedLoop:

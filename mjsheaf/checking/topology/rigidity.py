@@ -1,4 +1,4 @@
-"""Rigidity of a team at a shape: whether its communication edges hold the shape, and its other edges the place.
+"""Rigidity of a team at a shape.
 
 The rank is that of the coboundary of communication edges, linearised. It is enough if it is that of all motions but
 those that no edge of these kinds can ever see: of translations, rotations and a scale those which the edges leave free.

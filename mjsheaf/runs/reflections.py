@@ -1,0 +1,77 @@
+"""Formations that a run leaves in another equilibrium of their edges: a mirror image, a line, or a point reflection.
+
+Range edges cannot tell a shape from its mirror image, and keep a team that begins on a line there. Bearing edges have
+one more equilibrium, the shape reflected in a point, which is unstable.
+"""
+
+from collections.abc import Iterator, Set
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mjsheaf.arrays import Array
+from mjsheaf.team import Team
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+_FLAT = 1e-3  # of the longest extent of a shape: below it the shape is a line or a plane
+_ALIKE = 0.05  # of a shape's size: a fit that leaves no more is one
+_UNLIKE = 0.2  # of a shape's size: a fit that leaves more is none
+
+
+def describe_reflections(team: Team, dataset: "xr.Dataset") -> Iterator[str]:
+    """Yield a sentence on each formation that ends in another equilibrium than its shape."""
+    if team.linear:
+        return
+    end = np.nan_to_num(dataset["agent_position"][-1].values)
+    for formation in team.formations:
+        members = [member for member in formation.members if member not in team.absent]
+        kinds = {edge.measures for edge in team.formation_edges(formation)}
+        if len(members) < 3 or kinds <= {"position"}:
+            continue
+        found = _fault(end[[team.index[m] for m in members]], _places(team, members), kinds)
+        if found:
+            yield f"formation {formation.name} ends {found}"
+
+
+def _places(team: Team, members: list[str]) -> Array:
+    """Return the centred places of members, padded, shape (n, 3), m."""
+    places = np.zeros((len(members), 3))
+    for row, member in zip(places, members, strict=True):
+        row[: len(team.displacement[member])] = team.displacement[member]
+    return np.asarray(places - places.mean(axis=0))
+
+
+def _fault(x: Array, places: Array, kinds: Set[str]) -> str:
+    """Return what is wrong with a shape x (n, 3) that should be that of `places` (n, 3); empty if nothing is."""
+    x = x - x.mean(axis=0)
+    size, wanted = np.linalg.norm(x), np.linalg.norm(places)
+    if not (size > 0.0 and wanted > 0.0):
+        return ""
+    extent = np.linalg.svd(x, compute_uv=False)
+    if extent[1] <= _FLAT * extent[0] and _rank(places) > 1:
+        return "on a line, where range edges keep it: let its members begin off one"
+    if kinds == {"bearing"}:
+        across = np.linalg.norm(x / size + places / wanted)
+        return "reflected in a point, an unstable equilibrium of bearing edges" if across <= _ALIKE else ""
+    if "bearing" not in kinds and _misfit(x, places, 1.0) > _UNLIKE and _misfit(x, places, -1.0) <= _ALIKE:
+        return "as the mirror image of its shape, which distances cannot tell from it"
+    return ""
+
+
+def _rank(x: Array) -> int:
+    extent = np.linalg.svd(x, compute_uv=False)
+    return int(np.count_nonzero(extent > _FLAT * extent[0]))
+
+
+def _misfit(x: Array, places: Array, handedness: float) -> float:
+    """Return the misfit of a shape, relative to its size, after the best rotation (1) or reflection (-1) of places."""
+    axes = _rank(places)
+    if axes < 2 or _rank(x) > axes:
+        return np.inf
+    axes = 3 if axes == 3 else 2
+    u, s, v = np.linalg.svd(places[:, :axes].T @ x[:, :axes])
+    s[-1] *= handedness * np.sign(np.linalg.det(u @ v))
+    square = (x**2).sum() + (places**2).sum() - 2.0 * s.sum()
+    return float(np.sqrt(max(square, 0.0)) / np.linalg.norm(places))
